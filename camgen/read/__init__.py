@@ -99,7 +99,7 @@ def list_installed() -> list[InstalledReader]:
         what = "is not a camgen.read.Reader"
         if isinstance(reader, Reader):
             what = f"is called {reader.name}"
-        why = JobError(f"reader {entry.name}", what, entry.value, "mend or remove its package")
+        why = JobError(f"reader {entry.name}", what, entry.value, "repair or remove its package")
         rows.append(InstalledReader(entry, None, str(why)))
     return rows
 
@@ -132,8 +132,11 @@ def find_reader(source: Source) -> Reader:
     if len(matching) == 1:
         return matching[0]
     if matching:
-        what = f"is claimed by the readers {' and '.join(reader.name for reader in matching)}"
-        raise InputError(source.name, what, remedy="remove the package of one of them")
+        raise InputError(
+            source.name,
+            f"is claimed by the readers {' and '.join(reader.name for reader in matching)}",
+            remedy="remove the package of one of them",
+        )
     remedy = f"give {', '.join(reader.about for reader in readers)}{broken}"
     if source.suffix in _CLOUDS:
         remedy = SCAN

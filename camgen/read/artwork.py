@@ -54,7 +54,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
         mask=mask,
         borders=tuple(frozen(border) for border in ink_borders),
     )
-    ink_note = Note("assumed", f"ink told from paper by {ink.why}", "image.invert swaps them")
+    ink_note = Note("assumed", f"ink separated from paper by {ink.why}", "image.invert swaps them")
     notes = (*picture.notes, *view.notes, ink_note, *line_notes)
     return Part(
         source.stem, source.name, f"{short(view.mm_per_px, 5)} mm/px", contours, notes, raster
@@ -99,10 +99,11 @@ def _scale(picture: Picture, job: Job) -> ScaledView:
     if not job.page.size or job.page.scale == "true":
         return make_scaled_view(picture, image.mm_per_px, image.width_mm)
     if image.mm_per_px is not None or image.width_mm is not None:
-        what = (
-            f"mm_per_px and width_mm have no effect: page.scale = {job.page.scale} gives the scale"
+        raise JobError(
+            "[image]",
+            f"mm_per_px and width_mm have no effect: page.scale = {job.page.scale} gives the scale",
+            remedy='use page.scale = "true"',
         )
-        raise JobError("[image]", what, remedy='use page.scale = "true"')
     return ScaledView(picture.pixels, make_scaled_view(picture, 1.0).work_from_view, 1.0)
 
 
@@ -110,9 +111,11 @@ def _check_no_photo_settings(job: Job) -> None:
     default = ImageTable()
     for key in ("region", "tones", "background", "lamp_moved", "color", "min_area"):
         if getattr(job.image, key) != getattr(default, key):
-            remedy = "leave it out; input.min_length drops what is small"
-            what = "has no effect on a drawing that is traced, filled or drilled"
-            raise JobError(f"[image] {key}", what, remedy=remedy)
+            raise JobError(
+                f"[image] {key}",
+                "has no effect on a drawing that is traced, filled or drilled",
+                remedy="leave it out; input.min_length drops what is small",
+            )
     if job.image.lines != default.lines and job.operation.kind != "trace":
         raise JobError(
             "[image] lines", "has no effect on a drawing that is not traced", remedy="leave it out"

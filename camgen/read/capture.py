@@ -73,7 +73,7 @@ def capture(
     if is_live:
         remedy = (
             "see that it is plugged in or running, that its number or address is right, "
-            "and that nobody else uses it"
+            "and that no other program uses it"
         )
     else:
         remedy = "give a video that OpenCV can decode, e.g. MJPG in .avi or H.264 in .mp4"
@@ -97,14 +97,17 @@ def _check_video(name: str, path: Path) -> None:
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
     except FileNotFoundError as error:
-        remedy = "give the number of a camera, a video file, or the address of a stream"
-        raise InputError(name, "no such file", remedy=remedy) from error
+        raise InputError(
+            name,
+            "no such file",
+            remedy="give the number of a camera, a video file, or the address of a stream",
+        ) from error
     except (OSError, ValueError) as error:
         raise InputError(name, f"cannot be read: {reason(error)}") from error
     if not head:
         raise InputError(name, "is empty")
     if read_header(head) is not None:
-        raise InputError(name, "is a picture, no video", remedy="build or inspect it as it is")
+        raise InputError(name, "is a picture, not a video", remedy="build or inspect it as it is")
 
 
 def _run_process(device: int | str, frames: int, skip: int, seconds: float) -> Shot | str:
@@ -207,6 +210,11 @@ def note_marks(shot: Shot, job: Job) -> tuple[tuple[str, ...], tuple[Note, ...]]
         return (line,), ()
     listed = ", ".join(map(str, missing[:12])) + (" ..." if len(missing) > 12 else "")
     noun = "marker" if hasattr(target, "ids") else "corner"
-    what = f"{counted(len(missing), noun)} missing of the {target.label}: {listed}"
-    why = "bring all of them into view, flat and free of glare; camgen markers draws the sheet"
-    return (line,), (Note("warning", what, why, strict=True),)
+    return (line,), (
+        Note(
+            "warning",
+            f"{counted(len(missing), noun)} missing of the {target.label}: {listed}",
+            "bring all of them into view, flat and free of glare; camgen markers draws the sheet",
+            strict=True,
+        ),
+    )

@@ -17,6 +17,7 @@ from camgen.model.job import DrawnFixture, Job
 from camgen.model.part import Contour, Note, OpenOutline, Part, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, harmless, short, suggest
+from camgen.read.units import format_size
 
 #: mm: largest distance of a chord from the arc of an outline that it replaces.
 _CHORD_MM = 0.001
@@ -33,28 +34,39 @@ def set_clamps_aside(part: Part, job: Job) -> Part:
     if not drawn:
         return part
     if job.page.size:
-        what = "a drawing that is laid on a page has no clamps"
-        raise JobError("job", what, _KEY, "give boxes, or leave page.size out")
+        raise JobError(
+            "job",
+            "a drawing that is laid on a page has no clamps",
+            _KEY,
+            "give boxes, or leave page.size out",
+        )
     points: list[Contour] = []
     outlines: list[Contour] = []
+    ids_of_layer: dict[str, list[str]] = {}
     for contour in drawn:
-        (points if contour.is_mark else outlines).append(contour)
-        if not (contour.is_mark or contour.closed):
+        if contour.is_mark:
+            points.append(contour)
+            continue
+        if not contour.closed:
             raise _make_gap_error(part, contour)
+        outlines.append(contour)
+        ids_of_layer.setdefault(contour.layer, []).append(contour.id)
     ids = frozenset(contour.id for contour in drawn)
     kept = tuple(contour for contour in part.contours if contour.id not in ids)
     if not kept:
         raise InputError(part.source, "nothing to machine", "all contours are clamps", _KEY)
-    ids_of_layer: dict[str, list[str]] = {}
-    for contour in outlines:
-        ids_of_layer.setdefault(contour.layer, []).append(contour.id)
     notes = [*part.notes]
     for layer, names in ids_of_layer.items():
         what = f"{counted(len(names), 'contour')} on layer {harmless(layer)}: clamps, not machined"
         notes.append(Note("assumed", what, _KEY, tuple(names)))
     if points:
-        what = f"not used: {counted(len(points), 'POINT')} on layer {harmless(points[0].layer)}"
-        notes.append(Note("assumed", what, "clamps are closed outlines"))
+        notes.append(
+            Note(
+                "assumed",
+                f"not used: {counted(len(points), 'POINT')} on layer {harmless(points[0].layer)}",
+                "clamps are closed outlines",
+            )
+        )
     return replace(
         part,
         contours=kept,
@@ -67,10 +79,13 @@ def set_clamps_aside(part: Part, job: Job) -> Part:
 def _make_gap_error(part: Part, contour: Contour) -> InputError:
     start, end = contour.points[0], contour.points[-1]
     gap = float(np.hypot(*(end - start)))
-    place = " ".join(short(value, 2) for value in end.tolist())
-    what = f"the outline of a clamp is open by {short(gap, 3)} mm at {place}"
-    remedy = f"close it, or set input.join to more than {short(gap, 3)}"
-    return InputError(part.source, what, f"layer {harmless(contour.layer)}", remedy)
+    place = format_size(end.tolist(), 2, " ")
+    return InputError(
+        part.source,
+        f"the outline of a clamp is open by {short(gap, 3)} mm at {place}",
+        f"layer {harmless(contour.layer)}",
+        f"close it, or set input.join to more than {short(gap, 3)}",
+    )
 
 
 def _drop_clamps(outlines: tuple[OpenOutline, ...], ids: frozenset[str]) -> tuple[OpenOutline, ...]:
@@ -96,11 +111,19 @@ def make_prism(drawn: DrawnFixture, part: Part | None) -> Solid:
     """
     layer = harmless(drawn.layer)
     if part is None:
-        what = f"the clamps on layer {layer} are drawn, and no drawing is given"
-        raise JobError("job", what, _KEY, "give the drawing, or boxes; camgen verify has --part")
+        raise JobError(
+            "job",
+            f"the clamps on layer {layer} are drawn, and no drawing is given",
+            _KEY,
+            "give the drawing, or boxes; camgen verify has --part",
+        )
     if drawn.top <= drawn.bottom:
-        what = f"the clamps on layer {layer} have no height"
-        raise JobError("job", what, _KEY, "give a top above the bottom")
+        raise JobError(
+            "job",
+            f"the clamps on layer {layer} have no height",
+            _KEY,
+            "give a top above the bottom",
+        )
     folded = drawn.layer.casefold()
     contours = [contour for contour in part.clamps if contour.layer.casefold() == folded]
     if not contours:
@@ -122,9 +145,13 @@ def _enclose(contours: list[Contour], source: str) -> Any:
         loops = shapely.polygonize([shapely.union_all([ring])])
         area = shapely.union_all(shapely.get_parts(loops))
         if area.is_empty:
-            x, y = (short(value, 2) for value in contour.points[0].tolist())
-            what = f"the outline of a clamp at {x} {y} has no area"
-            raise InputError(source, what, f"layer {harmless(contour.layer)}", "draw it as an area")
+            place = format_size(contour.points[0].tolist(), 2, " ")
+            raise InputError(
+                source,
+                f"the outline of a clamp at {place} has no area",
+                f"layer {harmless(contour.layer)}",
+                "draw it as an area",
+            )
         enclosed.append(area)
     return shapely.orient_polygons(shapely.union_all(enclosed))
 

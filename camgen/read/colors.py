@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
 
+from camgen.read.pieces import list_first
+
 #: The first colors of DXF by number (AutoCAD Color Index). 7 is drawn black on white paper and
 #: white on a dark screen.
 ACI = {
@@ -76,17 +78,14 @@ def resolve_css(text: str) -> str:
     if word in CSS:
         return CSS[word]
     if _HEX.fullmatch(word):
-        return _from_digits(word)
+        if len(word) > 5:
+            return word[:7]
+        return f"#{word[1] * 2}{word[2] * 2}{word[3] * 2}"
     match = _FUNCTION.fullmatch(word)
     try:
         return _from_function(match[1], re.split(r"[\s,/]+", match[2].strip())) if match else ""
     except ValueError:  # not numbers
         return ""
-
-
-def _from_digits(word: str) -> str:
-    short = len(word) <= 5
-    return "#" + "".join(c * 2 for c in word[1:4]) if short else word[:7]
 
 
 def _from_function(name: str, values: list[str]) -> str:
@@ -144,9 +143,8 @@ def count_colors(colors: Sequence[str]) -> str:
     counts = Counter(colors).most_common()
     if len(counts) < 2:
         return ""
-    listed = ", ".join(f"{count} {format_color(color)}" for color, count in counts[:_SHOWN])
-    more = f" and {len(counts) - _SHOWN} more" if len(counts) > _SHOWN else ""
-    return f"colors of contours: {listed}{more}"
+    texts = [f"{count} {format_color(color)}" for color, count in counts]
+    return f"colors of contours: {list_first(texts, _SHOWN)}"
 
 
 def format_color(color: str) -> str:

@@ -7,7 +7,7 @@ from msgspec import Struct
 
 from camgen.geometry.segments import compute_bounds, from_contours
 from camgen.model.part import Part
-from camgen.model.text import short
+from camgen.read.units import format_size
 
 
 class ContourFacts(Struct, frozen=True):
@@ -27,9 +27,9 @@ class ContourFacts(Struct, frozen=True):
     middle: tuple[float, float]
 
     def __str__(self) -> str:
-        width, height, x, y = (short(value, 3) for value in (*self.size, *self.middle))
         kind = "closed" if self.closed else "open"
-        return f"{self.id}: {kind}, {width} x {height} mm around {x}, {y}, layer {self.layer}"
+        place = f"{format_size(self.size)} mm around {format_size(self.middle, separator=', ')}"
+        return f"{self.id}: {kind}, {place}, layer {self.layer}"
 
 
 def list_contours(part: Part) -> list[ContourFacts]:

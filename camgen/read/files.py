@@ -109,8 +109,9 @@ def _check_file(path: Path) -> None:
     if stat.S_ISDIR(mode):
         raise InputError(str(path), "is a folder", remedy="name the files in it")
     if not stat.S_ISREG(mode):
-        remedy = "copy it to a file, or use - with --format"
-        raise InputError(str(path), "is not a regular file", remedy=remedy)
+        raise InputError(
+            str(path), "is not a regular file", remedy="copy it to a file, or use - with --format"
+        )
 
 
 def _read_bounded(name: str, stream: BinaryIO, limit: float, size: int = 0) -> bytes:
@@ -126,8 +127,11 @@ def _read_bounded(name: str, stream: BinaryIO, limit: float, size: int = 0) -> b
         blocks.append(block)
         count += len(block)
     if count > limit:
-        what = f"has more than {format_limit(limit)} bytes"
-        raise InputError(name, what, remedy="split it, or raise limits.file_bytes")
+        raise InputError(
+            name,
+            f"has more than {format_limit(limit)} bytes",
+            remedy="split it, or raise limits.file_bytes",
+        )
     return b"".join(blocks)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 from msgspec import Struct
@@ -21,6 +22,7 @@ from camgen.model.part import Note, Part, Raster
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import counted, short
 from camgen.read.files import Files
+from camgen.read.units import format_size
 from camgen.vision.boards.find import find
 from camgen.vision.boards.lens import LEAST_CORNERS, check_focal_length, fit_sheet_lens
 from camgen.vision.boards.sheet import RULER, STROKE, Board, Sheet, make_sheet
@@ -175,31 +177,34 @@ def _check_edges(name: str, borders: Sequence[Outline], job: Job) -> None:
     if "edges" in job.image.accept:
         return
     if borders and all(outline.is_shadow for outline in borders):
-        what = (
+        raise NoSafeProgram(
+            name,
             "shows a shadow alone: all outlines are sharp on one side and soft on the other, "
-            "and as wide everywhere; part and bench hardly differ"
+            "and as wide everywhere; part and bench hardly differ",
+            remedy="put the part on a bench of another tone, light it from all sides, give "
+            'image.background, or set image.accept = ["edges"]',
         )
-        remedy = (
-            "put the part on a bench of another tone, light it from all sides, give "
-            'image.background, or set image.accept = ["edges"]'
-        )
-        raise NoSafeProgram(name, what, remedy=remedy)
     count = sum(not outline.has_edge for outline in borders)
     if count:
-        what = f"shows no edge along {count} of {counted(len(borders), 'outline')} of the part"
-        remedy = (
-            "light the part evenly, choose another image.mask, give image.background, or set "
-            'image.accept = ["edges"]'
+        raise NoSafeProgram(
+            name,
+            f"shows no edge along {count} of {counted(len(borders), 'outline')} of the part",
+            remedy="light the part evenly, choose another image.mask, give image.background, or "
+            'set image.accept = ["edges"]',
         )
-        raise NoSafeProgram(name, what, remedy=remedy)
 
 
 def _note_blur(blur: float) -> tuple[Note, ...]:
     """A warning on an unsharp photo. blur: standard deviation, px."""
     if blur < _UNSHARP_PX:
         return ()
-    what = f"the photo is unsharp: its edges have a blur of {blur:.1f} px"
-    return (Note("warning", what, "corners come out round; focus, hold still, or come nearer"),)
+    return (
+        Note(
+            "warning",
+            f"the photo is unsharp: its edges have a blur of {blur:.1f} px",
+            "corners come out round; focus, hold still, or come nearer",
+        ),
+    )
 
 
 def _note_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
@@ -207,9 +212,13 @@ def _note_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
         return ()
     lines, arcs = sum(fit.lines for fit in fits), sum(fit.arcs for fit in fits)
     rms, largest = max(fit.rms_mm for fit in fits), max(fit.max_mm for fit in fits)
-    what = f"{counted(lines, 'line')} and {counted(arcs, 'arc')} found in the outlines"
-    why = f"they leave the measured edge by {largest:.3f} mm at most, {rms:.3f} mm rms"
-    return (Note("assumed", what, why),)
+    return (
+        Note(
+            "assumed",
+            f"{counted(lines, 'line')} and {counted(arcs, 'arc')} found in the outlines",
+            f"they leave the measured edge by {largest:.3f} mm at most, {rms:.3f} mm rms",
+        ),
+    )
 
 
 def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
@@ -225,9 +234,13 @@ def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
     points = np.concatenate([contour.points for contour in part.contours])
     contours = counted(len(part.contours), "contour")
     segments = counted(len(points), "line or arc", "lines and arcs")
-    size = " x ".join(short(length, 2) for length in np.ptp(points, axis=0).tolist())
-    text = f"{size} mm, {contours}, {segments}"
-    return PictureFacts((width, height), colour, part.units, text, part.notes)
+    return PictureFacts(
+        (width, height),
+        colour,
+        part.units,
+        f"{format_size(np.ptp(points, axis=0).tolist(), 2)} mm, {contours}, {segments}",
+        part.notes,
+    )
 
 
 def _segment(source: Source, job: Job, files: Files) -> _Segmented:
@@ -265,9 +278,12 @@ def _read_second(picture: Picture, job: Job, files: Files, key: str) -> Picture:
     if second.pixels.shape == picture.pixels.shape:
         return second
     differ = "size" if second.pixels.shape[:2] != picture.pixels.shape[:2] else "colors"
-    what = f"differs in {differ} from the photo of the part"
-    remedy = "take both with the same camera and settings from the same place"
-    raise InputError(second.name, what, f"[image] {key}", remedy)
+    raise InputError(
+        second.name,
+        f"differs in {differ} from the photo of the part",
+        f"[image] {key}",
+        "take both with the same camera and settings from the same place",
+    )
 
 
 def _check_settings(job: Job) -> None:
@@ -295,7 +311,7 @@ def _check_settings(job: Job) -> None:
         (
             "[image] background",
             bool(image.background) and image.mask not in ("auto", "background"),
-            f'mask = "{image.mask}" does not look at it',
+            f'mask = "{image.mask}" does not use it',
         ),
         (
             "[image] threshold",
@@ -305,7 +321,7 @@ def _check_settings(job: Job) -> None:
         (
             "[image] color",
             image.mask == "alpha" and image.color is not None,
-            'mask = "alpha" does not look at it',
+            'mask = "alpha" does not use it',
         ),
         ("[image] lines", image.lines != "auto", "it is for drawings that are traced"),
     ):
@@ -314,12 +330,15 @@ def _check_settings(job: Job) -> None:
 
 
 def _note_region(region: Region, is_located: bool) -> Note:
-    listed = ", ".join(short(value, 2) for value in region)
+    listed = format_size(region, 2, ", ")
     why = "the free area of the marker sheet, less with the height of the part"
     if is_located:
-        why = f"a look {_COARSER} times coarser found the part there"
-    what = f"looked at closely: [{listed}] mm only"
-    return Note("assumed", what, f"{why}; set image.region for another")
+        why = f"the part was found there in a picture {_COARSER} times coarser"
+    return Note(
+        "assumed",
+        f"examined in full resolution: [{listed}] mm only",
+        f"{why}; set image.region for another",
+    )
 
 
 def _linearize(picture: Picture, job: Job) -> Picture:
@@ -359,8 +378,11 @@ def _is_masked_by_alpha(picture: Picture, table: ImageTable) -> bool:
     """
     if table.mask == "alpha":
         if picture.alpha is None:
-            what = f'"alpha" needs transparency, {picture.name} is opaque everywhere'
-            raise JobError("[image] mask", what, remedy="save it with its transparency")
+            raise JobError(
+                "[image] mask",
+                f'"alpha" needs transparency, {picture.name} is opaque everywhere',
+                remedy="save it with its transparency",
+            )
         return True
     others = table.background or table.threshold is not None or table.color is not None
     if table.mask != "auto" or others or table.invert or picture.alpha is None:
@@ -389,12 +411,12 @@ def _measure_area_mm2(view: ScaledView, mask: Mask) -> float:
 
 def _check_area(name: str, coarse_mm2: float, fine_mm2: float) -> None:
     if fine_mm2 < _SAME_PART * coarse_mm2:
-        what = (
-            f"a coarse look finds a part of {coarse_mm2:.0f} mm2, "
-            f"a close one finds {fine_mm2:.0f} mm2"
+        raise NoSafeProgram(
+            name,
+            f"a reduced picture shows a part of {coarse_mm2:.0f} mm2, "
+            f"the full one shows {fine_mm2:.0f} mm2",
+            remedy="part and bench hardly differ: light it evenly, or choose another image.mask",
         )
-        remedy = "part and bench hardly differ: light it evenly, or choose another image.mask"
-        raise NoSafeProgram(name, what, remedy=remedy)
 
 
 def _locate_part(
@@ -429,7 +451,7 @@ def _find_plane(picture: Picture, camera: Camera | None, table: CameraTable) -> 
         "plane_from": table.plane_from is not None,
         "markers": bool(table.markers),
     }
-    given = [name for name in is_given if is_given[name]]
+    given = list(compress(is_given, is_given.values()))
     if len(given) > 1:
         raise JobError(
             "[camera]", f"{' and '.join(given)} are both given", remedy="give one of them"
@@ -442,8 +464,11 @@ def _find_plane(picture: Picture, camera: Camera | None, table: CameraTable) -> 
                 "[camera] plane_from", "a pose needs the camera", remedy="give [camera] file"
             )
         if len(table.plane_from) != 6:
-            what = f"has {counted(len(table.plane_from), 'value')}"
-            raise JobError("[camera] plane_from", what, remedy="give 6")
+            raise JobError(
+                "[camera] plane_from",
+                f"has {counted(len(table.plane_from), 'value')}",
+                remedy="give 6",
+            )
         return make_plane(camera, pose_from_values(table.plane_from))
     if table.markers:
         return find(picture, camera, find_target(table), height=table.height)
@@ -453,20 +478,20 @@ def _find_plane(picture: Picture, camera: Camera | None, table: CameraTable) -> 
 def _find_plane_by_points(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane:
     """The work plane by points. A plane above them needs a lens, which is estimated from them."""
     if table.points_px is None or table.points_mm is None:
-        what = "points_px and points_mm belong together"
-        raise JobError("[camera]", what, remedy="give both, in one order")
+        raise JobError(
+            "[camera]", "points_px and points_mm belong together", remedy="give both, in one order"
+        )
     plane = fit_plane(camera, table.points_px, table.points_mm)
     if not table.height:
         return plane
-    lens = None
-    if camera is None:
-        height, width = picture.pixels.shape[:2]
-        px, mm, size = plane.pairs_px, plane.pairs_mm, (width, height)
-        lens = fit_sheet_lens(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
-        check_focal_length(lens)
-    used = camera if lens is None else lens.camera
-    plane = fit_plane(used, table.points_px, table.points_mm, height=table.height)
-    return plane if lens is None else replace(plane, lens=lens, notes=(lens.note, *plane.notes))
+    if camera is not None:
+        return fit_plane(camera, table.points_px, table.points_mm, height=table.height)
+    height, width = picture.pixels.shape[:2]
+    px, mm, size = plane.pairs_px, plane.pairs_mm, (width, height)
+    fitted = fit_sheet_lens(px, mm, size, needs_focal=True, focal_px=picture.focal_px)
+    lens = check_focal_length(fitted)
+    plane = fit_plane(lens.camera, table.points_px, table.points_mm, height=table.height)
+    return replace(plane, lens=lens, notes=(lens.note, *plane.notes))
 
 
 def _make_view(
@@ -475,8 +500,11 @@ def _make_view(
     if method.plane is not None:
         return rectify(picture, method.camera, method.plane, region, coarser)
     if method.camera is not None:
-        remedy = "give [camera] points_px and points_mm, plane_from, or markers"
-        raise JobError("[camera]", "a lens without a work plane", remedy=remedy)
+        raise JobError(
+            "[camera]",
+            "a lens without a work plane",
+            remedy="give [camera] points_px and points_mm, plane_from, or markers",
+        )
     table = method.job.image
     return cut_out(make_scaled_view(picture, table.mm_per_px, table.width_mm), region, coarser)
 
@@ -490,12 +518,11 @@ def _find_region(job: Job, plane: Plane | None) -> Region | None:
     if values is None:
         target = find_target(job.camera) if job.camera.markers else None
         if isinstance(target, Board):
-            remedy = (
-                "give [image] region = [x from, y from, x to, y to], "
-                "mm from the board's lower left corner"
-            )
             raise JobError(
-                "[camera] markers", "a board on the bench looks like a part", remedy=remedy
+                "[camera] markers",
+                "a board on the bench looks like a part",
+                remedy="give [image] region = [x from, y from, x to, y to], "
+                "mm from the board's lower left corner",
             )
         return None if target is None or plane is None else _free_area(target, plane)
     if len(values) != 4:
@@ -521,8 +548,11 @@ def _free_area(paper: Sheet, plane: Plane) -> Region:
     margin = STROKE if np.any(plane.work_from_pairs != np.eye(3)) else 0.0
     (x0, y0), (x1, y1) = corners[0] + margin, corners[1] - margin
     if x0 >= x1 or y0 >= y1:
-        what = f"at this height nothing of the free area of the {paper.label} is left"
-        raise JobError("[camera] height", what, remedy="take the photo from higher up")
+        raise JobError(
+            "[camera] height",
+            f"at this height nothing of the free area of the {paper.label} is left",
+            remedy="take the photo from higher up",
+        )
     return float(x0), float(y0), float(x1), float(y1)
 
 
@@ -566,31 +596,38 @@ def _note_placement(
     limit = _EXAMINED_MM if is_examined else job.tolerance.chord
     by_lens = bound.noise + bound.lens
     if is_outside and bound.known and by_lens > limit and "outside" not in job.image.accept:
-        what = (
+        raise NoSafeProgram(
+            seen.picture.name,
             f"the part lies {distance}, without a calibrated lens: "
-            f"it may be {_format_mm(bound.total)} off"
+            f"it may be {_format_mm(bound.total)} off",
+            remedy="give camera.file (camgen calibrate), lay the sheet or board around the part, "
+            'or set image.accept = ["outside"]',
         )
-        remedy = (
-            "give camera.file (camgen calibrate), lay the sheet or board around the part, or set "
-            'image.accept = ["outside"]'
-        )
-        raise NoSafeProgram(seen.picture.name, what, remedy=remedy)
     notes = [_note_bound(bound, is_calibrated)] if bound.known else []
     if is_outside and not (is_examined and by_lens <= _LENS_MM):
         what = f"the part lies {distance}, without a calibrated lens"
         total = _format_mm(bound.total) if bound.known else "unknown, there are too few points"
-        why = (
-            f"how far off it may be: {total}; "
-            "give camera.file, or lay sheet or board around the part"
+        notes.append(
+            Note(
+                "warning",
+                what,
+                f"how far off it may be: {total}; "
+                "give camera.file, or lay sheet or board around the part",
+                strict="outside" not in job.image.accept,
+            )
         )
-        notes.append(Note("warning", what, why, strict="outside" not in job.image.accept))
     elif bound.lens > _LENS_MM:
         what = f"no camera.file is given, and a lens may move the part by {_format_mm(bound.lens)}"
         notes.append(Note("warning", what, "the points do not lie as without a lens"))
     if bound.height > _LENS_MM:
-        what = f"the height may move the part by {_format_mm(bound.height)}"
-        why = "the focal length is from the photo: tilt the camera more, or give camera.file"
-        notes.append(Note("warning", what, why, strict=True))
+        notes.append(
+            Note(
+                "warning",
+                f"the height may move the part by {_format_mm(bound.height)}",
+                "the focal length is from the photo: tilt the camera more, or give camera.file",
+                strict=True,
+            )
+        )
     return tuple(notes)
 
 
@@ -601,8 +638,11 @@ def _note_bound(bound: ErrorBound, is_calibrated: bool) -> Note:
     outside = "inside of the points"
     if bound.outside > _OUTSIDE_MM:
         outside = f"up to {short(bound.outside, 1)} mm outside of the points"
-    why = f"{_format_mm(bound.noise)} by the noise of the points, {lens}; the part lies {outside}"
-    return Note("assumed", f"the part is placed to within {_format_mm(bound.total)}", why)
+    return Note(
+        "assumed",
+        f"the part is placed to within {_format_mm(bound.total)}",
+        f"{_format_mm(bound.noise)} by the noise of the points, {lens}; the part lies {outside}",
+    )
 
 
 def _format_mm(value: float) -> str:
@@ -639,15 +679,26 @@ def _note_wall(seen: _Segmented, borders: Sequence[FloatArray], job: Job) -> tup
     if given:
         if not wall.is_part or abs(wall.highest - given) > _SAME_HEIGHT * given:
             return ()
-        what = f"the outline runs along the foot of a side wall, up to {_format_mm(wall.width)} off"
-        why = "give image.threshold between the tones of wall and upper face, or light the walls"
-        return (Note("warning", what, why, strict=True),)
+        return (
+            Note(
+                "warning",
+                "the outline runs along the foot of a side wall, "
+                f"up to {_format_mm(wall.width)} off",
+                "give image.threshold between the tones of wall and upper face, or light the walls",
+                strict=True,
+            ),
+        )
     height = f"about {short(wall.highest, 1)} mm"
     if wall.lowest < wall.highest:
         height = f"{short(wall.lowest, 1)} to {short(wall.highest, 1)} mm"
-    what = f"a side wall of the part is in the picture, {height} high"
-    why = f"that moves the outline by up to {short(wall.shift, 1)} mm: give camera.height"
-    return (Note("warning", what, why, strict=True),)
+    return (
+        Note(
+            "warning",
+            f"a side wall of the part is in the picture, {height} high",
+            f"that moves the outline by up to {short(wall.shift, 1)} mm: give camera.height",
+            strict=True,
+        ),
+    )
 
 
 def _note_steps(seen: _Segmented) -> tuple[Note, ...]:

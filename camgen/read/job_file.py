@@ -77,14 +77,18 @@ def load_job(file: Path | None, sets: Sequence[str] = (), files: Files | None = 
         tree = _check_tables(_read_toml(file, files), str(file))
         _resolve_paths(tree, file.parent)
         for table, keys in tree.items():
-            origins |= {(table, key): str(file) for key in keys}
+            for key in keys:
+                origins[table, key] = str(file)
     for text in sets:
         table, key, value = parse_assignment(text)
         if "." in table and table not in tree:
             name = table.partition(".")[0]
             count = len(_list_rows(tree, name))
-            what = f"there is no {table}: the job has {counted(count, 'row')} of [[{name}]]"
-            raise JobError(f"--set {text}", what, remedy="they are counted from 0")
+            raise JobError(
+                f"--set {text}",
+                f"there is no {table}: the job has {counted(count, 'row')} of [[{name}]]",
+                remedy="they are counted from 0",
+            )
         tree.setdefault(table, {})[key] = value
         more = "..." if len(text) > _LONGEST else ""
         origins[table, key] = f"--set {text[:_LONGEST]}{more}"
@@ -109,7 +113,7 @@ def _fill_cell(tree: Tree, origins: dict[tuple[str, str], str], files: Files) ->
     for table in cell_tree:
         if table != "cell":
             raise JobError(
-                name, f"[{table}] stands in the file of a cell", remedy="keep [cell] alone in it"
+                name, f"is the file of a cell, but has [{table}]", remedy="keep only [cell] in it"
             )
     if "file" in cell_tree.get("cell", {}):
         raise JobError(name, "names a file itself", "[cell]", "put all of the cell into one file")
@@ -122,7 +126,7 @@ def _fill_cell(tree: Tree, origins: dict[tuple[str, str], str], files: Files) ->
 
 
 def _take_file(tree: Tree, table: str, origins: Origins) -> str:
-    """Remove the key `file` from a table and return its value, "" if there is none.
+    """Remove the key `file` from a table and return its value, "" without the key.
 
     Raises JobError for a value that is not a text.
     """
@@ -149,7 +153,8 @@ def _fill_tools(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -
         table = table_of.get(str(tool["name"]), f"tools.{name}:{index}")
         keys = tree.get(table, {})
         rows[table] = tool | keys
-        origins.update({(table, key): name for key in tool if key not in keys})
+        for key in tool.keys() - keys.keys():
+            origins[table, key] = name
     for table, keys in _list_rows(tree, "tools"):
         rows.setdefault(table, keys)
         tree.pop(table)
@@ -160,15 +165,22 @@ def _read_tools(name: str, files: Files) -> list[dict[str, object]]:
     library = _check_tables(_read_toml(Path(name), files, "tool.file"), name)
     for table in library:
         if not table.startswith("tools."):
-            what = f"{_format_table(table)} stands in a library of tools"
-            raise JobError(name, what, remedy="keep [[tools]] alone in it")
+            raise JobError(
+                name,
+                f"is a library of tools, but has {_format_table(table)}",
+                remedy="keep only [[tools]] in it",
+            )
     if not library:
         raise JobError(name, "holds no [[tools]]", "tool.file", "add one, or leave tool.file out")
     _convert(library, {}, name)
     for table, tool in library.items():
         if not tool.get("name"):
-            what = "a tool of a library has no name"
-            raise JobError(name, what, _format_table(table), "name it: jobs find it by its name")
+            raise JobError(
+                name,
+                "a tool of a library has no name",
+                _format_table(table),
+                "name it: jobs find it by its name",
+            )
     return list(library.values())
 
 
@@ -218,7 +230,7 @@ def _convert_numpy(value: object) -> object:
     if isinstance(value, Mapping):
         return {key: _convert_numpy(content) for key, content in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_convert_numpy(item) for item in value]
+        return list(map(_convert_numpy, value))
     return value.tolist() if hasattr(value, "tolist") else value
 
 
@@ -230,8 +242,9 @@ def _read_toml(file: Path, files: Files, setting: str = "--job") -> dict[str, An
     try:
         return tomllib.loads(files.open(file).data.decode("utf-8-sig"))
     except OSError as error:
-        what = f"cannot be read: {error.strerror}"
-        raise JobError(str(file), what, setting, "give a file that can be read") from error
+        raise JobError(
+            str(file), f"cannot be read: {error.strerror}", setting, "give a file that can be read"
+        ) from error
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise JobError(
@@ -240,12 +253,14 @@ def _read_toml(file: Path, files: Files, setting: str = "--job") -> dict[str, An
     except tomllib.TOMLDecodeError as error:
         what, _, place = str(error).partition(" (at ")
         raise JobError(
-            str(file), f"is not TOML: {what}", place.rstrip(")"), "mend this line"
+            str(file), f"is not TOML: {what}", place.rstrip(")"), "correct this line"
         ) from error
     except RecursionError as error:
         raise JobError(str(file), "is nested too deeply") from error
     except ValueError as error:  # Python does not read numbers of thousands of digits
-        raise JobError(str(file), "holds a number of too many digits", remedy="mend it") from error
+        raise JobError(
+            str(file), "holds a number of too many digits", remedy="correct it"
+        ) from error
 
 
 def _check_tables(tree: Mapping[str, object], origin: str) -> Tree:
@@ -255,14 +270,20 @@ def _check_tables(tree: Mapping[str, object], origin: str) -> Tree:
             if not isinstance(content, list) or not all(
                 isinstance(row, Mapping) for row in content
             ):
-                what = f"{name} must be tables, not {_quote_short(content)}"
-                raise JobError(origin, what, remedy=f"write [[{name}]]")
+                raise JobError(
+                    origin,
+                    f"{name} must be tables, not {_quote_short(content)}",
+                    remedy=f"write [[{name}]]",
+                )
             result |= {f"{name}.{index}": dict(row) for index, row in enumerate(content)}
         elif name not in list_tables():
             raise _report_unknown_table(name, origin, content)
         elif not isinstance(content, Mapping):
-            what = f"{name} must be a table, not {_quote_short(content)}"
-            raise JobError(origin, what, remedy=f"write [{name}]")
+            raise JobError(
+                origin,
+                f"{name} must be a table, not {_quote_short(content)}",
+                remedy=f"write [{name}]",
+            )
         else:
             result[name] = dict(content)
     return result
@@ -271,8 +292,11 @@ def _check_tables(tree: Mapping[str, object], origin: str) -> Tree:
 def _report_unknown_table(name: str, origin: str, content: object) -> JobError:
     homes = [setting.table for setting in list_settings() if setting.key == name]
     if homes and not isinstance(content, Mapping):
-        what = f'"{_shorten(name)}" stands outside its table'
-        return JobError(origin, what, remedy=f"it belongs to [{homes[0]}]")
+        return JobError(
+            origin,
+            f'"{_shorten(name)}" is outside of its table',
+            remedy=f"it belongs to [{homes[0]}]",
+        )
     known = [f"[{table}]" for table in list_tables()] + [f"[[{table}]]" for table in ROWS]
     return JobError(origin, f"unknown table [{_shorten(name)}]", remedy=suggest(str(name), known))
 
@@ -284,10 +308,10 @@ def parse_assignment(text: str) -> tuple[str, str, object]:
     unknown table.
     """
     name, equals, raw = text.partition("=")
-    table, dot, key = (part.strip() for part in name.partition("."))
+    table, dot, key = map(str.strip, name.partition("."))
     origin = f"--set {text}"
     if table in ROWS:
-        row, dot, key = (part.strip() for part in key.partition("."))
+        row, dot, key = map(str.strip, key.partition("."))
         table = f"{table}.{row}"
     if not (equals and dot and table and key):
         names = [f"{setting.table}.{setting.key}" for setting in list_settings()]
@@ -365,10 +389,9 @@ def _check_keys(keys: dict[str, object], place: _Place) -> None:
             raise _report_unknown_key(key, place)
         if isinstance(value, str) and has_speed(place.table.partition(".")[0], key):
             keys[key] = _convert_to_mm_s(value, key, place)
-        numbers = (number for number in _list_numbers(keys[key]) if isinstance(number, float))
-        if not all(map(math.isfinite, numbers)):
-            what = f"{key} must be finite, not {_quote_short(value)}"
-            raise JobError(place.find_origin(key), what, _format_table(place.table))
+        for number in _list_numbers(keys[key]):
+            if isinstance(number, float) and not math.isfinite(number):
+                raise place.make_job_error(key, f"{key} must be finite, not {_quote_short(value)}")
 
 
 def _format_table(table: str) -> str:
@@ -398,16 +421,18 @@ def _convert_table(kind: type[Kind], keys: Mapping[str, object], place: _Place) 
         allowed, value = _find_settings(place.table)[key].allowed, keys[key]
         needs_list = allowed.startswith("a list of") and isinstance(value, (str, int, float))
         remedy = f"write [{_quote_short(value)}]" if needs_list else ""
-        what = f"{key} must be {allowed}, not {_quote_short(value)}"
-        raise place.make_job_error(key, what, remedy) from error
+        raise place.make_job_error(
+            key, f"{key} must be {allowed}, not {_quote_short(value)}", remedy
+        ) from error
 
 
 def _convert_to_mm_s(value: str, key: str, place: _Place) -> float:
     match = _SPEED.fullmatch(value.strip())
     if match is None or match[2] not in SPEED_UNITS:
-        what = f"{key} must be a number in mm/s or a text with its unit, not {_quote_short(value)}"
         raise place.make_job_error(
-            key, what, f'write "1200 mm/min"; units: {", ".join(SPEED_UNITS)}'
+            key,
+            f"{key} must be a number in mm/s or a text with its unit, not {_quote_short(value)}",
+            f'write "1200 mm/min"; units: {", ".join(SPEED_UNITS)}',
         )
     return float(match[1]) * SPEED_UNITS[match[2]]
 
@@ -436,8 +461,11 @@ def _convert_tools(tree: Tree, origins: Origins, source: str) -> list[ToolRow]:
     for place, tool in sorted(rows, key=lambda row: row[0].table.partition(".")[2].isdigit()):
         for key, value in (("name", tool.name), ("number", tool.number)):
             if value and (key, value) in used:
-                what = f"{key} {_quote_short(value)} is another tool's too"
-                raise place.make_job_error(key, what, "give each its own")
+                raise place.make_job_error(
+                    key,
+                    f"{key} {_quote_short(value)} is also that of another tool",
+                    "give each its own",
+                )
             used.add((key, value))
     return [tool for _, tool in rows]
 
@@ -454,7 +482,13 @@ def _convert_step(
     Settings that the row does not have are those of its tool, of [operation] and of [process].
     """
     choice = _convert_table(Choice, _select_keys(keys, Choice), place)
-    _check_colors(choice, place)
+    for name in choice.colors:
+        if not resolve_named(name):
+            raise place.make_job_error(
+                "colors",
+                f"there is no color {_quote_short(name)}",
+                f'one of {", ".join(BASIC)}, a number of DXF from 1 to 255, or "#rrggbb"',
+            )
     tool = job.tool
     tool_values: dict[str, object] = {}
     if choice.tool or tools:
@@ -491,13 +525,6 @@ def _find_tool(choice: Choice, tools: list[ToolRow], place: _Place) -> ToolRow:
     raise place.make_job_error("tool", what, f"one of {names}" if tools else "write [[tools]]")
 
 
-def _check_colors(choice: Choice, place: _Place) -> None:
-    for name in choice.colors:
-        if not resolve_named(name):
-            remedy = f'one of {", ".join(BASIC)}, a number of DXF from 1 to 255, or "#rrggbb"'
-            raise place.make_job_error("colors", f"there is no color {_quote_short(name)}", remedy)
-
-
 def _select_keys(keys: Mapping[str, object], kind: type[Struct]) -> dict[str, object]:
     return {key: value for key, value in keys.items() if key in kind.__struct_fields__}
 
@@ -510,9 +537,12 @@ def _check_numbers(tree: Tree, origins: Origins, source: str, limit: float) -> N
         for key, value in keys.items():
             if key == "seed" or all(abs(number) <= limit for number in _list_numbers(value)):
                 continue
-            what = f"{key} cannot be beyond {format_limit(limit)}: {_quote_short(value)}"
-            remedy = "give a value that can be meant, or raise limits.number"
-            raise JobError(origins.get((table, key), source), what, _format_table(table), remedy)
+            raise JobError(
+                origins.get((table, key), source),
+                f"{key} cannot be beyond {format_limit(limit)}: {_quote_short(value)}",
+                _format_table(table),
+                "give a smaller value, or raise limits.number",
+            )
 
 
 def _check_limits(job: Job, place: _Place) -> None:
@@ -525,9 +555,11 @@ def _check_limits(job: Job, place: _Place) -> None:
         limit = getattr(job.limits, key)
         is_beyond = value > limit if side == "most" else value < limit
         if is_beyond:
-            what = f"{key} must be {format_limit(limit)} at {side}, not {value:g}"
-            remedy = f"give a value that can be meant, or {change} limits.{key}"
-            raise table_place.make_job_error(key, what, remedy)
+            raise table_place.make_job_error(
+                key,
+                f"{key} must be {format_limit(limit)} at {side}, not {value:g}",
+                f"give a value within it, or {change} limits.{key}",
+            )
 
 
 def _report_unknown_key(key: str, place: _Place) -> JobError:
@@ -536,8 +568,9 @@ def _report_unknown_key(key: str, place: _Place) -> JobError:
     remedy = suggest(str(key), _find_settings(place.table))
     if homes:
         remedy = f"it belongs to [{homes[0]}]"
-    what = f'unknown key "{_shorten(key)}"'
-    return JobError(place.find_origin(key), what, _format_table(place.table), remedy)
+    return JobError(
+        place.find_origin(key), f'unknown key "{_shorten(key)}"', _format_table(place.table), remedy
+    )
 
 
 def _list_numbers(value: object) -> Iterator[float]:

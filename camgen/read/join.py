@@ -103,7 +103,7 @@ def assemble(
     closed: whether each chain is closed.
     same: distance below which two points are one, mm.
     """
-    sizes = np.array([len(ends) for ends in chains], dtype=np.intp)
+    sizes = np.array(list(map(len, chains)), dtype=np.intp)
     chain_of_piece = np.repeat(np.arange(len(chains)), sizes)
     entered = np.array(list(itertools.chain.from_iterable(chains)), dtype=np.intp)
     piece, is_reversed = entered >> 1, (entered & 1).astype(np.bool_)
@@ -362,11 +362,21 @@ def _note_joints(joints: EndJoints, tolerance: float, by_color: bool) -> list[No
         gaps = f"gaps closed: {joints.count}, largest {joints.largest:.3g} mm"
         notes.append(Note("joined", gaps, f"ends closer than {limit} meet"))
     if joints.mixed:
-        what = f"contours over more than one layer: {joints.mixed}"
-        notes.append(Note("joined", what, "each counts to the layer of its first piece"))
+        notes.append(
+            Note(
+                "joined",
+                f"contours over more than one layer: {joints.mixed}",
+                "each counts to the layer of its first piece",
+            )
+        )
     if joints.colored and by_color:
-        what = f"contours of more than one color: {joints.colored}"
-        notes.append(Note("joined", what, "each has the color of its first piece"))
+        notes.append(
+            Note(
+                "joined",
+                f"contours of more than one color: {joints.colored}",
+                "each has the color of its first piece",
+            )
+        )
     return notes
 
 
@@ -388,8 +398,7 @@ class _Ends(Struct, frozen=True, eq=False):
 
 
 def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
-    partner = pair_ends(soup, tolerance)
-    chains, closed = chain(partner.tolist(), soup.closed.tolist())
+    chains, closed = chain(pair_ends(soup, tolerance).tolist(), soup.closed.tolist())
     return assemble(soup, chains, closed, compute_same_distance(soup))
 
 

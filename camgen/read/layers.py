@@ -53,5 +53,9 @@ class Layers(Struct):
                 continue
             if not any(fnmatchcase(name, pattern.casefold()) for name in self.names):
                 names = map(harmless, sorted(self.names.values()))
-                remedy = f"{suggest(harmless(pattern), names)}; camgen inspect lists them"
-                raise JobError(file, f"no layer fits {harmless(glob)!r}", "input.layers", remedy)
+                raise JobError(
+                    file,
+                    f"no layer fits {harmless(glob)!r}",
+                    "input.layers",
+                    f"{suggest(harmless(pattern), names)}; camgen inspect lists them",
+                )

@@ -62,7 +62,7 @@ def _list_contours(shape: Any, name: str) -> Iterator[Contour]:
         for member in shape:
             yield from _list_contours(member, name)
     else:
-        raise InputError(name, f"a {type(shape).__name__} is no shape", remedy=_REMEDY)
+        raise InputError(name, f"a {type(shape).__name__} is not a shape", remedy=_REMEDY)
 
 
 def _is_chain(shape: Any) -> bool:
@@ -78,7 +78,6 @@ def _is_point(row: Any) -> bool:
 
 
 def _list_rings(shape: Any, name: str) -> Iterator[Contour]:
-    """The contours of a shapely geometry."""
     if shape.geom_type == "Polygon":
         for ring in (shape.exterior, *shape.interiors):
             yield _make_contour(ring.coords, name)

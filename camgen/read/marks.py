@@ -80,12 +80,22 @@ def add_marks(
         what = describe_elements(["POINT"] * len(used), [mark.layer for mark in used])
         diameters = sorted({find_diameter(mark, job) for mark in used})
         sizes = ", ".join(f"{short(diameter, 3)} mm" for diameter in diameters)
-        why = "a point has no diameter: that of the tool which drills it"
-        notes.append(Note("assumed", f"{what} taken as holes of {sizes}", why))
+        notes.append(
+            Note(
+                "assumed",
+                f"{what} taken as holes of {sizes}",
+                "a point has no diameter: that of the tool which drills it",
+            )
+        )
     repeated = len(drilled) - len(used)
     if repeated:
-        what = f"dropped: {counted(repeated, 'POINT', 'POINTs')}"
-        notes.append(Note("repaired", what, "at the centre of a circle, or drawn twice"))
+        notes.append(
+            Note(
+                "repaired",
+                f"dropped: {counted(repeated, 'POINT', 'POINTs')}",
+                "at the centre of a circle, or drawn twice",
+            )
+        )
     return (*contours, *circles), others, notes
 
 

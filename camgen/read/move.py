@@ -45,19 +45,28 @@ def move_part(part: Part, job: Job) -> Part:
     if not part.contours and not part.curves:
         return part
     if job.page.size:
-        what = "has no effect on a page, whose margins place the drawing"
-        raise JobError("job", what, "input.origin", "leave it out")
+        raise JobError(
+            "job",
+            "has no effect on a page, whose margins place the drawing",
+            "input.origin",
+            "leave it out",
+        )
     x, y = _find_place(part, origin)
     # Without a minus zero.
     moved = (0.0 - x, 0.0 - y)
     placed = place_part(part, PlanePose(0.0, *moved))
     name = f'"{origin}"' if isinstance(origin, str) else str([*origin])
-    what = f"moved by x {short(moved[0], 6)}, y {short(moved[1], 6)} mm"
-    why = f"input.origin = {name} is x 0, y 0; notes on reading name places of the drawing"
     return replace(
         placed,
         curves=tuple(_move_curve(curve, np.array([x, y, 0.0])) for curve in part.curves),
-        notes=(*placed.notes, Note("assumed", what, why)),
+        notes=(
+            *placed.notes,
+            Note(
+                "assumed",
+                f"moved by x {short(moved[0], 6)}, y {short(moved[1], 6)} mm",
+                f"input.origin = {name} is x 0, y 0; notes on reading name places of the drawing",
+            ),
+        ),
         moved=moved,
     )
 
@@ -67,7 +76,7 @@ def place_part(part: Part, work_from_drawing: PlanePose) -> Part:
 
     def place(points: Iterable[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
         placed = work_from_drawing.apply(np.array([*points]).reshape(-1, 2))
-        return tuple((x, y) for x, y in placed.tolist())
+        return tuple(map(tuple, placed.tolist()))
 
     return replace(
         part,
@@ -84,12 +93,12 @@ def _find_place(part: Part, origin: str | list[float]) -> tuple[float, float]:
     """The place of the drawing that is moved to the origin, mm."""
     if isinstance(origin, list):
         if len(origin) != 2 or not all(map(math.isfinite, origin)):
-            remedy = "give [x, y], a point of the drawing in mm"
-            raise JobError("job", "is not a point", "input.origin", remedy)
+            raise JobError(
+                "job", "is not a point", "input.origin", "give [x, y], a point of the drawing in mm"
+            )
         return float(origin[0]), float(origin[1])
     low, high = measure_box(part.contours, part.curves)
-    weights = np.array(_CORNERS[origin])
-    x, y = (low + weights * (high - low)).tolist()
+    x, y = (low + np.array(_CORNERS[origin]) * (high - low)).tolist()
     return x, y
 
 

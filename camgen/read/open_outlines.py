@@ -18,7 +18,7 @@ from camgen.model.job import Job
 from camgen.model.part import Contour, OpenOutline, tabulate_contours
 from camgen.model.pose import FloatArray
 from camgen.read.join import GAP_SHARE, assemble, chain, compute_join, pair_ends
-from camgen.read.pieces import Soup, compute_same_distance
+from camgen.read.pieces import Soup, compute_same_distance, index_names
 
 #: Arcs are flattened to chords within this for the test of inside and outside, mm.
 _CHORD_MM = 0.02
@@ -41,8 +41,10 @@ def find_open_outlines(contours: Sequence[Contour], job: Job) -> tuple[OpenOutli
     joined up to that value. Their order is that of their first contours. The result is empty if
     sides make no difference to `job`.
     """
-    opened = [contour for contour in contours if not contour.closed]
-    closed = [contour for contour in contours if contour.closed]
+    opened: list[Contour] = []
+    closed: list[Contour] = []
+    for contour in contours:
+        (closed if contour.closed else opened).append(contour)
     if not opened or not closed or not _decides_sides(job):
         return ()
     pieces, segments = _make_soup(opened), from_contours(opened)
@@ -55,9 +57,9 @@ def find_open_outlines(contours: Sequence[Contour], job: Job) -> tuple[OpenOutli
     join = compute_join(max(loop.gap for loop, _ in candidates))
     outlines = []
     for loop, inside in _select_outlines(_close_chains(pieces, lengths, join), closed):
-        ids = [opened[piece].id for piece in loop.pieces]
-        names = [contour.id for contour in inside]
-        outlines.append(OpenOutline(tuple(ids), tuple(names), loop.gap, loop.place, join))
+        ids = tuple(opened[piece].id for piece in loop.pieces)
+        names = tuple(contour.id for contour in inside)
+        outlines.append(OpenOutline(ids, names, loop.gap, loop.place, join))
     return tuple(outlines)
 
 
@@ -89,8 +91,8 @@ class _Loop(Struct, frozen=True, eq=False):
 
 def _make_soup(contours: Sequence[Contour]) -> Soup:
     table = tabulate_contours(contours)
-    layers, layer = np.unique([contour.layer for contour in contours], return_inverse=True)
-    colors, color = np.unique([contour.color for contour in contours], return_inverse=True)
+    layers, layer = index_names([contour.layer for contour in contours])
+    colors, color = index_names([contour.color for contour in contours])
     return Soup(
         points=table.points,
         bulges=table.bulges,
@@ -99,9 +101,9 @@ def _make_soup(contours: Sequence[Contour]) -> Soup:
         layer=layer,
         kind=np.zeros(len(contours), dtype=np.intp),
         color=color,
-        layers=tuple(layers.tolist()),
+        layers=layers,
         kinds=("",),
-        colors=tuple(colors.tolist()),
+        colors=colors,
     )
 
 
@@ -130,7 +132,7 @@ def _close_chains(pieces: Soup, lengths: FloatArray, tolerance: float) -> list[_
     for k in np.flatnonzero(gap_sums <= GAP_SHARE * around).tolist():
         widest = int(begins[k] + gaps[begins[k] : begins[k + 1]].argmax())
         x, y = middles[widest].tolist()
-        members = tuple(end >> 1 for end in chains[k])
+        members = tuple((np.array(chains[k]) >> 1).tolist())
         rows = slice(int(closed.first[k]), int(closed.first[k + 1]))
         outline = Contour(closed.points[rows], closed.bulges[rows], True, "")
         loops.append(_Loop(members, float(gaps[widest]), (x, y), outline))
@@ -165,21 +167,13 @@ def _select_outlines(
             and find_nesting(from_contours([loops[k].outline]), 1).crossed[0] >= 0
         ):
             continue
-        near = [closed[j] for j in np.sort(candidates[which == k]).tolist()]
-        inside = [contour for contour in near if _lies_in(contour, wide[k], narrow[k])]
+        inside = []
+        for j in np.sort(candidates[which == k]).tolist():
+            # A contour may touch the loop, but not lie on it as a whole.
+            points = closed[j].points
+            is_covered = shapely.contains_xy(wide[k], points).all()
+            if is_covered and shapely.contains_xy(narrow[k], points).any():
+                inside.append(closed[j])
         if inside:
             outlines.append((loops[k], inside))
     return outlines
-
-
-def _lies_in(contour: Contour, wide: object, narrow: object) -> bool:
-    """Whether a contour lies in a loop.
-
-    It may touch the loop, but not lie on it as a whole.
-
-    wide, narrow: polygons of the loop, larger and smaller by `_CHORD_MM`.
-    """
-    import shapely  # noqa: PLC0415 (only drawings with such loops)
-
-    covered = shapely.contains_xy(wide, contour.points).all()
-    return bool(covered and shapely.contains_xy(narrow, contour.points).any())

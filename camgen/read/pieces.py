@@ -86,13 +86,31 @@ def describe_elements(kinds: Sequence[str], layers: Sequence[str]) -> str:
 
 def describe_counts(counts: Mapping[str, int], layers: Iterable[str]) -> str:
     """The text of `describe_elements` for numbers of elements by kind. `layers` may be empty."""
-    text = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
+    text = format_counts(counts)
     names = sorted({harmless(layer) for layer in layers})
     if not names:
         return text
-    more = names[_MAX_LAYERS:]
-    shown = ", ".join(names[:_MAX_LAYERS]) + (f" and {len(more)} more" if more else "")
-    return f"{text} on layer{'s' if len(names) > 1 else ''} {shown}"
+    noun = "layers" if len(names) > 1 else "layer"
+    return f"{text} on {noun} {list_first(names, _MAX_LAYERS)}"
+
+
+def format_counts(counts: Mapping[str, int]) -> str:
+    """Numbers of elements by kind, as in "1 HATCH, 3 TEXT"; "none" without elements."""
+    return ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items())) or "none"
+
+
+def list_first(texts: Sequence[str], limit: int, separator: str = ", ", last: str = " ") -> str:
+    """The first `limit` of `texts` with `separator`, then with `last` the number of the others."""
+    listed = separator.join(texts[:limit])
+    more = len(texts) - limit
+    return f"{listed}{last}and {more} more" if more > 0 else listed
+
+
+def index_names(names: Sequence[str]) -> tuple[tuple[str, ...], IntArray]:
+    """The different names, sorted, and (N,) the index of each name among them."""
+    different = sorted(set(names))
+    index_of = {name: index for index, name in enumerate(different)}
+    return tuple(different), np.array([index_of[name] for name in names], dtype=np.intp)
 
 
 def find_next_rows(soup: Soup) -> IntArray:
@@ -123,8 +141,7 @@ def tidy(soup: Soup) -> Soup:
     """
     soup = _drop_repeats(soup)
     soup = _halve_wide_arcs(soup)
-    has_two = soup.closed & (np.diff(soup.first) == 2)
-    rows = soup.first[:-1][has_two]
+    rows = soup.first[:-1][soup.closed & (np.diff(soup.first) == 2)]
     is_circle = np.abs(soup.bulges[rows]) == 1
     is_circle &= soup.bulges[rows] == soup.bulges[rows + 1]
     rows = rows[is_circle]

@@ -51,7 +51,7 @@ class PointsFacts(Struct, frozen=True):
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
-        size = " x ".join(short(v, 3) for v in self.size)
+        size = units.format_size(self.size)
         angles = "with the angles of the tool" if self.angles else "without angles"
         lines = [f"list of points, units {self.units}, {size} mm, {angles}"]
         for curve in self.curves:
@@ -77,14 +77,20 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     for line, rows in _read_rows(source):
         curve = _make_curve(f"c{len(curves) + 1}", np.array(rows), mm)
         if curve is None:
-            what = f"the curve in line {line}"
-            notes.append(Note("skipped", what, "it has no two points that differ"))
+            notes.append(
+                Note("skipped", f"the curve in line {line}", "it has no two points that differ")
+            )
             continue
         curves.append(curve)
         dropped = len(rows) - len(curve.points)
         if dropped:
-            what = f"dropped: {counted(dropped, 'point')} of {curve.id}"
-            notes.append(Note("repaired", what, "the same as the one before"))
+            notes.append(
+                Note(
+                    "repaired",
+                    f"dropped: {counted(dropped, 'point')} of {curve.id}",
+                    "the same as the one before",
+                )
+            )
     if not curves:
         raise InputError(
             source.name, "nothing to machine", remedy=f"{_REMEDY}, two or more of them"
@@ -145,13 +151,16 @@ def _read_rows(source: Source) -> list[tuple[int, list[list[float]]]]:
         width = width or len(row)
         if len(row) not in (3, 6) or len(row) != width:
             before = f", the lines before it {width}" if len(row) != width else ""
-            what = f"has {counted(len(row), 'number')}{before}"
-            raise InputError(source.name, what, f"line {number}", _REMEDY)
+            raise InputError(
+                source.name, f"has {counted(len(row), 'number')}{before}", f"line {number}", _REMEDY
+            )
         count += 1
         if count > source.limits.points:
-            what = f"has more than {format_limit(source.limits.points)} points"
             raise InputError(
-                source.name, what, f"line {number}", "split it, or raise limits.points"
+                source.name,
+                f"has more than {format_limit(source.limits.points)} points",
+                f"line {number}",
+                "split it, or raise limits.points",
             )
         if starts_curve:
             curves.append((number, []))
@@ -196,12 +205,10 @@ def _split(line: str) -> list[str]:
 
 
 def _read_number(source: Source, line: int, word: str) -> float:
-    value = float(word) if _NUMBER.fullmatch(word) else float("nan")
-    if not abs(value) <= _FARTHEST:
-        what = (
-            f"{word[:24]!a} is no number"
-            if np.isnan(value)
-            else f"{word[:24]} is beyond all proportion"
-        )
-        raise InputError(source.name, what, f"line {line}", _REMEDY)
+    place = f"line {line}"
+    if not _NUMBER.fullmatch(word):
+        raise InputError(source.name, f"{word[:24]!a} is not a number", place, _REMEDY)
+    value = float(word)
+    if abs(value) > _FARTHEST:
+        raise InputError(source.name, f"{word[:24]} is too large", place, _REMEDY)
     return value

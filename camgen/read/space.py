@@ -21,7 +21,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import OFF_GRID, SAME_POINT_MM
 from camgen.read import join
-from camgen.read.pieces import FARTHEST, describe_elements
+from camgen.read.pieces import FARTHEST, describe_elements, list_first
 
 #: Offsets from a cell of the grid of ends to itself and to the cells around it.
 _AROUND = tuple(product((-1, 0, 1), repeat=3))
@@ -72,8 +72,13 @@ def join_pieces(
         layer = pieces[ends[0] >> 1].layer
         joined.append(make_curve(f"c{len(joined) + 1}", layer, points, via, loop))
     if gaps:
-        what = f"{counted(len(gaps), 'gap')} between ends, up to {short(max(gaps), 4)} mm"
-        notes.append(Note("joined", what, "input.join"))
+        notes.append(
+            Note(
+                "joined",
+                f"{counted(len(gaps), 'gap')} between ends, up to {short(max(gaps), 4)} mm",
+                "input.join",
+            )
+        )
     return tuple(joined), tuple(notes)
 
 
@@ -102,19 +107,13 @@ def note_heights(drawn: Sequence[Curve]) -> Note:
     level = {curve.id: curve.level for curve in drawn}
     in_space = [name for name, height in level.items() if height is None]
     flat = [f"{name} at z = {short(z, 3)}" for name, z in level.items() if z is not None]
-    what = (
-        f"{counted(len(in_space), 'curve')} in space: {_list_names(in_space)}"
-        if in_space
-        else "no curve leaves its plane"
-    )
+    what = "no curve leaves its plane"
+    if in_space:
+        count = counted(len(in_space), "curve")
+        what = f"{count} in space: {list_first(in_space, _MAX_LISTED)}"
     if flat:
-        what += f"; {counted(len(flat), 'flat one')}: {_list_names(flat)} mm"
+        what += f"; {counted(len(flat), 'flat one')}: {list_first(flat, _MAX_LISTED)} mm"
     return Note("assumed", what, "all are followed at the heights they are drawn at", tuple(level))
-
-
-def _list_names(names: Sequence[str]) -> str:
-    more = len(names) - _MAX_LISTED
-    return ", ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _keep(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from camgen.model.errors import JobError
 from camgen.model.part import Note
@@ -69,8 +69,11 @@ def resolve(
     states = "states no unit" if insunits == 0 else f"states the unknown unit {insunits}"
     hints = {0: ", though its $MEASUREMENT says inch", 1: ", its $MEASUREMENT says metric"}
     hint = "" if measurement is None else hints.get(measurement, "")
-    why = f"the file {states}{hint}; {_OVERRIDE}"
-    return "mm", 1.0, (Note("assumed", "1 drawing unit = 1 mm", why),)
+    return (
+        "mm",
+        1.0,
+        (Note("assumed", "1 drawing unit = 1 mm", f"the file {states}{hint}; {_OVERRIDE}"),),
+    )
 
 
 def choose_remedy(source: str) -> str:
@@ -78,6 +81,11 @@ def choose_remedy(source: str) -> str:
     if source.lower().endswith(_OWN_UNIT):
         return "export it again in another one if that is not meant"
     return _OVERRIDE
+
+
+def format_size(lengths: Iterable[float], decimals: int = 3, separator: str = " x ") -> str:
+    """Lengths, or other numbers, as a text: "100 x 60"."""
+    return separator.join(short(length, decimals) for length in lengths)
 
 
 def note_doubtful_size(size: Sequence[float], unit: str, source: str) -> tuple[Note, ...]:
@@ -90,10 +98,14 @@ def note_doubtful_size(size: Sequence[float], unit: str, source: str) -> tuple[N
     largest = max(size)
     if SMALLEST <= largest <= LARGEST:
         return ()
-    size_text = " x ".join(short(length, 3) for length in size)
-    what = f"the part is {size_text} mm, which is {'large' if largest > LARGEST else 'small'}"
-    why = f"drawn in {unit}, likely in {_guess_unit(largest, unit)}; {choose_remedy(source)}"
-    return (Note("warning", what, why),)
+    which = "large" if largest > LARGEST else "small"
+    return (
+        Note(
+            "warning",
+            f"the part is {format_size(size)} mm, which is {which}",
+            f"drawn in {unit}, likely in {_guess_unit(largest, unit)}; {choose_remedy(source)}",
+        ),
+    )
 
 
 def _guess_unit(length: float, unit: str) -> str:

@@ -6,18 +6,18 @@ that touch the paper, and its length is its area divided by its width.
 
 from __future__ import annotations
 
+from itertools import compress
+
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import begins, owners, ramp
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.image import Pixels
 from camgen.vision.ink import Ink
 from camgen.vision.skeleton import Stroke, join_strokes, make_graph, thin_mask
-
-BoolArray = NDArray[np.bool_]
 
 #: Largest width of a line, as a fraction of the longer side of the picture,
 _MAX_WIDTH_FRACTION = 0.015
@@ -106,8 +106,7 @@ def find_centre_lines(pieces: Pieces) -> tuple[list[Middle], BoolArray]:
     length = np.zeros(len(pieces.lines))
     np.add.at(length, owner, [float(np.abs(np.diff(stroke.points)).sum()) for stroke in lines])
     has_middle = pieces.lines & (length > pieces.width)
-    kept = [stroke for stroke, label in zip(lines, owner, strict=True) if has_middle[label]]
-    return _average_points(kept), has_middle
+    return _average_points(list(compress(lines, has_middle[owner]))), has_middle
 
 
 def _find_label(stroke: Stroke, pieces: Pieces) -> int:

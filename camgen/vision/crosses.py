@@ -15,10 +15,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.rings import ComplexArray
 from camgen.model.pose import FloatArray
 from camgen.vision.image import Pixels, convert_to_grey
-
-ComplexArray = NDArray[np.complex128]
 
 #: px: smallest and largest width and height of a mark.
 _MIN_SIDE, _MAX_SIDE = 7, 400

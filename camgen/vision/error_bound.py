@@ -141,9 +141,8 @@ def _by_fitted_lens(
     mm_per_half = np.linalg.inv(by_ideal @ _jacobians(scaled, places))
     both = mm_per_half @ at_outline @ np.linalg.pinv(np.vstack([rows, prior]), rcond=1e-12)
     alone = mm_per_half @ at_outline[:, :, :9] @ np.linalg.pinv(rows[:, :9])
-    total, noise = (
-        _SIGMAS * sigma * np.linalg.norm(spread, ord=2, axis=(1, 2)) for spread in (both, alone)
-    )
+    total = _SIGMAS * sigma * np.linalg.norm(both, ord=2, axis=(1, 2))
+    noise: FloatArray = _SIGMAS * sigma * np.linalg.norm(alone, ord=2, axis=(1, 2))
     return noise, np.maximum(total - noise, 0)
 
 

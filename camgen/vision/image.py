@@ -96,22 +96,6 @@ class Header(Struct, frozen=True):
     focal_35mm: int = 0
 
 
-class _Tiff(Struct, frozen=True):
-    """The contents of a TIFF structure: a file of its own, or the Exif part of another one.
-
-    The fields are those of `Header`.
-    """
-
-    width: int = 0
-    height: int = 0
-    density: Density | None = None
-    orientation: int = 1
-    exposed: bool = False
-    pages: int = 1
-    depth: int = 1
-    focal_35mm: int = 0
-
-
 def read_header(data: bytes) -> Header | None:
     """Read the header of an image.
 
@@ -188,18 +172,10 @@ def _read_pgm(data: bytes) -> Header:
     match = _PGM.match(data)
     if match is None:
         return Header("PGM", 0, 0)
-    width, height, white = (int(number) for number in match.groups())
+    width, height, white = map(int, match.groups())
     if not (data.startswith(b"P5") and 0 < white < 255):
         white = 255
     return Header("PGM", width, height, white=white)
-
-
-def _read_tiff_file(data: bytes) -> Header:
-    tiff = _read_tiff(data)
-    head = Header(
-        "TIFF", tiff.width, tiff.height, tiff.density, tiff.orientation, tiff.exposed, tiff.pages
-    )
-    return replace(head, depth=tiff.depth, focal_35mm=tiff.focal_35mm)
 
 
 def _add_exif(head: Header, data: bytes) -> Header:
@@ -217,10 +193,11 @@ def _add_exif(head: Header, data: bytes) -> Header:
     )
 
 
-def _read_tiff(data: bytes) -> _Tiff:
+def _read_tiff(data: bytes) -> Header:
+    """Read a TIFF structure: a file of its own, or the Exif part of another one."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
     if order is None:
-        return _Tiff()
+        return Header("TIFF", 0, 0)
     (first,) = struct.unpack_from(order + "I", data, 4)
     tags, following = _read_directory(data, order, first)
 
@@ -229,7 +206,8 @@ def _read_tiff(data: bytes) -> _Tiff:
 
     exif = _read_directory(data, order, number(_EXIF, 0))[0] if _EXIF in tags else {}
     orientation = number(_ORIENTATION, 1)
-    return _Tiff(
+    return Header(
+        "TIFF",
         width=number(_WIDTH, 0),
         height=number(_HEIGHT, 0),
         density=_read_density(data, order, tags, number(_DENSITY_UNIT, 2)),
@@ -245,8 +223,8 @@ def _read_density(data: bytes, order: str, tags: _Ifd, unit: int) -> Density | N
     """Dots per inch in x and y; None for none. unit: ResolutionUnit."""
     if unit not in _INCHES or _DENSITY_X not in tags or _DENSITY_Y not in tags:
         return None
-    x, y = (_read_ratio(data, order, tags[tag]) for tag in (_DENSITY_X, _DENSITY_Y))
-    return (x * _INCHES[unit], y * _INCHES[unit])
+    x, y = _read_ratio(data, order, tags[_DENSITY_X]), _read_ratio(data, order, tags[_DENSITY_Y])
+    return x * _INCHES[unit], y * _INCHES[unit]
 
 
 def _is_page(data: bytes, order: str, offset: int) -> bool:
@@ -289,8 +267,8 @@ def _read_ratio(data: bytes, order: str, entry: tuple[int, int, int]) -> float:
 _READERS: tuple[tuple[bytes, Callable[[bytes], Header]], ...] = (
     (b"\x89PNG\r\n\x1a\n", _read_png),
     (b"\xff\xd8\xff", _read_jpeg),
-    (b"II*\0", _read_tiff_file),
-    (b"MM\0*", _read_tiff_file),
+    (b"II*\0", _read_tiff),
+    (b"MM\0*", _read_tiff),
     (b"BM", _read_bmp),
     (b"P2", _read_pgm),
     (b"P5", _read_pgm),
@@ -484,8 +462,7 @@ def _convert_to_eight_bits(stored: NDArray[np.generic], name: str, notes: list[N
             remedy="save it with 8 or 16 bits per channel",
         )
     deep = stored.astype(np.uint16, copy=False)
-    colours = deep[..., :3] if deep.ndim == 3 else deep
-    bits = max(int(colours.max()).bit_length(), 8)
+    bits = max(int((deep[..., :3] if deep.ndim == 3 else deep).max()).bit_length(), 8)
     scaled = cv2.convertScaleAbs(deep, alpha=255 / (2**bits - 1))
     if deep.ndim == 3 and deep.shape[2] == 4:
         # Transparency always uses all 16 bits.

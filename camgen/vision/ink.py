@@ -12,12 +12,10 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
 from camgen.vision.image import Pixels, convert_to_grey
-
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 #: Grey values: with less contrast than this between ink and paper, the difference is noise.
 _MIN_CONTRAST = 8.0
@@ -140,7 +138,7 @@ def _find_edges(ink: Ink) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
         difference = np.where(inner == outer, 1.0, inner - outer)
         distance = np.clip((inner - ink.level) / difference, *_BETWEEN_CENTRES).astype(np.float64)
         places.append(np.column_stack([j + distance * to_paper[1], i + distance * to_paper[0]]))
-    tail, head, directions = (np.concatenate(column) for column in zip(*columns, strict=True))
+    tail, head, directions = np.concatenate(columns, axis=1)
     return tail, head, directions, np.concatenate(places)
 
 
@@ -151,6 +149,5 @@ def _find_following(tail: IntArray, head: IntArray, direction: IntArray) -> IntA
     """
     first = np.searchsorted(tail, head)
     second = np.minimum(first + 1, len(tail) - 1)
-    to_right = (direction + 1) % 4
-    is_second = (tail[second] == head) & (direction[second] == to_right)
+    is_second = (tail[second] == head) & (direction[second] == (direction + 1) % 4)
     return np.where(is_second, second, first)

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.model.errors import InputError
-from camgen.model.part import IntArray, Note
+from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.vision.image import Pixels
 
 # The place of an edge, to a hundredth of a pixel, from the pixels across a border.
 
-BoolArray = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
 
 #: Factor with which a logistic function comes nearest to the integral of a Gaussian.
@@ -148,10 +147,8 @@ def _improve(profiles: _Profiles, fit: _Fit, outward: ComplexArray, bend: FloatA
     blur_slope = place_slope * u / _LOGISTIC
     step = _divide(_dot(place_slope, error), _dot(place_slope, place_slope))
     move = step / np.maximum(lean.real, 0.3)
-    blur_sums = (
-        np.add.reduceat(_dot(blur_slope, column), loops.first) for column in (error, blur_slope)
-    )
-    change = _divide(*blur_sums)
+    blur_error = np.add.reduceat(_dot(blur_slope, error), loops.first)
+    change = _divide(blur_error, np.add.reduceat(_dot(blur_slope, blur_slope), loops.first))
     misfit = np.sqrt(_dot(error, error) / np.maximum(weight.sum(axis=1), 1))
     usual = _USUAL_FACTOR * np.maximum(loops.mean(misfit), 1e-3)[loops.loop]
     return _Fit(
@@ -171,7 +168,7 @@ def _measure_distances(lean: FloatArray, place: FloatArray, bend: FloatArray) ->
     lean: (N,) cosine of the angle between axis and normal of the edge.
     place: (N,) place of the edge, steps.
     """
-    lean32, place32, bend32 = (column.astype(np.float32)[:, None] for column in (lean, place, bend))
+    lean32, place32, bend32 = np.stack([lean, place, bend]).astype(np.float32)[:, :, None]
     step = _STEPS.astype(np.float32) - place32
     square = step * (2 * lean32 + bend32 * step)
     return np.asarray(square / (1 + np.sqrt(np.maximum(1 + bend32 * square, 0))))
@@ -195,21 +192,19 @@ def _find_weights(mask: Pixels, chain: ComplexArray, axis: ComplexArray) -> Floa
     """Weights (N, K): 1 for the pixels at `_STEPS` that no other edge disturbs, else 0."""
     outside = _read_pixels(mask, chain, axis, np.arange(2, _SEARCH_PX + 1)) != 0
     inside = _read_pixels(mask, chain, axis, -np.arange(1, _SEARCH_PX)) == 0
-    high, low = (
-        np.maximum(distance / 2, distance - _CLEAR_PX)[:, None]
-        for distance in (_measure_next_edge(outside), _measure_next_edge(inside))
-    )
     step = _STEPS - 0.5
-    return ((step <= high) & (step >= -low)).astype(np.float32)
+    is_clear = (step <= _measure_clear(outside)) & (step >= -_measure_clear(inside))
+    return is_clear.astype(np.float32)
 
 
-def _measure_next_edge(is_other: BoolArray) -> FloatArray:
-    """Distance (N,) from this edge to the next one, px.
+def _measure_clear(is_other: BoolArray) -> FloatArray:
+    """Distance (N, 1) from this edge up to which the next one does not disturb pixels, px.
 
-    It is where `is_other` (N, K) is first true, or twice the searched distance if it never is.
+    The next edge is where `is_other` (N, K) is first true, or at twice the searched distance.
     """
     first = np.argmax(is_other, axis=1)
-    return np.where(is_other.any(axis=1), first + 1.0, 2.0 * _SEARCH_PX)
+    distance = np.where(is_other.any(axis=1), first + 1.0, 2.0 * _SEARCH_PX)
+    return np.maximum(distance / 2, distance - _CLEAR_PX)[:, None]
 
 
 def _fit_plateaus(
@@ -573,9 +568,9 @@ def _measure_noise(points: ComplexArray) -> float:
 
     Third differences remove any smooth curve, and the median ignores corners.
     """
-    a, b, c, d = (np.roll(points, -k) for k in range(4))
+    b, c, d = np.roll(points, -1), np.roll(points, -2), np.roll(points, -3)
     along = (c - b) / np.maximum(np.abs(c - b), 1e-9)
-    third = ((d - 3 * c + 3 * b - a) * along.conj()).imag
+    third = ((d - 3 * c + 3 * b - points) * along.conj()).imag
     return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
 
 

@@ -149,9 +149,8 @@ def compute_scales(homography: FloatArray, points: FloatArray) -> FloatArray:
     lifted = points @ homography[:, :2].T + homography[:, 2]
     image = lifted[:, :2] / lifted[:, 2:]
     slopes = homography[None, :2, :2] - image[:, :, None] * homography[None, 2:, :2]
-    jacobian = slopes / lifted[:, 2, None, None]
-    values = np.linalg.svd(jacobian, compute_uv=False)[:, ::-1]
-    return np.asarray(values, dtype=np.float64)
+    values = np.linalg.svd(slopes / lifted[:, 2, None, None], compute_uv=False)
+    return np.asarray(values[:, ::-1], dtype=np.float64)
 
 
 def _measure_stretch(homography: FloatArray, source: FloatArray) -> float:
@@ -433,7 +432,7 @@ def raise_plane(homography: FloatArray, camera: Camera, height: float) -> FloatA
 
 def _check_pairs(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, FloatArray]:
     """The pairs as arrays (N, 2) of px and of mm. Raises JobError if they are not valid."""
-    what = "is no list of points"
+    what = "is not a list of points"
     try:
         image, work = np.asarray(px, dtype=np.float64), np.asarray(mm, dtype=np.float64)
     except (ValueError, TypeError) as error:
@@ -443,11 +442,17 @@ def _check_pairs(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray,
             source, what, remedy="give pairs of numbers, [[u, v], ...] and [[x, y], ...]"
         )
     if len(image) != len(work):
-        what = f"{counted(len(image), 'point')} in the photo and {len(work)} in mm"
-        raise JobError(source, what, remedy="give as many of both, in the same order")
+        raise JobError(
+            source,
+            f"{counted(len(image), 'point')} in the photo and {len(work)} in mm",
+            remedy="give as many of both, in the same order",
+        )
     if len(image) < 4:
-        what = f"{counted(len(image), 'point pair')}, a plane needs four"
-        raise JobError(source, what, remedy="give four or more")
+        raise JobError(
+            source,
+            f"{counted(len(image), 'point pair')}, a plane needs four",
+            remedy="give four or more",
+        )
     if not (np.isfinite(image).all() and np.isfinite(work).all()):
         raise JobError(source, "holds a number that is not finite", remedy="correct the number")
     if work.shape[1] == 3 and np.abs(work[:, 2]).max() > 1e-9:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
@@ -90,8 +91,6 @@ def find_side_wall(
     plane: the plane of the sheet, or that above it at the height of the job.
     cameras: the camera of the photo, or several that may be it: all must see the wall.
     """
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     grey = convert_to_grey(view).astype(np.float32)
     smooth = np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.7), dtype=np.float32)
     border = _outward(mask, outlines)
@@ -103,25 +102,19 @@ def find_side_wall(
         below = np.linalg.solve(work_from_view[:, :2], (x, y) - work_from_view[:, 2])
         facing = np.sum((below - border.places) * border.normals, axis=1)
         reach = float(np.linalg.norm(border.places - below, axis=1).max()) * mm_per_px
-        (inner, inner_step), (outer, outer_step) = (
-            _band(smooth, border, facing, side) for side in (-1.0, 1.0)
-        )
+        inner, inner_step = _band(smooth, border, facing, -1.0)
+        outer, outer_step = _band(smooth, border, facing, 1.0)
         if not inner_step and not outer_step:
             return None
         is_part = inner_step > outer_step
         ratio = inner if is_part else outer / (1 - outer)
         height = (distance + plane.height) * ratio / (1 + ratio)
         width = max(inner, outer) * float(facing.max()) * mm_per_px
-        walls.append(SideWall(height, height, ratio * reach, width, is_part))
+        walls.append((height, ratio * reach, width, is_part))
     if not walls:
         return None
-    return SideWall(
-        min(wall.lowest for wall in walls),
-        max(wall.highest for wall in walls),
-        max(wall.shift for wall in walls),
-        max(wall.width for wall in walls),
-        all(wall.is_part for wall in walls),
-    )
+    heights, shifts, widths, are_parts = zip(*walls, strict=True)
+    return SideWall(min(heights), max(heights), max(shifts), max(widths), all(are_parts))
 
 
 def list_cameras(picture: Picture, plane: Plane, camera: Camera | None) -> list[Camera]:
@@ -149,8 +142,7 @@ def list_cameras(picture: Picture, plane: Plane, camera: Camera | None) -> list[
 
 def _outward(mask: Pixels, outlines: Sequence[FloatArray]) -> _Places:
     """Places along the outlines with normals out of the part."""
-    total = sum(len(outline) for outline in outlines)
-    step = max(1, total // _PLACES)
+    step = max(1, sum(map(len, outlines)) // _PLACES)
     places = np.concatenate([outline[::step] for outline in outlines])
     chords = [
         (np.roll(outline, -_CHORD, axis=0) - np.roll(outline, _CHORD, axis=0))[::step]
@@ -159,10 +151,9 @@ def _outward(mask: Pixels, outlines: Sequence[FloatArray]) -> _Places:
     chord = np.concatenate(chords)
     length = np.linalg.norm(chord, axis=1).clip(1e-9)
     normals = np.column_stack([chord[:, 1], -chord[:, 0]]) / length[:, None]
-    inside = _sample(mask.astype(np.float32), places + 2.5 * normals)
-    outside = _sample(mask.astype(np.float32), places - 2.5 * normals)
-    flipped = np.where(inside > outside, -1.0, 1.0)
-    return _Places(places, normals * flipped[:, None])
+    grey = mask.astype(np.float32)
+    is_inwards = _sample(grey, places + 2.5 * normals) > _sample(grey, places - 2.5 * normals)
+    return _Places(places, normals * np.where(is_inwards, -1.0, 1.0)[:, None])
 
 
 def _band(
@@ -185,10 +176,8 @@ def _band(
     near, far = is_wide[row] & near, is_wide[row] & ~near
     least = max(_LEAST_STEP, _GRAIN * grain, _OTHER * abs(median))
     is_edge = np.sign(median) * steps[strongest] > least
-    before, beyond = (
-        abs(float(np.median(_steps(grey, border, side * (widths[row] + shift))[near])))
-        for shift in (-_BEFORE, _BEYOND)
-    )
+    before = abs(float(np.median(_steps(grey, border, side * (widths[row] - _BEFORE))[near])))
+    beyond = abs(float(np.median(_steps(grey, border, side * (widths[row] + _BEYOND))[near])))
     is_band = (
         is_edge[near].mean() >= _NEAR
         and (not far.any() or is_edge[far].mean() <= _FAR)
@@ -210,8 +199,6 @@ def _steps(grey: NDArray[np.float32], border: _Places, offsets: FloatArray) -> F
 
 def _sample(grey: NDArray[np.float32], at: FloatArray) -> FloatArray:
     """Grey values (N,) at pixels (N, 2); beyond the border those of the border."""
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     grid = at.astype(np.float32)
     values = cv2.remap(
         grey, grid[:, :1], grid[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE

@@ -11,12 +11,15 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from itertools import compress
 
 import cv2
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.rings import ComplexArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.vision.image import Pixels
 
 #: The eight neighbours (rows down, columns right) from the one above, clockwise. Neighbour k has
@@ -74,8 +77,7 @@ def _thin_changed(pixels: Pixels, removable: Pixels) -> Pixels:
     Each subiteration begins with all pixels. `pixels` (H, W) is changed in place and returned.
     """
     flat, flat_removable = pixels.ravel(), removable.ravel()
-    width = pixels.shape[1]
-    steps = np.array([down * width + right for down, right in _NEIGHBOURS])
+    steps = np.array(_NEIGHBOURS) @ (pixels.shape[1], 1)
     weights = 1 << np.arange(8)
     # Pixels that each of the two subiterations has to test.
     changed = [np.flatnonzero(flat & flat_removable)] * 2
@@ -88,23 +90,22 @@ def _thin_changed(pixels: Pixels, removable: Pixels) -> Pixels:
         flat[removed] = 0
         near = np.unique(removed[:, None] + steps)
         near = near[(flat[near] & flat_removable[near]) != 0]
-        other = 1 - half
         changed[half] = near
-        changed[other] = np.union1d(changed[other], near)
-        half = other
+        half = 1 - half
+        changed[half] = np.union1d(changed[half], near)
     return pixels
 
 
 def _make_table(half: int) -> Pixels:
     """Table (256,) of one subiteration: 1 if a pixel with these neighbours is removed."""
-    n, ne, e, se, s, sw, w, nw = ((np.arange(256) >> k & 1).astype(bool) for k in range(8))
-    corners = ((n, ne, e), (e, se, s), (s, sw, w), (w, nw, n))
+    around = (np.arange(256) >> np.arange(8)[:, None] & 1).astype(bool)
+    n, ne, e, se, s, sw, w, nw = around
+    direct, diagonal = around[::2], around[1::2]
     # With a single run of neighbours around the pixel, removing it separates nothing.
-    runs = sum((~a & (b | c)).astype(int) for a, b, c in corners)
+    runs = (~direct & (diagonal | np.roll(direct, -1, axis=0))).sum(axis=0)
     # Numbers of pairs of adjacent neighbours with a pixel. A line that ends here has only one.
-    first = sum((a | b).astype(int) for a, b in ((nw, n), (ne, e), (se, s), (sw, w)))
-    second = sum((a | b).astype(int) for a, b in ((n, ne), (e, se), (s, sw), (w, nw)))
-    pairs = np.minimum(first, second)
+    pairs_before = (np.roll(diagonal, 1, axis=0) | direct).sum(axis=0)
+    pairs = np.minimum(pairs_before, (direct | diagonal).sum(axis=0))
     # Subiteration 0 removes from the south-west, subiteration 1 from the north-east.
     is_kept = (n | ne | ~se) & e if half else (s | sw | ~nw) & w
     is_removed = (runs == 1) & (pairs >= 2) & (pairs <= 3) & ~is_kept
@@ -116,9 +117,7 @@ _TABLES = (_make_table(0), _make_table(1))
 
 # Centre lines as a graph: branches of pixels between ends, junctions and kept pixels.
 
-IntArray = NDArray[np.int64]
 Float32 = NDArray[np.float32]
-ComplexArray = NDArray[np.complex128]
 
 #: The eight neighbours (rows down, columns right): four direct ones, then four diagonal ones.
 _STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
@@ -156,7 +155,7 @@ class Graph(Struct, eq=False):
 
     branches: list[Branch]
     place: ComplexArray
-    held: NDArray[np.bool_]
+    held: BoolArray
     depth: NDArray[np.float64]
 
 
@@ -222,7 +221,7 @@ def _find_anchors(u: IntArray, v: IntArray, kept: Pixels) -> tuple[IntArray, Com
         is_kept = inside & (kept[y.clip(0, height - 1), x.clip(0, width - 1)] != 0)
         touched[is_kept] = k
     rows = np.flatnonzero(touched >= 0)
-    steps = np.array([right + 1j * down for down, right in _STEPS])
+    steps = np.array(_STEPS) @ (1j, 1)
     return rows, (u + 1j * v)[rows] + steps[touched[rows]]
 
 
@@ -254,24 +253,26 @@ class _Net(Struct, frozen=True):
 def _find_branches(
     neighbours: list[list[int]], anchor: list[int], place: ComplexArray
 ) -> list[Branch]:
-    """All branches, first from nodes, then between anchors, then closed lines."""
-    joined = [
-        [*pixels, node] if node >= 0 else pixels
-        for pixels, node in zip(neighbours, anchor, strict=True)
-    ]
-    net = _Net(joined, [len(pixels) != 2 for pixels in joined], bytearray(len(joined)))
+    """All branches, first from nodes, then between anchors, then closed lines.
+
+    neighbours: the anchors are added to it.
+    """
+    for pixels, node in zip(neighbours, anchor, strict=True):
+        if node >= 0:
+            pixels.append(node)
+    is_node = [len(pixels) != 2 for pixels in neighbours]
+    net = _Net(neighbours, is_node, bytearray(len(neighbours)))
     chains: list[list[int]] = []
-    for pixel, is_node in enumerate(net.is_node):
-        if is_node:
-            chains += _follow_from_node(net, pixel)
-    attached = [pixel for pixel in range(len(joined)) if anchor[pixel] >= 0]
-    for pixel in (*attached, *range(len(joined))):
-        if net.is_node[pixel] or net.done[pixel]:
+    for pixel in compress(range(len(is_node)), is_node):
+        chains += _follow_from_node(net, pixel)
+    attached = [pixel for pixel, node in enumerate(anchor) if node >= 0]
+    for pixel in (*attached, *range(len(anchor))):
+        if is_node[pixel] or net.done[pixel]:
             continue
         if anchor[pixel] >= 0:
             chains.append(net.follow(anchor[pixel], pixel))
         else:
-            chains.append(net.follow(pixel, joined[pixel][0]))
+            chains.append(net.follow(pixel, neighbours[pixel][0]))
         net.done[pixel] = 1
     return [Branch(place[chain], chain[0], chain[-1]) for chain in chains]
 
@@ -442,10 +443,11 @@ def _join_branches(junctions: _Junctions) -> list[Stroke]:
                 partner[a], partner[b] = b, a
     done = [False] * len(junctions.branches)
     # First the strokes with an end without a partner. The remaining ones are closed.
-    starts = sorted(range(count), key=lambda end: partner[end] >= 0)
-    return [
-        _follow_stroke(junctions, partner, done, start) for start in starts if not done[start // 2]
-    ]
+    strokes: list[Stroke] = []
+    for start in sorted(range(count), key=lambda end: partner[end] >= 0):
+        if not done[start // 2]:
+            strokes.append(_follow_stroke(junctions, partner, done, start))
+    return strokes
 
 
 def _pair_ends(junctions: _Junctions, ends: list[int]) -> list[tuple[int, int]]:
@@ -473,10 +475,8 @@ def _measure_direction(junctions: _Junctions, end: int) -> complex:
     points = junctions.points_from(end)
     branch = junctions.branches[end // 2]
     depth = junctions.net.depth[branch.end if end % 2 else branch.start]
-    near, far = (
-        min(round(depth * depths), len(points) - 1)
-        for depths in (_MERGE_DEPTHS / 2, _MERGE_DEPTHS / 2 + _DIRECTION_DEPTHS)
-    )
+    near = min(round(depth * (_MERGE_DEPTHS / 2)), len(points) - 1)
+    far = min(round(depth * (_MERGE_DEPTHS / 2 + _DIRECTION_DEPTHS)), len(points) - 1)
     vector = points[far] - points[near if far > near else 0]
     return complex(vector / max(abs(vector), 1e-9))
 

@@ -21,7 +21,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
-from camgen.vision.camera.camera import Camera, distort, undistort
+from camgen.vision.camera.camera import Camera, distort, sample_photo, undistort
 from camgen.vision.image import Picture, Pixels
 from camgen.vision.plane import Plane, check_pixels, compute_depth, compute_scales, map_points
 
@@ -78,12 +78,6 @@ def make_plane_view(camera: Camera | None, plane: Plane, size: tuple[int, int]) 
     while not np.isfinite(distort(camera, middle + reach * directions)).all():
         reach *= _REDUCTION
     return PlaneView(camera, plane, size, reach)
-
-
-def sample_photo(size: tuple[int, int], count: int) -> FloatArray:
-    """Pixels (N, 2) of a grid of `count` x `count` from corner to corner of the photo."""
-    u, v = np.meshgrid(*(np.linspace(0, length - 1, count) for length in size))
-    return np.column_stack([u.ravel(), v.ravel()])
 
 
 def map_to_work(shown: PlaneView, px: FloatArray) -> FloatArray:
@@ -230,10 +224,8 @@ def _mark_valid(
     columns = np.flatnonzero(inside)
     start = end = 0
     if len(columns) and columns[-1] - columns[0] + 1 == len(columns):
-        start, end = (
-            min(max((column - 1) * step + step // 2, 0), valid.shape[1])
-            for column in columns[[0, -1]].tolist()
-        )
+        ends = (columns[[0, -1]] - 1) * step + step // 2
+        start, end = ends.clip(0, valid.shape[1]).tolist()
     valid[:, start:end] = True
     for first, beyond in ((0, start), (end, valid.shape[1])):
         if first < beyond:
@@ -290,8 +282,8 @@ def _compute_exact_nodes(
     places = map_to_photo(shown, mm).reshape(len(v), len(u), 2)
     limit = np.array(shown.size) + _OUTSIDE_PX
     usable = np.all((places > -_OUTSIDE_PX) & (places < limit), axis=2)
-    second, fourth = (_measure_differences(places, usable, order) for order in (2, 4))
-    return _ExactNodes(step, places, second, fourth)
+    second = _measure_differences(places, usable, 2)
+    return _ExactNodes(step, places, second, _measure_differences(places, usable, 4))
 
 
 def _measure_differences(places: FloatArray, usable: NDArray[np.bool_], order: int) -> float:
@@ -324,15 +316,14 @@ def _interpolate_nodes(exact: _ExactNodes, step: int, size: tuple[int, int]) -> 
         position = pixels / exact.step + 2
         first = np.floor(position).astype(np.int64) - 1
         weights = _weigh_cubic(position - first - 1, (step / exact.step) ** 2 / 16)
-        rows = [first + k for k in range(4)]
         shape = [1] * 3
         shape[axis] = -1
-        parts = [
-            np.take(places, row, axis) * weight.reshape(shape)
-            for row, weight in zip(rows, weights, strict=True)
-        ]
+        parts, lost = [], []
+        for k, weight in enumerate(weights):
+            parts.append(np.take(places, first + k, axis) * weight.reshape(shape))
+            lost.append(np.take(is_lost, first + k, axis))
         places = parts[0] + parts[1] + parts[2] + parts[3]
-        is_lost = np.any([np.take(is_lost, row, axis) for row in rows], axis=0)
+        is_lost = np.any(lost, axis=0)
     places[is_lost] = _NOWHERE
     return places.astype(np.float32)
 
@@ -498,8 +489,9 @@ def rectify(
     else:
         finest = _find_scale(shown, picture, region)
     scale = _round_down(finest) * coarser
-    left, bottom = (math.floor(v / scale) for v in region[:2])
-    right, top = (math.ceil(v / scale) for v in region[2:])
+    x0, y0, x1, y1 = region
+    left, bottom = math.floor(x0 / scale), math.floor(y0 / scale)
+    right, top = math.ceil(x1 / scale), math.ceil(y1 / scale)
     columns, rows = right - left + 1, top - bottom + 1
     if columns * rows > _MAX_ENLARGEMENT * width * height:
         raise InputError(
@@ -572,7 +564,7 @@ def _find_scale(shown: PlaneView, picture: Picture, region: Region) -> float:
     if not (all(map(math.isfinite, region)) and x0 < x1 and y0 < y1):
         raise JobError(
             "region",
-            f"{list(region)} is no rectangle",
+            f"{list(region)} is not a rectangle",
             remedy="give [x from, y from, x to, y to] in mm",
         )
     x, y = np.meshgrid(np.linspace(x0, x1, _PHOTO_SAMPLES), np.linspace(y0, y1, _PHOTO_SAMPLES))

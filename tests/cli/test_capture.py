@@ -218,7 +218,7 @@ def test_what_gives_no_picture_is_one_line(
         (str(text), nothing, ()),
         (str(tmp_path / "empty.avi"), "is empty", ()),
         (str(tmp_path / "none.avi"), "no such file", ()),
-        (str(tmp_path / "photo.png"), "is a picture, no video", ()),
+        (str(tmp_path / "photo.png"), "is a picture, not a video", ()),
         (str(tmp_path), "is a folder", ()),
         (str(clip), "ends before frame 10", ("--skip", "9")),
         (str(clip), "--frames: cannot be 0", ("--frames", "0")),

@@ -405,7 +405,7 @@ def test_the_cell_may_stand_in_a_file_of_its_own(plate: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[tool]\ndiameter = 3\n", r"\[tool\] stands in the file of a cell"),
+        ("[tool]\ndiameter = 3\n", r"is the file of a cell, but has \[tool\]"),
         ('[cell]\nfile = "other.toml"\n', "names a file itself"),
         ("[cell]\nrobots = 3\n", "unknown key"),
         (None, "cannot be read: No such file"),

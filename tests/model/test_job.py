@@ -71,7 +71,7 @@ BAD_FILES = {
     "[tol]\nx = 1": "unknown table [tol]; nearest is [tool]",
     "[tool]\ndiametr = 5": 'unknown key "diametr" ([tool]); nearest is diameter',
     "[tool]\nfeed = 5": 'unknown key "feed" ([tool]); it belongs to [process]',
-    "diameter = 5": '"diameter" stands outside its table; it belongs to [tool]',
+    "diameter = 5": '"diameter" is outside of its table; it belongs to [tool]',
     "tool = 5": "tool must be a table, not 5; write [tool]",
     "[[tool]]\ndiameter = 5": 'tool must be a table, not [{"diameter": 5}]; write [tool]',
     "[tool]\ndiameter = '5'": 'diameter must be a number > 0, not "5" ([tool])',
@@ -86,9 +86,10 @@ BAD_FILES = {
     "[tool]\norient = 'folow'": 'orient must be one of "fixed", "follow", not "folow" ([tool])',
     "[operation]\ninside_first = 1": "inside_first must be true or false, not 1 ([operation])",
     "[tool]\ndiameter = 2021-01-01": 'diameter must be a number > 0, not "2021-01-01" ([tool])',
-    "[tool]\ndiameter =\n": "is not TOML: Invalid value (line 2, column 11); mend this line",
-    "[tool\n": "is not TOML: Expected ']' at the end of a table declaration (line 1, column 6); mend this line",
-    "[tool]\ndiameter = 1\ndiameter = 2\n": "is not TOML: Cannot overwrite a value (line 3, column 13); mend this line",
+    "[tool]\ndiameter =\n": "is not TOML: Invalid value (line 2, column 11); correct this line",
+    "[tool\n": "is not TOML: Expected ']' at the end of a table declaration (line 1, column 6); correct this line",
+    "[tool]\ndiameter = 1\ndiameter = 2\n": "is not TOML: Cannot overwrite a value "
+    "(line 3, column 13); correct this line",
 }
 
 

@@ -142,14 +142,15 @@ def test_tools_of_a_library_without_operations_are_refused(job_file: Path) -> No
 FAULTS = {
     'diameter = "x"': 'diameter must be a number > 0, not "x" ([[tools]] 2)',
     "diamter = 3.0": 'unknown key "diamter" ([[tools]] 2); nearest is diameter',
-    "number = 2": "number 2 is another tool's too ([[tools]] 2); give each its own",
-    'name = "mill 6"': 'name "mill 6" is another tool\'s too ([[tools]] 2); give each its own',
+    "number = 2": "number 2 is also that of another tool ([[tools]] 2); give each its own",
+    'name = "mill 6"': 'name "mill 6" is also that of another tool ([[tools]] 2); '
+    "give each its own",
     "": "a tool of a library has no name ([[tools]] 2); name it: jobs find it by its name",
     'file = "a.toml"': 'unknown key "file" ([[tools]] 2); it belongs to [tool]',
     'feed = "20 mm"': "feed must be a number in mm/s or a text with its unit, not",
     "length = [": "is not TOML: ",
-    "[cell]": "[cell] stands in a library of tools; keep [[tools]] alone in it",
-    "[[operations]]": "[[operations]] 0 stands in a library of tools; keep [[tools]] alone in it",
+    "[cell]": "is a library of tools, but has [cell]; keep only [[tools]] in it",
+    "[[operations]]": "is a library of tools, but has [[operations]] 0; keep only [[tools]] in it",
 }
 
 
@@ -175,8 +176,14 @@ def test_a_library_without_tools_is_refused(job_file: Path) -> None:
     ("setting", "message"),
     [
         # Row 0 of the job lies over "mill 6": with the number of "mill 3" it is the job's fault.
-        ("tools.0.number=3", "number 3 is another tool's too ([[tools]] 0); give each its own"),
-        ("tools.1.number=2", "number 2 is another tool's too ([[tools]] 1); give each its own"),
+        (
+            "tools.0.number=3",
+            "number 3 is also that of another tool ([[tools]] 0); give each its own",
+        ),
+        (
+            "tools.1.number=2",
+            "number 2 is also that of another tool ([[tools]] 1); give each its own",
+        ),
         ("tools.0.diameter=0", "diameter must be a number > 0, not 0 ([[tools]] 0)"),
         ("tools.0.file=a", 'unknown key "file" ([[tools]] 0); it belongs to [tool]'),
         ("tool.file=3", "file must be a text, not 3 ([tool])"),

@@ -298,7 +298,7 @@ def test_a_clipped_reference_is_skipped() -> None:
     part = read(document)
     assert len(part.contours) == 1
     assert notes(part) == [
-        "skipped: 1 INSERT on layer 0: #35 (clipped (XCLIP), which cannot be honoured; explode it)"
+        "skipped: 1 INSERT on layer 0: #35 (clipped (XCLIP), which is not supported; explode it)"
     ]
 
 

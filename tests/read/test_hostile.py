@@ -99,13 +99,13 @@ HOSTILE = {
     ),
     "uses.svg": (
         svg(USES + '<g id="g10"><path d="M0 0h9"/></g>'),
-        "more than 100,000 elements come of its references",
+        "its references draw more than 100,000 elements",
     ),
     "small arc.svg": (
         svg('<path d="M0 0 A1e-300 1e-300 0 0 1 9 9"/>'),
-        "an arc beyond all measure",
+        "an arc that is too large",
     ),
-    "large arc.svg": (svg('<path d="M0 0 A1e308 1e308 0 0 1 9 9"/>'), "an arc beyond all measure"),
+    "large arc.svg": (svg('<path d="M0 0 A1e308 1e308 0 0 1 9 9"/>'), "an arc that is too large"),
     "page.svg": (
         svg('<path d="M0 0h9"/>', 'width="1e308mm" height="9"'),
         "width is beyond 1,000,000 mm",

@@ -235,8 +235,8 @@ def test_a_large_picture_is_looked_at_closely_only_around_the_part(
         with monkeypatch.context() as patch:
             patch.setattr(image, "_LARGE", 1000)
             near = camgen.build(file, post="gcode", job=job)
-        assert any("looked at closely" in note.what for note in near.notes)
-        assert not any("looked at closely" in note.what for note in whole.notes)
+        assert any("examined in full resolution" in note.what for note in near.notes)
+        assert not any("examined in full resolution" in note.what for note in whole.notes)
         assert near.part.raster is not None
         assert whole.part.raster is not None
         assert near.part.raster.mask.size < 0.9 * whole.part.raster.mask.size

@@ -88,7 +88,7 @@ CASES = {
     ),
     "svg_bytes": Case("a.svg", SVG, 20, "has more than 20 bytes"),
     "svg_depth": Case("a.svg", DEEP, 0.5, "references stand more than 0.5 deep within each other"),
-    "svg_uses": Case("a.svg", SVG, 3, "more than 3 elements come of its references"),
+    "svg_uses": Case("a.svg", SVG, 3, "its references draw more than 3 elements"),
     "svg_elements": Case("a.svg", SVG, 2, "has more than 2 elements"),
     "svg_page": Case("a.svg", SVG, 50, "width is beyond 50 mm"),
     "picture_pixels": Case(
@@ -101,8 +101,10 @@ CASES = {
         "its pixels take 648 bytes, more than 80",
         ("image.mm_per_px=1",),
     ),
-    "camera_bytes": Case("a.png", GEAR, 5, "has more than 5 bytes: no camera file", CAMERA),
-    "mesh_place": Case("a.stl", STL, 1, "beyond all measure"),
+    "camera_bytes": Case(
+        "a.png", GEAR, 5, "has more than 5 bytes, too many for a camera file", CAMERA
+    ),
+    "mesh_place": Case("a.stl", STL, 1, "or too large"),
     "step_seconds": Case("a.step", STEP, 1e-4, "takes the CAD kernel more than 0.0001 s"),
     "step_place": Case("a.step", STEP, 1, "no part is so large"),
     "model_bytes": Case("a.3mf", three_mf(), 5, "its model unpacks to more than 5 bytes"),

@@ -163,17 +163,17 @@ def nan_binary() -> bytes:
 REFUSED = {
     "numbers.stl": (
         nan_binary(),
-        "that are not numbers, or beyond all measure (the first is face 5)",
+        "that are not numbers, or too large (the first is face 5)",
     ),
     "text.stl": (
         ascii_stl("nan 0 0").encode(),
-        "that are not numbers, or beyond all measure (the first is face 4)",
+        "that are not numbers, or too large (the first is face 4)",
     ),
     "short.stl": (nan_binary()[:300], "the file ends before its last face, 4 of 12 are there"),
     "empty.stl": (b"", "the file is empty"),
     "none.stl": (b"solid a\nendsolid a\n", "has no faces"),
-    "words.stl": (b"this is a letter about a part, it is no mesh at all", "is no STL mesh"),
-    "letter.stl": (b"this is a longer letter about a part, " * 9, "is no STL mesh"),
+    "words.stl": (b"this is a letter about a part, it is no mesh at all", "is not an STL mesh"),
+    "letter.stl": (b"this is a longer letter about a part, " * 9, "is not an STL mesh"),
     "points.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "has no faces"),
     "lost.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n", "damaged or no OFF mesh"),
     "flat.stl": (bytes(80) + struct.pack("<I", 1) + bytes(50), "has no face with an area"),

@@ -156,13 +156,19 @@ def test_charuco_boards_as_opencv_drew_them_before() -> None:
     ("make", "says"),
     [
         (lambda: boards.make_chessboard(2, 6, 25), "--board: 2x6 inner corners cannot be found"),
-        (lambda: boards.make_chessboard(9, 6, 0), "--square: 0 is no length in mm"),
-        (lambda: boards.make_chessboard(9, 6, float("nan")), "--square: nan is no length"),
+        (lambda: boards.make_chessboard(9, 6, 0), "--square: must be a length above 0 mm, not 0"),
+        (
+            lambda: boards.make_chessboard(9, 6, float("nan")),
+            "--square: must be a length above 0 mm, not nan",
+        ),
         (
             lambda: boards.make_charuco(7, 5, 25, 25),
             "--marker: markers of 25 mm do not fit into squares of 25 mm",
         ),
-        (lambda: boards.make_charuco(7, 5, 25, -3), "--marker: -3 is no length"),
+        (
+            lambda: boards.make_charuco(7, 5, 25, -3),
+            "--marker: must be a length above 0 mm, not -3",
+        ),
         (
             lambda: boards.make_charuco(7, 5, 25, 18, "9X9"),
             "--dictionary: there is no '9X9'; give one of 4X4_100,",

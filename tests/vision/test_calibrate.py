@@ -155,7 +155,8 @@ def test_a_wide_angle_lens_gets_more_coefficients_and_only_it() -> None:
 def test_boards_that_were_not_tilted() -> None:
     for tilt in (0.01, 0.5):
         with pytest.raises(
-            InputError, match=r"p0 and 5 more: the photos do not tell the focal length; .* tilted"
+            InputError,
+            match=r"p0 and 5 more: the photos do not determine the focal length; .* tilted",
         ):
             fit_camera(photos(CAMERA, 6, tilt=tilt), BOARD, "x")
     found = fit_camera(photos(CAMERA, 6, tilt=4), BOARD, "x")
@@ -311,7 +312,7 @@ def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
         ({"board": "9 by 6"}, "--board: '9 by 6' is no board; give columns x rows"),
         ({"dictionary": "4X4_50"}, "--dictionary: a chessboard has no markers; give --marker"),
         ({"preview": "residuals.png"}, "residuals.png: is no kind of picture"),
-        ({"square": -1.0}, "--square: -1.0 is no length in mm"),
+        ({"square": -1.0}, "--square: must be a length above 0 mm, not -1.0"),
     ],
 )
 def test_options_that_cannot_be(tmp_path: Path, given: dict[str, object], says: str) -> None:

@@ -222,8 +222,8 @@ def test_a_printed_length_scales_everything() -> None:
         ({"marker": 3.0}, "markers of 3 mm do not fit on A4; give 8 to 57.1 mm"),
         ({"marker": 80.0}, "markers of 80 mm do not fit"),
         ({"marker": float("nan")}, "do not fit"),
-        ({"printed": 9.94}, "cannot have printed as 9.94 mm"),
-        ({"printed": float("inf")}, "cannot have printed"),
+        ({"printed": 9.94}, "cannot be 9.94 mm long in print"),
+        ({"printed": float("inf")}, "cannot be inf mm long in print"),
     ],
 )
 def test_sheets_that_cannot_be(given: dict[str, object], what: str) -> None:

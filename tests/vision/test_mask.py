@@ -447,7 +447,7 @@ def test_a_given_threshold_off_the_middle_is_kept_and_noted() -> None:
 
 
 BLANK = "part.png: shows no part: nothing in it stands out from the bench along its border; put the part on a bench of"
-OUTSIDE = "; leave bench all round the part, crop or cover what is no part"
+OUTSIDE = "; leave bench around the whole part, crop or cover what is not the part"
 
 
 @pytest.mark.parametrize(
@@ -492,8 +492,8 @@ def test_a_frame_or_a_part_all_over() -> None:
     with pytest.raises(InputError) as refused:
         part_mask(seen(pixels), threshold=130, invert=True, name="part.png")
     assert str(refused.value) == (
-        "part.png: the part fills the picture, or a frame runs round it; leave bench all round the part, crop what is"
-        " no bench"
+        "part.png: the part fills the picture, or a frame surrounds it; "
+        "leave bench around the whole part, crop what is not bench"
     )
 
 
@@ -510,7 +510,7 @@ def test_a_frame_or_a_part_all_over() -> None:
         ),
         (
             {"color": [1, 2, 300]},
-            "[image] color: [1.0, 2.0, 300.0] is no colour; give [red, green, blue], each 0 to 255",
+            "[image] color: [1.0, 2.0, 300.0] is not a colour; give [red, green, blue], each 0 to 255",
         ),
         (
             {"background": seen(np.zeros((10, 20), np.uint8))},

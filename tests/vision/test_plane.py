@@ -267,9 +267,9 @@ def test_degenerate_points_are_named(points: list[tuple[float, float]], what: st
             [[1, 2], [3, 4], [5, 7]],
             "4 points in the photo and 3 in mm",
         ),
-        ([1, 2, 3], [[1, 2]], "no list of points"),
-        ([[1, 2], [3]], [[1, 2], [3, 4]], "no list of points"),
-        ([["a", "b"]] * 4, [[1, 2]] * 4, "no list of points"),
+        ([1, 2, 3], [[1, 2]], "not a list of points"),
+        ([[1, 2], [3]], [[1, 2], [3, 4]], "not a list of points"),
+        ([["a", "b"]] * 4, [[1, 2]] * 4, "not a list of points"),
         (
             [[1, 2], [3, 4], [5, 7], [8, float("nan")]],
             [[1, 2], [3, 4], [5, 7], [8, 1]],

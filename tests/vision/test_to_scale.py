@@ -6,7 +6,7 @@ import pytest
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
-from camgen.vision.camera.camera import Camera, distort
+from camgen.vision.camera.camera import Camera, distort, sample_photo
 from camgen.vision.image import Picture
 from camgen.vision.plane import fit_plane, make_plane, map_points
 from camgen.vision.to_scale import (
@@ -18,7 +18,6 @@ from camgen.vision.to_scale import (
     measure_mm_per_pixel,
     rectify,
     remap,
-    sample_photo,
 )
 from tests.vision.test_plane import LENS, MATRIX, PINHOLE, looking, seen
 
@@ -247,7 +246,7 @@ def test_a_region_partly_or_wholly_outside_of_the_photo() -> None:
     with pytest.raises(InputError, match=r"does not show the region \(\[500, 500, 510, 510\] mm\)"):
         rectify(blank(SMALL), SMALL, plane, (500, 500, 510, 510))
     for bad in ((0.0, 0, 0, 5), (0.0, 0, float("nan"), 5), (5.0, 0, 1, 5)):
-        with pytest.raises(JobError, match="is no rectangle"):
+        with pytest.raises(JobError, match="is not a rectangle"):
             rectify(blank(SMALL), SMALL, plane, bad)
 
 

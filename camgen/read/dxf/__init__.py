@@ -7,7 +7,6 @@ ends are joined, and the meaning of each note.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 
 import numpy as np
 from ezdxf.document import Drawing
@@ -30,7 +29,7 @@ from camgen.read.files import Files
 from camgen.read.layers import NOT_ASKED
 from camgen.read.marks import Mark, add_marks
 from camgen.read.open_outlines import find_open_outlines
-from camgen.read.pieces import FARTHEST, describe_elements
+from camgen.read.pieces import FARTHEST, describe_elements, format_counts, list_first
 
 #: Curves and blocks that a note names one by one. The others are counted.
 _NAMED = 5
@@ -80,17 +79,17 @@ class DxfFacts(Struct, frozen=True):
     colors: str = ""
 
     def __str__(self) -> str:
-        width, height = short(self.size[0], 3), short(self.size[1], 3)
         contours = f"contours: {self.closed} closed, {self.open} open"
         if self.space:
             contours += f"; {counted(self.space, 'curve')} in space"
         lines = [
-            f"DXF {self.version}, units {self.units}, used part {width} x {height} mm",
-            f"entities: {_format_counts(self.counts)}",
+            f"DXF {self.version}, units {self.units}, used part {units.format_size(self.size)} mm",
+            f"entities: {format_counts(dict(self.counts))}",
             contours,
         ]
         for layer in self.layers:
-            lines.append(f"layer {layer.name}: {layer.state}; {_format_counts(layer.counts)}")
+            counts = format_counts(dict(layer.counts))
+            lines.append(f"layer {layer.name}: {layer.state}; {counts}")
         if self.colors:
             lines.append(self.colors)
         return "\n".join([*lines, *map(str, self.notes)])
@@ -153,7 +152,7 @@ def _report_empty(name: str, drawing: _Drawing) -> InputError:
     reasons += [f"{note.what}: {note.why}" for note in drawing.entity_notes]
     empty, remedy = "the drawing is empty", "draw curves on a visible layer"
     if drawing.unplaced:
-        names = _join_first([repr(harmless(block)) for block in drawing.unplaced], ", ", " ")
+        names = list_first([repr(harmless(block)) for block in drawing.unplaced], _NAMED)
         verb = "block {} is" if len(drawing.unplaced) == 1 else "blocks {} are"
         empty += f": {verb.format(names)} nowhere placed"
         remedy = "insert its block in model space"
@@ -256,13 +255,6 @@ def _make_contours(
     return contours, (*notes, *joint_notes)
 
 
-def _join_first(texts: Sequence[str], separator: str, last_separator: str) -> str:
-    """The first `_NAMED` of `texts`, and the number of the others."""
-    listed = separator.join(texts[:_NAMED])
-    more = len(texts) - _NAMED
-    return f"{listed}{last_separator}and {more} more" if more > 0 else listed
-
-
 def _list_blocks(document: Drawing) -> tuple[str, ...]:
     """Names of the blocks that are not empty, except layouts and anonymous blocks."""
     names = []
@@ -306,13 +298,18 @@ def _read_units(name: str, document: Drawing, data: bytes) -> tuple[int, int | N
     """
     values: list[int | None] = []
     for key in ("$INSUNITS", "$MEASUREMENT"):
-        value = document.header.get(key, 0) if key.encode() in data else None
+        if key.encode() not in data:
+            values.append(None)
+            continue
+        value = document.header.get(key, 0)
         try:
-            values.append(None if value is None else int(value))
+            values.append(int(value))
         except ValueError as error:
-            remedy = "save it again from the CAD program, or mend the header"
             raise InputError(
-                name, f"is damaged: {str(value)[:20]!r} is no number", key, remedy
+                name,
+                f"is damaged: {str(value)[:20]!r} is not a number",
+                key,
+                "save it again from the CAD program, or correct the header",
             ) from error
     insunits, measurement = values
     return insunits or 0, measurement
@@ -330,10 +327,6 @@ def _measure_size(contours: tuple[Contour, ...], curves: tuple[Curve, ...]) -> t
     return tuple(size)
 
 
-def _format_counts(counts: tuple[tuple[str, int], ...]) -> str:
-    return ", ".join(f"{count} {kind}" for kind, count in counts) or "none"
-
-
 def _tally(counts: Counter[tuple[str, str]]) -> str:
     return describe_elements(
         [kind for kind, _ in counts.elements()], [layer for _, layer in counts]
@@ -349,7 +342,7 @@ def _note_unused(drawn: DrawnEntities) -> list[Note]:
             notes.append(Note("repaired", f"dropped: {_tally(counts)}", why))
         else:
             handles = [f"#{harmless(handle)}" for handle in drawn.handles.get(why, [])]
-            listed = f": {_join_first(handles, ', ', ' ')}" if handles else ""
+            listed = f": {list_first(handles, _NAMED)}" if handles else ""
             notes.append(Note("skipped", _tally(counts) + listed, why))
     return notes
 
@@ -358,7 +351,7 @@ def _note_tilted_and_damaged(drawn: DrawnEntities, flat: Flat) -> list[Note]:
     notes = []
     if flat.damaged:
         damaged = [_name_entity(drawn, owner) for owner in flat.damaged]
-        notes.append(Note("skipped", _join_first(damaged, "; ", "; "), _NOT_CREDIBLE))
+        notes.append(Note("skipped", list_first(damaged, _NAMED, "; ", "; "), _NOT_CREDIBLE))
     if flat.tilted:
         tilted = [
             f"{_name_entity(drawn, owner)} leaves the plane by {short(height, 3)} mm"
@@ -366,7 +359,8 @@ def _note_tilted_and_damaged(drawn: DrawnEntities, flat: Flat) -> list[Note]:
         ]
         why = "curves must be flat and parallel to the XY plane; nothing is projected"
         remedy = 'operation.kind = "trace" follows them in space'
-        notes.append(Note("skipped", _join_first(tilted, "; ", "; "), f"{why}; {remedy}"))
+        what = list_first(tilted, _NAMED, "; ", "; ")
+        notes.append(Note("skipped", what, f"{why}; {remedy}"))
     return notes
 
 
@@ -379,8 +373,13 @@ def _note_open_splines(drawn: DrawnEntities, flat: Flat, tolerance: float) -> li
     ]
     if not names:
         return []
-    what = f"marked closed but open: {_join_first(names, '; ', '; ')}"
-    return [Note("warning", what, "used as its points say; close it in the CAD program")]
+    return [
+        Note(
+            "warning",
+            f"marked closed but open: {list_first(names, _NAMED, '; ', '; ')}",
+            "used as its points say; close it in the CAD program",
+        )
+    ]
 
 
 def _name_entity(drawn: DrawnEntities, owner: int) -> str:

@@ -273,7 +273,7 @@ def _find_commas(tags: Tags, damaged: Index) -> Index:
     thousands.
     """
     texts = tags.values(damaged, LONGEST_NUMBER)
-    has_comma = _have_decimal_commas(texts)
+    has_comma = np.array([_COMMA.fullmatch(text) is not None for text in texts.tolist()], np.bool_)
     commas = damaged[has_comma]
     if not len(commas):
         return commas
@@ -318,19 +318,13 @@ def _are_plain(texts: Texts) -> Mask:
 
     Other spellings of a number are not among them: exponents, and blanks after the digits.
     """
-    width = texts.itemsize
-    kinds = _LETTERS[texts.view(np.uint8).reshape(len(texts), width)]
+    kinds = _LETTERS[texts.view(np.uint8).reshape(len(texts), texts.itemsize)]
     pairs = kinds[:, :-1] * np.uint8(_KINDS) + kinds[:, 1:]
     last = kinds[:, -1]
     plain = _FOLLOWS[pairs].all(axis=1) & (kinds[:, 0] != _END)
     plain &= (last == _END) | (last == _DIGIT) | (last == _POINT)
     plain &= (kinds == _POINT).sum(axis=1) <= 1
-    digits = (kinds == _DIGIT).sum(axis=1)
-    return np.asarray(plain & (digits > 0))
-
-
-def _have_decimal_commas(texts: Texts) -> Mask:
-    return np.array([_COMMA.fullmatch(text) is not None for text in texts.tolist()], np.bool_)
+    return np.asarray(plain & (kinds == _DIGIT).any(axis=1))
 
 
 # Groups.
@@ -371,7 +365,7 @@ def _check_groups(lines: _Lines, entities: Index, required: tuple[int, ...]) -> 
     order = np.argsort(key, kind="stable")
     again = np.flatnonzero(key[order][1:] == key[order][:-1])
     for k in again.tolist():
-        first, second = (int(rows[order[place]]) for place in (k, k + 1))
+        first, second = rows[order[k : k + 2]].tolist()
         values = f"{_show(tags.value(first))} and {_show(tags.value(second))}"
         cause = f"line {lines.line[second]}: group {tags.code[first]} is there twice, {values}"
         causes.setdefault(int(owner[order[k]]), cause)
@@ -426,8 +420,7 @@ def _remove_entities(
 ) -> tuple[list[Note], list[tuple[int, int, bytes]]]:
     tags = lines.tags
     notes, edits = [], []
-    end = len(tags.text)
-    bounds = np.append(tags.at[tags.head], end)
+    bounds = np.append(tags.at[tags.head], len(tags.text))
     for entity, cause in sorted(causes.items()):
         if entity not in lines.lost and not _holds_entity(tags, sections, entity):
             continue
@@ -476,8 +469,9 @@ def _check_units_and_states(name: str, lines: _Lines, tag: int, entity: int) -> 
     elif record == "LAYER" and tags.code[tag] in _STATE:
         place = f"line {lines.line[tag]}, layer {harmless(_text(tags, entity, _NAME))}"
     if place:
-        remedy = "save it again from the CAD program, or correct the line"
-        raise InputError(name, value, place, remedy)
+        raise InputError(
+            name, value, place, "save it again from the CAD program, or correct the line"
+        )
 
 
 def _variable(tags: Tags, tag: int) -> str:
@@ -506,7 +500,8 @@ def _describe(tags: Tags, entity: int, tag: int = 0) -> str:
     kind = _read_kind(tags, entity)
     if kind == "SECTION":
         return _variable(tags, tag) or "the header"
-    handle, layer, label = (_text(tags, entity, code) for code in (_HANDLE, _LAYER, _NAME))
+    handle, layer = _text(tags, entity, _HANDLE), _text(tags, entity, _LAYER)
+    label = _text(tags, entity, _NAME)
     text = harmless(kind)
     if label and kind in ("BLOCK", "INSERT"):
         text += f" {harmless(label)!r}"
@@ -521,15 +516,18 @@ def _note_commas(lines: _Lines, commas: Index) -> Note:
     read = short(float(value.replace(b",", b".")), 6)
     what = f"decimal commas in {counted(len(commas), 'number')}"
     example = f"line {lines.line[first]}: {_show(value)} is read as {read}"
-    why = f"no number of their section has a point; {example}"
-    return Note("assumed", what, why)
+    return Note("assumed", what, f"no number of their section has a point; {example}")
 
 
 def _note_zero(lines: _Lines, tag: int, record: str) -> Note:
     tags = lines.tags
     value = _show(tags.value(tag))
-    what = f"line {lines.line[tag]}: group {tags.code[tag]} of {record} was {value}, read as 0"
-    return Note("repaired", what, f"not a number; {SAVE_AGAIN}", strict=True)
+    return Note(
+        "repaired",
+        f"line {lines.line[tag]}: group {tags.code[tag]} of {record} was {value}, read as 0",
+        f"not a number; {SAVE_AGAIN}",
+        strict=True,
+    )
 
 
 def _limit(notes: list[Note], noun: str) -> Iterable[Note]:
@@ -537,8 +535,15 @@ def _limit(notes: list[Note], noun: str) -> Iterable[Note]:
     if len(notes) <= _NAMED:
         return notes
     rest = notes[_NAMED]
-    what = f"{len(notes) - _NAMED} more damaged {noun}"
-    return [*notes[:_NAMED], Note(rest.kind, what, f"the first: {rest.what}", strict=rest.strict)]
+    return [
+        *notes[:_NAMED],
+        Note(
+            rest.kind,
+            f"{len(notes) - _NAMED} more damaged {noun}",
+            f"the first: {rest.what}",
+            strict=rest.strict,
+        ),
+    ]
 
 
 def _show(value: bytes) -> str:

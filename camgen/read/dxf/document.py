@@ -87,8 +87,9 @@ def _load_binary(name: str, data: bytes) -> Loaded:
         document.modelspace()
     except _LOAD_ERRORS as error:
         # The tolerant reader of ezdxf takes text only.
-        what = f"damaged beyond repair: {_format(error)}"
-        raise InputError(name, what, "binary DXF", SAVE_AGAIN) from error
+        raise InputError(
+            name, f"damaged beyond repair: {_format(error)}", "binary DXF", SAVE_AGAIN
+        ) from error
     return Loaded(document, None, notes)
 
 
@@ -104,23 +105,25 @@ def _load_text(name: str, data: bytes, notes: tuple[Note, ...]) -> Loaded:
         document, auditor = recover.read(BytesIO(data))
         document.modelspace()
     except _LOAD_ERRORS as error:
-        what = f"damaged beyond repair: {_format(error)}"
-        raise InputError(name, what, "", SAVE_AGAIN) from error
+        raise InputError(
+            name, f"damaged beyond repair: {_format(error)}", "", SAVE_AGAIN
+        ) from error
     faults = [fault.message for fault in (*auditor.fixes, *auditor.errors)]
     return Loaded(document, None, (*notes, *_note_faults(cause, faults)))
 
 
 def _note_faults(cause: str, faults: list[str]) -> list[Note]:
-    notes = [
-        Note("skipped", match[1].replace("(#", " #").rstrip(")"), harmless(fault, 120))
-        for fault in faults
-        if (match := _REMOVED.match(fault))
-    ]
     what = f"the file is damaged: {cause}"
     if faults:
         count = counted(len(faults), "fault")
         what = f"the file is damaged and was read tolerantly, {count} repaired: {cause}"
-    return [Note("repaired", what, f"compare the contours, or {SAVE_AGAIN}"), *notes]
+    notes = [Note("repaired", what, f"compare the contours, or {SAVE_AGAIN}")]
+    for fault in faults:
+        match = _REMOVED.match(fault)
+        if match:
+            entity = match[1].replace("(#", " #").rstrip(")")
+            notes.append(Note("skipped", entity, harmless(fault, 120)))
+    return notes
 
 
 def _load_rest(plain: Split) -> Drawing | None:

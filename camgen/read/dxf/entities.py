@@ -66,7 +66,7 @@ def _find_fault(entity: Any, block: Any, attributes: Attributes, enclosing: tupl
     if not (attributes.get("xscale", 1.0) and attributes.get("yscale", 1.0)):
         return "scaled to nothing"
     if entity.has_extension_dict and _is_clipped(entity):
-        return "clipped (XCLIP), which cannot be honoured; explode it"
+        return "clipped (XCLIP), which is not supported; explode it"
     return ""
 
 
@@ -110,8 +110,7 @@ def _list_cells(attributes: Attributes, base: tuple[float, float, float]) -> Ite
     for row in range(rows):
         for column in range(columns):
             translation = np.eye(4)
-            step = rotation[:3, :3] @ (column * dx, row * dy, 0.0)
-            translation[:3, 3] = step + insertion
+            translation[:3, 3] = rotation[:3, :3] @ (column * dx, row * dy, 0.0) + insertion
             yield ocs @ translation @ rotation @ scale
 
 
@@ -327,11 +326,12 @@ class _EntityCount:
                 columns, rows = _read_array(attributes)
                 total += columns * rows * (1 + self._count_block(attributes, enclosing))
             if total > self.limits.dxf_entities:
-                what = (
-                    f"blocks expand to more than {format_limit(self.limits.dxf_entities)} entities"
+                raise InputError(
+                    self.name,
+                    f"blocks expand to more than {format_limit(self.limits.dxf_entities)} entities",
+                    enclosing[-1] if enclosing else "",
+                    "explode or thin them, or raise limits.dxf_entities",
                 )
-                remedy = "explode or thin them, or raise limits.dxf_entities"
-                raise InputError(self.name, what, enclosing[-1] if enclosing else "", remedy)
         return total
 
     def _count_block(self, attributes: Attributes, enclosing: tuple[str, ...]) -> int:
@@ -341,9 +341,12 @@ class _EntityCount:
             return 0  # `_find_fault` reports it
         if len(enclosing) >= self.limits.dxf_depth:
             depth = format_limit(self.limits.dxf_depth)
-            what = f"blocks stand more than {depth} deep within each other"
-            remedy = "explode them, or raise limits.dxf_depth"
-            raise InputError(self.name, what, harmless(block), remedy)
+            raise InputError(
+                self.name,
+                f"blocks stand more than {depth} deep within each other",
+                harmless(block),
+                "explode them, or raise limits.dxf_depth",
+            )
         if key not in self.cache:
             self.cache[key] = self.count(self.blocks.get(block), (*enclosing, key))
         return self.cache[key]

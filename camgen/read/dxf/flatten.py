@@ -8,6 +8,7 @@ another one they become elliptical and are approximated by arcs and lines.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -17,7 +18,7 @@ from camgen.geometry import curves
 from camgen.geometry.ragged import begins, following, offsets, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.entities import DrawnEntities, Smooth
-from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, are_credible
+from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, are_credible, index_names
 
 #: mm: rounding of coordinates. A flat curve may leave its plane by this,
 FLAT_MM = 1e-3
@@ -45,7 +46,7 @@ class Flat(Struct, frozen=True, eq=False):
     gaps: dict[int, float]
 
 
-class EntityRows(Struct, frozen=True, eq=False):
+class EntityRows(NamedTuple):
     """P pieces of lines and arcs.
 
     owner: (P,) number of the entity of each piece.
@@ -160,7 +161,7 @@ def _list_arcs(drawn: DrawnEntities) -> EntityRows:
 
 def _list_outlines(drawn: DrawnEntities) -> EntityRows:
     owner = np.array(drawn.outline_owner, dtype=np.intp)
-    counts = np.array([len(outline) for outline in drawn.outlines], dtype=np.intp)
+    counts = np.array(list(map(len, drawn.outlines)), dtype=np.intp)
     rows = np.concatenate([np.zeros((0, 4)), *drawn.outlines])
     _clear_last_bulges(rows, counts, np.array(drawn.closed, dtype=np.bool_)[owner])
     return EntityRows(owner, counts, rows)
@@ -171,14 +172,13 @@ def _clear_last_bulges(rows: FloatArray, counts: IntArray, is_closed: BoolArray)
 
 
 def _concatenate(parts: list[EntityRows]) -> EntityRows:
-    owner = np.concatenate([part.owner for part in parts])
-    counts = np.concatenate([part.counts for part in parts])
-    return EntityRows(owner, counts, np.concatenate([part.rows for part in parts]))
+    return EntityRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _keep_angles(matrices: FloatArray) -> BoolArray:
     u, v = matrices[:, :2, 0], matrices[:, :2, 1]
-    uu, vv, uv = (np.einsum("md,md->m", a, b) for a, b in ((u, u), (v, v), (u, v)))
+    uu, vv = np.einsum("md,md->m", u, u), np.einsum("md,md->m", v, v)
+    uv = np.einsum("md,md->m", u, v)
     size = np.maximum(uu, vv)
     return np.asarray((np.abs(uu - vv) <= _SIMILAR * size) & (np.abs(uv) <= _SIMILAR * size))
 
@@ -336,8 +336,8 @@ def _fit(chains: list[_Chain], chord: float) -> EntityRows:
 
 def _list_empty_pieces(drawn: DrawnEntities) -> Soup:
     """A piece without points for each entity, with its layer and so on."""
-    layers, layer = _index_names(drawn.layer)
-    kinds, kind = _index_names(drawn.kind)
+    layers, layer = index_names(drawn.layer)
+    kinds, kind = index_names(drawn.kind)
     return Soup(
         points=np.zeros((0, 2)),
         bulges=np.zeros(0),
@@ -350,13 +350,6 @@ def _list_empty_pieces(drawn: DrawnEntities) -> Soup:
         kinds=kinds,
         colors=tuple(drawn.colors.names),
     )
-
-
-def _index_names(names: list[str]) -> tuple[tuple[str, ...], IntArray]:
-    """The different names, sorted, and the index of each name among them."""
-    different = sorted(set(names))
-    index_of = {name: index for index, name in enumerate(different)}
-    return tuple(different), np.array([index_of[name] for name in names], dtype=np.intp)
 
 
 def _make_soup(empty: Soup, pieces: EntityRows) -> Soup:

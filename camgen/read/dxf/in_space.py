@@ -38,9 +38,12 @@ def place_in_space(name: str, drawn: DrawnEntities, chord: float, limits: Limits
     for owner, chain in _list_chains(drawn, chord):
         count += len(chain[1])
         if count > limits.motions:
-            what = f"its curves come to more than {format_limit(limits.motions)} lines and arcs"
-            remedy = "raise tolerance.chord, check input.units, or raise limits.motions"
-            raise InputError(name, what, "", remedy)
+            raise InputError(
+                name,
+                f"its curves come to more than {format_limit(limits.motions)} lines and arcs",
+                "",
+                "raise tolerance.chord, check input.units, or raise limits.motions",
+            )
         chains.append((owner, chain))
     chains.sort(key=itemgetter(0))
     return [Piece(drawn.kind[owner], drawn.layer[owner], *chain) for owner, chain in chains]

@@ -119,8 +119,7 @@ def split(data: bytes, least: int = LEAST) -> Split | None:
         return None
     columns = _find_plain(tags)
     # An entity that is followed by parts of it stays, since the parts stay.
-    is_plain = (columns.kind >= 0) & ~np.append(tags.are(_PARTS)[1:], False)
-    runs = true_runs(is_plain)
+    runs = true_runs((columns.kind >= 0) & ~np.append(tags.are(_PARTS)[1:], False))
     runs = runs[runs[:, 1] - runs[:, 0] >= least]
     return _cut(data, section, tags, columns, runs) if len(runs) else None
 
@@ -181,15 +180,14 @@ def _index_codes(kind: int, codes: list[int]) -> dict[int, int] | None:
     Returns None if an entity with this sequence is not plain.
     """
     index_of = {code: k for k, code in enumerate(codes) if k and code != _MARKER}
-    count = len(codes) - 1 - codes.count(_MARKER)
-    if len(index_of) < count or _LAYER not in index_of:
+    if len(index_of) < len(codes) - 1 - codes.count(_MARKER) or _LAYER not in index_of:
         return None
     allowed = set(_PROPERTIES)
     for group in _GEOMETRY[kind]:
         # A point without z has height 0.
         present = group if group[-1] in index_of else group[:2]
         first = index_of.get(present[0], -2)
-        if any(index_of.get(code, -1) != first + k for k, code in enumerate(present)):
+        if [index_of.get(code) for code in present] != list(range(first, first + len(present))):
             return None
         allowed |= set(present)
     return index_of if allowed.issuperset(index_of) else None

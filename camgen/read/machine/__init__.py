@@ -18,11 +18,10 @@ def read_machine(source: Source) -> Machine:
 
     Raises InputError for another file, and for values that are missing or impossible.
     """
-    text = source.data.decode("utf-8-sig", "replace")
-    lines = _LINE_END.split(text)
-    if _has(SETTING, lines):
+    lines = _LINE_END.split(source.data.decode("utf-8-sig", "replace"))
+    if any(map(SETTING.match, lines)):
         return read_listing(source.name, lines)
-    if _has(SECTION, lines):
+    if any(map(SECTION.match, lines)):
         return read_ini(source.name, lines)
     raise InputError(
         source.name,
@@ -30,7 +29,3 @@ def read_machine(source: Source) -> Machine:
         "cell.machine",
         "save what GRBL answers to $$, or name the .ini of the machine",
     )
-
-
-def _has(pattern: re.Pattern[str], lines: list[str]) -> bool:
-    return any(pattern.match(line) for line in lines)

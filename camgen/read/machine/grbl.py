@@ -25,11 +25,11 @@ _MINUTE, _MILLISECOND = 60.0, 1e-3
 _STAYS_ON = 255
 #: Settings that a listing may lack, with the firmware's own values and their meaning.
 _DEFAULTS = {
-    "$1": (25.0, "ms of idle delay at a stop"),
-    "$12": (0.002, "mm of arc tolerance"),
-    "$100": (250.0, "steps/mm in X"),
-    "$101": (250.0, "steps/mm in Y"),
-    "$102": (250.0, "steps/mm in Z"),
+    "$1": ("25", "ms of idle delay at a stop"),
+    "$12": ("0.002", "mm of arc tolerance"),
+    "$100": ("250", "steps/mm in X"),
+    "$101": ("250", "steps/mm in Y"),
+    "$102": ("250", "steps/mm in Z"),
 }
 
 
@@ -38,21 +38,28 @@ def read_listing(file: str, lines: list[str]) -> Machine:
 
     Raises InputError for a limit that is missing or impossible, and for a setting with two values.
     """
-    settings = Settings(file, _find_values(file, lines), "save all that GRBL answers to $$")
-    notes = [
-        Note("assumed", f"{name} = {value:g} {meaning}", f"{file} lacks it; the firmware's default")
-        for name, (value, meaning) in _DEFAULTS.items()
-        if name not in settings.values
-    ]
+    values = _find_values(file, lines)
+    notes: list[Note] = []
+    for name, (text, meaning) in _DEFAULTS.items():
+        if name not in values:
+            values[name] = Value(text, 0)
+            notes.append(
+                Note(
+                    "assumed",
+                    f"{name} = {text} {meaning}",
+                    f"{file} lacks it; the firmware's default",
+                )
+            )
+    settings = Settings(file, values, "save all that GRBL answers to $$")
     x, y, z = _read_axes(settings, "$13")
     x_rate, y_rate, z_rate = _read_axes(settings, "$11")
     axes = Axes(
         (x_rate / _MINUTE, y_rate / _MINUTE, z_rate / _MINUTE),
         _read_axes(settings, "$12"),
-        _read_steps(settings),
+        _read_axes(settings, "$10"),
     )
-    delay = settings.number("$1", 0.0, _STAYS_ON) if "$1" in settings.values else _DEFAULTS["$1"][0]
-    chord = settings.above_zero("$12") if "$12" in settings.values else _DEFAULTS["$12"][0]
+    delay = settings.number("$1", 0.0, _STAYS_ON)
+    chord = settings.above_zero("$12")
     return Machine(
         file,
         "GRBL",
@@ -77,25 +84,25 @@ def _find_values(file: str, lines: list[str]) -> dict[str, Value]:
             continue
         name, text, rest = match.groups()
         if rest and not rest.startswith("("):
-            what = f"{name} is followed by {harmless(rest)!r}"
-            raise InputError(file, what, f"line {number}", "put one setting on a line")
+            raise InputError(
+                file,
+                f"{name} is followed by {harmless(rest)!r}",
+                f"line {number}",
+                "put one setting on a line",
+            )
         earlier = values.setdefault(name, Value(text, number))
         if earlier.text != text:
             other = f"{harmless(earlier.text)} in line {earlier.line}"
-            what = f"{name} is {harmless(text)} here and {other}"
-            raise InputError(file, what, f"line {number}", "keep one listing in the file")
+            raise InputError(
+                file,
+                f"{name} is {harmless(text)} here and {other}",
+                f"line {number}",
+                "keep one listing in the file",
+            )
     return values
 
 
 def _read_axes(settings: Settings, prefix: str) -> Vec3:
     """The settings of X, Y and Z, whose names end with 0, 1 and 2."""
-    x, y, z = (settings.above_zero(f"{prefix}{axis}") for axis in range(3))
-    return (x, y, z)
-
-
-def _read_steps(settings: Settings) -> Vec3:
-    x, y, z = (
-        settings.above_zero(name) if name in settings.values else _DEFAULTS[name][0]
-        for name in ("$100", "$101", "$102")
-    )
-    return (x, y, z)
+    x, y = settings.above_zero(f"{prefix}0"), settings.above_zero(f"{prefix}1")
+    return x, y, settings.above_zero(f"{prefix}2")

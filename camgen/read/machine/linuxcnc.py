@@ -61,9 +61,12 @@ def _find_values(file: str, lines: list[str]) -> dict[str, Value]:
     section = ""
     for number, line in enumerate(lines, 1):
         if _INCLUDE.match(line):
-            what = f"{harmless(line.strip())} is not followed"
-            remedy = "put the sections of the included file into this one"
-            raise InputError(file, what, f"line {number}", remedy)
+            raise InputError(
+                file,
+                f"{harmless(line.strip())} is not followed",
+                f"line {number}",
+                "put the sections of the included file into this one",
+            )
         if line.lstrip()[:1] in ("#", ";"):
             continue
         header = SECTION.match(line)
@@ -116,7 +119,7 @@ def _read_axes(
     limits: list[float] = []
     for axis in _AXES:
         names = _list_names(settings, sections[axis], variable)
-        limits.append(min(settings.above_zero(name) for name in names) * mm)
+        limits.append(min(map(settings.above_zero, names)) * mm)
     return (limits[0], limits[1], limits[2])
 
 
@@ -129,11 +132,12 @@ def _read_travel(
     for axis in _AXES:
         begins = _list_names(settings, sections[axis], "MIN_LIMIT")
         ends = _list_names(settings, sections[axis], "MAX_LIMIT")
-        begin = max(settings.number(name) for name in begins)
-        end = min(settings.number(name) for name in ends)
+        begin = max(map(settings.number, begins))
+        end = min(map(settings.number, ends))
         if begin >= end:
-            remedy = f"{ends[0]} is {end:g}; correct the limits"
-            raise settings.fault(begins[0], "leaves no travel", remedy)
+            raise settings.fault(
+                begins[0], "leaves no travel", f"{ends[0]} is {end:g}; correct the limits"
+            )
         low.append(begin * mm)
         high.append(end * mm)
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])

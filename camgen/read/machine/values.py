@@ -70,5 +70,6 @@ class Settings(Struct, frozen=True):
     def fault(self, name: str, what: str, remedy: str) -> InputError:
         """The error about a setting of the file."""
         value = self.values[name]
-        text = f"{name} = {harmless(value.text)} {what}"
-        return InputError(self.file, text, f"line {value.line}", remedy)
+        return InputError(
+            self.file, f"{name} = {harmless(value.text)} {what}", f"line {value.line}", remedy
+        )

@@ -19,7 +19,7 @@ from camgen.read.clamps import make_prism
 from camgen.read.files import Files
 from camgen.read.solid import mesh
 from camgen.read.solid.faces import Face, find_adjacent_faces, make_faces
-from camgen.read.units import MM
+from camgen.read.units import MM, format_size
 
 #: Suffixes of STEP files.
 STEP = (".step", ".stp")
@@ -51,7 +51,7 @@ class SolidFacts(Struct, frozen=True):
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
-        size = " x ".join(short(v, 3) for v in self.size)
+        size = format_size(self.size)
         lines = [
             f"3-D part of {size} mm, units {self.units}, {counted(self.faces, 'triangle')}",
             f"bodies: {describe_bodies(self.bodies)}",
@@ -88,7 +88,7 @@ def _describe_face(face: Face, edges: tuple[str, ...]) -> str:
     """A line about a face: id, area, direction of a flat one, and its edges."""
     shape = "bent"
     if face.looks is not None:
-        shape = "looks to " + " ".join(short(v + 0.0, 3) for v in face.looks.tolist())
+        shape = "looks to " + format_size((face.looks + 0.0).tolist(), 3, " ")
     listed = f"edges {' '.join(edges)}" if edges else "no edges"
     return f"{face.id}: {short(face.area, 1)} mm2, {shape}, {listed}"
 
@@ -97,7 +97,7 @@ def _describe_edge(edge: Edge) -> str:
     """A line about an edge: id, kind, length, angle between the face normals, convexity, start."""
     radius = f" of radius {short(edge.radius, 3)} mm" if edge.radius else ""
     convexity = "convex" if edge.convex else "concave"
-    start = " ".join(short(v, 2) for v in edge.points[0].tolist())
+    start = format_size(edge.points[0].tolist(), 2, " ")
     size = f"{short(edge.length, 3)} mm, {math.degrees(edge.angle):.1f} deg"
     return f"{edge.id}: {edge.kind}{radius}, {size}, {convexity}, from {start}"
 

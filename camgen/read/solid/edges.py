@@ -46,9 +46,9 @@ class EdgePiece(Struct, frozen=True, eq=False):
     circle: Circle | None
 
     @property
-    def single(self) -> bool:
-        """Whether the piece is one side only."""
-        return self.high - self.low == 1
+    def can_curve(self) -> bool:
+        """Whether the piece can be a part of a curve: an arc, or one side only."""
+        return self.circle is not None or self.high - self.low == 1
 
 
 class SideRun(Struct, frozen=True):
@@ -208,7 +208,7 @@ def _group_curves(points: FloatArray, pieces: list[EdgePiece]) -> list[SideRun]:
             groups[-1].append(piece)
         else:
             groups.append([piece])
-    return [_make_run(group) for group in groups]
+    return list(map(_make_run, groups))
 
 
 def _make_run(pieces: list[EdgePiece]) -> SideRun:
@@ -231,7 +231,7 @@ def _is_one_curve(points: FloatArray, a: EdgePiece, b: EdgePiece) -> bool:
 
     Only arcs and single sides can be parts of a curve.
     """
-    if not all(p.single or p.circle is not None for p in (a, b)):
+    if not (a.can_curve and b.can_curve):
         return False
     before, after = points[a.high] - points[a.high - 1], points[b.low + 1] - points[b.low]
     lengths = float(np.linalg.norm(before)), float(np.linalg.norm(after))
@@ -298,12 +298,11 @@ def sort_edges(edges: Iterable[Edge]) -> tuple[Edge, ...]:
     listed = list(edges)
     if not listed:
         return ()
-    middle = np.array([_find_box_middle(e) for e in listed])
+    middle = np.array(list(map(_find_box_middle, listed)))
     ends = np.array([[*e.points[0], e.length] for e in listed])
     keys = np.column_stack([-middle[:, 2], middle[:, 1], middle[:, 0], ends])
     # The offset keeps middles at whole and half steps away from the limits of their steps.
-    steps = np.floor(keys / _ORDER_STEP_MM + 0.4637)
-    order = np.lexsort(steps.T[::-1])
+    order = np.lexsort(np.floor(keys / _ORDER_STEP_MM + 0.4637).T[::-1])
     return tuple(replace(listed[k], id=f"e{i}") for i, k in enumerate(order.tolist(), start=1))
 
 

@@ -95,9 +95,9 @@ def find_adjacent_faces(
         near = np.flatnonzero(distance - radius <= 2 * distance.min() + _ADJACENT_MM)
         gap = _measure_gaps(point, corners[near])
         near = near[gap <= 2 * gap.min() + _ADJACENT_MM]
-        first, second = (
-            int(near[(solid.normals[near] @ normal).argmax()]) for normal in edge.via_normals[span]
-        )
+        left, right = edge.via_normals[span]
+        first = near[(solid.normals[near] @ left).argmax()]
+        second = near[(solid.normals[near] @ right).argmax()]
         adjacent[edge.id] = int(faces.face_of_triangle[first]), int(faces.face_of_triangle[second])
     return adjacent
 

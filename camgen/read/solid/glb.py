@@ -84,8 +84,7 @@ def _split(data: bytes) -> tuple[dict[str, Any], bytes]:
     """The document and the binary chunk of a file."""
     (length,) = struct.unpack_from("<I", data, _HEAD)
     begin = _HEAD + 8
-    document = json.loads(data[begin : begin + length])
-    return document, data[begin + length + 8 :]
+    return json.loads(data[begin : begin + length]), data[begin + length + 8 :]
 
 
 def _join(document: dict[str, Any], body: bytes) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import chain, combinations, compress
+from itertools import combinations, compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,9 +47,13 @@ def choose_tolerance(stated: float, size: float) -> tuple[float, list[Note]]:
     limit = max(_MAX_TOLERANCE * size, _MIN_TOLERANCE_MM)
     if stated <= limit:
         return max(stated, _MIN_TOLERANCE_MM), []
-    what = f"faces no more than {short(limit, 4)} mm apart belong together"
-    why = f"the file states an uncertainty of {short(stated, 4)} mm, too much for its size"
-    return limit, [Note("assumed", what, why)]
+    return limit, [
+        Note(
+            "assumed",
+            f"faces no more than {short(limit, 4)} mm apart belong together",
+            f"the file states an uncertainty of {short(stated, 4)} mm, too much for its size",
+        )
+    ]
 
 
 class _Sewing(NamedTuple):
@@ -74,13 +78,14 @@ def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], li
 
     Solids are sewn one by one, surfaces all together. Each connected surface is one body then.
     """
-    result, sewings = [], []
+    result, surfaces, sewings = list[Body](), list[Body](), list[_Sewing]()
     for body in bodies:
-        if body.is_solid:
-            sewing = _sew(body.shape, tolerance, True)
-            sewings.append(sewing)
-            result.append(replace(body, shape=kernel.make_compound(sewing.pieces)))
-    surfaces = [body for body in bodies if not body.is_solid]
+        if not body.is_solid:
+            surfaces.append(body)
+            continue
+        sewing = _sew(body.shape, tolerance, True)
+        sewings.append(sewing)
+        result.append(replace(body, shape=kernel.make_compound(sewing.pieces)))
     if surfaces:
         sewing = _sew(kernel.make_compound(_list_shapes(surfaces)), tolerance, False)
         sewings.append(sewing)
@@ -102,8 +107,8 @@ def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
         tool.Add(face)
     tool.Perform()
     sewn = tool.SewedShape()
-    shared = [edge.edge for edge in kernel.list_edges(sewn) if len(edge.uses) > 1]
-    count = len(shared) - sum(len(edge.uses) > 1 for edge in edges)
+    shared = _list_shared(kernel.list_edges(sewn))
+    count = len(shared) - len(_list_shared(edges))
     if count <= 0:
         return _Sewing([shape])
     was_forward = {hash(tool.ModifiedSubShape(face)): kernel.is_forward(face) for face in faces}
@@ -112,6 +117,10 @@ def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
     gap = max(map(kernel.measure_tolerance, shared))
     turned = sum(_count_turned(piece, was_forward) for piece in pieces)
     return _Sewing(pieces, count, gap, turned, lost)
+
+
+def _list_shared(edges: Sequence[kernel.EdgeUses]) -> list[Any]:
+    return [edge.edge for edge in edges if len(edge.uses) > 1]
 
 
 def _list_pieces(sewn: Any, was_forward: Mapping[int, bool], is_solid: bool) -> list[Any]:
@@ -181,18 +190,22 @@ def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[N
 
     Joined bodies have no edge where they are flush, and a concave one where one ends on another.
     """
-    solids = [body for body in bodies if kernel.is_solid(body.shape)]
+    solids: list[Body] = []
+    shapes: list[Any] = []
+    for body in bodies:
+        if kernel.is_solid(body.shape):
+            solids.append(body)
+        else:
+            shapes.append(body.shape)
     if len(solids) < 2:
         return kernel.make_compound(_list_shapes(bodies)), []
     tables = list(map(_tabulate, _list_shapes(solids)))
-    pairs = [
-        (a, b)
-        for a, b in combinations(range(len(solids)), 2)
-        if _may_touch(tables[a], tables[b], tolerance)
-    ]
+    pairs: list[tuple[int, int]] = []
+    for a, b in combinations(range(len(solids)), 2):
+        if _may_touch(tables[a], tables[b], tolerance):
+            pairs.append((a, b))
     first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     group = label_components(len(solids), first, second)
-    shapes = [body.shape for body in bodies if not kernel.is_solid(body.shape)]
     notes: list[Note] = []
     for label in np.unique(group).tolist():
         members = list(compress(solids, group == label))
@@ -205,8 +218,13 @@ def _join(bodies: Sequence[Body], tolerance: float, notes: list[Note]) -> list[A
     shapes = _list_shapes(bodies)
     union = kernel.unite(shapes, tolerance)
     if union is None:
-        what = f"{len(bodies)} bodies that may touch cannot be joined: {_list_names(bodies)}"
-        notes.append(Note("warning", what, "where they are flush, their seam is an edge"))
+        notes.append(
+            Note(
+                "warning",
+                f"{len(bodies)} bodies that may touch cannot be joined: {_list_names(bodies)}",
+                "where they are flush, their seam is an edge",
+            )
+        )
         return shapes
     count = len(list(kernel.list_subshapes(union, "Solid")))
     if count == len(shapes):
@@ -214,9 +232,13 @@ def _join(bodies: Sequence[Body], tolerance: float, notes: list[Note]) -> list[A
     overlap = sum(map(kernel.measure_volume, shapes)) - kernel.measure_volume(union)
     if abs(overlap) > tolerance * sum(map(kernel.measure_area, shapes)):
         return _set_aside(bodies, overlap, tolerance, notes)
-    what = f"{len(bodies)} bodies that touch are worked as {count}: {_list_names(bodies)}"
-    why = "no edge where they are flush, a concave one where one ends on another"
-    notes.append(Note("joined", what, why))
+    notes.append(
+        Note(
+            "joined",
+            f"{len(bodies)} bodies that touch are worked as {count}: {_list_names(bodies)}",
+            "no edge where they are flush, a concave one where one ends on another",
+        )
+    )
     return [union]
 
 
@@ -227,16 +249,19 @@ def _set_aside(
 
     overlap: volume that the bodies share, mm3.
     """
-    pairs = [
-        (a, b)
-        for a, b in combinations(range(len(bodies)), 2)
-        if _overlap(bodies[a].shape, bodies[b].shape, tolerance)
-    ]
-    aside = set(chain(*pairs)) or set(range(len(bodies)))
-    alone = [body for k, body in enumerate(bodies) if k in aside]
-    what = f"{len(alone)} bodies overlap by {short(overlap, 1)} mm3: {_list_names(alone)}"
-    notes.append(Note("warning", what, "each has its edges as if it stood alone"))
-    others = [body for k, body in enumerate(bodies) if k not in aside]
+    is_aside = np.zeros(len(bodies), bool)
+    for a, b in combinations(range(len(bodies)), 2):
+        if _overlap(bodies[a].shape, bodies[b].shape, tolerance):
+            is_aside[[a, b]] = True
+    is_aside |= not is_aside.any()
+    alone, others = list(compress(bodies, is_aside)), list(compress(bodies, ~is_aside))
+    notes.append(
+        Note(
+            "warning",
+            f"{len(alone)} bodies overlap by {short(overlap, 1)} mm3: {_list_names(alone)}",
+            "each has its edges as if it stood alone",
+        )
+    )
     shapes = _list_shapes(alone)
     if others:
         joined, more = join_touching(others, tolerance)
@@ -265,8 +290,8 @@ def _list_names(bodies: Sequence[Body]) -> str:
 
 def _tabulate(shape: Any) -> _FaceTable:
     faces = list(kernel.list_subshapes(shape, "Face"))
-    boxes = np.array([kernel.measure_box(face) for face in faces]).reshape(-1, 2, 3)
-    return _FaceTable(boxes, [kernel.Surface(face) for face in faces])
+    boxes = np.array(list(map(kernel.measure_box, faces))).reshape(-1, 2, 3)
+    return _FaceTable(boxes, list(map(kernel.Surface, faces)))
 
 
 def _may_touch(first: _FaceTable, second: _FaceTable, tolerance: float) -> bool:

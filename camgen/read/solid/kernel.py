@@ -53,8 +53,9 @@ def list_subshapes(shape: Any, kind: str, avoid: str = "Shape") -> Iterator[Any]
     avoid: kind of sub-shapes that are not searched.
     """
     kinds = import_ocp("TopAbs")
+    wanted, avoided = f"TopAbs_{kind.upper()}", f"TopAbs_{avoid.upper()}"
     explorer = import_ocp("TopExp").TopExp_Explorer(
-        shape, *(getattr(kinds, f"TopAbs_{name.upper()}") for name in (kind, avoid))
+        shape, getattr(kinds, wanted), getattr(kinds, avoided)
     )
     topods = import_ocp("TopoDS").TopoDS
     cast = getattr(topods, f"{kind}_s", None) or getattr(topods, kind)

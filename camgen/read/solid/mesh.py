@@ -158,8 +158,7 @@ def make_solid(
     sides = find_sharp_sides(mesh.vertices, mesh.faces, mesh.normals, mesh.pairs, feature_angle)
     diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     limit = min(tolerance, _MAX_TOLERANCE * diagonal)
-    chains = chain_sides(sides, mesh.vertices)
-    edges = sort_edges(make_edges(chains, mesh.vertices, limit))
+    edges = sort_edges(make_edges(chain_sides(sides, mesh.vertices), mesh.vertices, limit))
     if edges:
         convex = int(np.count_nonzero(sides.convex))
         what = f"{convex} convex and {len(sides) - convex} concave sides of triangles"
@@ -280,13 +279,13 @@ def _wind_outward(
     if pairs.turned.any():
         between = "between faces that cannot be wound alike"
         count = int(pairs.turned.sum())
-        what = counted(count, f"side {between} is no edge", f"sides {between} are no edges")
-        notes.append(Note("skipped", what, "inside and outside cannot be told apart there"))
+        what = counted(count, f"side {between} is not an edge", f"sides {between} are not edges")
+        notes.append(Note("skipped", what, "inside and outside are not defined there"))
     if len(pairs.crowded):
         start, end = list_ends(faces, pairs.crowded)
         count = len(np.unique(np.sort(np.column_stack([start, end]), axis=1), axis=0))
         where = "where more than two faces meet"
-        what = counted(count, f"side {where} is no edge", f"sides {where} are no edges")
+        what = counted(count, f"side {where} is not an edge", f"sides {where} are not edges")
         notes.append(Note("skipped", what))
     return faces, pairs
 
@@ -302,8 +301,13 @@ def _find_borders(
     sides = counted(
         len(pairs.open), f"side, {length:.6g} mm, belongs", f"sides, {length:.6g} mm, belong"
     )
-    what = f"the mesh is not closed: {sides} to one face only"
-    notes.append(Note("warning", what, "they are borders, not edges"))
+    notes.append(
+        Note(
+            "warning",
+            f"the mesh is not closed: {sides} to one face only",
+            "they are borders, not edges",
+        )
+    )
     chains = _chain_borders(start.tolist(), end.tolist())
     return tuple(frozen(vertices[chain]) for chain in chains)
 

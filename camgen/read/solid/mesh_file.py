@@ -82,11 +82,15 @@ def read_mesh(source: Source) -> MeshSoup:
     if len(wrong):
         what = counted(
             len(wrong),
-            "face has coordinates that are not numbers, or beyond all measure",
-            "faces have coordinates that are not numbers, or beyond all measure",
+            "face has coordinates that are not numbers, or too large",
+            "faces have coordinates that are not numbers, or too large",
         )
-        remedy = f"{_SAVE_AGAIN}, or raise limits.mesh_place"
-        raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", remedy)
+        raise InputError(
+            name,
+            what,
+            f"the first is face {int(wrong[0]) + 1}",
+            f"{_SAVE_AGAIN}, or raise limits.mesh_place",
+        )
     return replace(soup, notes=(*notes, *soup.notes))
 
 
@@ -98,13 +102,12 @@ def _repair_stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
     if _is_text(data):
         return _close_text(name, data)
     if len(data) < 84 or b"\x00" not in data:
-        raise InputError(name, "is no STL mesh", "", _SAVE_AGAIN)
+        raise InputError(name, "is not an STL mesh", "", _SAVE_AGAIN)
     size = 84 + 50 * int(struct.unpack_from("<I", data, 80)[0])
     if len(data) < size:
         whole = (size - 84) // 50
         rest = counted((len(data) - 84) // 50, f"of {whole} is there", f"of {whole} are there")
-        what = f"the file ends before its last face, {rest}"
-        raise InputError(name, what, "", _SAVE_AGAIN)
+        raise InputError(name, f"the file ends before its last face, {rest}", "", _SAVE_AGAIN)
     if len(data) == size:
         return data, ()
     after = "after the last face"
@@ -132,7 +135,7 @@ def _close_text(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
         return data, ()
     if words[-1] == b"endsolid" or solids != words.count(b"endsolid") + 1:
         raise InputError(name, "a solid has no endsolid", "", _SAVE_AGAIN)
-    note = Note("repaired", f"endsolid is missing behind solid {solids}, the last one", "added")
+    note = Note("repaired", f"endsolid is missing after solid {solids}, the last one", "added")
     return data.rstrip() + b"\nendsolid\n", (note,)
 
 
@@ -165,8 +168,12 @@ def _check_accessors(name: str, data: bytes, limit: float) -> None:
     except _READ_ERRORS:
         return
     if max(counts, default=0) > limit * len(data):
-        what = f"an accessor of {max(counts):,} elements in a file of {len(data):,} bytes"
-        raise InputError(name, what, "", f"{_SAVE_AGAIN}, or raise limits.accessor")
+        raise InputError(
+            name,
+            f"an accessor of {max(counts):,} elements in a file of {len(data):,} bytes",
+            "",
+            f"{_SAVE_AGAIN}, or raise limits.accessor",
+        )
 
 
 def _is_text(data: bytes) -> bool:
@@ -180,17 +187,24 @@ def _parse(name: str, data: bytes, kind: str, limits: Limits) -> MeshSoup:
     except UnreadShape as error:
         raise InputError(name, str(error), "", _SAVE_AGAIN) from error
     except OverflowError as error:
-        what = f"its model unpacks to more than {format_limit(limits.model_bytes)} {error}"
-        remedy = "export it with fewer triangles, or raise limits.model_bytes"
-        raise InputError(name, what, "", remedy) from error
+        raise InputError(
+            name,
+            f"its model unpacks to more than {format_limit(limits.model_bytes)} {error}",
+            "",
+            "export it with fewer triangles, or raise limits.model_bytes",
+        ) from error
     except _READ_ERRORS as error:
         package = error.name or "" if isinstance(error, ImportError) else ""
         if package and package != _GUESSER:
             missing = f"reading this {kind[1:].upper()} needs the package {package}"
             raise InputError(name, missing, "", f"install {package}, or {_SAVE_AGAIN}") from error
         text = one_line(str(error)).strip().rstrip(".")
-        what = f"is damaged or no {kind[1:].upper()} mesh: {text[:120] or type(error).__name__}"
-        raise InputError(name, what, "", _SAVE_AGAIN) from error
+        raise InputError(
+            name,
+            f"is damaged or no {kind[1:].upper()} mesh: {text[:120] or type(error).__name__}",
+            "",
+            _SAVE_AGAIN,
+        ) from error
 
 
 def _read(data: bytes, kind: str, limits: Limits) -> MeshSoup:
@@ -246,8 +260,8 @@ def _name_vertices(meshes: list[Any], stated: AbstractSet[str]) -> NamedVertices
     """
     names = []
     for mesh in meshes:
-        candidates = [str(mesh.metadata.get(key, "")) for key in ("node", "name")]
-        candidates += [_REPEATED.sub("", name) for name in candidates]
-        names.append(next((name for name in candidates if name in stated), ""))
+        node, name = str(mesh.metadata.get("node", "")), str(mesh.metadata.get("name", ""))
+        candidates = [node, name, _REPEATED.sub("", node), _REPEATED.sub("", name)]
+        names.append(next(filter(stated.__contains__, candidates), ""))
     sizes = [len(mesh.vertices) for mesh in meshes]
     return NamedVertices(names, np.repeat(np.arange(len(names)), sizes))

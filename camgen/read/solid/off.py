@@ -57,7 +57,7 @@ def _read_faces(rows: list[str]) -> list[IntArray]:
     by_size: dict[int, list[list[int]]] = {}
     for row in rows:
         size, *numbers = row.split()
-        corners = [int(number) for number in numbers[: int(size)]]
+        corners = list(map(int, numbers[: int(size)]))
         if len(corners) < int(size):
             raise ValueError("a face has fewer vertices than it says")
         by_size.setdefault(len(corners), []).append(corners)

@@ -106,7 +106,7 @@ def remove_faults(data: bytes, faults: Mapping[int, Sequence[str]]) -> RepairedT
     filled = 0
     for index, messages in faults.items():
         if index >= len(numbers):
-            return RepairedText(data, (), "its entities cannot be told apart")
+            return RepairedText(data, (), "its entities cannot be identified")
         number = numbers[index]
         filled += text.fill_texts(number, messages)
         if all(map(_NO_TEXT.match, messages)) and text.instances[number].edits:
@@ -178,8 +178,12 @@ class _StepText:
 
     def _is_shape(self, number: int) -> bool:
         """Whether an item of a representation is a shape: neither dispensable nor a context."""
-        types = self.instances[number].types if number in self.instances else ()
-        return not (self.is_dispensable(number) or any(b"CONTEXT" in name for name in types))
+        is_context = b"CONTEXT" in b" ".join(self._find_types(number))
+        return not (is_context or self.is_dispensable(number))
+
+    def _find_types(self, number: int) -> tuple[bytes, ...]:
+        """The types of an instance, none if the file does not hold it."""
+        return self.instances[number].types if number in self.instances else ()
 
     def _add_references(self, numbers: Iterable[int]) -> set[int]:
         """The numbers with all that they refer to, directly or through others."""
@@ -193,22 +197,24 @@ class _StepText:
 
     def is_dispensable(self, number: int) -> bool:
         """Whether an instance may be removed from a list that is needed."""
-        types = self.instances[number].types if number in self.instances else ()
+        types = self._find_types(number)
         is_unit = any(map(_UNIT.search, types)) and not _GEOMETRIC_UNITS & set(types)
         return is_unit or any(map(_DRAUGHTING.search, types))
 
     def fill_texts(self, number: int, messages: Sequence[str]) -> int:
         """Replace the missing texts of an instance by empty ones. Returns their number."""
         instance = self.instances[number]
-        missing = {int(match[1]) - 1 for match in map(_NO_TEXT.match, messages) if match}
+        missing = sorted(set(_read_places(_NO_TEXT, messages)))
         count = 0
         # A complex instance has several records, each with its type before its parameters.
         names = _NAME.finditer(self._bare, instance.body, instance.end)
         for name in islice(names, len(instance.types)):
             record = name.start()
             spans = _find_parameters(self._bare[record : instance.end])
-            for low, high in (spans[k] for k in sorted(missing) if k < len(spans)):
-                span = record + low, record + high
+            for k in missing:
+                if k >= len(spans):
+                    break
+                span = record + spans[k][0], record + spans[k][1]
                 if name[0] != b"SI_UNIT" and self._bare[slice(*span)].strip() == b"$":
                     instance.edits[span] = b"''"
                     count += 1
@@ -220,14 +226,13 @@ class _StepText:
         Returns whether that repairs the instance.
         """
         instance = self.instances[number]
-        matches = [_ILLEGAL.match(message) for message in messages]
-        indices = [int(match[1]) - 1 for match in matches if match]
+        places = _read_places(_ILLEGAL, messages)
         illegal: set[int] = set()
         for parameter in _LIST.finditer(self._bare, instance.body, instance.end):
             members = list(map(int, _REFERENCE.findall(parameter[1])))
-            illegal.update(members[k] for k in indices if k < len(members))
+            illegal.update(members[k] for k in places if k < len(members))
         illegal = set(filter(self.is_dispensable, illegal))
-        is_repairable = all(matches) and bool(illegal)
+        is_repairable = len(places) == len(messages) and bool(illegal)
         return is_repairable and all(self._remove_member(number, member) for member in illegal)
 
     def _remove_member(self, number: int, member: int) -> bool:
@@ -281,6 +286,11 @@ class _StepText:
         return b"".join([*pieces, self.data[done:]])
 
 
+def _read_places(pattern: re.Pattern[str], messages: Sequence[str]) -> list[int]:
+    """The index of a parameter or a member in each message that `pattern` matches."""
+    return [int(match[1]) - 1 for match in map(pattern.match, messages) if match]
+
+
 def _find_parameters(value: bytes) -> list[tuple[int, int]]:
     """The ranges of the parameters of the first record in `value`."""
     low = value.find(b"(") + 1
@@ -307,12 +317,12 @@ def _note_repairs(damaged: Sequence[Sequence[bytes]], filled: int) -> tuple[Note
         what = counted(
             len(damaged), "entity that cannot be read was", "entities that cannot be read were"
         )
-        why = "no edge needs what they say"
-        notes.append(Note("repaired", f"{what} left out: {kinds}", why))
+        notes.append(Note("repaired", f"{what} left out: {kinds}", "no edge needs what they say"))
     if filled:
         what = counted(filled, "text that is not given was", "texts that are not given were")
-        why = "a name says nothing about the edges"
-        notes.append(Note("assumed", f"{what} taken as empty", why))
+        notes.append(
+            Note("assumed", f"{what} taken as empty", "a name says nothing about the edges")
+        )
     return tuple(notes)
 
 
@@ -342,5 +352,9 @@ def find_wild_place(data: bytes, limit: float) -> str:
 
 def list_other_files(data: bytes) -> list[str]:
     """The names of other CAD files that contain parts of a STEP file, according to its text."""
-    names = (name.decode("latin-1").replace("''", "'") for name in _DOCUMENT.findall(data))
-    return sorted({harmless(name) for name in names if _CAD_FILE.search(name)})
+    files = set()
+    for document in _DOCUMENT.findall(data):
+        name = document.decode("latin-1").replace("''", "'")
+        if _CAD_FILE.search(name):
+            files.add(harmless(name))
+    return sorted(files)

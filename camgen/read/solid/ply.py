@@ -239,7 +239,7 @@ def _read_lists(
     for column in element.properties:
         by_size = rows[column.name]
         if column.count:
-            columns.lists[column.name] = [np.stack(group) for group in by_size.values()]
+            columns.lists[column.name] = list(map(np.stack, by_size.values()))
         else:
             columns.numbers[column.name] = np.concatenate(by_size[1])
     return []

@@ -104,8 +104,7 @@ def _are_convex(points: FloatArray) -> BoolArray:
 
 def _cut_fans(table: IntArray) -> IntArray:
     """(F, 3) triangles of polygons (P, N) from their first corners."""
-    size = table.shape[1]
-    first = np.repeat(table[:, :1], size - 2, axis=1)
+    first = np.repeat(table[:, :1], table.shape[1] - 2, axis=1)
     return np.stack([first, table[:, 1:-1], table[:, 2:]], axis=-1).reshape(-1, 3)
 
 

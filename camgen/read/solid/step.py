@@ -92,8 +92,8 @@ def _number_ends(edges: list[Edge], tolerance: float) -> list[tuple[int, int]]:
         return []
     points = np.array([(edge.points[0], edge.points[-1]) for edge in edges]).reshape(-1, 3)
     close = topology.find_close_pairs(points, tolerance)
-    places = topology.label_components(len(points), *close).reshape(-1, 2)
-    return [(int(first), int(last)) for first, last in places]
+    places = topology.label_components(len(points), *close)
+    return list(zip(places[::2].tolist(), places[1::2].tolist(), strict=True))
 
 
 def _find_owner(owner: dict[int, int], k: int) -> int:
@@ -338,9 +338,12 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
             *kernel.triangulate(shape, deflection, _TRIANGLE_ANGLE)
         )
     except kernel.list_errors() as error:
-        remedy = "export it again from the CAD program"
-        what = "the CAD kernel stumbles over its faces"
-        raise InputError(source.name, what, "", remedy) from error
+        raise InputError(
+            source.name,
+            "the CAD kernel fails on its faces",
+            "",
+            "export it again from the CAD program",
+        ) from error
     faces, _ = topology.weld_rims(vertices, topology.drop_degenerate(faces))
     faces = topology.drop_duplicates(topology.drop_degenerate(faces))
     if not len(faces):
@@ -349,8 +352,9 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
         what = counted(wires, "curve beside the faces", "curves beside the faces")
         notes.append(Note("skipped", what, "no edges"))
     if others:
-        what = f"what is in other files: {', '.join(others)}"
-        notes.append(Note("skipped", what, "build them one by one"))
+        notes.append(
+            Note("skipped", f"what is in other files: {', '.join(others)}", "build them one by one")
+        )
     vertices, faces = topology.drop_unused(vertices, faces)
     normals, _ = compute_normals(vertices, faces, topology.pair_half_edges(faces))
     faces.flags.writeable = False
@@ -377,8 +381,12 @@ def _make_error(name: str, others: Sequence[str], curves: int) -> InputError:
     """
     if others:
         them = "in another file" if len(others) == 1 else "in other files"
-        remedy = "build these, or export the assembly as one file"
-        return InputError(name, f"holds no shape: its parts are {them}", ", ".join(others), remedy)
+        return InputError(
+            name,
+            f"holds no shape: its parts are {them}",
+            ", ".join(others),
+            "build these, or export the assembly as one file",
+        )
     what, where = "holds no shape", "neither faces nor curves"
     if curves:
         what = f"is a wireframe: {counted(curves, 'curve')} and no faces"
@@ -411,9 +419,13 @@ def _find_edges(
     edges = sort_edges(map(direct_edge, join_smooth(sharp, distance)))
     notes += _note_edges(left_out, sharp, len(edges), feature_angle)
     if borders:
-        what = f"{counted(len(borders), 'edge has', 'edges have')} a face on one side only"
-        why = f"borders, not edges; faces {loaded.tolerance:.4g} mm apart are sewn"
-        notes.append(Note("warning", what, why))
+        notes.append(
+            Note(
+                "warning",
+                f"{counted(len(borders), 'edge has', 'edges have')} a face on one side only",
+                f"borders, not edges; faces {loaded.tolerance:.4g} mm apart are sewn",
+            )
+        )
     return edges, tuple(borders)
 
 
@@ -466,11 +478,16 @@ def _note_edges(
     below = f"{left_out['smooth']} below {np.degrees(feature_angle):.4g} deg"
     others = f"{counted(left_out['seam'], 'seam')} and {counted(left_out['degenerate'], 'point')}"
     what = f"{convex} convex and {len(sharp) - convex} concave edges of the file are {joined}"
-    why = f"where one goes on as the same line or circle; {below}, {others} left out"
+    why = f"where one continues another on the same line or circle; {below}, {others} left out"
     notes = [Note("joined", what, why)]
     reasons = {"crowded": "more than two faces meet", "turned": "inside and outside disagree"}
     for kind, reason in reasons.items():
         if left_out[kind]:
-            what = f"{counted(left_out[kind], 'edge was', 'edges were')} left out"
-            notes.append(Note("skipped", what, f"{reason} there"))
+            notes.append(
+                Note(
+                    "skipped",
+                    f"{counted(left_out[kind], 'edge was', 'edges were')} left out",
+                    f"{reason} there",
+                )
+            )
     return notes

@@ -179,8 +179,13 @@ def _note_changes(reader: Any, shape: Any) -> list[Note]:
         return []
     listed = ", ".join(f"{count} x {harmless(message)}" for message, count in changes.most_common())
     text = counted(changes.total(), "change")
-    why = f"its edges are within {kernel.measure_tolerance(shape):.2g} mm of their faces"
-    return [Note("repaired", f"{text} by the CAD kernel: {listed}", why)]
+    return [
+        Note(
+            "repaired",
+            f"{text} by the CAD kernel: {listed}",
+            f"its edges are within {kernel.measure_tolerance(shape):.2g} mm of their faces",
+        )
+    ]
 
 
 def _read_sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
@@ -191,12 +196,18 @@ def _read_sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
     """
     data, notes = source.data, tuple[Note, ...]()
     if wild := find_wild_id(data):
-        what = f"is damaged: {wild} is not the number of an entity, which is 1 to {LARGEST_ID}"
-        raise InputError(source.name, what, "", _SAVE_AGAIN)
-    if far := find_wild_place(data, source.limits.step_place):
-        remedy = f"{_SAVE_AGAIN}, or raise limits.step_place"
         raise InputError(
-            source.name, f"is damaged: a point at {far}, no part is so large", "", remedy
+            source.name,
+            f"is damaged: {wild} is not the number of an entity, which is 1 to {LARGEST_ID}",
+            "",
+            _SAVE_AGAIN,
+        )
+    if far := find_wild_place(data, source.limits.step_place):
+        raise InputError(
+            source.name,
+            f"is damaged: a point at {far}, no part is so large",
+            "",
+            f"{_SAVE_AGAIN}, or raise limits.step_place",
         )
     for _ in range(_MAX_READINGS):
         reader = kernel.import_ocp("STEPControl").STEPControl_Reader()

@@ -145,7 +145,7 @@ class _Builder:
         if self._left_out:
             what = f"{counted(self._left_out, 'object')} of the build left out"
             notes = (Note("skipped", what, "a support, or of the type other"),)
-        owners = np.repeat(np.arange(len(self._names)), [len(v) for v in self._vertices[1:]])
+        owners = np.repeat(np.arange(len(self._names)), list(map(len, self._vertices[1:])))
         return MeshSoup(
             np.concatenate(self._vertices),
             np.concatenate(self._faces),
@@ -160,7 +160,10 @@ def _read_part(data: bytes, name: str) -> _Part:
         raise ValueError("it has a document type, which no model has")
     model = ElementTree.fromstring(data)
     spaces = dict(_SPACES.findall(data[:_HEAD].decode("latin-1")))
-    _check_extensions(model.get("requiredextensions", ""), spaces)
+    for prefix in model.get("requiredextensions", "").split():
+        space = spaces.get(prefix, prefix)
+        if space not in _KNOWN:
+            raise UnreadShape(f"requires the extension {space}, which is not read")
     for item in model.iter():
         if item.tag.rpartition("}")[2] in _SHAPES:
             raise UnreadShape(f"has a {item.tag.rpartition('}')[2]}, which is not read")
@@ -169,14 +172,6 @@ def _read_part(data: bytes, name: str) -> _Part:
         {item.attrib["id"]: _read_object(item, name) for item in model.iter(f"{{{_CORE}}}object")},
         [_read_reference(item, name) for item in model.iter(f"{{{_CORE}}}item")],
     )
-
-
-def _check_extensions(required: str, spaces: dict[str, str]) -> None:
-    """Raise UnreadShape for a required extension that is not read."""
-    for prefix in required.split():
-        space = spaces.get(prefix, prefix)
-        if space not in _KNOWN:
-            raise UnreadShape(f"requires the extension {space}, which is not read")
 
 
 def _read_object(item: ElementTree.Element, name: str) -> _Object:

@@ -48,8 +48,7 @@ def _find_junctions(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, In
     lines = shapely.linestrings(np.stack([flat[start], flat[end]], axis=1))
     rim = each_once(np.concatenate([start, end]))
     points = shapely.points(flat[rim])
-    tree = shapely.STRtree(lines)
-    point, side = tree.query(points, predicate="dwithin", distance=limit)
+    point, side = shapely.STRtree(lines).query(points, predicate="dwithin", distance=limit)
     vertex = rim[point]
     span = vertices[end[side]] - vertices[start[side]]
     length = np.linalg.norm(span, axis=1)

@@ -131,8 +131,7 @@ def find_close_pairs(points: FloatArray, limit: float) -> tuple[IntArray, IntArr
         inside = np.arange(len(order) - 1)
         step = 1
         while len(inside):
-            same = (cell[order[inside]] == cell[order[inside + step]]).all(axis=1)
-            inside = inside[same]
+            inside = inside[(cell[order[inside]] == cell[order[inside + step]]).all(axis=1)]
             candidates.append(np.stack([order[inside], order[inside + step]]))
             step += 1
             inside = inside[inside + step < len(order)] if step <= 8 else inside[:0]

@@ -17,18 +17,19 @@ from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.limits import format_limit
 from camgen.model.part import Contour, Note, NoteKind, Part
-from camgen.model.pose import FloatArray
-from camgen.model.text import harmless, short
+from camgen.model.pose import frozen
+from camgen.model.text import harmless
 from camgen.read import join
 from camgen.read.colors import count_colors
 from camgen.read.files import Files
 from camgen.read.layers import NOT_ASKED, Layers
 from camgen.read.open_outlines import find_open_outlines
-from camgen.read.pieces import describe_counts
+from camgen.read.pieces import describe_counts, format_counts, list_first
 from camgen.read.svg.background import remove_background
 from camgen.read.svg.flatten import flatten
 from camgen.read.svg.page import find_page
 from camgen.read.svg.tree import SWITCHED, Document, Drawing, walk
+from camgen.read.units import format_size
 
 #: Reasons for which something is left out as the job or the file asks; all others are losses.
 _REQUESTED: dict[str, NoteKind] = {NOT_ASKED: "assumed", SWITCHED: "assumed"}
@@ -61,9 +62,9 @@ class SvgFacts(Struct, frozen=True):
     colors: str
 
     def __str__(self) -> str:
-        width, height = (short(v, 3) for v in self.size)
+        size = format_size(self.size)
         lines = [
-            f"SVG, units {self.units}, page {self.page}, drawing {width} x {height} mm",
+            f"SVG, units {self.units}, page {self.page}, drawing {size} mm",
             f"elements: {self.counts}",
             f"contours: {self.closed} closed, {self.open} open",
             *(f"layer {name}: {state}; {counts}" for name, state, counts in self.layers),
@@ -126,7 +127,7 @@ def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
         by_layer.setdefault(layer, Counter())[kind] += count
     why_not = contents.drawing.layers.why_not
     layers = tuple(
-        (harmless(name), why_not(name) or "used", _list_counts(by_layer[name]))
+        (harmless(name), why_not(name) or "used", format_counts(by_layer[name]))
         for name in sorted(by_layer)
     )
     contours = contents.contours
@@ -139,7 +140,7 @@ def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
         contents.units,
         contents.page,
         layers,
-        _list_counts(kinds),
+        format_counts(kinds),
         closed,
         len(contours) - closed,
         size,
@@ -176,15 +177,21 @@ def _parse(source: Source) -> ElementTree.Element:
     """The root element. A document with entities is refused: they can expand to any size."""
     name, data, limit = source.name, source.data, source.limits.svg_bytes
     if len(data) > limit:
-        what = f"has more than {format_limit(limit)} bytes"
-        raise InputError(name, what, remedy="split the drawing, or raise limits.svg_bytes")
+        raise InputError(
+            name,
+            f"has more than {format_limit(limit)} bytes",
+            remedy="split the drawing, or raise limits.svg_bytes",
+        )
     if data[:2] == b"\x1f\x8b":
         raise InputError(name, "is compressed (.svgz)", remedy="decompress it with gzip")
     if not data.strip():
         raise InputError(name, "is empty")
     if b"<!ENTITY" in data.replace(b"\0", b""):
-        what = "defines entities in its DOCTYPE, which camgen does not expand"
-        raise InputError(name, what, remedy="save it as plain SVG")
+        raise InputError(
+            name,
+            "defines entities in its DOCTYPE, which camgen does not expand",
+            remedy="save it as plain SVG",
+        )
     try:
         root = ElementTree.fromstring(data)
     except (
@@ -212,19 +219,10 @@ def _from_corner(contours: tuple[Contour, ...]) -> tuple[tuple[Contour, ...], tu
     if not contours:
         return contours, ()
     low = np.min([c.points.min(axis=0) for c in contours], axis=0)
-    moved = tuple(replace(c, points=_freeze(c.points - low)) for c in contours)
+    moved = tuple(replace(c, points=frozen(c.points - low)) for c in contours)
     return moved, (
         Note("assumed", "the origin is the drawing's own lower left corner", "it states no page"),
     )
-
-
-def _freeze(points: FloatArray) -> FloatArray:
-    points.flags.writeable = False
-    return points
-
-
-def _list_counts(counts: Counter[str]) -> str:
-    return ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items())) or "none"
 
 
 def _list_reports(drawing: Drawing) -> list[Note]:
@@ -246,5 +244,4 @@ def _list_reports(drawing: Drawing) -> list[Note]:
 
 def _list_ids(ids: list[str]) -> str:
     names = [f"#{harmless(name, 40)}" for name in dict.fromkeys(ids)]
-    more = f" and {len(names) - _LISTED_IDS} more" if len(names) > _LISTED_IDS else ""
-    return f": {', '.join(names[:_LISTED_IDS])}{more}" if names else ""
+    return f": {list_first(names, _LISTED_IDS)}" if names else ""

@@ -78,8 +78,7 @@ def cut_outline(outline: Outline, is_closed: bool, clip: HalfPlanes) -> list[Out
     for k, bulge in enumerate(bulges[:-1].tolist()):
         start, end = points[k], points[k + 1]
         crossings = [] if safe[k] else _find_crossings(start, end, bulge, clip)
-        fractions = [0.0, *crossings, 1.0]
-        for first, last in pairwise(fractions):
+        for first, last in pairwise([0.0, *crossings, 1.0]):
             middle = _point_on(start, end, bulge, (first + last) / 2)
             if not safe[k] and not is_inside(middle[None], clip)[0]:
                 is_cut = True
@@ -152,7 +151,7 @@ def _find_crossings(
 ) -> list[float]:
     """Fractions between 0 and 1 at which a line or an arc crosses an edge, in order."""
     if bulge == 0:
-        before, after = (clip.normals @ point - clip.limits for point in (start, end))
+        before, after = clip.normals @ start - clip.limits, clip.normals @ end - clip.limits
         crosses = (before > 0) != (after > 0)
         fractions = before[crosses] / (before[crosses] - after[crosses])
     else:

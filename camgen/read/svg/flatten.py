@@ -11,7 +11,7 @@ from msgspec import Struct, field
 from camgen.geometry import curves
 from camgen.geometry.ragged import offsets
 from camgen.model.pose import FloatArray
-from camgen.read.pieces import IntArray, Soup
+from camgen.read.pieces import Soup, index_names
 from camgen.read.svg.clip import cut_outline
 from camgen.read.svg.path import Oval
 from camgen.read.svg.tree import Drawing, DrawnShape
@@ -71,22 +71,19 @@ def flatten(drawing: Drawing, chord: float) -> Soup:
     for shape in drawing.shapes:
         for subpath in shape.subpaths:
             placed += [_place(run, shape.matrix) for run in subpath.runs]
-    smooth = [run for run in placed if isinstance(run, np.ndarray)]
-    fitted = iter(curves.fit(smooth, chord))
-    outlines = iter([next(fitted) if isinstance(run, np.ndarray) else run for run in placed])
+    fitted = iter(curves.fit([run for run in placed if isinstance(run, np.ndarray)], chord))
+    outlines = (next(fitted) if isinstance(run, np.ndarray) else run for run in placed)
     pieces = _Pieces()
     for k, shape in enumerate(drawing.shapes):
-        parts = [
-            (list(islice(outlines, len(subpath.runs))), subpath.closed)
-            for subpath in shape.subpaths
-        ]
+        parts: list[_Piece] = []
+        for subpath in shape.subpaths:
+            parts.append((list(islice(outlines, len(subpath.runs))), subpath.closed))
         for part in _clip(drawing, shape, parts):
             pieces.add(part, k)
     return _soup(drawing, pieces)
 
 
 def _join(outlines: list[curves.Outline]) -> curves.Outline:
-    """Outlines end to end as one."""
     points = [points[:-1] for points, _ in outlines[:-1]]
     bulges = [bulges[:-1] for _, bulges in outlines[:-1]]
     return (
@@ -96,7 +93,6 @@ def _join(outlines: list[curves.Outline]) -> curves.Outline:
 
 
 def _clip(drawing: Drawing, shape: DrawnShape, pieces: list[_Piece]) -> list[_Piece]:
-    """The parts of a shape in its clip."""
     if shape.clip is None:
         return pieces
     parts: list[_Piece] = []
@@ -154,33 +150,27 @@ def _oval(
         1.0, first[0] * second[1] - first[1] * second[0]
     )
     # Half circles exactly, so that circles are known again.
-    bulge = math.copysign(1.0, bulge) if abs(abs(bulge) - 1) < 1e-12 else bulge
+    if abs(abs(bulge) - 1) < 1e-12:
+        bulge = math.copysign(1.0, bulge)
     return center + np.cos(t)[:, None] * first + np.sin(t)[:, None] * second, np.full(
         parts + 1, bulge
     )
 
 
 def _soup(drawing: Drawing, pieces: _Pieces) -> Soup:
-    shapes = drawing.shapes
-    layers = sorted({shape.layer for shape in shapes})
-    kinds = sorted({shape.kind for shape in shapes})
-    colors = sorted({shape.paint.color for shape in shapes})
-    owners = [shapes[k] for k in pieces.shapes]
+    layers, layer = index_names([shape.layer for shape in drawing.shapes])
+    kinds, kind = index_names([shape.kind for shape in drawing.shapes])
+    colors, color = index_names([shape.paint.color for shape in drawing.shapes])
+    owner = np.array(pieces.shapes, dtype=np.intp)
     return Soup(
         points=np.concatenate([np.zeros((0, 2)), *pieces.points]),
         bulges=np.concatenate([np.zeros(0), *pieces.bulges]),
         first=offsets(pieces.counts),
         closed=np.array(pieces.closed, dtype=np.bool_),
-        layer=_index(layers, [shape.layer for shape in owners]),
-        kind=_index(kinds, [shape.kind for shape in owners]),
-        color=_index(colors, [shape.paint.color for shape in owners]),
-        layers=tuple(layers),
-        kinds=tuple(kinds),
-        colors=tuple(colors),
+        layer=layer[owner],
+        kind=kind[owner],
+        color=color[owner],
+        layers=layers,
+        kinds=kinds,
+        colors=colors,
     )
-
-
-def _index(names: list[str], values: list[str]) -> IntArray:
-    """The index of each value in `names`."""
-    index_of = {name: k for k, name in enumerate(names)}
-    return np.array([index_of[value] for value in values], dtype=np.intp)

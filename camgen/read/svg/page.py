@@ -108,8 +108,7 @@ def find_page(
             if box is not None:
                 return _fit_page(words, style, box, sizes, notes)
             name = f"{short(MM_PER_PX, 9)} mm/unit"
-        layout = _scale_page(scale, box, sizes)
-        return _make_page(layout, words, style, name, notes)
+        return _make_page(_scale_page(scale, box, sizes), words, style, name, notes)
     except Malformed as error:
         raise InputError(
             file, str(error), "the svg element", "correct it, or save the drawing again"
@@ -146,8 +145,17 @@ def _note_limits(style: Style) -> tuple[Note, ...]:
     """Notes on limits of the size of the page, which a browser follows."""
     names = sorted(PAGE_LIMITS & style.keys())
     what = "limits of the page in CSS: " + ", ".join(names)
-    why = "its width and height are used; set input.units if the size is wrong"
-    return (Note("assumed", what, why),) if names else ()
+    return (
+        (
+            Note(
+                "assumed",
+                what,
+                "its width and height are used; set input.units if the size is wrong",
+            ),
+        )
+        if names
+        else ()
+    )
 
 
 def _note_pixels(attributes: Mapping[str, str]) -> tuple[Note, ...]:
@@ -158,9 +166,13 @@ def _note_pixels(attributes: Mapping[str, str]) -> tuple[Note, ...]:
             return ()
     version = attributes.get(_VERSION, "").split(" ")[0]
     if version.startswith("0.") and _OLD_INKSCAPE[0] <= version <= _OLD_INKSCAPE[1] + ".9":
-        what = f"written by Inkscape {version[:8]}, which took 90 px for an inch"
-        why = "96 are assumed; set input.units or page.scale if the size is wrong"
-        return (Note("warning", what, why),)
+        return (
+            Note(
+                "warning",
+                f"written by Inkscape {version[:8]}, which took 90 px for an inch",
+                "96 are assumed; set input.units or page.scale if the size is wrong",
+            ),
+        )
     return (Note("assumed", "96 px = 1 inch", f"the file's size is in px; {_OVERRIDE}"),)
 
 
@@ -182,7 +194,7 @@ def _fit_page(
     notes: tuple[Note, ...],
 ) -> SvgPage:
     """A page whose box is laid into its size."""
-    width, height = (size * MM_PER_PX for size in sizes)
+    width, height = sizes[0] * MM_PER_PX, sizes[1] * MM_PER_PX
     fit = fit_viewport(box, width, height, attributes.get("preserveAspectRatio", ""))
     sx, sy = float(fit[0, 0]), float(fit[1, 1])
     name = f"{short(sx, 9)} mm/unit"

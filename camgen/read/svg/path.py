@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import accumulate, chain
 
 import numpy as np
@@ -87,7 +88,7 @@ def _commands(data: str) -> Iterator[tuple[str, list[float]]]:
         if not is_clean:
             texts = _read_numbers(_ARC if is_arc else _NUMBER, text)
         whole = len(texts) // size * size if size else 0
-        yield letter, [float(text) for text in texts[:whole]]
+        yield letter, list(map(float, texts[:whole]))
         if not is_clean or whole != len(texts) or (size and not texts):
             raise Malformed(f"path data is damaged in a {letter} command")
 
@@ -176,6 +177,9 @@ class _Pen:
             return self.x, self.y
         return 2 * self.x - self.control[0], 2 * self.y - self.control[1]
 
+    def _base(self, relative: bool) -> tuple[float, float]:
+        return (self.x, self.y) if relative else (0.0, 0.0)
+
     def _m(self, v: list[float], relative: bool) -> None:
         self.finish(False)
         self.x, self.y = (self.x + v[0], self.y + v[1]) if relative else (v[0], v[1])
@@ -186,7 +190,6 @@ class _Pen:
         self._to(*((self.x + v[0], self.y + v[1]) if relative else v))
 
     def _lines(self, v: list[float], relative: bool) -> None:
-        """Many lines at once."""
         self._l(v[:2], relative)
         xs, ys = v[2::2], v[3::2]
         if relative:
@@ -211,15 +214,15 @@ class _Pen:
 
     def _s(self, v: list[float], relative: bool) -> None:
         first = self._mirrored(3)
-        x, y = (self.x, self.y) if relative else (0.0, 0.0)
+        x, y = self._base(relative)
         self._curve((self.x, self.y, *first, x + v[0], y + v[1], x + v[2], y + v[3]))
 
     def _q(self, v: list[float], relative: bool) -> None:
-        x, y = (self.x, self.y) if relative else (0.0, 0.0)
+        x, y = self._base(relative)
         self._curve((self.x, self.y, x + v[0], y + v[1], x + v[2], y + v[3]))
 
     def _t(self, v: list[float], relative: bool) -> None:
-        x, y = (self.x, self.y) if relative else (0.0, 0.0)
+        x, y = self._base(relative)
         self._curve((self.x, self.y, *self._mirrored(2), x + v[0], y + v[1]))
 
     def _a(self, v: list[float], relative: bool) -> None:
@@ -235,7 +238,7 @@ class _Pen:
             max(map(abs, (self.x, self.y, x, y, rx, ry))) > _FARTHEST
             or min(abs(rx), abs(ry)) < 1 / _FARTHEST
         ):
-            raise Malformed("an arc beyond all measure")
+            raise Malformed("an arc that is too large")
         self._flush()
         self.size = 0
         self.runs.append(
@@ -272,7 +275,8 @@ def _oval(
     low = -chord / 2 - offset
     begin = math.atan2(low[1], low[0])
     angle = 2 * math.asin(min(1.0, half))
-    angle = 2 * math.pi - angle if large else angle
+    if large:
+        angle = 2 * math.pi - angle
     return Oval(center, first, second, begin, begin + (angle if sweep else -angle))
 
 
@@ -289,7 +293,7 @@ def list_corners(subpaths: Sequence[Subpath]) -> FloatArray | None:
 def measure_bounds(subpaths: list[Subpath]) -> ViewBox:
     """The box around subpaths, user units. Raises Malformed without subpaths."""
     runs = chain.from_iterable(subpath.runs for subpath in subpaths)
-    extremes = [_find_extremes(run) for run in runs]
+    extremes = list(map(_find_extremes, runs))
     if not extremes:
         raise Malformed("a box around nothing")
     points = np.concatenate(extremes)
@@ -307,8 +311,7 @@ def _find_extremes(run: Run) -> FloatArray:
     points = [run[:, 0], run[:, -1]]
     for segment in run:
         for coordinates in segment.T:
-            polynomial = _bernstein(coordinates)
-            roots = polynomial.deriv().roots()
+            roots = _bernstein(coordinates).deriv().roots()
             inner = roots.real[(abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)]
             columns = [_bernstein(values)(inner) for values in segment.T]
             points.append(np.column_stack(columns))
@@ -368,11 +371,12 @@ def _path(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:  # n
 
 
 def _line(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
-    x1, y1, x2, y2 = (_value(attributes, name, view) for name in ("x1", "y1", "x2", "y2"))
-    return [Subpath((np.array([[x1, y1], [x2, y2]]),), False)], ""
+    start = _value(attributes, "x1", view), _value(attributes, "y1", view)
+    end = _value(attributes, "x2", view), _value(attributes, "y2", view)
+    return [Subpath((np.array([start, end]),), False)], ""
 
 
-def _points(attributes: Attributes, closed: bool) -> tuple[list[Subpath], str]:
+def _points(attributes: Attributes, _view: View, closed: bool) -> tuple[list[Subpath], str]:
     values = numbers(attributes.get("points", ""))
     fault = "an odd number of coordinates" if len(values) % 2 else ""
     points = np.array(values[: len(values) // 2 * 2]).reshape(-1, 2)
@@ -381,26 +385,18 @@ def _points(attributes: Attributes, closed: bool) -> tuple[list[Subpath], str]:
     return ([Subpath((points,), closed)] if len(points) > 1 else []), fault
 
 
-def _polyline(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:  # noqa: ARG001
-    return _points(attributes, False)
-
-
-def _polygon(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:  # noqa: ARG001
-    return _points(attributes, True)
-
-
 def _rect(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
-    x, y, w, h = (_value(attributes, name, view) for name in ("x", "y", "width", "height"))
+    x, y = _value(attributes, "x", view), _value(attributes, "y", view)
+    w, h = _value(attributes, "width", view), _value(attributes, "height", view)
     if w < 0 or h < 0:
         raise Malformed("a negative size")
     if w == 0 or h == 0:
         return [], ""
-    rx, ry = _value(attributes, "rx", view, math.nan), _value(attributes, "ry", view, math.nan)
-    rx, ry = (ry if math.isnan(rx) else rx), (rx if math.isnan(ry) else ry)
-    rx, ry = (0.0, 0.0) if math.isnan(rx) or min(rx, ry) <= 0 else (min(rx, w / 2), min(ry, h / 2))
-    if rx == 0:
+    rx, ry = _read_radii(attributes, view)
+    if min(rx, ry) <= 0:
         corners = np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h], [x, y]])
         return [Subpath((corners,), True)], ""
+    rx, ry = min(rx, w / 2), min(ry, h / 2)
     runs: list[Run] = []
     quarter = math.pi / 2
     first, second = np.array([rx, 0.0]), np.array([0.0, ry])
@@ -432,16 +428,26 @@ def _circle(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
 
 
 def _ellipse(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
+    return _round(attributes, view, *_read_radii(attributes, view))
+
+
+def _read_radii(attributes: Attributes, view: View) -> tuple[float, float]:
+    """The attributes rx and ry. A missing one equals the other; both are 0 if both are missing."""
     rx, ry = _value(attributes, "rx", view, math.nan), _value(attributes, "ry", view, math.nan)
-    rx, ry = (ry if math.isnan(rx) else rx), (rx if math.isnan(ry) else ry)
-    return _round(attributes, view, *((0.0, 0.0) if math.isnan(rx) else (rx, ry)))
+    if math.isnan(rx):
+        rx = ry
+    if math.isnan(rx):
+        return 0.0, 0.0
+    if math.isnan(ry):
+        ry = rx
+    return rx, ry
 
 
 _SHAPES: dict[str, Callable[[Attributes, View], tuple[list[Subpath], str]]] = {
     "path": _path,
     "line": _line,
-    "polyline": _polyline,
-    "polygon": _polygon,
+    "polyline": partial(_points, closed=False),
+    "polygon": partial(_points, closed=True),
     "rect": _rect,
     "circle": _circle,
     "ellipse": _ellipse,

@@ -465,8 +465,7 @@ def is_transparent(paint: str) -> bool:
     if paint in ("none", "transparent"):
         return True
     if paint.startswith("#"):
-        opacity = {5: paint[4:], 9: paint[7:]}.get(len(paint), "1")
-        return not opacity.strip("0")
+        return not {5: paint[4:], 9: paint[7:]}.get(len(paint), "1").strip("0")
     numbers = _COLOR_FUNCTION.fullmatch(paint)
     values = re.split(r"[\s,/]+", numbers[1].strip()) if numbers else []
     return len(values) == 4 and _is_zero(values[3])

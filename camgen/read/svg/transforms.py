@@ -159,7 +159,6 @@ def _read_css_transform(text: str, box: ViewBox) -> FloatArray:
 
 
 def _split(text: str) -> list[str]:
-    """The values of a function, with commas between them."""
     return [value.strip() for value in text.split(",")] if text.strip() else []
 
 
@@ -197,8 +196,7 @@ def _translate(values: list[str], box: ViewBox) -> FloatArray:
 
 
 def _scale(values: list[str], _box: ViewBox) -> FloatArray:
-    factors = [_scale_factor(value) for value in values]
-    return _matrix("scale", [factors[0], factors[1] if len(factors) > 1 else factors[0]])
+    return _matrix("scale", list(map(_scale_factor, values)))
 
 
 def _rotate(values: list[str], _box: ViewBox) -> FloatArray:
@@ -227,7 +225,7 @@ _CSS_FUNCTIONS: dict[str, tuple[tuple[int, ...], _Read]] = {
     "skew": ((1, 2), _skew),
     "skewx": ((1,), _skew),
     "skewy": ((1,), lambda values, box: _skew(["0", *values], box)),
-    "matrix": ((6,), lambda values, _box: _matrix("matrix", [_number(v) for v in values])),
+    "matrix": ((6,), lambda values, _box: _matrix("matrix", list(map(_number, values)))),
 }
 
 

@@ -178,13 +178,17 @@ def walk(
         steps += 1
         uses += bool(place.inside)
         if uses > limits.svg_uses:
-            what = f"more than {format_limit(limits.svg_uses)} elements come of its references"
             raise InputError(
-                file, what, remedy="draw the shapes themselves, or raise limits.svg_uses"
+                file,
+                f"its references draw more than {format_limit(limits.svg_uses)} elements",
+                remedy="draw the shapes themselves, or raise limits.svg_uses",
             )
         if steps + len(pending) > limits.svg_elements:
-            what = f"has more than {format_limit(limits.svg_elements)} elements"
-            raise InputError(file, what, remedy="split the drawing, or raise limits.svg_elements")
+            raise InputError(
+                file,
+                f"has more than {format_limit(limits.svg_elements)} elements",
+                remedy="split the drawing, or raise limits.svg_elements",
+            )
     for selector in document.cascade.sheet.unread:
         drawing.report("rules of the style sheet that are not read", harmless(selector, 40), "")
     return drawing
@@ -280,7 +284,6 @@ class _Walker(Struct):
     def _place_inside(
         self, element: Element, place: _Place, style: Style, matrix: FloatArray
     ) -> _Place:
-        """The place of the children of an element."""
         effects, clip = self._find_effects(element, place, style, matrix)
         inherited, layer = select_inherited(style), _group_layer(element, place)
         return _Place(matrix, style, inherited, place.view, layer, place.inside, clip, effects)
@@ -291,7 +294,10 @@ class _Walker(Struct):
         """The reasons to report shapes in an element, and the edges that cut them."""
         effects, clip = place.effects, place.clip
         if not _RARE_PROPERTIES.isdisjoint(style):
-            effects |= _list_effects(style)
+            for name in EFFECTS.keys() & style.keys():
+                without_effect, reason = EFFECTS[name]
+                if style[name] != without_effect:
+                    effects |= {reason}
             if style.get("clip-path", "none") != "none":
                 edges = self._find_clip(style["clip-path"], matrix, place.view)
                 if edges is None:
@@ -333,8 +339,7 @@ class _Walker(Struct):
             return None
         try:
             subpaths, fault = shape(kind, _geometry(child, style), view)
-            place = _Place(matrix, {}, {}, view)
-            matrix = self._matrix(child, place, style, subpaths)
+            matrix = self._matrix(child, _Place(matrix, {}, {}, view), style, subpaths)
         except Malformed:
             return None
         corners = list_corners(subpaths)
@@ -391,13 +396,12 @@ class _Walker(Struct):
         if name in place.inside:
             raise Malformed("refers to itself")
         if len(place.inside) > self.deepest:
-            what = f"references stand more than {format_limit(self.deepest)} deep within each other"
             raise InputError(
-                self.file, what, remedy="draw the shapes themselves, or raise limits.svg_depth"
+                self.file,
+                f"references stand more than {format_limit(self.deepest)} deep within each other",
+                remedy="draw the shapes themselves, or raise limits.svg_depth",
             )
-        words = _geometry(element, place.style)
-        x, y = (length(words.get(key) or "0", key, place.view) for key in ("x", "y"))
-        matrix = combine(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
+        matrix = combine(place.matrix, _shift(_geometry(element, place.style), place.view))
         inner = replace(place, matrix=matrix, inside=place.inside | {name})
         if target.tag not in (SVG + "symbol", SVG + "svg"):
             yield target, inner
@@ -485,12 +489,6 @@ def _check_size(style: Style) -> None:
             raise Malformed(f"{name} of a viewport in CSS is not read")
 
 
-def _list_effects(style: Style) -> frozenset[str]:
-    """Reasons to report shapes of this style."""
-    names = EFFECTS.keys() & style.keys()
-    return frozenset(EFFECTS[name][1] for name in names if style[name] != EFFECTS[name][0])
-
-
 def _geometry(element: Element, style: Style) -> Mapping[str, str]:
     """The attributes of an element, with the geometry that CSS sets in their place."""
     if GEOMETRY.isdisjoint(style):
@@ -502,13 +500,11 @@ def _viewport(element: Element, place: _Place, words: Mapping[str, str], style: 
     """The place in a nested svg or a symbol: its box laid into its width and height."""
     _check_size(style)
     box = view_box(element.attrib.get("viewBox"))
-    x, y = (length(words.get(key) or "0", key, place.view) for key in ("x", "y"))
-    width, height = (
-        length(words.get(key) or "100%", key, place.view) for key in ("width", "height")
-    )
+    matrix = combine(place.matrix, _shift(words, place.view))
+    width = length(words.get("width") or "100%", "width", place.view)
+    height = length(words.get("height") or "100%", "height", place.view)
     if width < 0 or height < 0 or (box is not None and not (width and height)):
         raise Malformed("a viewport without size")
-    matrix = combine(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
     clip = place.clip
     if style.get("overflow", "hidden").split()[0] not in ("visible", "auto"):
         corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
@@ -522,6 +518,12 @@ def _viewport(element: Element, place: _Place, words: Mapping[str, str], style: 
         matrix = combine(matrix, fit_viewport(box, width, height, aspect))
         view = (box.width, box.height)
     return replace(place, matrix=matrix, view=view, clip=clip)
+
+
+def _shift(words: Mapping[str, str], view: tuple[float, float]) -> FloatArray:
+    """The matrix (2, 3) that moves by the attributes x and y."""
+    x, y = length(words.get("x") or "0", "x", view), length(words.get("y") or "0", "y", view)
+    return np.array([[1.0, 0.0, x], [0.0, 1.0, y]])
 
 
 def _make_clip(corners: FloatArray, matrix: FloatArray) -> HalfPlanes | None:

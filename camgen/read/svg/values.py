@@ -68,7 +68,7 @@ def numbers(text: str) -> list[float]:
     is_list = "".join(texts) == "".join(text.replace(",", " ").split())
     if not is_list or STRAY_COMMA.search(text):
         raise Malformed(f"not a list of numbers: {text[:20]!r}")
-    return [float(number) for number in texts]
+    return list(map(float, texts))
 
 
 def read_css_length(text: str, name: str, whole: float) -> float:

@@ -100,7 +100,7 @@ def fit_saddles(grey: Pixels, near: FloatArray, axes: FloatArray, radius: FloatA
 
 def _cut_out(grey: Pixels, corners: FloatArray, radius: FloatArray) -> _Windows:
     reach = int(np.ceil(radius.max()))
-    down, right = (each.ravel() for each in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    down, right = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
     middle = np.rint(corners).astype(np.int64)
     u, v = middle[:, :1] + right, middle[:, 1:] + down
     height, width = grey.shape
@@ -301,15 +301,16 @@ def _check_sides(columns: int, rows: int, what: str, remedy: str) -> None:
 def _check_length(option: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0):
         raise JobError(
-            option, f"{value} is no length in mm", remedy="measure it on the printed board"
+            option,
+            f"must be a length above 0 mm, not {value}",
+            remedy="measure it on the printed board",
         )
 
 
 def find_board(pixels: Pixels, target: Target) -> SeenBoard | None:
     """Finds a board in a photo, (H, W) or (H, W, 3) blue, green, red; None if it is not there."""
     grey = convert_to_grey(pixels)
-    reduction = math.ceil(math.sqrt(grey.size / _SEARCHED_PIXELS))
-    for factor in dict.fromkeys((reduction, 1)):
+    for factor in dict.fromkeys((math.ceil(math.sqrt(grey.size / _SEARCHED_PIXELS)), 1)):
         for rough in _search_reduced(grey, factor, target):
             board = _measure_board(grey, rough, target)
             if board is not None:

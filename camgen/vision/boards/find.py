@@ -15,8 +15,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import compress
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
@@ -135,7 +137,7 @@ def find(
         marks.px[kept],
         marks.mm[kept],
         height=height,
-        names=[name for name, keep in zip(marks.names, kept, strict=True) if keep],
+        names=list(compress(marks.names, kept)),
         source=f"{picture.name}: {target.label}",
     )
     notes = marks.notes if lens is None else (*marks.notes, lens.note)
@@ -190,13 +192,12 @@ def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[i
     Returns the numbers of those that it shows, and of those that are missing.
     """
     if isinstance(target, Sheet):
-        shown = {number for number, _ in _detect(convert_to_grey(pixels), len(target.ids))}
-        numbers = list(target.ids)
+        shown = set(dict(_detect(convert_to_grey(pixels), len(target.ids))))
+        numbers = set(target.ids)
     else:
         shown = set(_choose_pattern(pixels, target).numbers.tolist())
-        numbers = list(range((target.columns - 1) * (target.rows - 1)))
-    missing = [number for number in numbers if number not in shown]
-    return [number for number in numbers if number in shown], missing
+        numbers = set(range((target.columns - 1) * (target.rows - 1)))
+    return sorted(numbers & shown), sorted(numbers - shown)
 
 
 def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkCorners:
@@ -205,10 +206,7 @@ def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkC
     times = Counter(number for number, _ in seen)
     strange = sorted(set(times) - set(sheet.ids))
     double = sorted(number for number, count in times.items() if count > 1)
-    usable = sorted(
-        (pair for pair in seen if times[pair[0]] == 1 and pair[0] in sheet.ids),
-        key=lambda pair: pair[0],
-    )
+    usable = [number for number in sheet.ids if times[number] == 1]
     notes = []
     if strange:
         notes.append(Note("warning", f"marker {_list(strange)} ignored", "not on this sheet"))
@@ -221,7 +219,7 @@ def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkC
         raise InputError(
             picture.name,
             f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}",
-            remedy="two are needed, four or more are better: see that they are in view",
+            remedy="bring two or more into view; with four or more the plane is more exact",
         )
     if len(usable) < 4:
         notes.append(
@@ -231,14 +229,13 @@ def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkC
                 "the plane is less exact than with four or more around the part",
             )
         )
-    marks = [number for number, _ in usable]
-    corners = _measure(grey, np.array([place for _, place in usable]), camera)
-    marker_names = [f"marker {number}" for number in marks]
-    rows = [sheet.ids.index(number) for number in marks]
+    corners_of = dict(seen)
+    corners = _measure(grey, np.array([corners_of[number] for number in usable]), camera)
+    marker_names = [f"marker {number}" for number in usable]
     return _MarkCorners(
         corners.reshape(-1, 2),
-        sheet.corners[rows].reshape(-1, 2),
-        np.repeat(np.arange(len(marks)), 4),
+        sheet.corners[np.isin(sheet.ids, usable)].reshape(-1, 2),
+        np.repeat(np.arange(len(usable)), 4),
         _name_corners(marker_names),
         marker_names,
         np.zeros((0, 2)),
@@ -434,8 +431,6 @@ def _detect(grey: Pixels, expected: int) -> list[tuple[int, FloatArray]]:
 
     Returns the number and the corners (4, 2), px, of each marker.
     """
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
     detector = cv2.aruco.ArucoDetector(dictionary, cv2.aruco.DetectorParameters())
 
@@ -481,8 +476,6 @@ def _locate_sides(grey: Pixels, corners: FloatArray, max_half: float) -> FloatAr
 
     max_half: largest half length of a profile, px.
     """
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     side = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(side, axis=2)
     outwards = np.stack([side[..., 1], -side[..., 0]], axis=2) / length[..., None]

@@ -82,8 +82,7 @@ class Bend:
         homography: (3, 3), from mm to half diagonals without a lens.
         """
         k1, k2, p1, p2 = self.lens.tolist()
-        ideal = map_points(homography, places)
-        x, y = (ideal - self.centre).T
+        x, y = (map_points(homography, places) - self.centre).T
         s = x * x + y * y
         factor, rise = 1 + s * (k1 + s * k2), 2 * (k1 + 2 * k2 * s)
         seen = np.column_stack(
@@ -136,8 +135,7 @@ def compute_homography_slopes(homography: FloatArray, places: FloatArray) -> Flo
 def find_bend(camera: Camera) -> tuple[Bend, FloatArray, float]:
     """The lens of a `SheetLens`, the middle of its photo (2,) and half the diagonal, px."""
     middle, half = _frame(camera.size)
-    ratio = half / camera.matrix[0, 0]
-    scales = ratio ** np.array([2, 4, 1, 1])
+    scales = (half / camera.matrix[0, 0]) ** np.array([2, 4, 1, 1])
     lens = camera.distortion * scales if len(camera.distortion) else np.zeros(4)
     return Bend((camera.matrix[:2, 2] - middle) / half, lens), middle, half
 
@@ -256,12 +254,14 @@ def fit_sheet_lens(
         fits += f", {rms[1]:.2f} px with it"
     if not can_undistort_border(camera):
         fits += "; it does not reach the corners of the photo"
-    note = _note(camera, lens, f"{fits}; {source}")
+    distance = np.linalg.norm(camera.matrix[:2, 2] - (np.array(camera.size) - 1) / 2)
+    axis = f"principal point {distance:.0f} px from the middle of the photo, which must not be cut"
+    note = Note("assumed", f"lens from the photo: {lens}", f"{fits}; {source}; {axis}")
     return SheetLens(camera, bends, bounds, is_known, frozen(deviations), note)
 
 
-def check_focal_length(lens: SheetLens | None) -> None:
-    """Raises JobError if the corners or points contradict all focal lengths."""
+def check_focal_length(lens: SheetLens | None) -> SheetLens:
+    """The lens. Raises JobError if the corners or points contradict all focal lengths."""
     if lens is None or lens.focal is None:
         raise JobError(
             "[camera] height",
@@ -269,6 +269,7 @@ def check_focal_length(lens: SheetLens | None) -> None:
             remedy="do not cut the photo, see that the sheet lies flat, or give camera.file "
             "(camgen calibrate)",
         )
+    return lens
 
 
 def _focal_length(fit: _Fit, by_file: float | None) -> tuple[float, tuple[float, float] | None]:
@@ -309,12 +310,6 @@ def _camera(fit: _Fit, focal: float, size: tuple[int, int], bends: bool) -> Came
     lens = np.round(lens, 6) if bends else np.zeros(0)
     matrix = np.array([[focal, 0, u], [0, focal, v], [0, 0, 1.0]])
     return Camera(frozen(matrix), frozen(lens), size, "of the sheet")
-
-
-def _note(camera: Camera, lens: str, fits: str) -> Note:
-    distance = np.linalg.norm(camera.matrix[:2, 2] - (np.array(camera.size) - 1) / 2)
-    axis = f"principal point {distance:.0f} px from the middle of the photo, which must not be cut"
-    return Note("assumed", f"lens from the photo: {lens}", f"{fits}; {axis}")
 
 
 def _focal_words(

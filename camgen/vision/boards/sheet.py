@@ -116,7 +116,7 @@ def make_sheet(size: str = "A4", marker: float = 20.0, printed: float = RULER) -
     if not (math.isfinite(printed) and RULER * _PRINTED[0] <= printed <= RULER * _PRINTED[1]):
         raise JobError(
             "marker sheet",
-            f"the ruler of {short(RULER, 0)} mm cannot have printed as {short(printed, 3)} mm",
+            f"the ruler of {short(RULER, 0)} mm cannot be {short(printed, 3)} mm long in print",
             remedy="measure the printed ruler from its first to its last mark, in mm",
         )
     max_marker = (page[1] - _MARGIN - _FOOT - _MIN_FREE) / (2 + 2 * _GAP)
@@ -155,12 +155,9 @@ def _place_markers(page: tuple[float, float], marker: float) -> tuple[FloatArray
             rows -= 1
     xs = np.linspace(_MARGIN, _MARGIN + width - marker, columns)
     ys = np.linspace(_FOOT + height - marker, _FOOT, rows)
-    ring: list[tuple[float, float]] = [(x, ys[0]) for x in xs]
-    ring += [(xs[-1], y) for y in ys[1:]]
-    ring += [(x, ys[-1]) for x in xs[-2::-1]]
-    ring += [(xs[0], y) for y in ys[-2:0:-1]]
-    places = np.array(ring)
-    return places[:, 0], places[:, 1]
+    left = [xs, np.full(rows - 1, xs[-1]), xs[-2::-1], np.full(rows - 2, xs[0])]
+    low = [np.full(columns, ys[0]), ys[1:], np.full(columns - 1, ys[-1]), ys[-2:0:-1]]
+    return np.concatenate(left), np.concatenate(low)
 
 
 def _count_fitting(length: float, marker: float) -> int:
@@ -205,12 +202,13 @@ def draw_pdf(what: Sheet) -> bytes:
     for x, y, size, text in _list_words(what):
         content.append(f"BT /F1 {_mm(size)} Tf {_mm(x)} {_mm(y)} Td ({text}) Tj ET")
     stream = "\n".join(content)
-    width, height = (f"{v * point:.4f}" for v in what.page)
+    width, height = what.page
+    box = f"[0 0 {width * point:.4f} {height * point:.4f}]"
     return _make_pdf(
         [
             "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
             "<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
-            f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width} {height}] /Contents 4 0 R "
+            f"<< /Type /Page /Parent 2 0 R /MediaBox {box} /Contents 4 0 R "
             "/Resources << /Font << /F1 5 0 R >> >> >>",
             f"<< /Length {len(stream)} >>\nstream\n{stream}\nendstream",
             "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
@@ -279,14 +277,11 @@ def _list_words(what: Sheet) -> list[tuple[float, float, float, str]]:
     """Lines of text: x, y and size, mm, and the text."""
     scale = what.printed / RULER
     text = "Measure this: 100 mm over all. If it is not, give what it measures as printed_length."
-    return [
-        ((_MARGIN + RULER + 5) * scale, y * scale, 2.8, line)
-        for y, line in ((12.0, text), (8.0, what.label))
-    ]
+    left = (_MARGIN + RULER + 5) * scale
+    return [(left, 12.0 * scale, 2.8, text), (left, 8.0 * scale, 2.8, what.label)]
 
 
 def _format_rectangle(rectangle: _Rectangle, height: float) -> str:
-    """The rectangle as an SVG path on a page of this height, mm."""
     x, y, w, h = rectangle
     return f"M{_mm(x)} {_mm(height - y - h)}h{_mm(w)}v{_mm(h)}h{_mm(-w)}z"
 

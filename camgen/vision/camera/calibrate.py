@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+import cv2
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
@@ -20,7 +21,7 @@ from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.vision.boards.corners import Chessboard, SeenBoard, Target, find_board
-from camgen.vision.camera.camera import Camera, undistort
+from camgen.vision.camera.camera import Camera, sample_photo, undistort
 from camgen.vision.image import read_picture
 
 # Camera, lens and board poses that fit the corners of many photos.
@@ -137,10 +138,8 @@ def fit_agreeing(
     )
     if not is_better and len(odd_wide) >= len(odd):
         return usual, odd, []
-    is_whole, is_whole_wide = (
-        can_undistort_border(Camera(fit.matrix, fit.lens, size, "")) for fit in (usual, wide)
-    )
-    if is_whole and not is_whole_wide:
+    is_whole = can_undistort_border(Camera(usual.matrix, usual.lens, size, ""))
+    if is_whole and not can_undistort_border(Camera(wide.matrix, wide.lens, size, "")):
         return usual, odd, []
     agreed = [
         f"{len(fit.used)} photos agree within {short(compute_rms(fit.used), 2)} px"
@@ -166,8 +165,6 @@ def _one_thread() -> Iterator[None]:
     Several threads add up in a random order, so the last digits of a calibration would differ from
     run to run.
     """
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -189,10 +186,9 @@ def can_undistort_border(camera: Camera) -> bool:
 
 def _sample_border(size: tuple[int, int]) -> FloatArray:
     """Pixels (N, 2) along the border of a photo of `size` (width, height)."""
-    u, v = (np.linspace(0, length - 1, _BORDER_POINTS) for length in size)
-    sides = [np.column_stack([u, np.full(_BORDER_POINTS, y)]) for y in v[[0, -1]]]
-    sides += [np.column_stack([np.full(_BORDER_POINTS, x), v]) for x in u[[0, -1]]]
-    return np.concatenate(sides)
+    pixels = sample_photo(size, _BORDER_POINTS)
+    is_border = (pixels == 0) | (pixels == np.array(size) - 1)
+    return np.asarray(pixels[is_border.any(axis=1)])
 
 
 def _fit(boards: _NamedBoards, size: tuple[int, int], count: int) -> LensFit:
@@ -200,8 +196,6 @@ def _fit(boards: _NamedBoards, size: tuple[int, int], count: int) -> LensFit:
 
     Raises InputError if the photos do not determine them.
     """
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
     places = [
         np.column_stack([seen.places, np.zeros(len(seen.places))]).astype(np.float32)
         for _, seen in boards
@@ -219,7 +213,7 @@ def _fit(boards: _NamedBoards, size: tuple[int, int], count: int) -> LensFit:
             TILT,
         ) from error
     _, _, _, rotations, translations = result
-    matrix, lens = (np.asarray(values, dtype=np.float64) for values in result[1:3])
+    matrix, lens = np.asarray(result[1], np.float64), np.asarray(result[2], np.float64)
     if not (np.isfinite(matrix).all() and np.isfinite(lens).all()):
         raise InputError(
             boards[0][0], "OpenCV finds no camera that took this photo and the others", remedy=TILT
@@ -404,7 +398,9 @@ def fit_camera(photos: Sequence[Photo], target: Target, name: str) -> Calibratio
         )
     fit, odd, notes = fit_agreeing(good, size)
     if not fit.deviations[:2].max() < _UNKNOWN * fit.matrix[:2, :2].max():
-        raise InputError(_name_all(photos), "the photos do not tell the focal length", remedy=TILT)
+        raise InputError(
+            _name_all(photos), "the photos do not determine the focal length", remedy=TILT
+        )
     camera = Camera(frozen(fit.matrix), frozen(fit.lens), size, name)
     notes += _note_weaknesses(camera, fit)
     return Calibration(camera, frozen(fit.deviations), fit.used, (*left_out, *odd), tuple(notes))

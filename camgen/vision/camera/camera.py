@@ -80,7 +80,7 @@ def parse_camera_info(file: str, text: str) -> CameraData:
     """
     root = parse_yaml(file, text)
     if not isinstance(root, dict) or not all(isinstance(key, str) for key in root):
-        raise InputError(file, "is no camera_info file: it holds no named values", remedy=AGAIN)
+        raise InputError(file, "is not a camera_info file: it holds no named values", remedy=AGAIN)
     _check_whole_frame(file, root)
     for key, shape in {"rectification_matrix": (3, 3), "projection_matrix": (3, 4)}.items():
         if key in root and _read_matrix(file, root, key).shape != shape:
@@ -138,10 +138,8 @@ def _read_matrix(file: str, root: Mapping[str, object], key: str) -> FloatArray:
     value = _find_value(file, root, key)
     if not isinstance(value, dict):
         raise InputError(file, f"{key} has no rows, cols and data", remedy=AGAIN)
-    rows, columns = (
-        _read_integer(file, {f"{key}: {k}": value.get(k, "")}, f"{key}: {k}")
-        for k in ("rows", "cols")
-    )
+    rows = _read_integer(file, {f"{key}: rows": value.get("rows", "")}, f"{key}: rows")
+    columns = _read_integer(file, {f"{key}: cols": value.get("cols", "")}, f"{key}: cols")
     data = value.get("data")
     if not isinstance(data, list):
         raise InputError(file, f"{key} has no list of data", remedy=AGAIN)
@@ -168,7 +166,7 @@ def parse_storage(file: str, text: str) -> CameraData:
     _check_single_camera(file, keys)
     matrix_key = _find_key(file, keys, _MATRIX_KEYS, "camera matrix")
     lens_key = _find_key(file, keys, _LENS_KEYS, "distortion coefficients")
-    name, model = (_find_text(root, names) for names in (_NAME_KEYS, _MODEL_KEYS))
+    name, model = _find_text(root, _NAME_KEYS), _find_text(root, _MODEL_KEYS)
     if any(root[key] not in ("0", "false") for key in _FISHEYE_KEYS if key in keys):
         model = "fisheye"
     return CameraData(
@@ -246,7 +244,7 @@ def _read_size(file: str, root: Mapping[str, Stored]) -> tuple[int, int]:
         raise InputError(
             file, "has a size of the photos that is not two whole numbers", remedy=_SIZE_REMEDY
         )
-    width, height = (int(value) for value in pair.ravel().tolist())
+    width, height = map(int, pair.ravel().tolist())
     return width, height
 
 
@@ -276,6 +274,12 @@ class Camera(Struct, frozen=True, eq=False):
     distortion: FloatArray
     size: tuple[int, int]
     name: str
+
+
+def sample_photo(size: tuple[int, int], count: int) -> FloatArray:
+    """Pixels (N, 2) of a grid of `count` x `count` from corner to corner of the photo."""
+    u, v = np.meshgrid(np.linspace(0, size[0] - 1, count), np.linspace(0, size[1] - 1, count))
+    return np.column_stack([u.ravel(), v.ravel()])
 
 
 def undistort(camera: Camera, points: FloatArray) -> FloatArray:
@@ -316,11 +320,11 @@ def read_camera(source: Source) -> Camera:
 
     Raises InputError if a value is missing or not possible, with a remedy.
     """
-    name = source.name
-    if len(source.data) > source.limits.camera_bytes:
+    name, limit = source.name, source.limits.camera_bytes
+    if len(source.data) > limit:
         raise InputError(
             name,
-            f"has more than {format_limit(source.limits.camera_bytes)} bytes: no camera file",
+            f"has more than {format_limit(limit)} bytes, too many for a camera file",
             remedy="give the file of a calibration, or raise limits.camera_bytes",
         )
     try:
@@ -361,14 +365,13 @@ def format_camera_info(camera: Camera) -> str:
 
 def _format_matrix(name: str, values: FloatArray) -> list[str]:
     rows, columns = values.shape
-    numbers = ", ".join(repr(value) for value in values.ravel().tolist())
-    return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: [{numbers}]"]
+    numbers = values.ravel().tolist()
+    return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {numbers}"]
 
 
 def _quote(name: str) -> str:
     """A YAML string, always in quotes: a bare `on` or `1e5` would be read as another type."""
-    escaped = name.encode("unicode_escape").decode("ascii").replace('"', '\\"')
-    return f'"{escaped}"'
+    return '"' + name.encode("unicode_escape").decode("ascii").replace('"', '\\"') + '"'
 
 
 def _make_camera(data: CameraData, source: Source) -> Camera:
@@ -385,7 +388,9 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
     matrix, lens = data.matrix, data.lens.ravel()
     if matrix.shape != (3, 3):
         raise InputError(
-            file, f"{data.matrix_key} is {_format_shape(matrix)}, not 3 x 3", remedy=AGAIN
+            file,
+            f"{data.matrix_key} is {' x '.join(map(str, matrix.shape))}, not 3 x 3",
+            remedy=AGAIN,
         )
     counts = _MODELS[model]
     if len(lens) not in counts:
@@ -398,7 +403,7 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
     if np.abs(lens).max(initial=0) > _MAX_COEFFICIENT:
         raise InputError(
             file,
-            f"{data.lens_key} holds {float(np.abs(lens).max()):g}, no lens bends so much",
+            f"{data.lens_key} has a coefficient of {np.abs(lens).max():g}, more than any lens",
             remedy=AGAIN,
         )
     _check_matrix(file, data.matrix_key, matrix)
@@ -406,7 +411,7 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
     if not (0 < width <= _MAX_SIDE and 0 < height <= _MAX_SIDE):
         raise InputError(
             file,
-            f"image size {width} x {height} cannot be",
+            f"image size {width} x {height} is not possible",
             remedy="give the width and height of the calibrated photos in pixels",
         )
     return Camera(
@@ -432,10 +437,6 @@ def _check_matrix(file: str, key: str, matrix: FloatArray) -> None:
     if matrix[2].tolist() != [0, 0, 1] or matrix[1, 0] != 0:
         raise InputError(
             file,
-            f"{key} is no camera matrix",
-            remedy="its rows are fx 0 cx, 0 fy cy, 0 0 1; look whether it is transposed",
+            f"{key} is not a camera matrix",
+            remedy="its rows are fx 0 cx, 0 fy cy, 0 0 1; check whether it is transposed",
         )
-
-
-def _format_shape(values: FloatArray) -> str:
-    return " x ".join(map(str, values.shape))

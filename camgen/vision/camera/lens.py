@@ -104,8 +104,7 @@ def _find_sign_change(p: FloatArray) -> float:
     """
     inverse = polynomial.polyroots(np.where(np.abs(p) > _MIN_COEFFICIENT, p, 0)[::-1])
     is_real = np.abs(inverse.imag) <= 1e-9 * np.abs(inverse)
-    real = inverse.real[is_real & (inverse.real > _MAX_RADIUS_RATIO**-2)]
-    roots = np.sort(1 / real)
+    roots = np.sort(1 / inverse.real[is_real & (inverse.real > _MAX_RADIUS_RATIO**-2)])
     changes = roots[polynomial.polyval(roots * (1 + 1e-4), p) < 0]
     return float(changes[0]) if len(changes) else np.inf
 

@@ -92,10 +92,9 @@ def _draw_strokes(calibration: Calibration, scale: float, factor: float) -> Iter
     scale: page mm per px.
     factor: length of a stroke divided by that of its residual to scale.
     """
-    width, height = (length * scale for length in calibration.camera.size)
-    yield (
-        f'<rect class="frame" x="{_MARGIN}" y="{_TOP}" width="{width:.2f}" height="{height:.2f}"/>'
-    )
+    width, height = calibration.camera.size
+    size = f'width="{width * scale:.2f}" height="{height * scale:.2f}"'
+    yield f'<rect class="frame" x="{_MARGIN}" y="{_TOP}" {size}/>'
     corners = np.concatenate([photo.seen.corners for photo in calibration.used])
     errors = np.concatenate([photo.errors for photo in calibration.used])
     # The centre of the first pixel is (0, 0): the photo begins half a pixel before it.
@@ -106,12 +105,11 @@ def _draw_strokes(calibration: Calibration, scale: float, factor: float) -> Iter
         rows = hues == hue
         strokes = [
             f"M{x0:.2f} {y0:.2f}L{x1:.2f} {y1:.2f}"
-            for (x0, y0), (x1, y1) in zip(start[rows].tolist(), end[rows].tolist(), strict=True)
+            for x0, y0, x1, y1 in np.hstack([start, end])[rows].tolist()
         ]
         if strokes:
             yield f'<path class="arrow" stroke="{_format_colour(hue)}" d="{"".join(strokes)}"/>'
-    principal_point = calibration.camera.matrix[:2, 2]
-    x, y = ((principal_point + 0.5) * scale + (_MARGIN, _TOP)).tolist()
+    x, y = ((calibration.camera.matrix[:2, 2] + 0.5) * scale + (_MARGIN, _TOP)).tolist()
     yield f'<path class="cross" d="M{x - 2:.2f} {y:.2f}h4M{x:.2f} {y - 2:.2f}v4"/>'
 
 

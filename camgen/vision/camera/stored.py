@@ -33,8 +33,7 @@ def parse_stored(file: str, text: str) -> dict[str, Stored]:
 
     Raises InputError for text in none of the formats, and for text without named values.
     """
-    first = text.lstrip()[:1]
-    parse = {"<": _parse_xml, "{": _parse_json}.get(first, parse_yaml)
+    parse = {"<": _parse_xml, "{": _parse_json}.get(text.lstrip()[:1], parse_yaml)
     try:
         root = parse(file, text)
     except RecursionError as error:
@@ -60,13 +59,13 @@ def parse_yaml(file: str, text: str) -> Stored:
         mark = error.problem_mark
         where = f"line {mark.line + 1}" if mark else ""
         raise InputError(
-            file, f"is no YAML: {error.problem or error.context}", where, AGAIN
+            file, f"is not YAML: {error.problem or error.context}", where, AGAIN
         ) from error
     except (yaml.YAMLError, RecursionError) as error:
         reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
-        raise InputError(file, f"is no YAML: {reason}", remedy=AGAIN) from error
+        raise InputError(file, f"is not YAML: {reason}", remedy=AGAIN) from error
     except (TypeError, ValueError) as error:  # A list or a map is used as a key.
-        raise InputError(file, "is no YAML: a key that is no name", remedy=AGAIN) from error
+        raise InputError(file, "is not YAML: a key is not a name", remedy=AGAIN) from error
     return value
 
 
@@ -75,7 +74,9 @@ def _parse_json(file: str, text: str) -> Stored:
     try:
         value = json.loads(text, parse_int=str, parse_float=str, parse_constant=str)
     except json.JSONDecodeError as error:
-        raise InputError(file, f"is no JSON: {error.msg}", f"line {error.lineno}", AGAIN) from error
+        raise InputError(
+            file, f"is not JSON: {error.msg}", f"line {error.lineno}", AGAIN
+        ) from error
     return _convert_json(value)
 
 
@@ -101,7 +102,7 @@ def _parse_xml(file: str, text: str) -> Stored:
     except ElementTree.ParseError as error:
         line = error.position[0]
         raise InputError(
-            file, f"is no XML: {str(error).partition(':')[0]}", f"line {line}", AGAIN
+            file, f"is not XML: {str(error).partition(':')[0]}", f"line {line}", AGAIN
         ) from error
     return _convert_element(root)
 
@@ -137,14 +138,13 @@ def find_numbers(file: str, key: str, value: Stored) -> FloatArray:
     if isinstance(value, list):
         return _convert_list(file, key, value)
     if isinstance(value, dict):
-        raise InputError(file, f"{key} is no matrix of numbers", remedy=AGAIN)
+        raise InputError(file, f"{key} is not a matrix of numbers", remedy=AGAIN)
     return np.array(_convert_number(file, key, value))
 
 
 def _convert_matrix(file: str, key: str, value: dict[str, Stored]) -> FloatArray:
-    rows, columns = (
-        _convert_count(file, f"{key}: {name}", value[name]) for name in ("rows", "cols")
-    )
+    rows = _convert_count(file, f"{key}: rows", value["rows"])
+    columns = _convert_count(file, f"{key}: cols", value["cols"])
     data = value["data"]
     numbers = np.zeros(0)
     if data:
@@ -168,7 +168,7 @@ def _convert_list(file: str, key: str, value: list[Stored]) -> FloatArray:
         for row in rows:
             flat += row[:limit]
     if not flat or len(flat) > _MAX_NUMBERS:
-        raise InputError(file, f"{key} is no matrix of numbers", remedy=AGAIN)
+        raise InputError(file, f"{key} is not a matrix of numbers", remedy=AGAIN)
     numbers = np.array([_convert_number(file, key, number) for number in flat])
     return numbers.reshape(len(rows), -1) if isinstance(value[0], list) else numbers
 
@@ -176,7 +176,7 @@ def _convert_list(file: str, key: str, value: list[Stored]) -> FloatArray:
 def _convert_count(file: str, key: str, value: Stored) -> int:
     number = find_numbers(file, key, value) if isinstance(value, str) else np.array(-1.0)
     if not (0 <= number <= _MAX_NUMBERS) or number % 1:
-        raise InputError(file, f"{key} is no number of rows or columns", remedy=AGAIN)
+        raise InputError(file, f"{key} is not a number of rows or columns", remedy=AGAIN)
     return int(number)
 
 

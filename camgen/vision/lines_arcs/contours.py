@@ -13,10 +13,10 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.rings import ComplexArray, Rings, make_rings
-from camgen.model.part import Contour, IntArray, Note
+from camgen.model.part import BoolArray, Contour, IntArray, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.vision.lines_arcs.fit import BoolArray, Curves
+from camgen.vision.lines_arcs.fit import Curves
 from camgen.vision.lines_arcs.joints import (
     CornerJoints,
     compute_normals,
@@ -96,10 +96,8 @@ def divide_loops(
     for _ in range(_ROUNDS):
         curves = fit_runs(runs, loops, halfway, weight, sigma)[1]
         residuals = measure_residuals(runs, loops, halfway, curves)
-        measured = measure(runs, loops, residuals, weight, blur)
-        single, sigma = (
-            np.where(np.isnan(noise), level, np.maximum(noise, predicted)) for noise in measured
-        )
+        measured = np.stack(measure(runs, loops, residuals, weight, blur))
+        single, sigma = np.where(np.isnan(measured), level, np.maximum(measured, predicted))
         for _ in range(_END_ROUNDS):
             _, curves, _ = fit_runs(runs, loops, halfway, weight, sigma)
             runs = relax(runs, loops, halfway, curves, sigma)
@@ -270,16 +268,15 @@ def _note_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tupl
         for k in doubtful:
             places += fits[k].places
         notes.append(
-            Note("warning", what, "no lines and arcs follow them soundly", ids, tuple(places))
+            Note("warning", what, "no lines and arcs fit them reliably", ids, tuple(places))
         )
     cut = [k for k, fit in enumerate(fits) if fit.cut]
     if cut:
         area = sum(fits[k].cut for k in cut)
-        what = f"{short(area, 1)} px2 of {counted(len(cut), 'outline')} cut off"
         notes.append(
             Note(
                 "warning",
-                what,
+                f"{short(area, 1)} px2 of {counted(len(cut), 'outline')} cut off",
                 "small loops where they cross themselves",
                 tuple(contours[k].id for k in cut),
             )

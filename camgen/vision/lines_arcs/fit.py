@@ -10,14 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from camgen.geometry.rings import ComplexArray
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
-
-BoolArray = NDArray[np.bool_]
 
 #: Numbers of a line, with one end.
 _LINE_NUMBERS = 3
@@ -68,7 +65,7 @@ class Curves(Struct, frozen=True, eq=False):
         """Signed distances (P, ...) px of points (P, ...) from their curves."""
         shape = (slice(None),) + (None,) * (points.ndim - 1)
         local = points - self.origin[shape]
-        a, b, c, d = (self.form[:, k][shape] for k in range(4))
+        a, b, c, d = self.form.T[:, *shape]
         f = a * (local.real**2 + local.imag**2) + b * local.real + c * local.imag + d
         return np.asarray(2 * f / (1 + np.sqrt(np.maximum(1 + 4 * a * f, 0.0))))
 
@@ -119,8 +116,7 @@ def move_sums(runs: Sums, origin: ComplexArray) -> Sums:
 
 def join_sums(first: Sums, second: Sums) -> Sums:
     """Join each run of `first` with that of `second`; the origin is between, by their weights."""
-    total = np.maximum(first.sums[:, 0] + second.sums[:, 0], 1e-12)
-    fraction = second.sums[:, 0] / total
+    fraction = second.sums[:, 0] / np.maximum(first.sums[:, 0] + second.sums[:, 0], 1e-12)
     origin = first.origin + (second.origin - first.origin) * fraction
     return Sums(origin, move_sums(first, origin).sums + move_sums(second, origin).sums)
 

@@ -11,9 +11,9 @@ from msgspec import Struct
 
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.rings import ComplexArray, Rings
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.vision.lines_arcs.fit import BoolArray, Curves
+from camgen.vision.lines_arcs.fit import Curves
 from camgen.vision.lines_arcs.runs import Runs, wrap_rows
 
 #: rad: angles by which a sharp corner turns.
@@ -175,10 +175,8 @@ def find_walls(
 
     Returns a mask (P,) of the runs.
     """
-    first, last = (
-        points[_find_rows(runs, loops, place)] for place in (0 * runs.count, runs.count - 1)
-    )
-    middle = (first + last) / 2
+    first = points[_find_rows(runs, loops, 0 * runs.count)]
+    middle = (first + points[_find_rows(runs, loops, runs.count - 1)]) / 2
     before = curves.take(runs.before()).distances(middle)
     after = curves.take(runs.following()).distances(middle)
     min_height = _SIGMAS * sigma[runs.loop] + _MIN_WALL_PX
@@ -291,10 +289,9 @@ def compute_zone(turn: FloatArray, blur: FloatArray) -> FloatArray:
 
 def _find_middle(first: Curves, second: Curves, near: ComplexArray) -> ComplexArray:
     """The middle (P,) between the feet of `near` (P,) on both curves."""
-    feet = [
-        near - curves.distances(near) * compute_normals(curves, near) for curves in (first, second)
-    ]
-    return (feet[0] + feet[1]) / 2
+    first_foot = near - first.distances(near) * compute_normals(first, near)
+    second_foot = near - second.distances(near) * compute_normals(second, near)
+    return (first_foot + second_foot) / 2
 
 
 def _find_touching(

@@ -57,19 +57,18 @@ def divide(
         divisions.append(runs)
         lengths.append(_describe(runs, loops, points, curves, blur))
     length = np.array(lengths)
-    largest = int(np.argmax(loops.count))
-    length[int(np.argmin(length[:, largest])) + _FURTHER :] = np.inf
+    length[int(np.argmin(length[:, np.argmax(loops.count)])) + _FURTHER :] = np.inf
     levels = np.argmin(length, axis=0)
     return _choose(divisions, levels), sigma * 2.0**levels
 
 
 def _choose(divisions: Sequence[Runs], levels: IntArray) -> Runs:
     """The runs of each loop from the division of its level (L,)."""
-    chosen = [levels[runs.loop] == level for level, runs in enumerate(divisions)]
-    pairs = list(zip(divisions, chosen, strict=True))
-    first = np.concatenate([runs.first[rows] for runs, rows in pairs])
-    count = np.concatenate([runs.count[rows] for runs, rows in pairs])
-    loop = np.concatenate([runs.loop[rows] for runs, rows in pairs])
+    parts = []
+    for level, runs in enumerate(divisions):
+        rows = levels[runs.loop] == level
+        parts.append((runs.first[rows], runs.count[rows], runs.loop[rows]))
+    first, count, loop = np.concatenate(parts, axis=1)
     order = np.argsort(loop, kind="stable")
     return Runs(first[order], count[order], loop[order])
 
@@ -80,7 +79,8 @@ def _describe(
     """(L,) length of a description, in squares of the noise; inf where no noise is so large."""
     residuals = measure_residuals(runs, loops, points, curves)
     weight = np.ones(len(points))
-    variance, shared = (_covariance(loops, residuals, weight, lag) for lag in (0, 1))
+    variance = _covariance(loops, residuals, weight, 0)
+    shared = _covariance(loops, residuals, weight, 1)
     innovation = variance - shared**2 / np.maximum(variance, _LEAST_VARIANCE)
     coded = loops.count * np.log(np.maximum(innovation, 0) + _LEAST_VARIANCE)
     numbers = np.bincount(runs.loop, count_numbers(curves), len(loops.count))

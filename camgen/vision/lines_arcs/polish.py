@@ -14,9 +14,8 @@ from msgspec import Struct
 
 from camgen.geometry.ragged import begins
 from camgen.geometry.rings import ComplexArray
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.vision.lines_arcs.fit import BoolArray
 from camgen.vision.lines_arcs.joints import PASSES, TURNS, compute_zone, find_valley
 
 #: Rounds of Gauss-Newton.
@@ -191,7 +190,8 @@ def _add_tangents(chain: FittedChain, matrix: FloatArray, right: FloatArray) -> 
     into, out = chain.corners[k] - chain.corners[before], chain.corners[after] - chain.corners[k]
     g0, g1 = chain.bulges[before], chain.bulges[k]
     error = _measure_kinks(chain)[k]
-    turn0, turn1 = (1j * chord / np.maximum(np.abs(chord), 1e-6) ** 2 for chord in (into, out))
+    turn0 = 1j * into / np.maximum(np.abs(into), 1e-6) ** 2
+    turn1 = 1j * out / np.maximum(np.abs(out), 1e-6) ** 2
     zero = np.zeros(len(k))
     bulge0 = -2 / (1 + g0 * g0) * ~chain.straight[before]
     bulge1 = -2 / (1 + g1 * g1) * ~chain.straight[k]
@@ -288,14 +288,23 @@ class Fillets(Struct, frozen=True, eq=False):
     zone: FloatArray
 
 
-def find_places(chain: FittedChain, fraction: float | FloatArray) -> ComplexArray:
-    """The places (K,) at a fraction of the length of each piece, px."""
-    a, b, sweep = chain.corners, np.roll(chain.corners, -1), 4 * np.arctan(chain.bulges)
+def find_places(
+    a: ComplexArray, b: ComplexArray, bulges: FloatArray, fraction: float | FloatArray
+) -> ComplexArray:
+    """The places (K,) at a fraction of the length of each line or arc, px.
+
+    a, b, bulges: (K,) beginning, end and bulge of the lines and arcs.
+    """
+    sweep = 4 * np.arctan(bulges)
     is_arc = np.abs(sweep) > 1e-6
     safe = np.where(is_arc, sweep, 1.0)
     # Along an arc the chord grows as exp(i sweep fraction) - 1, up to exp(i sweep) - 1 at its end.
     on_arc = np.expm1(1j * safe * fraction) / np.expm1(1j * safe)
     return np.asarray(a + (b - a) * np.where(is_arc, on_arc, fraction))
+
+
+def _find_places(chain: FittedChain, fraction: float | FloatArray) -> ComplexArray:
+    return find_places(chain.corners, np.roll(chain.corners, -1), chain.bulges, fraction)
 
 
 def measure_errors(chain: FittedChain, points: ComplexArray, piece: IntArray) -> FloatArray:
@@ -310,8 +319,7 @@ def select_beyond(
     """Select the points (N,) that are not within reach of a fillet of their piece."""
     end, end_reach = np.roll(chain.corners, -1)[piece], np.roll(fillets.reach, -1)[piece]
     at_start = np.abs(points - chain.corners[piece]) < fillets.reach[piece]
-    at_end = np.abs(points - end) < end_reach
-    return np.asarray(~at_start & ~at_end)
+    return np.asarray(~at_start & ~(np.abs(points - end) < end_reach))
 
 
 def measure_roundings(
@@ -354,7 +362,7 @@ def find_astray(
     mean = np.add.reduceat(squares, begin) / np.maximum(np.add.reduceat(counts * 1.0, begin), 1)
     is_bad = mean > compute_astray_limit(sigma) ** 2
     for fraction in (0.25, 0.5, 0.75):
-        distance = np.abs(points - find_places(chain, fraction)[piece])
+        distance = np.abs(points - _find_places(chain, fraction)[piece])
         is_bad |= ~(np.minimum.reduceat(distance, begin) < _MAX_GAP_PX)
     size = np.bincount(piece, minlength=count)
     is_shorter = size <= np.roll(size, 1)
@@ -444,7 +452,7 @@ def repair(
     # The corner beside a bad piece is unreliable, so the piece next to it ends at its own points.
     low = np.where(np.roll(bad, 1), _find_fractions(chain, points[begin[:-1]]), low)
     high = np.where(np.roll(bad, -1), _find_fractions(chain, points[begin[1:] - 1]), high)
-    first, last = find_places(chain, low), find_places(chain, high)
+    first, last = _find_places(chain, low), _find_places(chain, high)
     bulges = np.tan(np.arctan(chain.bulges) * (high - low))
     corners: list[ComplexArray] = []
     shapes: list[FloatArray] = []
@@ -479,7 +487,7 @@ def _find_fractions(chain: FittedChain, points: ComplexArray) -> FloatArray:
     is_arc = np.abs(bulge) > 1e-6
     safe = np.where(is_arc, bulge, 1.0)
     centre = (a + b) / 2 + 1j * (b - a) * (1 - safe**2) / (4 * safe)
-    middle = find_places(chain, 0.5) - centre
+    middle = _find_places(chain, 0.5) - centre
     middle = np.where(np.abs(middle) > 1e-9, middle, 1.0)
     on_arc = 0.5 + np.angle((points - centre) / middle) / (4 * np.arctan(safe))
     on_line = ((points - a) * (b - a).conj()).real / np.maximum(np.abs(b - a) ** 2, 1e-18)

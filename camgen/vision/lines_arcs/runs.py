@@ -13,9 +13,9 @@ from msgspec import Struct
 
 from camgen.geometry.ragged import begins, following, owners, ramp, stretches
 from camgen.geometry.rings import ComplexArray, Rings
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.vision.lines_arcs.fit import BoolArray, Curves, Sums, fit_best, join_sums, sum_runs
+from camgen.vision.lines_arcs.fit import Curves, Sums, fit_best, join_sums, sum_runs
 
 #: Points of the first runs.
 _FIRST_POINTS = 2

@@ -13,9 +13,8 @@ from msgspec import Struct
 from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.rings import ComplexArray
 from camgen.geometry.thinning import Polylines, thin_chains
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.vision.lines_arcs.fit import BoolArray
 from camgen.vision.lines_arcs.polish import (
     Fillets,
     FittedChain,
@@ -144,8 +143,7 @@ def _select_points(points: ComplexArray, thinned: BoolArray, tolerance: float) -
 
 def halve(ring: Ring) -> Ring:
     """Divide each arc of more than half a circle into two."""
-    nowhere = np.zeros(len(ring.corners), dtype=np.bool_)
-    middle = find_places(FittedChain(ring.corners, ring.bulges, nowhere, nowhere), 0.5)
+    middle = find_places(ring.corners, np.roll(ring.corners, -1), ring.bulges, 0.5)
     is_large = np.abs(ring.bulges) > 1
     large = np.flatnonzero(is_large)
     half = np.where(is_large, np.tan(np.arctan(ring.bulges) / 2), ring.bulges)
@@ -191,7 +189,8 @@ def _flatten(ring: Ring) -> tuple[FloatArray, IntArray]:
     step = np.sqrt(8 * _CHORD / np.maximum(radius, _CHORD))
     count = np.maximum(np.ceil(sweep / step), 1).astype(np.int64)
     owner, fraction = owners(count), ramp(count) / np.repeat(count, count)
-    places = _find_places(ring, owner, fraction)
+    ends = np.roll(ring.corners, -1)
+    places = find_places(ring.corners[owner], ends[owner], ring.bulges[owner], fraction)
     return np.column_stack([places.real, places.imag]), owner
 
 
@@ -201,16 +200,6 @@ def _measure_distances(ring: Ring, points: ComplexArray) -> FloatArray:
     line = shapely.linestrings(np.append(plane, plane[:1], axis=0))
     shapely.prepare(line)
     return np.asarray(shapely.distance(shapely.points(points.real, points.imag), line))
-
-
-def _find_places(ring: Ring, owner: IntArray, fraction: FloatArray) -> ComplexArray:
-    """The places (N,) at `fraction` (N,) of the segments `owner` (N,)."""
-    a, b = ring.corners[owner], np.roll(ring.corners, -1)[owner]
-    sweep = (4 * np.arctan(ring.bulges))[owner]
-    is_arc = np.abs(sweep) > 1e-6
-    safe = np.where(is_arc, sweep, 1.0)
-    on_arc = np.expm1(1j * safe * fraction) / np.expm1(1j * safe)
-    return np.asarray(a + (b - a) * np.where(is_arc, on_arc, fraction))
 
 
 def _cut_loops(ring: Ring, drawn: IntArray) -> Sound | None:

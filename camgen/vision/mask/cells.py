@@ -54,15 +54,12 @@ def sample_cells(mask: NDArray[np.bool_]) -> Places:
     return rows, columns
 
 
-def compute_quadratic_terms(shape: tuple[int, ...], places: Places) -> Doubles:
-    """Products of x and y up to the second power, (N, 6), at N cells of a picture of `shape`.
+def compute_terms(shape: tuple[int, ...], places: Places, powers: Powers = _QUADRATIC) -> Doubles:
+    """Products of powers of x and y, (N, 6) up to the second one, at N cells of a picture.
 
-    x and y run from -1 to 1 over the picture.
+    shape: (h, w) of the picture, over which x and y run from -1 to 1.
+    powers: exponents of the products.
     """
-    return _compute_terms(shape, places, _QUADRATIC)
-
-
-def _compute_terms(shape: tuple[int, ...], places: Places, powers: Powers) -> Doubles:
     x, y = _compute_axes(shape)
     rows, columns = places
     x_powers, y_powers = [np.ones_like(x[columns])], [np.ones_like(y[rows])]
@@ -80,17 +77,16 @@ def evaluate_surface(shape: tuple[int, ...], coefficients: Doubles) -> NDArray[n
     for (m, n), factor in zip(powers, coefficients.tolist(), strict=True):
         table[n, m] = factor
     x, y = _compute_axes(shape)
-    rows, columns = (
-        np.vander(axis, degree + 1, increasing=True).astype(np.float32) for axis in (y, x)
-    )
+    rows = np.vander(y, degree + 1, increasing=True).astype(np.float32)
+    columns = np.vander(x, degree + 1, increasing=True).astype(np.float32)
     # Not by @: BLAS starts its threads for it, and waits for them on a busy machine.
     return np.asarray(np.einsum("im,jm->ij", rows @ table.astype(np.float32), columns), np.float32)
 
 
 def _compute_axes(shape: tuple[int, ...]) -> tuple[Doubles, Doubles]:
     """Coordinates x of all columns and y of all rows, at the middle of the cells."""
-    x, y = ((np.arange(n) * 2 + 1) / n - 1 for n in (shape[1], shape[0]))
-    return x, y
+    height, width = shape[:2]
+    return (np.arange(width) * 2 + 1) / width - 1, (np.arange(height) * 2 + 1) / height - 1
 
 
 def fit_robustly(
@@ -207,8 +203,7 @@ def _smooth_noise(values: Floats) -> Floats:
     differences = 2 * values[:, 2:-2] - values[:, :-4] - values[:, 4:]
     if not differences.size:
         return values
-    median = float(np.median(np.abs(differences[::2])))
-    noise = SIGMAS_OF_MEDIAN * median / 6**0.5
+    noise = SIGMAS_OF_MEDIAN * float(np.median(np.abs(differences[::2]))) / 6**0.5
     if noise <= _MAX_NOISE:
         return values
     sigma = min(max(noise / _MAX_NOISE / (2 * np.pi**0.5), 0.6), 1.5)
@@ -256,11 +251,11 @@ def fit_bench(values: Floats, valid: Bools) -> Bench:
     rim = select_rim(valid)
     places = sample_cells(rim)
     wanted = values[places].astype(np.float64)
-    coefficients, sigma = fit_robustly(compute_quadratic_terms(valid.shape, places), wanted)
+    coefficients, sigma = fit_robustly(compute_terms(valid.shape, places), wanted)
     distance = np.abs(values - evaluate_surface(valid.shape, coefficients))
     places = sample_cells(rim | (valid & (distance < 4 * sigma)))
     # Light that falls off through a lens needs the fourth power.
-    terms = _compute_terms(valid.shape, places, _QUARTIC)
+    terms = compute_terms(valid.shape, places, _QUARTIC)
     wanted = values[places].astype(np.float64)
     coefficients, sigma = fit_robustly(terms, wanted, absolute_iterations=4)
     return Bench(evaluate_surface(valid.shape, coefficients), sigma)

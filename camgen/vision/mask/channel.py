@@ -25,7 +25,7 @@ from camgen.vision.mask.cells import (
     Cells,
     Floats,
     compute_covariance,
-    compute_quadratic_terms,
+    compute_terms,
     evaluate_surface,
     fit_bench,
     fit_robustly,
@@ -138,8 +138,8 @@ def find_differing_cells(
 
 def _choose_side(difference: Floats, seeds: list[Bools], invert: bool) -> int:
     """-1 if the darker `seeds` (first) have the larger sum of differences, else 1."""
-    darker, lighter = (float(np.abs(difference[strong]).sum()) for strong in seeds)
-    return (-1, 1)[(lighter > darker) ^ invert]
+    darker, lighter = np.abs(difference[seeds[0]]).sum(), np.abs(difference[seeds[1]]).sum()
+    return (-1, 1)[bool(lighter > darker) ^ invert]
 
 
 def _compute_threshold(difference: Floats, part: Bools, inner: Bools) -> float:
@@ -200,9 +200,9 @@ def split_at_threshold(
     return np.asarray((above ^ bench_above ^ invert) & cells.valid, np.bool_)
 
 
-def compute_otsu_threshold(values: Floats, cells: Cells) -> float:
-    """Otsu's threshold of the valid cells, between two whole grey values (Otsu 1979)."""
-    rounded = np.clip(np.rint(values[cells.valid]), 0, 255).astype(np.uint8)
+def compute_otsu_threshold(values: Floats) -> float:
+    """Otsu's threshold of values (N,), between two whole grey values (Otsu 1979)."""
+    rounded = np.clip(np.rint(values), 0, 255).astype(np.uint8)
     threshold = cv2.threshold(rounded, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[0]
     return float(threshold) + 0.5
 
@@ -271,11 +271,9 @@ def measure_part(channel: Channel, part: Bools, cells: Cells) -> Segmentation | 
     return Segmentation(channel, part, thresholds, bench) if thresholds is not None else None
 
 
-def _measure_part(
-    channel: Channel, part: Bools | None, cells: Cells, bench: Bench
-) -> Thresholds | None:
+def _measure_part(channel: Channel, part: Bools, cells: Cells, bench: Bench) -> Thresholds | None:
     """The thresholds between `part` (h, w) and the bench, or None if they cannot be measured."""
-    if part is None or not part.any() or not (cells.valid & ~part).any():
+    if not part.any() or not (cells.valid & ~part).any():
         return None
     thresholds = measure_thresholds(channel.cells, part, cells, bench, channel.black)
     return thresholds if thresholds.contrast else None
@@ -345,8 +343,7 @@ def find_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) -> 
 
     Returns None if nothing differs. Raises InputError if the other photo shows another bench.
     """
-    before = make_cells(empty, None).values
-    now, before = (a.reshape(*a.shape[:2], -1) for a in (cells.values, before))
+    now, before = np.atleast_3d(cells.values), np.atleast_3d(make_cells(empty, None).values)
     light = _fit_light(before, now, cells.valid, name, "of the empty bench")
     difference = np.asarray(now - light.gains * before - light.offsets, np.float32)
     size = _project_difference(None, difference)
@@ -403,8 +400,8 @@ def remove_shadows(pixels: Bytes, other: Bytes, name: str) -> Bytes:
 
     Raises InputError if `other` shows another place.
     """
-    now, before = (make_cells(photo, None).values for photo in (pixels, other))
-    now, before = (values.reshape(*values.shape[:2], -1) for values in (now, before))
+    now = np.atleast_3d(make_cells(pixels, None).values)
+    before = np.atleast_3d(make_cells(other, None).values)
     valid = np.ones(now.shape[:2], np.bool_)
     light = _fit_light(before, now, valid, name, "with the lamp moved")
     brighter = np.empty_like(pixels)
@@ -466,11 +463,8 @@ def _find_bench_cells(before: Floats, now: Floats, valid: Bools) -> Bools:
     # The last candidate has gain 1, for a bench of one tone.
     gains, first = np.append(gains[likely], np.float32(1)), first[likely]
     offsets = np.append(n[first] - gains[:-1] * b[first], np.median(n - b))
-    counts = [
-        np.count_nonzero(np.abs(n - gain * b - offset) < _AGREEMENT)
-        for gain, offset in zip(gains, offsets, strict=True)
-    ]
-    best = int(np.argmax(counts))
+    agrees = np.abs(n - gains[:, None] * b - offsets[:, None]) < _AGREEMENT
+    best = int(np.argmax(np.count_nonzero(agrees, axis=1)))
     residuals = np.abs(now - gains[best] * before - offsets[best])
     return np.asarray(valid & (residuals < _AGREEMENT), np.bool_)
 
@@ -498,9 +492,9 @@ def _fit_gain(before: Floats, now: Floats, selected: Bools) -> tuple[Floats, flo
     Returns gain, offset and the standard deviation of the residuals.
     """
     places = sample_cells(selected)
-    b, wanted = (values[places].astype(np.float64) for values in (before, now))
+    b, wanted = before[places].astype(np.float64), now[places].astype(np.float64)
     # In hundreds of grey values, so that gain and offset have terms of the same size.
-    gain_terms = compute_quadratic_terms(selected.shape, places) * (b / 100)[:, None]
+    gain_terms = compute_terms(selected.shape, places) * (b / 100)[:, None]
     terms = np.column_stack([gain_terms, np.ones_like(b)])
     # The fit is to the change. On a bench of one tone gain and offset are ambiguous; then the
     # smallest change is taken.
@@ -510,9 +504,8 @@ def _fit_gain(before: Floats, now: Floats, selected: Bools) -> tuple[Floats, flo
 
 def _find_axis(difference: Floats, part: Bools, cells: Cells) -> Floats:
     """The direction in colours (1, c) in which the part differs most clearly from the bench."""
-    outside, inside = (
-        difference[region].astype(np.float64) for region in (~part & cells.valid, part)
-    )
+    inside = difference[part].astype(np.float64)
+    outside = difference[~part & cells.valid].astype(np.float64)
     noise = 2 * np.eye(difference.shape[2])
     covariance = compute_covariance(inside) + compute_covariance(outside) + noise
     axis = np.linalg.solve(covariance, np.median(inside, axis=0))
@@ -533,7 +526,8 @@ def _compute_difference(
     result = np.empty(pixels.shape[:2], np.float32)
     for rows, gain in interpolate_strips(light.gains, size, result.shape):
         shape = (*result[rows].shape, -1)
-        now, before = (a[rows].reshape(shape).astype(np.float32) for a in (pixels, empty))
+        now = pixels[rows].reshape(shape).astype(np.float32)
+        before = empty[rows].reshape(shape).astype(np.float32)
         difference = now - gain.reshape(shape) * before - light.offsets
         result[rows] = even.apply(now, np.asarray(difference, np.float32))
     return result
@@ -575,7 +569,7 @@ def find_by_colour(pixels: Bytes, cells: Cells, given: Colour | None) -> Segment
         blue_green_red = np.array(given[::-1], np.float32)
         given_colours = np.broadcast_to(blue_green_red, cells.values.shape)
         from_given = _measure_lab_distance(cells.values, given_colours)
-        differs = from_given > compute_otsu_threshold(from_given, cells)
+        differs = from_given > compute_otsu_threshold(from_given[cells.valid])
         if float(np.mean(differs[select_rim(cells.valid)])) < 0.5:
             bench, part = given_colours, differs & cells.valid
         else:
@@ -631,12 +625,10 @@ def _segment_projection(pixels: Bytes, cells: Cells, part: Bools) -> Segmentatio
     inner_bench = select_inner_cells(~part) & cells.valid
     if not (inner_part.any() and inner_bench.any()):
         return None
-    inside, outside = (
-        cells.values[region].astype(np.float64) for region in (inner_part, inner_bench)
-    )
+    inside = cells.values[inner_part].astype(np.float64)
+    outside = cells.values[inner_bench].astype(np.float64)
     # A little noise, so that the matrix can be inverted.
-    noise = 2 * np.eye(3)
-    covariance = compute_covariance(inside) + compute_covariance(outside) + noise
+    covariance = compute_covariance(inside) + compute_covariance(outside) + 2 * np.eye(3)
     axis = np.linalg.solve(covariance, inside.mean(axis=0) - outside.mean(axis=0))
     axis *= 1 if axis.sum() >= 0 else -1  # Upwards in brightness.
     ends = np.percentile(cells.values[cells.valid] @ axis, [0, 100])
@@ -726,7 +718,7 @@ def _measure_noise(grey: Bytes | Floats, region: Bools, size: int) -> float:
     rows, columns = sample_cells(region)
     v = rows * size + size // 2
     u = np.clip(columns * size + size // 2, 2, max(2, grey.shape[1] - 3))
-    left, centre, right = (grey[v, u + k].astype(np.float32) for k in (-2, 0, 2))
+    left, centre, right = grey[v, u + np.array([[-2], [0], [2]])].astype(np.float32)
     differences = 2 * centre - left - right
     if not differences.size:
         return 0.0

@@ -5,9 +5,10 @@ Checks that one or several whole parts remain, and not mere dirt.
 
 from __future__ import annotations
 
+from itertools import compress
+
 import cv2
 import numpy as np
-from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.model.errors import InputError, NoSafeProgram
@@ -33,20 +34,8 @@ _MAX_PLACES = 20
 #: Areas that differ by less than this fraction are equal, as the digits of a scale are limited.
 _AREA_TOLERANCE = 1e-4
 
+#: Contour (N, 1, 2) through pixel centres, px.
 Ring = NDArray[np.int32]
-
-
-class MaskPiece(Struct, frozen=True, eq=False):
-    """A connected piece of the mask.
-
-    ring: (N, 1, 2) int32, outer contour through pixel centres, px.
-    pixels: number of its pixels.
-    filled: number of its pixels and of those in its holes.
-    """
-
-    ring: Ring
-    pixels: float
-    filled: float
 
 
 def clean_mask(
@@ -77,12 +66,12 @@ def clean_mask(
     if not accepts_specks:
         _check_dominance(name, pixels * mm2, is_part, loose, specks)
     for k in np.flatnonzero(specks | loose).tolist():
-        _erase(mask, MaskPiece(rings[k], float(pixels[k]), float(filled[k])))
+        _erase(mask, rings[k], float(filled[k] - pixels[k]))
     small_holes = ~outer & (filled < enough)
     small_holes[~outer] &= is_part[parents[~outer]]
     for k in np.flatnonzero(small_holes).tolist():
         cv2.drawContours(mask, [rings[k]], -1, 255, cv2.FILLED)
-    _check_whole([rings[k] for k in np.flatnonzero(is_part).tolist()], view, name)
+    _check_whole(list(compress(rings, is_part)), view, name)
     limit = f"below {short(min_pixels * mm2, 3)} mm2"
     why = "set [image] min_area lower if they are more than dirt, glare or noise"
     kinds = (
@@ -95,7 +84,7 @@ def clean_mask(
             what = f"{counted(int(selected.sum()), noun)} {action}, "
             what += f"{short(sizes[selected].sum() * mm2, 3)} mm2 in all"
             notes.append(Note("assumed", what, why))
-    notes += _note_loose(view, [rings[k] for k in np.flatnonzero(loose)], filled[loose])
+    notes += _note_loose(view, list(compress(rings, loose)), filled[loose])
     return tuple(notes)
 
 
@@ -164,12 +153,13 @@ def _note_loose(
     return (Note("skipped", what, why, places=places),)
 
 
-def _erase(mask: Bytes, piece: MaskPiece) -> None:
-    if piece.filled - piece.pixels < _MIN_PIXELS:
-        cv2.drawContours(mask, [piece.ring], -1, 0, cv2.FILLED)
+def _erase(mask: Bytes, ring: Ring, hole_pixels: float) -> None:
+    """Erase a piece, with its outer contour and the number of pixels in its holes."""
+    if hole_pixels < _MIN_PIXELS:
+        cv2.drawContours(mask, [ring], -1, 0, cv2.FILLED)
         return
     # Its hole may have other pieces in it, which stay.
-    u, v = piece.ring[0, 0].tolist()
+    u, v = ring[0, 0].tolist()
     cv2.floodFill(mask, None, (u, v), 0, flags=8)
 
 
@@ -194,20 +184,21 @@ def _describe_empty_mask(
 def _check_whole(rings: list[Ring], view: ScaledView, name: str) -> None:
     """Raises InputError if a piece reaches the border of the area that the photo shows."""
     height, width = view.pixels.shape[:2]
-    near_unseen = _select_near_unseen(view.valid)
+    near_unseen = np.zeros((height, width), np.bool_)
+    if view.valid is not None:
+        unseen = np.asarray(~view.valid).view(np.uint8)
+        near_unseen = cv2.dilate(unseen, np.ones((3, 3), np.uint8)) > 0
     for ring in rings:
         u, v = ring[:, 0, 0], ring[:, 0, 1]
         sides = np.array([u == 0, v == 0, u == width - 1, v == height - 1])
-        touching = sides.any(axis=0)
-        if near_unseen is not None:
-            touching |= near_unseen[v, u]
+        touching = sides.any(axis=0) | near_unseen[v, u]
         if not touching.any():
             continue
         if sides.any(axis=1).all():
             raise InputError(
                 name,
-                "the part fills the picture, or a frame runs round it",
-                remedy="leave bench all round the part, crop what is no bench",
+                "the part fills the picture, or a frame surrounds it",
+                remedy="leave bench around the whole part, crop what is not bench",
             )
         first = int(np.argmax(touching))
         x, y = (view.work_from_view @ (u[first], v[first], 1)).tolist()
@@ -215,13 +206,5 @@ def _check_whole(rings: list[Ring], view: ScaledView, name: str) -> None:
             name,
             "the part, or something as dark or bright, touches the border of the picture",
             f"near x {short(x, 1)}, y {short(y, 1)} mm",
-            "leave bench all round the part, crop or cover what is no part",
+            "leave bench around the whole part, crop or cover what is not the part",
         )
-
-
-def _select_near_unseen(valid: Bools | None) -> Bools | None:
-    """The pixels (H, W) that the photo does not show, and their neighbours; None for no such."""
-    if valid is None:
-        return None
-    unseen = np.asarray(~valid).view(np.uint8)
-    return np.asarray(cv2.dilate(unseen, np.ones((3, 3), np.uint8)), np.uint8).view(np.bool_)

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.vision.mask.cells import Bools, Bytes, Cells, measure_depth, select_inner_cells
-from camgen.vision.mask.channel import Segmentation
+from camgen.vision.mask.channel import Segmentation, compute_otsu_threshold
 from camgen.vision.mask.level import interpolate_tiles
 
 #: A part has two tones if the variance between them is at least this fraction of its variance.
@@ -72,9 +72,7 @@ def find_main_tone(segmentation: Segmentation) -> Bools | None:
     tones = values[inner]
     if not len(tones):
         return None
-    rounded = np.clip(np.rint(tones), 0, 255).astype(np.uint8)
-    threshold = cv2.threshold(rounded, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[0]
-    level = float(threshold) + 0.5
+    level = compute_otsu_threshold(tones)
     is_light = tones > level
     light_fraction = float(np.mean(is_light))
     if not 0 < light_fraction < 1:

@@ -90,12 +90,13 @@ def measure_thresholds(
     ) / 2
     along = interpolate_tiles(tiles, tile, values.shape)[inner_band | outer_band]
     low, high = np.percentile(along, [2, 98])
-    means = [float(np.mean(values[band])) for band in (inner_band, outer_band)]
-    even = bool(high - low <= _EVEN * abs(means[0] - means[1]))
+    inside_mean = float(np.mean(values[inner_band]))
+    outside_mean = float(np.mean(values[outer_band]))
+    even = bool(high - low <= _EVEN * abs(inside_mean - outside_mean))
     # From the bench in its light, so that uneven light does not count.
     deviations = np.abs(values[outer_band] - outside[outer_band])
     sigma = SIGMAS_OF_MEDIAN * float(np.median(deviations))
-    return Thresholds(tiles, tile, float(np.mean(along)), even, means[0], means[1], sigma)
+    return Thresholds(tiles, tile, float(np.mean(along)), even, inside_mean, outside_mean, sigma)
 
 
 def _model_part(values: Floats, band: Bools, outside: Floats, black: float | None) -> Floats:
@@ -110,8 +111,8 @@ def _model_part(values: Floats, band: Bools, outside: Floats, black: float | Non
     light = np.maximum(np.abs(outside - black), _MIN_LIGHT) * sign
     factor = float(np.median((values[band] - black) / light[band]))
     lit = np.asarray(light * factor + black, np.float32)
-    errors = [float(np.median(np.abs(values[band] - model[band]))) for model in (lit, tone)]
-    return lit if errors[0] <= errors[1] else tone
+    lit_error = np.median(np.abs(values[band] - lit[band]))
+    return lit if lit_error <= np.median(np.abs(values[band] - tone[band])) else tone
 
 
 def _weigh_cells(region: Bools, cells: Cells) -> Floats:
@@ -127,24 +128,20 @@ def _weigh_cells(region: Bools, cells: Cells) -> Floats:
 
 def _average_nearby(deviations: Floats, weights: Floats, tile: int) -> Floats:
     """Weighted mean (m, n) of the cells near each tile; towards 0 where no weight is near."""
-    sums = [
-        cv2.GaussianBlur(_average_padded(values, tile, cv2.BORDER_CONSTANT), (0, 0), 1.2)
-        for values in (weights * deviations, weights)
-    ]
-    return np.asarray(sums[0] / (sums[1] + _MODEL_WEIGHT), np.float32)
+    weighted = average_tiles(weights * deviations, tile, cv2.BORDER_CONSTANT)
+    total = average_tiles(weights, tile, cv2.BORDER_CONSTANT)
+    blurred = cv2.GaussianBlur(weighted, (0, 0), 1.2)
+    return np.asarray(blurred / (cv2.GaussianBlur(total, (0, 0), 1.2) + _MODEL_WEIGHT), np.float32)
 
 
-def average_tiles(smooth: Floats, tile: int) -> Floats:
-    """Means (m, n) of smooth values (h, w) in tiles of `tile` x `tile` cells."""
-    return _average_padded(smooth, tile, cv2.BORDER_REPLICATE)
-
-
-def _average_padded(values: Floats, tile: int, border: int) -> Floats:
+def average_tiles(values: Floats, tile: int, border: int = cv2.BORDER_REPLICATE) -> Floats:
     """Means (m, n) in whole tiles that cover all cells, and all pixels that belong to no cell.
 
+    values: (h, w) values of the cells.
+    tile: side of a tile, cells.
     border: OpenCV's border type, which continues `values` beyond their border.
     """
-    rows, columns = ((n // tile + 1) * tile - n for n in values.shape)
+    rows, columns = (np.array(values.shape) // tile * tile + tile - values.shape).tolist()
     padded = np.asarray(
         cv2.copyMakeBorder(values, 0, rows, 0, columns, border, value=0), np.float32
     )

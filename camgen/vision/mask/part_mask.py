@@ -145,7 +145,7 @@ def choose_mask(
         return choice
     what = "shows no part: nothing in it stands out from the bench along its border"
     if options.method != "auto":
-        what = f'shows no part that [image] mask = "{options.method}" tells from the bench'
+        what = f'shows no part that [image] mask = "{options.method}" can separate from the bench'
     raise InputError(
         options.name,
         what,
@@ -166,7 +166,7 @@ def _make_grey_channel(pixels: Bytes, cells: Cells) -> Channel:
 
 def _segment_by_otsu(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
     channel = _make_grey_channel(pixels, cells)
-    level = compute_otsu_threshold(channel.cells, cells)
+    level = compute_otsu_threshold(channel.cells[cells.valid])
     part = split_at_threshold(channel.cells, cells, level, options.invert)
     segmentation = redraw_part(channel, part, cells)
     if segmentation is None:
@@ -182,7 +182,7 @@ def _segment_by_threshold(pixels: Bytes, cells: Cells, options: MaskOptions) -> 
     channel = _make_grey_channel(pixels, cells)
     level = options.threshold
     if level is None:
-        level = compute_otsu_threshold(channel.cells, cells)
+        level = compute_otsu_threshold(channel.cells[cells.valid])
     part = split_at_threshold(channel.cells, cells, level, options.invert)
     segmentation = measure_part(channel, part, cells)
     if segmentation is None:
@@ -298,7 +298,7 @@ def _list_others(
         others["adaptive"] = grey.segmentation.part
         if _measure_light_variation(grey.segmentation, cells) <= _EVEN_LIGHT:
             values = grey.segmentation.channel.cells
-            threshold = compute_otsu_threshold(values, cells)
+            threshold = compute_otsu_threshold(values[cells.valid])
             others["otsu"] = split_at_threshold(values, cells, threshold, options.invert)
     if sampled is None or choice.method == "color":
         return others
@@ -388,8 +388,7 @@ def _choose_grey_or_colour(
     note = Note(
         "warning", "part and bench hardly differ", "look at the mask, or give [image] background"
     )
-    choice = _with_reason(grey, grey.why)
-    return replace(choice, notes=(*grey.notes, note))
+    return replace(_with_reason(grey, grey.why), notes=(*grey.notes, note))
 
 
 def is_cut_out(alpha: Bytes) -> bool:
@@ -452,8 +451,7 @@ def _explain_colour(sampled: MaskChoice | None, grey: MaskChoice | None) -> str:
     if grey is None or grey.segmentation.clarity < _MIN_CLARITY:
         return "part and bench differ in colour more clearly than in grey"
     step = _compute_sample_step(grey.segmentation.part.shape)
-    grey_part = grey.segmentation.part[::step, ::step].copy()
-    if _has_more(sampled.segmentation.part, grey_part):
+    if _has_more(sampled.segmentation.part, grey.segmentation.part[::step, ::step].copy()):
         return "colour shows more of the part than grey does"
     return ""
 
@@ -467,7 +465,7 @@ def _choose_by_light(cells: Cells, options: MaskOptions, grey: MaskChoice) -> Ma
     if variation > _EVEN_LIGHT:
         return _with_reason(grey, f"the light varies by {100 * variation:.0f} % over the picture")
     values = grey.segmentation.channel.cells
-    threshold = compute_otsu_threshold(values, cells)
+    threshold = compute_otsu_threshold(values[cells.valid])
     part = split_at_threshold(values, cells, threshold, options.invert)
     if not is_same_part(part, grey.segmentation.part):
         return _with_reason(
@@ -507,7 +505,7 @@ def _describe_contrast(segmentation: Segmentation) -> str:
 def _has_colour(cells: Cells) -> bool:
     if cells.values.ndim == 2:
         return False
-    blue, green, red = (cells.values[::2, ::2, k] for k in range(3))
+    blue, green, red = np.moveaxis(cells.values[::2, ::2], 2, 0)
     differences = (np.abs(red - green) + np.abs(blue - green))[cells.valid[::2, ::2]]
     return bool(differences.max(initial=0) > _MIN_COLOUR)
 
@@ -621,10 +619,9 @@ def _restore_segmentation(pixels: Bytes, segmentation: Segmentation, cells: Cell
     if not differs.any():
         return
     around = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)).view(np.bool_)
-    cell_of_row, cell_of_column = (
-        np.minimum(np.arange(count) // cells.size, limit - 1)
-        for count, limit in zip(pixels.shape, differs.shape, strict=True)
-    )
+    rows, columns = differs.shape
+    cell_of_row = np.minimum(np.arange(pixels.shape[0]) // cells.size, rows - 1)
+    cell_of_column = np.minimum(np.arange(pixels.shape[1]) // cells.size, columns - 1)
     for side, value in ((part, 255), (~part, 0)):
         inner = around & select_inner_cells(side)
         pixels[inner[np.ix_(cell_of_row, cell_of_column)]] = value
@@ -710,7 +707,7 @@ def _check_colour(settings: ImageTable) -> Colour | None:
     if len(settings.color) != 3 or not all(0 <= value <= 255 for value in settings.color):
         raise JobError(
             "[image] color",
-            f"{settings.color} is no colour",
+            f"{settings.color} is not a colour",
             remedy="give [red, green, blue], each 0 to 255",
         )
     red, green, blue = settings.color

@@ -75,17 +75,18 @@ def _between(grey: Segmentation, part: Bools, shadow: Bools, cells: Cells) -> Se
     None if no such level has the shadow on the side of the bench.
     """
     values, light = grey.channel.cells, np.maximum(grey.bench.values, np.float32(1))
-    tones = [float(np.median((values / light)[area])) for area in (part, shadow)]
-    if not _LEAST_GAP < (tones[1] - tones[0]) / (1 - tones[0]) < 1:
+    tone = float(np.median((values / light)[part]))
+    shadow_tone = float(np.median((values / light)[shadow]))
+    if not _LEAST_GAP < (shadow_tone - tone) / (1 - tone) < 1:
         return None
-    level = np.asarray(light * np.float32(sum(tones) / 2), np.float32)
+    level = np.asarray(light * np.float32((tone + shadow_tone) / 2), np.float32)
     side = np.less if grey.thresholds.contrast < 0 else np.greater
     redrawn = np.asarray(side(values, level) & cells.valid, np.bool_)
     thresholds = measure_thresholds(values, redrawn, cells, grey.bench, grey.channel.black)
     if not thresholds.contrast:
         return None
     # The contrast of the part is that to its shadow: no threshold beyond that has a say.
-    inside, outside = (float(np.median(values[area])) for area in (part, shadow))
+    inside, outside = float(np.median(values[part])), float(np.median(values[shadow]))
     tiles = average_tiles(level, thresholds.tile)
     thresholds = replace(thresholds, tiles=tiles, even=False, inside=inside, outside=outside)
     return Segmentation(grey.channel, redrawn, thresholds, grey.bench)
@@ -96,10 +97,9 @@ def _find_shift(part: Bools, rest: Bools) -> tuple[int, int]:
     rows, columns = np.flatnonzero(part.any(axis=1)), np.flatnonzero(part.any(axis=0))
     reach = int(_MOST_SHIFT * max(np.ptp(rows), np.ptp(columns))) + 1
     shape = [cv2.getOptimalDFTSize(side + reach) for side in part.shape]
-    of_part, of_rest = (np.fft.rfft2(area.astype(np.float32), shape) for area in (part, rest))
-    overlap, stays = (
-        np.fft.irfft2(of_area * np.conj(of_part), shape) for of_area in (of_rest, of_part)
-    )
+    of_part = np.fft.rfft2(part.astype(np.float32), shape)
+    overlap = np.fft.irfft2(np.fft.rfft2(rest.astype(np.float32), shape) * np.conj(of_part), shape)
+    stays = np.fft.irfft2(of_part * np.conj(of_part), shape)
     size = np.count_nonzero(part) + np.count_nonzero(rest)
     score = overlap / np.maximum(size - stays - overlap, 1.0)
     near = np.zeros(score.shape, np.bool_)

@@ -90,7 +90,8 @@ def _find_notches(points: Ring) -> list[int]:
     before and after its tip, and is the smallest one within `reach` rows.
     """
     reach = int(np.clip(_REACH_FRACTION * len(points), *_REACH_CELLS))
-    (px, py), (qx, qy) = ((np.roll(points, shift, axis=0) - points).T for shift in (reach, -reach))
+    px, py = (np.roll(points, reach, axis=0) - points).T
+    qx, qy = (np.roll(points, -reach, axis=0) - points).T
     cross = (px * qy - py * qx) * np.sign(_compute_area(points))
     angle = np.degrees(np.arctan2(cross, px * qx + py * qy))
     opening = np.where(angle > 0, angle, 360.0)
