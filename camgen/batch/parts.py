@@ -13,7 +13,7 @@ from camgen.batch.state import NAME, Outcome, Record, Task, is_unchanged
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.plugins import list_entries
 from camgen.model.version import __version__
-from camgen.pipeline.inputs import digest_of
+from camgen.pipeline.inputs import compute_digest
 from camgen.post.plugins import POSTS, find_post
 from camgen.read.files import Files, identity
 from camgen.read.job_file import find_job_file, load_job
@@ -86,7 +86,7 @@ def _part(place: int, one: BatchInput, order: Order, suffix: str, made_by: str) 
         job_file = find_job_file(order.job, one.source)
         job = load_job(job_file, order.sets, files)
         name = str(job.post.get("program") or name)
-        total = f"{made_by} {one.source.name} {name} {order.strict} {digest_of(job, [one.source], files)}"
+        total = f"{made_by} {one.source.name} {name} {order.strict} {compute_digest(job, [one.source], files)}"
     except CamgenError as error:
         return BatchPart(
             one,

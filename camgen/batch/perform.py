@@ -15,7 +15,7 @@ from camgen.model.errors import CamgenError, rename_errors
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.version import __version__
-from camgen.pipeline import Result, build, program_files
+from camgen.pipeline import Result, build, list_program_files
 from camgen.pipeline.memory import no_collector
 from camgen.read.files import Files
 
@@ -52,7 +52,7 @@ def _outcome(task: Task) -> Outcome:
                 task.source, post=task.post, job=task.job, strict=task.strict, files=files
             )
             made = tuple(
-                (path.name, bytes(file)) for path, file in program_files(result, Path(), None)
+                (path.name, bytes(file)) for path, file in list_program_files(result, Path(), None)
             )
             return Outcome(0, files=made, sums=_sums(result))
     except CamgenError as error:

@@ -37,9 +37,9 @@ from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, ToolChange
 from camgen.model.text import counted, duration, grouped, short
-from camgen.pipeline import ProgramFile, Result, build, program_files
+from camgen.pipeline import ProgramFile, Result, build, list_program_files
 from camgen.pipeline.memory import no_collector
-from camgen.pipeline.motion import list_reasons, tell_motions
+from camgen.pipeline.motion import format_motions, list_reasons
 from camgen.pipeline.stock import why_unproven
 from camgen.plan.steps import name_of
 from camgen.post.verify import list_uncompared
@@ -167,7 +167,7 @@ def _motion(result: Result) -> Row:
         reasons = "; ".join(proof.unproven) if proof else "it was not examined"
         return ("motion", f"not proven: {reasons}", "look")
     contours = counted(proof.contours, "contour")
-    what = f"{contours}, {length(proof.length)}, in {tell_motions(proof)}"
+    what = f"{contours}, {length(proof.length)}, in {format_motions(proof)}"
     if gaps := list_reasons(proof):
         return ("motion", f"{what}; not proven: {'; '.join(gaps)}", "look")
     return ("motion", f"verified: {what}", "good")
@@ -456,7 +456,7 @@ def run(arguments: Namespace, says: Voice) -> int:
                 start=start,
             )
         stages("writing")
-        programs = program_files(result, folder, program)
+        programs = list_program_files(result, folder, program)
         if aloud and len(programs) > 1:
             what = f"the program takes {len(programs)} files, and standard output is one"
             raise JobError("-o -", what, remedy="give a folder with -o")

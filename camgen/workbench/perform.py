@@ -18,7 +18,7 @@ from camgen.model.part import Part, Raster
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import to_vec3
 from camgen.order.tours import JobTour
-from camgen.pipeline import ProgramFile, Result, build, program_files
+from camgen.pipeline import ProgramFile, Result, build, list_program_files
 from camgen.pipeline.memory import no_collector
 from camgen.plan import Watch, kind_of
 from camgen.plan.propose import propose
@@ -157,7 +157,7 @@ def perform(ask: Ask, watch: Watch, tell: Tell) -> Outcome:
 def _build(ask: Ask, files: Files, watch: Watch, tell: Tell, begun: float) -> Built:
     job = load_job(ask.job_file, (), files)
     result = build(ask.inputs, post=ask.post, job=job, watch=watch, files=files)
-    programs = program_files(result, ask.output, None)
+    programs = list_program_files(result, ask.output, None)
     watch("drawing")
     runs = find_runs(result)
     shown = page(view(result), _edits(runs) if kind_of(result.part) in MOVABLE else None)
