@@ -311,20 +311,27 @@ def _far(ask: Ask, files: Files) -> str:
 
 
 def _mask(part: Part, raster: Raster) -> str:
-    from camgen.preview.panels import WIDE, Panel, image, make_crop, sheet, show_crop  # noqa: PLC0415 (only for pictures)
+    from camgen.preview.panels import (  # noqa: PLC0415 (only for pictures)
+        WIDE,
+        Panel,
+        format_crop,
+        format_image,
+        format_sheet,
+        make_crop,
+    )
 
     crop = make_crop(raster)
     high = WIDE * raster.photo.shape[0] / raster.photo.shape[1]
     panels = [
-        Panel("photo", high, [image(raster.photo, WIDE, high)]),
-        Panel(f"to scale, {part.units}", crop.high, [show_crop(crop, raster.view)]),
-        Panel("part and bench", crop.high, [show_crop(crop, raster.mask, smooth=False)]),
+        Panel("photo", high, [format_image(raster.photo, WIDE, high)]),
+        Panel(f"to scale, {part.units}", crop.high, [format_crop(crop, raster.view)]),
+        Panel("part and bench", crop.high, [format_crop(crop, raster.mask, smooth=False)]),
     ]
-    return sheet(panels, part.notes, part.source)
+    return format_sheet(panels, part.notes, part.source)
 
 
 def _photo(source: Source) -> str:
-    from camgen.preview.panels import WIDE, Panel, image, sheet  # noqa: PLC0415 (only for pictures)
+    from camgen.preview.panels import WIDE, Panel, format_image, format_sheet  # noqa: PLC0415 (only for pictures)
     from camgen.vision.image import read_picture as load_picture  # noqa: PLC0415 (OpenCV, only for pictures)
 
     try:
@@ -332,7 +339,9 @@ def _photo(source: Source) -> str:
     except CamgenError:
         return ""
     high = WIDE * photo.pixels.shape[0] / photo.pixels.shape[1]
-    return sheet([Panel("photo", high, [image(photo.pixels, WIDE, high)])], (), source.name)
+    return format_sheet(
+        [Panel("photo", high, [format_image(photo.pixels, WIDE, high)])], (), source.name
+    )
 
 
 # Operations that the contours ask for.
