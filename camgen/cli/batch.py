@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from camgen.batch import cluster, pool, state
 from camgen.batch.inputs import find_inputs
-from camgen.batch.parts import BatchPart, Order, look_at
+from camgen.batch.parts import BatchOptions, BatchPart, make_parts
 from camgen.batch.state import BuildSums, Outcome, Task
 from camgen.batch.writing import check_edits, check_programs, check_targets, write_all
 from camgen.check.report import clean
@@ -56,8 +56,8 @@ def run(arguments: Namespace, says: Voice) -> int:
     check_targets(reports, [one.source for one in inputs])
     says.stage("looking")
     records = state.load_records(folder)
-    order = Order(arguments.post, arguments.job, tuple(arguments.sets), arguments.strict)
-    parts, owners = look_at(inputs, order, folder, records)
+    order = BatchOptions(arguments.post, arguments.job, tuple(arguments.sets), arguments.strict)
+    parts, owners = make_parts(inputs, order, folder, records)
     read = {same: path for part in parts for same, path in part.read.items()}
     check_targets(reports, read.values())
     batch = _Batch(says, folder, parts, records, owners, read, reports, arguments.force)
@@ -73,7 +73,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         )
         return exit_code(error)
     if batch.written:
-        state.tidy(folder, records)
+        state.write_records(folder, records)
     rows = [batch.rows[place] for place in range(len(parts))]
     write_all([(path, _report(rows, arguments.post)) for path in reports], read)
     _tell(rows, says)
@@ -107,9 +107,9 @@ def _check(arguments: Namespace) -> None:
 
 def _builders(arguments: Namespace, tasks: list[Task]) -> Generator[tuple[Task, Outcome]]:
     if arguments.dask:
-        return cluster.run(tasks, arguments.dask)
+        return cluster.run_on_cluster(tasks, arguments.dask)
     jobs = arguments.jobs or os.cpu_count() or 1
-    return pool.run(tasks, jobs, _TIMEOUT if arguments.timeout is None else arguments.timeout)
+    return pool.run_local(tasks, jobs, _TIMEOUT if arguments.timeout is None else arguments.timeout)
 
 
 class _Batch(Struct):
@@ -172,7 +172,7 @@ class _Batch(Struct):
             return
         hashes = {name: state.hash_bytes(data) for name, data in outcome.files}
         self.records[part.program] = state.Record(part.program, part.digest, hashes, outcome.sums)
-        state.add(self.folder, self.records[part.program])
+        state.add_record(self.folder, self.records[part.program])
         self.written += 1
         self._add(place, _Row(source, "built", files=names, sums=outcome.sums))
 

@@ -19,14 +19,14 @@ from camgen.read.files import Files
 def run(arguments: Namespace, says: Voice) -> int:
     """Serves the workbench until its pages are closed, or Ctrl-C."""
     try:
-        from camgen.workbench.server import Shop, listen, serve  # noqa: PLC0415 (an extra)
+        from camgen.workbench.server import CommandLine, open_socket, serve  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise JobError(
             "open",
             f"needs {error.name}",
             remedy="pip install '.[workbench]' in the folder of camgen",
         ) from error
-    from camgen.workbench.guard import make_token  # noqa: PLC0415 (asyncio and all of camgen, for this command only)
+    from camgen.workbench.guard import make_token  # noqa: PLC0415 (asyncio, only for this command)
     from camgen.workbench.session import open_session  # noqa: PLC0415
 
     inputs, job = _inputs(arguments.inputs, arguments.job)
@@ -44,7 +44,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     session = open_session(
         inputs, job, arguments.sets, post, folder, posts if post in posts else [*posts, post]
     )
-    with listen(arguments.port) as door:
+    with open_socket(arguments.port) as door:
         token = make_token()
         address = f"http://127.0.0.1:{door.getsockname()[1]}/{token}/"
 
@@ -56,7 +56,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         def warn(line: str) -> None:
             says.rows([("journal", line, "look")])
 
-        ending = serve(session, Shop(rows, warn, ready), token, door)
+        ending = serve(session, CommandLine(rows, warn, ready), token, door)
     says.clear()
     if not ending.changes:
         return 0

@@ -310,11 +310,11 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
         (["parts/*.dxf", "--dask", "tcp://x:1", "--jobs", "2"], "--dask: the cluster decides "),
         (
             ["parts/a.dxf", "other/A.dxf"],
-            "parts/a.dxf: its program would have the name of that of other/A.dxf (a.ngc); ",
+            "parts/a.dxf: its program would have the same name as that of other/A.dxf (a.ngc); ",
         ),
         (
             ["parts/*.dxf", "--set", "post.program=x"],
-            "parts/b.dxf: its program would have the name of that of parts/a",
+            "parts/b.dxf: its program would have the same name as that of parts/a",
         ),
         (
             ["old/*.ngc", "-o", "old"],
