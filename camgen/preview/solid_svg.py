@@ -179,5 +179,5 @@ def _legend(sheet: _Sheet, view: View) -> Iterator[str]:
     yield f'<text x="{x + 14}" y="{y:.2f}">{label}</text>'
     if any(line.state == "skipped" for line in view.lines):
         x += 130
-        yield f'<path class="skipped" d="M{x} {y - 1.2:.2f}h9"/>'
-        yield f'<text x="{x + 11}" y="{y:.2f}">left out</text>'
+        text = f'<text x="{x + 11}" y="{y:.2f}">left out</text>'
+        yield f'<path class="skipped" d="M{x} {y - 1.2:.2f}h9"/>{text}'

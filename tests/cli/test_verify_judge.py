@@ -164,8 +164,8 @@ def test_a_program_without_a_motion_has_a_page_too(capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--assume", "di1"], "'di1' is no name with its value"),
-        (["--assume", "=1"], "'=1' is no name with its value"),
+        (["--assume", "di1"], "'di1' is not a name with a value"),
+        (["--assume", "=1"], "'=1' is not a name with a value"),
         (["--assume", "args=[1,]"], "'args[2]='"),
         (["--dialect", "fanuc"], "rapid has no dialect fanuc"),
         (["--report", "out.pdf"], "the report of a program is a page"),
