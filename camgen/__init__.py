@@ -1,7 +1,7 @@
 """camgen: checked robot and machine programs from drawings, photos and models.
 
-``build`` does all of it in one call. ``read``, ``plan``, ``order``, ``lower``, ``check``, ``post`` and ``verify`` are
-its stages, with the values between them; docs/python.md shows them at work.
+`build` makes a program in one call. `read`, `plan`, `order`, `lower`, `check`, `post` and `verify`
+are its stages, with the values between them; docs/python.md has examples.
 """
 
 import sys
@@ -57,41 +57,41 @@ if TYPE_CHECKING:
     from camgen.read import Reader
     from camgen.robots.workcell import Workcell
 
-#: The module that each name comes from. It is imported when the name is first asked for:
-#: all imports together take longer than ``--help`` may.
-_HOMES = {
-    name: home
-    for home, names in {
-        "pipeline": "Result build",
-        "pipeline.stages": "cell check job lower order part plan post preview read read_back verify",
-        "lang.programs": "Executed",
-        "model.errors": "CamgenError InputError JobError NoSafeProgram Refused VerifyError",
-        "model.job": "Job",
-        "model.part": "Contour Edge Note Part Solid",
-        "model.path": "ToolPath Tour",
-        "model.pose": "Pose",
-        "model.program": "Comment Force Joints MoveC MoveJ MoveL Origin Output Program Wait",
-        "plan": "Operation Plan",
-        "post": "Post",
-        "read": "Reader",
-        "robots.workcell": "Workcell",
-    }.items()
-    for name in names.split()
+#: The names of each module. A module is imported when one of its names is first used: all imports
+#: together take longer than `--help` may.
+_NAMES = {
+    "pipeline": "Result build",
+    "pipeline.stages": "cell check job lower order part plan post preview read read_back verify",
+    "lang.programs": "Executed",
+    "model.errors": "CamgenError InputError JobError NoSafeProgram Refused VerifyError",
+    "model.job": "Job",
+    "model.part": "Contour Edge Note Part Solid",
+    "model.path": "ToolPath Tour",
+    "model.pose": "Pose",
+    "model.program": "Comment Force Joints MoveC MoveJ MoveL Origin Output Program Wait",
+    "plan": "Operation Plan",
+    "post": "Post",
+    "read": "Reader",
+    "robots.workcell": "Workcell",
 }
+#: The module of each name.
+_HOMES: dict[str, str] = {}
+for _home, _names in _NAMES.items():
+    _HOMES |= dict.fromkeys(_names.split(), _home)
 
 __all__ = [
-    "CamgenError", "Comment", "Contour", "Edge", "Executed", "Force", "InputError", "Job", "JobError", "Joints",
-    "MoveC", "MoveJ", "MoveL", "NoSafeProgram", "Note", "Operation", "Origin", "Output", "Part", "Plan", "Pose",
-    "Post", "Program", "Reader", "Refused", "Result", "Solid", "ToolPath", "Tour", "VerifyError", "Wait",
-    "Workcell", "__version__", "build", "cell", "check", "job", "lower", "order", "part", "plan", "post",
-    "preview", "read", "read_back", "verify",
+    "CamgenError", "Comment", "Contour", "Edge", "Executed", "Force", "InputError", "Job",
+    "JobError", "Joints", "MoveC", "MoveJ", "MoveL", "NoSafeProgram", "Note", "Operation", "Origin",
+    "Output", "Part", "Plan", "Pose", "Post", "Program", "Reader", "Refused", "Result", "Solid",
+    "ToolPath", "Tour", "VerifyError", "Wait", "Workcell", "__version__", "build", "cell", "check",
+    "job", "lower", "order", "part", "plan", "post", "preview", "read", "read_back", "verify",
 ]  # fmt: skip
 
 
 class _Door(ModuleType):
-    """A package whose functions go before its folders of the same name.
+    """A package whose functions have priority over its folders of the same name.
 
-    ``camgen.plan`` is the function, also after Python has imported the folder and would bind that to the name.
+    `camgen.plan` stays the function. Python would replace it by the folder when it imports that.
     """
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -102,9 +102,9 @@ class _Door(ModuleType):
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'camgen' has no attribute {name!r}")
-    found = getattr(import_module(f"camgen.{_HOMES[name]}"), name)
-    globals()[name] = found
-    return found
+    value: object = getattr(import_module(f"camgen.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -160,7 +160,7 @@ def test_the_cell_of_a_program_is_not_guessed() -> None:
     tour = camgen.order(camgen.plan(camgen.part(SQUARE)))
     for stage in (camgen.lower, camgen.check):
         with pytest.raises(
-            camgen.JobError, match=r"cell: is not given; give what camgen\.cell makes"
+            camgen.JobError, match=r"cell: is not given; give a result of camgen\.cell"
         ):
             stage(tour if stage is camgen.lower else camgen.lower(tour, cell="gcode"))
 

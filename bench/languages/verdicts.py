@@ -12,7 +12,7 @@ committed before any finding was examined. These findings of each program are ex
 
 - true: the controller refuses the line, or cannot run the program; the line may do harm; the
   motion is unusual as stated. If the finding names a condition, this holds under the condition. A
-  text that "cannot be run on" may also be for a controller without a dialect here.
+  text at which "the run stops here" may also be for a controller without a dialect here.
 - false: the controller runs the line, or the harm is not there.
 - unclear: the text does not hold the answer. The reason names the missing fact.
 
@@ -103,7 +103,7 @@ def list_findings(language: str, name: str, data: bytes) -> list[Finding]:
         reasons = [item for item in executed.findings if item.level == "refused"]
         if executed.stopped:
             line, what = executed.stopped
-            reasons.append(Finding("refused", line, f"cannot be run on: {what}"))
+            reasons.append(Finding("refused", line, f"the run stops here: {what}"))
         reasons += [item for item in executed.findings if item.level == "dangerous"]
         # The reason of an error without a finding is in the last line.
         reasons.append(Finding("refused", 0, printed[-1].removeprefix("camgen: error: ")))

@@ -25,7 +25,7 @@ import camgen
 from bench.robots.coverage import list_parts, make_job
 from bench.support.runner import Cells, Scenario, run, verdict
 from bench.support.timing import timed
-from camgen.pipeline import poster_of
+from camgen.pipeline import make_job_post
 from camgen.pipeline.inputs import read_inputs
 from camgen.pipeline.place import Request, Search, list_spots, make_case, reach_joints, search_place
 from camgen.read.files import Files
@@ -42,7 +42,7 @@ def read_case(part: camgen.Part) -> tuple[camgen.Part, camgen.Job, camgen.Workce
     """The part, its job and its cell."""
     files = Files()
     job = from_mapping(make_job(part), files)
-    read = read_inputs([part], job, poster_of(POST, job, "job").cell(), files)
+    read = read_inputs([part], job, make_job_post(POST, job, "job").cell(), files)
     return read.part, job, read.cell
 
 

@@ -1,1 +1,1 @@
-"""Many parts, each built as ``camgen build`` would: which, where their programs go, who builds them, what is done."""
+"""Builds many parts, each as `camgen build` does, in several processes or on a cluster."""

@@ -1,7 +1,8 @@
 """Builders on other machines: the workers of a running Dask cluster.
 
-Nothing is shared with them but the network: what a part is made from travels with its task, the program comes back as
-bytes. A worker that dies loses its tasks to the others; a task that kills worker after worker is given up by Dask.
+They share nothing but the network. So a task carries the files of its part, and the program comes
+back as bytes. The tasks of a worker that dies go to the others. Dask gives up a task that kills
+several workers.
 """
 
 from __future__ import annotations
@@ -12,18 +13,21 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from camgen.batch.perform import list_carried, perform
-from camgen.batch.state import Outcome, Task, fault
+from camgen.batch.perform import build_task, list_carried
+from camgen.batch.state import Outcome, Task, make_fault
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.job_tables import split_name
 from camgen.read.files import Files
 
-#: Seconds until a cluster that does not answer is given up.
+#: Time to wait for the answer of a cluster, s.
 _PATIENCE = 10
 
 
-def run(tasks: Sequence[Task], address: str) -> Generator[tuple[Task, Outcome]]:
-    """Tasks as they are done, by the workers of the cluster whose scheduler is at ``address``. JobError."""
+def run_on_cluster(tasks: Sequence[Task], address: str) -> Generator[tuple[Task, Outcome]]:
+    """Run tasks on the cluster whose scheduler is at `address`, and yield them as they are done.
+
+    Raises JobError if the scheduler cannot be used.
+    """
     try:
         distributed: Any = import_module("distributed")
     except ImportError as error:
@@ -34,12 +38,11 @@ def run(tasks: Sequence[Task], address: str) -> Generator[tuple[Task, Outcome]]:
     try:
         client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
-        what = (
-            "no Dask scheduler answers" if isinstance(error, OSError) else f"is no address: {error}"
-        )
-        raise JobError(
-            f"--dask {address}", what, remedy="give tcp://HOST:PORT as the scheduler prints it"
-        ) from error
+        what = f"is not an address: {error}"
+        if isinstance(error, OSError):
+            what = "no Dask scheduler answers"
+        remedy = "give tcp://HOST:PORT as the scheduler prints it"
+        raise JobError(f"--dask {address}", what, remedy=remedy) from error
     with client:
         running: dict[Any, Task] = {}
         done = distributed.as_completed(loop=client.loop)
@@ -48,16 +51,16 @@ def run(tasks: Sequence[Task], address: str) -> Generator[tuple[Task, Outcome]]:
             if isinstance(packed, Outcome):
                 yield task, packed
                 continue
-            while len(running) >= _room(client):
-                yield _next(done, running)
-            future = client.submit(perform, packed, pure=False)
+            while len(running) >= _count_slots(client):
+                yield _take_outcome(done, running)
+            future = client.submit(build_task, packed, pure=False)
             running[future] = task
             done.add(future)
         while running:
-            yield _next(done, running)
+            yield _take_outcome(done, running)
 
 
-def _next(done: Iterator[Any], running: dict[Any, Task]) -> tuple[Task, Outcome]:
+def _take_outcome(done: Iterator[Any], running: dict[Any, Task]) -> tuple[Task, Outcome]:
     future = next(done)
     task = running.pop(future)
     if future.status == "finished":
@@ -65,27 +68,25 @@ def _next(done: Iterator[Any], running: dict[Any, Task]) -> tuple[Task, Outcome]
     error = (
         "it was cancelled" if future.status == "cancelled" else type(future.exception()).__name__
     )
-    return task, fault(f"{task.source}: the cluster could not build it ({error})")
+    return task, make_fault(f"{task.source}: the cluster could not build it ({error})")
 
 
-def _room(client: Any) -> int:
-    """How many tasks are under way: two for each thread, since one travels while the other is built."""
+def _count_slots(client: Any) -> int:
+    """The number of tasks to submit: two per thread, one that is built and one that travels."""
     threads: dict[str, int] = client.nthreads()
     return max(4, 2 * sum(threads.values()))
 
 
 def _pack(task: Task) -> Task | Outcome:
-    """The task with all its files; an outcome where one cannot travel."""
+    """The task with all its files, or an outcome if one of them cannot be sent."""
+    remedy = "build without --dask"
     try:
         if task.post.endswith(".py"):
-            raise JobError(
-                task.post,
-                "a post from a file does not travel to a cluster",
-                remedy="build without --dask",
-            )
+            what = "a post from a file cannot be sent to a cluster"
+            raise JobError(task.post, what, remedy=remedy)
         if split_name(task.job.cell.robot):
-            what = "an arm from a URDF file does not travel to a cluster"
-            raise JobError(task.job_file, what, "cell.robot", "build without --dask")
+            what = "an arm from a URDF file cannot be sent to a cluster"
+            raise JobError(task.job_file, what, "cell.robot", remedy)
         names = [str(task.source), *list_carried(task.job)]
         files = Files(limits=task.job.limits)
         return replace(task, carried=tuple((name, files.read(name).data) for name in names))

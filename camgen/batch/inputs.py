@@ -1,4 +1,4 @@
-"""Which inputs the patterns of a batch mean, and where the program of each goes."""
+"""Finds the inputs of a batch by patterns, and the folder of each program."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from camgen.batch.state import NAME
 from camgen.model.errors import JobError
 from camgen.read.files import identity
 
-#: What lies beside drawings and is none.
+#: Endings of the names of files that are not inputs: job files and the state of the batch.
 _NO_INPUTS = (".toml", NAME)
 
 
@@ -25,42 +25,40 @@ class BatchInput(Struct, frozen=True):
 
 
 def find_inputs(patterns: Sequence[str]) -> list[BatchInput]:
-    """The inputs in order of their names, each once. JobError for a pattern that matches none.
+    """The inputs in the order of their names, each once.
 
-    Of a pattern, the folders from the first wildcard on are kept for the program: ``parts/**/*.dxf`` puts that of
-    ``parts/a/lid.dxf`` into ``a/``. A name without wildcard has none.
+    A program keeps the folders from the first wildcard of its pattern on: `parts/**/*.dxf` puts the
+    program of `parts/a/lid.dxf` into `a/`. A name without a wildcard has no such folders.
+
+    Raises JobError for a pattern without a match.
     """
     inputs: dict[str, BatchInput] = {}
     for pattern in patterns:
-        for path, folder in _matches(pattern):
+        for path, folder in _find_matches(pattern):
             inputs.setdefault(identity(path), BatchInput(path, folder))
-    return sorted(inputs.values(), key=lambda one: one.source.as_posix())
+    return sorted(inputs.values(), key=lambda batch_input: batch_input.source.as_posix())
 
 
-def _matches(pattern: str) -> list[tuple[Path, PurePath]]:
+def _find_matches(pattern: str) -> list[tuple[Path, PurePath]]:
     path = Path(pattern)
     if not glob.has_magic(pattern) or path.is_file():  # a file may be called part[1].dxf
         if not path.is_file():
-            raise JobError(
-                pattern,
-                "no such file" if not path.is_dir() else "is a folder",
-                remedy="give files or globs",
-            )
+            what = "is a folder" if path.is_dir() else "no such file"
+            raise JobError(pattern, what, remedy="give files or globs")
         return [(path, PurePath())]
     try:
         names = glob.glob(pattern, recursive=True)
     except (ValueError, RecursionError) as error:
-        raise JobError(pattern, f"is no pattern: {error}") from error
+        raise JobError(pattern, f"is not a pattern: {error}") from error
     paths = [Path(name) for name in names if not name.endswith(_NO_INPUTS) and os.path.isfile(name)]
     if not paths:
-        raise JobError(
-            pattern, "no file matches", remedy="quote it, and look at the folder with ls"
-        )
-    base = _before_wildcards(path)
-    return [(one, one.relative_to(base).parent) for one in paths]
+        remedy = "put the pattern in quotes, and list the folder"
+        raise JobError(pattern, "no file matches", remedy=remedy)
+    base = _find_base(path)
+    return [(match, match.relative_to(base).parent) for match in paths]
 
 
-def _before_wildcards(pattern: Path) -> Path:
+def _find_base(pattern: Path) -> Path:
     parts = pattern.parts[:-1]
     fixed = next((k for k, part in enumerate(parts) if glob.has_magic(part)), len(parts))
     return Path(*parts[:fixed])

@@ -1,4 +1,4 @@
-"""What is to be done for every input: build it, or nothing since it was built from the same before."""
+"""Decides for each input of a batch whether it has to be built, by the digest of its sources."""
 
 from __future__ import annotations
 
@@ -13,14 +13,20 @@ from camgen.batch.state import NAME, Outcome, Record, Task, is_unchanged
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.plugins import list_entries
 from camgen.model.version import __version__
-from camgen.pipeline.inputs import digest_of
+from camgen.pipeline.inputs import compute_digest
 from camgen.post.plugins import POSTS, find_post
 from camgen.read.files import Files, identity
 from camgen.read.job_file import find_job_file, load_job
 
 
-class Order(Struct, frozen=True):
-    """What holds for all parts, as on the command line. job: the one of ``--job``, else each part's own."""
+class BatchOptions(Struct, frozen=True):
+    """The options of all parts, as on the command line.
+
+    post: name of the controller.
+    job: job file of `--job`; None for the job file beside each part.
+    sets: texts of `--set`.
+    strict: whether anything left out is an error.
+    """
 
     post: str
     job: str | None
@@ -29,9 +35,15 @@ class Order(Struct, frozen=True):
 
 
 class BatchPart(Struct, frozen=True):
-    """One input. program: its first file, below the output folder. digest: of all that the program is made from.
-    read: every file that it is made from. Exactly one of the last three is there: what is to be built, what is built
-    already, why it cannot be built.
+    """One input. Exactly one of `task`, `record` and `outcome` is set.
+
+    input: the input.
+    program: first file of the program, relative to the output folder.
+    digest: digest of everything from which the program is made.
+    read: files from which the program is made, by identity.
+    task: task of a part that has to be built.
+    record: record of a part that is unchanged.
+    outcome: reason why a part cannot be built.
     """
 
     input: BatchInput
@@ -43,67 +55,74 @@ class BatchPart(Struct, frozen=True):
     outcome: Outcome | None = None
 
 
-def look_at(
-    inputs: Sequence[BatchInput], order: Order, folder: Path, records: Mapping[str, Record]
+def make_parts(
+    inputs: Sequence[BatchInput], options: BatchOptions, folder: Path, records: Mapping[str, Record]
 ) -> tuple[list[BatchPart], dict[str, int]]:
-    """The parts in order, and who may write which file (in small letters, since many systems do not tell the case):
-    the first file of each program belongs to its part. JobError where two claim one, or one is an input.
+    """The parts in their order, and the part that may write each file.
+
+    The first file of each program belongs to its part. Names of files are in lower case, since many
+    systems do not distinguish case. Raises JobError if two parts have a file of the same name, or
+    if a file is an input.
     """
-    suffix, made_by = find_post(order.post).suffix, _maker(order.post)
-    parts = [_part(place, one, order, suffix, made_by) for place, one in enumerate(inputs)]
+    suffix, post = find_post(options.post).suffix, _describe_post(options.post)
+    parts = [
+        _make_part(place, source, options, suffix, post) for place, source in enumerate(inputs)
+    ]
     owners: dict[str, int] = {}
-    read = {same for part in parts for same in part.read} | {identity(one.source) for one in inputs}
+    read = {identity(batch_input.source) for batch_input in inputs}
+    read.update(*(part.read for part in parts))
     if identity(folder / NAME) in read:
-        raise JobError(
-            str(folder / NAME), "is read by a part, and a batch writes it", remedy="rename it"
-        )
+        what = "is read by a part, and a batch writes it"
+        raise JobError(str(folder / NAME), what, remedy="rename it")
     for place, part in enumerate(parts):
         first = owners.setdefault(part.program.casefold(), place)
         source = str(part.input.source)
         if first != place and not part.outcome:
-            what = f"its program would have the name of that of {parts[first].input.source}"
-            raise JobError(
-                source,
-                what,
-                part.program,
-                'build them into two folders, or by one pattern with "**"',
-            )
+            what = f"its program would have the same name as that of {parts[first].input.source}"
+            remedy = 'build them into two folders, or by one pattern with "**"'
+            raise JobError(source, what, part.program, remedy)
         if identity(folder / part.program) in read:
             what = "its program would overwrite a file that is read"
             raise JobError(source, what, part.program, "give another folder with -o")
-    return [_unless_there(part, folder, records) for part in parts], owners
+    return [_skip_unchanged(part, folder, records) for part in parts], owners
 
 
-def _part(place: int, one: BatchInput, order: Order, suffix: str, made_by: str) -> BatchPart:
-    name = one.source.stem
+def _make_part(
+    place: int, batch_input: BatchInput, options: BatchOptions, suffix: str, post: str
+) -> BatchPart:
+    """The part of an input, with a task or with the reason why it cannot be built.
+
+    place: index of the input.
+    suffix: suffix of programs.
+    post: description of the post, for the digest.
+    """
+    source = batch_input.source
+    name = source.stem
     job_file = None
-    files = Files()  # of this part alone: its bytes are not kept while the others are looked at
+    files = Files()  # The cache of this part alone, so that its bytes are freed after it.
     try:
-        if not _is_text(one.source):
-            raise InputError(str(one.source), "its name is no UTF-8 text", remedy="rename it")
-        if order.post.endswith(".py"):
-            files.read(order.post)  # Python imports it; what it was made from stays
-        job_file = find_job_file(order.job, one.source)
-        job = load_job(job_file, order.sets, files)
+        if not _is_text(source):
+            raise InputError(str(source), "its name is not UTF-8 text", remedy="rename it")
+        if options.post.endswith(".py"):
+            files.read(options.post)  # Registers the file, which Python imports by itself.
+        job_file = find_job_file(options.job, source)
+        job = load_job(job_file, options.sets, files)
         name = str(job.post.get("program") or name)
-        total = f"{made_by} {one.source.name} {name} {order.strict} {digest_of(job, [one.source], files)}"
+        digest = compute_digest(job, [source], files)
     except CamgenError as error:
-        return BatchPart(
-            one,
-            (one.folder / (name + suffix)).as_posix(),
-            "",
-            files.opened,
-            outcome=Outcome(error.exit_code, str(error)),
-        )
-    task = Task(
-        place, one.source, order.post, job, str(job_file or "job"), order.strict, __version__
-    )
-    digest = hashlib.sha256(total.encode("utf-8", "surrogateescape")).hexdigest()
-    return BatchPart(one, (one.folder / (name + suffix)).as_posix(), digest, files.opened, task)
+        outcome = Outcome(error.exit_code, str(error))
+        program = (batch_input.folder / (name + suffix)).as_posix()
+        return BatchPart(batch_input, program, "", files.opened, outcome=outcome)
+    job_name = str(job_file or "job")
+    task = Task(place, source, options.post, job, job_name, options.strict, __version__)
+    text = f"{post} {source.name} {name} {options.strict} {digest}"
+    digest = hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
+    program = (batch_input.folder / (name + suffix)).as_posix()
+    return BatchPart(batch_input, program, digest, files.opened, task)
 
 
 def _is_text(path: Path) -> bool:
-    """Whether a name can stand in the state and the report of a batch, which are UTF-8."""
+    """Whether a name can be written to the state and the report of a batch, which are UTF-8."""
     try:
         path.as_posix().encode()
     except UnicodeEncodeError:
@@ -111,20 +130,17 @@ def _is_text(path: Path) -> bool:
     return True
 
 
-def _unless_there(part: BatchPart, folder: Path, records: Mapping[str, Record]) -> BatchPart:
+def _skip_unchanged(part: BatchPart, folder: Path, records: Mapping[str, Record]) -> BatchPart:
     record = records.get(part.program)
     if part.task is None or not is_unchanged(record, part.digest, folder / part.input.folder):
         return part
     return BatchPart(part.input, part.program, part.digest, part.read, record=record)
 
 
-def _maker(post: str) -> str:
-    """What the text depends on beside the job: camgen's version, and that of the post."""
+def _describe_post(post: str) -> str:
+    """The versions of camgen and of the post, on which the text depends besides the job."""
     if post.endswith(".py"):
         return f"{__version__} {hashlib.sha256(Files().read(post).data).hexdigest()}"
-    (entry,) = (one for one in list_entries(POSTS) if one.name == post)
-    return (
-        f"{__version__} {post} {entry.dist.name} {entry.dist.version}"
-        if entry.dist
-        else f"{__version__} {post}"
-    )
+    (entry,) = (entry for entry in list_entries(POSTS) if entry.name == post)
+    package = f" {entry.dist.name} {entry.dist.version}" if entry.dist else ""
+    return f"{__version__} {post}{package}"

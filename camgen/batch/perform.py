@@ -1,4 +1,4 @@
-"""Builds one part of a batch, in whatever process it is called."""
+"""Builds one part of a batch, in any process."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from camgen.batch.state import BuildSums, Outcome, Task, fault
+from camgen.batch.state import BuildSums, Outcome, Task, make_fault
 from camgen.model.errors import CamgenError, rename_errors
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.version import __version__
-from camgen.pipeline import Result, build, program_files
+from camgen.pipeline import Result, build, list_program_files
 from camgen.pipeline.memory import no_collector
 from camgen.read.files import Files
 
@@ -25,57 +25,52 @@ class _Lengths(Struct):
     travel_mm: float
 
 
-class _Told(Struct):
-    """What is taken from the report of a build."""
+class _ReportSums(Struct):
+    """The values that are taken from the report of a build."""
 
     tour: _Lengths
     time_s: float
 
 
-def perform(task: Task) -> Outcome:
-    """The program of a part, or the reason why there is none. Nothing is written."""
+def build_task(task: Task) -> Outcome:
+    """The program of a part, or the reason why it cannot be built. Nothing is written."""
     if task.version != __version__:
-        return fault(
-            f"{task.source}: the worker runs camgen {__version__}, the batch {task.version}"
-        )
+        what = f"the worker runs camgen {__version__}, the batch {task.version}"
+        return make_fault(f"{task.source}: {what}")
     with no_collector():
-        outcome = _outcome(task)
-        gc.collect()  # the drawing is a heap of cycles; what was there before this part is not looked at
+        outcome = _build(task)
+        # A drawing is full of reference cycles. Objects from before this part are frozen.
+        gc.collect()
     return outcome
 
 
-def _outcome(task: Task) -> Outcome:
+def _build(task: Task) -> Outcome:
     files = Files(Source(Path(name), data) for name, data in task.carried)
     try:
         with rename_errors("job", task.job_file):
             result = build(
                 task.source, post=task.post, job=task.job, strict=task.strict, files=files
             )
-            made = tuple(
-                (path.name, bytes(file)) for path, file in program_files(result, Path(), None)
-            )
-            return Outcome(0, files=made, sums=_sums(result))
+            program = list_program_files(result, Path(), None)
+            files_written = tuple((path.name, bytes(file)) for path, file in program)
+            return Outcome(0, files=files_written, sums=_sum_report(result))
     except CamgenError as error:
         return Outcome(error.exit_code, str(error))
-    except (
-        Exception
-    ) as error:  # whatever it is, it is this part's line and the others go on, as in cli.main
-        return fault(
-            f"{task.source}: fault: {type(error).__name__}: {error}", traceback.format_exc()
-        )
+    except Exception as error:  # any fault is the line of this part, as in cli.main
+        what = f"{task.source}: fault: {type(error).__name__}: {error}"
+        return make_fault(what, traceback.format_exc())
 
 
-def _sums(result: Result) -> BuildSums:
-    told = msgspec.convert(result.report, _Told)  # the numbers are those of build's report
+def _sum_report(result: Result) -> BuildSums:
+    sums = msgspec.convert(result.report, _ReportSums)
     notes = dict(sorted(Counter[str](note.kind for note in result.notes).items()))
-    return BuildSums(
-        len(result.tour.paths), told.tour.work_mm, told.tour.travel_mm, told.time_s, notes
-    )
+    tour = sums.tour
+    return BuildSums(len(result.tour.paths), tour.work_mm, tour.travel_mm, sums.time_s, notes)
 
 
 def list_carried(job: Job) -> list[str]:
-    """The files that a job names and that can travel."""
-    meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
+    """The files that a job names and that can be sent to a cluster."""
+    meshes = [fixture for fixture in job.cell.fixtures or () if isinstance(fixture, str)]
     photos = [job.image.background, job.image.lamp_moved]
     names = [*photos, job.camera.file, job.cell.machine, *meshes]
     return [name for name in dict.fromkeys(names) if name]

@@ -1,10 +1,10 @@
-"""Builders on this machine: processes that live for the whole batch, one part at a time each.
+"""Builders on this machine: processes that live for the whole batch and build one part at a time.
 
-``concurrent.futures`` gives up all its processes when one of them dies and does not say which task killed it. Here
-every process has a pipe of its own, so a death belongs to one part and the others do not notice.
+`concurrent.futures` gives up all its processes when one of them dies, and does not name the task
+that killed it. Here each process has its own pipe, so a death concerns one part alone.
 
-They are spawned: fork is not there on Windows and is unsafe beside the threads of OpenCV and numpy. The import costs
-half a second for each process, once.
+The processes are spawned: Windows has no fork, and fork is unsafe with the threads of OpenCV and
+numpy. Each process imports camgen once, which takes half a second.
 """
 
 from __future__ import annotations
@@ -22,12 +22,19 @@ from time import monotonic
 
 from msgspec import Struct
 
-from camgen.batch.state import Outcome, Task, fault
+from camgen.batch.state import Outcome, Task, make_fault
 
 
 class _Worker(Struct, eq=False):
-    """One process, the pipe to it, what it builds, how long a part may take (s), and until when this one may
-    (``monotonic``). The time begins when the process has imported what it needs, which is no matter of the part.
+    """One process.
+
+    process: the process.
+    link: pipe to it.
+    seconds: maximum time for a part, s.
+    task: task that it builds, None if it is idle.
+    until: end of the time of that task, on the clock `monotonic`, s. The time starts when the
+        process has imported camgen.
+    imported: whether it has.
     """
 
     process: SpawnProcess
@@ -38,37 +45,35 @@ class _Worker(Struct, eq=False):
     imported: bool = False
 
     def begin(self) -> None:
-        """From now on the time of the part counts."""
+        """Start the time of the part."""
         self.until = monotonic() + self.seconds if self.imported else math.inf
 
 
-def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Task, Outcome]]:
-    """Tasks as they are done, by ``jobs`` processes. seconds: what a part may take, 0: for ever."""
-    left = deque(tasks)
+def run_local(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Task, Outcome]]:
+    """Run tasks in `jobs` processes, and yield them as they are done.
+
+    seconds: maximum time for a part, s; 0 for no limit.
+    """
+    pending = deque(tasks)
     workers: list[_Worker] = []
     try:
-        while left or any(worker.task for worker in workers):
+        while pending or any(worker.task for worker in workers):
             workers = [worker for worker in workers if worker.task or worker.process.is_alive()]
-            while left and len([w for w in workers if w.task]) < jobs:
+            while pending and len([w for w in workers if w.task]) < jobs:
                 idle = next((worker for worker in workers if not worker.task), None)
                 worker = idle or _start(seconds or math.inf)
                 if worker is not idle:
                     workers.append(worker)
-                if _give(worker, left[0]):
-                    left.popleft()
+                if _send_task(worker, pending[0]):
+                    pending.popleft()
                     continue
                 workers.remove(worker)
-                if (
-                    worker is not idle
-                ):  # one that died while it had nothing to do gets a successor, this one none
-                    task = left.popleft()
-                    yield (
-                        task,
-                        fault(
-                            f"{task.source}: no process can be started ({tell_death(worker.process.exitcode)})"
-                        ),
-                    )
-            yield from _next([worker for worker in workers if worker.task])
+                # An idle process that has died is replaced. A new one that dies at once is a fault.
+                if worker is not idle:
+                    task = pending.popleft()
+                    ending = format_exit(worker.process.exitcode)
+                    yield task, make_fault(f"{task.source}: no process can be started ({ending})")
+            yield from _receive_outcomes([worker for worker in workers if worker.task])
     finally:
         for worker in workers:
             worker.process.kill()
@@ -79,7 +84,7 @@ def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Tas
 def _start(seconds: float) -> _Worker:
     context = get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_work, args=(theirs,), daemon=True)
+    process = context.Process(target=_serve_tasks, args=(theirs,), daemon=True)
     with no_interrupt():
         process.start()
     theirs.close()  # so that the pipe ends when the process does
@@ -88,9 +93,9 @@ def _start(seconds: float) -> _Worker:
 
 @contextmanager
 def no_interrupt() -> Iterator[None]:
-    """A process that is started in here does not hear Ctrl-C, which is for the batch: it decides what happens."""
+    """Start processes that ignore Ctrl-C. The batch receives it and decides what happens."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread has to do with signals
+        yield  # Only the main thread handles signals.
         return
     old = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -99,7 +104,7 @@ def no_interrupt() -> Iterator[None]:
         signal.signal(signal.SIGINT, old)
 
 
-def _give(worker: _Worker, task: Task) -> bool:
+def _send_task(worker: _Worker, task: Task) -> bool:
     try:
         worker.link.send(task)
     except OSError:
@@ -112,13 +117,11 @@ def _give(worker: _Worker, task: Task) -> bool:
     return True
 
 
-def _next(busy: Sequence[_Worker]) -> Iterator[tuple[Task, Outcome]]:
-    """What is done next, or has taken too long."""
+def _receive_outcomes(busy: Sequence[_Worker]) -> Iterator[tuple[Task, Outcome]]:
+    """Wait for the next outcomes, or for the end of the time of a part."""
     until = min(worker.until for worker in busy)
-    ready = wait(
-        [worker.link for worker in busy],
-        None if until == math.inf else max(0.0, until - monotonic()),
-    )
+    timeout = None if until == math.inf else max(0.0, until - monotonic())
+    ready = wait([worker.link for worker in busy], timeout)
     for worker in busy:
         task = worker.task
         assert task is not None
@@ -130,38 +133,38 @@ def _next(busy: Sequence[_Worker]) -> Iterator[tuple[Task, Outcome]]:
             worker.task = None
             worker.process.kill()
             worker.process.join()
-            yield task, fault(f"{task.source}: was stopped, it took longer than --timeout")
+            what = "was stopped, it took longer than --timeout"
+            yield task, make_fault(f"{task.source}: {what}")
 
 
 def _receive(worker: _Worker, task: Task) -> Outcome | None:
-    """The outcome of the task; None where the process only says that it begins."""
+    """The outcome of the task; None if the process reports the end of its imports."""
     try:
         outcome: Outcome | None = worker.link.recv()
     except (EOFError, OSError):
         worker.process.join()
-        return fault(
-            f"{task.source}: the process that built it died ({tell_death(worker.process.exitcode)})"
-        )
+        ending = format_exit(worker.process.exitcode)
+        return make_fault(f"{task.source}: the process that built it died ({ending})")
     if outcome is None:
         worker.imported = True
         worker.begin()
     return outcome
 
 
-def tell_death(code: int | None) -> str:
-    """How a process ended, by its exit code: the name of a signal, or the code."""
+def format_exit(code: int | None) -> str:
+    """The end of a process: the name of the signal that ended it, or its exit code."""
     if code is not None and code < 0:
         with suppress(ValueError):  # a signal without a name
             return signal.Signals(-code).name
     return f"exit code {code}"
 
 
-def _work(link: Connection) -> None:
-    """What a process does: tasks from the pipe, outcomes back, until the batch is gone."""
+def _serve_tasks(link: Connection) -> None:
+    """Build the tasks from the pipe and send their outcomes, until the batch has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    from camgen.batch.perform import perform  # noqa: PLC0415 (only the processes that build pay for it)
+    from camgen.batch.perform import build_task  # noqa: PLC0415 (only in processes that build)
 
     with suppress(EOFError, OSError):  # the batch has ended or was killed
         link.send(None)
         while True:
-            link.send(perform(link.recv()))
+            link.send(build_task(link.recv()))

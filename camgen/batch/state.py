@@ -1,7 +1,8 @@
-"""What a folder of programs was made from: one file of JSON lines, so that a batch can go on where it stopped.
+"""The state of a batch in the folder of its programs: a file of JSON lines, one per program.
 
-A line is added after the program's files are there, so whatever kills the batch, a line that can be read is true. A
-line that was cut off is as if it were not there: its part is built again.
+With it a batch continues after a stop. A line is added after the files of the program are written,
+so each readable line is true, even if the batch is killed. A line that was cut off is ignored, and
+its part is built again.
 """
 
 from __future__ import annotations
@@ -18,15 +19,21 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.read.files import Files
 
-# What travels between the batch and whoever builds a part: a task there, an outcome back.
+# The messages between the batch and a process that builds: a task, and its outcome.
 
 
 class Task(Struct, frozen=True):
     """One part to build.
 
-    place: among the inputs of the batch. job_file: as errors call it. version: of the camgen that asks. carried: files
-    that travel with the task, the input first: (name as the job or the user has it, bytes); empty where the builder
-    sees the same disk.
+    place: index of its input in the batch.
+    source: its input.
+    post: name of the controller.
+    job: its job.
+    job_file: name of the job file in errors.
+    strict: whether anything left out is an error.
+    version: version of camgen of the batch.
+    carried: name, as in the job or the command, and bytes of each file that is sent with the task,
+        the input first; empty for a builder with the same disk.
     """
 
     place: int
@@ -40,7 +47,13 @@ class Task(Struct, frozen=True):
 
 
 class BuildSums(Struct, frozen=True):
-    """What a program amounts to: mm, s; notes: how many of each kind."""
+    """The sums of a program.
+
+    paths: number of its paths.
+    work_mm, travel_mm: length of its paths and of its links, mm.
+    time_s: its time, s.
+    notes: number of notes, by kind.
+    """
 
     paths: int
     work_mm: float
@@ -50,8 +63,13 @@ class BuildSums(Struct, frozen=True):
 
 
 class Outcome(Struct, frozen=True):
-    """What became of a task. code: the exit code that ``camgen build`` would return. error: its line without
-    ``camgen: error:``. trace: the traceback of a fault. files: the program, name and bytes of every file.
+    """The outcome of a task.
+
+    code: exit code of `camgen build`.
+    error: its line without `camgen: error:`.
+    trace: traceback of a fault.
+    files: name and bytes of each file of the program.
+    sums: sums of the program, None without one.
     """
 
     code: int
@@ -61,17 +79,22 @@ class Outcome(Struct, frozen=True):
     sums: BuildSums | None = None
 
 
-def fault(what: str, trace: str = "") -> Outcome:
-    """The outcome of a task whose builder failed instead of the part."""
+def make_fault(what: str, trace: str = "") -> Outcome:
+    """The outcome of a task that failed by a fault of its builder, not of its part."""
     return Outcome(1, what, trace)
 
 
+#: Name of the file with the state of a batch.
 NAME = "camgen-batch.jsonl"
 
 
 class Record(Struct, frozen=True):
-    """One program. program: its first file, in the folder. digest: of all that it was made from. files: the hash of
-    every file.
+    """One program.
+
+    program: its first file, relative to the folder.
+    digest: digest of everything from which it was made.
+    files: hash of each of its files, by name.
+    sums: its sums.
     """
 
     program: str
@@ -81,25 +104,25 @@ class Record(Struct, frozen=True):
 
 
 def load_records(folder: Path) -> dict[str, Record]:
-    """The records of a folder by program; of several the last."""
+    """The last record of each program in a folder."""
     try:
         lines = Files().open(folder / NAME).data.splitlines()
     except FileNotFoundError:
         return {}
     except OSError as error:
         raise JobError(str(folder / NAME), f"cannot be read: {error.strerror}") from error
-    found: dict[str, Record] = {}
+    records: dict[str, Record] = {}
     for line in lines:
         try:
             record = msgspec.json.decode(line, type=Record)
         except (msgspec.MsgspecError, UnicodeDecodeError):
             continue
-        found[record.program] = record
-    return found
+        records[record.program] = record
+    return records
 
 
-def add(folder: Path, record: Record) -> None:
-    """One more line, after a line end in case that the last one was cut off."""
+def add_record(folder: Path, record: Record) -> None:
+    """Add a line. It starts with a line end, in case the last line was cut off."""
     try:
         with (folder / NAME).open("ab") as stream:
             stream.write(b"\n" + msgspec.json.encode(record))
@@ -107,8 +130,8 @@ def add(folder: Path, record: Record) -> None:
         raise JobError(str(folder / NAME), f"cannot be written: {error.strerror}") from error
 
 
-def tidy(folder: Path, records: Mapping[str, Record]) -> None:
-    """One line for each program, in order."""
+def write_records(folder: Path, records: Mapping[str, Record]) -> None:
+    """Replace the file by one line per program, sorted by name."""
     lines = [msgspec.json.encode(records[name]) + b"\n" for name in sorted(records)]
     write_all([(folder / NAME, b"".join(lines))], {})
 
@@ -119,7 +142,7 @@ def hash_bytes(data: bytes) -> str:
 
 
 def is_unchanged(record: Record | None, digest: str, folder: Path) -> bool:
-    """Whether a program was made from the same and is still what was written."""
+    """Whether a program has the same sources as before, and its files are as they were written."""
     if record is None or record.digest != digest:
         return False
     try:

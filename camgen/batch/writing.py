@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: each is written beside its target and renamed, several together or none."""
+"""Writes all of several files or none: each is written beside its target and then renamed."""
 
 from __future__ import annotations
 
@@ -24,26 +24,32 @@ from camgen.model.errors import JobError
 from camgen.model.signature import HEADER_LENGTH, read_signature
 from camgen.read.files import identity
 
-#: Ctrl-C and what asks a process to end; Windows has no SIGHUP.
+#: Signals that ask a process to end; Windows has no SIGHUP.
 _SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 
 
-#: Where Linux shows the files that a process has open, by their numbers.
+#: Folder in which Linux lists the open files of a process, by their numbers.
 _HANDLES = "/proc/self/fd"
-#: How names of files on their way begin: with the machine, since a folder may be shared by several.
+#: Prefix of the names of temporary files, with the machine: several may share a folder.
 _MARK = f".camgen-{zlib.crc32(platform.node().encode()):08x}"
 _NUMBERS = itertools.count()
 _LEFT = re.compile(re.escape(_MARK) + r"-(\d{1,9})-\d+\.(?:new|old)")
 
 
 class _Staged(Struct, frozen=True):
-    """One file on its way. asked: as the user wrote it; target: links followed; handle: the whole new file, open;
-    fresh: its name once it has one; old: where the former file is kept meanwhile, if it ``existed``.
+    """A file that is written and not yet in its place.
+
+    path: path as the user wrote it.
+    target: path with links followed.
+    handle: handle of the whole new file.
+    fresh: temporary name of the new file.
+    old: temporary name of the former file.
+    existed: whether there was a former file.
     """
 
-    asked: Path
+    path: Path
     target: Path
     handle: int
     fresh: Path
@@ -52,53 +58,58 @@ class _Staged(Struct, frozen=True):
 
 
 def write_all(files: Sequence[tuple[Path, SupportsBytes]], read: Mapping[str, Path]) -> None:
-    """Writes all files or none: whatever goes wrong, the folder is as it was before. JobError names the file.
+    """Write all files or none: after any error the folder is as it was before.
 
-    files: each with what it will hold, whose bytes are made in its turn.
-    read: ``Files.opened`` of all that the command has read; none of it is written over.
+    files: path and content of each file. The bytes of a content are made when it is written.
+    read: `Files.opened` of the command. None of these files is overwritten.
+
+    Raises JobError with the name of the file.
     """
-    for asked, _ in files:
-        with _name_errors(asked):
-            same = identity(asked)
+    for path, _ in files:
+        with _name_errors(path):
+            same = identity(path)
         if same in read:
-            raise _would_overwrite(asked, read[same])
-    with _signals_held() as held:
+            raise _make_overwrite_error(path, read[same])
+    with _delay_signals() as held:
         _write_all(files, held)
 
 
 def _write_all(files: Sequence[tuple[Path, SupportsBytes]], held: Sequence[int]) -> None:
     staged: list[_Staged] = []
     try:
-        for asked, data in files:
-            with _name_errors(asked):
-                staged.append(_stage(asked, bytes(data)))
+        for path, data in files:
+            with _name_errors(path):
+                staged.append(_stage(path, bytes(data)))
         if held:
             raise KeyboardInterrupt
-        for one in staged:
-            with _name_errors(one.asked):
-                _name(one)
-        for one in staged:
-            with _name_errors(one.asked):
-                os.replace(one.fresh, one.target)
+        for file in staged:
+            with _name_errors(file.path):
+                _name_file(file)
+        for file in staged:
+            with _name_errors(file.path):
+                os.replace(file.fresh, file.target)
         if held:
             raise KeyboardInterrupt
     except BaseException:
-        # Whatever ends this must leave the folder as it was; the error goes on to whoever reports it.
-        for one in staged:
-            _undo(one)
+        # After any exception the folder must be as it was before.
+        for file in staged:
+            _undo(file)
         raise
     finally:
-        for one in staged:
-            os.close(one.handle)
-    for one in staged:
-        one.old.unlink(missing_ok=True)
+        for file in staged:
+            os.close(file.handle)
+    for file in staged:
+        file.old.unlink(missing_ok=True)
 
 
 @contextmanager
-def _signals_held() -> Iterator[list[int]]:
-    """The signals that have come in here. They act afterwards: between two steps one could leave half of them."""
+def _delay_signals() -> Iterator[list[int]]:
+    """Hold back signals, and raise them afterwards. Yields those that have arrived.
+
+    A signal between two steps could leave some of the files.
+    """
     if threading.current_thread() is not threading.main_thread():
-        yield []  # only the main thread has to do with signals
+        yield []  # Only the main thread handles signals.
         return
     held: list[int] = []
     former: dict[int, Callable[[int, FrameType | None], object] | int] = {}
@@ -107,7 +118,7 @@ def _signals_held() -> Iterator[list[int]]:
             handler = signal.getsignal(number)
             if handler is not None and handler is not signal.SIG_IGN:
                 former[number] = handler
-                signal.signal(number, lambda got, _frame: held.append(got))
+                signal.signal(number, lambda received, _frame: held.append(received))
         yield held
     finally:
         for number, handler in former.items():
@@ -117,21 +128,21 @@ def _signals_held() -> Iterator[list[int]]:
 
 
 def check_targets(targets: Iterable[Path], sources: Iterable[Path]) -> None:
-    """JobError for a target that cannot be written as a file, is one of the sources, or is named twice."""
+    """Raise JobError for a target that cannot be written, is a source, or is named twice."""
     read = {identity(path): path for path in sources}
-    taken: set[str] = set()
+    named: set[str] = set()
     for target in targets:
         with _name_errors(target):
             _check_target(target)
         same = identity(target)
         if same in read:
-            raise _would_overwrite(target, read[same])
-        if same in taken:
+            raise _make_overwrite_error(target, read[same])
+        if same in named:
             raise JobError(str(target), "is named for two outputs", remedy="give another name")
-        taken.add(same)
+        named.add(same)
 
 
-#: Bytes at the start of a program in which its header stands.
+#: Maximum length of the header of a program, bytes.
 HEADER_BYTES = HEADER_LENGTH
 _PART_LINE = re.compile(rb"^[^A-Za-z0-9\r\n]*(part: [^\r\n]*?)\)?\r?$", re.MULTILINE)
 
@@ -198,21 +209,18 @@ def _read_head(target: Path) -> bytes:
         return stream.read(HEADER_BYTES)
 
 
-def _would_overwrite(target: Path, read: Path) -> JobError:
-    return JobError(
-        str(target), f"would overwrite {read}, which is read", remedy="give another name"
-    )
+def _make_overwrite_error(target: Path, read: Path) -> JobError:
+    what = f"would overwrite {read}, which is read"
+    return JobError(str(target), what, remedy="give another name")
 
 
 def _check_target(target: Path) -> None:
     if target.name in ("", ".", "..", "-"):
-        raise JobError(
-            str(target), "is not a file name", remedy="give a file or an existing folder"
-        )
+        remedy = "give a file or an existing folder"
+        raise JobError(str(target), "is not a file name", remedy=remedy)
     if not target.parent.is_dir():
-        raise JobError(
-            str(target), "its folder does not exist", str(target.parent), "make the folder first"
-        )
+        what = "its folder does not exist"
+        raise JobError(str(target), what, str(target.parent), "make the folder first")
     try:
         mode = target.stat().st_mode
     except FileNotFoundError:
@@ -222,38 +230,39 @@ def _check_target(target: Path) -> None:
         raise JobError(str(target), kind, remedy="give a file name")
 
 
-def _stage(asked: Path, data: bytes) -> _Staged:
-    """The new file, whole and on the disk, with the access rights of the old one. Where the system can it has no name
-    yet: a process that is killed here, or by a loss of power, leaves nothing behind.
+def _stage(path: Path, data: bytes) -> _Staged:
+    """Write the new file to the disk, with the access rights of the former one.
+
+    If the system allows it, the file has no name yet. Then a process that is killed here, or a loss
+    of power, leaves nothing in the folder.
     """
-    target = Path(os.path.realpath(asked))
-    _clear(target.parent)
-    existed, fresh = target.exists(), _free(target, "new")
+    target = Path(os.path.realpath(path))
+    _remove_leftovers(target.parent)
+    existed, fresh = target.exists(), _find_free_name(target, "new")
     handle = _open_unnamed(target.parent)
     if handle is None:
-        # Exclusive creation: never through a link that somebody else put there.
-        handle = os.open(
-            fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
-        )
-    one = _Staged(asked, target, handle, fresh, _free(target, "old"), existed)
+        # Exclusive creation does not follow a link that another program has put there.
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+        handle = os.open(fresh, flags, 0o666)
     try:
         with open(handle, "wb", closefd=False) as stream:
             stream.write(data)
         os.fsync(handle)
         if existed:
-            os.chmod(
-                handle if os.chmod in os.supports_fd else fresh, stat.S_IMODE(target.stat().st_mode)
-            )
+            file = handle if os.chmod in os.supports_fd else fresh
+            os.chmod(file, stat.S_IMODE(target.stat().st_mode))
     except BaseException:
         os.close(handle)
         fresh.unlink(missing_ok=True)
         raise
-    return one
+    return _Staged(path, target, handle, fresh, _find_free_name(target, "old"), existed)
 
 
 def _open_unnamed(folder: Path) -> int | None:
-    """A new file in ``folder`` that has no name yet and is gone with its process. None where there is no such thing:
-    it takes Linux, a file system that can, and /proc to give the file a name (open(2), O_TMPFILE).
+    """Open a new file without a name, which disappears with its process (open(2), O_TMPFILE).
+
+    Returns None if that is not possible: it needs Linux, a file system with such files, and /proc
+    to name the file later.
     """
     if not hasattr(os, "O_TMPFILE") or not os.path.isdir(_HANDLES):
         return None
@@ -263,41 +272,39 @@ def _open_unnamed(folder: Path) -> int | None:
         return None
 
 
-def _name(one: _Staged) -> None:
-    """Names for the new file and a second one for the former. All names stand for no longer than it takes to move them
-    into place.
-    """
-    if not one.fresh.exists():
-        # Of a link in /proc, link(2) would give a name to the link itself: a folder's handle makes it follow.
-        folder = os.open(one.target.parent, os.O_PATH)
+def _name_file(file: _Staged) -> None:
+    """Name the new file, and give the former one a second name, until both are in their places."""
+    if not file.fresh.exists():
+        # Without the handle of a folder, link(2) would link the link in /proc, not its file.
+        folder = os.open(file.target.parent, os.O_PATH)
+        handle = f"{_HANDLES}/{file.handle}"
         try:
-            os.link(
-                f"{_HANDLES}/{one.handle}", one.fresh.name, src_dir_fd=folder, dst_dir_fd=folder
-            )
+            os.link(handle, file.fresh.name, src_dir_fd=folder, dst_dir_fd=folder)
         finally:
             os.close(folder)
-    if one.existed:
+    if file.existed:
         try:
-            os.link(one.target, one.old)
+            os.link(file.target, file.old)
         except OSError:  # a file system without hard links
-            shutil.copy2(one.target, one.old)
+            shutil.copy2(file.target, file.old)
 
 
-def _free(target: Path, use: str) -> Path:
-    """A name in the target's folder that nothing has; short, since the target's own may be as long as allowed."""
+def _find_free_name(target: Path, use: str) -> Path:
+    """A free name in the folder of the target, short since the target may have the longest one."""
     names = (target.parent / f"{_MARK}-{os.getpid()}-{i}.{use}" for i in _NUMBERS)
     return next(name for name in names if not os.path.lexists(name))
 
 
 @cache
-def _clear(folder: Path) -> None:
-    """Removes what processes of this machine left behind in ``folder`` when they were killed between two names; once,
-    since a batch writes many files into one folder.
+def _remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files of killed processes of this machine from a folder.
+
+    Each folder is searched once, since a batch writes many files into it.
     """
     for path in folder.glob(f"{_MARK}-*"):
-        found = _LEFT.fullmatch(path.name)
-        if found and not _is_running(int(found[1])):
-            with suppress(OSError):  # another process was faster, or it is not ours to remove
+        match = _LEFT.fullmatch(path.name)
+        if match and not _is_running(int(match[1])):
+            with suppress(OSError):  # Another process was faster, or has the file.
                 path.unlink()
 
 
@@ -306,24 +313,27 @@ def _is_running(process: int) -> bool:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except OSError:  # it is somebody else's
+    except OSError:  # A process of another user.
         return True
     return True
 
 
-def _undo(one: _Staged) -> None:
-    """Back to how it was. What happened is read from the folder, since an interrupt may fall between any two steps."""
-    if one.existed and one.old.exists() and not one.fresh.exists():
-        os.replace(one.old, one.target)
-    for path in (one.old, one.fresh) if one.existed else (one.target, one.fresh):
-        with suppress(OSError):  # it was never made, or its folder is no folder
-            if path != one.target or os.path.samestat(path.stat(), os.fstat(one.handle)):
+def _undo(file: _Staged) -> None:
+    """Restore the former state of the folder.
+
+    An interrupt may come between any two steps, so the folder itself shows which steps were done.
+    """
+    if file.existed and file.old.exists() and not file.fresh.exists():
+        os.replace(file.old, file.target)
+    for path in (file.old, file.fresh) if file.existed else (file.target, file.fresh):
+        with suppress(OSError):  # The file was never made, or its folder does not exist.
+            if path != file.target or os.path.samestat(path.stat(), os.fstat(file.handle)):
                 path.unlink()
 
 
 @contextmanager
 def _name_errors(path: Path) -> Iterator[None]:
-    """Turns an error of the system into one that names ``path``."""
+    """Convert an error of the system into a JobError that names `path`."""
     try:
         yield
     except (OSError, ValueError) as error:  # ValueError: a zero byte in a name

@@ -1,4 +1,7 @@
-"""The command line: arguments, error lines and exit codes. What a command does is in its own module, imported late."""
+"""The command line: arguments, error lines and exit codes.
+
+Each command is a module of its own, which is imported only when it runs.
+"""
 
 from __future__ import annotations
 
@@ -27,37 +30,40 @@ _EXAMPLES = """examples:
 
 documents: the folder docs of the source, from docs/first-program.md on; camgen COMMAND --help"""
 
-#: Standard input, output and error are the descriptors below.
+#: Number of standard streams, which have the descriptors 0, 1 and 2.
 _STREAMS = 3
 
 
 def run() -> NoReturn:
-    """The command line as a process of its own, which ends at once: to take down one by one what it has loaded and made
-    takes 0.1 s of a small build, 0.5 s of a large one.
+    """Run the command line as a process, which ends without freeing its objects.
+
+    Freeing them one by one would take 0.1 s of a small build and 0.5 s of a large one.
     """
     code = main()
-    # Who watches tells what was seen behind the last line, and another thread may have something to end.
+    # A profiler or a debugger reports after the last line, and another thread may not have ended.
     alone = sys.getprofile() is None and sys.gettrace() is None and threading.active_count() == 1
     if alone:
         try:
-            atexit._run_exitfuncs()  # what libraries and plug-ins have asked for is still done
+            atexit._run_exitfuncs()  # Libraries and plug-ins may have registered functions.
             sys.stdout.flush()
             sys.stderr.flush()
         except OSError:
-            sys.exit(code)  # as Python tells it
+            sys.exit(code)  # Python reports the error.
         os._exit(code)
     sys.exit(code)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one command and returns its exit code: 0 done, 1 fault in camgen, 2 usage or input, 3 no safe program, 4 the
-    text read back differs from the plan, 130 interrupted, 143 terminated.
+    """Run one command and return its exit code.
+
+    0 done, 1 fault in camgen, 2 wrong usage or input, 3 no safe program, 4 the read-back differs
+    from the plan, 130 interrupted, 143 terminated.
     """
     _open_streams()
-    # Nothing here is linear algebra that threads would help; starting them costs 50 ms of every run.
+    # No linear algebra here is faster with threads. Starting them takes 50 ms of each run.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if argv is None and not sys.warnoptions:
-        # What comes of numbers without measure is found and told; numpy's own lines beside it help nobody.
+        # camgen checks for numbers that are out of range and reports them itself.
         warnings.simplefilter("ignore", RuntimeWarning)
     words = list(sys.argv[1:] if argv is None else argv)
     says = voice(quiet=False, verbose=0)
@@ -66,30 +72,32 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments is None:
             return 0
         says = voice(arguments.quiet, arguments.verbose)
-        # Standard output is for results alone: what a plug-in or a library prints goes where all that is told goes.
+        # Standard output is for results alone. The output of plug-ins and libraries goes to
+        # standard error, with the messages.
         with signals_as_interrupts(last=argv is None), redirect_stdout(sys.stderr):
             return _command(arguments.command)(arguments, says)
     except CamgenError as error:
         says.error(f"error: {error}")
         _trace(says)
         return error.exit_code
-    except BrokenPipeError:  # who reads the help has read enough
+    except BrokenPipeError:  # The reader of the help has closed the pipe.
         return 0
     except Stopped as error:
         says.error(say_why(error))
         return exit_code(error)
-    # The last resort: whatever it is, also a plug-in that ends the process, the user gets one line and exit code 1.
+    # Any other exception, also a plug-in that ends the process, becomes one line and exit code 1.
     except (Exception, SystemExit) as error:
-        says.error(
-            f"fault: {type(error).__name__}: {error}; add -vv to the command and report what it prints"
-        )
+        what = f"fault: {type(error).__name__}: {error}"
+        says.error(f"{what}; add -vv to the command and report what it prints")
         _trace(says)
         return 1
 
 
 def _open_streams() -> None:
-    """Where a stream was closed before the start (``2>&-``), the next file that is opened would take its place, and
-    what a library says to it would land in that file.
+    """Open the standard streams that were closed before the start (`2>&-`).
+
+    Otherwise the next file that is opened would take the place of the stream, and the messages of
+    libraries would be written into that file.
     """
     if None not in (sys.stdin, sys.stdout, sys.stderr):
         return
@@ -108,13 +116,12 @@ def _trace(says: Voice) -> None:
 
 
 def _command(name: str) -> Callable[[argparse.Namespace, Voice], int]:
-    # Loading makes thousands of objects and no garbage: none is looked for meanwhile.
+    # An import makes thousands of objects and no garbage, so it would find nothing.
     enabled = gc.isenabled()
     gc.disable()
     try:
-        command: Callable[[argparse.Namespace, Voice], int] = importlib.import_module(
-            f"camgen.cli.{name}"
-        ).run
+        command: Callable[[argparse.Namespace, Voice], int]
+        command = importlib.import_module(f"camgen.cli.{name}").run
     finally:
         if enabled:
             gc.enable()
@@ -122,30 +129,28 @@ def _command(name: str) -> Callable[[argparse.Namespace, Voice], int]:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Wrong usage is an error like any other: one line, exit code 2."""
+    """A parser that raises wrong usage like any other error: one line, exit code 2."""
 
     def error(self, message: str) -> NoReturn:
-        raise JobError(
-            self.prog.removeprefix("camgen ") or "camgen", message, remedy=f"see {self.prog} --help"
-        )
+        command = self.prog.removeprefix("camgen ") or "camgen"
+        raise JobError(command, message, remedy=f"see {self.prog} --help")
 
 
 def _parse(words: list[str]) -> argparse.Namespace | None:
-    """The arguments. None after --help and --version, which have said what was asked."""
+    """The arguments; None after --help and --version, which have printed their text."""
     parser, commands = parsers()
     if not words:
         parser.print_help()
         return None
     first = next((word for word in words if not word.startswith("-")), None)
     if first is None and not {"-h", "--help", "--version"} & set(words):
-        raise JobError(
-            "command line", "no command is given", remedy=f"give one of {', '.join(commands)}"
-        )
+        remedy = f"give one of {', '.join(commands)}"
+        raise JobError("command line", "no command is given", remedy=remedy)
     if first is not None and first not in commands:
         raise JobError("command line", f"no command {first!r}", remedy=suggest(first, commands))
     try:
         arguments, unknown = parser.parse_known_args(words)
-    except SystemExit:  # what is wrong with the words is raised by _Parser
+    except SystemExit:  # after --help or --version; _Parser raises all errors
         return None
     if unknown:
         options = commands[arguments.command]._option_string_actions  # argparse has no public list
@@ -171,31 +176,27 @@ def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
         )
         about(sub)
         loud = sub.add_mutually_exclusive_group()
-        loud.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
+        loud.add_argument("-q", "--quiet", action="store_true", help="print errors only")
         loud.add_argument(
-            "-v", "--verbose", action="count", default=0, help="say more; -vv: with tracebacks"
+            "-v", "--verbose", action="count", default=0, help="print more; -vv: with tracebacks"
         )
         commands[name] = sub
 
     command(
         "build", "make a checked program from a drawing, a photo, a 3-D part or old G-code", _build
     )
-    command(
-        "open", "open the workbench: the job as a form in the browser, beside what it makes", _open
-    )
-    command("batch", "build many parts, each by itself, several at once", _batch)
-    command("inspect", "show what is in a file", _inspect)
+    command("open", "open the workbench: the job as a form in the browser, with its program", _open)
+    command("batch", "build many parts, one program each, several at once", _batch)
+    command("inspect", "show the contents of a file, or compare a photo with its drawing", _inspect)
     command("init", "write a commented job file for an input", _init)
-    command("verify", "read a program back and say what it does", _verify)
+    command("verify", "read a program back, report its motion and check it", _verify)
     command("calibrate", "measure the lens of a camera from photos of a board", _calibrate)
     command("capture", "take a picture with a camera, or from a video or a stream", _capture)
-    command(
-        "markers", "draw a sheet of markers that shows a photo where the work plane is", _markers
-    )
+    command("markers", "draw a sheet of markers that define the work plane in a photo", _markers)
     command("localize", "find a CAD part in a point cloud and write its work frame", _localize)
-    command("place", "search how a 3-D part should stand for an arm, in one set-up or two", _place)
-    command("robots", "list the robots that camgen knows, or say what a URDF describes", _robots)
-    command("posts", "list the posts that are installed", _json)
+    command("place", "search the best stand of a 3-D part before an arm, or of two set-ups", _place)
+    command("robots", "list the built-in robots, or describe one of them or of a URDF", _robots)
+    command("posts", "list the installed posts", _json)
     command("schema", "print the JSON schema of job files, for editors", _schema)
     command(
         "completion", "print a script that lets a shell complete camgen's commands", _completion
@@ -208,7 +209,7 @@ def _build(sub: _Parser) -> None:
         "inputs",
         metavar="INPUT",
         nargs="+",
-        help="what to build from; several drawings make one program; -: stdin",
+        help="input file; several drawings make one program; -: standard input",
     )
     _post(sub)
     _job(sub)
@@ -216,25 +217,25 @@ def _build(sub: _Parser) -> None:
         "-o",
         "--output",
         metavar="FILE|DIR",
-        help="where the program goes; -: to standard output (default: this folder)",
+        help="file or folder of the program; -: standard output (default: this folder)",
     )
-    sub.add_argument("--format", metavar="FORMAT", help="what standard input is, e.g. dxf")
+    sub.add_argument("--format", metavar="FORMAT", help="format of standard input, e.g. dxf")
     sub.add_argument(
         "--locate",
         metavar="PHOTO",
-        help="build the drawing where this photo shows its part",
+        help="put the drawing where this photo shows the part",
     )
     sub.add_argument(
         "--start",
         metavar="X,Y,TURN",
-        help="of poses that look alike take the one near this, mm and deg",
+        help="approximate pose of the part for --locate, mm and deg",
     )
-    sub.add_argument("--plan", metavar="FILE.json", help="write the planned motion as data")
-    sub.add_argument("--report", metavar="FILE.json", help="write the summary as data")
+    sub.add_argument("--plan", metavar="FILE.json", help="write the planned motion as JSON")
+    sub.add_argument("--report", metavar="FILE.json", help="write the summary as JSON")
     sub.add_argument(
         "--preview",
         metavar="FILE",
-        help="part, paths, travel: a page (.html) or a drawing (.svg, .png)",
+        help="draw part, paths and travel: a page (.html) or a picture (.svg, .png)",
     )
     sub.add_argument("--strict", action="store_true", help="anything left out is an error")
     _force(sub)
@@ -253,20 +254,20 @@ def _open(sub: _Parser) -> None:
     sub.add_argument(
         "--post",
         metavar="NAME",
-        help="controller to begin with (default: gcode; rapid for 3-D parts); or a .py file",
+        help="controller at the start (default: gcode; rapid for 3-D parts); or a .py file",
     )
     _job(sub)
-    sub.add_argument(
-        "-o", "--output", metavar="DIR", help="where Save writes the program (default: this folder)"
-    )
+    sub.add_argument("-o", "--output", metavar="DIR", help="folder for Save (default: this folder)")
     sub.add_argument(
         "--port",
         metavar="N",
         type=int,
         default=0,
-        help="port on 127.0.0.1 (default: any that is free)",
+        help="port on 127.0.0.1 (default: any free port)",
     )
-    sub.add_argument("--no-browser", action="store_true", help="print the address only")
+    sub.add_argument(
+        "--no-browser", action="store_true", help="print the address, do not open a browser"
+    )
 
 
 def _batch(sub: _Parser) -> None:
@@ -279,58 +280,60 @@ def _batch(sub: _Parser) -> None:
     _post(sub)
     _job(sub)
     sub.add_argument(
-        "-o", "--output", metavar="DIR", help="where the programs go (default: this folder)"
+        "-o", "--output", metavar="DIR", help="folder of the programs (default: this folder)"
     )
     sub.add_argument(
         "--jobs",
         metavar="N",
         type=int,
-        help="how many parts at once (default: one for each processor)",
+        help="number of parts built at once (default: one per processor)",
     )
     sub.add_argument(
         "--timeout",
         metavar="S",
         type=float,
-        help="stop a part after so many seconds; 0: never (default: 600)",
+        help="maximum time for a part, s; 0: no limit (default: 600)",
     )
     sub.add_argument(
         "--dask", metavar="ADDRESS", help="build on a Dask cluster, e.g. tcp://host:8786"
     )
-    sub.add_argument("--report", metavar="FILE.json", help="write the table as data")
+    sub.add_argument("--report", metavar="FILE.json", help="write the table as JSON")
     sub.add_argument(
-        "--strict", action="store_true", help="a part fails when anything of it is left out"
+        "--strict", action="store_true", help="a part fails if anything of it is left out"
     )
     _force(sub)
 
 
 def _inspect(sub: _Parser) -> None:
     sub.add_argument(
-        "input", metavar="INPUT", help="drawing, picture, 3-D part or G-code; -: stdin"
+        "input", metavar="INPUT", help="drawing, picture, 3-D part or G-code; -: standard input"
     )
     _job(sub)
-    sub.add_argument("--format", metavar="FORMAT", help="what standard input is, e.g. dxf")
+    sub.add_argument("--format", metavar="FORMAT", help="format of standard input, e.g. dxf")
     sub.add_argument(
         "--against",
         metavar="FILE",
-        help="compare a photo with this drawing, or with what its job makes",
+        help="compare a photo with this drawing, or with the part of this job",
     )
     sub.add_argument(
         "--least",
         metavar="MM",
         type=float,
-        help="what differs by less is not told (default: a pixel)",
+        help="smallest difference to report, mm (default: one pixel)",
     )
-    sub.add_argument("--preview", metavar="FILE", help="draw what differs (.svg, .png)")
+    sub.add_argument("--preview", metavar="FILE", help="draw the differences (.svg, .png)")
     sub.add_argument(
         "--removal",
         metavar="MM",
         type=float,
-        help="what a pass takes off: says passes and feed of each burr",
+        help="removal per pass, mm: reports passes and feed for each burr",
     )
     sub.add_argument(
-        "--rework", metavar="FILE.toml", help="write the rework of burrs, with its drawing FILE.dxf"
+        "--rework",
+        metavar="FILE.toml",
+        help="write a job that removes the burrs, and its drawing FILE.dxf",
     )
-    sub.add_argument("--strict", action="store_true", help="what differs is an error, exit code 4")
+    sub.add_argument("--strict", action="store_true", help="a difference is an error, exit code 4")
     _json(sub)
 
 
@@ -357,69 +360,67 @@ def _completion(sub: _Parser) -> None:
 
 
 def _init(sub: _Parser) -> None:
-    sub.add_argument("input", metavar="INPUT", help="the job file gets its name with .toml")
+    sub.add_argument("input", metavar="INPUT", help="input; part.dxf gives the job file part.toml")
     sub.add_argument(
         "--operations",
         action="store_true",
-        help="with the tools and operations that the closed contours ask for",
+        help="propose tools and operations for the closed contours",
     )
     sub.add_argument(
         "--material",
         metavar="NAME",
-        help="feeds and speeds of the proposed tools by published charts, e.g. plywood",
+        help="feeds and speeds of the tools by published charts, e.g. plywood",
     )
-    _set(sub, "one setting to write into the job file; may be repeated")
+    _set(sub, "setting to write into the job file; may be repeated")
 
 
 def _verify(sub: _Parser) -> None:
     sub.add_argument(
-        "programs", metavar="PROGRAM", nargs="+", help="program, all its files in order"
+        "programs", metavar="PROGRAM", nargs="+", help="files of the program in their order"
     )
     sub.add_argument(
         "--post",
         metavar="NAME",
-        help="controller (default: what the program looks like); or a .py file",
+        help="controller (default: recognised from the text); or a .py file",
     )
     _job(sub)
+    sub.add_argument("--plan", metavar="PLAN.json", help="compare with this plan of build --plan")
     sub.add_argument(
-        "--plan", metavar="PLAN.json", help="compare with this plan, as build --plan wrote it"
-    )
-    sub.add_argument(
-        "--part", metavar="DRAWING", help="prove that nothing of this part is cut that must stay"
+        "--part", metavar="DRAWING", help="prove that the program does not cut into this part"
     )
     sub.add_argument(
         "--dialect",
         metavar="NAME",
-        help="of the language, e.g. fanuc, mach3, grbl, marlin of G-code",
+        help="dialect of the language, e.g. fanuc, mach3, grbl, marlin of G-code",
     )
     sub.add_argument(
         "--assume",
         metavar="NAME=VALUE",
         action="append",
         default=[],
-        help="an input, or what else no text holds, e.g. di1=1; may be repeated",
+        help="value of an input or of anything else outside the text, e.g. di1=1; may be repeated",
     )
     sub.add_argument(
         "--points",
         metavar="FILE",
         action="append",
         default=[],
-        help="locations by name; may be repeated",
+        help="file with locations by name; may be repeated",
     )
-    sub.add_argument(
-        "--entry", metavar="NAME", help="the routine that is run (default: main, or the first)"
-    )
+    sub.add_argument("--entry", metavar="NAME", help="routine to run (default: main, or the first)")
     sub.add_argument(
         "--report",
         metavar="FILE.html",
-        help="write a page with the motion, the text and its faults",
+        help="write a page with the motion, the text and the findings",
     )
     sub.add_argument(
         "--summary",
         action="store_true",
-        help="programs of their own in files, folders and patterns: a row for each",
+        help="check many programs in files, folders and patterns: one row each",
     )
-    sub.add_argument("--sarif", action="store_true", help="the rows as SARIF 2.1.0, for a pipeline")
+    sub.add_argument(
+        "--sarif", action="store_true", help="print the rows as SARIF 2.1.0, for a pipeline"
+    )
     _json(sub)
 
 
@@ -428,7 +429,7 @@ def _calibrate(sub: _Parser) -> None:
         "photos",
         metavar="PHOTO",
         nargs="+",
-        help="photos of the board, eight or more from all sides",
+        help="photo of the board; eight or more from all sides",
     )
     sub.add_argument(
         "--board",
@@ -446,12 +447,12 @@ def _calibrate(sub: _Parser) -> None:
         "--marker",
         metavar="MM",
         type=float,
-        help="ChArUco board: width of a marker; then --board is in squares",
+        help="width of a marker of a ChArUco board, mm; --board is then in squares",
     )
     sub.add_argument(
         "--dictionary",
         metavar="NAME",
-        help="ChArUco board: its markers, e.g. 5X5_100 (default: 4X4_50)",
+        help="markers of a ChArUco board, e.g. 5X5_100 (default: 4X4_50)",
     )
     sub.add_argument("--preview", metavar="FILE.svg", help="draw the residuals")
 
@@ -460,10 +461,10 @@ def _capture(sub: _Parser) -> None:
     sub.add_argument(
         "source",
         metavar="SOURCE",
-        help="number of a camera, e.g. 0; a video file; address of a stream",
+        help="number of a camera, e.g. 0; a video file; the address of a stream",
     )
     sub.add_argument(
-        "-o", "--output", metavar="FILE.png", required=True, help="the picture: .png, .tif or .bmp"
+        "-o", "--output", metavar="FILE.png", required=True, help="picture: .png, .tif or .bmp"
     )
     _job(sub)
     sub.add_argument(
@@ -471,20 +472,20 @@ def _capture(sub: _Parser) -> None:
         metavar="N",
         type=int,
         default=16,
-        help="the mean of so many frames (default: 16)",
+        help="number of frames to average (default: 16)",
     )
     sub.add_argument(
         "--skip",
         metavar="N",
         type=int,
-        help="leave out so many before (default: 10; of a file none)",
+        help="number of frames to skip first (default: 10; 0 for a file)",
     )
     sub.add_argument(
         "--timeout",
         metavar="S",
         type=float,
         default=10.0,
-        help="give up after so long (default: 10)",
+        help="maximum time of the capture, s (default: 10)",
     )
     sub.add_argument(
         "--strict", action="store_true", help="blur, glare and missing markers are errors"
@@ -492,29 +493,31 @@ def _capture(sub: _Parser) -> None:
 
 
 def _markers(sub: _Parser) -> None:
+    sub.add_argument("-o", "--output", metavar="FILE", required=True, help="drawing, .pdf or .svg")
     sub.add_argument(
-        "-o", "--output", metavar="FILE", required=True, help="the drawing, .pdf or .svg"
+        "--size", metavar="SIZE", default="A4", help="paper: A4, A3, A2 or letter (default: A4)"
     )
     sub.add_argument(
-        "--size", metavar="SIZE", default="A4", help="A4, A3, A2 or letter (default: A4)"
-    )
-    sub.add_argument(
-        "--marker", metavar="MM", type=float, default=20.0, help="width of a marker (default: 20)"
+        "--marker",
+        metavar="MM",
+        type=float,
+        default=20.0,
+        help="width of a marker, mm (default: 20)",
     )
 
 
 def _localize(sub: _Parser) -> None:
-    sub.add_argument("model", metavar="MODEL", help="the part: mesh or STEP")
+    sub.add_argument("model", metavar="MODEL", help="part: mesh or STEP")
     sub.add_argument(
         "scan",
         metavar="SCAN",
-        help="the point cloud: PLY, PCD, PTX, E57, LAS, XYZ, TXT, CSV, STL, OBJ",
+        help="point cloud: PLY, PCD, PTX, E57, LAS, XYZ, TXT, CSV, STL, OBJ",
     )
     sub.add_argument("-o", "--output", metavar="FILE.toml", required=True, help="job file to write")
     sub.add_argument(
         "--units",
         metavar="UNIT",
-        help="unit of the scan (default: as the scan says, else mm)",
+        help="unit of the scan (default: as stated in it, otherwise mm)",
     )
     sub.add_argument(
         "--model-units",
@@ -522,17 +525,17 @@ def _localize(sub: _Parser) -> None:
         help="unit of a mesh that states none (default: mm)",
     )
     sub.add_argument(
-        "--start", metavar="X,Y,Z,RX,RY,RZ", help="roughly where the part stands, mm and deg"
+        "--start", metavar="X,Y,Z,RX,RY,RZ", help="approximate pose of the part, mm and deg"
     )
     sub.add_argument(
         "--viewpoint",
         metavar="X,Y,Z",
-        help="where the scanner stood, mm in the scan's frame; or unknown",
+        help="position of the scanner in the frame of the scan, mm; or unknown",
     )
 
 
 def _place(sub: _Parser) -> None:
-    sub.add_argument("input", metavar="INPUT", help="the part: mesh or STEP")
+    sub.add_argument("input", metavar="INPUT", help="part: mesh or STEP")
     _post(sub)
     _job(sub)
     sub.add_argument(
@@ -546,12 +549,12 @@ def _place(sub: _Parser) -> None:
         "--height",
         metavar="MM",
         type=float,
-        help="where it stands above the base (default: searched too)",
+        help="height of the part above the base, mm (default: searched)",
     )
 
 
 def _json(sub: _Parser) -> None:
-    sub.add_argument("--json", action="store_true", help="say it as data")
+    sub.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
 def _post(sub: _Parser) -> None:
@@ -559,7 +562,7 @@ def _post(sub: _Parser) -> None:
         "--post",
         metavar="NAME",
         required=True,
-        help="controller; camgen posts lists them; or a .py file",
+        help="controller, as listed by camgen posts; or a .py file",
     )
 
 
@@ -567,9 +570,9 @@ def _job(sub: _Parser) -> None:
     sub.add_argument(
         "--job",
         metavar="FILE.toml",
-        help="job file (default: the input's name with .toml, if it exists)",
+        help="job file (default: part.toml beside the input part.*, if it exists)",
     )
-    _set(sub, "one setting; wins over the job file; may be repeated")
+    _set(sub, "setting, overrides the job file; may be repeated")
 
 
 def _set(sub: _Parser, about: str) -> None:

@@ -104,11 +104,8 @@ def run(arguments: Namespace, says: Voice) -> int:
 def _check_arguments(arguments: Namespace) -> None:
     """Raises JobError for file names or combinations of options that cannot be used."""
     if arguments.preview and Path(arguments.preview).suffix.lower() not in _PICTURES:
-        raise JobError(
-            arguments.preview,
-            "is no kind of picture of an inspection",
-            remedy="end it in .svg or .png",
-        )
+        what = "is not a kind of picture of an inspection"
+        raise JobError(arguments.preview, what, remedy="end it in .svg or .png")
     if arguments.rework and arguments.removal is None:
         raise JobError(
             "--rework",

@@ -1,10 +1,14 @@
-"""``camgen batch``: many parts, each built as ``camgen build`` would, one table; a failing part stops no other."""
+"""The command `batch`: builds many parts as `build` does, and prints one table.
+
+A part that fails does not stop the others.
+"""
 
 from __future__ import annotations
 
 import math
 import os
 from argparse import Namespace
+from collections import Counter
 from collections.abc import Generator, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -15,7 +19,7 @@ from msgspec import Struct
 
 from camgen.batch import cluster, pool, state
 from camgen.batch.inputs import find_inputs
-from camgen.batch.parts import BatchPart, Order, look_at
+from camgen.batch.parts import BatchOptions, BatchPart, make_parts
 from camgen.batch.state import BuildSums, Outcome, Task
 from camgen.batch.writing import check_edits, check_programs, check_targets, write_all
 from camgen.check.report import clean
@@ -26,18 +30,27 @@ from camgen.model.text import counted, duration
 from camgen.post.plugins import find_post, find_readback
 from camgen.read.job_file import load_job
 
-#: Of several exit codes of parts the first of these is the one of the batch: a fault, a text that does not say what was
-#: planned, no safe program, a bad input.
-_GRAVEST = (1, 4, 3, 2, 0)
-#: Seconds that a part may take: a part that never ends must not keep the others.
+#: Exit codes by severity: a fault, a read-back that differs, no safe program, a wrong input, none.
+#: The exit code of a batch is the first one that a part has.
+_BY_SEVERITY = (1, 4, 3, 2, 0)
+#: Default of the maximum time for a part, s, so that a part without an end does not block others.
 _TIMEOUT = 600.0
+#: Width of the bar that shows the progress, characters.
 _BAR = 24
-#: Longer reasons stand below the table, in characters.
+#: Maximum length of a reason in the table, characters. Longer ones are printed below it.
 _WIDEST = 60
 
 
 class _Row(Struct, frozen=True):
-    """What became of a part. status: built, unchanged, or failed."""
+    """The result of a part.
+
+    source: its input.
+    status: built, unchanged, or failed.
+    code: exit code of `camgen build`.
+    error: line of the error.
+    files: files of the program.
+    sums: sums of the program, None without one.
+    """
 
     source: str
     status: str
@@ -48,17 +61,19 @@ class _Row(Struct, frozen=True):
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Builds what has to be built, writes each program when it is there, sums up."""
+    """Build the parts that have changed, write each program at once, and print the table."""
     _check(arguments)
     folder = Path(arguments.output or "")
     inputs = find_inputs(arguments.inputs)
     reports = [Path(p) for p in [arguments.report] if p]
-    check_targets(reports, [one.source for one in inputs])
+    check_targets(reports, [batch_input.source for batch_input in inputs])
     says.stage("looking")
     records = state.load_records(folder)
-    order = Order(arguments.post, arguments.job, tuple(arguments.sets), arguments.strict)
-    parts, owners = look_at(inputs, order, folder, records)
-    read = {same: path for part in parts for same, path in part.read.items()}
+    options = BatchOptions(arguments.post, arguments.job, tuple(arguments.sets), arguments.strict)
+    parts, owners = make_parts(inputs, options, folder, records)
+    read: dict[str, Path] = {}
+    for part in parts:
+        read |= part.read
     check_targets(reports, read.values())
     batch = _Batch(says, folder, parts, records, owners, read, reports, arguments.force)
     batch.take_known()
@@ -67,21 +82,20 @@ def run(arguments: Namespace, says: Voice) -> int:
             for task, outcome in done:
                 batch.take(task.place, outcome)
     except Stopped as error:
-        left = counted(len(parts) - len(batch.rows), "part")
-        says.error(
-            f"{say_why(error)}: {left} of {len(parts)} not built; the same command goes on from here"
-        )
+        missing = f"{counted(len(parts) - len(batch.rows), 'part')} of {len(parts)} not built"
+        says.error(f"{say_why(error)}: {missing}; the same command continues from here")
         return exit_code(error)
     if batch.written:
-        state.tidy(folder, records)
+        state.write_records(folder, records)
     rows = [batch.rows[place] for place in range(len(parts))]
     write_all([(path, _report(rows, arguments.post)) for path in reports], read)
-    _tell(rows, says)
-    return next(code for code in _GRAVEST if any(row.code == code for row in rows))
+    _print_table(rows, says)
+    codes = {row.code for row in rows}
+    return next(code for code in _BY_SEVERITY if code in codes)
 
 
 def _check(arguments: Namespace) -> None:
-    """What is wrong for all parts is said once, before anything is built."""
+    """Raise JobError once for an option that is wrong for all parts."""
     find_post(arguments.post)
     find_readback(arguments.post)
     load_job(Path(arguments.job) if arguments.job else None, arguments.sets)
@@ -90,26 +104,19 @@ def _check(arguments: Namespace) -> None:
     if arguments.timeout is not None and not 0 <= arguments.timeout < math.inf:
         raise JobError("--timeout", f"must be 0 or more seconds, not {arguments.timeout}")
     if arguments.dask and (arguments.jobs or arguments.timeout is not None):
-        raise JobError(
-            "--dask",
-            "the cluster decides how many parts at once and how long",
-            remedy="leave out the other",
-        )
-    if (
-        arguments.output
-        and os.path.exists(arguments.output)
-        and not os.path.isdir(arguments.output)
-    ):
-        raise JobError(
-            arguments.output, "is not a folder", remedy="a batch writes one program for each part"
-        )
+        what = "the cluster has its own limits of number and time"
+        raise JobError("--dask", what, remedy="leave out --jobs and --timeout")
+    output = arguments.output
+    if output and os.path.exists(output) and not os.path.isdir(output):
+        remedy = "give a folder: a batch writes one program for each part"
+        raise JobError(output, "is not a folder", remedy=remedy)
 
 
 def _builders(arguments: Namespace, tasks: list[Task]) -> Generator[tuple[Task, Outcome]]:
     if arguments.dask:
-        return cluster.run(tasks, arguments.dask)
+        return cluster.run_on_cluster(tasks, arguments.dask)
     jobs = arguments.jobs or os.cpu_count() or 1
-    return pool.run(tasks, jobs, _TIMEOUT if arguments.timeout is None else arguments.timeout)
+    return pool.run_local(tasks, jobs, _TIMEOUT if arguments.timeout is None else arguments.timeout)
 
 
 class _Batch(Struct):
@@ -125,7 +132,7 @@ class _Batch(Struct):
     force: whether programs that were edited by hand are replaced.
     rows: rows of the table, by the number of the part.
     written: number of programs written.
-    begun: time of the start, s.
+    start: time of the start, on the clock `monotonic`, s.
     """
 
     says: Voice
@@ -138,26 +145,21 @@ class _Batch(Struct):
     force: bool
     rows: dict[int, _Row] = msgspec.field(default_factory=dict)
     written: int = 0
-    begun: float = msgspec.field(default_factory=monotonic)
+    start: float = msgspec.field(default_factory=monotonic)
 
     def take_known(self) -> None:
-        """The parts that need no builder."""
+        """Add the rows of the parts that are not built."""
         for place, part in enumerate(self.parts):
             if part.outcome:
                 self.take(place, part.outcome)
             elif part.record:
-                names = tuple(
-                    sorted(
-                        str(self.folder / part.input.folder / name) for name in part.record.files
-                    )
-                )
-                self._add(
-                    place,
-                    _Row(str(part.input.source), "unchanged", files=names, sums=part.record.sums),
-                )
+                target, source = self.folder / part.input.folder, str(part.input.source)
+                names = sorted(str(target / name) for name in part.record.files)
+                sums = part.record.sums
+                self._add(place, _Row(source, "unchanged", files=tuple(names), sums=sums))
 
     def take(self, place: int, outcome: Outcome) -> None:
-        """Writes a program, all files or none, and then the record of it."""
+        """Write a program, all files or none, and then its record."""
         part = self.parts[place]
         source = str(part.input.source)
         if outcome.sums is None:
@@ -172,7 +174,7 @@ class _Batch(Struct):
             return
         hashes = {name: state.hash_bytes(data) for name, data in outcome.files}
         self.records[part.program] = state.Record(part.program, part.digest, hashes, outcome.sums)
-        state.add(self.folder, self.records[part.program])
+        state.add_record(self.folder, self.records[part.program])
         self.written += 1
         self._add(place, _Row(source, "built", files=names, sums=outcome.sums))
 
@@ -203,23 +205,22 @@ class _Batch(Struct):
         failed = sum(row.status == "failed" for row in self.rows.values())
         if self.says.terminal:
             bar = "#" * (_BAR * done // total)
-            self.says.stage(
-                f"[{bar:-<{_BAR}}] {done} of {total}, {failed} failed{self._left(done, total)}"
-            )
+            progress = f"{done} of {total}, {failed} failed{self._format_rest(done, total)}"
+            self.says.stage(f"[{bar:-<{_BAR}}] {progress}")
         elif row.status != "unchanged":
             self.says.rows([(row.status, _name(row), "look" if row.error else "plain")])
 
-    def _left(self, done: int, total: int) -> str:
-        known = sum(row.status == "unchanged" for row in self.rows.values())
-        if done == known:
+    def _format_rest(self, done: int, total: int) -> str:
+        """The remaining time, from the mean time of the parts that were built."""
+        unchanged = sum(row.status == "unchanged" for row in self.rows.values())
+        if done == unchanged:
             return ""
-        return (
-            f", about {duration((monotonic() - self.begun) / (done - known) * (total - done))} left"
-        )
+        seconds = (monotonic() - self.start) / (done - unchanged) * (total - done)
+        return f", about {duration(seconds)} left"
 
 
-def _tell(rows: list[_Row], says: Voice) -> None:
-    """The table, and one line that counts; with -q only the lines of what failed."""
+def _print_table(rows: list[_Row], says: Voice) -> None:
+    """Print the table and its sums; with -q only the errors."""
     if says.quiet:
         for row in rows:
             if row.error:
@@ -229,26 +230,23 @@ def _tell(rows: list[_Row], says: Voice) -> None:
     cells = [("file", "status", "paths", "time", "notes"), *(_cells(row) for row in rows)]
     below = [f"{one_line(clean(row.source))}: {_why(row)}\n" for row in rows if _is_long(row)]
     says.out(table(cells) + ("\n" + "".join(below) if below else ""))
-    counts = {
-        status: sum(row.status == status for row in rows)
-        for status in ("built", "unchanged", "failed")
-    }
-    text = ", ".join(f"{number} {status}" for status, number in counts.items() if number)
-    says.rows(
-        [("batch", f"{counted(len(rows), 'part')}: {text}", "bad" if counts["failed"] else "good")]
-    )
+    counts = Counter(row.status for row in rows)
+    statuses = [status for status in ("built", "unchanged", "failed") if counts[status]]
+    text = ", ".join(f"{counts[status]} {status}" for status in statuses)
+    tone = "bad" if counts["failed"] else "good"
+    says.rows([("batch", f"{counted(len(rows), 'part')}: {text}", tone)])
 
 
 def _why(row: _Row) -> str:
-    """The error line without the name of the part in front, which stands beside it."""
-    names = (f"{one_line(row.source)}: ", f"{row.source}: ", f"{os.path.basename(row.source)}: ")
-    return one_line(
-        next((row.error[len(name) :] for name in names if row.error.startswith(name)), row.error)
-    )
+    """The error line without the name of the part, which is printed beside it."""
+    for name in (one_line(row.source), row.source, os.path.basename(row.source)):
+        if row.error.startswith(f"{name}: "):
+            return one_line(row.error.removeprefix(f"{name}: "))
+    return one_line(row.error)
 
 
 def _is_long(row: _Row) -> bool:
-    """Whether the reason would make the table too wide to be read, and stands below it."""
+    """Whether the reason is printed below the table, which it would make too wide."""
     return bool(row.error) and len(_why(row)) > _WIDEST
 
 
@@ -260,26 +258,24 @@ def _cells(row: _Row) -> tuple[str, ...]:
     source = one_line(clean(row.source))
     if row.sums is None:
         return (source, f"failed {row.code}", "", "", "below" if _is_long(row) else _why(row))
-    nouns = {"warning": "warnings"}  # the other kinds are no nouns
-    notes = ", ".join(
-        counted(number, kind, nouns.get(kind, kind)) for kind, number in row.sums.notes.items()
-    )
-    return (source, row.status, str(row.sums.paths), duration(row.sums.time_s), notes)
+    # The other kinds of notes are adjectives, which have no plural.
+    plurals = {"warning": "warnings"}
+    notes = [counted(n, kind, plurals.get(kind, kind)) for kind, n in row.sums.notes.items()]
+    return (source, row.status, str(row.sums.paths), duration(row.sums.time_s), ", ".join(notes))
 
 
 def _report(rows: list[_Row], post: str) -> bytes:
-    """The table as data."""
+    """The table as JSON."""
     parts: list[Mapping[str, object]] = [
         {
             "input": clean(row.source),
             "status": row.status,
             "exit_code": row.code,
             "error": clean(row.error),
-            "files": [clean(name) for name in row.files],
+            "files": list(map(clean, row.files)),
             **(msgspec.to_builtins(row.sums) if row.sums else {}),
         }
         for row in rows
     ]
-    return (
-        msgspec.json.format(msgspec.json.encode({"post": post, "parts": parts}), indent=2) + b"\n"
-    )
+    table = msgspec.json.encode({"post": post, "parts": parts})
+    return msgspec.json.format(table, indent=2) + b"\n"

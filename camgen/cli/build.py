@@ -1,4 +1,4 @@
-"""``camgen build``: reads, plans, proves, and only then writes everything at once."""
+"""The command `build`: reads, plans and proves, and only then writes all files at once."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, ToolChange
 from camgen.model.text import counted, duration, grouped, short
-from camgen.pipeline import ProgramFile, Result, build, program_files
+from camgen.pipeline import ProgramFile, Result, build, list_program_files
 from camgen.pipeline.memory import no_collector
-from camgen.pipeline.motion import list_reasons, tell_motions
+from camgen.pipeline.motion import format_motions, list_reasons
 from camgen.pipeline.stock import why_unproven
 from camgen.plan.steps import name_of
 from camgen.post.verify import list_uncompared
@@ -47,11 +47,11 @@ from camgen.preview.drawings import check_preview, draw
 from camgen.read.files import Files
 from camgen.read.job_file import find_job_file, load_job
 
-# The summary of a build: one line each for what was read, left out, planned, proved and written.
+# The summary of a build: lines on the input, the notes, the plan, the proofs and the files.
 
-#: Notes that are told plainly; all others ask for a look.
+#: Kinds of notes that need no attention of the user.
 _PLAIN: tuple[NoteKind, ...] = ("joined", "repaired")
-#: So many notes of a kind are told; -v tells all.
+#: Maximum number of notes of a kind in the summary without -v.
 _NOTES = 8
 
 
@@ -62,7 +62,7 @@ def rows(
     programs: Sequence[tuple[Path, ProgramFile]],
     verbose: int,
 ) -> list[Row]:
-    """Label, text and tone of every line."""
+    """Label, text and tone of each line of the summary."""
     return [
         ("input", _input(result), "plain"),
         *_job(job, inputs),
@@ -83,7 +83,7 @@ def rows(
 
 
 def _located(result: Result) -> list[Row]:
-    """The place of the part by a photo, and how well the photo fits the drawing there."""
+    """The pose of the part by a photo, and the deviation of the photo from the drawing there."""
     located = result.located
     if located is None:
         return []
@@ -167,7 +167,7 @@ def _motion(result: Result) -> Row:
         reasons = "; ".join(proof.unproven) if proof else "it was not examined"
         return ("motion", f"not proven: {reasons}", "look")
     contours = counted(proof.contours, "contour")
-    what = f"{contours}, {length(proof.length)}, in {tell_motions(proof)}"
+    what = f"{contours}, {length(proof.length)}, in {format_motions(proof)}"
     if gaps := list_reasons(proof):
         return ("motion", f"{what}; not proven: {'; '.join(gaps)}", "look")
     return ("motion", f"verified: {what}", "good")
@@ -218,45 +218,46 @@ def describe_collision(result: Result) -> Row:
 
 
 def _clearance(result: Result) -> str:
-    """What is left between robot, holder, fixtures and part."""
+    """The smallest distance between robot, holder, fixtures and part."""
     if result.clear is None:
         return "clearance not known"
-    # What is meant to meet, and bodies that are near whatever the arm does.
-    spared = result.where.work.pairs if result.where else ()
+    # Pairs that have to be in contact, and bodies that are always near each other.
+    excluded = result.where.work.pairs if result.where else ()
     names = [
-        "the tool at the part" if pair == ("tool", "part") else " at ".join(pair) for pair in spared
+        "the tool at the part" if pair == ("tool", "part") else " at ".join(pair)
+        for pair in excluded
     ]
-    beside = f"all but {', '.join(names)}" if names else "all"
-    told = f"{beside} {short(result.clear.clearance, 2)} mm apart or more"
-    return f"{told}, least {result.clear.nearest}" if result.clear.nearest else told
+    bodies = f"all but {', '.join(names)}" if names else "all"
+    distance = f"{bodies} {short(result.clear.clearance, 2)} mm apart or more"
+    return f"{distance}, least {result.clear.nearest}" if result.clear.nearest else distance
 
 
 def _posture(result: Result) -> str:
-    """Whether the text states the posture in which the arm was looked at."""
+    """Whether the text states the posture in which the arm was checked."""
     moves = [move for move in result.program.columns.moves if isinstance(move.target, Pose)]
     words = result.post.list_verified() & {"confdata", "figure", "switches"}
-    said = sum(
-        any(getattr(move.posture, word, None) not in (None, ()) for word in words) for move in moves
-    )
-    if said == len(moves):
+    stated = 0
+    for move in moves:
+        stated += any(getattr(move.posture, word, None) not in (None, ()) for word in words)
+    if stated == len(moves):
         return "in the posture that the text states"
-    if said:
-        return (
-            f"in a posture that the text states at {grouped(said)} of {counted(len(moves), 'pose')}"
-        )
+    if stated:
+        poses = f"{grouped(stated)} of {counted(len(moves), 'pose')}"
+        return f"in a posture that the text states at {poses}"
     return "in a posture that the text does not state"
 
 
 def _input(result: Result) -> str:
     if isinstance(result.part, Recorded):
-        done = counted(len(result.part.run.body), "instruction")
+        count = counted(len(result.part.run.body), "instruction")
         kind = "a robot program" if result.part.run.whole else "G-code"
-        return f"{result.part.source}: {result.part.units}, {kind} that gives {done}"
+        return f"{result.part.source}: {result.part.units}, {kind} that gives {count}"
     if result.part.curves:
-        curves = result.part.curves
-        level = sum(curve.level is not None for curve in curves)
-        kinds = f"{counted(len(curves), 'curve')} ({grouped(len(curves) - level)} in space, {grouped(level)} flat)"
-        return f"{result.part.source}: {result.part.units}, {kinds}"
+        total = len(result.part.curves)
+        flat = sum(curve.level is not None for curve in result.part.curves)
+        kinds = f"{grouped(total - flat)} in space, {grouped(flat)} flat"
+        count = f"{counted(total, 'curve')} ({kinds})"
+        return f"{result.part.source}: {result.part.units}, {count}"
     if result.part.solid is not None:
         solid = result.part.solid
         convex = sum(edge.convex for edge in solid.edges)
@@ -266,26 +267,24 @@ def _input(result: Result) -> str:
     contours = result.part.contours
     closed = sum(c.closed for c in contours)
     layers = sorted({c.layer for c in contours})
-    shapes = f"{counted(len(contours), 'contour')} ({grouped(closed)} closed, {grouped(len(contours) - closed)} open)"
+    kinds = f"{grouped(closed)} closed, {grouped(len(contours) - closed)} open"
+    shapes = f"{counted(len(contours), 'contour')} ({kinds})"
     noun = "layer" if len(layers) == 1 else "layers"
     return f"{result.part.source}: {result.part.units}, {shapes}, {noun} {join_names(layers)}"
 
 
 def _job(job: Path | None, inputs: Sequence[Path]) -> list[Row]:
-    """Which job file was used; a second input's own one is not, which the user may not expect."""
-    found: list[Row] = [("job", f"{job}", "plain")] if job else []
-    others = [
-        path
-        for path in (one.with_suffix(".toml") for one in inputs[1:])
-        if path.is_file() and path != job
-    ]
-    return found + [
-        ("warning", f"{path} is not used: one job goes for all inputs", "look") for path in others
-    ]
+    """The job file that was used, and warnings of job files beside other inputs that were not."""
+    rows: list[Row] = [("job", f"{job}", "plain")] if job else []
+    for source in inputs[1:]:
+        other = source.with_suffix(".toml")
+        if other.is_file() and other != job:
+            rows.append(("warning", f"{other} is not used: one job is for all inputs", "look"))
+    return rows
 
 
 def list_notes(notes: Sequence[Note], verbose: int) -> list[Row]:
-    """A row for each note, those that matter most first.
+    """A row for each note, the most severe kinds first.
 
     verbose: 0 for the first notes of each kind alone, with the number of the others.
     """
@@ -320,43 +319,42 @@ def _tell_plan(result: Result) -> list[Row]:
 
 
 def _operations(result: Result) -> list[Row]:
-    """A line for each operation of a job with several: its tool, paths and time, and what it takes away."""
-    told: list[Row] = []
-    for one in result.operations:
-        what = f"{name_of(result.job, one.number)}, {counted(one.paths, 'path')}, about {duration(one.seconds)}"
-        what += "" if one.removed is None else f", {_volume(one.removed)} removed"
-        told.append(("operation", what.removeprefix("operation "), "plain"))
-    return told
+    """A row for each of several operations: its tool, paths, time and removed volume."""
+    rows: list[Row] = []
+    for sums in result.operations:
+        name = name_of(result.job, sums.number).removeprefix("operation ")
+        what = f"{name}, {counted(sums.paths, 'path')}, about {duration(sums.seconds)}"
+        if sums.removed is not None:
+            from camgen.cli.stock import volume  # noqa: PLC0415 (shapely, only for cuts)
+
+            what += f", {volume(sums.removed)} removed"
+        rows.append(("operation", what, "plain"))
+    return rows
 
 
 def _programs(result: Result, programs: Sequence[tuple[Path, ProgramFile]]) -> list[Row]:
-    """A line for each file; of several programs with the tool that each is for."""
-    told = [_program(path, file) for path, file in programs]
+    """A row for each file. The first row of each of several programs names its tool."""
+    rows = [_program(path, file) for path, file in programs]
     if len(result.counts) == 1:
-        return told
-    changes = [item for item in result.program.body if isinstance(item, ToolChange)]
-    for place, change in zip(accumulate((0, *result.counts)), changes, strict=False):
-        label, text, tone = told[place]
+        return rows
+    changes = result.program.columns.of(ToolChange)
+    for first, change in zip(accumulate((0, *result.counts)), changes, strict=False):
+        label, text, tone = rows[first]
         size = f", diameter {change.diameter:g} mm" if change.diameter else ""
-        told[place] = (label, f"{text}: {change.name or 'tool'}{size}", tone)
-    why = f"{result.post.name} changes no tool in a program; run them in this order, each with its tool"
-    return [*told, ("programs", f"{len(result.counts)}: {why}", "look")]
-
-
-def _volume(mm3: float) -> str:
-    from camgen.cli.stock import volume  # noqa: PLC0415 (shapely, only for what cuts)
-
-    return volume(mm3)
+        rows[first] = (label, f"{text}: {change.name or 'tool'}{size}", tone)
+    why = f"a program of {result.post.name} cannot change tools"
+    what = f"{len(result.counts)}: {why}; run them in this order, each with its tool"
+    return [*rows, ("programs", what, "look")]
 
 
 def _stock(result: Result) -> list[Row]:
-    """The proof of what the program does to the material."""
+    """The proof of the material that the program removes."""
     if result.proof is None:
         jobs = [step.operation for step in result.job.operations] or [result.job.operation]
         deep = any(operation.depth or operation.width for operation in jobs)
         why = why_unproven(result.job) if deep else "nothing is cut below the top face"
         return [("stock", f"not proven: {why or 'the part is not flat'}", "look")]
-    from camgen.cli.stock import rows_of_build  # noqa: PLC0415 (shapely, only for what cuts)
+    from camgen.cli.stock import rows_of_build  # noqa: PLC0415 (shapely, only for cuts)
 
     return rows_of_build(result.proof)
 
@@ -364,25 +362,20 @@ def _stock(result: Result) -> list[Row]:
 def _coverage(result: Result) -> list[Row]:
     if result.coverage is None:
         return []
-    found, enough = result.coverage, result.coverage.enough
-    return [
-        (
-            "coverage",
-            f"{found}" + ("" if enough else "; use a finer tool"),
-            "plain" if enough else "look",
-        )
-    ]
+    if result.coverage.enough:
+        return [("coverage", f"{result.coverage}", "plain")]
+    return [("coverage", f"{result.coverage}; use a finer tool", "look")]
 
 
-#: A travel as near to its bound as this is the best possible, mm and a part of it: what the summary's digits show.
-_SAME_MM, _SAME_PART = 0.002, 5e-4
+#: Gap between travel and lower bound that the digits of the summary do not show, in mm and as a
+#: fraction of the travel. Such a travel is called the best possible.
+_SAME_MM, _SAME_FRACTION = 0.002, 5e-4
 
 
 def _above(tour: Tour) -> str:
-    """How near the travel is to what no tour can be below, where that says something: below twice that."""
-    if tour.bound is not None and tour.travel - tour.bound <= max(
-        _SAME_MM, _SAME_PART * tour.travel
-    ):
+    """The gap between the travel and its lower bound, empty if it is as long as the bound."""
+    gap = None if tour.bound is None else tour.travel - tour.bound
+    if gap is not None and gap <= max(_SAME_MM, _SAME_FRACTION * tour.travel):
         return ", the best possible"
     if not tour.bound or tour.travel >= 2 * tour.bound:
         return ""
@@ -394,8 +387,12 @@ def _program(path: Path, file: ProgramFile) -> Row:
 
 
 class _Stages(Struct):
-    """Tells the terminal the stage that runs and remembers how long each took. files: the inputs, which nobody asks for
-    behind the first stage.
+    """Shows the current stage on the terminal, and measures the time of each stage.
+
+    says: output of the command.
+    files: cache of the inputs, which is emptied after they are read.
+    names: names of the stages so far.
+    times: start of each stage, on the clock `perf_counter`, s.
     """
 
     says: Voice
@@ -406,24 +403,22 @@ class _Stages(Struct):
     def __call__(self, name: str) -> None:
         if name == "planning":
             self.files.release()
-            gc.collect()  # what was read is a heap of cycles, and a large one
+            gc.collect()  # The inputs are full of reference cycles.
         self.says.stage(name)
         if self.names and name.startswith(f"{self.names[-1]} "):
-            return  # how far the same stage is
+            return  # progress of the same stage
         self.names.append(name)
         self.times.append(perf_counter())
 
     def spent(self) -> list[tuple[str, float]]:
-        """Each stage with its seconds, the last one up to now."""
+        """The time of each stage, s, that of the last one up to now."""
         ends = [*self.times[1:], perf_counter()]
-        return [
-            (name, end - begin)
-            for name, begin, end in zip(self.names, self.times, ends, strict=True)
-        ]
+        stages = zip(self.names, self.times, ends, strict=True)
+        return [(name, end - start) for name, start, end in stages]
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Builds, writes, sums up."""
+    """Build a program, write it and print the summary."""
     start = _start(arguments.start)
     by_photo = arguments.locate is not None
     names = [*arguments.inputs, *([arguments.locate] if by_photo else [])]
@@ -439,7 +434,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         check_targets([*([program] if program else []), *extra], read)
         check_preview(arguments.preview)
         if arguments.post.endswith(".py"):
-            files.read(arguments.post)  # Python imports it; what it was made from stays
+            files.read(arguments.post)  # Registers the file, which Python imports by itself.
         job = load_job(job_file, arguments.sets, files)
         job, photo_rows = _take_photo_settings(job, photo, job_file, files)
         name = program.stem if program else ""
@@ -456,7 +451,7 @@ def run(arguments: Namespace, says: Voice) -> int:
                 start=start,
             )
         stages("writing")
-        programs = program_files(result, folder, program)
+        programs = list_program_files(result, folder, program)
         if aloud and len(programs) > 1:
             what = f"the program takes {len(programs)} files, and standard output is one"
             raise JobError("-o -", what, remedy="give a folder with -o")
@@ -477,20 +472,13 @@ def run(arguments: Namespace, says: Voice) -> int:
     summary = rows(result, job_file, inputs, programs, says.verbose)
     says.rows([*summary[:1], *photo_rows, *summary[1:]])
     if says.verbose:
-        says.rows(
-            [
-                (
-                    "timing",
-                    ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent()),
-                    "plain",
-                )
-            ]
-        )
+        times = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent())
+        says.rows([("timing", times, "plain")])
     return 0
 
 
 def _start(text: str | None) -> list[float] | None:
-    """About where the part lies: x, y (mm) and turn (deg)."""
+    """The approximate pose of the part: x, y (mm) and turn (deg)."""
     if text is None:
         return None
     try:
@@ -503,7 +491,7 @@ def _start(text: str | None) -> list[float] | None:
 def _take_photo_settings(
     job: Job, photo: Path | None, job_file: Path | None, files: Files
 ) -> tuple[Job, list[Row]]:
-    """The job with [camera] and [image] of the photo's own job file, if it has none of them."""
+    """The job with [camera] and [image] of the photo's job file, if the job has neither."""
     photo_file = find_job_file(None, photo)
     if photo_file is None or photo_file == job_file:
         return job, []
@@ -516,10 +504,10 @@ def _take_photo_settings(
 
 
 def _place(output: str | None) -> tuple[Path, Path | None]:
-    """The folder for the program, and its file where ``-o`` names one."""
+    """The folder of the program, and its file; None unless `-o` names a file."""
     if output is None:
         return Path(), None
-    if os.path.isdir(output):  # unlike Path.is_dir it takes a name of any length
+    if os.path.isdir(output):  # Path.is_dir raises for a name that is too long.
         return Path(output), None
     if output.endswith(("/", os.sep)):
         raise JobError(output, "no such folder", remedy="make it first")
@@ -529,17 +517,15 @@ def _place(output: str | None) -> tuple[Path, Path | None]:
 def _extras(
     arguments: Namespace, result: Result, files: Sequence[str]
 ) -> Iterator[tuple[Path, bytes]]:
-    """Plan, report and preview, where asked for."""
+    """The requested files of plan, report and preview, with their bytes."""
     if arguments.plan:
         options = result.job.post
         data = encode(result.program, result.post.name, options, result.job.tolerance.chord)
         yield Path(arguments.plan), data
     if arguments.report:
         report = result.report | {"files": [clean(name) for name in files]}
-        yield (
-            Path(arguments.report),
-            msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n",
-        )
+        text = msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
+        yield Path(arguments.report), text
     if arguments.preview:
         target = Path(arguments.preview)
         yield target, draw(result, target)

@@ -1,4 +1,4 @@
-"""``camgen capture``: a picture from a camera, a video file or a stream, and what is wrong with it."""
+"""The command `capture`: a picture from a camera, a video file or a stream, and its faults."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Writes the picture and says what it shows of the markers, how sharp it is and what to do about it."""
+    """Write the picture, and report its markers, its sharpness and the remedies for its faults."""
     target, source = Path(arguments.output), arguments.source
-    _insist(arguments, target)
+    _check_arguments(arguments, target)
     files = Files()
     job_file = Path(arguments.job) if arguments.job else None
     read = [Path(source), *([job_file] if job_file else [])]
@@ -44,11 +44,12 @@ def run(arguments: Namespace, says: Voice) -> int:
     return 0
 
 
-def _insist(arguments: Namespace, target: Path) -> None:
-    """JobError for what cannot be meant."""
+def _check_arguments(arguments: Namespace, target: Path) -> None:
+    """Raise JobError for values that are out of range."""
     if target.suffix.lower() not in _SUFFIXES:
+        what = "is not a kind of picture that camgen capture writes"
         remedy = "end the name in .png, .tif or .bmp, which lose nothing"
-        raise JobError(str(target), "is no kind of picture that capture writes", remedy=remedy)
+        raise JobError(str(target), what, remedy=remedy)
     for name, value, least in (
         ("--frames", arguments.frames, 1),
         ("--skip", arguments.skip or 0, 0),
@@ -56,6 +57,5 @@ def _insist(arguments: Namespace, target: Path) -> None:
         if not least <= value <= MOST_FRAMES:
             raise JobError(name, f"cannot be {value}", remedy=f"give {least} to {MOST_FRAMES}")
     if not (math.isfinite(arguments.timeout) and arguments.timeout > 0):
-        raise JobError(
-            "--timeout", f"cannot be {arguments.timeout:g} s", remedy="give a time above 0 s"
-        )
+        what = f"cannot be {arguments.timeout:g} s"
+        raise JobError("--timeout", what, remedy="give a time above 0 s")

@@ -1,7 +1,7 @@
-"""``camgen completion``: a script that lets bash, zsh or fish complete commands, options and their values.
+"""The command `completion`: a script with which bash, zsh or fish complete commands and options.
 
-shtab makes it from the parser of the command line, so it knows what camgen knows. Posts, robots and settings stand in
-it as they are when it is made: completing starts no Python.
+shtab makes the script from the parser of the command line. The script holds the posts, robots and
+settings of the moment, so that completion does not start Python.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def run(arguments: Namespace, says: Voice) -> int:
 
 
 def _teach(action: argparse.Action, known: dict[str, shtab.CompleteType]) -> None:
-    """Tells shtab which values an argument has; its choices it knows."""
+    """Set the values of an argument for shtab, which knows the choices by itself."""
     if action.dest in known:
         action.complete = known[action.dest]  # type: ignore[attr-defined]
     elif action.nargs != 0 and str(action.metavar).startswith(_FILES):
@@ -43,8 +43,8 @@ def _teach(action: argparse.Action, known: dict[str, shtab.CompleteType]) -> Non
 
 def _list_known() -> dict[str, shtab.CompleteType]:
     """The values that camgen knows, by the name of the argument."""
-    # Of a robot's name capitals, spaces and hyphens do not matter: without them it is one word.
-    arms = ["".join(c for c in robot.name.casefold() if c.isalnum()) for robot in robots()]
+    # The name of a robot is recognised without capitals, spaces and hyphens: then it is one word.
+    arms = ["".join(filter(str.isalnum, robot.name.casefold())) for robot in robots()]
     return {
         "post": _words_or_files("post", [post.name for post in list_installed()]),
         "robot": _words_or_files("robot", arms),
@@ -62,7 +62,7 @@ def _assignments(arms: list[str]) -> Iterator[str]:
 
 
 def _words_or_files(name: str, values: list[str]) -> shtab.CompleteType:
-    """Any of some words, or a file. By the function's name shtab sees that bash shall escape names of files."""
+    """Words or files. shtab knows by the name of a function that bash has to escape file names."""
     words = " ".join(values)
     function = f"_camgen_{name}_or_file"
     return _functions(
@@ -96,16 +96,16 @@ def _functions(name: str, bash: str, zsh: str, fish: str) -> shtab.CompleteType:
 
 
 def _amend(script: str, shell: str) -> str:
-    """Amends the script where shtab 1.13 falls short (docs/development/libraries.md)."""
+    """Correct the faults of shtab 1.13 in the script (docs/development/libraries.md)."""
     if shell == "bash":
         return script + _BASH
     if shell == "zsh":
-        # All files of a command are completed, not the first alone; the script may be sourced, not evaluated only.
+        # Complete all files of a command, not the first alone. Allow the script to be sourced.
         return script.replace('"(*):', '"*:').replace("[-1] == eval", "[-1] != loadautofunc")
     return script
 
 
-#: For bash a word ends at ``=``. Words are put together again before shtab's function looks at them.
+#: bash ends a word at `=`. These lines join the words before shtab's function reads them.
 _BASH = """
 
 _camgen() {

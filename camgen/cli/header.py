@@ -101,8 +101,8 @@ def find_part(header: Header, source: Path, job: Job, files: Files) -> Path:
 
     Raises JobError if a post, a part or the digest does not agree.
     """
-    from camgen.pipeline import spell_part  # noqa: PLC0415 (only for our texts)
-    from camgen.pipeline.inputs import digest_of  # noqa: PLC0415
+    from camgen.pipeline import format_part_name  # noqa: PLC0415 (only for our texts)
+    from camgen.pipeline.inputs import compute_digest  # noqa: PLC0415
     from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415
 
     remedy = "name the controller with --post"
@@ -115,10 +115,12 @@ def find_part(header: Header, source: Path, job: Job, files: Files) -> Path:
     settings = limit_path_tolerance(job, header.post)
     neighbours = sorted(source.parent.glob(f"{escape(source.stem)}.*"))
     parts = [
-        path for path in neighbours if spell_part(path.name) in header.lines and path.is_file()
+        path
+        for path in neighbours
+        if format_part_name(path.name) in header.lines and path.is_file()
     ]
     for part in parts:
-        if digest_of(settings, [part], files) == header.digest:
+        if compute_digest(settings, [part], files) == header.digest:
             return part
     what = f"is not given, and no part {source.stem}.* stands beside the program"
     if parts:

@@ -1,4 +1,4 @@
-"""``camgen init``: a job file with every setting, and the reference of the same settings for the documents."""
+"""The command `init`: a job file with all settings, and the page of documents on them."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ from camgen.read.job_file import load_job, parse_assignment
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Writes the job file into the current folder, never over one that exists. With ``--operations`` it is built once:
-    what is written makes a checked program.
+    """Write the job file into the current folder, never over an existing one.
+
+    With `--operations` the job is built once, so that it makes a checked program.
     """
     files = Files()
     source = files.read(arguments.input)
@@ -49,7 +50,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     reader = find_reader(source)
     sets = _with_material(arguments.sets, arguments.material)
     job = load_job(None, sets, files)
-    # What is proposed depends on nothing of [operation].
+    # The proposal does not depend on [operation].
     reading = replace(job, operation=OperationTable())
     part = reader.read(source, reading, files) if reader.makes == "drawing" else None
     units = "" if part is None else part.units
@@ -65,7 +66,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     if arguments.operations and part is not None:
         error = _try_program(part, text, says)
         if isinstance(error, NoSafeProgram) and proposal is not None and _has_tabs(proposal):
-            # Tabs may not hold everywhere: beside narrow rooms other cuts cut them off.
+            # Other cuts may cut off the tabs beside narrow regions.
             proposal = _propose(part, job, source.name, option, says, with_tabs=False)
             chosen = replace(chosen, proposal=proposal)
             text = template(source.name, units, chosen)
@@ -74,8 +75,8 @@ def run(arguments: Namespace, says: Voice) -> int:
         if error is not None:
             raise _refuse_proposal(part, error) from error
     write_all([(target, text.encode())], files.opened)
-    found = f"; {source.name}: {units}" if units else ""
-    says.rows([("job", f"{target}: every setting with its default{found}", "plain")])
+    in_file = f"; {source.name}: {units}" if units else ""
+    says.rows([("job", f"{target}: every setting with its default{in_file}", "plain")])
     if proposal is not None:
         about = "as comments; --operations uses it"
         if arguments.operations:
@@ -89,23 +90,16 @@ def run(arguments: Namespace, says: Voice) -> int:
             why = "they cross others, enclose nothing, or no tool fits"
             says.rows([("left", f"{what}: {name_first(proposal.left)} ({why})", "look")])
     if identity(source.path.parent) != identity(target.parent):
-        says.rows(
-            [
-                (
-                    "use",
-                    f"camgen build {source.path} --job {target}: it does not lie beside the input",
-                    "look",
-                )
-            ]
-        )
+        command = f"camgen build {source.path} --job {target}"
+        says.rows([("use", f"{command}: the job file is not beside the input", "look")])
     return 0
 
 
 def _with_material(sets: Sequence[str], name: str | None) -> list[str]:
-    """The settings with that of the material. JobError for a name that is not known."""
+    """The settings with that of the material. Raises JobError for an unknown name."""
     if name is None:
         return list(sets)
-    from camgen.model.materials import MATERIALS  # noqa: PLC0415 (only where it is asked for)
+    from camgen.model.materials import MATERIALS  # noqa: PLC0415 (only with --material)
 
     if name not in MATERIALS:
         what = "there are no charts for this material"
@@ -122,16 +116,17 @@ def _propose(
     *,
     with_tabs: bool = True,
 ) -> Proposal | None:
-    """Operations for the drawing `part`.
+    """The operations for the drawing `part`, None without any.
 
-    job: its stock, and its tools, which are those of a library.
-    option: the option that asks for operations, "" for none. Without operations InputError then,
-        else None.
-    with_tabs: whether tabs hold parts and slugs; else a skin does.
+    job: job with the stock and with the tools of a library.
+    source: name of the drawing.
+    option: option that requests operations, "" for none. With it, a drawing without operations
+        raises InputError.
+    with_tabs: whether tabs hold parts and slugs; otherwise a skin does.
     """
     if part is None or part.raster is not None or part.solid is not None or part.curves:
         if option:
-            raise InputError(source, "is no flat drawing", option, "leave it out")
+            raise InputError(source, "is not a flat drawing", option, "leave it out")
         return None
     says.stage("proposing")
     from camgen.plan.propose import propose  # noqa: PLC0415 (shapely, only for drawings)
@@ -156,7 +151,7 @@ def _has_tabs(proposal: Proposal) -> bool:
 
 def _try_program(part: Part, text: str, says: Voice) -> CamgenError | None:
     """The error of a build of `part` with the job `text`, None if it makes a checked program."""
-    from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only for what is built)
+    from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only with --operations)
 
     says.stage("building")
     try:
@@ -177,7 +172,7 @@ class Chosen(Struct, frozen=True, eq=False):
 
     values: values by table and key, as `--set` has them.
     proposal: tools and operations, None without any.
-    active: the proposal is used; else it stands there as comments.
+    active: whether the proposal is used; otherwise it is written as comments.
     """
 
     values: Mapping[tuple[str, str], object] = {}
@@ -185,7 +180,7 @@ class Chosen(Struct, frozen=True, eq=False):
     active: bool = False
 
     def assign(self, table: str, key: str) -> list[str]:
-        """The line of a key that has no default here, nothing for any other key."""
+        """The line of a key with another value than its default, empty for any other key."""
         if (table, key) in self.values:
             return [f"{key} = {toml(self.values[table, key])}"]
         if self.proposal and self.active and (table, key) == ("stock", "thickness"):
@@ -196,11 +191,12 @@ class Chosen(Struct, frozen=True, eq=False):
 
 
 def template(source: str, units: str, chosen: Chosen | None = None) -> str:
-    """A job file that says what camgen does without it, and what may be done."""
+    """A job file with all settings, their defaults and their descriptions."""
     chosen = chosen or Chosen()
     lines = [
         f"# camgen job for {_comment(source)}",
-        "# Lengths mm, angles deg, speeds mm/s, forces N, times s. Every line holds its default: delete what you keep.",
+        "# Lengths mm, angles deg, speeds mm/s, forces N, times s. "
+        "Every line holds its default: delete what you keep.",
     ]
     for table, about in list_tables().items():
         if table == "post":
@@ -209,13 +205,10 @@ def template(source: str, units: str, chosen: Chosen | None = None) -> str:
         lines += ["", f"[{table}]  # {about}"]
         for setting in list_settings():
             if setting.table == table:
-                found = (
-                    f" This file: {_comment(units)}." if units and setting.key == "units" else ""
-                )
                 meaning = setting.about if setting.about.endswith(".") else f"{setting.about}."
-                lines += textwrap.wrap(
-                    meaning + found, 116, initial_indent="# ", subsequent_indent="# "
-                )
+                if units and setting.key == "units":
+                    meaning += f" This file: {_comment(units)}."
+                lines += textwrap.wrap(meaning, 116, initial_indent="# ", subsequent_indent="# ")
                 lines += chosen.assign(table, setting.key) or _assignment(
                     setting.key, setting.default, setting.allowed
                 )
@@ -224,13 +217,13 @@ def template(source: str, units: str, chosen: Chosen | None = None) -> str:
 
 
 def _row_lines() -> list[str]:
-    """What several tools and operations look like, as comments: by themselves they have no default."""
+    """The keys of `[[tools]]` and `[[operations]]` as comments, since rows have no defaults."""
     lines: list[str] = []
     for table, about in list_row_tables().items():
         shared = [s.key for s in list_settings() if s.table in _SHARED]
-        own = [s for s in list_row_settings() if s.table == table and s.key not in shared]
+        keys = [s for s in list_row_settings() if s.table == table and s.key not in shared]
         lines += ["", *(f"# {line}" for line in textwrap.wrap(about, 116)), f"# [[{table}]]"]
-        lines += [f"# {s.key} =  # {s.about}" for s in own]
+        lines += [f"# {s.key} =  # {s.about}" for s in keys]
     return lines
 
 
@@ -242,7 +235,7 @@ def _assignment(key: str, default: object, allowed: str) -> list[str]:
 
 
 def _post_lines() -> list[str]:
-    """The options of all posts as comments, since they depend on the post that is chosen."""
+    """The options of all posts as comments, since they depend on the chosen post."""
     lines: list[str] = []
     common = {f.name for f in dataclasses.fields(Post)}
     kinds = [find_post(post.name) for post in list_installed() if not post.broken]
@@ -250,8 +243,8 @@ def _post_lines() -> list[str]:
         shared = [f for f in dataclasses.fields(kinds[0]) if f.name in common]
         lines += ["# every post:", *(_option(f) for f in shared)]
     for kind in kinds:
-        own = [f for f in dataclasses.fields(kind) if f.init and f.name not in common]
-        lines += [f"# {kind.name}:", *(_option(f) for f in own)]
+        options = [f for f in dataclasses.fields(kind) if f.init and f.name not in common]
+        lines += [f"# {kind.name}:", *map(_option, options)]
     return lines
 
 
@@ -264,12 +257,15 @@ def _option(option: dataclasses.Field[object]) -> str:
 
 
 def _comment(text: str) -> str:
-    """``text`` without what would end a comment."""
+    """`text` without characters that would end a comment."""
     return "".join(c if c.isprintable() else " " for c in text)
 
 
 def reference() -> str:
-    """The tables of a job file as Markdown. ``python -m camgen.cli.init > docs/job.md`` renews the page."""
+    """The tables of a job file as Markdown.
+
+    `python -m camgen.cli.init > docs/job.md` writes the page.
+    """
     lines = [_INTRODUCTION]
     for table, about in list_tables().items():
         lines += [f"\n## `[{table}]`\n", about[0].upper() + about[1:]]
@@ -284,14 +280,14 @@ def reference() -> str:
     return "\n".join(lines) + "\n"
 
 
-#: The tables whose keys rows have too.
+#: Tables whose keys a row may have too.
 _SHARED = ("tool", "operation", "process")
 
 
-def _keys(found: Sequence[Setting]) -> list[str]:
-    """A table of settings."""
+def _keys(settings: Sequence[Setting]) -> list[str]:
+    """A table of settings in Markdown."""
     lines = ["\n| key | default, and allowed values | meaning |", "|---|---|---|"]
-    for s in found:
+    for s in settings:
         default = "not set" if s.default is None else f"`{toml(s.default)}`"
         values = default + _shorten(s)
         lines.append(f"| `{s.key}` | {values} | {_cell(s.about)} |")

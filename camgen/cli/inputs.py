@@ -1,4 +1,4 @@
-"""The inputs of a command, standard input and cameras among them."""
+"""Opens the inputs of a command: files, standard input and cameras."""
 
 from __future__ import annotations
 
@@ -12,30 +12,31 @@ from camgen.model.files import Source
 from camgen.read import find_suffix
 from camgen.read.files import Files
 
-#: Where standard input would lie if it were a file: in a folder that nobody makes.
+#: Folder of the path that stands for standard input. No file has such a path.
 _FOLDER = Path("-")
-#: How the name of a camera begins; after it its number, a video file or the address of a stream.
+#: Prefix of a camera, before its number, a video file or the address of a stream.
 CAMERA = "camera:"
 
 
 @contextmanager
 def open_inputs(names: Sequence[str], kind: str | None) -> Iterator[tuple[list[Path], Files]]:
-    """The inputs as paths, and the files. Among them are standard input, a file of the format ``kind`` where ``-`` is
-    an input, and what the cameras see, pictures that are taken here. Errors about these are told with the names that
-    the user gave.
+    """The inputs as paths, with the cache that reads them.
+
+    names: names that the user gives. `-` is standard input. A camera takes a picture here.
+    kind: format of standard input.
+
+    Errors about standard input and pictures have the names that the user gives.
     """
     paths = {name: _FOLDER / _name_camera(name) for name in names if name.startswith(CAMERA)}
     if "-" in names:
         kind = (kind or "").lstrip(".")
         if not kind.isalnum():
-            raise JobError(
-                "-", "standard input has no suffix", remedy="say what it is, e.g. --format dxf"
-            )
+            remedy = "give its format, e.g. --format dxf"
+            raise JobError("-", "standard input has no suffix", remedy=remedy)
         paths["-"] = _FOLDER / f"stdin{find_suffix(kind)}"
     elif kind:
-        raise JobError(
-            "--format", "is for standard input", remedy="leave it out, or give - as the input"
-        )
+        remedy = "leave it out, or give - as the input"
+        raise JobError("--format", "is for standard input", remedy=remedy)
     with ExitStack() as stack:
         for name, path in paths.items():
             stack.enter_context(rename_errors(path.name, name))
@@ -46,12 +47,12 @@ def open_inputs(names: Sequence[str], kind: str | None) -> Iterator[tuple[list[P
 
 
 def _name_camera(name: str) -> str:
-    from camgen.read.capture import name_picture  # noqa: PLC0415 (OpenCV and numpy, only for cameras)
+    from camgen.read.capture import name_picture  # noqa: PLC0415 (OpenCV, only for cameras)
 
     return name_picture(name)
 
 
 def _shoot(name: str, path: Path) -> Source:
-    from camgen.read.capture import capture, make_source  # noqa: PLC0415 (OpenCV and numpy, only for cameras)
+    from camgen.read.capture import capture, make_source  # noqa: PLC0415 (OpenCV)
 
     return make_source(name, path, capture(name))

@@ -1,4 +1,4 @@
-"""``camgen verify`` on a program that nobody planned here: judged by its own language, not by the options of a post."""
+"""The command `verify` on a third-party program: judged by its language, without a post."""
 
 from __future__ import annotations
 
@@ -32,33 +32,36 @@ from camgen.read.files import Files
 
 Row = tuple[str, str]
 _LINE = re.compile(r"\bline (\d{1,9})\b")
-#: So many assumptions are told; --json has all of them.
-_TOLD = 40
-#: So many tools and frames are listed.
+#: Maximum number of assumptions in the summary; --json has all of them.
+_ASSUMPTIONS = 40
+#: Maximum number of tools and frames in the summary.
 _FRAMES = 20
 _WORDS = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
 
 
 def find_own(name: str, texts: Mapping[str, str]) -> Language:
-    """The language that the files are in. name: what the user says, "" for what the first of them looks like. JobError
-    where nothing tells.
+    """The language of the files.
+
+    name: name that the user gives; "" to recognise it by the first file.
+
+    Raises JobError if the language is not recognised.
     """
     if name:
         return find_language(name)
     file, text = next(iter(texts.items()))
-    every = list_languages()
+    languages = list_languages()
     suffix = Path(file).suffix.lower()
-    fit = [one for one in every if one.recognise(text)] or [
-        one for one in every if suffix in one.suffixes
-    ]
-    if not fit:
-        remedy = f"name its controller: --post {' or '.join(one.name for one in every)}"
-        raise JobError(file, "does not look like a program of any language here", remedy=remedy)
-    return fit[0]
+    fitting = [language for language in languages if language.recognise(text)]
+    fitting += [language for language in languages if suffix in language.suffixes]
+    if not fitting:
+        names = " or ".join(language.name for language in languages)
+        what = "is not recognised as a program of any known language"
+        raise JobError(file, what, remedy=f"name its controller: --post {names}")
+    return fitting[0]
 
 
 def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> Ask:
-    """What the user says of the program. JobError for what makes no sense."""
+    """The options of the user for a program. Raises JobError for options without effect on it."""
     dialect = arguments.dialect or ""
     if dialect and dialect not in language.dialects:
         known = f"it has {join_names(language.dialects)}" if language.dialects else "it has none"
@@ -66,14 +69,14 @@ def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> 
     for name in ("entry", "points"):
         if getattr(arguments, name) and name not in language.takes:
             what = {
-                "entry": "has no routines to begin with",
+                "entry": "has no routines",
                 "points": "has its locations in its text",
             }[name]
             raise JobError(f"--{name}", f"{language.name} {what}", remedy="leave it out")
     points = read_texts([Path(name) for name in arguments.points], files)
     flange = None
     if job.operation.taught_on:
-        from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for what needs it)
+        from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for robot programs)
 
         flange = find_flange(job.operation.taught_on)
     return Ask(
@@ -87,9 +90,9 @@ def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> 
 
 
 def _read_assumed(given: str) -> Iterator[tuple[str, float]]:
-    """The values of `name=value`, by name in small letters: `name=[a,b]` has name[1] and name[2].
+    """The values of `name=value` by the name in lower case; `name=[a,b]` sets name[1] and name[2].
 
-    JobError for anything else.
+    Raises JobError for anything else.
     """
     name, _, value = given.partition("=")
     values = value.strip()
@@ -101,7 +104,7 @@ def _read_assumed(given: str) -> Iterator[tuple[str, float]]:
 
 
 def _assumed(given: str) -> tuple[str, float]:
-    """``name=value``, the name in small letters. JobError for what is none."""
+    """The name, in lower case, and the value of `name=value`. Raises JobError for anything else."""
     name, _, value = given.partition("=")
     word = value.strip().lower()
     try:
@@ -109,24 +112,21 @@ def _assumed(given: str) -> tuple[str, float]:
     except ValueError:
         number = None
     if number is None or not name.strip():
-        raise JobError(
-            "--assume",
-            f"{given!r} is no name with its value",
-            remedy="say for example --assume di1=1",
-        )
+        what = f"{given!r} is not a name with a value"
+        raise JobError("--assume", what, remedy="give for example --assume di1=1")
     return name.strip().lower(), number
 
 
-#: Assumptions on units and speeds, by key. They change no path.
+#: Keys of assumptions on units and speeds, which change no path.
 _SCALES = frozenset({"feed", "inch", "mps", "rated"})
 
 
 def add_harm(executed: Executed, texts: Mapping[str, str]) -> Executed:
-    """``executed`` with what may do harm in its motion, and what its header says otherwise.
+    """`executed` with findings on harmful motions, and on frames of its header that it never sets.
 
-    If the path rests on an assumption, a dangerous finding is only possible.
+    If the path depends on an assumption, a dangerous finding is only possible.
     """
-    from camgen.check.harm import find_harm  # noqa: PLC0415 (numpy: only where a program is judged)
+    from camgen.check.harm import find_harm  # noqa: PLC0415 (numpy, only to judge programs)
 
     harm = [*find_harm(executed), *find_stale_frames(texts, executed.frames)]
     if _is_assumed(executed):
@@ -151,7 +151,7 @@ def find_stop(executed: Executed) -> tuple[Finding, ...]:
     if executed.stopped is None:
         return ()
     line, what = executed.stopped
-    stop = Finding("refused", line, f"cannot be run on: {what}")
+    stop = Finding("refused", line, f"the run stops here: {what}")
     if executed.is_limited and _is_assumed(executed):
         stop = Finding("possible", line, f"{stop.what}, if all is as assumed")
     return (stop,)
@@ -164,17 +164,15 @@ def _if_as_assumed(finding: Finding) -> Finding:
 
 
 def name_files(executed: Executed, place: Places) -> Executed:
-    """``executed`` with the file beside each line that its texts speak of, for programs of several files."""
+    """`executed` with the file of each line that its messages name, for several files."""
 
-    def told(what: str) -> str:
-        return _LINE.sub(lambda found: place(int(found[1])), what)
+    def add_file(what: str) -> str:
+        return _LINE.sub(lambda match: place(int(match[1])), what)
 
-    return replace(
-        executed,
-        findings=tuple(replace(one, what=told(one.what)) for one in executed.findings),
-        assumed=tuple(replace(one, what=told(one.what)) for one in executed.assumed),
-        stopped=executed.stopped and (executed.stopped[0], told(executed.stopped[1])),
-    )
+    findings = [replace(finding, what=add_file(finding.what)) for finding in executed.findings]
+    assumed = [replace(assumed, what=add_file(assumed.what)) for assumed in executed.assumed]
+    stopped = executed.stopped and (executed.stopped[0], add_file(executed.stopped[1]))
+    return replace(executed, findings=tuple(findings), assumed=tuple(assumed), stopped=stopped)
 
 
 def tell_time(seconds: float, untimed: int) -> str:
@@ -190,51 +188,45 @@ def tell_time(seconds: float, untimed: int) -> str:
 
 
 def check_page(name: str) -> None:
-    """JobError for the name of a report that is no page."""
+    """Raise JobError for a report without the suffix of a page."""
     if Path(name).suffix.lower() != ".html":
-        raise JobError(
-            name, "the report of a program is a page", remedy="give a name that ends in .html"
-        )
+        what, remedy = "the report of a program is a page", "give a name that ends in .html"
+        raise JobError(name, what, remedy=remedy)
 
 
 def rows_of(executed: Executed, place: Places) -> list[Row]:
-    """What stands in the program beside its motions, for the summary."""
+    """Rows of the summary on frames, facts, omissions and assumptions."""
     rows = [*_frames(executed.frames), *executed.facts]
     rows += [("left out", f"{place(line)}: {what}") for line, what in executed.omitted]
-    for one in executed.assumed[:_TOLD]:
-        more = f" (--assume {one.key}=VALUE)" if one.key else ""
-        rows.append(("assumed", f"{place(one.line)}: {one.what}{more}"))
-    left = len(executed.assumed) - _TOLD
-    if left > 0:
-        rows.append(("assumed", f"and {counted(left, 'thing')} more; --json tells all"))
+    for assumed in executed.assumed[:_ASSUMPTIONS]:
+        option = f" (--assume {assumed.key}=VALUE)" if assumed.key else ""
+        rows.append(("assumed", f"{place(assumed.line)}: {assumed.what}{option}"))
+    more = len(executed.assumed) - _ASSUMPTIONS
+    if more > 0:
+        rows.append(("assumed", f"and {counted(more, 'value')} more; --json lists all"))
     return [(one_line(label), one_line(text)) for label, text in rows]
 
 
 def _frames(frames: Sequence[Frames]) -> list[Row]:
-    tools = {one.tool: one.flange_from_tool for one in frames if one.tool}
-    works = {one.work: one.base_from_work for one in frames if one.work}
-    found = [("tool", name, pose) for name, pose in tools.items()]
-    found += [("frame", name, pose) for name, pose in works.items()]
+    tools = {("tool", row.tool): row.flange_from_tool for row in frames if row.tool}
+    works = {("frame", row.work): row.base_from_work for row in frames if row.work}
     rows = [
         (label, f"{name}: {format_frame(pose) if pose else 'not in the text'}")
-        for label, name, pose in found
+        for (label, name), pose in (tools | works).items()
     ]
-    more = (
-        [("frame", f"and {counted(len(rows) - _FRAMES, 'frame')} more")]
-        if len(rows) > _FRAMES
-        else []
-    )
-    return rows[:_FRAMES] + more
+    if len(rows) > _FRAMES:
+        rows[_FRAMES:] = [("frame", f"and {counted(len(rows) - _FRAMES, 'frame')} more")]
+    return rows
 
 
 def tell_findings(executed: Executed, place: Places) -> str:
-    """A line for each finding, in the order of the program."""
-    found = [f"{place(one.line)}: {one.level}: {one.what}" for one in executed.findings]
+    """A line for each finding in the order of the program, and one on the line where it stops."""
+    findings = [(row.line, f"{row.level}: {row.what}") for row in executed.findings]
     for stop in find_stop(executed):
         level = "possible: " if stop.level == "possible" else ""
-        found.append(f"{place(stop.line)}: {level}{stop.what}")
-    # What a file holds may be anything, to a terminal too.
-    return "".join(f"{one_line(text)}\n" for text in found)
+        findings.append((stop.line, f"{level}{stop.what}"))
+    # A text from a file may hold control characters for the terminal.
+    return "".join(f"{one_line(f'{place(line)}: {text}')}\n" for line, text in findings)
 
 
 def as_data(executed: Executed, place: Places) -> dict[str, object]:
@@ -242,12 +234,12 @@ def as_data(executed: Executed, place: Places) -> dict[str, object]:
     coverage = executed.coverage
     return {
         "faults": [
-            {"place": place(one.line), "what": one.what, "level": one.level}
-            for one in executed.findings
+            {"place": place(finding.line), "what": finding.what, "level": finding.level}
+            for finding in executed.findings
         ],
         "assumed": [
-            {"place": place(one.line), "what": one.what, "key": one.key, "value": one.value}
-            for one in executed.assumed
+            {"place": place(row.line), "what": row.what, "key": row.key, "value": row.value}
+            for row in executed.assumed
         ],
         "stopped": executed.stopped
         and {"place": place(executed.stopped[0]), "what": executed.stopped[1]},
@@ -256,17 +248,20 @@ def as_data(executed: Executed, place: Places) -> dict[str, object]:
 
 
 def verdict(executed: Executed, program: Path, place: Places) -> CamgenError | None:
-    """InputError for what the controller refuses and what cannot be run on, NoSafeProgram for what may do harm."""
-    refused = [one for one in executed.findings if one.level == "refused"]
+    """The error of a program, None if it has none.
+
+    InputError for lines that the controller refuses and for a run that stops before its end,
+    NoSafeProgram for motions that may do harm.
+    """
+    refused = [finding for finding in executed.findings if finding.level == "refused"]
     if refused:
         what = f"{counted(len(refused), 'line is', 'lines are')} refused, first: {refused[0].what}"
         return InputError(str(program), what, place(refused[0].line), "correct the program")
     if executed.stopped and find_stop(executed)[0].level == "refused":
-        line, what = executed.stopped
-        return InputError(
-            str(program), f"cannot be run to its end: {what}", place(line), "correct the program"
-        )
-    harm = [one for one in executed.findings if one.level == "dangerous"]
+        line, reason = executed.stopped
+        what = f"cannot be run to its end: {reason}"
+        return InputError(str(program), what, place(line), "correct the program")
+    harm = [finding for finding in executed.findings if finding.level == "dangerous"]
     if harm:
         what = f"{counted(len(harm), 'line is', 'lines are')} dangerous, first: {harm[0].what}"
         return NoSafeProgram(str(program), what, place(harm[0].line), "correct the program")

@@ -36,7 +36,7 @@ _UNKNOWN = "unknown"
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Writes the frame, prints it, and says how well it is held and what else it could be."""
+    """Write and print the frame, and report its evidence and other poses that fit as well."""
     model, scan, target = Path(arguments.model), Path(arguments.scan), Path(arguments.output)
     unit, start = _unit("--units", arguments.units), _start(arguments.start)
     model_unit = _unit("--model-units", arguments.model_units)
@@ -54,25 +54,25 @@ def run(arguments: Namespace, says: Voice) -> int:
         triangles = (part.vertices, part.faces)
         return localize(scan.name, triangles, scan_in_mm.points, start, says.stage, eye)
 
-    found = localize_or_advise(search, part, seen, lambda unit: _part(source, unit))
+    location = localize_or_advise(search, part, seen, lambda unit: _part(source, unit))
     says.clear()
     names, units = (model.name, scan.name), (part.unit, seen.unit)
     if arguments.viewpoint is None:
         stood = _describe_place(seen.viewpoint, ", as the scan says")
     else:
         stood = _describe_place(viewpoint, "")
-    write_all([(target, job(names, units, found, stood).encode())], files.opened)
+    write_all([(target, job(names, units, location, stood).encode())], files.opened)
     if not says.quiet:
-        says.out(_line(found.base_from_work) + "\n")
+        says.out(_line(location.base_from_work) + "\n")
     x, y, z = np.ptp(part.vertices, axis=0).tolist()
     size = f"{short(x, 3)} x {short(y, 3)} x {short(z, 3)} mm"
     triangles = counted(len(part.faces), "triangle")
     points = counted(len(seen.points), "point")
     says.rows([("model", f"{names[0]}: {size}, {triangles}, {_describe_unit(part.unit)}", "plain")])
     says.rows([("scan", f"{names[1]}: {points}, {_describe_unit(seen.unit)}", "plain")])
-    notes = [*part.notes, *seen.notes, *_note_drawn(seen, found), *_note_far(found)]
+    notes = [*part.notes, *seen.notes, *_note_drawn(seen, location), *_note_far(location)]
     says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in notes])
-    says.rows([*_describe(found, stood), ("written", str(target), "good")])
+    says.rows([*_describe(location, stood), ("written", str(target), "good")])
     return 0
 
 
@@ -121,14 +121,13 @@ def _start(text: str | None) -> Pose | None:
     except ValueError:
         values = []
     if len(values) != 6 or not all(map(math.isfinite, values)):
-        raise JobError(
-            "--start", f"{text!r} is no pose", remedy="give x,y,z,rx,ry,rz in mm and deg"
-        )
+        remedy = "give x,y,z,rx,ry,rz in mm and deg"
+        raise JobError("--start", f"{text!r} is not a pose", remedy=remedy)
     return pose_from_values(values)
 
 
 def _viewpoint(text: str | None) -> FloatArray | None:
-    """Where the scanner stood, None if that is not said or not known."""
+    """The position of the scanner, None if it is not given or not known."""
     if text is None or text.strip().lower() == _UNKNOWN:
         return None
     try:
@@ -136,8 +135,8 @@ def _viewpoint(text: str | None) -> FloatArray | None:
     except ValueError:
         values = []
     if len(values) != 3 or not all(map(math.isfinite, values)):
-        remedy = f"give x,y,z in mm, or {_UNKNOWN} to disregard what the scan says"
-        raise JobError("--viewpoint", f"{text!r} is no place", remedy=remedy)
+        remedy = f"give x,y,z in mm, or {_UNKNOWN} to ignore the viewpoint of the scan"
+        raise JobError("--viewpoint", f"{text!r} is not a position", remedy=remedy)
     return np.array(values)
 
 
@@ -165,20 +164,24 @@ def _part(source: Source, unit: str) -> ModelPart:
     return part
 
 
-def job(names: tuple[str, str], units: tuple[str, str], found: Location, stood: str) -> str:
+def job(names: tuple[str, str], units: tuple[str, str], location: Location, stood: str) -> str:
     """The job file: the work frame, and as comments the units, overlap and other evidence.
 
     names: the file names of the model and of the scan.
     units: the units of the model and of the scan.
     stood: the place of the scanner; "" if it is not known.
     """
-    evidence = [f"{label}: {text}" if label else text for label, text, _ in _describe(found, stood)]
+    evidence = [
+        f"{label}: {text}" if label else text for label, text, _ in _describe(location, stood)
+    ]
     lines = [
         f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}",
         f"units: {_describe_unit(units[0])} in the model, {_describe_unit(units[1])} in the scan",
         *evidence,
     ]
-    return "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(found.base_from_work)}\n"
+    return (
+        "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(location.base_from_work)}\n"
+    )
 
 
 def _line(pose: Pose) -> str:
@@ -189,67 +192,63 @@ def _millimetres(place: FloatArray) -> str:
     return ", ".join(short(value, 2) for value in place.tolist())
 
 
-def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
-    """What the summary says of a location, and the comments of the job file."""
-    near = _percent(found.seen.near)
-    points = counted(found.used, "point that counts", "points that count")
+def _describe(location: Location, stood: str) -> Sequence[tuple[str, str, str]]:
+    """The rows of the summary on a location, which are comments of the job file too."""
+    near = _percent(location.seen.near)
+    points = counted(location.used, "point that counts", "points that count")
     rows = [("viewpoint", stood, "plain")] if stood else []
-    rows += _list_left_out(found)
-    rest = " without the bench" if found.bench else ""
+    rows += _list_left_out(location)
+    rest = " without the bench" if location.bench else ""
+    overlap = f"{_percent(location.overlap)} of the scan{rest}"
+    seen = f"{_percent(location.seen.all)} of the model's surface"
     rows += [
-        (
-            "overlap",
-            f"{_percent(found.overlap)} of the scan{rest} lie within {short(found.within, 3)} mm of the model",
-            "plain",
-        ),
-        (
-            "seen",
-            f"{_percent(found.seen.all)} of the model's surface, {near} of the side that faces the scanner",
-            "plain",
-        ),
-        ("residual", f"{found.rms:.4f} mm rms of the {points}", "plain"),
+        ("overlap", f"{overlap} lie within {short(location.within, 3)} mm of the model", "plain"),
+        ("seen", f"{seen}, {near} of the side that faces the scanner", "plain"),
+        ("residual", f"{location.rms:.4f} mm rms of the {points}", "plain"),
     ]
-    if found.free:
+    if location.free:
         rows.append(
-            ("ambiguous", f"{found.free} changes nothing: the scan does not hold that", "look")
+            ("ambiguous", f"{location.free} changes nothing: the scan does not hold that", "look")
         )
-    elif found.rivals:
-        rows.append(("ambiguous", f"other poses that fit as well: {len(found.rivals)}", "look"))
-        rows += [("", _tell(rival, found.noise_limit), "look") for rival in found.rivals[:_LISTED]]
-        if len(found.rivals) > _LISTED:
-            rows.append(("", f"and {len(found.rivals) - _LISTED} more", "look"))
-    elif found.next_best is not None:
-        other = found.next_best
-        away = f"turned by {other.turn:.1f} deg, moved by {short(other.shift, 1)} mm"
-        rows.append(("next best", f"a pose {away} fits worse", "plain"))
-    if found.run_on > SOME_RUN_ON:
-        beyond = f"the scan runs on beyond {_percent(found.run_on)} of the rims: it stands where --start says"
-        rows.append(("flush", beyond, "look"))
+    elif location.rivals:
+        rows.append(("ambiguous", f"other poses that fit as well: {len(location.rivals)}", "look"))
+        rows += [
+            ("", _tell(rival, location.noise_limit), "look") for rival in location.rivals[:_LISTED]
+        ]
+        if len(location.rivals) > _LISTED:
+            rows.append(("", f"and {len(location.rivals) - _LISTED} more", "look"))
+    elif location.next_best is not None:
+        other = location.next_best
+        pose = f"turned by {other.turn:.1f} deg, moved by {short(other.shift, 1)} mm"
+        rows.append(("next best", f"a pose {pose} fits worse", "plain"))
+    if location.run_on > SOME_RUN_ON:
+        beyond = f"the scan runs on beyond {_percent(location.run_on)} of the rims"
+        rows.append(("flush", f"{beyond}: it stands where --start says", "look"))
     rows += [
         ("start", f"{describe_patch(patch)}: accepted, since --start is near", "look")
-        for patch in found.patches
+        for patch in location.patches
     ]
     rows += [
         ("again", f"the scan shows the part once more: {_line(pose)}", "look")
-        for pose in found.again
+        for pose in location.again
     ]
-    if found.weak:
+    if location.weak:
         rows.append(
-            ("weak", f"few points hold {found.weak}: scan the part from more sides", "look")
+            ("weak", f"few points hold {location.weak}: scan the part from more sides", "look")
         )
     return rows
 
 
-def _list_left_out(found: Location) -> list[tuple[str, str, str]]:
+def _list_left_out(location: Location) -> list[tuple[str, str, str]]:
     """Rows on the points that took no part in the search."""
     rows = []
-    if found.bench:
-        points = counted(found.bench, "point lies", "points lie")
+    if location.bench:
+        points = counted(location.bench, "point lies", "points lie")
         rows.append(
             ("bench", f"{points} in the plane under the part, or below it: left out", "plain")
         )
-    if found.isolated:
-        points = counted(found.isolated, "point is", "points are")
+    if location.isolated:
+        points = counted(location.isolated, "point is", "points are")
         rows.append(("strays", f"{points} far from all others: left out", "plain"))
     return rows
 

@@ -1,4 +1,4 @@
-"""``camgen markers``: draws the sheet of markers that tells a photo where the work plane is."""
+"""The command `markers`: draws a sheet of markers that define the work plane in a photo."""
 
 from __future__ import annotations
 
@@ -15,29 +15,19 @@ _DRAWN = {".pdf": draw_pdf, ".svg": draw_svg}
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Writes the sheet and says what to check on the paper."""
+    """Write the sheet, and print how to check it on paper."""
     target = Path(arguments.output)
-    drawn = _DRAWN.get(target.suffix.lower())
-    if drawn is None:
-        raise JobError(
-            str(target),
-            "is no kind of drawing that camgen writes",
-            remedy="end the name in .pdf or .svg",
-        )
-    what = make_sheet(arguments.size, arguments.marker)
+    draw = _DRAWN.get(target.suffix.lower())
+    if draw is None:
+        what = "is not a kind of drawing that camgen markers writes"
+        raise JobError(str(target), what, remedy="end the name in .pdf or .svg")
+    sheet = make_sheet(arguments.size, arguments.marker)
     check_targets([target], [])
-    write_all([(target, drawn(what))], {})
-    side, free = short(what.marker, 2), " x ".join(short(v, 0) for v in what.free)
-    text = f"{what.size} landscape, {counted(len(what.ids), 'marker')} of {side} mm, free for the part: {free} mm"
-    says.rows(
-        [
-            ("sheet", text, "plain"),
-            (
-                "print",
-                "at 100 %, not fitted to the page; then measure the ruler: it must be 100 mm",
-                "look",
-            ),
-            ("written", str(target), "good"),
-        ]
-    )
+    write_all([(target, draw(sheet))], {})
+    markers = f"{counted(len(sheet.ids), 'marker')} of {short(sheet.marker, 2)} mm"
+    free = " x ".join(short(v, 0) for v in sheet.free)
+    text = f"{sheet.size} landscape, {markers}, free for the part: {free} mm"
+    check = "at 100 %, not fitted to the page; then measure the ruler: it must be 100 mm"
+    says.rows([("sheet", text, "plain"), ("print", check, "look")])
+    says.rows([("written", str(target), "good")])
     return 0

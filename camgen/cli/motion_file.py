@@ -1,8 +1,8 @@
-"""The plan file of ``--plan``: the planned motion as JSON, for scripts and for ``camgen verify``.
+"""The plan file of `--plan`: the planned motion as JSON, for scripts and for `camgen verify`.
 
-Numbers are written so that they read back to the last bit. Rotations are matrices, since a quaternion or an Euler
-triple would be rounded on the way; most programs have few, so they stand in a list of their own and are named by their
-place in it.
+Numbers are written so that they read back to the last bit. Rotations are matrices, since a
+quaternion or Euler angles would be rounded. Most programs have few of them, so they are in a list,
+and instructions have their index in it.
 """
 
 from __future__ import annotations
@@ -119,7 +119,13 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class MotionFile(Struct, frozen=True, eq=False):
-    """What a plan file holds. options: of ``[post]``. chord: mm that a replacement of an arc may deviate."""
+    """The content of a plan file.
+
+    program: the program.
+    post: name of the controller.
+    options: options of `[post]`.
+    chord: maximum deviation of a replaced arc, mm.
+    """
 
     program: Program
     post: str
@@ -222,7 +228,7 @@ def _line(item: Instruction, known: _Rotations) -> _Line:
 
 
 def load(file: Path, files: Files) -> MotionFile:
-    """The plan in ``file``. JobError when it cannot be read or is no plan."""
+    """The plan in `file`. Raises JobError if it cannot be read or is not a plan."""
     try:
         return decode(files.open(file).data)
     except OSError as error:

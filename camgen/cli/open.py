@@ -1,4 +1,4 @@
-"""``camgen open``: the workbench, a job as a form in the browser beside the page of what it makes."""
+"""The command `open`: the workbench, a job as a form in the browser beside its program."""
 
 from __future__ import annotations
 
@@ -17,34 +17,27 @@ from camgen.read.files import Files
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Serves the workbench until its pages are closed, or Ctrl-C."""
+    """Serve the workbench until its pages are closed, or Ctrl-C."""
     try:
-        from camgen.workbench.server import Shop, listen, serve  # noqa: PLC0415 (an extra)
+        from camgen.workbench.server import CommandLine, open_socket, serve  # noqa: PLC0415
     except ModuleNotFoundError as error:
-        raise JobError(
-            "open",
-            f"needs {error.name}",
-            remedy="pip install '.[workbench]' in the folder of camgen",
-        ) from error
-    from camgen.workbench.guard import make_token  # noqa: PLC0415 (asyncio and all of camgen, for this command only)
+        remedy = "pip install '.[workbench]' in the folder of camgen"
+        raise JobError("open", f"needs {error.name}", remedy=remedy) from error
+    from camgen.workbench.guard import make_token  # noqa: PLC0415 (asyncio, only for this command)
     from camgen.workbench.session import open_session  # noqa: PLC0415
 
     inputs, job = _inputs(arguments.inputs, arguments.job)
     folder = Path(arguments.output or "")
     if not folder.is_dir():
-        raise JobError(
-            str(folder),
-            "is not a folder",
-            "-o",
-            "make it first; programs get the names that build gives",
-        )
-    post = arguments.post or _usual_post(inputs[0])
-    find_post(post)  # what is not there is told before a page is opened
-    posts = [one.name for one in list_installed() if not one.broken]
-    session = open_session(
-        inputs, job, arguments.sets, post, folder, posts if post in posts else [*posts, post]
-    )
-    with listen(arguments.port) as door:
+        remedy = "make it first; programs get the names that build gives"
+        raise JobError(str(folder), "is not a folder", "-o", remedy)
+    post = arguments.post or _choose_post(inputs[0])
+    find_post(post)  # Raises for an unknown post before a page is opened.
+    posts = [installed.name for installed in list_installed() if not installed.broken]
+    if post not in posts:
+        posts.append(post)
+    session = open_session(inputs, job, arguments.sets, post, folder, posts)
+    with open_socket(arguments.port) as door:
         token = make_token()
         address = f"http://127.0.0.1:{door.getsockname()[1]}/{token}/"
 
@@ -56,7 +49,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         def warn(line: str) -> None:
             says.rows([("journal", line, "look")])
 
-        ending = serve(session, Shop(rows, warn, ready), token, door)
+        ending = serve(session, CommandLine(rows, warn, ready), token, door)
     says.clear()
     if not ending.changes:
         return 0
@@ -69,22 +62,21 @@ def run(arguments: Namespace, says: Voice) -> int:
 
 
 def _inputs(names: Sequence[str], job: str | None) -> tuple[list[Path], str | None]:
-    """The inputs, and the job file. A job file alone stands for the input of its name beside it."""
+    """The inputs, and the job file. A job file alone opens the input of its name beside it."""
     paths = [Path(name) for name in names]
     if len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         if job is not None:
-            raise JobError(
-                "--job", "a job file is opened already", remedy="name the input, or leave it out"
-            )
-        return [_input_of(paths[0])], names[0]
+            remedy = "name the input, or leave it out"
+            raise JobError("--job", "a job file is opened already", remedy=remedy)
+        return [_find_input(paths[0])], names[0]
     files = Files()
     for path in paths:
-        find_reader(files.read(path))  # what no reader knows is told before a page is opened
+        find_reader(files.read(path))  # Raises for an unknown format before a page is opened.
     return paths, job
 
 
-def _input_of(job: Path) -> Path:
-    """The input for which a job file is: the one of its name. InputError where there is none, or more than one."""
+def _find_input(job: Path) -> Path:
+    """The input with the name of a job file. Raises InputError for none, and for several."""
     Files().read(job)
     readable = []
     for path in sorted(job.parent.glob("*")):
@@ -95,17 +87,15 @@ def _input_of(job: Path) -> Path:
                 continue
             readable.append(path)
     if len(readable) != 1:
-        found = (
-            f"fits {', '.join(path.name for path in readable)}"
-            if readable
-            else "has no input of its name beside it"
-        )
-        raise InputError(str(job), found, remedy=f"camgen open INPUT --job {job}")
+        what = "has no input of its name beside it"
+        if readable:
+            what = f"fits {', '.join(path.name for path in readable)}"
+        raise InputError(str(job), what, remedy=f"camgen open INPUT --job {job}")
     return readable[0]
 
 
-def _usual_post(path: Path) -> str:
-    """What the page begins with where no controller is named: what needs an arm is for RAPID, the rest for G-code."""
+def _choose_post(path: Path) -> str:
+    """The controller at the start: RAPID for parts that need an arm, otherwise G-code."""
     return "rapid" if find_reader(Files().read(path)).makes in ("solid", "curves") else "gcode"
 
 

@@ -26,7 +26,7 @@ from camgen.cli.say import Row, Voice
 from camgen.model.errors import JobError, one_line, rename_errors
 from camgen.model.text import counted, duration, grouped, harmless, short
 from camgen.model.version import __version__
-from camgen.pipeline import poster_of, program_files
+from camgen.pipeline import list_program_files, make_job_post
 from camgen.pipeline.inputs import read_inputs
 from camgen.pipeline.memory import no_collector
 from camgen.pipeline.place import SET_UPS, Request, Search, Stand, Trial, name_set_up, search_place
@@ -56,7 +56,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     files = Files()
     with no_collector(), rename_errors("job", str(job_file or "job")):
         job = load_job(job_file, arguments.sets, files)
-        poster = poster_of(arguments.post, job, str(job_file or "job"))
+        poster = make_job_post(arguments.post, job, str(job_file or "job"))
         says.stage("reading")
         read = read_inputs([source], job, poster.cell(), files.within(job.limits))
         request = Request(source, arguments.post, target.stem)
@@ -107,7 +107,7 @@ def _write_set_up(
     assert trial.result is not None
     job = _place_beside(target, number, ".toml")
     suffix = Path(trial.result.files[0].name).suffix
-    programs = program_files(trial.result, job.parent, job.with_suffix(suffix))
+    programs = list_program_files(trial.result, job.parent, job.with_suffix(suffix))
     check_programs([(path, file.head(HEADER_BYTES)) for path, file in programs])
     for path, _ in programs:
         if is_edited(path):

@@ -13,7 +13,7 @@ _WIDE = 116
 
 
 def list_proposed(proposal: Proposal, active: bool) -> list[str]:
-    """Rows of ``[[tools]]`` and ``[[operations]]``. active: else they are comments."""
+    """The lines of `[[tools]]` and `[[operations]]`, as comments unless `active`."""
     thickness = short(proposal.thickness, 3)
     about = (
         f"Proposed from the contours. Depths are those of a material of {thickness} mm, drills go "
@@ -42,7 +42,7 @@ def list_proposed(proposal: Proposal, active: bool) -> list[str]:
 
 
 def _keys(row: Mapping[str, object], comments: Mapping[str, str]) -> list[str]:
-    """``key = value``, a list that is too long for a line on several, and comments by key."""
+    """The lines of a row, with the comments of its keys. A long list takes several lines."""
     lines: list[str] = []
     for key, value in row.items():
         line = f"{key} = {toml(value)}"
@@ -73,7 +73,7 @@ def tabulate(proposal: Proposal) -> list[str]:
 
 
 def describe(proposal: Proposal) -> str:
-    """What is proposed, for the summary."""
+    """The proposal in one line, for the summary."""
     operations = [operation.about.partition(":")[0] for operation in proposal.operations]
     tools = {operation.row["tool"] for operation in proposal.operations}
     return f"{', '.join(operations)}, with {counted(len(tools), 'tool')}"

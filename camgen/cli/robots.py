@@ -1,4 +1,4 @@
-"""``camgen robots``: the built-in robots, how well their numbers are known, and one of them or a URDF more closely."""
+"""The command `robots`: lists the built-in robots, or describes one of them or of a URDF."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from camgen.model.text import short
 from camgen.robots.catalogue import robot, robots
 from camgen.robots.models import Robot
 
-#: What is known of the closed form of the joints, for people.
+#: Description of the inverse kinematics, by the kind of a robot.
 _JOINTS = {
     "spherical-wrist": "joints in closed form: spherical wrist, 8 branches",
     "three-parallel": "joints in closed form: three parallel axes, 8 branches",
@@ -21,75 +21,61 @@ _JOINTS = {
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Prints the table of robots, with -v their notes too; or what is known of one."""
+    """Print the table of robots, with -v their notes too; or the description of one robot."""
     if arguments.robot:
-        found = robot(arguments.robot)
+        chosen = robot(arguments.robot)
         if arguments.json:
-            says.data(_as_data(found))
+            says.data(_as_data(chosen))
         else:
-            says.out(_one(found))
+            says.out(_describe(chosen))
         return 0
+    listed = robots()
     if arguments.json:
-        says.data([_as_data(one) for one in robots()])
+        says.data(list(map(_as_data, listed)))
         return 0
     rows = [("name", "maker", "joints", "kind", "kinematics", "limits")]
-    known = robots()
     rows += [
         (r.name, r.maker, str(len(r.joints)), r.kind, r.trust.kinematics, r.trust.limits)
-        for r in known
+        for r in listed
     ]
     text = table(rows)
-    if says.verbose:
-        text += "".join(f"{robot.name}: {note}\n" for robot in known for note in robot.notes)
+    for row in listed if says.verbose else ():
+        text += "".join(f"{row.name}: {note}\n" for note in row.notes)
     says.out(text)
     return 0
 
 
 def _as_data(robot: Robot) -> dict[str, object]:
-    """What is known of a robot: values of joints in deg, or mm where they slide, speeds by the second."""
+    """The properties of a robot, with joint values in deg or mm, and speeds in deg/s or mm/s."""
     units = [1.0 if joint.sliding else math.degrees(1) for joint in robot.joints]
-    joints = [
-        {
+    joints = []
+    for k, (joint, unit) in enumerate(zip(robot.joints, units, strict=True)):
+        row = {
             "name": joint.name,
             "sliding": joint.sliding,
             "limits": [round(float(value) * unit, 6) for value in robot.limits[k]],
             "speed": round(float(robot.speeds[k]) * unit, 6),
             "home": round(float(robot.home[k]) * unit, 6),
         }
-        for k, (joint, unit) in enumerate(zip(robot.joints, units, strict=True))
-    ]
-    known = {"kinematics": robot.trust.kinematics, "limits": robot.trust.limits}
+        joints.append(row)
+    trust = {"kinematics": robot.trust.kinematics, "limits": robot.trust.limits}
     names = {
         "name": robot.name,
         "maker": robot.maker,
         "kind": robot.kind,
         "convention": robot.convention,
     }
-    return {**names, "trust": known, "joints": joints, "notes": robot.notes}
+    return {**names, "trust": trust, "joints": joints, "notes": robot.notes}
 
 
-def _one(robot: Robot) -> str:
+def _describe(robot: Robot) -> str:
     rows = [("joint", "moves", "from", "to", "speed", "home", "boxes")]
     for k, joint in enumerate(robot.joints):
         unit, name = (1.0, "mm") if joint.sliding else (math.degrees(1), "deg")
-        low, high = (short(value * unit, 3) for value in robot.limits[k].tolist())
-        speed, home = short(float(robot.speeds[k]) * unit, 3), short(float(robot.home[k]) * unit, 3)
-        boxes = str(len(robot.links[k + 1].boxes))
-        rows.append(
-            (
-                joint.name,
-                robot.links[k + 1].name,
-                f"{low} {name}",
-                f"{high} {name}",
-                f"{speed}/s",
-                home,
-                boxes,
-            )
-        )
-    lines = [robot.name, robot.convention, _JOINTS[robot.kind]]
-    notes = [f"note: {note}" for note in robot.notes]
-    return (
-        "".join(f"{line}\n" for line in lines)
-        + table(rows)
-        + "".join(f"{note}\n" for note in notes)
-    )
+        values = [*robot.limits[k].tolist(), float(robot.speeds[k]), float(robot.home[k])]
+        low, high, speed, home = (short(value * unit, 3) for value in values)
+        link = robot.links[k + 1]
+        limits = (f"{low} {name}", f"{high} {name}", f"{speed}/s")
+        rows.append((joint.name, link.name, *limits, home, str(len(link.boxes))))
+    head = f"{robot.name}\n{robot.convention}\n{_JOINTS[robot.kind]}\n"
+    return head + table(rows) + "".join(f"note: {note}\n" for note in robot.notes)

@@ -1,4 +1,4 @@
-"""What ends a command from outside: Ctrl-C, and the signals by which a system or a service asks a process to go."""
+"""The end of a command from outside: Ctrl-C, and signals that ask a process to end."""
 
 from __future__ import annotations
 
@@ -8,56 +8,57 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-#: Asked to end, and the terminal is gone. Windows has no SIGHUP.
-_ASKED = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+#: Signals of a request to end, and of a closed terminal. Windows has no SIGHUP.
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 class Terminated(BaseException):
-    """A signal asked the process to end. No KeyboardInterrupt: that may end a search alone, this ends the command."""
+    """A signal asked the process to end.
+
+    It is not a KeyboardInterrupt, which may end a search alone.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
         self.number = number
 
 
-#: What cleans up and ends a command.
+#: Exceptions after which a command cleans up and ends.
 Stopped = (KeyboardInterrupt, Terminated)
 
 
 def exit_code(error: BaseException) -> int:
-    """130 after Ctrl-C, 143 after SIGTERM: 128 and the number of the signal, as shells have it."""
+    """128 plus the number of the signal, as in shells: 130 after Ctrl-C, 143 after SIGTERM."""
     return 128 + (error.number if isinstance(error, Terminated) else signal.SIGINT)
 
 
 def say_why(error: BaseException) -> str:
-    """What the user is told."""
-    return (
-        f"ended by {signal.Signals(error.number).name}"
-        if isinstance(error, Terminated)
-        else "interrupted"
-    )
+    """The message for the user."""
+    if isinstance(error, Terminated):
+        return f"ended by {signal.Signals(error.number).name}"
+    return "interrupted"
 
 
 @contextmanager
 def signals_as_interrupts(last: bool = False) -> Iterator[None]:
-    """In here SIGTERM and SIGHUP raise ``Terminated``. What the process was started to ignore (nohup) stays ignored.
+    """Raise `Terminated` for SIGTERM and SIGHUP. Signals that the process ignores stay ignored.
 
-    last: the process ends afterwards. What was to be done is done then, so that a signal has nothing to end any more.
+    last: the process ends afterwards. Its work is done then, so further signals are ignored.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread has to do with signals
+        yield  # Only the main thread handles signals.
         return
-    heard = [number for number in _ASKED if signal.getsignal(number) is signal.SIG_DFL]
-    for number in heard:
+    handled = [number for number in _SIGNALS if signal.getsignal(number) is signal.SIG_DFL]
+    for number in handled:
         signal.signal(number, _raise)
     try:
         yield
     finally:
-        for number in heard:
+        for number in handled:
             signal.signal(number, signal.SIG_IGN if last else signal.SIG_DFL)
 
 
 def _raise(number: int, _frame: FrameType | None) -> None:
-    # What asks twice is in a hurry, but cleaning up takes no time.
+    # A second signal would interrupt the cleaning up, which takes no time.
     signal.signal(number, signal.SIG_IGN)
     raise Terminated(number)

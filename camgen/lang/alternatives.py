@@ -129,7 +129,7 @@ def _list_with_end(executed: Executed) -> list[Finding]:
     findings = [*executed.findings]
     if executed.stopped:
         line, reason = executed.stopped
-        findings.append(Finding("refused", line, f"cannot be run on: {reason}"))
+        findings.append(Finding("refused", line, f"the run stops here: {reason}"))
     return findings
 
 

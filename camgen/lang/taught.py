@@ -162,7 +162,7 @@ class TaughtFacts(Struct, frozen=True):
             *(f"{label}: {text}" for label, text in self.facts),
             *(f"assumed: {text}" for text in self.assumed),
             *self.found,
-            *([f"cannot be run on: {self.stopped}"] if self.stopped else []),
+            *([f"the run stops here: {self.stopped}"] if self.stopped else []),
         ]
         return "\n".join(rows)
 

@@ -1,6 +1,6 @@
-"""From drawings to a checked program: ``build`` runs the arrows of the house and proves the text.
+"""Builds a checked program from drawings: runs all stages and proves the text.
 
-Nothing is printed and nothing written here; the command line does that with the ``Result``.
+Nothing is printed or written here. The command line does that with the `Result`.
 """
 
 from __future__ import annotations
@@ -57,18 +57,18 @@ from camgen.pipeline.fixtures import (
 )
 from camgen.pipeline.inputs import Inputs, note_machine, note_urdf, note_work_frame, read_inputs
 from camgen.pipeline.located import LOCATED, check_placing, locate_inputs
-from camgen.pipeline.memory import give_back
+from camgen.pipeline.memory import release_memory
 from camgen.pipeline.motion import prove_motion
 from camgen.pipeline.programs import (
-    Checked,
-    Posted,
+    CheckedPrograms,
+    PostedPrograms,
     Request,
     check_programs,
-    lines_of,
+    find_lines,
     note_harm,
     post_programs,
 )
-from camgen.pipeline.refusals import tell_by_input
+from camgen.pipeline.refusals import convert_refusals
 from camgen.pipeline.rounding import check_rounding, limit_path_tolerance, report_rounding
 from camgen.pipeline.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stages, plan
@@ -99,13 +99,14 @@ if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
     from camgen.pipeline.travel import Travel
 
-#: What an input may be: a file, or a part that was made in code.
+#: An input: a file, or a part that was made in code.
 Input = str | Path | Part
-#: So often a program is made and checked, each time without what the check before has lost.
+#: Maximum number of programs that are made and checked. Each leaves out the paths that the check
+#: of the previous one found blocked.
 _ROUNDS = 16
 #: Characters of a name, and digits of its digest, in a header line that cannot hold the name.
 _LONGEST_NAME, _DIGITS = 40, 12
-#: A job: its tables, its file, or the value itself; None: the defaults.
+#: A job: its tables, its file, or the value itself; None for the defaults.
 JobLike = Mapping[str, object] | Job | str | Path | None
 
 
@@ -126,7 +127,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     where: bodies against which collisions were tested.
     planned: the paths before they were ordered.
     counts: number of files of each program, in the order in which they are run. There is one
-        program, or one for each tool on controllers that change none; `program` is then all of them.
+        program, or one for each tool on controllers that cannot change tools. `program` then joins
+        all of them.
     proof: proof of the material that the text removes, None for a part that is not cut.
     motion: proof of the motions against the drawing.
     rounded: rounding of the text, None if its post does not state how its controller rounds.
@@ -197,12 +199,12 @@ class Result(Struct, frozen=True, eq=False, dict=True):
 
     @property
     def operations(self) -> list[OperationSum]:
-        """What each of several operations amounts to, in the order in which they run."""
+        """Paths, time and removed material of each of several operations, in their order."""
         return sum_operations(self.tour, self.cycle, self.proof)
 
     @property
     def text(self) -> str:
-        """The program: the text of all its files, one after the other."""
+        """The text of all files of the program, joined in their order."""
         return "".join(file.text for file in self.files)
 
     def __repr__(self) -> str:
@@ -225,53 +227,57 @@ def build(  # noqa: PLR0913 (the public call, whose keywords users write)
     locate: str | Path | None = None,
     start: Sequence[float] | None = None,
 ) -> Result:
-    """A checked program for the controller ``post`` from one or several drawings or parts in one work frame.
+    """Build a checked program for the controller `post`.
 
-    job: tables as in a job file, the path of one, or nothing: the defaults (no file is looked for). name: of the
-    program, the first input's name without suffix when empty. strict: what was skipped is an error. watch: is told
-    the stages. files: what has been read already.
-
+    inputs: one or several drawings or parts in one work frame.
+    job: tables as in a job file, or the path of a job file. None for the defaults; no job file is
+        searched then.
+    name: name of the program. If empty, the name of the first input without its suffix.
+    strict: raise an error if anything is skipped.
+    watch: called with the name of each stage.
+    files: cache of the files that are read.
     locate: photo that shows where the part of the drawings lies.
-    start: about where that is, x, y (mm) and turn (deg). It decides between poses that fit alike.
+    start: approximate pose of the part, x, y (mm) and turn (deg). It decides between poses that
+        fit equally well.
 
     Raises a CamgenError.
     """
     files = files or Files()
-    sources = path_or_part(inputs)
-    settings = limit_path_tolerance(settings_of(job, files), post)
+    sources = list_inputs(inputs)
+    settings = limit_path_tolerance(load_settings(job, files), post)
     files = files.within(settings.limits)
-    poster = poster_of(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
+    poster = make_job_post(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
     readback = find_readback(post)
-    about = check_placing(settings, locate is not None, start)
+    start_pose = check_placing(settings, locate is not None, start)
     watch("reading")
     read = read_inputs(sources, settings, cell_of(poster, settings), files)
     located = None
     if locate is not None:
         watch("locating")
-        read, settings, located = locate_inputs(read, settings, Path(locate), about, files)
-    give_back()
+        read, settings, located = locate_inputs(read, settings, Path(locate), start_pose, files)
+    release_memory()
     planned = plan(read.part, settings, read.cell, watch)
-    give_back()
+    release_memory()
     title = poster.program or name or planned.part.name
-    header = _header(sources, planned.part, poster, settings, read)
+    header = _make_header(sources, planned.part, poster, settings, read)
     if located is not None:
         header = (*header, f"{LOCATED}: {located.pose}")
-    asked = planned
+    full_plan = planned
     planned = leave_out_blocked(planned, settings, read.cell)
-    _insist(planned.part, planned.notes, bool(planned.paths), strict)
+    _check_outcome(planned.part, planned.notes, bool(planned.paths), strict)
     request = Request(settings, read.cell, poster, title, header, strict, watch)
-    planned, tour, checks = _program(planned, request)
-    give_back()
+    planned, tour, checks = _make_program(planned, request)
+    release_memory()
     watch("verifying")
     posted = post_programs(
         checks, readback, fill_tables(type(poster), settings.post), settings.tolerance.chord
     )
-    proof = prove_stock(asked, planned, tour, request, checks, posted)
-    if len(tour.paths) < len(asked.paths):
+    proof = prove_stock(full_plan, planned, tour, request, checks, posted)
+    if len(tour.paths) < len(full_plan.paths):
         planned = _forget_coverage(planned)
     fixtures = prove_fixtures(proof, tour, request, checks, posted)
     result = _sum_up(planned, tour, request, checks, posted, proof)
-    _insist(result.part, result.notes, True, strict)
+    _check_outcome(result.part, result.notes, True, strict)
     motion = prove_motion(read.part, planned, request, checks, posted, result.notes)
     rounded = check_rounding(tour, settings, checks, posted)
     result = replace(result, motion=motion, rounded=rounded, located=located, fixtures=fixtures)
@@ -284,25 +290,30 @@ def build(  # noqa: PLR0913 (the public call, whose keywords users write)
     return replace(result, travel=travel, notes=notes)
 
 
-def _program(planned: Plan, request: Request) -> tuple[Plan, Tour, Checked]:
-    """The checked program of ``planned``, without the paths that its check lost: found anew for the others. Where the
-    last round finds some still, or none is left, it is refused for what was found.
+def _make_program(planned: Plan, request: Request) -> tuple[Plan, Tour, CheckedPrograms]:
+    """Make the program of `planned` and check it, until no path of it is blocked.
+
+    Each round leaves out the paths that the check found blocked, and orders the others again.
+    Raises the first `Blocked` if no path is left, or the one of the last round if that still finds
+    a blocked path.
     """
     job, cell = request.job, request.cell
     where = planned.where if isinstance(planned, EdgePlan) else None
     first: Blocked | None = None
-    ways = False
-    for left in reversed(range(_ROUNDS)):
-        planned, tour = _order_whole(planned, request, ways)
+    arm_links = False
+    for remaining in reversed(range(_ROUNDS)):
+        planned, tour = _order_whole(planned, request, arm_links)
         if first is not None and not tour.paths:
             break
-        _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), request.strict)
+        _check_outcome(
+            planned.part, (*planned.notes, *tour.notes), bool(tour.paths), request.strict
+        )
         request.watch("programming")
-        give_back()
+        release_memory()
         lowered = lower(tour, cell, job, request.title, request.header)
-        give_back()
+        release_memory()
         try:
-            with tell_by_input(planned.part, lowered):
+            with convert_refusals(planned.part, lowered):
                 if cell.arm:
                     request.watch("checking")
                 check_fixtures(lowered, tour, request, planned.part.source)
@@ -310,56 +321,57 @@ def _program(planned: Plan, request: Request) -> tuple[Plan, Tour, Checked]:
                 return planned, tour, checked
         except Blocked as error:
             first = first or error
-            if not left:
+            if not remaining:
                 raise
             # The second half of the rounds leaves blocked edges out, so that the rounds are enough.
-            if left > _ROUNDS // 2 and isinstance(planned, EdgePlan):
+            if remaining > _ROUNDS // 2 and isinstance(planned, EdgePlan):
                 barred = _bar_links(planned, tour, error)
                 if barred != planned.barred:
                     planned = replace(planned, barred=barred)
                     continue
-            planned, ways = _plan_again(planned, tour, job, error, ways)
+            planned, arm_links = _plan_again(planned, tour, job, error, arm_links)
             if not planned.paths:
                 break
-            _insist(planned.part, planned.notes, True, request.strict)
+            _check_outcome(planned.part, planned.notes, True, request.strict)
     assert first is not None
     raise first
 
 
-def _order_whole(plan: Plan, request: Request, ways: bool) -> tuple[Plan, Tour]:
-    """The tour, and the plan without what cannot be run because the tour has left out what comes before it."""
+def _order_whole(plan: Plan, request: Request, arm_links: bool) -> tuple[Plan, Tour]:
+    """Order `plan`, and leave out of it all paths that need a path which the tour has left out."""
     while True:
-        tour = order(plan, request.job, request.cell, request.watch, ways)
-        kept = {path.id for path in tour.paths}
-        more = (
-            find_dependent(plan, {path.id for path in plan.paths} - kept)
-            if len(kept) < len(plan.paths)
-            else {}
-        )
-        if not more:
+        tour = order(plan, request.job, request.cell, request.watch, arm_links)
+        left_out = {path.id for path in plan.paths} - {path.id for path in tour.paths}
+        dependent = find_dependent(plan, left_out) if left_out else {}
+        if not dependent:
             return plan, tour
-        plan = leave_out_paths(plan, more)
+        plan = leave_out_paths(plan, dependent)
 
 
-def _plan_again(plan: Plan, tour: Tour, job: Job, error: Blocked, ways: bool) -> tuple[Plan, bool]:
-    """The plan without the paths that the check of its program lost, and whether the arm chooses its ways, as before
-    in ``ways``: where nothing but straight ways between paths is blocked, no path is. ``error`` where nothing helps.
+def _plan_again(
+    plan: Plan, tour: Tour, job: Job, error: Blocked, arm_links: bool
+) -> tuple[Plan, bool]:
+    """Leave out of `plan` the paths that the check of its program found blocked.
+
+    If only straight links are blocked, and the arm may choose its links, no path is left out.
+    Returns the plan and whether the arm chooses its links in the next round (`arm_links`: whether
+    it has chosen them so far). Raises `error` if nothing that can be left out is blocked.
     """
-    plain = not isinstance(plan, (EdgePlan, ReplayPlan)) and not isinstance(tour, ArmTour)
-    choice = plain and not ways and may_choose_ways(job)
-    lost = [one for one in error.lost if not (choice and one.way)]
-    if error.lost and not lost:
+    is_straight = not isinstance(plan, (EdgePlan, ReplayPlan)) and not isinstance(tour, ArmTour)
+    may_choose = is_straight and not arm_links and may_choose_ways(job)
+    losses = [loss for loss in error.lost if not (may_choose and loss.way)]
+    if error.lost and not losses:
         return plan, True
-    # The motions of a program that was read are run as they stand in it, all of them. What is on no path, home, is
-    # the same whatever is left out.
-    if isinstance(plan, ReplayPlan) or not lost or any(one.path < 0 for one in lost):
+    # A replay runs all motions of the program that was read. A loss on no path is on the motions
+    # to or from home, which every program has.
+    if isinstance(plan, ReplayPlan) or not losses or any(loss.path < 0 for loss in losses):
         raise error
-    named = [(tour.paths[one.path].id, one.kind, one.why) for one in lost]
+    named = [(tour.paths[loss.path].id, loss.kind, loss.why) for loss in losses]
     if isinstance(plan, EdgePlan):
-        from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
+        from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl, kinematics: only for edges)
 
-        return leave_out(plan, named), ways
-    return leave_out_paths(plan, {name: why for name, _, why in named}), ways
+        return leave_out(plan, named), arm_links
+    return leave_out_paths(plan, {name: why for name, _, why in named}), arm_links
 
 
 def _bar_links(plan: EdgePlan, tour: Tour, error: Blocked) -> frozenset[frozenset[str]]:
@@ -375,10 +387,10 @@ def _bar_links(plan: EdgePlan, tour: Tour, error: Blocked) -> frozenset[frozense
 
 
 def _forget_coverage(plan: Plan) -> Plan:
-    """Of a fill some of whose paths are left out nobody has measured what the others cover."""
+    """Remove the coverage of a fill: it was measured with the paths that are left out."""
     if plan.coverage is None:
         return plan
-    note = Note("assumed", "coverage is not told", "paths are left out")
+    note = Note("assumed", "the coverage is not reported", "paths are left out")
     return replace(plan, coverage=None, notes=(*plan.notes, note))
 
 
@@ -386,8 +398,8 @@ def _sum_up(
     plan: Plan,
     tour: Tour,
     request: Request,
-    checked: Checked,
-    posted: Posted,
+    checked: CheckedPrograms,
+    posted: PostedPrograms,
     proof: StockProof | None,
 ) -> Result:
     checks, job, cell, post = checked.whole, request.job, request.cell, request.post
@@ -419,7 +431,7 @@ def _sum_up(
         program=checks.program,
         files=posted.files,
         counts=posted.counts,
-        lines=lines_of(checked, posted),
+        lines=find_lines(checked, posted),
         deviation=posted.deviation,
         motions=checked.motions,
         cycle=checked.cycle,
@@ -435,35 +447,26 @@ def _sum_up(
 
 
 def _note_corners(program: Program, pace: Dynamics, job: Job) -> tuple[Note, ...]:
-    """Corners that the controller rounds by its acceleration (mm/s2), where nobody has said what that is."""
+    """Note the assumed acceleration (mm/s2) with which the controller rounds corners."""
+    # With a tolerance of 0 a blend is only between motions that continue without a corner.
+    if pace.corner != "overlap" or job.process.acceleration or job.tolerance.corner == 0:
+        return ()
     columns = program.columns
-    rounded = bool(columns.blend[~columns.moves_are(MoveJ)].any())
-    # With a tolerance of 0 only lines that go on without a corner are run through.
-    if (
-        pace.corner != "overlap"
-        or job.process.acceleration
-        or job.tolerance.corner == 0
-        or not rounded
-    ):
+    if not columns.blend[~columns.moves_are(MoveJ)].any():
         return ()
     what = f"corners without a stop are rounded as at {pace.acceleration:g} mm/s2"
-    return (
-        Note(
-            "assumed",
-            what,
-            "a slower arm rounds them more; set process.acceleration, or tolerance.corner = 0",
-        ),
-    )
+    why = "a slower arm rounds them more; set process.acceleration, or tolerance.corner = 0"
+    return (Note("assumed", what, why),)
 
 
-def path_or_part(inputs: Input | Sequence[Input]) -> list[Path | Part]:
-    """The inputs as a list, whatever way they are given."""
+def list_inputs(inputs: Input | Sequence[Input]) -> list[Path | Part]:
+    """One or several inputs as a list, each a part or the path of a file."""
     listed = [inputs] if isinstance(inputs, (str, Path, Part)) else inputs
-    return [one if isinstance(one, Part) else Path(one) for one in listed]
+    return [source if isinstance(source, Part) else Path(source) for source in listed]
 
 
-def settings_of(job: JobLike, files: Files) -> Job:
-    """The job that is meant. JobError for what is none."""
+def load_settings(job: JobLike, files: Files) -> Job:
+    """The job itself, or the job of tables or of a file. Raises JobError for an invalid one."""
     if isinstance(job, Job):
         return job
     if isinstance(job, Mapping):
@@ -471,10 +474,11 @@ def settings_of(job: JobLike, files: Files) -> Job:
     return load_job(None if job is None else Path(job), files=files)
 
 
-def poster_of(name: str, job: Job, origin: str) -> Post:
-    """The post with its options; what is wrong with one is told with the file that it stands in.
+def make_job_post(name: str, job: Job, origin: str) -> Post:
+    """Make the post `name` with the options of `job`.
 
-    Raises JobError for a post that prints coarser than the job allows.
+    Raises JobError for a wrong option, with `origin` as the file that sets it, and for a post that
+    prints more coarsely than the job allows.
     """
     kind = find_post(name)
     try:
@@ -485,54 +489,48 @@ def poster_of(name: str, job: Job, origin: str) -> Post:
         raise JobError(origin, error.what, error.file, error.remedy) from error
 
 
-def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) -> None:
-    """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out or went wrong."""
+def _check_outcome(part: Part, notes: Sequence[Note], has_paths: bool, strict: bool) -> None:
+    """Raise InputError for an empty part, and NoSafeProgram if no path is left.
+
+    strict: raise NoSafeProgram too if anything was left out or went wrong.
+    """
     skipped = [note for note in notes if note.kind == "skipped"]
-    if (
-        not part.contours
-        and not part.curves
-        and part.solid is None
-        and not isinstance(part, Recorded)
-    ):
-        raise InputError(
-            part.source, "nothing to work on", remedy="camgen inspect shows what the file holds"
-        )
-    # A robot program may be all motions of the joints.
-    if not something and not _is_taught(part):
-        # What the planner left out comes last; what the reader left out is not why the contours have no path.
-        last = next(
-            (note for note in reversed(skipped) if note not in part.notes),
-            Note("skipped", "nothing fits"),
-        )
+    has_shape = part.contours or part.curves or part.solid is not None
+    if not has_shape and not isinstance(part, Recorded):
+        remedy = "camgen inspect shows what the file holds"
+        raise InputError(part.source, "nothing to work on", remedy=remedy)
+    # A robot program may have joint motions alone. They are not paths.
+    if not has_paths and not _is_taught(part):
+        # The notes of the planner come last. A note of the reader is not the reason why the
+        # contours have no path.
+        planned = [note for note in skipped if note not in part.notes]
+        last = planned[-1] if planned else Note("skipped", "nothing fits")
         raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
     failing = skipped or [note for note in notes if note.strict]
     if strict and failing:
         what = f"{len(skipped)} left out, first: {skipped[0].what}" if skipped else failing[0].what
-        remedy = "mend the input, or build without --strict"
+        remedy = "correct the input, or build without --strict"
         raise NoSafeProgram(part.source, f"--strict and {what}", failing[0].why, remedy)
 
 
-def _header(
+def _make_header(
     sources: Sequence[Path | Part], part: Part, post: Post, job: Job, read: Inputs
 ) -> tuple[str, ...]:
     cell = read.cell
+    taught = "motion as executed - routines and loops are not carried over"
     return (
         f"camgen {__version__} - job {read.digest}",
-        *(spell_part(one.name) for one in sources),
+        *(format_part_name(source.name) for source in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",
-        *_tell_move(part),
-        *(
-            ["motion as executed - routines and loops are not carried over"]
-            if _is_taught(part)
-            else []
-        ),
-        *_tool_lines(job, cell),
+        *_list_move_lines(part),
+        *([taught] if _is_taught(part) else []),
+        *_list_tool_lines(job, cell),
         f"work frame: {format_frame(cell.base_from_work)}",
     )
 
 
-def _tell_move(part: Part) -> list[str]:
+def _list_move_lines(part: Part) -> list[str]:
     """The header line on a drawing that `input.origin` moved."""
     if part.moved is None:
         return []
@@ -540,9 +538,11 @@ def _tell_move(part: Part) -> list[str]:
     return [f"drawing moved by x {x} y {y} mm"]
 
 
-def spell_part(name: str) -> str:
-    """The header line that names a part. Two parts have two lines, also where their names cannot be
-    printed: the digest of a name follows it if characters are replaced or cut off.
+def format_part_name(name: str) -> str:
+    """The header line that names a part.
+
+    If characters of the name are replaced or cut off, the digest of the whole name follows, so that
+    the lines of two parts always differ.
     """
     line = f"part: {name}"
     if harmless(line) == line:
@@ -555,19 +555,20 @@ def _is_taught(part: Part) -> bool:
     return isinstance(part, Recorded) and part.run.whole
 
 
-def _tool_lines(job: Job, cell: Cell) -> tuple[str, ...]:
-    """The tool with its frame; of operations each one's, since the program may be one of several."""
+def _list_tool_lines(job: Job, cell: Cell) -> tuple[str, ...]:
+    """The lines on the tools and their frames. The tools of all operations are in each program."""
     jobs = [job_of(job, step) for step in job.operations] or [job]
     lines = []
-    for own in jobs:
-        frame = frame_of(own, cell) if job.operations else cell.flange_from_tool
-        lines.append(tell_tool(own.tool.name, own.tool.diameter, frame))
+    for step_job in jobs:
+        frame = frame_of(step_job, cell) if job.operations else cell.flange_from_tool
+        lines.append(tell_tool(step_job.tool.name, step_job.tool.diameter, frame))
     return tuple(dict.fromkeys(lines))
 
 
 class ProgramFile(Struct, frozen=True):
-    """A text with the line ends of the controller. Its bytes are made when they are asked for: a program of a hundred
-    megabytes is not held twice.
+    """The text of a file, with the line ends of its controller.
+
+    Its bytes are made on demand, so that a program of a hundred megabytes is not held twice.
     """
 
     text: str
@@ -582,25 +583,26 @@ class ProgramFile(Struct, frozen=True):
 
     @property
     def lines(self) -> int:
-        """How many it has."""
+        """The number of lines."""
         return self.text.count("\n")
 
     def __len__(self) -> int:
         return len(self.text) + self.lines * (len(self.newline) - 1)
 
 
-def program_files(
+def list_program_files(
     result: Result, folder: Path, file: Path | None
 ) -> list[tuple[Path, ProgramFile]]:
-    """The program files and where they go."""
-    paths = [folder / one.name for one in result.files]
+    """The program files with the paths to which they are written.
+
+    folder: folder of the files.
+    file: path of a program with one file; None for the name of the post in `folder`.
+    """
+    paths = [folder / output.name for output in result.files]
     if file is not None and len(result.counts) == 1:
         if len(paths) > 1 and file.name != paths[0].name:
             what = f"the program takes {len(paths)} files, which call each other by name"
             raise JobError(str(file), what, remedy="give a folder with -o")
         paths[0] = file
-    newline = result.post.newline
-    return [
-        (path, ProgramFile(one.text, newline))
-        for path, one in zip(paths, result.files, strict=True)
-    ]
+    files = [ProgramFile(output.text, result.post.newline) for output in result.files]
+    return list(zip(paths, files, strict=True))

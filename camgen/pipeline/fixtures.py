@@ -11,13 +11,13 @@ from camgen.model.job import Job
 from camgen.model.path import Tour
 from camgen.model.program import Comment, Program, pack
 from camgen.order import ReplayTour
-from camgen.pipeline.stock import MOVE_FIXTURE, StatedProgram, cuts_of, cuts_of_texts
+from camgen.pipeline.stock import MOVE_FIXTURE, StatedProgram, make_cuts, make_text_cuts
 from camgen.plan import Plan
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.check.stock import Clearance, StockProof
-    from camgen.pipeline.programs import Checked, Posted, Request
+    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms, Request
 
 
 def leave_out_blocked(plan: Plan, job: Job, cell: Workcell | None) -> Plan:
@@ -42,7 +42,7 @@ def check_fixtures(program: Program, tour: Tour, request: Request, source: str) 
 
     rows = np.flatnonzero(~program.columns.are(Comment))
     stated = pack(program.body).take(rows)
-    cuts = list(cuts_of(tour, request, [StatedProgram("", stated, rows.tolist(), program)]))
+    cuts = list(make_cuts(tour, request, [StatedProgram("", stated, rows.tolist(), program)]))
     _, faults = examine_fixtures(cuts, fixtures)
     if not faults:
         return
@@ -53,7 +53,11 @@ def check_fixtures(program: Program, tour: Tour, request: Request, source: str) 
 
 
 def prove_fixtures(
-    proof: StockProof | None, tour: Tour, request: Request, checked: Checked, posted: Posted
+    proof: StockProof | None,
+    tour: Tour,
+    request: Request,
+    checked: CheckedPrograms,
+    posted: PostedPrograms,
 ) -> Clearance | None:
     """The distances of the texts from the fixtures; None for a job without fixtures.
 
@@ -64,7 +68,7 @@ def prove_fixtures(
         return proof.clearance if proof else None
     from camgen.check.stock import examine_fixtures  # noqa: PLC0415 (shapely: only with fixtures)
 
-    cuts = list(cuts_of_texts(tour, request, checked, posted))
+    cuts = list(make_text_cuts(tour, request, checked, posted))
     clearance, faults = examine_fixtures(cuts, request.cell.fixtures)
     if faults:
         first = faults[0]

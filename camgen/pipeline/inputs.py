@@ -1,4 +1,4 @@
-"""All that a build reads: the part, the cell with its arm and fixtures, and the digest that stands for them."""
+"""Reads the inputs of a build: the part, the cell with its arm and fixtures, and their digest."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolRow, ToolTable
 from camgen.model.job_tables import ROWS, split_name
-from camgen.model.part import Contour, Note, OpenOutline, Part, Solid
+from camgen.model.part import Contour, Curve, Note, OpenOutline, Part, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
@@ -36,7 +36,12 @@ _MILLS = {"arc": "", "junction": "; GRBL's own default of 10 mm/s2 takes far lon
 
 
 class Inputs(Struct, frozen=True, eq=False):
-    """What was read; no file is opened after it. digest: of all its bytes and the settings."""
+    """The inputs of a build. No file is opened after they are read.
+
+    digest: digest of the bytes of all files and of the settings.
+    part: the part.
+    cell: the cell with its arm and fixtures.
+    """
 
     digest: str
     part: Part
@@ -44,14 +49,20 @@ class Inputs(Struct, frozen=True, eq=False):
 
 
 def read_inputs(sources: Sequence[Path | Part], job: Job, cell: Cell, files: Files) -> Inputs:
-    """All that ``job`` needs. cell: of the post; 3-D parts have its robot where the job names none."""
-    digest = digest_of(job, sources, files)
+    """Read all that `job` needs.
+
+    cell: cell of the post. Its robot is used for 3-D parts if the job names none.
+    """
+    digest = compute_digest(job, sources, files)
     part = read_parts(sources, job, files)
     return Inputs(digest, part, read_cell(part, job, cell, files))
 
 
 def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell:
-    """The cell of ``job`` on the base of ``cell``, that of a post, with the arm that ``part`` is checked with."""
+    """The cell of `job` with the arm with which `part` is checked.
+
+    cell: cell of the post, whose values hold where the job has none.
+    """
     files = files.within(job.limits)
     if job.cell.machine:
         return add_machine(_read_cell(part, job, cell, files), job, files)
@@ -60,9 +71,11 @@ def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell
 
 def _read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell:
     in_space = part is not None and (part.solid is not None or bool(part.curves))
-    taught = _frames_of(part)
-    arm = _hold(_arm(job.cell.robot or (cell.robot if in_space or taught else ""), files), job)
-    meshes = _meshes(part, job, files)
+    taught = _find_frames(part)
+    arm = _limit_joints(
+        _find_robot(job.cell.robot or (cell.robot if in_space or taught else ""), files), job
+    )
+    meshes = _read_meshes(part, job, files)
     if taught is None:
         return equip(cell, job, arm, meshes)
     if taught.base_from_work is not None:
@@ -100,54 +113,56 @@ def add_machine(cell: Workcell, job: Job, files: Files) -> Workcell:
     return replace(cell, machine=machine, pace=machine.drive(cell.pace))
 
 
-def _frames_of(part: Part | None) -> Frames | None:
-    """What a robot program says of its frames; None for everything else."""
+def _find_frames(part: Part | None) -> Frames | None:
+    """The frames that a robot program states; None for any other part."""
     if not (isinstance(part, Recorded) and part.run.whole):
         return None
-    from camgen.lang.taught import Taught  # noqa: PLC0415 (only for what needs it)
+    from camgen.lang.taught import Taught  # noqa: PLC0415 (only for robot programs)
 
     return part.frames if isinstance(part, Taught) else None
 
 
 def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
     """The part in one or several inputs. Programs in one language are one program."""
-    paths = [one for one in sources if isinstance(one, Path)]
+    paths = [source for source in sources if isinstance(source, Path)]
     if len(paths) == len(sources) and (len(paths) > 1 or job.operation.taught_on):
-        language = _find_language(paths, job, files)
+        limited = files.within(job.limits)
+        language = _find_language(paths, limited)
         if language == "gcode":
-            from camgen.lang.gcode import read_files as read_gcode  # noqa: PLC0415 (only for what needs it)
+            from camgen.lang.gcode import read_files as read_gcode  # noqa: PLC0415 (only G-code)
 
-            return read_gcode([files.within(job.limits).read(path) for path in paths], job)
+            return read_gcode([limited.read(path) for path in paths], job)
         if language:
-            from camgen.lang.taught import read_files  # noqa: PLC0415 (only for what needs it)
-            from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for what needs it)
+            from camgen.lang.taught import read_files  # noqa: PLC0415 (only for robot programs)
+            from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for robot programs)
 
             flange = find_flange(job.operation.taught_on) if job.operation.taught_on else None
-            return read_files(
-                [files.within(job.limits).read(path) for path in paths], job, language, flange
-            )
-    # Several drawings in one work frame are moved together.
-    kept = replace(job, input=replace(job.input, origin=""))
+            return read_files([limited.read(path) for path in paths], job, language, flange)
+    # Several drawings in one work frame are moved together, after all are read.
+    unmoved = replace(job, input=replace(job.input, origin=""))
     parts = [
-        source if isinstance(source, Part) else _read(source, kept, files) for source in sources
+        source if isinstance(source, Part) else _read(source, unmoved, files) for source in sources
     ]
     return move_part(set_clamps_aside(join_parts(parts), job), job)
 
 
-def _find_language(paths: Sequence[Path], job: Job, files: Files) -> str:
-    """The language of a controller that all files are in, "" where they are not."""
+def _find_language(paths: Sequence[Path], files: Files) -> str:
+    """The controller language in which all files are written, "" without one."""
+    names = set()
     try:
-        readers = [find_reader(files.within(job.limits).read(path)) for path in paths]
+        for path in paths:
+            reader = find_reader(files.read(path))
+            names.add(reader.name if reader.makes == "program" else "")
     except InputError:
-        return ""  # told when it is read
-    names = {reader.name for reader in readers if reader.makes == "program"}
-    return names.pop() if len(names) == 1 and all(r.makes == "program" for r in readers) else ""
+        return ""  # the reader raises it again, with the path
+    return names.pop() if len(names) == 1 else ""
 
 
 def join_parts(parts: Sequence[Part]) -> Part:
-    """Several parts in one work frame as one. Contour ids get the place of their input in front: ``2/c7``.
+    """Join several parts in one work frame.
 
-    Curves in space go together with each other, and with the one 3-D part that they lie on or beside.
+    The ids of contours get the number of their input in front: `2/c7`. Curves in space join with
+    each other, and with at most one 3-D part.
     """
     if len(parts) == 1:
         return parts[0]
@@ -158,22 +173,16 @@ def join_parts(parts: Sequence[Part]) -> Part:
     if curves:
         what = "curves in space make a program by themselves, or with one 3-D part"
         raise InputError(curves[0].source, what, remedy="build them alone")
-    alone = [
-        part
-        for part in parts
-        if part.raster is not None or part.solid is not None or isinstance(part, Recorded)
-    ]
-    if alone:
-        what = (
-            "picture"
-            if alone[0].raster is not None
-            else "program"
-            if alone[0].solid is None
-            else "3-D part"
-        )
-        raise InputError(
-            alone[0].source, f"a {what} makes a program by itself", remedy="build it alone"
-        )
+    for part in parts:
+        kinds = {
+            "picture": part.raster is not None,
+            "3-D part": part.solid is not None,
+            "program": isinstance(part, Recorded),
+        }
+        for kind, applies in kinds.items():
+            if applies:
+                what = f"a {kind} makes a program by itself"
+                raise InputError(part.source, what, remedy="build it alone")
     contours: list[Contour] = []
     clamps: list[Contour] = []
     outlines: list[OpenOutline] = []
@@ -182,25 +191,25 @@ def join_parts(parts: Sequence[Part]) -> Part:
         clamps += [replace(c, id=f"{k}/{c.id}") for c in part.clamps]
         outlines += [_prefix_ids(outline, f"{k}/") for outline in part.open_outlines]
     return replace(
-        _head(parts),
+        _join_heads(parts),
         contours=tuple(contours),
         clamps=tuple(clamps),
         open_outlines=tuple(outlines),
     )
 
 
-def _prefix_ids(outline: OpenOutline, before: str) -> OpenOutline:
-    """The outline with `before` in front of all its ids."""
-    ids = tuple(before + name for name in outline.ids)
-    inside = tuple(before + name for name in outline.inside)
+def _prefix_ids(outline: OpenOutline, prefix: str) -> OpenOutline:
+    """The outline with `prefix` in front of all its ids."""
+    ids = tuple(prefix + name for name in outline.ids)
+    inside = tuple(prefix + name for name in outline.inside)
     return replace(outline, ids=ids, inside=inside)
 
 
-def _head(parts: Sequence[Part]) -> Part:
-    """Names, units and notes of several parts."""
-    notes = [
-        replace(note, what=f"{part.source}: {note.what}") for part in parts for note in part.notes
-    ]
+def _join_heads(parts: Sequence[Part]) -> Part:
+    """A part without contours, with the names, units and notes of several parts."""
+    notes: list[Note] = []
+    for part in parts:
+        notes += [replace(note, what=f"{part.source}: {note.what}") for note in part.notes]
     return Part(
         name=parts[0].name,
         source=" + ".join(part.source for part in parts),
@@ -211,20 +220,17 @@ def _head(parts: Sequence[Part]) -> Part:
 
 
 def _join_curves(parts: Sequence[Part], solid: Solid | None) -> Part:
-    """Curves of one or several files, with what they lie on."""
-    own = [part for part in parts if part.curves]
-    listed = [
-        (f"{k}/" if len(own) > 1 else "", c) for k, part in enumerate(parts, 1) for c in part.curves
-    ]
-    return replace(
-        _head(parts),
-        curves=tuple(replace(c, id=before + c.id) for before, c in listed),
-        solid=solid,
-    )
+    """The curves of one or several files, with the 3-D part `solid`."""
+    several = sum(bool(part.curves) for part in parts) > 1
+    curves: list[Curve] = []
+    for k, part in enumerate(parts, 1):
+        prefix = f"{k}/" if several else ""
+        curves += [replace(curve, id=prefix + curve.id) for curve in part.curves]
+    return replace(_join_heads(parts), curves=tuple(curves), solid=solid)
 
 
 def _read(path: Path, job: Job, files: Files) -> Part:
-    """A reader knows its file by name only; the user is told the path that he gave."""
+    """Read a part. An error has the path that the user gave; a reader knows the name alone."""
     try:
         return read(path, job, files)
     except InputError as error:
@@ -233,8 +239,7 @@ def _read(path: Path, job: Job, files: Files) -> Part:
         raise InputError(str(path), error.what, error.where, error.remedy) from error
 
 
-def _arm(name: str, files: Files) -> Robot | None:
-    """The robot of this name, none without one."""
+def _find_robot(name: str, files: Files) -> Robot | None:
     if not name:
         return None
     from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
@@ -242,60 +247,55 @@ def _arm(name: str, files: Files) -> Robot | None:
     return robot(name, files)
 
 
-def _hold(arm: Robot | None, job: Job) -> Robot | None:
-    """``arm`` with the speeds and accelerations to which the job holds its joints. JobError for what they cannot be."""
-    speeds, gains = job.cell.joint_speeds, job.cell.joint_accelerations
-    if speeds is None and gains is None:
+def _limit_joints(arm: Robot | None, job: Job) -> Robot | None:
+    """`arm` with the joint speeds and accelerations of the job.
+
+    Raises JobError for invalid values, and for values without an arm.
+    """
+    speeds = _convert_joint_values(arm, job.cell.joint_speeds, "cell.joint_speeds")
+    gains = _convert_joint_values(arm, job.cell.joint_accelerations, "cell.joint_accelerations")
+    if arm is None or (speeds is None and gains is None):
         return arm
+    if speeds is not None:
+        speeds = frozen(np.minimum(speeds, arm.speeds))
+    return replace(arm, held=speeds, accelerations=gains)
+
+
+def _convert_joint_values(
+    arm: Robot | None, values: Sequence[float] | None, key: str
+) -> FloatArray | None:
+    """The values of the setting `key`, one above 0 for each joint of `arm`, in rad or mm."""
+    if values is None:
+        return None
     if arm is None:
-        key = "cell.joint_speeds" if speeds is not None else "cell.joint_accelerations"
-        raise JobError(
-            "job", "has no effect without an arm", key, "set cell.robot, or leave it out"
-        )
-    held = None if speeds is None else _by_joint(arm, speeds, "cell.joint_speeds")
-    if held is not None:
-        held = np.minimum(held, arm.speeds)
-    return replace(
-        arm,
-        held=None if held is None else frozen(held),
-        accelerations=None
-        if gains is None
-        else frozen(_by_joint(arm, gains, "cell.joint_accelerations")),
-    )
-
-
-def _by_joint(arm: Robot, values: Sequence[float], key: str) -> FloatArray:
-    """One value above 0 for each joint of ``arm``, rad or mm."""
+        remedy = "set cell.robot, or leave it out"
+        raise JobError("job", "has no effect without an arm", key, remedy)
     if len(values) != len(arm.joints) or not all(math.isfinite(v) and v > 0 for v in values):
         what = f"{arm.name} has {len(arm.joints)} joints; {counted(len(values), 'value')} given"
-        raise JobError("job", what, key, "give one above 0 for each, deg or mm")
-    return np.array(
-        [
-            v if joint.sliding else math.radians(v)
-            for v, joint in zip(values, arm.joints, strict=True)
-        ]
-    )
+        raise JobError("job", what, key, "give one value above 0 for each joint, deg or mm")
+    factors = [1.0 if joint.sliding else math.pi / 180 for joint in arm.joints]
+    return frozen(np.array(values) * factors)
 
 
-def _meshes(part: Part | None, job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
-    """Fixtures that are meshes or drawn, with their names, work frame."""
-    if all(isinstance(given, list) for given in job.cell.fixtures or ()):
+def _read_meshes(part: Part | None, job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
+    """Fixtures that are meshes or drawn, with their names, in the work frame."""
+    if all(isinstance(fixture, list) for fixture in job.cell.fixtures or ()):
         return ()
-    from camgen.read.solid import read_fixtures  # noqa: PLC0415 (only for what needs it)
+    from camgen.read.solid import read_fixtures  # noqa: PLC0415 (only for mesh fixtures)
 
     return read_fixtures(job, files, part)
 
 
-def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
-    """Twelve hex digits that stand for the settings and the bytes of all files that are read."""
+def compute_digest(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
+    """The digest of the settings and of the bytes of all files that are read, twelve hex digits."""
     if not sources:
         raise InputError("input", "none is given")
     files = files.within(job.limits)
-    total = hashlib.sha256(msgspec.json.encode(_own(job), order="deterministic"))
+    total = hashlib.sha256(msgspec.json.encode(_list_changes(job), order="deterministic"))
     seen: set[str] = set()
     for source in sources:
         if isinstance(source, Part):
-            total.update(_bytes_of(source))
+            total.update(_encode_part(source))
             continue
         data = files.read(source).data
         if identity(source) in seen:
@@ -305,14 +305,15 @@ def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
         total.update(data)
     arm: Sequence[Path] = ()
     if described := split_name(job.cell.robot):
-        from camgen.robots.urdf.xml import list_urdf_files  # noqa: PLC0415 (only arms from a URDF need it)
+        from camgen.robots.urdf.xml import list_urdf_files  # noqa: PLC0415 (only for a URDF)
 
         arm = list_urdf_files(described[0], files)
     named = [("image.background", job.image.background), ("camera.file", job.camera.file)]
     named.append(("image.lamp_moved", job.image.lamp_moved))
     named += [("cell.robot", str(path)) for path in arm]
     named.append(("cell.machine", job.cell.machine))
-    named += [("cell.fixtures", one) for one in job.cell.fixtures or () if isinstance(one, str)]
+    fixtures = job.cell.fixtures or ()
+    named += [("cell.fixtures", fixture) for fixture in fixtures if isinstance(fixture, str)]
     for setting, name in named:
         if name or setting == "cell.fixtures":
             total.update(_read_setting(setting, name, files))
@@ -320,7 +321,7 @@ def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
 
 
 def _read_setting(setting: str, name: str, files: Files) -> bytes:
-    """The bytes of a file that a setting names. InputError with the setting."""
+    """The bytes of a file that a setting names. Raises InputError with the setting."""
     try:
         return files.read(name).data
     except InputError as error:
@@ -328,33 +329,34 @@ def _read_setting(setting: str, name: str, files: Files) -> bytes:
         raise InputError(error.file, error.what, where, remedy) from error
 
 
-def _bytes_of(part: Part) -> bytes:
-    """What stands for a part that was made in code."""
+def _encode_part(part: Part) -> bytes:
+    """The bytes that identify a part that was made in code."""
+    if isinstance(part, Recorded):
+        return repr(part.run).encode()
     contours = (*part.contours, *part.clamps)
-    columns: list[NDArray[Any]] = [column for c in contours for column in (c.points, c.bulges)]
+    columns: list[NDArray[Any]] = []
+    for contour in contours:
+        columns += [contour.points, contour.bulges]
     for curve in part.curves:
-        columns += [
-            curve.points,
-            curve.middles,
-            curve.curved,
-            *([] if curve.rotations is None else [curve.rotations]),
-        ]
+        columns += [curve.points, curve.middles, curve.curved]
+        if curve.rotations is not None:
+            columns.append(curve.rotations)
     if part.solid is not None:
         columns += [part.solid.vertices, part.solid.faces]
     if part.raster is not None:
         columns += [part.raster.mask, *part.raster.borders]
-    if isinstance(part, Recorded):
-        return repr(part.run).encode()
-    names = [(c.id, c.layer, c.closed) for c in contours] + [
-        (c.id, c.layer, c.closed) for c in part.curves
-    ]
+    chains: list[Contour | Curve] = [*contours, *part.curves]
+    names = [(chain.id, chain.layer, chain.closed) for chain in chains]
     return msgspec.json.encode(names) + b"".join(column.tobytes() for column in columns)
 
 
-def _own(job: Job) -> dict[str, object]:
-    """What the job sets differently from the defaults: a new setting leaves the programs of old jobs as they are."""
+def _list_changes(job: Job) -> dict[str, object]:
+    """The settings of the job that differ from the defaults.
+
+    Settings with their default are left out, so that a new setting does not change the digest of
+    old jobs. A file has its name alone, wherever it lies; its bytes are in the digest.
+    """
     image, camera, cell = job.image, job.camera, job.cell
-    # Of a file its bytes count, wherever it lies.
     photos = {key: Path(getattr(image, key)).name for key in ("background", "lamp_moved")}
     image = replace(image, **photos)
     camera = replace(camera, file=Path(camera.file).name)
@@ -362,36 +364,34 @@ def _own(job: Job) -> dict[str, object]:
         cell = replace(cell, robot="#".join((Path(described[0]).name, described[1])))
     cell = replace(cell, machine=Path(cell.machine).name)
     if cell.fixtures:
-        fixtures = [Path(one).name if isinstance(one, str) else one for one in cell.fixtures]
+        fixtures = [Path(row).name if isinstance(row, str) else row for row in cell.fixtures]
         cell = replace(cell, fixtures=fixtures)
     tables = msgspec.to_builtins(replace(job, image=image, camera=camera, cell=cell))
     defaults = msgspec.to_builtins(Job())
-    own: dict[str, object] = {
-        name: _changed(table, defaults[name])
-        for name, table in tables.items()
-        if table != defaults[name] and name not in ROWS
-    }
-    if job.tools and not job.operations:  # of a program that is replayed
+    changes: dict[str, object] = {}
+    for name, table in tables.items():
+        if table != defaults[name] and name not in ROWS:
+            changes[name] = _select_changed(table, defaults[name])
+    if job.tools and not job.operations:  # a replay, whose tools are not in its operations
         rows, default = msgspec.to_builtins(job.tools), msgspec.to_builtins(ToolRow())
-        own["tools"] = [_changed(row, default) for row in rows]
-    if job.operations:  # each has all that it needs of [[tools]]
-        usual = {
-            "tool": ToolTable(),
-            "operation": OperationTable(),
-            "process": ProcessTable(),
-            "choice": Choice(),
+        changes["tools"] = [_select_changed(row, default) for row in rows]
+    if job.operations:  # an operation has all settings of its row of [[tools]]
+        step_defaults = {
+            "tool": msgspec.to_builtins(ToolTable()),
+            "operation": msgspec.to_builtins(OperationTable()),
+            "process": msgspec.to_builtins(ProcessTable()),
+            "choice": msgspec.to_builtins(Choice()),
         }
-        own["operations"] = {
-            str(place): {
-                name: _changed(row[name], msgspec.to_builtins(table))
-                for name, table in usual.items()
+        steps: dict[str, object] = {}
+        for number, row in enumerate(tables["operations"]):
+            steps[str(number)] = {
+                name: _select_changed(row[name], default) for name, default in step_defaults.items()
             }
-            for place, row in enumerate(tables["operations"])
-        }
-    return own
+        changes["operations"] = steps
+    return changes
 
 
-def _changed(table: dict[str, object], default: dict[str, object]) -> dict[str, object]:
+def _select_changed(table: dict[str, object], default: dict[str, object]) -> dict[str, object]:
     return {key: value for key, value in table.items() if value != default.get(key)}
 
 
@@ -416,14 +416,14 @@ def note_machine(cell: Workcell, job: Job) -> tuple[Note, ...]:
 
 
 def note_urdf(name: str, arm: Robot | None) -> tuple[Note, ...]:
-    """What was assumed of an arm that a URDF describes; the built-in ones are described to the end."""
+    """Notes on values that a URDF does not state. Built-in arms have no such values."""
     described = split_name(name)
     if not (described and arm):
         return ()
     file = Path(described[0]).name
-    why = "their zeros and signs need not be the controller's: compare one pose with the teach pendant"
     notes = [Note("assumed", f"{file}: {note}") for note in arm.notes]
-    return (
-        *notes,
-        Note("warning", f"{file}: home and posture are in the joint values of the URDF", why),
+    what = f"{file}: home and posture are in the joint values of the URDF"
+    why = (
+        "the zeros and signs of the controller may differ: compare one pose with the teach pendant"
     )
+    return (*notes, Note("warning", what, why))

@@ -37,7 +37,7 @@ def _keep_freed_blocks() -> None:
         mallopt(_TRIM_THRESHOLD, _KEPT)
 
 
-def give_back() -> None:
+def release_memory() -> None:
     """Returns freed memory to the system, between two stages. A small process keeps it."""
     _keep_freed_blocks()
     trim = _library("malloc_trim")

@@ -20,7 +20,7 @@ from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.check.proof import Controller, MotionProof
-    from camgen.pipeline.programs import Checked, Posted, Request
+    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms, Request
     from camgen.post import Post
 
 #: Rounding of a text, mm and mm/s, and rad, whose digits are not known.
@@ -32,8 +32,8 @@ def prove_motion(
     part: Part,
     plan: Plan,
     request: Request,
-    checked: Checked,
-    posted: Posted,
+    checked: CheckedPrograms,
+    posted: PostedPrograms,
     notes: Sequence[Note],
 ) -> MotionProof:
     """Compares the motions of the texts with the drawing.
@@ -62,7 +62,7 @@ def prove_motion(
     result = proof.prove_motion(part, job, programs, notes, rounding, controller)
     if part.raster is not None:
         # Borders of a picture are planned with less than a pixel of freedom, in ways of their own.
-        return _tell_picture(result)
+        return _report_picture(result)
     for file, finding in result.findings[:1]:
         more = len(result.findings) - 1
         what = finding.text + (f", and {more} more like it" if more else "")
@@ -72,7 +72,7 @@ def prove_motion(
     return result
 
 
-def _tell_picture(result: MotionProof) -> MotionProof:
+def _report_picture(result: MotionProof) -> MotionProof:
     """The proof of a picture: a difference from its borders is reported, not refused."""
     reasons = [*result.unproven]
     for _, finding in result.findings[:1]:
@@ -111,7 +111,7 @@ def compare_text(
     if controller is None:
         unknown.append("rounded corners: it is not known how the controller passes them")
     result = proof.prove_motion(part, job, [program], (), rounding, controller)
-    what = f"{counted(result.contours, 'contour')} in {tell_motions(result)}"
+    what = f"{counted(result.contours, 'contour')} in {format_motions(result)}"
     if not result.findings:
         gaps = list_reasons(result, controller is not None)
         reasons = "; ".join([*unknown, *gaps])
@@ -122,7 +122,7 @@ def compare_text(
     return f"not proven: {more} from what the job asks for, first {where}{first.text}"
 
 
-def tell_motions(result: MotionProof) -> str:
+def format_motions(result: MotionProof) -> str:
     """The numbers of motions as text: those compared with the drawing, and those by their ends."""
     what = counted(result.motions, "motion")
     if result.unplaced.at_home:

@@ -174,7 +174,7 @@ class Search(Struct, frozen=True, eq=False):
 
 
 class Request(Struct, frozen=True, eq=False):
-    """How set-ups are built.
+    """The settings with which set-ups are built.
 
     source: the file of the part, or a part that was made in code. Headers of programs name it.
     post: name of the post.
@@ -298,18 +298,18 @@ class _Hunt(Struct, eq=False):
         return self.known[spot]
 
     def _improve(self, start: Spot, lengths: FloatArray) -> None:
-        """Goes from ``start`` to neighbours with a lower rank, in steps that are halved."""
+        """Move from `start` to neighbours with a lower rank, in steps that are halved."""
         step, turn, current = _step(self.case) / 2, _TURN / 2, start
         moves = [(1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)]
         if self.height is None:
             moves += [(0, 1, 0), (0, -1, 0)]
         for _ in range(_ROUNDS):
-            for outwards, up, by in moves:
+            for outwards, up, rotated in moves:
                 self.watch(f"placing {counted(len(self.known), 'place')}")
                 spot = Spot(
                     float(round(current.distance + outwards * step)),
                     current.height + float(round(up * step)),
-                    (current.turn + by * turn) % 360,
+                    (current.turn + rotated * turn) % 360,
                     current.stand,
                 )
                 best = self.known[current].rank(lengths)
@@ -326,7 +326,7 @@ def search_place(
     height: float | None = None,
     watch: Watch = ignore_stages,
 ) -> Search:
-    """How ``part`` should stand so that most of the edges is worked, then in the shortest time.
+    """Search the stand of `part` that works most of the edges, then in the shortest time.
 
     height: height of the lowest point of the part above the base, mm, if it is fixed.
 
@@ -431,7 +431,7 @@ def _measure(edges: Mapping[str, Edge], trials: Sequence[Trial]) -> dict[str, fl
 
 
 def _name(watch: Watch, name: str) -> Watch:
-    """Reports the stages of a build behind its name."""
+    """Report the stages of a build after its name."""
     watch(name)
     return lambda stage: watch(f"{name}, {stage}")
 

@@ -1,4 +1,7 @@
-"""The programs of a build, checked, printed and read back: one, or one a tool where the controller changes none."""
+"""Checks, prints and reads back the programs of a build.
+
+A build makes one program, or one for each tool if the controller cannot change tools.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ from camgen.model.signature import sign
 from camgen.model.text import counted
 from camgen.motion.corners import Flow
 from camgen.order import ArmTour, JobTour, ReplayTour
-from camgen.pipeline.memory import give_back
+from camgen.pipeline.memory import release_memory
 from camgen.plan import Watch
 from camgen.post import OutputFile, Post, Tolerance
 from camgen.post.contract import prepare_program, render_program
@@ -43,7 +46,7 @@ if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
 
 
-#: Lines of a text with a note of their own, at most.
+#: Maximum number of lines of a text with their own note.
 _HARM_NOTES = 5
 
 
@@ -68,7 +71,7 @@ class Request(Struct, frozen=True, eq=False):
     watch: Watch
 
 
-class Checked(Struct, frozen=True, eq=False):
+class CheckedPrograms(Struct, frozen=True, eq=False):
     """Programs that have passed the checks.
 
     programs: programs as their texts will be, each with its post.
@@ -83,14 +86,14 @@ class Checked(Struct, frozen=True, eq=False):
     cycle: Cycle
 
 
-class Posted(Struct, frozen=True, eq=False):
-    """The texts of all programs, one after the other.
+class PostedPrograms(Struct, frozen=True, eq=False):
+    """The texts of all programs in their order.
 
-    files: of all programs.
+    files: the files of all programs.
     counts: number of files of each program.
     executed: the strict run of the text of each program.
-    deviation: the largest of all, from the programs.
-    tolerance: of the texts.
+    deviation: largest deviation of a text from its program.
+    tolerance: tolerance with which the texts were compared.
     """
 
     files: tuple[OutputFile, ...]
@@ -102,99 +105,104 @@ class Posted(Struct, frozen=True, eq=False):
 
 def check_programs(
     lowered: Program, tour: Tour, request: Request, where: Surroundings | None, source: str
-) -> Checked:
-    """The programs of ``lowered`` in instructions that the controller has, with what the checks of the arm found.
+) -> CheckedPrograms:
+    """Replace the instructions that the controller does not have, and check the programs.
 
-    Refused for an instruction that it has not, Blocked where the arm cannot run one. source: the input, for messages.
+    where: bodies of a 3-D part for the collision tests; None for other parts.
+    source: name of the input, for messages.
+
+    Raises Refused for an instruction that the controller cannot run in any form, and Blocked if the
+    arm cannot run a motion. The error of several programs holds the losses of all.
     """
-    poster, job, cell = request.post, request.job, request.cell
-    whole_program = poster.changes_tools or not lowered.columns.are(ToolChange).any()
+    post, job, cell = request.post, request.job, request.cell
+    whole_program = post.changes_tools or not lowered.columns.are(ToolChange).any()
     parts = (lowered,) if whole_program else split_tools(lowered)
-    tools = _tools(tour)
+    tools = _list_tools(tour)
     if tools:
-        job = replace(job, tool=tools[0])  # whose holder is there; with several each is told below
-    flow = _flow_of(tour, job)
-    if not whole_program:
-        posters = _name_tools(poster, tools, parts, job)
+        job = replace(job, tool=tools[0])  # the check of one program uses its holder
+    flow = _make_flow(tour, job)
+    posts = [post] if whole_program else _make_posts(post, tools, parts, job)
     if len(parts) == 1:
-        own = poster if whole_program else posters[0]
-        program = prepare_program(own, parts[0], job.tolerance.chord)
-        give_back()
+        program = prepare_program(posts[0], parts[0], job.tolerance.chord)
+        release_memory()
         whole = check(program, job, cell, where, source, flow)
-        return _add_up(((own, whole.program),), whole, request)
-    found: list[Checks] = []
+        return _add_up(((posts[0], whole.program),), whole, request)
+    programs: list[tuple[Post, Program]] = []
+    results: list[Checks] = []
     blocked: list[Blocked] = []
-    for part, tool, own in zip(parts, tools, posters, strict=True):
+    for part, tool, part_post in zip(parts, tools, posts, strict=True):
         try:
-            prepared = prepare_program(own, part, job.tolerance.chord)
-            found.append(check(prepared, replace(job, tool=tool), cell, where, source, flow))
+            prepared = prepare_program(part_post, part, job.tolerance.chord)
+            checks = check(prepared, replace(job, tool=tool), cell, where, source, flow)
+            programs.append((part_post, checks.program))
+            results.append(checks)
         except Blocked as error:
             blocked.append(error)
     if blocked:
-        # What is lost of the others is told with the first.
-        one = blocked[0]
-        lost = tuple(loss for error in blocked for loss in error.lost)
-        raise Blocked(one.file, one.what, one.where, one.remedy, lost)
-    programs = tuple((own, checks.program) for own, checks in zip(posters, found, strict=True))
-    return _add_up(programs, _join(lowered, found), request)
+        first = blocked[0]
+        losses = itertools.chain.from_iterable(error.lost for error in blocked)
+        raise Blocked(first.file, first.what, first.where, first.remedy, tuple(losses))
+    return _add_up(tuple(programs), _join_checks(lowered, results), request)
 
 
-def _name_tools(
+def _make_posts(
     post: Post, tools: Sequence[ToolTable], programs: Sequence[Program], job: Job
 ) -> list[Post]:
-    """The posts of the programs, a tool each, with the tool of the controller that each selects.
+    """One post for each program, which selects the controller's tool of that program.
 
-    Raises JobError for two frames under one number or name that the controller holds.
+    Raises JobError if two tools with different frames have the same number or name there.
     """
-    posters: list[Post] = []
+    posts: list[Post] = []
     frames: dict[str, tuple[str, Pose]] = {}
     for tool, program in zip(tools, programs, strict=True):
         options: dict[str, Any] = {}
         if "tool" not in job.post:
             options |= post.name_tool(tool.number, tool.name)
         if len(programs) > 1:
-            # A post prints one program; its name is in what it prints.
+            # A name in the options would be that of all programs.
             options["program"] = ""
-        poster = dataclasses.replace(post, **options)
-        posters.append(poster)
-        held, frame = poster.held_tool(), program.flange_from_tool
-        name, before = frames.setdefault(held, (tool.name or "a tool", frame))
-        if held and format_frame(before) != format_frame(frame):
+        tool_post = dataclasses.replace(post, **options)
+        posts.append(tool_post)
+        held, frame = tool_post.held_tool(), program.flange_from_tool
+        name, first_frame = frames.setdefault(held, (tool.name or "a tool", frame))
+        if held and format_frame(first_frame) != format_frame(frame):
             what = (
-                f"{held} of the controller has two frames: {format_frame(before)} for {name}, "
+                f"{held} of the controller has two frames: {format_frame(first_frame)} for {name}, "
                 f"{format_frame(frame)} for {tool.name or 'another tool'}"
             )
             remedy = "give each tool its own number and name, and leave out post.tool"
             raise JobError("job", what, "[[tools]]", remedy)
-    return posters
+    return posts
 
 
-def _add_up(programs: tuple[tuple[Post, Program], ...], whole: Checks, request: Request) -> Checked:
-    spent = cycle(whole.program, request.cell.pace, whole.reach, request.cell.arm)
-    return Checked(programs, whole, sum_up(whole.program.columns), spent)
+def _add_up(
+    programs: tuple[tuple[Post, Program], ...], whole: Checks, request: Request
+) -> CheckedPrograms:
+    time = cycle(whole.program, request.cell.pace, whole.reach, request.cell.arm)
+    return CheckedPrograms(programs, whole, sum_up(whole.program.columns), time)
 
 
-def _flow_of(tour: Tour, job: Job) -> Flow | None:
-    """What is rounded between the paths where an arm has chosen all its ways: nothing of what is run at a feed, of
-    lines the upper half of the height of travel, and nothing that leads the tip lower than the ways may.
+def _make_flow(tour: Tour, job: Job) -> Flow | None:
+    """The limits for blends on links; None unless the arm has chosen the links of all tours.
+
+    Motions at a feed get no blend. The blend on a vertical line is at most half of the clearance
+    height. No blend takes the TCP below the minimum height of the links.
     """
+    tours = [tour]
+    processes = [job.process]
     if isinstance(tour, JobTour):
-        every = [
-            (one, step.process)
-            for one, step in zip(tour.tours, tour.steps, strict=True)
-            if one.paths
-        ]
-    else:
-        every = [(tour, job.process)]
-    if not all(isinstance(one, ArmTour) for one, _ in every):
+        runs = [k for k, step_tour in enumerate(tour.tours) if step_tour.paths]
+        tours = [tour.tours[k] for k in runs]
+        processes = [tour.steps[k].process for k in runs]
+    if not all(isinstance(step_tour, ArmTour) for step_tour in tours):
         return None
-    slow = max(max(process.feed, plunge(process)) for _, process in every)
-    room = min(process.clearance for _, process in every) / 2
-    return Flow(slow, room, max(process.least_height for _, process in every))
+    highest_feed = max(max(process.feed, plunge(process)) for process in processes)
+    max_blend = min(process.clearance for process in processes) / 2
+    return Flow(highest_feed, max_blend, max(process.least_height for process in processes))
 
 
-def _tools(tour: Tour) -> list[ToolTable]:
-    """The tools in the order in which the program changes to them; none where it does not."""
+def _list_tools(tour: Tour) -> list[ToolTable]:
+    """The tools in the order in which the program changes to them, empty without a change."""
     if isinstance(tour, ReplayTour):
         return [part.tool for part in tour.parts if part.tool is not None]
     if not isinstance(tour, JobTour):
@@ -206,114 +214,120 @@ def _tools(tour: Tour) -> list[ToolTable]:
     return tools
 
 
-def _join(lowered: Program, found: Sequence[Checks]) -> Checks:
-    """What was found of several programs, as of one that changes the tool."""
+def _join_checks(lowered: Program, results: Sequence[Checks]) -> Checks:
+    """The results of several programs as those of one program that changes the tool."""
     body: list[Instruction] = []
-    begins = []
-    for change, one in zip(
-        (x for x in lowered.body if isinstance(x, ToolChange)), found, strict=True
-    ):
+    starts = []
+    changes = [instruction for instruction in lowered.body if isinstance(instruction, ToolChange)]
+    for change, checks in zip(changes, results, strict=True):
         body.append(change)
-        begins.append(len(body))
-        body += one.program.body
+        starts.append(len(body))
+        body += checks.program.body
     program = replace(lowered, body=switch_off_first(body))
-    before = len(program.body) - len(body)
-    reach = [one.reach for one in found if one.reach is not None]
-    clear = [one.clear for one in found if one.clear is not None]
+    inserted = len(program.body) - len(body)
+    reach = [checks.reach for checks in results if checks.reach is not None]
+    clear = [checks.clear for checks in results if checks.clear is not None]
     return Checks(
         program,
-        _join_reach(program, reach, [before + begin for begin in begins]) if reach else None,
-        _join_clear(clear) if clear else None,
-        found[0].where,
-        tuple(itertools.chain.from_iterable(checks.slow for checks in found)),
+        _join_joints(program, reach, [inserted + start for start in starts]) if reach else None,
+        _join_clearances(clear) if clear else None,
+        results[0].where,
+        tuple(itertools.chain.from_iterable(checks.slow for checks in results)),
     )
 
 
-def _join_clear(found: Sequence[Clear]) -> Clear:
-    """The least of all, with what is told of each."""
-    least = min(found, key=lambda one: one.clearance)
-    return replace(least, notes=tuple(note for one in found for note in one.notes))
+def _join_clearances(reports: Sequence[Clear]) -> Clear:
+    """The report with the smallest clearance, with the notes of all."""
+    smallest = min(reports, key=lambda report: report.clearance)
+    notes = itertools.chain.from_iterable(report.notes for report in reports)
+    return replace(smallest, notes=tuple(notes))
 
 
-def _join_reach(program: Program, found: Sequence[Reach], begins: Sequence[int]) -> Reach:
-    """begins: where the instructions of each begin in ``program``."""
-    joints = np.concatenate([one.joints for one in found])
-    owner = np.concatenate([one.owner + begin for one, begin in zip(found, begins, strict=True)])
-    return replace(found[0], joints=joints, owner=owner, program=program)
+def _join_joints(program: Program, traces: Sequence[Reach], starts: Sequence[int]) -> Reach:
+    """Join joint values. starts: index in `program` of the first instruction of each trace."""
+    joints = np.concatenate([trace.joints for trace in traces])
+    owners = [trace.owner + start for trace, start in zip(traces, starts, strict=True)]
+    return replace(traces[0], joints=joints, owner=np.concatenate(owners), program=program)
 
 
-def lines_of(checked: Checked, posted: Posted) -> IntArray:
-    """(N,) of the instructions of the whole program: the line that each was read from, counted from 1 through all
-    files; 0 for comments, and for tool changes between programs.
+def find_lines(checked: CheckedPrograms, posted: PostedPrograms) -> IntArray:
+    """The line from which each instruction of the whole program was read, shape (N,).
+
+    Lines count from 1 through all files. 0 is for comments, and for tool changes between programs.
     """
     body, several = checked.whole.program.body, len(checked.programs) > 1
     lines = np.zeros(len(body), dtype=np.int64)
-    at = len(body) - sum(len(program.body) + several for _, program in checked.programs)
-    first = above = 0
+    first_row = len(body) - sum(len(program.body) + several for _, program in checked.programs)
+    first_file = lines_above = 0
     for count, executed, (_, program) in zip(
         posted.counts, posted.executed, checked.programs, strict=True
     ):
-        at += several
-        # What was read back is the program, one by one, but for its comments: the comparison has shown that.
-        lines[at + np.flatnonzero(~program.columns.are(Comment))] = above + np.array(
-            executed.lines, dtype=np.int64
-        )
-        at += len(program.body)
+        first_row += several
+        # The comparison has shown that the read-back has the instructions of the program except
+        # its comments, one by one.
+        rows = first_row + np.flatnonzero(~program.columns.are(Comment))
+        lines[rows] = lines_above + np.array(executed.lines, dtype=np.int64)
+        first_row += len(program.body)
         if several:
-            above += sum(file.text.count("\n") for file in posted.files[first : first + count])
-        first += count
+            for file in posted.files[first_file : first_file + count]:
+                lines_above += file.text.count("\n")
+        first_file += count
     return lines
 
 
 def _list_changed_options(post: Post, options: dict[str, object]) -> dict[str, object]:
     """The options in which a post differs from one that is made with `options`."""
-    usual = make_post(type(post), options)
-    names = [option.name for option in dataclasses.fields(post) if option.init]
-    values = {name: getattr(post, name) for name in names if not name.startswith("_")}
-    return {name: value for name, value in values.items() if value != getattr(usual, name)}
+    reference = make_post(type(post), options)
+    changed: dict[str, object] = {}
+    for option in dataclasses.fields(post):
+        if option.init and not option.name.startswith("_"):
+            value = getattr(post, option.name)
+            if value != getattr(reference, option.name):
+                changed[option.name] = value
+    return changed
 
 
 def post_programs(
-    checked: Checked, read: Readback, options: dict[str, object], chord: float
-) -> Posted:
-    """The texts of the programs, read back and compared with the prepared programs.
+    checked: CheckedPrograms, read: Readback, options: dict[str, object], chord: float
+) -> PostedPrograms:
+    """Print the programs, read the texts back and compare them with the prepared programs.
 
     read: the read-back of the post.
-    options: of the post, for the read-back.
+    options: options of the post, for the read-back.
     chord: `tolerance.chord` of the job, mm.
 
-    Raises VerifyError for the first line that says something else.
+    Raises VerifyError for the first line that differs from its program.
     """
-    several = len(checked.programs) > 1
-    told = {key: value for key, value in options.items() if not (several and key == "program")}
+    shared = dict(options)
+    if len(checked.programs) > 1:
+        shared.pop("program", None)
     files: list[OutputFile] = []
     counts, runs, deviations = [], [], []
-    for poster, program in checked.programs:
-        rendered = render_program(poster, program)
+    for post, program in checked.programs:
+        rendered = render_program(post, program)
         posted = [replace(file, text=sign(file.text)) for file in rendered]
-        give_back()
-        changed = _list_changed_options(poster, told)
-        executed = read({file.name: file.text for file in posted}, told | changed)
-        give_back()
-        tolerance = limit_tolerance(poster.tolerance(), chord)
-        deviations.append(
-            compare(program, executed, tolerance, poster.list_verified(), posted[0].name)
-        )
+        release_memory()
+        changed = _list_changed_options(post, shared)
+        executed = read({file.name: file.text for file in posted}, shared | changed)
+        release_memory()
+        tolerance = limit_tolerance(post.tolerance(), chord)
+        deviation = compare(program, executed, tolerance, post.list_verified(), posted[0].name)
+        deviations.append(deviation)
         runs.append(executed)
         counts.append(len(posted))
         files += posted
     worst = Deviation(
-        max(one.max_mm for one in deviations),
-        max(one.max_angle for one in deviations),
-        sum(one.instructions for one in deviations),
+        max(deviation.max_mm for deviation in deviations),
+        max(deviation.max_angle for deviation in deviations),
+        sum(deviation.instructions for deviation in deviations),
     )
-    return Posted(tuple(files), tuple(counts), tuple(runs), worst, tolerance)
+    return PostedPrograms(tuple(files), tuple(counts), tuple(runs), worst, tolerance)
 
 
-def note_harm(posted: Posted) -> tuple[Note, ...]:
-    """Warnings of what may do harm in the motion of the texts.
+def note_harm(posted: PostedPrograms) -> tuple[Note, ...]:
+    """Warnings of motions in the texts that may do harm.
 
-    A program that camgen plans has none of it. The motion of an old program is repeated as it is.
+    A program that camgen plans has no such motions. An old program is repeated as it is.
     """
     notes: list[Note] = []
     first = 0

@@ -1,4 +1,4 @@
-"""What a controller or an arm refuses, told in the words of the input: its file, line and unit, what can be done."""
+"""Adds the file, line and unit of the input to errors about the instructions of its program."""
 
 from __future__ import annotations
 
@@ -21,86 +21,91 @@ _MOVE = 'set input.origin = "lower-left", which moves it to x 0, y 0'
 
 
 @contextmanager
-def tell_by_input(part: Part, program: Program) -> Iterator[None]:
-    """What is raised about an instruction of ``program`` is told about the input that it was made of.
+def convert_refusals(part: Part, program: Program) -> Iterator[None]:
+    """Convert an error about an instruction of `program` to an error about the input `part`.
 
-    Of a program that was read: with the line, and without a remedy that a replay does not take. Of a part whose
-    coordinates no arm reaches: with the unit that it was read in, which is likely the fault.
+    If the input is a program, its line is added, and a remedy without effect on a replay is
+    dropped. If the part is out of reach of any arm, the unit in which it was read is added: it is
+    probably wrong.
     """
     try:
         yield
     except Refused as error:
         if isinstance(part, Recorded):
-            raise _of_line(error, part, program) from error
-        raise _of_unit(error, part, program) from error
+            raise _name_line(error, part, program) from error
+        raise _name_unit(error, part, program) from error
     except NoSafeProgram as error:
-        doubt = "" if isinstance(part, Recorded) else _doubt_unit(part)
-        if not doubt:
+        hint = "" if isinstance(part, Recorded) else _suggest_unit(part)
+        if not hint:
             raise
-        remedy = "; ".join(filter(None, [error.remedy, doubt]))
+        remedy = "; ".join(filter(None, [error.remedy, hint]))
         if isinstance(error, Blocked):
             raise Blocked(error.file, error.what, error.where, remedy, error.lost) from error
         raise NoSafeProgram(error.file, error.what, error.where, remedy) from error
 
 
-def _of_line(error: Refused, part: Recorded, program: Program) -> Refused:
-    """``error`` with the line of the program that was read. Force control is in none, hence the index is that of
-    ``program``.
+def _name_line(error: Refused, part: Recorded, program: Program) -> Refused:
+    """`error` with the line of the program that was read.
+
+    Posts insert instructions for force control alone, which no replay has. So the index of the
+    error is an index of `program`.
     """
-    line = _line(part, program, error.index)
+    line = _find_line(part, program, error.index)
     if not line:
         return error
     what, _, remedy = error.what.partition("; ")
     remedy = error.remedy or remedy
-    told = remedy if remedy and not is_idle(remedy, "a replay") else "mend this line"
-    return Refused(part.source, error.index, f"{error.file} refuses line {line}: {what}", told)
+    if not remedy or is_idle(remedy, "a replay"):
+        remedy = "correct this line"
+    return Refused(part.source, error.index, f"{error.file} refuses line {line}: {what}", remedy)
 
 
-def _line(part: Recorded, program: Program, index: int) -> int:
-    """The line of an instruction, 0 where it is none of the program that was read. Of an output that is switched off
-    first or last: the first line that uses it.
+def _find_line(part: Recorded, program: Program, index: int) -> int:
+    """The line of an instruction; 0 for one that is not in the program that was read.
+
+    The line of an output that lowering has added at the start or the end is the first line that
+    sets its signal.
     """
     if index < 0:
         return 0
-    wanted = program.body[index]
-    read = list(zip(part.run.body, part.run.lines, strict=True))
-    same = (line for item, line in read if _own(item) is _own(wanted))
-    used = (
-        line for item, line in read if isinstance(wanted, Output) and _is_of(item, wanted.signal)
+    refused = program.body[index]
+    signal = refused.signal if isinstance(refused, Output) else None
+    signal_line = 0
+    for instruction, line in zip(part.run.body, part.run.lines, strict=True):
+        if _get_target(instruction) is _get_target(refused):
+            return line
+        if isinstance(instruction, Output) and instruction.signal == signal:
+            signal_line = signal_line or line
+    return signal_line
+
+
+def _get_target(instruction: object) -> object:
+    """The object that lowering does not copy: the target of a motion, any other instruction."""
+    return instruction.target if isinstance(instruction, MoveJ | MoveL | MoveC) else instruction
+
+
+def _name_unit(error: Refused, part: Part, program: Program) -> Refused:
+    """`error` with the file and its unit if a coordinate is refused, otherwise `error` itself."""
+    target = (
+        _get_target(program.body[error.index]) if 0 <= error.index < len(program.body) else None
     )
-    return next(same, 0) or next(used, 0)
-
-
-def _is_of(item: object, signal: str) -> bool:
-    return isinstance(item, Output) and item.signal == signal
-
-
-def _own(item: object) -> object:
-    """What lowering passes on as it is: the target of a motion, any other instruction."""
-    return item.target if isinstance(item, MoveJ | MoveL | MoveC) else item
-
-
-def _of_unit(error: Refused, part: Part, program: Program) -> Refused:
-    """``error`` with the file and the unit where a coordinate is what is refused, else as it is."""
-    item = program.body[error.index] if 0 <= error.index < len(program.body) else None
-    target = item.target if isinstance(item, MoveJ | MoveL | MoveC) else None
-    doubt = _doubt_unit(part)
-    if not (doubt and isinstance(target, Pose) and max(map(abs, target.origin)) > LARGEST):
+    hint = _suggest_unit(part)
+    if not (hint and isinstance(target, Pose) and max(map(abs, target.origin)) > LARGEST):
         return error
-    # Posts that press insert instructions before they count.
+    # With force control a post has inserted instructions, so the index is not that of `program`.
     place = "" if program.columns.are(Force).any() else f" {program.place_of(error.index)}"
     what, _, remedy = error.what.partition("; ")
-    remedy = "; ".join(filter(None, [error.remedy or remedy, doubt]))
+    remedy = "; ".join(filter(None, [error.remedy or remedy, hint]))
     return Refused(part.source, error.index, f"{error.file} refuses{place}: {what}", remedy)
 
 
-def _doubt_unit(part: Part) -> str:
-    """What to do about a part that lies where no arm reaches, empty for any other."""
-    points = _points(part)
+def _suggest_unit(part: Part) -> str:
+    """The remedy for a part that is beyond the reach of any arm, empty for other parts."""
+    points = _list_points(part)
     if not len(points) or np.abs(points).max() <= LARGEST:
         return ""
-    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-    spans = zip("xyz", low, high, strict=False)
+    lower, upper = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    spans = zip("xyz", lower, upper, strict=False)
     reach = ", ".join(f"{axis} {short(a, 0)} to {short(b, 0)}" for axis, a, b in spans)
     remedies = [choose_remedy(part.source)]
     if np.ptp(points, axis=0).max() <= LARGEST:
@@ -109,8 +114,8 @@ def _doubt_unit(part: Part) -> str:
     return f"drawn in {part.units} it lies at {reach} mm: {', or '.join(remedies)}"
 
 
-def _points(part: Part) -> FloatArray:
-    """Where a drawing, a solid or curves are, mm. None of a picture: its scale is no unit."""
+def _list_points(part: Part) -> FloatArray:
+    """The points of a drawing, a solid or curves, mm; empty for a picture, which has no unit."""
     if part.curves:
         return np.concatenate([curve.points for curve in part.curves])
     if part.solid is not None:

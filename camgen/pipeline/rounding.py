@@ -22,7 +22,7 @@ from camgen.post import Post
 from camgen.post.plugins import dynamics_of, find_post, states_rounding
 
 if TYPE_CHECKING:
-    from camgen.pipeline.programs import Checked, Posted
+    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms
 
 #: The option of a post with the distance that its controller keeps in corners.
 _PATH = "path_tolerance"
@@ -30,7 +30,9 @@ _PATH = "path_tolerance"
 _ENDS = 2
 
 
-def check_rounding(tour: Tour, job: Job, checked: Checked, posted: Posted) -> Rounding | None:
+def check_rounding(
+    tour: Tour, job: Job, checked: CheckedPrograms, posted: PostedPrograms
+) -> Rounding | None:
     """The rounding of the texts, as they were read back, that comes nearest to its tolerance.
 
     None for a post that does not state how its controller rounds.

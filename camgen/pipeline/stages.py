@@ -1,8 +1,12 @@
-"""The arrows of the house as a user calls them: what ``build`` does in one call, stage by stage.
+"""The stages of a build as single calls; `build` runs all of them in one call.
 
-Each takes what the one before gave, a job (a mapping as in a job file, its path, or a ``Job``; left out: the
-defaults), and the cell in which the program will run: what ``cell`` gives, or the name of a post, whose own it is then.
-Lengths mm, angles rad, times s. Each raises a CamgenError.
+Each stage takes the result of the previous one and up to two more values:
+
+- the job: a mapping as in a job file, the path of a job file, or a `Job`; None for the defaults;
+- the cell in which the program will run: a result of `cell`, or the name of a post, whose built-in
+  cell it is then.
+
+Lengths are in mm, angles in rad, times in s. Each stage raises a CamgenError.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from camgen.model.path import Tour
 from camgen.model.program import Program
 from camgen.model.signature import sign
 from camgen.order import order as order_plan
-from camgen.pipeline import Input, JobLike, Result, path_or_part, poster_of, settings_of
+from camgen.pipeline import Input, JobLike, Result, list_inputs, load_settings, make_job_post
 from camgen.pipeline.fixtures import leave_out_blocked
 from camgen.pipeline.inputs import read_cell, read_parts
 from camgen.pipeline.rounding import limit_path_tolerance
@@ -44,55 +48,66 @@ from camgen.robots.workcell import Workcell
 if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
 
-#: A cell, or the name of the post whose own it is.
+#: A cell, or the name of a post, whose built-in cell it is.
 CellLike = Workcell | str
 
 
 def job(tables: JobLike = None) -> Job:
-    """The settings of ``tables``, checked; what they leave out has its default. JobError for what makes no sense."""
-    return settings_of(tables, Files())
+    """The checked settings of `tables`, with the defaults for all others. Raises JobError."""
+    return load_settings(tables, Files())
 
 
 def part(shape: Any, name: str = "part", layer: str = "0") -> Part:
-    """A part made in code from ``shape``, mm: points (N, 2), a list of such chains, a shapely geometry, or a trimesh.
+    """A part made in code.
 
-    A chain whose last point is its first is closed. InputError for what is no shape.
+    shape: points (N, 2), a list of such chains, a shapely geometry, or a trimesh, mm. A chain
+        whose last point is its first is closed.
+
+    Raises InputError for anything else.
     """
     return make_part(shape, name, layer)
 
 
 def read(inputs: Input | Sequence[Input], job: JobLike = None) -> Part:
-    """The part in one file, or in several in one work frame. InputError where there is none."""
-    settings, files = settings_of(job, Files()), Files()
-    sources = path_or_part(inputs)
+    """The part in one file, or in several in one work frame. Raises InputError for an empty one."""
+    settings, files = load_settings(job, Files()), Files()
+    sources = list_inputs(inputs)
     return read_parts(sources, settings, files)
 
 
 def cell(post: str, job: JobLike = None, part: Part | None = None) -> Workcell:
-    """The cell of the post ``post`` with what ``job`` says of frames, home, arm and fixtures.
+    """The cell of the post `post` with the frames, home, arm and fixtures of `job`.
 
-    part: a 3-D part is checked with the arm of the post where the job names none.
+    part: a 3-D part gets the arm of the post if the job names none.
     """
     files = Files()
-    settings = settings_of(job, files)
-    return read_cell(part, settings, _own_cell(post, settings), files)
+    settings = load_settings(job, files)
+    return read_cell(part, settings, _make_post_cell(post, settings), files)
 
 
 def plan(
     part: Part, job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages
 ) -> Plan:
-    """The tool paths of ``part``. cell: edges of 3-D parts need one with an arm. watch: is told the stages."""
-    settings = settings_of(job, Files())
-    workcell = _cell(cell, settings, part)
+    """The tool paths of `part`.
+
+    cell: the cell; edges of 3-D parts need one with an arm.
+    watch: called with the name of each stage.
+    """
+    settings = load_settings(job, Files())
+    workcell = _find_cell(cell, settings, part)
     return leave_out_blocked(plan_part(part, settings, workcell, watch), settings, workcell)
 
 
 def order(
     plan: Plan, job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages
 ) -> Tour:
-    """The paths of a plan as one tour. cell: the tool comes from its home and goes back. watch: as in ``plan``."""
-    settings = settings_of(job, Files())
-    return order_plan(plan, settings, _cell(cell, settings, plan.part), watch)
+    """The paths of a plan as one tour.
+
+    cell: the cell, at whose home the tour starts and ends.
+    watch: called with the name of each stage.
+    """
+    settings = load_settings(job, Files())
+    return order_plan(plan, settings, _find_cell(cell, settings, plan.part), watch)
 
 
 def lower(
@@ -102,27 +117,36 @@ def lower(
     name: str = "part",
     header: Sequence[str] = (),
 ) -> Program:
-    """The program that runs ``tour`` from and back to the home of ``cell``. name, header: of the program."""
-    settings = settings_of(job, Files())
+    """The program that runs `tour` from the home of `cell` and back.
+
+    name: name of the program.
+    header: remarks at its beginning.
+    """
+    settings = load_settings(job, Files())
     return lower_tour(tour, _take_cell(cell, settings), settings, name, tuple(header))
 
 
 def check(
     program: Program, job: JobLike = None, cell: CellLike | None = None, plan: Plan | None = None
 ) -> Checks:
-    """Reach, joint limits and collisions of ``program`` with the arm of ``cell``, links included; nothing without one.
+    """Check reach, joint limits and collisions of `program`, links included, for the arm of `cell`.
 
-    plan: of a 3-D part, which knows what there is to run into. NoSafeProgram with the motion and the reason.
+    plan: plan of a 3-D part, which has the bodies for the collision tests.
+
+    Without an arm nothing is checked. Raises NoSafeProgram with the motion and the reason.
     """
-    settings = settings_of(job, Files())
+    settings = load_settings(job, Files())
     where: Surroundings | None = plan.where if isinstance(plan, EdgePlan) else None
     return check_program(program, settings, _take_cell(cell, settings), where)
 
 
 def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, ...]:
-    """``program`` as the files of the controller ``post``. Refused for an instruction that it cannot do."""
-    settings = limit_path_tolerance(settings_of(job, Files()), post)
-    poster = poster_of(post, settings, "job")
+    """The files of `program` for the controller `post`.
+
+    Raises Refused for an instruction that the controller does not have.
+    """
+    settings = limit_path_tolerance(load_settings(job, Files()), post)
+    poster = make_job_post(post, settings, "job")
     rendered = render_program(poster, prepare_program(poster, program, settings.tolerance.chord))
     return tuple(replace(file, text=sign(file.text)) for file in rendered)
 
@@ -135,16 +159,19 @@ def read_back(
     files: texts by name.
     """
     texts = files if isinstance(files, Mapping) else {file.name: file.text for file in files}
-    settings = limit_path_tolerance(settings_of(job, Files()), post)
+    settings = limit_path_tolerance(load_settings(job, Files()), post)
     return find_readback(post)(texts, fill_tables(find_post(post), settings.post))
 
 
 def verify(
     files: Sequence[OutputFile], program: Program, post: str, job: JobLike = None
 ) -> Deviation:
-    """How far the text is from ``program``. VerifyError with the first line that does not say what was planned."""
-    settings = limit_path_tolerance(settings_of(job, Files()), post)
-    poster = poster_of(post, settings, "job")
+    """The deviation of the text `files` from `program`.
+
+    Raises VerifyError with the first line that differs from the program.
+    """
+    settings = limit_path_tolerance(load_settings(job, Files()), post)
+    poster = make_job_post(post, settings, "job")
     chord = settings.tolerance.chord
     planned = prepare_program(poster, program, chord)
     executed = read_back(files, post, settings)
@@ -157,23 +184,22 @@ def preview(result: Result, suffix: str = ".svg") -> bytes:
     return draw(result, Path(f"preview{suffix}"))
 
 
-def _cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
+def _find_cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
     if not isinstance(cell, str):
         return cell
-    return read_cell(part, job, _own_cell(cell, job), Files())
+    return read_cell(part, job, _make_post_cell(cell, job), Files())
 
 
 def _take_cell(cell: CellLike | None, job: Job) -> Workcell:
-    """The frames and the home of a program are never guessed."""
+    """The cell of a program. Raises JobError for None: frames and home are never guessed."""
     if cell is None:
-        raise JobError(
-            "cell",
-            "is not given",
-            remedy='give what camgen.cell makes, or the name of a post: "rapid"',
-        )
-    return read_cell(None, job, _own_cell(cell, job), Files()) if isinstance(cell, str) else cell
+        remedy = 'give a result of camgen.cell, or the name of a post: "rapid"'
+        raise JobError("cell", "is not given", remedy=remedy)
+    if not isinstance(cell, str):
+        return cell
+    return read_cell(None, job, _make_post_cell(cell, job), Files())
 
 
-def _own_cell(post: str, job: Job) -> Cell:
-    """The built-in cell of the post of this name, with the options of ``job``."""
-    return cell_of(poster_of(post, job, "job"), job)
+def _make_post_cell(post: str, job: Job) -> Cell:
+    """The built-in cell of the post `post` with the options of `job`."""
+    return cell_of(make_job_post(post, job, "job"), job)

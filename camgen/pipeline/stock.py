@@ -1,4 +1,4 @@
-"""The stock proof of a build: what the printed text, read back, does to the material."""
+"""The stock proof of a build: the material that the printed text removes, once read back."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from camgen.post.plugins import dynamics_of, states_rounding
 
 if TYPE_CHECKING:
     from camgen.check.stock import Cut, StockProof
-    from camgen.pipeline.programs import Checked, Posted, Request
+    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms, Request
 
 #: Remedy for a tool that meets a fixture.
 MOVE_FIXTURE = "move the fixture: cell.fixtures"
@@ -39,14 +39,19 @@ REMEDY_FOR_PIECES = (
 
 
 def prove_stock(
-    asked: Plan, plan: Plan, tour: Tour, request: Request, checked: Checked, posted: Posted
+    full_plan: Plan,
+    plan: Plan,
+    tour: Tour,
+    request: Request,
+    checked: CheckedPrograms,
+    posted: PostedPrograms,
 ) -> StockProof | None:
     """The stock proof of the texts `posted`; None for a plan that cuts nothing, or no flat part.
 
-    asked: the plan before anything was left out of it: what its other paths would take is told as
-        left.
+    full_plan: the plan before paths were left out. The material of those paths is reported as rest
+        material.
 
-    Raises NoSafeProgram for the first motion that cuts what must stay, runs through material in
+    Raises NoSafeProgram for the first motion that cuts into the part, moves through material in
     rapid motion or with the holder, or comes too near to a fixture, and for the first piece that
     must be held and is not.
     """
@@ -54,16 +59,20 @@ def prove_stock(
         return None
     job = request.job
     jobs = [job_of(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
-    if not any(one.operation.depth or one.operation.width for one in jobs) or why_unproven(job):
+    cuts = any(step_job.operation.depth or step_job.operation.width for step_job in jobs)
+    if not cuts or why_unproven(job):
         return None
-    from camgen.check.stock import design, prove, task_on  # noqa: PLC0415 (shapely, only for what cuts)
+    from camgen.check.stock import design, prove, task_on  # noqa: PLC0415 (shapely, only for cuts)
 
     plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
-    tasks = [task_on(plan.part, own, one.part) for own, one in zip(jobs, plans, strict=True)]
+    tasks = [
+        task_on(plan.part, step_job, step_plan.part)
+        for step_job, step_plan in zip(jobs, plans, strict=True)
+    ]
     post = checked.programs[0][0]
     proof = prove(
-        list(cuts_of_texts(tour, request, checked, posted)),
-        design(tasks, job.stock, _sweep_lost(asked, tour, jobs)),
+        list(make_text_cuts(tour, request, checked, posted)),
+        design(tasks, job.stock, _sweep_left_out(full_plan, tour, jobs)),
         dynamics_of(post, job) if states_rounding(post) else None,
         job.stock,
         request.cell.fixtures,
@@ -72,10 +81,9 @@ def prove_stock(
     if proof.refused:
         worst = proof.refused[0]
         more = f", and {len(proof.refused) - 1} more like it" if len(proof.refused) > 1 else ""
-        filled = any(one.operation.kind == "fill" for one in jobs)
-        remedy = "see tool.diameter, operation.depth and operation.side" + (
-            '; "pocket" clears exactly' if filled else ""
-        )
+        remedy = "see tool.diameter, operation.depth and operation.side"
+        if any(step_job.operation.kind == "fill" for step_job in jobs):
+            remedy += '; "pocket" clears exactly'
         if worst.kind == "corner":
             remedy = remedy_for_corners(post, float(list_tolerances(tour, job)[:-1].min()))
         if worst.kind == "fixture":
@@ -86,42 +94,43 @@ def prove_stock(
     return proof
 
 
-def _sweep_lost(asked: Plan, tour: Tour, jobs: Sequence[Job]) -> Any:
-    """Polygons of what the paths that are left out would take, None where there are none."""
-    import shapely  # noqa: PLC0415 (only for what cuts)
+def _sweep_left_out(full_plan: Plan, tour: Tour, jobs: Sequence[Job]) -> Any:
+    """Polygons that the tool would sweep on the paths that are left out, None without any."""
+    import shapely  # noqa: PLC0415 (only for cuts)
 
     from camgen.check.stock.cells import CHORD_MM  # noqa: PLC0415
 
     kept = {path.id for path in tour.paths}
+    plans = full_plan.plans if isinstance(full_plan, JobPlan) else (full_plan,)
     swept = []
-    for one, job in zip(asked.plans if isinstance(asked, JobPlan) else (asked,), jobs, strict=True):
-        for path in one.paths:
-            if path.id not in kept:
-                points = path.position[:, :2]
-                if len(points) > 1:
-                    points = np.concatenate(
-                        [flatten(path_segments((path,)), CHORD_MM)[0], points[-1:]]
-                    )
-                line = shapely.linestrings(points) if len(points) > 1 else shapely.points(points[0])
-                swept.append(shapely.buffer(line, job.tool.radius + 2 * CHORD_MM))
+    for plan, job in zip(plans, jobs, strict=True):
+        for path in plan.paths:
+            if path.id in kept:
+                continue
+            line = shapely.points(path.position[0, :2])
+            if len(path.position) > 1:
+                points = flatten(path_segments((path,)), CHORD_MM)[0]
+                line = shapely.linestrings(np.concatenate([points, path.position[-1:, :2]]))
+            swept.append(shapely.buffer(line, job.tool.radius + 2 * CHORD_MM))
     return shapely.union_all(swept) if swept else None
 
 
 def why_unproven(job: Job) -> str:
-    """Why what a job cuts is not judged, empty where it is."""
+    """The reason why the material that a job removes is not proven, empty if it is."""
     jobs = [job_of(job, step) for step in job.operations] or [job]
-    if any(one.tool.orient == "follow" for one in jobs):
+    if any(step_job.tool.orient == "follow" for step_job in jobs):
         return "the tool turns with the contour"
-    if any(one.operation.planner == "image" for one in jobs):
+    if any(step_job.operation.planner == "image" for step_job in jobs):
         return "the image planner follows the picture to a part of a pixel, not its contours"
     return ""
 
 
 class StatedProgram(NamedTuple):
-    """A program with the instructions of its text, which are the same without the comments.
+    """A program with the instructions of its text.
 
-    name: file of the text.
-    body, lines: the instructions with their lines.
+    name: name of the file of the text.
+    body: the instructions of the text, those of the program without its comments.
+    lines: line of each instruction of `body`.
     program: the program.
     """
 
@@ -131,25 +140,27 @@ class StatedProgram(NamedTuple):
     program: Program
 
 
-def cuts_of_texts(tour: Tour, request: Request, checked: Checked, posted: Posted) -> Iterator[Cut]:
-    """What each operation does, in order, as the texts say it.
+def make_text_cuts(
+    tour: Tour, request: Request, checked: CheckedPrograms, posted: PostedPrograms
+) -> Iterator[Cut]:
+    """The cuts of each operation, in order, with the instructions of the texts.
 
-    The instructions that were read back are those of the program, one by one, but for its comments: that is what the
-    comparison has shown.
+    The comparison has shown that the read-back has the instructions of the program except its
+    comments, one by one.
     """
-    stated, first = [], 0
+    stated, first_file = [], 0
     for count, executed, (_, program) in zip(
         posted.counts, posted.executed, checked.programs, strict=True
     ):
-        name = posted.files[first].name
+        name = posted.files[first_file].name
         stated.append(StatedProgram(name, executed.body, executed.lines, program))
-        first += count
-    return cuts_of(tour, request, stated)
+        first_file += count
+    return make_cuts(tour, request, stated)
 
 
-def cuts_of(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> Iterator[Cut]:
+def make_cuts(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> Iterator[Cut]:
     """The cuts of each operation, in order."""
-    from camgen.check.stock import Cut  # noqa: PLC0415 (shapely, only for what cuts)
+    from camgen.check.stock import Cut  # noqa: PLC0415 (shapely, only for cuts)
 
     job, home = request.job, request.cell.home
     steps: list[tuple[ToolTable, str]] = [(name_drills([job])[0], "")]
@@ -158,47 +169,57 @@ def cuts_of(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> It
         tools = name_drills([job_of(job, step) for step in tour.steps])
         names = [f"operation {number}" for number in tour.numbers]
         steps = list(zip(tools, names, strict=True))
-        step_of = np.repeat(np.arange(len(steps)), [len(one.paths) for one in tour.tours])
+        step_of = np.repeat(np.arange(len(steps)), [len(one_tour.paths) for one_tour in tour.tours])
     corners = np.zeros(len(steps))
     np.maximum.at(corners, step_of, list_tolerances(tour, job)[:-1])
-    # A robot travels on straight lines: what runs as fast as it travels is none that cuts, where no cut is as fast.
-    # With process.stay_down there is no stock beside the part that it could run through.
+    # A robot has no rapid motion; it travels on straight lines. If every cut is slower than travel,
+    # a motion at the travel speed is treated as a rapid motion, which must not cut. With
+    # process.stay_down there is no stock beside the part through which it could run.
     process = job.process
     stays = any(step.process.stay_down for step in job.operations) or process.stay_down
-    slower = process.feed * process.max_feed_factor < process.travel_speed and not stays
-    travel = process.travel_speed if slower and not isinstance(home, Pose) else float("inf")
+    is_slower = process.feed * process.max_feed_factor < process.travel_speed and not stays
+    rapid_speed = process.travel_speed if is_slower and not isinstance(home, Pose) else float("inf")
     for text in stated:
-        own = _own_step(text.program, step_of)
-        edges = [*run_starts(own).tolist(), len(own)]
+        row_steps = _find_steps(text.program, step_of)
+        edges = [*run_starts(row_steps).tolist(), len(row_steps)]
         for start, end in pairwise(edges):
-            tool, about = steps[int(own[start])]
+            step = int(row_steps[start])
+            tool, step_name = steps[step]
             yield Cut(
                 text.body[start:end],
                 text.lines[start:end],
                 tool,
                 text.name,
-                about,
-                travel,
+                step_name,
+                rapid_speed,
                 job.tolerance.chord,
-                float(corners[own[start]]),
+                float(corners[step]),
             )
 
 
-def _own_step(program: Program, step_of: NDArray[np.intp]) -> NDArray[np.intp]:
-    """(N,): to which step each instruction but comments belongs; what is no motion of a path to that of the next."""
+def _find_steps(program: Program, step_of: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The step of each instruction except comments, shape (N,).
+
+    step_of: step of each path. An instruction on no path belongs to the step of the next motion
+        that is on one.
+    """
     columns = program.columns
-    own = np.full(len(program.body), -1, dtype=np.intp)
+    steps = np.full(len(program.body), -1, dtype=np.intp)
     moving = columns.path >= 0
-    own[columns.at[moving]] = step_of[columns.path[moving]]
-    own = own[~columns.are(Comment)]
-    known = np.flatnonzero(own >= 0)
-    following = np.minimum(np.searchsorted(known, np.arange(len(own))), len(known) - 1)
-    return np.asarray(own[known[following]])
+    steps[columns.at[moving]] = step_of[columns.path[moving]]
+    steps = steps[~columns.are(Comment)]
+    on_path = np.flatnonzero(steps >= 0)
+    following = np.minimum(np.searchsorted(on_path, np.arange(len(steps))), len(on_path) - 1)
+    return np.asarray(steps[on_path[following]])
 
 
 class OperationSum(Struct, frozen=True):
-    """One of several operations: its place in the job, how many paths it has, s, and mm3 that it takes away; None where
-    that is not judged.
+    """The sums of one of several operations.
+
+    number: index of the operation in the job.
+    paths: number of its paths.
+    seconds: time of its paths and links, s.
+    removed: volume that it removes, mm3; None if that is not proven.
     """
 
     number: int
@@ -208,43 +229,43 @@ class OperationSum(Struct, frozen=True):
 
 
 def sum_operations(tour: Tour, time: Cycle, proof: StockProof | None) -> list[OperationSum]:
-    """What each operation amounts to, in the order in which they run; nothing for a job with one."""
+    """The sums of each operation, in the order in which they run; empty for a job with one."""
     if not isinstance(tour, JobTour):
         return []
-    removed = iter(proof.volumes if proof else ())
-    sums, before = [], 0
-    for number, one in zip(tour.numbers, tour.tours, strict=True):
-        own = slice(before, before + len(one.paths))
-        before = own.stop
-        seconds = float(time.paths[own].sum() + time.links[own].sum())
-        sums.append(
-            OperationSum(
-                number, len(one.paths), seconds, next(removed) if proof and one.paths else None
-            )
-        )
+    volumes = iter(proof.volumes if proof else ())
+    sums, start = [], 0
+    for number, step_tour in zip(tour.numbers, tour.tours, strict=True):
+        count = len(step_tour.paths)
+        rows = slice(start, start + count)
+        start = rows.stop
+        seconds = float(time.paths[rows].sum() + time.links[rows].sum())
+        volume = next(volumes) if proof and count else None
+        sums.append(OperationSum(number, count, seconds, volume))
     return sums
 
 
 def report_operations(
     job: Job, sums: Sequence[OperationSum], proof: StockProof | None
 ) -> dict[str, object]:
-    """What the report says of several operations, and of the stock: mm3, s."""
-    found: dict[str, object] = {}
-    if sums:
-        found["operations"] = [
-            {
-                "number": one.number,
-                "kind": job.operations[one.number].operation.kind,
-                "tool": clean(job.operations[one.number].tool.name),
-                "tool_number": job.operations[one.number].tool.number,
-                "paths": one.paths,
-                "time_s": round(one.seconds, 1),
-                "removed_mm3": None if one.removed is None else round(one.removed, 1),
-            }
-            for one in sums
-        ]
+    """The tables of the report on several operations and on the stock, in mm3 and s."""
+    tables: dict[str, object] = {}
+    rows = []
+    for operation_sum in sums:
+        step, volume = job.operations[operation_sum.number], operation_sum.removed
+        row = {
+            "number": operation_sum.number,
+            "kind": step.operation.kind,
+            "tool": clean(step.tool.name),
+            "tool_number": step.tool.number,
+            "paths": operation_sum.paths,
+            "time_s": round(operation_sum.seconds, 1),
+            "removed_mm3": None if volume is None else round(volume, 1),
+        }
+        rows.append(row)
+    if rows:
+        tables["operations"] = rows
     if proof:
-        found["stock"] = {
+        tables["stock"] = {
             "removed_mm3": round(proof.volume, 1),
             "excess_mm3": round(proof.excess, 1),
             "loose": [fault.text for fault in proof.loose],
@@ -256,4 +277,4 @@ def report_operations(
                 "exceeded": [breach.what for breach in proof.set_up.breaches],
             },
         }
-    return found
+    return tables

@@ -22,7 +22,7 @@ from camgen.post import Post
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.pipeline.programs import Checked, Posted
+    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms
 
 #: A feed is above a rate from this multiple of it on, beyond the digits of a feed.
 _SAME_RATE = 1 + 1e-6
@@ -68,7 +68,9 @@ def _digits(position: Vec3) -> list[float]:
     return [round(value, 3) + 0.0 for value in position]
 
 
-def check_travel(job: Job, cell: Workcell, checked: Checked, posted: Posted) -> Travel:
+def check_travel(
+    job: Job, cell: Workcell, checked: CheckedPrograms, posted: PostedPrograms
+) -> Travel:
     """The travel that the texts take, as they were read back.
 
     cell: a cell with a machine.

@@ -1,4 +1,4 @@
-"""What a build made, to look at: one view as a value, and the page, the pictures and the drawings of it."""
+"""Previews of a build: its view as a value, and the page, the pictures and the drawings of it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Built(Protocol):
-    """What a preview needs of the result of a build (``camgen.pipeline.Result``)."""
+    """The part of a build's result that a preview needs (`camgen.pipeline.Result`)."""
 
     @property
     def part(self) -> Part: ...  # noqa: D102 (as in Result)

@@ -1,4 +1,4 @@
-"""Lines and arcs as the points that a screen can draw, all of them at once."""
+"""Approximates lines and arcs by points that a screen can draw."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ from camgen.geometry.ragged import begins, owners, ramp
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
 
-#: An arc is drawn in steps between these, rad.
+#: Smallest and largest step in which an arc is drawn, rad.
 _FINEST, _COARSEST = np.radians(2.0), np.radians(15.0)
 
 
 class DrawnSpans(Struct, frozen=True, eq=False):
-    """points: (S, 3), the ends of the pieces of every segment. owner: (S,), the segment. fraction: (S,), how much of
-    the segment has passed at the point, 0..1.
+    """S pieces of segments.
+
+    points: (S, 3) end of each piece.
+    owner: (S,) its segment.
+    fraction: (S,) fraction of the segment up to that end, 0 to 1.
     """
 
     points: FloatArray
@@ -26,57 +29,65 @@ class DrawnSpans(Struct, frozen=True, eq=False):
 
 
 class SpaceChains(Struct, frozen=True, eq=False):
-    """Chains of points: points (N, 3) of all of them, counts (C,) how many each has."""
+    """C chains of points.
+
+    points: (N, 3) points of all chains.
+    counts: (C,) number of points of each chain.
+    """
 
     points: FloatArray
     counts: NDArray[np.int64]
 
 
 def draw_spans(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) -> DrawnSpans:
-    """Segments from ``start`` to ``end``, each (M, 3), in pieces that leave the arc by about ``sag`` mm at most.
+    """Divide M segments into straight pieces.
 
-    via: (M, 3), a point on the arc, NaN for a straight segment. An arc whose points are on one line is one.
+    start, end: (M, 3) ends of the segments.
+    via: (M, 3) via point of an arc, NaN for a straight segment. An arc with all points on one line
+        is straight too.
+    sag: approximate maximum distance of a piece from its arc, mm.
     """
-    found = make_spans_through(start, via, end)
+    spans = make_spans_through(start, via, end)
     with np.errstate(divide="ignore"):
-        step = 2 * np.arccos(np.clip(1 - sag / found.radius, -1.0, 1.0))
-    counts = (
-        np.ceil(found.sweep / np.clip(step, _FINEST, _COARSEST) - 1e-9).clip(1).astype(np.int64)
-    )
+        step = 2 * np.arccos(np.clip(1 - sag / spans.radius, -1.0, 1.0))
+    pieces = np.ceil(spans.sweep / np.clip(step, _FINEST, _COARSEST) - 1e-9)
+    counts = pieces.clip(1).astype(np.int64)
     owner, place = owners(counts), ramp(counts) + 1
     fraction = place / counts[owner]
     points = end[owner].copy()
     inner = np.flatnonzero(place < counts[owner])
-    points[inner] = found.point(fraction[inner], owner[inner])
+    points[inner] = spans.point(fraction[inner], owner[inner])
     return DrawnSpans(points, owner, fraction)
 
 
-def of_contours(contours: tuple[Contour, ...], sag: float) -> SpaceChains:
-    """Contours as chains at z = 0; a closed one ends in its first point."""
-    return _chain([_segments(contour) for contour in contours], sag)
+def trace_contours(contours: tuple[Contour, ...], sag: float) -> SpaceChains:
+    """Contours as chains at z = 0. A closed one ends at its first point."""
+    return _trace_segments([_list_segments(contour) for contour in contours], sag)
 
 
-def of_spans(chains: list[tuple[FloatArray, FloatArray]], sag: float) -> SpaceChains:
-    """Chains given as points (N, 3) and the middles (N - 1, 3) of their spans."""
-    return _chain([(points[:-1], via, points[1:]) for points, via in chains], sag)
+def trace_spans(chains: list[tuple[FloatArray, FloatArray]], sag: float) -> SpaceChains:
+    """Chains with arcs, given as points (N, 3) and via points (N - 1, 3)."""
+    return _trace_segments([(points[:-1], via, points[1:]) for points, via in chains], sag)
 
 
-def _chain(rows: list[tuple[FloatArray, FloatArray, FloatArray]], sag: float) -> SpaceChains:
-    """Chains of segments, each with its first point in front."""
+def _trace_segments(
+    rows: list[tuple[FloatArray, FloatArray, FloatArray]], sag: float
+) -> SpaceChains:
+    """Chains of segments, given as start, via and end points. Each keeps its first point."""
     rows = [row for row in rows if len(row[0])]
     if not rows:
         return SpaceChains(np.zeros((0, 3)), np.zeros(0, np.int64))
-    start, via, end = (np.concatenate([row[k] for row in rows]) for k in range(3))
-    found = draw_spans(start, via, end, sag)
+    start, via, end = map(np.concatenate, zip(*rows, strict=True))
+    drawn = draw_spans(start, via, end, sag)
     sizes = np.array([len(row[0]) for row in rows])
     starts = begins(sizes)
-    first = np.searchsorted(found.owner, starts)
-    counts = np.diff(np.append(first, len(found.owner))) + 1
-    return SpaceChains(np.insert(found.points, first, start[starts], axis=0), counts)
+    first = np.searchsorted(drawn.owner, starts)
+    counts = np.diff(np.append(first, len(drawn.owner))) + 1
+    return SpaceChains(np.insert(drawn.points, first, start[starts], axis=0), counts)
 
 
-def _segments(contour: Contour) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Start, via and end of the segments."""
+def _list_segments(contour: Contour) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Start, via and end points of the segments, each (N, 3)."""
     points = np.column_stack([contour.points, np.zeros(len(contour.points))])
     count = len(points) if contour.closed else len(points) - 1
     start, end = points[:count], np.roll(points, -1, axis=0)[:count]

@@ -1,4 +1,4 @@
-"""A preview by the ending of its name: a page, a picture, or a drawing of what the input was."""
+"""Writes a preview by the suffix of its name: a page, a picture, or a drawing of the input."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ from pathlib import Path
 
 from camgen.model.errors import JobError
 from camgen.preview import Built, list_seen
-from camgen.preview.fixtures import see_fixtures
+from camgen.preview.fixtures import clip_fixtures
 from camgen.read import is_drawing
 
 
 def check_preview(name: str | None) -> None:
-    """JobError for a name whose ending is that of no preview."""
+    """Raise JobError for a name without the suffix of a preview."""
     if name and Path(name).suffix.lower() not in _PREVIEWS:
         what = "a preview is a page (HTML) or a drawing (SVG, PNG)"
         raise JobError(name, what, remedy="give a name that ends in .html, .svg or .png")
 
 
 def draw(result: Built, target: Path) -> bytes:
-    """The preview of ``result`` for the file ``target``."""
+    """The preview of `result` as the bytes of the file `target`."""
     return _PREVIEWS[target.suffix.lower()](result)
 
 
 def _page(result: Built) -> bytes:
-    from camgen.preview.page import page  # noqa: PLC0415 (only where a page is asked for)
+    from camgen.preview.page import page  # noqa: PLC0415 (only for pages)
     from camgen.preview.view import view  # noqa: PLC0415
 
     return page(view(result)).encode("utf-8")
 
 
 def _picture(result: Built) -> bytes:
-    from camgen.preview.png import png  # noqa: PLC0415 (only where a picture is asked for)
+    from camgen.preview.png import png  # noqa: PLC0415 (only for pictures)
     from camgen.preview.view import view  # noqa: PLC0415
 
     return png(view(result))
@@ -38,21 +38,21 @@ def _picture(result: Built) -> bytes:
 
 def _drawing(result: Built) -> bytes:
     if result.part.solid is not None and not result.part.curves:
-        from camgen.preview.solid_svg import svg as draw_solid  # noqa: PLC0415 (only where a 3-D part is drawn)
+        from camgen.preview.solid_svg import svg as draw_solid  # noqa: PLC0415 (only for 3-D parts)
         from camgen.preview.view import view  # noqa: PLC0415
 
         return draw_solid(view(result), result.part.solid).encode("utf-8")
-    from camgen.preview import drawing_stages, photo_stages, svg  # noqa: PLC0415 (only where a picture is asked for)
+    from camgen.preview import drawing_stages, photo_stages, svg  # noqa: PLC0415 (only for SVG)
 
     part, title = result.part, f"{result.part.source}, {result.post.name}"
     if part.raster is not None and is_drawing(result.job):
         return drawing_stages.svg(result, part.raster, title).encode("utf-8")
     if part.raster is not None:
         return photo_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")
-    standing = svg.Standing(see_fixtures(result), result.blocked)
+    standing = svg.DrawnFixtures(clip_fixtures(result), result.blocked)
     seen = list_seen(result)
     return svg.svg(part, result.tour, result.notes, title, seen, standing).encode("utf-8")
 
 
-#: What draws a preview, by the ending of its name.
+#: The function that draws a preview, by the suffix of its name.
 _PREVIEWS = {".html": _page, ".svg": _drawing, ".png": _picture}

@@ -72,7 +72,7 @@ def _trace_block(
     dynamics: Dynamics,
     trimmed: tuple[FloatArray, FloatArray, float],
 ) -> _Points:
-    """The points within the corners behind the motions `rows`.
+    """The points inside the corners at the ends of the motions `rows`.
 
     trimmed: (M,) lengths, mm, that are not run at the end and at the start of each motion, which
         are filled in, and the distance by which chains may leave the path.

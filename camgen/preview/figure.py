@@ -1,4 +1,4 @@
-"""A 3-D part as a figure: seen from in front and above, its faces shaded, its edges numbered in their order."""
+"""A 3-D part as a figure, from the front and above, with shaded faces and numbered edges."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from numpy.typing import NDArray
 from camgen.geometry.ragged import run_starts
 from camgen.model.part import BoolArray, Solid
 from camgen.model.pose import IDENTITY, FloatArray
-from camgen.preview.aside import TILT, TURN, look_from
+from camgen.preview.aside import TILT, TURN, compute_view_axes
 from camgen.preview.view import View
 
-# The direction of view, and points in it.
+# The direction of view.
 
 
-#: Direction of the light for a part that stands upright.
+#: Direction of the light for an upright part.
 _LIGHT = np.array([-0.35, -0.55, 0.76])
 
 
-class Look(Struct, frozen=True, eq=False):
-    """How a part is seen on a sheet, as unit vectors of the work frame.
+class Projection(Struct, frozen=True, eq=False):
+    """A parallel projection onto a sheet, as unit vectors of the work frame.
 
-    axes: (2, 3) to the right and up.
-    toward: (3,) toward the viewer.
-    light: (3,) toward the light.
+    axes: (2, 3) directions to the right and up.
+    toward: (3,) direction towards the viewer.
+    light: (3,) direction towards the light.
     """
 
     axes: FloatArray
@@ -37,33 +37,37 @@ class Look(Struct, frozen=True, eq=False):
     light: FloatArray
 
     def place(self, points: FloatArray) -> FloatArray:
-        """(N, 2) mm to the right and up."""
+        """Places (N, 2) of points (N, 3) on the sheet, mm to the right and up."""
         return np.asarray(points @ self.axes.T)
 
 
-def oblique(upright: FloatArray = IDENTITY) -> Look:
+def make_oblique(upright: FloatArray = IDENTITY) -> Projection:
     """The view of 3-D parts, from the side and above.
 
-    upright: (3, 3) the rotation that turns the part as it stands.
+    upright: (3, 3) rotation of the part from the work frame to its upright orientation.
     """
     toward = (math.cos(TILT) * math.cos(TURN), math.cos(TILT) * math.sin(TURN), math.sin(TILT))
-    axes = np.array(look_from(TURN, TILT))
-    return Look(axes @ upright, np.array(toward) @ upright, _LIGHT @ upright)
+    axes = np.array(compute_view_axes(TURN, TILT))
+    return Projection(axes @ upright, np.array(toward) @ upright, _LIGHT @ upright)
 
 
-# What of the part is in front: every pixel of a sheet knows the triangle that is seen there.
+# The visible triangle of each pixel of a sheet.
 
 #: Pixels of the longer side, and of the border around the part.
 _LONG, _BORDER = 1000, 3
-#: Of the part's size: what lies less behind a face is on it.
-_ON = 0.004
-#: Greys of a face away from the light and square to it.
+#: Depth below a face within which a point still counts as on it, as a fraction of the part's size.
+_SURFACE_FRACTION = 0.004
+#: Grey values of a face that faces away from the light, and of one that faces it.
 _DARK, _BRIGHT = 168.0, 244.0
 
 
-class Shaded(Struct, frozen=True, eq=False):
-    """front: (H, W) the triangle that is seen at a pixel, -1 for none; row 0 is the highest. low: (2,) mm of the lower
-    left pixel. per_px: mm. grey: (F,) of the triangles.
+class ShadedFaces(Struct, frozen=True, eq=False):
+    """The visible faces of a part as pixels.
+
+    front: (H, W) visible triangle of each pixel, -1 for none; row 0 is the highest.
+    low: (2,) place of the lower left pixel on the sheet, mm.
+    per_px: size of a pixel, mm.
+    grey: (F,) grey value of each triangle.
     """
 
     front: NDArray[np.int32]
@@ -72,68 +76,79 @@ class Shaded(Struct, frozen=True, eq=False):
     grey: NDArray[np.uint8]
 
     def pixels(self) -> NDArray[np.uint8]:
-        """(H, W, 4) blue, green, red and how opaque."""
+        """(H, W, 4) blue, green, red and opacity."""
         grey = np.append(self.grey, np.uint8(0))[self.front].astype(np.uint8)
         opaque = np.where(self.front >= 0, 255, 0).astype(np.uint8)
         return np.dstack([grey, grey, grey, opaque])
 
-    def spot(self, at: FloatArray) -> NDArray[np.int64]:
+    def spot(self, places: FloatArray) -> NDArray[np.int64]:
         """Row and column (N, 2) of places (N, 2) on the sheet."""
-        column, up = ((at - self.low) / self.per_px).T
+        column, up = ((places - self.low) / self.per_px).T
         return np.round(np.column_stack([len(self.front) - 1 - up, column])).astype(np.int64)
 
 
-def shade(solid: Solid, look: Look) -> Shaded:
-    """The faces of ``solid`` that look to the viewer, the nearer over the farther ones."""
-    at = look.place(solid.vertices)
-    low, size = at.min(axis=0), np.ptp(at, axis=0)
+def shade(solid: Solid, projection: Projection) -> ShadedFaces:
+    """Draw the faces of `solid` that face the viewer, from the farthest to the nearest."""
+    places = projection.place(solid.vertices)
+    low, size = places.min(axis=0), np.ptp(places, axis=0)
     per_px = float(size.max()) / _LONG
     low = low - _BORDER * per_px
-    wide, high = (int(v) + 2 * _BORDER + 1 for v in size / per_px)
-    front = np.full((high, wide), -1, np.int32)
-    across, up = ((at - low) / per_px).T
-    corners = np.round(np.column_stack([across, high - 1 - up]) * 16).astype(np.int32)[solid.faces]
-    depth = (solid.vertices @ look.toward)[solid.faces].mean(axis=1)
-    facing = np.flatnonzero(solid.normals @ look.toward > 0)
+    width, height = (int(v) + 2 * _BORDER + 1 for v in size / per_px)
+    front = np.full((height, width), -1, np.int32)
+    across, up = ((places - low) / per_px).T
+    corners = np.round(np.column_stack([across, height - 1 - up]) * 16)
+    triangles = corners.astype(np.int32)[solid.faces]
+    depth = (solid.vertices @ projection.toward)[solid.faces].mean(axis=1)
+    facing = np.flatnonzero(solid.normals @ projection.toward > 0)
     for face in facing[np.argsort(depth[facing], kind="stable")].tolist():
-        cv2.fillConvexPoly(front, corners[face], face, cv2.LINE_8, 4)
-    lit = np.clip(solid.normals @ look.light, 0.0, 1.0)
-    return Shaded(front, low, per_px, np.round(_DARK + (_BRIGHT - _DARK) * lit).astype(np.uint8))
+        cv2.fillConvexPoly(front, triangles[face], face, cv2.LINE_8, 4)
+    light = np.clip(solid.normals @ projection.light, 0.0, 1.0)
+    grey = np.round(_DARK + (_BRIGHT - _DARK) * light).astype(np.uint8)
+    return ShadedFaces(front, low, per_px, grey)
 
 
-def are_seen(shaded: Shaded, solid: Solid, look: Look, points: FloatArray) -> BoolArray:
-    """Which of ``points`` (N, 3) on the part no face hides: at one of the pixels around each nothing is before it."""
-    row, column = shaded.spot(look.place(points)).T
-    slack = _ON * float(np.linalg.norm(np.ptp(solid.vertices, axis=0)))
-    seen = np.zeros(len(points), dtype=bool)
+def find_visible(
+    shaded: ShadedFaces, solid: Solid, projection: Projection, points: FloatArray
+) -> BoolArray:
+    """Mask of the points (N, 3) on the part that no face hides.
+
+    A point is visible if no face covers it at its pixel, or at one of eight pixels around it.
+    """
+    row, column = shaded.spot(projection.place(points)).T
+    slack = _SURFACE_FRACTION * float(np.linalg.norm(np.ptp(solid.vertices, axis=0)))
+    visible = np.zeros(len(points), dtype=bool)
     for down in (-2, 0, 2):
-        for aside in (-2, 0, 2):
+        for right in (-2, 0, 2):
             r = np.clip(row + down, 0, shaded.front.shape[0] - 1)
-            c = np.clip(column + aside, 0, shaded.front.shape[1] - 1)
+            c = np.clip(column + right, 0, shaded.front.shape[1] - 1)
             face = shaded.front[r, c]
             normal, corner = solid.normals[face], solid.vertices[solid.faces[face, 0]]
-            before = ((corner - points) * normal).sum(axis=1) / np.maximum(
-                normal @ look.toward, 1e-9
-            )
-            seen |= (face < 0) | (before < slack)
-    return seen
+            slope = np.maximum(normal @ projection.toward, 1e-9)
+            depth = ((corner - points) * normal).sum(axis=1) / slope
+            visible |= (face < 0) | (depth < slack)
+    return visible
 
 
-# The edges, each with its number or, where it is left out, its id.
+# The edges with their numbers. An edge that is left out has its id.
 
-#: Of the part's size: pieces in which an edge is seen or not.
+#: Length of the pieces of an edge that are visible or hidden, as a fraction of the part's size.
 _PIECE = 1 / 120
-#: Where along an edge its number may stand.
+#: Positions along an edge at which its number may be, as fractions of its length, by preference.
 _PLACES = (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8)
-#: Of an edge: a number stands where it is seen if that is so much of it.
-_ENOUGH = 0.25
-#: So many edges are numbered.
+#: Fraction of an edge that has to be visible for its number to be there.
+_VISIBLE_FRACTION = 0.25
+#: Maximum number of edges that are numbered.
 NUMBERED = 200
 
 
 class FigureEdge(Struct, frozen=True, eq=False):
-    """text: its number in the order, counted from 1, or its id where it is left out; "" where it has neither. number:
-    counted from 0, -1 for none. state: as of ``ViewLine``. points: (N, 3), seen: (N - 1,) whether the pieces are.
+    """An edge of the figure.
+
+    text: its number in the order, from 1, or its id if it is left out; "" for neither.
+    number: index of its path, -1 for none.
+    state: state as in `ViewLine`.
+    points: (N, 3) points along it.
+    seen: (N - 1,) mask of its visible pieces.
     """
 
     text: str
@@ -144,83 +159,82 @@ class FigureEdge(Struct, frozen=True, eq=False):
 
     @property
     def middle(self) -> FloatArray:
-        """(3,) half-way along it."""
-        return _along(self.points, 0.5)
+        """(3,) point half-way along it."""
+        return _interpolate(self.points, 0.5)
 
 
-def figure_edges(view: View, solid: Solid, look: Look, shaded: Shaded | None) -> list[FigureEdge]:
-    """The edges of the part, in the order of the view. shaded: None where it does not matter what is hidden."""
+def list_figure_edges(
+    view: View, solid: Solid, projection: Projection, shaded: ShadedFaces | None
+) -> list[FigureEdge]:
+    """The edges of the part, in the order of the view. shaded: None treats all as visible."""
     numbers = {row.id: k for k, row in enumerate(view.rows)}
-    few = sum(line.state in ("done", "skipped") for line in view.lines) <= NUMBERED
-    most = float(np.linalg.norm(np.ptp(solid.vertices, axis=0))) * _PIECE
-    found = []
+    has_text = sum(line.state in ("done", "skipped") for line in view.lines) <= NUMBERED
+    max_step = float(np.linalg.norm(np.ptp(solid.vertices, axis=0))) * _PIECE
+    edges = []
     ends = np.cumsum(view.chains.counts)[:-1]
     for line, chain in zip(view.lines, np.split(view.chains.points, ends), strict=True):
         number = numbers.get(line.path or line.id, -1) if line.state == "done" else -1
-        text = (
-            str(number + 1)
-            if number >= 0
-            else line.id
-            if line.state in ("skipped", "wrong")
-            else ""
-        )
-        points = _cut_up(chain, most)
+        text = ""
+        if has_text and number >= 0:
+            text = str(number + 1)
+        elif has_text and line.state in ("skipped", "wrong"):
+            text = line.id
+        points = _subdivide(chain, max_step)
         middles = (points[1:] + points[:-1]) / 2
-        seen = (
-            np.ones(len(middles), bool)
-            if shaded is None
-            else are_seen(shaded, solid, look, middles)
-        )
-        found.append(FigureEdge(text if few else "", number, line.state, points, seen))
-    return found
+        seen = np.ones(len(middles), bool)
+        if shaded is not None:
+            seen = find_visible(shaded, solid, projection, middles)
+        edges.append(FigureEdge(text, number, line.state, points, seen))
+    return edges
 
 
-def _cut_up(chain: FloatArray, most: float) -> FloatArray:
-    """The chain with points no farther than ``most`` mm from each other."""
+def _subdivide(chain: FloatArray, max_step: float) -> FloatArray:
+    """The chain with additional points, so that no step is longer than `max_step` mm."""
     steps = np.linalg.norm(np.diff(chain, axis=0), axis=1)
-    parts = np.maximum(np.ceil(steps / most), 1).astype(np.int64)
-    at = np.concatenate(
-        [[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(parts.tolist()))]
-    )
-    return np.column_stack([np.interp(at, np.arange(len(chain)), column) for column in chain.T])
+    parts = np.maximum(np.ceil(steps / max_step), 1).astype(np.int64)
+    rows = [k + np.arange(1, n + 1) / n for k, n in enumerate(parts.tolist())]
+    places = np.concatenate([[0.0], *rows])
+    return np.column_stack([np.interp(places, np.arange(len(chain)), column) for column in chain.T])
 
 
-def _length(points: FloatArray) -> float:
+def _measure_length(points: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _along(points: FloatArray, share: float) -> FloatArray:
+def _interpolate(points: FloatArray, fraction: float) -> FloatArray:
     steps = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    return np.array([np.interp(share * steps[-1], steps, column) for column in points.T])
+    return np.array([np.interp(fraction * steps[-1], steps, column) for column in points.T])
 
 
-def runs(edge: FigureEdge) -> Iterator[tuple[bool, FloatArray]]:
-    """The edge in stretches that are seen or hidden, each with its points."""
-    for a, b in pairwise([*run_starts(edge.seen).tolist(), len(edge.seen)]):
-        yield bool(edge.seen[a]), edge.points[a : b + 1]
+def split_visibility(edge: FigureEdge) -> Iterator[tuple[bool, FloatArray]]:
+    """The stretches of the edge, each with whether it is visible and its points."""
+    for start, end in pairwise([*run_starts(edge.seen).tolist(), len(edge.seen)]):
+        yield bool(edge.seen[start]), edge.points[start : end + 1]
 
 
-def label_places(
-    edges: list[FigureEdge], look: Look, apart: float
+def place_labels(
+    edges: list[FigureEdge], projection: Projection, spacing: float
 ) -> list[tuple[FloatArray, bool]]:
-    """On the sheet (2,) where each edge's text stands, and whether it is seen there: on a seen stretch where there is
-    one, ``apart`` mm or more from the others where there is room.
+    """Choose the place (2,) of each edge's text on the sheet.
+
+    It is on the longest visible stretch if that is long enough, and at least `spacing` mm from the
+    other texts if there is room. Returns the places, each with whether the edge is visible there.
     """
     placed: list[FloatArray] = []
-    found = []
+    labels = []
     for edge in edges:
-        seen = max(
-            (points for shown, points in runs(edge) if shown), key=_length, default=edge.points[:1]
-        )
-        enough = _length(seen) >= _ENOUGH * _length(edge.points)
-        points = seen if enough else edge.points
-        spots = look.place(np.array([_along(points, share) for share in _PLACES]))
-        gaps = [
-            min((float(np.hypot(*(spot - other))) for other in placed), default=apart)
-            for spot in spots
-        ]
-        best = next((k for k, gap in enumerate(gaps) if gap >= apart), int(np.argmax(gaps)))
-        found.append((spots[best], enough))
+        visible = [points for is_seen, points in split_visibility(edge) if is_seen]
+        longest = max(visible, key=_measure_length, default=edge.points[:1])
+        is_visible = _measure_length(longest) >= _VISIBLE_FRACTION * _measure_length(edge.points)
+        points = longest if is_visible else edge.points
+        places = projection.place(np.array([_interpolate(points, k) for k in _PLACES]))
+        distances = np.full(len(places), spacing)
+        if placed:
+            offsets = places[:, None] - np.array(placed)
+            distances = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=1)
+        is_free = distances >= spacing
+        best = places[int(np.argmax(is_free) if is_free.any() else np.argmax(distances))]
+        labels.append((best, is_visible))
         if edge.text:
-            placed.append(spots[best])
-    return found
+            placed.append(best)
+    return labels

@@ -25,7 +25,7 @@ class FixtureView(Struct, frozen=True, eq=False):
     loops: tuple[FloatArray, ...]
 
 
-def see_fixtures(result: Built) -> tuple[FixtureView, ...]:
+def clip_fixtures(result: Built) -> tuple[FixtureView, ...]:
     """The fixtures around the part. A table far beyond it is cut off."""
     fixtures = result.cell.fixtures
     points = [contour.points for contour in result.part.contours]

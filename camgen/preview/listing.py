@@ -1,4 +1,4 @@
-"""The program's text for the page: its files, and in which line each motion and wait stands."""
+"""The text of a program for the page, with the line of each motion and wait."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from camgen.model.text import counted
 from camgen.preview import Built
 from camgen.preview.track import IntArray
 
-#: Of a longer program the page has no text: letters, and lines.
+#: Maximum number of characters and of lines of a text on the page.
 MOST_LETTERS, MOST_LINES = 8_000_000, 400_000
 
 
 class Listing(Struct, frozen=True, eq=False):
-    """files: name and text of each, LF line ends; none where they are too long, and why. lines: (E,) of the events,
-    counted from 1 through all files; 0 where an instruction has none.
+    """The text of a program.
+
+    files: name and text of each file, with LF line ends; empty if they are too long.
+    lines: (E,) line of each event, from 1 through all files; 0 for an instruction without a line.
+    why: reason why there is no text, empty with a text.
     """
 
     files: tuple[tuple[str, str], ...]
@@ -25,18 +28,17 @@ class Listing(Struct, frozen=True, eq=False):
 
 
 def list_program(result: Built, instruction: IntArray) -> Listing:
-    """The text of ``result``. instruction: (E,) of the events, their place in the body of the program."""
+    """The text of `result`. instruction: (E,) index of each event in the body of the program."""
     return list_texts([(file.name, file.text) for file in result.files], result.lines[instruction])
 
 
 def list_texts(files: Sequence[tuple[str, str]], lines: IntArray) -> Listing:
-    """The texts of ``files``, unless they are too long. lines: (E,) as in ``Listing``."""
+    """The texts of `files`, unless they are too long. lines: (E,) lines as in `Listing`."""
     letters = sum(len(text) for _, text in files)
     rows = sum(text.count("\n") for _, text in files)
     if letters > MOST_LETTERS or rows > MOST_LINES:
         names = ", ".join(name for name, _ in files)
         size = f"{counted(rows, 'line')}, {letters / 1e6:.0f} MB"
-        return Listing(
-            (), lines, f"{names}: too long for this page ({size}); open the file beside it"
-        )
+        why = f"{names}: too long for this page ({size}); open the file beside it"
+        return Listing((), lines, why)
     return Listing(tuple(files), lines)

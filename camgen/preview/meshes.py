@@ -1,4 +1,4 @@
-"""The meshes of an arm's links for the page: one a link, with no more triangles than a page can carry."""
+"""Meshes of the links of an arm for the page: one per link, with a limited number of triangles."""
 
 from __future__ import annotations
 
@@ -10,34 +10,38 @@ from camgen.model.pose import FloatArray
 from camgen.preview.track import IntArray
 from camgen.robots.models import Surface
 
-#: Triangles of a link at most; cells across a link, tried from the finest.
+#: Maximum number of triangles of a link; cells across a link, tried from the finest.
 MOST_FACES, _CELLS = 6000, (200, 120, 80, 50, 30, 20)
 
 
-def one_mesh(surfaces: Sequence[Surface]) -> tuple[FloatArray, IntArray] | None:
-    """Vertices (V, 3) in the link's frame, mm, and faces (F, 3) of all ``surfaces``, coarser where they have too many.
+def merge_surfaces(surfaces: Sequence[Surface]) -> tuple[FloatArray, IntArray] | None:
+    """Join the surfaces of a link, simplified if they have too many triangles.
 
-    None where there are none. What lies in one cell of a grid becomes one vertex, at their mean: J. Rossignac and
-    P. Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
+    All vertices in one cell of a grid become one vertex at their mean (J. Rossignac and P. Borrel,
+    Multi-resolution 3D approximations for rendering complex scenes, 1993).
+
+    Returns vertices (V, 3) in the frame of the link, mm, and faces (F, 3); None without surfaces.
     """
     if not surfaces:
         return None
-    first = np.cumsum([0, *(len(one.vertices) for one in surfaces[:-1])])
-    vertices = np.concatenate([one.vertices for one in surfaces])
-    faces = np.concatenate([one.faces + k for one, k in zip(surfaces, first.tolist(), strict=True)])
+    first = np.cumsum([0, *(len(surface.vertices) for surface in surfaces[:-1])]).tolist()
+    vertices = np.concatenate([surface.vertices for surface in surfaces])
+    faces = np.concatenate([surface.faces + k for surface, k in zip(surfaces, first, strict=True)])
     low, size = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max())
-    found = vertices, faces
+    mesh = vertices, faces
     for cells in _CELLS:
-        if len(found[1]) <= MOST_FACES:
+        if len(mesh[1]) <= MOST_FACES:
             break
-        found = _cluster(
-            vertices, faces, np.floor((vertices - low) / max(size / cells, 1e-6)).astype(np.int64)
-        )
-    return found
+        cell = np.floor((vertices - low) / max(size / cells, 1e-6)).astype(np.int64)
+        mesh = _cluster(vertices, faces, cell)
+    return mesh
 
 
 def _cluster(vertices: FloatArray, faces: IntArray, cell: IntArray) -> tuple[FloatArray, IntArray]:
-    """The mesh with one vertex for each cell (V, 3); triangles that lie in two cells are gone, and doubled ones."""
+    """The mesh with one vertex per cell; cell: (V, 3) cell of each vertex.
+
+    Triangles with two corners in one cell are removed, and all but the first of equal triangles.
+    """
     _, group, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
     group = group.ravel()
     mean = np.column_stack([np.bincount(group, column) / count for column in vertices.T])

@@ -1,87 +1,74 @@
-"""How parts, tours and results draw themselves in a notebook: seen from above, to scale."""
+"""Draws parts, tours and results in a notebook, seen from above and to scale."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from camgen.model.drawing import draw_svg
 from camgen.model.part import Line, Part
 from camgen.model.path import Tour
-from camgen.preview.curves import of_spans
+from camgen.preview.curves import trace_spans
 from camgen.preview.draw import (
     PageChains,
     Paper,
-    bounds,
-    by_order,
-    of_contours,
-    of_paths,
-    path_data,
+    choose_colour,
+    format_path_data,
+    make_contour_chains,
+    make_line_chains,
+    make_path_chains,
+    measure_bounds,
 )
 
-#: The picture is made as large as fits in here, px, with a margin around it.
+#: Maximum width and height of the picture, and the margin around its content, px.
 _SIZE, _MARGIN = 480.0, 12.0
 _PART = "#80868b"
 
 
 @draw_svg.register
 def _draw_part(part: Part) -> str:
-    """Contours, or edges and curves from above."""
-    return _draw([(chains, [_PART] * len(chains.first)) for chains in _chains(part)])
+    """Contours, or edges and curves, from above."""
+    return _draw([(chains, [_PART] * len(chains.first)) for chains in _make_chains(part)])
 
 
 @draw_svg.register
 def _draw_tour(tour: Tour) -> str:
-    """Paths in the colours of their order, and the ways between them."""
+    """Paths in the colours of their order, and the links between them."""
     count = len(tour.paths)
     if not count:
         return _draw([])
-    ends = [
-        np.stack([a.position[-1, :2], b.position[0, :2]])
-        for a, b in zip(tour.paths, tour.paths[1:], strict=False)
-    ]
-    ways = (
-        PageChains(
-            np.concatenate(ends),
-            np.zeros(2 * len(ends)),
-            np.arange(0, 2 * len(ends), 2, dtype=np.int64),
-        )
-        if ends
-        else None
-    )
-    travel = [(ways, ["#dadce0"] * len(ends))] if ways else []
-    return _draw([*travel, (of_paths(tour.paths), [by_order(k, count) for k in range(count)])])
+    ends = [np.stack([a.position[-1, :2], b.position[0, :2]]) for a, b in pairwise(tour.paths)]
+    links = make_line_chains(ends)
+    colours = [choose_colour(k, count) for k in range(count)]
+    return _draw([(links, ["#dadce0"] * len(ends)), (make_path_chains(tour.paths), colours)])
 
 
-def _chains(part: Part) -> list[PageChains]:
+def _make_chains(part: Part) -> list[PageChains]:
     lines: Sequence[Line] = part.curves or (part.solid.edges if part.solid else ())
     if not lines:
-        return [of_contours(part.contours)] if part.contours else []
+        return [make_contour_chains(part.contours)] if part.contours else []
     size = float(np.linalg.norm(np.ptp(np.concatenate([line.points for line in lines]), axis=0)))
-    spans = of_spans([(line.points, line.via) for line in lines], 1e-3 * size)
+    spans = trace_spans([(line.points, line.via) for line in lines], 1e-3 * size)
+    if not len(spans.points):
+        return []
     first = np.cumsum([0, *spans.counts[:-1].tolist()])
-    return (
-        [PageChains(spans.points[:, :2], np.zeros(len(spans.points)), first)]
-        if len(spans.points)
-        else []
-    )
+    return [PageChains(spans.points[:, :2], np.zeros(len(spans.points)), first)]
 
 
 def _draw(groups: Sequence[tuple[PageChains, Sequence[str]]]) -> str:
     """Chains, each in its colour, as one picture."""
-    low, high = bounds([chains for chains, _ in groups])
-    wide, tall = (max(float(v), 1e-6) for v in high - low)
-    scale = (_SIZE - 2 * _MARGIN) / max(wide, tall)
-    width, height = wide * scale + 2 * _MARGIN, tall * scale + 2 * _MARGIN
+    low, high = measure_bounds([chains for chains, _ in groups])
+    size = [max(float(v), 1e-6) for v in high - low]
+    scale = (_SIZE - 2 * _MARGIN) / max(size)
+    width, height = (length * scale + 2 * _MARGIN for length in size)
     page = Paper(scale, _MARGIN - float(low[0]) * scale, _MARGIN + float(high[1]) * scale)
-    lines = [
-        f'<path d="{data}" stroke="{colour}"/>'
-        for chains, colours in groups
-        for data, colour in zip(path_data(chains, page), colours, strict=True)
-    ]
+    lines = []
+    for chains, colours in groups:
+        for data, colour in zip(format_path_data(chains, page), colours, strict=True):
+            lines.append(f'<path d="{data}" stroke="{colour}"/>')
     box = f'width="{width:.0f}" height="{height:.0f}" viewBox="0 0 {width:.2f} {height:.2f}"'
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" {box}><g fill="none" stroke-width="1.2" stroke-linejoin="round">'
-        f"{''.join(lines)}</g></svg>"
-    )
+    style = 'fill="none" stroke-width="1.2" stroke-linejoin="round"'
+    start = f'<svg xmlns="http://www.w3.org/2000/svg" {box}><g {style}>'
+    return f"{start}{''.join(lines)}</g></svg>"

@@ -1,8 +1,9 @@
-"""The notes of a build as a preview has them: with the lines, the paths and the places that each is about."""
+"""The notes of a build, with the lines, paths and places of the preview that each is about."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Protocol
 
 from msgspec import Struct
@@ -13,9 +14,16 @@ from camgen.model.pose import Vec3
 
 
 class ViewNote(Struct, frozen=True):
-    """kind: that of a note, or the level of a finding. lines, paths: rows of the view that it is about. places: work
-    frame, mm. strict: --strict makes it an error. text: the line of the program that it is about, counted from 1
-    through all files, 0: none.
+    """A note of a build, or a finding of a program.
+
+    kind: kind of the note, or level of the finding.
+    what: its text.
+    why: its reason or remedy.
+    strict: whether --strict makes it an error.
+    lines: indices of the lines of the view that it is about.
+    paths: indices of the paths that it is about.
+    places: places in the work frame, mm.
+    text: line of the program that it is about, from 1 through all files; 0 for none.
     """
 
     kind: str
@@ -29,7 +37,7 @@ class ViewNote(Struct, frozen=True):
 
 
 class _Line(Protocol):
-    """What is needed of a line of a view."""
+    """The fields of `ViewLine` that are used here."""
 
     @property
     def id(self) -> str: ...
@@ -37,35 +45,39 @@ class _Line(Protocol):
     def state(self) -> str: ...
 
 
-def see_notes(
+def link_notes(
     notes: Sequence[Note], lines: Sequence[_Line], paths: Sequence[str]
 ) -> tuple[ViewNote, ...]:
-    """``notes`` in their order. lines: of the view, the rings around places of notes among them, in the order of those.
+    """Link notes to the lines and paths that they are about; their order is kept.
 
-    paths: their ids. A note on what was left out is about the parts of a line that were left out, where it was run in
-    part.
+    lines: lines of the view. They include the rings around the places of the notes, in the order of
+        the notes.
+    paths: ids of the paths.
+
+    A note on a line of which a part is left out is linked to that part alone.
     """
     by_id: dict[str, list[int]] = {}
     for k, line in enumerate(lines):
         by_id.setdefault(line.id, []).append(k)
     rings = iter([k for k, line in enumerate(lines) if line.state in ("wrong", "noted")])
     path_of = {ident: k for k, ident in enumerate(paths)}
-    found = []
+    linked = []
     for note in notes:
-        own = [k for ident in note.ids for k in by_id.get(clean(ident), ())]
-        left = [k for k in own if lines[k].state == "skipped"]
-        if note.kind == "skipped" and left:
-            own = left
-        own += [ring for _, ring in zip(note.places, rings, strict=False)]
-        found.append(
-            ViewNote(
-                note.kind,
-                clean(note.what),
-                clean(note.why),
-                note.fails_strict,
-                tuple(own),
-                tuple(path_of[clean(ident)] for ident in note.ids if clean(ident) in path_of),
-                tuple((x, y, 0.0) for x, y in note.places),
-            )
+        ids = [clean(ident) for ident in note.ids]
+        rows = list(chain.from_iterable(by_id.get(ident, ()) for ident in ids))
+        skipped = [k for k in rows if lines[k].state == "skipped"]
+        if note.kind == "skipped" and skipped:
+            rows = skipped
+        # The number of rings that are taken is the number of places of the note.
+        rows += [ring for _, ring in zip(note.places, rings, strict=False)]
+        view_note = ViewNote(
+            note.kind,
+            clean(note.what),
+            clean(note.why),
+            note.fails_strict,
+            tuple(rows),
+            tuple(path_of[ident] for ident in ids if ident in path_of),
+            tuple((x, y, 0.0) for x, y in note.places),
         )
-    return tuple(found)
+        linked.append(view_note)
+    return tuple(linked)

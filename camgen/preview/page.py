@@ -1,4 +1,7 @@
-"""The page: one file that needs no other and no network. What it shows goes in as data, never as markup or script."""
+"""Writes a view as one HTML file that needs no other file and no network.
+
+The content of the view is embedded as data, never as markup or script.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +22,14 @@ from camgen.geometry.ragged import run_starts
 from camgen.model.errors import one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, Pose
-from camgen.preview.meshes import one_mesh
+from camgen.preview.meshes import merge_surfaces
 from camgen.preview.stock import Mark
 from camgen.preview.view import View
 from camgen.robots.models import Link
 
-#: Those that run before the browser reads the data: it prepares what draws meanwhile.
+#: Scripts that run before the browser reads the data. They set up the drawing meanwhile.
 _FIRST = ("space.js", "gl.js", "lines.js", "detail.js", "bodies.js")
-#: The scripts in the order in which they run, in one scope.
+#: All other scripts in the order in which they run, in one scope.
 _SCRIPTS = (
     "data.js",
     "theme.js",
@@ -44,14 +47,17 @@ _SCRIPTS = (
     "host.js",
     "viewer.js",
 )
-#: Before the last one, only in pages that need them: what plays the cut, what lays a picture under the paths, and what
-#: changes the order and the seams of paths.
+#: Scripts before the last one, only for pages that need them: material removal, the picture under
+#: the paths, and the changes of order and seams.
 _CUT, _PHOTO, _EDIT = "stock.js", "photo.js", "edit.js"
 
 
 class Edits(Struct, frozen=True):
-    """What the workbench lets the user change, by path. seams: x, y, z (mm) where a closed path begins, None for
-    others. pinned: whether the job says so. ordered: whether it says when the path runs.
+    """The properties of paths that the user may change in the workbench, one value per path.
+
+    seams: x, y, z (mm) of the start of a closed path; None for an open one.
+    pinned: whether the job sets the seam.
+    ordered: whether the job sets the position of the path in the order.
     """
 
     seams: tuple[tuple[float, float, float] | None, ...]
@@ -60,54 +66,57 @@ class Edits(Struct, frozen=True):
 
 
 def page(view: View, edits: Edits | None = None) -> str:
-    """The preview as HTML text. Same view, same text. edits: only in the workbench."""
-    style = _asset("viewer.css")
-    first = '"use strict";\n' + "\n".join(map(_asset, _FIRST))
+    """The view as HTML text. Equal views give equal texts.
+
+    edits: changes that the user of the workbench may make; None for any other page.
+    """
+    style = _read_asset("viewer.css")
+    first = '"use strict";\n' + "\n".join(map(_read_asset, _FIRST))
     needed = {_CUT: _has_cut(view), _PHOTO: view.photo is not None, _EDIT: edits is not None}
-    names = [
-        *_SCRIPTS[:-1],
-        *(name for name, is_needed in needed.items() if is_needed),
-        _SCRIPTS[-1],
-    ]
-    script = '(() => {\n"use strict";\n' + "\n".join(map(_asset, names)) + "})();\n"
-    filled = {
+    extra = [name for name, is_needed in needed.items() if is_needed]
+    names = [*_SCRIPTS[:-1], *extra, _SCRIPTS[-1]]
+    script = '(() => {\n"use strict";\n' + "\n".join(map(_read_asset, names)) + "})();\n"
+    values = {
         "title": escape(one_line(view.title)),
         "policy": "default-src 'none'; img-src data: blob:; "
         f"script-src {_hash(first)} {_hash(script)}; style-src {_hash(style)}",
         "style": style,
         "first": first,
-        "data": _data(view, edits),
+        "data": _encode_view(view, edits),
         "script": script,
     }
-    pieces = _asset("index.html").split("@@")
-    return "".join(filled[piece] if k % 2 else piece for k, piece in enumerate(pieces))
+    pieces = _read_asset("index.html").split("@@")
+    return "".join(values[piece] if k % 2 else piece for k, piece in enumerate(pieces))
 
 
 @cache
-def _asset(name: str) -> str:
+def _read_asset(name: str) -> str:
     return (resources.files("camgen.preview") / "web" / name).read_text(encoding="utf-8")
 
 
 def _hash(text: str) -> str:
-    """What a content security policy calls this very text."""
+    """The hash of a text as a source of a content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
-def _data(view: View, edits: Edits | None) -> str:
-    """The view as JSON that can stand inside a script element: nothing in it can end the element."""
-    text = msgspec.json.encode(_plain(view, edits)).decode()
+def _encode_view(view: View, edits: Edits | None) -> str:
+    """The view as JSON for a script element, without characters that could end the element."""
+    text = msgspec.json.encode(_list_view(view, edits)).decode()
     for mark in "<>&\u2028\u2029":
         text = text.replace(mark, f"\\u{ord(mark):04x}")
     return text
 
 
-def _plain(view: View, edits: Edits | None) -> dict[str, object]:
-    """The view as plain data. Points are told from ``origin``, so that 32 bits are enough for them."""
-    way, chains = view.track, view.chains
-    shown = [way.position, chains.points, *([view.solid.vertices] if view.solid else [])]
-    every = np.concatenate(shown)
-    origin = np.round((every.min(axis=0) + every.max(axis=0)) / 2) if len(every) else np.zeros(3)
-    motions = way.events
+def _list_view(view: View, edits: Edits | None) -> dict[str, object]:
+    """The view as plain data. Points are relative to their middle, so that 32 bits are enough."""
+    track, chains = view.track, view.chains
+    points = np.concatenate(
+        [track.position, chains.points, *([view.solid.vertices] if view.solid else [])]
+    )
+    origin = np.zeros(3)
+    if len(points):
+        origin = np.round((points.min(axis=0) + points.max(axis=0)) / 2)
+    events = track.events
     return {
         "title": one_line(view.title),
         "facts": view.facts,
@@ -118,12 +127,12 @@ def _plain(view: View, edits: Edits | None) -> dict[str, object]:
             "rows": view.lines,
         },
         "flat": view.flat,
-        "solid": view.solid and _mesh(view.solid, origin),
+        "solid": view.solid and _pack_mesh(view.solid, origin),
         "paths": view.rows,
-        **_cut(view, origin),
-        **_photo(view, origin),
-        **_edits(edits, origin),
-        "numbers": _numbers(view, origin),
+        **_list_cut(view, origin),
+        **_list_photo(view, origin),
+        **_list_edits(edits, origin),
+        "numbers": _list_numbers(view, origin),
         "notes": [
             [
                 note.kind,
@@ -143,44 +152,44 @@ def _plain(view: View, edits: Edits | None) -> dict[str, object]:
             "why": one_line(view.listing.why),
         },
         "track": {
-            "position": _pack(way.position - origin),
-            "axis": _pack_runs(way.axis),
-            "time": _pack(way.time),
-            "event": _pack_runs(way.event, np.uint32, steps=True),
-            "instruction": _pack_runs(motions.instruction, np.uint32, steps=True),
-            "kind": _pack_runs(motions.kind, np.uint8),
-            "path": _pack_runs(motions.path, np.int32),
-            "feed": _pack_runs(motions.feed),
-            "force": _pack_runs(motions.force),
+            "position": _pack(track.position - origin),
+            "axis": _pack_runs(track.axis),
+            "time": _pack(track.time),
+            "event": _pack_runs(track.event, np.uint32, steps=True),
+            "instruction": _pack_runs(events.instruction, np.uint32, steps=True),
+            "kind": _pack_runs(events.kind, np.uint8),
+            "path": _pack_runs(events.path, np.int32),
+            "feed": _pack_runs(events.feed),
+            "force": _pack_runs(events.force),
         },
-        **_executed(view, origin),
-        "switches": [[one.time, clean(one.signal), one.value] for one in view.switches],
+        **_list_executed(view, origin),
+        "switches": [[switch.time, clean(switch.signal), switch.value] for switch in view.switches],
         "tool": {
             "diameter": view.diameter,
-            "flange_from_tool": _pose(view.flange_from_tool),
-            "bodies": _links(view.bodies),
+            "flange_from_tool": _list_pose(view.flange_from_tool),
+            "bodies": _list_links(view.bodies),
         },
-        "standing": _links(view.standing),
-        "meshes": [[name, _mesh(shape, origin)] for name, shape in view.meshes],
-        "arm": _arm(view),
+        "standing": _list_links(view.standing),
+        "meshes": [[name, _pack_mesh(shape, origin)] for name, shape in view.meshes],
+        "arm": _list_arm(view),
     }
 
 
-def _executed(view: View, origin: FloatArray) -> dict[str, object]:
+def _list_executed(view: View, origin: FloatArray) -> dict[str, object]:
     if view.executed is None:
         return {}
     points, counts = view.executed.points - origin, view.executed.counts.tolist()
     return {"executed": {"points": _pack(points), "counts": counts}}
 
 
-def _photo(view: View, origin: FloatArray) -> dict[str, object]:
+def _list_photo(view: View, origin: FloatArray) -> dict[str, object]:
     if view.photo is None:
         return {}
     corners = np.column_stack([view.photo.corners, np.zeros(4)]) - origin
     return {"photo": {"address": view.photo.address, "corners": corners.tolist()}}
 
 
-def _edits(edits: Edits | None, origin: FloatArray) -> dict[str, object]:
+def _list_edits(edits: Edits | None, origin: FloatArray) -> dict[str, object]:
     if edits is None:
         return {}
     seams = [place and (np.array(place) - origin).tolist() for place in edits.seams]
@@ -195,98 +204,111 @@ def _has_tools(view: View) -> bool:
     return view.stock is not None or len(view.tools) > 1
 
 
-def _cut(view: View, origin: FloatArray) -> dict[str, object]:
-    """The stock, the tools with the one of each event, and the marks; nothing for one tool without a stock."""
-    found: dict[str, object] = {}
+def _list_cut(view: View, origin: FloatArray) -> dict[str, object]:
+    """The stock, the tools with that of each event, and the marks.
+
+    Tools are left out for a program with one tool and without a stock.
+    """
+    tables: dict[str, object] = {}
     if _has_tools(view):
-        found["tools"] = [
+        tables["tools"] = [
             {
                 "diameter": tool.diameter,
                 "profile": tool.profile,
-                "flange_from_tool": _pose(tool.frame),
+                "flange_from_tool": _list_pose(tool.frame),
             }
             for tool in view.tools
         ]
-        found["tool_of"] = _pack_runs(view.tool_of, np.uint8)
+        tables["tool_of"] = _pack_runs(view.tool_of, np.uint8)
     if view.stock:
-        found["stock"] = {
+        tables["stock"] = {
             "low": (view.stock.low - origin).tolist(),
             "high": (view.stock.high - origin).tolist(),
         }
     if view.marks:
-        found["marks"] = [
+        tables["marks"] = [
             {
                 "kind": mark.kind,
-                "number": mark.number,
+                "number": mark.width,
                 "text": one_line(mark.text),
-                **_fill(mark, origin),
+                **_pack_mark(mark, origin),
             }
             for mark in view.marks
         ]
-    return found
+    return tables
 
 
-def _fill(mark: Mark, origin: FloatArray) -> dict[str, str]:
-    """The outline of a mark and the triangles in it, as points."""
-    from shapely import Polygon, constrained_delaunay_triangles, get_coordinates, get_parts  # noqa: PLC0415 (slow)
+def _pack_mark(mark: Mark, origin: FloatArray) -> dict[str, str]:
+    """The outline of a mark, and the corners of the triangles inside it."""
+    import shapely  # noqa: PLC0415 (slow, only for marks)
 
-    around = np.vstack([mark.polygon, mark.polygon[:1]])
-    corners = get_parts(constrained_delaunay_triangles(Polygon(mark.polygon, mark.holes).buffer(0)))
-    inside = get_coordinates(corners).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
-    lifted = (
-        np.column_stack([flat, np.full(len(flat), mark.z)]) - origin for flat in (around, inside)
-    )
-    return dict(zip(("outline", "triangles"), map(_pack, lifted), strict=True))
+    polygon = shapely.Polygon(mark.polygon, mark.holes).buffer(0)
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    loops = {
+        "outline": np.vstack([mark.polygon, mark.polygon[:1]]),
+        # A triangle has its first corner again as its fourth one.
+        "triangles": shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3].reshape(-1, 2),
+    }
+    return {
+        name: _pack(np.column_stack([points, np.full(len(points), mark.z)]) - origin)
+        for name, points in loops.items()
+    }
 
 
-def _numbers(view: View, origin: FloatArray) -> list[object]:
-    """Of the edges of a 3-D part: number or id, where it stands, the path that runs it, -1 for none."""
+def _list_numbers(view: View, origin: FloatArray) -> list[object]:
+    """The labelled edges of a 3-D part.
+
+    Each has its number or id, the place of the label, and the index of its path, -1 for none.
+    """
     if view.solid is None:
         return []
-    from camgen.preview.figure import figure_edges, oblique  # noqa: PLC0415 (loads OpenCV, only for 3-D parts)
+    from camgen.preview.figure import list_figure_edges, make_oblique  # noqa: PLC0415 (OpenCV)
 
-    edges = figure_edges(view, view.solid, oblique(), None)
+    edges = list_figure_edges(view, view.solid, make_oblique(), None)
     return [
         [edge.text, *(edge.middle - origin).tolist(), edge.number] for edge in edges if edge.text
     ]
 
 
-def _arm(view: View) -> dict[str, object] | None:
+def _list_arm(view: View) -> dict[str, object] | None:
     if view.arm is None:
         return None
     robot = view.arm.robot
     return {
         "name": robot.name,
-        "work_from_base": _pose(view.base_from_work.inverse()),
-        "flange": _pose(robot.flange),
+        "work_from_base": _list_pose(view.base_from_work.inverse()),
+        "flange": _list_pose(robot.flange),
         "coupling": robot.coupling.tolist(),
-        "joints": [[j.name, j.sliding, _pose(j.previous_from_joint), j.axis] for j in robot.joints],
+        "joints": [
+            [j.name, j.sliding, _list_pose(j.previous_from_joint), j.axis] for j in robot.joints
+        ],
         "links": [
-            [*told, _surface(link)]
-            for told, link in zip(_links(robot.links), robot.links, strict=True)
+            [*row, _pack_surfaces(link)]
+            for row, link in zip(_list_links(robot.links), robot.links, strict=True)
         ],
         "values": _pack(view.arm.joints),
         "time": _pack(view.arm.time),
     }
 
 
-def _surface(link: Link) -> dict[str, str] | None:
-    found = one_mesh(link.surfaces)
-    return found and {"vertices": _pack(found[0]), "faces": _pack(found[1], np.uint32)}
+def _pack_surfaces(link: Link) -> dict[str, str] | None:
+    mesh = merge_surfaces(link.surfaces)
+    return mesh and {"vertices": _pack(mesh[0]), "faces": _pack(mesh[1], np.uint32)}
 
 
-def _links(links: Sequence[Link]) -> list[list[object]]:
-    """Name, then pose and half edges of each box."""
-    return [
-        [link.name, [[_pose(box.link_from_box), box.half] for box in link.boxes]] for link in links
-    ]
+def _list_links(links: Sequence[Link]) -> list[list[object]]:
+    """The name of each link, then pose and half edges of each of its boxes."""
+    rows: list[list[object]] = []
+    for link in links:
+        rows.append([link.name, [[_list_pose(box.link_from_box), box.half] for box in link.boxes]])
+    return rows
 
 
-def _mesh(solid: Solid, origin: FloatArray) -> dict[str, str]:
+def _pack_mesh(solid: Solid, origin: FloatArray) -> dict[str, str]:
     return {"vertices": _pack(solid.vertices - origin), "faces": _pack(solid.faces, np.uint32)}
 
 
-def _pose(pose: Pose) -> list[float]:
+def _list_pose(pose: Pose) -> list[float]:
     """Twelve numbers: the rotation by rows, then the origin."""
     return [*pose.rotation.ravel().tolist(), *pose.origin]
 
@@ -301,15 +323,17 @@ def _pack(values: NDArray[np.generic], kind: type[np.generic] = np.float32) -> s
 def _pack_runs(
     values: NDArray[np.generic], kind: type[np.generic] = np.float32, steps: bool = False
 ) -> str | dict[str, object]:
-    """Rows that come many times after each other once, with how often; as ``_pack`` where that is no shorter.
+    """Run-length encoding: each row once, with the number of its repetitions.
 
-    steps: whole numbers by their steps from one to the next, the first from 0.
+    steps: encode the differences of whole numbers, the first from 0.
+
+    Returns the result of `_pack` if that is not longer.
     """
     rows = values.astype(kind).reshape(len(values), -1)
-    told = np.diff(rows.astype(np.int64), axis=0, prepend=0) if steps else rows
-    begun = run_starts(told)
-    if 2 * len(begun) > len(told):
+    encoded = np.diff(rows.astype(np.int64), axis=0, prepend=0) if steps else rows
+    starts = run_starts(encoded)
+    if 2 * len(starts) > len(encoded):
         return _pack(rows, kind)
-    counts = np.diff(np.append(begun, len(told)))
-    own = _pack(told[begun], np.int32) if steps else _pack(told[begun], kind)
-    return {"counts": _pack(counts, np.uint32), "values": own, "steps": steps}
+    counts = np.diff(np.append(starts, len(encoded)))
+    packed = _pack(encoded[starts], np.int32 if steps else kind)
+    return {"counts": _pack(counts, np.uint32), "values": packed, "steps": steps}

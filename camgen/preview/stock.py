@@ -1,6 +1,6 @@
-"""The material that a program cuts from, and the tools that it does it with, for the page that plays the cut.
+"""The stock and the tools of a program, for the material removal on the page.
 
-A stock is a box; what is left of it follows from the tools along the way of the program, which the page works out.
+A stock is a box. The page itself computes the material that is left after each motion.
 """
 
 from __future__ import annotations
@@ -22,21 +22,24 @@ from camgen.plan.steps import name_of
 from camgen.preview import Built
 from camgen.preview.track import IntArray
 
-#: Tools that leave a shape of their own in the material, with the angle at the tip where the job names none, deg.
+#: Tools that remove material by their shape, with the tip angle if the job states none, deg.
 _MILLS = {"end mill": 180.0, "ball mill": 180.0, "bull nose": 180.0, "drill": 118.0, "v": 90.0}
-#: Operations that run on a part that is there already.
+#: Operations on a part that already has its shape.
 _FINISHED = ("edges", "replay")
-#: Points of the outline of a round tool between its tip and its side.
+#: Points of the profile of a round tool between its tip and its side.
 _ROUND_POINTS = 24
-#: So many places of excess are shown.
-_MOST_MARKS = 200
-#: Tool z leans by less than about a hundredth of a degree, as 1 - cos of it.
+#: Maximum number of marks on the page.
+_MAX_MARKS = 200
+#: Angle between tool z and the vertical, as 1 - cos of it, that still counts as vertical: about a
+#: hundredth of a degree.
 _STRAIGHT = 1e-8
 
 
 class Stock(Struct, frozen=True, eq=False):
-    """A box of material, work frame, mm: low, high (3,). assumed: its thickness is the greatest depth of the program,
-    the job says none.
+    """A box of material in the work frame.
+
+    low, high: (3,) corners, mm.
+    assumed: whether the thickness is the largest depth of the program, since the job states none.
     """
 
     low: FloatArray
@@ -45,9 +48,14 @@ class Stock(Struct, frozen=True, eq=False):
 
 
 class Cutter(Struct, frozen=True, eq=False):
-    """A tool: name, kind, diameter in mm. profile: what turns about its axis, radius and height above the tip, mm, from
-    the tip to the side; nothing for a tool that takes no material away by its shape (a laser, a pen). frame: of its tip
-    at the flange.
+    """A tool.
+
+    name: its name.
+    kind: its kind, as in the job.
+    diameter: its diameter, mm.
+    profile: radius and height above the tip, mm, of the points of its outline from the tip to the
+        side; empty for a tool that removes no material by its shape, such as a laser or a pen.
+    frame: its frame at the flange.
     """
 
     name: str
@@ -58,8 +66,11 @@ class Cutter(Struct, frozen=True, eq=False):
 
 
 class Cutters(Struct, frozen=True, eq=False):
-    """The tools of a program. paths: (P,) the tool of each path. operations: what each path is of, "" where the job
-    has one operation.
+    """The tools of a program.
+
+    tools: each tool once, in the order of use.
+    paths: (P,) index of the tool of each path.
+    operations: name of the operation of each path, "" for a job with one operation.
     """
 
     tools: tuple[Cutter, ...]
@@ -68,30 +79,35 @@ class Cutters(Struct, frozen=True, eq=False):
 
 
 class Mark(Struct, frozen=True, eq=False):
-    """What a proof on the stock found at a level. kind: "gouge" (material of the part is gone) or "excess" (material is
-    left that should be gone). polygon: (N, 2), work frame, mm, its last point not the first again; holes: such ones
-    within it. z: its height, mm. number: how much, mm. text: what is said of it.
+    """A finding of the stock proof at one height.
+
+    kind: "gouge" for material of the part that is gone, "excess" for rest material.
+    polygon: (N, 2) outline in the work frame, mm, without its first point again at the end.
+    z: its height, mm.
+    width: largest width of the finding, mm.
+    text: description of the finding.
+    holes: outlines of the holes in the polygon.
     """
 
     kind: str
     polygon: FloatArray
     z: float
-    number: float
+    width: float
     text: str
     holes: tuple[FloatArray, ...] = ()
 
 
-def profile_of(tool: ToolTable) -> tuple[tuple[float, float], ...]:
-    """The outline of a tool from its tip to its side, as in ``Cutter``."""
+def compute_profile(tool: ToolTable) -> tuple[tuple[float, float], ...]:
+    """The profile of a tool, as in `Cutter`."""
     if tool.kind not in _MILLS:
         return ()
     radius = tool.radius
     corner = {"ball mill": radius, "bull nose": min(tool.corner_radius, radius)}.get(tool.kind, 0.0)
     if corner:
-        turns = np.linspace(0.0, math.pi / 2, _ROUND_POINTS)
+        angles = np.linspace(0.0, math.pi / 2, _ROUND_POINTS)
         return tuple(
             (radius - corner + corner * math.sin(a), corner - corner * math.cos(a))
-            for a in turns.tolist()
+            for a in angles.tolist()
         )
     angle = tool.tip_angle if tool.kind in ("drill", "v") and tool.tip_angle else _MILLS[tool.kind]
     flat = min(tool.tip_diameter / 2, radius) if tool.kind == "v" else 0.0
@@ -100,16 +116,13 @@ def profile_of(tool: ToolTable) -> tuple[tuple[float, float], ...]:
     return ((0.0, 0.0), (flat, 0.0), (radius, (radius - flat) / math.tan(math.radians(angle / 2))))
 
 
-def cutters_of(result: Built) -> Cutters:
+def list_cutters(result: Built) -> Cutters:
     """The tools of a build, each once, in the order in which they are used."""
     tour = result.tour
     if not isinstance(tour, JobTour):
         count = len(tour.paths)
-        return Cutters(
-            (_cutter(result.job.tool, result.program.flange_from_tool),),
-            np.zeros(count, dtype=np.int64),
-            ("",) * count,
-        )
+        cutter = _make_cutter(result.job.tool, result.program.flange_from_tool)
+        return Cutters((cutter,), np.zeros(count, dtype=np.int64), ("",) * count)
     tools: list[ToolTable] = []
     owner: list[int] = []
     operations: list[str] = []
@@ -117,68 +130,73 @@ def cutters_of(result: Built) -> Cutters:
         if step.tool not in tools:
             tools.append(step.tool)
         owner += [tools.index(step.tool)] * len(part.paths)
-        operations += [clean(name_of(result.job, number).removeprefix("operation "))] * len(
-            part.paths
-        )
+        name = clean(name_of(result.job, number).removeprefix("operation "))
+        operations += [name] * len(part.paths)
     return Cutters(
-        tuple(_cutter(tool, _frame_of(result, tool)) for tool in tools),
+        tuple(_make_cutter(tool, _find_frame(result, tool)) for tool in tools),
         np.array(owner, dtype=np.int64),
         tuple(operations),
     )
 
 
-def _frame_of(result: Built, tool: ToolTable) -> Pose:
-    """The frame at the flange of a tool that the program changes to, else that of the program."""
-    changes = (item for item in result.program.body if isinstance(item, ToolChange))
-    own = next(
-        (item for item in changes if (item.number, item.name) == (tool.number, tool.name)), None
-    )
-    return (own and own.flange_from_tool) or result.program.flange_from_tool
+def _find_frame(result: Built, tool: ToolTable) -> Pose:
+    """The frame of the tool in its tool change, or that of the program if the change has none."""
+    program = result.program
+    for change in program.body:
+        if isinstance(change, ToolChange) and (change.number, change.name) == (
+            tool.number,
+            tool.name,
+        ):
+            return change.flange_from_tool or program.flange_from_tool
+    return program.flange_from_tool
 
 
-def _cutter(tool: ToolTable, frame: Pose) -> Cutter:
-    name = tool.name or (
-        f"T{tool.number}" if tool.number else f"{short(tool.diameter, 2)} mm {tool.kind}"
-    )
-    return Cutter(clean(name), tool.kind, tool.diameter, profile_of(tool), frame)
+def _make_cutter(tool: ToolTable, frame: Pose) -> Cutter:
+    number = f"T{tool.number}" if tool.number else f"{short(tool.diameter, 2)} mm {tool.kind}"
+    name = clean(tool.name or number)
+    return Cutter(name, tool.kind, tool.diameter, compute_profile(tool), frame)
 
 
-def tools_of_events(
-    result: Built, found: Cutters, instruction: IntArray, path: IntArray
+def assign_tools(
+    result: Built, cutters: Cutters, instruction: IntArray, path: IntArray
 ) -> IntArray:
-    """(E,) the tool of each event. instruction: (E,) of each in the body. path: (E,) of each, -1 for travel.
+    """The index of the tool of each event, shape (E,).
 
-    Travel has the tool of the path before it, or after it where the tool was changed between them or there is none.
+    instruction: (E,) index of the instruction of each event in the body.
+    path: (E,) index of the path of each event, -1 for travel.
+
+    Travel has the tool of the path before it. If the tool changes between them, or no path is
+    before it, it has the tool of the path after it.
     """
     rows = np.arange(len(path))
     work = path >= 0
-    if len(found.tools) < 2 or not work.any():
+    if len(cutters.tools) < 2 or not work.any():
         return np.zeros(len(path), dtype=np.int64)
     before = np.maximum.accumulate(np.where(work, rows, -1))
     after = np.minimum.accumulate(np.where(work, rows, len(rows))[::-1])[::-1]
     changes = np.flatnonzero(result.program.columns.are(ToolChange))
-    # How many changes lie before each event: work on both sides of the same number is with one tool.
-    turn = np.searchsorted(changes, instruction)
-    same = (before >= 0) & (turn[np.maximum(before, 0)] == turn)
+    # Events with the same number of tool changes before them have the same tool.
+    change_count = np.searchsorted(changes, instruction)
+    is_same = (before >= 0) & (change_count[np.maximum(before, 0)] == change_count)
     chosen = np.where(
-        same | (after >= len(rows)), np.maximum(before, 0), np.minimum(after, len(rows) - 1)
+        is_same | (after >= len(rows)), np.maximum(before, 0), np.minimum(after, len(rows) - 1)
     )
-    return np.asarray(found.paths[path[chosen]])
+    return np.asarray(cutters.paths[path[chosen]])
 
 
-def stock_of(result: Built, found: Cutters) -> Stock | None:
+def find_stock(result: Built, cutters: Cutters) -> Stock | None:
     """The stock of a build that mills a drawing or a picture from above; None for any other."""
     part, job, paths = result.part, result.job, result.tour.paths
     deepest = _find_depth(paths)
     kinds = [step.operation.kind for step in job.operations] or [job.operation.kind]
     if part.solid is not None or part.curves or set(kinds) & set(_FINISHED) or deepest <= 0:
         return None
-    mills = any(found.tools[tool].profile for tool in found.paths.tolist())
+    mills = any(cutters.tools[tool].profile for tool in cutters.paths.tolist())
     if not mills or not all(_is_cut_from_above(path) for path in paths):
         return None
-    drawn = [
-        c for c in part.contours if job.stock.layer and c.layer == job.stock.layer and c.closed
-    ]
+    drawn = []
+    if job.stock.layer:
+        drawn = [c for c in part.contours if c.layer == job.stock.layer and c.closed]
     box = compute_bounds(from_contours(drawn or part.contours))
     if not len(box):
         box = np.concatenate([np.hstack([path.position[:, :2]] * 2) for path in paths])
@@ -189,50 +207,41 @@ def stock_of(result: Built, found: Cutters) -> Stock | None:
 
 
 def _find_depth(paths: tuple[ToolPath, ...]) -> float:
-    """The greatest depth below the top face, mm."""
+    """The largest depth below the top face, mm."""
     return max((max(path.depths) - float(path.position[:, 2].min()) for path in paths), default=0.0)
 
 
 def _is_cut_from_above(path: ToolPath) -> bool:
-    """Straight down, and without a force, which presses on an edge that is there."""
+    """Whether the tool is vertical and has no contact force. A force needs an existing edge."""
     return bool((path.axis[:, 2] < -1 + _STRAIGHT).all() and not path.force.any())
 
 
-def marks_of(result: Built) -> tuple[Mark, ...]:
-    """What the proof on the stock found to be left without a reason, level by level, the widest first.
+def find_marks(result: Built) -> tuple[Mark, ...]:
+    """The rest material without an explanation in the stock proof, the widest first.
 
-    Gouges are no part of it: a build that makes one is refused.
+    A build with a gouge is refused, so there are no gouges.
     """
     levels = result.proof.levels if result.proof else ()
     if not any(level.excess.unexplained.area > 0 for level in levels):
         return ()
     import shapely  # noqa: PLC0415 (slow; here the proof has loaded it already)
 
-    found = []
+    marks = []
     for level in levels:
+        heights = f"from z {short(level.top, 2)} to {short(level.bottom, 2)} mm"
         for piece in shapely.get_parts(level.excess.unexplained):
             if piece.geom_type != "Polygon" or piece.is_empty:
                 continue
-            wide = 2 * shapely.maximum_inscribed_circle(piece).length
-            text = f"left from z {short(level.top, 2)} to {short(level.bottom, 2)} mm: {short(piece.area, 2)} mm2"
-            outline, *holes = (
-                frozen(ring.coords[:-1]) for ring in (piece.exterior, *piece.interiors)
-            )
-            found.append(
-                Mark(
-                    "excess",
-                    outline,
-                    level.top,
-                    wide,
-                    f"{text}, up to {short(wide, 2)} mm wide",
-                    tuple(holes),
-                )
-            )
-    return tuple(sorted(found, key=lambda mark: -mark.number)[:_MOST_MARKS])
+            width = 2 * shapely.maximum_inscribed_circle(piece).length
+            size = f"{short(piece.area, 2)} mm2, up to {short(width, 2)} mm wide"
+            rings = [frozen(ring.coords[:-1]) for ring in (piece.exterior, *piece.interiors)]
+            text = f"left {heights}: {size}"
+            marks.append(Mark("excess", rings[0], level.top, width, text, tuple(rings[1:])))
+    return tuple(sorted(marks, key=lambda mark: -mark.width)[:_MAX_MARKS])
 
 
-def tell_stock(stock: Stock) -> str:
-    """Its size for the numbers of the page, and where its thickness comes from."""
+def format_stock(stock: Stock) -> str:
+    """The size of the stock as text, with the source of its thickness."""
     size = " x ".join(short(value, 1) for value in (stock.high - stock.low).tolist())
     why = "; as thick as the program is deep, stock.thickness is not set" if stock.assumed else ""
     return f"{size} mm{why}"

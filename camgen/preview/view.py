@@ -1,4 +1,4 @@
-"""What a preview shows, as one value: ``view`` makes it of a build's result. Work frame, mm, s, N, rad."""
+"""The content of a preview as one value, in the work frame; mm, s, N, rad."""
 
 from __future__ import annotations
 
@@ -20,34 +20,37 @@ from camgen.model.text import duration, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order.tours import EdgeTour
 from camgen.preview import Built, list_seen
-from camgen.preview.curves import SpaceChains, of_contours, of_spans
+from camgen.preview.curves import SpaceChains, trace_contours, trace_spans
 from camgen.preview.executed import trace_executed
-from camgen.preview.fixtures import FixtureView, see_fixtures
+from camgen.preview.fixtures import FixtureView, clip_fixtures
 from camgen.preview.listing import Listing, list_program
-from camgen.preview.notes import ViewNote, see_notes
-from camgen.preview.photo import Photo, photo_of
+from camgen.preview.notes import ViewNote, link_notes
+from camgen.preview.photo import Photo, make_photo
 from camgen.preview.stock import (
     Cutter,
     Cutters,
     Mark,
     Stock,
-    cutters_of,
-    marks_of,
-    stock_of,
-    tell_stock,
-    tools_of_events,
+    assign_tools,
+    find_marks,
+    find_stock,
+    format_stock,
+    list_cutters,
 )
-from camgen.preview.track import Arm, IntArray, Switch, Track, switches_of, track
+from camgen.preview.track import Arm, IntArray, Switch, Track, list_switches, make_track
 from camgen.robots.models import Box, Link
 
-# What stands around a part and what the robot holds, as the test for collisions has it.
+# Bodies beside the part: tool, holder, table and fixtures.
 
-_HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
+_NO_OFFSET = Pose(IDENTITY, (0.0, 0.0, 0.0))
 
 
-class Around(Struct, frozen=True, eq=False):
-    """bodies: tool and holder, their boxes at the flange. standing: table and fixtures, their boxes in the work frame.
-    meshes: fixtures that are meshes, work frame.
+class ViewBodies(Struct, frozen=True, eq=False):
+    """The bodies of the collision test, except the robot and the part.
+
+    bodies: tool and holder, as boxes at the flange.
+    standing: table and fixtures, as boxes in the work frame.
+    meshes: fixtures that are meshes, in the work frame, with their names.
     """
 
     bodies: tuple[Link, ...]
@@ -55,67 +58,67 @@ class Around(Struct, frozen=True, eq=False):
     meshes: tuple[tuple[str, Solid], ...]
 
 
-def around(result: Built) -> Around:
-    """As it was tested; without a robot nothing is, and it is what the job says. JobError for boxes that are none."""
+def find_bodies(result: Built) -> ViewBodies:
+    """The bodies of the collision test; without a robot those of the job.
+
+    Raises JobError for invalid boxes in the job.
+    """
     where = result.where
     if where is None:
-        return _take_untested(result)
+        return _make_untested_bodies(result)
     work_from_base = result.program.base_from_work.inverse()
-    standing = [
-        Link(
-            link.name,
-            tuple(Box(work_from_base @ box.link_from_box, box.half) for box in link.boxes),
-        )
-        for link in where.standing
-    ]
-    return Around(where.bodies, tuple(standing), where.meshes)
+    standing: list[Link] = []
+    for link in where.standing:
+        boxes = [Box(work_from_base @ box.link_from_box, box.half) for box in link.boxes]
+        standing.append(Link(link.name, tuple(boxes)))
+    return ViewBodies(where.bodies, tuple(standing), where.meshes)
 
 
-def _take_untested(result: Built) -> Around:
+def _make_untested_bodies(result: Built) -> ViewBodies:
     job = result.job
     if not job.cell.fixtures and not job.tool.holder:
-        return Around((), (), ())
+        return ViewBodies((), (), ())
     from camgen.collision.cell import make_box  # noqa: PLC0415 (loads fcl)
 
-    holder = tuple(
-        make_box(_HERE, *check_corners("tool.holder", box)) for box in job.tool.holder or ()
-    )
-    named = [
-        (f"fixture {k}", box)
-        for k, box in enumerate(job.cell.fixtures or (), 1)
-        if isinstance(box, list)
+    holder = [
+        make_box(_NO_OFFSET, *check_corners("tool.holder", box)) for box in job.tool.holder or ()
     ]
-    standing = [
-        Link(name, (make_box(_HERE, *check_corners("cell.fixtures", box)),)) for name, box in named
-    ]
-    return Around((Link("holder", holder),), tuple(standing), result.cell.meshes)
+    standing: list[Link] = []
+    for number, fixture in enumerate(job.cell.fixtures or (), 1):
+        if isinstance(fixture, list):
+            box = make_box(_NO_OFFSET, *check_corners("cell.fixtures", fixture))
+            standing.append(Link(f"fixture {number}", (box,)))
+    return ViewBodies((Link("holder", tuple(holder)),), tuple(standing), result.cell.meshes)
 
 
-# Edges that are run in pieces: cut where the work begins and ends.
+# Edges that are run in pieces.
 
 
 def split_chain(
     points: FloatArray, stretches: Sequence[tuple[float, float]]
 ) -> list[tuple[int, FloatArray]]:
-    """A chain (N, 3) in parts, each with the number of its stretch, -1 for none.
+    """Split a chain (N, 3) at the ends of stretches.
 
-    stretches: lengths, mm, between which it is worked. In a closed chain a stretch may run over the
-        end, and is continued at the start.
+    stretches: start and end of each worked stretch, as lengths along the chain, mm. On a closed
+        chain a stretch may continue beyond the end of the chain, at its start.
+
+    Returns parts of the chain, each with the index of its stretch, -1 for none.
     """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    at = np.append(0.0, np.cumsum(steps))
-    whole = float(at[-1])
-    worked = [(low, min(high, whole), k) for k, (low, high) in enumerate(stretches)]
-    worked += [(0.0, high - whole, k) for k, (_, high) in enumerate(stretches) if high > whole]
-    marks = sorted({0.0, whole, *chain.from_iterable(pair[:2] for pair in worked)})
+    lengths = np.append(0.0, np.cumsum(steps))
+    total = float(lengths[-1])
+    worked = [(low, min(high, total), k) for k, (low, high) in enumerate(stretches)]
+    worked += [(0.0, high - total, k) for k, (_, high) in enumerate(stretches) if high > total]
+    marks = sorted({0.0, total, *chain.from_iterable(pair[:2] for pair in worked)})
     parts = []
     for low, high in pairwise(marks):
         if high - low < SAME_POINT_MM:
             continue
-        places = np.concatenate([[low], at[(at > low) & (at < high)], [high]])
+        inner = lengths[(lengths > low) & (lengths < high)]
+        places = np.concatenate([[low], inner, [high]])
         middle = (low + high) / 2
-        number = next((k for begin, end, k in worked if begin < middle < end), -1)
-        columns = [np.interp(places, at, column) for column in points.T]
+        number = next((k for start, end, k in worked if start < middle < end), -1)
+        columns = [np.interp(places, lengths, column) for column in points.T]
         parts.append((number, np.column_stack(columns)))
     is_closed = np.array_equal(points[0], points[-1])
     if is_closed and len(parts) > 1 and parts[0][0] == parts[-1][0]:
@@ -124,18 +127,25 @@ def split_chain(
     return parts
 
 
-#: Why an end of an edge is left out without a note that it is skipped.
+#: Reason for the end of an edge that is left out without a note.
 _TRIMMED = "operation.trim allows it"
 #: Points of a ring around a place.
 _RING_POINTS = 33
-#: Arcs are drawn to this part of the size of what is shown.
-_FINE = 2e-5
+#: Tolerance with which arcs are drawn, as a fraction of the size of the picture.
+_SAG_FRACTION = 2e-5
 
 
 class ViewLine(Struct, frozen=True):
-    """A contour or an edge, or a part of it: state is "done", "skipped" or "unused" (nothing was asked of it); why it
-    was skipped. A ring around a place is "wrong" or "noted"; why says what is.
-    An outline in a photo is "seen". path: id of the path of a piece of an edge.
+    """A contour or an edge, a part of one, a ring around a place, or an outline in a photo.
+
+    id: id of the contour or edge.
+    layer: its layer, or the kind of an edge.
+    closed: whether it is closed.
+    length: length as drawn, mm.
+    state: "done", "skipped" or "unused" (no operation applies to it) for contours and edges;
+        "wrong" or "noted" for a ring; "seen" for an outline in a photo.
+    why: reason why it is skipped, or the note on the place of a ring.
+    path: id of the path of a piece of an edge.
     """
 
     id: str
@@ -148,8 +158,16 @@ class ViewLine(Struct, frozen=True):
 
 
 class Row(Struct, frozen=True):
-    """A tool path as the list has it: mm, mm/s, N, s. feed: the mean of what is asked for. seconds: of the cycle.
-    operation: with its tool, "" where the job has one.
+    """A tool path as a row of the list of paths.
+
+    id: id of the path.
+    layer: its layer.
+    length: its length, mm.
+    feed: mean of the programmed feeds, mm/s.
+    force: largest force, N.
+    seconds: its time in the cycle, s.
+    passes: number of its passes.
+    operation: its operation and tool, "" for a job with one operation.
     """
 
     id: str
@@ -189,7 +207,7 @@ class View(Struct, frozen=True, eq=False):
     switches: outputs, in the order of time.
     executed: the path that the controller runs; None without a model of it.
     fixtures: fixtures of a mill, from above.
-    upright: (3, 3) the rotation that turns a 3-D part as it stands.
+    upright: (3, 3) rotation of a 3-D part from the work frame to its upright orientation.
     """
 
     title: str
@@ -221,12 +239,11 @@ class View(Struct, frozen=True, eq=False):
 
     @property
     def skipped(self) -> tuple[ViewNote, ...]:
-        """What was left out."""
+        """The notes on everything that was left out."""
         return tuple(note for note in self.notes if note.kind == "skipped")
 
 
-def _stand_upright(result: Built) -> FloatArray:
-    """The rotation (3, 3) that turns a 3-D part as it stands."""
+def _find_upright(result: Built) -> FloatArray:
     if result.job.cell.rests_on is None:
         return IDENTITY
     from camgen.collision.cell import turn_upright  # noqa: PLC0415 (fcl, rarely needed)
@@ -235,156 +252,161 @@ def _stand_upright(result: Built) -> FloatArray:
 
 
 def view(result: Built) -> View:
-    """What the preview of ``result`` shows."""
+    """The content of the preview of `result`."""
     part, program = result.part, result.program
-    sag = _sag(result)
-    way, arm = track(result, sag)
-    lines, chains = _lines(result, sag)
-    beside = around(result)
-    found = cutters_of(result)
-    stock = stock_of(result, found)
-    rows = _rows(result, found)
+    sag = _choose_sag(result)
+    track, arm = make_track(result, sag)
+    lines, chains = _make_lines(result, sag)
+    surroundings = find_bodies(result)
+    cutters = list_cutters(result)
+    bodies = surroundings.bodies
+    if len(cutters.tools) > 1:
+        # The boxes are those of one tool. Several tools are drawn by their profiles.
+        bodies = tuple(body for body in bodies if body.name != "tool")
+    stock = find_stock(result, cutters)
+    rows = _make_rows(result, cutters)
     return View(
         title=clean(f"{part.source}, {result.post.name}"),
-        facts=(*_facts(result, float(way.time[-1])), *_tell_cut(found, stock)),
+        facts=(*_list_facts(result, float(track.time[-1])), *_list_cut(cutters, stock)),
         lines=lines,
         chains=chains,
         solid=part.solid,
         flat=part.solid is None and not part.curves,
         rows=rows,
-        track=way,
+        track=track,
         arm=arm,
         base_from_work=program.base_from_work,
         flange_from_tool=program.flange_from_tool,
-        diameter=found.tools[0].diameter,
-        # The boxes are those of one tool: of several each is drawn by its own outline.
-        bodies=tuple(one for one in beside.bodies if one.name != "tool" or len(found.tools) == 1),
-        standing=beside.standing,
-        meshes=beside.meshes,
-        notes=see_notes(result.notes, lines, [row.id for row in rows]),
-        listing=list_program(result, way.events.instruction),
-        tools=found.tools,
-        tool_of=tools_of_events(result, found, way.events.instruction, way.events.path),
+        diameter=cutters.tools[0].diameter,
+        bodies=bodies,
+        standing=surroundings.standing,
+        meshes=surroundings.meshes,
+        notes=link_notes(result.notes, lines, [row.id for row in rows]),
+        listing=list_program(result, track.events.instruction),
+        tools=cutters.tools,
+        tool_of=assign_tools(result, cutters, track.events.instruction, track.events.path),
         stock=stock,
-        marks=marks_of(result),
-        photo=photo_of(result),
-        switches=switches_of(program.columns, way.events),
+        marks=find_marks(result),
+        photo=make_photo(result),
+        switches=list_switches(program.columns, track.events),
         executed=trace_executed(result, sag),
-        fixtures=see_fixtures(result),
-        upright=_stand_upright(result),
+        fixtures=clip_fixtures(result),
+        upright=_find_upright(result),
     )
 
 
-def reasons(skipped: Sequence[Note]) -> dict[str, str]:
-    """Why, by the id of the contours and edges that the notes are about; of several notes the first."""
-    return {ident: clean(note.why or note.what) for note in reversed(skipped) for ident in note.ids}
+def list_reasons(skipped: Sequence[Note]) -> dict[str, str]:
+    """The first reason for each contour and edge that the notes are about, by its id."""
+    reasons: dict[str, str] = {}
+    for note in reversed(skipped):
+        reasons |= dict.fromkeys(note.ids, clean(note.why or note.what))
+    return reasons
 
 
-def _sag(result: Built) -> float:
-    """How far a drawn arc may be from the true one, mm."""
+def _choose_sag(result: Built) -> float:
+    """The maximum distance of a drawn arc from the true one, mm."""
     ends = [result.program.columns.ends, *(path.position for path in result.tour.paths)]
     points = np.concatenate(ends)
     points = points[~np.isnan(points[:, 0])]
-    return max(float(np.linalg.norm(np.ptp(points, axis=0))) * _FINE, 1e-4) if len(points) else 1e-3
+    if not len(points):
+        return 1e-3
+    return max(float(np.linalg.norm(np.ptp(points, axis=0))) * _SAG_FRACTION, 1e-4)
 
 
-def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains]:
-    """The contours, curves and edges of the part, and how they are drawn."""
-    contours = tuple(c for c in result.part.contours if len(c.points) > 1)
+def _make_lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains]:
+    """The contours, curves and edges of the part, with the chains that draw them."""
+    contours = tuple(contour for contour in result.part.contours if len(contour.points) > 1)
     curves = result.part.curves
     edges = result.part.solid.edges if result.part.solid else ()
-    spatial: list[Line] = [*curves, *edges]
-    flat, sharp = (
-        of_contours(contours, sag),
-        of_spans([(one.points, one.via) for one in spatial], sag),
-    )
+    in_space: list[Line] = [*curves, *edges]
+    flat = trace_contours(contours, sag)
+    spatial = trace_spans([(line.points, line.via) for line in in_space], sag)
     chains = SpaceChains(
-        np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts])
+        np.concatenate([flat.points, spatial.points]), np.concatenate([flat.counts, spatial.counts])
     )
-    # What a reader of pictures calls a layer is none of the picture.
-    named = result.part.raster is None
-    names = [(c.id, c.layer if named else "", c.closed) for c in contours] + [
-        (c.id, c.layer, c.closed) for c in curves
-    ]
-    names += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
-    why = reasons([note for note in result.notes if note.kind == "skipped"])
-    done = {ident for path in result.tour.paths for ident in path.contours}
+    # A picture has no layers; the reader of pictures only fills the field.
+    has_layers = result.part.raster is None
+    rows = [(c.id, c.layer if has_layers else "", c.closed) for c in contours]
+    rows += [(curve.id, curve.layer, curve.closed) for curve in curves]
+    rows += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
+    why = list_reasons([note for note in result.notes if note.kind == "skipped"])
+    states = dict.fromkeys(why, "skipped")
+    for path in result.tour.paths:
+        states |= dict.fromkeys(path.contours, "done")
     lines = [
         ViewLine(
             id=clean(ident),
             layer=clean(layer),
             closed=closed,
             length=length,
-            state="done" if ident in done else "skipped" if ident in why else "unused",
+            state=states.get(ident, "unused"),
             why=why.get(ident, ""),
         )
-        for (ident, layer, closed), length in zip(names, _lengths(chains), strict=True)
+        for (ident, layer, closed), length in zip(rows, _measure_chains(chains), strict=True)
     ]
     if edges or curves:
         return _mark_gaps(result, lines, chains)
-    marks = [*_spots(result), *_outline_seen(result), *_blocked(result, sag)]
+    marks = [*_mark_places(result), *_list_seen(result), *_list_blocked(result, sag)]
+    counts = np.array([len(points) for _, points in marks], dtype=np.int64)
     table = SpaceChains(
         np.concatenate([chains.points, *(points for _, points in marks)]),
-        np.concatenate(
-            [chains.counts, np.array([len(points) for _, points in marks], dtype=np.int64)]
-        ),
+        np.concatenate([chains.counts, counts]),
     )
     return (*lines, *(line for line, _ in marks)), table
 
 
-def _blocked(result: Built, sag: float) -> Iterator[tuple[ViewLine, FloatArray]]:
+def _list_blocked(result: Built, sag: float) -> Iterator[tuple[ViewLine, FloatArray]]:
     """The paths and stretches of paths that are left out for a fixture."""
-    why = reasons([note for note in result.notes if note.kind == "skipped"])
+    why = list_reasons([note for note in result.notes if note.kind == "skipped"])
     for path in result.blocked:
-        chains = of_spans([(path.position, path.via[1:])], sag)
+        chains = trace_spans([(path.position, path.via[1:])], sag)
         length = float(np.linalg.norm(np.diff(chains.points, axis=0), axis=1).sum())
         reason = why.get(path.id, "")
         line = ViewLine(clean(path.id), clean(path.layer), False, length, "skipped", reason)
         yield line, chains.points
 
 
-def _outline_seen(result: Built) -> Iterator[tuple[ViewLine, FloatArray]]:
-    """The outlines in the photo that places the part."""
+def _list_seen(result: Built) -> Iterator[tuple[ViewLine, FloatArray]]:
     for outline in list_seen(result):
         points = np.column_stack([outline, np.zeros(len(outline))])
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         yield ViewLine("photo", "", False, length, "seen", ""), points
 
 
-def _spots(result: Built) -> list[tuple[ViewLine, FloatArray]]:
-    """A ring of the tool's size at every place that a note is about; what was decided there is not wrong."""
+def _mark_places(result: Built) -> list[tuple[ViewLine, FloatArray]]:
+    """A ring of the tool's size at each place of a note: "noted" for an assumption, or "wrong"."""
     radius = result.job.tool.radius
-    turn = np.linspace(0.0, 2 * np.pi, _RING_POINTS)
-    ring = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(_RING_POINTS)])
-    return [
-        (
-            ViewLine(
+    angle = np.linspace(0.0, 2 * np.pi, _RING_POINTS)
+    ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(_RING_POINTS)])
+    rings = []
+    for note in result.notes:
+        state = "noted" if note.kind == "assumed" else "wrong"
+        for x, y in note.places:
+            line = ViewLine(
                 f"{x:.2f}, {y:.2f} mm",
                 note.kind,
                 False,
                 2 * np.pi * radius,
-                "noted" if note.kind == "assumed" else "wrong",
+                state,
                 clean(note.what),
-            ),
-            ring + np.array([x, y, 0.0]),
-        )
-        for note in result.notes
-        for x, y in note.places
-    ]
+            )
+            rings.append((line, ring + np.array([x, y, 0.0])))
+    return rings
 
 
 def _mark_gaps(
     result: Built, lines: Sequence[ViewLine], chains: SpaceChains
 ) -> tuple[tuple[ViewLine, ...], SpaceChains]:
-    """Edges that are run in pieces; the stretches that are left out are lines of their own."""
+    """Split the edges that are run in pieces. A stretch that is left out becomes its own line."""
     lengths = {line.id: line.length for line in lines}
     stretches: dict[str, list[tuple[float, float]]] = {}
     names: dict[str, list[str]] = {}
     for leg in result.tour.route.legs if isinstance(result.tour, EdgeTour) else ():
-        if leg.motion.part_of:
-            low, rest = leg.motion.trimmed[:: -1 if leg.motion.backwards else 1]
-            stretches.setdefault(leg.motion.line, []).append((low, lengths[leg.motion.line] - rest))
-            names.setdefault(leg.motion.line, []).append(leg.motion.id)
+        motion = leg.motion
+        if motion.part_of:
+            low, rest = motion.trimmed[:: -1 if motion.backwards else 1]
+            stretches.setdefault(motion.line, []).append((low, lengths[motion.line] - rest))
+            names.setdefault(motion.line, []).append(motion.id)
     pieces: list[tuple[ViewLine, FloatArray]] = []
     for line, points in zip(
         lines, np.split(chains.points, np.cumsum(chains.counts)[:-1]), strict=True
@@ -398,16 +420,15 @@ def _mark_gaps(
                 why = line.why or _TRIMMED
                 stretch = replace(line, closed=False, state="skipped", why=why)
             pieces.append((stretch, part))
-    made = SpaceChains(
+    split = SpaceChains(
         np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces])
     )
-    drawn = _lengths(made)
-    marked = zip(pieces, drawn, strict=True)
-    return tuple(replace(line, length=length) for (line, _), length in marked), made
+    marked = zip(pieces, _measure_chains(split), strict=True)
+    return tuple(replace(line, length=length) for (line, _), length in marked), split
 
 
-def _lengths(chains: SpaceChains) -> list[float]:
-    """Of each chain as it is drawn, mm."""
+def _measure_chains(chains: SpaceChains) -> list[float]:
+    """The length of each chain as it is drawn, mm."""
     if not len(chains.counts):
         return []
     steps = np.linalg.norm(np.diff(chains.points, axis=0, prepend=chains.points[:1]), axis=1)
@@ -417,7 +438,7 @@ def _lengths(chains: SpaceChains) -> list[float]:
     return list(map(float, sums.tolist()))
 
 
-def _rows(result: Built, found: Cutters) -> tuple[Row, ...]:
+def _make_rows(result: Built, cutters: Cutters) -> tuple[Row, ...]:
     paths = result.tour.paths
     lengths, seconds = path_sums(paths)
     return tuple(
@@ -436,20 +457,21 @@ def _rows(result: Built, found: Cutters) -> tuple[Row, ...]:
             lengths.tolist(),
             seconds.tolist(),
             result.cycle.paths.tolist(),
-            found.operations,
+            cutters.operations,
             strict=True,
         )
     )
 
 
-def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
+def _list_facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
     part, tour = result.part, result.tour
     work = math.fsum(path_sums(tour.paths)[0].tolist())
     feeds, force = result.motions.speeds, result.motions.force
-    found = [
+    joint_speeds = " and joint speeds" if result.reach else ""
+    facts = [
         ("Part", clean(part.source)),
         ("Units", f"drawn in {clean(part.units)}, shown in mm"),
-        *_tell_place(result),
+        *_list_location(result),
         ("Controller", result.post.name),
         ("Program", clean(result.program.name)),
         ("Robot", result.reach.robot if result.reach else "not checked: no robot model"),
@@ -458,45 +480,38 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
         ("Travel", f"{short(tour.travel, 1)} mm ({tour.method})"),
         ("Speed", f"{short(feeds[0], 1)} to {short(feeds[1], 1)} mm/s"),
         ("Force", f"up to {short(force, 2)} N" if force else "none"),
-        ("Time", f"{_tell_time(seconds)}, {_tell_time(result.cycle.travel)} of it travel"),
-        (
-            "Time counts",
-            f"feeds, acceleration, corners, waits{' and joint speeds' if result.reach else ''}; an estimate",
-        ),
+        ("Time", f"{_format_time(seconds)}, {_format_time(result.cycle.travel)} of it travel"),
+        ("Time counts", f"feeds, acceleration, corners, waits{joint_speeds}; an estimate"),
         ("Verified", f"text read back, within {result.deviation.max_mm:.6f} mm"),
-        ("Rounded corners", _tell_rounding(result.rounded)),
+        ("Rounded corners", _format_rounding(result.rounded)),
     ]
     if result.clear and result.where:
         solid = ["the part"] if part.solid else []
-        names = [
-            "robot",
-            *(body.name for body in (*result.where.bodies, *result.where.standing)),
-            *solid,
-        ]
-        names += [name for name, _ in result.where.meshes]
-        apart = f"{short(result.clear.clearance, 2)} mm or more apart"
+        bodies = [body.name for body in (*result.where.bodies, *result.where.standing)]
+        meshes = [name for name, _ in result.where.meshes]
+        tested = ", ".join(["robot", *bodies, *solid, *meshes])
+        clearance = f"{short(result.clear.clearance, 2)} mm or more apart"
         if result.clear.nearest:
-            apart += f", least {clean(str(result.clear.nearest))}"
-        found.append(("Collision", f"none, {apart}; tested: {', '.join(names)}"))
+            clearance += f", least {clean(str(result.clear.nearest))}"
+        facts.append(("Collision", f"none, {clearance}; tested: {tested}"))
     extents = result.motions.extents
     if extents:
-        low, high = extents
-        size = " x ".join(short(b - a, 1) for a, b in zip(low, high, strict=True))
-        found.insert(9, ("Extents", f"{size} mm"))
-    return tuple(found)
+        size = " x ".join(short(high - low, 1) for low, high in zip(*extents, strict=True))
+        facts.insert(9, ("Extents", f"{size} mm"))
+    return tuple(facts)
 
 
-def _tell_place(result: Built) -> list[tuple[str, str]]:
-    """The place of the part by a photo."""
+def _list_location(result: Built) -> list[tuple[str, str]]:
+    """The fact on the pose of the part, if a photo shows it."""
     if result.located is None:
         return []
     photo = clean(result.located.inspection.photo.source)
-    deviation = f"which leaves the drawing by {short(result.located.deviation, 3)} mm at most"
+    deviation = f"which differs from the drawing by {short(result.located.deviation, 3)} mm at most"
     return [("Located", f"{result.located.pose}, by {photo}, {deviation}")]
 
 
-def _tell_rounding(rounded: Rounding | None) -> str:
-    """The corner that the controller rounds most."""
+def _format_rounding(rounded: Rounding | None) -> str:
+    """The corner with the largest rounding, as text."""
     if rounded is None:
         return "not modelled for this controller"
     if not rounded.mm:
@@ -505,16 +520,17 @@ def _tell_rounding(rounded: Rounding | None) -> str:
     return f"{short(rounded.mm, 4)} mm off the path at {place} mm, line {rounded.line}"
 
 
-def _tell_time(seconds: float) -> str:
-    """Tenths of a second below a minute."""
+def _format_time(seconds: float) -> str:
+    """A time, with tenths of a second if it is below a minute."""
     return f"{short(seconds, 1)} s" if seconds < 60 else duration(seconds)
 
 
-def _tell_cut(found: Cutters, stock: Stock | None) -> list[tuple[str, str]]:
-    """The tools where there are several, and the stock."""
-    tools = [
-        (f"Tool {k}", f"{one.name}: {one.kind}, {short(one.diameter, 2)} mm")
-        for k, one in enumerate(found.tools, 1)
-    ]
-    told = [("Stock", tell_stock(stock))] if stock else []
-    return [*(tools if len(tools) > 1 else []), *told]
+def _list_cut(cutters: Cutters, stock: Stock | None) -> list[tuple[str, str]]:
+    """The facts on the tools, if there are several, and on the stock."""
+    facts = []
+    for number, tool in enumerate(cutters.tools, 1):
+        text = f"{tool.name}: {tool.kind}, {short(tool.diameter, 2)} mm"
+        facts.append((f"Tool {number}", text))
+    if len(facts) == 1:
+        facts = []
+    return [*facts, ("Stock", format_stock(stock))] if stock else facts

@@ -1,6 +1,10 @@
-"""The workbench: a job as a form in the browser, beside the page of what it makes.
+"""The workbench: a job as a form in the browser, beside the preview of its program.
 
-``session`` holds what is open as a value, ``form`` what the form shows, ``job_text`` the job file. ``journal`` keeps
-changes that are not saved. ``perform`` builds in the process of ``builder``, ``desk`` keeps the pages of one session
-in step, ``server`` and ``guard`` are its door.
+- `session`: the open job and its history as a value
+- `form`: the fields of the form
+- `job_text`: the text of the job file
+- `journal`: keeps changes that are not saved
+- `perform`: builds a program, in the process of `builder`
+- `desk`: keeps all pages of one session up to date
+- `server`, `guard`: answer the requests of pages
 """

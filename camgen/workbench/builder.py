@@ -1,6 +1,7 @@
-"""The process that builds for the workbench, one build at a time; one that does not end when it is asked is killed.
+"""The process that builds for the workbench, one request at a time.
 
-It is spawned like the builders of a batch (``camgen.batch.pool``), and for the same reasons.
+A build that does not stop in time is killed. The process is spawned like the builders of a batch
+(`camgen.batch.pool`), for the same reasons.
 """
 
 from __future__ import annotations
@@ -17,83 +18,93 @@ from typing import Protocol
 
 from msgspec import Struct
 
-from camgen.batch.pool import no_interrupt, tell_death
+from camgen.batch.pool import format_exit, no_interrupt
 from camgen.order import may_end_early
-from camgen.workbench.perform import Ask, Failed, Outcome, Tell, perform
+from camgen.workbench.perform import BuildRequest, Failed, Outcome, Summarize, run_request
 
-#: So long a build that is no longer wanted may go on to the end of its stage, s; what it takes at most, s.
+#: Time in which a cancelled build may finish its stage, and maximum time of a build, s.
 _GRACE, _LONGEST = 0.7, 600.0
 
 
 class Stage(Struct, frozen=True):
-    """What the build ``number`` is doing."""
+    """The stage `name` that the request `number` has reached."""
 
     number: int
     name: str
 
 
 class Stopped(Struct, frozen=True):
-    """The build ``number`` was given up."""
+    """The request `number` was cancelled."""
 
     number: int
 
 
-Heard = Stage | Stopped | Outcome
-#: What the process is told while it builds: give it up, or end the search for a short tour and go on with the best one.
-_GIVE_UP, _END_SEARCH = "give up", "end the search"
+Report = Stage | Stopped | Outcome
+#: Orders to the process while it builds: cancel the build, or end the search for a short tour and
+#: continue with the best one.
+_CANCEL, _END_SEARCH = "cancel", "end the search"
 
 
 class Loop(Protocol):
-    """What is needed of an event loop: the desk lives in its thread."""
+    """The methods of an event loop that are used here."""
 
     def call_soon_threadsafe(self, call: Callable[[], None], /) -> object:
-        """Calls it soon, in the thread of the loop."""
+        """Call it soon, in the thread of the loop."""
 
     def call_later(self, seconds: float, call: Callable[[], None], /) -> object:
-        """Calls it after so many seconds."""
+        """Call it after some seconds."""
 
 
 class Builder:
-    """tell: the summary of a build. hear: is told, in the thread of ``loop``, what a build says and how it ended."""
+    """Runs requests in another process.
 
-    def __init__(self, tell: Tell, hear: Callable[[Heard], None], loop: Loop) -> None:
-        self._tell, self._hear, self._loop = tell, hear, loop
+    summarize: makes the summary of a build.
+    on_report: called in the thread of `loop` with each report of a build, the last one its outcome.
+    loop: event loop of the workbench.
+    """
+
+    def __init__(
+        self, summarize: Summarize, on_report: Callable[[Report], None], loop: Loop
+    ) -> None:
+        self._summarize, self._on_report, self._loop = summarize, on_report, loop
         self._process: SpawnProcess | None = None
         self._link: Connection | None = None
-        self._busy: Ask | None = None
-        self._next: Ask | None = None
-        #: The stage that runs, and the build that was asked to end.
+        self._busy: BuildRequest | None = None
+        self._next: BuildRequest | None = None
+        #: The current stage, and the request that got an order to end.
         self._stage = ""
-        self._ending: Ask | None = None
+        self._ending: BuildRequest | None = None
 
     def start(self) -> None:
-        """Starts the process, before it is needed: its imports take half a second."""
+        """Start the process before it is needed: its imports take half a second."""
         context = get_context("spawn")
         ours, theirs = context.Pipe()
-        process = context.Process(target=_work, args=(theirs, self._tell), daemon=True)
+        process = context.Process(
+            target=_serve_requests, args=(theirs, self._summarize), daemon=True
+        )
         with no_interrupt():
             process.start()
         theirs.close()  # so that the pipe ends when the process does
         self._process, self._link = process, ours
         threading.Thread(target=self._listen, args=(process, ours), daemon=True).start()
 
-    def ask(self, ask: Ask) -> None:
-        """Builds ``ask``, and gives up what is built now."""
+    def ask(self, request: BuildRequest) -> None:
+        """Run a request, after cancelling the current one."""
         if self._busy is not None:
-            self._next = ask
-            self._give_up(self._busy)
+            self._next = request
+            self._cancel(self._busy)
             return
         if self._process is None or not self._process.is_alive():
             self.start()
-        assert self._link is not None
-        self._busy, self._stage = ask, ""
-        with suppress(OSError):  # it has just died: who listens to it says so
-            self._link.send(ask)
-        self._loop.call_later(_LONGEST, lambda: self._kill(ask))
+        self._busy, self._stage = request, ""
+        self._send(request)
+        self._loop.call_later(_LONGEST, lambda: self._kill(request))
 
     def stop(self) -> None:
-        """Ends what is built now, and what waits: a search for a short tour with the best one so far, with which the
-        build goes on; all else is given up. What was asked before is killed.
+        """End the current build, and forget the waiting one.
+
+        The first call ends a search for a short tour, and the build continues with the best one so
+        far; in any other stage the build is cancelled. The second call kills the process.
         """
         self._next = None
         if self._busy is None:
@@ -102,12 +113,12 @@ class Builder:
             self._kill(self._busy)
         elif may_end_early(self._stage):
             self._ending = self._busy
-            self._tell_process(_END_SEARCH)
+            self._send(_END_SEARCH)
         else:
-            self._give_up(self._busy)
+            self._cancel(self._busy)
 
     def close(self) -> None:
-        """Ends the process."""
+        """End the process."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()
@@ -116,88 +127,90 @@ class Builder:
             self._link.close()
             self._link = None
 
-    def _give_up(self, ask: Ask) -> None:
-        self._ending = ask
-        self._tell_process(_GIVE_UP)
-        self._loop.call_later(_GRACE, lambda: self._kill(ask))
+    def _cancel(self, request: BuildRequest) -> None:
+        self._ending = request
+        self._send(_CANCEL)
+        self._loop.call_later(_GRACE, lambda: self._kill(request))
 
-    def _tell_process(self, what: str) -> None:
+    def _send(self, order: BuildRequest | str) -> None:
         assert self._link is not None
-        with suppress(OSError):  # it has just died: who listens to it says so
-            self._link.send(what)
+        with suppress(OSError):  # The process has just died, which `_listen` reports.
+            self._link.send(order)
 
-    def _kill(self, ask: Ask) -> None:
-        """Ends the process where it still builds ``ask``."""
-        if self._busy is ask:
+    def _kill(self, request: BuildRequest) -> None:
+        """Replace the process if it still runs `request`."""
+        if self._busy is request:
             self.close()
             self.start()
-            self._end(Stopped(ask.number))
+            self._end(Stopped(request.number))
 
-    def _end(self, heard: Heard) -> None:
-        """Tells how a build ended and begins the one that waits."""
+    def _end(self, report: Report) -> None:
+        """Report the outcome of a build, and start the waiting one."""
         waiting, self._busy, self._next = self._next, None, None
-        self._hear(heard)
+        self._on_report(report)
         if waiting is not None:
             self.ask(waiting)
 
     def _listen(self, process: SpawnProcess, link: Connection) -> None:
-        """What a process says, until it dies. In a thread of its own."""
-        with suppress(
-            EOFError, OSError, RuntimeError
-        ):  # it has died, or was closed; the loop has ended
+        """Receive the reports of a process until it dies. Runs in its own thread."""
+        # The pipe ends when the process dies or is closed; RuntimeError when the loop has ended.
+        with suppress(EOFError, OSError, RuntimeError):
             while True:
-                heard: Heard = link.recv()
-                self._loop.call_soon_threadsafe(partial(self._take, process, heard))
+                report: Report = link.recv()
+                self._loop.call_soon_threadsafe(partial(self._take, process, report))
         process.join()
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(partial(self._take, process, None))
 
-    def _take(self, process: SpawnProcess, heard: Heard | None) -> None:
-        """What a process said, None: that it died."""
+    def _take(self, process: SpawnProcess, report: Report | None) -> None:
+        """Handle a report of a process; None if it has died."""
         busy = self._busy
         if process is not self._process:
-            return  # it was killed, and another one has its place
-        if heard is None:
+            return  # It was killed and replaced.
+        if report is None:
             self._process = None
-            why = f"fault: the process that built it died ({tell_death(process.exitcode)})"
+            line = f"fault: the process that built it died ({format_exit(process.exitcode)})"
             if busy is not None:
-                self._end(Failed(busy.number, why, 1, (), {}))
-        elif busy is not None and heard.number == busy.number:
-            if isinstance(heard, Stage):
-                self._stage = heard.name
-                self._hear(heard)
+                self._end(Failed(busy.number, line, 1, (), {}))
+        elif busy is not None and report.number == busy.number:
+            if isinstance(report, Stage):
+                self._stage = report.name
+                self._on_report(report)
             else:
-                self._end(heard)
+                self._end(report)
 
 
-class _GivenUp(BaseException):
-    """Nobody wants the build any more."""
+class _Cancelled(BaseException):
+    """Another request, or the user, has cancelled the build."""
 
 
-def _work(link: Connection, tell: Tell) -> None:
-    """What the process does: builds from the pipe, their outcomes back, until the workbench is gone."""
+def _serve_requests(link: Connection, summarize: Summarize) -> None:
+    """Run the requests from the pipe and send their outcomes, until the workbench has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(EOFError, OSError):  # the workbench has ended
         while True:
-            ask = link.recv()
-            if isinstance(ask, Ask):  # what else is said is of a build that has just ended
-                link.send(_perform(ask, link, tell))
+            message = link.recv()
+            if isinstance(message, BuildRequest):  # An order to a build that has ended is ignored.
+                link.send(_run_request(message, link, summarize))
 
 
-def _perform(ask: Ask, link: Connection, tell: Tell) -> Outcome | Stopped:
-    ending = False
+def _run_request(
+    request: BuildRequest, link: Connection, summarize: Summarize
+) -> Outcome | Stopped:
+    must_end = False
 
     def watch(name: str) -> None:
-        nonlocal ending
+        nonlocal must_end
         while link.poll():
-            if link.recv() == _GIVE_UP:
-                raise _GivenUp
-            ending = True
-        link.send(Stage(ask.number, name.replace("Ctrl-C", "Cancel")))
-        if ending and may_end_early(name):
-            raise KeyboardInterrupt  # as Ctrl-C on the command line: the search alone ends, and each one after it
+            if link.recv() == _CANCEL:
+                raise _Cancelled
+            must_end = True
+        link.send(Stage(request.number, name.replace("Ctrl-C", "Cancel")))
+        if must_end and may_end_early(name):
+            # As Ctrl-C on the command line: it ends this search, and each later one.
+            raise KeyboardInterrupt
 
     try:
-        return perform(ask, watch, tell)
-    except _GivenUp:
-        return Stopped(ask.number)
+        return run_request(request, watch, summarize)
+    except _Cancelled:
+        return Stopped(request.number)

@@ -1,230 +1,228 @@
-"""Layers and contours switched on and off in the job's own words: globs, ids of rows, words of input.select."""
+"""Changes of the job by clicks on the page: layers, contours, edges, the order and the seams.
+
+They become globs of `input.layers`, ids of `[[operations]]`, words of `input.select`, and `[tour]`.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 from camgen.model.errors import JobError
-from camgen.workbench.perform import MOVABLE, Looked
-from camgen.workbench.session import Tables, put, rows_of
+from camgen.workbench.perform import MOVABLE, InputSummary
+from camgen.workbench.session import Tables, list_rows, set_value
 
 _SPECIAL = re.compile(r"[\[*?]")
-#: Seams that are nearer to each other than this, mm, are one.
+#: Distance below which two start points are the same, mm.
 _SAME_MM = 0.01
 
 
 def switch_layer(tables: Tables, name: str, on: bool) -> Tables:
-    """The job with or without a layer, by ``input.layers``."""
-    glob = _SPECIAL.sub(lambda found: f"[{found[0]}]", name)
-    globs = [
-        one
-        for one in _globs(tables)
-        if one.casefold() not in (f"!{glob}".casefold(), glob.casefold())
-    ]
+    """The job with or without a layer, by `input.layers`."""
+    glob = _SPECIAL.sub(lambda match: f"[{match[0]}]", name)
+    replaced = (f"!{glob}".casefold(), glob.casefold())
+    globs = [other for other in _list_globs(tables) if other.casefold() not in replaced]
     if not on:
-        return put(tables, ["input", "layers"], [*(globs or ["*"]), f"!{glob}"])
-    if not any(one == "*" for one in globs) and any(not one.startswith("!") for one in globs):
-        globs.append(glob)
-    elif not globs or all(one.startswith("!") for one in globs):
+        return set_value(tables, ["input", "layers"], [*(globs or ["*"]), f"!{glob}"])
+    if all(other.startswith("!") for other in globs):
         globs = ["*", *globs]
-    return put(tables, ["input", "layers"], globs)
+    elif "*" not in globs:
+        globs.append(glob)
+    return set_value(tables, ["input", "layers"], globs)
 
 
-def _globs(tables: Tables) -> list[str]:
-    found = _input(tables).get("layers", ["*"])
-    return [str(one) for one in found] if isinstance(found, list) else ["*"]
+def _list_globs(tables: Tables) -> list[str]:
+    globs = _get_input(tables).get("layers", ["*"])
+    return list(map(str, globs)) if isinstance(globs, list) else ["*"]
 
 
-def leave_out(tables: Tables, looked: Looked, names: Sequence[str], row: int) -> Tables:
-    """The job without contours, or edges, in an operation. row: of ``[[operations]]``, -1: in all that work on them.
-    JobError where the job has no words for it.
+def leave_out(tables: Tables, summary: InputSummary, names: Sequence[str], row: int) -> Tables:
+    """The job without contours, or edges, in an operation.
+
+    row: row of `[[operations]]`; -1 for all rows that work on them.
+
+    Raises JobError if the job cannot express it, or if nothing would be left.
     """
-    if looked.kind == "solid":
-        words = _words(tables)
-        more = [word for name in names for word in ("not", name)]
-        return put(
-            tables, ["input", "select"], _join_words(_without(words, names, negated=False) + more)
-        )
-    _insist_on_contours(looked)
-    rows = rows_of(tables, "operations")
-    if not rows:
-        left = [name for name, _ in looked.contours if name not in names]
-        if not left:
-            raise JobError(
-                "job",
-                "nothing would be left to work on",
-                ", ".join(names),
-                "leave out the layer instead",
-            )
-        return put(tables, ["operations"], [{"ids": left}])
+    if summary.kind == "solid":
+        words = _remove_names(_list_words(tables), names, negated=False)
+        for name in names:
+            words += ["not", name]
+        return set_value(tables, ["input", "select"], _join_words(words))
+    _check_contours(summary)
+    rows = list_rows(tables, "operations")
     kept: list[dict[str, Any]] = []
-    for number, one in enumerate(rows):
-        worked = looked.worked[number] if number < len(looked.worked) else ()
+    for number, operation in enumerate(rows):
+        worked = summary.worked[number] if number < len(summary.worked) else ()
         if row not in (-1, number) or not set(worked) & set(names):
-            kept.append(one)
-        elif left := [name for name in worked if name not in names]:
-            kept.append({**one, "ids": left})
+            kept.append(operation)
+        elif remaining := [name for name in worked if name not in names]:
+            kept.append({**operation, "ids": remaining})
+    if not rows:
+        remaining = [name for name, _ in summary.contours if name not in names]
+        kept = [{"ids": remaining}] if remaining else []
     if not kept:
-        raise JobError(
-            "job",
-            "nothing would be left to work on",
-            ", ".join(names),
-            "leave out the layer instead",
-        )
-    return put(tables, ["operations"], kept)
+        what, remedy = "nothing would be left to work on", "leave out the layer instead"
+        raise JobError("job", what, ", ".join(names), remedy)
+    return set_value(tables, ["operations"], kept)
 
 
-def take_in(tables: Tables, looked: Looked, names: Sequence[str]) -> Tables:
-    """The job with contours, or edges, that it leaves out: in the last row that names contours."""
-    if looked.kind == "solid":
-        words = _words(tables)
-        kept = _without(words, names, negated=True)
-        # What was taken away is there again; what no word chose is named.
-        more = [] if kept != words else names
-        return put(tables, ["input", "select"], _join_words([*kept, *more]))
-    _insist_on_contours(looked)
-    rows = rows_of(tables, "operations")
+def restore(tables: Tables, summary: InputSummary, names: Sequence[str]) -> Tables:
+    """The job with contours, or edges, that it leaves out.
+
+    Contours are added to the last row of `[[operations]]` that names contours.
+    """
+    if summary.kind == "solid":
+        words = _list_words(tables)
+        kept = _remove_names(words, names, negated=True)
+        # Without a "not" to remove, the names are added to the selection.
+        added = [] if kept != words else names
+        return set_value(tables, ["input", "select"], _join_words([*kept, *added]))
+    _check_contours(summary)
+    rows = list_rows(tables, "operations")
     number = next((k for k in reversed(range(len(rows))) if rows[k].get("ids")), None)
     if number is None:
-        raise JobError(
-            "job", "no operation names its contours", ", ".join(names), "add an operation for them"
-        )
-    order = [name for name, _ in looked.contours]
+        what, remedy = "no operation names its contours", "add an operation for them"
+        raise JobError("job", what, ", ".join(names), remedy)
+    order = [name for name, _ in summary.contours]
     wanted = {*rows[number]["ids"], *names}
     if len(rows) == 1 and set(rows[0]) == {"ids"} and wanted >= set(order):
-        return put(tables, ["operations"], None)
-    return put(tables, ["operations", number, "ids"], [name for name in order if name in wanted])
+        return set_value(tables, ["operations"], None)
+    return set_value(
+        tables, ["operations", number, "ids"], [name for name in order if name in wanted]
+    )
 
 
-def left_out(tables: Tables, looked: Looked) -> list[str]:
-    """The contours, or edges, that could be taken in again."""
-    if looked.kind == "solid":
-        words = _words(tables)
+def list_left_out(tables: Tables, summary: InputSummary) -> list[str]:
+    """The contours, or edges, that can be restored."""
+    if summary.kind == "solid":
+        words = _list_words(tables)
         return [word for before, word in pairwise(words) if before == "not" and word != "bottom"]
-    if not any(one.get("ids") for one in rows_of(tables, "operations")):
+    ids = [row.get("ids", []) for row in list_rows(tables, "operations")]
+    if not any(ids):
         return []
-    worked = {name for row in rows_of(tables, "operations") for name in row.get("ids", [])}
-    worked |= {name for ids in looked.worked for name in ids}
-    return [name for name, _ in looked.contours if name not in worked]
+    worked = set(chain(*ids, *summary.worked))
+    return [name for name, _ in summary.contours if name not in worked]
 
 
 def order_layers(tables: Tables, names: Sequence[str]) -> Tables:
-    """The job that runs its layers in this order, by ``tour.layers``."""
-    return put(tables, ["tour", "layers"], list(names))
+    """The job that runs its layers in this order, by `tour.layers`."""
+    return set_value(tables, ["tour", "layers"], list(names))
 
 
-def move_path(tables: Tables, looked: Looked, path: int, to: int) -> Tables:
-    """The job that runs the path of a number at the place of another one, by ``tour.order``: of their operation it
-    names all paths up to the one that is moved, and those that were named before. JobError where operations decide.
+def move_path(tables: Tables, summary: InputSummary, path: int, to: int) -> Tables:
+    """The job that runs a path at the position of another one of its operation, by `tour.order`.
+
+    path, to: indices of the paths.
+
+    `tour.order` then names all paths of the operation up to the moved one, and those that it named
+    before. Raises JobError if the operations determine the order of the two paths.
     """
-    _insist_on_moves(looked, path, to)
-    runs = looked.runs
-    own = [k for k, run in enumerate(runs) if run.row == runs[path].row]
+    _check_moves(summary, path, to)
+    runs = summary.runs
+    same_row = [k for k, run in enumerate(runs) if run.row == runs[path].row]
     if runs[to].row != runs[path].row:
-        what = "is of another operation, which keeps its place in the order of the operations"
+        what = "belongs to another operation, which keeps its place in the order of the operations"
         raise JobError("page", f"path {to + 1} {what}", remedy="move the path within its operation")
-    moved = [k for k in own if k != path]
-    moved.insert(own.index(to), path)
+    moved = [k for k in same_row if k != path]
+    moved.insert(same_row.index(to), path)
     last = max([moved.index(path), *(place for place, k in enumerate(moved) if runs[k].ordered)])
-    first = _names(looked, moved[: last + 1])
-    place = {name: number for number, name in enumerate(first)}
-    one, two = (
-        min((place.get(name, len(first)) for name in runs[k].contours), default=-1)
-        for k in (path, to)
-    )
-    if one == two or (one < two) == (path < to):
-        what = f"paths {path + 1} and {to + 1} work on the same contours, whose order follows from the operation"
+    first = _list_names(summary, moved[: last + 1])
+    rank = {name: number for number, name in enumerate(first)}
+    path_rank = min((rank.get(name, len(first)) for name in runs[path].contours), default=-1)
+    to_rank = min((rank.get(name, len(first)) for name in runs[to].contours), default=-1)
+    if path_rank == to_rank or (path_rank < to_rank) == (path < to):
+        what = f"paths {path + 1} and {to + 1} work on the same contours; the operation orders them"
         raise JobError("page", what, remedy="move another path")
-    others = _names(
-        looked, [k for k, run in enumerate(runs) if run.ordered and run.row != runs[path].row]
-    )
-    before, named = set(_names(looked, range(own[0]))), set(first)
-    early = [name for name in others if name not in named and name in before]
-    late = [name for name in others if name not in named and name not in before]
-    return put(tables, ["tour", "order"], [*early, *first, *late])
+    ordered = [k for k, run in enumerate(runs) if run.ordered and run.row != runs[path].row]
+    others = [name for name in _list_names(summary, ordered) if name not in rank]
+    before = set(_list_names(summary, range(same_row[0])))
+    early = [name for name in others if name in before]
+    late = [name for name in others if name not in before]
+    return set_value(tables, ["tour", "order"], [*early, *first, *late])
 
 
 def move_seam(
-    tables: Tables, looked: Looked, path: int, place: tuple[float, float] | None
+    tables: Tables, summary: InputSummary, path: int, place: tuple[float, float] | None
 ) -> Tables:
-    """The job that begins the closed path of a number at ``place`` (mm), by ``tour.seams``; None: where camgen likes.
-    JobError for a path that is not closed.
+    """The job that starts a closed path at a place, by `tour.seams`.
+
+    path: index of the path.
+    place: x, y, mm; None lets camgen choose the start point.
+
+    Raises JobError for an open path.
     """
-    _insist_on_moves(looked, path)
-    run = looked.runs[path]
+    _check_moves(summary, path)
+    run = summary.runs[path]
     if run.seam is None:
-        raise JobError(
-            "page", f"path {path + 1} is not closed", remedy="it begins at one of its ends"
+        what, remedy = f"path {path + 1} is not closed", "it starts at one of its ends"
+        raise JobError("page", what, remedy=remedy)
+    listed = tables.get("tour", {}).get("seams", [])
+    seams = [[*point] for point in listed] if isinstance(listed, list) else []
+    replaced = len(seams)
+    if run.point is not None and [*run.point] in seams:
+        # Other paths along the contour may need the point. Paths that start there move along.
+        others = [other for other in summary.runs if other is not run and other.point == run.point]
+        is_alone = all(
+            other.seam and math.dist(other.seam[:2], run.seam[:2]) < _SAME_MM for other in others
         )
-    found = tables.get("tour", {}).get("seams", [])
-    seams = [[*one] for one in found] if isinstance(found, list) else []
-    held = [k for k, one in enumerate(seams) if run.point is not None and tuple(one) == run.point]
-    sharing = [
-        other
-        for other in looked.runs
-        if other is not run and run.point and other.point == run.point
-    ]
-    # A point on a contour stays for the other paths along it; paths in one place have one.
-    alone = all(
-        other.seam and math.dist(other.seam[:2], run.seam[:2]) < _SAME_MM for other in sharing
-    )
-    at = held[0] if held and (place is None or alone) else len(seams)
-    seams[at : at + 1] = [[round(value, 3) for value in place]] if place else []
-    return put(tables, ["tour", "seams"], seams)
+        if place is None or is_alone:
+            replaced = seams.index([*run.point])
+    seams[replaced : replaced + 1] = [[round(value, 3) for value in place]] if place else []
+    return set_value(tables, ["tour", "seams"], seams)
 
 
-def _insist_on_moves(looked: Looked, *paths: int) -> None:
-    """JobError for paths that a job has no words for."""
-    if looked.kind not in MOVABLE:
-        raise JobError(
-            "page",
-            "only paths of drawings and pictures have an order and seams",
-            remedy="see [tour]",
-        )
-    if not all(0 <= path < len(looked.runs) for path in paths):
+def _check_moves(summary: InputSummary, *paths: int) -> None:
+    """Raise JobError for paths whose order and start a job cannot set."""
+    if summary.kind not in MOVABLE:
+        what = "only paths of drawings and pictures have an order and seams"
+        raise JobError("page", what, remedy="see [tour]")
+    if not all(0 <= path < len(summary.runs) for path in paths):
         raise JobError("page", "the picture is of an older program", remedy="wait for the new one")
 
 
-def _names(looked: Looked, paths: Sequence[int]) -> list[str]:
-    return list(dict.fromkeys(name for path in paths for name in looked.runs[path].contours))
+def _list_names(summary: InputSummary, paths: Sequence[int]) -> list[str]:
+    return list(dict.fromkeys(chain.from_iterable(summary.runs[k].contours for k in paths)))
 
 
-def _insist_on_contours(looked: Looked) -> None:
-    if looked.kind in ("curves", "program"):
-        what = (
-            "has no words to leave out a part of it"
-            if looked.kind == "program"
-            else "chooses curves by layer alone"
-        )
-        raise JobError("job", what, remedy="leave out a layer, or mend the input")
+def _check_contours(summary: InputSummary) -> None:
+    """Raise JobError for a part of which a job cannot leave out single contours."""
+    what = {
+        "curves": "selects curves by layer alone",
+        "program": "has no setting to leave out a part of a program",
+    }
+    if summary.kind in what:
+        remedy = "leave out a layer, or correct the input"
+        raise JobError("job", what[summary.kind], remedy=remedy)
 
 
-def _words(tables: Tables) -> list[str]:
-    return str(_input(tables).get("select", "convex")).replace(",", " ").split()
+def _list_words(tables: Tables) -> list[str]:
+    return str(_get_input(tables).get("select", "convex")).replace(",", " ").split()
 
 
-def _input(tables: Tables) -> dict[str, Any]:
-    found = tables.get("input", {})
-    return found if isinstance(found, dict) else {}
+def _get_input(tables: Tables) -> dict[str, Any]:
+    table = tables.get("input", {})
+    return table if isinstance(table, dict) else {}
 
 
-def _without(words: Sequence[str], names: Sequence[str], negated: bool) -> list[str]:
-    """The words of a selection without names; negated: without those that follow "not", else without the others."""
+def _remove_names(words: Sequence[str], names: Sequence[str], negated: bool) -> list[str]:
+    """The words of a selection without names.
+
+    negated: remove the names after a "not", and the "not"; otherwise remove all other names.
+    """
     kept: list[str] = []
     for before, word in zip(["", *words], words, strict=False):
-        drop = word in names and (before == "not") == negated
-        if drop and negated:
+        is_removed = word in names and (before == "not") == negated
+        if is_removed and negated:
             kept.pop()
-        if not drop:
+        if not is_removed:
             kept.append(word)
     return kept
 
 
 def _join_words(words: Sequence[str]) -> str:
-    """Words of a selection as a user would write them."""
+    """The text of a selection as a user would write it."""
     text = " ".join(words or ["convex"])
     return re.sub(r" (?=not )", ", ", text)

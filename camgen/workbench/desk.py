@@ -1,4 +1,4 @@
-"""What lives while the workbench is open: the session, its last good build, and the pages that show it."""
+"""The state of an open workbench: the session, its last successful build, and its pages."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from camgen.model.errors import CamgenError, JobError
 from camgen.model.text import counted
 from camgen.read.files import Files, identity
 from camgen.workbench import session as steps
-from camgen.workbench.builder import Builder, Heard, Stage, Stopped
-from camgen.workbench.choose import left_out
-from camgen.workbench.form import Form, form
+from camgen.workbench.builder import Builder, Report, Stage, Stopped
+from camgen.workbench.choose import list_left_out
+from camgen.workbench.form import Form, make_form
 from camgen.workbench.job_text import keeps_comments, write_job
 from camgen.workbench.journal import Journal, Leftover, list_leftovers
-from camgen.workbench.perform import Ask, Built, Failed, Looked, Proposed, Tell
+from camgen.workbench.perform import BuildRequest, Built, Failed, InputSummary, Proposed, Summarize
 from camgen.workbench.session import Change, Session, Tables
-from camgen.workbench.usual import Usual, usual_of
+from camgen.workbench.usual import Defaults, list_defaults
 
-#: A change is built after this pause, s, so that a slider does not start a build for each of its places.
+#: Pause between a change and its build, s, so that a moving slider does not start many builds.
 _PAUSE = 0.15
-#: Files are looked at so often, s.
-_LOOK = 1.0
-_NOTHING = Looked("")
+#: Period in which the files on the disk are checked for changes, s.
+_CHECK_PERIOD = 1.0
+_NOTHING = InputSummary("")
 Stamp = tuple[int, int] | None
 #: Writes a line about the journal on the command line.
 Warn = Callable[[str], None]
@@ -65,9 +65,9 @@ class Ending(Struct, frozen=True):
 
 
 class Desk:
-    """Only the thread of its event loop touches it."""
+    """The state of an open workbench. Only the thread of its event loop uses it."""
 
-    def __init__(self, session: Session, tell: Tell, warn: Warn) -> None:
+    def __init__(self, session: Session, summarize: Summarize, warn: Warn) -> None:
         self.session = session
         self._warn = warn
         self.journal = Journal(session)
@@ -75,117 +75,128 @@ class Desk:
         self._drafts: dict[tuple[str | int, ...], Change] = {}
         #: Journals of earlier workbenches, which the page offers one after the other.
         self._offers: list[Leftover] = []
-        #: Counts what was asked for; that of a build is in the address of its page.
+        #: Number of the last request. The address of a preview has that of its build.
         self.number = 0
         self.built: Built | None = None
         self.failed: Failed | None = None
         self.stage = ""
-        #: What the pages are told beside that: what was written, what changed on the disk.
-        self.told = ""
+        #: Message for the pages: files that were written, or changed on the disk.
+        self.message = ""
         self.changed_outside = False
         self.closing = False
         #: Whether a page has been opened.
         self.is_visited = False
-        self.form: Form = form(session.post)
+        self.form: Form = make_form(session.post)
         self._listeners: set[asyncio.Queue[None]] = set()
         self._idle = asyncio.Event()
         self._pause: asyncio.TimerHandle | None = None
         self._stamps: dict[Path, Stamp] = {}
         loop = asyncio.get_running_loop()
         self._loop = loop
-        self.builder = Builder(tell, self._hear, loop)
-        self.look_at_files()
+        self.builder = Builder(summarize, self._receive, loop)
+        self.remember_files()
         self.ask()
 
     # Building.
 
     def ask(self, propose: bool = False) -> None:
-        """Builds the job as it is now, and gives up what is built."""
+        """Build the job as it is now, after cancelling the current build."""
         if self._pause is not None:
             self._pause.cancel()
         if self.closing:
             return
         self.number += 1
-        one = self.session
-        text = one.text if one.tables or one.base else ""
-        ask = Ask(self.number, one.inputs, one.post, one.job_file, text, one.output, propose)
+        session = self.session
+        request = BuildRequest(
+            number=self.number,
+            inputs=session.inputs,
+            post=session.post,
+            job_file=session.job_file,
+            text=session.text if session.tables or session.base else "",
+            output=session.output,
+            propose=propose,
+        )
         self.stage = "proposing" if propose else "reading"
         self._idle.clear()
-        self.builder.ask(ask)
-        self.tell_all()
+        self.builder.ask(request)
+        self.notify_pages()
 
-    def _hear(self, heard: Heard) -> None:
-        if heard.number != self.number:
-            # Of a build that a newer change has replaced: it is shown until that is built, and never saved.
-            if isinstance(heard, Built):
-                self.built = heard
-        elif isinstance(heard, Stage):
-            self.stage = heard.name
+    def _receive(self, report: Report) -> None:
+        if report.number != self.number:
+            # A newer change has replaced this build. It is shown until the new one is ready, but
+            # never saved.
+            if isinstance(report, Built):
+                self.built = report
+        elif isinstance(report, Stage):
+            self.stage = report.name
         else:
-            self._take(heard)
-        self.tell_all()
+            self._take(report)
+        self.notify_pages()
 
-    def _take(self, heard: Built | Failed | Proposed | Stopped) -> None:
-        """How the newest build ended."""
+    def _take(self, outcome: Built | Failed | Proposed | Stopped) -> None:
+        """Take over the outcome of the newest request."""
         self.stage = ""
         self._idle.set()
-        if isinstance(heard, Built):
-            self.built, self.failed = heard, None
-            self.look_at_files()
-        elif isinstance(heard, Failed):
-            self.failed = heard
-        elif isinstance(heard, Stopped):
-            self.failed = Failed(heard.number, self._tell_stopped(), 130, (), {})
+        if isinstance(outcome, Built):
+            self.built, self.failed = outcome, None
+            self.remember_files()
+        elif isinstance(outcome, Failed):
+            self.failed = outcome
+        elif isinstance(outcome, Stopped):
+            self.failed = Failed(outcome.number, self._format_stopped(), 130, (), {})
         else:
             tables: Tables = {
                 **self.session.tables,
-                "tools": list(heard.tools),
-                "operations": list(heard.operations),
+                "tools": list(outcome.tools),
+                "operations": list(outcome.operations),
             }
-            tables = steps.put(tables, ["stock", "thickness"], heard.thickness)
-            self._keep(steps.step(self.session, tables))
-            self.told = "depths and speeds are placeholders: measure the material, set them for tool and material"
+            tables = steps.set_value(tables, ["stock", "thickness"], outcome.thickness)
+            self._keep(steps.add_step(self.session, tables))
+            self.message = (
+                "depths and speeds are placeholders: measure the material, "
+                "set them for tool and material"
+            )
             self.ask()
 
-    def _tell_stopped(self) -> str:
-        """The line of a build that was given up."""
+    def _format_stopped(self) -> str:
+        """The line of a cancelled build."""
         if self.built is None:
             return "stopped: there is no program yet"
-        return "stopped: what is shown is the last good program"
+        return "stopped: the page shows the last good program"
 
-    def become(self, session: Session) -> None:
-        """Another state of the job: it is built after a short pause."""
+    def replace_session(self, session: Session) -> None:
+        """Replace the state of the job, and build it after a short pause."""
         if session.post != self.session.post:
-            self.form = form(session.post)
+            self.form = make_form(session.post)
         if session.step == self.session.step:
             self._keep(session)
-            self.tell_all()
+            self.notify_pages()
             return
         self._keep(session)
-        self.told = ""
+        self.message = ""
         if self.closing:
             return
-        self.number += 1  # what is built meanwhile is not of this job
+        self.number += 1  # A build that ends meanwhile is not one of this job.
         self._idle.clear()
         self.stage = "waiting"
         if self._pause is not None:
             self._pause.cancel()
         self._pause = self._loop.call_later(_PAUSE, self.ask)
-        self.tell_all()
+        self.notify_pages()
 
     def stop(self) -> None:
-        """Gives up the build that runs; the last good one stays."""
+        """Stop the current build. The last successful one stays."""
         if self._pause is not None:
             self._pause.cancel()
         if self.stage == "waiting":
             self._take(Stopped(self.number))
         self.builder.stop()
-        self.tell_all()
+        self.notify_pages()
 
     # The journal.
 
     def _keep(self, session: Session) -> None:
-        """Puts a session in the place of the present one, once its journal is on the disk."""
+        """Replace the session, and write its journal to the disk."""
         fault = self.journal.fault
         self.session = session
         self.journal.write(session, list(self._drafts.values()))
@@ -214,7 +225,7 @@ class Desk:
                 f"{changes} of {self.session.job_file} that were not saved are in {leftover.path}"
             )
             self._warn(f"{text}; the page offers them")
-            self.tell_all()
+            self.notify_pages()
 
     def answer_offer(self, counts: bool) -> None:
         """The user decided about the journal that is offered.
@@ -226,22 +237,22 @@ class Desk:
         leftover = self._offers.pop(0)
         if counts:
             for session in leftover.resume(self.session):
-                self.become(session)
+                self.replace_session(session)
             self._apply(leftover.drafts)
         # What this workbench could not write down is offered again.
         leftover.close(keep=counts and bool(self.journal.fault))
-        self.tell_all()
+        self.notify_pages()
 
     def change(self, changes: Sequence[Change]) -> None:
         """Applies changes of a page. JobError if the job has no place for one of them."""
         for change in changes:
             self._drafts.pop(tuple(change.path), None)
         try:
-            session = steps.change(self.session, changes)
+            session = steps.apply_changes(self.session, changes)
         except CamgenError:
             self._keep(self.session)
             raise
-        self.become(session)
+        self.replace_session(session)
 
     def draft(self, change: Change) -> None:
         """Keeps a text while it is typed. One without value and text was withdrawn."""
@@ -257,13 +268,13 @@ class Desk:
         refused = ""
         for draft in drafts:
             try:
-                session = steps.change(self.session, [draft])
+                session = steps.apply_changes(self.session, [draft])
             except CamgenError as error:
                 refused = f"error: {error}"
                 continue
-            self.become(session)
+            self.replace_session(session)
         if refused:
-            self.told = refused
+            self.message = refused
 
     def end(self) -> Ending:
         """Releases the journals. Changes that are not saved stay in them."""
@@ -292,18 +303,14 @@ class Desk:
         await self.check_files()
         await self._idle.wait()
         if self.changed_outside:
-            what = "was changed by somebody else"
-            raise JobError(
-                str(self.session.job_file),
-                what,
-                remedy="say which one counts: the file or the form",
-            )
-        one, built = self.session, self.built
+            what, remedy = "was changed outside the workbench", "choose on the page: file or form"
+            raise JobError(str(self.session.job_file), what, remedy=remedy)
+        session, built = self.session, self.built
         if built is None or built.number != self.number:
             why = self.failed.line.removeprefix("error: ") if self.failed else "nothing is built"
             raise JobError("save", f"there is no program to save: {why}")
-        text = one.text
-        files = [(one.job_file, text.encode())] if one.tables or one.base else []
+        text = session.text
+        files = [(session.job_file, text.encode())] if session.tables or session.base else []
         files += built.programs
         check_targets([path for path, _ in files], built.opened.values())
         check_programs(built.programs)
@@ -311,62 +318,57 @@ class Desk:
         if edited:
             raise Edited(edited)
         write_all(files, built.opened)
-        lost = one.base and not keeps_comments(one.base, text)
-        self.session = replace(one, base=text if files[0][0] == one.job_file else "")
+        lost = session.base and not keeps_comments(session.base, text)
+        self.session = replace(session, base=text if files[0][0] == session.job_file else "")
         self.journal.begin(self.session)
         self._keep(self.session)
-        self._stamps[one.job_file] = stamp_of(one.job_file)
-        self.told = f"written: {', '.join(str(path) for path, _ in files)}"
-        self.told += f"; comments of {one.job_file} are lost" if lost else ""
-        self.tell_all()
+        self._stamps[session.job_file] = read_stamp(session.job_file)
+        self.message = f"written: {', '.join(str(path) for path, _ in files)}"
+        self.message += f"; comments of {session.job_file} are lost" if lost else ""
+        self.notify_pages()
         return [path for path, _ in files]
 
-    def look_at_files(self) -> None:
-        """Remembers how the files are that a build reads; those that are known, as they were before that."""
+    def remember_files(self) -> None:
+        """Remember the stamps of the files that a build reads. Known stamps stay."""
         opened = self.built.opened.values() if self.built else ()
         paths = (*self.session.inputs, self.session.job_file, *opened)
         self._stamps = {
-            path: self._stamps[path] if path in self._stamps else stamp_of(path) for path in paths
+            path: self._stamps[path] if path in self._stamps else read_stamp(path) for path in paths
         }
 
     async def watch_files(self) -> None:
-        """Builds again whenever a file changes on the disk, and finds journals that are left."""
+        """Build again after changes on the disk, and find journals of other workbenches."""
         while not self.closing:
-            await asyncio.sleep(_LOOK)
+            await asyncio.sleep(_CHECK_PERIOD)
             await self.check_files()
             self._find_offers()
 
     async def check_files(self) -> None:
-        """Builds again where a file has changed, and reads the job file again where nothing would be lost by it."""
+        """Build again if a file has changed. Read the job file again if no change would be lost."""
         loop = asyncio.get_running_loop()
-        now = await loop.run_in_executor(
-            None, lambda: {path: stamp_of(path) for path in self._stamps}
+        stamps = await loop.run_in_executor(
+            None, lambda: {path: read_stamp(path) for path in self._stamps}
         )
-        changed = {
-            path
-            for path, stamp in now.items()
-            if path in self._stamps and stamp != self._stamps[path]
-        }
+        known = stamps.keys() & self._stamps.keys()
+        changed = {path for path in known if stamps[path] != self._stamps[path]}
         if not changed:
             return
-        self._stamps |= {path: now[path] for path in changed}
+        self._stamps |= {path: stamps[path] for path in changed}
         if self.session.job_file in changed:
             self._job_changed()
         if changed - {self.session.job_file}:
-            self.told = f"changed on the disk: {', '.join(sorted(path.name for path in changed))}"
+            self.message = (
+                f"changed on the disk: {', '.join(sorted(path.name for path in changed))}"
+            )
             self.ask()
 
     def _job_changed(self) -> None:
-        """The job file is not what it was. Where the form holds what is not saved, the user says which one counts."""
+        """Read the changed job file. If the form has unsaved changes, the user chooses."""
         try:
-            base = (
-                steps.read_base(self.session.job_file, Files())
-                if self.session.job_file.exists()
-                else ""
-            )
+            base = self._read_base()
         except CamgenError as error:
-            self.told, self.changed_outside = str(error), True
-            self.tell_all()
+            self.message, self.changed_outside = str(error), True
+            self.notify_pages()
             return
         if base == self.session.base:
             return
@@ -374,41 +376,43 @@ class Desk:
             self.load_job()
         else:
             self.changed_outside = True
-            self.tell_all()
+            self.notify_pages()
+
+    def _read_base(self) -> str:
+        file = self.session.job_file
+        return steps.read_base(file, Files()) if file.exists() else ""
 
     def load_job(self) -> None:
-        """The job as its file has it now; what the form held can be had back by undo."""
-        one = self.session
-        base = steps.read_base(one.job_file, Files()) if one.job_file.exists() else ""
-        tables = steps.tables_of(base)
-        names = {identity(one.job_file.parent / name) for name in steps.named_files(tables)}
-        self.session = steps.step(replace(one, base=base, allowed=one.allowed | names), tables)
+        """Replace the job by that of its file. Undo restores the content of the form."""
+        session, base = self.session, self._read_base()
+        tables = steps.parse_tables(base)
+        names = {identity(session.job_file.parent / name) for name in steps.list_files(tables)}
+        loaded = replace(session, base=base, allowed=session.allowed | names)
+        self.session = steps.add_step(loaded, tables)
         self.journal.begin(self.session)
         self._keep(self.session)
         self.changed_outside = False
-        self.told = f"{one.job_file.name} was read again"
-        self.look_at_files()
+        self.message = f"{session.job_file.name} was read again"
+        self.remember_files()
         self.ask()
 
     def keep_job(self) -> None:
-        """The form counts; the next save replaces what somebody else has written."""
-        one = self.session
-        with suppress(CamgenError):  # what is no TOML is replaced as a whole
-            base = steps.read_base(one.job_file, Files()) if one.job_file.exists() else ""
-            self._keep(replace(one, base=base))
+        """Keep the form. The next save replaces the changes in the file."""
+        with suppress(CamgenError):  # A file that is not TOML is replaced as a whole.
+            self._keep(replace(self.session, base=self._read_base()))
         self.changed_outside = False
-        self.tell_all()
+        self.notify_pages()
 
     # Pages.
 
-    def tell_all(self) -> None:
-        """Tells all pages that something is new."""
+    def notify_pages(self) -> None:
+        """Notify all pages of a new state."""
         for queue in self._listeners:
-            with suppress(asyncio.QueueFull):  # they are told all there is when they ask
+            with suppress(asyncio.QueueFull):  # The page has not yet read the previous state.
                 queue.put_nowait(None)
 
     def join(self) -> asyncio.Queue[None]:
-        """One more page."""
+        """Add a page. Its queue gets an item for each new state."""
         queue: asyncio.Queue[None] = asyncio.Queue(1)
         queue.put_nowait(None)
         self._listeners.add(queue)
@@ -416,58 +420,59 @@ class Desk:
         return queue
 
     def leave(self, queue: asyncio.Queue[None]) -> None:
-        """Takes a page away. The texts that are typed become changes: its fields are gone."""
+        """Remove a page. The texts typed on it become changes, since its fields are gone."""
         self._listeners.discard(queue)
         if not self.closing:
             self._apply_drafts()
 
     @property
     def pages(self) -> int:
-        """How many pages show it."""
+        """The number of open pages."""
         return len(self._listeners)
 
     @property
-    def looked(self) -> Looked:
-        """What the last good build has seen of the input."""
-        return self.built.looked if self.built else _NOTHING
+    def summary(self) -> InputSummary:
+        """The content of the input in the last successful build."""
+        return self.built.summary if self.built else _NOTHING
 
     def state(self) -> dict[str, Any]:
-        """What a page shows, as plain data; ``looked``, which may be long, is told when it is new."""
-        one, built, failed = self.session, self.built, self.failed
+        """The state for a page as plain data, without the summary of the input."""
+        session, built, failed = self.session, self.built, self.failed
         return {
             "number": self.number,
-            "inputs": [path.name for path in one.inputs],
-            "folder": one.folder.resolve().name,
-            "job_file": one.job_file.name,
-            "post": one.post,
-            "posts": one.posts,
-            "tables": plain(one.tables),
-            "text": one.text,
-            "saved": one.is_saved,
-            "undo": len(one.before),
-            "redo": len(one.after),
+            "inputs": [path.name for path in session.inputs],
+            "folder": session.folder.resolve().name,
+            "job_file": session.job_file.name,
+            "post": session.post,
+            "posts": session.posts,
+            "tables": convert_plain(session.tables),
+            "text": session.text,
+            "saved": session.is_saved,
+            "undo": len(session.before),
+            "redo": len(session.after),
             "unsaved": self.journal.changes,
             "journal_fault": self.journal.fault,
-            "offer": self._tell_offer(),
+            "offer": self._describe_offer(),
             "stage": self.stage,
-            "told": self.told,
+            "told": self.message,
             "changed_outside": self.changed_outside,
-            "command": command_of(one),
+            "command": format_command(session),
             "closing": self.closing,
-            "built": built and self._tell_built(built),
+            "built": built and self._describe_built(built),
             "failed": failed and {"line": failed.line, "code": failed.code, "place": failed.place},
-            "usual": self._find_usual(),
-            "picture": self._number_of_picture(),
-            "left_out": left_out(one.tables, self.looked),
+            "usual": self._find_defaults(),
+            "picture": self._find_picture_number(),
+            "left_out": list_left_out(session.tables, self.summary),
         }
 
-    def _find_usual(self) -> Usual:
-        """What holds where the job is silent: as in the last good build, and as the job says now."""
+    def _find_defaults(self) -> Defaults:
+        """The defaults of the last successful build, replaced by those that follow from the job."""
         built = self.built.usual if self.built else {}
-        now = usual_of(self.session.tables)
-        return {table: {**built.get(table, {}), **now.get(table, {})} for table in {**built, **now}}
+        current = list_defaults(self.session.tables)
+        tables = {**built, **current}
+        return {name: {**built.get(name, {}), **current.get(name, {})} for name in tables}
 
-    def _tell_built(self, built: Built) -> dict[str, Any]:
+    def _describe_built(self, built: Built) -> dict[str, Any]:
         return {
             "number": built.number,
             "rows": built.rows,
@@ -476,7 +481,7 @@ class Desk:
             "bytes": sum(len(data) for _, data in built.programs),
         }
 
-    def _tell_offer(self) -> dict[str, Any] | None:
+    def _describe_offer(self) -> dict[str, Any] | None:
         """The journal that the page offers, None without one.
 
         changes: number of changes that were not saved
@@ -496,24 +501,28 @@ class Desk:
         }
 
     def picture(self) -> str:
-        """The stages of a photo, as far as the newest build came."""
+        """The stages of a photo in the newest build, "" for any other input."""
         if self.failed is not None and self.failed.picture:
             return self.failed.picture
         return self.built.picture if self.built else ""
 
-    def _number_of_picture(self) -> int:
-        """Which picture it is, 0 for none."""
+    def _find_picture_number(self) -> int:
+        """The number of the build of the picture, 0 for none."""
         if self.failed is not None and self.failed.picture:
             return self.failed.number
         return self.built.number if self.built and self.built.picture else 0
 
 
-def plain(value: object) -> object:
-    """What a page can read: JSON has no dates, no endless numbers, and browsers no integers beyond 2**53."""
+def convert_plain(value: object) -> object:
+    """Convert a value of TOML for a page.
+
+    JSON has no dates and no infinite numbers, and browsers no integers beyond 2**53: these become
+    texts.
+    """
     if isinstance(value, dict):
-        return {str(key): plain(own) for key, own in value.items()}
+        return {str(key): convert_plain(content) for key, content in value.items()}
     if isinstance(value, list):
-        return [plain(own) for own in value]
+        return list(map(convert_plain, value))
     if isinstance(value, (str, bool)):
         return value
     if isinstance(value, int):
@@ -521,16 +530,16 @@ def plain(value: object) -> object:
     return value if isinstance(value, float) and math.isfinite(value) else str(value)
 
 
-def stamp_of(path: Path) -> Stamp:
-    """What changes when a file does: its time (ns) and its length; None where there is none."""
+def read_stamp(path: Path) -> Stamp:
+    """The time (ns) and length of a file, which change when it does; None for no file."""
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except (OSError, ValueError):
         return None
-    return found.st_mtime_ns, found.st_size
+    return status.st_mtime_ns, status.st_size
 
 
-def command_of(session: Session) -> str:
+def format_command(session: Session) -> str:
     """The command that writes the same program, once the job is saved."""
     words = [
         "camgen build",

@@ -1,4 +1,4 @@
-"""The job as a form: every setting with its sentence, default, unit and kind of field, from the job's own schema."""
+"""The form of a job: the description, default, unit and kind of each setting, from the schema."""
 
 from __future__ import annotations
 
@@ -22,19 +22,29 @@ from camgen.model.plugins import OPERATIONS, list_entries
 from camgen.post.job_schema import schema
 from camgen.robots.catalogue import robots
 
-#: What a sentence ends with, or its first part does, where it has a unit.
+#: The unit at the end of a description, or at the end of its first part.
 _UNIT = re.compile(
     r", (mm/s2|mm/s|mm2|mm|deg/mm|deg/s2|deg/s|deg|N|s|rpm)(?=$|;|:| \(|,)|^(mm|s)(?=;)"
 )
-#: The settings of rows stand in these groups, as those of the tables that they lie over.
-_LAID_OVER = ("operation", "process", "tool")
+#: Tables whose settings a row of `[[operations]]` or `[[tools]]` may override. Each is a group of
+#: the form of a row.
+_OVERRIDDEN = ("operation", "process", "tool")
 
 FieldKind = Literal["choice", "flag", "number", "text", "free"]
 
 
 class Field(Struct, frozen=True):
-    """One setting. about, allowed, default: as ``Setting`` has them. kind: how it is entered; free: as TOML. least,
-    most: of a number, None where there is no bound. offers: values that are known, of those that may be typed.
+    """One setting.
+
+    key: its key in the table.
+    about: its description.
+    allowed: description of the allowed values.
+    default: its default, None without one.
+    unit: its unit, "" without one.
+    kind: kind of the input field; "free" for TOML.
+    choices: all allowed values.
+    least, most: bounds of a number, None for no bound.
+    offers: known values. Others may be typed too.
     """
 
     key: str
@@ -50,7 +60,13 @@ class Field(Struct, frozen=True):
 
 
 class Group(Struct, frozen=True):
-    """A table of the job with its fields. over: of those of a row, the table whose values hold where it is silent."""
+    """A table of the job with its fields.
+
+    table: its name.
+    about: its description.
+    fields: its settings.
+    over: the table whose values a row overrides; "" for groups of other kinds.
+    """
 
     table: str
     about: str
@@ -59,45 +75,49 @@ class Group(Struct, frozen=True):
 
 
 class Form(Struct, frozen=True):
-    """groups: the tables of a job. rows: those of a row of ``[[tools]]`` and of ``[[operations]]``."""
+    """The form of a job.
+
+    groups: groups of the tables of a job.
+    rows: groups of a row of `[[tools]]` and of `[[operations]]`, by the name of the list.
+    """
 
     groups: tuple[Group, ...]
     rows: dict[str, tuple[Group, ...]]
 
 
-def form(post: str) -> Form:
-    """The form of a job for the controller ``post``. JobError where there is no such post."""
-    said = schema(post)["properties"]
+def make_form(post: str) -> Form:
+    """The form of a job for the controller `post`. Raises JobError for an unknown post."""
+    properties = schema(post)["properties"]
     groups = []
     for table, about in list_tables().items():
-        own = said[table].get("properties", {})
+        keys = properties[table].get("properties", {})
         if table == "post":
-            fields = [_option(key, found) for key, found in own.items()]
+            fields = [_make_option(key, rule) for key, rule in keys.items()]
         else:
-            fields = [_field(s, own[s.key]) for s in list_settings() if s.table == table]
+            fields = [_make_field(s, keys[s.key]) for s in list_settings() if s.table == table]
         groups.append(Group(table, about, tuple(fields)))
-    return Form(tuple(groups), {name: _row_groups(name, said) for name in ROWS})
+    return Form(tuple(groups), {name: _make_row_groups(name, properties) for name in ROWS})
 
 
-def _row_groups(name: str, said: Mapping[str, Any]) -> tuple[Group, ...]:
-    """What a row may hold: its own keys first, then those of the tables that it lies over."""
-    keys = said[name]["items"]["properties"]
-    fields = {s.key: _field(s, keys[s.key]) for s in list_row_settings() if s.table == name}
-    # A row of [[operations]] lies over [operation] and [process], one of [[tools]] has keys of its own.
-    over = [table for table in _LAID_OVER if (table == "tool") == (name == "tools")]
-    homes = {s.key: s.table for s in list_settings() if s.table in over}
-    own = tuple(field for key, field in fields.items() if key not in homes)
-    groups = [Group(name, list_row_tables()[name], own)]
-    for table in over:
-        found = tuple(field for key, field in fields.items() if homes.get(key) == table)
-        groups.append(Group(name, list_tables()[table], found, table))
+def _make_row_groups(name: str, properties: Mapping[str, Any]) -> tuple[Group, ...]:
+    """The groups of a row: its own keys first, then those of the tables that it overrides."""
+    keys = properties[name]["items"]["properties"]
+    fields = {s.key: _make_field(s, keys[s.key]) for s in list_row_settings() if s.table == name}
+    overridden = [table for table in _OVERRIDDEN if (table == "tool") == (name == "tools")]
+    homes = {s.key: s.table for s in list_settings() if s.table in overridden}
+    own_fields = tuple(field for key, field in fields.items() if key not in homes)
+    groups = [Group(name, list_row_tables()[name], own_fields)]
+    for table in overridden:
+        shared = tuple(field for key, field in fields.items() if homes.get(key) == table)
+        groups.append(Group(name, list_tables()[table], shared, table))
     return tuple(groups)
 
 
-def _field(setting: Setting, said: Mapping[str, Any]) -> Field:
+def _make_field(setting: Setting, rule: Mapping[str, Any]) -> Field:
+    """The field of a setting. rule: its rule in the schema."""
     unit = _UNIT.search(setting.about)
-    choices = list(said.get("enum", ()))
-    bounds = _number_of(said) or said
+    choices = list(rule.get("enum", ()))
+    bounds = _find_number(rule) or rule
     if setting.key == "kind" and setting.table in ("operation", "operations"):
         choices += [entry.name for entry in list_entries(OPERATIONS) if entry.name not in choices]
     return Field(
@@ -105,38 +125,38 @@ def _field(setting: Setting, said: Mapping[str, Any]) -> Field:
         about=setting.about,
         allowed=setting.allowed,
         default=setting.default,
-        unit=(unit[1] or unit[2]) if unit and _kind(said) in ("number", "free") else "",
-        kind=_kind(said),
+        unit=(unit[1] or unit[2]) if unit and _find_kind(rule) in ("number", "free") else "",
+        kind=_find_kind(rule),
         choices=tuple(choices),
         least=bounds.get("minimum", bounds.get("exclusiveMinimum")),
         most=bounds.get("maximum", bounds.get("exclusiveMaximum")),
-        offers=_robots() if (setting.table, setting.key) == ("cell", "robot") else (),
+        offers=_list_robots() if (setting.table, setting.key) == ("cell", "robot") else (),
     )
 
 
 @cache
-def _robots() -> tuple[str, ...]:
-    return tuple(one.name for one in robots())
+def _list_robots() -> tuple[str, ...]:
+    return tuple(robot.name for robot in robots())
 
 
-def _option(key: str, said: Mapping[str, Any]) -> Field:
-    """An option of a post."""
-    choices = tuple(str(one) for one in said.get("enum", ()))
-    about = str(said.get("description", ""))
-    return Field(key, about, "", said.get("default"), "", _kind(said), choices)
+def _make_option(key: str, rule: Mapping[str, Any]) -> Field:
+    """The field of an option of a post."""
+    choices = tuple(map(str, rule.get("enum", ())))
+    about = str(rule.get("description", ""))
+    return Field(key, about, "", rule.get("default"), "", _find_kind(rule), choices)
 
 
-def _number_of(said: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """The number that a speed may be, which may also be a text with its unit."""
-    kinds = said.get("anyOf", ())
+def _find_number(rule: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The rule of the number of a speed, which may also be a text with a unit; None for others."""
+    kinds = rule.get("anyOf", ())
     number = next((kind for kind in kinds if kind.get("type") == "number"), None)
     return number if any("pattern" in kind for kind in kinds) else None
 
 
-def _kind(said: Mapping[str, Any]) -> FieldKind:
-    if "enum" in said:
+def _find_kind(rule: Mapping[str, Any]) -> FieldKind:
+    if "enum" in rule:
         return "choice"
-    if _number_of(said):
+    if _find_number(rule):
         return "number"
     kinds: dict[object, FieldKind] = {
         "boolean": "flag",
@@ -144,39 +164,40 @@ def _kind(said: Mapping[str, Any]) -> FieldKind:
         "integer": "number",
         "string": "text",
     }
-    return kinds.get(said.get("type"), "free")
+    return kinds.get(rule.get("type"), "free")
 
 
-def find_place(error: CamgenError) -> list[str | int]:
-    """The setting that an error is about, as a path in the tables of the job; empty where it names none."""
-    said = f"{error.where} {error.file} {error.what}"
-    return _dotted(said) or _in_table(error.where, error.what) or _dotted(error.remedy)
+def find_setting(error: CamgenError) -> list[str | int]:
+    """The setting that an error is about, as a path in the tables of the job, empty for none."""
+    text = f"{error.where} {error.file} {error.what}"
+    in_table = _find_in_table(error.where, error.what)
+    return _find_dotted(text) or in_table or _find_dotted(error.remedy)
 
 
-def _dotted(text: str) -> list[str | int]:
-    """``table.key`` or ``operations.0.key`` in a text."""
+def _find_dotted(text: str) -> list[str | int]:
+    """The setting that a text names as `table.key` or `operations.0.key`, empty for none."""
     for name, row, key in re.findall(r"\b(tools|operations)\.(\d+)(?:\.(\w+))?", text):
         return [name, int(row), key] if key else [name, int(row)]
     known = {(s.table, s.key) for s in list_settings()}
-    found = re.findall(r"\b([a-z]+)\.([a-z_]+)\b", text)
-    return next(
-        ([table, key] for table, key in found if (table, key) in known or table == "post"), []
-    )
+    for table, key in re.findall(r"\b([a-z]+)\.([a-z_]+)\b", text):
+        if (table, key) in known or table == "post":
+            return [table, key]
+    return []
 
 
-def _in_table(where: str, what: str) -> list[str | int]:
-    """``[table]`` or ``[[rows]] 0`` as the place, and a key of it in the message."""
+def _find_in_table(where: str, what: str) -> list[str | int]:
+    """The setting of an error at `[table]` or `[[rows]] 0` whose message names a key of it."""
     words = re.findall(r"\w+", what)
     if row := re.fullmatch(r"\[\[(\w+)\]\] (\d+)", where):
         keys = {s.key for s in list_row_settings() if s.table == row[1]}
-        return [row[1], int(row[2]), *_first(words, keys)]
+        return [row[1], int(row[2]), *_find_first(words, keys)]
     table = re.match(r"\[(\w+)\](?: (\w+))?", where)
     if not table:
         return []
     if table[1] == "post":
         return ["post", table[2]] if table[2] else ["post"]
-    return [table[1], *_first(words, {s.key for s in list_settings() if s.table == table[1]})]
+    return [table[1], *_find_first(words, {s.key for s in list_settings() if s.table == table[1]})]
 
 
-def _first(words: Iterable[str], keys: set[str]) -> list[str | int]:
+def _find_first(words: Iterable[str], keys: set[str]) -> list[str | int]:
     return next(([word] for word in words if word in keys), [])

@@ -1,4 +1,4 @@
-"""The text of a job file: only what differs from the defaults, and in a file that there was its comments."""
+"""Writes a job file: the settings that differ from the defaults, with the comments of the file."""
 
 from __future__ import annotations
 
@@ -16,11 +16,15 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def write_job(base: str, wanted: Mapping[str, Any], source: str) -> str:
-    """The job file that holds the tables ``wanted``. base: the text of the file that there was, "" for none: what stays
-    the same keeps its place and its comments. source: the input, for the first line of a new file.
+    """The text of a job file.
+
+    base: text of the existing file, "" without one. Unchanged settings keep their place and their
+        comments.
+    wanted: tables of the job.
+    source: name of the input, for the first line of a new file.
     """
     if not base:
-        return _fresh(wanted, source)
+        return _write_new(wanted, source)
     if tomllib.loads(base) == wanted:
         return base
     # An editor of TOML may be wrong about a corner of the language; what it writes is read again.
@@ -28,66 +32,63 @@ def write_job(base: str, wanted: Mapping[str, Any], source: str) -> str:
         text = _edit(base, wanted)
         if tomllib.loads(text) == wanted:
             return text
-    return _fresh(wanted, source)
+    return _write_new(wanted, source)
 
 
 def keeps_comments(base: str, text: str) -> bool:
-    """Whether the comments of ``base`` stand in ``text`` too."""
-    marks = [
-        line.partition("#")[2].strip()
-        for line in base.splitlines()
-        if line.lstrip().startswith("#")
-    ]
-    return all(mark in text for mark in marks)
+    """Whether `text` has the comments of `base`."""
+    lines = [line for line in base.splitlines() if line.lstrip().startswith("#")]
+    return all(line.partition("#")[2].strip() in text for line in lines)
 
 
-def _fresh(wanted: Mapping[str, Any], source: str) -> str:
+def _write_new(wanted: Mapping[str, Any], source: str) -> str:
     lines = [
         f"# camgen job for {one_line(source)}",
-        "# Lengths mm, angles deg, speeds mm/s, forces N, times s. What is not here has its default.",
+        "# Lengths mm, angles deg, speeds mm/s, forces N, times s. "
+        "What is not here has its default.",
     ]
     order = [*(name for name in list_tables() if name != "post"), *ROWS, "post"]
     for name in sorted(wanted, key=lambda name: order.index(name) if name in order else len(order)):
         content = wanted[name]
         if isinstance(content, list):
             for row in content:
-                lines += ["", f"[[{_key(name)}]]", *_keys(name, row)]
+                lines += ["", f"[[{_format_key(name)}]]", *_format_keys(name, row)]
         elif isinstance(content, Mapping):
-            lines += ["", f"[{_key(name)}]", *_keys(name, content)]
-        else:  # stands in no table: reading it says so
-            lines.insert(2, f"{_key(name)} = {toml(content)}")
+            lines += ["", f"[{_format_key(name)}]", *_format_keys(name, content)]
+        else:  # A key outside any table: reading the file reports it.
+            lines.insert(2, f"{_format_key(name)} = {toml(content)}")
     return "\n".join(lines) + "\n"
 
 
-def _keys(table: str, content: Mapping[str, Any]) -> list[str]:
-    """The keys in the order of the job file's page."""
+def _format_keys(table: str, content: Mapping[str, Any]) -> list[str]:
+    """The lines of the keys, in the order of the page on the job file."""
     order = [s.key for s in list_settings() if s.table == table or table in ROWS]
     names = sorted(content, key=lambda key: order.index(key) if key in order else len(order))
-    return [f"{_key(key)} = {toml(content[key])}" for key in names]
+    return [f"{_format_key(key)} = {toml(content[key])}" for key in names]
 
 
-def _key(name: str) -> str:
+def _format_key(name: str) -> str:
     return name if _BARE.fullmatch(name) else toml(name)
 
 
 def _edit(base: str, wanted: Mapping[str, Any]) -> str:
-    """``base`` with the values of ``wanted``, its comments where they were."""
-    import tomlkit  # noqa: PLC0415 (only where a job file with comments is changed)
+    """`base` with the values of `wanted` and its comments at their places."""
+    import tomlkit  # noqa: PLC0415 (only for an existing job file)
 
-    found: Any = tomlkit.parse(base)
-    held = found.unwrap()
+    document: Any = tomlkit.parse(base)
+    held = document.unwrap()
     for name in [name for name in held if name not in wanted]:
-        del found[name]
+        del document[name]
     for name, content in wanted.items():
         if held.get(name) == content:
             continue
         if isinstance(content, Mapping) and isinstance(held.get(name), Mapping):
-            _edit_table(found[name], held[name], content)
+            _edit_table(document[name], held[name], content)
         elif isinstance(content, list) and isinstance(held.get(name), list) and name in ROWS:
-            _edit_rows(found, name, held[name], content)
+            _edit_rows(document, name, held[name], content)
         else:
-            found[name] = tomlkit.item(content)
-    return str(tomlkit.dumps(found))
+            document[name] = tomlkit.item(content)
+    return str(tomlkit.dumps(document))
 
 
 def _edit_table(table: Any, held: Mapping[str, Any], content: Mapping[str, Any]) -> None:
@@ -98,9 +99,9 @@ def _edit_table(table: Any, held: Mapping[str, Any], content: Mapping[str, Any])
             table[key] = value
 
 
-def _edit_rows(found: Any, name: str, held: list[Any], content: list[Any]) -> None:
-    """Rows that stay in their place keep their comments; where their number changes they are written anew."""
-    import tomlkit  # noqa: PLC0415 (only where a job file with comments is changed)
+def _edit_rows(document: Any, name: str, held: list[Any], content: list[Any]) -> None:
+    """Change rows and keep their comments. If their number changes, all are written again."""
+    import tomlkit  # noqa: PLC0415 (only for an existing job file)
 
     if len(held) != len(content):
         rows = tomlkit.aot()
@@ -108,7 +109,7 @@ def _edit_rows(found: Any, name: str, held: list[Any], content: list[Any]) -> No
             table = tomlkit.table()
             table.update(row)
             rows.append(table)
-        found[name] = rows
+        document[name] = rows
         return
-    for table, before, row in zip(found[name], held, content, strict=True):
+    for table, before, row in zip(document[name], held, content, strict=True):
         _edit_table(table, before, row)

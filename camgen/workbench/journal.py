@@ -24,13 +24,13 @@ from msgspec import Struct
 
 from camgen.model.toml import toml
 from camgen.read.files import identity, reason
-from camgen.workbench.session import Change, Session, Step, Tables, step
+from camgen.workbench.session import Change, Session, Step, Tables, add_step
 
 #: Version of the format. Journals of another version are left alone.
 _VERSION = 1
 #: Characters of the name of a job file that may stand in the name of its journal.
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]")
-#: Byte of the file that is locked on Windows, where a lock forbids reading: far behind the text.
+#: Byte of the file that is locked on Windows, where a lock forbids reading: far beyond the text.
 _LOCKED_BYTE = 1 << 40
 
 
@@ -145,7 +145,7 @@ class Journal:
                 self._create()
             _append(self._handle, record)
         except (OSError, ValueError, RuntimeError) as error:
-            self.fault = _tell_fault(error)
+            self.fault = _format_fault(error)
             return
         self.fault = ""
         self._tables, self._written = session.tables, record
@@ -161,7 +161,7 @@ class Journal:
         try:
             folder = _make_folder()
         except (OSError, RuntimeError) as error:
-            self.fault = _tell_fault(error)
+            self.fault = _format_fault(error)
             return
         if not os.access(folder, os.W_OK):
             self.fault = f"{folder} cannot be written"
@@ -227,7 +227,7 @@ class Leftover:
         steps = self.steps[1:] if self.steps[0] == session.step else self.steps[-1:]
         for following in steps:
             post = following.post if following.post in session.posts else session.post
-            session = step(session, following.tables, post)
+            session = add_step(session, following.tables, post)
             yield session
 
     def close(self, keep: bool) -> None:
@@ -365,7 +365,7 @@ def _release(handle: int, remove: Path | None) -> None:
             remove.unlink()  # Windows deletes no open file
 
 
-def _tell_fault(error: OSError | ValueError | RuntimeError) -> str:
+def _format_fault(error: OSError | ValueError | RuntimeError) -> str:
     """The reason why the journal cannot be written, with the path if the system names it."""
     path = getattr(error, "filename", None)
     text = str(error) if isinstance(error, RuntimeError) else reason(error)

@@ -1,4 +1,4 @@
-"""One build for the workbench: what ``camgen build`` makes of the same job, and what its pages show of it."""
+"""One build for the workbench: the same program as that of `camgen build`, and its preview."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
@@ -18,7 +19,7 @@ from camgen.model.part import Part, Raster
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import to_vec3
 from camgen.order.tours import JobTour
-from camgen.pipeline import ProgramFile, Result, build, program_files
+from camgen.pipeline import ProgramFile, Result, build, list_program_files
 from camgen.pipeline.memory import no_collector
 from camgen.plan import Watch, kind_of
 from camgen.plan.propose import propose
@@ -28,23 +29,31 @@ from camgen.read import find_reader, read
 from camgen.read.files import Files
 from camgen.read.job_file import load_job
 from camgen.read.layers import Layers
-from camgen.workbench.form import find_place
-from camgen.workbench.session import rows_of, tables_of
-from camgen.workbench.usual import Usual, usual_in
+from camgen.workbench.form import find_setting
+from camgen.workbench.session import list_rows, parse_tables
+from camgen.workbench.usual import Defaults, find_defaults
 
 #: Label, text and tone of a line of the summary.
 Row = tuple[str, str, str]
-#: The kinds of parts whose paths may be run in another order and begin elsewhere.
+#: Kinds of parts on which the user may change the order and the start points of paths.
 MOVABLE = ("drawing", "picture")
-#: The summary of a build as the command line tells it: of the result, the job file, the inputs and the programs.
-Tell = Callable[
+#: Makes the summary of a build as on the command line, from the result, the job file, the inputs,
+#: the programs and the verbosity.
+Summarize = Callable[
     [Result, Path | None, Sequence[Path], Sequence[tuple[Path, ProgramFile]], int], list[Row]
 ]
 
 
-class Ask(Struct, frozen=True):
-    """What to build. text: of the job file, which is not read from the disk. output: the folder of the program.
-    propose: operations are asked for as well.
+class BuildRequest(Struct, frozen=True):
+    """A request to build.
+
+    number: number of the request.
+    inputs: files of the part.
+    post: name of the controller.
+    job_file: path of the job file.
+    text: text of the job file, which is not read from the disk.
+    output: folder of the program.
+    propose: propose operations instead of building.
     """
 
     number: int
@@ -57,17 +66,27 @@ class Ask(Struct, frozen=True):
 
 
 class Layer(Struct, frozen=True):
-    """A layer of the input, the number of its contours, and whether the job asks for it."""
+    """A layer of the input.
+
+    name: its name.
+    contours: number of its contours.
+    used: whether the job selects it.
+    """
 
     name: str
     contours: int
     used: bool
 
 
-class Run(Struct, frozen=True):
-    """What a path works on: ids of contours, or of one edge, and the row of ``[[operations]]``, -1 without rows. seam:
-    x, y, z (mm) where a closed one begins, leads left away. point: that of ``tour.seams`` which says so. ordered:
-    whether ``tour.order`` names it. id: of the path, as the page has it.
+class PathSummary(Struct, frozen=True):
+    """A path of the program.
+
+    contours: ids of its contours, or of its edge.
+    row: its row of `[[operations]]`, -1 without rows.
+    seam: x, y, z (mm) of the start of a closed path, without its lead-in; None for an open one.
+    point: point of `tour.seams` that sets the start, None without one.
+    ordered: whether `tour.order` names the path.
+    id: id of the path on the page.
     """
 
     contours: tuple[str, ...]
@@ -78,41 +97,57 @@ class Run(Struct, frozen=True):
     id: str = ""
 
 
-class Looked(Struct, frozen=True):
-    """What the page needs to know of the input to choose in it.
+class InputSummary(Struct, frozen=True):
+    """The content of the input, from which the user of the page chooses.
 
-    kind: of the part. layers: all that the input has. contours: ids and layers of what is worked on or could be.
-    worked: ids of contours by row of ``[[operations]]``. runs: the paths in the order of the program. select: whether
-    edges are chosen by input.select.
+    kind: kind of the part.
+    layers: all layers of the input.
+    contours: id and layer of each contour that is, or could be, worked.
+    worked: ids of the worked contours, for each row of `[[operations]]`.
+    runs: paths in the order of the program.
     """
 
     kind: str
     layers: tuple[Layer, ...] = ()
     contours: tuple[tuple[str, str], ...] = ()
     worked: tuple[tuple[str, ...], ...] = ()
-    runs: tuple[Run, ...] = ()
+    runs: tuple[PathSummary, ...] = ()
 
 
 class Built(Struct, frozen=True):
-    """A good build. page: HTML. programs: as they will be written. rows: the summary. opened: the files that were read,
-    by their identity. picture: the stages of a photo or a drawing as SVG, "" where the input is no picture. usual: what
-    held where the job is silent.
+    """A successful build.
+
+    number: number of the request.
+    page: preview as HTML.
+    programs: path and bytes of each file of the program.
+    rows: lines of the summary.
+    summary: content of the input.
+    opened: files that were read, by their identity.
+    picture: stages of a photo or a drawing as SVG, "" for any other input.
+    seconds: duration of the build, s.
+    usual: defaults that depend on the input, the controller and the job.
     """
 
     number: int
     page: str
     programs: tuple[tuple[Path, bytes], ...]
     rows: tuple[Row, ...]
-    looked: Looked
+    summary: InputSummary
     opened: dict[str, Path]
     picture: str
     seconds: float
-    usual: Usual
+    usual: Defaults
 
 
 class Failed(Struct, frozen=True):
-    """No program. line: what the command line says, code: what it returns. place: the setting that it is about.
-    picture: how far a photo came.
+    """A build without a program.
+
+    number: number of the request.
+    line: error as on the command line.
+    code: exit code of the command line.
+    place: path of the setting in the job that the error is about, empty for none.
+    opened: files that were read, by their identity.
+    picture: stages of a photo before the error as SVG, "" for any other input.
     """
 
     number: int
@@ -124,7 +159,12 @@ class Failed(Struct, frozen=True):
 
 
 class Proposed(Struct, frozen=True):
-    """Rows for the job that the contours ask for. thickness: of the material that their depths are for, mm."""
+    """Operations that are proposed for the contours.
+
+    number: number of the request.
+    tools, operations: rows of `[[tools]]` and `[[operations]]`.
+    thickness: thickness of the material for which the depths are chosen, mm.
+    """
 
     number: int
     tools: tuple[dict[str, object], ...]
@@ -135,83 +175,92 @@ class Proposed(Struct, frozen=True):
 Outcome = Built | Failed | Proposed
 
 
-def perform(ask: Ask, watch: Watch, tell: Tell) -> Outcome:
-    """The outcome of a build. What ends it from outside (``watch`` may raise) goes through."""
-    files = Files([Source(ask.job_file, ask.text.encode())])
-    begun = perf_counter()
+def run_request(request: BuildRequest, watch: Watch, summarize: Summarize) -> Outcome:
+    """Run a request. An exception by which `watch` cancels the build is not caught."""
+    files = Files([Source(request.job_file, request.text.encode())])
+    start = perf_counter()
     with no_collector():
         try:
-            with rename_errors("job", str(ask.job_file)):
-                return (
-                    _propose(ask, files) if ask.propose else _build(ask, files, watch, tell, begun)
-                )
+            with rename_errors("job", str(request.job_file)):
+                if request.propose:
+                    return _propose(request, files)
+                return _build(request, files, watch, summarize, start)
         except CamgenError as error:
-            line, code, place = f"error: {error}", error.exit_code, tuple(find_place(error))
-        except Exception as error:  # whatever it is, it is a line in the page, as in cli.main
+            line, code, place = f"error: {error}", error.exit_code, tuple(find_setting(error))
+        except Exception as error:  # any fault is a line on the page, as in cli.main
             line, code, place = f"fault: {type(error).__name__}: {error}", 1, ()
         finally:
             gc.collect()
-        return Failed(ask.number, line, code, place, dict(files.opened), _far(ask, files))
+        picture = _draw_progress(request, files)
+        return Failed(request.number, line, code, place, dict(files.opened), picture)
 
 
-def _build(ask: Ask, files: Files, watch: Watch, tell: Tell, begun: float) -> Built:
-    job = load_job(ask.job_file, (), files)
-    result = build(ask.inputs, post=ask.post, job=job, watch=watch, files=files)
-    programs = program_files(result, ask.output, None)
+def _build(
+    request: BuildRequest, files: Files, watch: Watch, summarize: Summarize, start: float
+) -> Built:
+    job = load_job(request.job_file, (), files)
+    result = build(request.inputs, post=request.post, job=job, watch=watch, files=files)
+    programs = list_program_files(result, request.output, None)
     watch("drawing")
-    runs = find_runs(result)
-    shown = page(view(result), _edits(runs) if kind_of(result.part) in MOVABLE else None)
+    runs = summarize_paths(result)
+    shown = page(view(result), _make_edits(runs) if kind_of(result.part) in MOVABLE else None)
     return Built(
-        number=ask.number,
+        number=request.number,
         page=shown,
         programs=tuple((path, bytes(file)) for path, file in programs),
-        rows=tuple(tell(result, ask.job_file if ask.text else None, ask.inputs, programs, 1)),
-        looked=_look(ask, result, files, runs),
+        rows=tuple(
+            summarize(
+                result, request.job_file if request.text else None, request.inputs, programs, 1
+            )
+        ),
+        summary=_summarize_input(request, result, files, runs),
         opened=dict(files.opened),
-        picture=_stages(result),
-        seconds=perf_counter() - begun,
-        usual=usual_in(result),
+        picture=_draw_stages(result),
+        seconds=perf_counter() - start,
+        usual=find_defaults(result),
     )
 
 
-# What the input has.
+# The content of the input.
 
 
-def _look(ask: Ask, result: Result, files: Files, runs: tuple[Run, ...]) -> Looked:
+def _summarize_input(
+    request: BuildRequest, result: Result, files: Files, runs: tuple[PathSummary, ...]
+) -> InputSummary:
     kind = kind_of(result.part)
     if kind == "solid":
-        return Looked(kind, runs=runs)
+        return InputSummary(kind, runs=runs)
     contours = tuple((contour.id, contour.layer) for contour in result.part.contours)
     worked = [dict[str, None]() for _ in result.job.operations]
     for run in runs:
         if run.row >= 0:
             worked[run.row].update(dict.fromkeys(run.contours))
-    return Looked(
+    return InputSummary(
         kind=kind,
-        layers=_layers(ask, result, files),
+        layers=_list_layers(request, result, files),
         contours=contours,
         worked=tuple(tuple(ids) for ids in worked),
         runs=runs,
     )
 
 
-def find_runs(result: Result) -> tuple[Run, ...]:
-    """The paths in the order of the program."""
+def summarize_paths(result: Result) -> tuple[PathSummary, ...]:
+    """Summarize the paths in the order of the program."""
     tour = result.tour
     if kind_of(result.part) not in MOVABLE:
         solid = result.part.solid is not None
         return tuple(
-            Run(path.contours or ((path.id,) if solid else ()), -1, id=clean(path.id))
+            PathSummary(path.contours or ((path.id,) if solid else ()), -1, id=clean(path.id))
             for path in tour.paths
         )
     from camgen.plan.seams import has_seam  # noqa: PLC0415 (shapely, which flat parts have loaded)
 
     planned = {path.id: path for path in result.planned if has_seam(path)}
-    rows = _rows_of_paths(tour)
+    rows = _find_rows(tour)
     points = _find_points(result, planned, rows)
     named = set(result.job.tour.order)
     return tuple(
-        Run(
+        PathSummary(
             contours=path.contours,
             row=row,
             seam=_find_seam(path, planned[path.id]) if path.id in planned else None,
@@ -226,29 +275,34 @@ def find_runs(result: Result) -> tuple[Run, ...]:
 def _find_points(
     result: Result, planned: dict[str, ToolPath], rows: Sequence[int]
 ) -> dict[str, tuple[float, ...]]:
-    """The point of ``tour.seams`` of each path that has one, by its id. rows: of ``[[operations]]``, of the paths."""
+    """The point of `tour.seams` of each path that has one, by its id.
+
+    planned: closed paths by their id.
+    rows: row of `[[operations]]` of each path of the tour.
+    """
     if not result.job.tour.seams:
         return {}
-    from camgen.plan.seams import choose_points, read_points  # noqa: PLC0415 (shapely, only for few jobs)
+    from camgen.plan.seams import choose_points, read_points  # noqa: PLC0415 (shapely)
 
     names = list(planned)
     row_of = {path.id: row for path, row in zip(result.tour.paths, rows, strict=True)}
-    own = [row_of.get(name, -1) for name in names]
-    chosen, _ = choose_points(read_points(result.job), list(planned.values()), own, result.part)
+    path_rows = [row_of.get(name, -1) for name in names]
+    points = read_points(result.job)
+    chosen, _ = choose_points(points, list(planned.values()), path_rows, result.part)
     return {names[path]: tuple(result.job.tour.seams[number]) for path, number in chosen.items()}
 
 
 def _find_seam(path: ToolPath, planned: ToolPath) -> tuple[float, float, float]:
-    """Where the closed path ``planned`` begins in ``path``, which may have leads."""
+    """The start of the closed path `planned` on `path`, which may have a lead-in."""
     row = 0
     if not path.closed:
-        from camgen.plan.seams import SAME_MM, project  # noqa: PLC0415 (shapely, only for few jobs)
+        from camgen.plan.seams import SAME_MM, project  # noqa: PLC0415 (shapely)
 
         row = int(project(planned, path.position[0, :2])[2] > SAME_MM)
     return to_vec3(path.position[row])
 
 
-def _edits(runs: Sequence[Run]) -> Edits:
+def _make_edits(runs: Sequence[PathSummary]) -> Edits:
     return Edits(
         tuple(run.seam for run in runs),
         tuple(run.point is not None for run in runs),
@@ -256,38 +310,37 @@ def _edits(runs: Sequence[Run]) -> Edits:
     )
 
 
-def _rows_of_paths(tour: Tour) -> list[int]:
-    """The row of ``[[operations]]`` of each path, -1 where the job has none."""
+def _find_rows(tour: Tour) -> list[int]:
+    """The row of `[[operations]]` of each path, -1 for a job without rows."""
     if not isinstance(tour, JobTour):
         return [-1] * len(tour.paths)
-    return [row for row, one in zip(tour.numbers, tour.tours, strict=True) for _ in one.paths]
+    counts = [len(step_tour.paths) for step_tour in tour.tours]
+    return np.repeat(tour.numbers, counts).tolist()
 
 
-def _layers(ask: Ask, result: Result, files: Files) -> tuple[Layer, ...]:
-    """All layers of drawings and curves, with those that the job leaves out."""
+def _list_layers(request: BuildRequest, result: Result, files: Files) -> tuple[Layer, ...]:
+    """All layers of drawings and curves, including those that the job leaves out."""
     if result.part.raster is not None:
         return ()
     globs = tuple(glob.strip().casefold() for glob in result.job.input.layers)
-    found = _count_layers(result.part)
+    parts = [result.part]
     if globs != ("*",):
         whole = replace(result.job, input=replace(result.job.input, layers=["*"]))
-        found = sum((_count_layers(read(one, whole, files)) for one in ask.inputs), Counter[str]())
-    asked = Layers({}, {}, globs)
+        parts = [read(file, whole, files) for file in request.inputs]
+    counts = Counter[str]()
+    for part in parts:
+        counts.update(contour.layer for contour in part.contours)
+        counts.update(curve.layer for curve in part.curves)
+    selection = Layers({}, {}, globs)
     return tuple(
-        Layer(name, count, not asked.why_not(name)) for name, count in sorted(found.items())
-    )
-
-
-def _count_layers(part: Part) -> Counter[str]:
-    return Counter([contour.layer for contour in part.contours]) + Counter(
-        [curve.layer for curve in part.curves]
+        Layer(name, count, not selection.why_not(name)) for name, count in sorted(counts.items())
     )
 
 
 # Pictures.
 
 
-def _stages(result: Result) -> str:
+def _draw_stages(result: Result) -> str:
     if result.part.raster is None:
         return ""
     from camgen.preview.drawings import draw  # noqa: PLC0415 (only for pictures)
@@ -295,61 +348,72 @@ def _stages(result: Result) -> str:
     return draw(result, Path("stages.svg")).decode()
 
 
-def _far(ask: Ask, files: Files) -> str:
-    """How far a photo came whose build failed: to its mask, or only to the photo. "" for no picture."""
+def _draw_progress(request: BuildRequest, files: Files) -> str:
+    """The stages of a photo whose build failed: with its mask, or the photo alone.
+
+    "" for an input that is not a picture.
+    """
     try:
-        source = files.read(ask.inputs[0])
+        source = files.read(request.inputs[0])
         if find_reader(source).makes != "picture":
             return ""
     except CamgenError:
         return ""
     try:
-        part = read(ask.inputs[0], load_job(ask.job_file, (), files), files)
-        return _mask(part, part.raster) if part.raster is not None else ""
+        part = read(request.inputs[0], load_job(request.job_file, (), files), files)
+        return _draw_mask(part, part.raster) if part.raster is not None else ""
     except CamgenError:
-        return _photo(source)
+        return _draw_photo(source)
 
 
-def _mask(part: Part, raster: Raster) -> str:
-    from camgen.preview.panels import WIDE, Panel, image, make_crop, sheet, show_crop  # noqa: PLC0415 (only for pictures)
+def _draw_mask(part: Part, raster: Raster) -> str:
+    from camgen.preview.panels import (  # noqa: PLC0415 (only for pictures)
+        WIDE,
+        Panel,
+        format_crop,
+        format_image,
+        format_sheet,
+        make_crop,
+    )
 
     crop = make_crop(raster)
     high = WIDE * raster.photo.shape[0] / raster.photo.shape[1]
     panels = [
-        Panel("photo", high, [image(raster.photo, WIDE, high)]),
-        Panel(f"to scale, {part.units}", crop.high, [show_crop(crop, raster.view)]),
-        Panel("part and bench", crop.high, [show_crop(crop, raster.mask, smooth=False)]),
+        Panel("photo", high, [format_image(raster.photo, WIDE, high)]),
+        Panel(f"to scale, {part.units}", crop.high, [format_crop(crop, raster.view)]),
+        Panel("part and bench", crop.high, [format_crop(crop, raster.mask, smooth=False)]),
     ]
-    return sheet(panels, part.notes, part.source)
+    return format_sheet(panels, part.notes, part.source)
 
 
-def _photo(source: Source) -> str:
-    from camgen.preview.panels import WIDE, Panel, image, sheet  # noqa: PLC0415 (only for pictures)
-    from camgen.vision.image import read_picture as load_picture  # noqa: PLC0415 (OpenCV, only for pictures)
+def _draw_photo(source: Source) -> str:
+    from camgen.preview.panels import WIDE, Panel, format_image, format_sheet  # noqa: PLC0415
+    from camgen.vision.image import read_picture  # noqa: PLC0415 (OpenCV, only for pictures)
 
     try:
-        photo = load_picture(source)
+        pixels = read_picture(source).pixels
     except CamgenError:
         return ""
-    high = WIDE * photo.pixels.shape[0] / photo.pixels.shape[1]
-    return sheet([Panel("photo", high, [image(photo.pixels, WIDE, high)])], (), source.name)
+    high = WIDE * pixels.shape[0] / pixels.shape[1]
+    panel = Panel("photo", high, [format_image(pixels, WIDE, high)])
+    return format_sheet([panel], (), source.name)
 
 
-# Operations that the contours ask for.
+# Proposed operations.
 
 
-def _propose(ask: Ask, files: Files) -> Proposed:
-    job = load_job(ask.job_file, (), files)
-    part = read(ask.inputs[0], job, files)
-    if kind_of(part) != "drawing" or len(ask.inputs) > 1:
+def _propose(request: BuildRequest, files: Files) -> Proposed:
+    job = load_job(request.job_file, (), files)
+    part = read(request.inputs[0], job, files)
+    if kind_of(part) != "drawing" or len(request.inputs) > 1:
         raise InputError(part.source, "operations are proposed for one flat drawing")
-    # The rows of the job make way for those of the proposal.
-    names = {row.get("name") for row in rows_of(tables_of(ask.text), "tools")}
+    # The proposal replaces the rows of the job.
+    names = {row.get("name") for row in list_rows(parse_tables(request.text), "tools")}
     library = [tool for tool in job.tools if tool.name and tool.name not in names]
-    found = propose(part, job.stock, library)
-    if found is None:
+    proposal = propose(part, job.stock, library)
+    if proposal is None:
         what = "has no closed contour that a drill or a mill of 1 mm or more could make"
         raise InputError(part.source, what)
-    tools = tuple(dict(tool.row) for tool in found.tools)
-    rows = tuple(dict(operation.row) for operation in found.operations)
-    return Proposed(ask.number, tools, rows, found.thickness)
+    tools = tuple(dict(tool.row) for tool in proposal.tools)
+    rows = tuple(dict(operation.row) for operation in proposal.operations)
+    return Proposed(request.number, tools, rows, proposal.thickness)

@@ -1,4 +1,4 @@
-"""The door of the workbench: its pages on 127.0.0.1, until they are closed."""
+"""The server of the workbench: its pages on 127.0.0.1, until they are closed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib import resources
-from typing import Any
 
 import msgspec
 import uvicorn
@@ -22,16 +21,18 @@ from camgen.workbench import choose
 from camgen.workbench import session as steps
 from camgen.workbench.desk import Desk, Edited, Ending, Warn
 from camgen.workbench.guard import PAGE_POLICY, PICTURE_POLICY, SHELL_POLICY, guard
-from camgen.workbench.perform import Looked, Tell
-from camgen.workbench.session import Change, Session
+from camgen.workbench.perform import InputSummary, Summarize
+from camgen.workbench.session import Change, Session, Tables
 
-#: The last page may be gone for so long before the workbench ends, s: a reload takes a moment. Nobody hears a page that
-#: has crashed: it is asked this often, s, whether it is still there.
-_STAY, _BEAT = 4.0, 10.0
+#: Time without a page after which the workbench ends, s. A reload takes less.
+_STAY = 4.0
+#: Period of a message to each page, s, which fails if the page has crashed.
+_BEAT = 10.0
 #: A browser opens six connections to a server, and each page keeps one for its state. The page
 #: waits for the answer to a change, which needs another one.
 _MOST_PAGES = 5
-Answer = Callable[[Desk, Request], Awaitable[Response]]
+#: Answers a request. None stands for an empty answer.
+Answer = Callable[[Desk, Request], Awaitable[Response | None]]
 _TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
@@ -40,41 +41,39 @@ _TYPES = {
 }
 
 
-def listen(port: int) -> socket.socket:
-    """A socket on 127.0.0.1. port: 0 for any that is free. JobError where it is not to be had."""
+def open_socket(port: int) -> socket.socket:
+    """A socket on 127.0.0.1. port: 0 for any free port. Raises JobError for a port in use."""
     # With the protocol named, asyncio turns Nagle's algorithm off, which delays answers by 40 ms.
-    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    door = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        found.bind(("127.0.0.1", port))
-        found.listen()  # whoever comes before the server runs waits for it
+        door.bind(("127.0.0.1", port))
+        door.listen()  # A browser that connects before the server runs waits.
     except (OSError, OverflowError) as error:
-        found.close()
-        reason = getattr(error, "strerror", None) or str(error)
-        raise JobError(
-            "--port", f"{port} cannot be used: {reason}", remedy="give another one, or leave it out"
-        ) from error
-    return found
+        door.close()
+        what = f"{port} cannot be used: {getattr(error, 'strerror', None) or error}"
+        raise JobError("--port", what, remedy="give another one, or leave it out") from error
+    return door
 
 
-class Shop(Struct, frozen=True):
-    """The command line's side of a workbench.
+class CommandLine(Struct, frozen=True):
+    """The functions of the command line that a workbench calls.
 
-    tell: function that makes the summary of a build
+    summarize: makes the summary of a build
     warn: writes a line about the journal
     ready: called once the page can be opened
     """
 
-    tell: Tell
+    summarize: Summarize
     warn: Warn
     ready: Callable[[], None]
 
 
-def serve(session: Session, shop: Shop, token: str, door: socket.socket) -> Ending:
-    """Serves the workbench until its last page is closed, or Ctrl-C is pressed."""
+def serve(session: Session, terminal: CommandLine, token: str, door: socket.socket) -> Ending:
+    """Serve the workbench until its last page is closed, or Ctrl-C is pressed."""
     desks: list[Desk] = []
-    ends: list[uvicorn.Server] = []
-    app = _app(session, shop, desks, lambda: _end(ends[0]))
+    servers: list[uvicorn.Server] = []
+    app = _make_app(session, terminal, desks, lambda: _end(servers[0]))
     settings = uvicorn.Config(
         guard(app, token, door.getsockname()[1]),
         log_level="critical",
@@ -84,9 +83,9 @@ def serve(session: Session, shop: Shop, token: str, door: socket.socket) -> Endi
         timeout_graceful_shutdown=1,
         h11_max_incomplete_event_size=64_000,
     )
-    ends.append(uvicorn.Server(settings))
+    servers.append(uvicorn.Server(settings))
     with suppress(KeyboardInterrupt):
-        ends[0].run(sockets=[door])
+        servers[0].run(sockets=[door])
     return desks[0].end()
 
 
@@ -94,40 +93,41 @@ def _end(server: uvicorn.Server) -> None:
     server.should_exit = True
 
 
-def _app(session: Session, shop: Shop, desks: list[Desk], end: Callable[[], None]) -> Starlette:
-    """The application. desks: gets the desk when it starts"""
+def _make_app(
+    session: Session, terminal: CommandLine, desks: list[Desk], end: Callable[[], None]
+) -> Starlette:
+    """The application. Its start adds the desk to `desks`; `end` ends the server."""
 
     @asynccontextmanager
-    async def living(_app: Starlette) -> AsyncIterator[None]:
-        desk = Desk(session, shop.tell, shop.warn)
+    async def run_desk(_app: Starlette) -> AsyncIterator[None]:
+        desk = Desk(session, terminal.summarize, terminal.warn)
         desks.append(desk)
-        tasks = [
-            asyncio.ensure_future(one) for one in (desk.watch_files(), _wait_for_end(desk, end))
-        ]
-        shop.ready()
+        tasks = list(map(asyncio.ensure_future, (desk.watch_files(), _wait_for_end(desk, end))))
+        terminal.ready()
         desk.open_journals()
         try:
             yield
         finally:
             desk.closing = True
-            desk.tell_all()
+            desk.notify_pages()
             for task in tasks:
                 task.cancel()
             desk.builder.close()
 
     def route(path: str, answer: Answer, method: str = "GET") -> Route:
-        async def answered(request: Request) -> Response:
+        async def respond(request: Request) -> Response:
             return await _answer(desks[0], request, answer)
 
-        return Route("/{token}" + path, answered, methods=[method])
+        return Route("/{token}" + path, respond, methods=[method])
 
     gets: dict[str, Answer] = {
         "/": _shell,
         "/web/{name}": _asset,
         "/page/{number:int}": _page,
         "/picture/{number:int}": _picture,
+        "/form": _form,
+        "/events": _events,
     }
-    gets |= {"/form": _form, "/events": _events}
     posts: dict[str, Answer] = {
         "/change": _change,
         "/draft": _draft,
@@ -139,8 +139,6 @@ def _app(session: Session, shop: Shop, desks: list[Desk], end: Callable[[], None
         "/seam": _seam,
         "/leave": _leave,
         "/take": _take,
-    }
-    posts |= {
         "/undo": _undo,
         "/redo": _redo,
         "/build": _build,
@@ -152,38 +150,38 @@ def _app(session: Session, shop: Shop, desks: list[Desk], end: Callable[[], None
     }
     routes = [*(route(path, answer) for path, answer in gets.items())]
     routes += [route(path, answer, "POST") for path, answer in posts.items()]
-    return Starlette(routes=routes, lifespan=living)
+    return Starlette(routes=routes, lifespan=run_desk)
 
 
 async def _answer(desk: Desk, request: Request, answer: Answer) -> Response:
-    """What is wrong with what a page asked for is its one line, as on the command line."""
+    """The answer to a request. An error becomes one line, as on the command line."""
     try:
-        return await answer(desk, request)
+        return await answer(desk, request) or _json({})
     except Edited as error:
         return JSONResponse({"line": f"error: {error}", "edited": error.names}, 409)
     except CamgenError as error:
         return JSONResponse({"line": f"error: {error}"}, 409)
     except (msgspec.MsgspecError, ClientDisconnect):
-        return JSONResponse({"line": "error: the page sent what makes no sense; reload it"}, 400)
-    except Exception as error:  # whatever it is, it is a line in the page, as in cli.main
+        return JSONResponse({"line": "error: the page sent an invalid request; reload it"}, 400)
+    except Exception as error:  # any fault is a line on the page, as in cli.main
         return JSONResponse({"line": one_line(f"fault: {type(error).__name__}: {error}")}, 500)
 
 
 async def _wait_for_end(desk: Desk, end: Callable[[], None]) -> None:
-    """Ends the workbench when its last page has been gone for some seconds."""
+    """End the workbench when its last page has been gone for some seconds."""
     while not desk.is_visited and not desk.closing:
         await asyncio.sleep(0.1)
-    away = 0.0
-    while away < _STAY and not desk.closing:
+    seconds_away = 0.0
+    while seconds_away < _STAY and not desk.closing:
         await asyncio.sleep(0.2)
-        away = 0.0 if desk.pages else away + 0.2
+        seconds_away = 0.0 if desk.pages else seconds_away + 0.2
     desk.closing = True
-    desk.tell_all()
-    await asyncio.sleep(0.1)  # so that the pages hear of it
+    desk.notify_pages()
+    await asyncio.sleep(0.1)  # The pages still receive the state.
     end()
 
 
-# What pages load.
+# Requests that load a page or its parts.
 
 
 async def _shell(desk: Desk, _request: Request) -> Response:
@@ -199,7 +197,7 @@ async def _asset(_desk: Desk, request: Request) -> Response:
 
 
 _WEB = resources.files("camgen.workbench") / "web"
-_ASSETS = frozenset(one.name for one in _WEB.iterdir() if one.is_file())
+_ASSETS = frozenset(file.name for file in _WEB.iterdir() if file.is_file())
 
 
 def _static(name: str) -> Response:
@@ -209,12 +207,11 @@ def _static(name: str) -> Response:
 
 
 async def _page(desk: Desk, request: Request) -> Response:
-    """The preview of the last good build, under its number: that of another one is gone."""
+    """The preview of the last successful build. The preview of another one is gone."""
     if desk.built is None or desk.built.number != request.path_params["number"]:
         return Response("this build is no longer there\n", 404)
-    return Response(
-        desk.built.page, media_type="text/html", headers={"content-security-policy": PAGE_POLICY}
-    )
+    headers = {"content-security-policy": PAGE_POLICY}
+    return Response(desk.built.page, media_type="text/html", headers=headers)
 
 
 async def _picture(desk: Desk, _request: Request) -> Response:
@@ -232,18 +229,17 @@ async def _events(desk: Desk, _request: Request) -> Response:
 
 
 async def _states(desk: Desk) -> AsyncIterator[bytes]:
-    """The state whenever it is new (server-sent events)."""
+    """The state after each change, as server-sent events."""
     queue = desk.join()
-    known = None
+    sent = None
     try:
         yield b"retry: 1000\n\n"
         while True:
             with suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(queue.get(), _BEAT)
-                state = (
-                    desk.state() if desk.looked is known else desk.state() | {"looked": desk.looked}
-                )
-                known = desk.looked
+                state = desk.state()
+                if desk.summary is not sent:
+                    sent = state["looked"] = desk.summary
                 yield b"data: " + msgspec.json.encode(state) + b"\n\n"
                 if desk.closing:
                     return
@@ -257,10 +253,7 @@ def _json(value: object) -> Response:
     return Response(msgspec.json.encode(value), media_type="application/json")
 
 
-_DONE: dict[str, Any] = {}
-
-
-# What pages ask for.
+# Requests that change the state.
 
 
 class _Changes(Struct, forbid_unknown_fields=True):
@@ -281,7 +274,7 @@ class _Layers(Struct, forbid_unknown_fields=True):
 
 
 class _Move(Struct, forbid_unknown_fields=True):
-    """build: whose picture the user saw."""
+    """build: number of the build whose picture the user saw"""
 
     build: int
     path: int
@@ -319,134 +312,119 @@ class _Save(Struct, forbid_unknown_fields=True):
     replace: bool = False
 
 
-async def _change(desk: Desk, request: Request) -> Response:
-    asked = msgspec.json.decode(await request.body(), type=_Changes)
-    desk.change(asked.changes)
-    return _json(_DONE)
+def _replace_tables(desk: Desk, tables: Tables) -> None:
+    desk.replace_session(steps.add_step(desk.session, tables))
 
 
-async def _draft(desk: Desk, request: Request) -> Response:
-    """A text while it is typed."""
+async def _change(desk: Desk, request: Request) -> None:
+    desk.change(msgspec.json.decode(await request.body(), type=_Changes).changes)
+
+
+async def _draft(desk: Desk, request: Request) -> None:
+    """Keep a text while it is typed."""
     desk.draft(msgspec.json.decode(await request.body(), type=Change))
-    return _json(_DONE)
 
 
-async def _journal(desk: Desk, request: Request) -> Response:
-    """Whether the changes of an earlier workbench are taken up."""
-    answer = msgspec.json.decode(await request.body(), type=_File)
-    desk.answer_offer(answer.counts)
-    return _json(_DONE)
+async def _journal(desk: Desk, request: Request) -> None:
+    """Take up, or drop, the changes of an earlier workbench."""
+    desk.answer_offer(msgspec.json.decode(await request.body(), type=_File).counts)
 
 
-async def _post(desk: Desk, request: Request) -> Response:
-    """Another controller: one that is installed, or the file that the command named, never another file."""
-    asked = msgspec.json.decode(await request.body(), type=_Post)
-    if asked.post not in desk.session.posts:
-        raise JobError(
-            f"post {asked.post[:60]}",
-            "is not installed",
-            remedy=f"one of {', '.join(desk.session.posts)}",
-        )
-    desk.become(steps.step(desk.session, desk.session.tables, asked.post))
-    return _json(_DONE)
+async def _post(desk: Desk, request: Request) -> None:
+    """Choose an installed controller, or the file that the command named, never another file."""
+    post = msgspec.json.decode(await request.body(), type=_Post).post
+    if post not in desk.session.posts:
+        remedy = f"one of {', '.join(desk.session.posts)}"
+        raise JobError(f"post {post[:60]}", "is not installed", remedy=remedy)
+    desk.replace_session(steps.add_step(desk.session, desk.session.tables, post))
 
 
-async def _layer(desk: Desk, request: Request) -> Response:
-    asked = msgspec.json.decode(await request.body(), type=_Layer)
-    desk.become(
-        steps.step(desk.session, choose.switch_layer(desk.session.tables, asked.layer, asked.on))
-    )
-    return _json(_DONE)
+async def _layer(desk: Desk, request: Request) -> None:
+    change = msgspec.json.decode(await request.body(), type=_Layer)
+    _replace_tables(desk, choose.switch_layer(desk.session.tables, change.layer, change.on))
 
 
-async def _order(desk: Desk, request: Request) -> Response:
-    asked = msgspec.json.decode(await request.body(), type=_Layers)
-    desk.become(steps.step(desk.session, choose.order_layers(desk.session.tables, asked.layers)))
-    return _json(_DONE)
+async def _order(desk: Desk, request: Request) -> None:
+    layers = msgspec.json.decode(await request.body(), type=_Layers).layers
+    _replace_tables(desk, choose.order_layers(desk.session.tables, layers))
 
 
-async def _move(desk: Desk, request: Request) -> Response:
-    asked = msgspec.json.decode(await request.body(), type=_Move)
-    tables = choose.move_path(desk.session.tables, _looked(desk, asked.build), asked.path, asked.to)
-    desk.become(steps.step(desk.session, tables))
-    return _json(_DONE)
+async def _move(desk: Desk, request: Request) -> None:
+    move = msgspec.json.decode(await request.body(), type=_Move)
+    summary = _get_summary(desk, move.build)
+    _replace_tables(desk, choose.move_path(desk.session.tables, summary, move.path, move.to))
 
 
-async def _seam(desk: Desk, request: Request) -> Response:
-    asked = msgspec.json.decode(await request.body(), type=_Seam)
-    place = None if asked.x is None or asked.y is None else (asked.x, asked.y)
-    tables = choose.move_seam(desk.session.tables, _looked(desk, asked.build), asked.path, place)
-    seams = Change(["tour", "seams"], tables.get("tour", {}).get("seams"))
-    if not asked.draft:
-        desk.change([seams])
+async def _seam(desk: Desk, request: Request) -> None:
+    seam = msgspec.json.decode(await request.body(), type=_Seam)
+    place = None if seam.x is None or seam.y is None else (seam.x, seam.y)
+    summary = _get_summary(desk, seam.build)
+    tables = choose.move_seam(desk.session.tables, summary, seam.path, place)
+    change = Change(["tour", "seams"], tables.get("tour", {}).get("seams"))
+    if not seam.draft:
+        desk.change([change])
     elif place is None:
-        desk.draft(Change(seams.path))
+        desk.draft(Change(change.path))
     else:
-        desk.draft(seams)
-    return _json(_DONE)
+        desk.draft(change)
 
 
-async def _leave(desk: Desk, request: Request) -> Response:
-    asked = msgspec.json.decode(await request.body(), type=_Names)
-    tables = choose.leave_out(desk.session.tables, _looked(desk), asked.names, asked.row)
-    desk.become(steps.step(desk.session, tables))
-    return _json(_DONE)
+async def _leave(desk: Desk, request: Request) -> None:
+    chosen = msgspec.json.decode(await request.body(), type=_Names)
+    summary = _get_summary(desk)
+    tables = choose.leave_out(desk.session.tables, summary, chosen.names, chosen.row)
+    _replace_tables(desk, tables)
 
 
-async def _take(desk: Desk, request: Request) -> Response:
-    asked = msgspec.json.decode(await request.body(), type=_Names)
-    desk.become(
-        steps.step(desk.session, choose.take_in(desk.session.tables, _looked(desk), asked.names))
-    )
-    return _json(_DONE)
+async def _take(desk: Desk, request: Request) -> None:
+    names = msgspec.json.decode(await request.body(), type=_Names).names
+    _replace_tables(desk, choose.restore(desk.session.tables, _get_summary(desk), names))
 
 
-def _looked(desk: Desk, build: int | None = None) -> Looked:
-    """What the last good build has seen; ``build``: the one that the user saw, which has to be that."""
+def _get_summary(desk: Desk, build: int | None = None) -> InputSummary:
+    """The content of the input in the last successful build.
+
+    build: number of the build that the user saw, None for any. Raises JobError for an older one.
+    """
     if desk.built is None:
         raise JobError("page", "nothing is built yet", remedy="wait for the first program")
     if build not in (None, desk.built.number):
         raise JobError("page", "the picture is of an older program", remedy="wait for the new one")
-    return desk.built.looked
+    return desk.built.summary
 
 
-async def _undo(desk: Desk, _request: Request) -> Response:
-    desk.become(steps.undo(desk.session))
-    return _json(_DONE)
+async def _undo(desk: Desk, _request: Request) -> None:
+    desk.replace_session(steps.undo(desk.session))
 
 
-async def _redo(desk: Desk, _request: Request) -> Response:
-    desk.become(steps.redo(desk.session))
-    return _json(_DONE)
+async def _redo(desk: Desk, _request: Request) -> None:
+    desk.replace_session(steps.redo(desk.session))
 
 
-async def _build(desk: Desk, _request: Request) -> Response:
+async def _build(desk: Desk, _request: Request) -> None:
     desk.ask()
-    return _json(_DONE)
 
 
-async def _stop(desk: Desk, _request: Request) -> Response:
+async def _stop(desk: Desk, _request: Request) -> None:
     desk.stop()
-    return _json(_DONE)
 
 
-async def _propose(desk: Desk, _request: Request) -> Response:
+async def _propose(desk: Desk, _request: Request) -> None:
     desk.ask(propose=True)
-    return _json(_DONE)
 
 
 async def _save(desk: Desk, request: Request) -> Response:
-    order = msgspec.json.decode(await request.body(), type=_Save)
-    return _json({"written": [str(path) for path in await desk.save(order.replace)]})
+    settings = msgspec.json.decode(await request.body(), type=_Save)
+    return _json({"written": [str(path) for path in await desk.save(settings.replace)]})
 
 
-async def _file(desk: Desk, request: Request) -> Response:
-    """The job file was changed by somebody else: whether it counts, or the form."""
-    asked = msgspec.json.decode(await request.body(), type=_File)
-    (desk.load_job if asked.counts else desk.keep_job)()
-    return _json(_DONE)
+async def _file(desk: Desk, request: Request) -> None:
+    """Choose the job file or the form, if both were changed."""
+    if msgspec.json.decode(await request.body(), type=_File).counts:
+        desk.load_job()
+    else:
+        desk.keep_job()
 
 
-async def _close(desk: Desk, _request: Request) -> Response:
+async def _close(desk: Desk, _request: Request) -> None:
     desk.closing = True
-    return _json(_DONE)

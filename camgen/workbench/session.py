@@ -1,4 +1,4 @@
-"""What is open in the workbench, as a value: the inputs, and the job as its tables stand in the file."""
+"""The open job of the workbench as a value: the inputs, the tables of the job, and its history."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from camgen.read.files import Files, identity
 from camgen.read.job_file import find_job_file, load_job, parse_assignment, parse_value
 from camgen.workbench.job_text import write_job
 
-#: The job as TOML has it: tables of keys, and lists of such tables. Keys that hold their default are left out.
+#: The tables of a job as in its TOML file. Keys with their default value are left out.
 Tables = dict[str, Any]
 
 
@@ -76,8 +76,8 @@ class Session(Struct, frozen=True):
 
     @property
     def is_saved(self) -> bool:
-        """Whether the job file says what the form says; without one, whether all is as it is by default."""
-        return tables_of(self.base) == self.tables
+        """Whether the job file has the settings of the form. Without a file, all are defaults."""
+        return parse_tables(self.base) == self.tables
 
 
 def open_session(
@@ -88,89 +88,101 @@ def open_session(
     output: Path,
     posts: Sequence[str],
 ) -> Session:
-    """The session of a command. JobError for a job file that is no TOML, and for a ``--set`` that makes no sense."""
-    found = find_job_file(job, inputs[0])
-    file = found or inputs[0].with_suffix(".toml")
-    base = read_base(file, Files()) if found else ""
-    # What the file says is looked at by the build, whose error stands in the page; a slip in --set is told at once.
+    """The session of a command.
+
+    Raises JobError for a job file that is not TOML, and for an invalid `--set`.
+    """
+    job_file = find_job_file(job, inputs[0])
+    file = job_file or inputs[0].with_suffix(".toml")
+    base = read_base(file, Files()) if job_file else ""
+    # An error in the file is shown by the page, after the first build. One in --set is raised here.
     load_job(None, [text for text in sets if text.split(".")[0].strip() not in ROWS], Files())
-    tables = tables_of(base)
+    tables = parse_tables(base)
     for text in sets:
-        tables = _set(tables, text, file.parent)
-    names = frozenset(identity(file.parent / name) for name in named_files(tables))
+        tables = _apply_assignment(tables, text, file.parent)
+    names = frozenset(identity(file.parent / name) for name in list_files(tables))
     return Session(tuple(inputs), file, base, tables, post, output, tuple(posts), names)
 
 
 def read_base(file: Path, files: Files) -> str:
-    """The text of a job file. JobError where it is no TOML."""
+    """The text of a job file. Raises JobError if it is not TOML."""
     text = files.read(file).data.decode("utf-8-sig", "replace")
     try:
         tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise JobError(str(file), f"is not TOML: {error}", remedy="mend it") from error
+        raise JobError(str(file), f"is not TOML: {error}", remedy="correct this file") from error
     return text
 
 
-def tables_of(base: str) -> Tables:
+def parse_tables(base: str) -> Tables:
     """The tables of a job file's text."""
     return tomllib.loads(base)
 
 
-def _set(tables: Tables, text: str, folder: Path) -> Tables:
-    """``tables`` with one ``--set``; a file in it lies where the user stands, in the job file beside that."""
+def _apply_assignment(tables: Tables, text: str, folder: Path) -> Tables:
+    """`tables` with one `--set`.
+
+    A file name in it is relative to the working folder, and in the result to the folder `folder`.
+    """
     table, key, value = parse_assignment(text)
     if isinstance(value, str) and value and _names_file(table, key, value):
         value = os.path.relpath(value, folder)
     name, _, row = table.partition(".")
     path: list[str | int] = [name, int(row), key] if row.isdigit() else [table, key]
-    return put(tables, path, value)
+    return set_value(tables, path, value)
 
 
-def rows_of(tables: Tables, name: str) -> list[dict[str, Any]]:
-    """The rows of ``[[tools]]`` or ``[[operations]]``; none where the file has something else in their place."""
-    found = tables.get(name, [])
-    return (
-        [dict(row) for row in found if isinstance(row, Mapping)] if isinstance(found, list) else []
-    )
+def list_rows(tables: Tables, name: str) -> list[dict[str, Any]]:
+    """The rows of `[[tools]]` or `[[operations]]`, empty if the file has anything else there."""
+    rows = tables.get(name, [])
+    if not isinstance(rows, list):
+        return []
+    return [dict(row) for row in rows if isinstance(row, Mapping)]
 
 
-def put(tables: Tables, path: Sequence[str | int], value: Any) -> Tables:
-    """``tables`` with ``value`` at a path: table and key, or table, row and key, or a table alone. None takes it away,
-    and so does the default of a key that is in no row. JobError for a row that is not there.
+def set_value(tables: Tables, path: Sequence[str | int], value: Any) -> Tables:
+    """`tables` with another value.
+
+    path: a table alone, table and key, or table, row and key.
+    value: the value. None removes the key. So does its default, except in a row.
+
+    Raises JobError for a row that does not exist.
     """
-    found = dict(tables)
+    name = str(path[0])
+    changed = dict(tables)
     if len(path) == 1:
-        found[str(path[0])] = value
+        changed[name] = value
     elif len(path) == 2:
-        table, key = str(path[0]), str(path[1])
-        kept = {name: own for name, own in tables.get(table, {}).items() if name != key}
-        found[table] = (
-            kept
-            if value is None or is_default(table, key, value)
-            else {**tables.get(table, {}), key: value}
-        )
+        is_removed = value is None or is_default(name, str(path[1]), value)
+        changed[name] = _set_key(tables.get(name, {}), str(path[1]), None if is_removed else value)
     else:
-        name, row, key = str(path[0]), path[1], str(path[2])
-        rows = list(tables.get(name, []))
+        row, rows = path[1], list(tables.get(name, []))
         if not isinstance(row, int) or not 0 <= row < len(rows):
-            raise JobError(
-                f"{name}.{row}", "there is no such row", remedy="they are counted from 0"
-            )
-        own = {other: one for other, one in rows[row].items() if other != key}
-        rows[row] = own if value is None else {**rows[row], key: value}
-        found[name] = rows
-    return {name: content for name, content in found.items() if content}
+            raise JobError(f"{name}.{row}", "there is no such row", remedy="rows count from 0")
+        rows[row] = _set_key(rows[row], str(path[2]), value)
+        changed[name] = rows
+    return {name: content for name, content in changed.items() if content}
+
+
+def _set_key(table: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
+    """The table with a key, or without it for None."""
+    if value is not None:
+        return {**table, key: value}
+    return {name: content for name, content in table.items() if name != key}
 
 
 def is_default(table: str, key: str, value: object) -> bool:
-    """Whether a key has this value where nobody sets it, whatever else the job says."""
+    """Whether a key has this value by default, independently of all other settings."""
     known = any(s.table == table and s.key == key and s.default == value for s in list_settings())
     return known and (table, key) not in BESIDE
 
 
 class Change(Struct, frozen=True):
-    """One change of a page. path: as ``put`` has it. value: what is put there; or raw: what the user typed, read as
-    ``--set`` reads it.
+    """One change of a page.
+
+    path: path as for `set_value`.
+    value: the new value, None to remove it.
+    raw: text that the user typed, read like that of `--set`; None if the page sends a value.
     """
 
     path: list[str | int]
@@ -178,8 +190,11 @@ class Change(Struct, frozen=True):
     raw: str | None = None
 
 
-def change(session: Session, changes: Sequence[Change]) -> Session:
-    """The session after changes of a page. JobError for a table that no job has, and for a file outside the folder."""
+def apply_changes(session: Session, changes: Sequence[Change]) -> Session:
+    """The session after changes of a page.
+
+    Raises JobError for an unknown table, and for a file outside the open folder.
+    """
     tables = session.tables
     for entry in changes:
         check_place(entry)
@@ -187,10 +202,10 @@ def change(session: Session, changes: Sequence[Change]) -> Session:
         if entry.raw is not None:
             value = parse_value(entry.raw) if entry.raw.strip() else None
         if isinstance(value, (date, time)):
-            value = entry.raw  # no setting is a date: the error shows the text as it was typed
-        tables = put(tables, entry.path, value)
-    _insist_on_folder(session, tables)
-    return step(session, tables)
+            value = entry.raw  # No setting is a date, so the error shows the text as typed.
+        tables = set_value(tables, entry.path, value)
+    _check_folder(session, tables)
+    return add_step(session, tables)
 
 
 def check_place(change: Change) -> None:
@@ -203,7 +218,7 @@ def check_place(change: Change) -> None:
         raise JobError("job", f"has no place {name}", remedy="reload the page")
 
 
-def step(session: Session, tables: Tables, post: str = "") -> Session:
+def add_step(session: Session, tables: Tables, post: str = "") -> Session:
     """The session with another job, which can be undone. Without `post` the controller stays."""
     following = Step(tables, post or session.post)
     if following == session.step:
@@ -232,34 +247,33 @@ def redo(session: Session) -> Session:
     )
 
 
-def _insist_on_folder(session: Session, tables: Tables) -> None:
-    """JobError for a file that a page names and that lies outside the folder, links followed."""
+def _check_folder(session: Session, tables: Tables) -> None:
+    """Raise JobError for a file that a page names outside the open folder, links followed."""
     root = os.path.realpath(session.folder)
-    for name in named_files(tables):
+    for name in list_files(tables):
         try:
-            same = os.path.realpath(session.job_file.parent / name)
+            file = os.path.realpath(session.job_file.parent / name)
         except ValueError as error:  # a zero byte
-            raise JobError(name, "is no name of a file") from error
-        inside = os.path.commonpath([root, same]) == root
-        if not inside and identity(same) not in session.allowed:
-            what = f"lies outside the folder that is open, {session.folder.resolve().name}"
-            raise JobError(
-                name, what, remedy="copy it there, or name it in the job file before camgen open"
-            )
+            raise JobError(name, "is not the name of a file") from error
+        is_inside = os.path.commonpath([root, file]) == root
+        if not is_inside and identity(file) not in session.allowed:
+            what = f"lies outside the open folder {session.folder.resolve().name}"
+            remedy = "copy it there, or name it in the job file before camgen open"
+            raise JobError(name, what, remedy=remedy)
 
 
-def named_files(tables: Mapping[str, Any]) -> Iterator[str]:
-    """The files that the tables of a job name, as they stand there."""
+def list_files(tables: Mapping[str, Any]) -> Iterator[str]:
+    """The files that the tables of a job name, as written there."""
     for table, key in FILES:
         content = tables.get(table, {})
         name = content.get(key) if isinstance(content, Mapping) else None
         if isinstance(name, str) and name and _names_file(table, key, name):
-            yield split_name(name)[0] if (table, key) == ("cell", "robot") else name  # type: ignore[index]
+            robot = split_name(name) if (table, key) == ("cell", "robot") else None
+            yield robot[0] if robot else name
     cell = tables.get("cell", {})
     fixtures = cell.get("fixtures") if isinstance(cell, Mapping) else None
-    yield from (
-        one for one in (fixtures if isinstance(fixtures, list) else []) if isinstance(one, str)
-    )
+    if isinstance(fixtures, list):
+        yield from (fixture for fixture in fixtures if isinstance(fixture, str))
 
 
 def _names_file(table: str, key: str, value: str) -> bool:

@@ -1,4 +1,4 @@
-"""What holds where the job is silent: defaults that hang on the input, the controller or other settings."""
+"""Defaults that depend on the input, the controller or other settings of the job."""
 
 from __future__ import annotations
 
@@ -19,70 +19,74 @@ from camgen.pipeline import Result
 from camgen.plan import find_operation
 from camgen.post.plugins import dynamics_of
 
-#: By table, then by key.
-Usual = dict[str, dict[str, object]]
+#: Defaults by table, then by key.
+Defaults = dict[str, dict[str, object]]
 
 
-def usual_of(tables: Mapping[str, Any]) -> Usual:
-    """What the tables of a job alone say."""
-    found: Usual = {}
+def list_defaults(tables: Mapping[str, Any]) -> Defaults:
+    """The defaults that follow from the tables of a job alone."""
+    defaults: Defaults = {}
     for (table, key), value in defaults_beside(tables).items():
-        found.setdefault(table, {})[key] = value
-    return found
+        defaults.setdefault(table, {})[key] = value
+    return defaults
 
 
-def usual_in(result: Result) -> Usual:
-    """What held in a build, as if the job had said nothing of it."""
+def find_defaults(result: Result) -> Defaults:
+    """The defaults of a build: the values for settings that the job leaves out."""
     job = result.job
-    found: Usual = {"cell": _of_cell(result, job), "process": _of_process(result, job)}
+    defaults: Defaults = {
+        "cell": _find_cell_defaults(result, job),
+        "process": _find_process_defaults(result, job),
+    }
     kind = _find_kind(result, job)
     if kind:
-        found["operation"] = {"kind": kind}
-        silent = replace(job, tolerance=replace(job.tolerance, corner=None))
-        found["tolerance"] = {"corner": round(compute_corner_tolerance(silent, kind), 6)}
-    return found
+        defaults["operation"] = {"kind": kind}
+        unset = replace(job, tolerance=replace(job.tolerance, corner=None))
+        defaults["tolerance"] = {"corner": round(compute_corner_tolerance(unset, kind), 6)}
+    return defaults
 
 
 def _find_kind(result: Result, job: Job) -> str:
-    """What is done to such a part; "" where rows say it."""
+    """The default operation of such a part; "" without one, and for a job with `[[operations]]`."""
     if job.operations:
         return ""
+    unset = replace(job, operation=replace(job.operation, kind="auto"))
     try:
-        return find_operation(
-            result.part, replace(job, operation=replace(job.operation, kind="auto"))
-        ).name
-    except CamgenError:  # for such a part a kind has to be named
+        return find_operation(result.part, unset).name
+    except CamgenError:
         return ""
 
 
-def _of_process(result: Result, job: Job) -> dict[str, object]:
+def _find_process_defaults(result: Result, job: Job) -> dict[str, object]:
     process = job.process
-    silent = replace(job, process=replace(process, acceleration=None))
-    found: dict[str, object] = {}
+    unset = replace(job, process=replace(process, acceleration=None))
+    defaults: dict[str, object] = {}
     if result.cell.machine is None:
-        found["acceleration"] = dynamics_of(result.post, silent).acceleration
-    found["plunge"] = round(plunge(replace(process, plunge=None)), 6)
-    if not isinstance(result.tour, (ArmTour, EdgeTour)):  # there the joints decide
-        found["travel"] = replace(process, travel=None).travel_speed
-    return found
+        defaults["acceleration"] = dynamics_of(result.post, unset).acceleration
+    defaults["plunge"] = round(plunge(replace(process, plunge=None)), 6)
+    # The joint speeds limit the links of an arm.
+    if not isinstance(result.tour, (ArmTour, EdgeTour)):
+        defaults["travel"] = replace(process, travel=None).travel_speed
+    return defaults
 
 
-def _of_cell(result: Result, job: Job) -> dict[str, object]:
-    """Frames and home of the cell, but those that the job names."""
-    cell, own = result.cell, job.cell
-    found: dict[str, object] = {}
+def _find_cell_defaults(result: Result, job: Job) -> dict[str, object]:
+    """The frames and the home of the cell that the job does not set."""
+    cell, settings = result.cell, job.cell
+    defaults: dict[str, object] = {}
     for key, frame in (
         ("base_from_work", cell.base_from_work),
         ("flange_from_tool", cell.flange_from_tool),
     ):
-        if getattr(own, key) is None:
-            found[key] = _round([*frame.origin, *map(math.degrees, fixed_xyz(frame.rotation))])
-    if own.home is None and isinstance(cell.home, Pose):
-        found["home"] = _round(cell.home.origin)
-    elif own.home is None and not isinstance(cell.home, Pose):
+        if getattr(settings, key) is None:
+            angles = map(math.degrees, fixed_xyz(frame.rotation))
+            defaults[key] = _round([*frame.origin, *angles])
+    if settings.home is None and isinstance(cell.home, Pose):
+        defaults["home"] = _round(cell.home.origin)
+    elif settings.home is None and not isinstance(cell.home, Pose):
         values = enumerate(cell.home.values)
-        found["home"] = _round([v if k in cell.sliding else math.degrees(v) for k, v in values])
-    return found
+        defaults["home"] = _round([v if k in cell.sliding else math.degrees(v) for k, v in values])
+    return defaults
 
 
 def _round(values: Any) -> list[float]:

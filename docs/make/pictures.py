@@ -26,8 +26,8 @@ from camgen.preview import page as html
 from camgen.preview import png as picture
 from camgen.preview import view
 from camgen.preview.drawings import draw
-from camgen.preview.fixtures import see_fixtures
-from camgen.preview.svg import Standing, svg
+from camgen.preview.fixtures import clip_fixtures
+from camgen.preview.svg import DrawnFixtures, svg
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
@@ -186,7 +186,7 @@ def drawn(shown: Shown) -> bytes:
     if result.part.solid is not None:
         return draw(result, Path(shown.name))
     title = shown.title or f"{shown.source.name}, {shown.post}"
-    standing = Standing(see_fixtures(result), result.blocked)
+    standing = DrawnFixtures(clip_fixtures(result), result.blocked)
     return svg(result.part, result.tour, result.notes, title, standing=standing).encode()
 
 

@@ -307,14 +307,17 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
         ),
         (["parts/*.dxf", "--job", "no.toml"], "no.toml: cannot be read: "),
         (["parts/*.dxf", "-o", "parts/a.dxf"], "parts/a.dxf: is not a folder; "),
-        (["parts/*.dxf", "--dask", "tcp://x:1", "--jobs", "2"], "--dask: the cluster decides "),
+        (
+            ["parts/*.dxf", "--dask", "tcp://x:1", "--jobs", "2"],
+            "--dask: the cluster has its own limits",
+        ),
         (
             ["parts/a.dxf", "other/A.dxf"],
-            "parts/a.dxf: its program would have the name of that of other/A.dxf (a.ngc); ",
+            "parts/a.dxf: its program would have the same name as that of other/A.dxf (a.ngc); ",
         ),
         (
             ["parts/*.dxf", "--set", "post.program=x"],
-            "parts/b.dxf: its program would have the name of that of parts/a",
+            "parts/b.dxf: its program would have the same name as that of parts/a",
         ),
         (
             ["old/*.ngc", "-o", "old"],
@@ -436,7 +439,7 @@ def test_a_batch_that_is_ended_goes_on_where_it_was(
     done = files(here / "out")
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert "of 10 not built; the same command goes on from here" in said.splitlines()[-1]
+        assert "of 10 not built; the same command continues from here" in said.splitlines()[-1]
         assert "Traceback" not in said
         assert not [name for name in done if name.startswith(".")]
     times = {

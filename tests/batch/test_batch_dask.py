@@ -149,7 +149,7 @@ def test_what_cannot_travel(cluster: Cluster, capsys: pytest.CaptureFixture[str]
     assert (
         main(["batch", "parts/p00.dxf", "--post", "./own.py", "-q", "--dask", cluster.address]) == 2
     )
-    assert "a post from a file does not travel to a cluster" in capsys.readouterr().err
+    assert "a post from a file cannot be sent to a cluster" in capsys.readouterr().err
 
 
 def test_no_scheduler_is_one_line(

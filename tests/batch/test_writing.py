@@ -38,7 +38,7 @@ def contents(folder: Path) -> dict[str, str]:
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "old").write_text("old")
-    writing._clear.cache_clear()
+    writing._remove_leftovers.cache_clear()
     return tmp_path
 
 

@@ -292,7 +292,7 @@ def test_a_fill_with_a_part_left_out_does_not_tell_its_coverage() -> None:
     result, _ = built(PARTS / "copper.dxf", cell=cell, operation={"kind": "fill"})
     assert lost(result)
     assert result.coverage is None
-    assert any(note.what == "coverage is not told" for note in result.notes)
+    assert any(note.what == "the coverage is not reported" for note in result.notes)
 
 
 def test_rounds_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -530,7 +530,7 @@ def test_a_job_that_follows_nothing_makes_no_rework(
         ),
         (
             ["good.png", "--against", "plate.dxf", "--preview", "a.html"],
-            "a.html: is no kind of picture",
+            "a.html: is not a kind of picture",
         ),
         (["good.png", "--against", "plate.dxf", "--least", "0"], "--least: cannot be 0 mm"),
         (["good.png", "--against", "plate.dxf", "--removal", "0"], "--removal: cannot be 0 mm"),

@@ -204,7 +204,7 @@ def test_standard_input(here: Path) -> None:
     done = subprocess.run(words, input=b"x", capture_output=True, check=False)
     assert (
         done.stderr
-        == b"camgen: error: -: standard input has no suffix; say what it is, e.g. --format dxf\n"
+        == b"camgen: error: -: standard input has no suffix; give its format, e.g. --format dxf\n"
     )
 
 

@@ -164,7 +164,7 @@ def test_what_is_no_drawing_has_no_operations(
     name: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["init", str(ROOT / "fixtures" / "parts" / name), "--operations"]) == 2
-    assert f"{name}: is no flat drawing (--operations); leave it out" in capsys.readouterr().err
+    assert f"{name}: is not a flat drawing (--operations); leave it out" in capsys.readouterr().err
     assert not list(here.glob("*.toml"))
 
 

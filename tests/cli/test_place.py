@@ -11,7 +11,7 @@ import pytest
 import camgen
 from camgen.cli import main
 from camgen.model.pose import pose_from_values
-from camgen.pipeline import poster_of
+from camgen.pipeline import make_job_post
 from camgen.pipeline.inputs import read_inputs
 from camgen.pipeline.place import Case, Request, Spot, examine, list_spots, make_case, reach_joints
 from camgen.read.files import Files
@@ -110,7 +110,7 @@ def test_the_job_s_own_place_is_kept_where_none_is_better(
 
 def read_case(plate: Path) -> Case:
     job = camgen.job(str(plate.with_suffix(".toml")))
-    read = read_inputs([plate], job, poster_of("rapid", job, "job").cell(), Files())
+    read = read_inputs([plate], job, make_job_post("rapid", job, "job").cell(), Files())
     return make_case(read.part, job, read.cell, Request(plate, "rapid"))
 
 

@@ -164,8 +164,8 @@ def test_a_program_without_a_motion_has_a_page_too(capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--assume", "di1"], "'di1' is no name with its value"),
-        (["--assume", "=1"], "'=1' is no name with its value"),
+        (["--assume", "di1"], "'di1' is not a name with a value"),
+        (["--assume", "=1"], "'=1' is not a name with a value"),
         (["--assume", "args=[1,]"], "'args[2]='"),
         (["--dialect", "fanuc"], "rapid has no dialect fanuc"),
         (["--report", "out.pdf"], "the report of a program is a page"),
@@ -269,7 +269,7 @@ def test_a_limit_of_steps_is_possible_if_an_input_may_end_the_loop(capsys):
     assert (code, error) == (0, "")
     assert "din0" in page["assumed"]
     (line,) = lines
-    assert ": possible: cannot be run on: the program has not ended after 200 steps" in line
+    assert ": possible: the run stops here: the program has not ended after 200 steps" in line
     assert line.endswith(", if all is as assumed")
     assert page["motion"] == "not proven: the run does not come to the end"
     code, page, lines, error = judged(capsys, write("count.ngc", COUNTING), *limit)

@@ -91,7 +91,7 @@ def test_a_run_that_does_not_break_off_is_preferred() -> None:
     assert result.findings == (
         Finding("unusual", 1, "odd"),
         Finding(
-            "possible", 3, "cannot be run on: calls itself too often; it depends on di1 in line 2"
+            "possible", 3, "the run stops here: calls itself too often; it depends on di1 in line 2"
         ),
     )
 

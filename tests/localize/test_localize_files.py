@@ -96,8 +96,8 @@ def test_a_step_model(cloud, tmp_path):
     ("words", "says"),
     [
         (("--units", "furlong"), "--units: unknown unit 'furlong'; give mm, cm, m, inch"),
-        (("--start", "1,2,3"), "--start: '1,2,3' is no pose; give x,y,z,rx,ry,rz"),
-        (("--start", "1,2,3,4,5,nan"), "--start: '1,2,3,4,5,nan' is no pose"),
+        (("--start", "1,2,3"), "--start: '1,2,3' is not a pose; give x,y,z,rx,ry,rz"),
+        (("--start", "1,2,3,4,5,nan"), "--start: '1,2,3,4,5,nan' is not a pose"),
     ],
 )
 def test_options_that_cannot_be(words, says, tmp_path, capsys):

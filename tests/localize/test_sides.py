@@ -210,9 +210,9 @@ def test_the_option_wins_over_the_file(files):
         (
             "0 0 1 1 0 0 0",
             ("--viewpoint", "1,2"),
-            "--viewpoint: '1,2' is no place; give x,y,z in mm",
+            "--viewpoint: '1,2' is not a position; give x,y,z in mm",
         ),
-        ("0 0 1 1 0 0 0", ("--viewpoint", "1,2,inf"), "--viewpoint: '1,2,inf' is no place"),
+        ("0 0 1 1 0 0 0", ("--viewpoint", "1,2,inf"), "--viewpoint: '1,2,inf' is not a position"),
     ],
 )
 def test_a_viewpoint_that_cannot_be_is_refused_in_one_line(viewpoint, words, says, files, capsys):

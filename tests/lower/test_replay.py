@@ -381,7 +381,7 @@ def test_a_spindle_that_turns_backwards_is_told_with_its_line(tmp_path, post, op
         built(tmp_path, OLD.replace("M3", "M4"), post, options=options)
     assert (
         str(caught.value)
-        == f"old.nc: {post} refuses line 4: {says} (instruction {place}); mend this line"
+        == f"old.nc: {post} refuses line 4: {says} (instruction {place}); correct this line"
     )
 
 
@@ -392,6 +392,6 @@ def test_what_a_setting_can_mend_is_told_so(tmp_path):
     ):
         built(tmp_path, OLD, "rapid")
     with pytest.raises(
-        NoSafeProgram, match=r"refuses line 6: a feed of 0\.006 mm/min .*\); mend this line$"
+        NoSafeProgram, match=r"refuses line 6: a feed of 0\.006 mm/min .*\); correct this line$"
     ):
         built(tmp_path, OLD.replace("F300", "F.006"))

@@ -9,7 +9,7 @@ import pytest
 import camgen
 from camgen.model.errors import JobError
 from camgen.model.job import Job
-from camgen.pipeline.inputs import digest_of
+from camgen.pipeline.inputs import compute_digest
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping, load_job
 from camgen.read.made import make_part
@@ -121,11 +121,11 @@ def test_the_digest_covers_the_library(job_file: Path, operation: str) -> None:
     rows = f"[[operations]]\n{operation}\n" if operation else ""
     job_file.write_text(f'[tool]\nfile = "lib/shop.toml"\n{rows}', encoding="utf-8")
     part = make_part([[(0, 0), (10, 0), (10, 10), (0, 0)]])
-    before = digest_of(load_job(job_file), [part], Files())
-    assert before == digest_of(load_job(job_file), [part], Files())
+    before = compute_digest(load_job(job_file), [part], Files())
+    assert before == compute_digest(load_job(job_file), [part], Files())
     changed = LIBRARY.replace("diameter = 6.0", "diameter = 6.1")
     library_of(job_file).write_text(changed, encoding="utf-8")
-    assert before != digest_of(load_job(job_file), [part], Files())
+    assert before != compute_digest(load_job(job_file), [part], Files())
 
 
 def test_tools_of_a_library_without_operations_are_refused(job_file: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from camgen.motion.pose_paths import PosePath
-from camgen.pipeline import poster_of
+from camgen.pipeline import make_job_post
 from camgen.pipeline.inputs import read_inputs
 from camgen.pipeline.place import Case, Request, _mark, make_case
 from camgen.pipeline.tool_room import Samples
@@ -35,7 +35,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
         "cell": {"robot": "IRB 1200", "base_from_work": [500, 0, 100, 0, 0, 0]},
     }
     job = from_mapping(tables)
-    read = read_inputs([plate], job, poster_of("rapid", job, "job").cell(), Files())
+    read = read_inputs([plate], job, make_job_post("rapid", job, "job").cell(), Files())
     return make_case(read.part, job, read.cell, Request(plate, "rapid"))
 
 

@@ -19,8 +19,8 @@ from camgen.geometry.arcs import circle
 from camgen.model.part import Contour, Note
 from camgen.model.pose import frozen
 from camgen.pipeline import Result
-from camgen.preview.curves import draw_spans, of_contours
-from camgen.preview.meshes import MOST_FACES, one_mesh
+from camgen.preview.curves import draw_spans, trace_contours
+from camgen.preview.meshes import MOST_FACES, merge_surfaces
 from camgen.preview.page import page
 from camgen.preview.png import png
 from camgen.preview.view import View, view
@@ -115,7 +115,7 @@ def test_a_contour_is_drawn_with_its_bulges_to_the_right_side() -> None:
     # Two half circles counter-clockwise about (50, 25): the first runs below the centre.
     hole = Contour(frozen([(40, 25), (60, 25)]), frozen([1, 1]), True, "L", "c1")
     square = Contour(frozen([(0, 0), (9, 0), (9, 9)]), frozen([0, 0, 0]), False, "L", "c2")
-    chains = of_contours((hole, square), 0.01)
+    chains = trace_contours((hole, square), 0.01)
     round_, rest = chains.points[: chains.counts[0]], chains.points[chains.counts[0] :]
     assert np.allclose(np.linalg.norm(round_[:, :2] - (50, 25), axis=1), 10)
     assert np.allclose(round_[0], round_[-1])
@@ -159,10 +159,12 @@ def test_a_robot_stands_where_the_program_is_at_the_same_time(
     result = request.getfixturevalue(name)
     found = view(result)
     assert found.arm is not None
-    from camgen.preview.track import tool_of  # noqa: PLC0415 (only where there is an arm)
+    from camgen.preview.track import compute_tool  # noqa: PLC0415 (only where there is an arm)
 
     assert result.reach is not None
-    place, axis = tool_of(result.program, found.arm.robot, found.arm.joints, result.reach.owner)
+    place, axis = compute_tool(
+        result.program, found.arm.robot, found.arm.joints, result.reach.owner
+    )
     # While the tool is changed the arm rests, and the tool's tip is where it was and where it is.
     rests = np.diff(found.arm.time, prepend=-1.0) == 0
     rests[:-1] |= rests[1:]
@@ -370,11 +372,11 @@ def test_a_mesh_of_too_many_triangles_becomes_coarser_and_keeps_its_size() -> No
     faces = np.concatenate(
         [np.column_stack([k, right, k + 160]), np.column_stack([right, right + 160, k + 160])]
     )
-    found = one_mesh([Surface(points, faces)])
+    found = merge_surfaces([Surface(points, faces)])
     assert found is not None
     vertices, coarse = found
     assert 500 < len(coarse) <= MOST_FACES < len(faces)
     assert coarse.max() == len(vertices) - 1
     assert np.ptp(vertices, axis=0) == pytest.approx((80, 80, 100), abs=4)
     assert np.hypot(*vertices[:, :2].T) == pytest.approx(np.full(len(vertices), 40), abs=1)
-    assert one_mesh([]) is None
+    assert merge_surfaces([]) is None

@@ -11,7 +11,7 @@ import camgen
 from camgen.model.part import Note
 from camgen.pipeline import Result
 from camgen.preview.page import page
-from camgen.preview.view import reasons, split_chain, view
+from camgen.preview.view import list_reasons, split_chain, view
 from tests.preview.test_page import PARTS, data
 
 # -- what is left out
@@ -26,7 +26,7 @@ def test_the_reason_for_a_name_is_that_of_the_first_note_about_it() -> None:
         Note("skipped", "contour c2", "other", ("c2",)),
         Note("skipped", "c5 on a layer of that name", "no name of it"),
     ]
-    assert reasons(notes) == {"c2": "gap", "2/c9": "gap", "e7": "edge e7, line"}
+    assert list_reasons(notes) == {"c2": "gap", "2/c9": "gap", "e7": "edge e7, line"}
 
 
 def test_a_contour_without_a_path_is_shown_with_its_reason() -> None:

@@ -12,7 +12,7 @@ import camgen
 from camgen.pipeline import Result
 from camgen.preview import page, png
 from camgen.preview.drawings import draw
-from camgen.preview.figure import FigureEdge, are_seen, figure_edges, oblique, shade
+from camgen.preview.figure import FigureEdge, find_visible, list_figure_edges, make_oblique, shade
 from camgen.preview.view import View, view
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -46,8 +46,8 @@ def shown(built: Result) -> View:
 def edges(shown: View) -> dict[str, FigureEdge]:
     """The edges by their ids, and what of them is worked in pieces by the ids of its paths."""
     assert shown.solid is not None
-    look = oblique()
-    found = figure_edges(shown, shown.solid, look, shade(shown.solid, look))
+    look = make_oblique()
+    found = list_figure_edges(shown, shown.solid, look, shade(shown.solid, look))
     return {line.path or line.id: edge for line, edge in zip(shown.lines, found, strict=True)}
 
 
@@ -75,9 +75,9 @@ def test_what_is_behind_the_part_is_hidden(edges: dict[str, FigureEdge]) -> None
 
 def test_a_point_inside_is_hidden_and_one_above_is_seen(shown: View) -> None:
     assert shown.solid is not None
-    look = oblique()
+    look = make_oblique()
     points = np.array([[60.0, 50, 35], [60, 50, 75], [60, 50, 70], [60, -40, 20], [60, 140, 20]])
-    seen = are_seen(shade(shown.solid, look), shown.solid, look, points)
+    seen = find_visible(shade(shown.solid, look), shown.solid, look, points)
     assert seen.tolist() == [False, True, True, True, False]
 
 
@@ -93,7 +93,7 @@ def test_the_svg_has_every_number_and_what_is_left_out_in_red(built: Result) -> 
 
 
 def test_the_page_and_the_picture_have_the_numbers(shown: View) -> None:
-    numbers = page._plain(shown, None)["numbers"]
+    numbers = page._list_view(shown, None)["numbers"]
     assert isinstance(numbers, list)
     assert sorted(row[0] for row in numbers) == sorted(LABELS)
     assert {row[0]: row[4] for row in numbers}["3"] == 2

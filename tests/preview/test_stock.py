@@ -15,7 +15,7 @@ from camgen.model.job import ToolTable
 from camgen.model.pose import frozen
 from camgen.preview.page import page
 from camgen.preview.png import png
-from camgen.preview.stock import Mark, profile_of
+from camgen.preview.stock import Mark, compute_profile
 from camgen.preview.view import View, view
 from tests.preview.test_page import PARTS, data, unpack
 
@@ -57,7 +57,7 @@ def shown(job: dict[str, object], part: str = "bracket.dxf", post: str = "gcode"
 
 
 def height(tool: ToolTable, radius: float) -> float:
-    return float(np.interp(radius, *zip(*profile_of(tool), strict=True)))
+    return float(np.interp(radius, *zip(*compute_profile(tool), strict=True)))
 
 
 @pytest.mark.parametrize(
@@ -83,12 +83,12 @@ def test_the_outline_of_a_tool_is_that_of_its_kind(
 ) -> None:
     # Round ones are chords of 90 / 23 deg, within 3 (1 - cos 2 deg) mm.
     assert height(tool, radius) == pytest.approx(expected, abs=0.003)
-    assert profile_of(tool)[-1][0] == tool.diameter / 2
+    assert compute_profile(tool)[-1][0] == tool.diameter / 2
 
 
 @pytest.mark.parametrize("kind", ["laser", "plasma", "knife", "pen"])
 def test_a_tool_without_a_shape_of_its_own_has_no_outline(kind: str) -> None:
-    assert profile_of(ToolTable(kind=kind)) == ()  # type: ignore[arg-type]
+    assert compute_profile(ToolTable(kind=kind)) == ()  # type: ignore[arg-type]
 
 
 def test_the_stock_is_the_part_with_a_margin_and_as_thick_as_the_job_says() -> None:
@@ -206,7 +206,7 @@ def test_what_the_proof_finds_to_be_left_is_marked_the_widest_first() -> None:
         {"operation": {"depth": 1.0, "corner_radius": 8.0}, "process": {"spindle": 9000.0}}
     )
     assert [mark.kind for mark in found.marks] == ["excess"] * 3
-    assert [mark.number for mark in found.marks] == pytest.approx([10, 8, 8], abs=0.05)
+    assert [mark.width for mark in found.marks] == pytest.approx([10, 8, 8], abs=0.05)
     areas = [Polygon(mark.polygon).area for mark in found.marks]
     assert areas == pytest.approx([20 * 10 + np.pi * 25, np.pi * 16, np.pi * 16], rel=2e-3)
     assert "up to 10 mm wide" in found.marks[0].text

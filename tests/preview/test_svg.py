@@ -9,7 +9,14 @@ from msgspec.structs import replace
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour, waypoints
 from camgen.model.pose import frozen
-from camgen.preview.draw import Paper, arrows, bounds, of_contours, of_paths, path_data
+from camgen.preview.draw import (
+    Paper,
+    format_path_data,
+    make_contour_chains,
+    make_path_chains,
+    measure_bounds,
+    place_arrows,
+)
 from camgen.preview.svg import svg
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -45,27 +52,32 @@ PART = Part("plate", "plate.dxf", "mm", (PLATE, HOLE), ())
 
 def test_an_arc_of_a_contour_keeps_its_radius_and_turns_the_same_way_on_the_page() -> None:
     # Two half circles counter-clockwise about (50, 25) with radius 10, drawn at twice the size.
-    (data,) = path_data(of_contours([HOLE]), Paper(2.0, 0.0, 100.0))
+    (data,) = format_path_data(make_contour_chains([HOLE]), Paper(2.0, 0.0, 100.0))
     assert data == "M80.00 50.00A20.00 20.00 0 0 0 120.00 50.00A20.00 20.00 0 0 0 80.00 50.00"
 
 
 def test_a_clockwise_arc_has_the_other_sweep() -> None:
-    (data,) = path_data(
-        of_contours([contour([(0, 0), (10, 0)], [-1, 0], closed=False)]), Paper(1.0, 0.0, 0.0)
+    (data,) = format_path_data(
+        make_contour_chains([contour([(0, 0), (10, 0)], [-1, 0], closed=False)]),
+        Paper(1.0, 0.0, 0.0),
     )
     assert data == "M0.00 0.00A5.00 5.00 0 0 1 10.00 0.00"
 
 
 def test_a_tool_path_is_drawn_like_the_contour_of_the_same_shape() -> None:
     page = Paper(1.5, 3.0, 70.0)
-    assert path_data(of_paths([ring(50, 25, 10)]), page) == path_data(of_contours([HOLE]), page)
+    assert format_path_data(make_path_chains([ring(50, 25, 10)]), page) == format_path_data(
+        make_contour_chains([HOLE]), page
+    )
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, math.pi / 4, 2.0, -1.0])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_bounds_hold_the_whole_circle_wherever_it_starts(turn: float, sign: float) -> None:
     dx, dy = 10 * math.cos(turn), 10 * math.sin(turn)
-    low, high = bounds([of_contours([contour([(5 + dx, dy), (5 - dx, -dy)], [sign, sign])])])
+    low, high = measure_bounds(
+        [make_contour_chains([contour([(5 + dx, dy), (5 - dx, -dy)], [sign, sign])])]
+    )
     assert low == pytest.approx([-5, -10])
     assert high == pytest.approx([15, 10])
 
@@ -73,7 +85,9 @@ def test_bounds_hold_the_whole_circle_wherever_it_starts(turn: float, sign: floa
 @pytest.mark.parametrize("bulge", [0.2, -0.2, 0.9, -0.9])
 def test_bounds_of_an_arc_are_those_of_its_points(bulge: float) -> None:
     start, end = np.array([1.0, 2.0]), np.array([7.0, 4.0])
-    low, high = bounds([of_contours([contour([(1, 2), (7, 4)], [bulge, 0], closed=False)])])
+    low, high = measure_bounds(
+        [make_contour_chains([contour([(1, 2), (7, 4)], [bulge, 0], closed=False)])]
+    )
     # Sample the arc by turning about the centre found from the two ends and the top.
     half = (end - start) / 2
     top = start + half + np.array([half[1], -half[0]]) * bulge
@@ -93,13 +107,13 @@ def test_arrows_point_along_the_travel() -> None:
     # A line to the right is 0 deg; upwards in the drawing is -90 deg on the page, whose y points down.
     right, up = path([(0, 0), (10, 0)], {}), path([(0, 0), (0, 10)], {})
     page = Paper(1.0, 0.0, 0.0)
-    assert arrows(right, page, 90) == [(5.0, 0.0, 0.0)]
-    assert arrows(up, page, 90) == [(0.0, -5.0, -90.0)]
-    assert len(arrows(path([(0, 0), (10, 0), (20, 0), (30, 0)], {}), page, 10)) == 3
+    assert place_arrows(right, page, 90) == [(5.0, 0.0, 0.0)]
+    assert place_arrows(up, page, 90) == [(0.0, -5.0, -90.0)]
+    assert len(place_arrows(path([(0, 0), (10, 0), (20, 0), (30, 0)], {}), page, 10)) == 3
 
 
 def test_the_arrow_of_an_arc_sits_on_the_arc() -> None:
-    found = arrows(ring(0, 0, 10), Paper(1.0, 0.0, 0.0), 1000)
+    found = place_arrows(ring(0, 0, 10), Paper(1.0, 0.0, 0.0), 1000)
     assert found == [(0.0, 10.0, 0.0)]  # the bottom, which is y = +10 on the page, towards +x
 
 

@@ -217,7 +217,7 @@ def test_a_name_that_is_no_text_in_a_batch(here: Path, capsys: Captured) -> None
         pytest.skip("this file system takes UTF-8 names only")
     assert main(["batch", "*.dxf", "--post", "gcode", "-o", "out", "--report", "report.json"]) == 2
     said = capsys.readouterr()
-    assert "failed    p .dxf: its name is no UTF-8 text; rename it\n" in said.err
+    assert "failed    p .dxf: its name is not UTF-8 text; rename it\n" in said.err
     assert [
         part["exit_code"] for part in json.loads((here / "report.json").read_text())["parts"]
     ] == [0, 2]

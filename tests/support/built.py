@@ -7,7 +7,7 @@ from typing import Any
 
 import camgen
 from camgen.model.part import Part
-from camgen.pipeline import JobLike, Result, path_or_part, settings_of
+from camgen.pipeline import JobLike, Result, list_inputs, load_settings
 from camgen.pipeline.inputs import read_parts
 from camgen.read.files import Files
 
@@ -26,8 +26,8 @@ def key_of_parts(
     Inputs with equal parts get programs that differ in their headers only.
     """
     files = files or Files()
-    settings = settings_of(job, files)
-    parts = read_parts(path_or_part(inputs), settings, files.within(settings.limits))
+    settings = load_settings(job, files)
+    parts = read_parts(list_inputs(inputs), settings, files.within(settings.limits))
     return pickle.dumps((parts, settings, post))
 
 
@@ -39,10 +39,10 @@ def key_of_files(
     Files that the job names must stay as they are.
     """
     files = files or Files()
-    sources = [files.read(path) for path in path_or_part(inputs)]
+    sources = [files.read(path) for path in list_inputs(inputs)]
     contents = [(source.path.name, bytes(source.data)) for source in sources]
     chosen = (options.get("name", ""), options.get("strict", False))
-    return pickle.dumps((contents, settings_of(job, files), post, chosen))
+    return pickle.dumps((contents, load_settings(job, files), post, chosen))
 
 
 def build_once(build: Build, key_of: Callable[..., bytes]) -> Build:

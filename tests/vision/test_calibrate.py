@@ -309,9 +309,9 @@ def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"board": "9 by 6"}, "--board: '9 by 6' is no board; give columns x rows"),
+        ({"board": "9 by 6"}, "--board: '9 by 6' is not the size of a board; give columns x rows"),
         ({"dictionary": "4X4_50"}, "--dictionary: a chessboard has no markers; give --marker"),
-        ({"preview": "residuals.png"}, "residuals.png: is no kind of picture"),
+        ({"preview": "residuals.png"}, "residuals.png: is not a kind of picture"),
         ({"square": -1.0}, "--square: must be a length above 0 mm, not -1.0"),
     ],
 )

@@ -279,7 +279,7 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab) -
     state = tab.rest("!s.failed")
     # The seam goes back to where camgen likes it; what was clicked before is still what is meant.
     tab.shown(state["built"]["number"]).locator("#rows .row").nth(3).click()
-    tab.page.get_by_text("Seam as camgen likes").click()
+    tab.page.get_by_text("Seam chosen by camgen").click()
     assert "seams" not in tab.rest("!s.tables.tour.seams")["tables"]["tour"]
     assert tab.log.messages == []
 

@@ -18,12 +18,12 @@ from camgen.pipeline import build
 from camgen.plan import ignore_stages
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping
-from camgen.workbench.choose import leave_out, switch_layer, take_in
-from camgen.workbench.form import find_place, form
+from camgen.workbench.choose import leave_out, restore, switch_layer
+from camgen.workbench.form import find_setting, make_form
 from camgen.workbench.job_text import keeps_comments, write_job
-from camgen.workbench.perform import Ask, Built, Looked, Run, perform
-from camgen.workbench.session import Change, change, open_session, put, undo
-from camgen.workbench.usual import usual_of
+from camgen.workbench.perform import BuildRequest, Built, InputSummary, PathSummary, run_request
+from camgen.workbench.session import Change, apply_changes, open_session, set_value, undo
+from camgen.workbench.usual import list_defaults
 from tests.support.built import build_once, key_of_files
 from tests.test_cases import ALL, CASES, POSTS, parts
 
@@ -72,14 +72,16 @@ def asked_by_workbench(
         for table in ("post", "cell")
         for key, value in tables.get(table, {}).items()
     ]
-    session = change(session, asked) if job else session
+    session = apply_changes(session, asked) if job else session
     # As it would be saved, elsewhere: fixtures stay as they are.
     saved = place / "job.toml" if job else session.job_file
     text = session.text if session.tables or session.base else ""
     if job:
         saved.write_text(text)
     with pytest.raises(Called) as called:
-        perform(Ask(1, session.inputs, post, saved, text, session.output), ignore_stages, rows)
+        run_request(
+            BuildRequest(1, session.inputs, post, saved, text, session.output), ignore_stages, rows
+        )
     return called.value
 
 
@@ -144,11 +146,13 @@ def test_a_program_is_that_of_the_command_line_byte_for_byte(
         for table in ("post", "cell")
         for key, value in wanted.get(table, {}).items()
     ]
-    session = change(session, asked)
+    session = apply_changes(session, asked)
     # As it would be saved, elsewhere: fixtures stay as they are.
     job = tmp_path / "job.toml"
-    outcome = perform(
-        Ask(1, session.inputs, post, job, session.text, session.output), ignore_stages, rows
+    outcome = run_request(
+        BuildRequest(1, session.inputs, post, job, session.text, session.output),
+        ignore_stages,
+        rows,
     )
     assert isinstance(outcome, Built), outcome
     job.write_text(session.text)
@@ -163,7 +167,7 @@ def test_a_program_is_that_of_the_command_line_byte_for_byte(
 
 
 def test_every_setting_stands_in_the_form_once() -> None:
-    found = form("rapid")
+    found = make_form("rapid")
     fields = [
         (group.table, field.key)
         for group in found.groups
@@ -185,7 +189,9 @@ def test_every_setting_stands_in_the_form_once() -> None:
 
 def test_a_field_has_unit_kind_and_bounds_of_its_setting() -> None:
     fields = {
-        (group.table, field.key): field for group in form("gcode").groups for field in group.fields
+        (group.table, field.key): field
+        for group in make_form("gcode").groups
+        for field in group.fields
     }
     feed, threshold = fields["process", "feed"], fields["image", "threshold"]
     assert (feed.unit, feed.kind, feed.default) == ("mm/s", "number", 20.0)
@@ -231,7 +237,7 @@ def test_a_field_has_unit_kind_and_bounds_of_its_setting() -> None:
     ],
 )
 def test_an_error_names_its_setting(error: JobError, place: list[str | int]) -> None:
-    assert find_place(error) == place
+    assert find_setting(error) == place
 
 
 # Defaults that hang on the input.
@@ -239,8 +245,8 @@ def test_an_error_names_its_setting(error: JobError, place: list[str | int]) -> 
 
 def usual(tmp_path: Path, post: str, *sets: str) -> dict[str, dict[str, object]]:
     session = open_session([PARTS / "bracket.dxf"], None, sets, post, tmp_path, [post])
-    outcome = perform(
-        Ask(1, session.inputs, post, tmp_path / "job.toml", session.text, tmp_path),
+    outcome = run_request(
+        BuildRequest(1, session.inputs, post, tmp_path / "job.toml", session.text, tmp_path),
         ignore_stages,
         rows,
     )
@@ -264,15 +270,20 @@ def test_the_form_shows_what_holds_for_this_input(tmp_path: Path) -> None:
 
 
 def test_a_lift_that_is_typed_stays_where_its_default_is_another_one() -> None:
-    assert usual_of({"page": {"size": "A4"}}) == {"process": {"clearance": 3.0}}
-    assert usual_of({}) == usual_of({"page": {"margin": 3}}) == usual_of({"page": 5}) == {}
+    assert list_defaults({"page": {"size": "A4"}}) == {"process": {"clearance": 3.0}}
+    assert (
+        list_defaults({})
+        == list_defaults({"page": {"margin": 3}})
+        == list_defaults({"page": 5})
+        == {}
+    )
     # 20 is the default elsewhere, and on a page it is not.
-    tables = put({"page": {"size": "A4"}}, ["process", "clearance"], 20.0)
+    tables = set_value({"page": {"size": "A4"}}, ["process", "clearance"], 20.0)
     assert tables["process"] == {"clearance": 20.0}
     job = from_mapping(tables, Files())
     assert job.process.clearance == 20.0
     assert from_mapping({"page": {"size": "A4"}}, Files()).process.clearance == 3.0
-    assert put(tables, ["process", "clearance"], None) == {"page": {"size": "A4"}}
+    assert set_value(tables, ["process", "clearance"], None) == {"page": {"size": "A4"}}
 
 
 # The job file.
@@ -313,7 +324,7 @@ depth = 3.0
 def test_a_change_leaves_the_rest_of_the_file_as_it_was(
     path: list[str | int], value: object
 ) -> None:
-    wanted = put(tomllib.loads(FILE), path, value)
+    wanted = set_value(tomllib.loads(FILE), path, value)
     text = write_job(FILE, wanted, "part.dxf")
     assert tomllib.loads(text) == wanted
     assert keeps_comments(FILE, text)
@@ -332,7 +343,7 @@ def test_a_new_file_holds_only_what_differs() -> None:
         (["process", "plunge"], 5),
         (["tool", "kind"], "drill"),
     ):
-        tables = put(tables, path, value)
+        tables = set_value(tables, path, value)
     text = write_job("", {**tables, "operations": [{"kind": "drill"}]}, "part\n.dxf")
     kept = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert kept == [
@@ -343,13 +354,13 @@ def test_a_new_file_holds_only_what_differs() -> None:
         "[[operations]]",
         'kind = "drill"',
     ]
-    assert put(tables, ["process", "plunge"], None) == {"tool": {"kind": "drill"}}
+    assert set_value(tables, ["process", "plunge"], None) == {"tool": {"kind": "drill"}}
 
 
 def test_changes_can_be_undone(tmp_path: Path) -> None:
     session = open_session([tmp_path / "part.dxf"], None, [], "gcode", tmp_path, ["gcode"])
-    first = change(session, [Change(["process", "feed"], 12)])
-    second = change(first, [Change(["process", "feed"], raw="  ")])
+    first = apply_changes(session, [Change(["process", "feed"], 12)])
+    second = apply_changes(first, [Change(["process", "feed"], raw="  ")])
     assert second.tables == {}
     assert undo(second).tables == first.tables
     assert undo(undo(second)).tables == undo(undo(undo(second))).tables == {}
@@ -365,11 +376,11 @@ def test_a_file_of_set_is_named_from_the_job_file(
         [Path("parts/part.dxf")], None, ["cell.file=cell.toml"], "gcode", tmp_path, ["gcode"]
     )
     assert session.tables == {"cell": {"file": "../cell.toml"}}
-    assert change(session, [Change(["process", "feed"], 12)]).tables["cell"] == {
+    assert apply_changes(session, [Change(["process", "feed"], 12)]).tables["cell"] == {
         "file": "../cell.toml"
     }
-    with pytest.raises(JobError, match="outside the folder"):
-        change(session, [Change(["cell", "file"], "../other.toml")])
+    with pytest.raises(JobError, match="outside the open folder"):
+        apply_changes(session, [Change(["cell", "file"], "../other.toml")])
 
 
 @pytest.mark.parametrize(
@@ -378,10 +389,10 @@ def test_a_file_of_set_is_named_from_the_job_file(
 def test_a_place_that_no_job_has_is_refused(tmp_path: Path, path: list[str | int]) -> None:
     session = open_session([tmp_path / "part.dxf"], None, [], "gcode", tmp_path, ["gcode"])
     if path == ["operations"]:
-        assert change(session, [Change(path, [{}])]).tables == {"operations": [{}]}
+        assert apply_changes(session, [Change(path, [{}])]).tables == {"operations": [{}]}
         return
     with pytest.raises(JobError):
-        change(session, [Change(path, 5)])
+        apply_changes(session, [Change(path, 5)])
 
 
 # What is chosen.
@@ -396,18 +407,18 @@ def test_a_layer_with_signs_of_globs_is_one_layer() -> None:
 
 
 def test_edges_are_words_of_the_selection() -> None:
-    solid = Looked("solid", runs=(Run(("e3",), -1),))
+    solid = InputSummary("solid", runs=(PathSummary(("e3",), -1),))
     out = leave_out({}, solid, ["e3"], -1)
     assert out == {"input": {"select": "convex, not e3"}}
-    assert take_in(out, solid, ["e3"]) == {}
-    assert take_in({}, solid, ["e4"]) == {"input": {"select": "convex e4"}}
+    assert restore(out, solid, ["e3"]) == {}
+    assert restore({}, solid, ["e4"]) == {"input": {"select": "convex e4"}}
     assert leave_out({"input": {"select": "e3, e5-e9"}}, solid, ["e3"], -1) == {
         "input": {"select": "e5-e9, not e3"}
     }
 
 
 def test_a_contour_is_left_out_of_the_row_that_works_on_it() -> None:
-    looked = Looked(
+    looked = InputSummary(
         "drawing", contours=(("c1", "0"), ("c2", "0"), ("c3", "0")), worked=(("c1",), ("c2", "c3"))
     )
     tables = {"operations": [{"nesting": "outer"}, {"nesting": "inner", "depth": 2}]}
@@ -417,9 +428,9 @@ def test_a_contour_is_left_out_of_the_row_that_works_on_it() -> None:
         {"nesting": "inner", "depth": 2, "ids": ["c2"]},
     ]
     assert leave_out(tables, looked, ["c1"], -1)["operations"] == [{"nesting": "inner", "depth": 2}]
-    assert take_in(out, looked, ["c3"])["operations"][1]["ids"] == ["c2", "c3"]
+    assert restore(out, looked, ["c3"])["operations"][1]["ids"] == ["c2", "c3"]
     with pytest.raises(JobError, match="nothing would be left"):
-        leave_out({}, Looked("drawing", contours=(("c1", "0"),)), ["c1"], -1)
+        leave_out({}, InputSummary("drawing", contours=(("c1", "0"),)), ["c1"], -1)
 
 
 @pytest.mark.parametrize(
@@ -441,15 +452,17 @@ def test_what_a_page_knows_of_an_input(
     else:
         shutil.copy(PARTS / name, source)
     session = open_session([source], None, sets, post, tmp_path, [post])
-    found = perform(
-        Ask(1, session.inputs, post, session.job_file, session.text, tmp_path), ignore_stages, rows
+    found = run_request(
+        BuildRequest(1, session.inputs, post, session.job_file, session.text, tmp_path),
+        ignore_stages,
+        rows,
     )
     assert isinstance(found, Built), found
-    assert found.looked.kind == kind
-    assert bool(found.looked.layers) == layers
-    assert all(layer.used and layer.contours for layer in found.looked.layers)
+    assert found.summary.kind == kind
+    assert bool(found.summary.layers) == layers
+    assert all(layer.used and layer.contours for layer in found.summary.layers)
     assert (found.picture != "") == (kind == "picture")
-    assert len(found.looked.runs) > 0
+    assert len(found.summary.runs) > 0
 
 
 def test_without_its_extra_the_command_says_what_to_install(

@@ -15,7 +15,15 @@ import pytest
 from camgen.cli.build import rows
 from camgen.workbench.desk import Desk, Edited
 from camgen.workbench.journal import Journal, Leftover, find_state_folder, list_leftovers
-from camgen.workbench.session import Change, Session, change, open_session, redo, step, undo
+from camgen.workbench.session import (
+    Change,
+    Session,
+    add_step,
+    apply_changes,
+    open_session,
+    redo,
+    undo,
+)
 from tests.support.benches import Bench, Json, open_bench, start_bench
 from tests.support.waiting import LONG
 
@@ -68,7 +76,7 @@ def test_each_system_has_its_folder(
 
 
 def set_feed(session: Session, feed: object) -> Session:
-    return change(session, [Change(["process", "feed"], feed)])
+    return apply_changes(session, [Change(["process", "feed"], feed)])
 
 
 def leave(journal: Journal) -> None:
@@ -107,16 +115,16 @@ def test_changes_come_back_each_as_a_step_and_undone_ones_do_not(session: Sessio
 )
 def test_each_value_comes_back_as_it_was(session: Session, value: object) -> None:
     journal = Journal(session)
-    journal.write(step(session, {"process": {"feed": value}, "when": {"d": 1}}), [])
+    journal.write(add_step(session, {"process": {"feed": value}, "when": {"d": 1}}), [])
     leave(journal)
     with only_leftover(session) as leftover:
         assert leftover.steps[-1].tables == {"process": {"feed": value}, "when": {"d": 1}}
 
 
 def test_a_table_that_is_gone_and_another_controller_come_back(session: Session) -> None:
-    session = step(session, {"process": {"feed": 5}, "tool": {"diameter": 3}})
+    session = add_step(session, {"process": {"feed": 5}, "tool": {"diameter": 3}})
     journal = Journal(session)
-    journal.write(step(session, {"tool": {"diameter": 3}}, "rapid"), [])
+    journal.write(add_step(session, {"tool": {"diameter": 3}}, "rapid"), [])
     leave(journal)
     with only_leftover(session) as leftover:
         (resumed,) = leftover.resume(session)
@@ -198,7 +206,7 @@ def test_a_write_that_fails_is_reported_and_the_next_one_holds_its_change(
     first = set_feed(session, 10)
     journal.write(first, [])
     write_all = os.write
-    second = change(first, [Change(["tool", "diameter"], 4)])
+    second = apply_changes(first, [Change(["tool", "diameter"], 4)])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "camgen.workbench.journal.os.write", lambda handle, data: write_all(handle, data[:9])
@@ -433,6 +441,6 @@ def test_a_first_build_that_is_stopped_leaves_no_program_and_can_be_begun_again(
         desk.stop()
         await desk._idle.wait()
         assert desk.failed is not None
-        assert desk.failed.line == "stopped: what is shown is the last good program"
+        assert desk.failed.line == "stopped: the page shows the last good program"
 
     with_desk(session, run)

@@ -14,8 +14,8 @@ from msgspec.structs import replace
 
 from camgen.cli import main
 from camgen.cli.build import rows
-from camgen.workbench.builder import Builder, Heard, Stage, Stopped
-from camgen.workbench.perform import Ask
+from camgen.workbench.builder import Builder, Report, Stage, Stopped
+from camgen.workbench.perform import BuildRequest
 from tests.support.benches import Bench, open_bench, start_bench
 from tests.support.waiting import LONG, wait_for
 
@@ -185,7 +185,7 @@ def test_a_page_names_only_files_of_the_folder(
         (folder / "link.png").symlink_to(outside)
     status, said = bench.post("change", changes=[{"path": path, "value": name}])
     assert status == 409
-    assert "outside the folder" in said["line"]
+    assert "outside the open folder" in said["line"]
     assert bench.wait()["tables"] == {}
 
 
@@ -193,7 +193,7 @@ def test_a_page_names_no_mesh_outside_the_folder_and_no_post_that_is_a_file(benc
     status, said = bench.post(
         "change", changes=[{"path": ["cell", "fixtures"], "value": ["/tmp/vice.stl"]}]
     )
-    assert (status, "outside the folder" in said["line"]) == (409, True)
+    assert (status, "outside the open folder" in said["line"]) == (409, True)
     status, said = bench.post("post", post="/tmp/post.py")
     assert (status, "is not installed" in said["line"]) == (409, True)
 
@@ -456,11 +456,11 @@ class _Clock:
 
 def building(
     stage: str, monkeypatch: pytest.MonkeyPatch
-) -> tuple[Builder, _Pipe, list[Heard], Ask]:
+) -> tuple[Builder, _Pipe, list[Report], BuildRequest]:
     """A builder that is in a stage, without a process."""
-    heard: list[Heard] = []
+    heard: list[Report] = []
     builder = Builder(rows, heard.append, _Clock())
-    ask, pipe = Ask(1, (), "gcode", Path("part.toml"), "", Path()), _Pipe()
+    ask, pipe = BuildRequest(1, (), "gcode", Path("part.toml"), "", Path()), _Pipe()
     monkeypatch.setattr(builder, "start", lambda: None)
     builder._link, builder._busy = pipe, ask  # type: ignore[assignment]
     builder._take(None, Stage(1, stage))  # type: ignore[arg-type]
@@ -484,7 +484,7 @@ def test_a_stage_that_is_no_search_is_given_up_and_killed_where_it_does_not_end(
     clock = builder._loop
     assert isinstance(clock, _Clock)
     builder.stop()
-    assert pipe.sent == ["give up"]
+    assert pipe.sent == ["cancel"]
     for call in clock.later:
         call()
     assert heard[-1] == Stopped(1)
@@ -493,7 +493,7 @@ def test_a_stage_that_is_no_search_is_given_up_and_killed_where_it_does_not_end(
 def test_a_change_gives_up_a_search_too(monkeypatch: pytest.MonkeyPatch) -> None:
     builder, pipe, _, ask = building("ordering 3%, Cancel takes the best so far", monkeypatch)
     builder.ask(replace(ask, number=2))
-    assert pipe.sent == ["give up"]
+    assert pipe.sent == ["cancel"]
 
 
 def test_a_builder_that_dies_has_a_successor(tmp_path: Path) -> None:

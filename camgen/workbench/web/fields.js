@@ -15,7 +15,7 @@ export function field(path, setting, { inRow = false } = {}) {
     : null;
   if (slider) slider.setAttribute("aria-label", `${setting.key}, as a slider`);
   const reset = make("button", {
-    className: "reset small", type: "button", title: inRow ? "Take it out of this row" : "Back to the default",
+    className: "reset small", type: "button", title: inRow ? "Remove it from this row" : "Back to the default",
     onclick: () => set(path, null),
   }, "\u21ba");
   const usually = make("p", { className: "usual" });

@@ -73,7 +73,7 @@ function openHelp() {
     make("h2", {}, "Everywhere: form, lists and picture"), rows(KEYS),
     make("p", { className: "hint" }, "While a text is typed in a field, undo and redo are those of that text. Enter or another place applies it: from then on they are the workbench's. A question mark is a character there."),
     make("h2", {}, "The picture, from everywhere"), rows((picture()?.camgen?.keys ?? []).filter(([key]) => !NAMES.has(key))),
-    make("p", { className: "hint" }, "Not where an element has its own use for the key: a field, a menu, and for the space bar a button."),
+    make("p", { className: "hint" }, "An element with its own use of a key keeps it: a field, a menu, and a button for the space bar."),
     make("button", { onclick: () => HELP.close() }, "Close"));
   HELP.showModal();
 }

@@ -101,7 +101,7 @@ function showPicked() {
     fixed ? "" : idle || idling
       ? make("button", { onclick: () => { ask("take", { names }); close(); } }, `Take in ${told}`)
       : make("button", { onclick: () => leave(names, run?.row ?? -1) }, `Leave out ${told}`),
-    run?.point ? make("button", { onclick: () => { ask("seam", { build: picked.build, path: picked.path }); close(); } }, "Seam as camgen likes") : "",
+    run?.point ? make("button", { onclick: () => { ask("seam", { build: picked.build, path: picked.path }); close(); } }, "Seam chosen by camgen") : "",
     picked.layer && state.looked.layers.some((one) => one.name === picked.layer)
       ? make("button", { onclick: () => { ask("layer", { layer: picked.layer, on: false }); close(); } }, `Leave out layer ${picked.layer}`) : "",
     make("button", { className: "small", ariaLabel: "Close", onclick: close }, "\u2715"));

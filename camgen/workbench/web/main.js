@@ -98,7 +98,7 @@ function showPictures() {
   if (state.built) showBuild(state.built.number);
   by("frames").classList.toggle("stale", Boolean(state.failed) && !state.stage);
   by("empty").hidden = Boolean(state.built);
-  by("empty").textContent = state.failed ? "There is no program yet: the line above says why." : "The first program is being made ...";
+  by("empty").textContent = state.failed ? "There is no program yet: see the line above." : "The first program is being built ...";
   by("views").hidden = !state.picture;
   if (state.picture && by("picture").dataset.number !== String(state.picture)) {
     by("picture").dataset.number = state.picture;
@@ -131,7 +131,7 @@ function showSays() {
   const line = (tone, text, ...buttons) => lines.push(make("p", { className: tone }, make("span", {}, text), ...buttons));
   lock();
   if (state?.closing) {
-    const kept = state.unsaved ? ` ${counted(state.unsaved, "change")} not saved: the terminal says where they are kept.` : "";
+    const kept = state.unsaved ? ` ${counted(state.unsaved, "change")} not saved: the terminal shows where they are kept.` : "";
     line("look", `The workbench is closed.${kept} Start it again with camgen open; this page can be shut.`);
   }
   else if (gone) {
@@ -141,9 +141,9 @@ function showSays() {
   if (state?.journal_fault) line("bad", `Changes that are not saved are lost when the workbench ends: ${state.journal_fault}`);
   if (state?.offer) showOffer(line);
   if (state?.changed_outside) {
-    line("look", `${state.job_file} was changed by somebody else, and here too.`,
+    line("look", `${state.job_file} was changed outside the workbench, and here too.`,
       make("button", { onclick: () => ask("file", { counts: true }) }, "Read the file"),
-      make("button", { onclick: () => ask("file", { counts: false }) }, "Keep what is here"));
+      make("button", { onclick: () => ask("file", { counts: false }) }, "Keep the form"));
   }
   if (refused) line("bad", refused, make("button", { className: "small", ariaLabel: "Close", onclick: () => { refused = ""; showSays(); } }, "\u2715"));
   if (state?.failed && !state.stage) {
@@ -159,7 +159,7 @@ function showSays() {
 function showOffer(line) {
   const { changes, time, fits, text } = state.offer;
   const what = `${counted(changes, "change")} of ${state.job_file} from ${time} ${changes === 1 ? "was" : "were"} not saved.`;
-  const since = fits ? "" : ` ${state.job_file} has changed since: taken up, they replace what it says, until you undo that.`;
+  const since = fits ? "" : ` ${state.job_file} has changed since: if you take them up, they replace its settings; undo brings these back.`;
   line("look", what + since,
     make("button", { onclick: () => ask("journal", { counts: true }) }, "Take up"),
     make("button", { onclick: () => navigator.clipboard.writeText(text) }, "Copy the job"),

@@ -29,9 +29,9 @@ export function showSteps(state, form) {
     ...operations.map((row, place) => card(state, form, "operations", row, place)),
     make("div", { className: "bar" },
       make("button", { onclick: addOperation }, "Add operation"),
-      make("button", { title: "Tools and operations that the closed contours ask for", hidden: state.looked.kind !== "drawing", onclick: () => ask("propose") }, "Propose operations")),
+      make("button", { title: "Tools and operations for the closed contours", hidden: state.looked.kind !== "drawing", onclick: () => ask("propose") }, "Propose operations")),
     make("h2", {}, "Tools"),
-    make("p", { className: "hint" }, tools.length ? "Operations name them." : "Without rows here all operations have [tool] of the settings."),
+    make("p", { className: "hint" }, tools.length ? "Operations name them." : "Without rows here all operations use [tool] of the settings."),
     ...tools.map((row, place) => card(state, form, "tools", row, place)),
     make("div", { className: "bar" },
       make("button", { onclick: () => set(["tools"], [...rowsOf("tools"), { name: `tool ${rowsOf("tools").length + 1}` }]) }, "Add tool")));
@@ -113,7 +113,7 @@ function menu(state, table, row, place, groups) {
   const options = groups.map((group) => make("optgroup", { label: group.over ? `[${group.over}]` : `[[${table}]]` },
     ...group.fields.filter((setting) => !(setting.key in row)).map((setting) => make("option", { value: setting.key, title: setting.about }, `${setting.key}: ${setting.about}`))));
   return make("select", {
-    className: "more", ariaLabel: "Set something else in this row",
+    className: "more", ariaLabel: "Set another key in this row",
     onchange: (event) => {
       const group = groups.find((one) => one.fields.some((setting) => setting.key === event.target.value));
       const setting = group.fields.find((one) => one.key === event.target.value);
@@ -121,7 +121,7 @@ function menu(state, table, row, place, groups) {
       opened.add(`${table}.${place}`);
       set([table, place, setting.key], value ?? START[setting.kind] ?? "");
     },
-  }, make("option", { value: "" }, "Set something else ..."), ...options);
+  }, make("option", { value: "" }, "Set another key ..."), ...options);
 }
 
 //: What a key that is not set by default begins with, for the user to change.
