@@ -1,8 +1,9 @@
 """Builders on other machines: the workers of a running Dask cluster.
 
-They share nothing but the network. So a task carries the files of its part, and the program comes
-back as bytes. The tasks of a worker that dies go to the others. Dask gives up a task that kills
-several workers.
+They share nothing but the network. So a task carries its input and the files that its job names,
+and the worker reads no other file. It writes none: an `Outcome` has the bytes of all files of the
+program, which the caller writes. The tasks of a worker that dies go to the others. Dask gives up a
+task that kills several workers.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ def run_on_cluster(tasks: Sequence[Task], address: str) -> Generator[tuple[Task,
                 continue
             while len(running) >= _count_slots(client):
                 yield _take_outcome(done, running)
+            # Without `pure=False` Dask would answer an equal task by the result of the first one.
             future = client.submit(build_task, packed, pure=False)
             running[future] = task
             done.add(future)

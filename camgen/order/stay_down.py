@@ -108,7 +108,7 @@ def _are_clear(
 ) -> BoolArray:
     """(L,) whether the tool on links at heights `low` (L,) is clear of part and fixtures.
 
-    more: distance from the part beyond the tool radius, mm.
+    extra: distance from the part beyond the tool radius, mm.
     """
     radius = job.tool.diameter / 2 - CLEARANCE_SLACK_MM
     reach = radius + extra

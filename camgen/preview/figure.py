@@ -17,9 +17,6 @@ from camgen.model.pose import IDENTITY, FloatArray
 from camgen.preview.aside import TILT, TURN, compute_view_axes
 from camgen.preview.view import View
 
-# The direction of view.
-
-
 #: Direction of the light for an upright part.
 _LIGHT = np.array([-0.35, -0.55, 0.76])
 

@@ -94,6 +94,7 @@ def _make_bare_path(curve: Curve) -> PosePath:
 
 
 def _orient_as_given(curve: Curve) -> PosePath | UnreachableEdge:
+    """The path with the rotations of the curve; an error where one turns by more than 120 deg."""
     assert curve.rotations is not None
     turn = angles_between(curve.rotations[:-1], curve.rotations[1:])
     wide = np.flatnonzero(turn > SURE_TURN)
@@ -109,7 +110,10 @@ def _orient_as_given(curve: Curve) -> PosePath | UnreachableEdge:
 
 
 def _orient_to_faces(pose_path: PosePath, name: str, solid: Solid) -> PosePath | UnreachableEdge:
-    """The path with tool z against the normal of the nearest face, and the least roll."""
+    """The path with tool z against the normal of the nearest face, and the least roll.
+
+    An error where that normal turns by more than the 30.05 deg of a sharp edge between samples.
+    """
     parts = count_parts(pose_path, _SAMPLE_MM, math.tau)
     samples = divide(pose_path, parts)
     axis = -find_nearest(solid, samples.position).normal
