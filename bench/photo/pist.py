@@ -302,7 +302,7 @@ def draw(
     routes: dict[str, list[Route]],
     starts: list[complex],
 ) -> None:
-    """Draws the pictures of docs/pist.md. starts: for each place, the start of the curves."""
+    """Draws the pictures of docs/pist.md. starts: start of the curves of each place, mm."""
     raster, title = exact.part.raster, "3 x 2.5 in part, from photo to path"
     assert raster is not None
     stages = svg(exact.part, raster, exact.tour, exact.notes, title)

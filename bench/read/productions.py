@@ -1,12 +1,12 @@
 """The productions of a language, form by form, and the refusals of camgen's reader.
 
-tests/lang/<language>/productions.txt holds them. The sign at the start of a line says what follows:
+tests/lang/<language>/productions.txt holds them. A line starts with a sign:
 
     + FORM                  a form that controllers take
     - FORM                  a form that controllers refuse
     == NAME | DIALECT ...   a production, with the dialects of its forms
     @ LINES                 the lines around a form, which replaces ``$`` in them. Before the first
-                            production: those of all productions without lines of their own
+                            production: the lines of all productions that have none
     ! JUDGE: REASON         a judge that differs from the manual: for the form above, or for the
                             whole production if no form of it comes before
 
