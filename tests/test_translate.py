@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import camgen
-from bench.read.goldens import CASES, POSTS, apart
+from bench.read.goldens import CASES, POSTS, measure_apart
 from bench.read.translate import WITHIN, find_difference, rapids_apart, there_and_back
 from camgen.model.errors import InputError
 from camgen.model.program import MoveC, Output
@@ -21,7 +21,7 @@ def test_there_and_back_is_the_same_motion(case: str, source: str, target: str) 
         pytest.skip(f"{case} has no program for {source}")
     before, after = there_and_back(CASES / case, source, target)
     assert len(before.points) > 100
-    assert apart(before.points, after.points) < WITHIN
+    assert measure_apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
     assert before.outputs == after.outputs
 
@@ -35,7 +35,7 @@ def test_by_way_of_gcode_the_motion_is_the_same(case: str, source: str, target: 
     """Rapid motions become lines of travel, and motions of the joints rapid ones: they end where they did."""
     before, after = there_and_back(CASES / case, source, target)
     assert len(before.points) > 100
-    assert apart(before.points, after.points) < WITHIN
+    assert measure_apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
     assert rapids_apart(before, after) < 0.002
     assert find_difference(before, after) in (

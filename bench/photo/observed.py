@@ -1,4 +1,4 @@
-"""The observed feed and the force of a program beside a known part: what the part sees of the tool, point by point."""
+"""The feed and the force of a program at the points of a known part."""
 
 from __future__ import annotations
 
@@ -10,16 +10,20 @@ from bench.render.truth import Truth
 from bench.support.motions import sample_plane
 from camgen.model.program import Program
 
-#: mm between the places of the program that are looked at, at most.
+#: Largest distance between the sampled points of a program, mm.
 STEP = 0.02
-#: mm of contact over which a peak of the feed is averaged: the tool touches no less.
+#: Length of contact over which a peak of the feed is averaged, mm: the tool touches at least that.
 PEAK = 1.0
 
 
 @dataclass(frozen=True)
 class Run:
-    """A program while it works. places: (N,) complex, mm. speed: (N,) mm/s. pressed: (N,) bool. time: (N,) s, from one
-    place to the next.
+    """The motions of a program along its paths.
+
+    places: (N,) complex, mm.
+    speed: (N,) mm/s.
+    pressed: (N,) bool, whether a force is set.
+    time: (N,) s, from each place to the next.
     """
 
     places: np.ndarray
@@ -30,9 +34,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Observed:
-    """Of the contact that is pressed: its length, mm, the share of it where the contact point runs more than 5 % faster
-    or slower than asked, and its greatest speed over ``PEAK`` mm, as a multiple of that. without:
-    mm of contact that is not pressed. too_much: mm of path that is pressed while the contact point stands still.
+    """The feed of the contact point.
+
+    length: length of contact with force, mm.
+    off5: share of that length in which the feed is more than 5 % off.
+    peak: largest feed over ``PEAK`` mm, as a multiple of the nominal feed.
+    without: length of contact without force, mm.
+    too_much: length of path with force on which the contact point stands still, mm.
     """
 
     length: float
@@ -42,49 +50,48 @@ class Observed:
     too_much: float
 
 
-def run(program: Program) -> Run:
-    """The motions along the paths of ``program``, as points ``STEP`` apart."""
+def sample_program(program: Program) -> Run:
+    """Samples the motions along the paths of a program, ``STEP`` apart."""
     columns = program.columns
     ends, vias, works = columns.ends, columns.vias, columns.works
-    found = []
+    motions = []
     for k in np.flatnonzero(works).tolist():
         via = vias[k] if np.isfinite(vias[k, 0]) else None
         places = sample_plane(ends[k - 1], via, ends[k], STEP)
         count = len(places)
-        found.append(
-            (places, np.full(count, columns.speed[k]), np.full(count, columns.force[k] > 0))
-        )
-    places, speed, pressed = (np.concatenate(column) for column in zip(*found, strict=True))
+        is_pressed = columns.force[k] > 0
+        motions.append((places, np.full(count, columns.speed[k]), np.full(count, is_pressed)))
+    places, speed, pressed = (np.concatenate(column) for column in zip(*motions, strict=True))
     time = np.abs(np.diff(places, append=places[-1])) / speed
     return Run(places, speed, pressed, time)
 
 
-def observe(found: Run, truth: Truth, feed: float) -> Observed:
-    """What the part sees of a program. feed: what is asked of the contact point, mm/s."""
-    row = nearest_rows(truth.points, found.places)
-    seen = truth.contact * found.speed[row] / feed
-    runs, pressed = truth.contact > 0, found.pressed[row]
-    good = runs & pressed
+def observe(run: Run, truth: Truth, feed: float) -> Observed:
+    """The feed of the contact point in a run. feed: nominal feed of the contact point, mm/s."""
+    row = nearest_rows(truth.points, run.places)
+    ratio = truth.contact * run.speed[row] / feed
+    moving, pressed = truth.contact > 0, run.pressed[row]
+    good = moving & pressed
     whole = truth.length[good].sum()
-    off5 = truth.length[good & (np.abs(seen - 1) > 0.05)].sum() / whole
-    without, too_much = truth.length[runs & ~pressed].sum(), truth.length[~runs & pressed].sum()
-    peak = _peak(truth.length[good], seen[good])
+    off5 = truth.length[good & (np.abs(ratio - 1) > 0.05)].sum() / whole
+    without, too_much = truth.length[moving & ~pressed].sum(), truth.length[~moving & pressed].sum()
+    peak = _find_peak(truth.length[good], ratio[good])
     return Observed(*(float(x) for x in (whole, off5, peak, without, too_much)))
 
 
-def _peak(length: np.ndarray, seen: np.ndarray) -> float:
-    """The greatest mean of ``seen`` over ``PEAK`` mm: what was run, by the time that it took."""
-    run_, time = np.cumsum(length), np.cumsum(length / seen)
-    end = np.searchsorted(run_, run_ + PEAK)
-    begin = np.flatnonzero(end < len(run_))
+def _find_peak(length: np.ndarray, ratio: np.ndarray) -> float:
+    """The largest mean of `ratio` over ``PEAK`` mm: length divided by time."""
+    along, time = np.cumsum(length), np.cumsum(length / ratio)
+    end = np.searchsorted(along, along + PEAK)
+    begin = np.flatnonzero(end < len(along))
     end = end[begin]
-    return float(((run_[end] - run_[begin]) / (time[end] - time[begin])).max(initial=0.0))
+    return float(((along[end] - along[begin]) / (time[end] - time[begin])).max(initial=0.0))
 
 
 def nearest_rows(places: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(N,) which of ``others`` is nearest to each of ``places``."""
+    """The index of the nearest of `others` for each of `places`, (N,)."""
     rows = []
     for k in range(0, len(places), 128):
-        apart = places[k : k + 128, None] - others
-        rows.append((apart.real**2 + apart.imag**2).argmin(axis=1))
+        offset = places[k : k + 128, None] - others
+        rows.append((offset.real**2 + offset.imag**2).argmin(axis=1))
     return np.concatenate(rows)

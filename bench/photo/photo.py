@@ -107,8 +107,8 @@ def _row(results: list[Result], scale: float) -> list[str]:
             cells += [result[:_TOLD], ""]
         else:
             cells += [
-                f"{result.most:.3f}, {result.rms:.4f}",
-                f"{result.most / scale:.2f}, {result.rms / scale:.3f}",
+                f"{result.largest:.3f}, {result.rms:.4f}",
+                f"{result.largest / scale:.2f}, {result.rms / scale:.3f}",
             ]
     told = [result for result in results if isinstance(result, Error)]
     cells.append(", ".join(f"{error.near:.3f}" for error in told))
@@ -121,7 +121,7 @@ def _reached(result: Result, scale: float) -> bool:
         return False
     # Goals in px where pixels are larger than the paper's; tilt alone makes them larger by a few percent.
     larger = max(1.0, scale / (1.1 * PIXEL))
-    return result.most <= MOST * larger and result.rms <= RMS * larger
+    return result.largest <= MOST * larger and result.rms <= RMS * larger
 
 
 def _sum(pairs: list[tuple[Result, float]]) -> list[object]:
@@ -129,7 +129,7 @@ def _sum(pairs: list[tuple[Result, float]]) -> list[object]:
     if not told:
         return [f"0 of {len(pairs)}"]
     most, rms, scale = (
-        np.array(column) for column in zip(*((e.most, e.rms, s) for e, s in told), strict=True)
+        np.array(column) for column in zip(*((e.largest, e.rms, s) for e, s in told), strict=True)
     )
     whole = [float(np.sqrt(np.mean(values**2))) for values in (rms, rms / scale)]
     figures = most.max(), (most / scale).max(), *whole

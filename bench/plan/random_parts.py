@@ -1,13 +1,14 @@
-"""`follow` on parts by chance, judged by an offset that is not camgen's.
+"""`follow` on random parts, judged by an offset that is not camgen's.
 
     python -m bench.plan.random_parts [PARTS, 2000] [FIRST, 0] [PROCESSES, 2]
 
-GEOS grows the flattened part by the tool's radius (``buffer``); what is left outside is where the centre of the tool
-has room. The program is read back from its printed text, and every motion that is not above the part counts, leads too.
-Judged are: how far the tool enters the part; whether each contour beside which there is room has its path, and how much
-of the border of that room is not run along; whether holes are done before the outline that holds them. Where the room
-is narrower than ROOM it is not judged: so far may the flattening be off. Prints a table for docs/benchmarks.md and a
-line for each part that misses, and exits with 1 if any does.
+GEOS grows the flattened part by the tool's radius (``buffer``): the tool centre has room outside of
+it. The program is read back from its text, and every motion that is not above the part counts, with
+its leads. Three things are judged: the depth to which the tool enters the part; whether each contour
+with room beside it has its path, and the length of the room's border without a path; whether holes
+are cut before the outline around them. Rooms narrower than ROOM are not judged: the flattening may
+be off by that. Prints a table for docs/benchmarks.md and a line for each part that misses, and exits
+with 1 if any does.
 """
 
 from __future__ import annotations
@@ -33,14 +34,28 @@ COLUMNS = (
     "tool mm | parts {:,} | contours with room {:,} | dropped | deepest gouge mm {:.4f} "
     "| border not run mm {:.1f} | holes late | s {:.0f}"
 )
-#: Mm: of a gouge; by which a room must be wider than the tool; from the border of the room to the path.
-GOUGE, ROOM, BESIDE = 0.011, 0.004, 0.02
+#: Largest depth of a gouge, mm.
+GOUGE = 0.011
+#: Width by which a room must be wider than the tool, mm.
+ROOM = 0.004
+#: Largest distance of a path from the border of its room, mm.
+REACH = 0.02
+#: Distance between points of a border, mm.
 _STEP = 0.15
 
 
 class Verdict(NamedTuple):
-    """Of one part. rooms: contours beside which there is room. dropped: of them, without a path. gouge: mm. missed: mm
-    of the rooms' borders that are not run along. late: holes after their outline. why: what camgen says was left out.
+    """The verdict on a part.
+
+    number: number of the part.
+    diameter: diameter of the tool, mm.
+    rooms: number of contours with room beside them.
+    dropped: number of those without a path.
+    gouge: depth to which the tool enters the part, mm.
+    missed: length of the rooms' borders without a path, mm.
+    late: number of holes that are cut after their outline.
+    seconds: time of the build.
+    why: reasons for which contours were left out.
     """
 
     number: int
@@ -54,67 +69,61 @@ class Verdict(NamedTuple):
     why: str
 
 
-def judged(number: int) -> Verdict:
-    """The verdict on the part of that number."""
+def judge_part(number: int) -> Verdict:
+    """Builds the part of a number and judges its program."""
     part = random_part(number)
-    room = _room(part)
-    borders = [_border(room, shape.polygon, part.diameter) for shape in part.shapes]
+    room = _find_room(part)
+    borders = [_find_border(room, shape.polygon, part.diameter) for shape in part.shapes]
     start = time.perf_counter()
     try:
-        body, why = _program(part)
+        body, why = _build(part)
     except camgen.CamgenError as error:
         body, why = (), str(error)
     seconds = time.perf_counter() - start
-    ways = list(_ways(body))
-    samples = np.concatenate(ways) if ways else np.zeros((0, 2))
-    covered = [_near(border, ways) for border in borders]
-    beside = [len(border) > 0 for border in borders]
+    paths = list(_list_paths(body))
+    samples = np.concatenate(paths) if paths else np.zeros((0, 2))
+    covered = [_find_covered(border, paths) for border in borders if len(border)]
     return Verdict(
         number,
         part.diameter,
-        sum(beside),
-        sum(there and not near.any() for there, near in zip(beside, covered, strict=True)),
-        _gouge(part, samples),
-        _STEP * sum(float((~near).sum()) for near in covered),
-        _late(part, ways),
+        len(covered),
+        sum(not mask.any() for mask in covered),
+        _measure_gouge(part, samples),
+        _STEP * sum(float((~mask).sum()) for mask in covered),
+        _count_late(part, paths),
         seconds,
         why,
     )
 
 
 def _material(part: RandomPart) -> shapely.Geometry:
-    """The part: what an odd number of contours hold."""
+    """The area that lies within an odd number of contours."""
     area = shapely.Polygon()
     for shape in part.shapes:
         area = shapely.symmetric_difference(area, shape.polygon)
     return area
 
 
-def _room(part: RandomPart) -> shapely.Geometry:
-    """Where the tool's centre has room, narrower places than ROOM left out."""
+def _find_room(part: RandomPart) -> shapely.Geometry:
+    """The area in which the tool centre has room, without places narrower than ROOM."""
     radius = part.diameter / 2
     grown = _material(part).buffer(radius, quad_segs=200)
     around = shapely.box(*(np.array(grown.bounds) + np.array([-1, -1, 1, 1])))
     return around.difference(grown).buffer(-ROOM / 2, quad_segs=16).buffer(ROOM / 2, quad_segs=16)
 
 
-def _border(room: shapely.Geometry, polygon: shapely.Geometry, diameter: float) -> np.ndarray:
-    """Points (N, 2) of the border of ``room`` at which the tool touches this contour, about _STEP apart."""
+def _find_border(room: shapely.Geometry, polygon: shapely.Geometry, diameter: float) -> np.ndarray:
+    """Points (N, 2) of the border of a room at which the tool touches a contour, _STEP apart."""
     points = [np.zeros((0, 2))]
     for ring in shapely.get_parts(shapely.boundary(room)):
         count = max(8, int(ring.length / _STEP))
-        points.append(
-            shapely.get_coordinates(
-                shapely.line_interpolate_point(ring, np.arange(count) / count, normalized=True)
-            )
-        )
-    every = np.concatenate(points)
-    lines = _outlines(polygon)
-    gap = _gaps(every, lines, diameter)
-    return every[gap < diameter / 2 + ROOM]
+        places = shapely.line_interpolate_point(ring, np.arange(count) / count, normalized=True)
+        points.append(shapely.get_coordinates(places))
+    border = np.concatenate(points)
+    return border[_measure_gaps(border, _index_outline(polygon), diameter) < diameter / 2 + ROOM]
 
 
-def _outlines(area: shapely.Geometry) -> shapely.STRtree:
+def _index_outline(area: shapely.Geometry) -> shapely.STRtree:
     rings = [shapely.get_coordinates(ring) for ring in shapely.get_parts(shapely.boundary(area))]
     return shapely.STRtree(np.concatenate([_segments(ring) for ring in rings]))
 
@@ -123,8 +132,8 @@ def _segments(points: np.ndarray) -> np.ndarray:
     return np.asarray(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)))
 
 
-def _gaps(points: np.ndarray, tree: shapely.STRtree, far: float) -> np.ndarray:
-    """Distance of each point from the lines of the tree, inf beyond ``far``."""
+def _measure_gaps(points: np.ndarray, tree: shapely.STRtree, far: float) -> np.ndarray:
+    """Distance of each point from the lines of the tree, inf beyond `far` mm."""
     result = np.full(len(points), np.inf)
     (which, _), gap = tree.query_nearest(
         shapely.points(points), max_distance=far, return_distance=True
@@ -133,77 +142,75 @@ def _gaps(points: np.ndarray, tree: shapely.STRtree, far: float) -> np.ndarray:
     return result
 
 
-def _program(part: RandomPart) -> tuple[tuple[Instruction, ...], str]:
-    """What the printed text says, and what was left out."""
-    contours = [
-        camgen.Contour(frozen(s.rows[:, :2]), frozen(s.rows[:, 2]), True, "0") for s in part.shapes
-    ]
-    result = camgen.build(
-        camgen.part(contours), post="gcode", job={"tool": {"diameter": part.diameter}}
-    )
+def _build(part: RandomPart) -> tuple[tuple[Instruction, ...], str]:
+    """The instructions of the program's text, and the reasons for which contours were left out."""
+    contours = []
+    for shape in part.shapes:
+        points, bulges = frozen(shape.rows[:, :2]), frozen(shape.rows[:, 2])
+        contours.append(camgen.Contour(points, bulges, True, "0"))
+    job = {"tool": {"diameter": part.diameter}}
+    result = camgen.build(camgen.part(contours), post="gcode", job=job)
     reading = find_readback("gcode")({file.name: file.text for file in result.files}, {})
-    return reading.body, "; ".join(
-        f"{n.what}: {n.why}" for n in result.notes if n.kind == "skipped"
-    )
+    skipped = [note for note in result.notes if note.kind == "skipped"]
+    return reading.body, "; ".join(f"{note.what}: {note.why}" for note in skipped)
 
 
-def _ways(body: tuple[Instruction, ...]) -> Iterator[np.ndarray]:
-    """Points (N, 2) of each stretch of motions that is not above the part."""
-    here, way = np.array([0.0, 0.0, 1e3]), []
+def _list_paths(body: tuple[Instruction, ...]) -> Iterator[np.ndarray]:
+    """Points (N, 2) of each run of motions that is not above the part."""
+    start, path = np.array([0.0, 0.0, 1e3]), []
     for item in body:
         if not isinstance(getattr(item, "target", None), Pose):
             continue
-        points = np.array([here, item.target.origin])
+        points = np.array([start, item.target.origin])
         if isinstance(item, (MoveL, MoveC)):
-            points = along(here, item)
-        here = np.array(item.target.origin)
-        low = points[:, 2] < 1e-6
-        way += [points[low][:, :2]]
-        if here[2] > 1e-6 and any(map(len, way)):
-            yield np.concatenate(way)
-            way = []
+            points = along(start, item)
+        start = np.array(item.target.origin)
+        path.append(points[points[:, 2] < 1e-6][:, :2])
+        if start[2] > 1e-6 and any(map(len, path)):
+            yield np.concatenate(path)
+            path = []
 
 
-def _near(border: np.ndarray, ways: list[np.ndarray]) -> np.ndarray:
-    """(N,): which points of a border have a way beside them."""
-    near = np.zeros(len(border), dtype=bool)
-    for way in ways:
-        if len(way) > 1 and len(border):
-            near |= _gaps(border, shapely.STRtree(_segments(way)), 1.0) < BESIDE
-    return near
+def _find_covered(border: np.ndarray, paths: list[np.ndarray]) -> np.ndarray:
+    """Mask (N,) of the points of a border that have a path beside them."""
+    covered = np.zeros(len(border), dtype=bool)
+    for path in paths:
+        if len(path) > 1:
+            covered |= _measure_gaps(border, shapely.STRtree(_segments(path)), 1.0) < REACH
+    return covered
 
 
-def _gouge(part: RandomPart, samples: np.ndarray) -> float:
-    """How far (mm) the tool enters the part at the worst of its places, below 0 if nowhere."""
+def _measure_gouge(part: RandomPart, samples: np.ndarray) -> float:
+    """The largest depth to which the tool enters the part, mm; negative if it does not."""
     if not len(samples):
         return -np.inf
     material = _material(part)
     shapely.prepare(material)
-    gap = _gaps(samples, _outlines(material), 100.0)
+    gap = _measure_gaps(samples, _index_outline(material), 100.0)
     inside = shapely.contains_xy(material, *samples.T)
     return float((part.diameter / 2 - np.where(inside, -gap, gap)).max())
 
 
-def _late(part: RandomPart, ways: list[np.ndarray]) -> int:
-    """Holes with a way after the first one of an outline that holds them."""
+def _count_late(part: RandomPart, paths: list[np.ndarray]) -> int:
+    """The number of holes with a path after the first path of an outline around them."""
     polygons = [shape.polygon for shape in part.shapes]
-    depth = [sum(other.contains(one) for other in polygons if other is not one) for one in polygons]
-    trees = [_outlines(polygon) for polygon in polygons]
-    # A way belongs to the contour that it touches along most of it.
-    near = [
-        [np.mean(_gaps(way, tree, part.diameter) < part.diameter / 2 + BESIDE) for tree in trees]
-        for way in ways
-    ]
-    of = [int(np.argmax(row)) for row in near]
+    around = []
+    for hole in polygons:
+        around.append(
+            {j for j, other in enumerate(polygons) if other is not hole and other.contains(hole)}
+        )
+    trees = [_index_outline(polygon) for polygon in polygons]
+    reach = part.diameter / 2 + REACH
+    # A path belongs to the contour that it touches along most of its length.
+    owners = []
+    for path in paths:
+        shares = [np.mean(_measure_gaps(path, tree, part.diameter) < reach) for tree in trees]
+        owners.append(int(np.argmax(shares)))
     late = 0
-    for k, hole in enumerate(polygons):
-        around = [
-            j
-            for j, one in enumerate(polygons)
-            if j != k and depth[j] % 2 == 0 and one.contains(hole)
-        ]
-        first = min((n for n, j in enumerate(of) if j in around), default=len(of))
-        late += depth[k] % 2 == 1 and any(n > first for n, j in enumerate(of) if j == k)
+    for k, outer in enumerate(around):
+        outlines = {j for j in outer if len(around[j]) % 2 == 0}
+        first = min((n for n, j in enumerate(owners) if j in outlines), default=len(owners))
+        late += len(outer) % 2 == 1 and k in owners[first + 1 :]
     return late
 
 
@@ -219,9 +226,10 @@ def measure(name: str, group: Sequence[Verdict]) -> Iterator[Cells]:
 
 
 def main(count: int, first: int, processes: int) -> int:
+    """Prints the parts that miss, and the table."""
     start = time.perf_counter()
     numbers = range(first, first + count)
-    verdicts = map_inputs(judged, numbers, processes)
+    verdicts = map_inputs(judge_part, numbers, processes)
     wrong = [v for v in verdicts if v.dropped or v.gouge > GOUGE or v.late or v.missed]
     for v in wrong:
         counts = f"{v.dropped} dropped, gouge {v.gouge:.4f} mm"

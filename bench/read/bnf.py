@@ -1,7 +1,8 @@
-"""Reads a grammar in the notation of Grammar-Kit, and says whether a text is of its language.
+"""Reads a grammar in the notation of Grammar-Kit, and decides whether a text is of its language.
 
-Only what decides that: what recovers from errors, builds trees and colours is passed over. Choices are ordered, and
-repetitions greedy, as there. The rule that all expressions extend is run by the priorities of its alternatives.
+Error recovery, trees and colours do not change the decision, and their settings are skipped. As in
+Grammar-Kit, choices are ordered and repetitions are greedy. The rule that all expressions extend is
+run by precedence climbing, with the priorities of its alternatives.
 """
 
 from __future__ import annotations
@@ -20,24 +21,39 @@ _SETTINGS = re.compile(r"\{\s*(?:pin|recoverWhile|elementType|extends|name|mixin
 _PIECE = re.compile(r"\s*(?:'([^']*)'|\"([^\"]*)\"|(<<eof>>)|(\w+)|([()\[\]|?*+&!]))")
 _SPACE = re.compile(r"(?:\s|![^\n]*)+")
 
-#: What matches at a token: the place behind it, None where it does not.
+#: A piece of a rule: its kind (literal, end, name, sign) and its text.
+Piece = tuple[str, str]
+#: Matches from the token of an index on. Returns the index of the next token, None without a match.
 Match = Callable[[int], int | None]
+#: As `Match`, for an operator; the second number is its priority.
+Operator = Callable[[int, int], int | None]
 
 
 @dataclass
 class Grammar:
-    """rules: the pieces of each by name. words, signs: literals of letters, in capitals, and of other characters, the
-    longest first. start, expression: the names of rules. tokens: (N) kind and text of the text that is judged.
+    """A grammar, and the text that is decided.
+
+    rules: pieces of each rule.
+    words: literals of letters, in capitals.
+    signs: literals of other characters, the longest first.
+    kinds: name and pattern of the tokens that are not literals.
+    start: name of the rule of a whole text.
+    expression: name of the rule of an expression.
+    tokens: kind and text of the tokens of the text.
+    matches: match of each rule that was used.
+    operators: priority and match of the operators: those that start an expression, and those that
+        continue one.
     """
 
-    rules: dict[str, list[tuple[str, str]]]
+    rules: dict[str, list[Piece]]
     words: frozenset[str]
     signs: Sequence[str]
     kinds: Sequence[tuple[str, re.Pattern[str]]]
     start: str
     expression: str
     tokens: list[tuple[str, str]] = field(default_factory=list)
-    made: dict[str, Match] = field(default_factory=dict)
+    matches: dict[str, Match] = field(default_factory=dict)
+    operators: tuple[list[tuple[int, Operator]], list[tuple[int, Operator]]] | None = None
 
     def takes(self, text: str) -> bool:
         """Whether a text is of the language."""
@@ -48,53 +64,59 @@ class Grammar:
         return self._rule(self.start)(0) == len(tokens)
 
     def _split(self, text: str) -> list[tuple[str, str]] | None:
-        found, at = [], 0
+        tokens, at = [], 0
         while True:
             space = _SPACE.match(text, at)
             at = space.end() if space else at
             if at == len(text):
-                return found
+                return tokens
             token = self._token(text, at)
             if token is None:
                 return None
-            found.append(token)
+            tokens.append(token)
             at += len(token[1])
 
     def _token(self, text: str, at: int) -> tuple[str, str] | None:
-        sign = next((one for one in self.signs if text[at : at + len(one)].upper() == one), "")
+        sign = next((s for s in self.signs if text[at : at + len(s)].upper() == s), "")
         for kind, pattern in self.kinds:
             match = pattern.match(text, at)
             if match and len(match[0]) > len(sign):
                 return ("literal" if match[0].upper() in self.words else kind), match[0]
         return ("literal", sign) if sign else None
 
-    # Rules, as what matches.
-
     def _rule(self, name: str) -> Match:
-        if name not in self.made:
-            self.made[name] = partial(self._late, name)  # a rule may stand within itself
+        late = partial(self._match_late, name)
+        if name not in self.matches:
+            self.matches[name] = late  # a rule may contain itself
             if name == self.expression:
-                self.made[name] = lambda at: self._climb(at, -1)
+                self.matches[name] = partial(self._climb, least=-1)
             elif name in self.rules:
-                self.made[name] = self._choice(self.rules[name], 0)[0]
+                self.matches[name] = self._choice(self.rules[name], 0)[0]
             else:
-                self.made[name] = lambda at: (
-                    at + 1 if at < len(self.tokens) and self.tokens[at][0] == name else None
-                )
-        return partial(self._late, name)
+                self.matches[name] = lambda at: at + 1 if self._token_at(at)[0] == name else None
+        return late
 
-    def _late(self, name: str, at: int) -> int | None:
-        return self.made[name](at)
+    def _match_late(self, name: str, at: int) -> int | None:
+        return self.matches[name](at)
 
-    def _choice(self, pieces: Sequence[tuple[str, str]], k: int) -> tuple[Match, int]:
-        ways, k = self._sequence(pieces, k)
-        some = [ways]
+    def _token_at(self, at: int) -> tuple[str, str]:
+        return self.tokens[at] if at < len(self.tokens) else ("", "")
+
+    def _choice(self, pieces: Sequence[Piece], k: int) -> tuple[Match, int]:
+        """The match of a choice that starts at piece `k`, and the index of the piece after it."""
+        match, k = self._sequence(pieces, k)
+        choices = [match]
         while k < len(pieces) and pieces[k] == ("sign", "|"):
-            ways, k = self._sequence(pieces, k + 1)
-            some.append(ways)
-        return (lambda at: next((end for way in some if (end := way(at)) is not None), None)), k
+            match, k = self._sequence(pieces, k + 1)
+            choices.append(match)
 
-    def _sequence(self, pieces: Sequence[tuple[str, str]], k: int) -> tuple[Match, int]:
+        def match_first(at: int) -> int | None:
+            ends = (choice(at) for choice in choices)
+            return next((end for end in ends if end is not None), None)
+
+        return match_first, k
+
+    def _sequence(self, pieces: Sequence[Piece], k: int) -> tuple[Match, int]:
         parts: list[Match] = []
         while k < len(pieces) and pieces[k] not in (("sign", "|"), ("sign", ")"), ("sign", "]")):
             part, k = self._part(pieces, k)
@@ -108,7 +130,7 @@ class Grammar:
 
         return match, k
 
-    def _part(self, pieces: Sequence[tuple[str, str]], k: int) -> tuple[Match, int]:
+    def _part(self, pieces: Sequence[Piece], k: int) -> tuple[Match, int]:
         kind, text = pieces[k]
         if (kind, text) in (("sign", "!"), ("sign", "&")):
             inner, k = self._part(pieces, k + 1)
@@ -119,7 +141,7 @@ class Grammar:
         elif kind == "literal":
             match = self._literal(text.upper())
         elif kind == "end":
-            match = lambda at: at if at == len(self.tokens) else None  # noqa: E731 (one of four ways)
+            match = lambda at: at if at == len(self.tokens) else None  # noqa: E731 (a branch of four)
         else:
             match = self._rule(text)
         k += 1
@@ -130,67 +152,63 @@ class Grammar:
 
     def _literal(self, text: str) -> Match:
         def match(at: int) -> int | None:
-            token = self.tokens[at] if at < len(self.tokens) else ("", "")
-            return at + 1 if token[0] == "literal" and token[1].upper() == text else None
+            kind, token = self._token_at(at)
+            return at + 1 if kind == "literal" and token.upper() == text else None
 
         return match
 
-    # Expressions, by the priorities of their alternatives.
-
     def _climb(self, at: int, least: int) -> int | None:
-        first, behind = self._operators()
-        ends = [end for priority, way in first if (end := way(at, priority)) is not None]
-        place = max(ends, default=None)
-        while place is not None:
-            ends = [
-                end
-                for priority, way in behind
-                if priority > least and (end := way(place, priority)) is not None
-            ]
-            if not ends:
-                return place
-            place = max(ends)
-        return None
+        """Matches the longest expression at `at` whose operators have priorities above `least`."""
+        starting, continuing = self._list_operators()
+        allowed = [(priority, match) for priority, match in continuing if priority > least]
+        end = _match_longest(starting, at)
+        longest = None
+        while end is not None:
+            longest = end
+            end = _match_longest(allowed, end)
+        return longest
 
-    def _operators(self) -> tuple[list[tuple[int, Way]], list[tuple[int, Way]]]:
-        if not self.ways:
-            first, behind = self.ways = ([], [])
+    def _list_operators(self) -> tuple[list[tuple[int, Operator]], list[tuple[int, Operator]]]:
+        if self.operators is None:
+            starting, continuing = self.operators = ([], [])
+            operand = ("name", self.expression)
             for priority, name in self._alternatives(self.expression):
                 pieces = self.rules[name]
-                left = pieces[0] == ("name", self.expression)
-                pieces = pieces[1:] if left else pieces
-                right = pieces[-1] == ("name", self.expression)
-                (behind if left else first).append(
-                    (priority, self._way(pieces[:-1] if right else pieces, right))
-                )
-        return self.ways
+                has_left = pieces[0] == operand
+                pieces = pieces[1:] if has_left else pieces
+                has_right = pieces[-1] == operand
+                match = self._operator(pieces[:-1] if has_right else pieces, has_right)
+                (continuing if has_left else starting).append((priority, match))
+        return self.operators
 
-    def _way(self, pieces: Sequence[tuple[str, str]], right: bool) -> Way:
+    def _operator(self, pieces: Sequence[Piece], has_right: bool) -> Operator:
         match = self._choice(pieces, 0)[0]
 
-        def way(at: int, priority: int) -> int | None:
+        def match_operator(at: int, priority: int) -> int | None:
             end = match(at)
-            return self._climb(end, priority) if right and end is not None else end
+            return self._climb(end, priority) if has_right and end is not None else end
 
-        return way
+        return match_operator
 
     def _alternatives(self, name: str, priority: int = -1) -> list[tuple[int, str]]:
-        """The rules of expressions, by priority: groups of them count from 0."""
-        found = []
-        for k, one in enumerate(text for kind, text in self.rules[name] if kind == "name"):
-            grouped = {kind for kind, _ in self.rules[one]} <= {"name", "sign"} and all(
-                text == "|" or text.endswith("_expression") for _, text in self.rules[one]
+        """Priority and name of the rules of expressions. Groups of rules count from 0."""
+        alternatives = []
+        for k, rule in enumerate(text for kind, text in self.rules[name] if kind == "name"):
+            pieces = self.rules[rule]
+            is_group = rule.startswith("priority") and all(
+                piece == ("sign", "|") or (piece[0] == "name" and piece[1].endswith("_expression"))
+                for piece in pieces
             )
-            if priority < 0 and grouped and one.startswith("priority"):
-                found += self._alternatives(one, k)
+            if priority < 0 and is_group:
+                alternatives += self._alternatives(rule, k)
             else:
-                found.append((max(priority, 0), one))
-        return found
-
-    ways: tuple[list[tuple[int, Way]], list[tuple[int, Way]]] | tuple[()] = ()
+                alternatives.append((max(priority, 0), rule))
+        return alternatives
 
 
-Way = Callable[[int, int], int | None]
+def _match_longest(operators: Sequence[tuple[int, Operator]], at: int) -> int | None:
+    ends = [match(at, priority) for priority, match in operators]
+    return max((end for end in ends if end is not None), default=None)
 
 
 def _maybe(match: Match) -> Match:
@@ -213,25 +231,30 @@ def _some(match: Match) -> Match:
 def read_grammar(
     text: str, kinds: Sequence[tuple[str, str]], start: str, expression: str
 ) -> Grammar:
-    """A grammar from its file. kinds: name and pattern of the tokens that are no literals, in their order."""
+    """Reads the text of a grammar.
+
+    kinds: name and pattern of the tokens that are not literals, in their order.
+    start: name of the rule of a whole text.
+    expression: name of the rule of an expression.
+    """
     head = _HEAD.match(text)
-    literals = {
-        two for _, two in _NAMED.findall(head[0] if head else "") if not two.startswith("regexp:")
-    }
+    values = [value for _, value in _NAMED.findall(head[0] if head else "")]
+    literals = {value.upper() for value in values if not value.startswith("regexp:")}
     body = re.sub(r"^\s*//.*$", "", text[head.end() if head else 0 :], flags=re.MULTILINE)
     starts = list(_RULE.finditer(body))
     rules = {}
-    for one, after in zip(starts, [*starts[1:], None], strict=True):
-        rule = _SETTINGS.sub("", body[one.end() : after.start() if after else len(body)])
-        rules[one[1]] = [_piece(piece) for piece in _PIECE.finditer(rule)]
-    words = frozenset(one.upper() for one in literals if one[0].isalpha())
-    signs = sorted({one.upper() for one in literals} - words, key=len, reverse=True)
+    ends = [match.start() for match in starts[1:]] + [len(body)]
+    for rule, end in zip(starts, ends, strict=True):
+        content = _SETTINGS.sub("", body[rule.end() : end])
+        rules[rule[1]] = [_read_piece(piece) for piece in _PIECE.finditer(content)]
+    words = frozenset(literal for literal in literals if literal[0].isalpha())
+    signs = sorted(literals - words, key=len, reverse=True)
     patterns = [(name, re.compile(pattern, re.IGNORECASE)) for name, pattern in kinds]
     return Grammar(rules, words, signs, patterns, start, expression)
 
 
-def _piece(piece: re.Match[str]) -> tuple[str, str]:
-    single, double, end, name, sign = piece.groups()
-    if single is not None or double is not None:
-        return "literal", single if single is not None else double
-    return ("end", end) if end else ("name", name) if name else ("sign", sign)
+def _read_piece(piece: re.Match[str]) -> Piece:
+    kinds = "literal", "literal", "end", "name", "sign"
+    return next(
+        (kind, text) for kind, text in zip(kinds, piece.groups(), strict=True) if text is not None
+    )

@@ -1,4 +1,4 @@
-"""Golden programs of the controllers: what they do, as points and events, and how far two are apart."""
+"""Golden programs of the controllers: their motions as points, and the distance between two."""
 
 from __future__ import annotations
 
@@ -21,30 +21,35 @@ from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
 CASES = ROOT / "fixtures" / "cases"
-#: The controllers of robots, their suffixes, and the name that each gives to output k.
+#: For each controller of robots: the suffix of its files, and its name of output k.
 POSTS = {"rapid": (".mod", "do{}"), "vplus": (".v2", "{}"), "pacscript": (".pcs", "{}")}
-#: The same for the controllers of mills; GRBL has a coolant for one signal.
+#: For each controller of mills: suffix and name of output k. GRBL has one signal, a coolant.
 MILLS = {"gcode": (".ngc", "P{}"), "grbl": (".nc", "M8")}
-#: Whose joint values the golden programs have.
+#: The arm of the joint values in the golden programs.
 ARMS = {"rapid": "abb_irb120", "vplus": "adept_cobra_s600", "pacscript": "denso_vs060"}
-#: mm: where no arc is printed, chords leave it by so much; digits are rounded twice on top.
+#: mm: distance of a chord from its arc, where a controller prints no arcs.
 CHORD = 0.02
-#: mm between points that are compared.
+#: Distance between points that are compared, mm.
 _STEP = 0.2
-#: So many points before and behind are looked at; so many points, and far ones, at a time.
-_AROUND, _SOME, _FEW = 20, 2000, 50
+#: Lines before and after a point that are measured first.
+_NEIGHBOURS = 20
+#: Points measured at a time: against their neighbours, and against all lines. It bounds memory.
+_CHUNK, _FAR_CHUNK = 2000, 50
 
 
 def frames_of(case: Path, post: str) -> tuple[Pose, Pose]:
-    """Base from work and flange from tool of a golden program: PacScript leaves them to the controller."""
+    """Base from work and flange from tool of a case: PacScript leaves them to the controller."""
     tables = tomllib.loads((case / "job.toml").read_text())
-    own = {name: dict(tables[name]) for name in ("cell", "tool") if name in tables}
-    cell = camgen.cell(post, own)
+    cell = camgen.cell(post, {name: tables[name] for name in ("cell", "tool") if name in tables})
     return cell.base_from_work, cell.flange_from_tool
 
 
 def pose_of(arm: Robot, joints: Joints, base: Pose, tool: Pose) -> Pose:
-    """Where an arm has the tool at joint values, in the work frame. base: from work. tool: flange from tool."""
+    """The pose of the tool in the work frame at joint values of an arm.
+
+    base: base from work.
+    tool: flange from tool.
+    """
     turned, origin = flange(arm, np.array([joints.values]))
     x, y, z = origin[0].tolist()
     return base.inverse() @ Pose(frozen(turned[0]), (x, y, z)) @ tool
@@ -88,36 +93,37 @@ def read_robot(
     return body, base
 
 
-def along(start: Vec3, item: MoveL | MoveC) -> tuple[list[Vec3], float]:
+def sample_between(start: Vec3, item: MoveL | MoveC) -> tuple[list[Vec3], float]:
     """Points on a motion from ``start``, and its length, mm."""
     via = np.array(item.via.origin) if isinstance(item, MoveC) else None
     ends = np.array(start), via, np.array(item.target.origin)
     return sample_motion(*ends, _STEP).tolist(), measure_motion(*ends)
 
 
-def apart(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """The farthest that a point of one way is from the other, mm."""
+def measure_apart(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """The largest distance of a point of one polyline from the other, mm."""
     return max(_farthest(a, b), _farthest(b, a))
 
 
 def _farthest(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """How far a point of ``a`` is at most from the lines along ``b``."""
+    """The largest distance of a point of `a` from the lines of `b`, mm."""
     if len(b) < 2:
         return float(np.linalg.norm(a - b, axis=1).max())
-    # Where as much of both ways is behind, and some points before and behind that: the order is the same.
+    # Both run in the same order: the nearest line lies at about the same share of the length.
     near = np.searchsorted(_shares(b), _shares(a))
     best = np.full(len(a), np.inf)
-    for low in range(0, len(a), _SOME):
-        some = slice(low, low + _SOME)
-        beside = np.clip(near[some, None] + np.arange(-_AROUND, _AROUND), 0, len(b) - 2)
-        best[some] = measure_from_lines(a[some, None], b[beside], b[beside + 1]).min(axis=1)
+    offsets = np.arange(-_NEIGHBOURS, _NEIGHBOURS)
+    for low in range(0, len(a), _CHUNK):
+        chunk = slice(low, low + _CHUNK)
+        lines = np.clip(near[chunk, None] + offsets, 0, len(b) - 2)
+        best[chunk] = measure_from_lines(a[chunk, None], b[lines], b[lines + 1]).min(axis=1)
     far = np.flatnonzero(best > CHORD)
-    for few in np.array_split(far, len(far) // _FEW + 1):
-        best[few] = measure_from_lines(a[few, None], b[None, :-1], b[None, 1:]).min(axis=1)
+    for chunk in np.array_split(far, len(far) // _FAR_CHUNK + 1):
+        best[chunk] = measure_from_lines(a[chunk, None], b[None, :-1], b[None, 1:]).min(axis=1)
     return float(best.max())
 
 
 def _shares(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) of the whole way, what is behind at each point."""
-    behind = np.append(0.0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum())
-    return np.asarray(behind / max(behind[-1], 1e-9))
+    """The share of the length up to each point, (N,)."""
+    lengths = np.append(0.0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum())
+    return np.asarray(lengths / max(lengths[-1], 1e-9))

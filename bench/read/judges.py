@@ -202,19 +202,22 @@ POSTS: Mapping[str, Mapping[str, str]] = {
 
 
 def write_samples(language: str, path: str) -> dict[str, str]:
-    """The sample programs that the posts of a language write, by the post. path: the folder with the posts."""
-    found = {}
+    """The sample programs of the posts of a language, by post.
+
+    path: the folder with the posts.
+    """
+    samples = {}
     for name in POSTS[language]:
         with tempfile.TemporaryDirectory() as folder:
             call = [sys.executable, "-c", _POST, path, name, folder]
             subprocess.run(call, capture_output=True, timeout=60, check=True)
-            found[name] = "".join(
+            samples[name] = "".join(
                 file.read_text(encoding="utf-8") for file in sorted(Path(folder).iterdir())
             )
-    return found
+    return samples
 
 
-#: By language and name; each makes a judge of the path that is given with its name.
+#: For each language and name: makes the judge from the path that is given with its name.
 JUDGES: Mapping[str, Mapping[str, Callable[[str], Judge]]] = {
     "gcode": {
         "tree-sitter": lambda _path: by_tree_sitter(

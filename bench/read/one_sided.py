@@ -1,12 +1,12 @@
-"""Parts scanned from one place: sheets, hollow parts and solid ones, with and without the place of the scanner.
+"""Parts scanned from one viewpoint: sheets, hollow and solid parts, with and without the viewpoint.
 
     python -m bench.read.one_sided [VIEWS, 4] [POINTS, 20000] [PROCESSES, 1] [FOLDER | -] [PART ...]
 
-Each part is scanned from VIEWS places around it, 600 mm away, with 0.05 mm noise, placed at random within 30 deg and
-50 mm, and looked for in two ways: without a word, and told where the scanner stood. FOLDER: real meshes as parts too,
-scaled to 150 mm. Then every part is looked for in one scan of each of two others. Right: its surface is nowhere more
-than 0.2 mm off. Seconds are processor time. Prints a table for docs/benchmarks.md, and exits with 1 where a wrong pose
-was given with exit code 0.
+Each part is scanned from VIEWS viewpoints around it, 600 mm away, with 0.05 mm noise, and placed at
+random within 30 deg and 50 mm. It is localized in its scans, and in one scan of each of two other
+parts, twice: without and with the viewpoint. FOLDER adds real meshes as parts, scaled to 150 mm. A
+pose is right if no point of the surface is more than 0.2 mm off. Seconds are processor time. Prints
+a table for docs/benchmarks.md. The exit code is 1 if `localize` returned a wrong pose.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ from camgen.read.solid import mesh as solids
 from tests.support import shells
 from tests.support.clouds import placed
 
+#: mm: noise of the scanner, tolerance of a right pose, distance of the viewpoint, size of a mesh.
 NOISE, OFF, AWAY, SIZE = 0.05, 0.2, 600.0, 150.0
-#: In the scans of which other parts, so many places further in the list, a part is looked for.
+#: Steps in the list of parts from a part to those in whose scans it is localized.
 OTHERS = (1, 4)
 KINDS = {
     "sheets": {"sheet 1.6": shells.sheet, "angle 2": shells.angle, "steps 1.2": shells.step_sheet},
@@ -48,122 +49,124 @@ REAL = {
     "solid": ("trimesh/featuretype.STL", "numpy-stl/ascii_Star.stl"),
 }
 Array = np.ndarray
-#: What was looked for, what was told, what came of it, seconds.
+#: Kind of the part, given input, outcome, seconds.
 Row = tuple[str, str, str, float]
 OUTCOMES = ("right", "right, ambiguous", "exit 3", "exit 2", "wrong, ambiguous", "wrong")
 
 
-def parts(folder: Path | None, names: list[str]) -> dict[str, tuple[str, trimesh.Trimesh]]:
+def load_parts(folder: Path | None, names: list[str]) -> dict[str, tuple[str, trimesh.Trimesh]]:
     """Kind and mesh of each part."""
-    found = {name: (kind, make()) for kind, some in KINDS.items() for name, make in some.items()}
-    found |= {name: ("solid", load(PARTS / f"{name}.stl")) for name in FIXTURES}
+    meshes = {}
+    for kind, makers in KINDS.items():
+        for name, make in makers.items():
+            meshes[name] = kind, make()
+    for name in FIXTURES:
+        meshes[name] = "solid", load(PARTS / f"{name}.stl")
     if folder is not None:
-        found |= {
-            Path(name).stem: (kind, load(folder / name, SIZE))
-            for kind, some in REAL.items()
-            for name in some
-        }
-    return {name: part for name, part in found.items() if not names or name in names}
+        for kind, files in REAL.items():
+            for file in files:
+                meshes[Path(file).stem] = kind, load(folder / file, SIZE)
+    return {name: part for name, part in meshes.items() if not names or name in names}
 
 
 def load(path: Path, size: float | None = None) -> trimesh.Trimesh:
+    """Reads a mesh. size: length of the diagonal to which it is scaled, mm."""
     surface, _ = solids.read_surface(Files().read(path))
-    factor = 1.0 if size is None else size / float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+    diagonal = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+    factor = 1.0 if size is None else size / diagonal
     return trimesh.Trimesh(surface.vertices * factor, surface.faces, process=False)
 
 
-def eyes(mesh: trimesh.Trimesh, count: int) -> Array:
-    """Places (count, 3) on a spiral around the part, none of them along an axis."""
+def list_viewpoints(mesh: trimesh.Trimesh, count: int) -> Array:
+    """Viewpoints (count, 3) on a spiral around the part, none of them along an axis, mm."""
     k = np.arange(count) + 0.5
-    up, turn = 1 - 2 * k / count, k * np.pi * (3 - 5**0.5) + 0.4
-    round_ = np.sqrt(1 - up * up)
-    return np.asarray(
-        mesh.bounds.mean(axis=0)
-        + AWAY * np.column_stack([round_ * np.cos(turn), round_ * np.sin(turn), up])
-    )
+    z, angle = 1 - 2 * k / count, k * np.pi * (3 - 5**0.5) + 0.4
+    radius = np.sqrt(1 - z * z)
+    directions = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
+    return np.asarray(mesh.bounds.mean(axis=0) + AWAY * directions)
 
 
-def off(mesh: trimesh.Trimesh, truth: tuple[Array, Array], found: Location) -> float:
-    """How far the surface stands from where it should, mm at most: of parts that look alike in several poses the
-    distance between the surfaces, not between their points.
+def measure_error(mesh: trimesh.Trimesh, truth: tuple[Array, Array], location: Location) -> float:
+    """The largest distance of the located surface from its true place, mm.
+
+    Where points are off, the distance between the surfaces counts: a part may look alike in
+    several poses.
     """
     rng = np.random.default_rng(0)
-    spots = np.vstack(
-        [mesh.vertices[rng.permutation(len(mesh.vertices))[:300]], mesh.sample(300, seed=0)]
-    )
-    pose = found.base_from_work
-    there = spots @ np.array(pose.rotation).T + np.array(pose.origin)
-    farthest = float(np.linalg.norm(there - (spots @ truth[0].T + truth[1]), axis=1).max())
+    vertices = mesh.vertices[rng.permutation(len(mesh.vertices))[:300]]
+    points = np.vstack([vertices, mesh.sample(300, seed=0)])
+    pose = location.base_from_work
+    located = points @ np.array(pose.rotation).T + np.array(pose.origin)
+    farthest = float(np.linalg.norm(located - (points @ truth[0].T + truth[1]), axis=1).max())
     if farthest < OFF:
         return farthest
-    back = (there - truth[1]) @ truth[0]
     corners = mesh.triangles
-    least = [
-        np.linalg.norm(
-            trimesh.triangles.closest_point(corners, np.broadcast_to(p, (len(corners), 3))) - p,
-            axis=1,
-        ).min()
-        for p in back
-    ]
-    return float(max(least))
+    distances = []
+    for point in (located - truth[1]) @ truth[0]:
+        closest = trimesh.triangles.closest_point(
+            corners, np.broadcast_to(point, (len(corners), 3))
+        )
+        distances.append(np.linalg.norm(closest - point, axis=1).min())
+    return float(max(distances))
 
 
-def outcome(
-    mesh: trimesh.Trimesh, points: Array, eye: Array | None, truth: tuple[Array, Array] | None
+def localize_part(
+    mesh: trimesh.Trimesh, points: Array, viewpoint: Array | None, truth: tuple[Array, Array] | None
 ) -> tuple[str, float, str]:
-    """What ``localize`` makes of a scan, mm off and what it says. truth: None where the part is not in the scan."""
+    """Localizes a part in a scan. Returns the outcome, the error in mm, and figures of the fit.
+
+    truth: rotation and origin of the part, None if it is not in the scan.
+    """
     try:
-        found = localize("scan", (mesh.vertices, mesh.faces), points, viewpoint=eye)
+        location = localize("scan", (mesh.vertices, mesh.faces), points, viewpoint=viewpoint)
     except CamgenError as error:
         return f"exit {error.exit_code}", 0.0, error.where
-    error = np.inf if truth is None else off(mesh, truth, found)
-    told = bool(found.rivals or found.free)
-    return (
-        ("right" if error < OFF else "wrong") + (", ambiguous" if told else ""),
-        error,
-        f"near {found.seen.near:.2f}, rims {found.run_on:.2f}",
-    )
+    error = np.inf if truth is None else measure_error(mesh, truth, location)
+    outcome = "right" if error < OFF else "wrong"
+    if location.rivals or location.free:
+        outcome += ", ambiguous"
+    return outcome, error, f"near {location.seen.near:.2f}, rims {location.run_on:.2f}"
 
 
-def run(job: tuple[str, int, int, Path | None, list[str]]) -> list[Row]:
-    """All that is looked for of one part: in its own scans, and in one scan of each of two others."""
+def measure_part(job: tuple[str, int, int, Path | None, list[str]]) -> list[Row]:
+    """Localizes a part in its own scans, and in one scan of each of two others."""
     name, views, count, folder, names = job
-    every = parts(folder, names)
-    listed = list(every)
-    others = [
-        listed[(listed.index(name) + step) % len(listed)] for step in OTHERS if len(listed) > step
-    ]
+    parts = load_parts(folder, names)
+    order = list(parts)
+    scans = [(name, k) for k in range(views)]
+    for step in OTHERS:
+        if len(order) > step:
+            scans.append((order[(order.index(name) + step) % len(order)], views - 1))
+    part_kind, part = parts[name]
     rows = []
-    for there, k in [*((name, k) for k in range(views)), *((other, views - 1) for other in others)]:
-        mesh = every[there][1]
-        eye = eyes(mesh, views)[k]
-        turn, shift = placed(np.random.default_rng(2000 + k), 30.0, 50.0)
-        points = shells.one_sided(mesh, count, k, eye, NOISE) @ turn.T + shift
-        for way, place in (("nothing", None), ("viewpoint", turn @ eye + shift)):
+    for scanned, k in scans:
+        mesh = parts[scanned][1]
+        viewpoint = list_viewpoints(mesh, views)[k]
+        rotation, origin = placed(np.random.default_rng(2000 + k), 30.0, 50.0)
+        points = shells.one_sided(mesh, count, k, viewpoint, NOISE) @ rotation.T + origin
+        truth = (rotation, origin) if scanned == name else None
+        kind = part_kind if scanned == name else "another part"
+        for given, place in (("nothing", None), ("viewpoint", rotation @ viewpoint + origin)):
             begin = time.process_time()
-            verdict, error, said = outcome(
-                every[name][1], points, place, (turn, shift) if there == name else None
-            )
+            outcome, error, figures = localize_part(part, points, place, truth)
             spent = time.process_time() - begin
-            print(
-                f"{name} in {there} {k} {way}: {verdict} {error:.3f} mm {spent:.1f} s {said}",
-                file=sys.stderr,
-                flush=True,
-            )
-            rows.append((every[name][0] if there == name else "another part", way, verdict, spent))
+            line = f"{name} in {scanned} {k} {given}: {outcome} {error:.3f} mm {spent:.1f} s"
+            print(line, figures, file=sys.stderr, flush=True)
+            rows.append((kind, given, outcome, spent))
     return rows
 
 
 def main(views: int, count: int, processes: int, source: str, *names: str) -> int:
+    """Prints the table."""
     folder = None if source == "-" else Path(source)
-    jobs = [(name, views, count, folder, list(names)) for name in parts(folder, list(names))]
-    rows = list(chain.from_iterable(map_inputs(run, jobs, processes)))
+    jobs = [(name, views, count, folder, list(names)) for name in load_parts(folder, list(names))]
+    rows = list(chain.from_iterable(map_inputs(measure_part, jobs, processes)))
     table = open_table(f"parts | told | runs | {' | '.join(OUTCOMES)} | s, median {{:.1f}}")
-    for kind, way in sorted({row[:2] for row in rows}):
-        group = [row for row in rows if row[:2] == (kind, way)]
+    for kind, given in sorted({row[:2] for row in rows}):
+        group = [row for row in rows if row[:2] == (kind, given)]
         tally = Counter(row[2] for row in group)
         counts = [tally[outcome] for outcome in OUTCOMES]
-        table.add(kind, way, len(group), *counts, np.median([row[3] for row in group]))
+        table.add(kind, given, len(group), *counts, np.median([row[3] for row in group]))
     return int(any(row[2].startswith("wrong") for row in rows))
 
 

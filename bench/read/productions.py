@@ -1,9 +1,16 @@
-"""The productions of a language, form by form, and what camgen's reader says to each.
+"""The productions of a language, form by form, and the refusals of camgen's reader.
 
-tests/lang/<language>/productions.txt holds them: a line ``+`` and a form that controllers take, ``-`` and one that they
-refuse; ``==`` and the name of a production, behind ``|`` the dialects; ``@`` and the lines that its forms stand in, for
-``$``, before the first production those of all that have none of their own; ``!`` and a judge, and why it differs from
-the manual: behind a form there, before the first form of a production in all of it. ``¶`` ends a line.
+tests/lang/<language>/productions.txt holds them. A line starts with a sign:
+
+    + FORM                  a form that controllers take
+    - FORM                  a form that controllers refuse
+    == NAME | DIALECT ...   a production, with the dialects of its forms
+    @ LINES                 the lines around a form, which replaces ``$`` in them. Before the first
+                            production: the lines of all productions that have none
+    ! JUDGE: REASON         a judge that differs from the manual: for the form above, or for the
+                            whole production if no form of it comes before
+
+``¶`` ends a line.
 """
 
 from __future__ import annotations
@@ -19,8 +26,15 @@ _NAMES = {"gcode": "a.nc", "rapid": "a.mod", "vplus": "a.v2", "pacscript": "a.pc
 
 @dataclass(frozen=True)
 class Form:
-    """One form. production, number: its place. text: as it is written; whole: with the lines that it stands in.
-    taken: whether controllers take it, by the manual. differs: judges that say otherwise, and why.
+    """A form of a production.
+
+    production: name of the production.
+    number: index of the form among those of the language.
+    text: the form as it is written.
+    whole: the form with the lines around it.
+    taken: whether controllers take it, by the manual.
+    dialects: dialects in which the form is read.
+    differs: reason for each judge that differs from the manual.
     """
 
     production: str
@@ -33,50 +47,39 @@ class Form:
 
 
 def read_forms(language: str) -> list[Form]:
-    """All forms of a language's productions, in their order. ValueError for a line that is none of the format."""
+    """All forms of a language's productions, in their order. ValueError for an unknown sign."""
     forms: list[Form] = []
     usual = around = "$"
     name, dialects, common = "", ("",), dict[str, str]()
     for line in (FOLDER / language / "productions.txt").read_text(encoding="utf-8").splitlines():
         sign, rest = line[:2].strip(), line[2:].strip(" ")
         if sign == "==":
-            name, _, some = (part.strip() for part in rest.partition("|"))
-            around, dialects, common = usual, tuple(some.split()) or ("",), {}
+            name, _, words = (part.strip() for part in rest.partition("|"))
+            around, dialects, common = usual, tuple(words.split()) or ("",), {}
         elif sign == "@":
             around, usual = rest, usual if name else rest
         elif sign == "!":
-            judge, _, why = rest.partition(": ")
-            (forms[-1].differs if forms and forms[-1].production == name else common)[judge] = why
+            judge_name, _, reason = rest.partition(": ")
+            is_of_form = forms and forms[-1].production == name
+            (forms[-1].differs if is_of_form else common)[judge_name] = reason
         elif sign in ("+", "-"):
-            text, whole = (
-                rest.replace("¶", "\n"),
-                around.replace("$", rest).replace("¶", "\n") + "\n",
-            )
+            text = rest.replace("¶", "\n")
+            whole = around.replace("$", rest).replace("¶", "\n") + "\n"
             forms.append(Form(name, len(forms), text, whole, sign == "+", dialects, dict(common)))
         elif sign and not line.startswith("#"):
             raise ValueError(f"{language}: {line!r} begins with none of == @ ! + - #")
     return forms
 
 
-def judge_form(language: str, form: Form) -> list[str]:
-    """What camgen's reader turns down in a form, in any of its dialects; nothing where it takes it."""
+def find_refusals(language: str, form: Form) -> dict[str, list[str]]:
+    """The reasons for which camgen's reader refuses a form, for each dialect that refuses it."""
     run = find_language(language).run
-    said = []
+    refusals = {}
     for dialect in form.dialects:
-        found = run({_NAMES[language]: form.whole}, Ask(dialect))
-        said += [
-            f"{one.what} {dialect}".rstrip() for one in found.findings if one.level == "refused"
-        ]
-        said += [] if found.stopped is None else [f"{found.stopped[1]} {dialect}".rstrip()]
-    return said
-
-
-def refusing(language: str, form: Form) -> tuple[str, ...]:
-    """The dialects of a form whose reading turns it down."""
-    run = find_language(language).run
-    found = {one: run({_NAMES[language]: form.whole}, Ask(one)) for one in form.dialects}
-    return tuple(
-        one
-        for one, said in found.items()
-        if said.stopped or any(item.level == "refused" for item in said.findings)
-    )
+        executed = run({_NAMES[language]: form.whole}, Ask(dialect))
+        reasons = [finding.what for finding in executed.findings if finding.level == "refused"]
+        if executed.stopped is not None:
+            reasons.append(executed.stopped[1])
+        if reasons:
+            refusals[dialect] = [f"{reason} {dialect}".rstrip() for reason in reasons]
+    return refusals

@@ -1,10 +1,12 @@
-"""Programs that others wrote, run by the interpreters of their languages: python -m bench.read.programs FOLDER...
+"""Programs that others wrote, run by the interpreters of their languages.
 
-A row for each folder below FOLDER, which is a project: its programs by language, each text once; how many have nothing
-to begin with (libraries and headers), how many are run to their end, how many of these with assumptions, how many
-cannot be run on, and in how many something is refused by their controller; and the time. ``--why`` lists the reasons
-with their files. What a program needs of others in its folder is not given to it: what they hold is assumed, as
-``camgen verify`` does with one file.
+    python -m bench.read.programs FOLDER... [--why]
+
+Each folder below FOLDER is a project and has a row: its languages; its programs, each text once;
+those without a start (libraries and headers); those that run to their end, and how many of these
+rest on assumptions; those that stop; those in which the controller would refuse something; seconds.
+``--why`` lists the reasons with their files. A program runs alone, without the other files of its
+folder: their content is assumed, as ``camgen verify`` does with one file.
 """
 
 from __future__ import annotations
@@ -17,89 +19,100 @@ from typing import NamedTuple
 
 from bench.support.runner import open_table
 from bench.support.timing import timed
-from camgen.lang.programs import Ask, Executed, Language, list_languages
+from camgen.lang.programs import Ask, Executed, Finding, Language, list_languages
 
 
-class Ran(NamedTuple):
-    """A program and what came of it."""
+class Run(NamedTuple):
+    """A program that was run."""
 
     file: Path
     language: str
     executed: Executed
     seconds: float
 
+    @property
+    def is_library(self) -> bool:
+        """Whether the text has no start: no routine, or several and none of them the main one."""
+        stopped = self.executed.stopped
+        return stopped is not None and stopped[1].startswith("there is no")
 
-def languages_of(file: Path, text: str) -> list[Language]:
-    """The languages that a text looks like, or that its name says."""
-    every = list_languages()
-    return [one for one in every if one.recognise(text)] or [
-        one for one in every if file.suffix.lower() in one.suffixes
-    ]
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a program with a start stops before its end."""
+        return self.executed.stopped is not None and not self.is_library
+
+    @property
+    def refusals(self) -> list[Finding]:
+        """The findings that the controller would refuse."""
+        return [finding for finding in self.executed.findings if finding.level == "refused"]
 
 
-def run_all(folder: Path, seen: set[bytes]) -> Iterator[Ran]:
-    """All programs below ``folder`` whose text is not among those seen."""
+def find_languages(file: Path, text: str) -> list[Language]:
+    """The languages that a text looks like; without any, those of the file's suffix."""
+    languages = list_languages()
+    recognised = [language for language in languages if language.recognise(text)]
+    suffix = file.suffix.lower()
+    return recognised or [language for language in languages if suffix in language.suffixes]
+
+
+def run_all(folder: Path, seen: set[bytes]) -> Iterator[Run]:
+    """Runs all programs below `folder` whose text is not among those seen."""
     for file in sorted(path for path in folder.rglob("*") if path.is_file()):
         data = file.read_bytes()
         if b"\0" in data or not data.strip() or data in seen:
             continue
         seen.add(data)
         text = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
-        for language in languages_of(file, text)[:1]:
+        for language in find_languages(file, text)[:1]:
             executed, seconds = timed(partial(language.run, {file.name: text}, Ask()))
-            yield Ran(file, language.name, executed, seconds)
+            yield Run(file, language.name, executed, seconds)
 
 
-def measure(name: str, ran: list[Ran]) -> list[object]:
+def measure(name: str, runs: list[Run]) -> list[object]:
     """The cells of a project."""
-    library = [one for one in ran if is_library(one)]
-    stopped = [one for one in ran if one.executed.stopped and not is_library(one)]
-    whole = [one for one in ran if not one.executed.stopped]
-    assumed = [one for one in whole if one.executed.assumed]
-    refused = [
-        one for one in ran if any(found.level == "refused" for found in one.executed.findings)
-    ]
-    kinds = ", ".join(sorted({one.language for one in ran}))
-    seconds = sum(one.seconds for one in ran)
-    groups = ran, library, whole, assumed, stopped, refused
-    return [name, kinds, *map(len, groups), seconds]
+    ended = [run for run in runs if not run.executed.stopped]
+    counts = (
+        len(runs),
+        sum(run.is_library for run in runs),
+        len(ended),
+        sum(bool(run.executed.assumed) for run in ended),
+        sum(run.is_stopped for run in runs),
+        sum(bool(run.refusals) for run in runs),
+    )
+    languages = ", ".join(sorted({run.language for run in runs}))
+    return [name, languages, *counts, sum(run.seconds for run in runs)]
 
 
-def is_library(one: Ran) -> bool:
-    """Whether nothing says where a program begins: it holds no routine, or several and no main one."""
-    return one.executed.stopped is not None and one.executed.stopped[1].startswith("there is no")
-
-
-def reasons(ran: list[Ran]) -> Iterator[str]:
-    """Why programs cannot be run on, and what is refused first."""
-    for one in ran:
-        if one.executed.stopped and not is_library(one):
-            line, what = one.executed.stopped
-            yield f"{one.file}:{line}: stopped: {what}"
-        refused = [found for found in one.executed.findings if found.level == "refused"]
-        for found in refused[:1]:
-            yield f"{one.file}:{found.line}: refused ({len(refused)}): {found.what}"
+def list_reasons(runs: list[Run]) -> Iterator[str]:
+    """The reason for each program that stops, and the first refusal of each program."""
+    for run in runs:
+        if run.is_stopped:
+            line, reason = run.executed.stopped
+            yield f"{run.file}:{line}: stopped: {reason}"
+        refusals = run.refusals
+        if refusals:
+            first = refusals[0]
+            yield f"{run.file}:{first.line}: refused ({len(refusals)}): {first.what}"
 
 
 def main() -> None:
-    """The table."""
-    why = "--why" in sys.argv
+    """Prints the table and the reasons."""
     folders = [Path(name) for name in sys.argv[1:] if name != "--why"]
     table = open_table(
         "project | language | programs | no start | to the end | assumptions | stopped | refused "
         "| s {:.1f}"
     )
     seen: set[bytes] = set()
-    every: list[Ran] = []
+    all_runs: list[Run] = []
     for folder in folders:
         for project in sorted(path for path in folder.iterdir() if path.is_dir()) or [folder]:
-            ran = list(run_all(project, seen))
-            every += ran
-            if ran:
-                table.add(*measure(project.name, ran))
-    table.add(*measure("all", every))
-    if why:
-        print("\n" + "\n".join(reasons(every)))
+            runs = list(run_all(project, seen))
+            all_runs += runs
+            if runs:
+                table.add(*measure(project.name, runs))
+    table.add(*measure("all", all_runs))
+    if "--why" in sys.argv:
+        print("\n" + "\n".join(list_reasons(all_runs)))
 
 
 if __name__ == "__main__":

@@ -1,47 +1,63 @@
 """The readers of programs against other judges of their languages' syntax.
 
-python -m bench.read.syntax LANGUAGE [JUDGE[=PATH] ...]: every form of tests/lang/LANGUAGE/productions.txt through
-camgen's reader and through each judge, which is installed beside camgen, or lies at PATH, and is no part of it. A table
-of how many agree with the manual, and each difference with its reason; exit 1 where a reader differs, or a judge
-without a reason that is written down.
+    python -m bench.read.syntax LANGUAGE [JUDGE[=PATH] ...]
+
+Every form of tests/lang/LANGUAGE/productions.txt runs through camgen's reader and through each
+judge. A judge is a program of others, installed beside camgen or found at PATH. The judge
+``posts=PATH`` is a folder of other posts, whose programs camgen's reader reads. The table counts
+the forms on which a judge agrees with the manual; each difference is listed with its reason. The
+exit code is 1 if the reader differs, or a judge without a known reason.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from time import perf_counter
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from bench.read.judges import JUDGES, POSTS, Judge, write_samples
-from bench.read.productions import Form, judge_form, read_forms, refusing
+from bench.read.productions import Form, find_refusals, read_forms
 from bench.support.runner import Table, machine
+from bench.support.timing import timed
 from camgen.model.text import counted
 
 
-def show(form: Form) -> str:
+class Comparison(NamedTuple):
+    """A judge compared with the manual.
+
+    count: number of forms that it judges.
+    known: its differences, by the reason in the productions.
+    unknown: its differences without a reason.
+    """
+
+    count: int
+    known: dict[str, list[str]]
+    unknown: list[str]
+
+
+def format_form(form: Form) -> str:
     """A form in one line."""
     return f"{'+' if form.taken else '-'} `{form.text.replace(chr(10), ' ¶ ')}` ({form.production})"
 
 
-def against_reader(language: str, forms: Iterable[Form]) -> list[str]:
-    """The forms at which the reader differs from what they are written down as."""
-    wrong = []
+def compare_reader(language: str, forms: Sequence[Form]) -> Comparison:
+    """Compares camgen's reader with the manual."""
+    differences = []
     for form in forms:
-        refused = refusing(language, form)
-        if refused and form.taken:
-            wrong.append(f"{show(form)}: refused: {judge_form(language, form)[0]}")
-        elif not form.taken and len(refused) < len(form.dialects):
-            taken = ", ".join(one for one in form.dialects if one not in refused)
-            wrong.append(f"{show(form)}: taken{taken and f' ({taken})'}")
-    return wrong
+        refusals = find_refusals(language, form)
+        if refusals and form.taken:
+            reasons = next(iter(refusals.values()))
+            differences.append(f"{format_form(form)}: refused: {reasons[0]}")
+        elif not form.taken and len(refusals) < len(form.dialects):
+            taken = ", ".join(dialect for dialect in form.dialects if dialect not in refusals)
+            differences.append(f"{format_form(form)}: taken{taken and f' ({taken})'}")
+    return Comparison(len(forms), {}, differences)
 
 
-def against(
-    name: str, judge: Judge, forms: Iterable[Form]
-) -> tuple[int, dict[str, list[str]], list[str]]:
-    """Forms that the judge can judge, differences by the reason that is written down, and those without one."""
+def compare_judge(name: str, judge: Judge, forms: Iterable[Form]) -> Comparison:
+    """Compares a judge with the manual, in the forms that it can judge."""
     known: dict[str, list[str]] = {}
-    open_ones, count = [], 0
+    unknown, count = [], 0
     for form in forms:
         takes = judge(form)
         if takes is None:
@@ -50,76 +66,75 @@ def against(
         if takes == form.taken:
             continue
         if name in form.differs:
-            known.setdefault(form.differs[name], []).append(show(form))
+            known.setdefault(form.differs[name], []).append(format_form(form))
         else:
-            open_ones.append(f"{show(form)}: {'taken' if takes else 'refused'} by {name}")
-    return count, known, open_ones
+            unknown.append(f"{format_form(form)}: {'taken' if takes else 'refused'} by {name}")
+    return Comparison(count, known, unknown)
 
 
-def find_judge(language: str, word: str) -> tuple[str, Judge]:
-    """A judge by its word of the command line, NAME or NAME=PATH. SystemExit where there is none of the name."""
-    name, _, path = word.partition("=")
-    make: Callable[[str], Judge] | None = JUDGES[language].get(name)
-    if make is None:
-        raise SystemExit(
-            f"{name}: no judge of {language}; there are {', '.join([*JUDGES[language], 'posts'])}"
-        )
-    return name, make(path)
+def compare_posts(language: str, path: str) -> Comparison:
+    """Reads the programs of other posts. The reader takes all of them, except those with a reason.
 
-
-def against_posts(language: str, path: str) -> tuple[int, dict[str, list[str]], list[str]]:
-    """As ``against``, of the programs that the posts in the folder ``path`` write: controllers take them, but those
-    with a reason.
+    path: the folder with the posts.
     """
     known: dict[str, list[str]] = {}
-    open_ones = []
+    unknown = []
     samples = write_samples(language, path)
     for name, text in samples.items():
-        said, why = judge_form(language, Form("posts", 0, name, text, True)), POSTS[language][name]
-        if said and why:
-            known.setdefault(why, []).append(name)
-        elif said or why:
-            open_ones.append(f"{name}: {said[0] if said else 'taken'}")
-    return len(samples), known, open_ones
+        refusals = find_refusals(language, Form("posts", 0, name, text, True))
+        reason = POSTS[language][name]
+        if refusals and reason:
+            known.setdefault(reason, []).append(name)
+        elif refusals:
+            unknown.append(f"{name}: {refusals[''][0]}")
+        elif reason:
+            unknown.append(f"{name}: taken")
+    return Comparison(len(samples), known, unknown)
 
 
-def judge_all(
-    language: str, word: str, forms: Sequence[Form]
-) -> tuple[str, tuple[int, dict[str, list[str]], list[str]]]:
-    """The name of a judge of the command line and what it says of all forms. posts: what others write, read by us."""
-    if word.startswith("posts="):
-        return "posts", against_posts(language, word.removeprefix("posts="))
-    name, judge = find_judge(language, word)
-    return name, against(name, judge, forms)
+def compare_named(language: str, word: str, forms: Sequence[Form]) -> tuple[str, Comparison]:
+    """The name of a judge and its comparison. SystemExit if the language has no such judge.
+
+    word: a word of the command line, NAME or NAME=PATH.
+    """
+    name, _, path = word.partition("=")
+    if name == "posts" and path:
+        return name, compare_posts(language, path)
+    if name not in JUDGES[language]:
+        names = ", ".join([*JUDGES[language], "posts"])
+        raise SystemExit(f"{name}: no judge of {language}; there are {names}")
+    return name, compare_judge(name, JUDGES[language][name](path), forms)
 
 
 def main(words: list[str]) -> int:
     """Prints the table and the differences."""
     if not words or words[0] not in JUDGES:
         raise SystemExit(f"python -m bench.read.syntax {'|'.join(JUDGES)} [JUDGE[=PATH] ...]")
-    language, *named = words
+    language, *judges = words
     forms = read_forms(language)
-    begin = perf_counter()
-    wrong = against_reader(language, forms)
+    reader, seconds = timed(lambda: compare_reader(language, forms))
     productions = len({form.production for form in forms})
     print(f"{machine()}\n\n{language}: {len(forms)} forms of {productions} productions")
     table = Table("judge | forms | as the manual | differ, with a reason | differ")
-    seconds = perf_counter() - begin
-    table.add(f"camgen, {seconds:.1f} s", len(forms), len(forms) - len(wrong), 0, len(wrong))
-    rows = {}
-    for word in named:
-        name, result = judge_all(language, word, forms)
-        count, known, rest = rows[name] = result
-        told = sum(map(len, known.values()))
-        table.add(name, count, count - told - len(rest), told, len(rest))
-    for name, (_, known, rest) in {"camgen": (0, {}, wrong), **rows}.items():
-        if known or rest:
-            told = [
-                f"{counted(len(some), 'form')}: {why}: {', '.join(some[:4])}"
-                for why, some in known.items()
-            ]
-            print(f"\n{name}:\n" + "\n".join(f"- {one}" for one in [*rest, *told]))
-    return 1 if wrong or any(rest for _, _, rest in rows.values()) else 0
+    comparisons = {"camgen": reader}
+    _add_row(table, f"camgen, {seconds:.1f} s", reader)
+    for word in judges:
+        name, comparison = compare_named(language, word, forms)
+        comparisons[name] = comparison
+        _add_row(table, name, comparison)
+    for name, (_, known, unknown) in comparisons.items():
+        lines = list(unknown)
+        for reason, texts in known.items():
+            lines.append(f"{counted(len(texts), 'form')}: {reason}: {', '.join(texts[:4])}")
+        if lines:
+            print(f"\n{name}:\n" + "\n".join(f"- {line}" for line in lines))
+    return int(any(comparison.unknown for comparison in comparisons.values()))
+
+
+def _add_row(table: Table, name: str, comparison: Comparison) -> None:
+    known = sum(map(len, comparison.known.values()))
+    unknown = len(comparison.unknown)
+    table.add(name, comparison.count, comparison.count - known - unknown, known, unknown)
 
 
 if __name__ == "__main__":

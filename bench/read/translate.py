@@ -30,12 +30,12 @@ from bench.read.goldens import (
     CHORD,
     MILLS,
     POSTS,
-    along,
-    apart,
     execute,
     execute_whole,
     frames_of,
+    measure_apart,
     read_robot,
+    sample_between,
 )  # fmt: skip
 from bench.support.motions import measure_from_lines
 from bench.support.runner import Cells, Scenario, run
@@ -123,7 +123,7 @@ def follow(case: Path, files: Sequence[Path], language: str, mills: bool) -> Way
                 if mills and there and _is_rapid(item):
                     way.rapids.append((here or there, there))
                 elif here is not None and not isinstance(item, camgen.MoveJ):
-                    places, length = along(here, item)
+                    places, length = sample_between(here, item)
                     points.append(np.array(places))
                     seconds += length / item.speed
                 here = there
@@ -246,7 +246,7 @@ def judge(case: Path, source: str, target: str) -> Iterator[Cells]:
     except camgen.CamgenError as error:
         yield *names, *("---" if mills else "--"), str(error)
         return
-    off = apart(before.points, after.points), abs(before.seconds - after.seconds)
+    off = measure_apart(before.points, after.points), abs(before.seconds - after.seconds)
     if mills:
         yield *names, *off, rapids_apart(before, after), find_difference(before, after)
     else:

@@ -1,12 +1,12 @@
-"""Nearly valid inputs for every reader and every read-back, made by hypothesis: what comes of them.
+"""Tries nearly valid inputs, made by hypothesis, on every reader and every read-back.
 
     python -m bench.reliability.fuzz [NAME ...] [--examples 20000] [--seed 0]
 
-The table of ``bench.reliability.fuzzing.table`` says for each name what its inputs are made of, what is called, and
-what may come of it; the tests try a few of each. A miss is printed with the smallest input that makes it, as bytes for
-a test. STEP, for which a process is started each time, gets a tenth of the examples. Each name has a process of its
-own, with a limit of memory: one that is ended by a signal is a miss, and its input is printed too. The same seed gives
-the same inputs. Exits with 1 if there is a miss.
+The table in ``bench.reliability.fuzzing.table`` has the inputs, the call and the allowed outcomes of
+each name; the tests try a few inputs of each. A miss is printed with the smallest input that causes
+it, as bytes for a test. STEP starts a process for each input and gets a tenth of the examples. Each
+name runs in a process with limited memory. A process that a signal ends is a miss, too. The same
+seed gives the same inputs. The exit code is 1 if there is a miss.
 """
 
 from __future__ import annotations
@@ -20,18 +20,26 @@ from typing import NamedTuple
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
-from bench.reliability.fuzzing.table import TABLE, Fuzzed, judge
+from bench.reliability.fuzzing.table import TABLE, Fuzzed, read_twice
 from bench.support.children import Limits, run_in_child
 from bench.support.runner import open_table
 from bench.support.timing import peak_mb
 
-_NAMES = {one.name: one for one in TABLE}
-#: Bytes of an input that are printed, and of memory that a process may have.
-_PRINTED, _LIMITS = 3000, Limits(memory=4 * 1024**3)
+_READERS = {reader.name: reader for reader in TABLE}
+#: Bytes of an input that are printed.
+_PRINTED = 3000
+_LIMITS = Limits(memory=4 * 1024**3)
 
 
-class Ran(NamedTuple):
-    """examples: that were tried, ``read`` of them a value. miss: "" or what it is and of which input. peak: MB."""
+class Tried(NamedTuple):
+    """The examples of a reader.
+
+    examples: number of inputs.
+    read: number of inputs that gave a value.
+    miss: the miss and its input, "" without one.
+    seconds: time by the clock.
+    peak: the largest resident memory, MB.
+    """
 
     examples: int
     read: int
@@ -40,8 +48,11 @@ class Ran(NamedTuple):
     peak: float
 
 
-def fuzz(one: Fuzzed, examples: int, start: int, last: Path) -> Ran:
-    """Tries one reader until a miss. last: gets the input that is tried, for whoever looks after a crash."""
+def fuzz(reader: Fuzzed, examples: int, start: int, last: Path) -> Tried:
+    """Tries a reader until a miss.
+
+    last: file into which each input is written before it is tried: it is left after a crash.
+    """
     counts = [0, 0]
     latest = b""
 
@@ -54,38 +65,37 @@ def fuzz(one: Fuzzed, examples: int, start: int, last: Path) -> Ran:
         phases=(Phase.generate, Phase.shrink),
         print_blob=False,
     )
-    @given(one.inputs)
+    @given(reader.inputs)
     def attempt(data: bytes) -> None:
         nonlocal latest
         counts[0] += 1
         last.write_bytes(data)
         latest = data
-        counts[1] += judge(one, data)
+        counts[1] += read_twice(reader, data)
 
     began, miss = time.perf_counter(), ""
     try:
         attempt()
-    except Exception as error:  # whatever a reader raises is what is looked for
+    except Exception as error:  # the bench looks for any exception
         miss = f"{type(error).__name__}: {error}: {latest[:_PRINTED]!r}"
-    return Ran(counts[0], counts[1], miss, time.perf_counter() - began, peak_mb())
+    return Tried(counts[0], counts[1], miss, time.perf_counter() - began, peak_mb())
 
 
-def _in_process(name: str, examples: int, start: int) -> Ran:
-    """``fuzz`` in a process of its own."""
+def _fuzz_in_child(name: str, examples: int, start: int) -> Tried:
     with tempfile.TemporaryDirectory() as folder:
         last = Path(folder) / "last"
-        child = run_in_child(lambda: [fuzz(_NAMES[name], examples, start, last)], _LIMITS)
+        child = run_in_child(lambda: [fuzz(_READERS[name], examples, start, last)], _LIMITS)
         if child.results:
-            return Ran(*child.results[0])
+            return Tried(*child.results[0])
         data = last.read_bytes() if last.exists() else b""
-        return Ran(0, 0, f"ended by signal {child.signal}: {data[:_PRINTED]!r}", 0.0, child.peak)
+        return Tried(0, 0, f"ended by signal {child.signal}: {data[:_PRINTED]!r}", 0.0, child.peak)
 
 
 def main() -> int:
-    """The table, and every miss."""
+    """Prints the table and every miss."""
     parser = argparse.ArgumentParser(prog="python -m bench.reliability.fuzz")
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", choices=[*_NAMES, []], help=", ".join(_NAMES)
+        "names", nargs="*", metavar="NAME", choices=[*_READERS, []], help=", ".join(_READERS)
     )
     parser.add_argument(
         "--examples", type=int, default=20_000, metavar="N", help="of each; default 20000"
@@ -100,15 +110,15 @@ def main() -> int:
         "input | examples {:,} | read {:,} | refused {:,} | misses | seconds {:.0f} | peak MB {:.0f}"
     )
     misses = []
-    for name in words.names or _NAMES:
-        ran = _in_process(name, max(1, round(words.examples * _NAMES[name].weight)), words.seed)
-        counts = ran.examples, ran.read, ran.examples - ran.read, int(bool(ran.miss))
-        table.add(name, *counts, ran.seconds, ran.peak)
-        misses += [f"{name}: {ran.miss}"] if ran.miss else []
-    print()
-    for miss in misses:
-        print(miss)
-    return 1 if misses else 0
+    for name in words.names or _READERS:
+        examples = max(1, round(words.examples * _READERS[name].weight))
+        tried = _fuzz_in_child(name, examples, words.seed)
+        refused = tried.examples - tried.read
+        table.add(name, tried.examples, tried.read, refused, int(bool(tried.miss)), *tried[3:])
+        if tried.miss:
+            misses.append(f"{name}: {tried.miss}")
+    print("", *misses, sep="\n")
+    return int(bool(misses))
 
 
 if __name__ == "__main__":

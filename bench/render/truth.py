@@ -1,4 +1,4 @@
-"""Where the tool centre should run beside a part, from formulas for lines and arcs, and how far a path is from it."""
+"""The exact path of the tool centre beside a part of lines and arcs, and the error of a path."""
 
 from __future__ import annotations
 
@@ -9,18 +9,23 @@ import numpy as np
 
 from bench.render.shapes import Loop, Pieces, find_turns, pieces
 
-#: mm between the points of the truth, and how far a path may be off before it counts as another path altogether.
-SPACING, OTHER = 0.05, 1.0
+#: Distance between the points of the truth, mm.
+SPACING = 0.05
+#: Points of a path that are farther from the truth belong to a path that should not be there, mm.
+OTHER = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """All places at ``distance`` from a part, outside of its material.
+    """All places at ``distance`` mm from a part, outside its material.
 
-    points: (N,) complex, mm. normals: (N,) complex, unit, towards the part. sharp: (N,) bool, what sharp corners make:
-    the arc around an outer one, the kink before an inner one or before another part of the outline. contact: (N,), by
-    how much the contact point runs along the part while the tool centre runs a mm: 0 around a sharp corner. length:
-    (N,) mm, what each point stands for: of the part where the contact point runs, else of the path.
+    points: (N,) complex, mm.
+    normals: (N,) complex, unit vectors towards the part.
+    sharp: (N,) bool, points at sharp corners: the arc around an outer corner, and the kink before an
+        inner corner or before another part of the outline.
+    contact: (N,) speed of the contact point over that of the tool centre, 0 around a sharp corner.
+    length: (N,) mm, length of the part for each point; where the contact point stands still, of the
+        path.
     """
 
     part: Pieces
@@ -34,95 +39,92 @@ class Truth:
 
 @dataclass(frozen=True)
 class Error:
-    """Of a path, mm. Away from sharp corners: largest and root mean square; near them: largest. missed: the part of
-    the truth, away from sharp corners, beside which there is no path. Paths where none should be count as ``most``.
+    """The error of a path, mm.
+
+    largest: the largest error away from sharp corners, paths that should not be there included.
+    rms: the root mean square away from sharp corners.
+    near: the largest error near sharp corners.
+    missed: share of the truth, away from sharp corners, that has no path.
     """
 
-    most: float
+    largest: float
     rms: float
     near: float
     missed: float
 
 
 def offset_truth(loops: Sequence[Loop], distance: float) -> Truth:
-    """Every line is shifted, every arc gets another radius, every sharp outer corner an arc; what is then nearer to
-    the part than ``distance`` goes.
+    """The offset curve of a part: lines are shifted, arcs get another radius, sharp corners an arc.
+
+    Points that are then nearer to the part than ``distance`` are left out.
     """
     part = pieces(loops)
-    kept = [_beside(part, k, distance) for k in range(len(part.start))]
+    curves = [_offset_piece(part, k, distance) for k in range(len(part.start))]
     directions, turns = find_turns(loops)
     for k in np.flatnonzero(turns > 1e-6).tolist():
-        kept.append(_around(part, k, directions[k], turns[k], distance))
-    return Truth(part, distance, *(np.concatenate(column) for column in zip(*kept, strict=True)))
+        curves.append(_round_corner(part, k, directions[k], turns[k], distance))
+    return Truth(part, distance, *(np.concatenate(column) for column in zip(*curves, strict=True)))
 
 
-def _beside(part: Pieces, k: int, distance: float) -> tuple[np.ndarray, ...]:
+def _offset_piece(part: Pieces, k: int, distance: float) -> tuple[np.ndarray, ...]:
     t = np.linspace(0, 1, max(2, round(part.length[k] / SPACING) + 1))
     place, rate = part.at(np.full(len(t), k), t)
     normal = 1j * rate / np.abs(rate)
     points = place - distance * normal
     free = part.distance(points) > distance - 1e-7
-    # Next to what has gone: there the path bends sharply.
+    # Next to points that were left out, the path bends sharply.
     sharp = ~(np.append(True, free[:-1]) & np.append(free[1:], True))
     # The path runs around the centre of an arc with another radius, at the same angles.
     contact = np.full(len(t), part.length[k] / abs(part.length[k] + distance * part.sweep[k]))
-    return (
-        points[free],
-        normal[free],
-        sharp[free],
-        contact[free],
-        _stands_for(part.length[k], t)[free],
-    )
+    length = _share_length(part.length[k], len(t))
+    return points[free], normal[free], sharp[free], contact[free], length[free]
 
 
-def _stands_for(length: float, t: np.ndarray) -> np.ndarray:
-    """What each of the places ``t``, evenly from 0 to 1, has of a length."""
-    share = np.full(len(t), length / (len(t) - 1))
-    share[[0, -1]] /= 2
-    return share
+def _share_length(length: float, count: int) -> np.ndarray:
+    """The share of each of `count` evenly spaced points in a length."""
+    shares = np.full(count, length / (count - 1))
+    shares[[0, -1]] /= 2
+    return shares
 
 
-def _around(
+def _round_corner(
     part: Pieces, piece: int, direction: complex, turn: float, distance: float
 ) -> tuple[np.ndarray, ...]:
-    """The arc around the start of ``piece``."""
+    """The arc around the corner at the start of a piece."""
     t = np.linspace(0, 1, max(2, round(distance * turn / SPACING) + 1))
     normal = 1j * direction * np.exp(1j * turn * t)
     points = part.start[piece] - distance * normal
     free = part.distance(points) > distance - 1e-7
-    length = _stands_for(distance * turn, t)
+    length = _share_length(distance * turn, len(t))
     return points[free], normal[free], np.ones(free.sum(), bool), np.zeros(free.sum()), length[free]
 
 
-def path_error(path: np.ndarray, truth: Truth, away: float = 1.0) -> Error:
+def path_error(path: np.ndarray, truth: Truth, near_by: float = 1.0) -> Error:
     """The error of a path given by points (N,) complex, mm, not farther apart than 0.2 mm.
 
-    away: points nearer than this to what a sharp corner makes count as near it.
+    near_by: points within this distance of the truth's sharp points count as near them, mm.
     """
-    off = np.abs(truth.part.distance(path) - truth.distance)
-    from_truth = nearest(path, truth.points)
+    error = np.abs(truth.part.distance(path) - truth.distance)
+    from_truth = measure_nearest(path, truth.points)
     other = from_truth > OTHER
-    off[other] = from_truth[other]
-    near = nearest(path, truth.points[truth.sharp]) < away
-    calm = truth.points[nearest(truth.points, truth.points[truth.sharp]) > away + OTHER]
-    missed = float(np.mean(nearest(calm, path) > OTHER)) if len(calm) else 0.0
-    return Error(
-        _most(off[~near]), float(np.sqrt(np.mean(off[~near] ** 2))), _most(off[near]), missed
-    )
+    error[other] = from_truth[other]
+    sharp = truth.points[truth.sharp]
+    near = measure_nearest(path, sharp) < near_by
+    smooth = truth.points[measure_nearest(truth.points, sharp) > near_by + OTHER]
+    missed = float(np.mean(measure_nearest(smooth, path) > OTHER)) if len(smooth) else 0.0
+    rms = float(np.sqrt(np.mean(error[~near] ** 2)))
+    largest, largest_near = (float(part.max(initial=0.0)) for part in (error[~near], error[near]))
+    return Error(largest, rms, largest_near, missed)
 
 
-def nearest(places: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """From each of the places (N,) the distance to the nearest of the others (M,); infinite if there are none."""
-    least = np.full(len(places), np.inf)
+def measure_nearest(places: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """The distance from each of the places (N,) to the nearest of the others (M,), inf without any."""
+    distances = np.full(len(places), np.inf)
     if not len(others):
-        return least
+        return distances
     x, y = others.real.astype(np.float32), others.imag.astype(np.float32)
     for k in range(0, len(places), 256):
-        here = places[k : k + 256, None]
-        square = (here.real.astype(np.float32) - x) ** 2 + (here.imag.astype(np.float32) - y) ** 2
-        least[k : k + 256] = np.sqrt(square.min(axis=1))
-    return least
-
-
-def _most(values: np.ndarray) -> float:
-    return float(values.max()) if len(values) else 0.0
+        chunk = places[k : k + 256, None]
+        square = (chunk.real.astype(np.float32) - x) ** 2 + (chunk.imag.astype(np.float32) - y) ** 2
+        distances[k : k + 256] = np.sqrt(square.min(axis=1))
+    return distances

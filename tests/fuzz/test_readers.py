@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
 from bench.reliability.fuzzing import table
-from bench.reliability.fuzzing.table import TABLE, Fuzzed, Miss, judge
+from bench.reliability.fuzzing.table import TABLE, Fuzzed, Miss, read_twice
 from camgen.lang.programs import Executed
 from camgen.localize import scans
 from camgen.model.errors import InputError
@@ -33,7 +33,7 @@ def test_nearly_valid_inputs(one: Fuzzed) -> None:
     )  # fmt: skip
     @given(one.inputs)
     def attempt(data: bytes) -> None:
-        judge(one, data)
+        read_twice(one, data)
 
     attempt()
 
@@ -53,21 +53,21 @@ def raises(error: Exception) -> object:
 
 
 def test_what_a_miss_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert judge(odd(lambda data: data), b"x")
-    assert not judge(odd(raises(InputError("a", "is odd"))), b"x")
+    assert read_twice(odd(lambda data: data), b"x")
+    assert not read_twice(odd(raises(InputError("a", "is odd"))), b"x")
     with pytest.raises(Miss, match="InputError: a: is odd"):
-        judge(odd(raises(InputError("a", "is odd")), never_fails=True), b"x")
+        read_twice(odd(raises(InputError("a", "is odd")), never_fails=True), b"x")
     with pytest.raises(KeyError):
-        judge(odd(raises(KeyError("x"))), b"x")
+        read_twice(odd(raises(KeyError("x"))), b"x")
     body = (Output("a", float("nan")),)
     with pytest.raises(Miss, match="not finite: nan"):
-        judge(odd(lambda _data: Executed(body, (1,))), b"x")
+        read_twice(odd(lambda _data: Executed(body, (1,))), b"x")
     numbers = iter(range(9))
     with pytest.raises(Miss, match="read twice"):
-        judge(odd(lambda _data: next(numbers)), b"x")
+        read_twice(odd(lambda _data: next(numbers)), b"x")
     monkeypatch.setattr(table, "SECONDS", 0.05)
     with pytest.raises(Miss, match="no end within"):
-        judge(odd(lambda _data: sum(k for k in range(10**9))), b"x")
+        read_twice(odd(lambda _data: sum(k for k in range(10**9))), b"x")
 
 
 # What was found.

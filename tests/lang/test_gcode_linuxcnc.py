@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from bench.read.replay import against
+from bench.read.replay import compare_motions
 from camgen.lang.gcode.language import run_gcode
 from camgen.lang.programs import Ask
 from camgen.lang.recorded import ProgramRun
@@ -151,7 +151,7 @@ def differ(lines):
     if refused or judge.error:
         return "" if refused and judge.error else f"here {refused}, there {judge.error!r}"
     run = ProgramRun(tuple(found.body), found.lines, (), 0, 0.0, None, True, "mm")
-    return against(run, judge).fault
+    return compare_motions(run, judge).fault
 
 
 @needs_rs274

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from bench.read.productions import Form, judge_form, read_forms, refusing
+from bench.read.productions import Form, find_refusals, read_forms
 
 LANGUAGES = ("gcode", "rapid", "vplus", "pacscript")
 PRODUCTIONS: dict[str, list[Form]] = {}
@@ -18,7 +18,8 @@ def test_the_reader_takes_and_turns_down_what_controllers_do(production: str) ->
     language = production.partition(":")[0]
     for form in PRODUCTIONS[production]:
         expected = () if form.taken else form.dialects
-        assert refusing(language, form) == expected, (form.text, judge_form(language, form))
+        refusals = find_refusals(language, form)
+        assert tuple(refusals) == expected, (form.text, refusals)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -38,6 +39,6 @@ def test_lines_that_do_not_run_are_judged_as_those_that_do() -> None:
             skipped = replace(
                 form, whole=form.whole.replace(".PROGRAM a()\n", ".PROGRAM a()\nGOTO 7\n", 1)
             )
-            assert bool(refusing("vplus", skipped)) is not form.taken, form.text
+            assert bool(find_refusals("vplus", skipped)) is not form.taken, form.text
             count += 1
     assert count > 250

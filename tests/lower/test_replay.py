@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import camgen
-from bench.read.replay import against
+from bench.read.replay import compare_motions
 from camgen.lang.gcode.replayed import interpret
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.pose import Pose
@@ -213,7 +213,7 @@ def test_samples_do_what_linuxcnc_says_or_are_refused_with_it(path):
     if run.stopped:
         assert judge.error
         return
-    found = against(run, judge)
+    found = compare_motions(run, judge)
     assert found.fault == ""
     assert found.deviation <= 0.001 + 2 * judge.hidden
     assert found.moves == len(judge.moves) - run.held or found.moves > 0
@@ -302,7 +302,7 @@ def test_random_programs_do_what_linuxcnc_says(seed):
     lines = program(random.Random(seed))
     run, judge = interpret(lines), canon.run("\n".join(lines) + "\n")
     assert (run.stopped, judge.error) == (None, "")
-    found = against(run, judge)
+    found = compare_motions(run, judge)
     assert found.fault == "", lines
     assert found.moves > 2
 

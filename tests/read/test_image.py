@@ -86,7 +86,7 @@ def tool_path(result: Result) -> np.ndarray:
 
 def errors(result: Result, tool: float = 6.0) -> tuple[float, float]:
     error = path_error(tool_path(result), offset_truth(PLATE, tool / 2))
-    return error.most, error.rms
+    return error.largest, error.rms
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +187,7 @@ def test_a_second_photo_with_the_lamp_moved_leaves_no_shadow(folder: Path) -> No
     assert any("part or bench by the method" in note.what for note in build().notes)
     result = build(lamp_moved=str(photos[1]))
     assert not any("part or bench by the method" in note.what for note in result.notes)
-    assert path_error(tool_path(result), offset_truth(outer, 3.0)).most < 0.05
+    assert path_error(tool_path(result), offset_truth(outer, 3.0)).largest < 0.05
     square(folder / "square.png", 0.1)
     with pytest.raises(CamgenError, match=r"square.png: differs in size from the photo"):
         build(lamp_moved=str(folder / "square.png"))

@@ -1,8 +1,9 @@
-"""All that reads what somebody else wrote, each with a strategy and with what must come of it: a table.
+"""The table of all readers and read-backs, each with a strategy for its inputs and its limits.
 
-A reader gives a value or an error that is addressed to the user, of exit code 2: never another exception, never a
-number that is not finite, nothing that takes more than ``SECONDS`` of the processor. A read-back gives a ``Executed``
-with its faults, never an error. Both give the same for the same bytes.
+A reader returns a value, or raises an error for the user with exit code 2. It never raises another
+exception, never returns a number that is not finite, and takes at most ``SECONDS`` of the
+processor. A read-back returns an ``Executed`` with its faults and raises no error. Both return the
+same for the same bytes.
 """
 
 from __future__ import annotations
@@ -38,16 +39,21 @@ from camgen.robots.urdf import read_urdf
 from camgen.robots.workcell import equip
 from camgen.vision.camera.camera import read_camera
 
-#: Of the processor, for one input of a few kB: a loop of G-code without an end is given up after 500,000 lines.
+#: Processor time for an input of a few kB, s: endless loops of G-code stop after 500,000 lines.
 SECONDS = 60
 POSTS = {"rapid": "mod", "pacscript": "pcs", "vplus": "v2", "gcode": "ngc", "grbl": "nc"}
-#: Without bound on purpose: limits of a joint that turns on and on.
+#: Fields that may be infinite: limits of a joint that turns without end.
 _UNBOUNDED = frozenset({"serial_limits"})
 
 
 class Fuzzed(NamedTuple):
-    """name: of the reader. inputs: nearly valid bytes. call: what is read of them. never_fails: not even with an error
-    for the user. weight: share of the examples, since some take long.
+    """A reader with its inputs.
+
+    name: its name.
+    inputs: strategy for nearly valid bytes.
+    call: reads the bytes.
+    never_fails: whether it raises no error either.
+    weight: share of the examples: slow readers get fewer.
     """
 
     name: str
@@ -58,43 +64,42 @@ class Fuzzed(NamedTuple):
 
 
 class Miss(AssertionError):
-    """What must not come of an input."""
+    """An outcome that a reader must not have."""
 
 
-def judge(one: Fuzzed, data: bytes) -> bool:
-    """Whether ``data`` was read, False where it was refused. Miss for anything else."""
-    first = _outcome(one, data)
-    second = _outcome(one, data)
-    if first != second:
-        raise Miss(f"{one.name}: read twice, and not the same")
+def read_twice(reader: Fuzzed, data: bytes) -> bool:
+    """Reads bytes twice. Returns whether they were read; False if they were refused.
+
+    Miss if the reader does anything else, or not the same again.
+    """
+    first = _read(reader, data)
+    if first != _read(reader, data):
+        raise Miss(f"{reader.name}: read twice, and not the same")
     return not isinstance(first, str)
 
 
-def _outcome(one: Fuzzed, data: bytes) -> object:
-    """The numbers and texts of what is read, or the line of the error."""
-    with _time_bound(one.name), warnings.catch_warnings():
+def _read(reader: Fuzzed, data: bytes) -> object:
+    """The numbers and texts of the value that was read, or the text of the error."""
+    with _limit_time(reader.name), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # as the command line does
         try:
-            found = one.call(data)
+            value = reader.call(data)
         except camgen.CamgenError as error:
-            if (
-                one.never_fails
-                or error.exit_code != camgen.InputError.exit_code
-                or not error.what.strip()
-            ):
-                raise Miss(f"{one.name}: {type(error).__name__}: {error}") from error
+            is_for_user = error.exit_code == camgen.InputError.exit_code and error.what.strip()
+            if reader.never_fails or not is_for_user:
+                raise Miss(f"{reader.name}: {type(error).__name__}: {error}") from error
             return str(error)
-    leaves = tuple(_leaves(found))
+    leaves = tuple(_list_leaves(value))
     for leaf in leaves:
         if isinstance(leaf, float) and not math.isfinite(leaf):
-            raise Miss(f"{one.name}: a number that is not finite: {leaf}")
+            raise Miss(f"{reader.name}: a number that is not finite: {leaf}")
         if isinstance(leaf, _Numbers) and not leaf.finite:
-            raise Miss(f"{one.name}: an array with numbers that are not finite")
+            raise Miss(f"{reader.name}: an array with numbers that are not finite")
     return leaves
 
 
 @contextmanager
-def _time_bound(name: str) -> Iterator[None]:
+def _limit_time(name: str) -> Iterator[None]:
     """Miss after ``SECONDS`` of the processor."""
 
     def end(_signal: int, _frame: FrameType | None) -> None:
@@ -110,28 +115,28 @@ def _time_bound(name: str) -> Iterator[None]:
 
 
 class _Numbers(NamedTuple):
-    """An array: its bytes, and whether all of it is finite."""
+    """The bytes of an array, and whether all its numbers are finite."""
 
     data: bytes
     finite: bool
 
 
-def _leaves(value: object) -> Iterator[object]:
+def _list_leaves(value: object) -> Iterator[object]:
     """All numbers, texts and arrays in a value, in order."""
     if isinstance(value, np.ndarray):
         finite = value.dtype.kind not in "fc" or bool(np.isfinite(value).all())
         yield _Numbers(value.tobytes(), finite)
-    elif (inner := _inner(value)) is not None:
+    elif (inner := _list_items(value)) is not None:
         for item in inner:
-            yield from _leaves(item)
+            yield from _list_leaves(item)
     elif isinstance(value, np.generic):
         yield value.item()
     elif value is None or isinstance(value, (str, bytes, int, float)):
         yield value
 
 
-def _inner(value: object) -> Iterable[object] | None:
-    """What a value is made of, None where it is one thing."""
+def _list_items(value: object) -> Iterable[object] | None:
+    """The parts of a value, None if it has no parts."""
     if isinstance(value, msgspec.Struct):
         return [getattr(value, name) for name in value.__struct_fields__ if name not in _UNBOUNDED]
     if isinstance(value, Mapping):
@@ -141,46 +146,39 @@ def _inner(value: object) -> Iterable[object] | None:
     return value if isinstance(value, (tuple, list)) else None
 
 
-# What is called.
+# The calls.
 
 _TRACE = Job(image=ImageTable(mm_per_px=0.1), operation=OperationTable(kind="trace"))
 _PHOTO = Job(image=ImageTable(mm_per_px=0.1))
 
 
 def _read_part(suffix: str, data: bytes, job: Job = _PHOTO) -> object:
-    """As ``camgen build`` reads a part, and as ``camgen inspect`` says it."""
+    """Reads a part as ``camgen build`` does, and describes it as ``camgen inspect`` does."""
     source, files = Source(Path(f"part{suffix}"), data), Files()
     reader = find_reader(source)
-    found: list[object] = []
+    values: list[object] = []
     errors = []
     for step in (reader.read, reader.inspect):
         try:
-            found.append(step(source, job, files))
+            values.append(step(source, job, files))
         except camgen.CamgenError as error:
             errors.append(error)
-    said = [str(one) for one in found]
+    texts = [str(value) for value in values]
     if errors:
         raise errors[0]
-    return [*found, *said]
+    return [*values, *texts]
 
 
 def _read_job(data: bytes) -> object:
-    """A job with the cell and the posts that it makes. What other files it names is not there."""
+    """Reads a job, and makes its cell and its posts. Other files that it names do not exist."""
     job = load_job(Path("job.toml"), (), Files([Source(Path("job.toml"), data)]))
-    return [
-        job,
-        equip(find_post("rapid").cell(), job),
-        *(_post_errors(name, job) for name in POSTS),
-    ]
-
-
-def _post_errors(name: str, job: Job) -> str:
-    """What a post says of its options: other posts have others."""
-    try:
-        make_post(find_post(name), job.post)
-    except camgen.JobError as error:
-        return str(error)
-    return ""
+    errors = []
+    for name in POSTS:
+        try:
+            make_post(find_post(name), job.post)
+        except camgen.JobError as error:  # an option that this post does not have
+            errors.append(str(error))
+    return [job, equip(find_post("rapid").cell(), job), *errors]
 
 
 def _read_cell(data: bytes) -> object:
@@ -192,7 +190,7 @@ def _read_cell(data: bytes) -> object:
 
 @cache
 def _folder() -> tempfile.TemporaryDirectory[str]:
-    """For what is looked at before it is read."""
+    """The folder of inputs that are read from a path."""
     return tempfile.TemporaryDirectory()
 
 
@@ -207,24 +205,24 @@ def _read_cloud(suffix: str, data: bytes) -> object:
 
 
 def _read_plan(data: bytes) -> object:
-    """A plan, held against its own program as ``camgen verify`` does."""
-    found = motion_file.load(Path("plan.json"), Files([Source(Path("plan.json"), data)]))
-    return [found.program, found.program.columns.ends.shape, found.chord]
+    """Reads a plan as ``camgen verify`` does."""
+    plan = motion_file.load(Path("plan.json"), Files([Source(Path("plan.json"), data)]))
+    return [plan.program, plan.program.columns.ends.shape, plan.chord]
 
 
 def _read_back(post: str, data: bytes) -> object:
-    """The reading, and its sums as ``camgen verify`` tells them."""
+    """Reads a program back, and adds it up as ``camgen verify`` does."""
     text = {f"part.{POSTS[post]}": data.decode("latin-1")}
-    found = find_readback(post)(text, fill_tables(find_post(post), {}))
-    assert isinstance(found, camgen.Executed)
-    assert len(found.body) == len(found.lines)
-    return [found, sum_up(Columns(found.body))]
+    executed = find_readback(post)(text, fill_tables(find_post(post), {}))
+    assert isinstance(executed, camgen.Executed)
+    assert len(executed.body) == len(executed.lines)
+    return [executed, sum_up(Columns(executed.body))]
 
 
 _KINDS = {
     ".dxf": drawings.dxf(), ".svg": drawings.svg(), ".ngc": programs.gcode(), ".stl": solids.stl(),
-    ".obj": solids.obj(), ".off": solids.off(), ".ply": solids.ply(), ".3mf": solids.three_mf(), ".glb": solids.glb(),
-    ".xyz": solids.text_cloud(),
+    ".obj": solids.obj(), ".off": solids.off(), ".ply": solids.ply(), ".3mf": solids.three_mf(),
+    ".glb": solids.glb(), ".xyz": solids.text_cloud(),
 }  # fmt: skip
 TABLE = (
     *(Fuzzed(kind[1:], inputs, partial(_read_part, kind)) for kind, inputs in _KINDS.items()),
