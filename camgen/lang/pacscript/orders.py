@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 from camgen.lang.pacscript.evaluate import (
     assign,
+    assign_axis,
+    assign_component,
     assign_name,
     blank,
     fit,
     is_stored,
-    let_axis,
-    let_part,
     truth,
 )
 from camgen.lang.pacscript.expressions import Node
@@ -28,7 +28,7 @@ from camgen.model.program import Output
 class Declaration(NamedTuple):
     """A variable of ``Dim``.
 
-    kind: its type in small letters.
+    kind: its type in lower case.
     tops: largest indices of an array, None of another variable.
     value: its first value, None without one.
     """
@@ -152,19 +152,19 @@ def set_variable(run: State, assignment: Assignment) -> None:
 
 
 def call(run: State, calling: Calling) -> None:
-    """A call of a procedure, a function or a method."""
+    """Run a call of a procedure, a function or a method."""
     node = calling.target
     name = str(node.said)
     if node.kind == "member":
         for part in calling.values:
             run.evaluate(part)
-        of = node.parts[0]
-        module = run.read(run.stems[str(of.said)]) if of.said in run.stems else None
+        owner = node.parts[0]
+        module = run.read(run.stems[str(owner.said)]) if owner.said in run.stems else None
         procedure = module.procedures.get(name) if module is not None else None
         if module is not None and procedure is not None:
             run.call((module, procedure), calling.values)
         else:
-            run.log.fact("other devices", f"{of.said}.{name}")
+            run.log.fact("other devices", f"{owner.said}.{name}")
         return
     called = run.find_procedure(name)
     if called is not None:
@@ -239,15 +239,15 @@ def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
     raise Unreadable("an output that is not understood")
 
 
-def let(run: State, letting: Letting) -> None:
-    """``LetX`` and its like."""
+def assign_part(run: State, letting: Letting) -> None:
+    """Run `LetX` and the like."""
     part, target, axis, value = letting
     if part == "f":
         run.log.fact("posture", "LetF sets the figure of a position")
     if axis is None:
-        let_part(run, part, target, run.evaluate(value))
+        assign_component(run, part, target, run.evaluate(value))
     else:
-        let_axis(run, target, run.evaluate(axis), run.evaluate(value))
+        assign_axis(run, target, run.evaluate(axis), run.evaluate(value))
 
 
 def omit(run: State, remark: Remark) -> None:
@@ -295,15 +295,14 @@ def _learn(run: State, node: Node) -> None:
         try:
             value = run.evaluate(node.parts[1])
             if not isinstance(value, Unknown):
-                _set(run, node.parts[0], value)
+                _assign_awaited(run, node.parts[0], value)
         except Unreadable:
             return
     elif node.kind in ("name", "index"):
-        _set(run, node, 1.0)
+        _assign_awaited(run, node, 1.0)
 
 
-def _set(run: State, node: Node, value: Value) -> None:
-    """Set a variable or an input to the value that a program has waited for."""
+def _assign_awaited(run: State, node: Node, value: Value) -> None:
     name = str(node.said)
     if node.kind == "index" and name == "io":
         at = run.evaluate(node.parts[0])
