@@ -141,8 +141,8 @@ class _Compiler(Compiler):
     def act(self, order: Order, operand: Any) -> None:
         """Adds a step that the tables of the statements carry out."""
         if isinstance(operand, Assignment) and operand.target.kind == "name":
-            self.assigned.add(str(operand.target.said))
-        speaks = isinstance(operand, Calling) and operand.target.said == "msgbox"
+            self.assigned.add(str(operand.target.content))
+        speaks = isinstance(operand, Calling) and operand.target.content == "msgbox"
         effect = Effect.NONE if speaks else order.effect
         self.add(Act(self.line, do=order.do, operand=operand, effect=effect))
 
@@ -208,14 +208,17 @@ class _Compiler(Compiler):
         target = parse(text[:at].strip())
         if target.kind not in ("name", "index", "call", "member", "element"):
             raise Unreadable(f"{text[:at].strip()[:40]} cannot be given a value")
-        if target.kind == "name" and target.said in RESERVED and not self.pac:
-            raise Unreadable(f"{target.said} is a word of the language")
+        if target.kind == "name" and target.content in RESERVED and not self.pac:
+            raise Unreadable(f"{target.content} is a word of the language")
         self.act(ASSIGN, Assignment(target, parse(text[at + 1 :].strip())))
 
     def call(self, calling: Calling) -> None:
         """A call, or a member of ``Err`` that raises an error."""
         target = calling.target
-        if target.kind == "member" and (target.said, target.parts[0].said) == ("raise", "err"):
+        if target.kind == "member" and (target.content, target.parts[0].content) == (
+            "raise",
+            "err",
+        ):
             self.add(Raise(self.line))
         else:
             self.act(CALL, calling)

@@ -85,15 +85,15 @@ def evaluate(run: State, node: Node) -> Value:
     """Evaluate an expression. Raises Unreadable."""
     kind = node.kind
     if kind == "number":
-        return node.said
+        return node.content
     if kind == "name":
-        return evaluate_name(run, str(node.said))
+        return evaluate_name(run, str(node.content))
     if kind == "text":
-        return str(node.said)
+        return str(node.content)
     if kind == "index":
-        return evaluate_index(run, str(node.said), node.parts)
+        return evaluate_index(run, str(node.content), node.parts)
     if kind == "call":
-        return evaluate_call(run, str(node.said), node.parts)
+        return evaluate_call(run, str(node.content), node.parts)
     if kind == "tuple":
         values = tuple(run.evaluate(part) for part in node.parts)
         return values[0] if len(values) == 1 else values
@@ -114,8 +114,8 @@ def _operate(run: State, node: Node) -> Value:
         value = run.evaluate(node.parts[0])
         return (
             value
-            if node.said == 1.0 and isinstance(value, (float, bool))
-            else negate(run, value, float(node.said))
+            if node.content == 1.0 and isinstance(value, (float, bool))
+            else negate(run, value, float(node.content))
         )
     if node.kind == "not":
         value = run.evaluate(node.parts[0])
@@ -285,8 +285,8 @@ def _evaluate_member(run: State, node: Node) -> Value:
         )
     for part in rest:
         run.evaluate(part)
-    label = owner.said if owner.kind in ("name", "call") else "object"
-    return run.machine.unknown(f"{label}.{node.said}")
+    label = owner.content if owner.kind in ("name", "call") else "object"
+    return run.machine.unknown(f"{label}.{node.content}")
 
 
 # Functions whose values depend on the run.
@@ -375,7 +375,7 @@ def _find_variable(run: State, word: str) -> Value | None:
 
 def assign(run: State, target: Node, value: Value) -> None:
     """Assign a value to a variable, an element or an output."""
-    word = str(target.said)
+    word = str(target.content)
     if target.kind == "name":
         assign_name(run, word, value)
     elif target.kind == "index" and not isinstance(_find_variable(run, word), Array):
@@ -413,7 +413,7 @@ def _assign_stored(run: State, letter: str, at: int, value: Value) -> None:
 
 
 def _assign_element(run: State, target: Node, value: Value) -> None:
-    word = str(target.said)
+    word = str(target.content)
     array = run.scope.names.get(word, run.module_scope.names.get(word))
     indices = [run.evaluate(part) for part in target.parts]
     if any(isinstance(position_value, Unknown) for position_value in indices):

@@ -37,12 +37,12 @@ class Node(NamedTuple):
 
     kind: number, text, name, call, index, element, range, member, tuple, left out, sign, not, or an
         operator.
-    said: value of a number, text or sign; otherwise the name in lower case.
+    content: value of a number, text or sign; otherwise the name in lower case.
     parts: operands or arguments.
     """
 
     kind: str
-    said: float | str = 0.0
+    content: float | str = 0.0
     parts: tuple[Node, ...] = ()
 
 

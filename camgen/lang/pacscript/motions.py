@@ -150,7 +150,7 @@ def _list_places(run: State, node: Node) -> Iterator[Node]:
     run.log.assume("the pass mark of a range of positions holds for each of them")
     for place in range(first, last + 1):
         run.budget.spend()
-        yield Node("index", node.said, (Node("number", float(place)),))
+        yield Node("index", node.content, (Node("number", float(place)),))
 
 
 def add_path_point(run: State, parts: Sequence[Node]) -> None:
@@ -374,7 +374,7 @@ def _add_arcs(
 def rotate(run: State, motion: Motion) -> None:
     """Run `Rotate XY|YZ|ZX, angle[, center][, pose = 1|2]`: an arc about a work axis."""
     machine = run.machine
-    plane = str(motion.goals[0].value.said) if motion.goals else ""
+    plane = str(motion.goals[0].value.content) if motion.goals else ""
     normal = {"xy": (0.0, 0.0, 1.0), "yz": (1.0, 0.0, 0.0), "zx": (0.0, 1.0, 0.0)}.get(plane)
     if len(motion.goals) < 2:
         raise Wrong("Rotate needs a plane and an angle")

@@ -163,7 +163,7 @@ class Run(State):
         value = scope.names.get(parameter.name)
         if parameter.by_value or value is None or part.kind not in ("name", "index", "call"):
             return
-        name = str(part.said)
+        name = str(part.content)
         variable = self.scope.names.get(name, self.module_scope.names.get(name))
         if part.kind == "call" and not isinstance(variable, Array):
             return
@@ -263,7 +263,7 @@ class Run(State):
             return True
         unknown = unknown or Unknown("")
         if isinstance(step, Branch) and step.condition.value.kind == "call":
-            unknown = Unknown(str(step.condition.value.said))
+            unknown = Unknown(str(step.condition.value.content))
         self.log.choose(_CHOICES[choice].format(what=unknown.what, line=step.line), unknown.key)
         return True
 

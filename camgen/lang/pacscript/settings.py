@@ -164,7 +164,7 @@ def force_control(run: State, parts: Nodes) -> None:
         machine.log.leave_out("a force that the text does not give is left out")
 
 
-def hold(run: State, _parts: Nodes) -> None:
+def wait_for_operator(run: State, _parts: Nodes) -> None:
     """Run `Hold` or `Halt`, until the operator starts again."""
     run.machine.stop()
     run.machine.passing = False

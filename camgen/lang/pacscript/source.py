@@ -397,7 +397,7 @@ def _parse_parameters(inside: str) -> list[Parameter]:
 def _evaluate_constant(node: Node) -> float:
     """Evaluate an expression of constants, in which undefined names are 0."""
     if node.kind == "number":
-        return float(node.said)
+        return float(node.content)
     if node.kind in ("tuple", "sign", "not") and len(node.parts) == 1:
         value = _evaluate_constant(node.parts[0])
         return (
@@ -405,7 +405,7 @@ def _evaluate_constant(node: Node) -> float:
             if node.kind == "tuple"
             else float(not value)
             if node.kind == "not"
-            else float(node.said) * value
+            else float(node.content) * value
         )
     if len(node.parts) == 2 and node.kind in _OPERATIONS:
         return float(_OPERATIONS[node.kind](*map(_evaluate_constant, node.parts)))

@@ -72,7 +72,7 @@ def read_loop_condition(rest: str) -> Condition | None:
 
 def make_condition(node: Node, wanted: bool = True) -> Condition:
     """Make the condition of a branch or a loop. wanted: value with which a loop continues."""
-    is_constant = node.kind == "number" or (node.kind == "name" and node.said in CONSTANTS)
+    is_constant = node.kind == "number" or (node.kind == "name" and node.content in CONSTANTS)
     return Condition(node, wanted, is_constant, is_unlikely=node.kind in ("<>", "not"))
 
 
@@ -274,8 +274,8 @@ ORDERS: dict[str, Order] = {
     "delay": Order(read_list, settings.delay, Effect.ACTS),
     "forceparam": Order(_read_force, settings.force_parameter),
     "forcectrl": Order(_read_force, settings.force_control),
-    "hold": Order(read_list, settings.hold),
-    "halt": Order(read_list, settings.hold, Effect.LEAVES),
+    "hold": Order(read_list, settings.wait_for_operator),
+    "halt": Order(read_list, settings.wait_for_operator, Effect.LEAVES),
     "arrive": Order(read_list, settings.arrive),
     "waitmotion": Order(read_list, settings.wait_for_motion),
     "interrupt": Order(read_list, partial(settings.cut_short, word="Interrupt")),

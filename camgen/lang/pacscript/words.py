@@ -1,4 +1,7 @@
-"""The reserved words of PacScript, and the rules of names (RC8 manual 449, and a published list)."""
+"""The reserved words of PacScript, and the rules of names (RC8 manual 449).
+
+The words come from a published list.
+"""
 
 from __future__ import annotations
 

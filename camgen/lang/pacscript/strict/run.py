@@ -157,7 +157,7 @@ class StrictRun(Run):
         """Sets a variable. Raises Unreadable if its type cannot hold the value."""
         self.speeds.clear()
         if target.kind == "name":
-            name = str(target.said)
+            name = str(target.content)
             _check_type(name, self.scope.kinds.get(name, "variant"), value)
         assign(self, target, value)
 
@@ -165,7 +165,7 @@ class StrictRun(Run):
 
     def evaluate(self, node: Node) -> Value:
         """The value of an expression. Raises Unreadable if the text alone does not give it."""
-        kind, content = node.kind, node.said
+        kind, content = node.kind, node.content
         if kind not in _KINDS:
             raise Unreadable(f"{content if kind == 'text' else kind} is not evaluated")
         if kind == "name":
