@@ -12,7 +12,6 @@ READER = "a language reader, which one engine for all languages will replace"
 EXCEPTIONS = {
     ("camgen/pipeline/__init__.py", "build"): "the public call, whose keywords users write",
     ("camgen/lang/gcode/turning.py", "_pass"): READER,
-    ("camgen/lang/pacscript/motions.py", "_turn"): READER,
 }
 
 

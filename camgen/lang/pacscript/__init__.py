@@ -1,3 +1,4 @@
-"""DENSO PacScript and PAC (docs/languages/pacscript.md): the text and the machine, of which the strict read-back uses
-the first.
+"""DENSO PacScript and PAC (docs/languages/pacscript.md).
+
+The strict read-back has the same text as the run of third-party programs, and its own machine.
 """

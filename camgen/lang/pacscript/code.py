@@ -27,7 +27,7 @@ from camgen.lang.code import (
 from camgen.lang.columns import Run
 from camgen.lang.pacscript.effects import SILENT
 from camgen.lang.pacscript.expressions import Node, arguments, parse
-from camgen.lang.pacscript.lines import Say
+from camgen.lang.pacscript.lines import FaultCallback
 from camgen.lang.pacscript.motions import run_motions
 from camgen.lang.pacscript.orders import Assignment, Calling, declare
 from camgen.lang.pacscript.plain import list_motions
@@ -69,16 +69,18 @@ class ProcedureCode(Struct):
     assigned: frozenset[str]
 
 
-def compile_procedure(procedure: Procedure, say: Say, pac: bool) -> ProcedureCode:
-    """The steps of a procedure; what the language does not have so is said, and left out. pac: in the older dialect,
-    which keeps other names.
+def compile_procedure(procedure: Procedure, report: FaultCallback, pac: bool) -> ProcedureCode:
+    """Compile a procedure. Statements with a fault are reported and left out.
+
+    report: called with line and text of a fault.
+    pac: the text is in the older dialect, which reserves other names.
     """
-    compiler = _Compiler(say, pac, procedure.returns == "program")
+    compiler = _Compiler(report, pac, procedure.returns == "program")
     _read_statements(procedure.statements, compiler)
     compiler.close_down_to(0)
     code = compiler.finish()
     for jump in compiler.list_missing():
-        say(jump.line, f"there is no label {jump.label}")
+        report(jump.line, f"there is no label {jump.label}")
     return ProcedureCode(code, frozenset(compiler.assigned))
 
 
@@ -106,8 +108,13 @@ _OPENS = {
     "repeat": "Repeat",
 }
 _CLOSES = {
-    "if": "End If", "for": "Next", "do": "Loop", "while": "Wend", "select": "End Select", "repeat": "Until",
-}  # fmt: skip
+    "if": "End If",
+    "for": "Next",
+    "do": "Loop",
+    "while": "Wend",
+    "select": "End Select",
+    "repeat": "Until",
+}
 
 
 class CountRange(NamedTuple):
@@ -126,16 +133,16 @@ class _Compiler(Compiler):
     is_program: whether the procedure is a PROGRAM, which a call of it may end.
     """
 
-    def __init__(self, say: Say, pac: bool, is_program: bool) -> None:
+    def __init__(self, report: FaultCallback, pac: bool, is_program: bool) -> None:
         super().__init__()
-        self.say, self.pac, self.is_program = say, pac, is_program
+        self.add_fault, self.pac, self.is_program = report, pac, is_program
         self.assigned: set[str] = set()
 
     def act(self, order: Order, operand: Any) -> None:
         """Adds a step that the tables of the statements carry out."""
         if isinstance(operand, Assignment) and operand.target.kind == "name":
-            self.assigned.add(str(operand.target.said))
-        speaks = isinstance(operand, Calling) and operand.target.said == "msgbox"
+            self.assigned.add(str(operand.target.content))
+        speaks = isinstance(operand, Calling) and operand.target.content == "msgbox"
         effect = Effect.NONE if speaks else order.effect
         self.add(Act(self.line, do=order.do, operand=operand, effect=effect))
 
@@ -147,9 +154,9 @@ class _Compiler(Compiler):
         try:
             self._statement(text)
         except Unreadable as error:
-            self.say(line, str(error)[:160])
+            self.add_fault(line, str(error)[:160])
         except RecursionError:
-            self.say(line, "brackets nested too deep")
+            self.add_fault(line, "brackets nested too deep")
 
     def _statement(self, text: str) -> None:
         while text := text.strip():
@@ -171,7 +178,7 @@ class _Compiler(Compiler):
     def label(self, name: str) -> None:
         """A place to go to."""
         if not self.mark(name):
-            self.say(self.line, f"a second label {name}")
+            self.add_fault(self.line, f"a second label {name}")
 
     def simple(self, text: str) -> None:
         """A statement that is no condition."""
@@ -201,14 +208,17 @@ class _Compiler(Compiler):
         target = parse(text[:at].strip())
         if target.kind not in ("name", "index", "call", "member", "element"):
             raise Unreadable(f"{text[:at].strip()[:40]} cannot be given a value")
-        if target.kind == "name" and target.said in RESERVED and not self.pac:
-            raise Unreadable(f"{target.said} is a word of the language")
+        if target.kind == "name" and target.content in RESERVED and not self.pac:
+            raise Unreadable(f"{target.content} is a word of the language")
         self.act(ASSIGN, Assignment(target, parse(text[at + 1 :].strip())))
 
     def call(self, calling: Calling) -> None:
         """A call, or a member of ``Err`` that raises an error."""
         target = calling.target
-        if target.kind == "member" and (target.said, target.parts[0].said) == ("raise", "err"):
+        if target.kind == "member" and (target.content, target.parts[0].content) == (
+            "raise",
+            "err",
+        ):
             self.add(Raise(self.line))
         else:
             self.act(CALL, calling)
@@ -216,7 +226,7 @@ class _Compiler(Compiler):
     # Blocks.
 
     def conditional(self, word: str, rest: str) -> None:
-        """``If``, ``ElseIf`` or ``Else`` with what follows it."""
+        """Compile `If`, `ElseIf` or `Else` with the rest of its line."""
         if word == "else" and rest.lower().startswith("if "):
             word, rest = "elseif", rest[3:]
         if word == "if":
@@ -227,22 +237,22 @@ class _Compiler(Compiler):
             raise Unreadable(f"{word.capitalize()} without If")
         self.add_alternative(block)
         if word == "elseif":
-            found = _IF.fullmatch(rest)
-            if found is None:
+            match = _IF.fullmatch(rest)
+            if match is None:
                 raise Unreadable("ElseIf without Then")
-            self.add_condition(block, make_condition(parse(found[1].strip())))
-            rest = found[3]
+            self.add_condition(block, make_condition(parse(match[1].strip())))
+            rest = match[3]
         if rest.strip():
             self._statement(rest.strip().removeprefix(":"))
 
     def _if(self, rest: str) -> None:
-        found = _IF.fullmatch(rest)
-        if found is None:
+        match = _IF.fullmatch(rest)
+        if match is None:
             raise Unreadable("If without Then")
-        tail = found[3].strip()
-        if found[2].lower() == "goto":
+        tail = match[3].strip()
+        if match[2].lower() == "goto":
             tail = "goto " + tail
-        block = self.open_branch("if", make_condition(parse(found[1].strip())))
+        block = self.open_branch("if", make_condition(parse(match[1].strip())))
         if not tail:
             return
         cut = next((m for m in _ELSE.finditer(tail) if m[0][0] != '"'), None)
@@ -268,21 +278,21 @@ class _Compiler(Compiler):
             self._statement(text)
 
     def close_down_to(self, count: int) -> None:
-        """Closes the blocks that have no end, but for the first ``count``."""
+        """Close all blocks except the first `count`; each one is a fault."""
         for block in self.blocks[count:]:
-            self.say(block.line, f"{_OPENS[block.kind]} has no {_CLOSES[block.kind]}")
+            self.add_fault(block.line, f"{_OPENS[block.kind]} has no {_CLOSES[block.kind]}")
             self.close(block)
         del self.blocks[count:]
 
     def end(self, *kinds: str) -> Block:
-        """The innermost block, which is one of ``kinds``."""
+        """Take the innermost block, which must be one of `kinds`."""
         if not self.blocks or self.blocks[-1].kind not in kinds:
             inner = f" inside {_OPENS[self.blocks[-1].kind]}" if self.blocks else ""
             raise Unreadable(f"{_CLOSES[kinds[0]]} without {_OPENS[kinds[0]]}{inner}")
         return self.blocks.pop()
 
     def end_word(self, rest: str) -> None:
-        """``End If``, ``End Select``, or ``End``."""
+        """Compile `End If`, `End Select` or `End`."""
         word = rest.strip().lower()
         if word in ("if", "select"):
             self.close(self.end(word))
@@ -294,13 +304,13 @@ class _Compiler(Compiler):
             self.add(Return(self.line) if self.is_program else End(self.line))
 
     def for_(self, rest: str) -> None:
-        """``For i = a To b [Step c]``."""
+        """Compile `For i = a To b [Step c]`."""
         at = find_equals(rest)
-        found = _FOR.fullmatch(rest[at + 1 :]) if at >= 0 else None
-        if found is None:
+        match = _FOR.fullmatch(rest[at + 1 :]) if at >= 0 else None
+        if match is None:
             raise Unreadable("For needs a name, = and To")
-        step = parse(found[3].strip()) if found[3] is not None else Node("number", 1.0)
-        counter, first, last = (parse(one.strip()) for one in (rest[:at], found[1], found[2]))
+        step = parse(match[3].strip()) if match[3] is not None else Node("number", 1.0)
+        counter, first, last = (parse(text.strip()) for text in (rest[:at], match[1], match[2]))
         count = CountRange(counter, first, last, step)
         self.open("for", CountStart(self.line, count=count))
 
@@ -382,16 +392,16 @@ class _Compiler(Compiler):
 
     def on(self, rest: str) -> None:
         """``On Error GoTo label`` or ``On n GoTo a, b``."""
-        found = re.fullmatch(r"(.*?)\b(goto|gosub)\b(.*)", rest, re.IGNORECASE | re.DOTALL)
+        match = re.fullmatch(r"(.*?)\b(goto|gosub)\b(.*)", rest, re.IGNORECASE | re.DOTALL)
         if rest.lower().startswith("error"):
-            goal = _GOAL.fullmatch(found[3].strip()) if found else None
+            goal = _GOAL.fullmatch(match[3].strip()) if match else None
             self.add(Handle(self.line, label=goal[1].lower() if goal else ""))
             return
-        if found is None:
+        if match is None:
             raise Unreadable("On needs GoTo or GoSub")
-        goals = [_GOAL.fullmatch(part) for part in arguments(found[3])]
+        goals = [_GOAL.fullmatch(part) for part in arguments(match[3])]
         labels = [goal[1].lower() for goal in goals if goal]
-        value, is_call = parse(found[1].strip()), found[2].lower() == "gosub"
+        value, is_call = parse(match[1].strip()), match[2].lower() == "gosub"
         self.add(JumpTable(self.line, value=value, labels=labels, is_call=is_call))
 
     def stop(self, rest: str) -> None:
@@ -401,7 +411,6 @@ class _Compiler(Compiler):
 
 
 def _cut_colon(text: str) -> tuple[str, str]:
-    """A statement, and what follows it behind a colon."""
     depth = 0
     for match in _COLON.finditer(text):
         if match[0] == ":" and depth == 0:

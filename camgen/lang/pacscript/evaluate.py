@@ -1,4 +1,4 @@
-"""What names, elements and functions are worth while a PacScript program runs."""
+"""Evaluates PacScript expressions during a run, and assigns their values."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from camgen.lang.pacscript.machine import blank, copy_value
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import (
     Array,
-    Figured,
-    Placed,
+    ExternalPose,
+    PoseWithFigure,
     Rate,
     Unreadable,
     Value,
@@ -50,7 +50,7 @@ _CONSTANTS: dict[str, Value] = {
     "false": 0.0,
     "pi": 3.141592653589793,
 }
-#: Types of the header of the controller, which name what an array holds.
+#: Types of elements of arrays, from a header of the controller.
 _KINDS = {
     "vt_i2": 2.0,
     "vt_i4": 3.0,
@@ -60,7 +60,7 @@ _KINDS = {
     "vt_bool": 11.0,
     "vt_variant": 12.0,
 }
-#: Functions that tell where the arm is, by what they give.
+#: Functions for the present position of the arm, with the kind of their value.
 _PLACES = {
     "curpos": "pose",
     "destpos": "pose",
@@ -82,23 +82,23 @@ _STORED = {
 
 
 def evaluate(run: State, node: Node) -> Value:
-    """The value of an expression. Unreadable."""
+    """Evaluate an expression. Raises Unreadable."""
     kind = node.kind
     if kind == "number":
-        return node.said
+        return node.content
     if kind == "name":
-        return name(run, str(node.said))
+        return evaluate_name(run, str(node.content))
     if kind == "text":
-        return str(node.said)
+        return str(node.content)
     if kind == "index":
-        return element_of_letter(run, str(node.said), node.parts)
+        return evaluate_index(run, str(node.content), node.parts)
     if kind == "call":
-        return called(run, str(node.said), node.parts)
+        return evaluate_call(run, str(node.content), node.parts)
     if kind == "tuple":
         values = tuple(run.evaluate(part) for part in node.parts)
         return values[0] if len(values) == 1 else values
     if kind in ("member", "element"):
-        return _of_object(run, node)
+        return _evaluate_member(run, node)
     if kind == "range":
         raise Unreadable("a range of positions stands where one value is expected")
     return _operate(run, node) if kind != "left out" else 0.0
@@ -114,8 +114,8 @@ def _operate(run: State, node: Node) -> Value:
         value = run.evaluate(node.parts[0])
         return (
             value
-            if node.said == 1.0 and isinstance(value, (float, bool))
-            else negate(run, value, float(node.said))
+            if node.content == 1.0 and isinstance(value, (float, bool))
+            else negate(run, value, float(node.content))
         )
     if node.kind == "not":
         value = run.evaluate(node.parts[0])
@@ -126,64 +126,61 @@ def _operate(run: State, node: Node) -> Value:
     while chain[-1].parts[0].kind in OPERATORS:
         chain.append(chain[-1].parts[0])
     value = run.evaluate(chain[-1].parts[0])
-    for one in reversed(chain):
-        value = run.combine(one.kind, value, run.evaluate(one.parts[1]))
+    for operation in reversed(chain):
+        value = run.combine(operation.kind, value, run.evaluate(operation.parts[1]))
     return value
 
 
 def combine(_run: State, sign: str, a: Value, b: Value) -> Value:
-    """Two values with an operator between them. Raises Unreadable."""
-    if sign in ("and", "or"):  # What is known may decide it alone.
-        for one, other in ((a, b), (b, a)):
-            if (
-                isinstance(one, Unknown)
-                and isinstance(other, (bool, float))
-                and bool(other) == (sign == "or")
-            ):
+    """Apply an operator to two values. Raises Unreadable."""
+    if sign in ("and", "or"):  # A known operand may decide the result alone.
+        for operand, other in ((a, b), (b, a)):
+            is_known = isinstance(other, (bool, float))
+            if isinstance(operand, Unknown) and is_known and bool(other) == (sign == "or"):
                 return other
     return calculate(sign, a, b)
 
 
 def negate(run: State, value: Value, sign: float) -> Value:
-    """``value`` times ``sign``."""
+    """Multiply a value by a sign, 1 or -1."""
     if isinstance(value, (Vector, Joints)):
-        return type(value)(tuple(sign * one for one in value.values))  # type: ignore[arg-type]
+        return type(value)(tuple(sign * item for item in value.values))  # type: ignore[arg-type]
     return run.combine("*", value, sign)
 
 
-def name(run: State, said: str) -> Value:
-    """What a name is worth: a variable, a function without brackets, a constant, or a stored variable."""
+def evaluate_name(run: State, word: str) -> Value:
+    """Evaluate a name: a variable, a function without arguments, a constant, or a stored value."""
     scope = run.scope
-    if said in scope.names:
-        return scope.names[said]
-    if said in run.module_scope.names:
-        return run.module_scope.names[said]
-    if said in _CONSTANTS:
-        return _CONSTANTS[said]
-    if short := _SHORT.fullmatch(said):
-        return stored(run, short[1], int(short[2]))
-    if (found := run.port(said)) is not None:
-        return found
+    if word in scope.names:
+        return scope.names[word]
+    if word in run.module_scope.names:
+        return run.module_scope.names[word]
+    if word in _CONSTANTS:
+        return _CONSTANTS[word]
+    if short := _SHORT.fullmatch(word):
+        return read_stored(run, short[1], int(short[2]))
+    if (value := run.port(word)) is not None:
+        return value
     if (
-        said in _PLACES
-        or said in FUNCTIONS
-        or said in ASKED
-        or said in _OWN
-        or run.find_function(said)
+        word in _PLACES
+        or word in FUNCTIONS
+        or word in ASKED
+        or word in _OF_RUN
+        or run.find_function(word)
     ):
-        return called(run, said, ())
-    if said in _KINDS:
-        return _KINDS[said]
-    return run.undeclared(said)
+        return evaluate_call(run, word, ())
+    if word in _KINDS:
+        return _KINDS[word]
+    return run.undeclared(word)
 
 
-def is_stored(said: str) -> bool:
-    """Whether a name is the short form of a variable of the controller, ``I10``."""
-    return _SHORT.fullmatch(said) is not None
+def is_stored(word: str) -> bool:
+    """Whether a name is the short form of a variable of the controller, such as `I10`."""
+    return _SHORT.fullmatch(word) is not None
 
 
-def stored(run: State, letter: str, at: int) -> Value:
-    """A variable of the controller, or an input or output."""
+def read_stored(run: State, letter: str, at: int) -> Value:
+    """Return the value of a variable of the controller, or of an input or output."""
     machine = run.machine
     if letter == "io":
         return run.signal(at)
@@ -197,62 +194,61 @@ def stored(run: State, letter: str, at: int) -> Value:
     return machine.unknown(f"{letter.upper()}[{at}]", f"{letter}[{at}]")
 
 
-def element_of_letter(run: State, letter: str, parts: tuple[Node, ...]) -> Value:
-    """``P[n]``, ``IO[n]``, or an element of an array of the program."""
+def evaluate_index(run: State, letter: str, parts: tuple[Node, ...]) -> Value:
+    """Evaluate `P[n]`, `IO[n]`, or an element of an array of the program."""
     values = [run.evaluate(part) for part in parts]
     if letter in run.scope.names or letter in run.module_scope.names:
-        of = name(run, letter)
-        if isinstance(of, Array):
-            return element(of, values)
+        array = evaluate_name(run, letter)
+        if isinstance(array, Array):
+            return select_element(array, values)
     if letter not in _STORED and letter != "io":
         return Unknown(f"{letter}[...]")
     if not values or isinstance(values[0], Unknown):
         return Unknown(f"{letter.upper()}[...] at a place that is not known")
     if len(values) > 1:
         raise Unreadable(f"{letter.upper()}[] has one number")
-    return stored(run, letter, index(number(values[0])))
+    return read_stored(run, letter, index(number(values[0])))
 
 
-def element(of: Array, values: list[Value]) -> Value:
-    """An element of an array, all of it with empty brackets."""
+def select_element(array: Array, values: list[Value]) -> Value:
+    """Return an element of an array, or the whole array for empty brackets."""
     if not values:
-        return of
+        return array
     for value in values:
         if isinstance(value, Unknown):
             return Unknown(value.what)
-    return of.get(tuple(int(number(value)) for value in values))
+    return array.get(tuple(int(number(value)) for value in values))
 
 
-def called(run: State, said: str, parts: tuple[Node, ...]) -> Value:
-    """``name(...)``: an element of an array, a procedure of the program, or a function of the language."""
-    held = run.scope.names.get(said)
+def evaluate_call(run: State, word: str, parts: tuple[Node, ...]) -> Value:
+    """Evaluate `name(...)`: an element of an array, a procedure of the program, or a function."""
+    held = run.scope.names.get(word)
     if held is None:
-        held = run.module_scope.names.get(said)
+        held = run.module_scope.names.get(word)
     if isinstance(held, Array):
-        return element(held, [run.evaluate(part) for part in parts])
-    if procedure := run.find_procedure(said):
+        return select_element(held, [run.evaluate(part) for part in parts])
+    if procedure := run.find_procedure(word):
         return run.call(procedure, parts)
-    if held is not None and said not in FUNCTIONS:
-        return held if isinstance(held, Unknown) else Unknown(f"an element of {said}")
-    if said in _OWN:
-        return _OWN[said](run, [run.evaluate(part) for part in parts])
-    if said in _PLACES:
-        return _tell_place(run, said)
+    if held is not None and word not in FUNCTIONS:
+        return held if isinstance(held, Unknown) else Unknown(f"an element of {word}")
+    if word in _OF_RUN:
+        return _OF_RUN[word](run, [run.evaluate(part) for part in parts])
+    if word in _PLACES:
+        return _evaluate_position(run, word)
     values = [run.evaluate(part) for part in parts]
-    if said in FUNCTIONS:
-        return _constructed(said, values) if said in _MADE else call(said, values)
-    if said == "outrange":
-        run.machine.log.assume("places that OutRange asks for are within reach", said)
-        given = run.machine.given(said)
+    if word in FUNCTIONS:
+        return _construct(word, values) if word in _MADE else call(word, values)
+    if word == "outrange":
+        run.machine.log.assume("places that OutRange asks for are within reach", word)
+        given = run.machine.given(word)
         return given if given is not None else 0.0
-    if said in ASKED:
-        return run.machine.unknown(said, said)
-    return run.leave_out(said)
+    if word in ASKED:
+        return run.machine.unknown(word, word)
+    return run.leave_out(word)
 
 
-def _tell_place(run: State, said: str) -> Value:
-    """Where the arm is when the motions so far are done."""
-    if _PLACES[said] == "pose":
+def _evaluate_position(run: State, word: str) -> Value:
+    if _PLACES[word] == "pose":
         return run.machine.current_pose
     return run.machine.joints or Unknown(f"the joint values in line {run.machine.line}")
 
@@ -260,11 +256,11 @@ def _tell_place(run: State, said: str) -> Value:
 _MADE = frozenset(("p", "j", "v"))
 
 
-def _constructed(said: str, values: list[Value]) -> Value:
+def _construct(word: str, values: list[Value]) -> Value:
     for value in values:
         if isinstance(value, Unknown):
             return Unknown(value.what)
-    if said == "p" and values and isinstance(values[0], Vector):
+    if word == "p" and values and isinstance(values[0], Vector):
         values = [
             *values[0].values,
             *(
@@ -273,41 +269,41 @@ def _constructed(said: str, values: list[Value]) -> Value:
                 else values[1:]
             ),
         ]
-    return call(said, values)
+    return call(word, values)
 
 
-def _of_object(run: State, node: Node) -> Value:
-    """``object.member`` or an element of what a function gives."""
-    of, *rest = node.parts
+def _evaluate_member(run: State, node: Node) -> Value:
+    """Evaluate `object.member`, or an element of the value of a function."""
+    owner, *rest = node.parts
     if node.kind == "element":
-        value = run.evaluate(of)
+        value = run.evaluate(owner)
         values = [run.evaluate(part) for part in rest]
         return (
-            element(value, values)
+            select_element(value, values)
             if isinstance(value, Array)
             else Unknown("an element of a value that is not known")
         )
     for part in rest:
         run.evaluate(part)
-    said = of.said if of.kind in ("name", "call") else "object"
-    return run.machine.unknown(f"{said}.{node.said}")
+    label = owner.content if owner.kind in ("name", "call") else "object"
+    return run.machine.unknown(f"{label}.{node.content}")
 
 
-# What the run itself knows.
+# Functions whose values depend on the run.
 
 
 def _mps(run: State, values: list[Value]) -> Value:
     if values and isinstance(values[0], Unknown):
         return Unknown(values[0].what)
-    (said,) = numbers(values, 1) or (0.0,)
+    (speed,) = numbers(values, 1) or (0.0,)
     machine = run.machine
     unit = machine.given("mps")
     machine.log.assume(f"Mps(1) is taken for {unit or 1.0:g} mm/s", "mps", unit or 1.0)
-    return Rate(finite(said * (unit or 1.0)), machine.rated)
+    return Rate(finite(speed * (unit or 1.0)), machine.rated)
 
 
 def _to_joints(_run: State, values: list[Value]) -> Value:
-    """``J2P`` and ``J2T``: where the arm is with these joint values is the arm's; a motion may go to them."""
+    """Evaluate `J2P` or `J2T`. The position is unknown, so the joint values themselves are kept."""
     value = values[0] if values else 0.0
     if isinstance(value, tuple):
         value = joints(numbers(list(value)))
@@ -317,16 +313,16 @@ def _to_joints(_run: State, values: list[Value]) -> Value:
 
 
 def _ask_operator(run: State, _values: list[Value]) -> Value:
-    """``MsgBox``: stands still until the operator answers."""
+    """Evaluate `MsgBox`, which waits for the operator."""
     run.machine.stop()
     return run.machine.unknown("the answer to MsgBox", "msgbox")
 
 
-def _shifted(run: State, values: list[Value]) -> Value:
-    """``Dev``, where the reference does not say about which axes it turns."""
-    by = values[1] if len(values) > 1 else 0.0
-    by = fit(by, "position") if isinstance(by, tuple) else by
-    if isinstance(by, Pose) and not np.array_equal(by.rotation, IDENTITY):
+def _shift(run: State, values: list[Value]) -> Value:
+    """Evaluate `Dev`. The reference does not state about which axes it rotates."""
+    offset = values[1] if len(values) > 1 else 0.0
+    offset = fit(offset, "position") if isinstance(offset, tuple) else offset
+    if isinstance(offset, Pose) and not np.array_equal(offset.rotation, IDENTITY):
         run.machine.log.assume(
             "the angles of Dev are taken for turns about the axes of the work frame"
         )
@@ -345,12 +341,12 @@ def _external(run: State, _values: list[Value]) -> Value:
     return run.machine.external
 
 
-_OWN: dict[str, Callable[[State, list[Value]], Value]] = {
+_OF_RUN: dict[str, Callable[[State, list[Value]], Value]] = {
     "mps": _mps,
     "j2p": _to_joints,
     "j2t": _to_joints,
     "msgbox": _ask_operator,
-    "dev": _shifted,
+    "dev": _shift,
     "curtool": _current("tool"),
     "curwork": _current("work"),
     "curspd": _internal,
@@ -364,47 +360,47 @@ def _frame(run: State, kind: str, values: list[Value]) -> Value:
     if not values or isinstance(values[0], Unknown):
         return Unknown(f"a {kind} frame")
     at = int(number(values[0]))
-    found = run.machine.pose_of(kind, at)
-    return found if found is not None else Unknown(f"{kind} {at}")
+    pose = run.machine.pose_of(kind, at)
+    return pose if pose is not None else Unknown(f"{kind} {at}")
 
 
 # Assignments.
 
 
-def _held(run: State, said: str) -> Value | None:
-    """The value of a variable of the program, None where it has none of that name."""
-    found = run.scope.names.get(said)
-    return run.module_scope.names.get(said) if found is None else found
+def _find_variable(run: State, word: str) -> Value | None:
+    """Return the value of a variable of the program, None if there is none of that name."""
+    value = run.scope.names.get(word)
+    return run.module_scope.names.get(word) if value is None else value
 
 
 def assign(run: State, target: Node, value: Value) -> None:
-    """Gives a variable, an element or an output its value."""
-    said = str(target.said)
+    """Assign a value to a variable, an element or an output."""
+    word = str(target.content)
     if target.kind == "name":
-        assign_name(run, said, value)
-    elif target.kind == "index" and not isinstance(_held(run, said), Array):
+        assign_name(run, word, value)
+    elif target.kind == "index" and not isinstance(_find_variable(run, word), Array):
         at = [run.evaluate(part) for part in target.parts]
         if at and not isinstance(at[0], Unknown):
-            _assign_stored(run, said, index(number(at[0])), value)
+            _assign_stored(run, word, index(number(at[0])), value)
     elif target.kind in ("index", "call"):
         _assign_element(run, target, value)
-    elif target.kind != "element":  # Of an element of an element no text holds the value.
+    elif target.kind != "element":  # The value of an element of an element is not kept.
         for part in target.parts[1:]:
             run.evaluate(part)
 
 
-def assign_name(run: State, said: str, value: Value) -> None:
-    """Gives a name its value."""
+def assign_name(run: State, word: str, value: Value) -> None:
+    """Assign a value to a name."""
     scope = run.scope
-    if said not in scope.names:
-        if said in run.module_scope.names:
+    if word not in scope.names:
+        if word in run.module_scope.names:
             scope = run.module_scope
-        elif run.write_port(said, value):
+        elif run.write_port(word, value):
             return
-        elif (short := _SHORT.fullmatch(said)) is not None:
+        elif (short := _SHORT.fullmatch(word)) is not None:
             _assign_stored(run, short[1], int(short[2]), value)
             return
-    scope.names[said] = copy_value(fit(value, scope.kinds.get(said, "variant")))
+    scope.names[word] = copy_value(fit(value, scope.kinds.get(word, "variant")))
 
 
 def _assign_stored(run: State, letter: str, at: int, value: Value) -> None:
@@ -417,27 +413,27 @@ def _assign_stored(run: State, letter: str, at: int, value: Value) -> None:
 
 
 def _assign_element(run: State, target: Node, value: Value) -> None:
-    said = str(target.said)
-    of = run.scope.names.get(said, run.module_scope.names.get(said))
-    at = [run.evaluate(part) for part in target.parts]
-    if any(isinstance(one, Unknown) for one in at):
+    word = str(target.content)
+    array = run.scope.names.get(word, run.module_scope.names.get(word))
+    indices = [run.evaluate(part) for part in target.parts]
+    if any(isinstance(position_value, Unknown) for position_value in indices):
         return
-    place_of = tuple(int(number(one)) for one in at)
-    if of is None or not isinstance(of, Array):
-        of = Array((), of if isinstance(of, Unknown) else 0.0)
-        run.scope.names[said] = of
-    of.check(place_of)
-    of.items[place_of] = copy_value(
-        fit(value, run.scope.kinds.get(said, run.module_scope.kinds.get(said, "variant")))
+    place_of = tuple(int(number(position_value)) for position_value in indices)
+    if array is None or not isinstance(array, Array):
+        array = Array((), array if isinstance(array, Unknown) else 0.0)
+        run.scope.names[word] = array
+    array.check(place_of)
+    array.items[place_of] = copy_value(
+        fit(value, run.scope.kinds.get(word, run.module_scope.kinds.get(word, "variant")))
     )
 
 
 def fit(value: Value, kind: str) -> Value:
-    """``value`` as a type holds it: lists of values become places, whole numbers are rounded."""
+    """Convert a value to a type: lists become positions, numbers of integers are rounded."""
     if isinstance(value, Unknown) or kind == "variant":
         return value
     if isinstance(value, tuple) and (
-        unknown := next((one for one in value if isinstance(one, Unknown)), None)
+        unknown := next((item for item in value if isinstance(item, Unknown)), None)
     ):
         return unknown
     if kind in ("position", "trans"):
@@ -447,7 +443,7 @@ def fit(value: Value, kind: str) -> Value:
     if kind == "vector":
         if isinstance(value, tuple):
             return vector(numbers(list(value)))
-        if isinstance(value, Placed):
+        if isinstance(value, ExternalPose):
             return Unknown(value.base)
         return Vector(value.origin) if isinstance(value, Pose) else value
     if isinstance(value, str) and kind in _NUMBERS:
@@ -460,14 +456,14 @@ def fit(value: Value, kind: str) -> Value:
 _NUMBERS = frozenset(("integer", "long", "single", "double"))
 
 
-def let_part(run: State, which: str, target: Node, value: Value) -> None:
-    """``LetX p = v`` and its like. which: the letters after Let."""
+def assign_component(run: State, which: str, target: Node, value: Value) -> None:
+    """Run `LetX p = v` and the like. which: letters after Let, in lower case."""
     old = run.evaluate(target)
     if isinstance(old, Unknown):
         if which in ("x", "y", "z", "rx", "ry", "rz", "f", "fig"):
             return
         raise Unreadable(f"{old.what} is not known")
-    if isinstance(old, Placed):
+    if isinstance(old, ExternalPose):
         assign(
             run,
             target,
@@ -479,20 +475,20 @@ def let_part(run: State, which: str, target: Node, value: Value) -> None:
         assign(run, target, value)
     elif isinstance(old, Vector) and which in "xyz":
         at = "xyz".index(which)
-        made = list(old.values)
-        made[at] = number(fit(value, "double"))
-        assign(run, target, vector(made))
+        values = list(old.values)
+        values[at] = number(fit(value, "double"))
+        assign(run, target, vector(values))
     elif isinstance(old, Pose):
         assign(run, target, _with_component(old, which, value))
     elif isinstance(old, Joints) and which == "j":
         assign(run, target, value)
     elif old == 0.0 and which in ("x", "y", "z", "rx", "ry", "rz", "f"):
         assign(run, target, _with_component(position([]), which, value))
-    # Else a component of something whose place the text does not hold.
+    # Otherwise it is a component of a value that is not in the text.
 
 
-def let_axis(run: State, target: Node, axis: Value, value: Value) -> None:
-    """``LetJ axis, j = v``: one value of a joint value."""
+def assign_axis(run: State, target: Node, axis: Value, value: Value) -> None:
+    """Run `LetJ axis, j = v`, which sets the value of one axis."""
     old = run.evaluate(target)
     if isinstance(old, Unknown):
         return
@@ -502,9 +498,9 @@ def let_axis(run: State, target: Node, axis: Value, value: Value) -> None:
     at = int(number(axis))
     if not 1 <= at <= 8:
         raise Wrong(f"there is no axis {at}")
-    made = [*old.values, *[0.0] * (at - len(old.values))]
-    made[at - 1] = math.radians(number(fit(value, "double")))
-    assign(run, target, Joints(tuple(made)))
+    values = [*old.values, *[0.0] * (at - len(old.values))]
+    values[at - 1] = math.radians(number(fit(value, "double")))
+    assign(run, target, Joints(tuple(values)))
 
 
 def _with_component(old: Pose, which: str, value: Value) -> Pose:
@@ -515,16 +511,16 @@ def _with_component(old: Pose, which: str, value: Value) -> Pose:
     if which == "p":
         return _moved(old, Vector(place(value).origin))
     if which in ("x", "y", "z"):
-        made = list(old.origin)
-        made["xyz".index(which)] = number(fit(value, "double"))
-        return _moved(old, vector(made))
+        values = list(old.origin)
+        values["xyz".index(which)] = number(fit(value, "double"))
+        return _moved(old, vector(values))
     raise Unreadable(f"Let{which.upper()} is not evaluated")
 
 
 def _moved(old: Pose, to: Vector) -> Pose:
-    if isinstance(old, Figured):
-        return Figured(old.rotation, to.values, old.figure)
+    if isinstance(old, PoseWithFigure):
+        return PoseWithFigure(old.rotation, to.values, old.figure)
     return Pose(old.rotation, to.values)
 
 
-__all__ = ["assign", "assign_name", "blank", "evaluate", "fit", "let_part"]
+__all__ = ["assign", "assign_component", "assign_name", "blank", "evaluate", "fit"]

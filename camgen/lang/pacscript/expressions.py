@@ -1,4 +1,4 @@
-"""The grammar of PacScript expressions: text to a tree, which whoever reads a program evaluates (RC8 manual 450)."""
+"""Parses PacScript expressions to trees, which a run evaluates (RC8 manual 450)."""
 
 from __future__ import annotations
 
@@ -8,20 +8,24 @@ from typing import NamedTuple
 
 from camgen.lang.pacscript.values import Unreadable, finite
 
-_DEPTH = 40
+#: Maximum depth of nested brackets: keeps a hostile text from exhausting the stack of Python.
+_MAX_DEPTH = 40
 #: One part of a list whose brackets do not nest, and the comma after it.
 _PART = re.compile(r'((?:[^,()\[\]"]|\([^()\[\]"]*+\)|\[[^()\[\]"]*+\])*+)(,|$)')
 _SEPARATOR = re.compile(r'"[^"]*"?|[(),\[\]]')
 _TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?!\w|\.\d))(?:[!#%](?!\w))?|&b(?P<binary>[01]+)(?!\w)"
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?!\w|\.\d))(?:[!#%](?!\w))?"
+    r"|&b(?P<binary>[01]+)(?!\w)"
     r"|&h(?P<hex>[\da-f]+)(?!\w)"
-    r'|"(?P<text>(?:[^"]|"")*)"|(?P<name>[a-z_]\w*)[!#%$]?|(?P<sign><<|>>|<>|><|<=|>=|=>|=<|==|[-+*/\\^&=<>(),\[\].]))',
+    r'|"(?P<text>(?:[^"]|"")*)"|(?P<name>[a-z_]\w*)[!#%$]?'
+    r"|(?P<sign><<|>>|<>|><|<=|>=|=>|=<|==|[-+*/\\^&=<>(),\[\].]))",
     re.IGNORECASE,
 )
-#: Operators by how closely they bind, the loosest first; words stand for themselves.
+#: Binding power of each operator; the larger one binds more closely.
 _BINDS = {
-    "xor": 1, "or": 2, "and": 3, "=": 5, "==": 5, "<>": 5, "><": 5, "<": 5, ">": 5, "<=": 5, "=<": 5, ">=": 5, "=>": 5,
-    "&": 6, "<<": 6, ">>": 6, "+": 7, "-": 7, "mod": 8, "\\": 9, "*": 10, "/": 10, "^": 12,
+    "xor": 1, "or": 2, "and": 3, "=": 5, "==": 5, "<>": 5, "><": 5, "<": 5, ">": 5, "<=": 5,
+    "=<": 5, ">=": 5, "=>": 5, "&": 6, "<<": 6, ">>": 6, "+": 7, "-": 7, "mod": 8, "\\": 9,
+    "*": 10, "/": 10, "^": 12,
 }  # fmt: skip
 OPERATORS = frozenset(_BINDS)
 _NOT, _SIGN = 4, 11
@@ -29,12 +33,16 @@ _SAME = {"==": "=", "><": "<>", "=<": "<=", "=>": ">="}
 
 
 class Node(NamedTuple):
-    """A part of an expression. kind: number, text, name, call, index, range, member, tuple, left out, sign, not, or an
-    operator. said: the value or the lower-case name. parts: what it is made of.
+    """A node of the tree of an expression.
+
+    kind: number, text, name, call, index, element, range, member, tuple, left out, sign, not, or an
+        operator.
+    content: value of a number, text or sign; otherwise the name in lower case.
+    parts: operands or arguments.
     """
 
     kind: str
-    said: float | str = 0.0
+    content: float | str = 0.0
     parts: tuple[Node, ...] = ()
 
 
@@ -42,7 +50,7 @@ LEFT_OUT = Node("left out")
 
 
 def arguments(text: str) -> list[str]:
-    """``text`` cut at the commas outside brackets and quotes, each part stripped."""
+    """Split a text at the commas outside of brackets and quotes; each part is stripped."""
     flat = _PART.findall(text)
     if sum(map(len, map("".join, flat))) == len(text) and flat[-1][1] == "":
         # The usual case; an empty match after a last comma is its empty part.
@@ -64,7 +72,7 @@ def arguments(text: str) -> list[str]:
 
 @lru_cache(maxsize=4096)
 def parse(text: str) -> Node:
-    """The tree of an expression. Unreadable where it is none."""
+    """Parse an expression. Raises Unreadable if it is not one."""
     parser = _Parser(text)
     node = parser.expression(0)
     if parser.at < len(parser.tokens):
@@ -85,13 +93,13 @@ def _tokens(text: str) -> list[tuple[str, str]]:
 
 
 class _Parser:
-    """Operator precedence over tokens; depth is limited because text may nest without end."""
+    """A Pratt parser over tokens."""
 
     def __init__(self, text: str) -> None:
         self.tokens, self.at, self.depth = _tokens(text), 0, 0
 
     def take(self, *signs: str) -> str:
-        """The next token if it is one of ``signs``, else empty."""
+        """Take the next token if it is one of `signs`. Returns it, or an empty text."""
         if (
             self.at < len(self.tokens)
             and self.tokens[self.at][0] == "sign"
@@ -102,33 +110,32 @@ class _Parser:
         return ""
 
     def operator(self) -> str:
-        """The operator that comes next, in small letters, else empty."""
+        """Return the next token in lower case if it is an operator, otherwise an empty text."""
         if self.at >= len(self.tokens):
             return ""
-        kind, said = self.tokens[self.at]
-        said = said.lower()
-        return said if kind in ("sign", "name") and said in _BINDS else ""
+        kind, text = self.tokens[self.at]
+        text = text.lower()
+        return text if kind in ("sign", "name") and text in _BINDS else ""
 
     def expression(self, least: int) -> Node:
-        """As much as binds more closely than ``least``."""
+        """Parse an expression whose operators bind more closely than `least`."""
         node = self.prefixed()
         while (operator := self.operator()) and _BINDS[operator] > least:
             self.at += 1
             other = self.expression(_BINDS[operator])
-            if operator == "+" and self.take_word(
-                "h"
-            ):  # Of the older dialect: along the axes of the hand.
+            # The older dialect has `+ (...)H`, along the axes of the hand.
+            if operator == "+" and self.take_word("h"):
                 node = Node("call", "devh", (node, other))
             else:
                 node = Node(_SAME.get(operator, operator), 0.0, (node, other))
         return node
 
     def take_word(self, word: str) -> bool:
-        """Takes the next token if it is a word, in whatever letters, right behind a bracket."""
+        """Take the next token if it is `word` directly after a bracket. Returns whether it was."""
         if self.at >= len(self.tokens) or self.tokens[self.at - 1] != ("sign", ")"):
             return False
-        kind, said = self.tokens[self.at]
-        taken = kind == "name" and said.lower() == word
+        kind, text = self.tokens[self.at]
+        taken = kind == "name" and text.lower() == word
         self.at += taken
         return taken
 
@@ -139,9 +146,9 @@ class _Parser:
         return is_next
 
     def prefixed(self) -> Node:
-        """A value with its signs."""
+        """Parse a value with its signs."""
         self.depth += 1
-        if self.depth > _DEPTH:
+        if self.depth > _MAX_DEPTH:
             raise Unreadable("brackets nested too deep")
         try:
             negative, any_sign = False, False
@@ -159,18 +166,18 @@ class _Parser:
     def atom(self) -> Node:
         if self.at >= len(self.tokens):
             raise Unreadable("a value is missing")
-        kind, said = self.tokens[self.at]
+        kind, text = self.tokens[self.at]
         self.at += 1
         if kind == "number":
-            return Node("number", _finite(said))
+            return Node("number", _parse_number(text))
         if kind in ("binary", "hex"):
-            return Node("number", float(int(said[:300], 2 if kind == "binary" else 16)))
+            return Node("number", float(int(text[:300], 2 if kind == "binary" else 16)))
         if kind == "text":
-            return Node("text", said.replace('""', '"'))
-        if said == "(":
+            return Node("text", text.replace('""', '"'))
+        if text == "(":
             return Node("tuple", 0.0, self.inside(")"))
-        if kind != "name" or (lower := said.lower()) in _BINDS:
-            raise Unreadable(f"{said} is not understood")
+        if kind != "name" or (lower := text.lower()) in _BINDS:
+            raise Unreadable(f"{text} is not understood")
         if self.take("("):
             return Node("call", lower, self.inside(")"))
         if self.take("["):
@@ -178,21 +185,21 @@ class _Parser:
         return Node("name", lower)
 
     def members(self, node: Node) -> Node:
-        """``node`` with what follows its dots and further brackets."""
+        """Parse the members and elements after a node."""
         while True:
             if self.take("."):
                 if self.at >= len(self.tokens) or self.tokens[self.at][0] != "name":
                     raise Unreadable("a name is missing after a dot")
-                said = self.tokens[self.at][1].lower()
+                name = self.tokens[self.at][1].lower()
                 self.at += 1
-                node = Node("member", said, (node, *(self.inside(")") if self.take("(") else ())))
+                node = Node("member", name, (node, *(self.inside(")") if self.take("(") else ())))
             elif node.kind in ("index", "call", "member") and self.take("("):
                 node = Node("element", 0.0, (node, *self.inside(")")))
             else:
                 return node
 
     def inside(self, closing: str) -> tuple[Node, ...]:
-        """The values up to ``closing``."""
+        """Parse values up to the bracket `closing`."""
         if not (closing == ")" and self.take(")")):
             values: list[Node] = []
             while True:
@@ -213,8 +220,8 @@ class _Parser:
 _NOTS = tuple(("name", word) for word in ("not", "Not", "NOT"))
 
 
-def _finite(said: str) -> float:
+def _parse_number(text: str) -> float:
     try:
-        return finite(float(said))
+        return finite(float(text))
     except OverflowError:
         raise Unreadable("a number is too large") from None

@@ -1,4 +1,4 @@
-"""The functions of PacScript that the text alone decides."""
+"""The operators of PacScript, and its functions without external values."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 
 from camgen.lang.pacscript.values import (
     Array,
-    Placed,
+    ExternalPose,
     Unreadable,
     Value,
     Vector,
     Wrong,
     components,
+    describe_value,
     figure_of,
     finite,
     homogeneous,
@@ -24,7 +25,6 @@ from camgen.lang.pacscript.values import (
     keep_frame,
     number,
     position,
-    tell,
     vector,
     with_figure,
 )
@@ -32,34 +32,35 @@ from camgen.lang.values import Unknown
 from camgen.model.pose import Pose, Vec3, frozen, rotation_from_fixed_xyz, to_vec3
 from camgen.model.program import Joints
 
-_TEXT_MOST = 100_000
+#: Maximum length of a text: stops programs that build one in a loop.
+_MAX_TEXT = 100_000
 
 
-def numbers(values: list[Value], most: int | None = None) -> list[float]:
-    """``values`` as numbers."""
-    if most is not None and len(values) > most:
+def numbers(values: list[Value], maximum: int | None = None) -> list[float]:
+    """Convert values to numbers. Raises Unreadable, also for more than `maximum` values."""
+    if maximum is not None and len(values) > maximum:
         raise Unreadable("too many values")
     return [number(value) for value in values]
 
 
 def place(value: Value) -> Pose:
-    """``value`` as a position."""
+    """Convert a value to a position. Raises Unreadable if it is not one."""
     if isinstance(value, tuple):
         return position(numbers(list(value)))
     if isinstance(value, Vector):
         return position(value.values)
     if not isinstance(value, Pose):
-        raise Unreadable(f"{tell(value)} is no position")
+        raise Unreadable(f"{describe_value(value)} is no position")
     return value
 
 
 def text_of(value: Value) -> str:
-    """``value`` as a text."""
+    """Convert a value to a text. Raises Unreadable if it is not a number or a text."""
     if isinstance(value, str):
         return value
     if isinstance(value, (float, bool)):
         return f"{float(value):.9g}"
-    raise Unreadable(f"{tell(value)} is no text")
+    raise Unreadable(f"{describe_value(value)} is no text")
 
 
 def _component(at: int) -> Callable[[list[Value]], Value]:
@@ -72,29 +73,29 @@ def _component(at: int) -> Callable[[list[Value]], Value]:
     return take
 
 
+# `Dev` moves along and about the axes of the work frame, `DevH` along and about those of the tool.
+
+
 def _shift(values: list[Value]) -> Value:
-    """``Dev(p, by)``: along and about the axes of the work frame."""
-    base, by = place(values[0]), place(values[1])
-    origin: Vec3 = tuple(a + b for a, b in zip(base.origin, by.origin, strict=True))  # type: ignore[assignment]
-    return with_figure(Pose(frozen(by.rotation @ base.rotation), origin), figure_of(base))
+    base, offset = place(values[0]), place(values[1])
+    x, y, z = (a + b for a, b in zip(base.origin, offset.origin, strict=True))
+    return with_figure(Pose(frozen(offset.rotation @ base.rotation), (x, y, z)), figure_of(base))
 
 
 def _shift_hand(values: list[Value]) -> Value:
-    """``DevH(p, by)``: along and about the axes of the tool."""
-    base, by = place(values[0]), place(values[1])
-    if isinstance(by, Placed):
-        return Unknown(f"a place by {by.base}")
-    return keep_frame(with_figure(base @ by, figure_of(base)), base)
+    base, offset = place(values[0]), place(values[1])
+    if isinstance(offset, ExternalPose):
+        return Unknown(f"a place by {offset.base}")
+    return keep_frame(with_figure(base @ offset, figure_of(base)), base)
 
 
 def _joint(values: list[Value]) -> Value:
-    """``Joint(axis, joints)``."""
-    at, of = int(number(values[0])), values[1]
-    if not isinstance(of, Joints):
-        raise Unreadable(f"{tell(of)} is no joint value")
+    at, arm_joints = int(number(values[0])), values[1]
+    if not isinstance(arm_joints, Joints):
+        raise Unreadable(f"{describe_value(arm_joints)} is no joint value")
     if not 1 <= at <= 8:
         raise Wrong(f"there is no axis {at}")
-    return math.degrees(of.values[at - 1]) if at <= len(of.values) else 0.0
+    return math.degrees(arm_joints.values[at - 1]) if at <= len(arm_joints.values) else 0.0
 
 
 def _column(at: int) -> Callable[[list[Value]], Value]:
@@ -114,7 +115,7 @@ def _vector(value: Value) -> Vec3:
     if isinstance(value, tuple):
         return vector(numbers(list(value))).values
     if not isinstance(value, Vector):
-        raise Unreadable(f"{tell(value)} is no vector")
+        raise Unreadable(f"{describe_value(value)} is no vector")
     return value.values
 
 
@@ -155,11 +156,11 @@ def _create_array(values: list[Value]) -> Value:
 
 
 def _bound(values: list[Value]) -> Value:
-    of = values[0]
-    if not isinstance(of, Array):
-        raise Unreadable(f"{tell(of)} is no array")
+    array = values[0]
+    if not isinstance(array, Array):
+        raise Unreadable(f"{describe_value(array)} is no array")
     at = int(number(values[1])) - 1 if len(values) > 1 else 0
-    return float(of.tops[at]) if 0 <= at < len(of.tops) else 0.0
+    return float(array.tops[at]) if 0 <= at < len(array.tops) else 0.0
 
 
 def _math(function: Callable[..., float], count: int = 1) -> Callable[[list[Value]], Value]:
@@ -191,28 +192,28 @@ _FORMAT = re.compile(r"%([-+ 0#]*)(\d{0,3})(?:\.(\d{1,3}))?([diufFeEgGsxXcoS%])"
 def _sprintf(values: list[Value]) -> Value:
     rest = iter(values[1:])
 
-    def put(match: re.Match[str]) -> str:
+    def format_value(match: re.Match[str]) -> str:
         flags, width, digits, kind = match.groups()
         if kind == "%":
             return "%"
         value = next(rest, "")
         if kind in "sSc":
-            made = text_of(value)[: int(digits) if digits else None]
-            return made.ljust(int(width or 0)) if "-" in flags else made.rjust(int(width or 0))
+            text = text_of(value)[: int(digits) if digits else None]
+            return text.ljust(int(width or 0)) if "-" in flags else text.rjust(int(width or 0))
         whole = kind in "diuxXo"
-        said = f"%{flags}{width}{'.' + digits if digits else ''}{'d' if kind == 'u' else kind}"
-        return said % (int(number(value)) if whole else number(value))
+        form = f"%{flags}{width}{'.' + digits if digits else ''}{'d' if kind == 'u' else kind}"
+        return form % (int(number(value)) if whole else number(value))
 
-    return _FORMAT.sub(put, text_of(values[0]))
+    return _FORMAT.sub(format_value, text_of(values[0]))
 
 
 def _split(values: list[Value]) -> Value:
-    return _array(list(text_of(values[0]).split(text_of(values[1]) or None)[:_TEXT_MOST]))
+    return _array(list(text_of(values[0]).split(text_of(values[1]) or None)[:_MAX_TEXT]))
 
 
 def _value(values: list[Value]) -> Value:
-    found = re.match(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)", text_of(values[0]))
-    return finite(float(found[1])) if found else 0.0
+    match = re.match(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)", text_of(values[0]))
+    return finite(float(match[1])) if match else 0.0
 
 
 def _middle(values: list[Value]) -> Value:
@@ -231,72 +232,125 @@ def _right(values: list[Value]) -> Value:
 
 def _find(values: list[Value]) -> Value:
     start = 0 if isinstance(values[0], str) else int(number(values[0])) - 1
-    of, what = (values[0], values[1]) if isinstance(values[0], str) else (values[1], values[2])
-    return float(text_of(of).find(text_of(what), max(0, start)) + 1)
+    text, what = (values[0], values[1]) if isinstance(values[0], str) else (values[1], values[2])
+    return float(text_of(text).find(text_of(what), max(0, start)) + 1)
 
 
 def _text(function: Callable[[str], str]) -> Callable[[list[Value]], Value]:
     return lambda values: function(text_of(values[0]))
 
 
-def _most(function: Callable[..., float]) -> Callable[[list[Value]], Value]:
+def _extreme(function: Callable[..., float]) -> Callable[[list[Value]], Value]:
     return lambda values: float(function(*numbers(values))) if values else 0.0
 
 
-#: By name in small letters. An index error means that there are too few values.
+#: Functions by name in lower case. An IndexError of one means that there are too few values.
 FUNCTIONS: dict[str, Callable[[list[Value]], Value]] = {
     "p": lambda values: position(numbers(values)),
     "j": lambda values: joints(numbers(values)),
     "v": lambda values: vector(numbers(values, 3)),
     "t": lambda values: homogeneous(numbers(values)),
-    "posx": _component(0), "posy": _component(1), "posz": _component(2),
-    "posrx": _component(3), "posry": _component(4), "posrz": _component(5),
-    "fig": _figure, "posf": _figure, "posfig": _figure,
-    "dev": _shift, "devh": _shift_hand,
+    "posx": _component(0),
+    "posy": _component(1),
+    "posz": _component(2),
+    "posrx": _component(3),
+    "posry": _component(4),
+    "posrz": _component(5),
+    "fig": _figure,
+    "posf": _figure,
+    "posfig": _figure,
+    "dev": _shift,
+    "devh": _shift_hand,
     "joint": _joint,
-    "pvec": _origin, "rvec": _column(0), "ovec": _column(1), "avec": _column(2),
-    "dist": _distance, "distance": _distance, "magnitude": _magnitude, "dot": _dot, "cross": _cross,
-    "p2t": _same, "t2p": _same, "tnorm": _same, "cint": _math(round), "csng": _math(float), "cdbl": _math(float),
+    "pvec": _origin,
+    "rvec": _column(0),
+    "ovec": _column(1),
+    "avec": _column(2),
+    "dist": _distance,
+    "distance": _distance,
+    "magnitude": _magnitude,
+    "dot": _dot,
+    "cross": _cross,
+    "p2t": _same,
+    "t2p": _same,
+    "tnorm": _same,
+    "cint": _math(round),
+    "csng": _math(float),
+    "cdbl": _math(float),
     "tinv": lambda values: place(values[0]).inverse(),
     "tmul": lambda values: place(values[0]) @ place(values[1]),
-    "array": _array, "createarray": _create_array, "ubound": _bound, "lbound": lambda _: 0.0,
-    "abs": _math(abs), "sqr": _math(math.sqrt), "sqrt": _math(math.sqrt), "exp": _math(math.exp),
-    "log": _math(math.log), "log10": _math(math.log10), "pow": _math(math.pow, 2), "int": _math(math.floor),
-    "fix": _math(math.trunc), "ceil": _math(math.ceil), "sgn": _math(lambda x: (x > 0) - (x < 0)),
-    "sin": _of_degrees(math.sin), "cos": _of_degrees(math.cos), "tan": _of_degrees(math.tan),
-    "asin": _degrees(math.asin), "asc": lambda values: float(ord(text_of(values[0])[0])) if text_of(values[0]) else 0.0,
-    "acos": _degrees(math.acos), "atan": _degrees(math.atan), "atn": _degrees(math.atan),
-    "atan2": _degrees(math.atan2, 2), "atn2": _degrees(math.atan2, 2),
-    "raddeg": _math(math.degrees), "degrad": _math(math.radians), "rad": _math(math.radians),
+    "array": _array,
+    "createarray": _create_array,
+    "ubound": _bound,
+    "lbound": lambda _: 0.0,
+    "abs": _math(abs),
+    "sqr": _math(math.sqrt),
+    "sqrt": _math(math.sqrt),
+    "exp": _math(math.exp),
+    "log": _math(math.log),
+    "log10": _math(math.log10),
+    "pow": _math(math.pow, 2),
+    "int": _math(math.floor),
+    "fix": _math(math.trunc),
+    "ceil": _math(math.ceil),
+    "sgn": _math(lambda x: (x > 0) - (x < 0)),
+    "sin": _of_degrees(math.sin),
+    "cos": _of_degrees(math.cos),
+    "tan": _of_degrees(math.tan),
+    "asin": _degrees(math.asin),
+    "asc": lambda values: float(ord(text_of(values[0])[0])) if text_of(values[0]) else 0.0,
+    "acos": _degrees(math.acos),
+    "atan": _degrees(math.atan),
+    "atn": _degrees(math.atan),
+    "atan2": _degrees(math.atan2, 2),
+    "atn2": _degrees(math.atan2, 2),
+    "raddeg": _math(math.degrees),
+    "degrad": _math(math.radians),
+    "rad": _math(math.radians),
     "deg": _math(math.degrees),
-    "max": _most(max), "min": _most(min),
-    "str": lambda values: text_of(values[0]), "sprintf": _sprintf, "split": _split, "val": _value,
-    "chr": lambda values: chr(int(number(values[0])) % 256), "len": lambda values: float(len(text_of(values[0]))),
-    "lenb": lambda values: float(len(text_of(values[0]))), "left": _left, "right": _right, "mid": _middle,
-    "instr": _find, "strpos": _find, "ucase": _text(str.upper), "lcase": _text(str.lower), "trim": _text(str.strip),
-    "ltrim": _text(str.lstrip), "rtrim": _text(str.rstrip),
-    "hex": lambda values: f"{int(number(values[0])):X}", "bin": lambda values: f"{int(number(values[0])):b}",
-}  # fmt: skip
+    "max": _extreme(max),
+    "min": _extreme(min),
+    "str": lambda values: text_of(values[0]),
+    "sprintf": _sprintf,
+    "split": _split,
+    "val": _value,
+    "chr": lambda values: chr(int(number(values[0])) % 256),
+    "len": lambda values: float(len(text_of(values[0]))),
+    "lenb": lambda values: float(len(text_of(values[0]))),
+    "left": _left,
+    "right": _right,
+    "mid": _middle,
+    "instr": _find,
+    "strpos": _find,
+    "ucase": _text(str.upper),
+    "lcase": _text(str.lower),
+    "trim": _text(str.strip),
+    "ltrim": _text(str.lstrip),
+    "rtrim": _text(str.rstrip),
+    "hex": lambda values: f"{int(number(values[0])):X}",
+    "bin": lambda values: f"{int(number(values[0])):b}",
+}
 
-#: What a controller alone answers: time, its state, kinematics, other tasks.
+#: Functions with external values: time, state of the controller, kinematics, other tasks.
 _ASKED = """
-    area areapos areasize calcworkpos com_state comm createmultiarray createmutex curacc curcpmode curdec curerr
-    curexj curextacc curextdec curfig curforcesensorpayload curlmt curoptmode curpathpoint curpayload
-    curspeedmode curtrn date deadmanstate desttrn detectoff detecton dps err errlvl errmsg forcevalue format
-    getareadetected getcollisionstatus gethandio getlanguage getpathpoint getpathpointcount getpriority
-    getsrvdata getsrvjntdata hand inrange instrrev j2p j2t lockstate motioncomplete motorstate msgbox mutexid
-    mutexstate normalvector now outrange p2j pallet realpath rnd robinfo rpm sprintfs status statusbyname
-    statustime synctime sysinfo syslog sysstate t2j takearmstate takemutex time timer timetotick toolpos
-    varchangetype vartype ver virtualfence vis waitmotion workattribute workpos"""
+    area areapos areasize calcworkpos com_state comm createmultiarray createmutex curacc
+    curcpmode curdec curerr curexj curextacc curextdec curfig curforcesensorpayload curlmt
+    curoptmode curpathpoint curpayload curspeedmode curtrn date deadmanstate desttrn detectoff
+    detecton dps err errlvl errmsg forcevalue format getareadetected getcollisionstatus
+    gethandio getlanguage getpathpoint getpathpointcount getpriority getsrvdata getsrvjntdata
+    hand inrange instrrev j2p j2t lockstate motioncomplete motorstate msgbox mutexid mutexstate
+    normalvector now outrange p2j pallet realpath rnd robinfo rpm sprintfs status statusbyname
+    statustime synctime sysinfo syslog sysstate t2j takearmstate takemutex time timer timetotick
+    toolpos varchangetype vartype ver virtualfence vis waitmotion workattribute workpos"""
 ASKED = frozenset(_ASKED.split())
 
 
 def call(name: str, values: list[Value]) -> Value:
-    """The value of a function of the text alone. Unreadable; an unknown value makes the result unknown."""
+    """Call a function without external values. Raises Unreadable. Unknown if an argument is."""
     for value in values:
         if isinstance(value, Unknown):
             return Unknown(value.what, value.key)
-        if isinstance(value, Placed) and name not in _TAKING_PLACED:
+        if isinstance(value, ExternalPose) and name not in _TAKING_EXTERNAL:
             return Unknown(f"{name} of {value.base}")
     try:
         return FUNCTIONS[name](values)
@@ -308,32 +362,32 @@ def call(name: str, values: list[Value]) -> Value:
         raise Unreadable(f"{name} of these values is not evaluated") from None
 
 
-#: Functions for which it is enough to know a place by the frame of another one.
-_TAKING_PLACED = frozenset(("devh", "p2t", "t2p", "tnorm", "array"))
+#: Functions that accept an external pose.
+_TAKING_EXTERNAL = frozenset(("devh", "p2t", "t2p", "tnorm", "array"))
 
 
 def calculate(sign: str, a: Value, b: Value) -> Value:
-    """``a`` and ``b`` by an operator. Unreadable."""
+    """Apply an operator to two values. Raises Unreadable. Unknown if one of them is."""
     if isinstance(a, Unknown) or isinstance(b, Unknown):
         unknown: Any = a if isinstance(a, Unknown) else b
         return Unknown(unknown.what, unknown.key)
-    if isinstance(a, Placed) or isinstance(b, Placed):
-        stored: Any = a if isinstance(a, Placed) else b
+    if isinstance(a, ExternalPose) or isinstance(b, ExternalPose):
+        stored: Any = a if isinstance(a, ExternalPose) else b
         return Unknown(stored.base)
     if sign in COMPARISONS:
         return _compare(sign, a, b)
     if sign == "&" or (sign == "+" and isinstance(a, str)):
         joined = text_of(a) + text_of(b)
-        if len(joined) > _TEXT_MOST:
+        if len(joined) > _MAX_TEXT:
             raise Unreadable("a text grows without end")
         return joined
     if sign in ("<<", ">>"):
-        value, by = int(number(a)), max(0, min(32, int(number(b))))
-        return float((value << by) & 0xFFFFFFFF if sign == "<<" else value >> by)
+        value, bits = int(number(a)), max(0, min(32, int(number(b))))
+        return float((value << bits) & 0xFFFFFFFF if sign == "<<" else value >> bits)
     if sign in ("and", "or", "xor"):
         if isinstance(a, bool) and isinstance(b, bool):
             return {"and": a and b, "or": a or b, "xor": a != b}[sign]
-        x, y = (int(number(one)) for one in (a, b))
+        x, y = (int(number(operand)) for operand in (a, b))
         return float({"and": x & y, "or": x | y, "xor": x ^ y}[sign])
     if isinstance(a, (float, bool)) and isinstance(b, (float, bool)):
         return _arithmetic(sign, float(a), float(b))
@@ -355,11 +409,11 @@ def _compare(sign: str, a: Value, b: Value) -> bool:
     if isinstance(a, str) and isinstance(b, str):
         return compare(a, b)
     if isinstance(a, str) != isinstance(b, str):
-        one, other = (a, b) if isinstance(a, str) else (b, a)
+        text, other = (a, b) if isinstance(a, str) else (b, a)
         return (
-            compare(_value([one]), number(other))
+            compare(_value([text]), number(other))
             if isinstance(a, str)
-            else compare(number(other), _value([one]))
+            else compare(number(other), _value([text]))
         )
     if isinstance(a, (Pose, Joints, Vector)) and sign in ("=", "<>"):
         same = type(a) is type(b) and _flat(a) == _flat(b)
@@ -367,8 +421,8 @@ def _compare(sign: str, a: Value, b: Value) -> bool:
     return compare(number(a), number(b))
 
 
-def _flat(value: Value) -> list[float]:
-    return components(value) if isinstance(value, Pose) else list(value.values)  # type: ignore[union-attr]
+def _flat(value: Pose | Joints | Vector) -> list[float]:
+    return components(value) if isinstance(value, Pose) else list(value.values)
 
 
 def _arithmetic(sign: str, a: float, b: float) -> float:
@@ -384,11 +438,9 @@ def _arithmetic(sign: str, a: float, b: float) -> float:
         if sign == "^":
             return finite(float(math.pow(a, b)))
         whole, part = round(a), round(b)
-        return (
-            float(abs(whole) // abs(part) * (1 if whole * part >= 0 else -1))
-            if sign == "\\"
-            else math.fmod(whole, part)
-        )
+        if sign != "\\":
+            return math.fmod(whole, part)
+        return float(abs(whole) // abs(part) * (1 if whole * part >= 0 else -1))
     except ZeroDivisionError:
         raise Wrong("a division by zero") from None
     except (OverflowError, ValueError):
@@ -396,19 +448,19 @@ def _arithmetic(sign: str, a: float, b: float) -> float:
 
 
 def _with_places(sign: str, a: Value, b: Value) -> Value:
-    """Vectors, joints and, in the older dialect, positions with an operator."""
+    """Apply an operator to vectors, joint values and, in the older dialect, positions."""
     if isinstance(a, tuple) and isinstance(b, (Pose, tuple)):
         a = place(a)
     if isinstance(a, Pose) and sign in ("+", "-") and isinstance(b, (Pose, tuple, Vector)):
-        by = place(b)
-        return _shift([a, by if sign == "+" else by.inverse()])
+        offset = place(b)
+        return _shift([a, offset if sign == "+" else offset.inverse()])
     if isinstance(a, Pose) and isinstance(b, Pose) and sign == "*":
         return a @ b
     if isinstance(a, (Vector, Joints)) and isinstance(b, (float, bool)) and sign in ("*", "/"):
-        made = [_arithmetic(sign, one, float(b)) for one in a.values]
-        return Joints(tuple(made)) if isinstance(a, Joints) else vector(made)
+        values = [_arithmetic(sign, item, float(b)) for item in a.values]
+        return Joints(tuple(values)) if isinstance(a, Joints) else vector(values)
     if isinstance(b, Vector) and isinstance(a, (float, bool)) and sign == "*":
-        return vector([_arithmetic(sign, one, float(a)) for one in b.values])
+        return vector([_arithmetic(sign, item, float(a)) for item in b.values])
     if isinstance(a, Joints) and isinstance(b, tuple):
         b = joints(numbers(list(b)))
     if isinstance(a, Vector) and isinstance(b, tuple):
@@ -419,13 +471,13 @@ def _with_places(sign: str, a: Value, b: Value) -> Value:
         and isinstance(b, (Vector, Joints))
         and sign in ("+", "-")
     ):
-        made = [x + y if sign == "+" else x - y for x, y in zip(a.values, b.values, strict=False)]
-        return Joints(tuple(made)) if isinstance(a, Joints) else vector(made)
-    raise Unreadable(f"{tell(a)} {sign} {tell(b)} is not evaluated")
+        values = [x + y if sign == "+" else x - y for x, y in zip(a.values, b.values, strict=False)]
+        return Joints(tuple(values)) if isinstance(a, Joints) else vector(values)
+    raise Unreadable(f"{describe_value(a)} {sign} {describe_value(b)} is not evaluated")
 
 
 def turned(pose: Pose, at: int, degrees: float) -> Pose:
-    """``pose`` with rx, ry or rz, number ``at``, set to ``degrees``."""
+    """Return a pose whose rx, ry or rz (`at` is 0, 1 or 2) is set to `degrees`."""
     values = components(pose)
     values[3 + at] = degrees
     rotation = rotation_from_fixed_xyz(*map(math.radians, values[3:]))

@@ -9,7 +9,7 @@ from camgen.lang.columns import Run
 from camgen.lang.pacscript.plain import MOTIONS
 
 #: Takes the number of a line and a finding about it.
-Say = Callable[[int, str], None]
+FaultCallback = Callable[[int, str], None]
 
 #: Bytes of a line at most (RC8 manual 5225), and characters beyond which a line does not go on.
 LONGEST_LINE, LONGEST_GROWN = 1024, 8192
@@ -37,18 +37,21 @@ def without_comment(text: str) -> str:
 
 
 def expand(text: str, macros: Mapping[str, str]) -> str:
-    """``text`` with the macros, by lower-case name, replaced outside quotes. ValueError where that has no end."""
+    """Replace macros outside of quotes. Raises ValueError if that has no end.
+
+    macros: texts by the name in lower case.
+    """
     replaced = False
 
-    def put(match: re.Match[str]) -> str:
+    def replace_word(match: re.Match[str]) -> str:
         nonlocal replaced
-        found = macros.get(match[0].lower())
-        replaced = replaced or found is not None
-        return match[0] if found is None else found
+        macro = macros.get(match[0].lower())
+        replaced = replaced or macro is not None
+        return match[0] if macro is None else macro
 
     for _ in range(DEEPEST_MACRO):
         replaced = False
-        text = _WORD.sub(put, text)
+        text = _WORD.sub(replace_word, text)
         if not replaced:
             return text
         if len(text) > LONGEST_GROWN:
@@ -65,26 +68,27 @@ def too_long(row: str) -> bool:
 
 
 def join(
-    text: str, before: int, say: Say, remark: Say | None = None
+    text: str, before: int, report: FaultCallback, remark: FaultCallback | None = None
 ) -> list[tuple[int, str | Run]]:
-    """The statements of a text, each with the number of its first line.
+    """Split a text into statements, each with the number of its first line.
 
     A statement is a text of whole lines without comments. Motions in the usual spelling are runs.
 
     before: number of lines before the text.
+    report: called with line and text of a fault.
     remark: takes note of a comment that another reader may take for the start of a statement.
     """
-    found: list[tuple[int, str | Run]] = []
+    statements: list[tuple[int, str | Run]] = []
     number, first, begun = before, 0, ""
     for piece in MOTIONS.cut(text):
         if isinstance(piece, Run) and not begun:
-            found.append((number + 1, piece))
+            statements.append((number + 1, piece))
             number += len(piece)
             continue
         for row in split_rows(piece):
             number += 1
             if too_long(row):
-                say(number, f"a line of more than {LONGEST_LINE} bytes")
+                report(number, f"a line of more than {LONGEST_LINE} bytes")
             end = without_comment(row)
             if remark and row.rstrip().endswith(" _") and not end.endswith("_"):
                 remark(
@@ -96,13 +100,13 @@ def join(
             if GOES_ON.search(statement[-2:]) and len(statement) < LONGEST_GROWN:
                 begun = statement[:-1] + " "
             elif statement:
-                found.append((first, statement))
+                statements.append((first, statement))
     if begun:
-        say(first, "the statement goes on after the last line")
-    return found
+        report(first, "the statement goes on after the last line")
+    return statements
 
 
 def split_rows(piece: str | Run) -> list[str]:
-    """The lines of a piece of a text."""
+    """Return the lines of a piece of a text."""
     text = piece if isinstance(piece, str) else piece.source.text
     return text.removesuffix("\n").split("\n")

@@ -1,4 +1,4 @@
-"""What a controller knows while it runs a PacScript program, and what the program has done so far."""
+"""The state of a run of a PacScript program, and its instructions so far."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from camgen.lang.log import Log
 from camgen.lang.motion_speed import Limit, pace_motion
 from camgen.lang.pacscript.values import (
     Array,
-    Figured,
-    Placed,
+    ExternalPose,
+    PoseWithFigure,
     Rate,
     Speed,
     Value,
@@ -35,20 +35,24 @@ from camgen.model.program import (
     Wait,
 )
 
-#: mm/s at 100 %, and deg/s of a turn on the spot, where the user says nothing else.
+#: mm/s of the TCP, and deg/s of a reorientation, at 100 %: defaults that the user may change.
 RATED, RATED_TURN = 1000.0, 500.0
-#: The blend of ``@P`` and ``@C``, mm: how near they pass their target is the controller's choice.
+#: mm: assumed blend radius of `@P` and `@C`. The controller chooses how near they pass the target.
 PASS_MM = 1.0
-#: A program may do so many things.
-#: A delay below was rather meant in another unit, s.
+#: s: a shorter delay was probably written in seconds, while Delay counts in ms.
 _SHORT_DELAY = 0.01
-_MOST_MOTIONS = 2_000_000
+#: Maximum number of instructions.
+_MAX_INSTRUCTIONS = 2_000_000
 
 
 @dataclass(slots=True)
 class Scope:
-    """The names of a procedure that runs. kinds: their types in small letters; ios: those of DefIO; assigned: names
-    that it gives a value somewhere.
+    """The names of a running procedure, in lower case.
+
+    names: values.
+    kinds: types in lower case.
+    ios: type and number of the ports of DefIO.
+    assigned: names to which the procedure assigns a value somewhere.
     """
 
     names: dict[str, Value] = field(default_factory=dict)
@@ -60,7 +64,7 @@ class Scope:
 class Machine:
     """The state of a run.
 
-    current_pose: pose of the TCP in the work frame in force. `Placed` if the text does not give it.
+    current_pose: pose of the TCP in the work frame in force; external if the text does not give it.
     joints: joint values, None if the text does not give them.
     """
 
@@ -68,7 +72,7 @@ class Machine:
         self, assume: Mapping[str, float], points: Mapping[tuple[str, int], Value]
     ) -> None:
         self.assume, self.points = assume, points
-        #: base_from_flange from joint values, where the arm is known.
+        #: base_from_flange for joint values, rad; None if the arm is unknown.
         self.flange: Callable[[Sequence[float]], Pose | None] | None = None
         self.line = 0
         self.body: list[Instruction] = []
@@ -90,9 +94,9 @@ class Machine:
         self.numbers = {"tool": 0, "work": 0}
         self.defined: dict[tuple[str, int], Pose] = {}
         self.armed = False
-        #: Whether somebody whom the text does not show may have taken the arm.
+        #: Another program, which is not in the text, may have taken the arm.
         self.trusting = False
-        # Programs that Run starts beside this one.
+        #: Line of the first Run of each concurrent program, by its name.
         self.tasks: dict[str, int] = {}
         self.motor = True
         self.moved = False
@@ -104,32 +108,32 @@ class Machine:
         self.pressing: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
         self.rated = self._given("rated", RATED)
         self.rated_turn = self._given("rated_turn", RATED_TURN)
-        #: The place in ``frames`` by base, with the tool and the work frame in force; and of all so far.
+        #: Indices in `frames`: by base, for the tool and work frame in force; and of all frames.
         self._frame_now: dict[str, int] = {}
         self._frames: dict[tuple[str, str, int, int], int] = {}
-        self._told = 0.0
+        self._noted_percentage = 0.0
 
     def _given(self, key: str, default: float) -> float:
         value = self.assume.get(key, default)
         return value if value > 0 and math.isfinite(value) else default
 
     def unknown(self, what: str, key: str = "") -> Value:
-        """A value that no text holds: the user's where he gives one."""
+        """Return an external value: the assumption of the user, or else `Unknown`."""
         if key and (given := self.given(key)) is not None:
             self.log.assume(f"{what} is {given:g}, as given", key, given)
             return given
         return Unknown(what, key)
 
     def given(self, key: str) -> float | None:
-        """What the user says of a key, with or without its brackets."""
-        found = self.assume.get(key)
-        return self.assume.get(key.replace("[", "").replace("]", "")) if found is None else found
+        """Return the assumption of the user for a key with or without its brackets, or None."""
+        value = self.assume.get(key)
+        return self.assume.get(key.replace("[", "").replace("]", "")) if value is None else value
 
-    # What the program does.
+    # Instructions.
 
     def emit(self, item: Instruction, base: str = "") -> None:
-        """Adds an instruction of the present line. base: of a motion in the frame of a place that no text holds."""
-        if len(self.body) >= _MOST_MOTIONS:
+        """Add an instruction of the present line. base: frame of the target, see `ExternalPose`."""
+        if len(self.body) >= _MAX_INSTRUCTIONS:
             raise LimitReached("more motions than a program can have")
         self.body.append(item)
         self.lines.append(self.line)
@@ -151,17 +155,20 @@ class Machine:
         return self._frames[key]
 
     def pose_of(self, kind: str, number: int) -> Pose | None:
-        """A tool or a work frame; 0 is the flange or the base."""
+        """Return a tool or work frame, None if unknown. Number 0 is the flange or the base."""
         return self.defined.get((kind, number), _ORIGIN if number == 0 else None)
 
     def change_frame(self, kind: str, number: int) -> None:
-        """Takes another tool or work frame; where the TCP is in it is only known of two work frames that are known."""
+        """Change the tool or work frame in force.
+
+        The current pose becomes external unless the old and the new frame are known.
+        """
         if number == self.numbers[kind]:
             return
         old, new = self.pose_of(kind, self.numbers[kind]), self.pose_of(kind, number)
         self.numbers[kind] = number
         self._frame_now.clear()
-        if isinstance(self.current_pose, Placed) or old is None or new is None:
+        if isinstance(self.current_pose, ExternalPose) or old is None or new is None:
             if self.moved:
                 self.current_pose = name_place(f"where the arm stands in line {self.line}")
         elif kind == "work":
@@ -170,14 +177,14 @@ class Machine:
             self.current_pose = self.current_pose @ old.inverse() @ new
 
     def define_frame(self, kind: str, number: int, pose: Pose) -> None:
-        """Writes the definition of a tool or a work frame."""
+        """Define a tool or work frame."""
         self.defined[(kind, number)] = pose
         self._frame_now.clear()
         if self.numbers[kind] == number and self.moved:
             self.current_pose = name_place(f"where the arm stands in line {self.line}")
 
-    def own(self) -> None:
-        """A motion needs the arm and its power."""
+    def check_arm(self) -> None:
+        """Add a finding for a motion without the arm or without its power."""
         if not self.armed and not self.trusting:
             self.log.find("refused", "a motion without TakeArm: the controller stops with an error")
             self.trusting = True
@@ -185,27 +192,30 @@ class Machine:
             self.log.find("refused", "a motion with the motor off")
 
     def lose_motion(self) -> None:
-        """A motion that could not be evaluated leads to where nobody knows."""
+        """Add a motion to an external pose for one that could not be evaluated."""
         speed, _ = self.speed(self.internal)
         base = f"where line {self.line} leads"
         self.log.leave_out(f"{base} is not evaluated: it is told in a frame of that name")
         self.move(MoveL(Pose(IDENTITY, (0.0, 0.0, 0.0)), speed), False, base)
 
     def speed(self, value: Speed) -> tuple[float, float]:
-        """mm/s, and the share of the joints' greatest speeds, 0 where the speed is one of the TCP."""
+        """Convert a speed to mm/s and to the speed fraction, which is 0 for a speed of the TCP."""
         assert isinstance(value, float)
         if isinstance(value, Rate):
             return value.mm_s * self.external / 100, 0.0
-        if value != self._told:
-            self._told = value
+        if value != self._noted_percentage:
+            self._noted_percentage = value
             self.log.assume(f"100 % is taken for {self.rated:g} mm/s", "rated", self.rated)
-        return value / 100 * self.rated * self.external / 100, min(
-            1.0, value / 100 * self.external / 100
-        )
+        share = min(1.0, value / 100 * self.external / 100)
+        return value / 100 * self.rated * self.external / 100, share
 
     def move(self, item: MoveJ | MoveL | MoveC, passing: bool, base: str = "") -> None:
-        """Adds a motion. passing: what follows may happen before the arm is there. base: of ``Placed``."""
-        self.own()
+        """Add a motion.
+
+        passing: the next instruction may run before the arm is at the target.
+        base: frame of the target, see `ExternalPose`; empty for the work frame.
+        """
+        self.check_arm()
         if not self.moved and not isinstance(item, MoveJ):
             self.log.find(
                 "unusual",
@@ -220,26 +230,22 @@ class Machine:
             )
             self.joints = target
         else:
-            self.current_pose, self.joints = (
-                (Placed(target.rotation, target.origin, base) if base else target),
-                None,
-            )
+            self.joints = None
+            if base:
+                target = ExternalPose(target.rotation, target.origin, base)
+            self.current_pose = target
 
     def _reach(self, joints: Joints) -> Pose | None:
-        """Where joint values put the tool in the work frame in force, where the arm and both are known."""
+        """Return work_from_tcp for joint values, None if the arm or a frame is unknown."""
         flange = self.flange(joints.values) if self.flange is not None else None
-        tool, work = (
-            self.pose_of("tool", self.numbers["tool"]),
-            self.pose_of("work", self.numbers["work"]),
-        )
-        return (
-            None
-            if flange is None or tool is None or work is None
-            else work.inverse() @ flange @ tool
-        )
+        tool = self.pose_of("tool", self.numbers["tool"])
+        work = self.pose_of("work", self.numbers["work"])
+        if flange is None or tool is None or work is None:
+            return None
+        return work.inverse() @ flange @ tool
 
     def go_joints(self, target: Joints, speed: Speed, blend: float, at_once: bool = False) -> None:
-        """Moves the axes to values of their own."""
+        """Add a motion to joint values."""
         if len(target.values) > 6:
             values = dict(enumerate(map(math.degrees, target.values[6:]), 7))
             self.move_others(values, "joint values beyond the sixth are not shown")
@@ -249,7 +255,7 @@ class Machine:
         self.figure = None
 
     def move_others(self, values: dict[int, float], what: str) -> None:
-        """Adds a loss for axes beyond the sixth.
+        """Add a loss for axes beyond the sixth.
 
         values: new values by axis, deg, NaN if they are not known.
         what: text of the loss.
@@ -262,12 +268,12 @@ class Machine:
     def go(
         self, linear: bool, target: Pose, speed: Speed, blend: float, at_once: bool = False
     ) -> None:
-        """Moves the TCP to a place, straight or as the axes run."""
-        posture, said, base, place = None, None, "", target
+        """Add a linear or a joint motion to a pose."""
+        posture, figure, base, place = None, None, "", target
         if type(target) is not Pose:
-            posture, said = posture_of(target)
+            posture, figure = posture_of(target)
             place = Pose(target.rotation, target.origin)
-        if isinstance(target, Placed):
+        if isinstance(target, ExternalPose):
             base = target.base
             self.log.assume(
                 f"{base} is not in the text: motions to it are told in a frame of that name"
@@ -277,35 +283,35 @@ class Machine:
         if linear:
             item = MoveL(place, mm_s, blend, *self.pressing, posture=posture)
             self.move(self.pace(item, share, base), passing, base)
-            self.figure = said
+            self.figure = figure
         else:
             self.move(MoveJ(place, mm_s, blend, posture=posture, share=share), passing, base)
-            if said is not None:
-                # Without a figure the arm keeps the one that it has.
-                self.figure = said
+            if figure is not None:
+                # Without a figure the arm keeps its present one.
+                self.figure = figure
 
     def pace(self, item: MoveL | MoveC, share: float, base: str) -> MoveL | MoveC:
-        """The motion at the speed that its speed of turning leaves.
+        """Limit the speed of a motion by its reorientation.
 
         share: share of the joints' maximum speeds, 0 for a speed of the TCP, which limits no turn.
-        base: frame of a `Placed` target, empty for one in the work frame.
+        base: frame of a `ExternalPose` target, empty for one in the work frame.
         """
-        stands = self.current_pose.base if isinstance(self.current_pose, Placed) else ""
+        stands = self.current_pose.base if isinstance(self.current_pose, ExternalPose) else ""
         limit = Limit(item.speed, math.radians(share * self.rated_turn))
         paced = pace_motion(item, self.current_pose if stands == base else None, limit)
         assert not isinstance(paced, MoveJ)
         return paced
 
     def switch(self, signal: str, value: float) -> None:
-        """Sets an output."""
+        """Set an output."""
         if self.passing:
-            what = "an output after a motion that passes its target: it switches before the arm is there"
-            self.log.find("dangerous", what)
+            what = "an output after a motion that passes its target"
+            self.log.find("dangerous", f"{what}: it switches before the arm is there")
             self.passing = False
         self.emit(Output(signal, value))
 
     def wait(self, seconds: float) -> None:
-        """Stands still."""
+        """Add a wait, s."""
         if seconds > 0:
             self.emit(Wait(seconds))
             self.passing = False
@@ -315,21 +321,21 @@ class Machine:
             )
 
     def stop(self) -> None:
-        """Stands still until the operator lets it go on."""
+        """Add a stop, until the operator continues."""
         self.emit(Stop())
 
     def press(self, table: int | None) -> bool:
-        """Presses as a force table says from the next motion on, None: not at all. Whether its force is known."""
+        """Apply a force table from the next motion on, None for no force.
+
+        Returns whether the force is known.
+        """
         self.table, self.pressing = table, (0.0, (0.0, 0.0, 0.0))
         if table is None:
             return True
         frame, force = self.forces.get(table, (0, (0.0, 0.0, 0.0)))
         size = math.hypot(*force)
-        if (
-            not size
-            or frame not in (1, 2)
-            or (frame == 1 and isinstance(self.current_pose, Placed))
-        ):
+        is_known = frame == 2 or (frame == 1 and not isinstance(self.current_pose, ExternalPose))
+        if not size or not is_known:
             return False
         if frame == 1:
             force = to_vec3(self.current_pose.rotation @ frozen(force))
@@ -337,12 +343,12 @@ class Machine:
         self.pressing = (size, (x / size, y / size, z / size))
         return True
 
-    def tell_force(self) -> None:
-        """Adds the force that is on, 0 N: none."""
+    def add_force(self) -> None:
+        """Add a `Force` instruction with the present force, 0 N for none."""
         self.emit(Force(*self.pressing))
 
     def finish(self, stopped: tuple[int, str] | None) -> Executed:
-        """All that was found."""
+        """Return the result of the run."""
         if self.table is not None:
             self.log.find(
                 "dangerous",
@@ -372,14 +378,14 @@ _ORIGIN = Pose(IDENTITY, (0.0, 0.0, 0.0))
 
 
 def posture_of(place: Pose) -> tuple[Posture | None, int | None]:
-    """What a position says of the posture of the arm, and its figure."""
-    if isinstance(place, Figured):
+    """Return the posture and the figure of a position, None if they are open."""
+    if isinstance(place, PoseWithFigure):
         return Posture(figure=place.figure), place.figure
     return None, None
 
 
 def blank(kind: str) -> Value:
-    """The value of a name of a type, in small letters, before anything is assigned to it."""
+    """Return the initial value of a type, whose name is in lower case."""
     return _BLANKS.get(kind, 0.0)
 
 
@@ -393,5 +399,5 @@ _BLANKS: dict[str, Value] = {
 
 
 def copy_value(value: Value) -> Value:
-    """``value`` for another name: arrays are copied."""
+    """Return a value for another name; arrays are copied."""
     return value.copy() if isinstance(value, Array) else value

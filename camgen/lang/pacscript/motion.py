@@ -1,4 +1,4 @@
-"""The grammar of motion statements: interpolation, pass marks, places and options (PacScript reference, motion)."""
+"""Parses motion statements: interpolation, pass marks, targets, options (PacScript reference)."""
 
 from __future__ import annotations
 
@@ -14,14 +14,19 @@ OPTION = re.compile(
     r"(speed|s|accel|a|decel|d|time|t|pose|static)\s*=\s*(.*)", re.IGNORECASE | re.DOTALL
 )
 EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
-#: By interpolation, whether the TCP goes straight.
+#: Whether the motion is linear, by the word of the interpolation.
 LINEAR = {"l": True, "p": False, "ptp": False}
 _MARKS = frozenset(("@0", "@P", "@E", "@C"))
 _BRACKET = re.compile(r"@\s*\[")
 
 
 class Goal(NamedTuple):
-    """A place or a length with its mark. mark: "0", "P", "E", "C", or the millimetres; extended: of Ex or ExA."""
+    """A target or a length of a motion.
+
+    mark: pass mark "0", "P", "E", "C", or mm as a number or an expression.
+    value: expression of the target or the length.
+    extended: expression of Ex or ExA, None without one.
+    """
 
     mark: str | Node
     value: Node
@@ -29,7 +34,13 @@ class Goal(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """A motion statement. kind: of the interpolation in small letters; options: by name in small letters."""
+    """A motion statement.
+
+    kind: interpolation in lower case, empty if the statement has none.
+    goals: targets and lengths in order.
+    options: expressions by the name of the option in lower case.
+    at_once: Next, so that the following statement does not wait for the motion.
+    """
 
     kind: str
     goals: tuple[Goal, ...]
@@ -38,7 +49,7 @@ class Motion(NamedTuple):
 
 
 def split_mark(text: str) -> tuple[str, str]:
-    """The pass mark before a target, @ and 0, P, E, C or mm, and the target. Without a mark it is @0."""
+    """Split a text into its pass mark (@ and 0, P, E, C or mm; @0 if missing) and the target."""
     if not text.startswith("@"):
         return "@0", text
     head, _, place = text.partition(" ")
@@ -51,12 +62,12 @@ def split_mark(text: str) -> tuple[str, str]:
 
 
 def read_goal(text: str) -> Goal:
-    """``[@mark] value [Ex(...)|ExA(...)]``."""
+    """Parse `[@mark] value [Ex(...)|ExA(...)]`."""
     mark: str | Node = "0"
     if text.startswith("@"):
         if MARK.match(text):
-            said, text = split_mark(text)
-            mark = said[1:]
+            mark_text, text = split_mark(text)
+            mark = mark_text[1:]
         elif _BRACKET.match(text):
             inside, text = cut_bracket(text[text.index("[") :])
             mark = parse(inside)
@@ -64,14 +75,17 @@ def read_goal(text: str) -> Goal:
             raise Unreadable(f"the pass mark of {text} is not understood")
         if not text.strip():
             raise Unreadable("a pass mark without a target")
-    found = EXTENDED.search(text) if "x" in text.lower() else None
-    if found is None:
+    match = EXTENDED.search(text) if "x" in text.lower() else None
+    if match is None:
         return Goal(mark, parse(text))
-    return Goal(mark, parse(text[: found.start()]), parse(text[found.start() :]))
+    return Goal(mark, parse(text[: match.start()]), parse(text[match.start() :]))
 
 
 def read_motion(rest: str, kinds: tuple[str, ...] = ()) -> Motion:
-    """What stands after ``Move`` and its like. kinds: of the interpolation that may come first, none: there is none."""
+    """Parse the operands of a motion statement.
+
+    kinds: words of interpolations of which one must come first; empty if there is none.
+    """
     parts = arguments(rest)
     kind = parts[0].lower() if kinds else ""
     if kinds and kind not in kinds:
@@ -94,7 +108,10 @@ _SHORT = {"s": "speed", "a": "accel", "d": "decel", "t": "time"}
 
 
 def cut_bracket(text: str) -> tuple[str, str]:
-    """What stands inside the bracket with which ``text`` begins, and what follows it. Unreadable where it is open."""
+    """Split a text that begins with a bracket into the text inside and the text after it.
+
+    Raises Unreadable if the bracket is not closed.
+    """
     depth = 0
     for match in _BRACKETS.finditer(text):
         depth += (match[0] in "([") - (match[0] in ")]")
@@ -106,12 +123,12 @@ def cut_bracket(text: str) -> tuple[str, str]:
 _BRACKETS = re.compile(r'"[^"]*"|[()\[\]]')
 
 
-#: Mark, axes with their values or joint values, and options of ``Drive`` and ``DriveA``.
+#: A `Drive` or `DriveA`: pass mark, axes with their values or joint values, and options.
 Axes = tuple[str | Node, list[tuple[Node, Node]] | Node, Motion]
 
 
 def read_axes(rest: str) -> Axes:
-    """``Drive[A] [@mark] (axis, value), ... [, options]``, or with joint values; its mark, axes, and options."""
+    """Parse `Drive[A] [@mark] (axis, value), ... [, options]`, or the form with joint values."""
     motion = read_motion(rest)
     if not motion.goals:
         raise Unreadable("a motion without a target")

@@ -1,4 +1,4 @@
-"""What the statements of PacScript do to the arm, its outputs and its frames."""
+"""Runs the motion statements of PacScript."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from camgen.lang.pacscript.functions import numbers
 from camgen.lang.pacscript.machine import PASS_MM, posture_of
 from camgen.lang.pacscript.motion import LINEAR, Axes, Goal, Motion
 from camgen.lang.pacscript.plain import Plain
-from camgen.lang.pacscript.settings import checked
+from camgen.lang.pacscript.settings import check_speed
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import (
-    Figured,
-    Placed,
+    ExternalPose,
+    PoseWithFigure,
     Speed,
     Unreadable,
     Value,
     Vector,
     Wrong,
+    describe_value,
     index,
     keep_frame,
     name_place,
     number,
-    tell,
     vector,
 )
 from camgen.lang.values import Unknown
@@ -43,28 +43,28 @@ from camgen.model.program import Joints, MoveC
 
 #: Blends by pass mark, mm. The controller chooses how near `@P` and `@C` pass their target.
 MARKS = {"0": 0.0, "E": 0.0, "P": PASS_MM, "C": PASS_MM}
-#: Marks whose exact meaning is the controller's, with their meaning here.
+#: Marks whose exact effect the controller decides, with their effect here.
 _MEANINGS = {
     **dict.fromkeys(("P", "C"), f"blends as near as the controller likes: {PASS_MM:g} mm is shown"),
     "E": "waits for the encoders: a stop is shown",
 }
-#: Pieces of an arc are at most so long, rad, and a hair more for rounded points.
-_PIECE = math.pi + 0.02
-#: A via point so near to the middle of its arc is it, mm.
-_HALF_WAY = 0.05
-#: What says that the arm has four axes; a tool whose z has so much of the vertical points up.
+#: rad: maximum sweep of one `MoveC`, half a turn and a margin for rounded points.
+_MAX_SWEEP = math.pi + 0.02
+#: mm: a via point nearer than this to the middle of its arc is kept.
+_VIA_TOLERANCE = 0.05
+#: Name of the assumption that the arm has four axes; vertical part of z of a tool that points up.
 _SCARA, _UP = "__scara_robot__", 0.999
 
 
 def blend_of(run: State, mark: str | Node) -> float:
-    """The blend in mm of a pass mark."""
+    """Return the blend radius of a pass mark, mm."""
     if isinstance(mark, Node):
         value = run.evaluate(mark)
         if isinstance(value, Unknown):
             run.machine.log.assume(f"{value.what} of a pass mark is taken for @0")
             return 0.0
-        said = number(value)
-        return PASS_MM if said < 0 else said
+        radius = number(value)
+        return PASS_MM if radius < 0 else radius
     if mark in MARKS:
         if mark in _MEANINGS:
             run.machine.log.fact("pass marks", f"@{mark} {_MEANINGS[mark]}")
@@ -73,7 +73,7 @@ def blend_of(run: State, mark: str | Node) -> float:
 
 
 def speed_of(run: State, expression: str) -> Speed:
-    """The internal speed of a motion in the usual spelling, %.
+    """Return the internal speed of a motion in the usual spelling, %.
 
     expression: its own speed, empty for the one in force.
     """
@@ -81,18 +81,18 @@ def speed_of(run: State, expression: str) -> Speed:
 
 
 def _own_speed(run: State, node: Node | None) -> Speed:
-    """The internal speed in %, of a motion's own or the one in force."""
+    """Return the internal speed of a motion, or the one in force, %."""
     if node is None:
         return run.machine.internal
     value = run.evaluate(node)
     if isinstance(value, tuple):
         run.machine.log.omit("Speed of a motion with more than one value: accelerations")
         value = value[0]
-    return checked(run, value)
+    return check_speed(run, value)
 
 
 def read_speed(run: State, motion: Motion) -> Speed:
-    """The internal speed of a motion, %. Notes the options that the body does not have."""
+    """Return the internal speed of a motion, %. Notes the options that have no effect here."""
     for name, effect in OMITTED_OPTIONS.items():
         if name in motion.options:
             run.machine.log.omit(f"{name.capitalize()} of a motion: {effect}")
@@ -102,7 +102,7 @@ def read_speed(run: State, motion: Motion) -> Speed:
 
 
 def run_motions(run: State, items: Sequence[Plain]) -> None:
-    """Motions in the usual spelling."""
+    """Run motions in the usual spelling."""
     machine, budget = run.machine, run.budget
     for item in items:
         machine.line = item.line
@@ -118,7 +118,7 @@ def run_motions(run: State, items: Sequence[Plain]) -> None:
 
 
 def move(run: State, motion: Motion) -> None:
-    """``Move``."""
+    """Run `Move`."""
     speed = run.read_speed(motion)
     if motion.kind == "s":
         _follow_path(run, motion, speed)
@@ -140,7 +140,7 @@ def move(run: State, motion: Motion) -> None:
 
 
 def _list_places(run: State, node: Node) -> Iterator[Node]:
-    """The places of a goal: one, or each of a range such as `P[1 TO 3]`."""
+    """Yield the target of a goal, or each one of a range such as `P[1 TO 3]`."""
     if node.kind != "index" or not node.parts or node.parts[0].kind != "range":
         yield node
         return
@@ -150,11 +150,11 @@ def _list_places(run: State, node: Node) -> Iterator[Node]:
     run.log.assume("the pass mark of a range of positions holds for each of them")
     for place in range(first, last + 1):
         run.budget.spend()
-        yield Node("index", node.said, (Node("number", float(place)),))
+        yield Node("index", node.content, (Node("number", float(place)),))
 
 
 def add_path_point(run: State, parts: Sequence[Node]) -> None:
-    """``AddPathPoint path, position``, in the older dialect ``SetSplinePoint``."""
+    """Run `AddPathPoint path, position`, in the older dialect `SetSplinePoint`."""
     if len(parts) < 2:
         raise Wrong("a point of a path needs its path and its position")
     path = index(number(run.evaluate(parts[0])))
@@ -162,13 +162,13 @@ def add_path_point(run: State, parts: Sequence[Node]) -> None:
 
 
 def clear_path(run: State, parts: Sequence[Node]) -> None:
-    """``ClrPathPoint path``, in the older dialect ``ClrSplinePoint``."""
+    """Run `ClrPathPoint path`, in the older dialect `ClrSplinePoint`."""
     for part in parts[:1]:
         run.machine.paths.pop(index(number(run.evaluate(part))), None)
 
 
 def _follow_path(run: State, motion: Motion, speed: Speed) -> None:
-    """``Move S, path``: a free curve through the points of a path."""
+    """Run `Move S, path`, a free curve through the points of a path."""
     machine = run.machine
     curve = f"the free curve of line {machine.line}"
     path = run.evaluate(motion.goals[0].value) if motion.goals else 0.0
@@ -182,21 +182,21 @@ def _follow_path(run: State, motion: Motion, speed: Speed) -> None:
 
 
 def place_of(run: State, node: Node) -> Value:
-    """A place to move to: a position, joint values, or one that is not known."""
+    """Evaluate a target: a position, joint values, or Unknown."""
     value = run.evaluate(node)
     if isinstance(value, tuple):
         value = fit(value, "position")
     if isinstance(value, Vector):
         value = fit(value.values, "position")
     if not isinstance(value, (Pose, Joints, Unknown)):
-        raise Wrong(f"{tell(value)} is no place to move to")
+        raise Wrong(f"{describe_value(value)} is no place to move to")
     return value
 
 
 def go(
     run: State, linear: bool, target: Value, speed: Speed, blend: float, at_once: bool = False
 ) -> None:
-    """Moves to ``target``."""
+    """Add a motion to a target."""
     machine = run.machine
     if isinstance(target, Unknown):
         stored = target.what.startswith(("J[", "where", "the end"))
@@ -218,7 +218,7 @@ def go(
 
 
 def approach(run: State, motion: Motion) -> None:
-    """``Approach P|L, reference, [@mark] length``: back from the reference along its tool z."""
+    """Run `Approach P|L, reference, [@mark] length`: backwards along the tool axis there."""
     reference, length = _exactly(motion, 2)
     target, back = run.place_of(reference.value), run.evaluate(length.value)
     speed, blend = run.read_speed(motion), run.blend_of(length.mark)
@@ -228,40 +228,40 @@ def approach(run: State, motion: Motion) -> None:
         target = (
             Unknown(f"{back.what} before a place")
             if isinstance(back, Unknown)
-            else behind(run, target, number(back))
+            else move_back(run, target, number(back))
         )
     run.go(LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
 def depart(run: State, motion: Motion) -> None:
-    """``Depart P|L, [@mark] length``: back from here along the tool z."""
+    """Run `Depart P|L, [@mark] length`: backwards along the tool axis from the present pose."""
     (length,) = _exactly(motion, 1)
     back = run.evaluate(length.value)
     speed, blend = run.read_speed(motion), run.blend_of(length.mark)
     if isinstance(back, Unknown):
         target: Value = Unknown(f"{back.what} before where the arm stands")
     else:
-        target = behind(run, run.find_start(), number(back))
+        target = move_back(run, run.find_start(), number(back))
     run.go(LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
 def draw(run: State, motion: Motion) -> None:
-    """``Draw P|L, [@mark] V(dx, dy, dz)``: by a vector in the work frame, the orientation kept."""
-    (way,) = _exactly(motion, 1)
-    value = run.evaluate(way.value)
+    """Run `Draw P|L, [@mark] V(dx, dy, dz)`: by a vector in the work frame."""
+    (goal,) = _exactly(motion, 1)
+    value = run.evaluate(goal.value)
     if isinstance(value, tuple):
         value = vector(numbers(list(value)))
     if isinstance(value, Pose):
         value = Vector(value.origin)
     if not isinstance(value, (Vector, Unknown)):
-        raise Wrong(f"Draw needs a vector, not {tell(value)}")
-    here = run.find_start()
-    speed, blend = run.read_speed(motion), run.blend_of(way.mark)
-    if isinstance(here, Placed) or isinstance(value, Unknown):
+        raise Wrong(f"Draw needs a vector, not {describe_value(value)}")
+    start = run.find_start()
+    speed, blend = run.read_speed(motion), run.blend_of(goal.mark)
+    if isinstance(start, ExternalPose) or isinstance(value, Unknown):
         target: Value = Unknown("a place beside where the arm stands")
     else:
-        x, y, z = (a + b for a, b in zip(here.origin, value.values, strict=True))
-        target = Pose(here.rotation, (x, y, z))
+        x, y, z = (a + b for a, b in zip(start.origin, value.values, strict=True))
+        target = Pose(start.rotation, (x, y, z))
     run.go(LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
@@ -271,26 +271,29 @@ def _exactly(motion: Motion, count: int) -> tuple[Goal, ...]:
     return motion.goals
 
 
-def behind(run: State, pose: Pose, length: float) -> Pose:
-    """A place so far back along the tool z; above along z with an arm of four axes, whose tool z points up."""
+def move_back(run: State, pose: Pose, length: float) -> Pose:
+    """Move a pose backwards along the tool axis by a length, mm.
+
+    With an arm of four axes it moves up along z, since the tool axis of that arm points up.
+    """
     scara = bool(run.machine.given(_SCARA))
-    if pose.rotation[2, 2] > _UP and not isinstance(pose, Placed) and not scara:
+    if pose.rotation[2, 2] > _UP and not isinstance(pose, ExternalPose) and not scara:
         what = "a tool that points up is taken for that of an arm of six axes: back of it is below"
         run.machine.log.assume(what, _SCARA)
     origin = pose.apply((0.0, 0.0, length if scara else -length))
-    if isinstance(pose, Figured):
-        return Figured(pose.rotation, origin, pose.figure)
+    if isinstance(pose, PoseWithFigure):
+        return PoseWithFigure(pose.rotation, origin, pose.figure)
     return keep_frame(Pose(pose.rotation, origin), pose)
 
 
 def arc(
     run: State, via: Value, end: Value, speed: Speed, blend: float, at_once: bool = False
 ) -> None:
-    """Moves through ``via`` to ``end``, in arcs of at most half a circle with their via point half-way."""
+    """Add arcs through `via` to `end`, of at most half a circle, with the via point half-way."""
     machine = run.machine
     start = machine.current_pose
     bases = {
-        place.base if isinstance(place, Placed) else ""
+        place.base if isinstance(place, ExternalPose) else ""
         for place in (start, via, end)
         if isinstance(place, Pose)
     }
@@ -300,9 +303,8 @@ def arc(
             if isinstance(end, Pose)
             else name_place(f"the end of the arc of line {machine.line}")
         )
-        machine.log.assume(
-            f"the arc of line {machine.line} is told as a line: the text does not hold its three points"
-        )
+        what = "is told as a line: the text does not hold its three points"
+        machine.log.assume(f"the arc of line {machine.line} {what}")
         machine.go(True, goal, speed, blend, at_once)
         return
     try:
@@ -311,13 +313,13 @@ def arc(
         machine.log.find("refused", "the three points of the arc are on one line")
         machine.current_pose = keep_frame(Pose(end.rotation, end.origin), end)
         return
-    said = posture_of(end)[1]
-    if said is not None and machine.figure not in (None, said):
+    figure = posture_of(end)[1]
+    if figure is not None and machine.figure not in (None, figure):
         machine.log.find(
-            "unusual", f"an arc from figure {machine.figure} to {said}: an error may occur"
+            "unusual", f"an arc from figure {machine.figure} to {figure}: an error may occur"
         )
-    middle = _half_way(start.origin, center, axis, sweep)
-    if sweep <= _PIECE and math.dist(middle, via.origin) <= _HALF_WAY:
+    middle = _compute_via(start.origin, center, axis, sweep)
+    if sweep <= _MAX_SWEEP and math.dist(middle, via.origin) <= _VIA_TOLERANCE:
         mm_s, share = machine.speed(speed)
         middle_pose, end_pose = Pose(via.rotation, via.origin), Pose(end.rotation, end.origin)
         item = MoveC(
@@ -325,31 +327,34 @@ def arc(
         )
         machine.move(machine.pace(item, share, *bases), blend > 0 and not at_once, *bases)
     else:
-        _turn(run, start, end, center, axis, sweep, (speed, blend, at_once))
-    machine.figure = said
+        _add_arcs(run, start, end, (center, axis, sweep), (speed, blend, at_once))
+    machine.figure = figure
 
 
-def _half_way(start: Vec3, center: Vec3, axis: Vec3, sweep: float) -> Vec3:
+def _compute_via(start: Vec3, center: Vec3, axis: Vec3, sweep: float) -> Vec3:
     x, y, z = (a - c for a, c in zip(start, center, strict=True))
     dx, dy, dz = turn_about((x, y, z), axis, sweep / 2)
     return (center[0] + dx, center[1] + dy, center[2] + dz)
 
 
-def _turn(
+def _add_arcs(
     run: State,
     start: Pose,
     end: Pose,
-    center: Vec3,
-    axis: Vec3,
-    sweep: float,
+    revolution: tuple[Vec3, Vec3, float],
     manner: tuple[Speed, float, bool],
 ) -> None:
-    """The pieces of an arc about ``axis`` through ``center``; the tool turns evenly from its start to its end."""
+    """Add the arcs about an axis. The orientation changes uniformly from start to end.
+
+    revolution: center of the arc, axis, and sweep in rad.
+    manner: speed, blend radius of the last arc, and whether the next statement does not wait.
+    """
     machine = run.machine
-    base = start.base if isinstance(start, Placed) else ""
+    base = start.base if isinstance(start, ExternalPose) else ""
+    center, axis, sweep = revolution
     speed, blend, at_once = manner
     mm_s, share = machine.speed(speed)
-    pieces = max(1, math.ceil(abs(sweep) / _PIECE))
+    pieces = max(1, math.ceil(abs(sweep) / _MAX_SWEEP))
     posture = posture_of(end)[0]
 
     def at(fraction: float) -> Pose:
@@ -367,9 +372,9 @@ def _turn(
 
 
 def rotate(run: State, motion: Motion) -> None:
-    """``Rotate XY|YZ|ZX, angle[, center][, pose = 1|2]``: an arc about an axis of the work frame."""
+    """Run `Rotate XY|YZ|ZX, angle[, center][, pose = 1|2]`: an arc about a work axis."""
     machine = run.machine
-    plane = str(motion.goals[0].value.said) if motion.goals else ""
+    plane = str(motion.goals[0].value.content) if motion.goals else ""
     normal = {"xy": (0.0, 0.0, 1.0), "yz": (1.0, 0.0, 0.0), "zx": (0.0, 1.0, 0.0)}.get(plane)
     if len(motion.goals) < 2:
         raise Wrong("Rotate needs a plane and an angle")
@@ -381,7 +386,7 @@ def rotate(run: State, motion: Motion) -> None:
     start = machine.current_pose
     if (
         normal is None
-        or isinstance(start, Placed)
+        or isinstance(start, ExternalPose)
         or not isinstance(about, Vector)
         or isinstance(angle, Unknown)
     ):
@@ -396,7 +401,8 @@ def rotate(run: State, motion: Motion) -> None:
     towards = start.rotation[:, 2].tolist()
     if not number(run.evaluate(motion.options.get("static", Node("number", 0.0)))):
         down = sum(a * b for a, b in zip(normal, towards, strict=True)) < 0
-        normal = tuple(-one for one in normal) if down else normal  # type: ignore[assignment]
+        if down:
+            normal = (-normal[0], -normal[1], -normal[2])
     sweep = math.radians(number(angle))
     keeps = number(run.evaluate(motion.options.get("pose", Node("number", 2.0)))) != 1
     turned = (
@@ -404,7 +410,7 @@ def rotate(run: State, motion: Motion) -> None:
         if keeps
         else frozen(rotation_about_axis(frozen(normal), sweep) @ start.rotation)
     )
-    center = _foot(start.origin, about.values, normal)
+    center = _find_foot(start.origin, about.values, normal)
     offset = turn_about(
         tuple(a - c for a, c in zip(start.origin, center, strict=True)),  # type: ignore[arg-type]
         normal,
@@ -414,52 +420,44 @@ def rotate(run: State, motion: Motion) -> None:
     if math.dist(start.origin, center) < 1e-6 or abs(sweep) < 1e-9:
         machine.go(True, Pose(turned, (x, y, z)), speed, blend, motion.at_once)
     else:
-        _turn(
-            run,
-            start,
-            Pose(turned, (x, y, z)),
-            center,
-            normal,
-            sweep,
-            (speed, blend, motion.at_once),
-        )
+        end, manner = Pose(turned, (x, y, z)), (speed, blend, motion.at_once)
+        _add_arcs(run, start, end, (center, normal, sweep), manner)
 
 
-def _foot(point: Vec3, about: Vec3, normal: Vec3) -> Vec3:
-    """The point of the axis through ``about`` that is as high as ``point``."""
+def _find_foot(point: Vec3, about: Vec3, normal: Vec3) -> Vec3:
     up = sum((p - a) * n for p, a, n in zip(point, about, normal, strict=True))
     x, y, z = (a + up * n for a, n in zip(about, normal, strict=True))
     return (x, y, z)
 
 
 def rotate_hand(run: State, motion: Motion) -> None:
-    """``RotateH [@mark] angle``: a turn about the tool z."""
+    """Run `RotateH [@mark] angle`: a rotation about the tool axis."""
     (goal,) = _exactly(motion, 1)
-    angle, here = run.evaluate(goal.value), run.machine.current_pose
+    angle, start = run.evaluate(goal.value), run.machine.current_pose
     speed, blend = run.read_speed(motion), run.blend_of(goal.mark)
     if isinstance(angle, Unknown):
         target: Pose = name_place(f"the end of the turn of line {run.machine.line}")
     else:
-        rotation = frozen(here.rotation @ rotation_about(2, math.radians(number(angle))))
-        target = keep_frame(Pose(rotation, here.origin), here)
+        rotation = frozen(start.rotation @ rotation_about(2, math.radians(number(angle))))
+        target = keep_frame(Pose(rotation, start.origin), start)
     run.machine.go(True, target, speed, blend, motion.at_once)
 
 
 def arch(run: State, motion: Motion) -> None:
-    """``ArchMove target, height[, ...]``: up, across and down again."""
+    """Run `ArchMove target, height[, ...]`: up, across and down."""
     if len(motion.goals) < 2:
         raise Wrong("ArchMove needs a target and a height")
     target, height = run.place_of(motion.goals[0].value), run.evaluate(motion.goals[1].value)
-    here, speed = run.machine.current_pose, run.read_speed(motion)
-    stored = isinstance(target, Placed) or isinstance(here, Placed)
+    start, speed = run.machine.current_pose, run.read_speed(motion)
+    stored = isinstance(target, ExternalPose) or isinstance(start, ExternalPose)
     if not isinstance(target, Pose) or stored or isinstance(height, Unknown):
         arch_text = f"the arch of line {run.machine.line}"
         run.log.assume(f"{arch_text} is told without its height: the text does not hold it")
         run.go(False, target, speed, 0.0)
         return
-    top = min(here.origin[2], target.origin[2]) + number(height)
+    top = min(start.origin[2], target.origin[2]) + number(height)
     for place in (
-        Pose(here.rotation, (*here.origin[:2], top)),
+        Pose(start.rotation, (*start.origin[:2], top)),
         Pose(target.rotation, (*target.origin[:2], top)),
     ):
         run.machine.go(False, place, speed, PASS_MM)
@@ -467,27 +465,27 @@ def arch(run: State, motion: Motion) -> None:
 
 
 def drive(run: State, axes_of_motion: Axes, relative: bool) -> None:
-    """``Drive`` by and ``DriveA`` to joint values of single axes."""
+    """Run `Drive` (relative) or `DriveA` for single axes."""
     mark, axes, motion = axes_of_motion
     speed, blend = run.read_speed(motion), run.blend_of(mark)
     if isinstance(axes, Node):
         value = fit(run.evaluate(axes), "joint")
         if isinstance(value, Joints):
-            said: dict[int, Value] = {
-                k + 1: math.degrees(one) for k, one in enumerate(value.values[:6])
+            amounts: dict[int, Value] = {
+                k + 1: math.degrees(angle) for k, angle in enumerate(value.values[:6])
             }
         elif isinstance(value, Unknown):
             run.go(False, value, speed, blend, motion.at_once)
             return
         else:
-            raise Wrong(f"{tell(value)} is no joint value")
+            raise Wrong(f"{describe_value(value)} is no joint value")
     else:
-        said = {}
-        for axis, by in axes:
-            which, amount = run.evaluate(axis), run.evaluate(by)
+        amounts = {}
+        for axis, amount_node in axes:
+            which, amount = run.evaluate(axis), run.evaluate(amount_node)
             if not isinstance(which, Unknown):
-                said[index(number(which))] = _axis_value(amount, int(number(which)))
-    _drive(run, said, relative, (speed, blend, motion.at_once))
+                amounts[index(number(which))] = _axis_value(amount, int(number(which)))
+    _drive(run, amounts, relative, (speed, blend, motion.at_once))
 
 
 def _axis_value(value: Value, axis: int) -> Value:
@@ -497,11 +495,11 @@ def _axis_value(value: Value, axis: int) -> Value:
 
 
 def _drive(
-    run: State, said: dict[int, Value], relative: bool, manner: tuple[Speed, float, bool]
+    run: State, amounts: dict[int, Value], relative: bool, manner: tuple[Speed, float, bool]
 ) -> None:
     machine = run.machine
-    if any(axis > 6 for axis in said):
-        others = {axis: said[axis] for axis in sorted(said) if axis > 6}
+    if any(axis > 6 for axis in amounts):
+        others = {axis: amounts[axis] for axis in sorted(amounts) if axis > 6}
         values = {}
         for axis, value in others.items():
             start = machine.others.setdefault(axis, 0.0 if relative else math.nan)
@@ -509,23 +507,25 @@ def _drive(
             if amount or not relative:
                 values[axis] = start + amount if relative else amount
         machine.move_others(values, ", ".join(f"axis {axis} moves" for axis in others))
-        said = {axis: value for axis, value in said.items() if axis <= 6}
-        if not said:
+        amounts = {axis: value for axis, value in amounts.items() if axis <= 6}
+        if not amounts:
             return
     now = machine.joints.values if machine.joints else ()
-    unknown = next((value for value in said.values() if isinstance(value, Unknown)), None)
-    whole = not relative and set(said) >= set(range(1, 7))
+    unknown = next((value for value in amounts.values() if isinstance(value, Unknown)), None)
+    whole = not relative and set(amounts) >= set(range(1, 7))
     if unknown is not None or not (now or whole):
         run.go(False, name_place(f"where the axes of line {machine.line} lead"), *manner)
         return
-    made = [*now, *[0.0] * (max(6 if whole else 0, *said) - len(now))]
-    for axis, value in said.items():
-        made[axis - 1] = math.radians(number(value)) + (made[axis - 1] if relative else 0.0)
-    machine.go_joints(Joints(tuple(made)), *manner)
+    joint_values = [*now, *[0.0] * (max(6 if whole else 0, *amounts) - len(now))]
+    for axis, value in amounts.items():
+        joint_values[axis - 1] = math.radians(number(value)) + (
+            joint_values[axis - 1] if relative else 0.0
+        )
+    machine.go_joints(Joints(tuple(joint_values)), *manner)
 
 
 def go_home(run: State, _parts: object) -> None:
-    """``GoHome``."""
+    """Run `GoHome`."""
     home = run.machine.home
     if not isinstance(home, (Pose, Joints)):
         home = name_place("the home position of the controller")

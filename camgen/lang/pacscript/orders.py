@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 from camgen.lang.pacscript.evaluate import (
     assign,
+    assign_axis,
+    assign_component,
     assign_name,
     blank,
     fit,
     is_stored,
-    let_axis,
-    let_part,
     truth,
 )
 from camgen.lang.pacscript.expressions import Node
@@ -28,7 +28,7 @@ from camgen.model.program import Output
 class Declaration(NamedTuple):
     """A variable of ``Dim``.
 
-    kind: its type in small letters.
+    kind: its type in lower case.
     tops: largest indices of an array, None of another variable.
     value: its first value, None without one.
     """
@@ -147,24 +147,24 @@ def set_variable(run: State, assignment: Assignment) -> None:
     except Unreadable as error:
         # The value from before is no longer the value of the variable.
         if target.kind in ("name", "index", "call"):
-            assign(run, target, Unknown(f"{target.said} ({error})"))
+            assign(run, target, Unknown(f"{target.content} ({error})"))
         raise
 
 
 def call(run: State, calling: Calling) -> None:
-    """A call of a procedure, a function or a method."""
+    """Run a call of a procedure, a function or a method."""
     node = calling.target
-    name = str(node.said)
+    name = str(node.content)
     if node.kind == "member":
         for part in calling.values:
             run.evaluate(part)
-        of = node.parts[0]
-        module = run.read(run.stems[str(of.said)]) if of.said in run.stems else None
+        owner = node.parts[0]
+        module = run.read(run.stems[str(owner.content)]) if owner.content in run.stems else None
         procedure = module.procedures.get(name) if module is not None else None
         if module is not None and procedure is not None:
             run.call((module, procedure), calling.values)
         else:
-            run.log.fact("other devices", f"{of.said}.{name}")
+            run.log.fact("other devices", f"{owner.content}.{name}")
         return
     called = run.find_procedure(name)
     if called is not None:
@@ -182,7 +182,7 @@ def call(run: State, calling: Calling) -> None:
 
 def _fill(run: State, name: str, part: Node, value: Value) -> None:
     """Forgets a variable without a value that a missing procedure takes: it may be set there."""
-    variable = str(part.said)
+    variable = str(part.content)
     scope = run.scope if variable in run.scope.names else run.module_scope
     if part.kind not in ("name", "call") or variable not in scope.names:
         return
@@ -197,7 +197,7 @@ def start_task(run: State, calling: Calling) -> None:
     """``Run``: a task beside this one."""
     for part in calling.values:
         run.evaluate(part)
-    run.machine.tasks.setdefault(str(calling.target.said).lower(), run.machine.line)
+    run.machine.tasks.setdefault(str(calling.target.content).lower(), run.machine.line)
 
 
 def switch(run: State, switching: Switching) -> None:
@@ -223,7 +223,7 @@ def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
             return []
         first, last = (index(number(end)) for end in ends)
         return list(range(first, min(last, first + 255) + 1))
-    if which.kind == "index" and which.said == "io" and which.parts:
+    if which.kind == "index" and which.content == "io" and which.parts:
         at = run.evaluate(which.parts[0])
         if isinstance(at, Unknown):
             run.log.leave_out(
@@ -231,7 +231,7 @@ def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
             )
             return []
         return [index(number(at))]
-    name = str(which.said)
+    name = str(which.content)
     if which.kind == "name" and name.startswith("io") and name[2:].isdecimal():
         return [int(name[2:11])]
     if which.kind == "name":
@@ -239,15 +239,15 @@ def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
     raise Unreadable("an output that is not understood")
 
 
-def let(run: State, letting: Letting) -> None:
-    """``LetX`` and its like."""
+def assign_part(run: State, letting: Letting) -> None:
+    """Run `LetX` and the like."""
     part, target, axis, value = letting
     if part == "f":
         run.log.fact("posture", "LetF sets the figure of a position")
     if axis is None:
-        let_part(run, part, target, run.evaluate(value))
+        assign_component(run, part, target, run.evaluate(value))
     else:
-        let_axis(run, target, run.evaluate(axis), run.evaluate(value))
+        assign_axis(run, target, run.evaluate(axis), run.evaluate(value))
 
 
 def omit(run: State, remark: Remark) -> None:
@@ -279,10 +279,10 @@ def wait(run: State, waiting: Waiting) -> None:
 def _find_given(run: State, node: Node) -> str:
     """Return the first value of a condition that the user has given, empty without one."""
     if node.kind == "index" and node.parts and node.parts[0].kind == "number":
-        key = f"{node.said}[{node.parts[0].said:g}]"
+        key = f"{node.content}[{node.parts[0].content:g}]"
         return key if run.machine.given(key) is not None else ""
-    if node.kind == "name" and run.machine.given(str(node.said)) is not None:
-        return str(node.said)
+    if node.kind == "name" and run.machine.given(str(node.content)) is not None:
+        return str(node.content)
     return next(filter(None, (_find_given(run, part) for part in node.parts)), "")
 
 
@@ -295,16 +295,15 @@ def _learn(run: State, node: Node) -> None:
         try:
             value = run.evaluate(node.parts[1])
             if not isinstance(value, Unknown):
-                _set(run, node.parts[0], value)
+                _assign_awaited(run, node.parts[0], value)
         except Unreadable:
             return
     elif node.kind in ("name", "index"):
-        _set(run, node, 1.0)
+        _assign_awaited(run, node, 1.0)
 
 
-def _set(run: State, node: Node, value: Value) -> None:
-    """Set a variable or an input to the value that a program has waited for."""
-    name = str(node.said)
+def _assign_awaited(run: State, node: Node, value: Value) -> None:
+    name = str(node.content)
     if node.kind == "index" and name == "io":
         at = run.evaluate(node.parts[0])
         if not isinstance(at, Unknown):
@@ -325,5 +324,5 @@ def fill(run: State, filling: Filling) -> None:
     takes_all = filling.word in ("input", "lineinput", "com_state")
     for node in filling.targets if takes_all else filling.targets[:1]:
         if node.kind in ("name", "index", "call"):
-            name = str(node.said)
+            name = str(node.content)
             assign(run, node, run.machine.unknown(f"{name} from {filling.word}", name))

@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from camgen.lang.columns import Run, Template
 from camgen.lang.pacscript.expressions import parse
-from camgen.lang.pacscript.values import UNDEFINED, Figured, Unreadable, finite, position
+from camgen.lang.pacscript.values import UNDEFINED, PoseWithFigure, Unreadable, finite, position
 from camgen.model.pose import Pose, Vec3
 
 #: A number as in JSON, whose reader is as exact as `float`. It has a point: JSON's -0 has no sign.
@@ -83,8 +83,8 @@ def _read_turn(turn: str) -> Callable[[Vec3], Pose]:
     if len(values) > 6 and values[6] != UNDEFINED and values[6] < 0:
         raise Unreadable(f"{turn} has another figure")
     place = position(values)
-    if isinstance(place, Figured):
-        return partial(Figured, place.rotation, figure=place.figure)
+    if isinstance(place, PoseWithFigure):
+        return partial(PoseWithFigure, place.rotation, figure=place.figure)
     return partial(Pose, place.rotation)
 
 

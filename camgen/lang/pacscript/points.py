@@ -1,4 +1,4 @@
-"""Files of the variables of a controller: lists of positions as DENSO's tools export them, or one variable a line."""
+"""Reads files of variables of a controller, as DENSO's tools export them or with one per line."""
 
 from __future__ import annotations
 
@@ -21,27 +21,30 @@ _FIELDS = re.compile(r"[,;\t]")
 
 
 def read_points(files: Mapping[str, str]) -> tuple[dict[tuple[str, int], Value], list[str]]:
-    """The variables of files by name: letter and number. And what could not be read of them, in words.
+    """Read the variables of files.
 
-    A line is ``P[1], x, y, z, rx, ry, rz, fig`` or ``P1 = P(...)``; or the number first, as in the lists that DENSO's
-    tools export, where the file's name (``P_Var.csv``) says the letter. Lines that begin otherwise are headings.
+    A line is `P[1], x, y, z, rx, ry, rz, fig` or `P1 = P(...)`. In the lists that DENSO's tools
+    export it begins with the number, and the letter is in the name of the file (`P_Var.csv`). All
+    other lines are headings.
+
+    Returns the values by letter and number, and texts about lines that cannot be read.
     """
-    found: dict[tuple[str, int], Value] = {}
+    values: dict[tuple[str, int], Value] = {}
     faulty: list[str] = []
     for name, text in files.items():
         letter = _letter(name)
         for row, (kind, at, rest) in _rows(text, letter):
             try:
-                found[(kind, at)] = _read(kind, rest)
+                values[(kind, at)] = _read(kind, rest)
             except Unreadable as error:
                 if len(faulty) < 20:
                     faulty.append(f"{name}, line {row}: {error}")
-    return found, faulty
+    return values, faulty
 
 
 def _letter(name: str) -> str:
     match = _LETTER.search(re.split(r"[\\/]", name)[-1].rsplit(".", 1)[0])
-    return next((one for one in match.groups() if one), "p").lower() if match else "p"
+    return next((letter for letter in match.groups() if letter), "p").lower() if match else "p"
 
 
 def _rows(text: str, letter: str) -> Iterator[tuple[int, tuple[str, int, str]]]:

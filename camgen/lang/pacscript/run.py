@@ -43,12 +43,12 @@ from camgen.lang.programs import Ask, Executed
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
 
-#: Procedures may call each other so deep.
-_DEEPEST = 40
-#: So many tasks are looked at.
-_MOST_BESIDE = 20
-#: Statements of each, beyond those of the text.
-_MOST_OF_A_TASK = 5_000
+#: Maximum depth of calls.
+_MAX_DEPTH = 40
+#: Maximum number of other tasks that are run.
+_MAX_TASKS = 20
+#: Maximum number of steps of each, in addition to those of the text.
+_MAX_TASK_STEPS = 5_000
 #: Texts of the choices of the engine.
 _CHOICES = {
     Choice.BRANCH_ENTERED: "{what} is not known: the branch is gone into",
@@ -85,33 +85,33 @@ class Run(State):
         self.scopes: dict[str, Scope] = {}
         self.module = Module("")
 
-    def say(self, line: int, what: str) -> None:
-        """Notes a fault of the text."""
+    def add_fault(self, line: int, what: str) -> None:
+        """Add a finding for a fault of the text."""
         self.machine.log.find("refused", what, line=max(1, line))
 
     def read(self, name: str) -> Module:
-        """The module of a file that is given."""
+        """Return the module of a given file."""
         if name not in self.modules:
-            self.modules[name] = read_module(name, self.files, self.machine.assume, self.say)
+            self.modules[name] = read_module(name, self.files, self.machine.assume, self.add_fault)
         return self.modules[name]
 
     def _scope_of(self, module: Module) -> Scope:
-        """The names of a file, which it has as long as the program runs."""
-        found = self.scopes.get(module.name)
-        if found is None:
-            found = self.scopes[module.name] = Scope()
+        """Return the names of a file, which it keeps during the whole run."""
+        scope = self.scopes.get(module.name)
+        if scope is None:
+            scope = self.scopes[module.name] = Scope()
             declared = Procedure("", 0, [], "", module.declarations)
             before = self.module, self.scope, self.module_scope, self.machine.line
-            self.module, self.scope, self.module_scope = module, found, found
+            self.module, self.scope, self.module_scope = module, scope, scope
             self.flow.run(self._code(declared).code)
             self.module, self.scope, self.module_scope, self.machine.line = before
-        return found
+        return scope
 
     def _code(self, procedure: Procedure) -> ProcedureCode:
         if procedure.code is None:
             key = (procedure.line, tuple(procedure.statements))
             if key not in self.codes:
-                self.codes[key] = compile_procedure(procedure, self.say, self.module.pac)
+                self.codes[key] = compile_procedure(procedure, self.add_fault, self.module.pac)
             procedure.code = self.codes[key]
         code: ProcedureCode = procedure.code
         return code
@@ -119,9 +119,9 @@ class Run(State):
     # Procedures.
 
     def find_procedure(self, name: str) -> tuple[Module, Procedure] | None:
-        """A procedure of this file, or the start of another one."""
-        if (found := self.module.procedures.get(name)) and name != "main":
-            return self.module, found
+        """Return a procedure of this file, or the start of another file; None without one."""
+        if (procedure := self.module.procedures.get(name)) and name != "main":
+            return self.module, procedure
         if name in self.stems and name not in RESERVED:
             module = self.read(self.stems[name])
             if main := module.procedures.get("main"):
@@ -130,12 +130,15 @@ class Run(State):
 
     def find_function(self, name: str) -> bool:
         """Whether a name without brackets calls a function."""
-        found = self.find_procedure(name)
-        return found is not None and found[1].returns not in ("", "program")
+        procedure = self.find_procedure(name)
+        return procedure is not None and procedure[1].returns not in ("", "program")
 
-    def call(self, found: tuple[Module, Procedure], parts: tuple[Node, ...]) -> Value:
-        """Calls a procedure; what it gives, 0 of a Sub. Parameters that are not ByVal give their values back."""
-        module, procedure = found
+    def call(self, target: tuple[Module, Procedure], parts: tuple[Node, ...]) -> Value:
+        """Call a procedure. Returns its value, which is 0 for a Sub.
+
+        Values of parameters without ByVal are assigned to the arguments.
+        """
+        module, procedure = target
         self.flow.check_depth("procedures that call each other without end")
         values = [self.evaluate(part) for part in parts]
         if len(values) > len(procedure.parameters):
@@ -160,13 +163,13 @@ class Run(State):
         value = scope.names.get(parameter.name)
         if parameter.by_value or value is None or part.kind not in ("name", "index", "call"):
             return
-        said = str(part.said)
-        held = self.scope.names.get(said, self.module_scope.names.get(said))
-        if part.kind == "call" and not isinstance(held, Array):
+        name = str(part.content)
+        variable = self.scope.names.get(name, self.module_scope.names.get(name))
+        if part.kind == "call" and not isinstance(variable, Array):
             return
-        if part.kind == "name" and (held is None or held is value):
+        if part.kind == "name" and (variable is None or variable is value):
             return
-        if part.kind == "index" and said == "io":
+        if part.kind == "index" and name == "io":
             return
         assign(self, part, value)
 
@@ -198,7 +201,7 @@ class Run(State):
     # What the engine asks (`camgen.lang.flow.Language`).
 
     def begin(self, step: Step) -> None:
-        """A step begins."""
+        """Start a step."""
         self.machine.line = step.line
 
     evaluate = evaluate
@@ -213,7 +216,7 @@ class Run(State):
     to_number = staticmethod(number)
 
     def matches(self, value: Value, tests: list[tuple[str, Node, Node | None]]) -> bool:
-        """Whether one of the values of a Case is ``value``."""
+        """Whether one of the values of a Case is `value`."""
         for sign, first, last in tests:
             low = self.evaluate(first)
             if last is None:
@@ -227,7 +230,7 @@ class Run(State):
         return False
 
     def open_count(self, count: CountRange) -> Counter:
-        """The counter of ``For``."""
+        """Open the counter of a `For`."""
         first, last, step = (self.evaluate(part) for part in count[1:])
         for value in (first, last, step):
             if isinstance(value, Unknown):
@@ -236,7 +239,7 @@ class Run(State):
         return Counter(count.counter, number(first), number(last), number(step))
 
     def read_state(self) -> object:
-        """The values of all names."""
+        """Return the values of all names, which can be compared."""
         machine = self.machine
         tables: tuple[Mapping[Any, Value], ...] = (
             self.scope.names,
@@ -247,36 +250,36 @@ class Run(State):
         return [dict(zip(table, map(comparable, table.values()), strict=True)) for table in tables]
 
     def count_instructions(self) -> int:
-        """The number of instructions so far."""
+        """Return the number of instructions so far."""
         return len(self.machine.body)
 
     def assume(
         self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
     ) -> bool:
-        """Tells a choice of the engine."""
+        """Add a choice of the engine to the log."""
         del length
         if choice is Choice.LOOP_ENDLESS:
             self.log.fact("goes round for ever", f"from line {step.line}: shown once")
             return True
         unknown = unknown or Unknown("")
         if isinstance(step, Branch) and step.condition.value.kind == "call":
-            unknown = Unknown(str(step.condition.value.said))
+            unknown = Unknown(str(step.condition.value.content))
         self.log.choose(_CHOICES[choice].format(what=unknown.what, line=step.line), unknown.key)
         return True
 
     def report(self, step: Step, error: Exception) -> None:
-        """Tells that a step cannot be carried out."""
+        """Add a finding for a step that cannot be run."""
         if isinstance(step, Act) and step.effect is Effect.MOVES:
             self.fail_motion(error)
         else:
-            self._tell(error)
+            self._add_fault(error)
 
     def fail_motion(self, error: Exception) -> None:
-        """Tells that a motion cannot be carried out. It leads to an unknown place."""
-        self._tell(error)
+        """Add a finding for a motion that cannot be run. Its target is unknown."""
+        self._add_fault(error)
         self.machine.lose_motion()
 
-    def _tell(self, error: Exception) -> None:
+    def _add_fault(self, error: Exception) -> None:
         if isinstance(error, Wrong):
             self.log.find("refused", str(error))
         else:
@@ -293,7 +296,7 @@ class ProgramRun(Run):
         points, faulty = read_points(ask.points)
         assumed = {key.lower(): float(value) for key, value in ask.assume.items()}
         budget = Budget(0, ask.limits.pacscript_steps, "pacscript_steps")
-        super().__init__(Machine(assumed, points), budget, Rules(_DEEPEST))
+        super().__init__(Machine(assumed, points), budget, Rules(_MAX_DEPTH))
         self.machine.log.shifts = ask.shifts
         self.machine.flange = ask.flange
         for what in faulty:
@@ -303,13 +306,13 @@ class ProgramRun(Run):
             self.files, self.modules, self.codes = parent.files, parent.modules, parent.codes
         else:
             texts = {name: normalize(text) for name, text in files.items()}
-            self.files = read_files(texts, self.say)
+            self.files = read_files(texts, self.add_fault)
         budget.left += sum(file.count_statements() for file in self.files.values())
         ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
         self.stems = {stem(name): name for name in reversed(ranked)}
 
-    def whole(self, beside: bool = True) -> Executed:
-        """Runs the program. beside: whether the tasks that it starts are run too."""
+    def run(self, with_tasks: bool = True) -> Executed:
+        """Run the program. with_tasks: run the tasks that it starts, too."""
         stopped = None
         coverage = None
         try:
@@ -322,27 +325,26 @@ class ProgramRun(Run):
             stopped = (self.machine.line or 1, "the program raises an error here")
         except RecursionError:
             stopped = (self.machine.line or 1, "procedures and brackets nested too deep")
-        if beside:
+        if with_tasks:
             self._read_rest()
             end = self.machine.line
-            self._look_beside()
+            self._run_tasks()
             codes = [procedure.code for procedure in self.codes.values()]
             coverage = measure_coverage(codes, self.log.ran, end)
         return replace(self.machine.finish(stopped), coverage=coverage)
 
-    def _look_beside(self) -> None:
-        """Runs the tasks that this one starts, each by itself: what they do is told, and what is wrong in them."""
+    def _run_tasks(self) -> None:
         machine = self.machine
         limits = replace(
-            self.ask.limits, pacscript_steps=min(self.ask.limits.pacscript_steps, _MOST_OF_A_TASK)
+            self.ask.limits, pacscript_steps=min(self.ask.limits.pacscript_steps, _MAX_TASK_STEPS)
         )
-        for name, line in list(machine.tasks.items())[:_MOST_BESIDE]:
+        for name, line in list(machine.tasks.items())[:_MAX_TASKS]:
             other = ProgramRun({}, replace(self.ask, entry=name, limits=limits), self)
             if isinstance(other._entry(), str):
                 machine.log.fact("other tasks", f"{name}, not shown")
                 machine.log.lose(f"another task, {name}, is not shown", line=line)
                 continue
-            done = other.whole(beside=False)
+            done = other.run(with_tasks=False)
             self.log.ran |= other.log.ran
             machine.log.fact("other tasks", f"{name}: {sum_up(done.body)}, not shown")
             if done.body:
@@ -356,10 +358,10 @@ class ProgramRun(Run):
                     machine.log.find("unusual", what, line=finding.line)
 
     def _start(self) -> tuple[int, str] | None:
-        found = self._entry()
-        if isinstance(found, str):
-            return (1, found)
-        module, procedure = found
+        entry = self._entry()
+        if isinstance(entry, str):
+            return (1, entry)
+        module, procedure = entry
         self.machine.line = procedure.line
         self.machine.trusting = bool(procedure.parameters) or (
             procedure.name != "main" and procedure.returns != "program"
@@ -373,40 +375,45 @@ class ProgramRun(Run):
         return None
 
     def _entry(self) -> tuple[Module, Procedure] | str:
-        """The procedure to begin with, or why there is none."""
+        """Return the first procedure to run, or the reason why there is none."""
         wanted = stem(self.ask.entry)
-        own = self._modules()
+        modules = self._modules()
         if wanted:
             if called := self.find_procedure(wanted):
                 return called
-            for module in [*own, *map(self.read, self.files)]:
+            for module in [*modules, *map(self.read, self.files)]:
                 if named := module.procedures.get(wanted):
                     return module, named
             return f"there is no procedure {self.ask.entry[:60]}"
-        for module in own:
-            if found := module.procedures.get("main"):
-                return module, found
-        every = [(module, one) for module in own for one in module.procedures.values()]
-        if len(every) == 1:
-            return every[0]
-        if not every:
+        for module in modules:
+            if main := module.procedures.get("main"):
+                return module, main
+        candidates = [
+            (module, procedure) for module in modules for procedure in module.procedures.values()
+        ]
+        if len(candidates) == 1:
+            return candidates[0]
+        if not candidates:
             return "there is no procedure"
-        names = ", ".join(one.name for _, one in every[:6])
+        names = ", ".join(procedure.name for _, procedure in candidates[:6])
         return f"there is no Sub Main: choose where to begin of {names}" + (
-            " ..." if len(every) > 6 else ""
+            " ..." if len(candidates) > 6 else ""
         )
 
     def _modules(self) -> list[Module]:
-        """The files that no other one includes, else the first."""
+        """Return the files that no other file includes, or else the first file."""
         included = {
-            one for name, file in self.files.items() for one in list_included(file) if one != name
+            included_name
+            for name, file in self.files.items()
+            for included_name in list_included(file)
+            if included_name != name
         }
         return [
             self.read(name) for name in self.files if name not in included or len(self.files) == 1
         ] or [self.read(name) for name in list(self.files)[:1]]
 
     def _read_rest(self) -> None:
-        """What is wrong with procedures that did not run."""
+        """Compile the procedures that were not run, for their faults, and note missing files."""
         for module in self.modules.values():
             for name, line in module.missing.items():
                 self.machine.log.fact("files that are not given", name)
@@ -419,5 +426,5 @@ class ProgramRun(Run):
 
 
 def run_files(files: Mapping[str, str], ask: Ask) -> Executed:
-    """What the files say when they are run once."""
-    return ProgramRun(files, ask).whole()
+    """Run the program in the files once."""
+    return ProgramRun(files, ask).run()

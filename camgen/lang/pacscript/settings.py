@@ -1,4 +1,4 @@
-"""What the statements of PacScript that move nothing do: arm, speeds, frames, delays, force."""
+"""Runs PacScript statements without a motion: arm, speeds, frames, delays, force."""
 
 from __future__ import annotations
 
@@ -18,27 +18,29 @@ LONGEST_DELAY, LAST_FRAME = 2**31 - 1, 63
 Nodes = Sequence[Node]
 
 
-def checked(run: State, value: Value) -> Speed:
-    """A speed in % that the controller takes."""
+def check_speed(run: State, value: Value) -> Speed:
+    """Convert a value to a speed in % that the controller accepts."""
     if isinstance(value, Unknown):
         internal = run.machine.internal
         assert isinstance(internal, float)
         what = f"{value.what}, a speed, is taken for the one in force"
         run.machine.log.assume(what, value.key, internal)
         return internal
-    said = number(value, "a speed")
-    if isinstance(said, Rate) or isinstance(value, Rate):
+    percentage = number(value, "a speed")
+    if isinstance(percentage, Rate) or isinstance(value, Rate):
         if value.mm_s <= 0:  # type: ignore[union-attr]
             raise Wrong(f"a speed of Mps({value.mm_s:g})")  # type: ignore[union-attr]
         return value  # type: ignore[return-value]
-    if not 0.1 <= said <= 100:
-        run.machine.log.find("refused", f"a speed of {said:g} %: the controller takes 0.1 to 100")
-        return min(100.0, max(0.1, said))
-    return said
+    if not 0.1 <= percentage <= 100:
+        run.machine.log.find(
+            "refused", f"a speed of {percentage:g} %: the controller takes 0.1 to 100"
+        )
+        return min(100.0, max(0.1, percentage))
+    return percentage
 
 
 def take_arm(run: State, parts: list[Node | None]) -> None:
-    """``TakeArm [group] [Keep = 0|1]``."""
+    """Run `TakeArm [group] [Keep = 0|1]`."""
     machine = run.machine
     group, keep = (run.evaluate(node) if node is not None else None for node in parts)
     machine.armed = True
@@ -51,13 +53,13 @@ def take_arm(run: State, parts: list[Node | None]) -> None:
 
 
 def give_arm(run: State, _parts: Nodes) -> None:
-    """``GiveArm``."""
+    """Run `GiveArm`."""
     run.machine.armed = False
     run.machine.passing = False
 
 
 def motor(run: State, parts: Nodes) -> None:
-    """``Motor On|Off``."""
+    """Run `Motor On|Off`."""
     if not parts:
         raise Wrong("Motor needs On or Off")
     value = run.evaluate(parts[0])
@@ -66,21 +68,20 @@ def motor(run: State, parts: Nodes) -> None:
 
 
 def speed_statement(run: State, parts: Nodes) -> None:
-    """``Speed``, for motions without their own."""
+    """Run `Speed`, for motions without their own speed."""
     if not parts:
         raise Wrong("Speed needs a number")
     _omit_accelerations(run, "speed", parts)
-    run.machine.internal = checked(run, run.evaluate(parts[0]))
+    run.machine.internal = check_speed(run, run.evaluate(parts[0]))
 
 
 def _omit_accelerations(run: State, word: str, parts: Nodes) -> None:
-    """Notes the accelerations in a statement of a speed."""
     if len(parts) > 1:
         run.machine.log.omit(f"{word} with more than one value: accelerations")
 
 
 def external_speed(run: State, parts: Nodes) -> None:
-    """``ExtSpeed`` in percent of the internal one."""
+    """Run `ExtSpeed`, in % of the internal speed."""
     value = run.evaluate(parts[0]) if parts else 100.0
     _omit_accelerations(run, "extspeed", parts)
     if isinstance(value, Unknown):
@@ -88,18 +89,18 @@ def external_speed(run: State, parts: Nodes) -> None:
             f"{value.what}, the external speed, is taken for 100 %", value.key, 100.0
         )
         return
-    said = number(value)
-    if not 0 < said <= 100:
+    percentage = number(value)
+    if not 0 < percentage <= 100:
         run.machine.log.find(
-            "refused", f"an external speed of {said:g} %: the controller takes up to 100"
+            "refused", f"an external speed of {percentage:g} %: the controller takes up to 100"
         )
         return
-    run.machine.external = said
-    run.machine.log.fact("external speed", f"{said:g} %")
+    run.machine.external = percentage
+    run.machine.log.fact("external speed", f"{percentage:g} %")
 
 
 def change(run: State, parts: Nodes, kind: str) -> None:
-    """``ChangeTool`` and ``ChangeWork``. kind: tool or work."""
+    """Run `ChangeTool` or `ChangeWork`. kind: tool or work."""
     value = run.evaluate(parts[0]) if parts else 0.0
     if isinstance(value, Unknown):
         run.machine.log.assume(f"{value.what}, a {kind} number, is taken for the one in force")
@@ -112,7 +113,7 @@ def change(run: State, parts: Nodes, kind: str) -> None:
 
 
 def define(run: State, parts: Nodes, kind: str) -> None:
-    """``Tool n, P(...)`` and ``Work n, P(...)``. kind: tool or work."""
+    """Run `Tool n, P(...)` or `Work n, P(...)`. kind: tool or work."""
     if len(parts) < 2:
         raise Wrong(f"{kind.capitalize()} needs a number and a position")
     at, pose = run.evaluate(parts[0]), fit(run.evaluate(parts[1]), "position")
@@ -123,26 +124,26 @@ def define(run: State, parts: Nodes, kind: str) -> None:
 
 
 def delay(run: State, parts: Nodes) -> None:
-    """``Delay`` in ms."""
+    """Run `Delay`, in ms."""
     value = run.evaluate(parts[0]) if parts else None
     if value is None:
         raise Wrong("Delay needs a number")
     if isinstance(value, Unknown):
         run.machine.log.assume(f"{value.what}, a delay, is taken for 0", value.key)
         return
-    said = number(value)
-    if not 0 <= said <= LONGEST_DELAY:
-        raise Wrong(f"a delay of {said:g} ms")
-    run.machine.wait(said / 1000)
+    milliseconds = number(value)
+    if not 0 <= milliseconds <= LONGEST_DELAY:
+        raise Wrong(f"a delay of {milliseconds:g} ms")
+    run.machine.wait(milliseconds / 1000)
 
 
 def force_parameter(run: State, parts: Nodes) -> None:
-    """``ForceParam table, frame, P(fx, fy, fz, ...)``; a table that is on presses so from now on."""
+    """Run `ForceParam table, frame, P(fx, fy, fz, ...)`. A table in force changes at once."""
     if len(parts) < 3:
         raise Wrong("ForceParam needs a table, a frame and a force")
     values: list[Any] = [run.evaluate(node) for node in parts[:3]]
     force, machine = fit(values[2], "position"), run.machine
-    if isinstance(force, Pose) and not any(isinstance(one, Unknown) for one in values):
+    if isinstance(force, Pose) and not any(isinstance(item, Unknown) for item in values):
         table = int(number(values[0]))
         machine.forces[table] = (int(number(values[1])), force.origin)
         if machine.table == table and not machine.press(table):
@@ -150,34 +151,34 @@ def force_parameter(run: State, parts: Nodes) -> None:
 
 
 def force_control(run: State, parts: Nodes) -> None:
-    """``ForceCtrl True, table`` and ``ForceCtrl False``."""
+    """Run `ForceCtrl True, table` or `ForceCtrl False`."""
     values = [run.evaluate(node) for node in parts]
     machine = run.machine
-    if any(isinstance(one, Unknown) for one in values) or not values:
+    if any(isinstance(item, Unknown) for item in values) or not values:
         machine.log.leave_out("force control by values that the text does not hold is left out")
         return
     on = bool(number(values[0]))
     if machine.press((int(number(values[1])) if len(values) > 1 else 1) if on else None):
-        machine.tell_force()
+        machine.add_force()
     else:
         machine.log.leave_out("a force that the text does not give is left out")
 
 
-def hold(run: State, _parts: Nodes) -> None:
-    """``Hold`` and ``Halt``: until the operator starts again."""
+def wait_for_operator(run: State, _parts: Nodes) -> None:
+    """Run `Hold` or `Halt`, until the operator starts again."""
     run.machine.stop()
     run.machine.passing = False
 
 
 def arrive(run: State, parts: Nodes) -> None:
-    """``Arrive``: what follows is meant to happen on the way."""
+    """Note `Arrive`, which lets the next statement run during the motion."""
     _evaluate_all(run, parts)
     run.log.omit("Arrive: what follows happens on the way; here it waits for the motion")
     run.machine.passing = False
 
 
 def wait_for_motion(run: State, parts: Nodes) -> None:
-    """``WaitMotion``."""
+    """Note `WaitMotion`."""
     _evaluate_all(run, parts)
     what = "WaitMotion waits for the motion, as all that follows one does here"
     run.log.fact("waits", what)
@@ -185,7 +186,7 @@ def wait_for_motion(run: State, parts: Nodes) -> None:
 
 
 def cut_short(run: State, parts: Nodes, word: str) -> None:
-    """``Interrupt`` and ``MotionSkip``: motions may be cut short."""
+    """Note `Interrupt` or `MotionSkip`, which may end a motion early."""
     _evaluate_all(run, parts)
     run.log.assume(f"{word}: motions that something may cut short are taken to their end")
 
@@ -196,6 +197,6 @@ def _evaluate_all(run: State, parts: Nodes) -> None:
 
 
 def set_home(run: State, parts: Nodes) -> None:
-    """``Home p``."""
+    """Run `Home p`."""
     if parts:
         run.machine.home = fit(run.evaluate(parts[0]), "position")

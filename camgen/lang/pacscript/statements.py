@@ -36,14 +36,22 @@ _DECLARED = re.compile(
     re.IGNORECASE | re.DOTALL,
 )
 _CHANNEL = re.compile(r"#\s*[\w.]+\s*,?\s*", re.IGNORECASE)
-#: By the word that declares, the type of what it declares.
-_TYPED = {"defint": "integer", "defsng": "single", "defdbl": "double", "defstr": "string", "defpos": "position",
-          "defjnt": "joint", "defvec": "vector", "deftrn": "trans"}  # fmt: skip
+#: Types by the word of the declaration.
+_TYPED = {
+    "defint": "integer",
+    "defsng": "single",
+    "defdbl": "double",
+    "defstr": "string",
+    "defpos": "position",
+    "defjnt": "joint",
+    "defvec": "vector",
+    "deftrn": "trans",
+}
 DECLARE = frozenset(("dim", "public", "static", "private", "extern", *_TYPED))
 
 
 def find_equals(text: str) -> int:
-    """Where the = of an assignment is, -1 where there is none."""
+    """Return the index of the = of an assignment, -1 without one."""
     depth = 0
     for match in _EQUALS.finditer(text):
         if match[0] == "=" and depth == 0:
@@ -63,8 +71,8 @@ def read_loop_condition(rest: str) -> Condition | None:
 
 
 def make_condition(node: Node, wanted: bool = True) -> Condition:
-    """The condition of a branch or a loop. wanted: value with which a loop goes on."""
-    is_constant = node.kind == "number" or (node.kind == "name" and node.said in CONSTANTS)
+    """Make the condition of a branch or a loop. wanted: value with which a loop continues."""
+    is_constant = node.kind == "number" or (node.kind == "name" and node.content in CONSTANTS)
     return Condition(node, wanted, is_constant, is_unlikely=node.kind in ("<>", "not"))
 
 
@@ -72,49 +80,49 @@ CONSTANTS = frozenset(("true", "on", "false", "off"))
 
 
 def read_case(text: str) -> tuple[str, Node, Node | None]:
-    """One of the values of a Case: its comparison and with what; "to" has two."""
-    if found := re.fullmatch(r"is\s*(<>|<=|>=|<|>|=)\s*(.+)", text, re.IGNORECASE | re.DOTALL):
-        return found[1], parse(found[2]), None
-    if found := re.fullmatch(r'([^"]+?)\bto\b([^"]+)', text, re.IGNORECASE | re.DOTALL):
-        return "to", parse(found[1].strip()), parse(found[2].strip())
+    """Parse a value of a Case: its comparison, and its operand, of which "to" has two."""
+    if match := re.fullmatch(r"is\s*(<>|<=|>=|<|>|=)\s*(.+)", text, re.IGNORECASE | re.DOTALL):
+        return match[1], parse(match[2]), None
+    if match := re.fullmatch(r'([^"]+?)\bto\b([^"]+)', text, re.IGNORECASE | re.DOTALL):
+        return "to", parse(match[1].strip()), parse(match[2].strip())
     return "=", parse(text), None
 
 
 def read_call(text: str) -> Calling:
-    """``name a, b`` or ``name(a, b)``."""
-    found = _NAME.fullmatch(text)
-    if found is None:
+    """Parse `name a, b` or `name(a, b)`."""
+    match = _NAME.fullmatch(text)
+    if match is None:
         node = parse(text)
         if node.kind in ("member", "call", "name", "element"):
             return Calling(node, ())
         raise Unreadable(f"{text[:60]} is not understood")
-    name, rest = parse(found[1]), found[2].strip()
+    name, rest = parse(match[1]), match[2].strip()
     if rest.startswith("("):
         inside, tail = cut_bracket(rest)
         if not tail:
             parts = arguments(inside) if inside.strip() else []
             return Calling(name, tuple(parse(part) for part in parts if part))
         if tail.startswith("."):
-            return Calling(parse(f"{found[1]}({inside}){tail.split(None, 1)[0]}"), ())
+            return Calling(parse(f"{match[1]}({inside}){tail.split(None, 1)[0]}"), ())
     parts = arguments(rest) if rest else []
     return Calling(name, tuple(LEFT_OUT if part == "" else parse(part) for part in parts))
 
 
 def read_declarations(word: str, rest: str, pac: bool) -> list[Declaration]:
-    """The variables of ``Dim`` and the other declarations."""
+    """Parse the variables of `Dim` and other declarations."""
     if word == "extern":
         return []
-    found = []
+    declarations = []
     for part in arguments(rest):
         match = _DECLARED.fullmatch(part)
         if match is None or (match[1].lower() in RESERVED and not pac):
             raise Unreadable(f"{part[:60] or 'nothing'} cannot be declared")
         inside = (match[2] or "")[1:-1]
-        tops = tuple(parse(one) for one in arguments(inside) if one) if match[2] else None
+        tops = tuple(parse(top) for top in arguments(inside) if top) if match[2] else None
         kind = _TYPED.get(word) or (match[3] or _SUFFIXES.get(match[1][-1], "variant")).lower()
         value = parse(match[4]) if match[4] else None
-        found.append(Declaration(match[1].lower().rstrip("!#%$"), kind, tops, value))
-    return found
+        declarations.append(Declaration(match[1].lower().rstrip("!#%$"), kind, tops, value))
+    return declarations
 
 
 _SUFFIXES = {"!": "single", "#": "double", "%": "integer", "$": "string"}
@@ -159,9 +167,9 @@ def _read_switch(word: str, rest: str) -> Switching:
     at = find_equals(parts[0])
     target = parts[0][:at].strip() if at >= 0 else parts[0]
     value = parse(parts[0][at + 1 :]) if at >= 0 else None
-    found = re.fullmatch(r"(io)\s*\[(.*?)\bto\b(.*)\]", target, re.IGNORECASE | re.DOTALL)
-    which = parse(found[2].strip()) if found else parse(target)
-    upto = parse(found[3].strip()) if found else None
+    match = re.fullmatch(r"(io)\s*\[(.*?)\bto\b(.*)\]", target, re.IGNORECASE | re.DOTALL)
+    which = parse(match[2].strip()) if match else parse(target)
+    upto = parse(match[3].strip()) if match else None
     for part in parts[1:2]:
         parse(part)
     return Switching(which, upto, float(word == "set"), value, is_pulse=len(parts) > 1)
@@ -266,8 +274,8 @@ ORDERS: dict[str, Order] = {
     "delay": Order(read_list, settings.delay, Effect.ACTS),
     "forceparam": Order(_read_force, settings.force_parameter),
     "forcectrl": Order(_read_force, settings.force_control),
-    "hold": Order(read_list, settings.hold),
-    "halt": Order(read_list, settings.hold, Effect.LEAVES),
+    "hold": Order(read_list, settings.wait_for_operator),
+    "halt": Order(read_list, settings.wait_for_operator, Effect.LEAVES),
     "arrive": Order(read_list, settings.arrive),
     "waitmotion": Order(read_list, settings.wait_for_motion),
     "interrupt": Order(read_list, partial(settings.cut_short, word="Interrupt")),
@@ -281,7 +289,7 @@ ORDERS: dict[str, Order] = {
     "call": CALL,
     "callbyname": CALL,
     "let": ASSIGN,
-    **{f"let{part}": Order(_read_let, orders.let) for part in _PARTS},
+    **{f"let{part}": Order(_read_let, orders.assign_part) for part in _PARTS},
     **dict.fromkeys(_INPUTS, Order(_read_input, orders.fill)),
     **dict.fromkeys(("in", "out"), Order(_read_in_out, orders.set_variable)),
     **dict.fromkeys(OMITTED, Order(_read_omitted, orders.omit)),

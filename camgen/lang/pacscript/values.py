@@ -1,4 +1,4 @@
-"""The values that PacScript calculates with: numbers, texts, places, vectors, arrays, and what no text holds."""
+"""The values of PacScript: numbers, texts, positions, joint values, vectors and arrays."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class Wrong(Unreadable):
     """Something at which the controller stops with an error."""
 
 
-class Figured(Pose, frozen=True, eq=False, gc=False):
+class PoseWithFigure(Pose, frozen=True, eq=False, gc=False):
     """A position with a figure that is not -1."""
 
     figure: int
 
 
-class Placed(Pose, frozen=True, eq=False, gc=False):
-    """A place in the frame of another one that no text holds. base: what that is called."""
+class ExternalPose(Pose, frozen=True, eq=False, gc=False):
+    """A pose in an external frame, which is not in the text. base: name of that frame."""
 
     base: str
 
@@ -49,15 +49,15 @@ class Vector(Struct, frozen=True, gc=False):
 
 
 class Rate(float):
-    """A percentage by ``Mps``, whose mm/s are known whatever 100 % is."""
+    """A speed in %, from `Mps`. mm_s: its exact value in mm/s."""
 
     mm_s: float
 
     def __new__(cls, mm_s: float, rated: float) -> Rate:
-        """mm_s, and the mm/s that 100 % is."""
-        made = super().__new__(cls, 100 * mm_s / rated)
-        made.mm_s = mm_s
-        return made
+        """Make a speed. rated: speed at 100 %, mm/s."""
+        rate = super().__new__(cls, 100 * mm_s / rated)
+        rate.mm_s = mm_s
+        return rate
 
 
 class Either(Struct, frozen=True):
@@ -83,8 +83,11 @@ Speed = float | Mps
 
 
 class Array:
-    """An array or what ``Array()`` and ``Split()`` give. tops: the highest index of each dimension, none where it grows
-    as it is used; items: those that were set.
+    """An array, or the value of `Array()` or `Split()`.
+
+    tops: largest index of each dimension, empty if the array grows with its use.
+    fill: value of elements that were not set.
+    items: elements that were set, by their indices.
     """
 
     __slots__ = ("fill", "items", "tops")
@@ -95,27 +98,25 @@ class Array:
         self.tops, self.fill, self.items = tops, fill, items or {}
 
     def copy(self) -> Array:
-        """Another array of the same values."""
+        """Return a copy."""
         return Array(self.tops, self.fill, dict(self.items))
 
     def check(self, at: tuple[int, ...]) -> None:
-        """Raises Wrong where the array has no such element."""
+        """Raise Wrong if the array has no such element."""
         if self.tops and (
             len(at) != len(self.tops)
             or any(k < 0 or k > top for k, top in zip(at, self.tops, strict=True))
         ):
-            said = ", ".join(map(str, at))
-            raise Wrong(
-                f"there is no element ({said}): the array ends at ({', '.join(map(str, self.tops))})"
-            )
+            indices, tops = ", ".join(map(str, at)), ", ".join(map(str, self.tops))
+            raise Wrong(f"there is no element ({indices}): the array ends at ({tops})")
 
     def get(self, at: tuple[int, ...]) -> Value:
-        """The element at ``at``."""
+        """Return an element."""
         self.check(at)
         return self.items.get(at, self.fill)
 
 
-#: A tuple is what stands in brackets without a name before them: a place in the older dialect.
+#: A tuple is a list of values in brackets without a name: a position in the older dialect.
 Value = (
     float
     | str
@@ -132,31 +133,32 @@ Value = (
 
 #: The figure of a position that leaves it open (RC8 manual 456).
 UNDEFINED = -1
-#: No number of a program is larger: delays are in ms.
+#: Largest number of a program, chosen above the longest delay, in ms.
 LARGEST = 1e10
-#: How far the axes of a homogeneous position may be from unit vectors at right angles.
+#: Maximum error of lengths and right angles of the axes of a homogeneous position.
 _SQUARE = 1e-3
 _NUMERAL = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?\s*")
 _rotations: dict[tuple[float, float, float], FloatArray] = {}
 
 
 def finite(value: float) -> float:
-    """``value``, which is no larger than a controller's numbers. Unreadable."""
+    """Return `value`. Raises Unreadable if it is larger than `LARGEST`."""
     if not abs(value) <= LARGEST:
         raise Unreadable("a number is too large")
     return value
 
 
 def index(value: float) -> int:
-    """``value`` as an array index or number of a thing."""
+    """Convert a number to an index. Raises Unreadable if it is not one."""
     if not 0 <= value <= 1e9 or value != int(value):
         raise Unreadable(f"{value:g} is not an index")
     return int(value)
 
 
 def position(values: Sequence[float]) -> Pose:
-    """``P(x, y, z, rx, ry, rz, fig)`` in mm and degrees, what is left out 0, and -1 for the figure; one below 0 leaves
-    it open.
+    """Make a position from `P(x, y, z, rx, ry, rz, fig)`, in mm and degrees.
+
+    A missing value is 0, a missing figure -1. A figure below 0 is open.
     """
     if len(values) > 7:
         raise Unreadable("P() has more than seven values")
@@ -172,24 +174,24 @@ def position(values: Sequence[float]) -> Pose:
         )
     if len(values) < 7 or values[6] < 0:
         return Pose(_rotations[key], (x, y, z))
-    return Figured(_rotations[key], (x, y, z), index(values[6]))
+    return PoseWithFigure(_rotations[key], (x, y, z), index(values[6]))
 
 
 def vector(values: Sequence[float]) -> Vector:
-    """``V(x, y, z)``, what is left out 0."""
+    """Make a vector from `V(x, y, z)`, mm. A missing value is 0."""
     x, y, z = ([*values, 0.0, 0.0, 0.0])[:3]
     return Vector((x, y, z))
 
 
 def joints(values: Sequence[float]) -> Joints:
-    """``J(j1, j2, ...)`` in degrees."""
+    """Make joint values from `J(j1, j2, ...)`, in degrees."""
     if len(values) > 8:
         raise Unreadable("J() has more than eight values")
     return Joints(tuple(math.radians(v) for v in values))
 
 
 def homogeneous(values: Sequence[float]) -> Pose:
-    """``T(p, orient, approach, fig)``: orient is the y axis, approach the z axis (RC8 manual 458)."""
+    """Make a position from `T(p, orient, approach, fig)`: y axis, z axis (RC8 manual 458)."""
     if len(values) < 9:
         raise Unreadable("T() has fewer than nine values")
     y, z = np.array(values[3:6]), np.array(values[6:9])
@@ -201,46 +203,50 @@ def homogeneous(values: Sequence[float]) -> Pose:
     return Pose(frozen(np.column_stack([np.cross(y, z), y, z])), (values[0], values[1], values[2]))
 
 
-def name_place(base: str) -> Placed:
-    """A place that no text holds."""
-    return Placed(IDENTITY, (0.0, 0.0, 0.0), base)
+def name_place(base: str) -> ExternalPose:
+    """Make an external pose with a name."""
+    return ExternalPose(IDENTITY, (0.0, 0.0, 0.0), base)
 
 
 def keep_frame(pose: Pose, other: Pose) -> Pose:
-    """``pose`` in whatever frame ``other`` is given in."""
-    return Placed(pose.rotation, pose.origin, other.base) if isinstance(other, Placed) else pose
+    """Return `pose` in the frame of `other`, which may be external."""
+    return (
+        ExternalPose(pose.rotation, pose.origin, other.base)
+        if isinstance(other, ExternalPose)
+        else pose
+    )
 
 
 def figure_of(place: object) -> int:
-    """The figure of a position, -1 where it is open."""
-    return place.figure if isinstance(place, Figured) else UNDEFINED
+    """Return the figure of a position, -1 if it is open."""
+    return place.figure if isinstance(place, PoseWithFigure) else UNDEFINED
 
 
 def with_figure(place: Pose, figure: int) -> Pose:
-    """The same place in another figure, open below 0."""
+    """Return a position with another figure, which is open below 0."""
     if figure < 0:
         return Pose(place.rotation, place.origin)
-    return Figured(place.rotation, place.origin, figure)
+    return PoseWithFigure(place.rotation, place.origin, figure)
 
 
 def components(place: Pose) -> list[float]:
-    """x, y, z in mm and rx, ry, rz in degrees."""
+    """Return x, y, z in mm and rx, ry, rz in degrees."""
     return [*place.origin, *map(math.degrees, fixed_xyz(place.rotation))]
 
 
 def number(value: Value, what: str = "a number") -> float:
-    """``value`` as a number. Unreadable, also where the text does not hold it."""
+    """Convert a value to a number. Raises Unreadable, also for an unknown value."""
     if isinstance(value, (float, bool)):
         return float(value)
     if isinstance(value, Unknown):
         raise Unreadable(f"{value.what} is not known")
-    if isinstance(value, str) and (said := _NUMERAL.fullmatch(value)):
-        return finite(float(said[0]))
-    raise Unreadable(f"{tell(value)} is not {what}")
+    if isinstance(value, str) and (numeral := _NUMERAL.fullmatch(value)):
+        return finite(float(numeral[0]))
+    raise Unreadable(f"{describe_value(value)} is not {what}")
 
 
-def tell(value: Value) -> str:
-    """A value in words, for a message."""
+def describe_value(value: Value) -> str:
+    """Describe a value in a message."""
     if isinstance(value, (float, bool)):
         return f"{float(value):g}"
     if isinstance(value, str):
@@ -250,11 +256,11 @@ def tell(value: Value) -> str:
 
 _NOUNS: dict[type, str] = {
     Pose: "a position",
-    Figured: "a position",
+    PoseWithFigure: "a position",
     Joints: "a joint value",
     Vector: "a vector",
     Array: "an array",
-    Placed: "a position that the text does not hold",
+    ExternalPose: "a position that the text does not hold",
     Unknown: "a value that the text does not hold",
     tuple: "a list of values",
 }

@@ -1,7 +1,7 @@
-"""The lines of a V+ program that its run did not come to: whether the controller would take them.
+"""Checks whether the controller would accept those lines of a V+ program that were not run.
 
-Each is read as if it were carried out, with values that fit everywhere; what they make impossible is no fault of the
-line, and what is no V+ is.
+Each line is evaluated as if it were run, with values that fit everywhere. A line that is not V+ is
+a finding. A line that is impossible only with these values is accepted.
 """
 
 from __future__ import annotations
@@ -14,84 +14,73 @@ from camgen.model.program import Joints
 
 from .code import GOES, read_bounds, read_label
 from .flow import CALLED, Machine
-from .locations import Expression, unknown
+from .locations import Expression, make_external
 from .statements import ENDS, split, unwrap
 from .text import Impossible, Location, Routine, Statement, Unreadable
 from .variables import Cell, Value
 
-_SOMEWHERE = unknown("somewhere")
+#: Instructions whose operands are not checked here.
+_IGNORED = frozenset({"RETURN", "RETURNE", "AUTO", "LOCAL", "GLOBAL"})
+_ANYWHERE = make_external("somewhere")
 
 
-class _Reader(Machine):
-    """Reads single instructions; nothing that they do lasts."""
+class _Checker(Machine):
+    """Checks single instructions, without any lasting effect."""
 
     def real(self, name: str) -> float:  # noqa: ARG002 (any)
-        """Any number."""
         self.doubt = True
         return 1.0
 
     def text(self, name: str) -> str:  # noqa: ARG002 (any)
-        """Any string."""
         return ""
 
     def location(self, name: str) -> Location:  # noqa: ARG002 (any)
-        """Any location."""
-        return _SOMEWHERE
+        return _ANYWHERE
 
     def point(self, name: str) -> Joints | Location:  # noqa: ARG002 (any)
-        """Any precision point."""
-        return _SOMEWHERE
+        return _ANYWHERE
 
-    def here(self, word: str) -> Location:  # noqa: ARG002 (any)
-        """Anywhere."""
-        return _SOMEWHERE
+    def current_location(self, word: str) -> Location:  # noqa: ARG002 (any)
+        return _ANYWHERE
 
     def assign(self, name: str, value: Value) -> None:
         """Nothing is kept."""
 
     def is_on(self, number: int) -> bool:  # noqa: ARG002 (any)
-        """No signal is on."""
         return False
 
     def spend(self, count: int) -> None:
         """Each line is read once: there is no bound to it."""
 
-    def look(self, routine: Routine, index: int, statement: Statement) -> None:
-        """Unreadable where the controller would not take the instruction."""
-        if statement.word in _LOOKS:
-            _LOOKS[statement.word](self, routine, index, statement)
-        elif statement.word not in ENDS and statement.word not in (
-            "RETURN",
-            "RETURNE",
-            "AUTO",
-            "LOCAL",
-            "GLOBAL",
-        ):
+    def check(self, routine: Routine, index: int, statement: Statement) -> None:
+        if statement.word in _CHECKS:
+            _CHECKS[statement.word](self, routine, index, statement)
+        elif statement.word not in ENDS and statement.word not in _IGNORED:
             self.do(statement)
 
-    def _test(self, routine: Routine, index: int, statement: Statement) -> None:
+    def _check_if(self, routine: Routine, index: int, statement: Statement) -> None:
         jump = GOES.search(statement.rest)
         if jump and index not in routine.partner:
             self.condition(statement.rest[: jump.start()], ("",))
-            self._label(routine, int(jump[1]))
+            self._check_label(routine, int(jump[1]))
         elif statement.rest[-4:].upper() == "THEN":
             self.condition(statement.rest, ("THEN",))
 
-    def _label(self, routine: Routine, label: int) -> None:
+    def _check_label(self, routine: Routine, label: int) -> None:
         if label not in routine.labels:
             raise Unreadable(f"there is no label {label} in this program")
 
-    def _leap(self, routine: Routine, _: int, statement: Statement) -> None:
-        self._label(routine, read_label(statement.rest))
+    def _check_jump(self, routine: Routine, _: int, statement: Statement) -> None:
+        self._check_label(routine, read_label(statement.rest))
 
-    def _loop(self, _routine: Routine, _index: int, statement: Statement) -> None:
+    def _check_loop(self, _routine: Routine, _index: int, statement: Statement) -> None:
         wanted = ("DO",) if statement.word == "WHILE" else ("",)
         if statement.rest:
             self.condition(statement.rest, wanted)
         elif statement.word != "WAIT":
             raise Unreadable(f"{statement.word} wants a condition")
 
-    def _count(self, _routine: Routine, _index: int, statement: Statement) -> None:
+    def _check_for(self, _routine: Routine, _index: int, statement: Statement) -> None:
         text = Expression(statement.rest, self)
         if not text.take()[0].isalpha():
             raise Unreadable("FOR wants the name of a variable")
@@ -99,7 +88,7 @@ class _Reader(Machine):
         text.expect("=")
         read_bounds(text)
 
-    def _choose(self, _routine: Routine, _index: int, statement: Statement) -> None:
+    def _check_case(self, _routine: Routine, _index: int, statement: Statement) -> None:
         text = Expression(statement.rest, self)
         if text.is_string():
             text.string()
@@ -108,14 +97,14 @@ class _Reader(Machine):
         text.expect("OF")
         text.finish()
 
-    def _one(self, _routine: Routine, _index: int, statement: Statement) -> None:
+    def _check_value(self, _routine: Routine, _index: int, statement: Statement) -> None:
         self._is_one_of(0.5, statement.rest)
 
-    def _leave(self, routine: Routine, index: int, statement: Statement) -> None:
+    def _check_exit(self, routine: Routine, index: int, statement: Statement) -> None:
         if not routine.loops.get(index):
             raise Unreadable(f"{statement.word} outside of a loop")
 
-    def _calls(self, _routine: Routine, _index: int, statement: Statement) -> None:
+    def _check_call(self, _routine: Routine, _index: int, statement: Statement) -> None:
         if statement.word == "CALL":
             match = CALLED.fullmatch(statement.rest)
             if match is None:
@@ -125,50 +114,60 @@ class _Reader(Machine):
         else:
             Expression(statement.rest, self).string()
 
-    def _event(self, _routine: Routine, _index: int, statement: Statement) -> None:
+    def _check_event(self, _routine: Routine, _index: int, statement: Statement) -> None:
         self.wait_event(statement.rest)
 
-    def _nothing(self, _routine: Routine, _index: int, _statement: Statement) -> None:
+    def _accept(self, _routine: Routine, _index: int, _statement: Statement) -> None:
         pass
 
-    def _begin(self, _routine: Routine, _index: int, statement: Statement) -> None:
+    def _check_do(self, _routine: Routine, _index: int, statement: Statement) -> None:
         if statement.rest:
             raise Unreadable("DO stands alone")
 
     def cell(self, name: str) -> Cell:
-        """A place of its own."""
         return Cell({}, name)
 
 
-_LOOKS: Mapping[str, Callable[[_Reader, Routine, int, Statement], None]] = {
-    "ANY": _Reader._nothing, "CALL": _Reader._calls, "CALLS": _Reader._calls, "CASE": _Reader._choose,
-    "DO": _Reader._begin, "ELSE": _Reader._nothing, "END": _Reader._nothing, "EXIT": _Reader._leave,
-    "FOR": _Reader._count, "GOTO": _Reader._leap, "IF": _Reader._test, "NEXT": _Reader._leave,
-    "UNTIL": _Reader._loop, "VALUE": _Reader._one, "WAIT": _Reader._loop, "WAIT.EVENT": _Reader._event,
-    "WHILE": _Reader._loop,
-}  # fmt: skip
+_CHECKS: Mapping[str, Callable[[_Checker, Routine, int, Statement], None]] = {
+    "ANY": _Checker._accept,
+    "CALL": _Checker._check_call,
+    "CALLS": _Checker._check_call,
+    "CASE": _Checker._check_case,
+    "DO": _Checker._check_do,
+    "ELSE": _Checker._accept,
+    "END": _Checker._accept,
+    "EXIT": _Checker._check_exit,
+    "FOR": _Checker._check_for,
+    "GOTO": _Checker._check_jump,
+    "IF": _Checker._check_if,
+    "NEXT": _Checker._check_exit,
+    "UNTIL": _Checker._check_loop,
+    "VALUE": _Checker._check_value,
+    "WAIT": _Checker._check_loop,
+    "WAIT.EVENT": _Checker._check_event,
+    "WHILE": _Checker._check_loop,
+}
 
 
 def check_rest(routines: Sequence[Routine], ran: Set[int], log: Log) -> None:
-    """Add what the controller refuses in the lines that were not run. ran: lines that were run."""
-    told = Log()
-    reader = _Reader((), Ask(), told)
-    fine: set[tuple[str, str]] = set()
+    """Add a finding for each line outside of `ran` that the controller would refuse."""
+    checker = _Checker((), Ask(), Log())
+    accepted: set[tuple[str, str]] = set()
     for routine in routines:
         for index, statement in enumerate(routine.statements):
             if not isinstance(statement, Statement) or statement.line in ran:
                 continue
-            said = statement.word, statement.rest
-            if said in fine:
+            text = statement.word, statement.rest
+            if text in accepted:
                 continue
-            reader.line, reader.doubt = statement.line, False
+            checker.line, checker.doubt = statement.line, False
             try:
-                reader.look(routine, index, statement)
+                checker.check(routine, index, statement)
             except Impossible:
                 pass
             except Unreadable as error:
                 log.find("refused", str(error), line=statement.line)
                 continue
-            reader.forget()
-            if statement.word not in ("GOTO", "IF", "EXIT", "NEXT") and len(fine) < 50_000:
-                fine.add(said)
+            checker.forget()
+            if statement.word not in ("GOTO", "IF", "EXIT", "NEXT") and len(accepted) < 50_000:
+                accepted.add(text)

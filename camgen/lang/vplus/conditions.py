@@ -1,4 +1,4 @@
-"""Conditions of V+ programs, and waiting for them: what they rest on, and how inputs must be for them to hold."""
+"""Conditions of V+ programs, waits for them, and the inputs with which they hold."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ _TIMER = re.compile(r"TIMER\s*\(([^()]*)\)\s*>=?\s*([^<>=]+)", re.IGNORECASE)
 
 
 class Conditions(Statements):
-    """What a test or a wait comes to."""
+    """Evaluates tests and waits."""
 
     def condition(self, rest: str, ends: tuple[str, ...]) -> tuple[bool, bool, str]:
-        """Whether a condition holds, whether that rests on nothing but constants or on an assumption, and the word
-        that ends it.
+        """Evaluate a condition.
+
+        Returns whether it holds, whether its value is constant or assumed, and the word after it.
+
+        ends: words of which one must follow; "" is the end of the line.
         """
         text = Expression(rest, self)
         value = text.logic()
@@ -24,18 +27,21 @@ class Conditions(Statements):
         word = text.peek()
         if ends and word not in ends:
             wanted = " or ".join(filter(None, ends))
-            raise Unreadable(
-                f"{wanted} expected before {word[:20] or 'the end of the line'}"
-                if wanted
-                else f"{word[:20]!r} is not expected here"
-            )
+            if not wanted:
+                raise Unreadable(f"{word[:20]!r} is not expected here")
+            raise Unreadable(f"{wanted} expected before {word[:20] or 'the end of the line'}")
         return value != 0, text.constant or self.doubt, word
 
-    def wish(self, rest: str, wanted: bool, fresh: bool) -> bool:
-        """Sets inputs so that a condition is as wanted; whether that works. fresh: only those not heard before."""
-        asked = [n for n in self.consulted if not (fresh and n in self.inputs)][:16]
-        tries = [[n] for n in asked] + ([asked] if len(asked) > 1 else [])
-        for flipped in tries:
+    def change_inputs(self, rest: str, wanted: bool, fresh: bool) -> bool:
+        """Set inputs so that a condition has the value `wanted`. Returns whether that was possible.
+
+        fresh: only inputs that were not read before may change.
+        """
+        changeable = [n for n in self.consulted if not (fresh and n in self.inputs)][:16]
+        attempts = [[n] for n in changeable]
+        if len(changeable) > 1:
+            attempts.append(changeable)
+        for flipped in attempts:
             before = {n: self.inputs.get(n) for n in flipped}
             for n in flipped:
                 self.inputs[n] = not before[n]
@@ -49,7 +55,7 @@ class Conditions(Statements):
         return False
 
     def wait(self, rest: str) -> None:
-        """``WAIT condition``: over at once, with the inputs as it wants them; a timer is waited for."""
+        """Run `WAIT condition`: a dwell for a timer, else no time, with inputs that meet it."""
         if not rest:
             return
         timer = _TIMER.fullmatch(rest)
@@ -61,19 +67,17 @@ class Conditions(Statements):
         if holds and not open_ and not self.consulted:
             return
         if holds and not self.doubt:
-            self.log.find(
-                "unusual",
-                f"WAIT takes a condition, and {rest} is one that always holds: it does not wait",
-            )
+            what = f"WAIT takes a condition, and {rest} is one that always holds: it does not wait"
+            self.log.find("unusual", what)
             return
         self.rest()
-        # An input that was heard before has changed meanwhile.
+        # An input that was read before must have changed in the meantime.
         again = any(number in self.inputs for number in self.consulted)
-        if not holds and (not self.wish(rest, True, fresh=False) or again):
+        if not holds and (not self.change_inputs(rest, True, fresh=False) or again):
             self.log.assume(f"WAIT {rest} is over at once")
 
     def wait_event(self, rest: str) -> None:
-        """``WAIT.EVENT mask, seconds``: a dwell where it has seconds."""
+        """Run `WAIT.EVENT mask, seconds`: a dwell if it has seconds."""
         text = Expression(rest, self)
         if text.peek() not in (",", ""):
             text.logic()

@@ -1,7 +1,7 @@
 """V+ instructions without a motion in the translation: by word, the reason or the effect.
 
-Every keyword of the Language Reference Guide that no method carries out stands in one of these
-tables, those of AdeptVision, ACE Sight and conveyor tracking too as far as its index names them
+Every keyword of the Language Reference Guide without a method is in one of these tables, also
+those of AdeptVision, ACE Sight and conveyor tracking as far as its index names them
 (docs/languages/vplus.md).
 """
 
@@ -39,7 +39,7 @@ OMITTED = by_word({
     "another task": "ABORT CYCLE.END KILL PROCEED PROG.START RETRY",
     "a command of the monitor": "MC MCS",
 })  # fmt: skip
-#: Motions that no text states.
+#: Motions whose target is not in the program text.
 UNSEEN = ("ALTER", "ALTOFF", "ALTON", "FORCE", "JOG", "MOVEC", "MOVEF", "MOVESC", "MOVESF")
 #: Another machine would move or switch differently without them. A build is refused.
 LOST = by_word({

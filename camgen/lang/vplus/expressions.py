@@ -1,13 +1,14 @@
-"""V+ expressions: numbers, strings, locations and precision points.
+"""Evaluates V+ expressions of numbers and strings; `locations` adds locations and precision points.
 
-Sources: V+ Language Reference and User's Guide as docs/posts/vplus.md and docs/languages/vplus.md quote them: ``TRANS``
-is x, y, z, yaw, pitch, roll with R = Rz(yaw) Ry(pitch) Rz(roll), missing arguments are 0; ``a:b`` multiplies left to
-right; SIN and COS take degrees; TRUE is -1.
+Sources: V+ Language Reference and User's Guide as docs/posts/vplus.md and docs/languages/vplus.md
+quote them. `TRANS` is x, y, z, yaw, pitch, roll with R = Rz(yaw) Ry(pitch) Rz(roll), and missing
+arguments are 0. `a:b` multiplies from left to right. SIN and COS take degrees. TRUE is -1.
 """
 
 from __future__ import annotations
 
 import math
+import operator
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -32,51 +33,48 @@ from .functions import (
 )
 from .text import Impossible, Location, Unreadable
 
-#: Brackets deeper than this are no program that somebody wrote.
-_DEPTH = 40
-_LARGEST = 1e9
-#: A string, a number, a comparison, an integer to another base, a name, or any other sign; blanks are nowhere needed.
+#: Maximum depth of nested brackets: keeps a hostile text from exhausting the stack of Python.
+_MAX_DEPTH = 40
+#: Maximum of a sum: integers of 32 bits without a sign, up to 4.295e9, are within it.
+_MAX_SUM = 4.3e9
+#: Maximum of a literal and of a product.
+_MAX_PRODUCT = 1e30
+#: A string, a number, a comparison, an integer in another base, a name, or any other character.
+#: Blanks between tokens are optional.
 _TOKEN = re.compile(
-    r'"[^"]*"|(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?|==|<>|<=|>=|=<|=>|\^[HBD]?[0-9A-F]+|[#$]?[A-Z][A-Z0-9._]*|\S',
+    r'"[^"]*"|(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?|==|<>|<=|>=|=<|=>'
+    r"|\^[HBD]?[0-9A-F]+|[#$]?[A-Z][A-Z0-9._]*|\S",
     re.ASCII,
 )
 _DIGITS = frozenset("0123456789.")
 _CONSTANTS = {"TRUE": -1.0, "ON": -1.0, "FALSE": 0.0, "OFF": 0.0, "PI": math.pi}
 _BASES = {"H": 16, "B": 2, "D": 10}
 _COMPARED: Mapping[str, Callable[[Any, Any], bool]] = {
-    "==": lambda a, b: a == b, "<>": lambda a, b: a != b, "<": lambda a, b: a < b, ">": lambda a, b: a > b,
-    "<=": lambda a, b: a <= b, ">=": lambda a, b: a >= b, "=<": lambda a, b: a <= b, "=>": lambda a, b: a >= b,
-}  # fmt: skip
+    "==": operator.eq,
+    "<>": operator.ne,
+    "<": operator.lt,
+    ">": operator.gt,
+    "<=": operator.le,
+    ">=": operator.ge,
+    "=<": operator.le,
+    "=>": operator.ge,
+}
 _JOINED: Mapping[str, Callable[[float, float], float]] = {
     "AND": lambda a, b: truth(a != 0 and b != 0), "OR": lambda a, b: truth(a != 0 or b != 0),
     "XOR": lambda a, b: truth((a != 0) != (b != 0)),
 }  # fmt: skip
 _PRODUCTS = frozenset({"*", "/", "MOD", "BAND"})
 _SUMS = frozenset({"+", "-", "BOR", "BXOR"})
-#: Words between values: none of them is one.
-_JOINING = frozenset(
-    {
-        "THEN",
-        "DO",
-        "OF",
-        "TO",
-        "STEP",
-        "BY",
-        "GOTO",
-        "AND",
-        "OR",
-        "XOR",
-        "MOD",
-        "BAND",
-        "BOR",
-        "BXOR",
-        "ALWAYS",
-    }
-)
-#: Functions of the surroundings that read more than numbers in their brackets.
+#: Words between values, which are not values themselves.
+_JOINING = frozenset({
+    "THEN", "DO", "OF", "TO", "STEP", "BY", "GOTO", "AND", "OR", "XOR", "MOD", "BAND", "BOR",
+    "BXOR", "ALWAYS",
+})  # fmt: skip
+#: Functions of external values whose arguments may be other things than numbers.
 _FREE = frozenset({"PARAMETER", "INT.EVENT", "VPARAMETER"})
-#: Functions that the program itself answers, and those of the surroundings with numbers in their brackets.
-_OWN = frozenset({"SIG", "LAST", "DEFINED", "TIMER", "BITS", "SPEED", "ACCEL"})
+#: Functions whose values follow from the run of the program.
+_OF_RUN = frozenset({"SIG", "LAST", "DEFINED", "TIMER", "BITS", "SPEED", "ACCEL"})
+#: Functions of `_OF_RUN` and of external values whose arguments are numbers.
 _NUMBERED = frozenset(
     {"TIMER", "BITS", "SPEED", "ACCEL", "IOSTAT", "TASK", "STATE", "ERROR", "AIO.IN", "PENDANT"}
 )
@@ -84,12 +82,15 @@ _OF_LOCATIONS = frozenset({"DX", "DY", "DZ", "DISTANCE", "IDENTICAL"})
 
 
 class Scope(Protocol):
-    """Where names get their values. strict: what only the surroundings know is Unreadable, not assumed."""
+    """The values of names and external functions.
+
+    strict: an external value raises Unreadable; otherwise it becomes an assumption.
+    """
 
     strict: ClassVar[bool]
 
     def real(self, name: str) -> float:
-        """The value of a real variable; names come with their subscripts, as ``A[1,2]``."""
+        """The value of a real variable. A name includes its subscripts, as `A[1,2]`."""
 
     def text(self, name: str) -> str:
         """The value of a string variable."""
@@ -101,22 +102,22 @@ class Scope(Protocol):
         """The value of a location variable."""
 
     def point(self, name: str) -> Joints | Location:
-        """The value of a precision point, a location where only the controller knows its joints."""
+        """The value of a precision point; a location if its joint values are external."""
 
-    def here(self, word: str) -> Location:
-        """HERE, DEST, TOOL or BASE."""
+    def current_location(self, word: str) -> Location:
+        """The location HERE, DEST, TOOL or BASE."""
 
-    def point_here(self, word: str) -> Joints | Location:
-        """The same as joint values."""
+    def current_point(self, word: str) -> Joints | Location:
+        """HERE or DEST as joint values; a location if these are external."""
 
     def signals(self, numbers: list[float]) -> float:
-        """SIG: whether all of these signals are as their signs say."""
+        """SIG: TRUE if all signals are on, or off if their number is negative."""
 
     def answer(self, word: str, arguments: str, value: float) -> float:
-        """What a function of the surroundings says; ``value`` where nobody knows."""
+        """The value of an external function; `value` if nothing sets it."""
 
     def answer_text(self, word: str) -> str:
-        """The same of a string."""
+        """The value of an external string function."""
 
     def last(self, name: str) -> float:
         """The last index of an array."""
@@ -124,29 +125,31 @@ class Scope(Protocol):
     def defined(self, name: str) -> bool:
         """Whether a variable has a value."""
 
-    def says_defined(self, name: str) -> bool:
-        """What the function DEFINED says of it."""
+    def is_assumed_defined(self, name: str) -> bool:
+        """The value of DEFINED, which may rest on an assumption."""
 
 
 @lru_cache(maxsize=16384)
 def tokens(text: str) -> tuple[str, ...]:
-    """The tokens of a text in capitals, strings as they are, and an empty one at the end."""
+    """Split a text into tokens: capitals except in strings, with an empty token at the end."""
     if '"' not in text:
         return (*_TOKEN.findall(text.upper()), "")
     pieces = re.split(r'("[^"]*")', text)
-    found: list[str] = []
+    result: list[str] = []
     for piece in pieces:
         if piece[:1] == '"' and len(piece) > 1:
-            found.append(piece)
+            result.append(piece)
         else:
-            found += _TOKEN.findall(piece.upper())
-    return (*found, "")
+            result += _TOKEN.findall(piece.upper())
+    return (*result, "")
 
 
 class Reader:
-    """One text, read from left to right. Every method raises Unreadable where the text does not fit. constant: no name
-    had a say in what was read so far. omitted: a number between commas was left out. unbracketed: a comparison stood
-    beside AND, OR or XOR without brackets.
+    """A text that is parsed from left to right. Methods raise Unreadable if the text does not fit.
+
+    constant: no name was used so far.
+    omitted: a number between commas was left out.
+    unbracketed: AND, OR or XOR had a comparison without brackets as an operand.
     """
 
     def __init__(self, text: str, scope: Scope) -> None:
@@ -154,7 +157,7 @@ class Reader:
         self.constant = True
         self.omitted = False
         self.unbracketed = False
-        # An empty token closes the list, so that there is always a next one.
+        # The empty token at the end means that there is always a next one.
         self._tokens = tokens(text)
         self._at = 0
         self._depth = 0
@@ -176,69 +179,77 @@ class Reader:
         return token
 
     def accept(self, token: str) -> bool:
-        """Whether the next token is ``token``; then it is taken."""
+        """Take the next token if it is `token`. Returns whether it was."""
         if self._tokens[self._at] != token:
             return False
         self._at += 1
         return True
 
     def expect(self, token: str) -> None:
-        """Takes ``token``."""
+        """Take the next token, which must be `token`."""
         if not self.accept(token):
             raise Unreadable(f"{token} expected before {self.peek() or 'the end of the line'}")
 
     def finish(self) -> None:
-        """Nothing may be left."""
+        """Check that all tokens were taken."""
         if self._tokens[self._at]:
             raise Unreadable(f"{self._tokens[self._at][:20]!r} is not expected here")
 
     def rest(self) -> str:
-        """What is left, taken."""
-        left = " ".join(self._tokens[self._at : -1])
+        """Take all remaining tokens. Returns them as text."""
+        remaining = " ".join(self._tokens[self._at : -1])
         self._at = len(self._tokens) - 1
-        return left
+        return remaining
 
     def skip(self) -> str:
-        """What stands up to the bracket that closes the one just taken, which is taken too."""
+        """Take all up to the bracket that closes the one just taken. Returns the text inside."""
         depth, start = 1, self._at
         while depth:
             token = self.take()
             depth += (token == "(") - (token == ")")
         return " ".join(self._tokens[start : self._at - 1])
 
+    def close_bracket(self) -> None:
+        """Leave the bracket that was entered last."""
+        self.expect(")")
+        self._depth -= 1
+
     def deeper(self) -> None:
-        """A bracket within brackets."""
+        """Enter a bracket."""
         self._depth += 1
-        if self._depth > _DEPTH:
+        if self._depth > _MAX_DEPTH:
             raise Unreadable("brackets are nested too deeply")
 
 
 class Numbers(Reader, ABC):
     """Numbers, conditions and strings."""
 
-    # -- reals ---------------------------------------------------------------------------------------------------
+    # -- reals --------------------------------------------------------------------------------
 
     def logic(self) -> float:
-        """A number or a condition, with AND, OR and XOR."""
-        value, joined, compared = self._both()
+        """Evaluate a number or a condition, with AND, OR and XOR."""
+        value, joined, compared = self._conjunction()
         while self.peek() in ("OR", "XOR"):
             combine = _JOINED[self.take()]
-            other, _, beside = self._both()
-            value, joined, compared = combine(value, other), True, compared or beside
+            other, _, other_compared = self._conjunction()
+            value, joined, compared = combine(value, other), True, compared or other_compared
         self.unbracketed = self.unbracketed or (joined and compared)
         return value
 
-    def _both(self) -> tuple[float, bool, bool]:
-        """Conditions with AND between them; whether there is one, and whether one of them compares without brackets."""
+    def _conjunction(self) -> tuple[float, bool, bool]:
+        """Evaluate conditions with AND between them.
+
+        Returns the value, whether there was an AND, and whether there was a bare comparison.
+        """
         value, compared = self._relation()
         joined = False
         while self.accept("AND"):
-            other, beside = self._relation()
-            value, joined, compared = _JOINED["AND"](value, other), True, compared or beside
+            other, other_compared = self._relation()
+            value, joined = _JOINED["AND"](value, other), True
+            compared = compared or other_compared
         return value, joined, compared
 
     def _relation(self) -> tuple[float, bool]:
-        """A number or a comparison, and whether it compares."""
         if self.accept("NOT"):
             self.deeper()
             value, compared = self._relation()
@@ -257,7 +268,7 @@ class Numbers(Reader, ABC):
         return value, compared
 
     def real(self) -> float:
-        """A sum, finite."""
+        """Evaluate a sum."""
         value = self._product()
         while self.peek() in _SUMS:
             sign, other = self.take(), self._product()
@@ -266,7 +277,7 @@ class Numbers(Reader, ABC):
             else:
                 a, b = whole(value), whole(other)
                 value = signed(a | b if sign == "BOR" else a ^ b)
-        if not abs(value) <= _LARGEST * 4.3:
+        if not abs(value) <= _MAX_SUM:
             raise Impossible("a number is not finite or beyond any machine")
         return value
 
@@ -284,7 +295,7 @@ class Numbers(Reader, ABC):
                 value = remainder(value, other)
             else:
                 value = signed(whole(value) & whole(other))
-            if not abs(value) < 1e30:
+            if not abs(value) < _MAX_PRODUCT:
                 raise Impossible("a number is not finite or beyond any machine")
         return value
 
@@ -302,12 +313,12 @@ class Numbers(Reader, ABC):
         if token[0].isalpha():
             return sign * self._word(token)
         if token == "^" or token[0] == "^":
-            return sign * _based(token)
+            return sign * _parse_based(token)
         raise Unreadable(f"a number expected instead of {token!r}")
 
     def _literal(self, token: str) -> float:
         value = float(token)
-        if not abs(value) < 1e30:
+        if not abs(value) < _MAX_PRODUCT:
             raise Impossible("a number is not finite or beyond any machine")
         return value
 
@@ -331,64 +342,63 @@ class Numbers(Reader, ABC):
         return self._named().real(token + self.subscripts())
 
     def subscripts(self) -> str:
-        """``[i, j]`` after a name as text, empty where there is none and for ``[]``."""
+        """Evaluate subscripts `[i, j]` after a name. Returns a text, empty if missing or `[]`."""
         if not self.accept("["):
             return ""
         if self.accept("]"):
             return ""
         self.deeper()
-        found = []
+        indices = []
         while True:
-            # An empty place is 0, and so is what stands in front of the last comma of a[i,].
+            # A missing subscript is 0, also after the last comma of a[i,].
             value = self.logic() if self.peek() not in (",", "]") else 0.0
             if not 0 <= value < 2**31:
                 raise Impossible(f"{value:g} is no index of an array")
-            found.append(str(int(value)))
+            indices.append(str(int(value)))
             if not self.accept(","):
                 break
         self.expect("]")
         self._depth -= 1
-        return f"[{','.join(found)}]"
+        return f"[{','.join(indices)}]"
 
     def _bracketed(self) -> float:
         self.deeper()
         value = self.logic()
-        self.expect(")")
-        self._depth -= 1
+        self.close_bracket()
         return value
 
     def _function(self, word: str) -> float:
         if word in NUMBERS:
-            least, most, does = NUMBERS[word]
+            minimum, maximum, function = NUMBERS[word]
             self.take()
             self.deeper()
-            values = self.numbers(most)
-            self.expect(")")
-            self._depth -= 1
-            if not least <= len(values) <= most:
+            values = self.numbers(maximum)
+            self.close_bracket()
+            if not minimum <= len(values) <= maximum:
                 raise Unreadable(f"{word} has {counted(len(values), 'argument')}")
-            return float(does(*values))
+            return float(function(*values))
         if word in OF_STRINGS:
             self.take()
-            return self._of_strings(word)
+            kinds, minimum, function = OF_STRINGS[word]
+            return float(function(*self._arguments(word, kinds, minimum)))
         if word in _OF_LOCATIONS:
             self.take()
             return self._of_locations(word)
-        return self._surroundings(word)
+        return self._external(word)
 
-    def numbers(self, most: int = 64) -> list[float]:
-        """Numbers with commas between them, none left out."""
+    def numbers(self, maximum: int = 64) -> list[float]:
+        """Evaluate numbers with commas between them. A missing number is a fault."""
         values = [self.logic()]
-        while len(values) <= most and self.accept(","):
+        while len(values) <= maximum and self.accept(","):
             values.append(self.logic())
         return values
 
-    def _of_strings(self, word: str) -> float:
-        kinds, least, does = OF_STRINGS[word]
-        return float(does(*self._arguments(word, kinds, least)))
+    def _arguments(self, word: str, kinds: str, minimum: int) -> list[float | str]:
+        """Evaluate the arguments of a function, up to the closing bracket.
 
-    def _arguments(self, word: str, kinds: str, least: int) -> list[float | str]:
-        """Up to the closing bracket. kinds: $ a string, a dot a number."""
+        kinds: one character per argument, $ for a string and a dot for a number.
+        minimum: number of arguments that must be there.
+        """
         self.deeper()
         values: list[float | str] = []
         while self.peek() != ")":
@@ -397,25 +407,20 @@ class Numbers(Reader, ABC):
             values.append(self.string() if kinds[len(values)] == "$" else self.logic())
             if not self.accept(","):
                 break
-        self.expect(")")
-        self._depth -= 1
-        if len(values) < least:
-            raise Unreadable(f"{word} wants {counted(least, 'argument')}")
+        self.close_bracket()
+        if len(values) < minimum:
+            raise Unreadable(f"{word} wants {counted(minimum, 'argument')}")
         return values
 
     @abstractmethod
     def _of_locations(self, word: str) -> float:
-        """DX and the like."""
+        """Evaluate a function of locations, such as DX."""
 
-    def _surroundings(self, word: str) -> float:
-        """A function that the surroundings answer, or a name."""
+    def _external(self, word: str) -> float:
+        """Evaluate a function of the run or of external values."""
         scope = self._named()
-        if word not in ASKED and word not in _OWN and word not in _FREE:
-            raise (
-                Unreadable(f"{word} is no function")
-                if not scope.strict
-                else Unreadable(f"{word} is not defined")
-            )
+        if word not in ASKED and word not in _OF_RUN and word not in _FREE:
+            raise Unreadable(f"{word} is not defined" if scope.strict else f"{word} is no function")
         if scope.strict:
             raise Unreadable(f"{word} is not evaluated")
         self.take()
@@ -426,7 +431,7 @@ class Numbers(Reader, ABC):
         if word in ("LAST", "DEFINED"):
             name = self.take() + self.subscripts()
             self.rest_of_brackets()
-            return scope.last(name) if word == "LAST" else truth(scope.says_defined(name))
+            return scope.last(name) if word == "LAST" else truth(scope.is_assumed_defined(name))
         if word in _NUMBERED:
             values = self.numbers()
             self.expect(")")
@@ -434,13 +439,13 @@ class Numbers(Reader, ABC):
         return scope.answer(word, self.skip(), ASKED.get(word, 1.0))
 
     def rest_of_brackets(self) -> None:
-        """Up to the closing bracket, where nothing but more of a name may stand."""
+        """Take the closing bracket, with an empty `[]` before it if there is one."""
         if self.accept("["):
             self.expect("]")
         self.expect(")")
 
     def reals(self) -> list[float]:
-        """Numbers with commas between them; one that is missing is 0."""
+        """Evaluate numbers with commas between them; a missing one is 0."""
         values = [self._real_or_zero()]
         while self.accept(","):
             values.append(self._real_or_zero())
@@ -453,28 +458,27 @@ class Numbers(Reader, ABC):
         return 0.0
 
     def is_string(self) -> bool:
-        """Whether a string comes next."""
+        """Whether the next token begins a string expression."""
         return self.peek()[:1] in ('"', "$") and self.peek() != "$"
 
-    # -- strings -------------------------------------------------------------------------------------------------
+    # -- strings ------------------------------------------------------------------------------
 
     def string(self) -> str:
-        """Strings with + between them."""
-        parts = [self._one_string()]
+        """Evaluate strings with + between them."""
+        parts = [self._string_operand()]
         while self.peek() == "+":
             self.take()
-            parts.append(self._one_string())
+            parts.append(self._string_operand())
         return join(parts)
 
-    def _one_string(self) -> str:
+    def _string_operand(self) -> str:
         token = self.take()
         if token[0] == '"' and len(token) > 1:
             return token[1:-1]
         if token == "(":
             self.deeper()
             value = self.string()
-            self.expect(")")
-            self._depth -= 1
+            self.close_bracket()
             return value
         if token[0] != "$" or token == "$":
             raise Unreadable(f"a string expected instead of {token[:20]!r}")
@@ -482,8 +486,8 @@ class Numbers(Reader, ABC):
             return self._named().text(token + self.subscripts())
         self.take()
         if token in TEXTS:
-            kinds, least, does = TEXTS[token]
-            return str(does(*self._arguments(token, kinds, least)))
+            kinds, minimum, function = TEXTS[token]
+            return str(function(*self._arguments(token, kinds, minimum)))
         if token == "$ENCODE":
             return self._encode()
         if token == "$DECODE":
@@ -517,12 +521,12 @@ class Numbers(Reader, ABC):
         mode = self.logic() if self.accept(",") else 0.0
         self.expect(")")
         scope = self._named()
-        found, left = decode(scope.text(name), delimiters, mode)
-        scope.set_text(name, left)
-        return found
+        front, remaining = decode(scope.text(name), delimiters, mode)
+        scope.set_text(name, remaining)
+        return front
 
 
-def _based(token: str) -> float:
+def _parse_based(token: str) -> float:
     base = _BASES.get(token[1:2], 8)
     digits = token[2:] if token[1:2] in _BASES else token[1:]
     try:

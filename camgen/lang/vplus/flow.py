@@ -1,13 +1,14 @@
-"""The run of V+ programs: calls, and answers to the questions of the flow.
+"""Runs V+ programs: calls, and the answers to the questions of the engine.
 
-A loop whose end the text does not determine runs once (``--assume rounds=3``: three times). An
-input that the user has not set is off, unless a program would leave for good then, or wait.
+A loop whose end is not determined by the text runs once, or as often as `--assume rounds=3` sets.
+An input that the user has not set is off, unless the program would then end or wait.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 from camgen.lang.code import Act, Branch, Code, LoopEnd, LoopStart, Step
@@ -25,23 +26,26 @@ from .locations import Expression
 from .names import canonical
 from .statements import split, unwrap
 from .text import Impossible, Location, Routine, Statement, Stretch, Unreadable
-from .units import Units
+from .units import FileUnits
 from .variables import Cell, Table, Value
 from .walk import walk_apart
 
-#: So many programs may call each other: V+ has a stack, too.
-_DEEPEST = 60
+#: Maximum depth of calls. V+ has a limited stack, too.
+_MAX_DEPTH = 60
 CALLED = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(\(.*\))?", re.DOTALL)
-_MOST_STATE = 3000
-#: Values of a state that count as an instruction when they are compared.
-_LONG = 60
-#: What the bound of a run gives for each line of a file that the program reads.
-_READS = 100
+#: Maximum number of variables in a state that is compared.
+_MAX_STATE = 3000
+#: Number of variables in a state that cost one step when they are compared.
+_VARIABLES_PER_STEP = 60
+#: Steps that the budget of a run gains for each line of a file that the program reads.
+_STEPS_PER_LINE = 100
 
 
-class Machine(Units):
-    """The controller, with the programs that it has. stopped: where and why the run broke off. ran,
-    done: the programs and the lines that were carried out.
+class Machine(FileUnits):
+    """A run of the programs.
+
+    stopped: line and reason if the run could not reach its end, otherwise None.
+    ran: canonical names of the programs that were run.
     """
 
     faults: type[Exception] = Unreadable
@@ -54,22 +58,20 @@ class Machine(Units):
         self._kept: dict[str, Table] = {}
         self._codes: dict[str, Code] = {}
         self._rounds = max(1, int(min(self._assume.get("rounds", 1.0), 1e6)))
-        size = sum(
-            measure_cost(statement) for program in programs for statement in program.statements
-        )
+        size = sum(map(measure_cost, chain.from_iterable(item.statements for item in programs)))
         self._budget = Budget(size, ask.limits.vplus_steps, "vplus_steps")
-        rules = Rules(_DEEPEST, self._rounds, skips_blocks=True)
+        rules = Rules(_MAX_DEPTH, self._rounds, skips_blocks=True)
         self._flow = Flow(self, self._budget, rules)
         self.stopped: tuple[int, str] | None = None
         self.ran: set[str] = set()
 
-    def lay_beside(self, files: Mapping[str, str]) -> None:
-        """Files that the programs may read, by name; each line of them may be read and worked with."""
-        super().lay_beside(files)
-        self._budget.left += _READS * sum(text.count("\n") for text in files.values())
+    def add_files(self, files: Mapping[str, str]) -> None:
+        """Add files that the programs may read, and steps for their lines to the budget."""
+        super().add_files(files)
+        self._budget.left += _STEPS_PER_LINE * sum(text.count("\n") for text in files.values())
 
     def find_program(self, key: str) -> Routine | None:
-        """The program of a name in its canonical form."""
+        """Return the program of a canonical name, None without one."""
         return self._programs.get(key)
 
     def spend(self, count: int) -> None:
@@ -77,16 +79,16 @@ class Machine(Units):
         self._budget.spend(count)
 
     def last(self, name: str) -> float:
-        """The last index of an array."""
+        """See `Variables.last`. Costs steps, since it searches the table."""
         self.spend(len(self.cell(name).table) // 8)
         return super().last(name)
 
-    def give(self, values: Mapping[str, Value]) -> None:
-        """Globals that have a value before the program starts."""
+    def set_globals(self, values: Mapping[str, Value]) -> None:
+        """Set globals that have a value before the program starts."""
         self._globals.update(values)
 
     def run(self, routine: Routine) -> None:
-        """Carries out ``routine`` and what it calls."""
+        """Run a program and all that it calls."""
         try:
             self._run(routine, {})
         except Ended:
@@ -99,9 +101,9 @@ class Machine(Units):
         key = canonical(routine.name)
         self.ran.add(key)
         self.enter(self._kept.setdefault(key, {}))
-        self._scopes[-1].others.update(arguments)
+        self._scopes[-1].arguments.update(arguments)
         self._flow.run(self._compile(routine))
-        self.tell_inputs()
+        self.assume_inputs()
         self.leave()
 
     def _compile(self, routine: Routine) -> Code:
@@ -115,17 +117,17 @@ class Machine(Units):
         return [self._compile(routine) for routine in self._programs.values()]
 
     def run_stretch(self, plain: Stretch) -> None:
-        """Carries out motions that were read together."""
-        if self.stretch(plain):
+        """Run consecutive motions."""
+        if self.try_stretch(plain):
             self.line = plain.line + len(plain.poses) - 1
             return
-        walk_apart(plain, self._do_apart, self._unreadable)
+        walk_apart(plain, self._do_apart, self._add_fault)
 
     def _do_apart(self, statement: Statement) -> None:
         self.line, self.doubt = statement.line, False
         self.do(statement)
 
-    def _unreadable(self, statement: Statement, error: Unreadable) -> None:
+    def _add_fault(self, statement: Statement, error: Unreadable) -> None:
         if self.doubt and isinstance(error, Impossible):
             what = f"not evaluated: {error} (with what is assumed)"
             self.log.find("unusual", what, line=statement.line)
@@ -133,32 +135,32 @@ class Machine(Units):
         else:
             self.log.find("refused", str(error), line=statement.line)
         if statement.word in MOTIONS:
-            self.lost(statement.word)
+            self.lose_position(statement.word)
 
     def act(self, statement: Statement) -> None:
-        """Carries out an instruction that changes nothing of the flow."""
+        """Run an instruction that is not part of the flow."""
         _ACTS.get(statement.word, Machine.do)(self, statement)
 
     # -- answers to the engine (`camgen.lang.flow.Language`) ------------------------------------
 
     def begin(self, step: Step) -> None:
-        """A step begins."""
+        """Start a step."""
         if self.consulted:
-            self.tell_inputs()
+            self.assume_inputs()
         self.line = step.line
         self.doubt = False
 
     def report(self, step: Step, error: Exception) -> None:
-        """Tells that a step cannot be carried out."""
+        """Add a finding for a step that cannot be run."""
         assert isinstance(error, Unreadable)
         operand = step.operand if isinstance(step, Act) else None
         word = operand.word if isinstance(operand, Statement) else ""
-        self._unreadable(Statement(step.line, word, ""), error)
+        self._add_fault(Statement(step.line, word, ""), error)
 
     def evaluate(self, expression: Question | CaseValue | LoopCount | str) -> Any:
-        """The value of a condition, of a CASE or of a counter."""
+        """Evaluate a condition, a CASE, the count of EXIT or NEXT, or a counter."""
         if isinstance(expression, Question):
-            return self._ask(expression)
+            return self._evaluate_condition(expression)
         if isinstance(expression, str):
             return self.real(expression)
         text = Expression(expression.text, self)
@@ -173,8 +175,7 @@ class Machine(Units):
             raise Unreadable(f"{expression.word} outside of a loop")
         return count
 
-    def _ask(self, question: Question) -> bool | Unknown:
-        """Whether a condition holds. Unknown with a guess if that rests on an assumption."""
+    def _evaluate_condition(self, question: Question) -> bool | Unknown:
         word, text, ends = question
         if word == "DO":
             raise Unreadable("DO stands alone")
@@ -201,9 +202,9 @@ class Machine(Units):
     def assume(
         self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
     ) -> bool:
-        """Makes a choice of the engine, by other inputs if need be; whether that works."""
+        """Make a choice of the engine by a change of inputs. Returns whether it was possible."""
         if choice is Choice.LOOP_REPEATS:
-            self._cut(length)
+            self._delete_from(length)
             is_while = isinstance(step, LoopStart) and step.condition is not None
             what = "a loop that repeats itself for ever is told for one of its rounds"
             self.log.assume(what, line=step.line if is_while else 0)
@@ -215,39 +216,38 @@ class Machine(Units):
         if choice is Choice.LOOP_LIMITED:
             what = f"a loop that nothing known ends is run for {counted(self._rounds, 'round')}"
             self.log.assume(what, "rounds", self._rounds)
-            return isinstance(step, LoopEnd) or self.wish(text[:-2], False, fresh=False)
+            return isinstance(step, LoopEnd) or self.change_inputs(text[:-2], False, fresh=False)
         is_branch = isinstance(step, Branch)
         wanted = choice is not Choice.BRANCH_PASSED
-        return unknown.guess == wanted or self.wish(text, wanted, fresh=is_branch)
+        return unknown.guess == wanted or self.change_inputs(text, wanted, fresh=is_branch)
 
     def read_state(self) -> object:
-        """What the next round depends on; None where that is too much to keep."""
+        """Return the state that decides the next iteration, None if it is too large."""
         tables = [self._globals]
         for scope in self._scopes:
-            tables += [scope.own, scope.kept]
+            tables += [scope.auto, scope.local]
         size = sum(map(len, tables))
-        if size > _MOST_STATE:
+        if size > _MAX_STATE:
             return None
-        self.spend(size // _LONG)
-        values = tuple(tuple((k, _plain(v)) for k, v in table.items()) for table in tables)
-        return values, _plain(self._at), tuple(self.outputs.items()), self._always, self._once
-
-    def _cut(self, length: int) -> None:
-        """Takes back what the repeated round has added."""
-        del (
-            self.body[length:],
-            self.lines[length:],
-            self.frames[length:],
-            self.bases[length:],
-            self.tool[length:],
+        self.spend(size // _VARIABLES_PER_STEP)
+        values = tuple(map(_make_comparable, tables))
+        return (
+            values,
+            _make_comparable(self._at),
+            tuple(self.outputs.items()),
+            self._always,
+            self._once,
         )
-        for index in [index for index in self.durations if index >= length]:
-            del self.durations[index]
+
+    def _delete_from(self, length: int) -> None:
+        del self.body[length:], self.lines[length:], self.frames[length:]
+        del self.bases[length:], self.tool[length:]
+        self.durations = {k: seconds for k, seconds in self.durations.items() if k < length}
         motions = [k for k, item in enumerate(self.body) if isinstance(item, (MoveJ, MoveL, MoveC))]
         self._last = motions[-1] if motions else None
 
     def open_count(self, count: str) -> Counter:
-        """The counter of FOR."""
+        """Open the counter of a FOR."""
         text = Expression(count, self)
         name = text.take()
         if not name[0].isalpha():
@@ -267,7 +267,7 @@ class Machine(Units):
                 return True
         return False
 
-    # -- calls ---------------------------------------------------------------------------------------------------
+    # -- calls --------------------------------------------------------------------------------
 
     def _react(self, statement: Statement) -> None:
         call = self.react(statement)
@@ -283,11 +283,11 @@ class Machine(Units):
     def _call_by_text(self, rest: str) -> None:
         text = Expression(rest, self)
         name = text.string()
-        left = text.rest()
+        arguments = text.rest()
         if not name:
             self._leave_out(f"CALLS {rest}: which program, is not known: left out")
             return
-        self._enter(name, left or "()")
+        self._enter(name, arguments or "()")
 
     def _leave_out(self, what: str) -> None:
         self.log.assume(what)
@@ -298,10 +298,10 @@ class Machine(Units):
         if routine is None:
             self._leave_out(f"program {name} is not in these files: left out")
             return
-        self._flow.check_depth(f"more than {_DEEPEST} programs call each other")
+        self._flow.check_depth(f"more than {_MAX_DEPTH} programs call each other")
         given = list(split(unwrap(brackets)[0]))
         formals = [part.removesuffix("[]").strip() for part in split(routine.arguments)]
-        if len([g for g in given if g]) > len([f for f in formals if f]):
+        if sum(map(bool, given)) > sum(map(bool, formals)):
             self.log.find("unusual", f"more arguments than program {routine.name} has")
         given += [""] * (len(formals) - len(given))
         cells = {
@@ -310,13 +310,12 @@ class Machine(Units):
             if formal
         }
         line = self.line
-        self.tell_inputs()
+        self.assume_inputs()
         self._run(routine, cells)
         self.line = line
 
 
-def _plain(value: object) -> object:
-    """Something that can be compared."""
+def _make_comparable(value: object) -> object:
     if isinstance(value, Location):
         return (
             value.local.origin,
@@ -324,10 +323,12 @@ def _plain(value: object) -> object:
             value.frame.external,
             value.frame.pose.origin,
         )
+    if isinstance(value, dict):
+        return tuple((key, _make_comparable(item)) for key, item in value.items())
     return value.values if isinstance(value, Joints) else value
 
 
-#: Instructions that call programs or wait, beside those of `Statements`.
+#: Instructions that call programs or wait, in addition to those of `Statements`.
 _ACTS: dict[str, Callable[[Machine, Statement], object]] = {
     "CALL": lambda machine, statement: machine._call(statement.rest),
     "CALLS": lambda machine, statement: machine._call_by_text(statement.rest),

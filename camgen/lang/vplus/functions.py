@@ -1,6 +1,7 @@
-"""The functions of V+ that text alone decides: of numbers, bits and strings.
+"""The functions of V+ of numbers, bits and strings, and the assumed values of external functions.
 
-Sources: V+ Language Reference Guide and User's Guide, version 17 (docs/languages/vplus.md). Angles are degrees.
+Sources: V+ Language Reference Guide and User's Guide, version 17 (docs/languages/vplus.md). Angles
+are degrees.
 """
 
 from __future__ import annotations
@@ -13,32 +14,32 @@ from .text import Impossible
 
 #: V+ integers have 32 bits.
 _MASK = 0xFFFFFFFF
-#: A string of V+ has at most 128 characters; more is a program that runs away.
+#: Maximum length of a string. V+ allows 128; the limit stops programs that build them in a loop.
 LONGEST = 1000
 
 
 def whole(value: float) -> int:
-    """``value`` without its fraction, for operations of bits."""
+    """Return `value` without its fraction, for operations on bits."""
     if not abs(value) < 2**53:
         raise Impossible("a number too large for its bits")
     return int(value)
 
 
 def signed(bits: int) -> float:
-    """32 bits as the integer that they stand for."""
+    """Convert 32 bits to a signed integer."""
     bits &= _MASK
     return float(bits - (_MASK + 1) if bits > _MASK >> 1 else bits)
 
 
 def remainder(a: float, b: float) -> float:
-    """``a MOD b``: it has the sign of ``a``."""
+    """Compute `a MOD b`, which has the sign of `a`."""
     if b == 0:
         raise Impossible("a division by zero")
     return math.fmod(a, b)
 
 
 def truth(value: bool) -> float:
-    """TRUE is -1."""
+    """Convert a bool to TRUE (-1) or FALSE (0)."""
     return -1.0 if value else 0.0
 
 
@@ -52,12 +53,11 @@ def _angle(y: float, x: float) -> float:
     return math.degrees(math.atan2(y, x))
 
 
-def _packed(value: float) -> float:
-    """BCD: a decimal digit in every four bits."""
+def _to_bcd(value: float) -> float:
     return float(int(str(abs(whole(value))), 16))
 
 
-def _unpacked(value: float) -> float:
+def _from_bcd(value: float) -> float:
     digits = f"{abs(whole(value)):x}"
     return float(int(digits)) if digits.isdigit() else 0.0
 
@@ -75,14 +75,14 @@ def _tangent(degrees: float) -> float:
     return math.tan(math.radians(degrees))
 
 
-#: Name: how many arguments at least and at most, and what it does.
+#: Functions of numbers, by name: minimum and maximum number of arguments, and the function.
 NUMBERS: Mapping[str, tuple[int, int, Callable[..., float]]] = {
     "ABS": (1, 1, abs),
     "ATAN2": (2, 2, _angle),
-    "BCD": (1, 1, _packed),
+    "BCD": (1, 1, _to_bcd),
     "BMASK": (1, 32, _mask),
     "COS": (1, 1, lambda deg: math.cos(math.radians(deg))),
-    "DCB": (1, 1, _unpacked),
+    "DCB": (1, 1, _from_bcd),
     "FRACT": (1, 1, lambda x: math.fmod(x, 1.0)),
     "INT": (1, 2, lambda x, _=0.0: float(math.trunc(x))),
     "MAX": (1, 32, max),
@@ -105,7 +105,7 @@ def _bytes(code: str, text: str, first: float = 1.0) -> float:
 
 
 def _number(text: str) -> float:
-    """VAL: the number that a text begins with, 0 where it begins with none."""
+    """Compute VAL: the number at the start of a text, 0 without one."""
     digits = text.strip()
     for end in range(min(len(digits), 40), 0, -1):
         try:
@@ -129,7 +129,8 @@ def _differ(a: str, b: str) -> float:
     return float((a > b) - (a < b))
 
 
-#: Numbers made of strings. The kinds of the arguments: $ a string, a dot a number.
+#: Functions of strings with a number as value, by name: the kinds of the arguments ($ for a string,
+#: a dot for a number), the minimum number of them, and the function.
 OF_STRINGS: Mapping[str, tuple[str, int, Callable[..., float]]] = {
     "ASC": ("$.", 1, _code),
     "DBLB": ("$.", 1, lambda s, first=1.0: _bytes(">d", s, first)),
@@ -163,7 +164,7 @@ def _middle(text: str, first: float = 1.0, count: float = float(LONGEST)) -> str
     return text[start : start + max(0, int(count))]
 
 
-#: Strings, likewise.
+#: Functions with a string as value, in the form of `OF_STRINGS`.
 TEXTS: Mapping[str, tuple[str, int, Callable[..., str]]] = {
     "$CHR": (".", 1, _character),
     "$DBLB": (".", 1, lambda x: _to_bytes("d", x)),
@@ -174,41 +175,43 @@ TEXTS: Mapping[str, tuple[str, int, Callable[..., str]]] = {
     "$TRUNCATE": ("$", 1, lambda s: s.split("\0")[0]),
 }
 
-#: What the controller, its files or its surroundings say; no text holds it. Key, and what is taken: the way on.
+#: External functions, with the assumed value of each: the one with which a program continues.
 ASKED: Mapping[str, float] = {
-    "AIO.IN": 0.0, "BELT": 0.0, "BSTAT": 0.0, "CONFIG": 0.0, "DEVICE": 0.0, "DIN": 0.0, "DURATION": 0.0,
-    "ERROR": 0.0, "FREE": 1.0, "GETC": 0.0, "GETEVENT": 0.0, "HAND": -1.0, "HOUR.METER": 0.0, "ID": 1.0,
-    "INRANGE": 0.0, "INTEGRATE": 0.0, "IOSTAT": 1.0, "IOTAS": 0.0, "KEYMODE": 0.0, "LASTERR": 0.0, "LATCHED": 0.0,
-    "MSG": 0.0, "NETWORK": 1.0, "PENDANT": 0.0, "PRIORITY": 0.0, "RANDOM": 0.5, "ROBOT": 1.0, "SELECT": 1.0,
-    "SIG.INS": 1.0, "SOLVE.FLAGS": 0.0, "SPEED": 100.0, "STATE": 0.0, "STATUS": 0.0, "STRUCT": 0.0,
-    "SWITCH": -1.0, "SYSTEM": 1.0, "TAS": 0.0, "TASK": 0.0, "TIME": 0.0, "TPS": 62.5, "VFEATURE": 1.0,
-    "VLAST": 0.0, "VQUEUE": 0.0, "VRESULT": 1.0, "VSTATE": 0.0, "WINDOW": 0.0,
+    "AIO.IN": 0.0, "BELT": 0.0, "BSTAT": 0.0, "CONFIG": 0.0, "DEVICE": 0.0, "DIN": 0.0,
+    "DURATION": 0.0, "ERROR": 0.0, "FREE": 1.0, "GETC": 0.0, "GETEVENT": 0.0, "HAND": -1.0,
+    "HOUR.METER": 0.0, "ID": 1.0, "INRANGE": 0.0, "INTEGRATE": 0.0, "IOSTAT": 1.0, "IOTAS": 0.0,
+    "KEYMODE": 0.0, "LASTERR": 0.0, "LATCHED": 0.0, "MSG": 0.0, "NETWORK": 1.0, "PENDANT": 0.0,
+    "PRIORITY": 0.0, "RANDOM": 0.5, "ROBOT": 1.0, "SELECT": 1.0, "SIG.INS": 1.0,
+    "SOLVE.FLAGS": 0.0, "SPEED": 100.0, "STATE": 0.0, "STATUS": 0.0, "STRUCT": 0.0,
+    "SWITCH": -1.0, "SYSTEM": 1.0, "TAS": 0.0, "TASK": 0.0, "TIME": 0.0, "TPS": 62.5,
+    "VFEATURE": 1.0, "VLAST": 0.0, "VQUEUE": 0.0, "VRESULT": 1.0, "VSTATE": 0.0, "WINDOW": 0.0,
 }  # fmt: skip
 
 
 def format_number(value: float, form: str = "") -> str:
-    """A number as TYPE and $ENCODE write it. form: such as F0.3 or I5; V+ writes a blank in front of a free one."""
+    """Format a number like TYPE and $ENCODE.
+
+    form: such as F0.3 or I5. Empty for the free format, which begins with a blank.
+    """
     if form[:1] == "F" and "." in form:
         width, _, digits = form[1:].partition(".")
         if width.isdigit() and digits.isdigit():
+            places = min(int(digits), 20)
             return (
-                f"{value:{min(int(width), 80)}.{min(int(digits), 20)}f}"
-                if int(width)
-                else f"{value:.{min(int(digits), 20)}f}"
+                f"{value:{min(int(width), 80)}.{places}f}" if int(width) else f"{value:.{places}f}"
             )
     if form[:1] == "I":
         width = form[1:]
-        return (
-            f"{whole(value):{min(int(width), 80)}d}"
-            if width.isdigit() and int(width)
-            else f"{whole(value)}"
-        )
+        if width.isdigit() and int(width):
+            return f"{whole(value):{min(int(width), 80)}d}"
+        return f"{whole(value)}"
     return f" {value:.7g}" if not form else f"{value:.7g}"
 
 
 def decode(text: str, delimiters: str, mode: float) -> tuple[str, str]:
-    """What $DECODE takes from the front of ``text``, and what it leaves. mode: 0 or less up to a delimiter, above 0 the
-    delimiters that it begins with.
+    """Split a text like $DECODE. Returns the front and the rest.
+
+    mode: up to 0 for the text before the first delimiter, above 0 for the delimiters at the front.
     """
     at = 0
     while at < len(text) and (text[at] in delimiters) == (mode > 0):
@@ -217,5 +220,5 @@ def decode(text: str, delimiters: str, mode: float) -> tuple[str, str]:
 
 
 def join(parts: Sequence[str]) -> str:
-    """Strings in a row, within what a program can hold."""
+    """Concatenate strings, up to `LONGEST` characters."""
     return "".join(parts)[:LONGEST]

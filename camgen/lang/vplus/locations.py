@@ -1,6 +1,7 @@
-"""V+ locations and precision points: what their expressions are, on top of those of numbers.
+"""Evaluates V+ locations and precision points, in addition to numbers and strings.
 
-A location that only the controller knows stays what it is: whatever is made of it is named by the text that makes it.
+An external location, which is stored on the controller alone, is a frame of that name. An
+expression with an external location is an external frame too, named by the text of the expression.
 Sources: as ``expressions``; FRAME and SCALE by the Language Reference.
 """
 
@@ -21,31 +22,18 @@ from .text import NULL, Frame, Impossible, Location, Unreadable, rotation_zyz
 _TURNS = {"RX": 0, "RY": 1, "RZ": 2}
 _PARTS = {"DX": 0, "DY": 1, "DZ": 2}
 #: Words that begin a location.
-BUILT = frozenset(
-    {
-        "TRANS",
-        "SHIFT",
-        "INVERSE",
-        "FRAME",
-        "SCALE",
-        "NORMAL",
-        "TRANSB",
-        "NULL",
-        "HERE",
-        "DEST",
-        "TOOL",
-        "BASE",
-        "LATCH",
-    }
-    | _TURNS.keys()
-)
+BUILT = _TURNS.keys() | {
+    "TRANS", "SHIFT", "INVERSE", "FRAME", "SCALE", "NORMAL", "TRANSB", "NULL", "HERE", "DEST",
+    "TOOL", "BASE", "LATCH",
+}  # fmt: skip
+#: mm, or mm2 for the area of a FRAME: shifts and points that differ by less are equal.
 _SMALL = 1e-9
-#: Below this many mm two locations are the same one.
+#: mm, and elements of a rotation: IDENTICAL is TRUE for locations that differ by less.
 _SAME = 1e-6
 
 
 def describe(location: Location) -> str:
-    """The name of a location that only the controller knows, with what is compounded to it."""
+    """Return the text of an external location: its name, and the pose that is compounded to it."""
     name, local = location.frame.external, location.local
     if local is NULL or (not any(local.origin) and np.array_equal(local.rotation, NULL.rotation)):
         return name
@@ -54,35 +42,39 @@ def describe(location: Location) -> str:
     return f"{name}:TRANS({x:.6g},{y:.6g},{z:.6g}{turned})"
 
 
-def unknown(name: str) -> Location:
-    """A location that only the controller knows."""
+def make_external(name: str) -> Location:
+    """Return a location that is stored on the controller alone."""
     return Location(NULL, Frame(external=name[:120]))
 
 
-def _shift_unknown(location: Location, by: Vec3) -> Location:
-    """A location that only the controller knows, shifted; shifts of shifts are one."""
+def _shift_external(location: Location, shift: Vec3) -> Location:
+    """Shift an external location by mm. Repeated shifts are added up."""
     frame = location.frame
-    again = frame.of != "" and describe(location) == frame.external
-    name = frame.of if again else describe(location)
-    x, y, z = (a + b for a, b in zip(frame.by if again else (0.0, 0.0, 0.0), by, strict=True))
+    again = frame.shifted != "" and describe(location) == frame.external
+    name = frame.shifted if again else describe(location)
+    x, y, z = (a + b for a, b in zip(frame.shift if again else (0.0, 0.0, 0.0), shift, strict=True))
     if max(abs(x), abs(y), abs(z)) < _SMALL:
-        return unknown(name)
+        return make_external(name)
     return Location(
         NULL,
-        Frame(external=f"SHIFT({name} BY {x:.6g},{y:.6g},{z:.6g})"[:120], of=name, by=(x, y, z)),
+        Frame(
+            external=f"SHIFT({name} BY {x:.6g},{y:.6g},{z:.6g})"[:120],
+            shifted=name,
+            shift=(x, y, z),
+        ),
     )
 
 
 class Expression(Numbers):
-    """One text of any kind, read from left to right."""
+    """A text of any kind of value, parsed from left to right."""
 
     def location(self) -> Location:
-        """A location or a compound ``a:b:c``."""
+        """Evaluate a location or a compound `a:b:c`."""
         first = self._primary()
         while self.accept(":"):
             second = self._primary()
             if second.frame.external and not self._scope.strict:
-                first = unknown(f"{self._name(first)}:{describe(second)}")
+                first = make_external(f"{self._name(first)}:{describe(second)}")
                 continue
             relative = second.in_base()
             if first.frame.compound or first.frame.external:
@@ -111,50 +103,45 @@ class Expression(Numbers):
         if token == "NULL":
             return Location(NULL)
         if token in ("HERE", "DEST"):
-            return self._named().here(token)
+            return self._named().current_location(token)
         if self._scope.strict and token in ("FRAME", "TRANSB"):
             raise Unreadable(f"{token} is not evaluated")
-        more = None if self._scope.strict else self._foreign(token)
-        if more is not None:
-            return more
+        location = None if self._scope.strict else self._foreign(token)
+        if location is not None:
+            return location
         if not token[0].isalpha():
             raise Unreadable(f"a location expected instead of {token!r}")
         return self._named().location(token + self.subscripts())
 
     def _foreign(self, token: str) -> Location | None:
-        """What the post does not write; nothing where the token is a name."""
+        """Evaluate a spelling that the post does not write. None if the token is a name."""
         if token == "(":
             return self._inner()
         if token in _MORE:
             return _MORE[token](self)
         if token in ("TOOL", "BASE"):
-            return self._named().here(token)
+            return self._named().current_location(token)
         if token[0].isalpha() and self.accept("("):
-            return self._function_of(token)
+            return self._external_function(token)
         return None
 
-    def _function_of(self, token: str) -> Location:
-        """A function that no text answers, such as those of a camera."""
+    def _external_function(self, token: str) -> Location:
         self.constant = False
         text = f"{token}({self.skip()})"
         if token not in _ASKED:
             raise Unreadable(f"{token} is no function of locations")
-        return unknown(text)
+        return make_external(text)
 
     def _inner(self) -> Location:
-        """A location up to the closing bracket."""
         self.deeper()
         value = self.location()
-        self.expect(")")
-        self._depth -= 1
+        self.close_bracket()
         return value
 
     def _trans(self) -> Location:
-        self.expect("(")
-        self.deeper()
+        self.open_bracket()
         values = self.reals()
-        self.expect(")")
-        self._depth -= 1
+        self.close_bracket()
         if len(values) > 6:
             raise Unreadable(f"TRANS has {len(values)} arguments")
         x, y, z, yaw, pitch, roll = values + [0.0] * (6 - len(values))
@@ -164,62 +151,61 @@ class Expression(Numbers):
         self.expect("(")
         inner = self._inner()
         if inner.frame.external and not self._scope.strict:
-            return unknown(f"INVERSE({describe(inner)})")
+            return make_external(f"INVERSE({describe(inner)})")
         return Location(inner.in_base().inverse())
 
     def _shift(self) -> Location:
-        self.expect("(")
-        self.deeper()
+        self.open_bracket()
         location = self.location()
         self.expect("BY")
         values = self.reals()
-        self.expect(")")
-        self._depth -= 1
+        self.close_bracket()
         if len(values) > 3:
             raise Unreadable(f"SHIFT by {len(values)} values")
         dx, dy, dz = values + [0.0] * (3 - len(values))
         if location.frame.external and not self._scope.strict:
-            return _shift_unknown(location, (dx, dy, dz))
+            return _shift_external(location, (dx, dy, dz))
         pose = location.in_base()
         x, y, z = pose.origin
         return Location(Pose(pose.rotation, (x + dx, y + dy, z + dz)))
 
     def _frame(self) -> Location:
-        """``FRAME(a, b, c, o)``: x from a to b, y towards c, the origin at o."""
-        found = self._several(4)
-        if any(place.frame.external for place in found):
-            return unknown(f"FRAME({', '.join(map(self._name, found))})")
-        a, b, c, o = (np.array(place.in_base().origin) for place in found)
-        along, aside = b - a, c - a
-        up = np.cross(along, aside)
-        if min(float(np.linalg.norm(along)), float(np.linalg.norm(up))) < _SMALL:
+        """Evaluate `FRAME(a, b, c, o)`: x from a to b, y towards c, the origin at o."""
+        points = self._several(4)
+        if any(point.frame.external for point in points):
+            return make_external(f"FRAME({', '.join(map(self._name, points))})")
+        a, b, c, o = (np.array(point.in_base().origin) for point in points)
+        x_direction = b - a
+        z_direction = np.cross(x_direction, c - a)
+        if min(float(np.linalg.norm(x_direction)), float(np.linalg.norm(z_direction))) < _SMALL:
             raise Impossible("FRAME of points on one line")
-        return Location(Pose(_square(along, up), to_vec3(o)))
+        return Location(Pose(_make_rotation(x_direction, z_direction), to_vec3(o)))
+
+    def open_bracket(self) -> None:
+        """Enter a bracket, which must be the next token."""
+        self.expect("(")
+        self.deeper()
 
     def _several(self, count: int) -> list[Location]:
-        self.expect("(")
-        self.deeper()
-        found = [self.location()]
-        while len(found) < count:
+        self.open_bracket()
+        locations = [self.location()]
+        while len(locations) < count:
             self.expect(",")
-            found.append(self.location())
-        self.expect(")")
-        self._depth -= 1
-        return found
+            locations.append(self.location())
+        self.close_bracket()
+        return locations
 
     def _scale(self) -> Location:
-        self.expect("(")
-        self.deeper()
+        self.open_bracket()
         location = self.location()
         self.expect("BY")
-        by = self.logic()
-        self.expect(")")
-        self._depth -= 1
+        factor = self.logic()
+        self.close_bracket()
         if location.frame.external:
-            return unknown(f"SCALE({describe(location)} BY {by:.6g})")
+            return make_external(f"SCALE({describe(location)} BY {factor:.6g})")
         pose = location.in_base()
         x, y, z = pose.origin
-        return Location(Pose(pose.rotation, (x * by, y * by, z * by)))
+        return Location(Pose(pose.rotation, (x * factor, y * factor, z * factor)))
 
     def _normal(self) -> Location:
         self.expect("(")
@@ -227,12 +213,12 @@ class Expression(Numbers):
 
     def _of_bytes(self) -> Location:
         self.expect("(")
-        return unknown(f"TRANSB({self.skip()})")
+        return make_external(f"TRANSB({self.skip()})")
 
     def _latch(self) -> Location:
         if self.accept("("):
             self.skip()
-        return unknown("LATCH")
+        return make_external("LATCH")
 
     def _of_locations(self, word: str) -> float:
         if word in _PARTS:
@@ -250,26 +236,29 @@ class Expression(Numbers):
             return distance
         return truth(distance < _SAME and bool(np.abs(p.rotation - q.rotation).max() < _SAME))
 
-    # -- precision points ----------------------------------------------------------------------------------------
+    # -- precision points ---------------------------------------------------------------------
 
     def point(self) -> Joints:
-        """``#PPOINT(..)`` or the name of a precision point. Degrees; mm for joint 3 of four (a SCARA)."""
-        found = self.any_point()
-        if isinstance(found, Joints):
-            return found
-        raise Unreadable(f"precision point {describe(found)} is only on the controller")
+        """Evaluate `#PPOINT(..)` or the name of a precision point.
+
+        V+ counts degrees, and mm for joint 3 of four (a SCARA).
+        """
+        point = self.any_point()
+        if isinstance(point, Joints):
+            return point
+        raise Unreadable(f"precision point {describe(point)} is only on the controller")
 
     def any_point(self) -> Joints | Location:
-        """The same; a location where only the controller knows its joints."""
+        """Evaluate a precision point; a location if its joint values are external."""
         token = self.take()
         if token in ("#DEST", "#HERE", "#PDEST", "#PHERE") and not self._scope.strict:
-            return self._named().point_here(token[-4:])
+            return self._named().current_point(token[-4:])
         if token != "#PPOINT":
             if token[0] != "#" and not self._scope.strict:
                 raise Unreadable(f"a precision point expected instead of {token[:20]!r}")
             if self.peek() == "(" and not self._scope.strict:
                 self.take()
-                return unknown(f"{token}({self.skip()})")
+                return make_external(f"{token}({self.skip()})")
             return self._named().point(token + self.subscripts())
         self.expect("(")
         values = self.reals()
@@ -282,21 +271,11 @@ class Expression(Numbers):
         return to_joints(values)
 
 
-#: Functions of locations of options and cameras.
-_ASKED = frozenset(
-    {
-        "VLOC",
-        "VISION.LOC",
-        "VTRANS",
-        "BELT",
-        "LATCH",
-        "DEST",
-        "HERE",
-        "SOLVE.TRANS",
-        "NOMINAL",
-        "VFRAME",
-    }
-)
+#: Functions whose locations are external, of options and cameras for example.
+_ASKED = frozenset({
+    "VLOC", "VISION.LOC", "VTRANS", "BELT", "LATCH", "DEST", "HERE", "SOLVE.TRANS", "NOMINAL",
+    "VFRAME",
+})  # fmt: skip
 _BUILDS = {"TRANS": Expression._trans, "SHIFT": Expression._shift, "INVERSE": Expression._inverse}
 _MORE = {
     "FRAME": Expression._frame, "SCALE": Expression._scale, "NORMAL": Expression._normal,
@@ -305,17 +284,17 @@ _MORE = {
 
 
 def to_joints(values: list[float]) -> Joints:
-    """Joint values as V+ gives them: deg, of four joints the third one in mm."""
+    """Convert joint values of V+: degrees, and mm for the third of four joints."""
     slide = 2 if len(values) == 4 else None
     return Joints(tuple(v if k == slide else math.radians(v) for k, v in enumerate(values)))
 
 
 def to_values(joints: Joints) -> list[float]:
-    """The other way round."""
+    """Convert joint values to those of V+, the inverse of `to_joints`."""
     slide = 2 if len(joints.values) == 4 else None
     return [v if k == slide else math.degrees(v) for k, v in enumerate(joints.values)]
 
 
-def _square(x: FloatArray, z: FloatArray) -> FloatArray:
+def _make_rotation(x: FloatArray, z: FloatArray) -> FloatArray:
     x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
     return frozen(np.column_stack([x, np.cross(z, x), z]))

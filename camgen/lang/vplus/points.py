@@ -1,7 +1,7 @@
-"""Values that stand beside V+ programs: the sections .LOCATIONS, .REALS and .STRINGS, and files of taught locations.
+"""Reads the sections .LOCATIONS, .REALS and .STRINGS, and files of taught locations.
 
-STORE writes such sections: a name, and behind it the values. A transformation has x, y, z, yaw, pitch and roll, a
-precision point (``#``) its joints; blanks or commas stand between them.
+STORE writes such sections: a name and its values, with blanks or commas between them. A
+transformation has x, y, z, yaw, pitch and roll, a precision point (`#`) has joint values.
 """
 
 from __future__ import annotations
@@ -26,21 +26,27 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
 def read_values(lines: Iterable[tuple[int, str, str]], log: Log) -> dict[str, Value]:
-    """By name. lines: line, section, text; a line that says nothing is told."""
-    found: dict[str, Value] = {}
+    """Read the lines of other sections. Returns the values by name; an invalid line is a finding.
+
+    lines: line, section and text.
+    """
+    values: dict[str, Value] = {}
     for line, section, text in lines:
         try:
             name, value = _read(section, text)
         except Unreadable as error:
             log.find("refused", str(error), line=line)
         else:
-            found[name] = value
-    return found
+            values[name] = value
+    return values
 
 
 def read_points(files: Mapping[str, str], log: Log) -> dict[str, Value]:
-    """The same of files that the user names; their sections may be missing."""
-    found: dict[str, Value] = {}
+    """Read files that the user names. Returns the values by name; invalid lines are a fact.
+
+    Lines before the first section are locations.
+    """
+    values: dict[str, Value] = {}
     for name, text in files.items():
         section, wrong = ".LOCATIONS", 0
         for raw in text.splitlines():
@@ -55,11 +61,11 @@ def read_points(files: Mapping[str, str], log: Log) -> dict[str, Value]:
             except Unreadable:
                 wrong += 1
             else:
-                found[key] = value
+                values[key] = value
         if wrong:
             lines = "line is" if wrong == 1 else "lines are"
             log.fact(f"of {name}", f"{wrong} {lines} no locations")
-    return found
+    return values
 
 
 def _read(section: str, text: str) -> tuple[str, Value]:

@@ -1,8 +1,9 @@
-"""The robot of a foreign V+ program: where it goes, how fast, with which tool, and what it switches.
+"""Runs the motions, settings and outputs of third-party V+ programs.
 
-Sources: V+ Language Reference and User's Guide as docs/posts/vplus.md and docs/languages/vplus.md quote them. Motions
-do not block and run into each other unless BREAK stands between them; SPEED without ALWAYS is for one motion; 100 % at
-the start; OPEN and CLOSE act with the next motion, OPENI and CLOSEI after the last one.
+Sources: V+ Language Reference and User's Guide as docs/posts/vplus.md and docs/languages/vplus.md
+quote them. A motion does not block, and blends into the next one unless BREAK is between them.
+SPEED without ALWAYS is for one motion; it is 100 % at the start. OPEN and CLOSE act with the next
+motion, OPENI and CLOSEI after the last one.
 """
 
 from __future__ import annotations
@@ -19,43 +20,56 @@ from camgen.model.program import Instruction, Joints, Output, Stop, Wait
 
 from . import words
 from .arm import ROUNDED, is_same
-from .asked import MOST_SIGNAL, RATED, Surroundings
+from .asked import MAX_SIGNAL, RATED, ExternalState
 from .effects import SILENT_SWITCHES
-from .locations import Expression, describe, to_joints, to_values, unknown
+from .locations import Expression, describe, make_external, to_joints, to_values
 from .text import (
     NULL,
     Frame,
     Impossible,
     Location,
-    Pace,
+    SpeedSetting,
     Statement,
     Stretch,
     Unreadable,
-    pace,
+    parse_plain_speed,
     rotation_zyz,
 )
 
-#: What 100 % rotational speed is taken to be, deg/s.
-RATED_TURN = 1200.0
-#: The output of the hand: its numbers are set on the controller.
+#: deg/s: assumed reorientation speed at 100 % rotational speed.
+RATED_ROTATION = 1200.0
+#: Name of the output of the hand. Its signal numbers are set on the controller.
 HAND = "hand.open"
-#: Speeds, % or mm/s, that somebody can mean.
-_LEAST, _MOST = 1e-6, 1e6
+#: Range of valid speeds, % or mm/s, and maximum duration of a motion, s.
+_MIN, _MAX = 1e-6, 1e6
 _HERE = re.compile(r"(?<![\w.])HERE(?![\w.])", re.IGNORECASE)
 _START = "HERE at the start"
+_START_UNKNOWN = (
+    "where the robot stands at the start is not known: "
+    "what refers to it is given in a frame of that name"
+)
 
 
 class Tool(NamedTuple):
-    """A tool by the name that the text gives it. pose: None where only the controller knows it."""
+    """A tool.
+
+    name: its name in the text, empty without one.
+    pose: flange_from_tool, None if it is stored on the controller alone.
+    """
 
     name: str
     pose: Pose | None
 
 
-class Robot(Surroundings):
-    """What the robot does, while a text is carried out. bases: by instruction the base that was in force. tools, tool:
-    those used, and by instruction the place of the one in force. Methods with a ``Statement`` carry it out; Unreadable
-    when they cannot.
+class Robot(ExternalState):
+    """The robot during a run.
+
+    Methods with a `Statement` run it, and raise Unreadable if that is impossible.
+
+    bases: BASE in force at each instruction of the body, None for the base of the robot.
+    tools: all tools that were used.
+    tool: index in `tools` of the tool in force at each instruction of the body.
+    detached: the program has released the robot.
     """
 
     def __init__(self, ask: Ask, log: Log) -> None:
@@ -70,56 +84,52 @@ class Robot(Surroundings):
         self._hand: float | None = None
         self.detached = False
 
-    # -- where it is ---------------------------------------------------------------------------------------------
+    # -- position -----------------------------------------------------------------------------
 
-    def here(self, word: str) -> Location:
-        """HERE and DEST: where the last motion goes; TOOL and BASE."""
+    def current_location(self, word: str) -> Location:
+        """See `Scope.current_location`. HERE and DEST are the target of the last motion."""
         if word == "TOOL":
             tool = self.tools[self._held]
-            return (
-                unknown(f"TOOL {tool.name}".strip()) if tool.pose is None else Location(tool.pose)
-            )
+            if tool.pose is None:
+                return make_external(f"TOOL {tool.name}".strip())
+            return Location(tool.pose)
         if word == "BASE":
             return Location(self._base or NULL)
         if isinstance(self._at, Joints):
-            return self._reach(self._at) or unknown(_spell(self._at))
+            return self._reach(self._at) or make_external(_spell(self._at))
         if self._at is None:
-            self._from_start()
-            return unknown(_START)
+            self.log.assume(_START_UNKNOWN)
+            return make_external(_START)
         return self._at
 
     def _reach(self, joints: Joints) -> Location | None:
-        """Where joint values lead, where the arm and the tool are known."""
+        """Return the location of joint values, None if the arm or the tool is unknown."""
         flange = self._flange(joints.values) if self._flange is not None else None
         tool = self.tools[self._held].pose if self._held else NULL
         if flange is None or tool is None:
             return None
         return Location((self._base or NULL).inverse() @ flange @ tool)
 
-    def point_here(self, word: str) -> Joints | Location:
-        """The same as joint values."""
+    def current_point(self, word: str) -> Joints | Location:
+        """See `Scope.current_point`."""
         if not isinstance(self._at, Joints):
-            return unknown(f"#{describe_any(self.here(word))}")
+            return make_external(f"#{describe_any(self.current_location(word))}")
         return self._at
 
     def check_here(self, text: str) -> None:
-        """A remark on a place that is taken while the robot moves on."""
+        """Add a finding if the text uses HERE while the robot still moves."""
         if self._moving and "HERE" in text.upper() and _HERE.search(text):
-            what = "HERE while the robot may still move: BREAK is missing; the end of that motion is taken"
-            self.log.find("unusual", what)
+            what = "HERE while the robot may still move: BREAK is missing"
+            self.log.find("unusual", f"{what}; the end of that motion is taken")
 
-    def _from_start(self) -> None:
-        what = "where the robot stands at the start is not known: what refers to it is given in a frame of that name"
-        self.log.assume(what)
-
-    # -- motions -------------------------------------------------------------------------------------------------
+    # -- motions ------------------------------------------------------------------------------
 
     def target(self, text: Expression) -> Location | Joints:
-        """The target of a motion."""
+        """Evaluate the target of a motion."""
         return text.any_point() if text.peek()[:1] == "#" else text.location()
 
     def move(self, statement: Statement) -> None:
-        """``MOVE``, ``MOVES``, and with the hand ``MOVET``, ``MOVEST``."""
+        """Run `MOVE` or `MOVES`; `MOVET` or `MOVEST`, which move the hand too."""
         self.check_here(statement.rest)
         text = Expression(statement.rest, self)
         target = self.target(text)
@@ -130,7 +140,7 @@ class Robot(Surroundings):
         self.go(target, "S" in statement.word)
 
     def jmove(self, statement: Statement) -> None:
-        """``JMOVE``: joint values."""
+        """Run `JMOVE`, a motion to joint values."""
         text = Expression(statement.rest, self)
         values = text.numbers()
         text.finish()
@@ -139,28 +149,26 @@ class Robot(Surroundings):
         self.go(to_joints(values), straight=False)
 
     def appro(self, statement: Statement) -> None:
-        """To the point so many mm back along the tool z of a location."""
+        """Run `APPRO` or `APPROS`: to a distance from a location, backwards along its z axis."""
         text = Expression(statement.rest, self)
         target = self.target(text)
         text.expect(",")
         distance = text.logic()
         text.finish()
-        place = (
-            (self._reach(target) or unknown(_spell(target)))
-            if isinstance(target, Joints)
-            else target
-        )
-        self.go(place.moved(translation(0, 0, -distance)), statement.word == "APPROS")
+        if isinstance(target, Joints):
+            target = self._reach(target) or make_external(_spell(target))
+        self.go(target.moved(translation(0, 0, -distance)), statement.word == "APPROS")
 
     def depart(self, statement: Statement) -> None:
-        """Back along the tool z from where the last motion went."""
+        """Run `DEPART` or `DEPARTS`: backwards along the tool axis from the last target."""
         text = Expression(statement.rest, self)
         distance = text.logic()
         text.finish()
-        self.go(self.here("DEST").moved(translation(0, 0, -distance)), statement.word == "DEPARTS")
+        target = self.current_location("DEST").moved(translation(0, 0, -distance))
+        self.go(target, statement.word == "DEPARTS")
 
     def drive(self, statement: Statement) -> None:
-        """``DRIVE joint, change, speed``: one joint."""
+        """Run `DRIVE joint, change, speed`, which moves one joint."""
         text = Expression(statement.rest, self)
         joint = text.logic()
         text.expect(",")
@@ -172,49 +180,47 @@ class Robot(Surroundings):
         if not 0 < speed <= 1000:
             raise Impossible(f"DRIVE at {speed:g} %")
         self._once = (speed, "%", 100.0)
-        where = self._at
-        if isinstance(where, Joints) and joint <= len(where.values):
-            values = to_values(where)
+        if isinstance(self._at, Joints) and joint <= len(self._at.values):
+            values = to_values(self._at)
             values[int(joint) - 1] += change
             self.go(to_joints(values), straight=False)
         else:
-            self._somewhere(f"{describe_any(self.here('DEST'))}, joint {joint:g} by {change:g}")
+            self._go_external(
+                f"{describe_any(self.current_location('DEST'))}, joint {joint:g} by {change:g}"
+            )
 
-    def elsewhere(self, statement: Statement) -> None:
-        """``READY``, ``NEST``, ``ALIGN``: to a place that the controller works out."""
+    def move_external(self, statement: Statement) -> None:
+        """Run `READY`, `NEST` or `ALIGN`, whose target the controller computes."""
         if statement.word == "ALIGN":
-            self._somewhere(f"ALIGN of {describe_any(self.here('DEST'))}")
+            self._go_external(f"ALIGN of {describe_any(self.current_location('DEST'))}")
         else:
-            self._somewhere(statement.word)
+            self._go_external(statement.word)
 
-    def _somewhere(self, name: str) -> None:
+    def _go_external(self, name: str) -> None:
         self.log.assume(f"{name}: a place that only the controller works out")
-        self.go(unknown(name), straight=False)
+        self.go(make_external(name), straight=False)
 
-    def lost(self, name: str) -> None:
-        """A motion that is not evaluated: nobody knows where the robot is."""
-        self._at, self._moving = unknown(f"after {name}"), True
+    def lose_position(self, name: str) -> None:
+        """Note a motion that is not evaluated, so that the position is unknown."""
+        self._at, self._moving = make_external(f"after {name}"), True
 
     def go(self, target: Location | Joints, straight: bool) -> None:
-        """A motion to a place."""
+        """Add a motion with the settings in force."""
         if self.detached:
             self.log.find(
                 "refused", "a motion after DETACH: the robot is not attached to this program"
             )
-            self.detached = False  # told once
+            self.detached = False  # one finding is enough
         if self._hand is not None:
             self._switch_hand(self._hand)
         blend = ROUNDED if self._path and not self._once_exact else 0.0
         self._once_exact = False
-        share = (
-            0.0
-            if straight and isinstance(target, Location)
-            else self._share(self._once or self._always)
-        )
+        is_linear = straight and isinstance(target, Location)
+        share = 0.0 if is_linear else self._share(self._once or self._always)
         self.travel(self.line, target, straight, blend, share)
 
-    def stretch(self, plain: Stretch) -> bool:
-        """The motions of a stretch at once, if the state is the usual one; else nothing is done."""
+    def try_stretch(self, plain: Stretch) -> bool:
+        """Add consecutive motions at once. Returns False if a setting forbids it."""
         frame = self.frame(plain.name)
         if (
             frame is None
@@ -229,25 +235,25 @@ class Robot(Surroundings):
         self.tool += repeat(self._held, len(plain.poses))
         return True
 
-    def _share(self, setting: Pace) -> float:
+    def _share(self, setting: SpeedSetting) -> float:
         return min(1.0, setting[0] / 100 * self._monitor) if setting[1] == "%" else 0.0
 
     def add(self, line: int, item: Instruction, frame: Frame | None = None) -> None:
-        """One more instruction."""
+        """Add an instruction, with the base and tool in force."""
         super().add(line, item, frame)
         self.bases.append(self._base)
         self.tool.append(self._held)
 
-    # -- standing still ------------------------------------------------------------------------------------------
+    # -- stops and waits ----------------------------------------------------------------------
 
     def brake(self, statement: Statement) -> None:
-        """``BREAK``, and ``BRAKE``, which ends a motion where it is."""
+        """Run `BREAK`, or `BRAKE`, which ends a motion at once."""
         if statement.rest:
             self.log.find("unusual", f"{statement.word} stands alone")
         self.rest()
 
     def pause(self, seconds: float) -> None:
-        """A dwell."""
+        """Add a wait, s."""
         if not 0 <= seconds <= 1e7:
             raise Impossible(f"{seconds:g} s is no time to wait")
         self.rest()
@@ -256,25 +262,27 @@ class Robot(Surroundings):
             self.add(self.line, Wait(seconds))
 
     def delay(self, statement: Statement) -> None:
-        """``DELAY``: the robot stands for so long."""
+        """Run `DELAY`, a wait of some seconds."""
         text = Expression(statement.rest, self)
         seconds = text.logic()
         text.finish()
         self.pause(seconds)
 
     def stop(self, _: Statement) -> None:
-        """``PAUSE``: until the operator lets it proceed."""
+        """Run `PAUSE`, which waits for the operator."""
         self.rest()
         self.add(self.line, Stop())
 
-    # -- settings ------------------------------------------------------------------------------------------------
+    # -- settings -----------------------------------------------------------------------------
 
     def speed(self, statement: Statement) -> None:
-        """All forms of ``SPEED``."""
-        value, unit, turning, always = pace(statement.rest) or self._read_speed(statement.rest)
-        if min(value, turning) < _LEAST or max(value, turning) > _MOST:
+        """Run all forms of `SPEED`."""
+        value, unit, turning, always = parse_plain_speed(statement.rest) or self._read_speed(
+            statement.rest
+        )
+        if min(value, turning) < _MIN or max(value, turning) > _MAX:
             raise Impossible(f"a speed of {value:g} is no arm's")
-        self.set_pace(value, unit, turning, always)
+        self.set_speed(value, unit, turning, always)
         if unit == "MONITOR":
             self.log.fact("monitor speed", f"{min(value, 100.0):g} %")
         if unit == "%":
@@ -282,31 +290,31 @@ class Robot(Surroundings):
 
     def _read_speed(self, rest: str) -> tuple[float, str, float, bool]:
         try:
-            return words.speed(Expression(rest, self))
+            return words.parse_speed(Expression(rest, self))
         except Impossible:
-            if self.doubt:  # an assumed value that is no speed
+            if self.doubt:  # an assumed value, which is not a valid speed
                 return 100.0, "%", 100.0, "ALWAYS" in rest.upper()
             raise
 
     def duration(self, statement: Statement) -> None:
-        """``DURATION``: the least time, s, of the next motion, with ``ALWAYS`` of all."""
+        """Run `DURATION`: minimum time of the next motion, s, or with `ALWAYS` of all."""
         text = Expression(statement.rest, self)
         seconds = text.logic()
         always = text.accept("ALWAYS")
         text.finish()
-        if not 0 <= seconds <= _MOST:
+        if not 0 <= seconds <= _MAX:
             raise Impossible(f"a motion in {seconds:g} s")
         self.set_duration(seconds, bool(always))
 
     def configure(self, statement: Statement) -> None:
-        """A posture word: in force from the next motion on, and instead of the one that it excludes."""
+        """Run a posture word, see `set_posture`."""
         if statement.rest and statement.rest.upper() != "ALWAYS":
             raise Unreadable(f"{statement.word} stands alone or with ALWAYS")
         self.log.fact("posture", statement.word)
         self.set_posture(statement.word)
 
-    def settle(self, statement: Statement) -> None:
-        """``COARSE``, ``FINE``, ``NULL``, ``NONULL``: how exactly a motion stops."""
+    def set_accuracy(self, statement: Statement) -> None:
+        """Run `COARSE`, `FINE`, `NULL` or `NONULL`: the accuracy of stops."""
         text = Expression(statement.rest, self)
         if text.peek() not in ("", "ALWAYS"):
             text.logic()
@@ -315,7 +323,7 @@ class Robot(Surroundings):
         self.log.omit(f"{statement.word}: how exactly a motion stops")
 
     def path(self, statement: Statement) -> None:
-        """``CPON`` and ``CPOFF``."""
+        """Run `CPON` or `CPOFF`: blends, for one motion or always."""
         if statement.rest.upper() not in ("", "ALWAYS"):
             raise Unreadable(f"{statement.word} stands alone or with ALWAYS")
         if statement.rest:
@@ -324,7 +332,7 @@ class Robot(Surroundings):
             self._once_exact = statement.word == "CPOFF"
 
     def switch(self, statement: Statement) -> None:
-        """``ENABLE`` and ``DISABLE``; ``CP`` is the path."""
+        """Run `ENABLE` or `DISABLE` of switches."""
         on = statement.word == "ENABLE"
         for part in statement.rest.split(","):
             name = "".join(part.split()).lower()
@@ -333,7 +341,7 @@ class Robot(Surroundings):
             self.set_switch(statement.word, name, on)
 
     def set_switch(self, word: str, name: str, on: bool) -> None:
-        """A switch. word: the instruction that sets it."""
+        """Set a switch of the controller. word: the instruction that sets it."""
         self.switches[name] = -1.0 if on else 0.0
         if name == "cp":
             self._path = on
@@ -345,29 +353,27 @@ class Robot(Surroundings):
             self.rest()
 
     def set_tool(self, statement: Statement) -> None:
-        """``TOOL``; without a location there is none."""
+        """Run `TOOL`; without a location the tool is the flange."""
         text = Expression(statement.rest or "NULL", self)
         location = text.location()
         text.finish()
-        name = (
-            statement.rest.lower()
-            if statement.rest.replace(".", "").replace("_", "").isalnum()
-            else ""
-        )
-        name = "" if name == "null" else name
-        tool = Tool(
-            location.frame.external or name, None if location.frame.external else location.in_base()
-        )
+        external = location.frame.external
+        if external:
+            tool = Tool(external, None)
+        else:
+            name = statement.rest.lower()
+            is_name = name != "null" and name.replace(".", "").replace("_", "").isalnum()
+            tool = Tool(name if is_name else "", location.in_base())
         self.rest()
-        for place, known in enumerate(self.tools):
+        for index, known in enumerate(self.tools):
             if known.name == tool.name and is_same(known.pose, tool.pose):
-                self._held = place
+                self._held = index
                 return
         self.tools.append(tool)
         self._held = len(self.tools) - 1
 
     def base(self, statement: Statement) -> None:
-        """``BASE dx, dy, dz, turn``: where the world frame is; it stops the path."""
+        """Run `BASE dx, dy, dz, turn`, which moves the base of the robot in mm and degrees."""
         self.rest()
         if statement.rest.upper() in ("", "NULL"):
             self._base = None
@@ -378,21 +384,20 @@ class Robot(Surroundings):
         if len(values) > 4:
             raise Unreadable(f"BASE has {len(values)} values, at most four")
         x, y, z, turn = values + [0.0] * (4 - len(values))
-        # The base of the robot is moved: the world frame the other way.
-        self._base = (
-            Pose(rotation_zyz(turn, 0.0, 0.0), (x, y, z)).inverse() if any(values) else None
-        )
+        # Poses in the moved world frame are given in the base of the robot by the inverse.
+        moved = Pose(rotation_zyz(turn, 0.0, 0.0), (x, y, z))
+        self._base = moved.inverse() if any(values) else None
 
-    # -- signals and hand ----------------------------------------------------------------------------------------
+    # -- signals and hand ---------------------------------------------------------------------
 
     def signal(self, statement: Statement) -> None:
-        """``SIGNAL``: each number one output."""
+        """Run `SIGNAL`, which sets one output per number."""
         text = Expression(statement.rest, self)
         values = text.numbers()
         text.finish()
         for value in values:
             number = abs(value)
-            if number != int(number) or number > MOST_SIGNAL:
+            if number != int(number) or number > MAX_SIGNAL:
                 if self.doubt:
                     continue
                 raise Impossible(f"{value:g} is no output")
@@ -400,7 +405,7 @@ class Robot(Surroundings):
                 self._output(int(number), value > 0)
 
     def spend(self, count: int) -> None:
-        """Counts what is done; nothing here."""
+        """Take steps from the budget of the run; without effect here."""
 
     def _output(self, number: int, on: bool) -> None:
         self.spend(1)
@@ -416,32 +421,35 @@ class Robot(Surroundings):
         self.add(self.line, Output(str(number), 1.0 if on else 0.0))
 
     def rest_for_output(self) -> None:
-        """The corner before an output is not rounded in what is told: an instruction switches where it stands."""
+        """End the last motion without a blend: an output is set at its target.
+
+        The robot may still move there, unlike after a BREAK.
+        """
         moving = self._moving
         self.rest()
         self._moving = moving
 
     def set_bits(self, statement: Statement) -> None:
-        """``BITS first, count = value``."""
+        """Run `BITS first, count = value`."""
         text = Expression(statement.rest, self)
         first = text.logic()
         count = text.logic() if text.accept(",") else 1.0
         text.expect("=")
         value = text.logic()
         text.finish()
-        if not (0 < first <= MOST_SIGNAL and 0 < count <= 32 and abs(value) < 2**32):
+        if not (0 < first <= MAX_SIGNAL and 0 < count <= 32 and abs(value) < 2**32):
             raise Impossible("BITS of signals that there are none of")
         for k in range(int(count)):
             self._output(int(first) + k, bool(int(value) >> k & 1))
 
     def reset(self, _: Statement) -> None:
-        """``RESET``: all outputs off; those that the text names."""
+        """Run `RESET`: switch off all outputs that the text has switched on."""
         self.log.fact("outputs", "RESET switches off those that the text has switched on")
         for number in [n for n, on in self.outputs.items() if on and n <= 1000]:
             self._output(number, on=False)
 
     def hand(self, statement: Statement) -> None:
-        """``OPEN`` and ``CLOSE`` with the next motion, ``OPENI`` and ``CLOSEI`` at once, after the last one."""
+        """Run `OPEN` or `CLOSE`, at the next motion; `OPENI` or `CLOSEI`, after the last one."""
         word = statement.word
         if statement.rest:
             Expression(statement.rest, self).logic()
@@ -462,23 +470,18 @@ class Robot(Surroundings):
         self.add(self.line, Output(HAND, value))
 
     def forget(self) -> None:
-        """As if nothing had been done."""
+        """Delete all instructions and the state of the robot."""
         del self.body[:], self.lines[:], self.frames[:], self.bases[:], self.tool[:], self.tools[1:]
         self.durations.clear()
-        self._last, self._moving, self._hand, self._held, self.detached = (
-            None,
-            False,
-            None,
-            0,
-            False,
-        )
+        self._last, self._hand, self._held = None, None, 0
+        self._moving = self.detached = False
 
     def finish(self) -> None:
-        """The program ends: the robot stops, and a hand that waits for a motion acts no more."""
+        """End the program: the robot stops, and an OPEN or CLOSE without a motion has no effect."""
         self.rest()
 
     def decompose(self, statement: Statement) -> None:
-        """``DECOMPOSE array[first] = location``: its parts, from an element on."""
+        """Run `DECOMPOSE array[first] = location`, which assigns its components to elements."""
         name, sign, rest = statement.rest.partition("=")
         if not sign:
             raise Unreadable("DECOMPOSE wants array[] = location")
@@ -488,22 +491,21 @@ class Robot(Surroundings):
         left.finish()
         self.check_here(rest)
         text = Expression(rest, self)
-        found = self.target(text)
+        target = self.target(text)
         text.finish()
         *front, first = start[1:-1].split(",")
-        for k, value in enumerate(self._parts(found)):
-            where = ",".join([*front, str(int(first) + k)])
+        for k, value in enumerate(self._list_components(target)):
+            subscripts = ",".join([*front, str(int(first) + k)])
             self.doubt = value is None
-            taken = 0.0 if value is None else value
-            self.assign(f"{array}[{where}]", taken)
+            self.assign(f"{array}[{subscripts}]", 0.0 if value is None else value)
 
-    def _parts(self, found: Location | Joints) -> list[float | None]:
-        if isinstance(found, Joints):
-            return [*to_values(found)]
-        if found.frame.external:
-            self.log.assume(f"the values of {describe(found)} are taken for 0")
+    def _list_components(self, target: Location | Joints) -> list[float | None]:
+        if isinstance(target, Joints):
+            return [*to_values(target)]
+        if target.frame.external:
+            self.log.assume(f"the values of {describe(target)} are taken for 0")
             return [None] * 6
-        pose = found.in_base()
+        pose = target.in_base()
         yaw, pitch, roll = (math.degrees(v) + 0.0 for v in zyz(pose.rotation))
         return [*pose.origin, yaw, pitch, roll]
 
@@ -513,7 +515,7 @@ def _spell(joints: Joints) -> str:
 
 
 def describe_any(location: Location) -> str:
-    """A location as a short text."""
+    """Return a short text of a location."""
     if location.frame.external:
         return describe(location)
     return location.name or "TRANS({:.6g},{:.6g},{:.6g},..)".format(*location.in_base().origin)

@@ -1,6 +1,6 @@
-"""Adept V+: what a program of another hand does when it is run once (docs/languages/vplus.md).
+"""Runs third-party Adept V+ programs once (docs/languages/vplus.md).
 
-The strict read-back of what the post ``vplus`` writes uses the same text, expressions and variables.
+The strict read-back of the texts of the post `vplus` has the same text, expressions and variables.
 """
 
 from __future__ import annotations
@@ -25,33 +25,34 @@ from .check import check_rest
 from .flow import Machine
 from .names import canonical
 from .points import read_points, read_values
-from .robot import RATED_TURN, Tool
-from .text import NULL, Frame, Routine, Statement, read_files
+from .robot import RATED_ROTATION, Tool
+from .text import NULL, Frame, Routine, Statement, parse_files
 from .units import find_data
 from .variables import Value
 
-#: More work frames than these are no frames that somebody taught: targets in them are told in the base.
-_FRAMES = 8
-#: So many other tasks and reactions are looked at.
-_MOST_BESIDE = 20
-#: Instructions of each, beyond those of the text.
-_MOST_OF_A_TASK = 5_000
+#: Maximum number of work frames. More were computed rather than taught, so that all targets are
+#: given in the base.
+_MAX_FRAMES = 8
+#: Maximum number of other tasks and reactions that are run.
+_MAX_TASKS = 20
+#: Maximum number of steps of each, in addition to those of the text.
+_MAX_TASK_STEPS = 5_000
 _CALL = re.compile(r"(?:CALL|EXECUTE)\b[^A-Za-z]*([A-Za-z][A-Za-z0-9._]*)", re.IGNORECASE)
 
 
 def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
-    """What the programs in ``files`` do from their entry on."""
+    """Run the programs in `files` from their entry. Texts by name, in the order of their lines."""
     log = Log(shifts=ask.shifts)
     files = {name: strip_mark(text) for name, text in files.items()}
-    beside = find_data(files)
-    routines, data = read_files(
+    data_files = find_data(files)
+    routines, data = parse_files(
         files,
-        beside,
+        data_files,
         lambda line, what: log.find("refused", what, line=line),
         lambda line, what: log.find("unusual", what, line=line),
     )
     values = {**read_points(ask.points, log), **read_values(data, log)}
-    machine = _ready(routines, ask, log, beside, values)
+    machine = _make_machine(routines, ask, log, data_files, values)
     entry = _find_entry(routines, ask.entry)
     if entry is None:
         what = f"there is no program {ask.entry}" if ask.entry else "there is no .PROGRAM"
@@ -61,13 +62,17 @@ def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
     machine.run(entry)
     end, ran = machine.line, frozenset(log.ran)
     short = replace(
-        ask, limits=replace(ask.limits, vplus_steps=min(ask.limits.vplus_steps, _MOST_OF_A_TASK))
+        ask, limits=replace(ask.limits, vplus_steps=min(ask.limits.vplus_steps, _MAX_TASK_STEPS))
     )
-    _look_beside(machine, log, lambda aside: _ready(routines, short, aside, beside, values))
+    _run_concurrent(
+        machine, log, lambda aside: _make_machine(routines, short, aside, data_files, values)
+    )
     check_rest(routines, ran, log)
-    _tell_programs(routines, machine, log)
-    placed = _place(machine)
-    body = _pace(machine, placed)
+    for routine in routines:
+        if canonical(routine.name) not in machine.ran:
+            log.fact("programs not run", routine.name)
+    placed = _split_by_frames(machine)
+    body = _limit_speeds(machine, placed)
     return Executed(
         body,
         tuple(machine.lines),
@@ -86,42 +91,45 @@ def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
     )
 
 
-def _ready(
+def _make_machine(
     routines: Sequence[Routine],
     ask: Ask,
     log: Log,
-    beside: Mapping[str, str],
+    data_files: Mapping[str, str],
     values: Mapping[str, Value],
 ) -> Machine:
     machine = Machine(routines, ask, log)
-    machine.lay_beside(beside)
-    machine.give(values)
+    machine.add_files(data_files)
+    machine.set_globals(values)
     return machine
 
 
-def _look_beside(machine: Machine, log: Log, ready: Callable[[Log], Machine]) -> None:
-    """Runs the other tasks, and what reacts and does not come, each by itself: what it does is told, and what is wrong
-    in it. Where a reaction comes is not known: what it meets there is unusual at most.
+def _run_concurrent(machine: Machine, log: Log, make_machine: Callable[[Log], Machine]) -> None:
+    """Run each other task, and each reaction that was not run, alone, and log its effects.
+
+    The state of the machine when a reaction comes is unknown, so a finding in it is at most
+    unusual.
     """
-    waiting = [(key, *told, "tasks beside it, not run") for key, told in machine.beside.items()]
-    waiting += [
-        (key, *told, "reactions that do not come") for key, told in machine.reactions.items()
+    concurrent = [(key, *task, "tasks beside it, not run") for key, task in machine.tasks.items()]
+    concurrent += [
+        (key, *reaction, "reactions that do not come")
+        for key, reaction in machine.reactions.items()
     ]
-    for key, text, line, label in waiting[:_MOST_BESIDE]:
+    for key, text, line, label in concurrent[:_MAX_TASKS]:
         routine = machine.find_program(key)
         if routine is None:
             log.fact(label, f"{text}: in none of the files")
             if label.startswith("tasks"):
                 log.lose(f"another task, {text}, is in none of the files", line=line)
             continue
-        log_beside = Log()
-        other = ready(log_beside)
+        task_log = Log()
+        other = make_machine(task_log)
         other.run(routine)
-        log.ran |= log_beside.ran
+        log.ran |= task_log.ran
         log.fact(label, f"{text}: {sum_up(other.body)}")
         if label.startswith("tasks") and other.body:
             log.lose(f"another task, {text}, is not shown: {sum_up(other.body)}", line=line)
-        for finding in log_beside.list_findings():
+        for finding in task_log.list_findings():
             if finding.level != "dangerous":
                 what = f"in {routine.name}: {finding.what}"
                 log.find("unusual", what, line=finding.line)
@@ -130,34 +138,31 @@ def _look_beside(machine: Machine, log: Log, ready: Callable[[Log], Machine]) ->
 
 
 def _find_entry(routines: Sequence[Routine], name: str) -> Routine | None:
-    """The program ``name``; without one main, else the first that none calls and that does something."""
+    """Return the program `name`, or without a name the entry: main, or else one that none calls.
+
+    Among these the first one with statements and without arguments. None if there is none.
+    """
     by_name = {canonical(routine.name): routine for routine in reversed(routines)}
     if name:
         return by_name.get(canonical(name))
     for usual in ("main", "a.main", "a.start"):
         if usual in by_name:
             return by_name[usual]
-    called = _called(routines)
+    called = _find_called(routines)
     free = [r for r in routines if canonical(r.name) not in called]
-    does = [r for r in free if not r.arguments and len(r.statements) > 0]
-    return next(iter((*does, *free, *routines)), None)
+    runnable = [r for r in free if not r.arguments and len(r.statements) > 0]
+    return next(iter((*runnable, *free, *routines)), None)
 
 
-def _called(routines: Sequence[Routine]) -> set[str]:
-    found = set()
+def _find_called(routines: Sequence[Routine]) -> set[str]:
+    called = set()
     for routine in routines:
         for statement in routine.statements:
             if isinstance(statement, Statement) and statement.word in ("CALL", "EXECUTE"):
                 match = _CALL.match(f"{statement.word} {statement.rest}")
                 if match and canonical(match[1]) != canonical(routine.name):
-                    found.add(canonical(match[1]))
-    return found
-
-
-def _tell_programs(routines: Sequence[Routine], machine: Machine, log: Log) -> None:
-    for routine in routines:
-        if canonical(routine.name) not in machine.ran:
-            log.fact("programs not run", routine.name)
+                    called.add(canonical(match[1]))
+    return called
 
 
 class PlacedBody(NamedTuple):
@@ -173,78 +178,76 @@ class PlacedBody(NamedTuple):
     body: Sequence[Instruction]
 
 
-def _place(machine: Machine) -> PlacedBody:
-    """The body with its targets in the frames of the text."""
-    flat = _is_flat(machine)
+def _split_by_frames(machine: Machine) -> PlacedBody:
+    flat = _has_too_many_frames(machine)
     frames: list[Frames] = []
-    places: dict[object, int] = {}
-    known: dict[tuple[int, int, int], int] = {}
-    found: list[int] = []
+    places_by_value: dict[object, int] = {}
+    places_by_id: dict[tuple[int, int, int], int] = {}
+    places: list[int] = []
     changed: dict[int, Sequence[Instruction]] = {}
-    # What stands before the first pose is counted to its frame.
-    frame = next((one for one in machine.frames if one is not None), Frame())
-    given = zip(machine.frames, machine.bases, machine.tool, strict=True)
-    for index, (own, base, tool) in enumerate(given):
-        frame = own or frame
-        short = id(frame), id(base), tool
-        if short not in known:
-            one = _frames(machine.tools[tool], frame, base, flat)
-            key = _key(one, tool)
-            if key not in places:
-                places[key] = len(frames)
-                frames.append(one)
-            known[short] = places[key]
-        found.append(known[short])
-        if own is not None and flat and frame.compound and not frame.external:
+    # Instructions before the first pose belong to its frame.
+    frame = next((first for first in machine.frames if first is not None), Frame())
+    settings = zip(machine.frames, machine.bases, machine.tool, strict=True)
+    for index, (target_frame, base, tool) in enumerate(settings):
+        frame = target_frame or frame
+        identity = id(frame), id(base), tool
+        if identity not in places_by_id:
+            tool_and_work = _make_frames(machine.tools[tool], frame, base, flat)
+            key = _make_key(tool_and_work, tool)
+            if key not in places_by_value:
+                places_by_value[key] = len(frames)
+                frames.append(tool_and_work)
+            places_by_id[identity] = places_by_value[key]
+        places.append(places_by_id[identity])
+        if target_frame is not None and flat and frame.compound and not frame.external:
             item = machine.body[index]
-            moved = replace(item, target=frame.pose @ item.target)  # type: ignore[union-attr, operator]
-            changed[index] = (moved,)
+            target = frame.pose @ item.target  # type: ignore[union-attr, operator]
+            changed[index] = (replace(item, target=target),)
     body = splice(machine.body, changed) if changed else machine.body
-    return PlacedBody(tuple(frames), tuple(found), body)
+    return PlacedBody(tuple(frames), tuple(places), body)
 
 
-def _is_flat(machine: Machine) -> bool:
-    """Whether there are too many work frames to name them."""
-    seen: dict[tuple[object, ...], None] = {}
-    for frame in {
-        id(one): one for one in machine.frames if one is not None and one.compound
-    }.values():
-        pose = frame.pose
-        seen[(pose.origin, pose.rotation.tobytes())] = None
-    return len(seen) > _FRAMES
+def _has_too_many_frames(machine: Machine) -> bool:
+    compounds = {}
+    for frame in machine.frames:
+        if frame is not None and frame.compound:
+            compounds[id(frame)] = frame.pose
+    different = {(pose.origin, pose.rotation.tobytes()) for pose in compounds.values()}
+    return len(different) > _MAX_FRAMES
 
 
-def _frames(tool: Tool, frame: Frame, base: Pose | None, flat: bool) -> Frames:
+def _make_frames(tool: Tool, frame: Frame, base: Pose | None, flat: bool) -> Frames:
     if frame.external:
         return Frames(tool.name, frame.external, tool.pose, None)
-    inner = frame.pose if frame.compound and not flat else NULL
-    name = frame.name if frame.compound and not flat else ""
-    return Frames(tool.name, name, tool.pose, base @ inner if base is not None else inner)
+    work, name = NULL, ""
+    if frame.compound and not flat:
+        work, name = frame.pose, frame.name
+    return Frames(tool.name, name, tool.pose, base @ work if base is not None else work)
 
 
-def _key(one: Frames, tool: int) -> object:
-    pose = one.base_from_work
-    return tool, one.work, None if pose is None else (pose.origin, pose.rotation.tobytes())
+def _make_key(frames: Frames, tool: int) -> object:
+    pose = frames.base_from_work
+    return tool, frames.work, None if pose is None else (pose.origin, pose.rotation.tobytes())
 
 
-def _pace(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]:
-    """The body at the speeds that SPEED's rotational speed and DURATION leave."""
+def _limit_speeds(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]:
+    """Limit the speeds of the body by the rotational speed of SPEED and by DURATION."""
     columns = Columns(placed.body)
     at = columns.at.tolist()
-    turns = columns.moves_are(MoveL) & columns.posed
-    turns[1:] &= columns.rotation[1:] != columns.rotation[:-1]
-    turns[:1] = False
+    reorients = columns.moves_are(MoveL) & columns.posed
+    reorients[1:] &= columns.rotation[1:] != columns.rotation[:-1]
+    reorients[:1] = False
     timed = np.isin(columns.at, list(machine.durations))
-    blind = columns.moves_are(MoveL)
-    blind[1:] &= ~columns.posed[:-1]
+    from_unknown = columns.moves_are(MoveL)
+    from_unknown[1:] &= ~columns.posed[:-1]
     begins = np.array([begin for begin, _ in machine.turning])
     changed = {}
-    for motion in np.flatnonzero(turns | timed | blind).tolist():
+    for motion in np.flatnonzero(reorients | timed | from_unknown).tolist():
         index = at[motion]
         item = placed.body[index]
         seconds = machine.durations.get(index, 0.0)
         rate = machine.turning[int(np.searchsorted(begins, index, "right")) - 1][1]
-        turn = math.radians(rate / 100 * RATED_TURN) if isinstance(item, MoveL) else 0.0
+        rotation = math.radians(rate / 100 * RATED_ROTATION) if isinstance(item, MoveL) else 0.0
         start = _find_start(placed, at[motion - 1] if motion else None, index)
         if seconds and (start is None or not isinstance(item.target, Pose)):
             what = "the time of a motion from or to a place that the text does not hold"
@@ -252,10 +255,10 @@ def _pace(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]:
         elif start is None and rate < 100 and isinstance(item, MoveL):
             what = "where the motion begins is not known"
             machine.log.omit(f"SPEED with {rate:g} % of turning: {what}", line=machine.lines[index])
-        paced = pace_motion(item, start, Limit(item.speed, turn, seconds))
-        if isinstance(paced, MoveJ) and paced is not item:
-            paced = replace(paced, share=0.0)
-        changed[index] = (paced,)
+        limited = pace_motion(item, start, Limit(item.speed, rotation, seconds))
+        if isinstance(limited, MoveJ) and limited is not item:
+            limited = replace(limited, share=0.0)
+        changed[index] = (limited,)
     if not changed:
         return tuple(placed.body) if isinstance(placed.body, list) else placed.body
     return splice(placed.body, changed)

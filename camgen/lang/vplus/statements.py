@@ -1,4 +1,4 @@
-"""V+ instructions that are neither motions nor control: values, declarations, questions, tasks, settings by name."""
+"""Runs V+ instructions for values, declarations, prompts, tasks and settings."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from .robot import Robot
 from .text import Location, Statement, Unreadable
 from .variables import Cell, Table, Value
 
-#: A variable alone, with subscripts or without: an argument that its program can change.
+#: A single variable, with or without subscripts: an argument that is passed by reference.
 PLAIN = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*\s*(?:\[[^\"]*\])?")
 _NO_VARIABLE = frozenset({"TRUE", "FALSE", "ON", "OFF", "PI", *BUILT, "#PPOINT", "RANDOM", "TIME"})
 _TYPED = re.compile(r"(REAL|DOUBLE|LOC|STRING)\s+", re.IGNORECASE)
 _NAME = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*")
 _PROGRAM = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(?:\(|,|$)")
-#: The end of a program: RETURN and its kind lead on, the rest ends the run.
+#: Instructions that end the run.
 ENDS = frozenset({"HALT", "STOP", "PANIC"})
 
 
 def split(text: str) -> Iterator[str]:
-    """Arguments: what stands between the commas outside of brackets and strings."""
+    """Split arguments at the commas outside of brackets and strings."""
     depth, start, quoted = 0, 0, False
     for at, c in enumerate(text):
         if c == '"':
@@ -46,7 +46,7 @@ def split(text: str) -> Iterator[str]:
 
 
 def unwrap(text: str) -> tuple[str, str]:
-    """``(a, b) c``: what stands in the brackets at the front, and what follows them."""
+    """Split `(a, b) c` into the text inside the brackets and the text after them."""
     depth, quoted = 0, False
     for at, c in enumerate(text):
         if c == '"':
@@ -61,18 +61,21 @@ def unwrap(text: str) -> tuple[str, str]:
 
 
 class Statements(Robot):
-    """The instructions, one by one; those of control stand above. beside, reactions: the programs that EXECUTE starts
-    and that REACT names, how they are told, and their line. come: reactions that have come.
+    """Runs instructions that are neither motions nor flow.
+
+    tasks: description and line of each EXECUTE, by the canonical name of its program.
+    reactions: description and line of each REACT that was not run, by the name of its program.
+    run_reactions: programs of the reactions that were run.
     """
 
     def __init__(self, ask: Ask, log: Log) -> None:
         super().__init__(ask, log)
-        self.beside: dict[str, tuple[str, int]] = {}
+        self.tasks: dict[str, tuple[str, int]] = {}
         self.reactions: dict[str, tuple[str, int]] = {}
-        self.come: set[str] = set()
+        self.run_reactions: set[str] = set()
 
     def do(self, statement: Statement) -> None:
-        """Carries out an instruction that the next one follows."""
+        """Run an instruction that is not a jump, a call or a test."""
         word = statement.word
         if word in DOES:
             DOES[word](self, statement)
@@ -82,7 +85,7 @@ class Statements(Robot):
             self.log.find("unusual", f"{word} is not evaluated: {LOST[word]}", line=statement.line)
             self.log.lose(f"{word} is not evaluated: {LOST[word]}", line=statement.line)
             if word in UNSEEN:
-                self.lost(word)
+                self.lose_position(word)
         elif word in OMITTED:
             self.log.omit(
                 f"{word} {statement.rest}".rstrip() + f": {OMITTED[word]}", line=statement.line
@@ -92,10 +95,10 @@ class Statements(Robot):
         elif word not in SILENT:
             raise Unreadable(f"{word[:40]} is no instruction of V+")
 
-    # -- values --------------------------------------------------------------------------------------------------
+    # -- values --------------------------------------------------------------------------------
 
-    def let(self, statement: Statement) -> None:
-        """``name = value``."""
+    def assign_value(self, statement: Statement) -> None:
+        """Run `name = value`."""
         text = Expression(statement.rest, self)
         name = text.take()
         if not _NAME.fullmatch(name):
@@ -110,113 +113,114 @@ class Statements(Robot):
         self.assign(name, value)
 
     def set(self, statement: Statement) -> None:
-        """``SET name = location``."""
+        """Run `SET name = location`."""
         self.check_here(statement.rest)
         text = Expression(statement.rest, self)
-        name = self._left(text)
+        name = self._take_location_name(text)
         text.expect("=")
-        found = text.any_point() if name[0] == "#" else text.location()
+        value = text.any_point() if name[0] == "#" else text.location()
         text.finish()
-        self._keep(name, found)
+        self._assign_location(name, value)
 
-    def _left(self, text: Expression) -> str:
+    def _take_location_name(self, text: Expression) -> str:
         name = text.take()
         if not _NAME.fullmatch(name) or name[0] == "$":
             raise Unreadable(f"{name[:20]!r} is no name of a location")
         return name + text.subscripts()
 
-    def _keep(self, name: str, found: Location | Joints) -> None:
-        if isinstance(found, Location) and not found.frame.external:
-            found = Location(found.local, found.frame, canonical(name))
-        self.assign(name, found)
+    def _assign_location(self, name: str, value: Location | Joints) -> None:
+        if isinstance(value, Location) and not value.frame.external:
+            value = Location(value.local, value.frame, canonical(name))
+        self.assign(name, value)
 
     def define_here(self, statement: Statement) -> None:
-        """``HERE name``."""
+        """Run `HERE name`."""
         self.check_here("HERE")
         text = Expression(statement.rest, self)
-        name = self._left(text)
+        name = self._take_location_name(text)
         text.finish()
-        self._keep(name, self.point_here("HERE") if name[0] == "#" else self.here("HERE"))
+        self._assign_location(
+            name, self.current_point("HERE") if name[0] == "#" else self.current_location("HERE")
+        )
 
     def joints_here(self, statement: Statement) -> None:
-        """``JHERE a, b, ..``: joint values into variables."""
+        """Run `JHERE a, b, ..`, which assigns the joint values to variables."""
         self.check_here("HERE")
-        where = self.point_here("HERE")
-        values = to_values(where) if isinstance(where, Joints) else []
+        point = self.current_point("HERE")
+        values = to_values(point) if isinstance(point, Joints) else []
         for k, name in enumerate(split(statement.rest)):
             if k < len(values):
                 self.assign(self.variable(name), values[k])
             else:
-                self.hear(name)
+                self.assign_external(name)
 
     def variable(self, name: str) -> str:
-        """The name of a variable, with its subscripts worked out."""
+        """Return the name of a variable with its subscripts evaluated."""
         text = Expression(name, self)
-        found = text.take()
-        if not _NAME.fullmatch(found):
-            raise Unreadable(f"{found[:20]!r} is no name")
-        found += text.subscripts()
+        word = text.take()
+        if not _NAME.fullmatch(word):
+            raise Unreadable(f"{word[:20]!r} is no name")
+        word += text.subscripts()
         text.finish()
-        return found
+        return word
 
-    def hear(self, name: str) -> None:
-        """A variable that gets its value from outside."""
+    def assign_external(self, name: str) -> None:
+        """Assign an external value to a variable, which is an assumption."""
         if not name:
             return
-        found = self.variable(name)
-        key = canonical(found)
+        variable = self.variable(name)
+        key = canonical(variable)
         base = key.partition("[")[0]
         given = self._assume.get(key, self._assume.get(base))
         self.doubt = given is None
-        if found[0] == "$":
+        if variable[0] == "$":
             self.log.assume(f"string {base} comes from outside: taken as empty")
-            self.assign(found, "")
-        elif found[0] == "#":
-            self.assign(found, self._taught(key, "precision point"))
+            self.assign(variable, "")
+        elif variable[0] == "#":
+            self.assign(variable, self._taught(key, "precision point"))
         else:
             value = 1.0 if given is None else given
             self.log.assume(f"{base} comes from outside: taken for {value:g}", base, value)
-            self.assign(found, value)
+            self.assign(variable, value)
 
     def prompt(self, statement: Statement) -> None:
-        """``PROMPT text, variables``: the operator answers."""
+        """Run `PROMPT text, variables`: the operator gives their values."""
         first, *names = split(statement.rest)
         for name in names if first[:1] in ('"', "$", "/", "") else [first, *names]:
-            self.hear(name)
+            self.assign_external(name)
 
-    def declares(self, statement: Statement) -> None:
-        """``AUTO``, ``LOCAL`` and ``GLOBAL``."""
+    def declare_variables(self, statement: Statement) -> None:
+        """Run `AUTO`, `LOCAL` or `GLOBAL`."""
         word, scope = statement.word, self._scopes[-1]
         if word == "GLOBAL":
             return
-        bare = statement.rest
-        for part in split(bare):
+        for part in split(statement.rest):
             name = re.sub(r"\s*\[[^\]]*\]$", "", _TYPED.sub("", part, count=1))
             if not _NAME.fullmatch(name):
                 raise Unreadable(f"{name[:20]!r} is no name")
             key = canonical(name)
-            if key in scope.others:
+            if key in scope.arguments:
                 self.log.find(
                     "unusual", f"{word} {key}: the argument of that name is not seen any more"
                 )
-                del scope.others[key]
-            if word == "AUTO" and key in scope.own:
+                del scope.arguments[key]
+            if word == "AUTO" and key in scope.auto:
                 raise Unreadable(f"{key} is declared twice")
             if word == "AUTO":
-                scope.own[key] = None
+                scope.auto[key] = None
             else:
-                scope.kept.setdefault(key, None)
+                scope.local.setdefault(key, None)
 
     def warn(self, text: Expression) -> None:
-        """A remark on a condition whose order of evaluation may surprise."""
+        """Add a finding for an expression whose precedence of operators is not confirmed."""
         if text.unbracketed:
-            what = "a comparison beside AND, OR or XOR without brackets: which comes first is not confirmed"
-            self.log.find("unusual", what)
+            what = "a comparison beside AND, OR or XOR without brackets"
+            self.log.find("unusual", f"{what}: which comes first is not confirmed")
 
-    # -- settings by name ----------------------------------------------------------------------------------------
+    # -- settings by name ----------------------------------------------------------------------
 
     def timer(self, statement: Statement) -> None:
-        """``TIMER n = seconds``."""
+        """Run `TIMER n = seconds`."""
         text = Expression(statement.rest, self)
         number = text.logic() if text.peek() != "(" else self._in_brackets(text)
         text.expect("=")
@@ -231,7 +235,7 @@ class Statements(Robot):
         return number
 
     def parameter(self, statement: Statement) -> None:
-        """``PARAMETER name = value``, ``SWITCH name = value``."""
+        """Run `PARAMETER name = value` or `SWITCH name = value`."""
         name, sign, rest = statement.rest.partition("=")
         if not sign:
             raise Unreadable(f"{statement.word} wants name = value")
@@ -247,54 +251,61 @@ class Statements(Robot):
             self.set_switch(statement.word, key, value != 0)
 
     def select(self, statement: Statement) -> None:
-        """``SELECT ROBOT = n``."""
+        """Run `SELECT ROBOT = n`."""
         name, _, rest = statement.rest.partition("=")
         if name.strip().upper() == "ROBOT" and rest.strip() not in ("1", ""):
             self.log.omit(f"SELECT ROBOT = {rest.strip()}: the robot that moves")
 
     def solve(self, statement: Statement) -> None:
-        """``SOLVE.ANGLES`` and ``SOLVE.TRANS``: the kinematics of the arm, which no text has."""
-        left = statement.rest.partition("=")[0]
-        for name in split(left):
+        """Run `SOLVE.ANGLES` or `SOLVE.TRANS`, whose values only the controller computes."""
+        for name in split(statement.rest.partition("=")[0]):
             if PLAIN.fullmatch(name):
-                self.hear(name)
+                self.assign_external(name)
 
     def execute(self, statement: Statement) -> None:
-        """``EXECUTE task program``: it runs beside this one."""
+        """Note `EXECUTE task program`, which starts a concurrent task."""
         rest = statement.rest
         bare = re.sub(r"^\s*(/\w+\s*)?(\([^)]*\)|\d+)?\s*,?\s*", "", rest)
         match = _PROGRAM.match(bare) or _PROGRAM.match(bare.partition(" ")[2])
         if match is None:
             raise Unreadable("EXECUTE wants the name of a program")
         number = rest[: len(rest) - len(bare)].strip(" ,()")
-        self.beside.setdefault(
-            canonical(match[1]), (f"{match[1]}{f' (task {number})' if number else ''}", self.line)
-        )
+        task = f" (task {number})" if number else ""
+        self.tasks.setdefault(canonical(match[1]), (f"{match[1]}{task}", self.line))
 
     def react(self, statement: Statement) -> str:
-        """``REACT signal, program(arguments), priority``: the call that may come, "" where it names none."""
-        parts = [one for one in split(statement.rest) if one]
-        call = parts[0] if statement.word == "REACTE" else (parts[1] if len(parts) > 1 else "")
+        """Run `REACT signal, program(arguments), priority` or `REACTE program(arguments)`.
+
+        Returns the call if the user assumes that the reaction is run, at its first REACT. Otherwise
+        the reaction is noted, and the result is empty.
+        """
+        parts = [part for part in split(statement.rest) if part]
+        position = 0 if statement.word == "REACTE" else 1
+        call = parts[position] if len(parts) > position else ""
         match = _PROGRAM.match(call)
         if match is None:
             self.log.fact("reactions", f"{statement.word} {statement.rest}".strip())
             return ""
         key = canonical(match[1])
-        comes = bool(self._assume.get(key))
-        what = "comes once, where it first may" if comes else "does not come"
-        self.log.assume(f"{statement.word} {match[1]}: it {what}", key, float(comes))
-        if comes and key not in self.come:
-            self.come.add(key)
+        is_run = bool(self._assume.get(key))
+        what = "comes once, where it first may" if is_run else "does not come"
+        self.log.assume(f"{statement.word} {match[1]}: it {what}", key, float(is_run))
+        if is_run and key not in self.run_reactions:
+            self.run_reactions.add(key)
             return call
         self.reactions.setdefault(
             key, (f"{match[1]} ({statement.word}, line {self.line})", self.line)
         )
         return ""
 
-    # -- arguments -----------------------------------------------------------------------------------------------
+    # -- arguments -----------------------------------------------------------------------------
 
     def argument(self, formal: str, text: str) -> Cell:
-        """What the argument ``text`` of a CALL is for a program that calls it ``formal``."""
+        """Return the cell for the argument `text` of a CALL.
+
+        A variable is passed by reference, any other value in a new cell. formal: name of the
+        argument in the called program.
+        """
         key = canonical(formal)
         if not text:
             return Cell({}, key)
@@ -327,10 +338,19 @@ class Statements(Robot):
 
 
 _MORE: Mapping[str, Callable[[Statements, Statement], None]] = {
-    "=": Statements.let, "AUTO": Statements.declares, "EXECUTE": Statements.execute,
-    "GLOBAL": Statements.declares, "HERE": Statements.define_here, "JHERE": Statements.joints_here,
-    "LOCAL": Statements.declares, "PARAMETER": Statements.parameter, "PROMPT": Statements.prompt,
-"SELECT": Statements.select, "SET": Statements.set,
-    "SOLVE.ANGLES": Statements.solve, "SOLVE.TRANS": Statements.solve, "SWITCH": Statements.parameter,
+    "=": Statements.assign_value,
+    "AUTO": Statements.declare_variables,
+    "EXECUTE": Statements.execute,
+    "GLOBAL": Statements.declare_variables,
+    "HERE": Statements.define_here,
+    "JHERE": Statements.joints_here,
+    "LOCAL": Statements.declare_variables,
+    "PARAMETER": Statements.parameter,
+    "PROMPT": Statements.prompt,
+    "SELECT": Statements.select,
+    "SET": Statements.set,
+    "SOLVE.ANGLES": Statements.solve,
+    "SOLVE.TRANS": Statements.solve,
+    "SWITCH": Statements.parameter,
     "TIMER": Statements.timer,
-}  # fmt: skip
+}

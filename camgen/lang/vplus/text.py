@@ -1,7 +1,7 @@
-"""V+ text as routines: lines, labels, comments, blocks, names, and the locations that stand in it.
+"""Parses V+ text into routines: lines, labels, comments, blocks and names.
 
-Sources: V+ Language User's Guide (program structure, names of at most 15 characters), as far as docs/posts/vplus.md
-quotes them.
+The types of locations are here, too. Sources: V+ Language User's Guide (program structure, names of
+at most 15 characters), as far as docs/posts/vplus.md quotes them.
 """
 
 from __future__ import annotations
@@ -19,8 +19,6 @@ from camgen.model.pose import IDENTITY, FloatArray, Pose, Vec3, frozen, translat
 
 from .names import NAME, TAKEN, canonical
 
-# V+ locations: what is given in what.
-
 NULL = translation(0, 0, 0)
 
 
@@ -33,44 +31,57 @@ class Impossible(Unreadable):
 
 
 class Frame(Struct, frozen=True, eq=False, gc=False):
-    """What a location is given in, the first component of a compound. external: the name of that component where only
-    the controller knows it; then ``pose`` means nothing. name: of the component, where it is a variable. of, by: what
-    an external one is a SHIFT of, and by how many mm along the axes of the base.
+    """The frame of a location: the first component of a compound, or the base.
+
+    pose: base_from_frame; without a meaning if the frame is external.
+    external: name of a frame that is stored on the controller alone, empty for others.
+    compound: the location is a compound, with this frame as its first component.
+    name: variable that holds the frame, empty without one.
+    shifted: name of the location of which an external frame is a SHIFT, empty for others.
+    shift: mm of that SHIFT along the axes of the base.
     """
 
     pose: Pose = NULL
     external: str = ""
     compound: bool = False
     name: str = ""
-    of: str = ""
-    by: Vec3 = (0.0, 0.0, 0.0)
+    shifted: str = ""
+    shift: Vec3 = (0.0, 0.0, 0.0)
 
 
-#: The frame of what is no compound.
+#: Frame of locations that are not compounds.
 BASE = Frame()
 
 
 class Location(Struct, frozen=True, eq=False, gc=False):
-    """``local`` in ``frame``. name: of the variable that holds it."""
+    """A pose in a frame.
+
+    local: frame_from_location.
+    frame: frame in which `local` is given.
+    name: variable that holds the location, empty without one.
+    """
 
     local: Pose
     frame: Frame = BASE
     name: str = ""
 
     def in_base(self) -> Pose:
-        """The location in the base frame."""
+        """Return the pose in the base frame. Raises Unreadable if the frame is external."""
         if self.frame.external:
             raise Unreadable(f"location {self.frame.external} is only on the controller")
         return self.frame.pose @ self.local if self.frame.compound else self.local
 
-    def moved(self, by: Pose) -> Location:
-        """The location compounded with ``by`` on its right."""
-        return Location(self.local @ by, self.frame)
+    def moved(self, offset: Pose) -> Location:
+        """Return the compound of the location and `offset`, a pose in the frame of the location."""
+        return Location(self.local @ offset, self.frame)
 
 
 @lru_cache(maxsize=4096)
 def rotation_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
-    """R = Rz(yaw) Ry(pitch) Rz(roll), angles in degrees. Most targets of a program share theirs, hence the cache."""
+    """R = Rz(yaw) Ry(pitch) Rz(roll), (3, 3); angles in degrees.
+
+    Cached, since most targets of a program have the same rotation.
+    """
     if not (yaw or pitch or roll):
         return IDENTITY
     a, b, c = math.radians(yaw), math.radians(pitch), math.radians(roll)
@@ -91,35 +102,40 @@ def rotation_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
     )
 
 
-# Motions in lines that follow each other, all spelled alike: most of a V+ program.
+# The fast path: consecutive motions in one spelling, which make up most of a V+ program.
 
-#: As in JSON, whose reader is several times as fast as ``float`` and as exact, but for the sign of -0.
+#: A number of JSON, whose reader is several times as fast as `float`. Both give the same value,
+#: except for the sign of -0.
 _NUMBER = r"(?:-?[1-9][0-9]{0,8}+|0|-0(?=\.))(?:\.[0-9]{1,9}+)?"
 _THREE = f"{_NUMBER},{_NUMBER},{_NUMBER}"
-_PACE_PARTS = re.compile(rf"({_NUMBER})(?:, ({_NUMBER}))?( MMPS)?( ALWAYS)?")
-#: One line of any kind with its end.
+_SPEED_PARTS = re.compile(rf"({_NUMBER})(?:, ({_NUMBER}))?( MMPS)?( ALWAYS)?")
+#: A line with its line end.
 LINE = re.compile(r"[^\r\n]*+(?:\r\n|\r|\n)|[^\r\n]++")
 
 
 @lru_cache(maxsize=1024)
-def _rotation(turn: str) -> FloatArray:
-    """The rotation of ``yaw,pitch,roll``."""
+def _parse_rotation(turn: str) -> FloatArray:
     return rotation_zyz(*map(float, turn.split(",")))
 
 
-#: Motions to ``name:TRANS(place,turn)``.
+#: Motions to `name:TRANS(place,turn)`; `turn` is yaw,pitch,roll.
 MOTIONS = Template(
-    rf" *(?P<head>MOVES? [A-Za-z][A-Za-z0-9._]*):TRANS\((?P<place>{_THREE}),(?P<turn>{_THREE})\)\r?\n",
+    r" *(?P<head>MOVES? [A-Za-z][A-Za-z0-9._]*)"
+    rf":TRANS\((?P<place>{_THREE}),(?P<turn>{_THREE})\)\r?\n",
     places=("place",),
-    words={"turn": _rotation},
+    words={"turn": _parse_rotation},
     alike=("head",),
 )
 
 
 class Stretch(Struct, frozen=True, gc=False):
-    """Motions to ``name:TRANS(..)`` in lines that follow each other.
+    """Motions to `name:TRANS(..)` in consecutive lines.
 
-    line: 1-based, of the first. word: MOVE or MOVES. poses: in the frame ``name``. source: the lines.
+    line: 1-based line of the first motion.
+    word: MOVE or MOVES.
+    name: variable of the frame.
+    poses: targets in that frame.
+    source: text of the lines.
     """
 
     line: int
@@ -129,19 +145,19 @@ class Stretch(Struct, frozen=True, gc=False):
     source: Source
 
 
-def stretch(run: Run, line: int) -> Stretch:
-    """The motions of a run of ``MOTIONS`` that begins in line ``line``."""
+def parse_stretch(run: Run, line: int) -> Stretch:
+    """Convert a run of `MOTIONS` whose first line is `line`."""
     word, name = run["head"][0].split()
     return Stretch(line, word, name, tuple(map(Pose, run["turn"], run["place"])), run.source)
 
 
-#: The speed of a SPEED, its unit (%, mm/s or MONITOR) and the rotational speed in %.
-Pace = tuple[float, str, float]
+#: A SPEED: its value, its unit (%, mm/s or MONITOR) and the rotational speed in %.
+SpeedSetting = tuple[float, str, float]
 
 
-def pace(rest: str) -> tuple[float, str, float, bool] | None:
-    """What ``words.speed`` says of a SPEED without names; nothing where it has more to say."""
-    match = _PACE_PARTS.fullmatch(rest)
+def parse_plain_speed(rest: str) -> tuple[float, str, float, bool] | None:
+    """Parse a SPEED of plain numbers like `words.parse_speed`. None for other spellings."""
+    match = _SPEED_PARTS.fullmatch(rest)
     if match is None or float(match[1]) <= 0 or float(match[2] or 1.0) <= 0:
         return None
     return float(match[1]), "mm/s" if match[3] else "%", float(match[2] or 100.0), bool(match[4])
@@ -159,26 +175,31 @@ _HAS_PROGRAM = re.compile(r"^\s*\.PROGRAM\b", re.IGNORECASE | re.MULTILINE)
 _STEM = re.compile(r"[^A-Za-z0-9._]+")
 _THEN = re.compile(r"\bTHEN\s*$", re.IGNORECASE)
 _GOTO = re.compile(r"\bGOTO\b", re.IGNORECASE)
-#: What a file may hold besides programs.
+#: Sections that a file may have besides programs.
 SECTIONS = frozenset({".LOCATIONS", ".REALS", ".DOUBLES", ".STRINGS"})
 _LOOPS = frozenset({"FOR", "WHILE", "DO"})
-#: Loops around an EXIT or a NEXT that can be meant.
-_DEEPEST = 40
+#: Maximum number of loops that EXIT n and NEXT n can leave at once.
+_MAX_LOOPS = 40
 _A = {"IF": "an IF", "CASE": "a CASE"}
 _ALONE = frozenset({"ELSE", "END", "ANY"})
 _BRANCHES = {"ELSE": "IF", "VALUE": "CASE", "ANY": "CASE"}
 _STRING = re.compile(r'"[^"]*"')
 _DECLARE = frozenset({"AUTO", "LOCAL", "GLOBAL"})
-#: Words that open a block which END closes, with the word that has to stand in the line, too.
+#: Words that open a block up to END, and the word that must follow in the same line.
 _OPENS = {"IF": "THEN", "FOR": "", "WHILE": "", "CASE": ""}
-#: So many different lines are remembered with what they say.
+#: Maximum number of different lines whose statement is cached for lines that are repeated.
 _REMEMBERED = 4096
 
 Report = Callable[[int, str], None]
 
 
 class Statement(Struct, frozen=True, gc=False):
-    """One instruction: its line (1-based through all files), its first word in capitals, what follows the word."""
+    """One instruction.
+
+    line: its line, counted from 1 through all files.
+    word: its first word in capitals, = for an assignment.
+    rest: text after the word; the whole text of an assignment.
+    """
 
     line: int
     word: str
@@ -187,9 +208,17 @@ class Statement(Struct, frozen=True, gc=False):
 
 @dataclass(slots=True)
 class Routine:
-    """One ``.PROGRAM``. partner: by the index of an opening statement the index of its END (or UNTIL). opener: the
-    other way round, and of ELSE, VALUE and ANY. branches: these by the index of their IF or CASE. loops: around EXIT
-    and NEXT, from within. labels: the index of the statement behind each.
+    """One `.PROGRAM`. Blocks are given by indices of statements.
+
+    name: name as it is spelled.
+    line: line of the .PROGRAM.
+    arguments: text between its brackets.
+    statements: instructions in order.
+    partner: index of the END or UNTIL, by the index of the statement that opens the block.
+    opener: index of the statement that opens the block, by that of END, UNTIL, ELSE, VALUE or ANY.
+    branches: indices of ELSE, VALUE and ANY, by the index of their IF or CASE.
+    loops: indices of the loops around an EXIT or NEXT, innermost first, by its index.
+    labels: index of the statement after each label, by the label.
     """
 
     name: str
@@ -205,119 +234,129 @@ class Routine:
 
 @dataclass(slots=True)
 class _File:
-    """A file while it is read. first: what its lines are counted from. reports: how often something was reported.
+    """A file while it is read.
 
-    long_names: by their first ``NAME`` characters. usual: word and rest by line, of lines with nothing to report.
-    strict: as the read-back wants it, with no more than what the post writes. name: of a program that has no .PROGRAM
-    line. data: what stands in other sections, by line.
+    first: number of its first line.
+    on_fault: callback for faults; `report` counts them.
+    remark: callback for lines that are unusual and yet accepted by V+.
+    strict: the file is for the read-back, which accepts only the spelling of the post.
+    name: name of the program of a text without a .PROGRAM line, empty for others.
+    data: line, section and text of the lines in other sections.
+    reports: number of faults so far.
+    routines: programs so far.
+    current: program of the present line, None outside.
+    section: other section of the present line, empty outside.
+    long_names: names of 15 characters and more, by their first 15 characters.
+    usual: word and rest of lines without a fault, by the line.
     """
 
     first: int
-    tell: Report
+    on_fault: Report
     remark: Report
     strict: bool = True
     name: str = ""
     data: list[tuple[int, str, str]] = field(default_factory=list)
     reports: int = 0
-    found: list[Routine] = field(default_factory=list)
+    routines: list[Routine] = field(default_factory=list)
     current: Routine | None = None
     section: str = ""
     long_names: dict[str, str] = field(default_factory=dict)
     usual: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     def report(self, line: int, what: str) -> None:
-        """Passes it on."""
         self.reports += 1
-        self.tell(line, what)
+        self.on_fault(line, what)
 
 
-def routines(files: Mapping[str, str], report: Report, remark: Report) -> list[Routine]:
-    """All programs of all files in order. What is no program, or no V+, is reported. remark: what V+ takes anyway."""
-    found: list[Routine] = []
+def parse_strict(files: Mapping[str, str], report: Report, remark: Report) -> list[Routine]:
+    """Return all programs of all files in order, for the read-back.
+
+    report: called with line and text of a fault.
+    remark: called with line and text of a line that is unusual and yet accepted by V+.
+    """
+    routines: list[Routine] = []
     number = 1
     for text in files.values():
         file = _File(number, report, remark)
-        number = _read(text, file)
-        found += file.found
-    _match(found, report, None)
-    return found
+        number = _parse_file(text, file)
+        routines += file.routines
+    _match_blocks(routines, report, None)
+    return routines
 
 
-def read_files(
-    files: Mapping[str, str], beside: Collection[str], report: Report, remark: Report
+def parse_files(
+    files: Mapping[str, str], data_files: Collection[str], report: Report, remark: Report
 ) -> tuple[list[Routine], list[tuple[int, str, str]]]:
-    """The programs of foreign files, and the lines of their other sections: line, section, text. beside: the names of
-    files that hold data, whose lines are counted.
+    """Return the programs of third-party files, and line, section and text of other sections.
+
+    data_files: names of files that hold data alone. Their lines count in the line numbers.
+    report: called with line and text of a fault.
+    remark: called with line and text of a line that is unusual and yet accepted by V+.
     """
-    found: list[Routine] = []
+    routines: list[Routine] = []
     data: list[tuple[int, str, str]] = []
     number = 1
     for name, text in files.items():
-        if name in beside:
+        if name in data_files:
             number += len(text.splitlines())
             continue
-        bare = (
-            ""
-            if _HAS_PROGRAM.search(text)
-            else _STEM.sub("_", name.rpartition("/")[2].partition(".")[0]) or "main"
-        )
-        file = _File(number, report, remark, strict=False, name=bare)
-        number = _read(text, file)
-        found += file.found
+        file = _File(number, report, remark, strict=False)
+        if not _HAS_PROGRAM.search(text):
+            file.name = _STEM.sub("_", name.rpartition("/")[2].partition(".")[0]) or "main"
+        number = _parse_file(text, file)
+        routines += file.routines
         data += file.data
-    _match(found, report, remark)
-    return found, data
+    _match_blocks(routines, report, remark)
+    return routines, data
 
 
-def _match(found: list[Routine], report: Report, remark: Report | None) -> None:
-    """remark: for what is no more than odd; None: as strictly as the read-back wants it."""
+def _match_blocks(routines: list[Routine], report: Report, remark: Report | None) -> None:
     seen: dict[str, Routine] = {}
-    for routine in found:
+    for routine in routines:
         if seen.setdefault(canonical(routine.name), routine) is not routine:
             report(routine.line, f"program {routine.name} is there twice")
         _Blocks(routine, report, remark).match()
 
 
-def _read(text: str, file: _File) -> int:
-    """Reads a file; returns the number that the first line of the next one has."""
+def _parse_file(text: str, file: _File) -> int:
+    """Parse a file. Returns the number of the first line of the next file."""
     number = file.first
     for piece in MOTIONS.cut(text):
         if isinstance(piece, Run):
-            number = _stretch(stretch(piece, number), file)
+            number = _add_stretch(parse_stretch(piece, number), file)
             continue
         for raw in LINE.findall(piece):
             usual = file.usual.get(raw)
             if usual is not None and file.current is not None:
                 file.current.statements.append(Statement(number, *usual))
             else:
-                _line(raw, number, file)
+                _parse_line(raw, number, file)
             number += 1
     if file.current is not None or file.section:
         name = file.current.name if file.current is not None else file.section
-        tell = file.report if file.strict else file.remark
+        report = file.report if file.strict else file.remark
         if file.current is None or not file.name:
-            tell(number - 1, f"{name} has no .END")
+            report(number - 1, f"{name} has no .END")
     return number
 
 
-def _stretch(plain: Stretch, file: _File) -> int:
-    """Reads a stretch; returns the number of the line after it."""
-    name, after = plain.name.lower(), plain.line + len(plain.poses)
+def _add_stretch(plain: Stretch, file: _File) -> int:
+    """Add consecutive motions. Returns the number of the line after them."""
+    name = plain.name.lower()
     known = name if len(name) < NAME else file.long_names.get(name[:NAME])
     if file.current is None or known != name:
         for number, raw in enumerate(plain.source.text.splitlines(), start=plain.line):
-            _line(raw, number, file)
+            _parse_line(raw, number, file)
     else:
         file.current.statements.append(plain)
-    return after
+    return plain.line + len(plain.poses)
 
 
-def _line(raw: str, number: int, file: _File) -> None:
-    """Reads any line."""
-    before = file.reports
-    code = _code(raw, number, file.report, file.strict)
+def _parse_line(raw: str, number: int, file: _File) -> None:
+    reports_before = file.reports
+    code = _strip_comment(raw, number, file.report, file.strict)
     for name in _LONG_NAME.findall(_STRING.sub("", code) if '"' in code else code):
-        _check_long(name.lower(), number, file)
+        _check_long_name(name.lower(), number, file)
     if not code:
         return
     if file.section in SECTIONS and not file.strict and not code.upper().startswith(".END"):
@@ -325,39 +364,37 @@ def _line(raw: str, number: int, file: _File) -> None:
     elif code[0] == ".":
         if file.current is not None and not code.upper().startswith(".END"):
             file.report(number, f"{code.split()[0]} before the .END of {file.current.name}")
-        file.current, file.section = _dot(code, number, file)
+        file.current, file.section = _parse_dot_line(code, number, file)
         if file.current is not None:
-            file.found.append(file.current)
+            file.routines.append(file.current)
     elif file.current is not None:
-        said = _add(file.current, code, number, file.report)
-        # A declaration may be wrong further down; all else means the same in every place.
+        usual = _add_statement(file.current, code, number, file.report)
+        # A declaration is wrong after the first instruction; other lines mean the same everywhere.
         if (
-            said
-            and said[0] not in _DECLARE
-            and file.reports == before
+            usual
+            and usual[0] not in _DECLARE
+            and file.reports == reports_before
             and len(file.usual) < _REMEMBERED
         ):
-            file.usual[raw] = said
+            file.usual[raw] = usual
     else:
-        _outside(code, number, file)
+        _parse_outside(code, number, file)
 
 
-def _outside(code: str, number: int, file: _File) -> None:
-    """Reads a line that stands in no program."""
-    if file.name and not file.found:
+def _parse_outside(code: str, number: int, file: _File) -> None:
+    if file.name and not file.routines:
         file.report(number, f"the text has no .PROGRAM line: taken for a program {file.name}")
         file.current = Routine(file.name, number, "")
-        file.found.append(file.current)
-        _add(file.current, code, number, file.report)
+        file.routines.append(file.current)
+        _add_statement(file.current, code, number, file.report)
     elif not file.section:
         file.report(number, "an instruction outside of a .PROGRAM")
 
 
-def _code(raw: str, number: int, report: Report, strict: bool) -> str:
-    """The line without its comment and outer blanks."""
+def _strip_comment(raw: str, number: int, report: Report, strict: bool) -> str:
     if not raw.isascii() and strict:
         report(number, "a character that is not ASCII")
-    if "\x1a" in raw:  # the end of a file on a disk of the controller
+    if "\x1a" in raw:  # end mark of a file on a disk of the controller
         raw = raw.replace("\x1a", "")
     if '"' not in raw:
         return raw.partition(";")[0].strip()
@@ -372,8 +409,7 @@ def _code(raw: str, number: int, report: Report, strict: bool) -> str:
     return raw.strip()
 
 
-def _check_long(name: str, number: int, file: _File) -> None:
-    """A report on a long name that V+ takes for another one, a remark where it cuts one for the first time."""
+def _check_long_name(name: str, number: int, file: _File) -> None:
     if len(name) > NAME and name[:NAME] not in file.long_names:
         file.remark(
             number, f"{name} is longer than {NAME} characters, of which V+ ignores the rest"
@@ -383,8 +419,8 @@ def _check_long(name: str, number: int, file: _File) -> None:
         file.report(number, f"{name} and {other} are one name: only {NAME} characters count")
 
 
-def _dot(code: str, number: int, file: _File) -> tuple[Routine | None, str]:
-    """The routine and the other section that are open after a line that starts with a dot."""
+def _parse_dot_line(code: str, number: int, file: _File) -> tuple[Routine | None, str]:
+    """Return the routine and the other section that are open after a line with a dot."""
     report = file.report
     word, rest = (*code.split(None, 1), "")[:2]
     word = word.upper()
@@ -402,7 +438,7 @@ def _dot(code: str, number: int, file: _File) -> tuple[Routine | None, str]:
         if header[1].upper() in TAKEN and file.strict:
             report(number, f"{header[1]} is a word of V+, not the name of a program")
         arguments = (header[2] or "").strip()
-        value = next((one.strip() for one in arguments.split(",") if _VALUE.match(one)), "")
+        value = next((part.strip() for part in arguments.split(",") if _VALUE.match(part)), "")
         if value:
             report(number, f"{value[:20]} is a value, where the name of a variable belongs")
         return Routine(header[1], number, arguments), ""
@@ -412,8 +448,10 @@ def _dot(code: str, number: int, file: _File) -> tuple[Routine | None, str]:
     return None, word
 
 
-def _add(routine: Routine, code: str, number: int, report: Report) -> tuple[str, str] | None:
-    """Adds a statement; returns its word and what follows it, nothing where there is none or the line has a label."""
+def _add_statement(
+    routine: Routine, code: str, number: int, report: Report
+) -> tuple[str, str] | None:
+    """Add a statement. Returns its word and the rest; None without a statement or with a label."""
     label = _LABEL.match(code)
     if label:
         if len(label[1]) > 5 or int(label[1]) > 65535:
@@ -441,8 +479,8 @@ def _add(routine: Routine, code: str, number: int, report: Report) -> tuple[str,
     return None if label else (word, rest)
 
 
-def one_by_one(plain: Stretch) -> list[Statement]:
-    """The instructions of a stretch."""
+def split_stretch(plain: Stretch) -> list[Statement]:
+    """Return the motions as single statements."""
     return [
         Statement(number, plain.word, raw.split()[1])
         for number, raw in enumerate(plain.source.text.splitlines(), start=plain.line)
@@ -450,39 +488,37 @@ def one_by_one(plain: Stretch) -> list[Statement]:
 
 
 class _Blocks:
-    """The blocks of a program. remark: see ``_match``; the read-back evaluates no block but FOR."""
+    """The blocks of a program.
+
+    remark: called for unusual lines. None for the read-back, which evaluates no block except FOR.
+    """
 
     def __init__(self, routine: Routine, report: Report, remark: Report | None) -> None:
-        self._routine, self._report, self._remark, self._strict = (
-            routine,
-            report,
-            remark,
-            remark is None,
-        )
+        self._routine, self._report, self._remark = routine, report, remark
+        self._strict = remark is None
         self._open: list[int] = []
         self._around: list[int] = []
 
     def match(self) -> None:
-        """Finds what belongs together; what does not is reported."""
         for index, statement in enumerate(self._routine.statements):
             if isinstance(statement, Statement):
-                self._see(index, statement)
+                self._match_statement(index, statement)
         for index in self._open:
             opener = self._routine.statements[index]
             if isinstance(opener, Statement):
                 self._report(opener.line, f"{opener.word} is not closed")
 
-    def _see(self, index: int, statement: Statement) -> None:
+    def _match_statement(self, index: int, statement: Statement) -> None:
         word, routine = statement.word, self._routine
         if self._remark is not None and word in _ALONE and statement.rest.strip(": "):
-            tell = self._report if word == "ELSE" else self._remark
-            tell(statement.line, f"{word} stands alone, without {statement.rest[:30]}")
+            report = self._report if word == "ELSE" else self._remark
+            report(statement.line, f"{word} stands alone, without {statement.rest[:30]}")
         if self._opens(statement):
             self._open.append(index)
             if word in _LOOPS:
                 self._around.append(index)
         elif word in ("END", "UNTIL"):
-            opener = self._word(-1)
+            opener = self._innermost_word()
             if not opener or (opener == "DO") != (word == "UNTIL"):
                 self._report(statement.line, f"{word} closes nothing")
             else:
@@ -491,13 +527,13 @@ class _Blocks:
                     self._around.pop()
                 routine.partner[start], routine.opener[index] = index, start
         elif word in _BRANCHES and not self._strict:
-            if self._word(-1) != _BRANCHES[word]:
+            if self._innermost_word() != _BRANCHES[word]:
                 self._report(statement.line, f"{word} outside of {_A[_BRANCHES[word]]}")
             else:
                 routine.branches.setdefault(self._open[-1], []).append(index)
                 routine.opener[index] = self._open[-1]
         elif word in ("EXIT", "NEXT"):
-            routine.loops[index] = tuple(reversed(self._around[-_DEEPEST:]))
+            routine.loops[index] = tuple(reversed(self._around[-_MAX_LOOPS:]))
 
     def _opens(self, statement: Statement) -> bool:
         word, rest = statement.word, statement.rest
@@ -510,10 +546,9 @@ class _Blocks:
             return then or not _GOTO.search(rest)
         return word in _OPENS and _OPENS[word] in rest.upper()
 
-    def _at(self, index: int) -> Statement:
-        statement = self._routine.statements[index]
+    def _innermost_word(self) -> str:
+        if not self._open:
+            return ""
+        statement = self._routine.statements[self._open[-1]]
         assert isinstance(statement, Statement)
-        return statement
-
-    def _word(self, place: int) -> str:
-        return self._at(self._open[place]).word if self._open else ""
+        return statement.word

@@ -1,12 +1,14 @@
 """Logical units of V+: devices, and files that a program opens and reads.
 
-What comes from a device is an assumption; a file that is given beside the programs is read, line by line.
+A value from a device is an assumption. A data file that is given with the programs is read line by
+line.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from itertools import chain
 
 from camgen.lang.log import Log
 from camgen.lang.programs import Ask
@@ -20,28 +22,37 @@ _OPENED = re.compile(r"FOPENR\s*\([^()]*\)\s*\"([^\"]+)\"", re.IGNORECASE)
 _PROGRAM = re.compile(r"^\s*\.PROGRAM\b", re.IGNORECASE | re.MULTILINE)
 _FOLDER = re.compile(r".*[\\/:>]")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?")
-#: What IOSTAT says: success, the end of a file, no such file.
-_FINE, _END_OF_FILE, _NO_FILE = 1.0, -504.0, -514.0
+#: Values of IOSTAT.
+_SUCCESS, _END_OF_FILE, _NO_FILE = 1.0, -504.0, -514.0
+#: Number of the first unit that ATTACH assigns.
 _FIRST_UNIT = 5.0
-#: What follows ATTACH and DETACH where they mean the robot.
+#: Operands of ATTACH and DETACH that denote the robot.
 _ROBOT = frozenset({"", "()", "(0)"})
 
 
 def find_data(files: Mapping[str, str]) -> dict[str, str]:
-    """The files among ``files`` that hold no program and that one of the others opens to read."""
-    wanted = {base_name(name) for text in files.values() for name in _OPENED.findall(text)}
+    """Select the files without a program that one of the other files opens to read."""
+    opened = map(_OPENED.findall, files.values())
+    wanted = set(map(strip_folder, chain.from_iterable(opened)))
     return {
-        n: text for n, text in files.items() if base_name(n) in wanted and not _PROGRAM.search(text)
+        name: text
+        for name, text in files.items()
+        if strip_folder(name) in wanted and not _PROGRAM.search(text)
     }
 
 
-def base_name(name: str) -> str:
-    """A file without its disk and folder."""
+def strip_folder(name: str) -> str:
+    """Return the name of a file in lower case, without its disk and folder."""
     return _FOLDER.sub("", name.strip()).lower()
 
 
-class Units(Conditions):
-    """What is open, by the number of its unit: the lines of a file that are left, the next one last."""
+class FileUnits(Conditions):
+    """The open units.
+
+    _files: texts by the name of the file.
+    _unread: remaining lines by the number of the unit, in reverse order.
+    _status: value of IOSTAT by the number of the unit.
+    """
 
     def __init__(self, ask: Ask, log: Log) -> None:
         super().__init__(ask, log)
@@ -49,12 +60,12 @@ class Units(Conditions):
         self._unread: dict[float, list[str]] = {}
         self._status: dict[float, float] = {}
 
-    def lay_beside(self, files: Mapping[str, str]) -> None:
-        """Files that the programs may read."""
-        self._files = {base_name(name): text for name, text in files.items()}
+    def add_files(self, files: Mapping[str, str]) -> None:
+        """Add files that the programs may read."""
+        self._files = {strip_folder(name): text for name, text in files.items()}
 
     def answer(self, word: str, arguments: str, value: float) -> float:
-        """IOSTAT of a unit with a file is known."""
+        """Return the value of an external function. IOSTAT of a unit with a file is known."""
         if word == "IOSTAT" and self._files:
             number = float(arguments.partition(",")[0] or 0.0)
             if number in self._status:
@@ -62,15 +73,15 @@ class Units(Conditions):
         return super().answer(word, arguments, value)
 
     def do(self, statement: Statement) -> None:
-        """Carries out an instruction that the next one follows."""
-        does = _DOES.get(statement.word)
-        if does is not None:
-            does(self, statement)
+        """Run an instruction that is not a jump, a call or a test."""
+        handler = _HANDLERS.get(statement.word)
+        if handler is not None:
+            handler(self, statement)
         else:
             super().do(statement)
 
     def attach(self, statement: Statement) -> None:
-        """``ATTACH (lun, mode) device``: the unit gets a number; without one the robot is this program's."""
+        """Run `ATTACH (lun, mode) device`, which assigns a unit, or `ATTACH` of the robot."""
         if statement.rest in _ROBOT:
             self.detached = False
         if not statement.rest.startswith("("):
@@ -81,54 +92,52 @@ class Units(Conditions):
             if not self.defined(name):
                 self.assign(name, _FIRST_UNIT + len(self._status))
             if self._files:
-                self._status[self.real(name)] = _FINE
+                self._status[self.real(name)] = _SUCCESS
 
     def detach(self, statement: Statement) -> None:
-        """``DETACH``: of the robot, or of a unit."""
+        """Run `DETACH`, of the robot or of a unit."""
         if statement.rest in _ROBOT:
             self.rest()
             self.detached = True
 
-    def _unit(self, rest: str) -> tuple[float, str]:
-        """The number of the unit in brackets, and what follows them."""
+    def _split_unit(self, rest: str) -> tuple[float, str]:
         if not rest.startswith("("):
             raise Unreadable("(lun) expected before what is read or written")
-        inner, left = unwrap(rest)
+        inner, operands = unwrap(rest)
         text = Expression(next(split(inner)), self)
         number = text.logic() if text.peek() else 0.0
-        return number, left
+        return number, operands
 
     def open(self, statement: Statement) -> None:
-        """``FOPENR (lun) name``."""
+        """Run `FOPENR (lun) name`."""
         if not self._files:
             return
-        number, left = self._unit(statement.rest)
-        text = self._files.get(base_name(Expression(left, self).string()))
-        self._status[number] = _NO_FILE if text is None else _FINE
+        number, name = self._split_unit(statement.rest)
+        text = self._files.get(strip_folder(Expression(name, self).string()))
+        self._status[number] = _NO_FILE if text is None else _SUCCESS
         self._unread[number] = [] if text is None else text.splitlines()[::-1]
 
     def close(self, statement: Statement) -> None:
-        """``FCLOSE (lun)``."""
+        """Run `FCLOSE (lun)`."""
         if self._files:
-            number, _ = self._unit(statement.rest)
+            number, _ = self._split_unit(statement.rest)
             self._unread.pop(number, None)
-            self._status[number] = _FINE
+            self._status[number] = _SUCCESS
 
     def read(self, statement: Statement) -> None:
-        """``READ (lun) variables``: the next line of a file, else what a device says."""
-        number, left = self._unit(statement.rest)
-        names = list(split(left))
+        """Run `READ (lun) variables`: the next line of a file, or external values of a device."""
+        number, operands = self._split_unit(statement.rest)
+        names = list(split(operands))
         if number not in self._unread:
             for name in names:
-                self.hear(name)
+                self.assign_external(name)
             return
         lines = self._unread[number]
-        self._status[number] = _FINE if lines else _END_OF_FILE
+        self._status[number] = _SUCCESS if lines else _END_OF_FILE
         if lines:
-            self._take(lines.pop(), names)
+            self._assign_fields(lines.pop(), names)
 
-    def _take(self, line: str, names: list[str]) -> None:
-        """The fields of a line into variables; a string takes all that is left."""
+    def _assign_fields(self, line: str, names: list[str]) -> None:
         self.doubt = False
         for name in names:
             variable = self.variable(name)
@@ -140,10 +149,10 @@ class Units(Conditions):
             self.assign(variable, float(field) if _NUMBER.fullmatch(field) else 0.0)
 
 
-_DOES = {
-    "ATTACH": Units.attach,
-    "DETACH": Units.detach,
-    "FCLOSE": Units.close,
-    "FOPENR": Units.open,
-    "READ": Units.read,
+_HANDLERS = {
+    "ATTACH": FileUnits.attach,
+    "DETACH": FileUnits.detach,
+    "FCLOSE": FileUnits.close,
+    "FOPENR": FileUnits.open,
+    "READ": FileUnits.read,
 }

@@ -1,7 +1,8 @@
-"""V+ variables: numbers, strings, locations and precision points, global or of one program, with subscripts.
+"""The variables of V+: numbers, strings, locations and precision points, with subscripts.
 
-An element of an array is a variable of its own, ``a[1,2]``: V+ needs no declaration of arrays. Arguments are names for
-variables of the program that calls. Sources: V+ User's Guide, program variables and argument passing.
+An element of an array is a separate variable, `a[1,2]`, since V+ needs no declaration of arrays. An
+argument is another name of a variable of the calling program. Sources: V+ User's Guide, program
+variables and argument passing.
 """
 
 from __future__ import annotations
@@ -17,31 +18,34 @@ from .text import BASE, NULL, Frame, Location, Unreadable
 _NAME = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*")
 
 Value = float | str | Location | Joints
-#: Values by the name with its subscripts; None: declared, and without a value.
+#: Values by the name with its subscripts. None for a variable that is declared and has no value.
 Table = dict[str, Value | None]
 
 
 class Cell(NamedTuple):
-    """Where a variable stands."""
+    """The table of a variable, and its key there."""
 
     table: Table
     key: str
 
 
 class _Scope:
-    """What a program sees beside the globals: its own variables, and others by the names of its arguments."""
+    """The names that a program sees in addition to the globals: AUTO, LOCAL and its arguments."""
 
-    __slots__ = ("kept", "others", "own")
+    __slots__ = ("arguments", "auto", "local")
 
-    def __init__(self, kept: Table | None = None) -> None:
-        self.own: Table = {}
-        self.kept: Table = {} if kept is None else kept
-        self.others: dict[str, Cell] = {}
+    def __init__(self, local: Table | None = None) -> None:
+        self.auto: Table = {}
+        self.local: Table = {} if local is None else local
+        self.arguments: dict[str, Cell] = {}
 
 
 class Variables:
-    """The variables while a program runs. known: locations that only the controller has. All methods: Unreadable for a
-    name that is not defined, or defined as something else.
+    """The variables during a run.
+
+    Methods raise Unreadable for a name without a value, or with a value of another kind.
+
+    known: names of locations that are stored on the controller.
     """
 
     strict: ClassVar[bool] = True
@@ -50,50 +54,49 @@ class Variables:
         self._known = known
         self._globals: Table = {}
         self._scopes: list[_Scope] = [_Scope()]
-        self._given = BASE
+        self._last_frame = BASE
 
     @property
     def depth(self) -> int:
-        """How many programs have been entered and not left."""
+        """Number of programs that were entered and not left."""
         return len(self._scopes) - 1
 
-    def enter(self, kept: Table | None = None) -> None:
-        """A program starts: its AUTO variables are its own. kept: its LOCAL ones, which outlive it."""
-        self._scopes.append(_Scope(kept))
+    def enter(self, local: Table | None = None) -> None:
+        """Start a program with new AUTO variables. local: LOCAL ones, which outlive it."""
+        self._scopes.append(_Scope(local))
 
     def leave(self) -> None:
-        """The program ends, and with it its AUTO variables."""
+        """End the program, and delete its AUTO variables."""
         self._scopes.pop()
 
     def alias(self, name: str, cell: Cell) -> None:
-        """An argument: another name for a variable of the program that calls."""
-        self._scopes[-1].others[canonical(name)] = cell
+        """Make an argument another name of a variable of the calling program."""
+        self._scopes[-1].arguments[canonical(name)] = cell
 
     def cell(self, name: str) -> Cell:
-        """Where the variable ``name`` stands, or will."""
+        """Return the cell of a variable, whether or not it has a value yet."""
         key = canonical(name)
         scope = self._scopes[-1]
-        if key in scope.own:
-            return Cell(scope.own, key)
+        if key in scope.auto:
+            return Cell(scope.auto, key)
         base, bracket, rest = key.partition("[")
-        if base in scope.others:
-            table, other = scope.others[base]
-            return Cell(table, _index(other, bracket + rest))
-        for table in (scope.own, scope.kept):
+        if base in scope.arguments:
+            table, actual = scope.arguments[base]
+            return Cell(table, _add_subscripts(actual, bracket + rest))
+        for table in (scope.auto, scope.local):
             if base in table:
                 return Cell(table, key)
         return Cell(self._globals, key)
 
     def _value(self, key: str) -> Value | None:
-        """The value of a canonical name."""
         scope = self._scopes[-1]
-        if not scope.others and "[" not in key:
-            if key in scope.own:
-                return scope.own[key]
-            if key not in scope.kept:
+        if not scope.arguments and "[" not in key:
+            if key in scope.auto:
+                return scope.auto[key]
+            if key not in scope.local:
                 return self._globals.get(key)
-        table, place = self.cell(key)
-        return table.get(place)
+        table, table_key = self.cell(key)
+        return table.get(table_key)
 
     def real(self, name: str) -> float:
         """The value of a real variable."""
@@ -103,7 +106,7 @@ class Variables:
         return self.no_real(name, value)
 
     def no_real(self, name: str, value: Value | None) -> float:
-        """What stands for a real that has no value, or another kind of."""
+        """Return the value of a real without a value, or whose `value` is of another kind."""
         raise Unreadable(f"{name} is not defined" if value is None else f"{name} is no real")
 
     def text(self, name: str) -> str:
@@ -114,15 +117,15 @@ class Variables:
         return self.no_text(name, value)
 
     def no_text(self, name: str, value: Value | None) -> str:
-        """What stands for a string that has no value."""
+        """Return the value of a string without a value, or whose `value` is of another kind."""
         raise Unreadable(f"{name} is not defined" if value is None else f"{name} is no string")
 
     def set_text(self, name: str, value: str) -> None:
-        """Gives a string variable a value."""
+        """Assign a value to a string variable."""
         self.assign(name, value)
 
     def location(self, name: str) -> Location:
-        """The value of a location variable, or a location that only the controller knows."""
+        """The value of a location variable; an external location for a name in `known`."""
         key = canonical(name)
         if self._external(key):
             return Location(NULL, Frame(external=key))
@@ -132,22 +135,24 @@ class Variables:
         return self.no_location(name, value)
 
     def no_location(self, name: str, value: Value | None) -> Location:
-        """What stands for a location that has no value."""
-        raise Unreadable(
-            f"location {name} is not defined" if value is None else f"{name} is no location"
-        )
+        """Return the value of a location without a value, or whose `value` is of another kind."""
+        what = f"location {name} is not defined" if value is None else f"{name} is no location"
+        raise Unreadable(what)
 
     def frame(self, name: str) -> Frame | None:
-        """What a compound that starts with the location ``name`` is given in; nothing where that takes more to say."""
+        """Return the frame of compounds that start with the location `name`.
+
+        None if that location is itself a compound, external, or without a value.
+        """
         key = canonical(name)
         if self._external(key):
             return Frame(external=key)
         value = self._value(key)
         if not isinstance(value, Location) or value.frame.compound or value.frame.external:
             return None
-        if self._given.pose is not value.local:
-            self._given = Frame(value.local, compound=True, name=value.name)
-        return self._given
+        if self._last_frame.pose is not value.local:
+            self._last_frame = Frame(value.local, compound=True, name=value.name)
+        return self._last_frame
 
     def point(self, name: str) -> Joints | Location:
         """The value of a precision point."""
@@ -156,47 +161,44 @@ class Variables:
             return value
         return self.no_point(name, value)
 
-    def no_point(self, name: str, value: Value | None) -> Joints | Location:  # noqa: ARG002 (for others)
-        """What stands for a precision point that has no value."""
+    def no_point(self, name: str, value: Value | None) -> Joints | Location:  # noqa: ARG002 (base)
+        """Return the value of a precision point without a value."""
         raise Unreadable(f"precision point {name} is not defined")
 
-    def point_here(self, word: str) -> Joints | Location:
-        """Where the robot is, as joint values."""
+    def current_point(self, word: str) -> Joints | Location:
+        """See `Scope.current_point`."""
         raise Unreadable(f"#{word} is not evaluated")
 
     def signals(self, numbers: list[float]) -> float:  # noqa: ARG002 (for others)
-        """SIG."""
+        """See `Scope.signals`."""
         raise Unreadable("SIG is not evaluated")
 
     def answer(self, word: str, arguments: str, value: float) -> float:  # noqa: ARG002 (for others)
-        """What a function of the surroundings says."""
+        """See `Scope.answer`."""
         raise Unreadable(f"{word} is not evaluated")
 
     def answer_text(self, word: str) -> str:
-        """The same of a string."""
+        """See `Scope.answer_text`."""
         raise Unreadable(f"{word} is not evaluated")
 
     def last(self, name: str) -> float:
-        """The last index of an array that has a value, -1 where none has."""
+        """Return the largest index of an array with a value, -1 without one."""
         table, key = self.cell(name)
         prefix = f"{key}[" if not key.endswith("]") else f"{key[:-1]},"
-        found = [
-            k[len(prefix) :].rstrip("]").split(",")[0]
-            for k, v in table.items()
-            if k.startswith(prefix) and v is not None
-        ]
-        return float(max(map(int, found), default=-1))
+        elements = [k for k, v in table.items() if k.startswith(prefix) and v is not None]
+        indices = [int(k[len(prefix) :].rstrip("]").split(",")[0]) for k in elements]
+        return float(max(indices, default=-1))
 
     def defined(self, name: str) -> bool:
         """Whether a variable has a value."""
         return self._value(canonical(name)) is not None
 
-    def says_defined(self, name: str) -> bool:
-        """DEFINED."""
+    def is_assumed_defined(self, name: str) -> bool:
+        """See `Scope.is_assumed_defined`."""
         return self.defined(name)
 
     def assign(self, name: str, value: Value) -> None:
-        """Gives a variable a value; it keeps its kind."""
+        """Assign a value, which must be of the kind that the variable has."""
         table, key = self.cell(name)
         old = table.get(key)
         if old is not None and type(old) is not type(value):
@@ -204,26 +206,29 @@ class Variables:
         table[key] = value
 
     def declare(self, text: str, local: bool) -> None:
-        """The names of an AUTO, LOCAL or GLOBAL line."""
+        """Declare the names in the text after AUTO, LOCAL or GLOBAL."""
         bare = re.sub(r"^(REAL|DOUBLE)\s+", "", text, flags=re.IGNORECASE)
         for part in bare.split(","):
-            key = canonical(variable(re.sub(r"\[[^\]]*\]$", "", part.strip())))
-            if key in self._scopes[-1].own:
+            key = canonical(check_name(re.sub(r"\[[^\]]*\]$", "", part.strip())))
+            if key in self._scopes[-1].auto:
                 raise Unreadable(f"{part.strip()} is declared twice")
             if local:
-                self._scopes[-1].own[key] = None
+                self._scopes[-1].auto[key] = None
 
     def is_own(self, name: str) -> bool:
-        """Whether the program that runs has declared ``name`` for itself."""
-        return canonical(name) in self._scopes[-1].own
+        """Whether the running program has declared `name` as AUTO."""
+        return canonical(name) in self._scopes[-1].auto
 
     def _external(self, key: str) -> bool:
-        """Whether the name stands for what the controller has: the text gives it no value and declares no own one."""
-        return key in self._known and key not in self._globals and key not in self._scopes[-1].own
+        """Whether a location of the controller has no value and no declaration in the text."""
+        return key in self._known and key not in self._globals and key not in self._scopes[-1].auto
 
 
-def _index(base: str, subscripts: str) -> str:
-    """``a[1]`` with ``[2]`` behind it: an array that an argument names from an element on counts from there."""
+def _add_subscripts(base: str, subscripts: str) -> str:
+    """Return the name of an element of an array argument.
+
+    An argument may be an array from one element on: `[2]` of the argument `a[1]` is `a[3]`.
+    """
     if not subscripts or not base.endswith("]"):
         return base + subscripts
     *front, last = base[base.index("[") + 1 : -1].split(",")
@@ -234,8 +239,8 @@ def _index(base: str, subscripts: str) -> str:
     return base + subscripts
 
 
-def variable(name: str) -> str:
-    """``name``, which must be one that a variable can have."""
+def check_name(name: str) -> str:
+    """Return `name`. Raises Unreadable if no variable can have that name."""
     if not _NAME.fullmatch(name):
         raise Unreadable(f"{name[:20]!r} is no name")
     if name.upper() in TAKEN:

@@ -1,10 +1,10 @@
-"""Motions that were read together, carried out one by one."""
+"""Runs consecutive motions one by one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from .text import Statement, Stretch, Unreadable, one_by_one
+from .text import Statement, Stretch, Unreadable, split_stretch
 
 
 def walk_apart(
@@ -12,8 +12,8 @@ def walk_apart(
     do: Callable[[Statement], None],
     fault: Callable[[Statement, Unreadable], None],
 ) -> None:
-    """Carry out the motions of a stretch one by one. fault: takes those that cannot be."""
-    for statement in one_by_one(plain):
+    """Run the motions of a stretch with `do`. fault: called for those that raise Unreadable."""
+    for statement in split_stretch(plain):
         try:
             do(statement)
         except Unreadable as error:

@@ -1,6 +1,6 @@
-"""What V+ instructions that are no motions say: speeds, outputs, dwells.
+"""Parses operands of V+ instructions: speeds, outputs, dwells.
 
-Each function reads a whole text; Unreadable where it does not fit.
+Each function parses a whole text, and raises Unreadable if it does not fit.
 """
 
 from __future__ import annotations
@@ -11,23 +11,25 @@ from .text import Impossible, Unreadable
 _INCH = 25.4
 
 
-def real(text: Expression) -> float:
-    """A number alone."""
+def parse_real(text: Expression) -> float:
+    """Parse a single number."""
     value = text.real()
     text.finish()
     return value
 
 
-def reals(text: Expression) -> list[float]:
-    """Numbers with commas between them; one that is missing is 0."""
+def parse_reals(text: Expression) -> list[float]:
+    """Parse numbers with commas between them; a missing one is 0."""
     values = text.reals()
     text.finish()
     return values
 
 
-def speed(text: Expression) -> tuple[float, str, float, bool]:
-    """The value of a SPEED, its unit (%, mm/s or MONITOR), the rotational speed in %, 100 where it says none, and
-    whether it holds for more than one motion.
+def parse_speed(text: Expression) -> tuple[float, str, float, bool]:
+    """Parse a SPEED.
+
+    Returns its value, its unit (%, mm/s or MONITOR), the rotational speed in % (100 if it is
+    missing), and whether the setting holds for more than one motion.
     """
     value = text.real()
     turning = text.real() if text.accept(",") else 100.0
@@ -57,30 +59,30 @@ _UNITS = {
 }
 
 
-#: Outputs are 1 to 1000, inputs 1001 to 2000, soft signals the rest.
-_MOST_SIGNAL = 9999
+#: Largest signal. Outputs are 1 to 1000, inputs 1001 to 2000, soft signals the rest.
+_MAX_SIGNAL = 9999
 
 
-def outputs(text: Expression) -> list[float]:
-    """The numbers of a SIGNAL, negative: off."""
-    values = reals(text)
+def parse_outputs(text: Expression) -> list[float]:
+    """Parse the numbers of a SIGNAL, which are negative to switch off."""
+    values = parse_reals(text)
     for value in values:
         number = abs(value)
-        if number != int(number) or number == 0 or 1000 < number <= 2000 or number > _MOST_SIGNAL:
+        if number != int(number) or number == 0 or 1000 < number <= 2000 or number > _MAX_SIGNAL:
             raise Impossible(f"{value:g} is no output")
     return values
 
 
-def dwell(text: Expression) -> float:
-    """Seconds."""
-    seconds = real(text)
+def parse_dwell(text: Expression) -> float:
+    """Parse the seconds of a dwell."""
+    seconds = parse_real(text)
     if seconds <= 0:
         raise Impossible("a dwell must be positive")
     return seconds
 
 
-def event(text: Expression) -> float:
-    """The seconds of a ``WAIT.EVENT , s``."""
+def parse_event(text: Expression) -> float:
+    """Parse the seconds of `WAIT.EVENT , s`."""
     if not text.accept(","):
         raise Unreadable("WAIT.EVENT with an event is not evaluated")
-    return dwell(text)
+    return parse_dwell(text)

@@ -126,12 +126,12 @@ SECOND = "MOVES f:TRANS({6},{7},{8},{9},{10},{11})\n"
 PATH = FastPath(
     read=read,
     files=("a", "b"),
-    functions=[f"{FUNCTIONS}RobotState.stretch"],
+    functions=[f"{FUNCTIONS}RobotState.try_stretch"],
     closed=[
         ("camgen.lang.columns.Template.cut", cut_nothing),
         ("camgen.lang.vplus.text._REMEMBERED", 0),
         (f"{FUNCTIONS}_KEPT", 0),
-        (f"{FUNCTIONS}pace", lambda _: None),
+        (f"{FUNCTIONS}parse_plain_speed", lambda _: None),
     ],
     template=MOTIONS,
     lines=LINE,

@@ -57,7 +57,7 @@ def _finish(machine: StrictMachine) -> None:
     if machine.armed:
         machine.remark("the arm is not given back")
     force.finish(machine)
-    machine.judge_end()
+    machine.check_end()
     for assumption in machine.log.list_assumed():
         machine.log.find("refused", assumption.what, line=assumption.line)
     for line, what in (*machine.log.list_lost(), *machine.log.list_omitted()):

@@ -70,7 +70,7 @@ def ask_question(run: StrictRun, question: Question) -> None:
     for what in find_unusual(_text(question.statements[0])):
         machine.remark(what)
     machine.compares_mps = True
-    _hold_question(machine, question.statements)
+    _check_question(machine, question.statements)
     truth = _decide(run, question.condition)
     negation = [not value for value in truth]
     for branch, taken in zip(question.branches, (truth, negation), strict=True):
@@ -79,7 +79,7 @@ def ask_question(run: StrictRun, question: Question) -> None:
             _assign(run, _text(statement), taken)
 
 
-def _hold_question(machine: StrictMachine, statements: Sequence[Statement]) -> None:
+def _check_question(machine: StrictMachine, statements: Sequence[Statement]) -> None:
     """Adds the question of the post that a block asks. Any other block is a finding.
 
     A branch that no arm takes is not run, so that it has to be that of the post.
@@ -136,7 +136,6 @@ def _branches(
 
 
 def _assign(run: StrictRun, text: str, taken: list[bool]) -> None:
-    """Runs an assignment for the units that take this branch."""
     assignment = _ASSIGNMENT.fullmatch(text)
     if assignment is None:
         raise Unreadable("where Mps decides, only names can be given a value")

@@ -47,7 +47,7 @@ def read_expected(options: Mapping[str, object]) -> Expected:
     )
 
 
-def judge_settings(
+def check_settings(
     expected: Expected,
     numbers: Mapping[str, int],
     external: float,
@@ -74,7 +74,7 @@ def judge_settings(
         yield f"Accel is {values}, by post.accel it is {wanted_values}"
 
 
-def judge_internal(expected: Expected, internal: object) -> str:
+def check_internal(expected: Expected, internal: object) -> str:
     """The fault of an internal speed that is not that of the options, empty without one.
 
     No motion of the program runs at this speed, but a motion that a user adds does.
@@ -89,7 +89,7 @@ def judge_internal(expected: Expected, internal: object) -> str:
     return f"Speed {internal:g}, by post.internal_speed it is {expected.internal:g}"
 
 
-def judge_mark(expected: Expected, mark: str) -> str:
+def check_mark(expected: Expected, mark: str) -> str:
     """The fault of a pass mark that is not that of the options, empty without one."""
     if mark in ("E", "C"):
         return f"the pass mark @{mark}, which no program of the post says"

@@ -10,13 +10,21 @@ from msgspec.structs import replace
 
 from camgen.lang.pacscript.machine import RATED, RATED_TURN, Machine
 from camgen.lang.pacscript.motions import MARKS
-from camgen.lang.pacscript.values import Either, Mps, Placed, Speed, Unreadable, Value, name_place
+from camgen.lang.pacscript.values import (
+    Either,
+    ExternalPose,
+    Mps,
+    Speed,
+    Unreadable,
+    Value,
+    name_place,
+)
 from camgen.lang.post_options import read_positive, read_signals
 from camgen.lang.programs import Level
 from camgen.model.pose import Pose
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Wait
 
-from .expected import judge_internal, judge_mark, judge_settings, read_expected
+from .expected import check_internal, check_mark, check_settings, read_expected
 
 #: Speed of `Mps(1)` by the unit of the controller, mm/s. The first one is used for an open unit.
 _UNITS = {"mm/s": 1.0, "m/s": 1000.0}
@@ -91,28 +99,28 @@ class StrictMachine(Machine):
 
     # -- settings ------------------------------------------------------------------------------
 
-    def judge_settings(self) -> None:
+    def check_settings(self) -> None:
         """Adds findings for settings that are not those of the options."""
         self.settled = True
-        for what in judge_settings(
+        for what in check_settings(
             self.expected, self.numbers, self.stated_external, self.acceleration
         ):
             self.remark(what)
 
-    def judge_end(self) -> None:
+    def check_end(self) -> None:
         """Adds findings for settings at the end that are not those of the options."""
         if not self.moved:
             return
         if not self.settled:
-            self.judge_settings()
-        what = "" if self.uses_internal else judge_internal(self.expected, self.stated_internal)
+            self.check_settings()
+        what = "" if self.uses_internal else check_internal(self.expected, self.stated_internal)
         if what:
             self.remark(what)
 
     def blend(self, mark: str) -> float:
         """The blend of a new pass mark, mm."""
         blend = self.blends[mark] = MARKS[mark] if mark in MARKS else float(mark)
-        if what := judge_mark(self.expected, mark):
+        if what := check_mark(self.expected, mark):
             self.remark(what)
         return blend
 
@@ -153,7 +161,7 @@ class StrictMachine(Machine):
         if not self.motor:
             self.fault("a motion with the motor off")
         if not self.settled:
-            self.judge_settings()
+            self.check_settings()
         if self.figure is not None and item.posture:
             self._compare_figures(item, item.posture.figure)
         self.moved, self.passing = True, passing
@@ -217,7 +225,7 @@ class StrictMachine(Machine):
             return item
         start = self.current_pose
         if isinstance(item, MoveL) and isinstance(item.target, Pose):
-            is_still = not isinstance(start, Placed) and start.origin == item.target.origin
+            is_still = not isinstance(start, ExternalPose) and start.origin == item.target.origin
             if is_still:
                 # Even if the turn is smaller than a printed digit. It has no speed in mm/s.
                 return replace(item, turn=math.radians(share * self.rated_turn))

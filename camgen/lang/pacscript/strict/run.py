@@ -21,15 +21,15 @@ from camgen.lang.pacscript.statements import CONSTANTS
 from camgen.lang.pacscript.values import (
     UNDEFINED,
     Either,
-    Figured,
+    ExternalPose,
     Mps,
-    Placed,
+    PoseWithFigure,
     Speed,
     Unreadable,
     Value,
+    describe_value,
     index,
     position,
-    tell,
 )
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
@@ -74,16 +74,18 @@ class StrictRun(Run):
         self.procedures: dict[str, tuple[Module, Procedure]] = {}
         self.called = 0
         self.speeds: dict[str, Speed] = {}
-        self.files = read_files(files, self.say, self._remark)
+        self.files = read_files(files, self.add_fault, self._remark)
         for number, name in enumerate(self.files):
-            self.modules[name] = module = read_strictly(name, self.files, self.say, self._remark)
+            self.modules[name] = module = read_strictly(
+                name, self.files, self.add_fault, self._remark
+            )
             self._add_procedures(module, stem(name) if number else "main")
 
     def _add_procedures(self, module: Module, main: str) -> None:
         for given, procedure in module.procedures.items():
             name = main if given == "main" else given
             if name in self.procedures:
-                self.say(procedure.line, f"a second procedure {given}")
+                self.add_fault(procedure.line, f"a second procedure {given}")
             else:
                 self.procedures[name] = module, procedure
 
@@ -93,7 +95,7 @@ class StrictRun(Run):
     def run_main(self) -> bool:
         """Runs the program from its start to its end. Returns whether it has a start."""
         if "main" not in self.procedures:
-            self.say(1, "there is no Sub Main")
+            self.add_fault(1, "there is no Sub Main")
             return False
         self.module, main = self.procedures["main"]
         self.called = main.line
@@ -155,7 +157,7 @@ class StrictRun(Run):
         """Sets a variable. Raises Unreadable if its type cannot hold the value."""
         self.speeds.clear()
         if target.kind == "name":
-            name = str(target.said)
+            name = str(target.content)
             _check_type(name, self.scope.kinds.get(name, "variant"), value)
         assign(self, target, value)
 
@@ -163,7 +165,7 @@ class StrictRun(Run):
 
     def evaluate(self, node: Node) -> Value:
         """The value of an expression. Raises Unreadable if the text alone does not give it."""
-        kind, content = node.kind, node.said
+        kind, content = node.kind, node.content
         if kind not in _KINDS:
             raise Unreadable(f"{content if kind == 'text' else kind} is not evaluated")
         if kind == "name":
@@ -175,7 +177,7 @@ class StrictRun(Run):
             if len(value) == 2:
                 raise Unreadable("two values in brackets are not evaluated")
             return _make_position(value)
-        if isinstance(value, Placed):
+        if isinstance(value, ExternalPose):
             raise Unreadable(f"{value.base} is not set in the text")
         if isinstance(value, Unknown):
             raise Unreadable(f"{value.what} is not set in the text")
@@ -243,7 +245,7 @@ class StrictRun(Run):
 
     def find_start(self) -> Pose:
         """The place of the arm. Raises Unreadable if the text does not give it."""
-        if isinstance(self.machine.current_pose, Placed):
+        if isinstance(self.machine.current_pose, ExternalPose):
             raise Unreadable("a motion from a place that the text does not give")
         return self.machine.current_pose
 
@@ -251,7 +253,7 @@ class StrictRun(Run):
         """A place to move to."""
         value = self.evaluate(node)
         if not isinstance(value, (Pose, Joints)):
-            raise Unreadable(f"{tell(value)} is no place to move to")
+            raise Unreadable(f"{describe_value(value)} is no place to move to")
         return value
 
     def go(
@@ -272,7 +274,7 @@ class StrictRun(Run):
         machine = self.machine
         if not isinstance(via, Pose) or not isinstance(end, Pose):
             raise Unreadable("an arc through joints is not evaluated")
-        if isinstance(machine.current_pose, Placed):
+        if isinstance(machine.current_pose, ExternalPose):
             machine.fault("an arc from a place that the text does not give")
         elif fault := _find_arc_fault(machine.current_pose.origin, via.origin, end.origin):
             machine.fault(fault)
@@ -303,12 +305,12 @@ def _compare_figures(machine: StrictMachine, via: Pose, end: Pose) -> None:
 
     The reference asks for the same figure at both ends. It does not define that of the via point.
     """
-    if isinstance(via, Figured) and isinstance(end, Figured):
+    if isinstance(via, PoseWithFigure) and isinstance(end, PoseWithFigure):
         if via.figure != end.figure:
             machine.fault("the points of the arc have different figures")
-    elif isinstance(via, Figured):
+    elif isinstance(via, PoseWithFigure):
         machine.remark(f"the via point of an arc has figure {via.figure}, its end leaves it open")
-    elif isinstance(end, Figured):
+    elif isinstance(end, PoseWithFigure):
         machine.remark(f"the via point of an arc leaves its figure open, its end has {end.figure}")
 
 

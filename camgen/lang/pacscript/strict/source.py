@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from camgen.lang.pacscript.lines import CLOSING, DEFINE, Say
+from camgen.lang.pacscript.lines import CLOSING, DEFINE, FaultCallback
 from camgen.lang.pacscript.source import File, Module, Reader, Statement, stem
 from camgen.lang.pacscript.words import name_fault
 
@@ -14,18 +14,26 @@ from .values import TYPES
 _OPENING = re.compile(r"(?:sub|function)\s+\w+\s*(?:\([^()]*\))?\s*(?:as\s+\w+)?", re.IGNORECASE)
 
 
-def read_strictly(name: str, files: Mapping[str, File], say: Say, remark: Say) -> Module:
+def read_strictly(
+    name: str, files: Mapping[str, File], report: FaultCallback, remark: FaultCallback
+) -> Module:
     """The module of a file."""
     module = Module(stem(name))
-    _StrictReader(module, files, say, remark).file(name, 0)
+    _StrictReader(module, files, report, remark).file(name, 0)
     return module
 
 
 class _StrictReader(Reader):
     """Reads a file. Directives except `#Define`, and declarations outside procedures are faults."""
 
-    def __init__(self, module: Module, files: Mapping[str, File], say: Say, remark: Say) -> None:
-        super().__init__(module, files, say)
+    def __init__(
+        self,
+        module: Module,
+        files: Mapping[str, File],
+        report: FaultCallback,
+        remark: FaultCallback,
+    ) -> None:
+        super().__init__(module, files, report)
         self.remark = remark
 
     def directive(
@@ -38,7 +46,7 @@ class _StrictReader(Reader):
         """Reads a directive."""
         define = DEFINE.fullmatch(text)
         if define is None:
-            self.say(line, f"{text.split(maxsplit=1)[0]} is not evaluated")
+            self.add_fault(line, f"{text.split(maxsplit=1)[0]} is not evaluated")
             return
         self.remark(line, "#Define, which no program of the post has")
         self._check_names(line, define[1])
@@ -49,7 +57,7 @@ class _StrictReader(Reader):
         if _OPENING.fullmatch(text) or CLOSING.fullmatch(text):
             super().statement(line, text, start)
         elif self.current is None:
-            self.say(line, "a statement outside a procedure")
+            self.add_fault(line, "a statement outside a procedure")
         else:
             self.current.statements.append(Statement(line, text))
 
@@ -62,14 +70,14 @@ class _StrictReader(Reader):
         parameters = procedure.parameters
         names = {parameter.name for parameter in parameters}
         if len(names) < len(parameters) or any(item.kind not in TYPES for item in parameters):
-            self.say(line, "parameters that cannot be read")
+            self.add_fault(line, "parameters that cannot be read")
             procedure.parameters = [item._replace(kind="variant") for item in parameters]
         self._check_names(line, *(parameter.name for parameter in parameters))
         if procedure.name == "main" and parameters:
-            self.say(line, "Main has parameters, and nobody calls it with values")
+            self.add_fault(line, "Main has parameters, and nobody calls it with values")
 
     def _check_names(self, line: int, *names: str) -> None:
         """Adds findings for names that the language does not accept."""
         for name in names:
             if what := name_fault(name):
-                self.say(line, what)
+                self.add_fault(line, what)

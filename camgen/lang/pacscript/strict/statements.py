@@ -188,7 +188,6 @@ def _declare(run: StrictRun, rest: str) -> None:
 
 
 def _take_arm(run: StrictRun, rest: str) -> None:
-    """Runs `TakeArm [group] [Keep = 0|1]`."""
     machine = run.machine
     if machine.armed:
         machine.remark("the arm is taken twice")
@@ -296,7 +295,6 @@ def _set_speed(run: StrictRun, rest: str) -> None:
 
 
 def _set_external_speed(run: StrictRun, rest: str) -> None:
-    """Runs `ExtSpeed`, in percent of the internal speed."""
     machine = run.machine
     values = [run.read_number(part) for part in arguments(rest)]
     if not 0 < values[0] <= 100:
@@ -308,14 +306,12 @@ def _set_external_speed(run: StrictRun, rest: str) -> None:
 
 
 def _set_acceleration(run: StrictRun, rest: str) -> None:
-    """Runs `Accel`, in percent. A second value is the deceleration."""
     values = _read_percent(run, rest)
     run.machine.acceleration = (*values, *(run.machine.acceleration or ())[1:])[:2]
     run.machine.settled = False
 
 
 def _set_deceleration(run: StrictRun, rest: str) -> None:
-    """Runs `Decel`, in percent."""
     values = _read_percent(run, rest)
     run.machine.acceleration = (*(run.machine.acceleration or ())[:1], *values[:1])
     run.machine.settled = False

@@ -36,9 +36,9 @@ from camgen.lang.vplus.text import (
     Statement,
     Stretch,
     Unreadable,
-    routines,
+    parse_strict,
 )
-from camgen.lang.vplus.variables import variable
+from camgen.lang.vplus.variables import check_name
 from camgen.lang.vplus.walk import walk_apart
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
@@ -103,7 +103,7 @@ class Machine(RobotState):
     def run_stretch(self, plain: Stretch) -> None:
         """Runs the motions of a stretch."""
         count = len(plain.poses)
-        if count <= self._budget.left and self.stretch(plain):
+        if count <= self._budget.left and self.try_stretch(plain):
             self._budget.spend(count)
             self._line = plain.line + count - 1
             return
@@ -117,7 +117,7 @@ class Machine(RobotState):
     def _find_fault(self, statement: Statement, error: Unreadable) -> None:
         self.fault(statement.line, str(error))
         if statement.word in _MOTIONS:
-            self.lost()
+            self.lose_position()
 
     # -- answers to the engine (`camgen.lang.flow.Language`) ------------------------------------
 
@@ -135,7 +135,7 @@ class Machine(RobotState):
     def open_count(self, count: str) -> Counter:
         """The counter of FOR."""
         name, _, bounds = count.partition("=")
-        name = variable(name.strip())
+        name = check_name(name.strip())
         counter = Counter(name, *read_bounds(Expression(bounds, self)))
         self.store(self._line, name, counter.first)
         return counter
@@ -188,7 +188,7 @@ class Machine(RobotState):
     def _refuse(self, word: str) -> NoReturn:
         """Raises Unreadable for a word that is not evaluated."""
         if word in _OTHER_MOTIONS:
-            self.lost()
+            self.lose_position()
         if word in _OTHERS | _OTHER_MOTIONS:
             raise Unreadable(f"{word} is not evaluated")
         raise Unreadable(f"unknown statement {word[:40]}")
@@ -208,7 +208,7 @@ class Machine(RobotState):
         self._run(routine)
         self._line = statement.line
 
-    def declares(self, statement: Statement) -> None:
+    def declare_variables(self, statement: Statement) -> None:
         """Runs `AUTO`, `LOCAL` or `GLOBAL`."""
         self.declare(statement.rest, statement.word != "GLOBAL")
         if statement.word != "AUTO":
@@ -242,7 +242,7 @@ def _length(statement: Statement | Stretch) -> int:
 #: Methods by the word of their instruction. They are not bound to a machine, which would then refer
 #: to itself and stay in memory.
 _DOES: dict[str, Callable[[Machine, Statement], None]] = {
-    "=": Machine.let,
+    "=": Machine.assign_number,
     "ACCEL": Machine.accel,
     "ATTACH": Machine.attach,
     "BASE": Machine.base,
@@ -258,8 +258,8 @@ _DOES: dict[str, Callable[[Machine, Statement], None]] = {
     "TOOL": Machine.set_tool,
     "WAIT.EVENT": Machine.wait_event,
     **dict.fromkeys(("APPRO", "APPROS"), Machine.appro),
-    **dict.fromkeys(("AUTO", "GLOBAL", "LOCAL"), Machine.declares),
-    **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), Machine.settle),
+    **dict.fromkeys(("AUTO", "GLOBAL", "LOCAL"), Machine.declare_variables),
+    **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), Machine.set_accuracy),
     **dict.fromkeys(("DEPART", "DEPARTS"), Machine.depart),
     **dict.fromkeys(("DISABLE", "ENABLE"), Machine.switch),
     **dict.fromkeys(("MOVE", "MOVES"), Machine.move),
@@ -329,7 +329,7 @@ def _run(files: Mapping[str, str], settings: Settings, log: Log) -> Machine:
         log.find("unusual", what, line=line)
 
     programs: dict[str, Routine] = {}
-    for routine in routines(files, report, remark):
+    for routine in parse_strict(files, report, remark):
         programs.setdefault(canonical(routine.name), routine)
     machine = Machine(programs, log, settings)
     start = _find_start(list(programs.values()), log)

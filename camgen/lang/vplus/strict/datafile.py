@@ -175,14 +175,14 @@ class _Program(NamedTuple):
 
     slots: texts of the slots by name.
     head: lines before the reader, as written.
-    off: outputs that are switched off after an error.
+    outputs_off: outputs that are switched off after an error.
     file_line: line of FOPENR.
     lines: number of lines.
     """
 
     slots: Mapping[str, str]
     head: Sequence[str]
-    off: tuple[int, ...]
+    outputs_off: tuple[int, ...]
     file_line: int
     lines: int
 
@@ -236,7 +236,7 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
     lines = text.count("\n") + (not text.endswith("\n"))
     wanted = _wanted(options)
     slots: dict[str, str] = {}
-    off: list[int] = []
+    outputs_off: list[int] = []
     file_line, index = 1, 0
     for pattern in wanted:
         if pattern is None:
@@ -244,7 +244,7 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
                 signal = _SWITCHED_OFF.fullmatch(statements[index].words)
                 if signal is None:
                     break
-                off.append(int(signal[1]))
+                outputs_off.append(int(signal[1]))
                 index += 1
             continue
         statement = statements[index] if index < len(statements) else _Statement(lines, "")
@@ -263,7 +263,7 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
     reader_lines = [s.line for s in statements if s.words.upper().startswith("ATTACH ( CG")]
     head = raw[: reader_lines[0] - 1]
     head = ["" if re.match(r"\s*AUTO\s+REAL\b", line, re.IGNORECASE) else line for line in head]
-    return _Program(slots, head, tuple(off), file_line, lines)
+    return _Program(slots, head, tuple(outputs_off), file_line, lines)
 
 
 def _fill_slots(slots: dict[str, str], texts: Mapping[str, str]) -> bool:
@@ -329,7 +329,7 @@ def _write_out(program: _Program, data: str, work: str) -> tuple[str, list[int]]
             raise _Wrong(number, f"{error}: {record}") from None
         lines += record_lines
         origins += [number] * len(record_lines)
-    if program.off != tuple(sorted(outputs)):
+    if program.outputs_off != tuple(sorted(outputs)):
         what = "the outputs that are put off after an error are not those of the data"
         raise _Wrong(program.file_line, what)
     end = ["DETACH ()", "RETURN", ".END"]

@@ -20,13 +20,13 @@ from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
 from camgen.lang.vplus.text import (
     Location,
-    Pace,
+    SpeedSetting,
     Statement,
     Stretch,
     Unreadable,
-    pace,
+    parse_plain_speed,
 )
-from camgen.lang.vplus.variables import Table, variable
+from camgen.lang.vplus.variables import Table, check_name
 from camgen.model.pose import Pose, translation
 from camgen.model.program import Joints, Output, Stop, Wait
 
@@ -108,7 +108,7 @@ class RobotState(Arm):
         #: Posture words since the last motion, by line.
         self._unused: dict[int, str] = {}
         #: SPEED of the last straight motion.
-        self._straight: Pace | None = None
+        self._straight: SpeedSetting | None = None
         #: Whether the program has set a global variable.
         self._shares = False
 
@@ -147,7 +147,7 @@ class RobotState(Arm):
         if "ATTACH" in self._stated and not self._detached:
             self.remark(line, "the program ends without DETACH: the robot stays attached")
 
-    def here(self, word: str) -> Location:
+    def current_location(self, word: str) -> Location:
         """The target of the last motion. Raises Unreadable if it is unknown."""
         if not isinstance(self._at, Location):
             raise Unreadable(f"{word} is not known here")
@@ -157,16 +157,16 @@ class RobotState(Arm):
 
     # -- variables
 
-    def let(self, statement: Statement) -> None:
+    def assign_number(self, statement: Statement) -> None:
         """Runs `name = number`."""
         name, _, text = statement.rest.partition("=")
-        value = self._read(text, words.real)
-        self.store(statement.line, variable(name.strip()), value)
+        value = self._read(text, words.parse_real)
+        self.store(statement.line, check_name(name.strip()), value)
 
     def set(self, statement: Statement) -> None:
         """Runs `SET name = location` or `SET #name = precision point`."""
         name, sign, text = statement.rest.partition("=")
-        name = variable(name.strip())
+        name = check_name(name.strip())
         if not sign:
             raise Unreadable("SET wants name = location")
         expression = Expression(text, self)
@@ -209,7 +209,7 @@ class RobotState(Arm):
 
     # -- motion
 
-    def stretch(self, plain: Stretch) -> bool:
+    def try_stretch(self, plain: Stretch) -> bool:
         """Runs all motions of a stretch. Returns False, and runs none, in an unusual state."""
         frame = self.frame(plain.name)
         first, others = self._once or self._always, self._always
@@ -240,10 +240,10 @@ class RobotState(Arm):
 
     def depart(self, statement: Statement) -> None:
         """Runs `DEPART`: to the last target moved back by a distance, mm, along its tool z."""
-        distance = self._read(statement.rest, words.real)
-        self._go(statement, self.here("DEST").moved(translation(0, 0, -distance)))
+        distance = self._read(statement.rest, words.parse_real)
+        self._go(statement, self.current_location("DEST").moved(translation(0, 0, -distance)))
 
-    def lost(self) -> None:
+    def lose_position(self) -> None:
         """Marks the position as unknown, after a motion that is not evaluated."""
         self._at, self._moving = None, True
 
@@ -325,7 +325,9 @@ class RobotState(Arm):
     def speed(self, statement: Statement) -> None:
         """Runs all forms of `SPEED`."""
         line, text = statement.line, statement.rest
-        value, unit, turning, always = pace(text) or self._read(text, words.speed)
+        value, unit, turning, always = parse_plain_speed(text) or self._read(
+            text, words.parse_speed
+        )
         if turning > 100 or (value > 100 and unit != "mm/s"):
             self.remark(line, "SPEED above 100 %: the controller takes the most that it has")
         if not always and unit != "MONITOR":
@@ -335,7 +337,7 @@ class RobotState(Arm):
         self._crossed = self._crossed and not (always and unit != "MONITOR")
         if unit == "MONITOR":
             self.remark(line, "SPEED MONITOR sets the operator's speed, for other programs too")
-        self.set_pace(value, unit, turning, always)
+        self.set_speed(value, unit, turning, always)
 
     def configure(self, statement: Statement) -> None:
         """Runs a posture word. It holds from the next motion on and replaces its opposite."""
@@ -358,7 +360,7 @@ class RobotState(Arm):
         profile = _PROFILE.match(statement.rest)
         if profile and int(profile[1]) > 8:
             raise Unreadable(f"ACCEL has profiles 0 to 8, not {profile[1]}")
-        values = self._read(statement.rest[profile.end() if profile else 0 :], words.reals)
+        values = self._read(statement.rest[profile.end() if profile else 0 :], words.parse_reals)
         if len(values) > 2:
             raise Unreadable("ACCEL has two percentages")
         self._stated.add("ACCEL")
@@ -382,7 +384,7 @@ class RobotState(Arm):
             self.remark(statement.line, what)
         self._stated.add("ENABLE CP")
 
-    def settle(self, statement: Statement) -> None:
+    def set_accuracy(self, statement: Statement) -> None:
         """Runs `COARSE`, `FINE`, `NULL` or `NONULL`.
 
         The accuracy of a stop is not part of an instruction.
@@ -419,7 +421,7 @@ class RobotState(Arm):
 
     def base(self, statement: Statement) -> None:
         """Runs `BASE`, which stops the path. Raises Unreadable if it moves the world frame."""
-        values = self._read(statement.rest, words.reals)
+        values = self._read(statement.rest, words.parse_reals)
         self.rest()
         self.remark(statement.line, "BASE sets the world frame, for other programs too")
         if any(values):
@@ -429,7 +431,7 @@ class RobotState(Arm):
 
     def signal(self, statement: Statement) -> None:
         """Runs `SIGNAL`. Each number is an output."""
-        values = self._read(statement.rest, words.outputs)
+        values = self._read(statement.rest, words.parse_outputs)
         self._standing(statement, "an output")
         for value in values:
             name = self.settings.signals.get(int(abs(value)), f"signal {abs(value):g}")
@@ -437,7 +439,7 @@ class RobotState(Arm):
 
     def wait_event(self, statement: Statement) -> None:
         """Runs `WAIT.EVENT , s`, a dwell."""
-        self._pause(statement, words.event)
+        self._pause(statement, words.parse_event)
 
     def stop(self, statement: Statement) -> None:
         """Runs `PAUSE`, which waits for the operator."""
@@ -450,7 +452,7 @@ class RobotState(Arm):
         """Runs `DELAY` as a dwell, and refuses it."""
         what = "DELAY is uncertain: it delays the next motion; WAIT.EVENT , s is a dwell"
         self.fault(statement.line, what)
-        self._pause(statement, words.dwell)
+        self._pause(statement, words.parse_dwell)
 
     def _pause(self, statement: Statement, parse: Callable[[Expression], float]) -> None:
         seconds = self._read(statement.rest, parse)
