@@ -15,7 +15,7 @@ from pathlib import Path
 from time import perf_counter
 
 from bench.support.runner import open_table
-from camgen.lang.gcode.run import play
+from camgen.lang.gcode.run import run_program
 from camgen.lang.programs import Ask
 from camgen.lang.recorded import ProgramRun
 from camgen.model.program import MoveC, MoveJ, MoveL
@@ -137,7 +137,7 @@ def row(path: Path) -> tuple[str, str]:
     """What became of one file, run as LinuxCNC's: a kind and a sentence."""
     text = path.read_text(encoding="latin-1").replace("\r\n", "\n").replace("\r", "\n")
     begin = perf_counter()
-    m, stopped = play({path.name: text}, Ask("linuxcnc", _ZERO))
+    m, stopped, _ = run_program({path.name: text}, Ask("linuxcnc", _ZERO))
     seconds = perf_counter() - begin
     judge = canon.run(text, _TOOLS, LONGEST)
     theirs = (

@@ -198,7 +198,6 @@ def _sweep(code: str, begin: float, finish: float, turns: float, limits: Limits)
 
 
 def _cut_helix(arc: Arc, circle: _Circle, limits: Limits) -> list[Piece]:
-    """A helix as lines."""
     step = 2 * math.acos(max(0.0, 1 - limits.helix / max(circle.radii)))
     count = _count(abs(circle.sweep) / step, limits.pieces)
     points = [_place(arc, circle.point(k / count), k / count) for k in range(1, count)]

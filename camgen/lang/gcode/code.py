@@ -52,7 +52,6 @@ def compile_lines(count: int) -> Code:
 
 
 def _run_lines(span: range) -> Act:
-    """The step of lines, from 0."""
     first, count = span.start + 1, len(span)
     return Act(first, cost=0, do=Interpreter.run_lines, operand=span, lines=count)
 

@@ -93,7 +93,7 @@ class Interpreter:
         self._is_profile = False
         #: First steps of the subroutines that were called.
         self._called: set[int] = set()
-        machine.most = len(lines) + machine.bounds.gcode_motions
+        machine.max_instructions = len(lines) + machine.bounds.gcode_motions
         machine.inside = lambda: self.depth
         machine.find_lines, machine.run_lines = self._find_profile, self._run_profile
 
@@ -148,7 +148,7 @@ class Interpreter:
             m.line, step = at + 1, None
             try:
                 self._budget.spend()
-                m.insist_on_size()
+                m.check_size()
                 step = self._run_line(lines[at])
             except LineError as error:
                 self._refuse(error)
@@ -329,7 +329,7 @@ class Interpreter:
 
         That of END holds, and that of a loop without WHILE.
         """
-        text, macro.rest = self._clean(macro), ""
+        text, macro.rest = self.machine.profile.clean(self.machine, macro.raw), ""
         if not text:
             # A deleted line does nothing. The lines after a WHILE run.
             return macro.word in ("while", "do")
@@ -345,10 +345,6 @@ class Interpreter:
                 self._entered.add(macro.number)
         return holds
 
-    def _clean(self, macro: Macro) -> str:
-        """The words of the line of a macro. Raises LineError."""
-        return self.machine.profile.clean(self.machine, macro.raw)
-
     def test_alone(self, macro: Macro) -> None:
         """A loop without END, or END without a loop. Raises LineError if it should lead to one."""
         if not self._test_macro(macro) and macro.word != "end":
@@ -356,7 +352,7 @@ class Interpreter:
 
     def go(self, macro: Macro) -> Step | None:
         """GOTO. Raises LineError."""
-        text = self._clean(macro)
+        text = self.machine.profile.clean(self.machine, macro.raw)
         return self._jump(self._find_step(read_goto(text, self._known))) if text else None
 
     def go_on(self, macro: Macro) -> Step | None:

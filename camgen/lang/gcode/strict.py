@@ -35,7 +35,7 @@ from camgen.lang.gcode.codes import (
 from camgen.lang.gcode.interpreter import Interpreter
 from camgen.lang.gcode.machine import ARCS, AXES, COOLANTS, Machine, Profile
 from camgen.lang.gcode.predefined import find_value
-from camgen.lang.gcode.third_party import stand
+from camgen.lang.gcode.third_party import run_without_axes
 from camgen.lang.gcode.words import (
     COMMENT,
     GROUP,
@@ -43,7 +43,7 @@ from camgen.lang.gcode.words import (
     LineError,
     Parameters,
     UnknownWord,
-    tell_unread,
+    explain_unread,
     without_comments,
     without_number,
     words_of,
@@ -215,8 +215,8 @@ class Strict:
             handlers=handlers,
             clean=self.clean,
             parse=self.parse,
-            settle=self.settle,
-            stand=self.stand,
+            prepare_motion=self.prepare_motion,
+            run_without_axes=self.run_without_axes,
             switch=self.switch,
             find_effect=self.find_effect,
             goes_on=True,
@@ -289,7 +289,7 @@ class Strict:
         rules = self.rules
         for code in codes.values():
             if code not in rules.codes:
-                what = tell_unread(code, f"not a code of {rules.name}")
+                what = explain_unread(code, f"not a code of {rules.name}")
                 raise LineError(what) if code in _UNREAD else UnknownWord(what)
         for name, groups in _ONE_GROUP.items():
             both = [codes[group] for group in groups if group in codes]
@@ -333,16 +333,18 @@ class Strict:
 
     # -- motions -------------------------------------------------------------------------------
 
-    def stand(self, m: Machine, code: str) -> None:
+    def run_without_axes(self, m: Machine, code: str) -> None:
         """Checks a motion code without a target. Raises LineError if it needs a feed."""
         if code == "G1" and m.feed <= 0:
             raise LineError("G1 without a feed (F)")
         if m.lifted:
             self._check_modes(m)
             self._check_path(m)
-        stand(m, code)
+        run_without_axes(m, code)
 
-    def settle(self, m: Machine, code: str, words: Mapping[str, float], cycle: bool) -> None:
+    def prepare_motion(
+        self, m: Machine, code: str, words: Mapping[str, float], cycle: bool
+    ) -> None:
         """Checks the state of the machine before a motion. Raises LineError."""
         named = [axis for axis in AXES if axis in words]
         if not named and (cycle or not self.rules.linuxcnc):
@@ -369,7 +371,6 @@ class Strict:
                 raise LineError(f"a motion of Z after {m.length}: {why}")
 
     def _check_start(self, m: Machine) -> None:
-        """Checks the state of the machine before the first motion."""
         if self.has_moved:
             return
         self.has_moved = True
@@ -382,14 +383,19 @@ class Strict:
         if m.work != expect.work:
             m.log.find("refused", f"work offset {m.work}, but post.work is {expect.work}")
         if expect.tool and self.length_code != "G43":
-            what = "the length of the tool is not applied (G43) before the first motion"
-            m.log.find("refused", what)
+            m.log.find(
+                "refused", "the length of the tool is not applied (G43) before the first motion"
+            )
         elif not self.length_code:
-            what = "neither G49 nor G43 before the first motion: a tool length that is on shifts Z"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual",
+                "neither G49 nor G43 before the first motion: a tool length that is on shifts Z",
+            )
         if m.lifted and not expect.lift:
-            what = "G53 has sent the tool to the machine's zero of Z, but post.lift is false"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual",
+                "G53 has sent the tool to the machine's zero of Z, but post.lift is false",
+            )
         self._check_path(m)
 
     def _check_modes(self, m: Machine) -> None:
@@ -398,8 +404,9 @@ class Strict:
         missing = [code for group, code in needed.items() if group not in self.stated_groups]
         if missing:
             reason = "the program before may have left it otherwise"
-            what = f"{', '.join(missing)} not said before the first motion: {reason}"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual", f"{', '.join(missing)} not said before the first motion: {reason}"
+            )
         self.stated_groups.update(needed)
 
     def _check_path(self, m: Machine) -> None:
@@ -437,8 +444,7 @@ class Strict:
         """Sets an output under the name of its signal, or the force. Raises LineError."""
         channel, scale = self.expect.force or (-1, 1.0)
         if m.lifted and not m.has_position:
-            what = "an output is switched when the machine has moved already (G53)"
-            m.log.find("unusual", what)
+            m.log.find("unusual", "an output is switched when the machine has moved already (G53)")
         if signal != f"aout{channel}":
             name = signal.replace("dout", "P").replace("aout", "E")
             m.add(Output(self.expect.names.get(signal, name), value))
@@ -502,8 +508,10 @@ class Strict:
         if self.expect.lift and not m.lifted:
             m.log.find("unusual", "G53 G0 Z0 is missing before the first tool change")
         if self.length_code != "G49":
-            what = "G49 is missing before the first tool change: a length that is on shifts Z"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual",
+                "G49 is missing before the first tool change: a length that is on shifts Z",
+            )
 
     def turn_spindle(self, m: Machine, code: str, words: dict[str, float]) -> None:
         """M3, M4 and M5. Raises LineError without a speed."""
@@ -533,8 +541,9 @@ class Strict:
         elif code == "G43" and (words.pop("H", tool) != tool or not tool):
             raise LineError(f"G43 shifts z by the length of a tool, but post.tool is {tool}")
         if code == "G49" and self.expect.lift and not m.lifted:
-            what = "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual", "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"
+            )
         if m.has_position and code != self.length_code:
             raise LineError(f"{code} after the first motion shifts the origin")
         m.length = self.length_code = code
@@ -575,12 +584,12 @@ class Strict:
         """G53. Raises LineError for another motion than G53 G0 Z0 at the start."""
         is_lift = motion == "G0" and "X" not in words and "Y" not in words
         if not m.incremental and (m.has_position or not is_lift or words.pop("Z", 1.0) != 0):
-            raise LineError(tell_unread("G53", "not known"))
+            raise LineError(explain_unread("G53", "not known"))
         lift_tool(m)
 
     # -- the end -------------------------------------------------------------------------------
 
-    def judge_end(self, m: Machine) -> None:
+    def find_missing(self, m: Machine) -> None:
         """Adds findings for what the program lacks, and for assumptions."""
         for letter in "ST":
             self.note_idle(m, letter)
@@ -620,9 +629,8 @@ class Strict:
 
 
 def _find_group(code: str) -> str:
-    """The modal group of a code. Raises LineError."""
     if code not in GROUP:
-        raise LineError(tell_unread(code, "not a code that is known"))
+        raise LineError(explain_unread(code, "not a code that is known"))
     return GROUP[code]
 
 
@@ -732,7 +740,7 @@ def run(lines: Sequence[str], rules: Controller, expect: Expect) -> Machine:
     except Stopped as stopped:
         m.log.find("refused", str(stopped))
     _read_rest(m, lines)
-    strict.judge_end(m)
+    strict.find_missing(m)
     return m
 
 
