@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from camgen.lang.gcode.replayed import replay
 from camgen.lang.programs import Ask, Places, rename_outputs
-from camgen.lang.recorded import ProgramRun, Recorded
+from camgen.lang.recorded import ProgramRun, Recorded, format_box
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.job import Job, ToolTable
@@ -53,9 +53,7 @@ class ProgramFacts(Struct, frozen=True):
             f"does: {counts}",
         ]
         if self.low:
-            corners = zip("xyz", self.low, self.high, strict=False)
-            spans = [f"{axis} {short(low, 3)} to {short(high, 3)}" for axis, low, high in corners]
-            rows.append(f"work: {', '.join(spans)} mm")
+            rows.append(f"work: {format_box(self.low, self.high)}")
             rows.append(f"feeds: {short(self.feeds[0], 3)} to {short(self.feeds[1], 3)} mm/s")
         if self.signals:
             rows.append(f"outputs: {', '.join(self.signals)}")
@@ -78,7 +76,7 @@ def read_files(sources: Sequence[Source], job: Job) -> Recorded:
     name = " + ".join(source.name for source in sources)
     texts = {source.name: _text_of(source) for source in sources}
     place = Places(texts) if len(sources) > 1 else "line {}".format
-    run = replay(texts, _make_options(job, sources[0]), job.tolerance.chord)
+    run = replay(texts, _make_request(job, sources[0]), job.tolerance.chord)
     if run.stopped:
         line, reason = run.stopped
         what, _, remedy = reason.partition("; ")
@@ -103,7 +101,7 @@ def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
     Raises InputError if the file is not a text.
     """
     text = _text_of(source)
-    run = replay({source.name: text}, _make_options(job, source), job.tolerance.chord)
+    run = replay({source.name: text}, _make_request(job, source), job.tolerance.chord)
     columns = Columns(run.body)
     working = ~columns.moves_are(MoveJ)
     points = np.concatenate([columns.ends[working], columns.vias[working]])
@@ -129,8 +127,8 @@ def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
     )
 
 
-def _make_options(job: Job, source: Source) -> Ask:
-    """The options of a run from the job: dialect, assumed values, and sizes of tools.
+def _make_request(job: Job, source: Source) -> Ask:
+    """The request of a run from the job: dialect, assumed values, and sizes of tools.
 
     Cutter compensation needs the diameters of tools. The table [tool] describes tool `tool.number`.
     Without a number, it describes the only tool of a program, if its name or diameter is not the

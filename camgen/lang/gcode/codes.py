@@ -61,8 +61,9 @@ def feed(m: Machine, words: dict[str, float], codes: Mapping[str, str]) -> None:
     if change is not None:
         unit = _INCH if change == "G20" else 1.0
         if m.dialect.unit_first is None and unit != scale:
-            what = "controllers differ in which unit it has"
-            raise LineError(f"F in the line that changes the unit: {what}")
+            raise LineError(
+                "F in the line that changes the unit: controllers differ in which unit it has"
+            )
         if m.dialect.unit_first or m.unit is None:
             scale = unit
         elif unit != m.unit:
@@ -368,8 +369,9 @@ def _cancel(m: Machine, code: str, _words: dict[str, float]) -> None:
     """G92.1 and G92.2: cancels the shift of the origin. G92.3 restores it."""
     m.suspended[:] = [shift or 0.0 for shift in m.shifted]
     if None in m.shifted:
-        what = "after a G92 at a position that the program does not say"
-        m.assume(f"{code} {what}: the origin stays")
+        m.assume(
+            f"{code} after a G92 at a position that the program does not say: the origin stays"
+        )
     for axis, shift in enumerate(m.suspended):
         m.shift[axis] -= shift
     m.shifted[:] = [0.0, 0.0, 0.0]

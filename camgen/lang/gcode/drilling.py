@@ -213,7 +213,6 @@ def _seconds(m: Machine) -> float:
 
 
 def _tap(m: Machine, hole: _Hole) -> None:
-    """Feed in, turn the spindle back, feed out."""
     turning = m.spindle
     if turning != {"G84": "M3", "G74": "M4"}[m.motion]:
         m.log.find("refused", f"{m.motion} while the spindle stands or turns the other way")

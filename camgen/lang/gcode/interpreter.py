@@ -197,7 +197,6 @@ class Interpreter:
         return range(labels[f"sub {last:.0f}"], labels[f"endsub {last:.0f}"])
 
     def _run_profile(self, steps: range) -> None:
-        """Runs the steps of a profile. Raises LineError for a wrong line."""
         before, self._is_profile = self._is_profile, True
         try:
             with suppress(Ended):

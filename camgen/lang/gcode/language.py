@@ -9,24 +9,24 @@ from camgen.lang.gcode_text import SUFFIXES, is_gcode
 from camgen.lang.programs import Ask, Executed, Language
 
 
-def run_gcode(files: Mapping[str, str], options: Ask, usual: Dialect | None = None) -> Executed:
-    """Runs G-code in the dialect of the options, else in `usual` or the one that the text shows."""
-    if options.options is not None:
+def run_gcode(files: Mapping[str, str], request: Ask, usual: Dialect | None = None) -> Executed:
+    """Runs G-code in the dialect of the request, else in `usual` or the one that the text shows."""
+    if request.options is not None:
         from camgen.lang.gcode.strict import read  # noqa: PLC0415 (only for programs of a post)
 
-        return read(files, options.options)
+        return read(files, request.options)
     from camgen.lang.gcode.run import run  # noqa: PLC0415 (only for programs of others)
 
-    return run(files, options, usual)
+    return run(files, request, usual)
 
 
-def run_grbl(files: Mapping[str, str], options: Ask) -> Executed:
-    """Runs G-code in the dialect of the options, else as GRBL does."""
-    if options.options is not None:
+def run_grbl(files: Mapping[str, str], request: Ask) -> Executed:
+    """Runs G-code in the dialect of the request, else as GRBL does."""
+    if request.options is not None:
         from camgen.lang.gcode.strict_grbl import read  # noqa: PLC0415 (only for those of a post)
 
-        return read(files, options.options)
-    return run_gcode(files, options, GRBL)
+        return read(files, request.options)
+    return run_gcode(files, request, GRBL)
 
 
 GCODE = Language(

@@ -63,7 +63,6 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
 
 
 def _assume_rapid(m: Machine) -> None:
-    """Takes G0 for axis words without a modal motion code. Raises LineError as LinuxCNC does."""
     if not m.dialect.open:
         raise LineError("axis words without a motion code (G0, G1, G2, G3)")
     m.assume("axis words without a motion code are run as G0")

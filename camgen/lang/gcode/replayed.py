@@ -36,12 +36,12 @@ def interpret(
 
     given: values from the user, by name.
     """
-    options = Ask(assume=given, limits=limits or Limits())
-    return replay({"": "\n".join(lines)}, options, None, LINUXCNC)
+    request = Ask(assume=given, limits=limits or Limits())
+    return replay({"": "\n".join(lines)}, request, None, LINUXCNC)
 
 
 def replay(
-    texts: Mapping[str, str], options: Ask, chord: float | None, usual: Dialect | None = None
+    texts: Mapping[str, str], request: Ask, chord: float | None, usual: Dialect | None = None
 ) -> ProgramRun:
     """Runs the first of ``texts`` for another machine. Never raises for a text.
 
@@ -49,9 +49,9 @@ def replay(
     stops the run.
 
     chord: deviation of the lines of helices and splines, mm. None: the deviation of the dialect.
-    usual: dialect if the options name none. None: the text determines it.
+    usual: dialect if the request names none. None: the text determines it.
     """
-    m, stopped, _ = run_program(texts, options, usual, chord)
+    m, stopped, _ = run_program(texts, request, usual, chord)
     refused = [(item.line, item.what) for item in m.log.list_findings() if item.level == "refused"]
     stops = [*m.log.list_lost(), *([stopped] if stopped else []), *refused]
     reasons = sorted(stops, key=lambda stop: stop[0])

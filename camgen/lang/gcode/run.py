@@ -58,15 +58,15 @@ class ProgramTrace(NamedTuple):
 
 def run_program(
     files: Mapping[str, str],
-    options: Ask,
+    request: Ask,
     usual: Dialect | None = None,
     chord: float | None = None,
 ) -> ProgramTrace:
     """Runs the first of ``files``. Never raises for a text.
 
     files: the program, and then files with its subprograms.
-    options: dialect, assumed values, entry and limits.
-    usual: dialect if the options name none. None: the text determines it.
+    request: dialect, assumed values, entry and limits.
+    usual: dialect if the request names none. None: the text determines it.
     chord: deviation of the lines of helices and splines, mm. None: the deviation of the dialect.
     """
     lines: list[str] = []
@@ -76,15 +76,15 @@ def run_program(
         lines += _split_lines(text)
     name, text = next(iter(files.items()), ("", ""))
     dialect, sign = (usual, "") if usual else recognise(text, name)
-    if options.dialect:
-        dialect, sign = DIALECTS.get(options.dialect, dialect), ""
+    if request.dialect:
+        dialect, sign = DIALECTS.get(request.dialect, dialect), ""
     helix = dialect.arcs.helix if chord is None else chord
     m = Machine(
         profile=PROFILE,
         dialect=dialect,
-        given=options.assume,
-        limits=replace(dialect.arcs, pieces=options.limits.gcode_pieces, helix=helix),
-        bounds=options.limits,
+        given=request.assume,
+        limits=replace(dialect.arcs, pieces=request.limits.gcode_pieces, helix=helix),
+        bounds=request.limits,
         on_off=not has_speed(lines),
         pause=dialect.dwell,
         to_start=dialect.to_start or None,
@@ -95,7 +95,7 @@ def run_program(
     m.unnamed = [axis for axis, moving in enumerate(_MOVING_WORDS) if not moving.search(words)]
     m.log.fact("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     other = find_other(text)
-    if other is not None and not options.dialect:
+    if other is not None and not request.dialect:
         return ProgramTrace(m, (other[0], f"a program of {other[1]}: its language is not read"))
     try:
         code = compile_program(lines, third_party.read_grammar(m), starts)
@@ -104,7 +104,7 @@ def run_program(
         return ProgramTrace(m, (line, what))
     third_party.find_split_numbers(m, lines)
     try:
-        Interpreter(m, lines, code).run(options.entry)
+        Interpreter(m, lines, code).run(request.entry)
         m.finish()
     except (LineError, Stopped) as error:
         return ProgramTrace(m, (m.line, str(error)), code)
@@ -118,12 +118,12 @@ def _set_beam(m: Machine, text: str) -> None:
         m.beam = Beam("process" if m.on_off else "spindle")
 
 
-def run(files: Mapping[str, str], options: Ask, usual: Dialect | None = None) -> Executed:
+def run(files: Mapping[str, str], request: Ask, usual: Dialect | None = None) -> Executed:
     """Runs the first of ``files``. Never raises for a text.
 
-    usual: dialect if the options name none. None: the text determines it.
+    usual: dialect if the request names none. None: the text determines it.
     """
-    m, stopped, code = run_program(files, options, usual)
+    m, stopped, code = run_program(files, request, usual)
     coverage = None if code is None else _measure_coverage(files, code, m)
     if stopped is None:
         _check_end(m, [len(_split_lines(text)) for text in files.values()])

@@ -492,8 +492,9 @@ class Strict:
         if not any(isinstance(item, ToolChange) for item in m.body.objects):
             self._check_first_change(m)
         if m.spindle != "M5" or m.coolants or self.is_pressing:
-            on = "while the spindle, a coolant or a force is on"
-            m.log.find("refused", f"tool {tool} is changed {on}")
+            m.log.find(
+                "refused", f"tool {tool} is changed while the spindle, a coolant or a force is on"
+            )
         if self.due_tool:
             m.log.find("unusual", f"tool {self.due_tool} is changed to and never used")
         m.add(ToolChange(tool))
@@ -502,7 +503,6 @@ class Strict:
         m.known[:] = [False, False, False]
 
     def _check_first_change(self, m: Machine) -> None:
-        """Adds findings for settings that are missing when the machine moves to change the tool."""
         self._check_modes(m)
         self._check_path(m)
         if self.expect.lift and not m.lifted:
@@ -531,12 +531,15 @@ class Strict:
         tool, due_tool = self.expect.tool, self.due_tool
         if code == "G43" and due_tool:
             if "H" not in words:
-                what = f"the length of tool {due_tool} is asked for by H{due_tool}"
-                m.log.find("unusual", f"G43 without H: {what}")
+                m.log.find(
+                    "unusual",
+                    f"G43 without H: the length of tool {due_tool} is asked for by H{due_tool}",
+                )
             number = words.pop("H", due_tool)
             if number != due_tool:
-                length = f"the length of another tool than T{due_tool}"
-                raise LineError(f"G43 H{number:g} shifts z by {length}")
+                raise LineError(
+                    f"G43 H{number:g} shifts z by the length of another tool than T{due_tool}"
+                )
             self.due_tool = 0
         elif code == "G43" and (words.pop("H", tool) != tool or not tool):
             raise LineError(f"G43 shifts z by the length of a tool, but post.tool is {tool}")
@@ -564,8 +567,10 @@ class Strict:
         if code != "G64":
             wanted = f"G64 P{allowed:g}" if allowed else "G61"
             if allowed is None:
-                reason = f"{self.rules.name} rounds corners by its own setting"
-                m.log.find("unusual", f"{code} changes nothing: {reason}")
+                m.log.find(
+                    "unusual",
+                    f"{code} changes nothing: {self.rules.name} rounds corners by its own setting",
+                )
             elif code != wanted:
                 option = f"post.path_tolerance asks for {wanted}"
                 m.log.find("unusual", f"{code} where {option}: corners take another time")
@@ -577,8 +582,9 @@ class Strict:
         if tolerance <= 0:
             raise LineError("G64 without P rounds corners by any amount")
         if largest * m.scale > (allowed or 0.0) * (1 + 1e-9):
-            limit = f"post.path_tolerance is {allowed or 0.0:g}"
-            raise LineError(f"G64 may leave the path by {largest:g}, {limit}")
+            raise LineError(
+                f"G64 may leave the path by {largest:g}, post.path_tolerance is {allowed or 0.0:g}"
+            )
 
     def lift_tool(self, m: Machine, motion: str, words: dict[str, float]) -> None:
         """G53. Raises LineError for another motion than G53 G0 Z0 at the start."""
@@ -648,8 +654,9 @@ def _drop_number(text: str, rules: Controller) -> str:
     words = without_number(text)
     number = text[: len(text) - len(words)]
     if number and float(number[1:]) > rules.max_line_number:
-        largest = f"{rules.max_line_number:.0f}"
-        raise LineError(f"{number.upper()[:12]}: {rules.name} numbers lines to {largest}")
+        raise LineError(
+            f"{number.upper()[:12]}: {rules.name} numbers lines to {rules.max_line_number:.0f}"
+        )
     return words
 
 

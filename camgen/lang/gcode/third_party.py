@@ -125,8 +125,7 @@ def clean(m: Machine, raw: str) -> str:
     return bare(raw)
 
 
-def _check_sum(m: Machine) -> None:
-    """Adds a finding for a line whose checksum is that of another text."""
+def _verify_checksum(m: Machine) -> None:
     line = _CHECKED.fullmatch(m.raw)
     if line is None:
         return
@@ -142,7 +141,7 @@ def _clean_for_printer(m: Machine, text: str) -> str:
     A text in quotes becomes 0, a number ends at its first blank, and a letter without a number is a
     flag of 0.
     """
-    _check_sum(m)
+    _verify_checksum(m)
     text = _SPLIT_END.sub("", _QUOTED.sub("0", text.partition("*")[0]))
     return _FLAG.sub(r"\1 0", _TEXTS.sub(r"\1", text))
 
@@ -196,8 +195,7 @@ def _check_plain(text: str, name: str, letters: str) -> None:
     """Raises LineError for other words than letters of a dialect with plain numbers."""
     odd = _PLAIN.sub("", text, count=1)
     if odd:
-        what = f"{name} takes letters with plain numbers alone"
-        raise LineError(f"cannot read {odd[:12]!r}: {what}")
+        raise LineError(f"cannot read {odd[:12]!r}: {name} takes letters with plain numbers alone")
     for letter in text:
         if letter.isalpha() and letter not in letters:
             raise LineError(f"{letter.upper()} is no word of {name}")
@@ -303,8 +301,10 @@ def _find_refused(m: Machine, codes: Mapping[str, str], words: Mapping[str, floa
     """Adds findings for lines that controllers of the dialect refuse."""
     dialect = m.dialect
     if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
-        both = f"{codes['motion']} and {codes['offsets']}"
-        m.log.find("refused", f"{both} both use the axis words of the line")
+        m.log.find(
+            "refused",
+            f"{codes['motion']} and {codes['offsets']} both use the axis words of the line",
+        )
     if not dialect.open and "mist" in codes and "flood" in codes:
         m.log.find("refused", "M7 and M8 are of one group (coolant)")
     arc = codes.get("motion", m.motion)
