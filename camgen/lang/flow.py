@@ -502,7 +502,6 @@ class Flow:
         return self._watch(frame, at, step.to, step.to)
 
     def _end_unknown(self, frame: CallFrame, at: int, step: LoopEnd, unknown: Unknown) -> int:
-        """Return the step after a round of a loop whose condition at its end is unknown."""
         if self._language.assume(Choice.LOOP_ENDED, step, unknown):
             return at + 1
         # The body has run once by now.
@@ -546,7 +545,6 @@ class Flow:
         return at + 1
 
     def _is_repeated(self, frame: CallFrame, key: int) -> bool:
-        """Return whether a loop is in a state of an earlier round."""
         rounds = frame.rounds.get(key)
         if rounds is None:
             rounds = frame.rounds[key] = LoopRounds()

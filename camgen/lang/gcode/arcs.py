@@ -168,7 +168,6 @@ def _centre_of_radius(arc: Arc, radius: float, limits: Limits) -> Vec2:
 
 
 def _check_radii(radii: Vec2, limits: Limits) -> None:
-    """Raises LineError for radii at start and end, mm, that differ too much."""
     accepted, refused, _ = limits.spiral
     if min(radii) < limits.least_radius:
         raise LineError("arc of no radius")

@@ -108,7 +108,6 @@ class _Program(Compiler):
         self.code: Code = self.finish()
 
     def _end_lines(self, number: int) -> None:
-        """Add the step of the lines before a line, from 0."""
         if number > self._start:
             self.add(_run_lines(range(self._start, number)))
         self._start = number

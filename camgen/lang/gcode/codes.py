@@ -405,7 +405,6 @@ def _set_table(m: Machine, _code: str, words: dict[str, float]) -> None:
 
 
 def _assume_offset(m: Machine, number: int, words: Mapping[str, float]) -> None:
-    """Assumes the coordinates of the work offset in use before G10 L2 moves it."""
     work = m.work or "G54"
     if number and (number not in range(1, 10) or _WORKS[number - 1] != work):
         return
@@ -418,7 +417,6 @@ def _assume_offset(m: Machine, number: int, words: Mapping[str, float]) -> None:
 
 
 def _set_offset(m: Machine, by_position: bool, work: str, axis: int, value: float) -> None:
-    """Sets a coordinate of a work offset, or the position in it. Raises LineError."""
     table, is_active = _get_table(m, work), work == (m.work or "G54")
     if by_position:
         if not is_active:

@@ -207,7 +207,6 @@ class Interpreter:
     # -- jumps and calls -----------------------------------------------------------------------
 
     def _find_step(self, label: str) -> int:
-        """The step of the line with a number. Raises LineError."""
         if label not in self._code.labels:
             raise LineError(f"a jump to {label.upper()}, which no line has")
         return self._code.labels[label]
@@ -247,7 +246,6 @@ class Interpreter:
         return Return(self.machine.line)
 
     def _leave_out(self, what: str) -> None:
-        """A subroutine in another file is left out."""
         self.machine.assume(f"{what}; it is left out")
         self.log.lose(what)
 

@@ -479,7 +479,6 @@ class Machine:
         return " ".join(f"{AXES[k]}{short(value, 4)}" for k, value in words)
 
     def _check_beam(self) -> None:
-        """Adds a finding for a rapid motion with the beam of a laser on."""
         is_on = self.spindle != "M5" and bool(self.on_off or self.speed)
         if self.beam is not None or not is_on:
             return

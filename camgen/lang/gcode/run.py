@@ -112,7 +112,6 @@ def run_program(
 
 
 def _set_beam(m: Machine, text: str) -> None:
-    """Gives the machine of GRBL the beam of a laser if its laser mode is on."""
     is_on = m.given.get("laser", float(sets_laser_mode(text)))
     if m.dialect.name == "grbl" and is_on:
         m.beam = Beam("process" if m.on_off else "spindle")

@@ -1,4 +1,4 @@
-"""Reads a LinuxCNC program of a post back: text -> instructions, findings by line.
+"""The checks of a read-back: a strict run of a G-code program that a post has written.
 
 It is the run of any program (`camgen.lang.gcode`) with a stricter profile. A line is a finding if
 
@@ -7,23 +7,19 @@ It is the run of any program (`camgen.lang.gcode`) with a stricter profile. A li
 - it differs from the options of the post.
 
 Nothing is guessed: a finding also names the value that is assumed from its line on.
-
-A program may have words that no post writes: other cycles, O-words, parameters, shifts of the
-origin. It is then run once more as a third-party program. A word that is unknown there too is
-refused by name.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 from msgspec.structs import replace
 
-from camgen.lang.gcode import arcs, dialects
+from camgen.lang.gcode import dialects
 from camgen.lang.gcode.code import compile_lines
 from camgen.lang.gcode.codes import (
     HANDLERS,
@@ -35,9 +31,15 @@ from camgen.lang.gcode.codes import (
 from camgen.lang.gcode.interpreter import Interpreter
 from camgen.lang.gcode.machine import ARCS, AXES, COOLANTS, Machine, Profile
 from camgen.lang.gcode.predefined import find_value
+from camgen.lang.gcode.strict_text import (
+    Controller,
+    check_characters,
+    check_comments,
+    check_words,
+    remove_number,
+)
 from camgen.lang.gcode.third_party import run_without_axes
 from camgen.lang.gcode.words import (
-    COMMENT,
     GROUP,
     Line,
     LineError,
@@ -45,24 +47,15 @@ from camgen.lang.gcode.words import (
     UnknownWord,
     explain_unread,
     without_comments,
-    without_number,
     words_of,
 )
-from camgen.lang.log import Log
 from camgen.lang.post_options import read_number
 from camgen.lang.programs import Executed
 from camgen.lang.run import Stopped
 from camgen.model.errors import JobError
-from camgen.model.program import Force, Instruction, Output, ToolChange
+from camgen.model.program import Force, Output, ToolChange
 from camgen.model.text import counted
 
-_WORDS = re.compile(r"([a-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
-_LINE = re.compile(rf"(?:{_WORDS.pattern})*")
-#: Comments that LinuxCNC acts on. `MSG` only shows its text.
-_ACTIVE = re.compile(
-    r"\s*(debug|print|log|logopen|logappend|logclose|probeopen|probeclose|abort|py)\b",
-    re.IGNORECASE,
-)
 #: The code of each modal group that posts write before the first motion. The program before may
 #: have left another one: LinuxCNC's M2 and GRBL's reset restore the modes, an abort need not.
 #: Units, tool length and path mode have findings of their own.
@@ -95,49 +88,6 @@ _OUTPUT = re.compile(r"M6([45]) P([0-9]{1,2})")
 REMARK = re.compile(r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)")
 #: The dialect of a read-back: nothing but what the controllers of the posts have in common.
 _DIALECT = replace(dialects.LINUXCNC, unit_first=None)
-
-
-@dataclass(frozen=True, slots=True)
-class Controller:
-    """The rules of a controller.
-
-    name: name of the controller, for messages.
-    codes: codes that are read.
-    limit: maximum number of characters per line.
-    squeezed: whether `limit` counts a line without its blanks and comments.
-    forbidden: characters that may not occur, not even in a comment. None: all may occur.
-    linuxcnc: whether per cent signs, active comments, block delete and circles without an end
-        point have their meaning of LinuxCNC, not that of GRBL.
-    arcs: tolerances of arcs.
-    max_tool: largest T.
-    max_line_number: largest N.
-    """
-
-    name: str
-    codes: frozenset[str]
-    limit: int
-    squeezed: bool
-    forbidden: re.Pattern[str] | None
-    linuxcnc: bool
-    arcs: arcs.Limits
-    max_tool: float = math.inf
-    max_line_number: float = math.inf
-
-
-_CODES = """
-    G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G43 G49 G53 G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3
-    G61 G61.1 G64 G80 G81 G82 G83 G90 G90.1 G91 G91.1 G94 G97 G98 G99
-    M0 M1 M2 M3 M4 M5 M6 M7 M8 M9 M30 M62 M63 M64 M65 M67 M68
-"""
-LINUXCNC = Controller(
-    name="LinuxCNC",
-    codes=frozenset(_CODES.split()),
-    limit=252,
-    squeezed=False,
-    forbidden=None,
-    linuxcnc=True,
-    arcs=arcs.LINUXCNC,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +203,7 @@ class Strict:
         Raises LineError if the controller refuses the line.
         """
         text, rules = raw.removesuffix("\r"), self.rules
-        _refuse_characters(text, rules)
+        check_characters(text, rules)
         if rules.linuxcnc and text.strip(" \t\r") == "%":
             if self.has_text and not (m.opened or m.ended):
                 raise LineError("a per cent sign that does not belong to one on the first line")
@@ -261,7 +211,7 @@ class Strict:
         self.has_text = self.has_text or not raw.isspace()
         if "(" in text or ";" in text or ")" in text:
             if rules.linuxcnc:
-                _refuse_active(text)
+                check_comments(text)
             text = without_comments(text)
         text = text.replace(" ", "").replace("\t", "")
         if not text.isascii():
@@ -275,8 +225,8 @@ class Strict:
                 raise UnknownWord(f"block delete: {what}")
             what = f"which {rules.name} ignores and no post writes"
             m.log.find("unusual", f"a slash before a line, {what}")
-        words = _drop_number(text.lower().removeprefix("/"), rules)
-        _refuse_unread(words)
+        words = remove_number(text.lower().removeprefix("/"), rules)
+        check_words(words)
         return words
 
     def parse(self, m: Machine, text: str, known: Parameters) -> Line:
@@ -302,7 +252,6 @@ class Strict:
         return codes, words
 
     def _find_idle(self, m: Machine, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
-        """Adds findings for codes that no post writes and that change no motion."""
         if "T" in words:
             self.note_idle(m, "T")
             if not self.expect.tool or int(words["T"]) != self.expect.tool:
@@ -399,7 +348,6 @@ class Strict:
         self._check_path(m)
 
     def _check_modes(self, m: Machine) -> None:
-        """Adds a finding for modes without a code before the first motion."""
         needed = {**_MODES, "work offset": self.expect.work}
         missing = [code for group, code in needed.items() if group not in self.stated_groups]
         if missing:
@@ -640,49 +588,6 @@ def _find_group(code: str) -> str:
     return GROUP[code]
 
 
-def _refuse_characters(text: str, rules: Controller) -> None:
-    """Raises LineError for a line that is too long or has characters that may not occur."""
-    if not rules.squeezed and len(text) > rules.limit:
-        raise LineError(f"{len(text)} characters, {rules.name} reads {rules.limit}")
-    if rules.forbidden and (bad := rules.forbidden.search(text)):
-        reason = f"acts at once or is no ASCII, which {rules.name} minds in comments too"
-        raise LineError(f"character {bad[0]!r} {reason}")
-
-
-def _drop_number(text: str, rules: Controller) -> str:
-    """A line without its number. Raises LineError if the number is too large."""
-    words = without_number(text)
-    number = text[: len(text) - len(words)]
-    if number and float(number[1:]) > rules.max_line_number:
-        raise LineError(
-            f"{number.upper()[:12]}: {rules.name} numbers lines to {rules.max_line_number:.0f}"
-        )
-    return words
-
-
-def _refuse_active(text: str) -> None:
-    """Raises LineError for a comment that LinuxCNC acts on."""
-    for comment in COMMENT.finditer(text):
-        if comment[1] is not None and "," in comment[1] and _ACTIVE.match(comment[1]):
-            raise LineError(f"active comment {comment[0][:20]!r}")
-        if comment[0].lower().startswith(";py,"):
-            raise LineError("active comment ';py,'")
-
-
-def _refuse_unread(text: str) -> None:
-    """Raises LineError for anything but words with plain numbers."""
-    if not _LINE.fullmatch(text):
-        if any(character in text for character in "#[]"):
-            raise UnknownWord("parameters and expressions are not read")
-        if re.search("o[0-9<]", text):
-            raise UnknownWord("O-words are not read")
-        match = _LINE.match(text)
-        raise LineError(f"cannot read {text[match.end() if match else 0 :].upper()[:12]!r}")
-    if "n" in text or "o" in text:  # the number of a line or a program, which is not a word
-        letter, number = next(word for word in _WORDS.findall(text) if word[0] in "no")
-        raise LineError(f"word {letter.upper()}{float(number):g}: nothing in the line uses it")
-
-
 def _check_position(m: Machine, named: Sequence[str]) -> None:
     """Adds a finding for a motion from an unknown position that may collide.
 
@@ -768,77 +673,6 @@ def _read_rest(m: Machine, lines: Sequence[str]) -> None:
 def list_written(m: Machine) -> Executed:
     """The program that a machine has run."""
     return Executed(m.body.body(), m.lines, findings=m.log.list_findings())
-
-
-def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
-    """Reads a LinuxCNC program back.
-
-    options: options of the post. Missing ones have the defaults of docs/posts/gcode.md.
-    Raises JobError if an option has the wrong type.
-    """
-    force = None
-    if options.get("force") == "analog":
-        force = (
-            int(read_number(options, "force_channel", 0)),
-            read_number(options, "force_scale", 0.0) or 1.0,
-        )
-    names = signals(options, {"process": "P0"})
-    outputs = int(read_number(options, "outputs", 4))
-    numbers = [int(name[4:]) for name in names if re.fullmatch("dout[0-9]{1,2}", name)]
-    expect = Expect(
-        work=str(options.get("work", "G54")),
-        tool=int(read_number(options, "tool", 0)),
-        path_tolerance=read_number(options, "path_tolerance", 0.01),
-        names=names,
-        lift=options.get("lift", True) is True,
-        force=force,
-        spiral=spiral(options),
-        digital=max([outputs, *(number + 1 for number in numbers)]),
-        analog=max(outputs, force[0] + 1 if force else 0),
-    )
-    lines = list_lines(files)
-    m = run(lines, LINUXCNC, expect)
-    third_party = _read_third_party(lines, m.unknown_line, names) if m.unknown_line else None
-    return third_party or list_written(m)
-
-
-def _read_third_party(
-    lines: Sequence[str], unknown_line: int, names: Mapping[str, str]
-) -> Executed | None:
-    """Reads a program with words that no post writes as a third-party program.
-
-    The words are a finding, so that a program of a post with such words never passes.
-    unknown_line: first line with such a word.
-    names: signal by output.
-    Returns None if this run stops before the first of these words.
-    """
-    from camgen.lang.gcode.replayed import interpret  # noqa: PLC0415 (only for words of others)
-
-    program = interpret(lines)
-    if program.stopped and program.stopped[0] < unknown_line:
-        return None
-    what = "a word that camgen does not write; the program is read as LinuxCNC runs it"
-    log = Log()
-    log.find("unusual", what, line=unknown_line)
-    for line, note in program.remarks:
-        log.find("unusual", str(note), line=line)
-    if program.stopped:
-        line, reason = program.stopped
-        log.find("refused", f"{reason}; nothing from here on is read", line=line)
-    elif not program.ended:
-        log.find("refused", "the program has no end (M2 or M30)", line=len(lines))
-    body = rename(program.body, names)
-    return Executed(body, program.lines, findings=log.list_findings())
-
-
-def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instruction, ...]:
-    """`body` with the names of signals for the outputs that have one."""
-    return tuple(
-        Output(names[item.signal], item.value)
-        if isinstance(item, Output) and item.signal in names
-        else item
-        for item in body
-    )
 
 
 def list_lines(files: Mapping[str, str]) -> list[str]:

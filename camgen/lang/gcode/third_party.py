@@ -192,7 +192,6 @@ def parse(m: Machine, text: str, known: Parameters) -> Line:
 
 
 def _check_plain(text: str, name: str, letters: str) -> None:
-    """Raises LineError for other words than letters of a dialect with plain numbers."""
     odd = _PLAIN.sub("", text, count=1)
     if odd:
         raise LineError(f"cannot read {odd[:12]!r}: {name} takes letters with plain numbers alone")
@@ -298,7 +297,6 @@ def _remove_words(words: dict[str, float], kept: str) -> None:
 
 
 def _find_refused(m: Machine, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
-    """Adds findings for lines that controllers of the dialect refuse."""
     dialect = m.dialect
     if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
         m.log.find(
