@@ -12,7 +12,7 @@ from camgen.lang.programs import Ask, Executed, Language
 def run_gcode(files: Mapping[str, str], request: Ask, usual: Dialect | None = None) -> Executed:
     """Runs G-code in the dialect of the request, else in `usual` or the one that the text shows."""
     if request.options is not None:
-        from camgen.lang.gcode.strict_linuxcnc import read  # noqa: PLC0415 (only for those of a post)
+        from camgen.lang.gcode.strict_linuxcnc import read  # noqa: PLC0415 (for a read-back)
 
         return read(files, request.options)
     from camgen.lang.gcode.run import run  # noqa: PLC0415 (only for programs of others)
