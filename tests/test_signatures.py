@@ -11,7 +11,6 @@ READER = "a language reader, which one engine for all languages will replace"
 #: File, name and reason of each function that takes more.
 EXCEPTIONS = {
     ("camgen/pipeline/__init__.py", "build"): "the public call, whose keywords users write",
-    ("camgen/lang/gcode/turning.py", "_pass"): READER,
 }
 
 

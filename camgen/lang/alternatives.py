@@ -54,12 +54,12 @@ class _Run(Struct, frozen=True, eq=False):
     executed: Executed
 
 
-def run_alternatives(language: Language, files: Mapping[str, str], ask: Ask) -> Alternatives:
+def run_alternatives(language: Language, files: Mapping[str, str], request: Ask) -> Alternatives:
     """Run a program with its default options, and with others up to limits of number and size.
 
     files: texts by name, see `Language.run`.
     """
-    default = _Run({}, language.run(files, ask))
+    default = _Run({}, language.run(files, request))
     if not default.executed.choices:
         return Alternatives(default.executed)
     text_lines = sum(text.count("\n") + 1 for text in files.values())
@@ -70,7 +70,7 @@ def run_alternatives(language: Language, files: Mapping[str, str], ask: Ask) -> 
     runs = [default]
     while waiting and len(runs) <= _RUN_LIMIT and left >= 0:
         shifts = waiting.pop(0)
-        run = _Run(shifts, language.run(files, replace(ask, shifts=shifts)))
+        run = _Run(shifts, language.run(files, replace(request, shifts=shifts)))
         runs.append(run)
         left -= _measure(run, text_lines)
         waiting += _list_new_options(run, choices)

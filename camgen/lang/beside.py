@@ -1,4 +1,4 @@
-"""What a program does beside the one that is shown: another task, an interrupt that does not come."""
+"""Summary of instructions that are not shown: of another task, or of an interrupt."""
 
 from __future__ import annotations
 
@@ -7,22 +7,21 @@ from collections.abc import Iterable
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Stop, Wait
 from camgen.model.text import counted
 
-#: So many outputs are named.
-_MOST = 8
+#: Maximum number of outputs that are named.
+_MAX_NAMED = 8
 
 
 def sum_up(body: Iterable[Instruction]) -> str:
     """Outputs, stops, waits and motions in a few words."""
-    done = list(body)
-    said = list(
-        dict.fromkeys(
-            f"sets {item.signal} to {item.value:g}" for item in done if isinstance(item, Output)
-        )
+    items = list(body)
+    outputs = dict.fromkeys(
+        f"sets {item.signal} to {item.value:g}" for item in items if isinstance(item, Output)
     )
-    if len(said) > _MOST:
-        said = [*said[:_MOST], f"and {counted(len(said) - _MOST, 'more', 'more')}"]
-    motions = sum(isinstance(item, MoveJ | MoveL | MoveC) for item in done)
-    said += ["stops"] * any(isinstance(item, Stop) for item in done)
-    said += ["waits"] * any(isinstance(item, Wait) for item in done)
-    said += [counted(motions, "motion")] * (motions > 0)
-    return ", ".join(said) or "moves nothing"
+    effects = [*outputs][:_MAX_NAMED]
+    if len(outputs) > _MAX_NAMED:
+        effects.append(f"and {counted(len(outputs) - _MAX_NAMED, 'more', 'more')}")
+    motions = sum(isinstance(item, MoveJ | MoveL | MoveC) for item in items)
+    effects += ["stops"] * any(isinstance(item, Stop) for item in items)
+    effects += ["waits"] * any(isinstance(item, Wait) for item in items)
+    effects += [counted(motions, "motion")] * (motions > 0)
+    return ", ".join(effects) or "moves nothing"

@@ -127,7 +127,6 @@ class Template:
     def _find_bounds(
         self, columns: Mapping[str, Sequence[Any]], between: Sequence[str], refused: set[int]
     ) -> list[int]:
-        """The bounds of runs and of refused lines, as numbers of lines."""
         count = len(between) - 1
         bounds = {*range(0, count, _LONGEST), count, *refused, *(line + 1 for line in refused)}
         bounds.update(line for line, gap in enumerate(between) if gap)

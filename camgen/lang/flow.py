@@ -279,15 +279,14 @@ class Flow:
 
     # -- branches ------------------------------------------------------------------------------
 
-    def _test(self, value: Any) -> bool | Unknown:
-        """Return whether a value is true."""
+    def _is_true(self, value: Any) -> bool | Unknown:
         if isinstance(value, (bool, Unknown)):
             return value
         return bool(self._language.to_number(value))
 
     def _branch(self, frame: CallFrame, at: int, step: Branch) -> int:
         condition = step.condition
-        holds = self._test(self._language.evaluate(condition.value))
+        holds = self._is_true(self._language.evaluate(condition.value))
         if isinstance(holds, Unknown):
             is_entered = self._choose_branch(frame, at, step, holds)
             if self._is_asked_again(frame, at, holds):
@@ -308,7 +307,6 @@ class Flow:
         return self._language.log.decide(unknown.what, 0 if default else 1, 2) == 0
 
     def _choose_branch(self, frame: CallFrame, at: int, step: Branch, unknown: Unknown) -> bool:
-        """Return whether a branch is entered whose condition is unknown."""
         code = frame.code
         branch, alternative = code.list_branches(at)
         if unknown.guess is not None:
@@ -354,7 +352,6 @@ class Flow:
         return step.cases[number].to if step.cases else step.to
 
     def _choose_case(self, code: Code, step: Select) -> int:
-        """Return the index of the case of an unknown value."""
         starts = [case.to for case in step.cases]
         # The last step of a case leads to the step after the block.
         ends = [*(start - 1 for start in starts[1:]), step.to]
@@ -440,7 +437,7 @@ class Flow:
         condition = step.condition
         if condition is None:
             return at + 1
-        holds = self._test(self._language.evaluate(condition.value))
+        holds = self._is_true(self._language.evaluate(condition.value))
         if isinstance(holds, Unknown):
             is_entered = self._enter_unknown(frame, at, step, holds)
         else:
@@ -451,7 +448,6 @@ class Flow:
         return step.to
 
     def _enter_unknown(self, frame: CallFrame, at: int, step: LoopStart, unknown: Unknown) -> bool:
-        """Return whether a loop is entered whose condition is unknown."""
         frame.undecided.add(at)
         if unknown.guess is None:
             body = range(at + 1, step.to - 1)
@@ -486,10 +482,9 @@ class Flow:
         return after
 
     def _end_round(self, frame: CallFrame, at: int, step: LoopEnd, start: LoopStart) -> int:
-        """Return the step after a round of a loop."""
         condition = step.condition
         if condition is not None:
-            holds = self._test(self._language.evaluate(condition.value))
+            holds = self._is_true(self._language.evaluate(condition.value))
             if isinstance(holds, Unknown):
                 return self._end_unknown(frame, at, step, holds)
             if holds != condition.wanted:
@@ -500,14 +495,13 @@ class Flow:
                 frame.undecided.discard(step.to)
                 if self._rules.rounds is not None:
                     return step.to
-                if isinstance(self._test(self._language.evaluate(condition.value)), Unknown):
+                if isinstance(self._is_true(self._language.evaluate(condition.value)), Unknown):
                     return at + 1
         if condition is None or condition.is_constant:
             return self._repeat(frame, range(step.to, at + 1), step.to)
         return self._watch(frame, at, step.to, step.to)
 
     def _end_unknown(self, frame: CallFrame, at: int, step: LoopEnd, unknown: Unknown) -> int:
-        """Return the step after a round of a loop whose condition at its end is unknown."""
         if self._language.assume(Choice.LOOP_ENDED, step, unknown):
             return at + 1
         # The body has run once by now.
@@ -551,7 +545,6 @@ class Flow:
         return at + 1
 
     def _is_repeated(self, frame: CallFrame, key: int) -> bool:
-        """Return whether a loop is in a state of an earlier round."""
         rounds = frame.rounds.get(key)
         if rounds is None:
             rounds = frame.rounds[key] = LoopRounds()

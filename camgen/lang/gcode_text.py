@@ -1,11 +1,11 @@
-"""What a file of G-code is called, and how its text is known. Nothing of the interpreter is needed for that."""
+"""Recognises G-code by the name and the text of a file, without the interpreter."""
 
 from __future__ import annotations
 
 import re
 
 SUFFIXES = (".nc", ".ngc", ".gcode", ".gc", ".tap", ".cnc", ".eia", ".anc", ".din")
-#: So much of a text is looked at to tell what it is.
+#: Number of characters that are examined.
 _BEGINNING = 20_000
 _WORD = re.compile(r"[A-Z][ \t]*[-+]?(?:\d+\.?\d*|\.\d+|#[0-9<]|\[)", re.IGNORECASE)
 _MOTION = re.compile(
@@ -19,12 +19,15 @@ _COMMENT = re.compile(
 
 
 def is_gcode(text: str) -> bool:
-    """Whether the beginning of a text is surely G-code: motions, and nearly nothing but words and comments."""
+    """Whether the beginning of a text is certainly G-code.
+
+    It has a motion, and at least nine tenths of it are words, apart from comments and blanks.
+    """
     head = text[:_BEGINNING]
     if "\0" in head or not (_MOTION.search(head) and _AXIS.search(head)):
         return False
-    bare = re.sub(
-        r"\s+", "", _COMMENT.sub("", head.rsplit("\n", 1)[0] if len(head) == _BEGINNING else head)
-    )
+    if len(head) == _BEGINNING:
+        head = head.rsplit("\n", 1)[0]  # its last line may be cut
+    bare = re.sub(r"\s+", "", _COMMENT.sub("", head))
     rest = _WORD.sub("", bare)
     return bool(bare) and len(rest) <= 0.1 * len(bare)

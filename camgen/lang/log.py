@@ -190,5 +190,4 @@ class Log:
 
 
 def _shorten(text: str) -> str:
-    """Return a text as one line of limited length."""
     return one_line(text)[:_LENGTH_LIMIT]

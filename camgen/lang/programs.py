@@ -244,7 +244,7 @@ def find_language(name: str) -> Language:
 
 
 def list_languages() -> list[Language]:
-    """All that are installed, by name."""
+    """All installed languages in the order of their names."""
     return [_load(entry) for entry in list_entries(LANGUAGES)]
 
 
@@ -275,11 +275,11 @@ class CheckedRun(Struct, frozen=True):
     plug_in: str
     run: Callable[[Mapping[str, str], Ask], Executed]
 
-    def __call__(self, files: Mapping[str, str], ask: Ask) -> Executed:
+    def __call__(self, files: Mapping[str, str], request: Ask) -> Executed:
         """Runs the program. Raises JobError for a result that is not an Executed."""
-        executed: Any = self.run(files, ask)
+        executed: Any = self.run(files, request)
         check_value(self.plug_in, _RUN, executed, _REMEDY)
-        return executed if ask.options is None else find_open(executed)
+        return executed if request.options is None else find_open(executed)
 
 
 def find_open(executed: Executed) -> Executed:

@@ -1,4 +1,4 @@
-"""A program that was read, as a part: it has no contours, but motions of its own."""
+"""A program that was read, as a part with motions instead of contours."""
 
 from __future__ import annotations
 
@@ -8,17 +8,22 @@ from msgspec import Struct
 
 from camgen.model.part import Note, Part
 from camgen.model.program import Instruction
+from camgen.model.text import short
 
 
 class ProgramRun(Struct, frozen=True, eq=False):
-    """What a program does.
+    """The effect of a program.
 
-    body: motions with the tool straight down, rapid ones as MoveJ, those that may round their corner with a blend of 1;
-    outputs and waits. lines: of each, 1-based. remarks: what was assumed or left out, with its first line. held: rapid
-    motions at the start whose position is not known in all axes, not in the body. entry: mm/s at which an assumed start
-    is reached, 0 where the text says it. stopped: the line and the reason where it cannot be read on.
-    ended: whether the text says so (M2, M30, a second per cent sign). units: "mm" or "inch".
-    whole: it is a robot's, and brings its ways from path to path.
+    body: (N) motions, outputs and waits. The tool of G-code points straight down. Its rapid motions
+        are MoveJ, and motions that may round their corner have a blend of 1.
+    lines: (N) line of each instruction, from 1.
+    remarks: assumptions, warnings and skipped words, each with its first line.
+    held: number of rapid motions before the position is known in all axes. They are not in `body`.
+    entry: feed at which an assumed start is reached, mm/s. 0 if the text states the start.
+    stopped: line and reason if the rest of the program cannot be read, None otherwise.
+    ended: whether the text states its end (M2, M30, a second per cent sign).
+    units: "mm" or "inch".
+    whole: whether it is a program of a robot, which has the links between its paths.
     """
 
     body: tuple[Instruction, ...]
@@ -33,6 +38,15 @@ class ProgramRun(Struct, frozen=True, eq=False):
 
 
 class Recorded(Part, frozen=True, eq=False, kw_only=True):
-    """A part whose motions were written down before: what ``operation.kind = "replay"`` runs again."""
+    """A part with the motions of an old program, for ``operation.kind = "replay"``.
+
+    run: effect of the program.
+    """
 
     run: ProgramRun
+
+
+def format_box(low: Sequence[float], high: Sequence[float]) -> str:
+    """The corners of a box, mm, such as "x 0 to 20, y 5 to 8, z -1 to 3 mm"."""
+    corners = zip("xyz", low, high, strict=True)
+    return ", ".join(f"{axis} {short(a, 3)} to {short(b, 3)}" for axis, a, b in corners) + " mm"

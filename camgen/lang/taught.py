@@ -1,14 +1,14 @@
-"""Robot programs as an input: what an old program does, in one work frame and with one tool, to be posted anew.
+"""Reads robot programs as an input: the motions of one run, in one work frame and with one tool.
 
-Its structure (routines, loops, conditions) is not kept: what it does once is. Motions with other tools and in other
-work objects are told anew for the first ones; nothing of their way changes.
+The structure of a program (routines, loops, conditions) is not kept. Motions with other tools and
+in other work objects are transformed to one tool and one work object. The arm moves as before.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -24,7 +24,7 @@ from camgen.lang.programs import (
     find_text_fault,
     rename_outputs,
 )
-from camgen.lang.recorded import ProgramRun, Recorded
+from camgen.lang.recorded import ProgramRun, Recorded, format_box
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.job import Job
@@ -50,22 +50,26 @@ from camgen.model.program import (
     ToolChange,
     Wait,
 )
-from camgen.model.text import counted, short
+from camgen.model.text import counted
 
+#: base_from_flange of an arm from joint values, rad or mm. None for a wrong number of them.
 Reach = Callable[[Sequence[float]], Pose | None]
-#: Two frames are one where they differ by less, mm and rad.
+#: mm and rad. Frames are equal if they differ by less.
 _SAME = 1e-6
-#: What a text that names no tool or work object means.
+#: Names for messages if a text has no tool or no work object.
 _NO_TOOL, _NO_WORK = "no tool", "the base of the robot"
-#: mm that a line may be off where another tool turns, where no job says it.
+#: mm. Distance that the TCP may leave a line on which another tool turns, without one in a job.
 _CHORD = 0.01
-#: rad: a piece of a motion along which the tool turns is at most so long.
-_MOST_TURN = math.radians(5.0)
+#: rad. Maximum rotation of the tool along one piece of a motion.
+_MAX_ROTATION = math.radians(5.0)
 
 
 class Taught(Recorded, frozen=True, eq=False, kw_only=True):
-    """What a robot program does. language: its name. frames: the work object and the tool that ``run`` is told in, as
-    far as the text says them.
+    """A robot program as a part.
+
+    language: name of the language.
+    frames: work object and tool of the motions in `run`, None for those that the text does not
+        state.
     """
 
     language: str
@@ -73,39 +77,67 @@ class Taught(Recorded, frozen=True, eq=False, kw_only=True):
 
 
 def read(source: Source, job: Job, language: str) -> Taught:
-    """The program in ``source``. InputError where it cannot be run to its end, would be turned down, or never moves."""
+    """Reads the program in ``source``.
+
+    Raises InputError if the program cannot be run to its end, is refused by its controller, has an
+    effect that would be lost, or has no motion.
+    """
     return read_files([source], job, language)
 
 
 def read_files(
     sources: Sequence[Source], job: Job, language: str, flange: Reach | None = None
 ) -> Taught:
-    """The program in several files, as ``read`` does it. The first gives it its name. flange: as in ``Ask``."""
+    """Reads a program in several files as `read` does. The part has the name of the first file.
+
+    flange: base_from_flange of the arm from joint values, see ``Ask``.
+    """
     name = " + ".join(source.name for source in sources)
     texts = {source.name: text_of(source) for source in sources}
     place = Places(texts) if len(sources) > 1 else "line {}".format
-    ask = Ask(assume=_lower(job.input.assume), limits=sources[0].limits, flange=flange)
-    executed = find_language(language).run(texts, ask)
-    refused = [(one.line, one.what) for one in executed.findings if one.level == "refused"]
-    for line, what in [*([executed.stopped] if executed.stopped else []), *refused][:1]:
+    assumed = {key.lower(): value for key, value in job.input.assume.items()}
+    request = Ask(assume=assumed, limits=sources[0].limits, flange=flange)
+    executed = find_language(language).run(texts, request)
+    refused = [
+        (finding.line, finding.what) for finding in executed.findings if finding.level == "refused"
+    ]
+    if executed.stopped:
+        refused.insert(0, executed.stopped)
+    if refused:
+        line, what = refused[0]
         raise InputError(
             name, what, place(line), "camgen verify tells all of it; correct the program"
         )
-    if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body):
+    if not _has_motion(executed):
         raise InputError(
             name, "holds no motion", remedy="give a program that moves, with all its files"
         )
-    _refuse_losses(executed, name, place)
-    told = in_one_frame(executed, name, job.tolerance.chord)
-    body = rename_outputs(told.body, job.input.signals, name)
-    run = ProgramRun(body, told.lines, (), 0, 0.0, None, ended=True, units="mm", whole=True)
-    notes = (*_note(executed, place), *told.notes)
-    named = sources[0].stem, name, "mm", ()
-    return Taught(*named, notes=notes, run=run, language=language, frames=told.frames)
+    if executed.lost:
+        line, what = executed.lost[0]
+        remedy = "give all files of the program, or take it out of it"
+        raise InputError(
+            name, what, place(line), f"{remedy}; camgen verify tells all that is missing"
+        )
+    single = in_one_frame(executed, name, job.tolerance.chord)
+    body = rename_outputs(single.body, job.input.signals, name)
+    run = ProgramRun(body, single.lines, (), 0, 0.0, None, ended=True, units="mm", whole=True)
+    return Taught(
+        name=sources[0].stem,
+        source=name,
+        units="mm",
+        contours=(),
+        notes=(*_note_executed(executed, place), *single.notes),
+        run=run,
+        language=language,
+        frames=single.frames,
+    )
 
 
-def _note(executed: Executed, place: Callable[[int], str]) -> Iterator[Note]:
-    """Notes of all that the program does beside its motions, as `camgen verify` lists it."""
+def _has_motion(executed: Executed) -> bool:
+    return any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body)
+
+
+def _note_executed(executed: Executed, place: Callable[[int], str]) -> Iterator[Note]:
     for line, what in executed.omitted:
         yield Note("skipped", f"{place(line)}: {what}", "the translation does without it")
     for finding in executed.findings:
@@ -116,19 +148,19 @@ def _note(executed: Executed, place: Callable[[int], str]) -> Iterator[Note]:
         yield Note("assumed", f"{label}: {text}")
 
 
-def _lower(given: Mapping[str, float]) -> dict[str, float]:
-    return {key.lower(): value for key, value in given.items()}
-
-
-def _refuse_losses(executed: Executed, name: str, place: Callable[[int], str]) -> None:
-    """InputError where the program does more than its body says: an arm that runs the rest of it goes other ways."""
-    for line, what in executed.lost[:1]:
-        remedy = "give all files of the program, or take it out of it; camgen verify tells all that is missing"
-        raise InputError(name, what, place(line), remedy)
-
-
 class TaughtFacts(Struct, frozen=True):
-    """What is in a robot program; its ``str`` is a page to print."""
+    """Summary of a robot program. Its ``str`` is a page to print.
+
+    lines: number of lines of the text.
+    language: name of the language.
+    counts: number of instructions by kind.
+    extents: corners of the box around all targets and via points, mm. None without a pose.
+    frames: names of the tool and the work object of each pair of frames.
+    outputs: names of the outputs.
+    facts: label and text of each fact.
+    assumed, findings: assumptions and findings, each with its line.
+    stopped: line and reason of an early end, empty without one.
+    """
 
     lines: int
     language: str
@@ -138,43 +170,47 @@ class TaughtFacts(Struct, frozen=True):
     outputs: tuple[str, ...]
     facts: tuple[tuple[str, str], ...]
     assumed: tuple[str, ...]
-    found: tuple[str, ...]
+    findings: tuple[str, ...]
     stopped: str
 
     def __str__(self) -> str:
-        spans = zip("xyz", *self.extents, strict=True) if self.extents else ()
-        tools, works = (
-            ", ".join(dict.fromkeys(pair[k] for pair in self.frames if pair[k])) for k in (0, 1)
-        )
+        counts = [counted(count, name) for name, count in self.counts.items() if count]
+        tools = dict.fromkeys(tool for tool, _ in self.frames if tool)
+        works = dict.fromkeys(work for _, work in self.frames if work)
         rows = [
-            f"{self.language} of {counted(self.lines, 'line')}",
-            f"does: {', '.join(counted(n, name) for name, n in self.counts.items() if n) or 'nothing'}",
-            *(
-                [
-                    f"extents: {', '.join(f'{a} {short(b, 3)} to {short(c, 3)}' for a, b, c in spans)} mm"
-                ]
-                if spans
-                else []
-            ),
-            *([f"tools: {tools}"] if tools else []),
-            *([f"work objects: {works}"] if works else []),
-            *([f"outputs: {', '.join(self.outputs)}"] if self.outputs else []),
-            *(f"{label}: {text}" for label, text in self.facts),
-            *(f"assumed: {text}" for text in self.assumed),
-            *self.found,
-            *([f"the run stops here: {self.stopped}"] if self.stopped else []),
+            ("does", ", ".join(counts) or "nothing"),
+            ("extents", format_box(*self.extents) if self.extents else ""),
+            ("tools", ", ".join(tools)),
+            ("work objects", ", ".join(works)),
+            ("outputs", ", ".join(self.outputs)),
         ]
-        return "\n".join(rows)
+        listed = [row for row in rows if row[1]]
+        listed += [*self.facts, *(("assumed", text) for text in self.assumed)]
+        page = [f"{self.language} of {counted(self.lines, 'line')}"]
+        page += [f"{label}: {text}" for label, text in listed]
+        page += self.findings
+        if self.stopped:
+            page.append(f"the run stops here: {self.stopped}")
+        return "\n".join(page)
 
 
 _NAMES: dict[type[Instruction], str] = {
-    MoveJ: "joint motion", MoveL: "line", MoveC: "arc", Output: "output", Wait: "wait", Force: "force change",
-    ToolChange: "tool change", Stop: "stop",
-}  # fmt: skip
+    MoveJ: "joint motion",
+    MoveL: "line",
+    MoveC: "arc",
+    Output: "output",
+    Wait: "wait",
+    Force: "force change",
+    ToolChange: "tool change",
+    Stop: "stop",
+}
 
 
 def inspect(source: Source, language: str) -> TaughtFacts:
-    """What is in the program, also where it cannot be run to its end. InputError if it is no text."""
+    """Summarises a program, even one that cannot be run to its end.
+
+    Raises InputError if the file is not a text.
+    """
     text = text_of(source)
     executed = find_language(language).run({source.name: text}, Ask(limits=source.limits))
     columns = Columns(executed.body)
@@ -185,17 +221,19 @@ def inspect(source: Source, language: str) -> TaughtFacts:
         language=language,
         counts={name: int(columns.are(kind).sum()) for kind, name in _NAMES.items()},
         extents=(to_vec3(points.min(axis=0)), to_vec3(points.max(axis=0))) if len(points) else None,
-        frames=tuple((one.tool, one.work) for one in executed.frames),
+        frames=tuple((frames.tool, frames.work) for frames in executed.frames),
         outputs=tuple(dict.fromkeys(item.signal for item in columns.of(Output))),
         facts=executed.facts,
-        assumed=tuple(f"line {one.line}: {one.what}" for one in executed.assumed),
-        found=tuple(f"line {one.line}: {one.level}: {one.what}" for one in executed.findings),
+        assumed=tuple(f"line {item.line}: {item.what}" for item in executed.assumed),
+        findings=tuple(
+            f"line {item.line}: {item.level}: {item.what}" for item in executed.findings
+        ),
         stopped=f"line {executed.stopped[0]}: {executed.stopped[1]}" if executed.stopped else "",
     )
 
 
 def text_of(source: Source) -> str:
-    """The program as text with LF line ends. InputError for what is none."""
+    """The program as a text with LF line ends. Raises InputError if the file is not a text."""
     data = source.data
     fault = find_text_fault(data)
     if fault:
@@ -205,13 +243,18 @@ def text_of(source: Source) -> str:
     return data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
 
 
-# One work frame and one tool.
+# -- one work frame and one tool -------------------------------------------------------------------
 
 
 class Carried(Struct, frozen=True, eq=False):
-    """A body in one work object and with one tool, and what is to be said of that.
+    """A body in one work object and with one tool.
 
-    works: number of the work object of each instruction in the frames of the run, empty for one.
+    body: (N) instructions.
+    lines: (N) line of each instruction, from 1.
+    frames: the work object and the tool.
+    notes: changes for the user.
+    works: (N) index in the frames of the run of the first one with the work object of an
+        instruction. Empty if the whole body is in `frames`.
     """
 
     body: Sequence[Instruction]
@@ -222,29 +265,31 @@ class Carried(Struct, frozen=True, eq=False):
 
 
 class _Change(Struct, frozen=True, eq=False):
-    """From the frames of a motion to those of the program: to_work @ target @ to_tool."""
+    """Change from the frames of a motion to those of the program: to_work @ target @ to_tool.
+
+    same: whether the frames are equal.
+    """
 
     to_work: Pose
     to_tool: Pose
     same: bool
 
-    def carry(self, pose: Pose) -> Pose:
+    def transform(self, pose: Pose) -> Pose:
         return self.to_work @ pose @ self.to_tool
 
-    def turn(self, direction: Vec3) -> Vec3:
+    def rotate(self, direction: Vec3) -> Vec3:
         return to_vec3(self.to_work.rotation @ direction)
 
 
 def as_far_as_known(executed: Executed) -> Carried:
-    """What a program does in one work object and with one tool, or each motion in its own where nobody knows how they
-    lie to each other.
+    """The body in one work object and with one tool, if the text states their frames.
+
+    Otherwise each motion stays in its own frames, and a note states that.
     """
     whole = Carried(
         executed.body, executed.lines, executed.frames[0] if executed.frames else Frames(), ()
     )
-    if len(executed.frames) < 2 or not any(
-        isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body
-    ):
+    if len(executed.frames) < 2 or not _has_motion(executed):
         return whole
     try:
         return in_one_frame(executed, "", _CHORD)
@@ -254,197 +299,201 @@ def as_far_as_known(executed: Executed) -> Carried:
 
 
 def _list_works(executed: Executed) -> tuple[int, ...]:
-    """The number of the first frames with the work object of each instruction."""
-    numbers: dict[tuple[object, ...], int] = {}
-    of_frames = []
-    for number, frames in enumerate(executed.frames):
+    """(N) index of the first frames with the work object of each instruction."""
+    firsts: dict[tuple[object, ...], int] = {}
+    first_of: list[int] = []
+    for index, frames in enumerate(executed.frames):
         base = frames.base_from_work
         pose = None if base is None else (base.origin, base.rotation.tobytes())
-        of_frames.append(numbers.setdefault((frames.work, pose), number))
-    return tuple(of_frames[place] for place in executed.frame)
+        first_of.append(firsts.setdefault((frames.work, pose), index))
+    return tuple(first_of[index] for index in executed.frame)
 
 
 def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
-    """What a program does in the work object and with the tool of most of its motions.
+    """The body in the work object and with the tool that most of its motions have.
 
-    chord: mm that a tool's centre may be off its line where it turns and another's is told. InputError where a second
-    tool or work object is not known. file: for messages.
+    file: name for messages.
+    chord: distance that the TCP may leave a line on which another tool turns, mm.
+
+    Raises InputError if the frame of a second tool or work object is not known.
     """
-    places = executed.frame or (0,) * len(executed.body)
-    own = executed.frames[_find_own(executed, places)] if executed.frames else Frames()
+    indices = executed.frame or (0,) * len(executed.body)
+    main = executed.frames[_find_main(executed, indices)] if executed.frames else Frames()
     changes: dict[int, _Change] = {}
+
+    def get_change(index: int, line: int) -> _Change:
+        if index not in changes:
+            frames = executed.frames[index] if executed.frames else main
+            changes[index] = _find_change(frames, main, file, line)
+        return changes[index]
+
     body: list[Instruction] = []
     lines: list[int] = []
-    here: Pose | None = None
-    pieces = 0
-    for item, line, place in zip(executed.body, executed.lines, places, strict=True):
-        made: Sequence[Instruction] = (item,)
-        if isinstance(item, Force) and not any(item.force_direction):
-            pass  # off, or along what no text says
-        elif isinstance(item, Force) or (
-            isinstance(item, MoveJ | MoveL | MoveC) and isinstance(item.target, Pose)
-        ):
-            if place not in changes:
-                changes[place] = _find_change(
-                    executed.frames[place] if executed.frames else own, own, file, line
-                )
-            change = changes[place]
-        if isinstance(item, Force):
-            if any(item.force_direction):
-                made = (replace(item, force_direction=change.turn(item.force_direction)),)
+    start: Pose | None = None
+    for item, line, index in zip(executed.body, executed.lines, indices, strict=True):
+        moved: Sequence[Instruction] = (item,)
+        # A force without a direction is off, or its direction is not known.
+        if isinstance(item, Force) and any(item.force_direction):
+            direction = get_change(index, line).rotate(item.force_direction)
+            moved = (replace(item, force_direction=direction),)
         elif isinstance(item, MoveJ | MoveL | MoveC):
-            if isinstance(item.target, Pose) and not change.same:
-                made = list(_carry(item, here, change, chord))
-                pieces += len(made) - 1
-            last = made[-1]
+            if isinstance(item.target, Pose) and not get_change(index, line).same:
+                moved = list(_transform(item, start, changes[index], chord))
+            last = moved[-1]
             assert isinstance(last, MoveJ | MoveL | MoveC)
-            here = last.target if isinstance(last.target, Pose) else None
-        body += made
-        lines += [line] * len(made)
-    return Carried(tuple(body), tuple(lines), own, _tell(executed.frames, own, changes, pieces))
+            start = last.target if isinstance(last.target, Pose) else None
+        body += moved
+        lines += [line] * len(moved)
+    others = [executed.frames[index] for index, change in changes.items() if not change.same]
+    notes = _note_frames(others, main, len(body) - len(executed.body))
+    return Carried(tuple(body), tuple(lines), main, notes)
 
 
-def _find_own(executed: Executed, places: Sequence[int]) -> int:
-    """The place of the frames that most motions have, of several the first; joint values are in no work object."""
-    every = zip(executed.body, places, strict=True)
+def _find_main(executed: Executed, indices: Sequence[int]) -> int:
+    """The index of the frames that most motions to a pose have, the first of several."""
+    pairs = zip(executed.body, indices, strict=True)
     count = Counter(
-        place for move, place in every if isinstance(getattr(move, "target", None), Pose)
+        index for item, index in pairs if isinstance(getattr(item, "target", None), Pose)
     )
     return count.most_common(1)[0][0] if count else 0
 
 
-def _tell(
-    frames: Sequence[Frames], own: Frames, changes: dict[int, _Change], pieces: int
-) -> tuple[Note, ...]:
-    others = [frames[place] for place, change in changes.items() if not change.same]
+def _note_frames(others: Sequence[Frames], main: Frames, pieces: int) -> tuple[Note, ...]:
+    """The note about motions in other frames, none without such motions.
+
+    pieces: number of motions that were added.
+    """
     if not others:
         return ()
-    tools = dict.fromkeys(one.tool or _NO_TOOL for one in others if one.tool != own.tool)
-    works = dict.fromkeys(one.work or _NO_WORK for one in others if one.work != own.work)
-    what = "; ".join(
-        f"motions {word} {', '.join(names)} are told {word} {first}"
-        for word, names, first in (
-            ("with", tools, own.tool or _NO_TOOL),
-            ("in", works, own.work or _NO_WORK),
-        )
-        if names
-    )
-    more = f"; {counted(pieces, 'piece')} more, where the tool turns" if pieces else ""
-    return (
-        Note(
-            "assumed",
-            what,
-            f"a program here has one tool and one work frame; the way is the same{more}",
-        ),
-    )
+    tools = dict.fromkeys(frames.tool or _NO_TOOL for frames in others if frames.tool != main.tool)
+    works = dict.fromkeys(frames.work or _NO_WORK for frames in others if frames.work != main.work)
+    changes: list[str] = []
+    for word, names, name in (
+        ("with", tools, main.tool or _NO_TOOL),
+        ("in", works, main.work or _NO_WORK),
+    ):
+        if names:
+            changes.append(f"motions {word} {', '.join(names)} are told {word} {name}")
+    why = "a program here has one tool and one work frame; the way is the same"
+    if pieces:
+        why += f"; {counted(pieces, 'piece')} more, where the tool turns"
+    return (Note("assumed", "; ".join(changes), why),)
 
 
-def _find_change(other: Frames, own: Frames, file: str, line: int) -> _Change:
-    """From the frames of a motion to those of the program. InputError where they differ and the text does not say by
-    how much.
+def _find_change(other: Frames, main: Frames, file: str, line: int) -> _Change:
+    """The change from the frames of a motion to those of the program.
+
+    Raises InputError if they differ and the text does not state one of them.
     """
-    to_work = _between(own.work, own.base_from_work, other.work, other.base_from_work)
-    from_own = _between(other.tool, other.flange_from_tool, own.tool, own.flange_from_tool)
-    for kind, found, name in (("work object", to_work, other.work), ("tool", from_own, other.tool)):
-        if found is None:
-            what = f"goes on with the {kind} {name or 'of the controller'}, and the text does not say where it is"
+    to_work = _find_between(main.work, main.base_from_work, other.work, other.base_from_work)
+    to_tool = _find_between(other.tool, other.flange_from_tool, main.tool, main.flange_from_tool)
+    for kind, change, name in (
+        ("work object", to_work, other.work),
+        ("tool", to_tool, other.tool),
+    ):
+        if change is None:
             raise InputError(
-                file, what, f"line {line}", f"add the declaration of the {kind} to the file"
+                file,
+                f"goes on with the {kind} {name or 'of the controller'}, "
+                "and the text does not say where it is",
+                f"line {line}",
+                f"add the declaration of the {kind} to the file",
             )
     assert to_work is not None
-    assert from_own is not None
-    return _Change(to_work, from_own, _is_none(to_work) and _is_none(from_own))
+    assert to_tool is not None
+    return _Change(to_work, to_tool, _is_identity(to_work) and _is_identity(to_tool))
 
 
-_NONE = Pose(IDENTITY, (0.0, 0.0, 0.0))
+_IDENTITY = Pose(IDENTITY, (0.0, 0.0, 0.0))
 
 
-def _between(name: str, frame: Pose | None, other_name: str, other: Pose | None) -> Pose | None:
-    """frame_from_other, None where it is not known."""
+def _find_between(
+    name: str, frame: Pose | None, other_name: str, other: Pose | None
+) -> Pose | None:
+    """frame_from_other, None if it is not known."""
     if frame is None or other is None:
-        return _NONE if name == other_name and frame is other else None
+        return _IDENTITY if name == other_name and frame is other else None
     return frame.inverse() @ other
 
 
-def _is_none(pose: Pose) -> bool:
-    return (
-        max(map(abs, pose.origin)) < _SAME and angle_between(pose.rotation, _NONE.rotation) < _SAME
-    )
+def _is_identity(pose: Pose) -> bool:
+    angle = angle_between(pose.rotation, _IDENTITY.rotation)
+    return max(map(abs, pose.origin)) < _SAME and angle < _SAME
 
 
-def _carry(item: Motion, here: Pose | None, change: _Change, chord: float) -> Iterator[Motion]:
-    """The motion in the frames of the program. here: where that begins, in these. Where the tool turns along a line or
-    an arc, the other tool's centre is on none: it goes through pieces.
+def _transform(item: Motion, start: Pose | None, change: _Change, chord: float) -> Iterator[Motion]:
+    """The motion in the frames of the program.
+
+    A line or an arc on which the tool turns is neither for the TCP of another tool. It becomes
+    short lines.
+
+    start: pose in the frames of the program at which the motion starts, None if not known.
+    chord: distance that the TCP may leave the line or arc, mm.
     """
     assert isinstance(item.target, Pose)
-    begin = None if here is None else change.to_work.inverse() @ here @ change.to_tool.inverse()
-    ends = [item.target.rotation, *([item.via.rotation] if isinstance(item, MoveC) else [])]
-    turn = 0.0 if begin is None else max(angle_between(begin.rotation, end) for end in ends)
-    arm = math.hypot(*change.to_tool.origin)
-    if isinstance(item, MoveJ) or begin is None or turn < _SAME or arm < _SAME:
-        target = change.carry(item.target)
-        if isinstance(item, MoveJ):
-            yield replace(item, target=target)
-            return
-        item = replace(item, target=target, force_direction=change.turn(item.force_direction))
-        yield replace(item, via=change.carry(item.via)) if isinstance(item, MoveC) else item
+    rotation = 0.0
+    if start is not None:
+        before = change.to_work.inverse() @ start @ change.to_tool.inverse()
+        ends = [item.target.rotation, *([item.via.rotation] if isinstance(item, MoveC) else [])]
+        rotation = max(angle_between(before.rotation, end) for end in ends)
+    radius = math.hypot(*change.to_tool.origin)
+    if isinstance(item, MoveJ):
+        yield replace(item, target=change.transform(item.target))
         return
-    # The centre of the other tool leaves its chord by arm * step**2 / 8.
-    step = min(math.sqrt(8 * chord / arm), _MOST_TURN)
-    count = math.ceil(turn * (2 if isinstance(item, MoveC) else 1) / step)
-    at = here
-    seconds = _time(begin, item, turn) / count
+    direction = change.rotate(item.force_direction)
+    if start is None or rotation < _SAME or radius < _SAME:
+        item = replace(item, target=change.transform(item.target), force_direction=direction)
+        yield replace(item, via=change.transform(item.via)) if isinstance(item, MoveC) else item
+        return
+    # The TCP of the other tool leaves its chord by radius * step**2 / 8.
+    step = min(math.sqrt(8 * chord / radius), _MAX_ROTATION)
+    count = math.ceil(rotation * (2 if isinstance(item, MoveC) else 1) / step)
+    seconds = _measure_time(before, item, rotation) / count
     for k in range(1, count + 1):
-        pose = change.carry(_pose_at(begin, item, k / count))
-        assert at is not None
-        moved = math.dist(at.origin, pose.origin)
-        piece = MoveL(
-            pose,
-            item.speed,
-            item.blend if k == count else chord,
-            item.force,
-            change.turn(item.force_direction),
-        )
-        if moved > _SAME and seconds > 0:
-            piece = replace(piece, speed=moved / seconds)
-        elif moved <= _SAME and seconds > 0:
-            piece = replace(piece, turn=angle_between(at.rotation, pose.rotation) / seconds)
+        pose = change.transform(_pose_at(before, item, k / count))
+        distance = math.dist(start.origin, pose.origin)
+        blend = item.blend if k == count else chord
+        piece = MoveL(pose, item.speed, blend, item.force, direction)
+        if distance > _SAME and seconds > 0:
+            piece = replace(piece, speed=distance / seconds)
+        elif distance <= _SAME and seconds > 0:
+            angle = angle_between(start.rotation, pose.rotation)
+            piece = replace(piece, turn=angle / seconds)
         yield piece
-        at = pose
+        start = pose
 
 
-def _time(begin: Pose, item: MoveL | MoveC, turn: float) -> float:
-    """The time of a motion, s. turn: angle that the tool turns, rad."""
-    turning = turn / item.turn if isinstance(item, MoveL) and item.turn else 0.0
-    return max(_length(begin, item) / item.speed, turning)
+def _measure_time(start: Pose, item: MoveL | MoveC, rotation: float) -> float:
+    """The time of a motion, s.
+
+    rotation: rotation of the tool along the motion, rad.
+    """
+    if isinstance(item, MoveC):
+        _, radius, _, sweep = circle(start.origin, item.via.origin, item.target.origin)
+        return radius * sweep / item.speed
+    length = math.dist(start.origin, item.target.origin)
+    return max(length / item.speed, rotation / item.turn if item.turn else 0.0)
 
 
-def _length(begin: Pose, item: MoveL | MoveC) -> float:
+def _pose_at(start: Pose, item: MoveL | MoveC, fraction: float) -> Pose:
+    """The pose at a fraction of the length of a motion.
+
+    The rotation along an arc is interpolated to that of the via point, then to that of the target.
+    """
     if isinstance(item, MoveL):
-        return math.dist(begin.origin, item.target.origin)
-    _, radius, _, sweep = circle(begin.origin, item.via.origin, item.target.origin)
-    return radius * sweep
-
-
-def _pose_at(begin: Pose, item: MoveL | MoveC, share: float) -> Pose:
-    """Where the motion is after ``share`` of its way; along an arc it stands at the via point as that says."""
-    if isinstance(item, MoveL):
-        a, b = np.array(begin.origin), np.array(item.target.origin)
-        rotation = rotation_between(begin.rotation, item.target.rotation, share)
-        return Pose(rotation, to_vec3(a + share * (b - a)))
-    centre, _, axis, sweep = circle(begin.origin, item.via.origin, item.target.origin)
-    arm = np.subtract(begin.origin, centre)
-    x, y, z = (
-        a + b for a, b in zip(turn_about(to_vec3(arm), axis, share * sweep), centre, strict=True)
-    )
-    over = np.subtract(item.via.origin, centre)
-    turned = (
-        math.atan2(float(np.cross(arm, over) @ axis), float(arm @ over)) % (2 * math.pi) / sweep
-    )
-    if share <= turned:
-        rotation = rotation_between(begin.rotation, item.via.rotation, share / turned)
+        a, b = np.array(start.origin), np.array(item.target.origin)
+        rotation = rotation_between(start.rotation, item.target.rotation, fraction)
+        return Pose(rotation, to_vec3(a + fraction * (b - a)))
+    centre, _, axis, sweep = circle(start.origin, item.via.origin, item.target.origin)
+    arm = np.subtract(start.origin, centre)
+    rotated_arm = turn_about(to_vec3(arm), axis, fraction * sweep)
+    x, y, z = (a + b for a, b in zip(rotated_arm, centre, strict=True))
+    via_arm = np.subtract(item.via.origin, centre)
+    via_angle = math.atan2(float(np.cross(arm, via_arm) @ axis), float(arm @ via_arm))
+    via_fraction = via_angle % (2 * math.pi) / sweep
+    if fraction <= via_fraction:
+        rotation = rotation_between(start.rotation, item.via.rotation, fraction / via_fraction)
     else:
-        rotation = rotation_between(
-            item.via.rotation, item.target.rotation, (share - turned) / (1 - turned)
-        )
+        rest = (fraction - via_fraction) / (1 - via_fraction)
+        rotation = rotation_between(item.via.rotation, item.target.rotation, rest)
     return Pose(rotation, (x, y, z))

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.lang.gcode import columns, motion
-from camgen.lang.gcode import strict as readback
+from camgen.lang.gcode import strict_linuxcnc as readback
 from camgen.lang.gcode.strict_grbl import read as read_grbl
 from camgen.lang.programs import Executed
 from camgen.model.body import Body

@@ -168,7 +168,6 @@ def _centre_of_radius(arc: Arc, radius: float, limits: Limits) -> Vec2:
 
 
 def _check_radii(radii: Vec2, limits: Limits) -> None:
-    """Raises LineError for radii at start and end, mm, that differ too much."""
     accepted, refused, _ = limits.spiral
     if min(radii) < limits.least_radius:
         raise LineError("arc of no radius")
@@ -198,7 +197,6 @@ def _sweep(code: str, begin: float, finish: float, turns: float, limits: Limits)
 
 
 def _cut_helix(arc: Arc, circle: _Circle, limits: Limits) -> list[Piece]:
-    """A helix as lines."""
     step = 2 * math.acos(max(0.0, 1 - limits.helix / max(circle.radii)))
     count = _count(abs(circle.sweep) / step, limits.pieces)
     points = [_place(arc, circle.point(k / count), k / count) for k in range(1, count)]

@@ -52,7 +52,6 @@ def compile_lines(count: int) -> Code:
 
 
 def _run_lines(span: range) -> Act:
-    """The step of lines, from 0."""
     first, count = span.start + 1, len(span)
     return Act(first, cost=0, do=Interpreter.run_lines, operand=span, lines=count)
 
@@ -109,7 +108,6 @@ class _Program(Compiler):
         self.code: Code = self.finish()
 
     def _end_lines(self, number: int) -> None:
-        """Add the step of the lines before a line, from 0."""
         if number > self._start:
             self.add(_run_lines(range(self._start, number)))
         self._start = number

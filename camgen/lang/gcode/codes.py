@@ -1,4 +1,4 @@
-"""The effect of each code other than a motion: modes, outputs, tools, waits, the origin."""
+"""The effect of each code except motions: modes, outputs, tools, waits, the origin."""
 
 from __future__ import annotations
 
@@ -12,19 +12,28 @@ from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.predefined import find_feed, set_override
 from camgen.lang.gcode.tool_radius import compensate
 from camgen.lang.gcode.traced import TRACED
-from camgen.lang.gcode.turning import turn
+from camgen.lang.gcode.turning import run_lathe_cycle
 from camgen.lang.gcode.words import LineError
 from camgen.model.program import ToolChange, Wait
 
 _INCH = 25.4
 _POINTED = re.compile(r"p[ \t]*[0-9]*\.", re.IGNORECASE)
 _WORKS = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
-#: What M70 and M73 keep, and M72 brings back (LinuxCNC manual).
+#: Fields of the machine that M70 and M73 save and M72 restores (LinuxCNC manual).
 _MODES = (
-    "unit", "incremental", "absolute_centre", "plane", "blend", "feed_mode", "feed", "to_start", "length", "side",
-)  # fmt: skip
-#: rpm: maximum speed of a lathe's spindle at the centre, where the program names no limit.
-_MOST_TURNS = 3000.0
+    "unit",
+    "incremental",
+    "absolute_centre",
+    "plane",
+    "blend",
+    "feed_mode",
+    "feed",
+    "to_start",
+    "length",
+    "side",
+)
+#: rpm. Maximum spindle speed at constant surface speed, without one in the program.
+_MAX_TURNS = 3000.0
 
 
 # -- feed, spindle and tool ------------------------------------------------------------------------
@@ -52,8 +61,9 @@ def feed(m: Machine, words: dict[str, float], codes: Mapping[str, str]) -> None:
     if change is not None:
         unit = _INCH if change == "G20" else 1.0
         if m.dialect.unit_first is None and unit != scale:
-            what = "controllers differ in which unit it has"
-            raise LineError(f"F in the line that changes the unit: {what}")
+            raise LineError(
+                "F in the line that changes the unit: controllers differ in which unit it has"
+            )
         if m.dialect.unit_first or m.unit is None:
             scale = unit
         elif unit != m.unit:
@@ -75,7 +85,7 @@ def speed_and_tool(m: Machine, words: dict[str, float], codes: Mapping[str, str]
             raise LineError(f"spindle speed S{value:g} is negative")
         m.speed = m.named["_rpm"] = value
         if m.spindle != "M5" and "spindle" not in codes:
-            m.turn()
+            m.update_spindle()
 
 
 def turn_spindle(m: Machine, code: str, words: dict[str, float]) -> None:
@@ -87,26 +97,29 @@ def turn_spindle(m: Machine, code: str, words: dict[str, float]) -> None:
     words.pop("$", None)
     m.spindle = code
     if m.on_off:
-        why = "the program switches it and never says a speed"
-        m.assume("the spindle is the signal process", why=why)
-    m.turn()
+        m.assume(
+            "the spindle is the signal process",
+            why="the program switches it and never says a speed",
+        )
+    m.update_spindle()
 
 
 def _surface(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G96: S is the speed of the surface, m/min or feet/min, at the diameter where the tool is."""
+    """G96: S is the surface speed, m/min or feet/min, at the diameter where the tool is."""
     m.named["_spindle_css_mode"] = float(code == "G96")
     if code == "G97":
         return
-    limit = words.pop("D", m.most_turns) or _MOST_TURNS
-    across = 2 * math.pi * max(abs(m.at[0]), 1e-6)
+    limit = words.pop("D", m.most_turns) or _MAX_TURNS
+    circumference = 2 * math.pi * max(abs(m.at[0]), 1e-6)
     surface = (m.speed or 0.0) * (304.8 if m.scale != 1.0 else 1000.0)
-    m.speed = min(limit, surface / across)
-    what = f"the spindle turns at {m.speed:.0f} rpm where the surface speed begins (G96)"
-    m.assume(what, "", m.speed)
+    m.speed = min(limit, surface / circumference)
+    m.assume(
+        f"the spindle turns at {m.speed:.0f} rpm where the surface speed begins (G96)", "", m.speed
+    )
 
 
 def _change(m: Machine, code: str, words: dict[str, float]) -> None:
-    """M6, and M61 which only says what tool is in."""
+    """M6 changes the tool. M61 only states which tool is in the spindle."""
     if code == "M61":
         number = int(words.pop("Q", 0.0))
         if m.cut and number != m.changed_to:
@@ -118,7 +131,7 @@ def _change(m: Machine, code: str, words: dict[str, float]) -> None:
         return
     if m.spindle != "M5":
         m.spindle, m.halted = "M5", m.line
-        m.turn()
+        m.update_spindle()
     number = m.changed_to = m.tool
     diameter = m.radii[number] * 2 if number in m.radii else m.given.get(f"t{number}.diameter", 0.0)
     if not m.marks or number not in m.tools:
@@ -128,7 +141,7 @@ def _change(m: Machine, code: str, words: dict[str, float]) -> None:
 
 
 def _length(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G43 and its kin: z is that of the tip, whatever the length."""
+    """G43 to G43.2 and G49: z is assumed to be that of the tip, at any tool length."""
     m.length = "G49" if code == "G49" else "G43"
     words.pop("H", None)
     if code == "G49":
@@ -166,8 +179,10 @@ def _wait_for_input(m: Machine, words: dict[str, float]) -> None:
     name = f"din{words.pop('P'):.0f}" if "P" in words else f"ain{words.pop('E', 0.0):.0f}"
     waits, _ = words.pop("L", 0.0), words.pop("Q", 0.0)
     value = 1.0 if waits in (1.0, 3.0) else 0.0
-    over = ", and its wait over at once" if waits else ""
-    m.homes["5399"] = m.assume(f"{name} is {value:g}{over}", name, value)
+    what = f"{name} is {value:g}"
+    if waits:
+        what += ", and its wait over at once"
+    m.homes["5399"] = m.assume(what, name, value)
 
 
 def switch_coolant(m: Machine, code: str, _words: dict[str, float]) -> None:
@@ -214,7 +229,7 @@ def _override(m: Machine, code: str, words: dict[str, float]) -> None:
 
 
 def _state(m: Machine, code: str, _words: dict[str, float]) -> None:
-    """M70 and M73 keep the modes, M72 brings them back, M71 forgets them."""
+    """M70 and M73 save the modes, M72 restores them, M71 discards them."""
     if code in ("M70", "M73"):
         m.saved.append(tuple(getattr(m, name) for name in _MODES))
         del m.saved[:-50]
@@ -222,14 +237,31 @@ def _state(m: Machine, code: str, _words: dict[str, float]) -> None:
         if code == "M72":
             m.log.find("refused", "M72 without M70 or M73 before it")
     else:
-        kept = m.saved.pop()
+        modes = m.saved.pop()
         if code == "M72":
-            for name, value in zip(_MODES, kept, strict=True):
+            for name, value in zip(_MODES, modes, strict=True):
                 setattr(m, name, value)
 
 
-def _plane(m: Machine, code: str, _words: dict[str, float]) -> None:
-    m.plane = code
+#: Field of the machine and its value, for each code that sets one field.
+_SETTINGS: dict[str, tuple[str, object]] = {
+    "G7": ("lathe", True),
+    "G8": ("lathe", False),
+    "G17": ("plane", "G17"),
+    "G18": ("plane", "G18"),
+    "G19": ("plane", "G19"),
+    "G90": ("incremental", False),
+    "G90.1": ("absolute_centre", True),
+    "G91": ("incremental", True),
+    "G91.1": ("absolute_centre", False),
+    "G98": ("to_start", True),
+    "G99": ("to_start", False),
+}
+
+
+def _set_mode(m: Machine, code: str, _words: dict[str, float]) -> None:
+    name, value = _SETTINGS[code]
+    setattr(m, name, value)
 
 
 def _units(m: Machine, code: str, _words: dict[str, float]) -> None:
@@ -240,30 +272,17 @@ def _units(m: Machine, code: str, _words: dict[str, float]) -> None:
     m.unit = unit
 
 
-def _diameter(m: Machine, code: str, _words: dict[str, float]) -> None:
-    m.lathe = code == "G7"
-
-
 def _path(m: Machine, code: str, words: dict[str, float]) -> None:
     m.blend = 1.0 if code == "G64" else 0.0
     if code == "G64":
         words.pop("P", None)
         words.pop("Q", None)
         if m.dialect.flow and words.pop("R", None) is not None:
-            what = "R of G64 chooses the planner of a newer LinuxCNC; version 2.9 refuses it"
-            m.log.find("unusual", what, once="G64 R")
-
-
-def _distance(m: Machine, code: str, _words: dict[str, float]) -> None:
-    m.incremental = code == "G91"
-
-
-def _centres(m: Machine, code: str, _words: dict[str, float]) -> None:
-    m.absolute_centre = code == "G90.1"
-
-
-def _level(m: Machine, code: str, _words: dict[str, float]) -> None:
-    m.to_start = code == "G98"
+            m.log.find(
+                "unusual",
+                "R of G64 chooses the planner of a newer LinuxCNC; version 2.9 refuses it",
+                once="G64 R",
+            )
 
 
 def _cycle_off(m: Machine, _code: str, _words: dict[str, float]) -> None:
@@ -272,7 +291,7 @@ def _cycle_off(m: Machine, _code: str, _words: dict[str, float]) -> None:
     m.sticky.clear()
 
 
-# -- the origin: work offsets, G92 and G10, as far as the program determines them ------------------
+# -- the origin: work offsets, G92 and G10 ---------------------------------------------------------
 
 
 def _get_table(m: Machine, code: str) -> list[float | None]:
@@ -281,7 +300,10 @@ def _get_table(m: Machine, code: str) -> list[float | None]:
 
 
 def set_work(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G54 to G59.3: another frame, of which only the machine knows where it is."""
+    """G54 to G59.3: another work offset.
+
+    Its coordinates are a loss unless the program has set them and those of the offset before.
+    """
     words.pop("P", None)
     before, m.work = m.work or "G54", code
     if code != before and any(m.known):
@@ -299,7 +321,7 @@ def set_work(m: Machine, code: str, words: dict[str, float]) -> None:
 
 
 def _shift(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G52 and G92.3: the shift of the origin, whatever it was."""
+    """G52 and G92.3: replaces the shift of the origin."""
     given = dict(enumerate(m.suspended)) if code == "G92.3" else take_axes(m, words)
     for axis, value in given.items():
         m.shift[axis] += value - (m.shifted[axis] or 0.0)
@@ -307,15 +329,16 @@ def _shift(m: Machine, code: str, words: dict[str, float]) -> None:
 
 
 def _read_as(m: Machine, axis: int, value: float) -> float | None:
-    """Shifts the origin so that an axis stands at `value`, mm.
+    """Shifts the origin so that the position of an axis is `value`, mm.
 
     Returns the shift, None if the position was not known.
     """
     if not m.known[axis]:
         m.known[axis] = True
         m.at[axis] = value + m.shift[axis]
-        what = f"the tool stands at {AXES[axis]}{value:g} mm of the work frame"
-        m.assume(what, why="the line says so")
+        m.assume(
+            f"the tool stands at {AXES[axis]}{value:g} mm of the work frame", why="the line says so"
+        )
         return None
     moved = m.at[axis] - value - m.shift[axis]
     m.shift[axis] += moved
@@ -323,9 +346,9 @@ def _read_as(m: Machine, axis: int, value: float) -> float | None:
 
 
 def _set_position(m: Machine, _code: str, words: dict[str, float]) -> None:
-    """G92, also of the axes that turn.
+    """G92: shifts the origin, also that of rotary axes.
 
-    With E alone it counts filament, with S alone it limits the spindle.
+    With E alone it sets the filament counter, with S alone it limits the spindle speed.
     """
     for letter in m.others:
         if letter in words:
@@ -343,18 +366,22 @@ def _set_position(m: Machine, _code: str, words: dict[str, float]) -> None:
 
 
 def _cancel(m: Machine, code: str, _words: dict[str, float]) -> None:
-    """G92.1 and G92.2; the second keeps the shift for G92.3."""
-    m.suspended[:] = [by or 0.0 for by in m.shifted]
+    """G92.1 and G92.2: cancels the shift of the origin. G92.3 restores it."""
+    m.suspended[:] = [shift or 0.0 for shift in m.shifted]
     if None in m.shifted:
-        what = "after a G92 at a position that the program does not say"
-        m.assume(f"{code} {what}: the origin stays")
-    for axis, by in enumerate(m.suspended):
-        m.shift[axis] -= by
+        m.assume(
+            f"{code} after a G92 at a position that the program does not say: the origin stays"
+        )
+    for axis, shift in enumerate(m.suspended):
+        m.shift[axis] -= shift
     m.shifted[:] = [0.0, 0.0, 0.0]
 
 
 def _set_table(m: Machine, _code: str, words: dict[str, float]) -> None:
-    """G10: work offsets, and the tool table, of which the radius is kept. Raises LineError."""
+    """G10: sets a work offset, or the radius of a tool. Raises LineError.
+
+    Other values of the tool table have no effect here.
+    """
     kind, number = words.get("L", 0.0), words.get("P")
     if kind not in (2.0, 20.0):
         index = int(number or 0.0)
@@ -366,7 +393,7 @@ def _set_table(m: Machine, _code: str, words: dict[str, float]) -> None:
     for letter in m.others:
         words.pop(letter, None)
     if kind == 2.0:
-        _insist_on_offset(m, int(number or 0.0), words)
+        _assume_offset(m, int(number or 0.0), words)
     words.pop("L"), words.pop("P", None)
     if words.pop("R", 0.0) != 0:
         raise LineError("G10 with R turns the work offset")
@@ -377,8 +404,7 @@ def _set_table(m: Machine, _code: str, words: dict[str, float]) -> None:
         _set_offset(m, kind == 20.0, work, axis, value)
 
 
-def _insist_on_offset(m: Machine, number: int, words: Mapping[str, float]) -> None:
-    """Assumes where the work offset in use was before G10 L2 moves it."""
+def _assume_offset(m: Machine, number: int, words: Mapping[str, float]) -> None:
     work = m.work or "G54"
     if number and (number not in range(1, 10) or _WORKS[number - 1] != work):
         return
@@ -391,7 +417,6 @@ def _insist_on_offset(m: Machine, number: int, words: Mapping[str, float]) -> No
 
 
 def _set_offset(m: Machine, by_position: bool, work: str, axis: int, value: float) -> None:
-    """Sets a coordinate of a work offset, or the position in it. Raises LineError."""
     table, is_active = _get_table(m, work), work == (m.work or "G54")
     if by_position:
         if not is_active:
@@ -520,10 +545,6 @@ def _machine_coordinates(m: Machine, motion: str, words: dict[str, float]) -> No
         go_away(m, "G53", list(axes), known)
 
 
-def _nothing(m: Machine, code: str, words: dict[str, float]) -> None:
-    """A code without an effect on motions."""
-
-
 _OFFSETS: dict[str, Handler] = {
     "G10": _set_table, "G28": _home, "G28.1": _home, "G30": _home, "G30.1": _home, "G52": _shift,
     "G92": _set_position, "G92.1": _cancel, "G92.2": _cancel, "G92.3": _shift,
@@ -546,21 +567,25 @@ _IN_ORDER: dict[str, Handler] = {
     "dwell": _dwell,
     "state": _state,
     "spindle mode": _surface,
-    "plane": _plane,
+    "plane": _set_mode,
     "units": _units,
     "cutter compensation": compensate,
-    "lathe radius": _diameter,
+    "lathe radius": _set_mode,
     "length offset": _length,
     "work offset": set_work,
     "path": _path,
-    "distance": _distance,
-    "arc distance": _centres,
-    "return level": _level,
+    "distance": _set_mode,
+    "arc distance": _set_mode,
+    "return level": _set_mode,
     "cycle off": _cycle_off,
     "offsets": _move_origin,
 }
 ORDER = tuple(_IN_ORDER)
 #: The function of each modal group, and of each motion other than lines, arcs and holes.
 HANDLERS: dict[str, Handler] = {
-    **_IN_ORDER, "machine coordinates": _machine_coordinates, "turning": turn, **MILLING, **TRACED
+    **_IN_ORDER,
+    "machine coordinates": _machine_coordinates,
+    "turning": run_lathe_cycle,
+    **MILLING,
+    **TRACED,
 }  # fmt: skip

@@ -87,7 +87,8 @@ def cut(lines: Sequence[str], first: int, find_effect: FindEffect | None) -> Chu
     """Reads the lines of one chunk.
 
     first: index of the first line, from 0.
-    find_effect: None if motions alone are read, and blanks and a comment behind one have no effect.
+    find_effect: effect of a line that is not a motion. None: only motions are read, and blanks and
+        a comment after a motion have no effect.
     """
     raw = lines[first : first + CHUNK_LINES]
     text = "\n".join(raw) + "\n"

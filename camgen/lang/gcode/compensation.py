@@ -92,7 +92,6 @@ class OffsetPath:
         self.last = segment
 
     def _climb(self, segment: Segment) -> None:
-        """Adds a motion along the normal. Raises LineError for the first motion."""
         if self.last is None:
             raise LineError(
                 "the first motion with G41 or G42 is not longer than the radius of the tool"
@@ -160,7 +159,6 @@ class OffsetPath:
         return heights[-1] if heights else old.height
 
     def _cross(self, old: Segment, new: Segment) -> complex:
-        """The crossing of two offset motions near their corner. Raises LineError."""
         corner = new.begin
         crossings = [point for point in _crossings(old, new) if abs(point - corner) < 1e6]
         if not crossings:

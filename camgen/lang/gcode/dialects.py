@@ -1,4 +1,7 @@
-"""What controllers of G-code differ in, as tables; ``--dialect`` names one, else the text decides."""
+"""Differences between controllers of G-code, as tables.
+
+The option ``--dialect`` names a dialect. Without it, the text determines the dialect.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +78,7 @@ def _signs(*patterns: str) -> re.Pattern[str]:
 
 _REMAP = "a program or remap of the user's"
 _LATHE, _FUNCTION, _HOMING = "a lathe cycle", "a function of a printer", "homing"
-#: What other machines must not go without, of what moves nothing here.
+#: Effects without a motion that are lost on another machine.
 LOSSES = frozenset([_REMAP, _LATHE, _FUNCTION, _HOMING])
 _USER = dict.fromkeys((f"M{n}" for n in range(100, 200)), _REMAP)
 #: Lathe cycles of LinuxCNC 2.9 and of Fanuc.
@@ -103,8 +106,9 @@ LINUXCNC = Dialect(
     to_start=False,
 )
 _GRBL_CODES = """
-    G0 G1 G2 G3 G4 G10 G17 G18 G19 G20 G21 G28 G28.1 G30 G30.1 G38.2 G38.3 G38.4 G38.5 G40 G43.1 G49 G53 G54 G55 G56 G57
-    G58 G59 G61 G80 G90 G91 G91.1 G92 G92.1 G93 G94 M0 M1 M2 M3 M4 M5 M7 M8 M9 M30
+    G0 G1 G2 G3 G4 G10 G17 G18 G19 G20 G21 G28 G28.1 G30 G30.1 G38.2 G38.3 G38.4 G38.5 G40 G43.1
+    G49 G53 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G92 G92.1 G93 G94
+    M0 M1 M2 M3 M4 M5 M7 M8 M9 M30
 """
 GRBL = Dialect(
     name="grbl",
@@ -118,15 +122,23 @@ GRBL = Dialect(
     ends_arcs=True,
     arcs=Limits(spiral=(0.005, 0.5, 0.005), shorter=0.0, least_radius=1e-6, turns=False),
 )
-#: Of controllers that are told how far the radii of an arc may differ.
+#: Limits of controllers on which a setting limits the difference between the radii of an arc.
 _LOOSE = Limits(spiral=(0.1, 2.83, 0.1), shorter=0.05, least_radius=1e-6, turns=True)
 _MACHINING = {
-    "G5.1": "a look-ahead mode", "G8": "a look-ahead mode", "G15": "polar coordinates off", "G22": "stroke check on",
-    "G23": "stroke check off", "G50": "scaling off, or the greatest spindle speed", "G50.1": "mirroring off",
-    "G60": "positioning from one side", "G62": "corners slowed down", "G63": "tapping mode",
+    "G5.1": "a look-ahead mode",
+    "G8": "a look-ahead mode",
+    "G15": "polar coordinates off",
+    "G22": "stroke check on",
+    "G23": "stroke check off",
+    "G50": "scaling off, or the greatest spindle speed",
+    "G50.1": "mirroring off",
+    "G60": "positioning from one side",
+    "G62": "corners slowed down",
+    "G63": "tapping mode",
     "G9": "exact stop",
-    "G103": "look-ahead limit", "G187": "smoothness",
-}  # fmt: skip
+    "G103": "look-ahead limit",
+    "G187": "smoothness",
+}
 _ROTATION = dict.fromkeys(("G68", "G69"), "rotation")
 _POCKETS = dict.fromkeys(("G12", "G13"), "circular pocket")
 FANUC = Dialect(
@@ -152,14 +164,15 @@ FANUC = Dialect(
     arcs=_LOOSE,
     increments=True,
 )
+_LATHE_CYCLES = ("G73", "G74", "G75", "G76", "G90", "G92", "G94")
 LATHE = Dialect(
     name="fanuc-lathe",
-    source="Fanuc Series 0i-TF operator's manual (B-64694), G-code system A; Haas lathe operator's manual",
+    source="Fanuc Series 0i-TF operator's manual (B-64694), G-code system A; "
+    "Haas lathe operator's manual",
     signs=_signs(r"\bg50[ \t]*s\d", r"\bt\d{4}\b(?![\s\S]{0,40}\bm0?6\b)"),
     names={"G98": "G94", "G99": "G95", "G32": "G33"},
-    idle=_MACHINING | {f"G{n}": _LATHE for n in (73, 74, 75, 76, 90, 92, 94)},
-    codes={k: v for k, v in GROUP.items() if k not in ("G73", "G74", "G76", "G90", "G92", "G94")}
-    | _TURNING,
+    idle=_MACHINING | dict.fromkeys(_LATHE_CYCLES, _LATHE),
+    codes={code: group for code, group in GROUP.items() if code not in _LATHE_CYCLES} | _TURNING,
     dwell=0.001,
     arcs=_LOOSE,
     increments=True,
@@ -168,18 +181,25 @@ LATHE = Dialect(
 MACH3 = Dialect(
     name="mach3",
     source="Using Mach3Mill (ArtSoft), chapter 10",
-    signs=_signs(r"\bmach[ -]?[23]\b", r"\bm98[ \t]*p\d+[ \t]*l", r"\bg7[01][ \t]*g91\.1", r"\bg7[01][ \t]*$"),
+    signs=_signs(
+        r"\bmach[ -]?[23]\b",
+        r"\bm98[ \t]*p\d+[ \t]*l",
+        r"\bg7[01][ \t]*g91\.1",
+        r"\bg7[01][ \t]*$",
+    ),
     names={"G70": "G20", "G71": "G21", "G40.1": "G40", "G31": "G38.2"},
-    idle={
-        "G15": "polar mode off", "G50": "scaling off", "G48": "slow feeds", },
+    idle={"G15": "polar mode off", "G50": "scaling off", "G48": "slow feeds"},
     codes=GROUP | _ROTATION,
     arcs=_LOOSE,
     default_feed=True,
-)  # fmt: skip
-_PRINTER = (
-    "M17 M18 M20 M21 M22 M23 M24 M25 M26 M27 M28 M29 M31 M42 M70 M71 M72 M73 M74 M75 M76 M77 M78 M80 M81 M82 M83 M84 "
-    "M85 M92 G130 G161 G162 G10 G11 G12 G29 G42 G60 G61 G76 G80 G81 G26 G27 G32 G34 G35 G5.1"
 )
+#: Codes that have another effect on a printer than on a mill, and G5, in the order of the table.
+_PRINTER_CODES = """
+    M17 M18 M20 M21 M22 M23 M24 M25 M26 M27 M28 M29 M31 M42 M70 M71 M72 M73 M74 M75 M76 M77 M78 M80
+    M81 M82 M83 M84 M85 M92 G130 G161 G162 G10 G11 G12 G29 G42 G60 G61 G76 G80 G81 G26 G27 G32 G34
+    G35 G5.1 G5
+"""
+_PRINTER = dict.fromkeys(_PRINTER_CODES.split(), _FUNCTION)
 MARLIN = Dialect(
     name="marlin",
     source="marlinfw.org/meta/gcode",
@@ -190,8 +210,8 @@ MARLIN = Dialect(
         r"^[ \t]*n\d+[^;(#\[=\n]*\*\d+[ \t]*$",
         r"^[ \t]*g[01][^(;\n]*\be-?\d",
     ),
-    codes={k: v for k, v in GROUP.items() if k not in [*_PRINTER.split(), "G5"]},
-    idle=dict.fromkeys([*_PRINTER.split(), "G5"], _FUNCTION)
+    codes={code: group for code, group in GROUP.items() if code not in _PRINTER},
+    idle=_PRINTER
     | dict.fromkeys(("M17", "M18", "M82", "M83", "M84"), "motors, and how filament counts")
     | {"M9": "coolant off"},
     dwell=0.001,
@@ -199,8 +219,8 @@ MARLIN = Dialect(
     arcs=Limits(spiral=(5.0, 50.0, 5.0), shorter=0.5, least_radius=1e-6, turns=True),
     homes=True,
     extruder=True,
-)  # fmt: skip
-#: What controllers have in common: where nothing in a text says whose it is.
+)
+#: The dialect of a text without the signs of a controller: codes that controllers have in common.
 COMMON = Dialect(
     name="iso",
     source="ISO 6983-1; RS274/NGC, version 3 (NIST IR 6556)",
@@ -213,12 +233,14 @@ COMMON = Dialect(
     to_start=False,
     has_beams=True,
 )
-DIALECTS = {one.name: one for one in (LINUXCNC, GRBL, FANUC, LATHE, MACH3, MARLIN, COMMON)}
-#: In the order in which their signs decide.
-_ORDER = (MARLIN, GRBL, LATHE, MACH3, FANUC, COMMON)
-_AXES = re.compile(r"\by[ \t]*[-+.\d]", re.IGNORECASE)
+_ALL = (LINUXCNC, GRBL, FANUC, LATHE, MACH3, MARLIN, COMMON)
+DIALECTS = {dialect.name: dialect for dialect in _ALL}
+#: The order in which the signs of dialects are searched.
+_ORDER = (LINUXCNC, MARLIN, GRBL, LATHE, MACH3, FANUC, COMMON)
+#: A word of Y, which no program for a lathe has.
+_Y_WORD = re.compile(r"\by[ \t]*[-+.\d]", re.IGNORECASE)
 
-#: Languages of controllers that look like G-code, by what no G-code has.
+#: Languages that look like G-code: name of the controller, and text that no G-code has.
 _OTHERS = (
     (
         "Siemens' Sinumerik",
@@ -234,21 +256,27 @@ _OTHERS = (
 
 
 def find_other(text: str) -> tuple[int, str] | None:
-    """The line, from 1, and the name of the controller whose language a text is in, where that is no G-code."""
+    """The name of the controller of a text that is not G-code, and the line from 1 that shows it.
+
+    None if no line shows another language.
+    """
     for name, signs in _OTHERS:
-        found = signs.search(text)
-        if found:
-            return text.count("\n", 0, found.start()) + 1, name
+        sign = signs.search(text)
+        if sign:
+            return text.count("\n", 0, sign.start()) + 1, name
     return None
 
 
 def recognise(text: str, name: str = "") -> tuple[Dialect, str]:
-    """The dialect of a text, and what it is known by, "" where nothing says it. name: of its file."""
+    """The dialect of a text and the sign that shows it, an empty sign if the text has none.
+
+    name: name of the file.
+    """
     bare = re.sub(r"\((?!debug)[^()\n]*\)", "", text, flags=re.IGNORECASE)
-    for one in (LINUXCNC, *_ORDER):
-        if one is LATHE and _AXES.search(bare):
+    for dialect in _ORDER:
+        if dialect is LATHE and _Y_WORD.search(bare):
             continue
-        found = one.signs.search(text if one in (MARLIN, MACH3, GRBL) else bare)
-        if found:
-            return one, found[0].strip()
+        sign = dialect.signs.search(text if dialect in (MARLIN, MACH3, GRBL) else bare)
+        if sign:
+            return dialect, sign[0].strip()
     return (LINUXCNC, ".ngc") if name.lower().endswith(".ngc") else (COMMON, "")

@@ -40,7 +40,7 @@ def drill(m: Machine, words: dict[str, float]) -> None:
     normal = _NORMAL[m.plane]
     depth = AXES[normal]
     count = _keep_words(m, (depth, "R", *_NEEDS.get(m.motion, ())), words)
-    m.insist_on_feed(m.motion)
+    m.assume_feed(m.motion)
     if m.feed_mode == "G93":
         raise LineError(f"{m.motion} with {m.feed_mode}: a cycle has a feed per minute here")
     m.start()
@@ -94,27 +94,28 @@ def _holes(m: Machine, normal: int, words: dict[int, float], count: int) -> None
     if retract < bottom:
         raise LineError(f"{m.motion} begins (R) below its end")
     if m.to_start is None and level > retract:
-        why = "the program says neither G98 nor G99; so does LinuxCNC"
-        m.assume("a cycle retracts to R", why=why)
+        m.assume(
+            "a cycle retracts to R", why="the program says neither G98 nor G99; so does LinuxCNC"
+        )
     hole = _Hole(normal, retract, bottom, max(level, retract) if m.to_start else retract)
     if level < retract:
-        _to(m, normal, retract)
+        _move_rapid(m, normal, retract)
     height = max(m.at[normal], hole.clear)
     for _ in range(count):
         if m.incremental:
-            _go_on(m, place, words)
+            _move_to_next_hole(m, place, words)
         place[normal] = height
         above = m.turned(list(place))
         if above != m.at:
             m.rapid(above)
         if height != retract:
-            _to(m, normal, retract)
+            _move_rapid(m, normal, retract)
         _CYCLES[m.motion](m, hole)
         height = hole.clear
 
 
-def _go_on(m: Machine, place: list[float], words: dict[int, float]) -> None:
-    """Moves `place` to the next hole by increments, in polar coordinates by radius and angle."""
+def _move_to_next_hole(m: Machine, place: list[float], words: dict[int, float]) -> None:
+    """Changes `place` to that of the next hole by increments, or by polar increments."""
     if m.spun is None:
         for axis, value in words.items():
             place[axis] += value
@@ -124,15 +125,13 @@ def _go_on(m: Machine, place: list[float], words: dict[int, float]) -> None:
     place[0], place[1] = r * math.cos(turned) + m.shift[0], r * math.sin(turned) + m.shift[1]
 
 
-def _to(m: Machine, axis: int, value: float) -> None:
-    """Adds a rapid motion along an axis."""
+def _move_rapid(m: Machine, axis: int, value: float) -> None:
     end = list(m.at)
     end[axis] = value
     m.rapid(end)
 
 
-def _in(m: Machine, axis: int, value: float) -> None:
-    """Adds a motion at feed along an axis."""
+def _move_at_feed(m: Machine, axis: int, value: float) -> None:
     end = list(m.at)
     end[axis] = value
     m.pieces([(None, (end[0], end[1], end[2]))], speed_of(m))
@@ -153,39 +152,39 @@ def speed_of(m: Machine) -> float:
 
 
 def _plain(m: Machine, hole: _Hole) -> None:
-    _in(m, hole.axis, hole.bottom)
-    _to(m, hole.axis, hole.clear)
+    _move_at_feed(m, hole.axis, hole.bottom)
+    _move_rapid(m, hole.axis, hole.clear)
 
 
 def _dwelling(m: Machine, hole: _Hole) -> None:
-    _in(m, hole.axis, hole.bottom)
+    _move_at_feed(m, hole.axis, hole.bottom)
     m.add(Wait(_seconds(m)))
-    _to(m, hole.axis, hole.clear)
+    _move_rapid(m, hole.axis, hole.clear)
 
 
 def _bore(m: Machine, hole: _Hole) -> None:
-    _in(m, hole.axis, hole.bottom)
-    _in(m, hole.axis, hole.retract)
+    _move_at_feed(m, hole.axis, hole.bottom)
+    _move_at_feed(m, hole.axis, hole.retract)
     if hole.clear != hole.retract:
-        _to(m, hole.axis, hole.clear)
+        _move_rapid(m, hole.axis, hole.clear)
 
 
 def _bore_dwelling(m: Machine, hole: _Hole) -> None:
-    _in(m, hole.axis, hole.bottom)
+    _move_at_feed(m, hole.axis, hole.bottom)
     m.add(Wait(_seconds(m)))
-    _in(m, hole.axis, hole.clear)
+    _move_at_feed(m, hole.axis, hole.clear)
 
 
 def _stop(m: Machine, hole: _Hole) -> None:
     if m.spindle == "M5":
         raise LineError("G86 while the spindle stands")
-    _in(m, hole.axis, hole.bottom)
+    _move_at_feed(m, hole.axis, hole.bottom)
     m.add(Wait(_seconds(m)))
     turning, m.spindle = m.spindle, "M5"
-    m.turn()
-    _to(m, hole.axis, hole.clear)
+    m.update_spindle()
+    _move_rapid(m, hole.axis, hole.clear)
     m.spindle = turning
-    m.turn()
+    m.update_spindle()
 
 
 def _peck(m: Machine, hole: _Hole) -> None:
@@ -198,12 +197,12 @@ def _peck(m: Machine, hole: _Hole) -> None:
         raise LineError(f"{m.motion} with more than {limit} pecks is refused (limits.gcode_pieces)")
     for peck in range(1, count):
         reached = hole.retract - peck * step
-        _in(m, hole.axis, reached)
+        _move_at_feed(m, hole.axis, reached)
         if m.motion == "G83":
-            _to(m, hole.axis, hole.retract)
-        _to(m, hole.axis, reached + _AGAIN)
-    _in(m, hole.axis, hole.bottom)
-    _to(m, hole.axis, hole.clear)
+            _move_rapid(m, hole.axis, hole.retract)
+        _move_rapid(m, hole.axis, reached + _AGAIN)
+    _move_at_feed(m, hole.axis, hole.bottom)
+    _move_rapid(m, hole.axis, hole.clear)
 
 
 def _seconds(m: Machine) -> float:
@@ -214,28 +213,26 @@ def _seconds(m: Machine) -> float:
 
 
 def _tap(m: Machine, hole: _Hole) -> None:
-    """Feed in, turn the spindle back, feed out."""
     turning = m.spindle
     if turning != {"G84": "M3", "G74": "M4"}[m.motion]:
-        what = f"{m.motion} while the spindle stands or turns the other way"
-        m.log.find("refused", what)
-    _in(m, hole.axis, hole.bottom)
+        m.log.find("refused", f"{m.motion} while the spindle stands or turns the other way")
+    _move_at_feed(m, hole.axis, hole.bottom)
     m.spindle = "M3" if turning == "M4" else "M4"
-    m.turn()
+    m.update_spindle()
     if m.sticky.get("P"):
         m.add(Wait(_seconds(m)))
-    _in(m, hole.axis, hole.clear)
+    _move_at_feed(m, hole.axis, hole.clear)
     m.spindle = turning
-    m.turn()
+    m.update_spindle()
 
 
 def _by_hand(m: Machine, hole: _Hole) -> None:
     """G88 waits at the bottom for the operator, who retracts the tool."""
-    _in(m, hole.axis, hole.bottom)
+    _move_at_feed(m, hole.axis, hole.bottom)
     if m.sticky.get("P"):
         m.add(Wait(_seconds(m)))
     m.add(Stop())
-    _to(m, hole.axis, hole.clear)
+    _move_rapid(m, hole.axis, hole.clear)
 
 
 def _back_bore(m: Machine, hole: _Hole) -> None:
@@ -249,27 +246,18 @@ def _back_bore(m: Machine, hole: _Hole) -> None:
         hole.bottom if m.incremental else m.shift[hole.axis]
     )
 
-    def go(place: list[float], height: float) -> None:
-        m.rapid([height if k == hole.axis else value for k, value in enumerate(place)])
+    def move(*stops: tuple[list[float], float]) -> None:
+        for place, height in stops:
+            m.rapid([height if k == hole.axis else value for k, value in enumerate(place)])
 
     turning = m.spindle
-    for place, height in (
-        (aside, hole.retract),
-        (aside, hole.bottom),
-        (middle_of_hole, hole.bottom),
-    ):
-        go(place, height)
-    _in(m, hole.axis, top)
-    _in(m, hole.axis, hole.bottom)
-    for place, height in (
-        (aside, hole.bottom),
-        (aside, hole.retract),
-        (middle_of_hole, hole.retract),
-    ):
-        go(place, height)
+    move((aside, hole.retract), (aside, hole.bottom), (middle_of_hole, hole.bottom))
+    _move_at_feed(m, hole.axis, top)
+    _move_at_feed(m, hole.axis, hole.bottom)
+    move((aside, hole.bottom), (aside, hole.retract), (middle_of_hole, hole.retract))
     m.spindle = turning
     if hole.clear != hole.retract:
-        _to(m, hole.axis, hole.clear)
+        _move_rapid(m, hole.axis, hole.clear)
 
 
 #: The motions of a hole, by cycle.

@@ -93,7 +93,7 @@ class Interpreter:
         self._is_profile = False
         #: First steps of the subroutines that were called.
         self._called: set[int] = set()
-        machine.most = len(lines) + machine.bounds.gcode_motions
+        machine.max_instructions = len(lines) + machine.bounds.gcode_motions
         machine.inside = lambda: self.depth
         machine.find_lines, machine.run_lines = self._find_profile, self._run_profile
 
@@ -148,7 +148,7 @@ class Interpreter:
             m.line, step = at + 1, None
             try:
                 self._budget.spend()
-                m.insist_on_size()
+                m.check_size()
                 step = self._run_line(lines[at])
             except LineError as error:
                 self._refuse(error)
@@ -197,7 +197,6 @@ class Interpreter:
         return range(labels[f"sub {last:.0f}"], labels[f"endsub {last:.0f}"])
 
     def _run_profile(self, steps: range) -> None:
-        """Runs the steps of a profile. Raises LineError for a wrong line."""
         before, self._is_profile = self._is_profile, True
         try:
             with suppress(Ended):
@@ -208,7 +207,6 @@ class Interpreter:
     # -- jumps and calls -----------------------------------------------------------------------
 
     def _find_step(self, label: str) -> int:
-        """The step of the line with a number. Raises LineError."""
         if label not in self._code.labels:
             raise LineError(f"a jump to {label.upper()}, which no line has")
         return self._code.labels[label]
@@ -248,7 +246,6 @@ class Interpreter:
         return Return(self.machine.line)
 
     def _leave_out(self, what: str) -> None:
-        """A subroutine in another file is left out."""
         self.machine.assume(f"{what}; it is left out")
         self.log.lose(what)
 
@@ -329,7 +326,7 @@ class Interpreter:
 
         That of END holds, and that of a loop without WHILE.
         """
-        text, macro.rest = self._clean(macro), ""
+        text, macro.rest = self.machine.profile.clean(self.machine, macro.raw), ""
         if not text:
             # A deleted line does nothing. The lines after a WHILE run.
             return macro.word in ("while", "do")
@@ -345,10 +342,6 @@ class Interpreter:
                 self._entered.add(macro.number)
         return holds
 
-    def _clean(self, macro: Macro) -> str:
-        """The words of the line of a macro. Raises LineError."""
-        return self.machine.profile.clean(self.machine, macro.raw)
-
     def test_alone(self, macro: Macro) -> None:
         """A loop without END, or END without a loop. Raises LineError if it should lead to one."""
         if not self._test_macro(macro) and macro.word != "end":
@@ -356,7 +349,7 @@ class Interpreter:
 
     def go(self, macro: Macro) -> Step | None:
         """GOTO. Raises LineError."""
-        text = self._clean(macro)
+        text = self.machine.profile.clean(self.machine, macro.raw)
         return self._jump(self._find_step(read_goto(text, self._known))) if text else None
 
     def go_on(self, macro: Macro) -> Step | None:

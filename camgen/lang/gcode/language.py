@@ -4,31 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from camgen.lang.gcode.dialects import DIALECTS, GRBL
+from camgen.lang.gcode.dialects import DIALECTS, GRBL, Dialect
 from camgen.lang.gcode_text import SUFFIXES, is_gcode
 from camgen.lang.programs import Ask, Executed, Language
 
 
-def run_gcode(files: Mapping[str, str], ask: Ask) -> Executed:
-    """Runs G-code in the dialect of the request, else in the one that the text shows."""
-    if ask.options is not None:
-        from camgen.lang.gcode.strict import read  # noqa: PLC0415 (only for programs of a post)
+def run_gcode(files: Mapping[str, str], request: Ask, usual: Dialect | None = None) -> Executed:
+    """Runs G-code in the dialect of the request, else in `usual` or the one that the text shows."""
+    if request.options is not None:
+        from camgen.lang.gcode.strict_linuxcnc import read  # noqa: PLC0415 (for a read-back)
 
-        return read(files, ask.options)
+        return read(files, request.options)
     from camgen.lang.gcode.run import run  # noqa: PLC0415 (only for programs of others)
 
-    return run(files, ask)
+    return run(files, request, usual)
 
 
-def run_grbl(files: Mapping[str, str], ask: Ask) -> Executed:
+def run_grbl(files: Mapping[str, str], request: Ask) -> Executed:
     """Runs G-code in the dialect of the request, else as GRBL does."""
-    if ask.options is not None:
+    if request.options is not None:
         from camgen.lang.gcode.strict_grbl import read  # noqa: PLC0415 (only for those of a post)
 
-        return read(files, ask.options)
-    from camgen.lang.gcode.run import run  # noqa: PLC0415 (only for programs of others)
-
-    return run(files, ask, GRBL)
+        return read(files, request.options)
+    return run_gcode(files, request, GRBL)
 
 
 GCODE = Language(

@@ -37,7 +37,6 @@ _BOUNDS = Bounds()
 AXES = "XYZ"
 ARCS = ("G2", "G3")
 _FULL_POWER = "M4 lowers the power with the speed on GRBL, and does not here"
-_NO_HEIGHT = "begin the program with its height (G0 Z5)"
 
 #: M97, M98, M99, G65 or GOTO, the number of a program or line, the number of runs, and arguments.
 Leap = tuple[str, float, int, Mapping[int, float] | None]
@@ -68,9 +67,9 @@ class Profile(Struct, frozen=True):
     handlers: function of each modal group, and of each motion other than a line, an arc or a hole.
     clean: returns the words of a line without comments and blanks, in lower case.
     parse: returns the codes by group and the words of a clean line.
-    settle: is called before a motion, or before the holes of a cycle, with the code of the line,
-        its words, and whether it is a cycle.
-    stand: is called for a motion code without axis words.
+    prepare_motion: is called before a motion, or before the holes of a cycle, with the code of the
+        line, its words, and whether it is a cycle.
+    run_without_axes: is called for a motion code without axis words.
     switch: sets an output.
     find_effect: finds the effect of a line that is not a motion, for lines that are read by column;
         None if these are motions alone.
@@ -80,8 +79,8 @@ class Profile(Struct, frozen=True):
     handlers: Mapping[str, Handler]
     clean: Callable[[Machine, str], str]
     parse: Callable[[Machine, str, Parameters], Line]
-    settle: Callable[[Machine, str, Mapping[str, float], bool], None]
-    stand: Callable[[Machine, str], None]
+    prepare_motion: Callable[[Machine, str, Mapping[str, float], bool], None]
+    run_without_axes: Callable[[Machine, str], None]
     switch: Callable[[Machine, str, float], None]
     find_effect: FindEffect | None = None
     goes_on: bool = False
@@ -104,7 +103,7 @@ class Machine:
     bounds: limits of the job.
     on_off: whether the program switches the spindle and never states a speed.
     others: letters of axes that must not move.
-    most: maximum number of instructions.
+    max_instructions: maximum number of instructions.
     unnamed: numbers of the axes that no line of the program names.
     pause: seconds in a dwell of P1.
     long_wait: s. A longer wait is probably a number of ms.
@@ -137,7 +136,7 @@ class Machine:
     held: number of rapid motions before that.
     entry: feed at which an assumed start is reached, 0 without one.
     lifted: whether G53 has moved the machine.
-    adrift: numbers of the axes whose position no text states.
+    adrift: numbers of the axes whose position is not known from the program.
     rotary: position of the axes A, B and C, deg.
     homes: places that the program stores (G28.1), by code and axis, and values of parameters.
     output_line: line of an output that waits for the next motion in a read-back, 0 without one.
@@ -193,7 +192,7 @@ class Machine:
     bounds: Bounds = _BOUNDS
     on_off: bool = False
     others: str = "ABCUVW"
-    most: float = _BOUNDS.gcode_motions
+    max_instructions: float = _BOUNDS.gcode_motions
     unnamed: Collection[int] = ()
     pause: float = 1.0
     long_wait: float = 100.0
@@ -284,7 +283,7 @@ class Machine:
     def __post_init__(self) -> None:
         self.log = Log(lambda: self.line)
 
-    # -- what the text does not say ------------------------------------------------------------
+    # -- values that the text does not state ----------------------------------------------------
 
     def assume(self, what: str, key: str = "", value: float = 0.0, why: str = "") -> float:
         """The value that the user gives for `key`, else `value`, as an assumption."""
@@ -306,13 +305,14 @@ class Machine:
             self.unknown_line = self.unknown_line or self.line
         self.log.find("refused", str(error))
 
-    def insist_on_feed(self, code: str) -> None:
+    def assume_feed(self, code: str) -> None:
         """Sets the default feed of the machine before the first F, or adds a refusal."""
         if self.feed > 0 or self.feed_mode == "G93":
             return
         if self.dialect.name == "iso":
-            what = f"{code} without a feed (F), which LinuxCNC and GRBL refuse"
-            self.log.find("unusual", what, once="feed")
+            self.log.find(
+                "unusual", f"{code} without a feed (F), which LinuxCNC and GRBL refuse", once="feed"
+            )
         if self.dialect.default_feed:
             what = "the feed before the first F is one of the machine's, mm/min"
             self.feed = self.guess(what, "feed", FEED) / 60.0
@@ -323,13 +323,11 @@ class Machine:
             self.log.find("refused", f"{code} without a feed (F)")
             self.feed = self.given.get("feed", FEED) / 60.0
 
-    def insist_on_size(self) -> None:
+    def check_size(self) -> None:
         """Raises LimitReached if the program has more instructions than the limit allows."""
-        if len(self.body) >= self.most:
-            raise LimitReached(
-                f"more than {format_limit(self.most)} instructions are refused "
-                "(limits.gcode_motions)"
-            )
+        if len(self.body) >= self.max_instructions:
+            limit = format_limit(self.max_instructions)
+            raise LimitReached(f"more than {limit} instructions are refused (limits.gcode_motions)")
 
     # -- the state -----------------------------------------------------------------------------
 
@@ -373,7 +371,7 @@ class Machine:
             or (self.reached and self.length == "G49")
         )
 
-    def here(self) -> Vec3:
+    def position(self) -> Vec3:
         """The position as a tuple."""
         x, y, z = self.at
         return (x, y, z)
@@ -399,12 +397,12 @@ class Machine:
         if self.path is not None and self.path.last is not None:
             self.path.pending.append((item, self.line))
             return
-        self.insist_on_size()
+        self.check_size()
         self.body.append(item)
         self.lines.append(self.line)
 
     def start(self) -> None:
-        """Is called before a motion at feed: the program begins at 0 in each axis without a position."""
+        """Prepares a motion at feed: an axis without a position is assumed to be at 0."""
         if self.has_position:
             return
         unknown = [name for name, known in zip(AXES, self.known, strict=True) if not known]
@@ -414,23 +412,23 @@ class Machine:
             self.entry = self.feed or RAPID
         self.known[:] = [True, True, True]
         self.has_position = True
-        self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
+        self.add(MoveJ(Pose(TOOL_DOWN, self.position()), RAPID))
 
     def rapid(self, end: Sequence[float], axes: Sequence[int] = ()) -> None:
-        """Adds a rapid motion, once the position of all axes is known; on a printer one at the feed.
+        """Adds a rapid motion if the position of all axes is known; on a printer one at the feed.
 
-        axes: axes of the line. Their position is known from now on.
+        axes: numbers of the axes of the line. Their positions are known after it.
         """
         if self.path is not None:
-            start = self.here()
+            start = self.position()
             self.at[:] = end
-            self.follow(start, self.here(), None)
+            self.follow(start, self.position(), None)
             return
         if self.dialect.extruder and self.feed > 0 and self.has_position:
             self.at[:] = end
-            self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
+            self.add(MoveL(Pose(TOOL_DOWN, self.position()), self.feed))
             return
-        self._insist_on_dark_rapids()
+        self._check_beam()
         for axis in () if self.has_position else self.unnamed:
             # The whole program runs at one place of this axis.
             self._begin_at_zero(axis)
@@ -441,9 +439,14 @@ class Machine:
             self.known[axis] = True
         if self.has_position or all(self.known):
             self.has_position = True
-            self.add(MoveJ(Pose(TOOL_DOWN, self.here()), RAPID))
+            self.add(MoveJ(Pose(TOOL_DOWN, self.position()), RAPID))
         else:
             self.held += 1
+
+    def move_rapidly(self, end: Vec3) -> None:
+        """Adds a rapid motion of all axes unless the tool is at `end`."""
+        if list(end) != self.at:
+            self.rapid(end, (0, 1, 2))
 
     def _begin_at_zero(self, axis: int) -> None:
         """Takes 0 for the position of an axis that no line names."""
@@ -475,8 +478,7 @@ class Machine:
         words = zip(axes, values, strict=True)
         return " ".join(f"{AXES[k]}{short(value, 4)}" for k, value in words)
 
-    def _insist_on_dark_rapids(self) -> None:
-        """Adds a finding for a rapid motion with the beam of a laser on."""
+    def _check_beam(self) -> None:
         is_on = self.spindle != "M5" and bool(self.on_off or self.speed)
         if self.beam is not None or not is_on:
             return
@@ -487,8 +489,11 @@ class Machine:
             )
             self.log.find("dangerous", what, once="beam")
         elif self.varies_power:
-            what = "the output of S stays on in rapid motions; GRBL in laser mode switches it off"
-            self.assume(what, "laser", why="$32=1 or a tool of kind laser says so")
+            self.assume(
+                "the output of S stays on in rapid motions; GRBL in laser mode switches it off",
+                "laser",
+                why="$32=1 or a tool of kind laser says so",
+            )
 
     def pieces(self, pieces: Sequence[Piece], speed: float) -> None:
         """Adds lines and arcs at `speed`, mm/s."""
@@ -531,7 +536,7 @@ class Machine:
         """Sets an output. Raises LineError."""
         self.profile.switch(self, signal, value)
 
-    def turn(self) -> None:
+    def update_spindle(self) -> None:
         """Switches the spindle, or the beam of a laser, to its modal state."""
         if self.beam is not None:
             if self.spindle == "M4":
@@ -568,7 +573,7 @@ class Machine:
             self.left_on[:] = on + ["a coolant"] * bool(self.coolants)
         if self.spindle != "M5":
             self.spindle = "M5"
-            self.turn()
+            self.update_spindle()
         for code in sorted(self.coolants):
             self.switch(COOLANTS[code], 0.0)
 

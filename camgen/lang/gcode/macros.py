@@ -22,7 +22,10 @@ def take_arguments(words: dict[str, float]) -> dict[int, float]:
 
 
 def test_branch(text: str, known: Parameters) -> tuple[bool, str]:
-    """Whether the condition of IF holds, and the text after it. text: bare. Raises LineError."""
+    """The condition of IF, and the text after it. Raises LineError.
+
+    text: line in lower case without comments and blanks.
+    """
     holds, at = value_at(text, 2, known)
     rest = text[at:]
     if not rest.startswith(("goto", "then")):
@@ -31,7 +34,10 @@ def test_branch(text: str, known: Parameters) -> tuple[bool, str]:
 
 
 def test_loop(text: str, known: Parameters) -> bool:
-    """Whether the condition of WHILE holds; it does after DO alone. text: bare. Raises LineError."""
+    """The condition of WHILE, true for DO without it. Raises LineError.
+
+    text: line in lower case without comments and blanks.
+    """
     holds, at = (1.0, 0) if text.startswith("do") else value_at(text, 5, known)
     if not _DO.fullmatch(text, at):
         raise UnknownWord(f"cannot read {text[at : at + 12]!r} after WHILE")
@@ -67,5 +73,5 @@ def assign(text: str, known: Parameters) -> bool:
     value, end = value_at(f"[{text[at + 1 :]}]", 0, known)
     if end < len(text) - at + 1:
         return False
-    known.put(key, value)
+    known.set(key, value)
     return True

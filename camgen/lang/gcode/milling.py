@@ -1,7 +1,7 @@
-"""Words of mills that not all controllers have: rotated coordinates, modal calls of macros, circular pockets.
+"""Codes of some mills: rotated coordinates, modal calls of macros, and circular pockets.
 
-Sources: Fanuc Series 0i-MF operator's manual (B-64694), coordinate system rotation and custom macro; Using Mach3Mill,
-chapter 10; Haas VF series manual (96-8000), circular pocket milling.
+Sources: Fanuc Series 0i-MF operator's manual (B-64694), coordinate system rotation and custom
+macro; Using Mach3Mill, chapter 10; Haas VF series manual (96-8000), circular pocket milling.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ _PLANES = {"G17": (0, 1), "G18": (2, 0), "G19": (1, 2)}
 
 
 def _rotate(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G68 by R, deg, about X Y of the plane, or where the tool is; Mach3: about A B, and I adds to what is on. G69."""
+    """G68 and G69: rotates the coordinates by R, deg, or ends the rotation.
+
+    The centre is given by two axes of the plane, in Mach3 by A and B; without them it is the tool.
+    With I in Mach3, R adds to the rotation in force.
+    """
     if code == "G69":
         m.rotation = None
         return
     before, m.rotation = m.rotation, None
     axes = _PLANES[m.plane]
-    letters = (
-        ("A", "B")
-        if "A" in words or "B" in words or m.dialect.name == "mach3"
-        else tuple(AXES[k] for k in axes)
-    )
-    usual = (0.0, 0.0) if letters[0] == "A" else tuple(m.at[axis] - m.shift[axis] for axis in axes)
-    centre = [
-        (words.pop(letter) * m.scale if letter in words else value) + m.shift[axis]
-        for letter, value, axis in zip(letters, usual, axes, strict=True)
-    ]
-    adds = words.pop("I", None) is not None and before is not None
-    angle = (
-        words.pop("R")
-        if "R" in words
-        else m.guess("G68 without R: the angle is the machine's, deg", "g68.r", 0.0)
-    )
-    turned = math.radians(angle) + (before.angle if adds and before else 0.0)
-    m.rotation = Rotation(axes, complex(*centre), turned)
+    is_mach3 = "A" in words or "B" in words or m.dialect.name == "mach3"
+    letters = ("A", "B") if is_mach3 else tuple(AXES[k] for k in axes)
+    centre: list[float] = []
+    for letter, axis in zip(letters, axes, strict=True):
+        usual = 0.0 if is_mach3 else m.at[axis] - m.shift[axis]
+        value = words.pop(letter) * m.scale if letter in words else usual
+        centre.append(value + m.shift[axis])
+    adds = words.pop("I", None) is not None
+    if "R" in words:
+        degrees = words.pop("R")
+    else:
+        degrees = m.guess("G68 without R: the angle is the machine's, deg", "g68.r", 0.0)
+    angle = math.radians(degrees) + (before.angle if adds and before else 0.0)
+    m.rotation = Rotation(axes, complex(*centre), angle)
 
 
 def _call_after_motions(m: Machine, code: str, words: dict[str, float]) -> None:
@@ -58,19 +58,24 @@ def _call_after_motions(m: Machine, code: str, words: dict[str, float]) -> None:
 
 
 def _pocket(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G12 (clockwise) and G13 (the other way): circles about the tool, of I, or from I by Q to K. Once L times deeper.
+    """G12 (clockwise) and G13 (counterclockwise): cuts circles around the position of the tool.
 
-    D is the tool, by whose radius they are smaller. How it goes from circle to circle is taken as half circles.
+    The circle has the radius I. With K and Q, the radii grow from I to K by Q. They are smaller by
+    the radius of tool D. Z is the depth. In G91, the circles are cut L times, deeper by Z
+    each time.
+
+    The link from circle to circle is assumed to be a half circle. Raises LineError for a wrong
+    radius.
     """
     if words.get("I", 0.0) <= 0 or ("K" in words) != ("Q" in words) or words.get("Q", 1.0) <= 0:
         raise LineError(f"{code} without a radius (I), or K without Q")
-    m.insist_on_feed(code)
+    m.assume_feed(code)
     radius = find_radius(m, code, words.pop("D", None))
     first, last, step = words.pop("I"), words.pop("K", 0.0), words.pop("Q", 0.0)
     radii = [first * m.scale]
     while radii[-1] < last * m.scale - 1e-9 and len(radii) < m.limits.pieces:
         radii.append(min(radii[-1] + step * m.scale, last * m.scale))
-    radii = [one - radius for one in radii]
+    radii = [circle - radius for circle in radii]
     if radii[0] <= 0:
         raise LineError(f"{code} with a first circle (I) that is not larger than the tool")
     times = min(int(words.pop("L", 1.0)), 1000) if m.incremental else 1
@@ -82,7 +87,7 @@ def _pocket(m: Machine, code: str, words: dict[str, float]) -> None:
     for _ in range(times):
         if deeper is not None:
             _feed_to(m, {"Z": deeper})
-        _go_round(m, "G2" if code == "G12" else "G3", radii)
+        _cut_circles(m, "G2" if code == "G12" else "G3", radii)
 
 
 def _feed_to(m: Machine, words: dict[str, float]) -> None:
@@ -90,21 +95,21 @@ def _feed_to(m: Machine, words: dict[str, float]) -> None:
     m.pieces([(None, (x, y, z))], speed_of(m))
 
 
-def _go_round(m: Machine, code: str, radii: list[float]) -> None:
-    """Half a circle to each, all of it, and half a circle back to the middle."""
-    x, y, z = m.here()
-    place = 0.0
+def _cut_circles(m: Machine, code: str, radii: list[float]) -> None:
+    """Cuts a half circle to each circle, the circle, and at last a half circle to the centre."""
+    x, y, z = m.position()
+    offset = 0.0  # from the centre along X, mm
     for k, radius in enumerate([*radii, 0.0]):
-        there = -math.copysign(radius, place) if k and radius else radius
-        for end in [there, there] if radius else [0.0]:
-            start = (x + place, y, z)
-            words = {"I": (end - place) / 2 if end != place else -place, "J": 0.0}
+        circle_start = -math.copysign(radius, offset) if k and radius else radius
+        for end in [circle_start, circle_start] if radius else [0.0]:
+            start = (x + offset, y, z)
+            words = {"I": (end - offset) / 2 if end != offset else -offset, "J": 0.0}
             arc = Arc("G17", code, start, (x + end, y, z), words)
             m.pieces(divide(arc, m.limits, m.scale != 1.0), speed_of(m))
-            place = end
+            offset = end
 
 
-#: By modal group.
+#: The handler of each modal group.
 MILLING: dict[str, Handler] = {
     "rotation": _rotate,
     "modal macro": _call_after_motions,

@@ -40,18 +40,18 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
         raise LineError("the control points of G5.2 without G5.3, which draws their curve")
     act = m.profile.handlers.get(m.motion)
     if act is not None and (code or any(axis in words for axis in AXES)):
-        m.profile.settle(m, code, words, False)
+        m.profile.prepare_motion(m, code, words, False)
         act(m, m.motion, words)
         return
     polar(m, words)
     named = [axis for axis in AXES if axis in words]
     around = m.motion in ARCS and any(letter in words for letter in _CENTRES)
     if not named and not around and code not in CYCLES:
-        m.profile.stand(m, code)
+        m.profile.run_without_axes(m, code)
         return
     if not m.motion:
         _assume_rapid(m)
-    m.profile.settle(m, code, words, m.motion in CYCLES)
+    m.profile.prepare_motion(m, code, words, m.motion in CYCLES)
     if m.motion in CYCLES:
         drill(m, words)
         return
@@ -63,7 +63,6 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
 
 
 def _assume_rapid(m: Machine) -> None:
-    """Takes G0 for axis words without a modal motion code. Raises LineError as LinuxCNC does."""
     if not m.dialect.open:
         raise LineError("axis words without a motion code (G0, G1, G2, G3)")
     m.assume("axis words without a motion code are run as G0")
@@ -119,8 +118,9 @@ def target(m: Machine, words: dict[str, float]) -> list[float]:
     for axis, value in take_axes(m, words).items():
         if m.incremental and not m.known[axis]:
             m.known[axis] = True
-            why = "an incremental motion does not say from where"
-            m.assume(f"{AXES[axis]} begins at 0", why=why)
+            m.assume(
+                f"{AXES[axis]} begins at 0", why="an incremental motion does not say from where"
+            )
         end[axis] = end[axis] + value if m.incremental else value + m.shift[axis]
     return m.turned(end)
 
@@ -130,9 +130,9 @@ def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
     if m.feed_mode == "G93" and "F" not in words:
         raise LineError(f"{m.motion} without F: with G93 every motion has its own")
     words.pop("F", None)
-    m.insist_on_feed(m.motion)
+    m.assume_feed(m.motion)
     m.start()
-    start, last = m.here(), (end[0], end[1], end[2])
+    start, last = m.position(), (end[0], end[1], end[2])
     # A machine that goes on after a refused arc stands at its end too.
     m.at[:] = last
     curve: list[Piece] = [(None, last)]
@@ -207,11 +207,11 @@ def run_usual(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
         if stop - at < SHORTEST_RUN or at < chunk.resume:
             break
         limits = m.exact or m.limits
-        state = MotionState(m.here(), m.shift, m.scale, m.motion, m.feed, m.blend, limits)
+        state = MotionState(m.position(), m.shift, m.scale, m.motion, m.feed, m.blend, limits)
         effect = perform(chunk, state, at, stop)
         if effect is not None:
             if m.force:
-                m.body.extend(_press(item, m.force) for item in effect.body)
+                m.body.extend(_with_force(item, m.force) for item in effect.body)
             else:
                 m.body.extend_body(effect.body)
             m.lines.frombytes(effect.lines.tobytes())
@@ -225,6 +225,5 @@ def run_usual(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
     return at
 
 
-def _press(item: Instruction, force: float) -> Instruction:
-    """The instruction with a force, N, if it is a motion at feed."""
+def _with_force(item: Instruction, force: float) -> Instruction:
     return replace(item, force=force) if isinstance(item, MoveL | MoveC) else item

@@ -1,4 +1,4 @@
-"""Old programs for another machine: all instructions of one run, or the reason of a refusal."""
+"""Runs an old program for another machine: its instructions, or the reason of a refusal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from camgen.lang.gcode.dialects import LINUXCNC, Dialect
 from camgen.lang.gcode.machine import Machine
-from camgen.lang.gcode.run import play
+from camgen.lang.gcode.run import run_program
 from camgen.lang.programs import Ask
 from camgen.lang.recorded import ProgramRun
 from camgen.model.limits import Limits
@@ -36,22 +36,22 @@ def interpret(
 
     given: values from the user, by name.
     """
-    ask = Ask(assume=given, limits=limits or Limits())
-    return replay({"": "\n".join(lines)}, ask, None, LINUXCNC)
+    request = Ask(assume=given, limits=limits or Limits())
+    return replay({"": "\n".join(lines)}, request, None, LINUXCNC)
 
 
 def replay(
-    texts: Mapping[str, str], ask: Ask, chord: float | None, usual: Dialect | None = None
+    texts: Mapping[str, str], request: Ask, chord: float | None, usual: Dialect | None = None
 ) -> ProgramRun:
     """Runs the first of ``texts`` for another machine. Never raises for a text.
 
     The first line that cannot be run, that its controller refuses, or whose effect would be lost
     stops the run.
 
-    chord: deviation of the lines of helices, mm.
-    usual: dialect without one in ``ask``, None for that which the text shows.
+    chord: deviation of the lines of helices and splines, mm. None: the deviation of the dialect.
+    usual: dialect if the request names none. None: the text determines it.
     """
-    m, stopped, _ = play(texts, ask, usual, chord)
+    m, stopped, _ = run_program(texts, request, usual, chord)
     refused = [(item.line, item.what) for item in m.log.list_findings() if item.level == "refused"]
     stops = [*m.log.list_lost(), *([stopped] if stopped else []), *refused]
     reasons = sorted(stops, key=lambda stop: stop[0])
@@ -59,7 +59,7 @@ def replay(
     return ProgramRun(
         body,
         lines,
-        _remarks(m),
+        _list_remarks(m),
         m.held,
         m.entry,
         reasons[0] if reasons else None,
@@ -76,10 +76,10 @@ def _without_optional_stops(m: Machine) -> tuple[tuple[Instruction, ...], tuple[
     return tuple(item for item, _ in kept), tuple(line for _, line in kept)
 
 
-def _tell_left_out(label: str, what: str) -> Note:
-    """The note of a word without a motion.
+def _make_note(label: str, what: str) -> Note:
+    """The note about a word without a motion.
 
-    label: its kind in the facts of ``Executed``.
+    label: kind of the word in the facts of ``Executed``.
     """
     return Note("skipped", what if label == "left out" else f"{what}: {label}")
 
@@ -88,7 +88,7 @@ def _is_optional(item: Instruction) -> bool:
     return isinstance(item, Stop) and item.optional
 
 
-def _remarks(m: Machine) -> tuple[tuple[int, Note], ...]:
+def _list_remarks(m: Machine) -> tuple[tuple[int, Note], ...]:
     """The assumptions, the findings that stop nothing, and the words left out, by line."""
     remarks = [(item.line, Note("assumed", item.what)) for item in m.log.list_assumed()]
     remarks += [
@@ -98,7 +98,7 @@ def _remarks(m: Machine) -> tuple[tuple[int, Note], ...]:
     ]
     for label, items in m.log.facts.items():
         remarks += [
-            (line, _tell_left_out(label, what))
+            (line, _make_note(label, what))
             for what, line in items.items()
             if label != "dialect" and what not in WITHOUT_EFFECT
         ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from itertools import accumulate, repeat
+from itertools import pairwise, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -24,27 +24,27 @@ from camgen.lang.programs import Ask, Executed, Frames
 from camgen.lang.run import Stopped
 from camgen.model.program import Output
 
-#: Words that lead to a place of X, Y and Z: the axis, its increment, polar words, and places that
-#: the machine stores.
-_LEADS = tuple(
+#: Words that may move X, Y and Z: the axis, its increment, polar words, and codes that move to a
+#: position of the machine.
+_MOVING_WORDS = tuple(
     re.compile(rf"[{letters}]|\bG[ \t]*0*(?:28|30|53)\b", re.IGNORECASE)
     for letters in (r"xu@\^", r"yv@\^", "zw")
 )
-
-
+#: Maximum number of items in the text of a fact.
+_LISTED = 8
 #: The profile of third-party programs.
 PROFILE = Profile(
     handlers=HANDLERS,
     clean=third_party.clean,
     parse=third_party.parse,
-    settle=third_party.settle,
-    stand=third_party.stand,
+    prepare_motion=third_party.prepare_motion,
+    run_without_axes=third_party.run_without_axes,
     switch=third_party.switch,
 )
 
 
-class Played(NamedTuple):
-    """A program that was run.
+class ProgramTrace(NamedTuple):
+    """The run of a program.
 
     machine: the machine after the run.
     stopped: line and reason of a stop before the end, None without one.
@@ -56,31 +56,35 @@ class Played(NamedTuple):
     code: Code | None = None
 
 
-def play(
-    files: Mapping[str, str], ask: Ask, usual: Dialect | None = None, chord: float | None = None
-) -> Played:
-    """Runs the first of ``files``.
+def run_program(
+    files: Mapping[str, str],
+    request: Ask,
+    usual: Dialect | None = None,
+    chord: float | None = None,
+) -> ProgramTrace:
+    """Runs the first of ``files``. Never raises for a text.
 
     files: the program, and then files with its subprograms.
-    usual: dialect without one in ``ask``, None for that which the text shows.
-    chord: deviation of the lines of helices and splines, mm.
+    request: dialect, assumed values, entry and limits.
+    usual: dialect if the request names none. None: the text determines it.
+    chord: deviation of the lines of helices and splines, mm. None: the deviation of the dialect.
     """
-    texts = {name: _lines_of(text) for name, text in files.items()}
-    lines = [line for text in texts.values() for line in text]
-    starts = dict(
-        zip(texts, accumulate((len(text) for text in texts.values()), initial=0), strict=False)
-    )
+    lines: list[str] = []
+    starts: dict[str, int] = {}
+    for name, text in files.items():
+        starts[name] = len(lines)
+        lines += _split_lines(text)
     name, text = next(iter(files.items()), ("", ""))
     dialect, sign = (usual, "") if usual else recognise(text, name)
-    if ask.dialect:
-        dialect, sign = DIALECTS.get(ask.dialect, dialect), ""
+    if request.dialect:
+        dialect, sign = DIALECTS.get(request.dialect, dialect), ""
     helix = dialect.arcs.helix if chord is None else chord
     m = Machine(
         profile=PROFILE,
         dialect=dialect,
-        given=ask.assume,
-        limits=replace(dialect.arcs, pieces=ask.limits.gcode_pieces, helix=helix),
-        bounds=ask.limits,
+        given=request.assume,
+        limits=replace(dialect.arcs, pieces=request.limits.gcode_pieces, helix=helix),
+        bounds=request.limits,
         on_off=not has_speed(lines),
         pause=dialect.dwell,
         to_start=dialect.to_start or None,
@@ -88,42 +92,41 @@ def play(
     )
     _set_beam(m, text)
     words = COMMENT.sub("", "\n".join(files.values()))
-    m.unnamed = [axis for axis, leads in enumerate(_LEADS) if not leads.search(words)]
+    m.unnamed = [axis for axis, moving in enumerate(_MOVING_WORDS) if not moving.search(words)]
     m.log.fact("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     other = find_other(text)
-    if other is not None and not ask.dialect:
-        return Played(m, (other[0], f"a program of {other[1]}: its language is not read"))
+    if other is not None and not request.dialect:
+        return ProgramTrace(m, (other[0], f"a program of {other[1]}: its language is not read"))
     try:
         code = compile_program(lines, third_party.read_grammar(m), starts)
     except LineError as error:
         what, line = error.args
-        return Played(m, (line, what))
-    third_party.judge_blanks(m, lines)
+        return ProgramTrace(m, (line, what))
+    third_party.find_split_numbers(m, lines)
     try:
-        Interpreter(m, lines, code).run(ask.entry)
+        Interpreter(m, lines, code).run(request.entry)
         m.finish()
     except (LineError, Stopped) as error:
-        return Played(m, (m.line, str(error)), code)
-    return Played(m, None, code)
+        return ProgramTrace(m, (m.line, str(error)), code)
+    return ProgramTrace(m, None, code)
 
 
 def _set_beam(m: Machine, text: str) -> None:
-    """Gives the machine of GRBL the beam of a laser where its laser mode is on."""
     is_on = m.given.get("laser", float(sets_laser_mode(text)))
     if m.dialect.name == "grbl" and is_on:
         m.beam = Beam("process" if m.on_off else "spindle")
 
 
-def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Executed:
-    """Runs the first of ``files``.
+def run(files: Mapping[str, str], request: Ask, usual: Dialect | None = None) -> Executed:
+    """Runs the first of ``files``. Never raises for a text.
 
-    usual: dialect without one in ``ask``, None for that which the text shows.
+    usual: dialect if the request names none. None: the text determines it.
     """
-    m, stopped, code = play(files, ask, usual)
+    m, stopped, code = run_program(files, request, usual)
     coverage = None if code is None else _measure_coverage(files, code, m)
     if stopped is None:
-        _judge_end(m, [_lines_of(text) for text in files.values()])
-    frames, frame = _frames(m)
+        _check_end(m, [len(_split_lines(text)) for text in files.values()])
+    frames, frame = _list_frames(m)
     return Executed(
         body=m.body.body(),
         lines=tuple(m.lines),
@@ -131,7 +134,7 @@ def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Exe
         frame=frame,
         findings=m.log.list_findings(),
         assumed=m.log.list_assumed(),
-        facts=_facts(m),
+        facts=_list_facts(m),
         lost=m.log.list_lost(),
         stopped=stopped,
         is_limited=m.log.is_limited,
@@ -143,60 +146,62 @@ def _measure_coverage(files: Mapping[str, str], code: Code, m: Machine) -> Cover
     """The coverage of the lines that have more than a comment, a block skip or a per cent sign."""
     has_statement: list[bool] = []
     for text in files.values():
-        lines = map(COMMENT.sub, repeat(""), _lines_of(text))
+        lines = map(COMMENT.sub, repeat(""), _split_lines(text))
         has_statement += [bool(line.strip(" \t\r%/")) for line in lines]
     coverage = measure_coverage([code], m.log.ran, m.line)
     chosen = np.array(has_statement)[coverage.lines - 1]
     return Coverage(coverage.lines[chosen], coverage.ran[chosen])
 
 
-def _lines_of(text: str) -> list[str]:
+def _split_lines(text: str) -> list[str]:
     return text.removeprefix("\ufeff").removesuffix("\n").split("\n")
 
 
-def _judge_end(m: Machine, texts: list[list[str]]) -> None:
-    """What is left on, what follows the end, and whether the text says that it ends. texts: the lines of the files."""
-    m.line = min(m.line, sum(map(len, texts))) or 1
-    if not m.ended and texts:
-        m.line = len(texts[0])
+def _check_end(m: Machine, line_counts: list[int]) -> None:
+    """Adds findings for a missing end, outputs that stay on, and a shift that stays.
+
+    line_counts: number of lines of each file.
+    """
+    m.line = min(m.line, sum(line_counts)) or 1
+    if not m.ended and line_counts:
+        m.line = line_counts[0]
         if m.dialect.needs_end:
-            m.log.find(
-                "unusual",
-                "the program has no end (M2, M30 or per cent signs): LinuxCNC stops here with an error",
-            )
-        left = {item.signal: item.value for item in m.body if isinstance(item, Output)}
-        # What the end of the run switched off, the text does not.
-        on = [name for name, value in left.items() if value and name.startswith(("dout", "aout"))]
+            what = "the program has no end (M2, M30 or per cent signs)"
+            m.log.find("unusual", f"{what}: LinuxCNC stops here with an error")
+        values = {item.signal: item.value for item in m.body if isinstance(item, Output)}
+        on = [name for name, value in values.items() if value and name[:4] in ("dout", "aout")]
+        # The run has switched spindle and coolant off at its end. The text has not.
         if m.left_on:
-            m.log.find(
-                "dangerous",
-                f"the file ends with {' and '.join(m.left_on)} on, and without M2 or M30",
-            )
+            what = f"the file ends with {' and '.join(m.left_on)} on, and without M2 or M30"
+            m.log.find("dangerous", what)
         elif on:
             m.log.find("unusual", f"the program ends with {', '.join(on)} on")
-    if any(by for by in m.shifted):
+    if any(m.shifted):
         m.log.find("unusual", "the shift of the origin by G92 or G52 is still on at the end")
 
 
-def _frames(m: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
-    """The tools and work offsets in force, and which of them at each instruction."""
+def _list_frames(m: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
+    """The pairs of a tool and a work offset, and the index of the pair of each instruction.
+
+    The indices are empty for one pair.
+    """
     if not m.marks:
         return ((Frames(work=m.work),), ()) if m.work else ((), ())
     table: dict[tuple[str, str], int] = {}
     frame: list[int] = []
-    marks = m.marks if m.marks[0][0] == 0 else [(0, 0, ""), *m.marks]
-    for (begin, tool, work), (end, *_) in zip(
-        marks, [*marks[1:], (len(m.body), 0, "")], strict=True
-    ):
+    marks = [*m.marks, (len(m.body), 0, "")]
+    if marks[0][0] > 0:
+        marks.insert(0, (0, 0, ""))
+    for (begin, tool, work), (end, *_) in pairwise(marks):
         if end > begin:
-            place = table.setdefault((f"T{tool}" if tool else "", work), len(table))
-            frame += [place] * (end - begin)
+            index = table.setdefault((f"T{tool}" if tool else "", work), len(table))
+            frame += [index] * (end - begin)
     frames = tuple(Frames(tool=tool, work=work) for tool, work in table)
     return frames, tuple(frame) if len(frames) > 1 else ()
 
 
-def _facts(m: Machine) -> tuple[tuple[str, str], ...]:
-    """What else stands in the program."""
+def _list_facts(m: Machine) -> tuple[tuple[str, str], ...]:
+    """The facts of a run: label and text, with the first lines of each."""
     facts = [
         ("dialect", next(iter(m.log.facts.pop("dialect")))),
         ("units", "mm" if m.scale == 1.0 else "inch"),
@@ -206,8 +211,9 @@ def _facts(m: Machine) -> tuple[tuple[str, str], ...]:
     if m.filament:
         facts.append(("filament", f"{m.filament:.1f} mm"))
     for label, items in m.log.facts.items():
-        some = [f"{what} (line {line})" for what, line in list(items.items())[:8]]
-        facts.append(
-            (label, ", ".join(some) + (f" and {len(items) - 8} more" if len(items) > 8 else ""))
-        )
+        listed = [f"{what} (line {line})" for what, line in items.items()]
+        text = ", ".join(listed[:_LISTED])
+        if len(listed) > _LISTED:
+            text += f" and {len(listed) - _LISTED} more"
+        facts.append((label, text))
     return tuple(facts)

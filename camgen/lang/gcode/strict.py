@@ -1,4 +1,4 @@
-"""Reads a LinuxCNC program of a post back: text -> instructions, findings by line.
+"""The checks of a read-back: a strict run of a G-code program that a post has written.
 
 It is the run of any program (`camgen.lang.gcode`) with a stricter profile. A line is a finding if
 
@@ -7,23 +7,19 @@ It is the run of any program (`camgen.lang.gcode`) with a stricter profile. A li
 - it differs from the options of the post.
 
 Nothing is guessed: a finding also names the value that is assumed from its line on.
-
-A program may have words that no post writes: other cycles, O-words, parameters, shifts of the
-origin. It is then run once more as a third-party program. A word that is unknown there too is
-refused by name.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 from msgspec.structs import replace
 
-from camgen.lang.gcode import arcs, dialects
+from camgen.lang.gcode import dialects
 from camgen.lang.gcode.code import compile_lines
 from camgen.lang.gcode.codes import (
     HANDLERS,
@@ -35,34 +31,31 @@ from camgen.lang.gcode.codes import (
 from camgen.lang.gcode.interpreter import Interpreter
 from camgen.lang.gcode.machine import ARCS, AXES, COOLANTS, Machine, Profile
 from camgen.lang.gcode.predefined import find_value
-from camgen.lang.gcode.third_party import stand
+from camgen.lang.gcode.strict_text import (
+    Controller,
+    check_characters,
+    check_comments,
+    check_words,
+    remove_number,
+)
+from camgen.lang.gcode.third_party import run_without_axes
 from camgen.lang.gcode.words import (
-    COMMENT,
     GROUP,
     Line,
     LineError,
     Parameters,
     UnknownWord,
-    tell_unread,
+    explain_unread,
     without_comments,
-    without_number,
     words_of,
 )
-from camgen.lang.log import Log
 from camgen.lang.post_options import read_number
 from camgen.lang.programs import Executed
 from camgen.lang.run import Stopped
 from camgen.model.errors import JobError
-from camgen.model.program import Force, Instruction, Output, ToolChange
+from camgen.model.program import Force, Output, ToolChange
 from camgen.model.text import counted
 
-_WORDS = re.compile(r"([a-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
-_LINE = re.compile(rf"(?:{_WORDS.pattern})*")
-#: Comments that LinuxCNC acts on. `MSG` only shows its text.
-_ACTIVE = re.compile(
-    r"\s*(debug|print|log|logopen|logappend|logclose|probeopen|probeclose|abort|py)\b",
-    re.IGNORECASE,
-)
 #: The code of each modal group that posts write before the first motion. The program before may
 #: have left another one: LinuxCNC's M2 and GRBL's reset restore the modes, an abort need not.
 #: Units, tool length and path mode have findings of their own.
@@ -95,49 +88,6 @@ _OUTPUT = re.compile(r"M6([45]) P([0-9]{1,2})")
 REMARK = re.compile(r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)")
 #: The dialect of a read-back: nothing but what the controllers of the posts have in common.
 _DIALECT = replace(dialects.LINUXCNC, unit_first=None)
-
-
-@dataclass(frozen=True, slots=True)
-class Controller:
-    """The rules of a controller.
-
-    name: name of the controller, for messages.
-    codes: codes that are read.
-    limit: maximum number of characters per line.
-    squeezed: whether `limit` counts a line without its blanks and comments.
-    forbidden: characters that may not occur, not even in a comment. None: all may occur.
-    linuxcnc: whether per cent signs, active comments, block delete and circles without an end
-        point have their meaning of LinuxCNC, not that of GRBL.
-    arcs: tolerances of arcs.
-    max_tool: largest T.
-    max_line_number: largest N.
-    """
-
-    name: str
-    codes: frozenset[str]
-    limit: int
-    squeezed: bool
-    forbidden: re.Pattern[str] | None
-    linuxcnc: bool
-    arcs: arcs.Limits
-    max_tool: float = math.inf
-    max_line_number: float = math.inf
-
-
-_CODES = """
-    G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G43 G49 G53 G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3
-    G61 G61.1 G64 G80 G81 G82 G83 G90 G90.1 G91 G91.1 G94 G97 G98 G99
-    M0 M1 M2 M3 M4 M5 M6 M7 M8 M9 M30 M62 M63 M64 M65 M67 M68
-"""
-LINUXCNC = Controller(
-    name="LinuxCNC",
-    codes=frozenset(_CODES.split()),
-    limit=252,
-    squeezed=False,
-    forbidden=None,
-    linuxcnc=True,
-    arcs=arcs.LINUXCNC,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,8 +165,8 @@ class Strict:
             handlers=handlers,
             clean=self.clean,
             parse=self.parse,
-            settle=self.settle,
-            stand=self.stand,
+            prepare_motion=self.prepare_motion,
+            run_without_axes=self.run_without_axes,
             switch=self.switch,
             find_effect=self.find_effect,
             goes_on=True,
@@ -253,7 +203,7 @@ class Strict:
         Raises LineError if the controller refuses the line.
         """
         text, rules = raw.removesuffix("\r"), self.rules
-        _refuse_characters(text, rules)
+        check_characters(text, rules)
         if rules.linuxcnc and text.strip(" \t\r") == "%":
             if self.has_text and not (m.opened or m.ended):
                 raise LineError("a per cent sign that does not belong to one on the first line")
@@ -261,7 +211,7 @@ class Strict:
         self.has_text = self.has_text or not raw.isspace()
         if "(" in text or ";" in text or ")" in text:
             if rules.linuxcnc:
-                _refuse_active(text)
+                check_comments(text)
             text = without_comments(text)
         text = text.replace(" ", "").replace("\t", "")
         if not text.isascii():
@@ -275,8 +225,8 @@ class Strict:
                 raise UnknownWord(f"block delete: {what}")
             what = f"which {rules.name} ignores and no post writes"
             m.log.find("unusual", f"a slash before a line, {what}")
-        words = _drop_number(text.lower().removeprefix("/"), rules)
-        _refuse_unread(words)
+        words = remove_number(text.lower().removeprefix("/"), rules)
+        check_words(words)
         return words
 
     def parse(self, m: Machine, text: str, known: Parameters) -> Line:
@@ -289,7 +239,7 @@ class Strict:
         rules = self.rules
         for code in codes.values():
             if code not in rules.codes:
-                what = tell_unread(code, f"not a code of {rules.name}")
+                what = explain_unread(code, f"not a code of {rules.name}")
                 raise LineError(what) if code in _UNREAD else UnknownWord(what)
         for name, groups in _ONE_GROUP.items():
             both = [codes[group] for group in groups if group in codes]
@@ -302,7 +252,6 @@ class Strict:
         return codes, words
 
     def _find_idle(self, m: Machine, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
-        """Adds findings for codes that no post writes and that change no motion."""
         if "T" in words:
             self.note_idle(m, "T")
             if not self.expect.tool or int(words["T"]) != self.expect.tool:
@@ -333,16 +282,18 @@ class Strict:
 
     # -- motions -------------------------------------------------------------------------------
 
-    def stand(self, m: Machine, code: str) -> None:
+    def run_without_axes(self, m: Machine, code: str) -> None:
         """Checks a motion code without a target. Raises LineError if it needs a feed."""
         if code == "G1" and m.feed <= 0:
             raise LineError("G1 without a feed (F)")
         if m.lifted:
             self._check_modes(m)
             self._check_path(m)
-        stand(m, code)
+        run_without_axes(m, code)
 
-    def settle(self, m: Machine, code: str, words: Mapping[str, float], cycle: bool) -> None:
+    def prepare_motion(
+        self, m: Machine, code: str, words: Mapping[str, float], cycle: bool
+    ) -> None:
         """Checks the state of the machine before a motion. Raises LineError."""
         named = [axis for axis in AXES if axis in words]
         if not named and (cycle or not self.rules.linuxcnc):
@@ -369,7 +320,6 @@ class Strict:
                 raise LineError(f"a motion of Z after {m.length}: {why}")
 
     def _check_start(self, m: Machine) -> None:
-        """Checks the state of the machine before the first motion."""
         if self.has_moved:
             return
         self.has_moved = True
@@ -382,24 +332,29 @@ class Strict:
         if m.work != expect.work:
             m.log.find("refused", f"work offset {m.work}, but post.work is {expect.work}")
         if expect.tool and self.length_code != "G43":
-            what = "the length of the tool is not applied (G43) before the first motion"
-            m.log.find("refused", what)
+            m.log.find(
+                "refused", "the length of the tool is not applied (G43) before the first motion"
+            )
         elif not self.length_code:
-            what = "neither G49 nor G43 before the first motion: a tool length that is on shifts Z"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual",
+                "neither G49 nor G43 before the first motion: a tool length that is on shifts Z",
+            )
         if m.lifted and not expect.lift:
-            what = "G53 has sent the tool to the machine's zero of Z, but post.lift is false"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual",
+                "G53 has sent the tool to the machine's zero of Z, but post.lift is false",
+            )
         self._check_path(m)
 
     def _check_modes(self, m: Machine) -> None:
-        """Adds a finding for modes without a code before the first motion."""
         needed = {**_MODES, "work offset": self.expect.work}
         missing = [code for group, code in needed.items() if group not in self.stated_groups]
         if missing:
             reason = "the program before may have left it otherwise"
-            what = f"{', '.join(missing)} not said before the first motion: {reason}"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual", f"{', '.join(missing)} not said before the first motion: {reason}"
+            )
         self.stated_groups.update(needed)
 
     def _check_path(self, m: Machine) -> None:
@@ -437,8 +392,7 @@ class Strict:
         """Sets an output under the name of its signal, or the force. Raises LineError."""
         channel, scale = self.expect.force or (-1, 1.0)
         if m.lifted and not m.has_position:
-            what = "an output is switched when the machine has moved already (G53)"
-            m.log.find("unusual", what)
+            m.log.find("unusual", "an output is switched when the machine has moved already (G53)")
         if signal != f"aout{channel}":
             name = signal.replace("dout", "P").replace("aout", "E")
             m.add(Output(self.expect.names.get(signal, name), value))
@@ -486,8 +440,9 @@ class Strict:
         if not any(isinstance(item, ToolChange) for item in m.body.objects):
             self._check_first_change(m)
         if m.spindle != "M5" or m.coolants or self.is_pressing:
-            on = "while the spindle, a coolant or a force is on"
-            m.log.find("refused", f"tool {tool} is changed {on}")
+            m.log.find(
+                "refused", f"tool {tool} is changed while the spindle, a coolant or a force is on"
+            )
         if self.due_tool:
             m.log.find("unusual", f"tool {self.due_tool} is changed to and never used")
         m.add(ToolChange(tool))
@@ -496,14 +451,15 @@ class Strict:
         m.known[:] = [False, False, False]
 
     def _check_first_change(self, m: Machine) -> None:
-        """Adds findings for settings that are missing when the machine moves to change the tool."""
         self._check_modes(m)
         self._check_path(m)
         if self.expect.lift and not m.lifted:
             m.log.find("unusual", "G53 G0 Z0 is missing before the first tool change")
         if self.length_code != "G49":
-            what = "G49 is missing before the first tool change: a length that is on shifts Z"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual",
+                "G49 is missing before the first tool change: a length that is on shifts Z",
+            )
 
     def turn_spindle(self, m: Machine, code: str, words: dict[str, float]) -> None:
         """M3, M4 and M5. Raises LineError without a speed."""
@@ -523,18 +479,22 @@ class Strict:
         tool, due_tool = self.expect.tool, self.due_tool
         if code == "G43" and due_tool:
             if "H" not in words:
-                what = f"the length of tool {due_tool} is asked for by H{due_tool}"
-                m.log.find("unusual", f"G43 without H: {what}")
+                m.log.find(
+                    "unusual",
+                    f"G43 without H: the length of tool {due_tool} is asked for by H{due_tool}",
+                )
             number = words.pop("H", due_tool)
             if number != due_tool:
-                length = f"the length of another tool than T{due_tool}"
-                raise LineError(f"G43 H{number:g} shifts z by {length}")
+                raise LineError(
+                    f"G43 H{number:g} shifts z by the length of another tool than T{due_tool}"
+                )
             self.due_tool = 0
         elif code == "G43" and (words.pop("H", tool) != tool or not tool):
             raise LineError(f"G43 shifts z by the length of a tool, but post.tool is {tool}")
         if code == "G49" and self.expect.lift and not m.lifted:
-            what = "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"
-            m.log.find("unusual", what)
+            m.log.find(
+                "unusual", "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"
+            )
         if m.has_position and code != self.length_code:
             raise LineError(f"{code} after the first motion shifts the origin")
         m.length = self.length_code = code
@@ -555,8 +515,10 @@ class Strict:
         if code != "G64":
             wanted = f"G64 P{allowed:g}" if allowed else "G61"
             if allowed is None:
-                reason = f"{self.rules.name} rounds corners by its own setting"
-                m.log.find("unusual", f"{code} changes nothing: {reason}")
+                m.log.find(
+                    "unusual",
+                    f"{code} changes nothing: {self.rules.name} rounds corners by its own setting",
+                )
             elif code != wanted:
                 option = f"post.path_tolerance asks for {wanted}"
                 m.log.find("unusual", f"{code} where {option}: corners take another time")
@@ -568,19 +530,20 @@ class Strict:
         if tolerance <= 0:
             raise LineError("G64 without P rounds corners by any amount")
         if largest * m.scale > (allowed or 0.0) * (1 + 1e-9):
-            limit = f"post.path_tolerance is {allowed or 0.0:g}"
-            raise LineError(f"G64 may leave the path by {largest:g}, {limit}")
+            raise LineError(
+                f"G64 may leave the path by {largest:g}, post.path_tolerance is {allowed or 0.0:g}"
+            )
 
     def lift_tool(self, m: Machine, motion: str, words: dict[str, float]) -> None:
         """G53. Raises LineError for another motion than G53 G0 Z0 at the start."""
         is_lift = motion == "G0" and "X" not in words and "Y" not in words
         if not m.incremental and (m.has_position or not is_lift or words.pop("Z", 1.0) != 0):
-            raise LineError(tell_unread("G53", "not known"))
+            raise LineError(explain_unread("G53", "not known"))
         lift_tool(m)
 
     # -- the end -------------------------------------------------------------------------------
 
-    def judge_end(self, m: Machine) -> None:
+    def find_missing(self, m: Machine) -> None:
         """Adds findings for what the program lacks, and for assumptions."""
         for letter in "ST":
             self.note_idle(m, letter)
@@ -620,52 +583,9 @@ class Strict:
 
 
 def _find_group(code: str) -> str:
-    """The modal group of a code. Raises LineError."""
     if code not in GROUP:
-        raise LineError(tell_unread(code, "not a code that is known"))
+        raise LineError(explain_unread(code, "not a code that is known"))
     return GROUP[code]
-
-
-def _refuse_characters(text: str, rules: Controller) -> None:
-    """Raises LineError for a line that is too long or has characters that may not occur."""
-    if not rules.squeezed and len(text) > rules.limit:
-        raise LineError(f"{len(text)} characters, {rules.name} reads {rules.limit}")
-    if rules.forbidden and (bad := rules.forbidden.search(text)):
-        reason = f"acts at once or is no ASCII, which {rules.name} minds in comments too"
-        raise LineError(f"character {bad[0]!r} {reason}")
-
-
-def _drop_number(text: str, rules: Controller) -> str:
-    """A line without its number. Raises LineError if the number is too large."""
-    words = without_number(text)
-    number = text[: len(text) - len(words)]
-    if number and float(number[1:]) > rules.max_line_number:
-        largest = f"{rules.max_line_number:.0f}"
-        raise LineError(f"{number.upper()[:12]}: {rules.name} numbers lines to {largest}")
-    return words
-
-
-def _refuse_active(text: str) -> None:
-    """Raises LineError for a comment that LinuxCNC acts on."""
-    for comment in COMMENT.finditer(text):
-        if comment[1] is not None and "," in comment[1] and _ACTIVE.match(comment[1]):
-            raise LineError(f"active comment {comment[0][:20]!r}")
-        if comment[0].lower().startswith(";py,"):
-            raise LineError("active comment ';py,'")
-
-
-def _refuse_unread(text: str) -> None:
-    """Raises LineError for anything but words with plain numbers."""
-    if not _LINE.fullmatch(text):
-        if any(character in text for character in "#[]"):
-            raise UnknownWord("parameters and expressions are not read")
-        if re.search("o[0-9<]", text):
-            raise UnknownWord("O-words are not read")
-        match = _LINE.match(text)
-        raise LineError(f"cannot read {text[match.end() if match else 0 :].upper()[:12]!r}")
-    if "n" in text or "o" in text:  # the number of a line or a program, which is not a word
-        letter, number = next(word for word in _WORDS.findall(text) if word[0] in "no")
-        raise LineError(f"word {letter.upper()}{float(number):g}: nothing in the line uses it")
 
 
 def _check_position(m: Machine, named: Sequence[str]) -> None:
@@ -732,7 +652,7 @@ def run(lines: Sequence[str], rules: Controller, expect: Expect) -> Machine:
     except Stopped as stopped:
         m.log.find("refused", str(stopped))
     _read_rest(m, lines)
-    strict.judge_end(m)
+    strict.find_missing(m)
     return m
 
 
@@ -753,77 +673,6 @@ def _read_rest(m: Machine, lines: Sequence[str]) -> None:
 def list_written(m: Machine) -> Executed:
     """The program that a machine has run."""
     return Executed(m.body.body(), m.lines, findings=m.log.list_findings())
-
-
-def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
-    """Reads a LinuxCNC program back.
-
-    options: options of the post. Missing ones have the defaults of docs/posts/gcode.md.
-    Raises JobError if an option has the wrong type.
-    """
-    force = None
-    if options.get("force") == "analog":
-        force = (
-            int(read_number(options, "force_channel", 0)),
-            read_number(options, "force_scale", 0.0) or 1.0,
-        )
-    names = signals(options, {"process": "P0"})
-    outputs = int(read_number(options, "outputs", 4))
-    numbers = [int(name[4:]) for name in names if re.fullmatch("dout[0-9]{1,2}", name)]
-    expect = Expect(
-        work=str(options.get("work", "G54")),
-        tool=int(read_number(options, "tool", 0)),
-        path_tolerance=read_number(options, "path_tolerance", 0.01),
-        names=names,
-        lift=options.get("lift", True) is True,
-        force=force,
-        spiral=spiral(options),
-        digital=max([outputs, *(number + 1 for number in numbers)]),
-        analog=max(outputs, force[0] + 1 if force else 0),
-    )
-    lines = list_lines(files)
-    m = run(lines, LINUXCNC, expect)
-    third_party = _read_third_party(lines, m.unknown_line, names) if m.unknown_line else None
-    return third_party or list_written(m)
-
-
-def _read_third_party(
-    lines: Sequence[str], unknown_line: int, names: Mapping[str, str]
-) -> Executed | None:
-    """Reads a program with words that no post writes as a third-party program.
-
-    The words are a finding, so that a program of a post with such words never passes.
-    unknown_line: first line with such a word.
-    names: signal by output.
-    Returns None if this run stops before the first of these words.
-    """
-    from camgen.lang.gcode.replayed import interpret  # noqa: PLC0415 (only for words of others)
-
-    program = interpret(lines)
-    if program.stopped and program.stopped[0] < unknown_line:
-        return None
-    what = "a word that camgen does not write; the program is read as LinuxCNC runs it"
-    log = Log()
-    log.find("unusual", what, line=unknown_line)
-    for line, note in program.remarks:
-        log.find("unusual", str(note), line=line)
-    if program.stopped:
-        line, reason = program.stopped
-        log.find("refused", f"{reason}; nothing from here on is read", line=line)
-    elif not program.ended:
-        log.find("refused", "the program has no end (M2 or M30)", line=len(lines))
-    body = rename(program.body, names)
-    return Executed(body, program.lines, findings=log.list_findings())
-
-
-def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instruction, ...]:
-    """`body` with the names of signals for the outputs that have one."""
-    return tuple(
-        Output(names[item.signal], item.value)
-        if isinstance(item, Output) and item.signal in names
-        else item
-        for item in body
-    )
 
 
 def list_lines(files: Mapping[str, str]) -> list[str]:

@@ -17,7 +17,8 @@ from camgen.lang.programs import Executed
 from camgen.model.body import Body
 from camgen.model.program import Instruction, Output
 
-from .strict import Controller, Expect, list_lines, list_written, run, signals, spiral
+from .strict import Expect, list_lines, list_written, run, signals, spiral
+from .strict_text import Controller
 
 _CODES = """
     G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G53 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94

@@ -1,7 +1,7 @@
-"""How a line of a third-party program is read: as the dialect of its controller spells it.
+"""Reads a line of a third-party program in the dialect of its controller.
 
-A value that the text does not hold is an assumption. A wrong line is a finding, and an effect that
-no other machine has is a loss. The run goes on after both.
+A value that the text does not state is an assumption. A line that the controller refuses is a
+finding, and an effect that no other machine has is a loss. The run continues after both.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _CHECKED = re.compile(r"([ \t]*[nN][0-9]+[^*;]*)\*([0-9]{1,3})[ \t]*")
 #: Blanks between two digits, such as "Y5 600".
 _SPLIT = re.compile(r"[ \t](?<=[0-9.][ \t])[ \t]*[0-9.]")
 _SPLIT_NUMBER = re.compile(r"(?:[A-Za-z][ \t]*)?(?:[-+][ \t]*)?[0-9.]+(?:[ \t]+[0-9.]+)+")
-#: All behind the first blank of such a number.
+#: The rest of such a number from its first blank on.
 _SPLIT_END = re.compile(r"(?<=[0-9.])[ \t]+[0-9.][0-9. \t]*")
 #: Names of parameters and of files, which may have blanks.
 _NAMED = re.compile(r'<[^<>]*>|"[^"]*"?')
@@ -117,7 +117,7 @@ def clean(m: Machine, raw: str) -> str:
         return ""
     if dialect.nested or dialect.name == "grbl":
         text = drop_comments(raw, dialect.nested)
-        text = _as_printers_read(m, text) if dialect.extruder else text
+        text = _clean_for_printer(m, text) if dialect.extruder else text
         return without_number(text.translate(BLANKS).lower().lstrip("/").removesuffix("%"))
     if _LOGS.match(raw):
         m.log.fact("left out", shown)
@@ -125,8 +125,7 @@ def clean(m: Machine, raw: str) -> str:
     return bare(raw)
 
 
-def _check_sum(m: Machine) -> None:
-    """Adds a finding for a line whose checksum is that of another text."""
+def _verify_checksum(m: Machine) -> None:
     line = _CHECKED.fullmatch(m.raw)
     if line is None:
         return
@@ -136,17 +135,18 @@ def _check_sum(m: Machine) -> None:
         m.log.find("unusual", f"{what}; a printer asks the host for it again")
 
 
-def _as_printers_read(m: Machine, text: str) -> str:
-    """A line without its checksum, texts in quotes and all behind a blank in a number.
+def _clean_for_printer(m: Machine, text: str) -> str:
+    """The line that a printer reads, without its checksum and its texts.
 
-    A letter without a number is a flag.
+    A text in quotes becomes 0, a number ends at its first blank, and a letter without a number is a
+    flag of 0.
     """
-    _check_sum(m)
+    _verify_checksum(m)
     text = _SPLIT_END.sub("", _QUOTED.sub("0", text.partition("*")[0]))
     return _FLAG.sub(r"\1 0", _TEXTS.sub(r"\1", text))
 
 
-def judge_blanks(m: Machine, lines: Sequence[str]) -> None:
+def find_split_numbers(m: Machine, lines: Sequence[str]) -> None:
     """Adds a finding for each number with blanks in it."""
     is_printer = m.dialect.extruder
     for line, raw in enumerate(lines, 1):
@@ -158,20 +158,22 @@ def judge_blanks(m: Machine, lines: Sequence[str]) -> None:
         if split:
             number = _SPLIT_END.sub("", split[0]) if is_printer else split[0]
             rule = "a printer ends a number at a blank" if is_printer else "blanks are ignored"
-            what = f"{split[0]} is read as {number.translate(BLANKS)}: {rule}"
-            m.log.find("dangerous", what, line=line)
+            m.log.find(
+                "dangerous", f"{split[0]} is read as {number.translate(BLANKS)}: {rule}", line=line
+            )
 
 
 def parse(m: Machine, text: str, known: Parameters) -> Line:
-    """Codes by group and words of a line, with a loss for each code that no other machine has.
+    """The codes by group and the words of a line.
 
-    Raises LineError. An unreadable line may be a macro of its controller.
+    Adds a loss for each code whose effect depends on its machine. Raises LineError. In a dialect
+    with open codes, an unreadable line may be a macro: it raises UnknownWord.
     """
     dialect = m.dialect
     if dialect.letters:
-        _insist_on_plain(text, dialect.name, dialect.letters)
+        _check_plain(text, dialect.name, dialect.letters)
     if "e" in text and not dialect.extruder:
-        _insist_on_no_exponent(m.raw, text)
+        _check_exponents(m.raw, text)
     try:
         if dialect.increments and _is_assignment(text, known):
             return {}, {}
@@ -189,18 +191,16 @@ def parse(m: Machine, text: str, known: Parameters) -> Line:
     return codes, words
 
 
-def _insist_on_plain(text: str, name: str, letters: str) -> None:
-    """Raises LineError for other words than letters of a dialect with plain numbers."""
+def _check_plain(text: str, name: str, letters: str) -> None:
     odd = _PLAIN.sub("", text, count=1)
     if odd:
-        what = f"{name} takes letters with plain numbers alone"
-        raise LineError(f"cannot read {odd[:12]!r}: {what}")
+        raise LineError(f"cannot read {odd[:12]!r}: {name} takes letters with plain numbers alone")
     for letter in text:
         if letter.isalpha() and letter not in letters:
             raise LineError(f"{letter.upper()} is no word of {name}")
 
 
-def _insist_on_no_exponent(raw: str, text: str) -> None:
+def _check_exponents(raw: str, text: str) -> None:
     """Raises LineError for a number such as 1.2E-07, unless E is a word of G76, M67 or M68."""
     number = _EXPONENT.search(COMMENT.sub("", raw))
     if number and not _HAS_E.search(text):
@@ -233,7 +233,7 @@ def _find_group(m: Machine, code: str) -> str:
     return f"unknown {code}"
 
 
-# -- what only some controllers have, before the other codes of a line -----------------------------
+# -- codes of some controllers, which run before the other codes of a line -------------------------
 
 
 def begin(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
@@ -242,22 +242,22 @@ def begin(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
     for group in [group for group in codes if group.startswith(("idle ", "unknown "))]:
         kind, _, code = group.partition(" ")
         del codes[group]
-        act = _leave_out if kind == "idle" else _pass_over
-        act(m, code, codes, words)
+        run_code = _leave_out if kind == "idle" else _pass_over
+        run_code(m, code, codes, words)
     for group, code in codes.items() if dialect.names else ():
         codes[group] = dialect.names.get(code, code)
-    _judge(m, codes, words)
+    _find_refused(m, codes, words)
     if "S" in words and dialect.has_beams and codes.get("motion", m.motion) in _WORKING:
         m.varies_power |= any(axis in words for axis in AXES)
     _begin_wider(m, codes, words)
     if "subprogram" in codes:
         _call(m, codes["subprogram"], words)
     if dialect.extruder:
-        _extrude(m, codes, words)
+        _read_printer_words(m, codes, words)
     if dialect.increments:
-        _add_up(m, codes, words)
+        _add_increments(m, codes, words)
     if dialect.diameter:
-        _turn(m, codes, words)
+        _read_lathe_words(m, codes, words)
     if m.lathe and "X" in words:
         words["X"] /= 2
 
@@ -273,7 +273,7 @@ def _leave_out(m: Machine, code: str, codes: Mapping[str, str], words: dict[str,
     if code[0] == "G" and "motion" not in codes and code != "G15":
         if dialect.diameter and code == "G50" and "S" in words:
             m.most_turns = words["S"]
-        _remove(words, "FT")
+        _remove_words(words, "FT")
     elif code[0] == "M" and (dialect.extruder or not any(axis in words for axis in AXES)):
         words.clear()
 
@@ -288,29 +288,30 @@ def _pass_over(m: Machine, code: str, codes: Mapping[str, str], words: dict[str,
     if code[0] == "G":
         m.log.find("unusual", what, once=code)
     if "motion" not in codes and (m.dialect.extruder or not any(axis in words for axis in AXES)):
-        _remove(words, "FST")
+        _remove_words(words, "FST")
 
 
-def _remove(words: dict[str, float], kept: str) -> None:
-    """Removes the words of all letters but those that are kept."""
+def _remove_words(words: dict[str, float], kept: str) -> None:
     for letter in [letter for letter in words if letter not in kept]:
         del words[letter]
 
 
-def _judge(m: Machine, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
-    """Adds findings for lines that controllers of the dialect refuse."""
+def _find_refused(m: Machine, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
     dialect = m.dialect
     if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
-        both = f"{codes['motion']} and {codes['offsets']}"
-        m.log.find("refused", f"{both} both use the axis words of the line")
+        m.log.find(
+            "refused",
+            f"{codes['motion']} and {codes['offsets']} both use the axis words of the line",
+        )
     if not dialect.open and "mist" in codes and "flood" in codes:
         m.log.find("refused", "M7 and M8 are of one group (coolant)")
     arc = codes.get("motion", m.motion)
     if dialect.ends_arcs and arc in ARCS and any(letter in words for letter in "IJKR"):
         first, second = _PLANES[codes.get("plane", m.plane)]
         if first not in words and second not in words:
-            what = f"{arc} names neither {first} nor {second}: {dialect.name} turns it down"
-            m.log.find("refused", what)
+            m.log.find(
+                "refused", f"{arc} names neither {first} nor {second}: {dialect.name} turns it down"
+            )
 
 
 def _begin_wider(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
@@ -344,8 +345,8 @@ def _call(m: Machine, code: str, words: dict[str, float]) -> None:
     m.leap = (code, number, min(times, 10_000), given)
 
 
-def _extrude(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> None:
-    """Words of a printer: S of a dwell, s, and E, which feeds filament."""
+def _read_printer_words(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> None:
+    """Words of a printer: S is the time of a dwell, s; E feeds filament."""
     if "dwell" in codes and "S" in words:
         words["P"] = words.pop("S") * 1000.0
     if "E" not in words:
@@ -362,22 +363,24 @@ def _extrude(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> N
         m.motion = "G1"
 
 
-def _add_up(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> None:
+def _add_increments(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> None:
     """Adds U, V and W as increments to X, Y and Z."""
     for letter, axis in _PARTS.items():
         if letter not in words or axis in words:
             continue
         k, is_diameter = AXES.index(axis), m.dialect.diameter and axis == "X"
-        by = words.pop(letter) / (2 if is_diameter else 1)
-        place = m.turned(list(m.at), True)[k]
-        words[axis] = by if m.incremental else (place - m.shift[k]) / m.scale + by
+        increment = words.pop(letter) / (2 if is_diameter else 1)
+        start = m.turned(list(m.at), True)[k]
+        words[axis] = increment
+        if not m.incremental:
+            words[axis] += (start - m.shift[k]) / m.scale
         if is_diameter:
             words[axis] *= 2
         if "offsets" not in codes:
             m.known[k] = True
 
 
-def _turn(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
+def _read_lathe_words(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
     """Words of a lathe: T0102 is tool 1 with offset 2, and X is a diameter."""
     if words.get("T", 0.0) >= 100:
         words["T"] = float(int(words["T"]) // 100)
@@ -413,8 +416,8 @@ def end(m: Machine, words: dict[str, float]) -> None:
 # -- motions ---------------------------------------------------------------------------------------
 
 
-def settle(m: Machine, code: str, words: Mapping[str, float], cycle: bool) -> None:
-    """Judges units, spindle, compensation and tool length before a motion.
+def prepare_motion(m: Machine, code: str, words: Mapping[str, float], cycle: bool) -> None:
+    """Checks units, spindle, compensation and tool length before a motion.
 
     code: code of the line.
     """
@@ -426,8 +429,11 @@ def settle(m: Machine, code: str, words: Mapping[str, float], cycle: bool) -> No
         m.adrift -= {k for k, axis in enumerate(AXES) if axis in words and not m.incremental}
         if m.adrift and is_working:
             names = " ".join(AXES[k] for k in sorted(m.adrift))
-            what = f"a motion at feed from where no line says: {names} came from a stored position"
-            m.log.find("unusual", what, once="adrift")
+            m.log.find(
+                "unusual",
+                f"a motion at feed from where no line says: {names} came from a stored position",
+                once="adrift",
+            )
             m.adrift.clear()
     if m.spindle != "M5":
         m.halted = 0
@@ -438,17 +444,19 @@ def settle(m: Machine, code: str, words: Mapping[str, float], cycle: bool) -> No
     if cycle and m.side and not m.dialect.open:
         m.log.find("refused", f"{m.motion} with cutter compensation on")
     if m.left_path and m.motion in ARCS and not m.dialect.open:
-        what = f"{m.motion} right after G40: the way off the path is straight"
-        m.log.find("refused", what)
+        m.log.find("refused", f"{m.motion} right after G40: the way off the path is straight")
     m.left_path = False
     if "Z" in words and m.length == "G49" and m.reached and not cycle:
-        what = "Z moves after G49 without the length of the tool: its tip goes lower by as much"
-        m.log.find("dangerous", what, once="G49")
+        m.log.find(
+            "dangerous",
+            "Z moves after G49 without the length of the tool: its tip goes lower by as much",
+            once="G49",
+        )
         m.reached = False
     m.length_at_z = m.length
 
 
-def stand(m: Machine, code: str) -> None:
+def run_without_axes(m: Machine, code: str) -> None:
     """A motion code without axis words. Raises LineError for an arc."""
     if code in ARCS:
         raise LineError(f"{code} without an end point or centre")
@@ -458,12 +466,8 @@ def stand(m: Machine, code: str) -> None:
 
 def switch(m: Machine, signal: str, value: float) -> None:
     """Sets an output. A switch at an unknown height is a loss."""
-    if m.held > 0 and not m.has_position and not value and _was_on(m, signal):
-        m.log.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
+    if m.held > 0 and not m.has_position and not value:
+        switched_on = {item.signal for item in m.body if isinstance(item, Output) and item.value}
+        if signal in switched_on:
+            m.log.lose(f"{signal} is on and off again where Z is not known; {_NO_HEIGHT}")
     m.add(Output(signal, value))
-
-
-def _was_on(m: Machine, signal: str) -> bool:
-    """Return whether the program has switched an output on."""
-    outputs = (item for item in m.body if isinstance(item, Output))
-    return any(item.signal == signal and item.value for item in outputs)

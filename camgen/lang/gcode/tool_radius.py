@@ -81,7 +81,6 @@ def find_radius(m: Machine, code: str, number: float | None) -> float:
 
 
 def _write(m: Machine, segment: Segment) -> None:
-    """Adds a motion of the offset path."""
     assert m.path is not None
     axes, line = m.path.axes, m.line
     m.line, waiting, m.path.last = segment.line, m.path.last, None
@@ -105,7 +104,6 @@ def _write(m: Machine, segment: Segment) -> None:
 
 
 def _keep(m: Machine, item: Instruction, line: int) -> None:
-    """Adds an instruction that has waited for a motion of the offset path."""
     assert m.path is not None
     now, m.line, waiting, m.path.last = m.line, line, m.path.last, None
     m.add(item)

@@ -1,4 +1,4 @@
-"""Motions that are no lines, arcs or holes: splines, threads, taps, back bores and probes."""
+"""Motions other than lines, arcs and holes: splines, threads and probes."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.words import LineError
 from camgen.model.pose import Vec3
 
-#: Points of a spline at most; it is divided until its lines are within the tolerance of helices.
-_POINTS = 512
+#: Maximum number of lines of a spline. It is divided until its lines keep the tolerance of helices.
+_MAX_LINES = 512
 Vec2 = tuple[float, float]
 
 
@@ -22,11 +22,14 @@ def _feed(m: Machine, points: Sequence[Vec3], speed: float) -> None:
 
 
 def _spline(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G5, a cubic curve of Bezier by I J and P Q; G5.1, a square one by I J. In X and Y, as LinuxCNC has them."""
+    """G5 and G5.1 of LinuxCNC: a cubic Bezier curve (I J P Q) or a quadratic one (I J) in X and Y.
+
+    Raises LineError for another plane and for missing words.
+    """
     if m.plane != "G17":
         raise LineError(f"{code} outside the plane of X and Y (G17)")
-    m.insist_on_feed(code)
-    x0, y0, z0 = m.here()
+    m.assume_feed(code)
+    x0, y0, z0 = m.position()
     offsets = {letter: words.pop(letter) * m.scale for letter in "IJPQ" if letter in words}
     first = (offsets.get("I"), offsets.get("J"))
     last = (offsets.get("P"), offsets.get("Q"))
@@ -65,9 +68,12 @@ def _bezier(points: Sequence[Vec2]) -> Callable[[float], Vec2]:
 
 
 def _divide(m: Machine, curve: Callable[[float], Vec2], low: float, high: float) -> list[Vec3]:
-    """Points along a curve, between which lines leave it by no more than those of a helix."""
+    """Points along a curve, such that the lines between them keep the tolerance of helices.
+
+    low, high: height of the start and of the end, mm.
+    """
     count = 8
-    while count < _POINTS:
+    while count < _MAX_LINES:
         gap = 0.0
         for k in range(count):
             a, b, c = (curve((k + part) / count) for part in (0.0, 0.5, 1.0))
@@ -79,7 +85,10 @@ def _divide(m: Machine, curve: Callable[[float], Vec2], low: float, high: float)
 
 
 def _knots(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G5.2 begins a NURBS and gathers its control points with their weights P; G5.3 draws it."""
+    """G5.2 collects control points of a NURBS curve with their weights (P). G5.3 runs the curve.
+
+    Raises LineError for a weight that is not positive and for too few points.
+    """
     if code == "G5.2":
         weight = words.pop("P", 0.0)
         if weight <= 0:
@@ -95,7 +104,7 @@ def _knots(m: Machine, code: str, words: dict[str, float]) -> None:
     if len(m.control) < m.order:
         m.control.clear()
         raise LineError("G5.3 after fewer points than the order of the curve (L)")
-    m.insist_on_feed(code)
+    m.assume_feed(code)
     curve = _nurbs(m.control, m.order)
     m.control.clear()
     m.motion = "G1"
@@ -103,33 +112,33 @@ def _knots(m: Machine, code: str, words: dict[str, float]) -> None:
 
 
 def _nurbs(control: Sequence[tuple[Vec2, float]], order: int) -> Callable[[float], Vec2]:
-    """The curve over clamped, even knots."""
+    """The NURBS curve over clamped, uniform knots. Its parameter is from 0 to 1."""
     points, count = list(control), len(control)
-    knots = (
-        [0.0] * order
-        + [float(k) for k in range(1, count - order + 1)]
-        + [float(count - order + 1)] * order
-    )
+    last = count - order + 1
+    knots = [0.0] * order + [float(k) for k in range(1, last)] + [float(last)] * order
 
     def at(t: float) -> Vec2:
-        u = t * (count - order + 1)
-        span = min(max(k for k in range(order - 1, count) if knots[k] <= u), count - 1)
+        u = t * last
+        span = max(k for k in range(order - 1, count) if knots[k] <= u)
         row = [(p[0] * w, p[1] * w, w) for p, w in points[span - order + 1 : span + 1]]
         for level in range(1, order):
             for j in range(order - 1, level - 1, -1):
                 low, high = knots[span - order + 1 + j], knots[span + 1 + j - level]
                 part = (u - low) / (high - low) if high > low else 0.0
-                row[j] = tuple(
-                    a * (1 - part) + b * part for a, b in zip(row[j - 1], row[j], strict=True)
-                )  # type: ignore[assignment]
+                (x0, y0, w0), (x1, y1, w1) = row[j - 1], row[j]
+                row[j] = (
+                    x0 * (1 - part) + x1 * part,
+                    y0 * (1 - part) + y1 * part,
+                    w0 * (1 - part) + w1 * part,
+                )
         x, y, w = row[order - 1]
         return x / w, y / w
 
     return at
 
 
-def _turns(m: Machine, code: str) -> float:
-    """Turns per second, which threads need."""
+def _find_turns(m: Machine, code: str) -> float:
+    """The spindle speed for a thread, turns/s. Adds a refusal if the spindle does not turn."""
     if m.spindle == "M5" or not m.speed:
         m.log.find("refused", f"{code} while the spindle stands")
         return 1.0
@@ -137,22 +146,24 @@ def _turns(m: Machine, code: str) -> float:
 
 
 def _thread(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G33 K: with the spindle, K mm per turn. G33.1: there and back."""
-    pitch = (
-        abs(words.pop("K")) * m.scale
-        if "K" in words
-        else m.feed * (1.0 if m.feed_mode == "G95" else 60.0)
-    )
+    """G33 and G33.1: a motion of K per turn of the spindle. G33.1 returns to its start.
+
+    Raises LineError without a pitch.
+    """
+    if "K" in words:
+        pitch = abs(words.pop("K")) * m.scale
+    else:
+        pitch = m.feed * (1.0 if m.feed_mode == "G95" else 60.0)
     if not pitch:
         raise LineError(f"{code} without its pitch (K)")
-    begin, end = m.here(), target(m, words)
-    speed = pitch * _turns(m, code)
-    there = (end[0], end[1], end[2])
-    _feed(m, [there] if code == "G33" else [there, begin], speed)
+    start = m.position()
+    x, y, z = target(m, words)
+    speed = pitch * _find_turns(m, code)
+    _feed(m, [(x, y, z)] if code == "G33" else [(x, y, z), start], speed)
 
 
 def _threads(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G76 of LinuxCNC: passes of a thread, as its interpreter cuts them."""
+    """G76 of LinuxCNC: the passes of a thread as its interpreter runs them. Raises LineError."""
     w = {letter: words.pop(letter, 0.0) for letter in "IJKPQRHEL"}
     pitch, first, full, peak = (w[letter] * m.scale for letter in "PJKI")
     if pitch <= 0 or first <= 0 or full <= first:
@@ -161,9 +172,9 @@ def _threads(m: Machine, code: str, words: dict[str, float]) -> None:
         )
     if m.plane != "G18":
         raise LineError("G76 outside the plane of X and Z (G18)")
-    x0, y0, z0 = m.here()
+    x0, y0, z0 = m.position()
     z1 = target(m, words)[2]
-    speed, side = pitch * _turns(m, code), 1.0 if peak > 0 else -1.0
+    speed, side = pitch * _find_turns(m, code), 1.0 if peak > 0 else -1.0
     m.start()
     depths: list[float] = []
     power = 1.0 / max(w["R"], 1.0)
@@ -176,38 +187,43 @@ def _threads(m: Machine, code: str, words: dict[str, float]) -> None:
         clear, cut = x0 + side * (depth - full), x0 + side * (abs(peak) + depth)
         out = cut - side * full
         toward = taper if z1 < z0 else -taper
-        _go(m, (clear, y0, z0 - back))
+        m.move_rapidly((clear, y0, z0 - back))
         if taper and ends & 1:
             _feed(m, [(out, y0, z0 - back), (cut, y0, z0 - back - toward)], speed)
         else:
-            _go(m, (cut, y0, z0 - back))
+            m.move_rapidly((cut, y0, z0 - back))
         if taper and ends & 2:
             _feed(m, [(cut, y0, bottom - back + toward), (out, y0, bottom - back)], speed)
         else:
             _feed(m, [(cut, y0, bottom - back)], speed)
-        _go(m, (clear, y0, bottom - back))
-    _go(m, (x0, y0, bottom - full * tangent if z1 < z0 else bottom + full * tangent))
-
-
-def _go(m: Machine, end: Vec3) -> None:
-    if list(end) != m.at:
-        m.rapid(end, (0, 1, 2))
+        m.move_rapidly((clear, y0, bottom - back))
+    m.move_rapidly((x0, y0, bottom - full * tangent if z1 < z0 else bottom + full * tangent))
 
 
 def _probe(m: Machine, code: str, words: dict[str, float]) -> None:
-    """To its end: how far it goes is not in the text."""
-    end = target(m, words)
-    m.insist_on_feed(code)
+    """G38.2 to G38.5: the probe runs to the end of the line. The place of contact is not known."""
+    x, y, z = target(m, words)
+    m.assume_feed(code)
     m.assume(
         f"{code}: the probe runs to its end", "probe", 1.0, "where it touches is not in the text"
     )
-    _feed(m, [(end[0], end[1], end[2])], m.feed)
+    _feed(m, [(x, y, z)], m.feed)
     for k in range(3):
         m.homes[str(5061 + k)] = (m.at[k] - m.shift[k]) / m.scale
     m.homes["5070"] = m.given.get("probe", 1.0)
 
 
+#: The handler of each motion code.
 TRACED: dict[str, Handler] = {
-    "G5": _spline, "G5.1": _spline, "G5.2": _knots, "G5.3": _knots, "G33": _thread, "G33.1": _thread, "G76": _threads,
-    "G38.2": _probe, "G38.3": _probe, "G38.4": _probe, "G38.5": _probe,
-}  # fmt: skip
+    "G5": _spline,
+    "G5.1": _spline,
+    "G5.2": _knots,
+    "G5.3": _knots,
+    "G33": _thread,
+    "G33.1": _thread,
+    "G76": _threads,
+    "G38.2": _probe,
+    "G38.3": _probe,
+    "G38.4": _probe,
+    "G38.5": _probe,
+}

@@ -1,8 +1,10 @@
 """Cycles of lathes: G71 and G72 rough a profile in passes, G70 finishes it.
 
-Sources: LinuxCNC 2.9, G-Code Reference, tried with its interpreter; Fanuc Series 0i-TF operator's manual (B-64694),
-multiple repetitive cycles; Haas lathe operator's manual for the form of one line. Profiles that go back and pockets
-in them are passed as if each pass ended where it first meets the profile.
+Sources: LinuxCNC 2.9, G-Code Reference, tried with its interpreter; Fanuc Series 0i-TF operator's
+manual (B-64694), multiple repetitive cycles; Haas lathe operator's manual for the form of one line.
+
+A profile may change its direction or have pockets. Each pass then ends where it first meets the
+profile, as if the profile did neither.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 from msgspec import Struct
 
@@ -21,19 +24,27 @@ from camgen.lang.gcode.words import LineError
 from camgen.model.pose import Vec3
 from camgen.model.program import BodyBuilder, MoveC, MoveJ, MoveL
 
-#: rad: arcs of a profile are looked at in steps, to find where a pass meets them.
+#: rad. Arcs of a profile are divided into such steps to find where a pass meets them.
 _STEP = math.radians(0.5)
+#: mm. Positions that differ by less are equal.
 _SAME = 1e-9
-#: mm by which Fanuc and Haas leave a pass, where the text says nothing: a setting of the machine.
+#: mm by which the tool of Fanuc and Haas leaves a pass. A setting of the machine can change it.
 _BACK = 1.0
 Item = MoveJ | MoveL | MoveC
 
 
 class _Roughing(Struct, frozen=True):
-    """across: the axis along which the passes come nearer, 0 (X, G71) or 2 (Z, G72). cut, back: of a pass, and how far
-    the tool leaves it, mm. shift: X and Z that the profile is left by. own: as Fanuc does it, else LinuxCNC.
+    """A roughing cycle.
+
+    start: position at which the cycle starts, mm.
+    across: axis along which the passes come nearer to the profile, 0 (X, G71) or 2 (Z, G72).
+    cut: depth of a pass, mm.
+    back: distance by which the tool leaves a pass, mm.
+    shift: allowance in X and Z that the cycle leaves on the profile, mm.
+    fanuc: whether it is a cycle of Fanuc, not of LinuxCNC.
     """
 
+    start: Vec3
     across: int
     cut: float
     back: float
@@ -41,201 +52,216 @@ class _Roughing(Struct, frozen=True):
     fanuc: bool
 
 
-def turn(m: Machine, code: str, words: dict[str, float]) -> None:
-    """One of the cycles. LinuxCNC names its profile as a subroutine (Q), Fanuc by the numbers of its lines (P, Q)."""
+def run_lathe_cycle(m: Machine, code: str, words: dict[str, float]) -> None:
+    """G70, G71 or G72. Raises LineError without a profile.
+
+    The profile is a subroutine (Q) in LinuxCNC, and the lines with the numbers P to Q in Fanuc.
+    """
     fanuc = m.dialect.diameter
     if fanuc and "P" not in words:
-        m.first_line = (
-            words  # G71 U R: the depth of the cut and the retreat of the cycle that follows
-        )
+        # G71 U R: depth and retreat of the passes of the next line.
+        m.first_line = words
         return
     if "Q" not in words:
         raise LineError(f"{code} without its profile (Q)")
     steps = m.find_lines(words["P"] if fanuc else None, words["Q"])
     m.start()
     path = _leave_path(m, code)
-    begin = _begin_of(m, words, fanuc)
-    if list(begin) != m.at:
-        m.rapid(begin, (0, 1, 2))
+    start = _find_start(m, words)
+    m.move_rapidly(start)
     if code == "G70":
-        _finish(m, words, steps, begin, fanuc)
+        _finish(m, words, steps, start)
     else:
-        _remove(m, code, words, steps, begin)
+        _run_roughing(m, code, words, steps, start)
     if path is not None:
         path.tip = complex(m.at[path.axes[0]], m.at[path.axes[1]])
         m.path = path
 
 
 def _leave_path(m: Machine, code: str) -> OffsetPath | None:
-    """Turns cutter compensation off for a cycle. Returns its path."""
-    path, m.path = m.path, None
-    if path is not None:
-        m.path = path
-        path.flush()
-        m.path = None
-        m.assume(
-            f"{code}: the profile is run as programmed, without the compensation that is on",
-            "",
-            0.0,
-        )
+    """Turns cutter compensation off for a cycle. Returns its path, None if it was off."""
+    path = m.path
+    if path is None:
+        return None
+    path.flush()
+    m.path = None
+    m.assume(f"{code}: the profile is run as programmed, without the compensation that is on")
     return path
 
 
-def _remove(m: Machine, code: str, words: dict[str, float], steps: range, begin: Vec3) -> None:
-    """G71 and G72."""
-    fanuc = m.dialect.diameter
-    m.insist_on_feed(code)
+def _find_start(m: Machine, words: dict[str, float]) -> Vec3:
+    """The start of a cycle, mm: the position of the tool, with X and Z of the line in LinuxCNC."""
+    x, y, z = m.position()
+    if m.dialect.diameter:
+        return x, y, z
+    if "X" in words:
+        x = words["X"] * m.scale / (2 if m.lathe else 1) + m.shift[0]
+    if "Z" in words:
+        z = words["Z"] * m.scale + m.shift[2]
+    return x, y, z
+
+
+def _run_roughing(
+    m: Machine, code: str, words: dict[str, float], steps: range, start: Vec3
+) -> None:
+    m.assume_feed(code)
     profile = _record(m, steps)
     if not profile:
         raise LineError(f"{code}: the profile moves nothing")
     m.assume(
         f"{code}: passes to where each first meets the profile, as of one that does not go back",
     )
-    _rough(m, _words_of(m, code, words, fanuc), profile, begin)
-    if fanuc:
+    _rough(m, _read_roughing(m, code, words, start), profile)
+    if m.dialect.diameter:
         m.leap = ("GOTO", words["Q"], 1, None)
 
 
-def _begin_of(m: Machine, words: dict[str, float], fanuc: bool) -> Vec3:
-    """Where the cycle begins: where the tool is, or X and Z of LinuxCNC's."""
-    x, y, z = m.here()
-    if fanuc:
-        return x, y, z
-    x = words["X"] * m.scale / (2 if m.lathe else 1) + m.shift[0] if "X" in words else x
-    return x, y, words["Z"] * m.scale + m.shift[2] if "Z" in words else z
-
-
-def _words_of(m: Machine, code: str, words: dict[str, float], fanuc: bool) -> _Roughing:
+def _read_roughing(m: Machine, code: str, words: dict[str, float], start: Vec3) -> _Roughing:
+    """The cycle of G71 or G72, from its line and in Fanuc from the line before."""
     across = 0 if code.startswith("G71") else 2
-    if not fanuc:
-        left = words.get("D", 0.0) * m.scale
-        shift = (left, 0.0) if across == 0 else (0.0, left)
-        return _Roughing(
-            across, words.get("I", 1.0) * m.scale, words.get("R", 0.5) * m.scale, shift, False
-        )
-    before, m.first_line = m.first_line, {}
-    cut = before.get("U" if across == 0 else "W", words.get("D", 0.0)) * m.scale
+    if not m.dialect.diameter:
+        allowance = words.get("D", 0.0) * m.scale
+        shift = (allowance, 0.0) if across == 0 else (0.0, allowance)
+        cut, back = words.get("I", 1.0) * m.scale, words.get("R", 0.5) * m.scale
+        return _Roughing(start, across, cut, back, shift, fanuc=False)
+    first_line, m.first_line = m.first_line, {}
+    cut = first_line.get("U" if across == 0 else "W", words.get("D", 0.0)) * m.scale
     if cut <= 0:
         cut = m.assume(f"{code} without the depth of a pass, mm", "g71.depth", 1.0)
     shift = (words.get("U", 0.0) * m.scale / 2, words.get("W", 0.0) * m.scale)
-    back = before["R"] * m.scale if "R" in before else _BACK
-    return _Roughing(across, cut, back, shift, True)
+    back = first_line["R"] * m.scale if "R" in first_line else _BACK
+    return _Roughing(start, across, cut, back, shift, fanuc=True)
 
 
 def _record(m: Machine, steps: range) -> list[Item]:
-    """The motions of the steps of a profile, which are not run now."""
-    kept = m.body, m.lines, list(m.at), m.motion, m.feed, m.line, m.incremental, m.side
+    """The motions of the steps of a profile. The program does not get them here."""
+    saved = m.body, m.lines, list(m.at), m.motion, m.feed, m.line, m.incremental, m.side
     m.body, m.lines = BodyBuilder(), array("q")
     try:
         m.run_lines(steps)
-        _flush(m)
+        if m.path is not None:
+            m.path.flush()
         return [item for item in m.body if isinstance(item, MoveJ | MoveL | MoveC)]
     finally:
-        m.body, m.lines, m.at[:], m.motion, m.feed, m.line, m.incremental, m.side = kept
+        m.body, m.lines, m.at[:], m.motion, m.feed, m.line, m.incremental, m.side = saved
         m.path, m.left_path = None, False
 
 
-def _flush(m: Machine) -> None:
-    if m.path is not None:
-        m.path.flush()
+def _finish(m: Machine, words: dict[str, float], steps: range, start: Vec3) -> None:
+    """G70.
 
-
-def _finish(m: Machine, words: dict[str, float], steps: range, begin: Vec3, fanuc: bool) -> None:
-    """G70: the profile as it stands, and of Fanuc back to where the cycle began. LinuxCNC: P times, from D to E off."""
-    if fanuc:
+    Fanuc runs the profile once and returns to the start of the cycle. LinuxCNC runs it P times, at
+    distances from D to E along X.
+    """
+    if m.dialect.diameter:
         m.run_lines(steps)
         m.leap = None
-        if list(begin) != m.at:
-            m.rapid(begin, (0, 1, 2))
+        m.move_rapidly(start)
         return
     times = min(max(int(words.get("P", 1.0)), 1), 100)
-    start, end = (words.get(letter, 0.0) * m.scale for letter in "DE")
+    first, last = (words.get(letter, 0.0) * m.scale for letter in "DE")
     profile = _record(m, steps)
-    if start or end:
+    if first or last:
         m.assume("G70 with D or E: the profile is moved along X by as much")
     for k in range(times):
-        off = start + (end - start) * k / max(times - 1, 1)
-        _follow(m, profile, (off, 0.0))
+        distance = first + (last - first) * k / max(times - 1, 1)
+        _follow(m, profile, (distance, 0.0))
 
 
 def _follow(m: Machine, profile: Sequence[Item], shift: tuple[float, float]) -> None:
-    """Along the profile, which begins with a rapid motion or not."""
+    """Runs the motions of a profile, moved by `shift` in X and Z, mm."""
 
-    def moved(point: Vec3) -> Vec3:
+    def move(point: Vec3) -> Vec3:
         return point[0] + shift[0], point[1], point[2] + shift[1]
 
     for item in profile:
-        end = moved(item.target.origin)  # type: ignore[union-attr]  # G-code has no joint values
+        end = move(item.target.origin)  # type: ignore[union-attr]  # G-code has no joint values
         if isinstance(item, MoveJ):
             m.rapid(end, (0, 1, 2))
         else:
-            via = moved(item.via.origin) if isinstance(item, MoveC) else None
+            via = move(item.via.origin) if isinstance(item, MoveC) else None
             m.pieces([(via, end)], speed_of(m))
 
 
-def _points(profile: Sequence[Item], begin: Vec3) -> Iterator[tuple[float, float]]:
-    """X and Z along the profile, from the end of its first motion on."""
-    here = begin
+def _list_points(profile: Sequence[Item], start: Vec3) -> Iterator[tuple[float, float]]:
+    """X and Z along a profile, mm, from the end of its first motion on."""
     for k, item in enumerate(profile):
         end = item.target.origin  # type: ignore[union-attr]  # G-code has no joint values
         if isinstance(item, MoveC):
-            centre, _, axis, sweep = circle(here, item.via.origin, end)
-            x, y, z = (a - b for a, b in zip(here, centre, strict=True))
+            centre, _, axis, sweep = circle(start, item.via.origin, end)
+            x, y, z = (a - b for a, b in zip(start, centre, strict=True))
             count = max(2, math.ceil(sweep / _STEP))
             for step in range(1, count):
                 point = turn_about((x, y, z), axis, sweep * step / count)
                 yield point[0] + centre[0], point[2] + centre[2]
         if k or len(profile) == 1 or isinstance(item, MoveJ):
             yield end[0], end[2]
-        here = end
+        start = end
 
 
-def _rough(m: Machine, how: _Roughing, profile: Sequence[Item], begin: Vec3) -> None:
-    """Passes along Z (G71) or X (G72), each nearer, then along the profile, and of Fanuc back to where it began."""
-    across, along = how.across, 2 - how.across
-    points = [(x + how.shift[0], z + how.shift[1]) for x, z in _points(profile, begin)]
-    near = [point[across // 2] for point in points]
-    side = -1.0 if min(near) < begin[across] - _SAME else 1.0
-    inmost = min(near) if side < 0 else max(near)
-    way = -1.0 if points[-1][along // 2] < begin[along] else 1.0
-    level, passes = begin[across] + (side * how.cut if how.fanuc else 0.0), 0
-    while (level - inmost) * -side > _SAME and passes < m.limits.pieces:
-        end = _meet(points, across // 2, level)
-        if end is not None and (end - begin[along]) * way > _SAME:
-            _pass(m, how, begin, level, end, way, side)
-        level += side * how.cut
+def _rough(m: Machine, cycle: _Roughing, profile: Sequence[Item]) -> None:
+    """Cuts passes along Z (G71) or X (G72), each nearer to the profile, then runs the profile.
+
+    A cycle of Fanuc returns to its start.
+    """
+    start, across, along = cycle.start, cycle.across, 2 - cycle.across
+    points = [(x + cycle.shift[0], z + cycle.shift[1]) for x, z in _list_points(profile, start)]
+    distances = [point[across // 2] for point in points]
+    across_sign = -1.0 if min(distances) < start[across] - _SAME else 1.0
+    last_level = min(distances) if across_sign < 0 else max(distances)
+    along_sign = -1.0 if points[-1][along // 2] < start[along] else 1.0
+    level, passes = start[across] + (across_sign * cycle.cut if cycle.fanuc else 0.0), 0
+    while (level - last_level) * -across_sign > _SAME and passes < m.limits.pieces:
+        end = _find_pass_end(points, across // 2, level)
+        if end is not None and (end - start[along]) * along_sign > _SAME:
+            _run_pass(m, cycle, (level, end), (across_sign, along_sign))
+        level += across_sign * cycle.cut
         passes += 1
-    _follow(m, profile, how.shift)
-    if how.fanuc and list(begin) != m.at:
-        m.rapid(begin, (0, 1, 2))
+    _follow(m, profile, cycle.shift)
+    if cycle.fanuc:
+        m.move_rapidly(start)
 
 
-def _meet(points: Sequence[tuple[float, float]], across: int, level: float) -> float | None:
-    """Where, along the passes, one at ``level`` first meets the profile."""
+def _find_pass_end(
+    points: Sequence[tuple[float, float]], across: int, level: float
+) -> float | None:
+    """The coordinate along a pass at which it first meets the profile, mm. None if it does not.
+
+    points: X and Z along the profile, mm.
+    across: column of the coordinate across the passes.
+    level: coordinate of the pass in this column, mm.
+    """
     along = 1 - across
-    for k in range(1, len(points)):
-        a, b = points[k - 1][across], points[k][across]
+    for before, after in pairwise(points):
+        a, b = before[across], after[across]
         if (a - level) * (b - level) <= 0 and abs(b - a) > _SAME:
-            share = (level - a) / (b - a)
-            return points[k - 1][along] + share * (points[k][along] - points[k - 1][along])
+            fraction = (level - a) / (b - a)
+            return before[along] + fraction * (after[along] - before[along])
     return None
 
 
-def _pass(
-    m: Machine, how: _Roughing, begin: Vec3, level: float, end: float, way: float, side: float
+def _run_pass(
+    m: Machine, cycle: _Roughing, target: tuple[float, float], signs: tuple[float, float]
 ) -> None:
-    """One pass: to its level, along, off by ``back`` at 45 degrees, and back."""
-    across, along = how.across, 2 - how.across
+    """Runs one pass: to its level, along it, clear at 45 degrees, and back.
 
-    def place(nearer: float, farther: float) -> Vec3:
-        point = [0.0, begin[1], 0.0]
-        point[across], point[along] = nearer, farther
+    target: coordinates of the end of the pass across and along the passes, mm.
+    signs: direction of the passes across and along, 1 or -1.
+    """
+    start, across, along = cycle.start, cycle.across, 2 - cycle.across
+    (level, end), (across_sign, along_sign) = target, signs
+
+    def make_point(across_mm: float, along_mm: float) -> Vec3:
+        point = [0.0, start[1], 0.0]
+        point[across], point[along] = across_mm, along_mm
         return point[0], point[1], point[2]
 
-    m.rapid(place(level, begin[along]), (0, 1, 2))
-    m.pieces([(None, place(level, end))], speed_of(m))
-    off = level - side * how.back
-    m.rapid(place(off, end - way * how.back), (0, 1, 2))
-    m.rapid(place(off, begin[along] if how.fanuc else begin[along] + way * how.back), (0, 1, 2))
-    if not how.fanuc:
-        m.rapid(place(level, begin[along]), (0, 1, 2))
+    m.rapid(make_point(level, start[along]), (0, 1, 2))
+    m.pieces([(None, make_point(level, end))], speed_of(m))
+    clear = level - across_sign * cycle.back
+    m.rapid(make_point(clear, end - along_sign * cycle.back), (0, 1, 2))
+    if cycle.fanuc:
+        m.rapid(make_point(clear, start[along]), (0, 1, 2))
+        return
+    m.rapid(make_point(clear, start[along] + along_sign * cycle.back), (0, 1, 2))
+    m.rapid(make_point(level, start[along]), (0, 1, 2))

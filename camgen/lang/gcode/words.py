@@ -70,7 +70,7 @@ class Parameters:
             raise LineError(f"#{key} is a value of the machine, which is not known here")
         return value
 
-    def put(self, key: int | str, value: float) -> None:
+    def set(self, key: int | str, value: float) -> None:
         """Set a value. Raises LineError for a parameter of the machine."""
         if isinstance(key, str):
             if self.machine(key) is not None:
@@ -235,8 +235,8 @@ def _function(name: str, text: str, at: int, known: Parameters, depth: int) -> t
 #: Codes by modal group (LinuxCNC manual). A line has at most one code of a group.
 _GROUPS = {
     "cycle off": "G80",
-    "motion": "G0 G1 G2 G3 G5 G5.1 G5.2 G5.3 G33 G33.1 G38.2 G38.3 G38.4 G38.5 G73 G74 G76 G81 G82 G83 G84 G85 G86 G87 "
-    "G88 G89",
+    "motion": "G0 G1 G2 G3 G5 G5.1 G5.2 G5.3 G33 G33.1 G38.2 G38.3 G38.4 G38.5 G73 G74 G76 G81 G82 "
+    "G83 G84 G85 G86 G87 G88 G89",
     "plane": "G17 G18 G19",
     "distance": "G90 G91",
     "arc distance": "G90.1 G91.1",
@@ -261,13 +261,14 @@ _GROUPS = {
     "subprogram": "M97 M98 M99",
 }
 GROUP = by_word(_GROUPS)
-#: M7 and M8 may stand in one line.
+#: One line may have both M7 and M8.
 GROUP |= {"M7": "mist", "M8": "flood", "M9": "coolant off"}
 
 #: Codes that the plain machine does not run, by reason.
 _UNKNOWN = {
     "goes to a position that the machine stores": "G28 G28.1 G30 G30.1",
-    "cutter compensation: the controller moves the path by the radius of the tool": "G41 G41.1 G42 G42.1",
+    "cutter compensation: the controller moves the path by the radius of the tool": "G41 G41.1 "
+    "G42 G42.1",
     "a tool length that the program sets itself": "G43.1 G43.2",
     "a cycle that taps, stops or turns the spindle back": "G74 G84 G87 G88",
     "a thread": "G33 G33.1 G76",
@@ -360,7 +361,7 @@ def group_of(code: str) -> str:
     """The modal group of a code. Raises UnknownWord for a code without a group."""
     group = GROUP.get(code)
     if group is None:
-        raise UnknownWord(tell_unread(code, "not a code that is known"))
+        raise UnknownWord(explain_unread(code, "not a code that is known"))
     return group
 
 
@@ -380,9 +381,8 @@ def words_of(text: str, known: Parameters, group: Callable[[str], str] = group_o
         if letter == "#":
             key, at = key_at(text, at, known)
             if text[at : at + 1] != "=":
-                raise LineError(
-                    f"cannot read {text[at : at + 12]!r}: a parameter that stands alone is set with ="
-                )
+                what = "a parameter that stands alone is set with ="
+                raise LineError(f"cannot read {text[at : at + 12]!r}: {what}")
             value, at = value_at(text, at + 1, known)
             setting.append((key, value))
             continue
@@ -400,7 +400,7 @@ def words_of(text: str, known: Parameters, group: Callable[[str], str] = group_o
         else:
             words[letter.upper()] = value
     for key, value in setting:
-        known.put(key, value)
+        known.set(key, value)
     return codes, words
 
 
@@ -411,7 +411,7 @@ def _code(codes: dict[str, str], code: str, group_of: Callable[[str], str]) -> N
     codes[group] = code
 
 
-def tell_unread(code: str, otherwise: str) -> str:
+def explain_unread(code: str, otherwise: str) -> str:
     """The finding for a code that is not read.
 
     otherwise: reason for a code that the table does not have.
