@@ -23,7 +23,7 @@ from camgen.lang.code import (
     Select,
 )
 
-from .motions import form_of
+from .motions import find_form
 from .tokens import Wrong
 from .tree import (
     Block,
@@ -128,7 +128,7 @@ def moves(code: Code) -> bool:
 
 
 def _find_effect(name: str) -> Effect:
-    if form_of(name) is not None:
+    if find_form(name) is not None:
         return Effect.MOVES
     return Effect.LEAVES if name in _BREAKS else Effect.NONE
 

@@ -26,7 +26,7 @@ from .machine import Machine
 from .places import pose_of, say_pose, see_here, see_joints, shift_placed, turn_placed
 from .tokens import Wrong
 from .tree import Calling, Element, Expr, Maybe, Ref
-from .values import NOTHING, RelativeTarget, Value, find_unknown, operate, tell_type
+from .values import NOTHING, RelativeTarget, Value, find_unknown, format_type, operate
 
 
 def call_function(machine: Machine, call: Calling) -> Value:
@@ -69,7 +69,7 @@ def call_function(machine: Machine, call: Calling) -> Value:
         np.linalg.LinAlgError,
     ):
         raise machine.wrong(
-            f"{call.name} of {', '.join(map(tell_type, values)) or 'nothing'}"
+            f"{call.name} of {', '.join(map(format_type, values)) or 'nothing'}"
         ) from None
 
 
@@ -95,7 +95,7 @@ def _offs(machine: Machine, call: Calling) -> Value:
 
 def _add(machine: Machine, a: Value, b: Value) -> float:
     if type(a) is not float or type(b) is not float:
-        raise machine.wrong(f"{tell_type(a)} + {tell_type(b)}")
+        raise machine.wrong(f"{format_type(a)} + {format_type(b)}")
     return a + b
 
 
@@ -103,9 +103,7 @@ def _reltool(machine: Machine, call: Calling) -> Value:
     values = [machine.value(arg) for arg in call.args]
     if len(values) != 4:
         raise machine.wrong("RelTool has a robtarget and three numbers")
-    turns = {
-        name: machine.value(value) for name, value in call.options if _is_given(machine, value)
-    }
+    turns = {name: machine.value(value) for name, value in call.options if is_given(machine, value)}
     machine.fit("robtarget", values[0])
     point, x, y, z = values
     unknown = find_unknown([x, y, z, *turns.values()])
@@ -127,8 +125,8 @@ def _reltool(machine: Machine, call: Calling) -> Value:
     return (*say_pose(pose_of(machine, point) @ displacement), *point[2:])
 
 
-def _is_given(machine: Machine, value: Expr | None) -> bool:
-    """Whether an optional argument is: one that is handed on may not be."""
+def is_given(machine: Machine, value: Expr | None) -> bool:
+    """False if an argument hands on an optional parameter that was not given."""
     if not isinstance(value, Maybe):
         return True
     variable = machine.variable(value.name)

@@ -38,20 +38,20 @@ def connect(machine: Machine, item: Connect) -> None:
     machine.log.assume(f"the interrupt {item.trap} {what}", item.trap.lower(), float(comes))
 
 
-def come(machine: Machine, interrupt: Expr | None) -> None:
+def queue_trap(machine: Machine, interrupt: Expr | None) -> None:
     """An interrupt may come from here on: where the user says that it comes, its TRAP runs behind this statement."""
     key = _key(machine, interrupt) if interrupt is not None else None
     routine = machine.connected.get(key) if key is not None else None
     if routine is None or key in machine.asleep or not machine.given(routine.name):
         return
-    if routine not in machine.come:
-        machine.come.add(routine)
+    if routine not in machine.arrived:
+        machine.arrived.add(routine)
         machine.due.append(routine)
 
 
 def _arm(machine: Machine, call: Calling) -> None:
     """ISignalDI, ITimer, IPers and the like: the interrupt is their last argument."""
-    come(machine, call.args[-1] if call.args else None)
+    queue_trap(machine, call.args[-1] if call.args else None)
 
 
 def _watch(machine: Machine, call: Calling) -> None:
@@ -65,7 +65,7 @@ def _watch(machine: Machine, call: Calling) -> None:
         machine.asleep.add(key)
     else:
         machine.asleep.discard(key)
-        come(machine, call.args[0])
+        queue_trap(machine, call.args[0])
 
 
 def _hold(machine: Machine, call: Calling) -> None:
@@ -107,7 +107,7 @@ EFFECTS.update(
 # What a TRAP that is not run would do ---------------------------------------------------------------------------
 
 
-def judge_trap(machine: Machine, routine: Routine, run: Callable[[], object]) -> None:
+def run_trap_aside(machine: Machine, routine: Routine, run: Callable[[], object]) -> None:
     """Lets ``run`` run a TRAP, and tells what it does; nothing of it stays. What is refused on this way is unusual: it
     is not known what the data are worth when the TRAP comes.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .code import Do, compile_routines, list_called, moves
-from .machine import Home, Machine
+from .machine import Machine, ModuleScope
 from .polled import find_polled
 from .tokens import Wrong
 from .tree import Module, Record, Routine
@@ -92,7 +92,7 @@ def _check_names(machine: Machine, module: Module, seen: dict[str, int]) -> None
 
 
 def _enter(machine: Machine, module: Module) -> None:
-    home = Home(module.name)
+    home = ModuleScope(module.name)
     for routine in module.routines:
         machine.homes[routine] = home
         key = routine.name.lower()

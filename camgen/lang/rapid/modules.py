@@ -15,7 +15,7 @@ from camgen.model.program import pack
 from .grammar import parse
 from .link import link
 from .machine import Machine
-from .run import Runner, judge_end, run_entry
+from .run import Runner, report_end, run_entry
 from .tokens import Wrong
 from .tree import Routine
 
@@ -43,7 +43,7 @@ def run_modules(files: Mapping[str, str], ask: Ask) -> Executed:
     entry = link(machine, modules, Runner.perform)
     stopped = None if entry is None else _run(machine, entry, line)
     if entry is not None and stopped is None:
-        judge_end(machine, entry.last or entry.line)
+        report_end(machine, entry.last or entry.line)
     return _answer(machine, stopped)
 
 

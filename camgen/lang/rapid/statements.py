@@ -13,6 +13,7 @@ from .tokens import RESERVED, Wrong, banner, show_token
 from .tree import (
     Assign,
     Block,
+    CallByName,
     Calling,
     Connect,
     Empty,
@@ -22,7 +23,6 @@ from .tree import (
     Hole,
     If,
     Label,
-    Late,
     Ref,
     Run,
     Statement,
@@ -131,7 +131,7 @@ class Statements(Calls):
             self.expect("%")
             args, options = ((), ()) if self.token[1] == ";" else self.arguments(0)
             self.expect(";")
-            body.append(Late(line, name, args, options))
+            body.append(CallByName(line, name, args, options))
         elif token[0] == "hole":
             body.append(self.empty(line, text))
         elif text == ";":

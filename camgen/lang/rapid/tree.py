@@ -216,7 +216,7 @@ class Connect(Struct, frozen=True, eq=False):
     trap: str
 
 
-class Late(Struct, frozen=True, eq=False):
+class CallByName(Struct, frozen=True, eq=False):
     """``%name% arguments;``: the routine that a string names."""
 
     line: int
@@ -244,7 +244,7 @@ Statement = (
     | Goto
     | Word
     | Connect
-    | Late
+    | CallByName
     | Empty
 )
 

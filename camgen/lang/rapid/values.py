@@ -33,7 +33,7 @@ class RelativeTarget(Unknown, frozen=True, gc=False, kw_only=True):
     work: str
 
 
-class Given(float):
+class UserValue(float):
     """A value that the user gives to what no text holds: a num, or a bool where one is asked for."""
 
     __slots__ = ()
@@ -84,20 +84,20 @@ def find_unknown(value: Value) -> Unknown | None:
     return None
 
 
-def put(old: Value, path: tuple[int, ...], new: Value) -> Value:
+def replace_part(old: Value, path: tuple[int, ...], new: Value) -> Value:
     """``old`` with ``new`` at the places ``path``; arrays change in place."""
     if not path:
         return new
     place, rest = path[0], path[1:]
     if isinstance(old, list):
-        old[place] = put(old[place], rest, new)
+        old[place] = replace_part(old[place], rest, new)
         return old
-    return (*old[:place], put(old[place], rest, new), *old[place + 1 :])
+    return (*old[:place], replace_part(old[place], rest, new), *old[place + 1 :])
 
 
-def copied(value: Value) -> Value:
+def copy_arrays(value: Value) -> Value:
     """The value with arrays of its own."""
-    return [copied(item) for item in value] if isinstance(value, list) else value
+    return [copy_arrays(item) for item in value] if isinstance(value, list) else value
 
 
 def is_number(value: Value) -> bool:
@@ -115,10 +115,11 @@ def _is_turn(value: Value) -> bool:
 
 def operate(sign: str, a: Value, b: Value, line: int) -> Value:
     """``a sign b``. Wrong where no controller has such an operation, or it fails."""
-    if type(a) is Given or type(b) is Given:
+    if type(a) is UserValue or type(b) is UserValue:
         logical = sign in ("and", "or", "xor")
         a, b = (
-            one.meet(logical or two) if type(one) is Given else one for one, two in ((a, b), (b, a))
+            one.meet(logical or two) if type(one) is UserValue else one
+            for one, two in ((a, b), (b, a))
         )
     if sign in ("and", "or", "xor"):
         return _combine(sign, a, b, line)
@@ -137,7 +138,9 @@ def operate(sign: str, a: Value, b: Value, line: int) -> Value:
         return multiply_turns(a, b)
     if _is_vector(a) or _is_vector(b):
         return _vectors(sign, a, b, line)
-    raise Wrong(line, f"{tell_type(a)} {sign.upper()} {tell_type(b)}: there is no such operation")
+    raise Wrong(
+        line, f"{format_type(a)} {sign.upper()} {format_type(b)}: there is no such operation"
+    )
 
 
 def _combine(sign: str, a: Value, b: Value, line: int) -> Value:
@@ -149,7 +152,7 @@ def _combine(sign: str, a: Value, b: Value, line: int) -> Value:
         if isinstance(one, Unknown):
             return one
         if type(one) is not bool:
-            raise Wrong(line, f"{sign.upper()} of {tell_type(one)}")
+            raise Wrong(line, f"{sign.upper()} of {format_type(one)}")
     if sign == "xor":
         return a != b
     return (a and b) if sign == "and" else (a or b)
@@ -188,7 +191,9 @@ def _vectors(sign: str, a: Value, b: Value, line: int) -> Value:
         return tuple(a * y for y in b)
     if sign in ("*", "/") and is_number(b) and (b != 0 or sign == "*"):
         return tuple(x * b if sign == "*" else x / b for x in a)
-    raise Wrong(line, f"{tell_type(a)} {sign.upper()} {tell_type(b)}: there is no such operation")
+    raise Wrong(
+        line, f"{format_type(a)} {sign.upper()} {format_type(b)}: there is no such operation"
+    )
 
 
 def multiply_turns(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
@@ -207,20 +212,20 @@ def negate(sign: str, value: Value, line: int) -> Value:
     """``-value`` or NOT value. Wrong where there is none."""
     if isinstance(value, Unknown):
         return value
-    if type(value) is Given:
+    if type(value) is UserValue:
         value = value.meet(sign == "not" or 0.0)
     if sign == "not":
         if type(value) is not bool:
-            raise Wrong(line, f"NOT of {tell_type(value)}")
+            raise Wrong(line, f"NOT of {format_type(value)}")
         return not value
     if type(value) is float:
         return -value
     if _is_vector(value):
         return tuple(-x for x in value)
-    raise Wrong(line, f"minus {tell_type(value)}: there is no such operation")
+    raise Wrong(line, f"minus {format_type(value)}: there is no such operation")
 
 
-def tell_type(value: Value) -> str:
+def format_type(value: Value) -> str:
     """What kind of value it is, for a message."""
     if type(value) is float:
         return "a num"
