@@ -23,7 +23,7 @@ from .machine import Machine, RobotPosition
 from .places import WORST_NORM, choose_frame, enter_placed, pose_of, see_pose
 from .tree import Calling, Expr, Inline
 from .values import RelativeTarget, Value, find_unknown
-from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
+from .ways import find_arc_faults, is_half_turn, split_arc, split_at_circle_point
 
 #: Difference of two quadrants of an axis from which on it turns by more than 180 deg.
 _FAR_QUARTER_TURNS = 3
@@ -83,7 +83,9 @@ class Trigger(Struct, frozen=True):
 FORMS: dict[str, Form] = {
     "moveabsj": Form("abs"), "movej": Form("j"), "movel": Form("l"), "movec": Form("c"),
     "moveextj": Form("ext"),
-    **{f"move{kind}{what}": Form(kind, after=2) for kind in "jlc" for what in ("do", "ao", "go")},
+    **{f"move{kind}do": Form(kind, after=2) for kind in "jlc"},
+    **{f"move{kind}ao": Form(kind, after=2) for kind in "jlc"},
+    **{f"move{kind}go": Form(kind, after=2) for kind in "jlc"},
     **{f"move{kind}sync": Form(kind, after=1) for kind in "jlc"},
     "triggj": Form("j", trigg=1), "triggl": Form("l", trigg=1), "triggc": Form("c", trigg=1),
     "triggabsj": Form("abs", trigg=1), "triggjios": Form("j"), "trigglios": Form("l"),
@@ -518,7 +520,7 @@ def _emit_arc(
     if start is None:
         machine.add(MoveC(via, target, bound.speed, bound.blend, posture=posture))
         return
-    fault, remark = judge_arc(start.origin, via.origin, target.origin)
+    fault, remark = find_arc_faults(start.origin, via.origin, target.origin)
     if fault:
         machine.log.find("refused", fault)
         machine.add(MoveL(target, bound.speed, bound.blend, posture=posture))
@@ -700,12 +702,10 @@ def _press(
 
 def _begin_pressing(machine: Machine, call: Calling, target: Pose) -> float:
     """Start force control and return the force, N. Without FX, FY or FZ it is 1 N along z."""
-    forces = [
-        (axis, machine.number(value))
-        for axis, name in enumerate(("fx", "fy", "fz"))
-        for option, value in call.options
-        if option == name
-    ]
+    names = ("fx", "fy", "fz")
+    options = [option for option in call.options if option[0] in names]
+    options.sort(key=lambda option: option[0])
+    forces = [(names.index(name), machine.number(value)) for name, value in options]
     axis, force = forces[0] if forces else (2, 1.0)
     if type(force) is not float or force == 0:
         machine.log.assume("the force to press with is not known: 1 N is taken")

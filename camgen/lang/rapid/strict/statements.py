@@ -14,12 +14,12 @@ from camgen.lang.rapid.places import pose_of
 from camgen.lang.rapid.tree import Calling, Expr, Inline, Ref
 from camgen.lang.rapid.types import Value
 from camgen.lang.rapid.ways import (
+    find_arc_faults,
+    find_joints_fault,
+    find_joints_remark,
+    find_posture_fault,
+    find_posture_remark,
     is_half_turn,
-    joints_fault,
-    joints_remark,
-    judge_arc,
-    posture_fault,
-    posture_remark,
 )
 from camgen.model.pose import Pose
 from camgen.model.program import (
@@ -255,9 +255,9 @@ def motion(state: State, call: Calling) -> None:
     values = bound.values
     if call.name == "moveabsj":
         axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
-        if what := joints_fault(axes):
+        if what := find_joints_fault(axes):
             raise state.wrong(what)
-        state.remark(joints_remark(axes))
+        state.remark(find_joints_remark(axes))
         _move(state, bound, None, Joints(tuple(math.radians(v) for v in axes)))
     else:
         via = pose_of(state, values["via"]) if "via" in values else None
@@ -310,9 +310,9 @@ def _check_postures(state: State, values: Mapping[str, Value]) -> None:
     """
     configurations = [_confdata(values[name]) for name in ("via", "to") if name in values]
     for configuration in configurations:
-        if what := posture_fault(configuration):
+        if what := find_posture_fault(configuration):
             raise state.wrong(what)
-        state.remark(posture_remark(configuration))
+        state.remark(find_posture_remark(configuration))
     if configurations and configurations[0] != configurations[-1]:
         state.remark("the circle point of an arc has another configuration than its end")
 
@@ -476,7 +476,7 @@ def _check_motion(state: State, bound: Bound, start: Pose, via: Pose | None, tar
             what = "the tool turns by 180 deg in one straight motion; its sense is open"
             state.remark(what)
     else:
-        fault, remark = judge_arc(start.origin, via.origin, target.origin)
+        fault, remark = find_arc_faults(start.origin, via.origin, target.origin)
         if fault:
             state.log.find("refused", fault)
         state.remark(remark)
