@@ -234,7 +234,6 @@ class _Translator(Compiler):
         self._drop_counters(around)
 
     def _drop_counters(self, count: int) -> None:
-        """End all FORs but the first `count`: their variables are gone."""
         self.add(Act(self.line, cost=0, do=_drop_counters, operand=count))
 
     def _while(self, item: While) -> None:

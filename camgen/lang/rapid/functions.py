@@ -91,7 +91,6 @@ def _offs(machine: Machine, call: Calling) -> Value:
 
 
 def _add(machine: Machine, a: Value, b: Value) -> Value:
-    """The sum of two nums, or the first of the two that is unknown."""
     if isinstance(a, Unknown) or isinstance(b, Unknown):
         return a if isinstance(a, Unknown) else b
     if type(a) is not float or type(b) is not float:
@@ -337,7 +336,6 @@ def _dimension(machine: Machine, call: Calling) -> Value:
 
 
 def _rounded(machine: Machine, call: Calling) -> Value:
-    """The value of Round or Trunc, with the decimals of Dec."""
     value = machine.number(call.args[0]) if call.args else NOTHING
     digits = next((machine.number(v) for name, v in call.options if name == "dec"), 0.0)
     if isinstance(value, Unknown) or isinstance(digits, Unknown):

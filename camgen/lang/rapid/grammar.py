@@ -11,7 +11,7 @@ from .expressions import Calls
 from .rows import Spellings
 from .statements import CLAUSES, STRUCTURE, Note, Statements
 from .tokens import Wrong, show_token
-from .tree import Data, Expr, Hole, Module, Parameter, Point, Record, Routine, Run, Statement
+from .tree import Data, Expr, Module, Parameter, Point, Record, Routine, Run, Statement
 
 _DATA = frozenset(("local", "task", "const", "pers", "var"))
 _ATTRIBUTES = ("sysmodule", "noview", "nostepin", "viewonly", "readonly")
@@ -257,17 +257,12 @@ class Parser(Statements):
         name = self.name("the name of a parameter").lower()
         dims = 0
         if self.accept("{"):
-            self.star()
+            self.expect("*")
             while self.accept(","):
-                self.star()
+                self.expect("*")
             self.expect("}")
             dims = 1
         return Parameter(mode, kind, name, dims, optional, group)
-
-    def star(self) -> Expr:
-        """The placeholder of a dimension of a parameter."""
-        self.expect("*")
-        return Hole("*")
 
     def routine_data(self, late: bool) -> Data:
         """Data of a routine, VAR or CONST. Raises Wrong if they are late: after a statement."""

@@ -113,7 +113,6 @@ def _wait(machine: Machine, call: Calling) -> None:
 
 
 def _wait_signal(machine: Machine, call: Calling) -> None:
-    """Assume that the wait for a signal is over at once."""
     name = name_of(machine, call.args[0] if call.args else None)
     value = machine.number(call.args[1]) if len(call.args) > 1 else 1.0
     wanted = f"{value:g}" if type(value) is float else "a value"
@@ -122,7 +121,6 @@ def _wait_signal(machine: Machine, call: Calling) -> None:
 
 
 def _wait_until(machine: Machine, call: Calling) -> None:
-    """Assume that the wait for a condition is over at once."""
     if call.args and not isinstance(call.args[-1], bool):
         condition = machine.value(call.args[-1])
         if condition is not True:
@@ -157,7 +155,6 @@ def _displace_off(machine: Machine, _call: Calling) -> None:
 
 
 def _displace_set(machine: Machine, call: Calling) -> None:
-    """Displace the program by a pose in the work object."""
     value = machine.value(call.args[0] if call.args else None)
     machine.fit("pose", value)
     unknown = find_unknown(value)
@@ -195,7 +192,6 @@ def _displace_on(machine: Machine, call: Calling) -> None:
 
 
 def _limit_speed(machine: Machine, call: Calling) -> None:
-    """Set the percentage of all speeds and the maximum speed, mm/s (VelSet)."""
     values = [machine.number(arg) for arg in call.args]
     if len(values) != 2:
         raise machine.wrong("VelSet has a percentage and a speed")
@@ -245,7 +241,6 @@ def _set_circle_mode(machine: Machine, call: Calling) -> None:
 
 
 def _define_trigger(machine: Machine, call: Calling) -> None:
-    """Define the output that a trigger sets, and its distance (TriggIO, TriggEquip)."""
     options = dict(call.options)
     signal = next((options[k] for k in ("dop", "gop", "aop") if options.get(k) is not None), None)
     name = name_of(machine, signal)
@@ -356,7 +351,6 @@ def _book_error(machine: Machine, call: Calling) -> None:
 
 
 def _bit(machine: Machine, call: Calling) -> None:
-    """Set or clear a bit of a num or dnum; values out of range stay as they are."""
     if len(call.args) != 2:
         raise machine.wrong(f"{call.name} has data and a place")
     value, place = machine.number(call.args[0]), machine.number(call.args[1])
@@ -377,10 +371,6 @@ def _move_unseen(machine: Machine, call: Calling) -> None:
     machine.blending = 0
 
 
-def _move_nothing(_machine: Machine, _call: Calling) -> None:
-    pass
-
-
 def _omit(machine: Machine, call: Calling) -> None:
     machine.log.omit(f"{_describe(machine, call)}: {OMITTED[call.name]}")
 
@@ -390,7 +380,6 @@ def _lose(machine: Machine, call: Calling) -> None:
 
 
 def _forget_arguments(machine: Machine, call: Calling) -> None:
-    """Give all data among the arguments of an instruction the values that the user gives."""
     for target in (*call.args, *(value for _, value in call.options)):
         if not isinstance(target, (Ref, Component, Element)):
             continue
@@ -403,7 +392,7 @@ Effect = Callable[[Machine, Calling], None]
 
 
 EFFECTS: dict[str, Effect] = {
-    **dict.fromkeys(SILENT, _move_nothing),
+    **dict.fromkeys(SILENT, lambda _machine, _call: None),
     **dict.fromkeys(OMITTED, _omit),
     **dict.fromkeys(LOST, _lose),
     **dict.fromkeys(UNSEEN, _move_unseen),

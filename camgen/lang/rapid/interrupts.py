@@ -20,7 +20,6 @@ from .tree import Calling, Connect, Expr, Routine
 
 
 def _key(machine: Machine, interrupt: Expr) -> InterruptKey | None:
-    """The key of the interrupt that an expression names, None if it is not known."""
     place = machine.place(interrupt)
     return None if place is None else (id(place[0]), place[1])
 
@@ -51,7 +50,6 @@ def queue_trap(machine: Machine, interrupt: Expr | None) -> None:
 
 
 def _arm(machine: Machine, call: Calling) -> None:
-    """Run ISignalDI, ITimer, IPers and others whose last argument is the interrupt."""
     queue_trap(machine, call.args[-1] if call.args else None)
 
 
@@ -70,7 +68,6 @@ def _watch(machine: Machine, call: Calling) -> None:
 
 
 def _disable(machine: Machine, call: Calling) -> None:
-    """Make all interrupts wait from IDisable to IEnable."""
     machine.held = call.name == "idisable"
 
 

@@ -36,7 +36,6 @@ def link(machine: Machine, modules: Sequence[Module], do: Do) -> Routine | None:
 
 
 def _evaluate_all(machine: Machine) -> None:
-    """Evaluate all declarations, so that the faults of unused data are found too."""
     homes = {id(home): home for home in machine.homes.values()}
     for level in (machine.data, *(home.data for home in homes.values())):
         for variable in list(level.values()):
@@ -107,7 +106,6 @@ def _enter(machine: Machine, module: Module) -> None:
 
 
 def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
-    """The routine that the user names, or main, or another that can be run by itself."""
     wanted = machine.ask.entry.lower()
     routines = [routine for module in modules for routine in module.routines]
     entry = machine.routines.get(wanted or "main")

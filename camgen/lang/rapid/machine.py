@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, MutableSequence
+from collections.abc import Callable, Mapping, MutableSequence
 from dataclasses import dataclass, field
 
 from msgspec import Struct
@@ -299,11 +299,8 @@ class Machine:
         if kind in TEXTS:
             return ""
         if kind in self.types and depth < 10:
-            return tuple(self.zero(part, depth + 1) for part, _ in self._parts(kind))
+            return tuple(self.zero(part, depth + 1) for _, part in self.types[kind])
         return Unknown(f"data of the type {kind}")
-
-    def _parts(self, kind: str) -> Iterable[tuple[str, str]]:
-        return [(part, name) for name, part in self.types[kind]]
 
     def fit(self, kind: str, value: Value, within: str = "") -> None:
         """Raise Wrong if a value does not have the type `kind`.
@@ -355,7 +352,6 @@ class Machine:
         return value
 
     def _fit_array(self, name: str, value: Value, sizes: list[Value]) -> None:
-        """Raise Wrong for an aggregate whose number of elements differs from its array's."""
         if not sizes or isinstance(value, Unknown):
             return
         if not isinstance(value, list):
@@ -449,7 +445,7 @@ class Machine:
     def _spread_record(self, kind: str, old: Value, path: tuple[int, ...]) -> Value:
         if kind not in self.types or not path:
             return old
-        parts = [part for part, _ in self._parts(kind)]
+        parts = [part for _, part in self.types[kind]]
         unknown = find_unknown(old) if isinstance(old, Unknown) else None
         whole = old if unknown is None else tuple(unknown for _ in parts)
         place = path[0]

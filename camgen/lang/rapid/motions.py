@@ -172,7 +172,6 @@ def move(machine: Machine, call: Calling) -> Bound | None:
 def _arguments(
     machine: Machine, form: Form, call: Calling
 ) -> tuple[tuple[Expr, ...], Expr, Expr | None, Expr, tuple[Expr, ...]]:
-    """Points, speed, zone, tool and the arguments after the tool."""
     count = 2 if form.kind == "c" else 1
     args = call.args[form.before :]
     after = form.after
@@ -236,7 +235,6 @@ def _bind(
 
 
 def _note_options(machine: Machine, form: Form, call: Calling) -> None:
-    """Note the options of a motion that its instruction cannot hold."""
     for name, _ in call.options:
         if name in LOST_OPTIONS:
             machine.log.leave_out(f"{call.name} \\{name}: {LOST_OPTIONS[name]}")
@@ -247,7 +245,6 @@ def _note_options(machine: Machine, form: Form, call: Calling) -> None:
 
 
 def _is_read(form: Form, name: str) -> bool:
-    """Whether an option of a motion is read, or has no effect."""
     if name in READ_OPTIONS or name in SILENT_OPTIONS:
         return True
     if form.process == "force":
@@ -454,7 +451,6 @@ def _emit(
     bound: Bound,
     rest: tuple[Value, ...],
 ) -> None:
-    """Add the instruction of a motion and move the arm to its target."""
     start = see_pose(machine)
     posture = _posture(rest)
     if form.kind != "j" and machine.has_conf_l:
@@ -488,7 +484,6 @@ def _posture(rest: tuple[Value, ...]) -> Posture | None:
 
 
 def _read_confdata(rest: tuple[Value, ...]) -> tuple[float, ...] | None:
-    """The four numbers of a configuration, None if it is not known."""
     conf = rest[0] if rest else None
     if not isinstance(conf, tuple) or len(conf) != 4:
         return None
@@ -561,7 +556,6 @@ def _limit_speed(
 
 
 def _triggers(machine: Machine, form: Form, call: Calling) -> list[Trigger]:
-    """The triggers of a motion that switch an output or raise an interrupt."""
     if not form.trigg or form.process:
         return []
     count = 2 if form.kind == "c" else 1
@@ -703,9 +697,10 @@ def _press(
 def _begin_pressing(machine: Machine, call: Calling, target: Pose) -> float:
     """Start force control and return the force, N. Without FX, FY or FZ it is 1 N along z."""
     names = ("fx", "fy", "fz")
-    options = [option for option in call.options if option[0] in names]
-    options.sort(key=lambda option: option[0])
-    forces = [(names.index(name), machine.number(value)) for name, value in options]
+    options = sorted(call.options, key=lambda option: option[0])
+    forces = [
+        (names.index(name), machine.number(value)) for name, value in options if name in names
+    ]
     axis, force = forces[0] if forces else (2, 1.0)
     if type(force) is not float or force == 0:
         machine.log.assume("the force to press with is not known: 1 N is taken")

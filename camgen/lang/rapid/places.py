@@ -74,7 +74,6 @@ def _stamp(value: Value) -> Value:
 
 
 def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
-    """The name and the value of a tool or a work object."""
     value = machine.value(expr)
     name = ""
     if isinstance(expr, Ref):

@@ -56,7 +56,6 @@ def _is_polled(variable: Variable) -> bool:
 
 
 def _list_names(expr: Expr | None) -> Iterator[str]:
-    """Names of data in an expression, in lower case."""
     if isinstance(expr, Ref):
         yield expr.name.lower()
     elif isinstance(expr, Operation):

@@ -246,7 +246,6 @@ class Runner:
 
 
 def _share(variable: Variable, path: tuple[int, ...], kind: str, dims: int) -> Variable:
-    """The data at a place, as a variable that changes together with them."""
     if not path and variable.storage != "absent":
         return variable
     part = Variable(variable.name, kind, variable.storage)
@@ -342,7 +341,6 @@ def _run_assign(runner: Runner, item: Assign) -> None:
 
 
 def _run_word(runner: Runner, item: Word) -> None:
-    """Run RETURN or RAISE with a value."""
     value = runner.machine.value(item.value)
     if item.name == "return":
         runner.machine.scope.result = value

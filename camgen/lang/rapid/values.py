@@ -112,14 +112,13 @@ def copy_arrays(value: Value) -> Value:
     return [copy_arrays(item) for item in value] if isinstance(value, list) else value
 
 
-def is_number(value: Value) -> bool:
-    """Whether a value is a num."""
-    return type(value) is float
-
-
 def _has_numbers(value: Value, count: int) -> bool:
     """Whether a value is a record of `count` nums: 3 make a position, 4 an orientation."""
-    return isinstance(value, tuple) and len(value) == count and all(map(is_number, value))
+    return (
+        isinstance(value, tuple)
+        and len(value) == count
+        and all(type(item) is float for item in value)
+    )
 
 
 def operate(sign: str, a: Value, b: Value, line: int) -> Value:
@@ -135,7 +134,7 @@ def operate(sign: str, a: Value, b: Value, line: int) -> Value:
     if unknown is not None:
         return unknown
     if sign in ("=", "<>"):
-        return _equal(a, b) == (sign == "=")
+        return (a == b) == (sign == "=")
     if type(a) is float and type(b) is float:
         return _calculate(sign, a, b, line)
     if sign == "+" and isinstance(a, str) and isinstance(b, str):
@@ -161,12 +160,6 @@ def _combine(sign: str, a: Value, b: Value, line: int) -> Value:
             raise Wrong(line, f"{sign.upper()} of {format_type(operand)}")
     # Otherwise no operand decides: AND has two TRUE, OR has two FALSE.
     return a != b if sign == "xor" else not decisive
-
-
-def _equal(a: Value, b: Value) -> bool:
-    if (type(a) is bool and type(b) is float) or (type(a) is float and type(b) is bool):
-        return float(a) == float(b)
-    return bool(a == b)
 
 
 _RELATIONS: dict[str, Callable[[float, float], bool]] = {
@@ -205,9 +198,9 @@ def _calculate_vectors(sign: str, a: Value, b: Value) -> Value | None:
             return tuple(map(_ARITHMETIC[sign], a, b))
         if sign == "*":
             return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    if sign == "*" and is_number(a):
+    if sign == "*" and type(a) is float:
         return tuple(a * y for y in b)
-    if sign in ("*", "/") and is_number(b) and (b != 0 or sign == "*"):
+    if sign in ("*", "/") and type(b) is float and (b != 0 or sign == "*"):
         return tuple(_ARITHMETIC[sign](x, b) for x in a)
     return None
 

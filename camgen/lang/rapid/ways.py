@@ -168,7 +168,6 @@ def split_at_circle_point(start: Pose, via: Pose, target: Pose) -> list[Pose]:
 
 
 def _turned(start: Pose, target: Pose, part: float) -> FloatArray:
-    """The rotation of the tool after the fraction `part` of a motion."""
     if start.rotation is target.rotation:
         return target.rotation
     return rotation_between(start.rotation, target.rotation, part)

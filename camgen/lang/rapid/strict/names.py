@@ -53,7 +53,6 @@ def _are_new(state: State, members: Sequence[Data | Routine]) -> bool:
 
 
 def _check_each(state: State, members: Sequence[Data | Routine]) -> None:
-    """Adds a finding for each name of a member of a module that is not legal or not new."""
     names: set[str] = set()
     for item in members:
         key = item.name.lower()
@@ -69,7 +68,6 @@ def _check_each(state: State, members: Sequence[Data | Routine]) -> None:
 
 
 def _check_legal(state: State, name: str, line: int) -> None:
-    """Adds a finding for a name that is too long or predefined."""
     longest = state.settings.longest_name
     if len(name) > longest:
         state.log.find("refused", f"{name[:40]} is longer than {longest} characters", line=line)
@@ -78,7 +76,6 @@ def _check_legal(state: State, name: str, line: int) -> None:
 
 
 def _check_new(state: State, name: str, line: int) -> None:
-    """Adds a finding for a global name that a module of the controller declares."""
     if name.lower() in RESIDENT:
         what = f"{name} is the name of a system module or of what one declares"
         state.log.find("refused", what, line=line)
@@ -103,7 +100,6 @@ def open_scopes(state: State) -> None:
 
 
 def _evaluate(state: State, variables: Iterable[Variable]) -> None:
-    """Evaluates data with a value. A fault is a finding."""
     for variable in variables:
         if variable.start is not None:
             state.load(variable)

@@ -211,7 +211,6 @@ class State(Machine):
         return self.typed(variable.start, variable.type, variable.line)
 
     def _call_function(self, call: Calling, want: str) -> Value:
-        """The value of Offs, or of RelTool with one angle at most."""
         if call.name not in ("offs", "reltool") or want != "robtarget":
             raise Wrong(call.line, f"the function {call.name[:40]} is not read here")
         if len(call.args) != 4:

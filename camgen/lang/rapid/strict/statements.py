@@ -62,7 +62,6 @@ _AIR = 1.01
 
 
 def _signal(state: State, call: Calling) -> str:
-    """The logical name of the signal that is the first argument."""
     if call.options:
         raise state.wrong(f"\\{call.options[0][0][:40]} of {call.name} is not read")
     if not call.args or not isinstance(call.args[0], Ref):
@@ -123,7 +122,6 @@ def _wait(state: State, call: Calling) -> None:
 
 
 def _stop(state: State, call: Calling) -> None:
-    """Runs Stop, which waits for the operator."""
     if call.args or call.options:
         raise state.wrong("stop is read without arguments")
     state.stopped("stop")
@@ -185,7 +183,6 @@ def _calibrate(state: State, call: Calling) -> None:
 
 
 def _deactivate(state: State, call: Calling) -> None:
-    """Runs FCDeact, which ends force control."""
     check_deactivation(state, call)
     if state.pressing is not None:
         raise state.wrong("fcdeact while pressing, before FCPressEnd")
@@ -265,7 +262,6 @@ def motion(state: State, call: Calling) -> None:
 
 
 def _read_bound(state: State, call: Calling) -> Bound:
-    """Reads a motion without its points."""
     values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
     turn = math.radians(numbers(values["speed"])[1])
@@ -370,7 +366,6 @@ def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
 
 
 def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:
-    """A motion without force."""
     if isinstance(target, Joints) or bound.name == "movej":
         return MoveJ(target, bound.speed, bound.blend, posture=bound.posture, turn=turn)
     if via is not None:
