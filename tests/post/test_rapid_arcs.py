@@ -7,7 +7,7 @@ import pytest
 from camgen_posts.rapid import Rapid
 
 from camgen.lang.rapid.strict import read
-from camgen.lang.rapid.ways import judge_arc
+from camgen.lang.rapid.ways import find_arc_faults
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program
 from camgen.post.plugins import make_post
@@ -70,7 +70,7 @@ def test_an_arc_below_the_angle_of_the_manual_is_found(
 ) -> None:
     """With the circle point in the middle the angle is a quarter of the sweep."""
     sweep = math.radians(degrees)
-    faults, remarks = judge_arc(point(0.0), point(sweep / 2), point(sweep))
+    faults, remarks = find_arc_faults(point(0.0), point(sweep / 2), point(sweep))
     assert fault in faults
     assert bool(faults) == bool(fault)
     assert remark in remarks

@@ -1,1 +1,1 @@
-"""ABB RAPID (docs/languages/rapid.md): the grammar and the machine, of which the strict read-back uses the first."""
+"""ABB RAPID (docs/languages/rapid.md). The read-back of a post is in `strict`."""

@@ -54,7 +54,6 @@ def _name_loop(step: Step) -> str:
 
 
 def _log_case(machine: Machine, step: Select, unknown: Unknown, number: int) -> None:
-    """Add the case of a TEST that is chosen."""
     tests = step.cases[number].tests if step.cases else None
     if tests is None:
         machine.log.assume(f"a TEST asks {describe(unknown)}: the case DEFAULT is taken")

@@ -23,7 +23,7 @@ from camgen.lang.code import (
     Select,
 )
 
-from .motions import form_of
+from .motions import find_form
 from .tokens import Wrong
 from .tree import (
     Block,
@@ -128,7 +128,7 @@ def moves(code: Code) -> bool:
 
 
 def _find_effect(name: str) -> Effect:
-    if form_of(name) is not None:
+    if find_form(name) is not None:
         return Effect.MOVES
     return Effect.LEAVES if name in _BREAKS else Effect.NONE
 
@@ -234,7 +234,6 @@ class _Translator(Compiler):
         self._drop_counters(around)
 
     def _drop_counters(self, count: int) -> None:
-        """End all FORs but the first `count`: their variables are gone."""
         self.add(Act(self.line, cost=0, do=_drop_counters, operand=count))
 
     def _while(self, item: While) -> None:

@@ -1,4 +1,4 @@
-"""RAPID tokens as values and calls: expressions and arguments (RAPID kernel manual, expressions)."""
+"""The parser of RAPID expressions and arguments (RAPID kernel manual, expressions)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from .tree import (
     Ref,
 )
 
-#: Values within values that are read.
+#: Depth of expressions within each other.
 _DEEPEST = 20
+#: Terms of a sum.
 _MOST_TERMS = 1000
 _RELATIONS = frozenset(("<", "<=", "=", ">", ">=", "<>"))
 _PRODUCTS = frozenset(("*", "/", "div", "mod"))
@@ -28,7 +29,11 @@ _Arguments = tuple[tuple[Expr, ...], tuple[tuple[str, Expr | None], ...]]
 
 
 class Calls:
-    """Recursive descent with one token of look-ahead. whole: all of the language, or values that are written out."""
+    """A parser by recursive descent with one token of look-ahead.
+
+    whole: whether it reads all expressions; else names, values written out and calls.
+    token: current token.
+    """
 
     whole: ClassVar[bool] = True
     source: Iterator[Token]
@@ -38,32 +43,35 @@ class Calls:
         self.token: Token = ("end", "", line, start)
         self.jump(start, line)
 
-    # -- tokens --------------------------------------------------------------------------------------------------
+    # -- tokens ----------------------------------------------------------------------------------
 
     def take(self) -> Token:
-        """The current token; the next one becomes current. The end stays the end."""
+        """Take the current token, so that the next one becomes current. The end is not passed."""
         token = self.token
         self.token = next(self.source, ("end", "", token[2], token[3]))
         return token
 
     def word(self) -> str:
-        """The current name in lower case, or nothing."""
+        """The current token in lower case if it is a name, else an empty text."""
         return self.token[1].lower() if self.token[0] == "name" else ""
 
     def accept(self, mark: str) -> bool:
-        """Takes ``mark`` if it is next."""
+        """Take `mark` if it is the current token, and return whether it was."""
         if self.token[0] == "mark" and self.token[1] == mark:
             self.take()
             return True
         return False
 
     def expect(self, mark: str) -> None:
-        """Takes ``mark`` or raises Wrong."""
+        """Take `mark`. Raises Wrong if it is not the current token."""
         if not self.accept(mark):
             raise Wrong(self.token[2], f"{mark} expected, found {show_token(self.token)}")
 
     def name(self, what: str) -> str:
-        """Takes a name that is no reserved word."""
+        """Take a name. Raises Wrong for another token or a reserved word.
+
+        what: noun for the message.
+        """
         kind, text, line, _ = self.token
         if kind != "name" or text.lower() in RESERVED:
             raise Wrong(line, f"{what} expected, found {show_token(self.token)}")
@@ -71,31 +79,31 @@ class Calls:
         return text
 
     def jump(self, start: int, line: int) -> None:
-        """Goes on at the offset ``start``, in ``line``: the end of a statement or the start of a token."""
+        """Continue at an offset of the text and its line, between two tokens."""
         self.source = tokens(self.text, line, start)
         self.take()
 
-    # -- statements ----------------------------------------------------------------------------------------------
+    # -- statements ------------------------------------------------------------------------------
 
     def statement_call(self) -> Calling:
-        """A statement that begins with a name, which is no reserved word."""
+        """A call as a statement. Raises Wrong for another statement that begins with a name."""
         _, text, line, _ = self.take()
         if self.token[0] == "mark" and self.token[1] in (":=", ":", ".", "{", "("):
             raise Wrong(line, f"{text}{self.token[1]} is a statement that is not read")
         return self.call_of(text, line)
 
     def call_of(self, name: str, line: int) -> Calling:
-        """The arguments of a statement up to its semicolon."""
+        """A call with its arguments up to the semicolon, after its name."""
         if self.accept(";"):
             return Calling(line, name.lower())
         arguments, options = self.arguments(0)
         self.expect(";")
         return Calling(line, name.lower(), arguments, options)
 
-    # -- expressions ---------------------------------------------------------------------------------------------
+    # -- expressions -----------------------------------------------------------------------------
 
     def arguments(self, depth: int) -> _Arguments:
-        """Arguments up to what is none, optional ones (after a backslash) apart."""
+        """Arguments in order, and optional arguments, which follow a backslash."""
         args: list[Expr] = []
         options: list[tuple[str, Expr | None]] = []
         while True:
@@ -103,23 +111,22 @@ class Calls:
                 options.append(self.option(depth))
             else:
                 value = self.expression(depth)
-                if (
-                    self.whole and isinstance(value, Ref) and self.accept(":=")
-                ):  # with the name of the parameter
+                # An argument may follow the name of its parameter.
+                if self.whole and isinstance(value, Ref) and self.accept(":="):
                     value = self.expression(depth)
                 args.append(value)
             if not self.accept(",") and self.token[1] != "\\":
                 return tuple(args), tuple(options)
 
     def option(self, depth: int) -> tuple[str, Expr | None]:
-        """An optional argument behind its backslash."""
+        """Name and value of an optional argument after its backslash."""
         name = self.name("the name of an optional argument").lower()
         if self.whole and self.accept("?"):
             return name, Maybe(self.name("the name of a parameter").lower())
         return name, self.expression(depth) if self.accept(":=") else None
 
     def expression(self, depth: int = 0) -> Expr:
-        """A value."""
+        """An expression: conjunctions with OR or XOR between them."""
         if not self.whole:
             return self.primary(depth)
         value = self.conjunction(depth)
@@ -129,7 +136,7 @@ class Calls:
         return value
 
     def conjunction(self, depth: int) -> Expr:
-        """Relations with AND between them. NOT in front negates them all (kernel manual, operators)."""
+        """Relations with AND between them. A leading NOT negates all of them (kernel manual)."""
         if self.word() == "not":
             self.take()
             return Negation("not", self.conjunction(self.deeper(depth)))
@@ -140,7 +147,7 @@ class Calls:
         return value
 
     def relation(self, depth: int) -> Expr:
-        """A sum, or two that are compared."""
+        """A sum, or two sums with a comparison between them."""
         if self.word() == "not":
             self.take()
             return Negation("not", self.relation(self.deeper(depth)))
@@ -164,7 +171,7 @@ class Calls:
         return value
 
     def product(self, depth: int) -> Expr:
-        """Primaries that are multiplied or divided."""
+        """Primaries with `*`, `/`, DIV or MOD between them."""
         value = self.primary(depth)
         while self.token[0] in ("mark", "name") and (sign := self.token[1].lower()) in _PRODUCTS:
             self.take()
@@ -172,15 +179,14 @@ class Calls:
         return value
 
     def deeper(self, depth: int) -> int:
-        """The depth of what stands within. Wrong where it is too much."""
+        """The depth of an inner expression. Raises Wrong above the limit."""
         if depth >= _DEEPEST:
             raise Wrong(self.token[2], "an expression nested too deeply")
         return depth + 1
 
     def primary(self, depth: int) -> Expr:
-        """A value: written out, an aggregate, a name or a function."""
-        token = self.token
-        kind, text, line, _ = token
+        """A value written out, an aggregate, a name, a call, or an expression in brackets."""
+        token = kind, text, line, _ = self.token
         if depth > _DEEPEST:
             raise Wrong(line, "an expression nested too deeply")
         if kind in ("number", "string", "point"):
@@ -194,23 +200,24 @@ class Calls:
         if kind == "hole" and self.whole:
             return Hole(text)
         if text == "[":
-            items = [self.expression(depth + 1)]
-            while self.accept(","):
-                items.append(self.expression(depth + 1))
+            items = self.listed(depth + 1)
             self.expect("]")
-            return tuple(items)
-        if text in ("+", "-") and self.token[0] == "number":
-            return (
-                number(text + self.take()[1], line)
-                if text == "-" or not self.whole
-                else self.primary(depth + 1)
-            )
+            return items
+        if self.token[0] == "number" and (text == "-" or (text == "+" and not self.whole)):
+            return number(text + self.take()[1], line)
         if self.whole and text in _MARKED:
             return _MARKED[text](self, depth + 1)
         raise Wrong(line, f"a value expected, found {show_token(token)}")
 
+    def listed(self, depth: int = 0) -> tuple[Expr, ...]:
+        """Expressions with commas between them."""
+        items = [self.expression(depth)]
+        while self.accept(","):
+            items.append(self.expression(depth))
+        return tuple(items)
+
     def named(self, depth: int) -> Expr:
-        """A name, TRUE, FALSE or a function with its arguments."""
+        """TRUE, FALSE, a name with its parts, or a call with its arguments."""
         line = self.token[2]
         if self.word() in ("true", "false"):
             return self.take()[1].lower() == "true"
@@ -224,16 +231,13 @@ class Calls:
         return Calling(line, name.lower(), args, options)
 
     def part(self, value: Expr, depth: int) -> Expr:
-        """A name with the elements and components behind it."""
+        """A name and the elements and components that follow it."""
         for _ in range(_DEEPEST):
             if self.accept("."):
                 value = Component(value, self.name("a component").lower())
             elif self.accept("{"):
-                index = [self.expression(depth + 1)]
-                while self.accept(","):
-                    index.append(self.expression(depth + 1))
+                value = Element(value, self.listed(depth + 1))
                 self.expect("}")
-                value = Element(value, tuple(index))
             else:
                 return value
         raise Wrong(self.token[2], "an expression nested too deeply")
@@ -245,7 +249,7 @@ def _in_brackets(parser: Calls, depth: int) -> Expr:
     return value
 
 
-#: What begins a value and is no word.
+#: Marks that begin a value, with their productions.
 _MARKED: dict[str, Callable[[Calls, int], Expr]] = {
     "(": _in_brackets,
     "*": lambda _parser, _depth: Hole("*"),

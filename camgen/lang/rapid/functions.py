@@ -1,6 +1,7 @@
-"""What RAPID's functions are worth (technical reference manual, functions): poses, numbers, texts, inputs.
+"""The values of RAPID's functions (technical reference manual): poses, numbers, texts, inputs.
 
-A function of the text itself runs; one that is in no file, and what only a controller knows, is not known.
+A function of the program runs. The value of a function that is in none of the files, or that
+depends on the controller, is unknown.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from .machine import Machine
 from .places import pose_of, say_pose, see_here, see_joints, shift_placed, turn_placed
 from .tokens import Wrong
 from .tree import Calling, Element, Expr, Maybe, Ref
-from .values import NOTHING, RelativeTarget, Value, find_unknown, operate, tell_type
+from .values import NOTHING, RelativeTarget, Value, find_unknown, format_type, operate
 
 
 def call_function(machine: Machine, call: Calling) -> Value:
-    """The worth of ``name(...)``."""
+    """The value of a function call. Raises Wrong if a controller cannot evaluate it."""
     routine = machine.routine(call.name)
     if routine is not None:
         return machine.call(routine, call)
@@ -38,26 +39,24 @@ def call_function(machine: Machine, call: Calling) -> Value:
     if special is not None:
         return special(machine, call)
     values = [machine.value(arg) for arg in call.args]
-    known = _PLAIN.get(call.name)
-    if known is None:
+    function = _PLAIN.get(call.name)
+    if function is None:
         if call.name not in _UNKNOWN:
-            machine.log.assume(
-                f"{call.name} is in none of the files: what it gives is not known", call.name
-            )
+            what = f"{call.name} is in none of the files: what it gives is not known"
+            machine.log.assume(what, call.name)
         return machine.ask_for(f"{call.name}()", call.name)
     unknown = find_unknown(values)
     if unknown is not None:
         return unknown
     if call.options:
-        known = _WITH_OPTION.get((call.name, *sorted(name for name, _ in call.options)))
+        function = _WITH_OPTION.get((call.name, *sorted(name for name, _ in call.options)))
         values += [machine.value(value) for name, value in call.options if value is not None]
-    if known is None or find_unknown(values) is not None:
-        machine.log.leave_out(
-            f"{call.name} with \\{call.options[0][0]} is not evaluated: what it gives is not known"
-        )
+    if function is None or find_unknown(values) is not None:
+        option = f"{call.name} with \\{call.options[0][0]}"
+        machine.log.leave_out(f"{option} is not evaluated: what it gives is not known")
         return Unknown(f"{call.name}()")
     try:
-        return known(*values)
+        return function(*values)
     except (
         TypeError,
         ValueError,
@@ -68,12 +67,11 @@ def call_function(machine: Machine, call: Calling) -> Value:
         AttributeError,
         np.linalg.LinAlgError,
     ):
-        raise machine.wrong(
-            f"{call.name} of {', '.join(map(tell_type, values)) or 'nothing'}"
-        ) from None
+        types = ", ".join(map(format_type, values)) or "nothing"
+        raise machine.wrong(f"{call.name} of {types}") from None
 
 
-# Poses ----------------------------------------------------------------------------------------------------------
+# Poses -------------------------------------------------------------------------------------------
 
 
 def _offs(machine: Machine, call: Calling) -> Value:
@@ -88,14 +86,15 @@ def _offs(machine: Machine, call: Calling) -> Value:
         return find_unknown(point)
     if isinstance(point[0], Unknown):
         return point
-    moved = tuple(a if isinstance(a, Unknown) else b if isinstance(b, Unknown) else _add(machine, a, b)
-                  for a, b in zip(point[0], shift, strict=True))  # fmt: skip
-    return (moved, *point[1:])
+    position = tuple(_add(machine, a, b) for a, b in zip(point[0], shift, strict=True))
+    return (position, *point[1:])
 
 
-def _add(machine: Machine, a: Value, b: Value) -> float:
+def _add(machine: Machine, a: Value, b: Value) -> Value:
+    if isinstance(a, Unknown) or isinstance(b, Unknown):
+        return a if isinstance(a, Unknown) else b
     if type(a) is not float or type(b) is not float:
-        raise machine.wrong(f"{tell_type(a)} + {tell_type(b)}")
+        raise machine.wrong(f"{format_type(a)} + {format_type(b)}")
     return a + b
 
 
@@ -103,9 +102,7 @@ def _reltool(machine: Machine, call: Calling) -> Value:
     values = [machine.value(arg) for arg in call.args]
     if len(values) != 4:
         raise machine.wrong("RelTool has a robtarget and three numbers")
-    turns = {
-        name: machine.value(value) for name, value in call.options if _is_given(machine, value)
-    }
+    turns = {name: machine.value(value) for name, value in call.options if is_given(machine, value)}
     machine.fit("robtarget", values[0])
     point, x, y, z = values
     unknown = find_unknown([x, y, z, *turns.values()])
@@ -127,8 +124,8 @@ def _reltool(machine: Machine, call: Calling) -> Value:
     return (*say_pose(pose_of(machine, point) @ displacement), *point[2:])
 
 
-def _is_given(machine: Machine, value: Expr | None) -> bool:
-    """Whether an optional argument is: one that is handed on may not be."""
+def is_given(machine: Machine, value: Expr | None) -> bool:
+    """False if an argument hands on an optional parameter that was not given."""
     if not isinstance(value, Maybe):
         return True
     variable = machine.variable(value.name)
@@ -143,25 +140,25 @@ def _joints_here(machine: Machine, _call: Calling) -> Value:
 
 
 def _robot_of_joints(machine: Machine, call: Calling) -> Value:
-    """CalcRobT: where joint values put the tool."""
+    """The robtarget at joint values, unknown without a model of the arm (CalcRobT)."""
     joints = machine.value(call.args[0]) if len(call.args) == 2 else NOTHING
     known = isinstance(joints, tuple) and len(joints) == 2 and find_unknown(joints[0]) is None
     if isinstance(joints, tuple) and known and machine.displaced is None:
         pose = see_joints(machine, joints[0], call.args[1], dict(call.options).get("wobj"))
         if pose is not None:
             return (*say_pose(pose), (0.0,) * 4, joints[1])
-    return _of_arm(machine, call)
+    return _need_arm(machine, call)
 
 
-def _of_arm(machine: Machine, call: Calling) -> Value:
-    """CalcRobT and CalcJointT: they need the arm."""
+def _need_arm(machine: Machine, call: Calling) -> Value:
     machine.log.assume(f"{call.name} needs the arm: what it gives is not known", "")
     return Unknown(f"{call.name}()")
 
 
 def _frame_of_points(p1: Value, p2: Value, p3: Value, origin: float = 1.0) -> Value:
-    """DefFrame: its x axis leads from the first position to the second. origin: 1 the first, 2 the second, 3 where the
-    y axis through the third meets the x axis.
+    """The frame whose x axis leads from the first position to the second (DefFrame).
+
+    origin: 1 for the first position, 2 for the second, 3 for the foot of the third on the x axis.
     """
     a, b, c = (
         np.array(p[0] if isinstance(p[0], tuple) else p, dtype=np.float64) for p in (p1, p2, p3)
@@ -188,7 +185,7 @@ def _orient_zyx(z: float, y: float, x: float) -> Value:
 
 
 def _euler(machine: Machine, call: Calling) -> Value:
-    """EulerZYX: of R = Rz Ry Rx the angle that the switch names, deg."""
+    """The angle of R = Rz Ry Rx that the switch of EulerZYX names, deg."""
     turn = machine.value(call.args[0]) if call.args else NOTHING
     if find_unknown(turn) is not None:
         return find_unknown(turn)
@@ -209,25 +206,17 @@ def _normalise(turn: Value) -> Value:
     return tuple(v / norm for v in turn)
 
 
-def _distance(a: Value, b: Value) -> float:
-    return math.dist(a, b)
-
-
-# Inputs ---------------------------------------------------------------------------------------------------------
+# Inputs ------------------------------------------------------------------------------------------
 
 
 def name_of(machine: Machine, expr: Expr | None) -> str:
-    """The name of the signal that an argument means: its own, or that of what was handed on."""
+    """The name of the signal that an argument denotes, directly or through a parameter."""
     if isinstance(expr, Ref):
         variable = machine.variable(expr.name)
-        value = machine.load(variable) if variable is not None else None
-        if (
-            isinstance(value, Unknown)
-            and value.key
-            and variable is not None
-            and variable.storage == "parameter"
-        ):
-            return value.what
+        if variable is not None:
+            value = machine.load(variable)
+            if variable.storage == "parameter" and isinstance(value, Unknown) and value.key:
+                return value.what
         return expr.name
     if isinstance(expr, Element):
         return name_of(machine, expr.base)
@@ -235,7 +224,7 @@ def name_of(machine: Machine, expr: Expr | None) -> str:
 
 
 def _signal(machine: Machine, call: Calling) -> Value:
-    """DInput, DOutput, GInput, AInput and the like."""
+    """The value of a signal: the user's, else the one that the program last set."""
     name = name_of(machine, call.args[0] if call.args else None)
     key = name.lower()
     if key in machine.outputs and key not in machine.ask.assume:
@@ -248,7 +237,7 @@ def _test_input(machine: Machine, call: Calling) -> Value:
     return value if isinstance(value, Unknown) else value != 0
 
 
-# Texts ----------------------------------------------------------------------------------------------------------
+# Texts -------------------------------------------------------------------------------------------
 
 
 def _number_text(value: float, digits: float, *_: Value) -> str:
@@ -272,19 +261,15 @@ def _part_of(text: str, start: float, length: float) -> str:
 
 
 def _find(text: str, start: float, wanted: str) -> float:
-    """StrFind: the first character that is one of ``wanted``; behind the end where there is none."""
-    for place in range(int(start) - 1, len(text)):
-        if text[place] in wanted:
-            return float(place + 1)
-    return float(len(text) + 1)
+    """The place, from 1, of the first character in `wanted` (StrFind); without one length + 1."""
+    places = (k + 1 for k in range(int(start) - 1, len(text)) if text[k] in wanted)
+    return float(next(places, len(text) + 1))
 
 
-def _find_other(text: str, start: float, wanted: str) -> float:
-    """StrFind with NotInSet: the first character that is none of ``wanted``."""
-    return next(
-        (float(k + 1) for k in range(int(start) - 1, len(text)) if text[k] not in wanted),
-        float(len(text) + 1),
-    )
+def _find_other(text: str, start: float, unwanted: str) -> float:
+    """The place of the first character that is not in `unwanted` (StrFind with NotInSet)."""
+    places = (k + 1 for k in range(int(start) - 1, len(text)) if text[k] not in unwanted)
+    return float(next(places, len(text) + 1))
 
 
 def _match(text: str, start: float, pattern: str) -> float:
@@ -297,7 +282,7 @@ def _map(text: str, old: str, new: str) -> str:
 
 
 def _number_of_text(machine: Machine, call: Calling) -> Value:
-    """StrToVal: writes the value into its second argument, and says whether there was one."""
+    """Assign the value of a text to the second argument; whether it has one (StrToVal)."""
     text = machine.value(call.args[0]) if call.args else NOTHING
     if len(call.args) != 2:
         raise machine.wrong("StrToVal has a string and a variable")
@@ -324,14 +309,12 @@ def _read_value(text: str) -> Value:
 
 
 def _is_plain(value: Value) -> bool:
-    return (
-        all(map(_is_plain, value))
-        if isinstance(value, tuple)
-        else isinstance(value, (float, bool, str))
-    )
+    if isinstance(value, tuple):
+        return all(map(_is_plain, value))
+    return isinstance(value, (float, bool, str))
 
 
-# What the program itself is -------------------------------------------------------------------------------------
+# Parameters, arrays and numbers ------------------------------------------------------------------
 
 
 def _present(machine: Machine, call: Calling) -> Value:
@@ -353,18 +336,14 @@ def _dimension(machine: Machine, call: Calling) -> Value:
 
 
 def _rounded(machine: Machine, call: Calling) -> Value:
-    """Round and Trunc, with the decimals that they keep."""
     value = machine.number(call.args[0]) if call.args else NOTHING
     digits = next((machine.number(v) for name, v in call.options if name == "dec"), 0.0)
     if isinstance(value, Unknown) or isinstance(digits, Unknown):
         return value if isinstance(value, Unknown) else digits
     scale = 10.0 ** max(0.0, min(15.0, digits))
-    whole = (
-        math.trunc(value * scale)
-        if call.name.startswith("trunc")
-        else math.floor(value * scale + 0.5)
-    )
-    return whole / scale
+    if call.name.startswith("trunc"):
+        return math.trunc(value * scale) / scale
+    return math.floor(value * scale + 0.5) / scale
 
 
 def _degrees(function: Callable[[float], float]) -> Callable[[float], float]:
@@ -379,70 +358,84 @@ def _bits(function: Callable[[int, int], int]) -> Callable[[float, float], float
     return lambda a, b: float(function(int(a), int(b)))
 
 
-#: The bits of a dnum that functions of bits work on.
+#: Bits of a whole number in a dnum.
 _DNUM = 2**52 - 1
+#: Functions that get their arguments as expressions, and the machine.
 SPECIAL: dict[str, Callable[[Machine, Calling], Value]] = {
-    "offs": _offs, "reltool": _reltool, "crobt": see_here, "cpos": see_here, "cjointt": _joints_here,
-    "calcrobt": _robot_of_joints, "calcjointt": _of_arm, "eulerzyx": _euler, "strtoval": _number_of_text,
-    "present": _present,
-    "dim": _dimension, "testdi": _test_input, "round": _rounded, "trunc": _rounded, "rounddnum": _rounded,
-    "truncdnum": _rounded,
-    **dict.fromkeys(
-        ("dinput", "doutput", "ginput", "goutput", "ainput", "aoutput", "ginputdnum", "goutputdnum", "pinput"), _signal
-    ),
+    "offs": _offs, "reltool": _reltool, "crobt": see_here, "cpos": see_here,
+    "cjointt": _joints_here, "calcrobt": _robot_of_joints, "calcjointt": _need_arm,
+    "eulerzyx": _euler, "strtoval": _number_of_text, "present": _present, "dim": _dimension,
+    "testdi": _test_input,
+    **dict.fromkeys(("round", "trunc", "rounddnum", "truncdnum"), _rounded),
+    **dict.fromkeys(("dinput", "doutput", "ginput", "goutput", "ainput", "aoutput"), _signal),
+    **dict.fromkeys(("ginputdnum", "goutputdnum", "pinput"), _signal),
 }  # fmt: skip
+#: Functions of the values of their arguments.
 _PLAIN: dict[str, Callable[..., Value]] = {
     "abs": abs, "absdnum": abs, "sqrt": math.sqrt, "sqrtdnum": math.sqrt, "exp": math.exp,
-    "pow": lambda a, b: float(a**b),
-    "sin": _radians(math.sin), "cos": _radians(math.cos), "tan": _radians(math.tan), "asin": _degrees(math.asin),
-    "acos": _degrees(math.acos), "atan": _degrees(math.atan), "atan2": lambda y, x: math.degrees(math.atan2(y, x)),
+    "pow": lambda a, b: float(a**b), "powdnum": lambda a, b: float(a**b),
+    "sin": _radians(math.sin), "cos": _radians(math.cos), "tan": _radians(math.tan),
+    "asin": _degrees(math.asin), "acos": _degrees(math.acos), "atan": _degrees(math.atan),
+    "atan2": lambda y, x: math.degrees(math.atan2(y, x)),
     "sindnum": _radians(math.sin), "cosdnum": _radians(math.cos), "tandnum": _radians(math.tan),
-    "asindnum": _degrees(math.asin), "acosdnum": _degrees(math.acos), "atandnum": _degrees(math.atan),
-    "atan2dnum": lambda y, x: math.degrees(math.atan2(y, x)), "powdnum": lambda a, b: float(a**b),
-    "bitanddnum": _bits(int.__and__), "bitordnum": _bits(int.__or__), "bitxordnum": _bits(int.__xor__),
-    "crossprod": lambda a, b: operate("*", a, b, 0),
-    "numtodnum": float, "dnumtonum": float,
-    "posemult": lambda a, b: say_pose(_pose(a) @ _pose(b)), "poseinv": lambda a: say_pose(_pose(a).inverse()),
+    "asindnum": _degrees(math.asin), "acosdnum": _degrees(math.acos),
+    "atandnum": _degrees(math.atan), "atan2dnum": lambda y, x: math.degrees(math.atan2(y, x)),
+    "crossprod": lambda a, b: operate("*", a, b, 0), "numtodnum": float, "dnumtonum": float,
+    "posemult": lambda a, b: say_pose(_pose(a) @ _pose(b)),
+    "poseinv": lambda a: say_pose(_pose(a).inverse()),
     "posevect": lambda a, v: _pose(a).apply(v), "orientzyx": _orient_zyx, "norient": _normalise,
-    "defframe": _frame_of_points, "distance": _distance, "vectmagn": lambda v: math.sqrt(sum(x * x for x in v)),
+    "defframe": _frame_of_points, "distance": math.dist,
+    "vectmagn": lambda v: math.sqrt(sum(x * x for x in v)),
     "dotprod": lambda a, b: float(sum(x * y for x, y in zip(a, b, strict=True))),
-    "strlen": lambda text: float(len(text)), "strpart": _part_of, "strfind": _find, "strmatch": _match, "strmap": _map,
+    "strlen": lambda text: float(len(text)), "strpart": _part_of, "strfind": _find,
+    "strmatch": _match, "strmap": _map, "strorder": lambda a, b, *_: a <= b,
     "strmemb": lambda text, place, allowed: text[int(place) - 1] in allowed,
-    "strorder": lambda a, b, *_: a <= b, "numtostr": _number_text, "dnumtostr": _number_text, "valtostr": _value_text,
+    "numtostr": _number_text, "dnumtostr": _number_text, "valtostr": _value_text,
     "bitand": _bits(int.__and__), "bitor": _bits(int.__or__), "bitxor": _bits(int.__xor__),
-    "bitlsh": _bits(lambda a, b: (a << min(b, 64)) & 0xFF), "bitrsh": _bits(lambda a, b: a >> min(b, 64)),
-    "bitlshdnum": _bits(lambda a, b: (a << min(b, 64)) & _DNUM), "bitrshdnum": _bits(lambda a, b: a >> min(b, 64)),
-    **dict.fromkeys(("bitcheck", "bitcheckdnum"), lambda a, b: bool(int(a) >> (min(int(b), 64) - 1) & 1)),
+    "bitanddnum": _bits(int.__and__), "bitordnum": _bits(int.__or__),
+    "bitxordnum": _bits(int.__xor__),
+    "bitlsh": _bits(lambda a, b: (a << min(b, 64)) & 0xFF),
+    "bitlshdnum": _bits(lambda a, b: (a << min(b, 64)) & _DNUM),
+    **dict.fromkeys(("bitrsh", "bitrshdnum"), _bits(lambda a, b: a >> min(b, 64))),
+    **dict.fromkeys(
+        ("bitcheck", "bitcheckdnum"), lambda a, b: bool(int(a) >> (min(int(b), 64) - 1) & 1)
+    ),
     "bitneg": lambda a: float(~int(a) & 0xFF), "bitnegdnum": lambda a: float(~int(a) & _DNUM),
-    "gettaskname": lambda: "T_ROB1", "robos": lambda: False, "taskrunrob": lambda: True, "validio": lambda *_: True,
-    "isfile": lambda *_: False, "opmode": lambda: 1.0, "runmode": lambda *_: 1.0,
+    "gettaskname": lambda: "T_ROB1", "robos": lambda: False, "taskrunrob": lambda: True,
+    "validio": lambda *_: True, "isfile": lambda *_: False, "opmode": lambda: 1.0,
+    "runmode": lambda *_: 1.0,
 }  # fmt: skip
-#: Those with an optional argument.
+#: Functions with an optional argument, which comes after the others.
 _WITH_OPTION: dict[tuple[str, ...], Callable[..., Value]] = {
     ("defframe", "origin"): _frame_of_points, ("strfind", "notinset"): _find_other,
     ("numtostr", "exp"): lambda value, digits: f"{value:.{max(0, min(15, int(digits)))}E}",
 }  # fmt: skip
-#: What only a controller, its operator or its surroundings know.
+#: Functions whose values depend on the controller, its operator or its surroundings.
 _UNKNOWN = frozenset(
-    """argname bytetostr calcrotaxframez calcrotaxisframe camgetexposure camgetloadedjob camgetname
-    camnumberofresults capgetfailsigs cdate clkread cnvdist corrread cspeedoverride ctime ctool cwobj
-    dacheckmmsopt dagetfsttimeevt dagetmp dagetrobotname dagettaskname dectohex defaccframe defdframe
-    egmgetstate eventtype exechandler execlevel fcgetforce fcgetprocessdata fcidentload fcisforcemode filesize
-    filetime filetimednum fssize getaxisangle getaxisdistance getaxismovetime getmaxnumberofcyclicbool
-    getmecunitname getmodalpayloadmode getmotortorque getnextcyclicbool getnextmechunit getnextsym
-    getnumberofcyclicbool getserviceinfo getsignal getsignaldnum getsignalorigin getsysinfo gettime
-    gettrapdata gettsistatus gettspstatus getuasusername getuasuserrights hand_getactualpos hextodec
-    indexlookup indinpos indpos indspeed iounitstate ipscommand ipsgetparam isbrakecheckactive iscyclicbool
-    isleadthrough ismechunitactive ispers isstopmoveact isstopstateevent issyncmoveon issysid istasksync isvar
-    loadid maxextlinearspeed maxextreorientspeed maxrobreorientspeed maxrobspeed mirpos modexist modtime
-    modtimednum motionplannerno orobt paintcommand paridposvalid paridrobvalid pathlengthget pathlevel
-    pathrecvalidbwd pathrecvalidfwd pfrestart pmgratsafe pmgratservice pmgratstate pmgratstation
-    pmgrnextstation pmgrtaskname pmgrtasknumber ppmovedinmanmode progmemfree prxgetmaxrecordpos quadr
-    rawbyteslen readbin readcfgdata readdir readmotor readnum readstr readstrbin readvar remainingretries
-    rmqgetslotname robname safetycontrollergetchecksum safetycontrollergetopmodepincode
-    safetycontrollergetswversion safetycontrollergetuserchecksum socketgetstatus socketpeek stcalcforce
-    stcalctorque stiscalib strformat stisclosed stisindgun stisopen strdigcalc strdigcmp strtobyte syncmoveison
-    taskisactive taskisexecuting taskrunmec tasksinsync testandset testsignread textget texttabfreetoread
-    texttabfreetouse texttabget triggdatavalid type uialphaentry uiclientexist uidnumentry uidnumtune
-    uilistview uimessagebox uinumentry uinumtune""".split()  # noqa: SIM905 (two hundred words read better so)
+    """
+    argname bytetostr calcrotaxframez calcrotaxisframe camgetexposure camgetloadedjob camgetname
+    camnumberofresults capgetfailsigs cdate clkread cnvdist corrread cspeedoverride ctime ctool
+    cwobj dacheckmmsopt dagetfsttimeevt dagetmp dagetrobotname dagettaskname dectohex
+    defaccframe defdframe egmgetstate eventtype exechandler execlevel fcgetforce
+    fcgetprocessdata fcidentload fcisforcemode filesize filetime filetimednum fssize
+    getaxisangle getaxisdistance getaxismovetime getmaxnumberofcyclicbool getmecunitname
+    getmodalpayloadmode getmotortorque getnextcyclicbool getnextmechunit getnextsym
+    getnumberofcyclicbool getserviceinfo getsignal getsignaldnum getsignalorigin getsysinfo
+    gettime gettrapdata gettsistatus gettspstatus getuasusername getuasuserrights
+    hand_getactualpos hextodec indexlookup indinpos indpos indspeed iounitstate ipscommand
+    ipsgetparam isbrakecheckactive iscyclicbool isleadthrough ismechunitactive ispers
+    isstopmoveact isstopstateevent issyncmoveon issysid istasksync isvar loadid
+    maxextlinearspeed maxextreorientspeed maxrobreorientspeed maxrobspeed mirpos modexist
+    modtime modtimednum motionplannerno orobt paintcommand paridposvalid paridrobvalid
+    pathlengthget pathlevel pathrecvalidbwd pathrecvalidfwd pfrestart pmgratsafe pmgratservice
+    pmgratstate pmgratstation pmgrnextstation pmgrtaskname pmgrtasknumber ppmovedinmanmode
+    progmemfree prxgetmaxrecordpos quadr rawbyteslen readbin readcfgdata readdir readmotor
+    readnum readstr readstrbin readvar remainingretries rmqgetslotname robname
+    safetycontrollergetchecksum safetycontrollergetopmodepincode safetycontrollergetswversion
+    safetycontrollergetuserchecksum socketgetstatus socketpeek stcalcforce stcalctorque
+    stiscalib strformat stisclosed stisindgun stisopen strdigcalc strdigcmp strtobyte
+    syncmoveison taskisactive taskisexecuting taskrunmec tasksinsync testandset testsignread
+    textget texttabfreetoread texttabfreetouse texttabget triggdatavalid type uialphaentry
+    uiclientexist uidnumentry uidnumtune uilistview uimessagebox uinumentry uinumtune
+    """.split()  # noqa: SIM905 (a table)
 )

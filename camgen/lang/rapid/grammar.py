@@ -1,6 +1,6 @@
-"""RAPID text as modules: the grammar of the RAPID kernel manual (technical reference manual, chapters 2 to 9).
+"""The parser of RAPID modules, after the grammar of the kernel manual, chapters 2 to 9.
 
-Whoever reads a part of the language only overrides the productions that it has not: one grammar for all.
+The read-back of a post has a part of the language. It overrides the productions that it lacks.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from .expressions import Calls
 from .rows import Spellings
 from .statements import CLAUSES, STRUCTURE, Note, Statements
 from .tokens import Wrong, show_token
-from .tree import Data, Expr, Hole, Module, Parameter, Record, Routine, Run, Statement
+from .tree import Data, Expr, Module, Parameter, Point, Record, Routine, Run, Statement
 
 _DATA = frozenset(("local", "task", "const", "pers", "var"))
 _ATTRIBUTES = ("sysmodule", "noview", "nostepin", "viewonly", "readonly")
@@ -20,28 +20,29 @@ _MODES = frozenset(("var", "pers", "inout", "ref"))
 
 
 class Parser(Statements):
-    """Modules and routines. clauses: of routines."""
+    """The parser of modules and routines.
+
+    clauses: words that begin the clauses of routines.
+    """
 
     clauses: ClassVar[frozenset[str]] = CLAUSES
 
-    # -- modules -------------------------------------------------------------------------------------------------
+    # -- modules ---------------------------------------------------------------------------------
 
     def modules(self) -> list[Module]:
         """All modules up to the end of the text."""
-        found = []
+        modules = []
         while self.token[0] != "end":
             if self.word() == "module":
-                found.append(self.module())
+                modules.append(self.module())
             else:
-                self.notes.append(
-                    Note(self.token[2], f"{show_token(self.token)} stands outside a module")
-                )
+                self.note(Wrong(self.token[2], f"{show_token(self.token)} stands outside a module"))
                 while self.token[0] != "end" and self.word() != "module":
                     self.take()
-        return found
+        return modules
 
     def module(self) -> Module:
-        """A module; where its end is missing, up to there."""
+        """A module. Without ENDMODULE it ends at the next MODULE or with the text."""
         line = self.take()[2]
         name = ""
         attributes: tuple[str, ...] = ()
@@ -67,43 +68,44 @@ class Parser(Statements):
         return Module(line, name, tuple(data), tuple(routines), tuple(records), attributes)
 
     def close_module(self) -> None:
-        """Takes ENDMODULE."""
+        """Take ENDMODULE."""
         self.take()
 
     def attributes(self, line: int) -> tuple[str, ...]:
-        """SYSMODULE and the like, in brackets. Wrong where they do not end."""
-        found: list[str] = []
+        """Attributes of a module, in brackets. Raises Wrong without a closing bracket.
+
+        line: line of MODULE.
+        """
+        attributes: list[str] = []
         if not self.accept("("):
             return ()
         while True:
-            kind, text, at, _ = self.take()
+            kind, text, text_line, _ = self.take()
             if kind == "end":
                 raise Wrong(line, ") of the module's attributes is missing")
             if kind != "name":
-                self.notes.append(
-                    Note(at, f"an attribute of the module expected, found {text[:12]!r}")
-                )
+                what = f"an attribute of the module expected, found {text[:12]!r}"
+                self.note(Wrong(text_line, what))
                 if text == ")":
-                    return tuple(found)
+                    return tuple(attributes)
                 continue
-            found.append(text.lower())
-            self.judge_attribute(at, text, found)
+            attributes.append(text.lower())
+            self.check_attribute(text_line, text, attributes)
             if self.accept(")"):
-                return tuple(found)
+                return tuple(attributes)
             if not self.accept(",") and self.token[0] != "end":
-                self.notes.append(
-                    Note(at, f", or ) expected behind {text[:40]}, found {show_token(self.token)}")
-                )
+                what = f", or ) expected behind {text[:40]}, found {show_token(self.token)}"
+                self.note(Wrong(text_line, what))
 
-    def judge_attribute(self, line: int, text: str, found: list[str]) -> None:
-        """Notes an attribute that there is not, or that is given twice."""
-        if found[-1] not in _ATTRIBUTES:
-            self.notes.append(Note(line, f"{text[:40]} is no attribute of a module"))
-        elif found[-1] in found[:-1]:
-            self.notes.append(Note(line, f"the attribute {text} is given twice"))
+    def check_attribute(self, line: int, text: str, attributes: list[str]) -> None:
+        """Note the last of `attributes` if it is not known, or given twice."""
+        if attributes[-1] not in _ATTRIBUTES:
+            self.note(Wrong(line, f"{text[:40]} is no attribute of a module"))
+        elif attributes[-1] in attributes[:-1]:
+            self.note(Wrong(line, f"the attribute {text} is given twice"))
 
     def member(self, data: list[Data], routines: list[Routine], records: list[Record]) -> None:
-        """One declaration of a module."""
+        """Add a declaration of a module to the list of its kind."""
         line = self.token[2]
         local = task = False
         if self.word() in ("local", "task"):
@@ -116,8 +118,7 @@ class Parser(Statements):
             data.append(self.data(line, local, task))
         elif word in ("proc", "func", "trap"):
             if task:
-                what = f"TASK before {word.upper()}: it belongs to data alone"
-                self.notes.append(Note(line, what))
+                self.note(Wrong(line, f"TASK before {word.upper()}: it belongs to data alone"))
             self.take()
             routines.append(self.routine(line, local, word))
         elif word in ("record", "alias"):
@@ -128,17 +129,17 @@ class Parser(Statements):
             self.no_member()
 
     def placeholder(self) -> None:
-        """``<DDN>`` and its like."""
+        """Note a placeholder such as ``<DDN>``."""
         _, text, line, _ = self.take()
         self.notes.append(Note(line, f"{text}: a place that is not filled in", odd=True))
 
     def no_member(self) -> None:
-        """What is no declaration. Wrong names it."""
+        """Raise Wrong for a token that does not begin a declaration."""
         line, what = self.token[2], show_token(self.take())
         raise Wrong(line, f"a declaration expected, found {what}")
 
     def late_data(self, line: int, word: str) -> None:
-        """A declaration behind a routine, where the manual has none."""
+        """Note a declaration of data after a routine."""
         what = f"{word.upper()} after a routine, where the kernel manual has no declaration of data"
         self.notes.append(Note(line, what, odd=True))
 
@@ -163,7 +164,7 @@ class Parser(Statements):
         return Record(line, name.lower(), ((kind, ""),), alias=True)
 
     def data(self, line: int, local: bool, task: bool) -> Data:
-        """A declaration of data. Wrong where it must have a value and has none."""
+        """A declaration of data. Raises Wrong if it needs a value and has none."""
         storage = self.take()[1].lower()
         data_type = self.name("a data type").lower()
         name = self.name(f"the name of a {data_type}")
@@ -177,19 +178,18 @@ class Parser(Statements):
         return Data(line, storage, data_type, name, local, value, task, dims)
 
     def dimensions(self, line: int, name: str) -> tuple[Expr, ...]:
-        """Of an array, behind the bracket."""
-        dims = self.listed(self.expression)
+        """Sizes of an array after the opening bracket. Raises Wrong if there are too many."""
+        dims = self.listed()
         self.expect("}")
         if len(dims) > _MOST_DIMENSIONS:
-            raise Wrong(
-                line, f"{name} has {len(dims)} dimensions; an array has at most {_MOST_DIMENSIONS}"
-            )
+            limit = f"an array has at most {_MOST_DIMENSIONS}"
+            raise Wrong(line, f"{name} has {len(dims)} dimensions; {limit}")
         return dims
 
-    # -- routines ------------------------------------------------------------------------------------------------
+    # -- routines --------------------------------------------------------------------------------
 
     def routine(self, line: int, local: bool, kind: str) -> Routine:
-        """A routine behind the word that begins it."""
+        """The rest of a routine after its first word, which is its `kind` in upper case."""
         gives = self.name("the data type of a FUNC").lower() if kind == "func" else ""
         name = self.name(f"the name of a {kind.upper()}")
         parameters: tuple[Parameter, ...] = ()
@@ -201,7 +201,7 @@ class Parser(Statements):
         end, clause = f"end{kind}", ""
         while self.word() != end:
             if self.token[0] == "end" or self.word() in STRUCTURE:
-                self.notes.append(Note(self.token[2], f"{end.upper()} of {name} is missing"))
+                self.note(Wrong(self.token[2], f"{end.upper()} of {name} is missing"))
                 break
             try:
                 if self.word() in self.clauses and self.word() not in blocks:
@@ -218,48 +218,38 @@ class Parser(Statements):
         if self.word() == end:
             self.take()
         handler = tuple(blocks["error"]) if "error" in blocks else None
-        return Routine(
-            line,
-            name,
-            local,
-            tuple(data),
-            tuple(blocks[""]),
-            handler,
-            kind,
-            parameters,
-            gives,
-            last,
-        )
+        body = tuple(blocks[""])
+        return Routine(line, name, local, tuple(data), body, handler, kind, parameters, gives, last)
 
     def enclosed(self, body: list[Statement | Run], _clause: str) -> None:
-        """A statement of a routine, in the clause ("" the body, error, undo, backward)."""
+        """Add a statement to a clause: error, undo, backward, or empty for the body."""
         self.statement(body)
 
     def clause(self) -> str:
-        """ERROR with the numbers that it is for, UNDO, BACKWARD."""
+        """The first word of a clause. ERROR may have a list of error numbers."""
         word = self.take()[1].lower()
         if word == "error" and self.accept("("):
-            self.listed(self.expression)
+            self.listed()
             self.expect(")")
         return word
 
     def parameters(self, _line: int, _name: str) -> tuple[Parameter, ...]:
         """Parameters up to the closing bracket."""
-        found: list[Parameter] = []
+        parameters: list[Parameter] = []
         group = 0
         while not self.accept(")"):
-            if found and not self.accept(",") and self.token[1] != "\\":
+            if parameters and not self.accept(",") and self.token[1] != "\\":
                 raise Wrong(self.token[2], f", or ) expected, found {show_token(self.token)}")
             group += 1
             optional = self.accept("\\")
-            found.append(self.parameter(optional, group))
+            parameters.append(self.parameter(optional, group))
             while optional and self.accept("|"):
                 self.accept("\\")
-                found.append(self.parameter(True, group))
-        return tuple(found)
+                parameters.append(self.parameter(True, group))
+        return tuple(parameters)
 
     def parameter(self, optional: bool, group: int) -> Parameter:
-        """One parameter."""
+        """A parameter after its comma or backslash."""
         mode = ""
         if self.word() in _MODES:
             mode = self.take()[1].lower()
@@ -267,18 +257,15 @@ class Parser(Statements):
         name = self.name("the name of a parameter").lower()
         dims = 0
         if self.accept("{"):
-            self.listed(self.star)
+            self.expect("*")
+            while self.accept(","):
+                self.expect("*")
             self.expect("}")
             dims = 1
         return Parameter(mode, kind, name, dims, optional, group)
 
-    def star(self) -> Expr:
-        """A dimension of a parameter, which is not said."""
-        self.expect("*")
-        return Hole("*")
-
     def routine_data(self, late: bool) -> Data:
-        """Data of a routine: before its statements, and no PERS."""
+        """Data of a routine, VAR or CONST. Raises Wrong if they are late: after a statement."""
         line = self.token[2]
         word = self.word()
         if word not in ("const", "var"):
@@ -291,15 +278,16 @@ class Parser(Statements):
 
 
 def is_literal(value: Expr | None) -> bool:
-    """Whether a value is written out, as a PERS must have it (kernel manual, persistents)."""
+    """Whether a value is missing or written out, as PERS needs it (kernel manual, persistents)."""
     if isinstance(value, tuple):
         return all(is_literal(item) for item in value)
-    return (
-        value is None or isinstance(value, (float, bool, str)) or type(value).__name__ in ("Point",)
-    )
+    return value is None or isinstance(value, (float, bool, str, Point))
 
 
 def parse(text: str, first_line: int) -> tuple[list[Module], list[Note]]:
-    """The modules of one file whose first line has the number ``first_line``, and what is wrong with its grammar."""
+    """The modules of a file, and notes about faults of its grammar.
+
+    first_line: number of the first line of the file.
+    """
     parser = Parser(text, first_line, Spellings(Calls))
     return parser.modules(), parser.notes

@@ -1,7 +1,7 @@
-"""RAPID's instructions that do not move: signals, waits, displacements, speeds, questions (technical reference manual).
+"""RAPID's instructions other than motions: signals, waits, displacements, speeds, questions.
 
-What moves nothing and changes nothing that is shown is nothing. What reads from a controller or its surroundings
-leaves data that are not known.
+Source: technical reference manual. An instruction without an effect on the motions is skipped. An
+instruction that reads from the controller or its surroundings makes its data unknown.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from camgen.lang.run import Ended
 from camgen.lang.values import Unknown
 from camgen.model.instructions import Force, MoveC, MoveJ, MoveL, Output, Stop, Wait
 from camgen.model.pose import IDENTITY, Pose
+from camgen.model.text import counted
 
 from .effects import ALONE, GIVES, LOST, OMITTED, SILENT, UNSEEN
 from .functions import name_of
@@ -23,21 +24,22 @@ from .places import pose_of, see_here
 from .tree import Calling, Component, Element, Expr, Ref, find_root
 from .values import find_unknown
 
-#: s: how long PulseDO switches on where it does not say.
+#: s: length of the pulse of PulseDO without PLength.
 _PULSE = 0.2
 
 
 class CycleEnded(Ended):
-    """The program begins anew, with the data that it has."""
+    """The program starts its next cycle and keeps its data."""
 
 
-# Outputs --------------------------------------------------------------------------------------------------------
+# Outputs -----------------------------------------------------------------------------------------
 
 
 def _set_to(machine: Machine, name: str, value: float, group: bool = False) -> None:
-    """Sets an output. One that has the value already changes nothing in a corner; a group tells somebody a number."""
+    """Set an output. A change while the arm is in a corner is dangerous, for a group unusual."""
     if machine.blending and machine.outputs.get(name.lower()) != value:
-        what = f"{name} is switched while the robot is still in a corner: the motion in line {machine.blending} blends"
+        corner = f"in a corner: the motion in line {machine.blending} blends"
+        what = f"{name} is switched while the robot is still {corner}"
         machine.log.find("unusual" if group else "dangerous", what)
         machine.blending = 0
     machine.add(Output(name, value))
@@ -46,46 +48,42 @@ def _set_to(machine: Machine, name: str, value: float, group: bool = False) -> N
 
 def _signal_of(machine: Machine, call: Calling, count: int) -> str:
     if len(call.args) != count:
-        raise machine.wrong(
-            f"{call.name} has {count} argument{'s' * (count > 1)}, not {len(call.args)}"
-        )
+        raise machine.wrong(f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}")
     return name_of(machine, call.args[0])
 
 
 def _set_output(machine: Machine, call: Calling) -> None:
-    """SetDO, SetAO, SetGO."""
     options = dict(call.options)
-    given = options.get("dvalue")
+    dvalue = options.get("dvalue")
     if "sdelay" in options:
         machine.log.fact("delays", "SetDO with SDelay is shown without it")
-    name = _signal_of(machine, call, 1 if given is not None else 2)
-    value = machine.number(given if given is not None else call.args[1])
+    name = _signal_of(machine, call, 1 if dvalue is not None else 2)
+    value = machine.number(dvalue if dvalue is not None else call.args[1])
     if isinstance(value, Unknown):
         machine.log.assume(f"what {name} is set to is not known: 1 is taken", name.lower(), 1.0)
         value = machine.given(name) or 1.0
     if call.name == "setdo" and value not in (0, 1, 2):
         raise machine.wrong(f"{name} is set to {value:g}; a digital output is 0 or 1")
-    _set_to(
-        machine, name, float(value == 1) if call.name == "setdo" else value, call.name == "setgo"
-    )
+    if call.name == "setdo":
+        value = float(value == 1)
+    _set_to(machine, name, value, call.name == "setgo")
 
 
-def _set_one(machine: Machine, call: Calling) -> None:
-    """Set, Reset."""
+def _set_or_reset(machine: Machine, call: Calling) -> None:
     _set_to(machine, _signal_of(machine, call, 1), float(call.name == "set"))
 
 
 def _invert(machine: Machine, call: Calling) -> None:
     name = _signal_of(machine, call, 1)
-    now = machine.outputs.get(name.lower())
-    if now is None:
+    value = machine.outputs.get(name.lower())
+    if value is None:
         machine.log.assume(f"{name} is inverted: it is taken to be off before", name.lower(), 0.0)
-        now = machine.given(name) or 0.0
-    _set_to(machine, name, float(now == 0))
+        value = machine.given(name) or 0.0
+    _set_to(machine, name, float(value == 0))
 
 
 def _pulse(machine: Machine, call: Calling) -> None:
-    """PulseDO: on, and off again while the program goes on."""
+    """Set a signal and reset it at once; with High it stays on."""
     name = _signal_of(machine, call, 1)
     options = dict(call.options)
     length = machine.number(options["plength"]) if options.get("plength") is not None else _PULSE
@@ -96,11 +94,11 @@ def _pulse(machine: Machine, call: Calling) -> None:
     machine.log.fact("pulses", f"{name}, {length:g} s" if type(length) is float else name)
 
 
-# Waits ----------------------------------------------------------------------------------------------------------
+# Waits -------------------------------------------------------------------------------------------
 
 
 def _wait(machine: Machine, call: Calling) -> None:
-    """WaitTime; with InPos it waits for standstill first."""
+    """Wait for a time. 0 s with InPos is a wait for standstill, without an instruction."""
     if not call.args:
         raise machine.wrong("WaitTime has a time")
     seconds = machine.number(call.args[-1])
@@ -111,11 +109,10 @@ def _wait(machine: Machine, call: Calling) -> None:
         raise machine.wrong("a wait must not be negative")
     if seconds > 0 or not call.options:
         machine.add(Wait(seconds))
-    machine.blending = 0  # by the end of the wait the arm has come to its point
+    machine.blending = 0  # the arm reaches its point during the wait
 
 
 def _wait_signal(machine: Machine, call: Calling) -> None:
-    """WaitDI, WaitDO, WaitGI, WaitAI ...: over at once."""
     name = name_of(machine, call.args[0] if call.args else None)
     value = machine.number(call.args[1]) if len(call.args) > 1 else 1.0
     wanted = f"{value:g}" if type(value) is float else "a value"
@@ -124,17 +121,16 @@ def _wait_signal(machine: Machine, call: Calling) -> None:
 
 
 def _wait_until(machine: Machine, call: Calling) -> None:
-    """WaitUntil: over at once."""
     if call.args and not isinstance(call.args[-1], bool):
-        held = machine.value(call.args[-1])
-        if held is not True:
-            what = held.what if isinstance(held, Unknown) else "a condition"
+        condition = machine.value(call.args[-1])
+        if condition is not True:
+            what = condition.what if isinstance(condition, Unknown) else "a condition"
             machine.log.assume(f"{what[:60] or 'a condition'}: the wait for it is over at once")
     _no_timeout(machine, call)
 
 
 def _wait_for_rest(machine: Machine, _call: Calling) -> None:
-    """WaitRob: until the arm has come to its point."""
+    """Wait until the arm has reached its point: the last motion stops without a blend."""
     for index in reversed(range(len(machine.body))):
         motion = machine.body[index]
         if isinstance(motion, (MoveJ, MoveL, MoveC)):
@@ -150,7 +146,7 @@ def _no_timeout(machine: Machine, call: Calling) -> None:
             machine.assign(target, False)
 
 
-# Displacements and speeds ---------------------------------------------------------------------------------------
+# Displacements and speeds ------------------------------------------------------------------------
 
 
 def _displace_off(machine: Machine, _call: Calling) -> None:
@@ -159,38 +155,34 @@ def _displace_off(machine: Machine, _call: Calling) -> None:
 
 
 def _displace_set(machine: Machine, call: Calling) -> None:
-    """PDispSet: the frame that it says, in the work object."""
     value = machine.value(call.args[0] if call.args else None)
     machine.fit("pose", value)
     unknown = find_unknown(value)
     if unknown is not None:
-        machine.log.assume(
-            f"a displacement is not known ({unknown.what}): none is taken", unknown.key
-        )
+        what = f"a displacement is not known ({unknown.what}): none is taken"
+        machine.log.assume(what, unknown.key)
         value = None
     machine.displaced = pose_of(machine, value) if isinstance(value, tuple) else None
     machine.log.fact("displacement", "of the program, PDispSet")
 
 
 def _displace_on(machine: Machine, call: Calling) -> None:
-    """PDispOn: from the point that the program names to where the arm is, or to ExeP."""
+    """Displace the program by the difference from a point to the arm, or to ExeP."""
     options = dict(call.options)
     if len(call.args) < 2:
         raise machine.wrong("PDispOn has a point and a tool")
     machine.displaced = None
     point = machine.value(call.args[0])
-    there = options.get("exep")
-    at = (
-        machine.value(there)
-        if there is not None
-        else see_here(machine, Calling(machine.line, "crobt"))
-    )
+    if options.get("exep") is None:
+        arm = see_here(machine, Calling(machine.line, "crobt"))
+    else:
+        arm = machine.value(options["exep"])
     machine.fit("robtarget", point)
-    machine.fit("robtarget", at)
-    if find_unknown(point) is not None or find_unknown(at) is not None:
+    machine.fit("robtarget", arm)
+    if find_unknown(point) is not None or find_unknown(arm) is not None:
         machine.log.assume("a displacement is not known (PDispOn where the arm is): none is taken")
         return
-    planned, real = pose_of(machine, point), pose_of(machine, at)
+    planned, real = pose_of(machine, point), pose_of(machine, arm)
     if "rot" in options:
         machine.displaced = real @ planned.inverse()
     else:
@@ -200,20 +192,18 @@ def _displace_on(machine: Machine, call: Calling) -> None:
 
 
 def _limit_speed(machine: Machine, call: Calling) -> None:
-    """VelSet: % of every speed, and mm/s at most."""
     values = [machine.number(arg) for arg in call.args]
     if len(values) != 2:
         raise machine.wrong("VelSet has a percentage and a speed")
     unknown = find_unknown(values)
     if unknown is not None:
-        machine.log.omit(
-            f"velset: a value that is not known ({unknown.what[:60]}): the speeds stay"
-        )
+        what = f"a value that is not known ({unknown.what[:60]})"
+        machine.log.omit(f"velset: {what}: the speeds stay")
         return
-    percent, most = values
-    if not (percent > 0 and most > 0):
-        raise machine.wrong(f"VelSet {percent:g}, {most:g}: both must be positive")
-    machine.speed_override, machine.speed_most = percent / 100, most
+    percent, max_speed = values
+    if not (percent > 0 and max_speed > 0):
+        raise machine.wrong(f"VelSet {percent:g}, {max_speed:g}: both must be positive")
+    machine.speed_override, machine.speed_most = percent / 100, max_speed
 
 
 def _describe(machine: Machine, call: Calling) -> str:
@@ -225,7 +215,6 @@ def _describe(machine: Machine, call: Calling) -> str:
 
 
 def _supervise(machine: Machine, call: Calling) -> None:
-    """ConfJ, ConfL, SingArea: each with its switch."""
     if call.args or len(call.options) > 1:
         raise machine.wrong(f"{call.name} has one switch")
     if call.name == "confl":
@@ -233,51 +222,46 @@ def _supervise(machine: Machine, call: Calling) -> None:
     _omit(machine, call)
 
 
-#: Modes of CirPathMode that are read, with the way in which the orientation of a circle point counts.
+#: Modes of CirPathMode that are read, and whether the orientation of the circle point counts.
 _CIRCLE_MODES = {"pathframe": "", "objectframe": "", "cirpointori": "circle point"}
 
 
 def _set_circle_mode(machine: Machine, call: Calling) -> None:
-    """CirPathMode: how the tool turns along an arc. Modes of the wrist are lost; without one it is PathFrame."""
+    """Set how the tool turns along an arc, PathFrame without a switch. Wrist modes are lost."""
     mode = call.options[0][0] if call.options else "pathframe"
     if mode not in _CIRCLE_MODES:
-        machine.log.leave_out(
-            f"{call.name} \\{mode}: the tool turns as the wrist does; split the arc at taught points"
-        )
+        what = "the tool turns as the wrist does; split the arc at taught points"
+        machine.log.leave_out(f"{call.name} \\{mode}: {what}")
         return
     machine.passes_circle_point = _CIRCLE_MODES[mode] == "circle point"
     machine.log.fact("settings", f"{call.name} \\{mode}")
 
 
-# Triggers -------------------------------------------------------------------------------------------------------
+# Triggers ----------------------------------------------------------------------------------------
 
 
 def _define_trigger(machine: Machine, call: Calling) -> None:
-    """TriggIO, TriggEquip: what is switched at which distance."""
     options = dict(call.options)
-    name, value = "", None
     signal = next((options[k] for k in ("dop", "gop", "aop") if options.get(k) is not None), None)
-    if signal is not None:
-        name = name_of(machine, signal)
+    name = name_of(machine, signal)
     values = [machine.number(arg) for arg in call.args[1:]]
     numbers = [v for v in values if type(v) is float]
+    value = values[-1] if len(values) > 1 else None
     if "setvalue" in options or "setdvalue" in options:
         value = machine.number(options.get("setvalue") or options.get("setdvalue"))
-    elif len(values) > 1:
-        value = values[-1]
     distance = numbers[0] if numbers and "time" not in options else 0.0
-    done = ((name, value),) if name and type(value) is float else ()
-    if not done:
+    outputs = ((name, value),) if name and type(value) is float else ()
+    if not outputs:
         machine.log.leave_out(f"{call.name}: its signal or its value is not known")
     if "time" in options:
         machine.log.omit(f"{call.name} \\time: the time before the end; here it acts at the end")
     if call.name == "triggequip" and len(numbers) > 1 and numbers[1]:
         machine.log.omit(f"triggequip: the lag of its equipment, {numbers[1]:g} s")
     if call.args:
-        machine.assign(call.args[0], Trigger(distance, "start" in options, done))
+        machine.assign(call.args[0], Trigger(distance, "start" in options, outputs))
 
 
-# The operator, and data from elsewhere --------------------------------------------------------------------------
+# Stops, the operator, and data from outside ------------------------------------------------------
 
 
 def _stop(machine: Machine, _call: Calling) -> None:
@@ -294,7 +278,7 @@ def _end_cycle(_machine: Machine, _call: Calling) -> None:
 
 
 def _ask_operator(machine: Machine, call: Calling) -> None:
-    """TPReadNum, TPReadFK, TPReadDnum, UIMsgBox: the answer is not known unless the user gives it."""
+    """Ask the operator. The answer is unknown, unless the user gives it."""
     _receive(machine, call)
     if call.name == "uimsgbox":
         machine.log.assume("uimsgbox: the operator answers at once")
@@ -306,14 +290,18 @@ def _ask_operator(machine: Machine, call: Calling) -> None:
 
 
 def _receive(machine: Machine, call: Calling) -> None:
-    """An instruction that gives data a value from outside."""
-    places = _RECEIVES.get(call.name, ())
-    targets = [call.args[k] for k in places if k < len(call.args)]
+    """Give the data that an instruction sets from outside the value that the user gives."""
+    indices = _RECEIVES.get(call.name, ())
+    targets = [call.args[k] for k in indices if k < len(call.args)]
     targets += [value for name, value in call.options if name in _RECEIVED_BY and value is not None]
     for target in targets:
         if isinstance(target, (Ref, Component, Element)):
-            key = _key_of(target)
-            machine.assign(target, machine.ask_for(f"{key}, from {call.name}", key))
+            _receive_into(machine, call, target)
+
+
+def _receive_into(machine: Machine, call: Calling, target: Expr) -> None:
+    key = _key_of(target)
+    machine.assign(target, machine.ask_for(f"{key}, from {call.name}", key))
 
 
 def _key_of(target: Expr) -> str:
@@ -321,34 +309,35 @@ def _key_of(target: Expr) -> str:
     return root.name.lower() if isinstance(root, Ref) else ""
 
 
-#: Which arguments of an instruction get a value from outside, and which optional ones.
+#: Indices of the arguments of each instruction that get a value from outside.
 _RECEIVES: dict[str, tuple[int, ...]] = {
-    "tpreadfk": (0,), "tpreadnum": (0,), "tpreaddnum": (0,), "uimsgbox": (), "socketreceive": (), "readanybin": (1,),
-    "readrawbytes": (1,), "unpackrawbytes": (2,), "getdataval": (1,), "readcfgdata": (2,), "getsysdata": (0,),
-    "readblock": (1,), "rmqgetmsgdata": (1,), "rmqreadwait": (0,), "rmqgetmessage": (0,), "rmqgetmsgheader": (0,),
-    "gettrapdata": (0,), "camgetresult": (1,), "search_1d": (0,), "search_groove": (0,), "search_part": (0,),
-    "getnextsym": (0,), "mtooltcpcalib": (4, 5, 6), "mtoolrotcalib": (1,), "stooltcpcalib": (4, 5, 6),
-    "stoolrotcalib": (4,), "getjointdata": (), "socketreceivefrom": (),
+    "tpreadfk": (0,), "tpreadnum": (0,), "tpreaddnum": (0,), "uimsgbox": (), "socketreceive": (),
+    "readanybin": (1,), "readrawbytes": (1,), "unpackrawbytes": (2,), "getdataval": (1,),
+    "readcfgdata": (2,), "getsysdata": (0,), "readblock": (1,), "rmqgetmsgdata": (1,),
+    "rmqreadwait": (0,), "rmqgetmessage": (0,), "rmqgetmsgheader": (0,), "gettrapdata": (0,),
+    "camgetresult": (1,), "search_1d": (0,), "search_groove": (0,), "search_part": (0,),
+    "getnextsym": (0,), "mtooltcpcalib": (4, 5, 6), "mtoolrotcalib": (1,),
+    "stooltcpcalib": (4, 5, 6), "stoolrotcalib": (4,), "getjointdata": (), "socketreceivefrom": (),
 }  # fmt: skip
+#: Optional arguments that get a value from outside.
 _RECEIVED_BY = frozenset(
-    ("position", "speed", "torque", "exttorque", "result", "str", "rawdata", "data", "message", "buttons", "timeflag",
-     "readnoofbytes")
-)  # fmt: skip
+    """position speed torque exttorque result str rawdata data message buttons timeflag
+    readnoofbytes""".split()  # noqa: SIM905 (a table)
+)
 
 
 def _increase(machine: Machine, call: Calling) -> None:
-    """Incr, Decr, Add, Clear."""
     if not call.args or not isinstance(call.args[0], (Ref, Component, Element)):
         raise machine.wrong(f"{call.name} needs data")
-    now = machine.number(call.args[0])
+    value = machine.number(call.args[0])
     if call.name == "clear":
         machine.assign(call.args[0], 0.0)
         return
     step = machine.number(call.args[1]) if call.name == "add" and len(call.args) > 1 else 1.0
-    if type(now) is not float or type(step) is not float:
-        machine.assign(call.args[0], now if isinstance(now, Unknown) else step)
+    if type(value) is not float or type(step) is not float:
+        machine.assign(call.args[0], value if isinstance(value, Unknown) else step)
         return
-    machine.assign(call.args[0], now + step if call.name in ("incr", "add") else now - step)
+    machine.assign(call.args[0], value - step if call.name == "decr" else value + step)
 
 
 def _force_off(machine: Machine, _call: Calling) -> None:
@@ -357,86 +346,75 @@ def _force_off(machine: Machine, _call: Calling) -> None:
 
 
 def _book_error(machine: Machine, call: Calling) -> None:
-    """BookErrNo: the number of an error of the program's own."""
     if call.args:
         machine.assign(call.args[0], machine.error_number())
 
 
 def _bit(machine: Machine, call: Calling) -> None:
-    """BitSet, BitClear."""
     if len(call.args) != 2:
         raise machine.wrong(f"{call.name} has data and a place")
-    now, place = machine.number(call.args[0]), machine.number(call.args[1])
-    if type(now) is float and type(place) is float and 1 <= place <= 52 and 0 <= now < 2**52:
+    value, place = machine.number(call.args[0]), machine.number(call.args[1])
+    if type(value) is float and type(place) is float and 1 <= place <= 52 and 0 <= value < 2**52:
         mask = 1 << (int(place) - 1)
-        machine.assign(
-            call.args[0],
-            float(int(now) | mask if call.name.startswith("bitset") else int(now) & ~mask),
-        )
+        is_set = call.name.startswith("bitset")
+        machine.assign(call.args[0], float(int(value) | mask if is_set else int(value) & ~mask))
 
 
-def _move_alone(machine: Machine, _call: Calling) -> None:
-    """IndAMove and its like: an axis beside the arm."""
+def _move_external_axis(machine: Machine, _call: Calling) -> None:
     machine.log.lose_axes("move on their own and are not shown")
 
 
 def _move_unseen(machine: Machine, call: Calling) -> None:
-    """A motion that no text tells: where the arm is is not known after it."""
+    """Leave out a motion that only the controller knows. The arm's position is unknown then."""
     machine.log.leave_out(f"{call.name} moves the arm as no text says: it is not shown")
     machine.position = RobotPosition(None, machine.frame)
     machine.blending = 0
 
 
-def _move_nothing(_machine: Machine, _call: Calling) -> None:
-    pass
-
-
 def _omit(machine: Machine, call: Calling) -> None:
-    """An effect that another machine does without."""
     machine.log.omit(f"{_describe(machine, call)}: {OMITTED[call.name]}")
 
 
 def _lose(machine: Machine, call: Calling) -> None:
-    """An effect without which another machine would move differently."""
     machine.log.leave_out(f"{call.name}: {LOST[call.name]}")
 
 
 def _forget_arguments(machine: Machine, call: Calling) -> None:
-    """An instruction that gives several of its arguments values from outside."""
-    given = [*call.args, *(value for _, value in call.options)]
-    for target in given:
+    for target in (*call.args, *(value for _, value in call.options)):
         if not isinstance(target, (Ref, Component, Element)):
             continue
         place = machine.place(target)
         if place is not None and place[0].storage != "const":
-            key = _key_of(target)
-            machine.assign(target, machine.ask_for(f"{key}, from {call.name}", key))
+            _receive_into(machine, call, target)
 
 
 Effect = Callable[[Machine, Calling], None]
 
 
 EFFECTS: dict[str, Effect] = {
-    **dict.fromkeys(SILENT, _move_nothing),
+    **dict.fromkeys(SILENT, lambda _machine, _call: None),
     **dict.fromkeys(OMITTED, _omit),
     **dict.fromkeys(LOST, _lose),
     **dict.fromkeys(UNSEEN, _move_unseen),
-    **dict.fromkeys(ALONE, _move_alone),
+    **dict.fromkeys(ALONE, _move_external_axis),
     **dict.fromkeys(GIVES, _forget_arguments),
-    **dict.fromkeys(("setdo", "setao", "setgo"), _set_output), "set": _set_one, "reset": _set_one, "invertdo": _invert,
+    **dict.fromkeys(("setdo", "setao", "setgo"), _set_output),
+    "set": _set_or_reset, "reset": _set_or_reset, "invertdo": _invert,
     "pulsedo": _pulse, "waittime": _wait,
     **dict.fromkeys(
         ("waitdi", "waitdo", "waitgi", "waitgo", "waitai", "waitao"), _wait_signal
     ),
     "waitrob": _wait_for_rest,
-    "waituntil": _wait_until, "pdispoff": _displace_off, "pdispset": _displace_set, "pdispon": _displace_on,
+    "waituntil": _wait_until,
+    "pdispoff": _displace_off, "pdispset": _displace_set, "pdispon": _displace_on,
     "velset": _limit_speed, "confj": _supervise, "confl": _supervise, "singarea": _supervise,
     **dict.fromkeys(("cirpathmode", "circlepathmode"), _set_circle_mode),
     "triggio": _define_trigger, "triggequip": _define_trigger,
     **dict.fromkeys(("stop", "break", "systemstopaction"), _stop), "warmstart": _end,
+    # The last entry of an instruction counts.
+    **dict.fromkeys(_RECEIVES, _receive),
     "uimsgbox": _ask_operator, "exitcycle": _end_cycle, "exit": _end,
     **dict.fromkeys(("tpreadfk", "tpreadnum", "tpreaddnum"), _ask_operator),
-    **dict.fromkeys((name for name in _RECEIVES if not name.startswith(("tpread", "uimsgbox"))), _receive),
     **dict.fromkeys(("incr", "decr", "add", "clear"), _increase),
     "bookerrno": _book_error, "fcdeact": _force_off,
     **dict.fromkeys(("bitset", "bitclear"), _bit),

@@ -1,7 +1,8 @@
-"""RAPID's interrupts: which TRAP is connected to what, and whether it comes (technical reference manual, interrupts).
+"""RAPID's interrupts and their TRAPs (technical reference manual, interrupts).
 
-No text holds whether an interrupt comes. It does not, unless the user says so by the name of its TRAP: then it comes
-once, where it first may. What a TRAP that is not run would do is looked at beside the program.
+The program text does not determine whether an interrupt comes. An interrupt does not come, unless
+the user gives its TRAP a value: then it comes once, at the first place where it may. A TRAP that
+was not run is run after the program, and its effects are reported and then undone.
 """
 
 from __future__ import annotations
@@ -13,19 +14,18 @@ from camgen.lang.beside import sum_up
 
 from .effects import DEFINED
 from .instructions import EFFECTS
-from .machine import Machine
+from .machine import InterruptKey, Machine
 from .motions import Trigger
 from .tree import Calling, Connect, Expr, Routine
 
 
-def _key(machine: Machine, interrupt: Expr) -> tuple[int, tuple[int, ...]] | None:
-    """Which interrupt an expression means."""
-    found = machine.place(interrupt)
-    return None if found is None else (id(found[0]), found[1])
+def _key(machine: Machine, interrupt: Expr) -> InterruptKey | None:
+    place = machine.place(interrupt)
+    return None if place is None else (id(place[0]), place[1])
 
 
 def connect(machine: Machine, item: Connect) -> None:
-    """``CONNECT interrupt WITH trap``."""
+    """Run ``CONNECT interrupt WITH trap``."""
     routine = machine.routine(item.trap)
     if routine is None:
         machine.log.leave_out(f"the TRAP {item.trap} is in none of the files: it is left out")
@@ -38,24 +38,23 @@ def connect(machine: Machine, item: Connect) -> None:
     machine.log.assume(f"the interrupt {item.trap} {what}", item.trap.lower(), float(comes))
 
 
-def come(machine: Machine, interrupt: Expr | None) -> None:
-    """An interrupt may come from here on: where the user says that it comes, its TRAP runs behind this statement."""
-    key = _key(machine, interrupt) if interrupt is not None else None
-    routine = machine.connected.get(key) if key is not None else None
+def queue_trap(machine: Machine, interrupt: Expr | None) -> None:
+    """Let the TRAP of an interrupt run after this statement, once, if the user wants it to come."""
+    key = None if interrupt is None else _key(machine, interrupt)
+    routine = None if key is None else machine.connected.get(key)
     if routine is None or key in machine.asleep or not machine.given(routine.name):
         return
-    if routine not in machine.come:
-        machine.come.add(routine)
+    if routine not in machine.arrived:
+        machine.arrived.add(routine)
         machine.due.append(routine)
 
 
 def _arm(machine: Machine, call: Calling) -> None:
-    """ISignalDI, ITimer, IPers and the like: the interrupt is their last argument."""
-    come(machine, call.args[-1] if call.args else None)
+    queue_trap(machine, call.args[-1] if call.args else None)
 
 
 def _watch(machine: Machine, call: Calling) -> None:
-    """ISleep, IWatch, IDelete: interrupts that are off, on again, and gone."""
+    """Switch an interrupt off (ISleep) or on again (IWatch), or remove it (IDelete)."""
     key = _key(machine, call.args[0]) if call.args else None
     if key is None:
         return
@@ -65,16 +64,15 @@ def _watch(machine: Machine, call: Calling) -> None:
         machine.asleep.add(key)
     else:
         machine.asleep.discard(key)
-        come(machine, call.args[0])
+        queue_trap(machine, call.args[0])
 
 
-def _hold(machine: Machine, call: Calling) -> None:
-    """IDisable, IEnable: all of them wait."""
+def _disable(machine: Machine, call: Calling) -> None:
     machine.held = call.name == "idisable"
 
 
 def _define(machine: Machine, call: Calling) -> None:
-    """TriggInt: an interrupt at a place of a motion. The others switch nothing here."""
+    """Define a trigger: TriggInt has an interrupt. Triggers of the others switch nothing."""
     if call.name in DEFINED:
         machine.log.leave_out(f"{call.name}: {DEFINED[call.name]}")
     elif call.name == "triggcheckio":
@@ -92,33 +90,34 @@ EFFECTS.update(
     {
         **dict.fromkeys(
             (
-                "isignalai", "isignalao", "isignaldi", "isignaldo", "isignalgi", "isignalgo", "itimer", "ipers",
-                "ierror", "ivarvalue", "icap", "ipathpos", "irmqmessage",
+                "isignalai", "isignalao", "isignaldi", "isignaldo", "isignalgi", "isignalgo",
+                "itimer", "ipers", "ierror", "ivarvalue", "icap", "ipathpos", "irmqmessage",
             ),
             _arm,
         ),
         **dict.fromkeys(("isleep", "iwatch", "idelete"), _watch),
-        **dict.fromkeys(("idisable", "ienable"), _hold),
+        **dict.fromkeys(("idisable", "ienable"), _disable),
         **dict.fromkeys(("triggint", "triggcheckio", "triggspeed", "triggrampao"), _define),
     }
 )  # fmt: skip
 
 
-# What a TRAP that is not run would do ---------------------------------------------------------------------------
+# TRAPs that the program did not run --------------------------------------------------------------
 
 
-def judge_trap(machine: Machine, routine: Routine, run: Callable[[], object]) -> None:
-    """Lets ``run`` run a TRAP, and tells what it does; nothing of it stays. What is refused on this way is unusual: it
-    is not known what the data are worth when the TRAP comes.
+def run_trap_aside(machine: Machine, routine: Routine, run: Callable[[], object]) -> None:
+    """Run a TRAP by calling `run`, report its effects and undo them.
+
+    Its findings count as unusual, since the values of data when the interrupt comes are unknown.
     """
     with _aside(machine) as begin:
         run()
-        done = machine.body[begin:]
+        instructions = machine.body[begin:]
         findings = machine.log.list_findings()
-    machine.log.fact("interrupts", f"{routine.name} (line {routine.line}): {sum_up(done)}")
+    machine.log.fact("interrupts", f"{routine.name} (line {routine.line}): {sum_up(instructions)}")
     for finding in findings:
         is_known = machine.log.has(finding) or finding.level == "dangerous"
-        # The value of an index depends on what the program has done so far.
+        # An index that is out of range now may be in range when the interrupt comes.
         if not is_known and not finding.what.startswith("element "):
             what = f"in the TRAP {routine.name}, where it comes: {finding.what}"
             machine.log.find("unusual", what, line=finding.line)
@@ -126,7 +125,10 @@ def judge_trap(machine: Machine, routine: Routine, run: Callable[[], object]) ->
 
 @contextmanager
 def _aside(machine: Machine) -> Iterator[int]:
-    """What is done within leaves nothing behind but what data are worth; the place in the body where it begins."""
+    """Undo all effects of the block except values of data.
+
+    Yields the index of the first instruction of the block.
+    """
     kept = {name: getattr(machine, name) for name in _KEPT}
     copies = {name: getattr(machine, name).copy() for name in ("log", "outputs", "frame_keys")}
     begin, frames = len(machine.body), len(machine.frames)

@@ -1,8 +1,8 @@
-"""The state of a RAPID program that runs: who sees which name, what data are worth, what has been done so far."""
+"""The state of a RAPID program that runs: its names, its data, and the instructions so far."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, MutableSequence
+from collections.abc import Callable, Mapping, MutableSequence
 from dataclasses import dataclass, field
 
 from msgspec import Struct
@@ -34,46 +34,51 @@ from .tree import (
 from .types import MORE, MORE_TYPES, NUMBERS, PREDEFINED, TEXTS, TYPES, USER
 from .values import (
     NOTHING,
-    Given,
+    UserValue,
     Value,
     Variable,
-    copied,
+    copy_arrays,
     find_unknown,
     negate,
     operate,
-    put,
+    replace_part,
 )
 
-#: Longest array that is made: elements.
+#: Elements of the longest array that is stored. A longer one has an unknown value.
 _LONGEST_ARRAY = 100_000
 _ATOMS: dict[str, type] = {**dict.fromkeys(NUMBERS, float), "bool": bool, "string": str}
+#: Error numbers of the run begin above this. The controller's own ones are not known.
 _FIRST_ERROR = 1000
-#: Constants that are defined by each other, in a chain.
+#: Declarations that may wait for each other's values. Longer chains are refused as circles.
 _LONGEST_CHAIN = 50
 
 
+#: An interrupt: the identity of its data, and the path to the element within them.
+InterruptKey = tuple[int, tuple[int, ...]]
+
+
 @dataclass(eq=False)
-class Home:
-    """A module as its routines see it. Names in lower case."""
+class ModuleScope:
+    """The local names of a module, in lower case."""
 
     name: str
-    data: dict[str, Variable] = field(default_factory=dict)  # local ones
-    routines: dict[str, Routine] = field(default_factory=dict)  # local ones
+    data: dict[str, Variable] = field(default_factory=dict)
+    routines: dict[str, Routine] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
-class Frame:
-    """A routine that runs.
+class RoutineScope:
+    """The names that a running routine sees.
 
-    routine: None while declarations are evaluated.
-    home: its module.
-    data: its data by name in lower case.
+    routine: the routine, None while declarations are evaluated.
+    home: names of its module.
+    data: its local data by name in lower case.
     counters: names of the variables of the FORs that run, each with the data that it hides.
     result: value of RETURN.
     """
 
     routine: Routine | None
-    home: Home
+    home: ModuleScope
     data: dict[str, Variable] = field(default_factory=dict)
     counters: list[tuple[str, Variable | None]] = field(default_factory=list)
     result: Value = NOTHING
@@ -95,8 +100,12 @@ class Frame:
 
 
 class RobotPosition(Struct, frozen=True, eq=False):
-    """Where the arm is: the pose of the TCP in the work frame ``frame``, with the configuration and the external axes
-    of the target; or its joints, deg. What is not known is None.
+    """The position of the arm: a pose, or joint values, or neither if it is not known.
+
+    pose: pose of the TCP in the work frame, mm.
+    frame: index of the work frame in `Machine.frames`.
+    rest: configuration and external axes of the target.
+    joints: joint values, deg.
     """
 
     pose: Pose | None = None
@@ -107,8 +116,52 @@ class RobotPosition(Struct, frozen=True, eq=False):
 
 @dataclass(eq=False)
 class Machine:
-    """All of it. line: of the statement that runs. call: runs a FUNC of the text, set by whoever runs routines.
-    interrupt: is told of an interrupt that may come.
+    """The robot and the memory of its program.
+
+    ask: settings of the run, with the values that the user gives.
+    body: instructions so far.
+    lines: line of each instruction.
+    frame_of: index into `frames` of each instruction.
+    frames: tool and work frames that motions use.
+    frame_keys: index into `frames` by the data of tool and work object.
+    frame: index into `frames` of the last motion.
+    data: global data by name in lower case.
+    routines: global routines by name in lower case.
+    codes: compiled steps of each routine.
+    homes: module of each routine.
+    types: components of each record type, name and type.
+    aliases: data type that an ALIAS stands for.
+    outputs: value last set of each signal, by name in lower case.
+    scope: names of the routine that runs.
+    line: line of the statement that runs.
+    position: position of the arm.
+    external: values of the external axes in the last target.
+    placed: work objects of frames that are not in the program text.
+    placed_here: last position with such a frame, and the name of the frame.
+    displaced: program displacement, None without one.
+    has_conf_l: whether configurations are supervised on straight motions and arcs.
+    speed_override: factor of VelSet on all speeds.
+    speed_most: maximum speed of VelSet, mm/s, 0 without one.
+    passes_circle_point: whether arcs pass the orientation of the circle point.
+    blending: line of the last motion if it blends and nothing was switched since, else 0.
+    changes: number of assignments that changed data.
+    version: number of assignments to records and arrays.
+    pressing: axis of the tool and sign of the force, None without force control.
+    welding: whether the arc burns.
+    errors: number of errors that have a number.
+    pending: data whose declarations are being evaluated.
+    turns: rotation matrix of each quaternion so far.
+    bound: arguments of motions that were evaluated before.
+    connected: TRAP of each interrupt.
+    asleep: interrupts that ISleep switched off.
+    arrived: TRAPs whose interrupt has come.
+    due: TRAPs that run next.
+    held: whether IDisable makes interrupts wait.
+    polled: data that are set outside of the program.
+    call: runs a routine of the text; a FUNC returns a value.
+    function: evaluates a function.
+    interrupt: called with each interrupt that may come at a place of a motion.
+    log: findings, assumptions and facts.
     """
 
     ask: Ask
@@ -118,45 +171,41 @@ class Machine:
     frames: list[Frames] = field(default_factory=list)
     frame_keys: dict[tuple[Value, ...], int] = field(default_factory=dict)
     frame: int = 0
-    data: dict[str, Variable] = field(default_factory=dict)  # what is global
+    data: dict[str, Variable] = field(default_factory=dict)
     routines: dict[str, Routine] = field(default_factory=dict)
     codes: dict[Routine, Code] = field(default_factory=dict)
-    homes: dict[Routine, Home] = field(default_factory=dict)
+    homes: dict[Routine, ModuleScope] = field(default_factory=dict)
     types: dict[str, tuple[tuple[str, str], ...]] = field(
         default_factory=lambda: TYPES | MORE_TYPES
     )
     aliases: dict[str, str] = field(default_factory=dict)
-    outputs: dict[str, float] = field(default_factory=dict)  # by name in lower case, as last set
-    scope: Frame = field(default_factory=lambda: Frame(None, Home("")))
+    outputs: dict[str, float] = field(default_factory=dict)
+    scope: RoutineScope = field(default_factory=lambda: RoutineScope(None, ModuleScope("")))
     line: int = 0
     position: RobotPosition = field(default_factory=RobotPosition)
-    external: Value | None = None  # values of the external axes in the last target
-    placed: dict[str, str] = field(
-        default_factory=dict
-    )  # work objects of frames that no text states
-    placed_here: tuple[RobotPosition, str] | None = None  # the last position with such a frame
+    external: Value | None = None
+    placed: dict[str, str] = field(default_factory=dict)
+    placed_here: tuple[RobotPosition, str] | None = None
     displaced: Pose | None = None
-    has_conf_l: bool = True  # whether configurations are supervised on straight motions and arcs
+    has_conf_l: bool = True
     speed_override: float = 1.0
     speed_most: float = 0.0
-    passes_circle_point: bool = False  # whether arcs turn by way of the circle point
-    blending: int = 0  # line of the last motion, where it blends and nothing was switched since
-    changes: int = 0  # how often data have been given another value
-    version: int = 0  # how often records have
+    passes_circle_point: bool = False
+    blending: int = 0
+    changes: int = 0
+    version: int = 0
     pressing: tuple[int, int] | None = None
     welding: bool = False
-    errors: int = 0  # numbers of errors that were given
+    errors: int = 0
     pending: list[Variable] = field(default_factory=list)
     turns: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
     bound: dict[tuple[Value, ...], Value] = field(default_factory=dict)
-    connected: dict[tuple[int, tuple[int, ...]], Routine] = field(
-        default_factory=dict
-    )  # TRAPs by their interrupt
-    asleep: set[tuple[int, tuple[int, ...]]] = field(default_factory=set)
-    come: set[Routine] = field(default_factory=set)  # TRAPs whose interrupt has come
-    due: list[Routine] = field(default_factory=list)  # those that run next
-    held: bool = False  # interrupts wait
-    polled: set[Variable] = field(default_factory=set)  # data that are set outside of the program
+    connected: dict[InterruptKey, Routine] = field(default_factory=dict)
+    asleep: set[InterruptKey] = field(default_factory=set)
+    arrived: set[Routine] = field(default_factory=set)
+    due: list[Routine] = field(default_factory=list)
+    held: bool = False
+    polled: set[Variable] = field(default_factory=set)
     call: Callable[[Routine, Calling], Value] = lambda _routine, _call: NOTHING
     function: Callable[[Machine, Calling], Value] = lambda _machine, _call: NOTHING
     interrupt: Callable[[Machine, Expr], None] = lambda _machine, _interrupt: None
@@ -166,66 +215,70 @@ class Machine:
         self.log = Log(lambda: self.line, self.ask.shifts)
 
     def wrong(self, what: str) -> Wrong:
-        """A fault of the line that runs."""
+        """The exception for a fault of the line that runs."""
         return Wrong(self.line, what)
 
     def error_number(self) -> float:
-        """The number of one more error; each has its own, whichever the controller gives it."""
+        """A number that no other error has. The controller's number is not known."""
         self.errors += 1
         return float(_FIRST_ERROR + self.errors)
 
-    # -- what is said ----------------------------------------------------------------------------------------------
+    # -- values of the user ----------------------------------------------------------------------
 
     def given(self, name: str) -> float | None:
-        """What the user says of ``name``."""
+        """The value that the user gives to `name`, None without one."""
         return self.ask.assume.get(name.lower())
 
     def ask_for(self, what: str, key: str) -> Value:
-        """The value that the user gives to ``key``, or one that is not known."""
+        """The value that the user gives to `key`, or an unknown value described by `what`."""
         value = self.ask.assume.get(key.lower())
-        return Unknown(what, key.lower()) if value is None else Given(value)
+        return Unknown(what, key.lower()) if value is None else UserValue(value)
 
     def settled(self, kind: str, value: Value) -> Value:
-        """A value that the user gives as data of the type ``kind``."""
-        return value.meet(self.kind(kind) == "bool" or 0.0) if type(value) is Given else value
+        """A value of the user converted to the type `kind`; other values as they are."""
+        if type(value) is not UserValue:
+            return value
+        return value.meet(self.kind(kind) == "bool" or 0.0)
 
     def truth(self, condition: Expr, word: str) -> Value:
-        """A bool, or one that is not known. Wrong where it is neither."""
+        """The value of a condition, which may be unknown. Raises Wrong if it is not a bool."""
         value = self.value(condition)
-        if type(value) is Given:
+        if type(value) is UserValue:
             return value != 0.0
         if type(value) is not bool and not isinstance(value, Unknown):
             raise self.wrong(f"the condition of {word} is no bool")
         return value
 
-    # -- names -----------------------------------------------------------------------------------------------------
+    # -- names -----------------------------------------------------------------------------------
 
     def variable(self, name: str) -> Variable | None:
-        """The data that ``name`` means where the program is, those that the system declares among them."""
-        key = name.lower()
-        found = self.scope.data.get(key) or self.scope.home.data.get(key) or self.data.get(key)
-        return found or self.find_system(name)
+        """The data that the running routine calls `name`: its own, global, or the system's."""
+        key, scope = name.lower(), self.scope
+        declared = scope.data.get(key) or scope.home.data.get(key) or self.data.get(key)
+        return declared or self.find_system_data(name)
 
-    def find_system(self, name: str) -> Variable | None:
-        """Data that the system declares. They are global from here on."""
-        key, found = name.lower(), None
+    def find_system_data(self, name: str) -> Variable | None:
+        """Add data that the system declares to the global data."""
+        key = name.lower()
         if key in PREDEFINED or key in MORE:
             kind, value = PREDEFINED[key] if key in PREDEFINED else MORE[key]
-            found = self.data[key] = Variable(
-                name, kind, "pers" if kind in ("tooldata", "wobjdata") else "const", value
-            )
+            storage = "pers" if kind in ("tooldata", "wobjdata") else "const"
+            variable = Variable(name, kind, storage, value)
         elif key.startswith("err_"):
-            found = self.data[key] = Variable(name, "errnum", "const", self.error_number())
+            variable = Variable(name, "errnum", "const", self.error_number())
         elif key in USER:
-            found = self.data[key] = Variable(name, USER[key], "var", self.zero(USER[key]))
-        return found
+            variable = Variable(name, USER[key], "var", self.zero(USER[key]))
+        else:
+            return None
+        self.data[key] = variable
+        return variable
 
     def routine(self, name: str) -> Routine | None:
-        """The routine that ``name`` means where the program is."""
+        """The routine that the running routine calls `name`."""
         return self.find_routine(self.scope.home, name.lower())
 
-    def find_routine(self, home: Home, key: str) -> Routine | None:
-        """The routine that a name in lower case means in a module."""
+    def find_routine(self, home: ModuleScope, key: str) -> Routine | None:
+        """The routine that a module calls by a name in lower case."""
         return home.routines.get(key) or self.routines.get(key)
 
     def kind(self, name: str) -> str:
@@ -237,7 +290,7 @@ class Machine:
         return name
 
     def zero(self, kind: str, depth: int = 0) -> Value:
-        """What data of a type are worth before anybody gives them a value."""
+        """The initial value of data of a type."""
         kind = self.kind(kind)
         if kind in NUMBERS:
             return 0.0
@@ -246,15 +299,15 @@ class Machine:
         if kind in TEXTS:
             return ""
         if kind in self.types and depth < 10:
-            return tuple(self.zero(part, depth + 1) for part, _ in self._parts(kind))
+            return tuple(self.zero(part, depth + 1) for _, part in self.types[kind])
         return Unknown(f"data of the type {kind}")
 
-    def _parts(self, kind: str) -> Iterable[tuple[str, str]]:
-        return [(part, name) for name, part in self.types[kind]]
-
     def fit(self, kind: str, value: Value, within: str = "") -> None:
-        """Raises Wrong for a value that is no data of the type ``kind``. within: the record that it is part of."""
-        if isinstance(value, Unknown) or type(value) is Given:
+        """Raise Wrong if a value does not have the type `kind`.
+
+        within: type of the record that the value is a part of.
+        """
+        if isinstance(value, Unknown) or type(value) is UserValue:
             return
         kind = self.kind(kind)
         parts = self.types.get(kind)
@@ -268,22 +321,25 @@ class Machine:
         elif kind in _ATOMS and type(value) is not _ATOMS[kind]:
             raise self.wrong(f"a {kind} is needed{within and f' in a {within}'}")
 
-    # -- data ------------------------------------------------------------------------------------------------------
+    # -- data ------------------------------------------------------------------------------------
 
-    def declare(self, data: Data, home: Home) -> Variable:
-        """A variable whose value is worked out when it is asked for."""
-        found = Variable(data.name, data.type, data.storage, None, data.line)
-        found.start, found.dims, found.home, found.declaration = data.value, data.dims, home, data
-        found.value = found  # worked out when it is asked for: see ``load``
-        return found
+    def declare(self, data: Data, home: ModuleScope) -> Variable:
+        """A variable whose first value is evaluated when it is read."""
+        variable = Variable(data.name, data.type, data.storage, None, data.line)
+        variable.start, variable.dims = data.value, data.dims
+        variable.home, variable.declaration = home, data
+        # `load` takes a variable as its own value for one that is not evaluated yet.
+        variable.value = variable
+        return variable
 
     def begin_value(self, variable: Variable) -> Value:
-        """The value of a variable at first. Raises Wrong if it has none."""
+        """The first value of a variable. Raises Wrong if its declaration is invalid."""
+        what = ""
         if variable.start is None and variable.storage == "pers":
-            found = self.ask_for(f"{variable.name}, which has no value here", variable.name)
-            return self.settled(variable.type, found)
-        if variable in self.polled:
+            what = f"{variable.name}, which has no value here"
+        elif variable in self.polled:
             what = f"{variable.name}, which is set outside of this program"
+        if what:
             return self.settled(variable.type, self.ask_for(what, variable.name))
         sizes = [self.value(dim) for dim in variable.dims]
         if variable.start is None:
@@ -296,7 +352,6 @@ class Machine:
         return value
 
     def _fit_array(self, name: str, value: Value, sizes: list[Value]) -> None:
-        """Raises Wrong for an aggregate that has not as many elements as its array."""
         if not sizes or isinstance(value, Unknown):
             return
         if not isinstance(value, list):
@@ -314,13 +369,13 @@ class Machine:
             count *= size
         if count > _LONGEST_ARRAY:
             return Unknown("a long array")
-        made = item
+        array = item
         for size in reversed(sizes):
-            made = [copied(made) for _ in range(int(size))]
-        return made
+            array = [copy_arrays(array) for _ in range(int(size))]
+        return array
 
     def load(self, variable: Variable) -> Value:
-        """What a variable is worth."""
+        """The value of a variable."""
         if variable.base is not None:
             base, path = variable.base
             value = self.load(base)
@@ -330,11 +385,10 @@ class Machine:
                 value = value[place]
             return value
         if variable.value is variable:
-            self._work_out(variable)
+            self._evaluate_declaration(variable)
         return variable.value
 
-    def _work_out(self, variable: Variable) -> None:
-        """The value that a declaration gives."""
+    def _evaluate_declaration(self, variable: Variable) -> None:
         if variable in self.pending or len(self.pending) > _LONGEST_CHAIN:
             variable.value = Unknown(f"{variable.name}, which is defined by itself")
             variable.fault = Wrong(
@@ -343,29 +397,27 @@ class Machine:
             raise variable.fault
         scope, line = self.scope, self.line
         self.pending.append(variable)
-        if isinstance(variable.home, Home) and scope.home is not variable.home:
-            self.scope = Frame(None, variable.home)
+        if isinstance(variable.home, ModuleScope) and scope.home is not variable.home:
+            self.scope = RoutineScope(None, variable.home)
         self.line = variable.line
         try:
             variable.value = self.begin_value(variable)
         except Wrong as wrong:
-            variable.value, variable.fault = (
-                Unknown(f"{variable.name}, whose value is wrong"),
-                wrong,
-            )
+            variable.value = Unknown(f"{variable.name}, whose value is wrong")
+            variable.fault = wrong
             self.log.find("refused", wrong.what, line=wrong.line)
         finally:
             self.pending.pop()
             self.scope, self.line = scope, line
 
     def shaped(self, value: Value, dims: int) -> Value:
-        """An aggregate as an array of so many dimensions."""
+        """An aggregate as an array of `dims` dimensions; other values as they are."""
         if dims <= 0 or not isinstance(value, tuple):
-            return copied(value)
+            return copy_arrays(value)
         return [self.shaped(item, dims - 1) for item in value]
 
     def store(self, variable: Variable, path: tuple[int, ...], value: Value) -> None:
-        """Gives data, or a part of them, a value."""
+        """Give data, or the part of them at a path, a value."""
         if variable.base is not None:
             base, before = variable.base
             self.store(base, (*before, *path), value)
@@ -373,7 +425,7 @@ class Machine:
         old = self.load(variable)
         if path:
             try:
-                value = put(self._spread(variable, old, path), path, value)
+                value = replace_part(self._spread(variable, old, path), path, value)
             except (IndexError, TypeError):
                 return
             self.changes += 1
@@ -384,7 +436,7 @@ class Machine:
             self.version += 1
 
     def _spread(self, variable: Variable, old: Value, path: tuple[int, ...]) -> Value:
-        """The old value, with parts of its own where it was not known as a whole."""
+        """The old value, with one unknown value for each part if it is unknown as a whole."""
         kind = self.kind(variable.type)
         if variable.dims or not isinstance(old, (Unknown, tuple)) or kind not in self.types:
             return old
@@ -393,7 +445,7 @@ class Machine:
     def _spread_record(self, kind: str, old: Value, path: tuple[int, ...]) -> Value:
         if kind not in self.types or not path:
             return old
-        parts = [part for part, _ in self._parts(kind)]
+        parts = [part for _, part in self.types[kind]]
         unknown = find_unknown(old) if isinstance(old, Unknown) else None
         whole = old if unknown is None else tuple(unknown for _ in parts)
         place = path[0]
@@ -402,10 +454,10 @@ class Machine:
         inner = self._spread_record(self.kind(parts[place]), whole[place], path[1:])
         return (*whole[:place], inner, *whole[place + 1 :])
 
-    # -- expressions -----------------------------------------------------------------------------------------------
+    # -- expressions -----------------------------------------------------------------------------
 
     def value(self, expr: Expr | None) -> Value:
-        """What an expression is worth. Wrong where no controller can work it out."""
+        """The value of an expression. Raises Wrong if no controller can evaluate it."""
         kind = type(expr)
         if kind is float or kind is bool or kind is str:
             return expr
@@ -414,14 +466,15 @@ class Machine:
         return _VALUES[kind](self, expr)
 
     def number(self, expr: Expr | None) -> Value:
-        """A num, or one that is not known. Wrong where it is neither."""
-        found = self.value(expr)
-        if type(found) is float or isinstance(found, Unknown):
-            return found
-        if type(found) is Given:
-            return float(found)
-        if type(found) is bool:
-            return float(found)
+        """The value of an expression as a num, which may be unknown. A bool counts as 0 or 1.
+
+        Raises Wrong if it is neither.
+        """
+        value = self.value(expr)
+        if type(value) is float or isinstance(value, Unknown):
+            return value
+        if type(value) in (UserValue, bool):
+            return float(value)
         raise self.wrong("a num is needed")
 
     def _named(self, name: str) -> Value:
@@ -434,15 +487,19 @@ class Machine:
         return self.ask_for(name, key)
 
     def place(self, expr: Expr) -> tuple[Variable, tuple[int, ...], str, int] | None:
-        """The data that an expression names, the places within them, the type there and the dimensions that are left;
-        None where that is not known. Wrong where there is no such part.
+        """The data to which an expression refers: variable, path, type, remaining dimensions.
+
+        The path has an index for each component and element. None if this is not known. Raises
+        Wrong if there is no such part.
         """
-        if isinstance(expr, Ref):
-            found = self.variable(expr.name)
-            return None if found is None else (found, (), self.kind(found.type), len(found.dims))
         if isinstance(expr, Component):
             return self._component(expr)
-        return self._element(expr) if isinstance(expr, Element) else None
+        if isinstance(expr, Element):
+            return self._element(expr)
+        variable = self.variable(expr.name) if isinstance(expr, Ref) else None
+        if variable is None:
+            return None
+        return variable, (), self.kind(variable.type), len(variable.dims)
 
     def _component(self, expr: Component) -> tuple[Variable, tuple[int, ...], str, int] | None:
         inner = self.place(expr.base)
@@ -454,8 +511,8 @@ class Machine:
         names = [name for name, _ in self.types[kind]]
         if expr.name not in names:
             raise self.wrong(f"{kind} has no component {expr.name[:40]}")
-        at = names.index(expr.name)
-        return variable, (*path, at), self.kind(self.types[kind][at][1]), dims
+        index = names.index(expr.name)
+        return variable, (*path, index), self.kind(self.types[kind][index][1]), dims
 
     def _element(self, expr: Element) -> tuple[Variable, tuple[int, ...], str, int] | None:
         inner = self.place(expr.base)
@@ -465,64 +522,62 @@ class Machine:
         value = self.load(variable)
         for place in path:
             value = value[place] if isinstance(value, (tuple, list)) else None
-        places = []
         for index in expr.index:
-            at = self.number(index)
-            if isinstance(at, Unknown) or not isinstance(value, list):
+            number = self.number(index)
+            if isinstance(number, Unknown) or not isinstance(value, list):
                 return None
-            if not 1 <= at <= len(value):
-                raise self.wrong(f"element {at:g} of {variable.name}, which has {len(value)}")
-            places.append(int(at) - 1)
-            value = value[int(at) - 1]
-        return variable, (*path, *places), kind, max(dims - len(places), 0)
+            if not 1 <= number <= len(value):
+                raise self.wrong(f"element {number:g} of {variable.name}, which has {len(value)}")
+            path = (*path, int(number) - 1)
+            value = value[path[-1]]
+        return variable, path, kind, max(dims - len(expr.index), 0)
 
     def part(self, expr: Expr) -> Value:
-        """The worth of a component or an element."""
-        found = self.place(expr)
-        if found is None:
+        """The value of a component or an element."""
+        place = self.place(expr)
+        if place is None:
             return find_unknown(self.value(find_root(expr))) or NOTHING
-        variable, path, _, _ = found
+        variable, path, _, _ = place
         value = self.load(variable)
-        for place in path:
+        for index in path:
             if not isinstance(value, (tuple, list)):
                 return find_unknown(value) or NOTHING
-            if place >= len(value):
+            if index >= len(value):
                 return NOTHING
-            value = value[place]
+            value = value[index]
         return value
 
     def assign(self, target: Expr, value: Value) -> None:
         """``target := value``."""
-        found = self.place(target)
-        if found is None:
-            self._blur(target)
+        place = self.place(target)
+        if place is None:
+            self._forget_arrays(target)
             return
-        variable, path, kind, dims = found
+        variable, path, kind, dims = place
         if variable.storage == "const":
             raise self.wrong(f"{variable.name} is a constant")
         if not dims:
             self.fit(kind, value)
         self.store(variable, path, self.shaped(self.settled(kind, value), dims))
 
-    def _blur(self, target: Expr) -> None:
-        """An element whose index is not known: the array is not known from here on."""
+    def _forget_arrays(self, target: Expr) -> None:
+        """Make an array unknown if the index of the element to be set is unknown."""
         while isinstance(target, (Component, Element)):
             if isinstance(target, Element):
-                unknown = next(
-                    (v for v in map(self.value, target.index) if isinstance(v, Unknown)), None
-                )
+                indices = map(self.value, target.index)
+                unknown = next((index for index in indices if isinstance(index, Unknown)), None)
                 if unknown is not None and isinstance(target.base, Ref):
                     self.assign(target.base, Unknown(unknown.what))
             target = target.base
 
-    # -- poses -----------------------------------------------------------------------------------------------------
+    # -- poses -----------------------------------------------------------------------------------
 
     def rotation(self, q: tuple[float, ...]) -> FloatArray:
-        """The rotation of a quaternion; the same ones share one matrix."""
-        found = self.turns.get(q)
-        if found is None:
-            found = self.turns[q] = rotation_from_quaternion(q)
-        return found
+        """The rotation matrix of a quaternion; equal quaternions share one matrix."""
+        matrix = self.turns.get(q)
+        if matrix is None:
+            matrix = self.turns[q] = rotation_from_quaternion(q)
+        return matrix
 
     def cut(self, length: int) -> None:
         """Remove all instructions but the first `length`."""
@@ -530,7 +585,7 @@ class Machine:
             del kept[length:]
 
     def add(self, item: Instruction) -> None:
-        """One more instruction."""
+        """Add an instruction of the line that runs."""
         self.body.append(item)
         self.lines.append(self.line)
         self.frame_of.append(self.frame)
@@ -542,13 +597,14 @@ def _maybe(machine: Machine, expr: Maybe) -> Value:
 
 
 def _operation(machine: Machine, expr: Operation) -> Value:
-    chain, first = [expr], expr.left  # a + b + c is as deep on the left as it is long
+    # The tree of a + b + c is as deep on the left as the sum is long: no recursion there.
+    chain, first = [expr], expr.left
     while isinstance(first, Operation):
         chain.append(first)
         first = first.left
     value = machine.value(first)
-    for one in reversed(chain):
-        value = operate(one.sign, value, machine.value(one.right), machine.line)
+    for operation in reversed(chain):
+        value = operate(operation.sign, value, machine.value(operation.right), machine.line)
     return value
 
 

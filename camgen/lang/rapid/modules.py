@@ -1,7 +1,7 @@
-"""ABB RAPID as anybody writes it: what its modules make the robot do.
+"""Runs ABB RAPID modules of any origin.
 
-The language is that of the RAPID kernel manual; instructions and functions are those of the technical reference manual.
-What is read, assumed and refused: docs/languages/rapid.md.
+Sources: the kernel manual for the language, the technical reference manual for instructions and
+functions. docs/languages/rapid.md states the limits.
 """
 
 from __future__ import annotations
@@ -15,36 +15,33 @@ from camgen.model.program import pack
 from .grammar import parse
 from .link import link
 from .machine import Machine
-from .run import Runner, judge_end, run_entry
+from .run import Runner, report_end, run_entry
 from .tokens import Wrong
 from .tree import Routine
 
 
 def run_modules(files: Mapping[str, str], ask: Ask) -> Executed:
-    """What the modules say when their main routine is run once. Never raises for a text."""
+    """The effects of the modules' entry, run once. Raises nothing, whatever the text."""
     machine = Machine(ask)
     modules = []
     line = 1
     for name, text in files.items():
         plain = strip_mark(text).replace("\r\n", "\n").replace("\r", "\n").rstrip("\x00\x1a")
         if "\x00" in plain[:1000]:
-            machine.log.find(
-                "refused",
-                f"{name[-60:]} is no text: controllers write modules that may not be seen like this",
-                line=line,
-            )
+            what = "controllers write modules that may not be seen like this"
+            machine.log.find("refused", f"{name[-60:]} is no text: {what}", line=line)
             line += plain.count("\n") + 1
             continue
-        found, notes = parse(plain, line)
-        modules += found
+        file_modules, notes = parse(plain, line)
+        modules += file_modules
         for note in notes:
             machine.log.find("unusual" if note.odd else "refused", note.what, line=note.line)
         line += plain.count("\n") + (not plain.endswith("\n"))
     entry = link(machine, modules, Runner.perform)
     stopped = None if entry is None else _run(machine, entry, line)
     if entry is not None and stopped is None:
-        judge_end(machine, entry.last or entry.line)
-    return _answer(machine, stopped)
+        report_end(machine, entry.last or entry.line)
+    return _make_executed(machine, stopped)
 
 
 def _run(machine: Machine, entry: Routine, lines: int) -> tuple[int, str] | None:
@@ -55,7 +52,7 @@ def _run(machine: Machine, entry: Routine, lines: int) -> tuple[int, str] | None
         return wrong.line, wrong.what
 
 
-def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
+def _make_executed(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
     return Executed(
         body=pack(machine.body),
         lines=tuple(machine.lines),

@@ -1,6 +1,6 @@
-"""RAPID's motions as instructions (technical reference manual: Move, Trigg, Search; packages of processes).
+"""RAPID's motions as instructions (technical reference manual: Move, Trigg, Search; processes).
 
-Where a target is not known the motion is left out, and said.
+A motion to an unknown target is left out, and the log of the run notes it.
 """
 
 from __future__ import annotations
@@ -23,28 +23,38 @@ from .machine import Machine, RobotPosition
 from .places import WORST_NORM, choose_frame, enter_placed, pose_of, see_pose
 from .tree import Calling, Expr, Inline
 from .values import RelativeTarget, Value, find_unknown
-from .ways import is_half_turn, judge_arc, split_arc, split_at_circle_point
+from .ways import find_arc_faults, is_half_turn, split_arc, split_at_circle_point
 
 #: Difference of two quadrants of an axis from which on it turns by more than 180 deg.
 _FAR_QUARTER_TURNS = 3
-#: mm/s where the text gives no speed that is one.
+#: mm/s that replaces a speed which is not positive.
 _SLOWEST = 0.01
-#: An orientation whose square is off by more than this is looked at twice: NOrient takes 1e-5, hands print four digits.
+#: Deviation from 1 of the sum of squares of an orientation above which a finding is added.
+#: NOrient accepts 1e-5; programs often have four digits.
 _LOOSE_NORM = 1e-3
+#: Values above this are 9E9 rounded, which stands for an axis that does not exist.
 _NINES = 8.9e9
-#: deg/s at which the tool turns in every predefined speeddata.
+#: deg/s of reorientation in all predefined speeddata.
 _USUAL_TURN = 500.0
-#: The same in rad/s, and a hair less for rounding.
+#: `_USUAL_TURN` in rad/s, less a margin for rounding.
 _USUAL_TURN_RAD = math.radians(_USUAL_TURN) * (1 - 1e-9)
-#: mm: z0, a corner so small that the tool is where it should be.
+#: mm: radius of z0. Up to it the tool is at the target when it switches.
 _NO_CORNER = 0.3
+#: Number of motions whose arguments are stored.
 _MOST_REMEMBERED = 10_000
+#: Names that look like predefined speeddata and zonedata.
 _LIKE_PREDEFINED = re.compile(r"[vz][0-9]+", re.IGNORECASE)
 
 
 class Form(Struct, frozen=True):
-    """How a motion is written. kind: j, l, c, abs or ext. before: arguments before its points; after: behind the tool.
-    trigg: triggers behind the speed. zone: whether it has one. process: what is done on the way.
+    """The arguments that a motion instruction has.
+
+    kind: j, l, c, abs or ext.
+    before: number of arguments before the points.
+    after: number of arguments after the tool.
+    trigg: number of triggers after the speed.
+    zone: whether it has a zone.
+    process: process that runs during the motion, empty without one.
     """
 
     kind: str
@@ -56,8 +66,12 @@ class Form(Struct, frozen=True):
 
 
 class Trigger(Struct, frozen=True):
-    """What TriggIO, TriggEquip or TriggInt defines. distance: mm from the end, or from the start. outputs: name and
-    value. interrupt: that may come there.
+    """An event at a place of a motion, as TriggIO, TriggEquip or TriggInt defines it.
+
+    distance: mm from the end of the motion, or from its start.
+    start: whether the distance is from the start.
+    outputs: name and value of each output that is set.
+    interrupt: interrupt that may come there.
     """
 
     distance: float
@@ -67,28 +81,34 @@ class Trigger(Struct, frozen=True):
 
 
 FORMS: dict[str, Form] = {
-    "moveabsj": Form("abs"), "movej": Form("j"), "movel": Form("l"), "movec": Form("c"), "moveextj": Form("ext"),
-    **{f"move{kind}{what}": Form(kind, after=2) for kind in "jlc" for what in ("do", "ao", "go")},
+    "moveabsj": Form("abs"), "movej": Form("j"), "movel": Form("l"), "movec": Form("c"),
+    "moveextj": Form("ext"),
+    **{f"move{kind}do": Form(kind, after=2) for kind in "jlc"},
+    **{f"move{kind}ao": Form(kind, after=2) for kind in "jlc"},
+    **{f"move{kind}go": Form(kind, after=2) for kind in "jlc"},
     **{f"move{kind}sync": Form(kind, after=1) for kind in "jlc"},
     "triggj": Form("j", trigg=1), "triggl": Form("l", trigg=1), "triggc": Form("c", trigg=1),
     "triggabsj": Form("abs", trigg=1), "triggjios": Form("j"), "trigglios": Form("l"),
     "searchl": Form("l", before=2, zone=False), "searchc": Form("c", before=2, zone=False),
     "searchextj": Form("ext", before=2, zone=False),
-    "fcpress1lstart": Form("l", trigg=1, process="force"), "fcpressl": Form("l", trigg=1, process="force"),
-    "fcpressc": Form("c", trigg=1, process="force"), "fcpressend": Form("l", zone=False, process="force"),
+    "fcpress1lstart": Form("l", trigg=1, process="force"),
+    "fcpressl": Form("l", trigg=1, process="force"),
+    "fcpressc": Form("c", trigg=1, process="force"),
+    "fcpressend": Form("l", zone=False, process="force"),
 }  # fmt: skip
-#: Instructions of packages for processes: the process, the kind of motion, and whether it begins or ends the process.
+#: Motions of packages for processes: the process, Move if it is off, the kind of motion, and
+#: whether the motion starts or ends the process.
 _PROCESS = re.compile(
-    r"(arc|arcadapt|arccalc|contact|cap|spot|spotm|disp|paint|cut|laser|nut|glue|seal|plasma)(move)?(absj|extj|l|c|j)(\d*start|\d*end|\d*)"
+    r"(arc|arcadapt|arccalc|contact|cap|spot|spotm|disp|paint|cut|laser|nut|glue|seal|plasma)"
+    r"(move)?(absj|extj|l|c|j)(\d*start|\d*end|\d*)"
 )
 
 
 @lru_cache(maxsize=1000)
-def form_of(name: str) -> Form | None:
-    """How the instruction ``name`` is written, None where it is no motion that is known."""
-    found = FORMS.get(name)
-    if found is not None:
-        return found
+def find_form(name: str) -> Form | None:
+    """The form of an instruction, its name in lower case. None if it is not a known motion."""
+    if name in FORMS:
+        return FORMS[name]
     match = _PROCESS.fullmatch(name)
     if match is None:
         return None
@@ -98,11 +118,11 @@ def form_of(name: str) -> Form | None:
 
 
 class Bound(Struct, frozen=True):
-    """The arguments of a motion beside its points.
+    """The values of a motion's arguments except its points.
 
     speed: speed of the TCP, mm/s.
-    turn: speed at which the tool turns, rad/s, 0 without one.
-    blend: radius, mm.
+    turn: speed of reorientation, rad/s, 0 without one.
+    blend: blend radius, mm.
     frame: index of its tool and work object in `Machine.frames`.
     seconds: time of the whole motion, s, that replaces both speeds; 0 without one.
     """
@@ -115,7 +135,7 @@ class Bound(Struct, frozen=True):
 
     @property
     def turns_slowly(self) -> bool:
-        """Whether the speed of turning is below that of all predefined speeddata."""
+        """Whether reorientation is slower than in all predefined speeddata."""
         return 0 < self.turn < _USUAL_TURN_RAD
 
     @property
@@ -125,8 +145,11 @@ class Bound(Struct, frozen=True):
 
 
 def move(machine: Machine, call: Calling) -> Bound | None:
-    """One motion statement, and what it says beside its points. Wrong where no controller takes it."""
-    form = form_of(call.name)
+    """Run a motion statement and return its arguments, None for a motion of external axes.
+
+    Raises Wrong if no controller accepts the statement.
+    """
+    form = find_form(call.name)
     assert form is not None
     if form.kind == "ext":
         machine.log.lose_axes("move on their own and are not shown")
@@ -149,27 +172,29 @@ def move(machine: Machine, call: Calling) -> Bound | None:
 def _arguments(
     machine: Machine, form: Form, call: Calling
 ) -> tuple[tuple[Expr, ...], Expr, Expr | None, Expr, tuple[Expr, ...]]:
-    """Points, speed, zone, tool and what stands behind it."""
     count = 2 if form.kind == "c" else 1
     args = call.args[form.before :]
     after = form.after
     if call.name.endswith("go") and any(name in ("value", "dvalue") for name, _ in call.options):
         after = 1
-    tail = args[len(args) - after :] if after else ()
-    args = args[: len(args) - after] if after else args
-    least = count + 2 + form.zone
-    if len(args) < least or (len(args) > least + form.trigg and not form.process):
-        raise machine.wrong(f"{call.name} has {least + form.trigg + form.before + after} arguments, "
-                                  f"not {len(call.args)}")  # fmt: skip
+    first_after = len(args) - after
+    args, tail = args[:first_after], args[first_after:]
+    needed = count + 2 + form.zone
+    if len(args) < needed or (len(args) > needed + form.trigg and not form.process):
+        total = needed + form.trigg + form.before + after
+        raise machine.wrong(f"{call.name} has {total} arguments, not {len(call.args)}")
     return args[:count], args[count], args[-2] if form.zone else None, args[-1], tail
 
 
-#: Motions whose text beside the point may be remembered.
+#: Motions whose arguments except the point are stored, and found again by their shape.
 _REMEMBERED = ("movej", "movel")
 
 
-def inline(machine: Machine, item: Inline) -> None:
-    """A motion to points written out; what it says beside them is looked up where it has been said before."""
+def move_inline(machine: Machine, item: Inline) -> None:
+    """Run a motion to points written out.
+
+    Its other arguments are evaluated once, and again only after a change of data or speeds.
+    """
     shape = item.shape
     if shape.name not in _REMEMBERED or machine.scope.data or item.via is not None:
         move(machine, item.call())
@@ -178,9 +203,8 @@ def inline(machine: Machine, item: Inline) -> None:
     bound = machine.bound.get(key)
     if bound is None:
         bound = move(machine, item.call())
-        if len(machine.bound) < _MOST_REMEMBERED and not any(
-            name == "t" for name, _ in shape.options
-        ):
+        has_time = any(name == "t" for name, _ in shape.options)
+        if len(machine.bound) < _MOST_REMEMBERED and not has_time:
             machine.bound[key] = bound
         return
     _check_turn(machine, item.turn)
@@ -189,11 +213,11 @@ def inline(machine: Machine, item: Inline) -> None:
         target = machine.displaced @ target
     machine.frame = bound.frame
     form = FORMS[shape.name]
-    bound = _pace(machine, shape.name, bound, None, target, by_joints=form.kind == "j")
+    bound = _limit_speed(machine, shape.name, bound, None, target, by_joints=form.kind == "j")
     _emit(machine, form, None, target, bound, shape.points[0])
 
 
-# What a motion says beside its points ----------------------------------------------------------------------------
+# Arguments of a motion except its points ---------------------------------------------------------
 
 
 def _bind(
@@ -203,15 +227,14 @@ def _bind(
     machine.frame = choose_frame(machine, tool, options.get("wobj"), form.kind == "abs")
     mm_s, rad_s = _speed(machine, form, call, machine.value(speed), options)
     seconds = _read_time(machine, call, options)
-    _judge_options(machine, form, call)
-    blend = (
-        0.0 if zone is None or "inpos" in options else _blend(machine, machine.value(zone), options)
-    )
+    _note_options(machine, form, call)
+    blend = 0.0
+    if zone is not None and "inpos" not in options:
+        blend = _blend(machine, machine.value(zone), options)
     return Bound(mm_s, rad_s, blend, machine.frame, seconds)
 
 
-def _judge_options(machine: Machine, form: Form, call: Calling) -> None:
-    """Notes the options of a motion that the body does not have."""
+def _note_options(machine: Machine, form: Form, call: Calling) -> None:
     for name, _ in call.options:
         if name in LOST_OPTIONS:
             machine.log.leave_out(f"{call.name} \\{name}: {LOST_OPTIONS[name]}")
@@ -222,7 +245,6 @@ def _judge_options(machine: Machine, form: Form, call: Calling) -> None:
 
 
 def _is_read(form: Form, name: str) -> bool:
-    """Whether an option of a motion is read, or has no effect."""
     if name in READ_OPTIONS or name in SILENT_OPTIONS:
         return True
     if form.process == "force":
@@ -234,7 +256,7 @@ def _is_read(form: Form, name: str) -> bool:
 def _speed(
     machine: Machine, form: Form, call: Calling, value: Value, options: dict[str, Expr | None]
 ) -> tuple[float, float]:
-    """mm/s and rad/s.
+    """The speeds of TCP, mm/s, and reorientation, rad/s.
 
     VelSet scales both, but not the speed of welding. Its maximum is for the TCP alone.
     """
@@ -248,11 +270,10 @@ def _speed(
         welding = _weld_speed(machine, call, value)
         override = override if welding is value else 1.0
         value = welding
-    if find_unknown(value) is not None:
-        unknown = find_unknown(value)
-        machine.log.assume(
-            f"a speed is not known ({_name_of(machine, unknown)}): 100 mm/s is taken"
-        )
+    unknown = find_unknown(value)
+    if unknown is not None:
+        name = _name_of(machine, unknown)
+        machine.log.assume(f"a speed is not known ({name}): 100 mm/s is taken")
         value = (100.0, _USUAL_TURN)
     mm_s = value[0] * override
     if machine.speed_most > 0:
@@ -264,7 +285,7 @@ def _speed(
 
 
 def _read_time(machine: Machine, call: Calling, options: dict[str, Expr | None]) -> float:
-    """Argument T: the time of the whole motion, s, 0 without it. VelSet scales it.
+    """The time of the whole motion by its argument T, s, 0 without it. VelSet scales it.
 
     Raises Wrong for a time that is not positive.
     """
@@ -280,28 +301,26 @@ def _read_time(machine: Machine, call: Calling, options: dict[str, Expr | None])
 
 
 def _weld_speed(machine: Machine, call: Calling, value: Value) -> Value:
-    """While the arc burns the speed is that of the weld data, where the text has them."""
-    at = (2 if form_of(call.name) == Form("c", process="arc") else 1) + 2
-    weld = machine.value(call.args[at]) if len(call.args) > at else None
+    """The speed of the weld data, which counts while the arc burns, or `value` without one."""
+    # Before the weld data are the points, the speed and the seam data.
+    index = (2 if find_form(call.name) == Form("c", process="arc") else 1) + 2
+    weld = machine.value(call.args[index]) if len(call.args) > index else None
     if isinstance(weld, tuple) and weld and type(weld[0]) is float and weld[0] > 0:
         return (weld[0], _USUAL_TURN)
     return value
 
 
-def _name_of(machine: Machine, unknown: Unknown | None) -> str:
-    """What is not known; a name like those that RAPID has itself is looked at twice."""
-    name = unknown.what if unknown is not None else ""
+def _name_of(machine: Machine, unknown: Unknown) -> str:
+    """The name of an unknown value. Adds a finding if it looks like a name of RAPID's own data."""
+    name = unknown.what
     if _LIKE_PREDEFINED.fullmatch(name):
-        machine.log.find(
-            "unusual",
-            f"{name} is no speed or zone of RAPID's own, and stands in no file",
-            once=name.lower(),
-        )
+        what = f"{name} is no speed or zone of RAPID's own, and stands in no file"
+        machine.log.find("unusual", what, once=name.lower())
     return name
 
 
 def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> float:
-    """The radius in mm, 0 for a stop."""
+    """The blend radius, mm, 0 for a stop."""
     machine.fit("zonedata", value)
     if "z" in options:
         radius = machine.number(options["z"])
@@ -309,14 +328,14 @@ def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> f
             machine.log.assume(f"a zone is not known ({radius.what[:60]}): a stop is taken")
             return 0.0
         return max(float(radius), 0.0)
-    if find_unknown(value) is not None:
-        unknown = find_unknown(value)
+    unknown = find_unknown(value)
+    if unknown is not None:
         machine.log.assume(f"a zone is not known ({_name_of(machine, unknown)}): a stop is taken")
         return 0.0
     return 0.0 if value[0] else max(value[1], 0.0)
 
 
-# To joint values and to poses ------------------------------------------------------------------------------------
+# Motions to joint values and to poses ------------------------------------------------------------
 
 
 def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
@@ -325,7 +344,7 @@ def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
         _leave_out(machine, value)
         return
     axes = tuple(0.0 if v > _NINES else v for v in value[0])
-    _tell_external(machine, value[1])
+    _note_external_axes(machine, value[1])
     turn = bound.turn if bound.turns_slowly else 0.0
     item = MoveJ(Joints(tuple(math.radians(v) for v in axes)), bound.speed, bound.blend, turn=turn)
     machine.add(item)
@@ -333,13 +352,14 @@ def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
     machine.blending = machine.line if bound.blend > _NO_CORNER else 0
 
 
-def _can_go(machine: Machine, point: Value) -> bool:
-    """Whether a target is known; where it is not, the motion is left out. Wrong where it is no target."""
+def _can_move(machine: Machine, point: Value) -> bool:
+    """Whether a target is known. If not, the log notes that its motion is left out.
+
+    Raises Wrong if the value is not a robtarget.
+    """
     machine.fit("robtarget", point)
-    if (
-        isinstance(point, Unknown)
-        or find_unknown(point[:2] if isinstance(point, tuple) else ()) is not None
-    ):
+    pose = point[:2] if isinstance(point, tuple) else ()
+    if isinstance(point, Unknown) or find_unknown(pose) is not None:
         _leave_out(machine, point)
         return False
     if machine.log.assumed and not any(point[1]):
@@ -354,14 +374,14 @@ def _move_pose(
 ) -> None:
     if any(isinstance(point, RelativeTarget) for point in points):
         points = enter_placed(machine, points)
-    if not all(_can_go(machine, point) for point in points):
+    if not all(_can_move(machine, point) for point in points):
         return
     poses = [pose_of(machine, point) for point in points]
     if machine.displaced is not None:
         poses = [machine.displaced @ pose for pose in poses]
     via = poses[0] if len(poses) > 1 else None
     target, rest = poses[-1], points[-1][2:]
-    bound = _pace(machine, call.name, bound, via, target, by_joints=form.kind == "j")
+    bound = _limit_speed(machine, call.name, bound, via, target, by_joints=form.kind == "j")
     triggers = _triggers(machine, form, call)
     if form.process == "force":
         _press(machine, call, bound, via, target, _posture(rest))
@@ -380,31 +400,31 @@ def _move_pose(
 
 
 def _leave_out(machine: Machine, value: Value) -> None:
-    """A motion whose target is not known."""
+    """Leave out a motion with an unknown target. The position of the arm is unknown after it."""
     unknown = find_unknown(value)
-    why = (
-        unknown.what
-        if unknown is not None and unknown.what
-        else "it is worked out on the controller"
-    )
-    machine.log.leave_out(f"a target is not known ({why[:60]}): motions there are left out")
+    reason = "it is worked out on the controller"
+    if unknown is not None and unknown.what:
+        reason = unknown.what
+    machine.log.leave_out(f"a target is not known ({reason[:60]}): motions there are left out")
     machine.position = RobotPosition(None, machine.frame)
 
 
 def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
+    """Raise Wrong if the sum of squares of a quaternion is far from 1."""
     if turn in machine.turns:
         return
     norm = sum(v * v for v in turn)
-    off = abs(norm - 1)
-    if off > WORST_NORM:
+    deviation = abs(norm - 1)
+    if deviation > WORST_NORM:
         raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
-    if off > _LOOSE_NORM:
-        what = f"an orientation that is not normalised (the sum of its squares is off by {off:.2g})"
+    if deviation > _LOOSE_NORM:
+        squares = f"the sum of its squares is off by {deviation:.2g}"
+        what = f"an orientation that is not normalised ({squares})"
         machine.log.find("unusual", what, once="norm")
 
 
 def _check_configuration(machine: Machine, rest: tuple[Value, ...]) -> None:
-    """Adds a finding for a configuration that no straight motion or arc leads to.
+    """Add a finding for a configuration that no straight motion or arc leads to.
 
     With ConfL the controller stops there. Another cfx needs another shoulder, elbow or wrist. An
     axis that is three quarter turns away turns by more than 180 deg.
@@ -431,13 +451,12 @@ def _emit(
     bound: Bound,
     rest: tuple[Value, ...],
 ) -> None:
-    """The motion itself."""
     start = see_pose(machine)
     posture = _posture(rest)
     if form.kind != "j" and machine.has_conf_l:
         _check_configuration(machine, rest)
     if len(rest) > 1:
-        _tell_external(machine, rest[1])
+        _note_external_axes(machine, rest[1])
     if form.kind == "j":
         machine.add(MoveJ(target, bound.speed, bound.blend, posture=posture, turn=bound.turn))
     elif via is None:
@@ -465,21 +484,18 @@ def _posture(rest: tuple[Value, ...]) -> Posture | None:
 
 
 def _read_confdata(rest: tuple[Value, ...]) -> tuple[float, ...] | None:
-    """The four numbers of a configuration, None if it is not known."""
     conf = rest[0] if rest else None
-    if (
-        isinstance(conf, tuple)
-        and len(conf) == 4
-        and all(type(v) is float and abs(v) < 1e6 for v in conf)
-    ):
+    if not isinstance(conf, tuple) or len(conf) != 4:
+        return None
+    if all(type(v) is float and abs(v) < 1e6 for v in conf):
         return conf
     return None
 
 
-def _tell_external(machine: Machine, axes: Value) -> None:
-    """Adds a loss if a target has values of external axes.
+def _note_external_axes(machine: Machine, axes: Value) -> None:
+    """Add a loss if a target has values of external axes.
 
-    They move if the last target had others.
+    The axes move if the last target had other values.
     """
     before, machine.external = machine.external, axes
     if isinstance(axes, tuple) and any(type(v) is float and v < _NINES for v in axes):
@@ -495,34 +511,28 @@ def _emit_arc(
     bound: Bound,
     posture: Posture | None,
 ) -> None:
-    """An arc as one or more of at most half a circle, each with its point half-way."""
+    """Add an arc in pieces of at most half a circle, each with its via point."""
     if start is None:
         machine.add(MoveC(via, target, bound.speed, bound.blend, posture=posture))
         return
-    fault, remark = judge_arc(start.origin, via.origin, target.origin)
+    fault, remark = find_arc_faults(start.origin, via.origin, target.origin)
     if fault:
         machine.log.find("refused", fault)
         machine.add(MoveL(target, bound.speed, bound.blend, posture=posture))
         return
     if remark:
         machine.log.find("unusual", remark, once=remark)
-    points = (
-        split_at_circle_point(start, via, target)
-        if machine.passes_circle_point
-        else split_arc(start, via, target)
-    )
-    for k in range(0, len(points), 2):
-        last = k + 2 >= len(points)
-        end = target if last else points[k + 1]
-        machine.add(
-            MoveC(points[k], end, bound.speed, bound.blend if last else 0.0, posture=posture)
-        )
+    split = split_at_circle_point if machine.passes_circle_point else split_arc
+    *points, _ = split(start, via, target)
+    for middle, end in zip(points[0:-1:2], points[1::2], strict=True):
+        machine.add(MoveC(middle, end, bound.speed, 0.0, posture=posture))
+    machine.add(MoveC(points[-1], target, bound.speed, bound.blend, posture=posture))
 
 
-def _pace(
+def _limit_speed(
     machine: Machine, name: str, bound: Bound, via: Pose | None, target: Pose, *, by_joints: bool
 ) -> Bound:
-    """The arguments of a motion at the speed that its time and its speed of turning allow."""
+    """`bound` with the speed that the time and the speed of reorientation allow."""
     start = see_pose(machine)
     if start is None:
         if bound.seconds:
@@ -542,27 +552,24 @@ def _pace(
     return replace(bound, speed=speed, turn=turn, seconds=0.0)
 
 
-# What is switched on the way --------------------------------------------------------------------------------------
+# Triggers, and effects at the end of a motion ----------------------------------------------------
 
 
 def _triggers(machine: Machine, form: Form, call: Calling) -> list[Trigger]:
-    """What the triggers of a motion switch."""
     if not form.trigg or form.process:
         return []
     count = 2 if form.kind == "c" else 1
-    given = [
-        call.args[count + 1],
-        *(value for name, value in call.options if re.fullmatch(r"t\d", name)),
-    ]
-    found: list[Trigger] = []
-    for expr in given:
+    expressions: list[Expr | None] = [call.args[count + 1]]
+    expressions += [value for name, value in call.options if re.fullmatch(r"t\d", name)]
+    triggers: list[Trigger] = []
+    for expr in expressions:
         value = machine.value(expr)
         for trigger in value if isinstance(value, list) else [value]:
             if not isinstance(trigger, Trigger):
                 machine.log.leave_out(f"{call.name}: a trigger is not known; define it by TriggIO")
             elif trigger.outputs or trigger.interrupt is not None:
-                found.append(trigger)
-    return found
+                triggers.append(trigger)
+    return triggers
 
 
 def _switch(machine: Machine, trigger: Trigger) -> None:
@@ -576,27 +583,24 @@ def _switch(machine: Machine, trigger: Trigger) -> None:
 def _trigger_on_line(
     machine: Machine, triggers: list[Trigger], target: Pose, bound: Bound, rest: tuple[Value, ...]
 ) -> None:
-    """A straight motion in the pieces between which something is switched; the arm does not stop there."""
+    """A straight motion in pieces, between which the triggers act.
+
+    The pieces have no blend, although the arm does not stop between them.
+    """
     start = see_pose(machine)
-    whole = math.dist(start.origin, target.origin) if start is not None else 0.0
+    length = math.dist(start.origin, target.origin) if start is not None else 0.0
     places = sorted(
-        ((t.distance if t.start else whole - t.distance), k) for k, t in enumerate(triggers)
+        ((t.distance if t.start else length - t.distance), k) for k, t in enumerate(triggers)
     )
-    for way, k in places:
-        if start is not None and 0.01 < way < whole - 0.01:
-            part = way / whole
-            point = tuple(
-                a + (b - a) * part for a, b in zip(start.origin, target.origin, strict=True)
-            )
-            rotation = rotation_between(start.rotation, target.rotation, part)
-            machine.add(
-                MoveL(Pose(frozen(rotation), _three(point)), bound.speed, posture=_posture(rest))
-            )
+    for distance, k in places:
+        if start is not None and 0.01 < distance < length - 0.01:
+            pose = _interpolate(start, target, distance / length)
+            machine.add(MoveL(pose, bound.speed, posture=_posture(rest)))
             machine.log.fact(
                 "triggers",
                 "straight motions are shown in pieces, between which outputs are switched",
             )
-        elif way >= whole - 0.01:
+        elif distance >= length - 0.01:
             break
         _switch(machine, triggers[k])
         triggers[k] = Trigger(0.0, False, ())
@@ -605,25 +609,24 @@ def _trigger_on_line(
         _switch(machine, trigger)
 
 
-def _three(point: tuple[float, ...]) -> Vec3:
-    x, y, z = point
-    return (x, y, z)
+def _interpolate(start: Pose, target: Pose, fraction: float) -> Pose:
+    x, y, z = (a + (b - a) * fraction for a, b in zip(start.origin, target.origin, strict=True))
+    rotation = rotation_between(start.rotation, target.rotation, fraction)
+    return Pose(frozen(rotation), (x, y, z))
 
 
 def _do_after(
     machine: Machine, form: Form, call: Calling, points: tuple[Expr, ...], tail: tuple[Expr, ...]
 ) -> None:
-    """What a motion does at its end: a signal, a routine, a search."""
+    """The effects at the end of a motion: it sets a signal, calls a routine or ends a search."""
     if form.after == 2 and tail:
         options = dict(call.options)
-        value = (
-            options.get("value") or options.get("dvalue") or (tail[1] if len(tail) > 1 else None)
-        )
-        worth = machine.number(value)
+        last = tail[1] if len(tail) > 1 else None
+        value = machine.number(options.get("value") or options.get("dvalue") or last)
         name = name_of(machine, tail[0])
-        if type(worth) is float:
-            machine.add(Output(name, worth))
-            machine.outputs[name.lower()] = worth
+        if type(value) is float:
+            machine.add(Output(name, value))
+            machine.outputs[name.lower()] = value
     elif form.after == 1 and tail:
         name = str(machine.value(tail[0]))
         routine = machine.routine(name)
@@ -649,7 +652,7 @@ def _weld(machine: Machine, name: str) -> None:
         machine.welding = False
 
 
-# With force -------------------------------------------------------------------------------------------------------
+# Motions with force ------------------------------------------------------------------------------
 
 
 def _press(
@@ -660,7 +663,10 @@ def _press(
     target: Pose,
     posture: Posture | None,
 ) -> None:
-    """FCPress1LStart, FCPressL, FCPressC, FCPressEnd: force along an axis of the tool."""
+    """Motions with a force along an axis of the tool: FCPress1LStart, FCPressL, FCPressC.
+
+    FCPressEnd switches the force off.
+    """
     if call.name == "fcpress1lstart":
         newtons = _begin_pressing(machine, call, target)
     elif machine.pressing is None:
@@ -689,9 +695,13 @@ def _press(
 
 
 def _begin_pressing(machine: Machine, call: Calling, target: Pose) -> float:
-    given = [(axis, machine.number(value)) for axis, name in enumerate(("fx", "fy", "fz"))
-             for option, value in call.options if option == name]  # fmt: skip
-    axis, force = given[0] if given else (2, 1.0)
+    """Start force control and return the force, N. Without FX, FY or FZ it is 1 N along z."""
+    names = ("fx", "fy", "fz")
+    options = sorted(call.options, key=lambda option: option[0])
+    forces = [
+        (names.index(name), machine.number(value)) for name, value in options if name in names
+    ]
+    axis, force = forces[0] if forces else (2, 1.0)
     if type(force) is not float or force == 0:
         machine.log.assume("the force to press with is not known: 1 N is taken")
         force = 1.0

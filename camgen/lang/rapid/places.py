@@ -23,12 +23,12 @@ _NO_REST = ((0.0,) * 4, (9e9,) * 6)
 _ORIGIN = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 #: End of the name of a frame with the axes of the tool.
 _BY_TOOL = ", along the tool"
-#: kg: what tool0 weighs, which says nothing.
+#: kg: mass of tool0, rounded up. Up to it no load is reported.
 _NO_MASS = 0.0011
 
 
 def pose_of(machine: Machine, value: Value) -> Pose:
-    """The pose of a position and an orientation. Raises Wrong for one that is not normalised."""
+    """The pose of a position and an orientation, mm. Raises Wrong if it is not normalised."""
     (x, y, z), turn = value[0], value[1]
     norm = sum(v * v for v in turn)
     if abs(norm - 1) > WORST_NORM:
@@ -37,7 +37,7 @@ def pose_of(machine: Machine, value: Value) -> Pose:
 
 
 def say_pose(pose: Pose) -> Value:
-    """A frame as a pose."""
+    """A frame as position and quaternion, mm."""
     return (tuple(map(float, pose.origin)), quaternion(pose.rotation))
 
 
@@ -45,25 +45,25 @@ def say_pose(pose: Pose) -> Value:
 
 
 def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) -> int:
-    """The place in ``machine.frames`` of the tool and the work object of a motion."""
+    """The index into `machine.frames` of the tool and the work object of a motion.
+
+    joints: whether the motion leads to joint values.
+    """
     tool_name, tool_value = _persistent(machine, tool, "tooldata")
     work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
     if joints and work is None and machine.frames:
-        # Joint values do not depend on a work object: it stays that of the motion before.
-        before = machine.frames[machine.frame]
-        work_name = before.work
-        work_value = next(
-            (key[3] for key, at in machine.frame_keys.items() if at == machine.frame), None
-        )
+        # Joint values do not depend on a work object: the one of the motion before remains.
+        work_name = machine.frames[machine.frame].work
+        keys = (key for key, index in machine.frame_keys.items() if index == machine.frame)
+        work_value = next((key[3] for key in keys), None)
     key = (tool_name, _stamp(tool_value), work_name, _stamp(work_value))
     index = machine.frame_keys.get(key)
     if index is None:
         flange = _tool_frame(machine, tool_name, tool_value)
-        base = (
-            translation(0, 0, 0)
-            if work is None and not work_name
-            else _work_frame(machine, work_name, work_value)
-        )
+        if work is None and not work_name:
+            base: Pose | None = translation(0, 0, 0)
+        else:
+            base = _work_frame(machine, work_name, work_value)
         index = machine.frame_keys[key] = len(machine.frames)
         machine.frames.append(Frames(tool_name, work_name, flange, base))
     return index
@@ -74,7 +74,6 @@ def _stamp(value: Value) -> Value:
 
 
 def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
-    """The name and the value of a tool or a work object."""
     value = machine.value(expr)
     name = ""
     if isinstance(expr, Ref):
@@ -83,11 +82,9 @@ def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
             variable = variable.base[0]
         name = expr.name if variable is None else variable.name
         if variable is not None and variable.storage in ("var", "const") and variable.type == kind:
-            word = variable.storage.upper()
-            machine.log.find(
-                "refused",
-                f"{variable.name} is {word}: the {kind} of a motion must be a persistent (PERS)",
-            )
+            rule = f"the {kind} of a motion must be a persistent (PERS)"
+            what = f"{variable.name} is {variable.storage.upper()}: {rule}"
+            machine.log.find("refused", what)
     machine.fit(kind, value)
     return name, value
 
@@ -96,7 +93,7 @@ def _tool_frame(machine: Machine, name: str, value: Value) -> Pose | None:
     if not isinstance(value, tuple) or find_unknown(value[:2]) is not None or len(value) < 3:
         machine.log.assume(f"the tool {name} is in none of the files: its frame is not known")
         return None
-    _tell_mass(machine, name, value)
+    _report_mass(machine, name, value)
     if value[0] is False:
         machine.log.leave_out(
             f"the tool {name} stands still, and the robot holds the work: the arm has to move the "
@@ -106,15 +103,13 @@ def _tool_frame(machine: Machine, name: str, value: Value) -> Pose | None:
     return pose_of(machine, value[1])
 
 
-def _tell_mass(machine: Machine, name: str, value: Value) -> None:
+def _report_mass(machine: Machine, name: str, value: Value) -> None:
     mass = value[2][0] if isinstance(value[2], tuple) and value[2] else None
     if type(mass) is float and mass > _NO_MASS:
         machine.log.fact("load", f"{name} {mass:g} kg")
     if type(mass) is float and mass <= 0:
-        machine.log.find(
-            "unusual",
-            f"the mass of the tool {name} is {mass:g} kg; the manual asks for more than 0",
-        )
+        what = f"the mass of the tool {name} is {mass:g} kg; the manual asks for more than 0"
+        machine.log.find("unusual", what)
 
 
 def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
@@ -143,10 +138,10 @@ def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
 
 
 def see_pose(machine: Machine) -> Pose | None:
-    """The pose of the TCP in the work frame, both those in force. None if it is not known."""
+    """The pose of the TCP of the current tool in the current work frame, None if not known."""
     arm = machine.position
     if arm.pose is None and arm.joints is not None:
-        return _put(machine, arm.joints, machine.frames[machine.frame])
+        return _compute_pose(machine, arm.joints, machine.frames[machine.frame])
     if arm.pose is None or arm.frame == machine.frame:
         return arm.pose
     return carry_pose(arm.pose, machine.frames[arm.frame], machine.frames[machine.frame])
@@ -162,27 +157,20 @@ def see_joints(
     work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
     flange = _tool_frame(machine, tool_name, tool_value)
     base = translation(0, 0, 0) if work is None else _work_frame(machine, work_name, work_value)
-    return _put(machine, joints, Frames(tool_name, work_name, flange, base))
+    return _compute_pose(machine, joints, Frames(tool_name, work_name, flange, base))
 
 
-def _put(machine: Machine, joints: Sequence[float], frames: Frames) -> Pose | None:
+def _compute_pose(machine: Machine, joints: Sequence[float], frames: Frames) -> Pose | None:
     """The pose of the tool at joint values, deg, in the work object. None if it is not known."""
-    if (
-        machine.ask.flange is None
-        or frames.flange_from_tool is None
-        or frames.base_from_work is None
-    ):
+    base_from_work, flange_from_tool = frames.base_from_work, frames.flange_from_tool
+    if machine.ask.flange is None or flange_from_tool is None or base_from_work is None:
         return None
     flange = machine.ask.flange([math.radians(value) for value in joints])
-    return (
-        None
-        if flange is None
-        else frames.base_from_work.inverse() @ flange @ frames.flange_from_tool
-    )
+    return None if flange is None else base_from_work.inverse() @ flange @ flange_from_tool
 
 
 def see_here(machine: Machine, call: Calling) -> Value:
-    """CRobT and CPos: where the last motion ended, in the frames that are asked for."""
+    """The end of the last motion in the frames of the arguments: CRobT, or CPos (position)."""
     options = dict(call.options)
     kept = machine.frame
     if machine.frames and ("tool" in options or "wobj" in options):
@@ -206,7 +194,7 @@ def see_here(machine: Machine, call: Calling) -> Value:
     return position if call.name == "cpos" else (position, turn, *rest)
 
 
-# Places relative to a pose that no text holds ------------------------------------------------
+# Points relative to a pose that is not in the program text ------------------------------------
 
 
 def _find_placed(machine: Machine) -> str:
@@ -217,7 +205,7 @@ def _find_placed(machine: Machine) -> str:
 
 
 def _place_here(machine: Machine, work: str) -> RelativeTarget:
-    """The robtarget where the arm is, in a frame that no text states.
+    """The robtarget at the arm's present pose, in a frame that is not in the program text.
 
     work: work object in force.
     """
@@ -236,7 +224,7 @@ def _name_work(name: str) -> str:
 
 
 def shift_placed(placed: RelativeTarget, shift: Sequence[float]) -> Value:
-    """Offs of a place: along the axes of its frame, unless they are those of the tool."""
+    """A point that Offs shifts along the axes of its frame; unknown in a frame of the tool."""
     if placed.frame.endswith(_BY_TOOL):
         return find_unknown(placed)
     position, turn = placed.point
@@ -245,7 +233,7 @@ def shift_placed(placed: RelativeTarget, shift: Sequence[float]) -> Value:
 
 
 def turn_placed(placed: RelativeTarget, displacement: Pose) -> Value:
-    """RelTool of a place, in a frame with the axes of the tool."""
+    """A point that RelTool displaces, in a frame with the axes of the tool."""
     if not placed.frame.endswith(_BY_TOOL):
         if placed.point != _ORIGIN:
             return find_unknown(placed)

@@ -9,12 +9,12 @@ from camgen.lang.code import Act, Branch, Code, LoopStart
 from .code import Question
 from .tree import (
     Assign,
+    CallByName,
     Calling,
     Component,
     Connect,
     Element,
     Expr,
-    Late,
     Negation,
     Operation,
     Ref,
@@ -56,7 +56,6 @@ def _is_polled(variable: Variable) -> bool:
 
 
 def _list_names(expr: Expr | None) -> Iterator[str]:
-    """Names of data in an expression, in lower case."""
     if isinstance(expr, Ref):
         yield expr.name.lower()
     elif isinstance(expr, Operation):
@@ -73,7 +72,7 @@ def _list_given(statement: object) -> Iterator[str]:
         targets.append(statement.target)
     if isinstance(statement, Assign) and isinstance(statement.value, Calling):
         statement = statement.value
-    if isinstance(statement, (Calling, Late)):
+    if isinstance(statement, (Calling, CallByName)):
         targets += [*statement.args, *(value for _, value in statement.options)]
     for target in targets:
         root = None if target is None else find_root(target)

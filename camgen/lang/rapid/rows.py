@@ -382,13 +382,11 @@ class Rows:
         return shape
 
     def _parts(self, statement: int) -> list[str]:
-        """The text of a statement before, between and after its points."""
         first, last = self._first_of[statement], self._last_of[statement]
         middle = [self.spellings.gaps[number].head for number in self._gap_of[first:last]]
         return [self._head(first), *middle, self._tail(last)]
 
     def _head(self, point: int) -> str:
-        """The text before the first point of a statement."""
         number = self._gap_of[point - 1] if point else _NONE
         if number >= 0:
             return self.spellings.gaps[number].head
@@ -398,7 +396,6 @@ class Rows:
         return line.rpartition(";")[2].lstrip()
 
     def _tail(self, point: int) -> str:
-        """The text after the last point of a statement."""
         number = self._gap_of[point]
         if number >= 0:
             return self.spellings.gaps[number].tail
@@ -498,7 +495,6 @@ class _Points(Struct, frozen=True, eq=False):
 
 
 def _find_points(text: str, spellings: Spellings) -> _Points:
-    """Reads the points of a text that are written out."""
     blocks = [_find_block(block, offset, spellings) for block, offset in _cut_blocks(text)]
     partings: dict[int, _Parting] = {}
     size = 0

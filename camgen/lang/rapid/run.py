@@ -20,21 +20,21 @@ from camgen.model.instructions import Output
 
 from .choices import log_choice
 from .code import CountRange, LoopVariable, Question, moves
-from .functions import call_function, name_of
+from .functions import call_function, is_given, name_of
 from .instructions import EFFECTS, CycleEnded
-from .interrupts import come, connect, judge_trap
-from .machine import Frame, Machine
-from .motions import form_of, inline, move
+from .interrupts import connect, queue_trap, run_trap_aside
+from .machine import Machine, RoutineScope
+from .motions import find_form, move, move_inline
 from .tokens import Wrong
 from .tree import (
     Assign,
+    CallByName,
     Calling,
     Component,
     Connect,
     Element,
     Expr,
     Inline,
-    Late,
     Maybe,
     Parameter,
     Ref,
@@ -43,28 +43,28 @@ from .tree import (
     Word,
     find_root,
 )
-from .values import NOTHING, Value, Variable, copied, find_unknown
+from .values import NOTHING, Value, Variable, copy_arrays, find_unknown
 
-#: Routines that may wait for the end of one that they call.
+#: Depth of calls of routines within each other.
 _DEEPEST = 70
-#: Rounds of a loop without a condition. After them it has no end.
+#: Rounds of a loop without a condition. More rounds mean an endless loop.
 _MOST_ROUNDS = 200
 _RULES = Rules(_DEEPEST, skips_blocks=True, round_limit=_MOST_ROUNDS)
-#: Types of PERS data that routines take to move with, and leave as they are.
+#: Types of PERS data that a routine of another file uses but does not set.
 _READ_ONLY = frozenset(("tooldata", "wobjdata", "loaddata"))
-#: So many TRAPs are looked at beside the program.
+#: Number of TRAPs without an interrupt that are run after the program.
 _MOST_TRAPS = 50
-#: Statements of a TRAP that is looked at beside the program.
+#: Steps of such a TRAP.
 _MOST_OF_A_TRAP = 5_000
-#: Times that a program begins anew without having moved.
+#: Number of cycles of a program that has not moved.
 _MOST_CYCLES = 3
 
 
 class Runner:
-    """What runs statements and routines.
+    """The run of a program.
 
     entry: routine in which the program begins.
-    flow: run of the steps.
+    flow: engine that runs the steps.
     ran: routines that were run.
     """
 
@@ -76,14 +76,15 @@ class Runner:
         self.ran: set[Routine] = set()
 
     def perform(self, item: Statement) -> None:
-        """Does what a statement says; behind it run the TRAPs whose interrupts have come."""
+        """Run a statement, and then the TRAPs whose interrupts have come."""
         _RUN[type(item)](self, item)
         if self.machine.due:
             self.interrupt(self.machine.due)
 
     def interrupt(self, due: list[Routine]) -> None:
-        """Runs TRAPs whose interrupts have come, unless they wait. They may switch while the arm moves."""
+        """Run TRAPs whose interrupts have come, unless interrupts are disabled."""
         machine = self.machine
+        # An output that a TRAP sets in a corner is not a finding.
         blending, machine.blending = machine.blending, 0
         while due and not machine.held:
             trap = due.pop(0)
@@ -93,12 +94,12 @@ class Runner:
         machine.blending = blending
 
     def interrupt_motion(self, machine: Machine, interrupt: Expr) -> None:
-        """An interrupt at a place of a motion: a TRAP that does not move runs there, others behind the motion."""
-        come(machine, interrupt)
+        """Run the TRAP of an interrupt at a place of a motion. A TRAP that moves runs after it."""
+        queue_trap(machine, interrupt)
         self.interrupt([trap for trap in machine.due if not moves(machine.codes[trap])])
 
     def call(self, routine: Routine, call: Calling) -> Value:
-        """Runs a routine with its arguments; what a FUNC gives."""
+        """Run a routine with its arguments and return the value of a FUNC."""
         machine = self.machine
         if routine is self.entry and machine.scope.routine is not None:
             machine.log.assume(f"{routine.name} calls itself: it is shown once")
@@ -108,9 +109,9 @@ class Runner:
         self.ran.add(routine)
         home = machine.homes[routine]
         outer, line = machine.scope, machine.line
-        frame = machine.scope = Frame(routine, home, data)
-        for one in routine.data:
-            data[one.name.lower()] = machine.declare(one, home)
+        frame = machine.scope = RoutineScope(routine, home, data)
+        for declaration in routine.data:
+            data[declaration.name.lower()] = machine.declare(declaration, home)
         try:
             self.flow.run(machine.codes[routine])
         finally:
@@ -119,69 +120,56 @@ class Runner:
         return frame.result
 
     def _bind(self, routine: Routine, call: Calling) -> dict[str, Variable]:
-        """The data that a routine's parameters are."""
-        options = {name: value for name, value in call.options if not self._is_absent(value)}
+        """The data of a routine's parameters by name.
+
+        Raises Wrong for a missing or surplus argument.
+        """
+        options = dict(item for item in call.options if is_given(self.machine, item[1]))
         args = list(call.args)
-        needed = [one for one in routine.parameters if not one.optional]
-        found: dict[str, Variable] = {}
-        for one in routine.parameters:
-            if one.optional or one.name in options:
-                given = one.name in options
-                found[one.name] = (
-                    self._parameter(one, options.get(one.name)) if given else _absent(one)
-                )
+        needed = sum(not parameter.optional for parameter in routine.parameters)
+        what = f"{routine.name} has {needed} arguments, not {len(call.args)}"
+        data: dict[str, Variable] = {}
+        for parameter in routine.parameters:
+            name = parameter.name
+            if name in options:
+                data[name] = self._parameter(parameter, options[name])
+            elif parameter.optional:
+                value = Unknown(f"{name}, which is not given")
+                data[name] = Variable(name, parameter.type, "absent", value)
             elif args:
-                found[one.name] = self._parameter(one, args.pop(0))
+                data[name] = self._parameter(parameter, args.pop(0))
             else:
-                raise Wrong(
-                    call.line, f"{routine.name} has {len(needed)} arguments, not {len(call.args)}"
-                )
+                raise Wrong(call.line, what)
         if args:
-            raise Wrong(
-                call.line, f"{routine.name} has {len(needed)} arguments, not {len(call.args)}"
-            )
+            raise Wrong(call.line, what)
         for name in options:
-            if name not in found:
+            if name not in data:
                 raise Wrong(call.line, f"{routine.name} has no argument \\{name[:40]}")
-        return found
+        return data
 
-    def _is_absent(self, value: Expr | None) -> bool:
-        if not isinstance(value, Maybe):
-            return False
-        variable = self.machine.variable(value.name)
-        return variable is None or variable.storage == "absent"
+    def _parameter(self, parameter: Parameter, value: Expr | None) -> Variable:
+        """The data of a parameter: a copy, or the argument's own data if the mode allows changes.
 
-    def _parameter(self, one: Parameter, value: Expr | None) -> Variable:
-        """The data that a parameter is: those of the argument themselves where it may change them."""
-        machine = self.machine
+        A switch has no value. A tool or a work object keeps its name.
+        """
+        machine, name, kind = self.machine, parameter.name, parameter.type
         if isinstance(value, Maybe):
             value = Ref(value.name)
-        if one.type.startswith("signal") and isinstance(value, Ref):
-            name = name_of(machine, value)
-            return Variable(one.name, one.type, "parameter", Unknown(name, name.lower()))
-        if one.mode and isinstance(value, (Ref, Component, Element)):
-            found = machine.place(value)
-            if found is not None:
-                variable, path, kind, dims = found
-                if not path and variable.storage != "absent":
-                    return variable
-                part = Variable(variable.name, kind, variable.storage)
-                part.base, part.dims = (variable, path), (0.0,) * dims
-                return part
+        if kind.startswith("signal") and isinstance(value, Ref):
+            signal = name_of(machine, value)
+            return Variable(name, kind, "parameter", Unknown(signal, signal.lower()))
+        if parameter.mode and isinstance(value, (Ref, Component, Element)):
+            place = machine.place(value)
+            if place is not None:
+                return _share(*place)
         if value is None:
-            return Variable(one.name, "switch", "parameter", True)
-        made = Variable(
-            one.name, one.type, "parameter", machine.settled(one.type, machine.value(value))
-        )
-        made.dims = (0.0,) * one.dims
-        return self._named_frame(made, value)
-
-    def _named_frame(self, made: Variable, value: Expr) -> Variable:
-        """A tool or a work object that is handed on keeps its name."""
-        if made.type in ("tooldata", "wobjdata") and isinstance(value, Ref):
-            variable = self.machine.variable(value.name)
-            made.name = value.name if variable is None else variable.name
-        return made
+            return Variable(name, "switch", "parameter", True)
+        copy = Variable(name, kind, "parameter", machine.settled(kind, machine.value(value)))
+        copy.dims = (0.0,) * parameter.dims
+        if kind in ("tooldata", "wobjdata") and isinstance(value, Ref):
+            variable = machine.variable(value.name)
+            copy.name = value.name if variable is None else variable.name
+        return copy
 
     # Answers to the engine (`camgen.lang.flow.Language`).
 
@@ -191,11 +179,11 @@ class Runner:
         return self.machine.log
 
     def begin(self, step: Step) -> None:
-        """A step begins."""
+        """Begin a step."""
         self.machine.line = step.line
 
     def evaluate(self, expression: Question | LoopVariable | Expr) -> Value:
-        """The value of a condition, of the variable of a FOR, or of a TEST."""
+        """The value of a condition, of the variable of a FOR, or of the expression of a TEST."""
         if isinstance(expression, Question):
             return self.machine.truth(expression.value, expression.word)
         if isinstance(expression, LoopVariable):
@@ -206,7 +194,7 @@ class Runner:
     to_number = staticmethod(float)
 
     def matches(self, value: Value, tests: tuple[Expr, ...]) -> bool | Unknown:
-        """Whether one of the values of a CASE is the value of its TEST."""
+        """Whether a CASE has the value of its TEST among its values."""
         values = [self.machine.value(test) for test in tests]
         return value in values or find_unknown(values) or False
 
@@ -223,7 +211,7 @@ class Runner:
         if count.step is None and first > last:
             step = -1.0
         if step == 0:
-            # No round brings the variable nearer to its last value.
+            # The variable never reaches its last value.
             return Counter(variable, first, -math.inf)
         return Counter(variable, first, last, step)
 
@@ -241,27 +229,31 @@ class Runner:
         homes = {id(home): home.data for home in machine.homes.values()}
         state: list[Value] = []
         for level in (machine.scope.data, machine.data, *homes.values()):
-            state += [copied(variable.value) for variable in level.values()]
+            state += [copy_arrays(variable.value) for variable in level.values()]
         return state
 
     def assume(
         self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
     ) -> bool:
-        """Tell a choice of the engine."""
+        """Log a choice of the engine."""
         log_choice(self.machine, choice, step, unknown, length)
         return True
 
     def report(self, step: Step, error: Exception) -> None:
-        """Tell that a controller cannot carry out a step."""
+        """Log that a controller cannot carry out a step."""
         assert isinstance(error, Wrong)
         self.log.find("refused", error.what, line=error.line or step.line)
 
 
-def _absent(one: Parameter) -> Variable:
-    return Variable(one.name, one.type, "absent", Unknown(f"{one.name}, which is not given"))
+def _share(variable: Variable, path: tuple[int, ...], kind: str, dims: int) -> Variable:
+    if not path and variable.storage != "absent":
+        return variable
+    part = Variable(variable.name, kind, variable.storage)
+    part.base, part.dims = (variable, path), (0.0,) * dims
+    return part
 
 
-# Statements -----------------------------------------------------------------------------------------------------
+# Statements --------------------------------------------------------------------------------------
 
 
 def _run_call(runner: Runner, call: Calling) -> None:
@@ -272,7 +264,7 @@ def _run_call(runner: Runner, call: Calling) -> None:
             raise Wrong(call.line, f"{routine.name} is a FUNC, no statement")
         runner.call(routine, call)
         return
-    if form_of(call.name) is not None:
+    if find_form(call.name) is not None:
         move(machine, call)
         return
     effect = EFFECTS.get(call.name)
@@ -285,22 +277,20 @@ def _run_call(runner: Runner, call: Calling) -> None:
 
 
 def _leave_out(runner: Runner, call: Calling) -> None:
-    """An instruction of a package, or a routine of another file."""
+    """Leave out an instruction of a package or a routine of another file; run CallByVar."""
+    machine = runner.machine
     if call.name == "callbyvar" and call.args:
-        machine = runner.machine
-        name, number = (
-            machine.value(call.args[0]),
-            machine.number(call.args[1]) if len(call.args) > 1 else NOTHING,
-        )
+        name = machine.value(call.args[0])
+        number = machine.number(call.args[1]) if len(call.args) > 1 else NOTHING
         if isinstance(name, str) and type(number) is float:
             _call_by_name(runner, f"{name}{number:g}", Calling(call.line, "callbyvar"))
             return
-    runner.machine.log.leave_out(f"{call.name} is in none of the files: it is left out")
-    _forget_arguments(runner.machine, call)
+    machine.log.leave_out(f"{call.name} is in none of the files: it is left out")
+    _forget_arguments(machine, call)
 
 
 def _forget_arguments(machine: Machine, call: Calling) -> None:
-    """Give the variables that a routine of another file may set an unknown value."""
+    """Set the variables that a routine of another file may change to an unknown value."""
     for argument in (*call.args, *(value for _, value in call.options)):
         if not isinstance(argument, (Ref, Component, Element)):
             continue
@@ -315,28 +305,27 @@ def _forget_arguments(machine: Machine, call: Calling) -> None:
 def _call_by_name(runner: Runner, name: Value, call: Calling) -> None:
     machine = runner.machine
     if not isinstance(name, str):
-        what = find_unknown(name)
-        machine.log.leave_out(
-            f"a routine is called by a name that is not known{f' ({what.what[:40]})' if what else ''}: left out"
-        )
+        unknown = find_unknown(name)
+        source = f" ({unknown.what[:40]})" if unknown else ""
+        machine.log.leave_out(f"a routine is called by a name that is not known{source}: left out")
         return
     module, _, plain = name.strip().lower().rpartition(":")
-    home = next((one for one in machine.homes.values() if one.name.lower() == module), None)
+    home = next((home for home in machine.homes.values() if home.name.lower() == module), None)
     if home is not None and plain in home.routines:
         runner.call(home.routines[plain], call)
         return
-    if (module and home is None) or (
-        machine.routine(plain) is None and plain not in EFFECTS and form_of(plain) is None
-    ):
-        machine.log.leave_out(f"{plain[:40]} is in none of the files: it is left out")
-        return
-    _run_call(runner, Calling(call.line, plain, call.args, call.options))
-
-
-def _run_late(runner: Runner, item: Late) -> None:
-    _call_by_name(
-        runner, runner.machine.value(item.name), Calling(item.line, "", item.args, item.options)
+    is_known = (
+        machine.routine(plain) is not None or plain in EFFECTS or find_form(plain) is not None
     )
+    if is_known and not (module and home is None):
+        _run_call(runner, Calling(call.line, plain, call.args, call.options))
+    else:
+        machine.log.leave_out(f"{plain[:40]} is in none of the files: it is left out")
+
+
+def _run_late(runner: Runner, item: CallByName) -> None:
+    name = runner.machine.value(item.name)
+    _call_by_name(runner, name, Calling(item.line, "", item.args, item.options))
 
 
 def _run_assign(runner: Runner, item: Assign) -> None:
@@ -344,7 +333,7 @@ def _run_assign(runner: Runner, item: Assign) -> None:
     try:
         value = machine.value(item.value)
     except Wrong:
-        # The run goes on. The value that was there before would cause further findings.
+        # The run continues. With its old value the target would cause further findings.
         with suppress(Wrong):
             machine.assign(item.target, Unknown("a value that is refused"))
         raise
@@ -352,7 +341,6 @@ def _run_assign(runner: Runner, item: Assign) -> None:
 
 
 def _run_word(runner: Runner, item: Word) -> None:
-    """RETURN and RAISE with a value."""
     value = runner.machine.value(item.value)
     if item.name == "return":
         runner.machine.scope.result = value
@@ -363,10 +351,10 @@ def _run_word(runner: Runner, item: Word) -> None:
 
 def _run_inline(runner: Runner, item: Inline) -> None:
     machine = runner.machine
-    if form_of(item.shape.name) is None or machine.routine(item.shape.name) is not None:
+    if find_form(item.shape.name) is None or machine.routine(item.shape.name) is not None:
         _run_call(runner, item.call())
     else:
-        inline(machine, item)
+        move_inline(machine, item)
 
 
 _RUN: dict[type, Callable[[Runner, Any], None]] = {
@@ -375,40 +363,38 @@ _RUN: dict[type, Callable[[Runner, Any], None]] = {
     Assign: _run_assign,
     Word: _run_word,
     Connect: lambda runner, item: connect(runner.machine, item),
-    Late: _run_late,
+    CallByName: _run_late,
 }
 
 
-# The whole ------------------------------------------------------------------------------------------------------
+# Programs ----------------------------------------------------------------------------------------
 
 
 def run_entry(machine: Machine, entry: Routine, statements: int) -> tuple[int, str] | None:
-    """Run a program from its entry. Return line and reason where it does not run to its end.
+    """Run a program from its entry, then the TRAPs whose interrupts did not come.
 
-    statements: number of statements of the text at most.
+    Returns line and reason if the program stops before its end, else None.
+
+    statements: upper limit of the number of statements of the text.
     """
     budget = Budget(statements, machine.ask.limits.rapid_steps, "rapid_steps")
     runner = Runner(machine, entry, budget)
-    machine.call, machine.function, machine.interrupt = (
-        runner.call,
-        call_function,
-        runner.interrupt_motion,
-    )
+    machine.call, machine.function = runner.call, call_function
+    machine.interrupt = runner.interrupt_motion
     stopped = _run_whole(runner, lambda: _run_cycles(runner, entry))
     for routine in machine.homes:
         if routine.kind == "proc" and routine not in runner.ran:
             machine.log.fact("not run", routine.name)
-    waiting = [one for one in machine.homes if one.kind == "trap" and one not in runner.ran]
-    for routine in waiting[:_MOST_TRAPS]:
+    traps = [trap for trap in machine.homes if trap.kind == "trap" and trap not in runner.ran]
+    for trap in traps[:_MOST_TRAPS]:
         runner.flow = Flow(runner, Budget(0, _MOST_OF_A_TRAP, "rapid_steps"), _RULES)
-        call = Calling(routine.line, routine.name.lower())
-        judge_trap(
-            machine, routine, partial(_run_whole, runner, partial(runner.call, routine, call))
-        )
+        call = partial(runner.call, trap, Calling(trap.line, trap.name.lower()))
+        run_trap_aside(machine, trap, partial(_run_whole, runner, call))
     return stopped
 
 
 def _run_whole(runner: Runner, run: Callable[[], object]) -> tuple[int, str] | None:
+    """Run to the end, to EXIT, or to a stop. Returns line and reason of a stop."""
     machine = runner.machine
     try:
         run()
@@ -424,7 +410,7 @@ def _run_whole(runner: Runner, run: Callable[[], object]) -> tuple[int, str] | N
 
 
 def _run_cycles(runner: Runner, entry: Routine) -> None:
-    """The entry; again where it ends a cycle before it has moved, since data tell it what to do next."""
+    """Run the entry, and again if it ends its cycle before it has moved but has changed data."""
     machine = runner.machine
     for _ in range(_MOST_CYCLES):
         changes = machine.changes
@@ -437,8 +423,8 @@ def _run_cycles(runner: Runner, entry: Routine) -> None:
         return
 
 
-def judge_end(machine: Machine, line: int) -> None:
-    """What is left on at the end."""
+def report_end(machine: Machine, line: int) -> None:
+    """Add findings and facts about signals, welding and force that are on at the end."""
     machine.line = line
     if machine.welding:
         machine.log.find("dangerous", "the arc still burns at the end: ArcLEnd is missing")

@@ -13,6 +13,7 @@ from .tokens import RESERVED, Wrong, banner, show_token
 from .tree import (
     Assign,
     Block,
+    CallByName,
     Calling,
     Connect,
     Empty,
@@ -22,7 +23,6 @@ from .tree import (
     Hole,
     If,
     Label,
-    Late,
     Ref,
     Run,
     Statement,
@@ -31,25 +31,30 @@ from .tree import (
     Word,
 )
 
-#: Words at which a statement that lost its semicolon must have ended.
+#: Words at which a statement without a semicolon ends.
 STRUCTURE = frozenset(
     ("module", "endmodule", "proc", "endproc", "func", "endfunc", "trap", "endtrap")
 )
-#: Words that close or continue a compound statement, and what opens it.
+#: Words that close or continue a compound statement, and its first word.
 _CLOSES = {
-    "endif": "IF", "else": "IF", "elseif": "IF", "then": "IF", "endfor": "FOR", "endwhile": "WHILE", "do": "WHILE",
-    "endtest": "TEST", "case": "TEST", "default": "TEST",
+    "endif": "IF", "else": "IF", "elseif": "IF", "then": "IF", "endfor": "FOR",
+    "endwhile": "WHILE", "do": "WHILE", "endtest": "TEST", "case": "TEST", "default": "TEST",
 }  # fmt: skip
+#: Words that begin a compound statement.
 _COMPOUND = frozenset(("if", "for", "while", "test"))
+#: Words that begin a clause of a routine after its body.
 CLAUSES = frozenset(("error", "undo", "backward"))
 #: The call of a routine without arguments. A long program has many.
 _CALL = re.compile(r"[ \t\f\v\n]*([A-Za-z][A-Za-z0-9_]*);")
-#: Compound statements within each other.
+#: Depth of compound statements within each other.
 _DEEPEST_BLOCK = 30
 
 
 class Note(Struct, frozen=True):
-    """What is wrong, or odd, in a line. odd: the manual does not have it, and controllers load it."""
+    """A fault of the grammar.
+
+    odd: whether controllers load it although the manual does not allow it.
+    """
 
     line: int
     what: str
@@ -57,10 +62,12 @@ class Note(Struct, frozen=True):
 
 
 class Statements(Calls):
-    """Statements. Faults are noted, and reading goes on behind them.
+    """The parser of statements. It notes faults and continues after them.
 
     rows: statements that are read by column, None if the general rules read all.
-    takes_runs: whether several statements may stand where the parser is.
+    takes_runs: whether several statements are allowed at the current token.
+    notes: faults so far.
+    nested: number of open compound statements.
     """
 
     def __init__(self, text: str, first_line: int, spellings: Spellings | None) -> None:
@@ -73,24 +80,17 @@ class Statements(Calls):
         self.nested = 0
 
     def note(self, wrong: Wrong) -> None:
-        """Notes a fault."""
+        """Note a fault."""
         self.notes.append(Note(wrong.line, wrong.what))
 
     def recover(self) -> None:
-        """Skips behind the next semicolon, but never over a word that opens or closes a routine or module."""
+        """Skip the next semicolon, or stop at a word that opens or closes a routine or module."""
         while self.token[0] != "end" and self.word() not in STRUCTURE:
             if self.take()[1] == ";":
                 return
 
-    def listed(self, item: Callable[[], Expr]) -> tuple[Expr, ...]:
-        """Items with commas between them."""
-        found = [item()]
-        while self.accept(","):
-            found.append(item())
-        return tuple(found)
-
     def statement(self, body: list[Statement | Run]) -> None:
-        """One statement, or as many as can be read at once."""
+        """Add a statement, or all consecutive statements that can be read by column."""
         kind, text, line, start = self.token
         if kind != "name":
             self.unnamed(body)
@@ -112,7 +112,7 @@ class Statements(Calls):
             self.jump(end, line)
 
     def read_calls(self, body: list[Statement | Run], start: int, line: int) -> tuple[int, int]:
-        """Reads consecutive calls of routines without arguments from an offset and its line on.
+        """Add consecutive calls without arguments from an offset and its line on.
 
         Returns offset and line of their end.
         """
@@ -123,7 +123,7 @@ class Statements(Calls):
         return start, line
 
     def unnamed(self, body: list[Statement | Run]) -> None:
-        """A statement that begins with no word: a late call, a placeholder, nothing."""
+        """Add a statement that does not begin with a word: a call by name or a placeholder."""
         token = self.take()
         line, text = token[2], token[1]
         if text == "%":
@@ -131,7 +131,7 @@ class Statements(Calls):
             self.expect("%")
             args, options = ((), ()) if self.token[1] == ";" else self.arguments(0)
             self.expect(";")
-            body.append(Late(line, name, args, options))
+            body.append(CallByName(line, name, args, options))
         elif token[0] == "hole":
             body.append(self.empty(line, text))
         elif text == ";":
@@ -141,7 +141,7 @@ class Statements(Calls):
             raise Wrong(line, f"a statement expected, found {show_token(token)}")
 
     def empty(self, line: int, text: str) -> Empty:
-        """``<SMT>``, or ``<VAR>:=`` with its value."""
+        """The placeholder of a statement, or of the variable of an assignment."""
         if self.accept(":="):
             self.expression()
             self.expect(";")
@@ -165,7 +165,7 @@ class Statements(Calls):
         return self.call_of(text, line)
 
     def control(self, body: list[Statement | Run]) -> None:
-        """A statement that begins with a reserved word."""
+        """Add a statement that begins with a reserved word."""
         word, line = self.word(), self.token[2]
         read = _CONTROL.get(word)
         if read is not None:
@@ -173,14 +173,14 @@ class Statements(Calls):
             return
         token = self.take()
         if word in _CLOSES:
-            self.notes.append(Note(line, f"{word.upper()} without its {_CLOSES[word]}"))
+            self.note(Wrong(line, f"{word.upper()} without its {_CLOSES[word]}"))
             if word in ("case", "elseif"):
                 self.skip_head()
         else:
             raise Wrong(line, f"a statement expected, found {show_token(token)}")
 
     def skip_head(self) -> None:
-        """Skips the rest of a head, in its line."""
+        """Skip the rest of a condition, or of the values of a CASE, in its line."""
         line = self.token[2]
         while (
             self.token[0] != "end"
@@ -190,7 +190,7 @@ class Statements(Calls):
             pass
 
     def block(self, *ends: str) -> Block:
-        """Statements up to one of the words ``ends``, or where they must have ended."""
+        """Statements up to one of the words `ends`, or to the end of the clause or routine."""
         body: list[Statement | Run] = []
         if self.nested >= _DEEPEST_BLOCK:
             raise Wrong(self.token[2], "statements nested too deeply")
@@ -209,16 +209,18 @@ class Statements(Calls):
         return tuple(body)
 
     def close(self, word: str, line: int) -> None:
-        """Takes the word that closes a compound statement, or notes that it is missing."""
+        """Take the word that closes a compound statement, or note that it is missing.
+
+        line: line of the compound statement.
+        """
         if self.word() == word:
             self.take()
         else:
-            self.notes.append(
-                Note(self.token[2], f"{word.upper()} of the statement in line {line} is missing")
-            )
+            what = f"{word.upper()} of the statement in line {line} is missing"
+            self.note(Wrong(self.token[2], what))
 
     def head(self, word: str) -> Expr:
-        """A condition and the word behind it; a fault in it is noted, and what follows is read on."""
+        """A condition, after which `word` is taken. A faulty one becomes a placeholder."""
         try:
             value = self.expression()
             self.expect_word(word)
@@ -231,7 +233,7 @@ class Statements(Calls):
         return value
 
     def expect_word(self, word: str) -> None:
-        """Takes a reserved word or raises Wrong."""
+        """Take a reserved word. Raises Wrong if it is not the current token."""
         if self.word() != word:
             raise Wrong(self.token[2], f"{word.upper()} expected, found {show_token(self.token)}")
         self.take()
@@ -243,11 +245,9 @@ def _read_if(parser: Statements) -> If:
     if parser.word() != "then":
         body: list[Statement | Run] = []
         if parser.word() in _COMPOUND:
-            what = (
-                f"{parser.word().upper()} behind the condition of "
-                "an IF without THEN: a simple statement stands there"
-            )
-            parser.notes.append(Note(parser.token[2], what))
+            place = "behind the condition of an IF without THEN"
+            what = f"{parser.word().upper()} {place}: a simple statement stands there"
+            parser.note(Wrong(parser.token[2], what))
         takes_runs, parser.takes_runs = parser.takes_runs, False
         try:
             parser.statement(body)
@@ -299,7 +299,7 @@ def _read_test(parser: Statements) -> Test:
     cases = []
     while parser.word() == "case":
         parser.take()
-        values = parser.listed(parser.expression)
+        values = parser.listed()
         parser.expect(":")
         cases.append((values, parser.block("case", "default", "endtest")))
     otherwise = None
@@ -339,5 +339,6 @@ def _read_connect(parser: Statements) -> Connect:
 
 _CONTROL: dict[str, Callable[[Statements], Statement]] = {
     "if": _read_if, "for": _read_for, "while": _read_while, "test": _read_test, "goto": _read_goto,
-    "connect": _read_connect, **dict.fromkeys(("return", "raise", "retry", "trynext", "exit"), _read_word),
+    "connect": _read_connect,
+    **dict.fromkeys(("return", "raise", "retry", "trynext", "exit"), _read_word),
 }  # fmt: skip

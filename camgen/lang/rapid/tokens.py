@@ -1,4 +1,4 @@
-"""RAPID text as tokens (RAPID kernel manual, chapter 2)."""
+"""The tokens of RAPID text (RAPID kernel manual, chapter 2)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 _N = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-_POINT = rf"\[\[{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N},{_N},{_N}\]\]"
-# The manual's letters are those of Latin-1; a text that was decoded otherwise keeps its own.
+_FOUR = rf"\[{_N},{_N},{_N},{_N}\]"
+_POINT = rf"\[\[{_N},{_N},{_N}\],{_FOUR},{_FOUR},\[{_N},{_N},{_N},{_N},{_N},{_N}\]\]"
+# The manual allows letters of Latin-1. Letters of other encodings are accepted too.
 _ANY_NAME = r"[^\W\d_]\w*"
 _NUMBER = (
     r"0[xX][0-9a-fA-F]+|0[bB][01]+|0[oO][0-7]+|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
@@ -30,28 +31,31 @@ _TOKEN = re.compile(
 )
 #: The optional banner of old files: %%% VERSION:1 LANGUAGE:ENGLISH %%%.
 _BANNER = re.compile(r"\A\s*%%%[A-Za-z0-9:\s]*%%%[ \t]*(?=\n)")
-#: Its four lines (RAPID overview, file format).
+#: Lines of the banner (RAPID overview, file format).
 BANNER_LINES = "%%% VERSION:1 LANGUAGE:ENGLISH %%%".split()  # noqa: SIM905 (as it is written)
-#: Never a name (RAPID kernel manual 2.4).
+#: Reserved words, which cannot be names (RAPID kernel manual 2.4).
 RESERVED = frozenset(
-    """alias and backward case connect const default div do else elseif endfor endfunc endif endmodule endproc endrecord
-    endtest endtrap endwhile error exit false for from func goto if inout local mod module nostepin not noview or pers
-    proc raise readonly record retry return step sysmodule task test then to trap true trynext undo var viewonly while
-    with xor""".split()  # noqa: SIM905 (sixty words read better so)
+    """alias and backward case connect const default div do else elseif endfor endfunc endif
+    endmodule endproc endrecord endtest endtrap endwhile error exit false for from func goto if
+    inout local mod module nostepin not noview or pers proc raise readonly record retry return step
+    sysmodule task test then to trap true trynext undo var viewonly while with
+    xor""".split()  # noqa: SIM905 (sixty words read better so)
 )
 #: The largest value of a num (IEEE single precision).
 LARGEST = 3.4e38
-#: What begins a whole number to another base (newer controllers).
+#: Prefixes of whole numbers in other bases (newer controllers).
 _BASES = ("0x", "0b", "0o")
-#: The longest string, and what stands in one for another character.
+#: Characters of the longest string.
 LONGEST_STRING = 80
+#: Escapes in a string: a doubled quotation mark or backslash, or a hexadecimal code.
 _ESCAPED = re.compile(r'""|\\\\|\\([0-9a-fA-F]{2})')
 
-Token = tuple[str, str, int, int]  # kind, text, line, offset of its start
+#: Kind, text, line, and offset of the start.
+Token = tuple[str, str, int, int]
 
 
 class Wrong(Exception):
-    """A fault found while something is being read; the reader notes it and goes on behind it. line: 1-based."""
+    """A fault in a line of the program (1-based, 0 if the caller knows the line better)."""
 
     def __init__(self, line: int, what: str) -> None:
         super().__init__(line, what)
@@ -59,13 +63,17 @@ class Wrong(Exception):
 
 
 def banner(text: str) -> int:
-    """The length of the banner that ``text`` begins with, if any."""
-    found = _BANNER.match(text)
-    return found.end() if found else 0
+    """The length of the banner at the start of a text, 0 without one."""
+    match = _BANNER.match(text)
+    return match.end() if match else 0
 
 
 def tokens(text: str, first_line: int, start: int = 0) -> Iterator[Token]:
-    """The tokens of ``text`` (LF line ends) from the offset ``start``, in ``first_line``, on; without comments."""
+    """The tokens of a text with LF line ends, without comments.
+
+    first_line: line of the offset `start`.
+    start: offset of the first token.
+    """
     line = first_line
     for match in _TOKEN.finditer(text, start):
         kind = match.lastgroup or "end"
@@ -76,7 +84,7 @@ def tokens(text: str, first_line: int, start: int = 0) -> Iterator[Token]:
 
 
 def number(text: str, line: int) -> float:
-    """The num that ``text`` writes out. Wrong when it is larger than one can be."""
+    """The value of a num. Raises Wrong above the limit of a num."""
     prefix = text[:2].lower()
     value = float(int(text, 0)) if prefix in _BASES else float(text)
     if abs(value) > LARGEST:
@@ -85,25 +93,25 @@ def number(text: str, line: int) -> float:
 
 
 def string(text: str, line: int) -> str:
-    """The string that ``text`` writes out. Wrong when it is longer than one can be, or has a backslash that is neither
-    doubled nor stands before two hexadecimal digits (RAPID kernel manual, strings).
+    """The value of a string in quotation marks (RAPID kernel manual, strings).
+
+    Raises Wrong if it is too long, or if a backslash is neither doubled nor followed by two
+    hexadecimal digits.
     """
     if "\\" in text and "\\" in _ESCAPED.sub("", text):
-        raise Wrong(
-            line, "a backslash in a string is written twice, or before two hexadecimal digits"
-        )
+        what = "a backslash in a string is written twice, or before two hexadecimal digits"
+        raise Wrong(line, what)
     value = _ESCAPED.sub(
-        lambda found: chr(int(found[1], 16)) if found[1] else found[0][0], text[1:-1]
+        lambda match: chr(int(match[1], 16)) if match[1] else match[0][0], text[1:-1]
     )
     if len(value) > LONGEST_STRING:
-        raise Wrong(
-            line, f"a string of {len(value)} characters; a controller takes {LONGEST_STRING}"
-        )
+        what = f"a string of {len(value)} characters; a controller takes {LONGEST_STRING}"
+        raise Wrong(line, what)
     return value
 
 
 def point(text: str, line: int) -> tuple[tuple[float, ...], ...]:
-    """The numbers of the token ``point``, grouped as the manual groups them."""
+    """The numbers of a `point` token: position, orientation, configuration, external axes."""
     trans, rot, rest = text[2:-2].split("],[", 2)
     groups, largest = _groups(rest)
     position, q = tuple(map(float, trans.split(","))), tuple(map(float, rot.split(",")))
@@ -114,11 +122,11 @@ def point(text: str, line: int) -> tuple[tuple[float, ...], ...]:
 
 @lru_cache(maxsize=1000)
 def _groups(text: str) -> tuple[tuple[tuple[float, ...], ...], float]:
-    """Configuration and external axes, and the largest number in them: the same for many points."""
+    """Configuration and external axes, which many points share, and their largest number."""
     groups = tuple(tuple(map(float, group.split(","))) for group in text.split("],["))
     return groups, max(abs(v) for group in groups for v in group)
 
 
 def show_token(token: Token) -> str:
-    """A token for a message, short and on one line."""
+    """A token for a message, at most 40 characters on one line."""
     return "the end of the file" if token[0] == "end" else ascii(token[1][:40])

@@ -22,7 +22,7 @@ class Ref(Struct, frozen=True, gc=False):
 
 
 class Point(Struct, frozen=True, gc=False):
-    """A robtarget written out: its numbers, grouped as the manual groups them."""
+    """A robtarget written out: position, orientation, configuration and external axes."""
 
     value: tuple[Numbers, ...]
 
@@ -42,7 +42,7 @@ class Component(Struct, frozen=True):
 
 
 class Operation(Struct, frozen=True):
-    """Two values and what stands between them, in lower case: ``+``, ``div``, ``<=``, ``and``."""
+    """Two values and their operator in lower case: ``+``, ``div``, ``<=``, ``and``."""
 
     sign: str
     left: Expr
@@ -57,19 +57,23 @@ class Negation(Struct, frozen=True):
 
 
 class Maybe(Struct, frozen=True, gc=False):
-    """An optional parameter that is handed on where it is given, with a question mark."""
+    """An optional parameter after a question mark: it is passed on if it was given."""
 
     name: str
 
 
 class Hole(Struct, frozen=True, gc=False):
-    """A place that is not filled in: ``<EXP>``, or ``*``, a point that only the controller holds."""
+    """A placeholder: ``<EXP>`` is to be filled in, ``*`` is a point that is not in the text."""
 
     text: str
 
 
 class Calling(Struct, frozen=True, eq=False, gc=False):
-    """A statement, or a function inside one: name in lower case, arguments in order, optional arguments by name."""
+    """The call of an instruction, a routine or a function, its name in lower case.
+
+    args: arguments in order.
+    options: name and value of each optional argument; a switch has no value.
+    """
 
     line: int
     name: str
@@ -95,17 +99,20 @@ Expr = (
 
 
 def find_root(expr: Expr) -> Expr:
-    """The expression of the data of which `expr` is an element or a component."""
+    """The expression of the whole data, if `expr` is an element or a component of them."""
     while isinstance(expr, (Component, Element)):
         expr = expr.base
     return expr
 
 
 class Shape(Struct, frozen=True, eq=False, gc=False):
-    """What statements have in common that differ in the positions and orientations of their points only.
+    """The common part of motions that differ only in the position and orientation of their points.
 
-    name, args, options: as in Calling, without the points, which come first. points: for each its configuration and
-    external axes. lead: line ends before the name, from the statement before on.
+    name: name of the instruction in lower case.
+    points: configuration and external axes of each point.
+    args: arguments after the points.
+    options: name and value of each optional argument.
+    lead: number of line ends between the statement before and the name.
     """
 
     name: str
@@ -116,9 +123,13 @@ class Shape(Struct, frozen=True, eq=False, gc=False):
 
 
 class Inline(Struct, frozen=True, eq=False, gc=False):
-    """A motion to a point written out, through another one if its shape has two: a Calling in a few bytes.
+    """A motion to a point written out, in fewer bytes than a `Calling`.
 
-    to, via: positions. turn, via_turn: quaternions, as written.
+    shape: common part of such motions.
+    to: position of the target, mm.
+    turn: quaternion of the target, as written.
+    via: position of the circle point, mm, None without one.
+    via_turn: quaternion of the circle point.
     """
 
     line: int
@@ -129,17 +140,15 @@ class Inline(Struct, frozen=True, eq=False, gc=False):
     via_turn: Numbers = ()
 
     def call(self) -> Calling:
-        """The same motion as a statement like any other."""
-        ends = (
-            ((self.to, self.turn),)
-            if self.via is None
-            else ((self.via, self.via_turn), (self.to, self.turn))
-        )
-        points = (Point((*end, *rest)) for end, rest in zip(ends, self.shape.points, strict=True))
-        return Calling(self.line, self.shape.name, (*points, *self.shape.args), self.shape.options)
+        """The motion as a `Calling`."""
+        shape = self.shape
+        points = [Point((self.to, self.turn, *shape.points[-1]))]
+        if self.via is not None:
+            points.insert(0, Point((self.via, self.via_turn, *shape.points[0])))
+        return Calling(self.line, shape.name, (*points, *shape.args), shape.options)
 
 
-# Statements beside calls. A block is a list of them, and of runs of those that are read by column.
+# Statements other than calls. A block holds statements, and runs of statements read by column.
 
 
 class Assign(Struct, frozen=True, eq=False):
@@ -151,7 +160,10 @@ class Assign(Struct, frozen=True, eq=False):
 
 
 class If(Struct, frozen=True, eq=False):
-    """IF with its conditions and their blocks in order; ELSE is the last block. A compact IF has one."""
+    """IF with a condition and a block for each branch.
+
+    otherwise: block of ELSE, None without one.
+    """
 
     line: int
     branches: tuple[tuple[Expr, Block], ...]
@@ -178,7 +190,10 @@ class While(Struct, frozen=True, eq=False):
 
 
 class Test(Struct, frozen=True, eq=False):
-    """TEST value with its cases, each with its values; DEFAULT is the last block."""
+    """TEST value with the values and the block of each CASE.
+
+    otherwise: block of DEFAULT, None without one.
+    """
 
     line: int
     value: Expr
@@ -187,21 +202,21 @@ class Test(Struct, frozen=True, eq=False):
 
 
 class Label(Struct, frozen=True, eq=False, gc=False):
-    """``name:``; the name in lower case."""
+    """A label, its name in lower case."""
 
     line: int
     name: str
 
 
 class Goto(Struct, frozen=True, eq=False, gc=False):
-    """GOTO; the name in lower case."""
+    """GOTO, with the name of its label in lower case."""
 
     line: int
     name: str
 
 
 class Word(Struct, frozen=True, eq=False):
-    """RETURN, RAISE (each with a value or none), RETRY, TRYNEXT, EXIT; in lower case."""
+    """RETURN, RAISE, RETRY, TRYNEXT or EXIT, in lower case. The first two may have a value."""
 
     line: int
     name: str
@@ -216,8 +231,8 @@ class Connect(Struct, frozen=True, eq=False):
     trap: str
 
 
-class Late(Struct, frozen=True, eq=False):
-    """``%name% arguments;``: the routine that a string names."""
+class CallByName(Struct, frozen=True, eq=False):
+    """``%name% arguments;``: the call of a routine whose name is a string."""
 
     line: int
     name: Expr
@@ -226,7 +241,7 @@ class Late(Struct, frozen=True, eq=False):
 
 
 class Empty(Struct, frozen=True, eq=False, gc=False):
-    """``<SMT>``: a place for a statement; the text is kept."""
+    """``<SMT>``: the placeholder of a statement."""
 
     line: int
     text: str
@@ -244,7 +259,7 @@ Statement = (
     | Goto
     | Word
     | Connect
-    | Late
+    | CallByName
     | Empty
 )
 
@@ -281,7 +296,10 @@ Block = tuple[Statement | Run, ...]
 
 
 class Record(Struct, frozen=True, eq=False):
-    """RECORD with its components, type and name of each; an ALIAS has one without a name. All in lower case."""
+    """RECORD or ALIAS, in lower case.
+
+    components: type and name of each component. An ALIAS has one without a name.
+    """
 
     line: int
     name: str
@@ -290,7 +308,15 @@ class Record(Struct, frozen=True, eq=False):
 
 
 class Data(Struct, frozen=True, eq=False, gc=False):
-    """A declaration. storage: const, pers or var. task: of TASK PERS. dims: of an array."""
+    """A declaration of data.
+
+    storage: const, pers or var.
+    type: data type in lower case.
+    local: whether it is LOCAL.
+    value: expression of the first value.
+    task: whether it is TASK PERS.
+    dims: size of each dimension of an array.
+    """
 
     line: int
     storage: str
@@ -303,8 +329,13 @@ class Data(Struct, frozen=True, eq=False, gc=False):
 
 
 class Parameter(Struct, frozen=True, gc=False):
-    """A parameter. mode: "", var, pers, inout or ref. dims: of an array. optional: after a backslash; those of one
-    group are alternatives.
+    """A parameter of a routine.
+
+    mode: var, pers, inout, ref, or empty if the argument is copied.
+    type: data type in lower case.
+    dims: 1 for an array, else 0.
+    optional: whether a backslash precedes it.
+    group: number of its group. Optional parameters of one group exclude each other.
     """
 
     mode: str
@@ -316,8 +347,12 @@ class Parameter(Struct, frozen=True, gc=False):
 
 
 class Routine(Struct, frozen=True, eq=False, gc=False):
-    """A routine. handler: the statements behind ERROR, None where there is no such clause. kind: proc, func or trap.
-    gives: the data type of a FUNC. last: the line of its end.
+    """A routine.
+
+    handler: statements of the ERROR clause, None without one.
+    kind: proc, func or trap.
+    gives: data type of a FUNC.
+    last: line of its end.
     """
 
     line: int
@@ -333,7 +368,10 @@ class Routine(Struct, frozen=True, eq=False, gc=False):
 
 
 class Module(Struct, frozen=True, eq=False, gc=False):
-    """A module with what it declares. attributes: SYSMODULE and the like, in lower case."""
+    """A module with its declarations.
+
+    attributes: attributes such as SYSMODULE, in lower case.
+    """
 
     line: int
     name: str

@@ -1,5 +1,6 @@
-"""RAPID data types and predefined data (RAPID system data types manual; its chapters speeddata and zonedata). mm, deg,
-mm/s, kg.
+"""RAPID data types and predefined data, in mm, deg, mm/s and kg.
+
+Source: the system data types manual, for the values its chapters speeddata and zonedata.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ Value = float | bool | str | tuple["Value", ...]
 
 _XYZ = (("x", "num"), ("y", "num"), ("z", "num"))
 _POSE = (("trans", "pos"), ("rot", "orient"))
-#: Components of the record types; num, bool and string are written out.
+#: Components of the record types, name and type of each.
 TYPES: dict[str, tuple[tuple[str, str], ...]] = {
     "pos": _XYZ,
     "orient": (("q1", "num"), ("q2", "num"), ("q3", "num"), ("q4", "num")),
@@ -43,15 +44,17 @@ TYPES: dict[str, tuple[tuple[str, str], ...]] = {
         ("oframe", "pose"),
     ),
 }
+#: Types of values that are not records.
 LITERAL = {"num": float, "bool": bool, "string": str}
-UNUSED = 9e9  # an external axis that is not there
+#: Value of an external axis that does not exist.
+UNUSED = 9e9
 NO_TURN = (1.0, 0.0, 0.0, 0.0)
 _ZERO = (0.0, 0.0, 0.0)
 IDENTITY = (_ZERO, NO_TURN)
 
 _SPEEDS = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800,
            1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000, 7000)  # fmt: skip
-#: Radius at the TCP; the other components of a zone do not shape the path of the TCP.
+#: mm: radius of a zone for the TCP. The other components do not change the path of the TCP.
 _ZONES = {"z0": 0.3} | {
     f"z{r}": float(r) for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)
 }
@@ -68,10 +71,12 @@ PREDEFINED: dict[str, tuple[str, Value]] = (
 )
 
 
-#: Modules that are always there on older controllers, and what they declare (RAPID overview, system modules).
-RESIDENT = frozenset("base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".split())  # noqa: SIM905
+#: System modules of older controllers, and their names (RAPID overview, system modules).
+RESIDENT = frozenset(
+    "base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".split()  # noqa: SIM905
+)
 
-#: Those that a program may name and that the read-back of our own programs does not need.
+#: Further record types, which posts do not write.
 MORE_TYPES: dict[str, tuple[tuple[str, str], ...]] = {
     "stoppointdata": (
         ("type", "num"), ("progsynch", "bool"), ("inpos", "inposdata"), ("stoptime", "num"),
@@ -82,13 +87,14 @@ MORE_TYPES: dict[str, tuple[tuple[str, str], ...]] = {
     "confsupdata": (),
     "progdisp": (("pdisp", "pose"), ("eoffs", "extjoint")),
 }  # fmt: skip
-#: Data types that are numbers or texts.
+#: Data types whose values are numbers.
 NUMBERS = frozenset(
-    """num dnum byte intnum errnum errdomain errtype dionum opnum symnum tpnum triggflag stoppoint icondata buttondata
-    handler_type""".split()  # noqa: SIM905
+    """num dnum byte intnum errnum errdomain errtype dionum opnum symnum tpnum triggflag stoppoint
+    icondata buttondata handler_type""".split()  # noqa: SIM905
 )
+#: Data types whose values are texts.
 TEXTS = frozenset(("string", "mecunit", "errstr", "taskid"))
-#: Predefined beside those; what the robot decides has a usual value here.
+#: Further predefined data. Values that depend on the robot are usual ones.
 MORE: dict[str, tuple[str, Value]] = {
     "vmax": ("speeddata", (5000.0, 500.0, 5000.0, 1000.0)),
     "load0": ("loaddata", (0.001, (0.0, 0.0, 0.001), NO_TURN, 0.0, 0.0, 0.0)),
@@ -110,5 +116,5 @@ MORE: dict[str, tuple[str, Value]] = {
         for v in (10, 20, 50, 100, 200, 500, 1000)
     },
 }
-#: Variables of the system module ``user`` of older controllers.
+#: Variables of the system module `user` of older controllers, with their types.
 USER = {**{f"reg{k}": "num" for k in range(1, 6)}, "clock1": "clock", "wobj1": "wobjdata"}

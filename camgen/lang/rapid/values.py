@@ -1,11 +1,13 @@
-"""RAPID values at run time: numbers, texts, records as tuples, arrays as lists, and what no text holds.
+"""RAPID values at run time: numbers, texts, records as tuples, arrays as lists, unknown values.
 
-A value that is not known says where it comes from; what is worked out from it is not known either.
+An unknown value names its source. A result that depends on an unknown value is unknown.
 """
 
 from __future__ import annotations
 
 import math
+import operator
+from collections.abc import Callable
 from typing import Any
 
 from camgen.lang.values import Unknown
@@ -13,15 +15,18 @@ from camgen.lang.values import Unknown
 from .tokens import LONGEST_STRING, Wrong
 from .tree import Data, Expr
 
-#: What an expression is worth: float, bool, str, tuple (record), list (array), Unknown, or what an instruction made.
+#: The value of an expression: float, bool, str, tuple (record), list (array) or Unknown. A
+#: trigger is an object that its instruction defines.
 Value = Any
 
-
+#: The value of a missing argument.
 NOTHING = Unknown("")
+#: Numbers that are not below this are too large for a num (IEEE single precision).
+_TOO_LARGE = 3.5e38
 
 
 class RelativeTarget(Unknown, frozen=True, gc=False, kw_only=True):
-    """A robtarget in a frame that no text states, so that its components are unknown.
+    """A robtarget in a frame that is not in the program text, so that its components are unknown.
 
     point: the robtarget in this frame: position, mm, and orientation.
     frame: name of the frame.
@@ -33,13 +38,13 @@ class RelativeTarget(Unknown, frozen=True, gc=False, kw_only=True):
     work: str
 
 
-class Given(float):
-    """A value that the user gives to what no text holds: a num, or a bool where one is asked for."""
+class UserValue(float):
+    """A value that the user gives for an unknown one. It serves as a num or as a bool."""
 
     __slots__ = ()
 
     def meet(self, other: Value) -> float | bool:
-        """The same as what it is held against is."""
+        """The value as a bool if `other` is a bool, else as a num."""
         return self != 0.0 if type(other) is bool else float(self)
 
 
@@ -47,6 +52,12 @@ class Variable:
     """Data with its value.
 
     name: name as declared.
+    type: data type as declared.
+    storage: const, pers, var, parameter, counter (of a FOR), or absent: a parameter not given.
+    value: present value. The variable itself stands for a value that is not evaluated yet.
+    line: line of the declaration.
+    dims: size of each dimension of an array.
+    home: module of the declaration.
     base: data of which a parameter is a part, and the path to the part within them.
     start: expression of the first value. It is evaluated when the value is needed.
     fault: reason why there is no value.
@@ -71,128 +82,131 @@ class Variable:
 
 
 def find_unknown(value: Value) -> Unknown | None:
-    """The first part of a value that is not known."""
+    """The first unknown part of a value, None if all of it is known."""
     if type(value) is Unknown:
         return value
     if type(value) is RelativeTarget:
         return Unknown(value.what, value.key)
     if isinstance(value, (tuple, list)):
         for item in value:
-            found = find_unknown(item)
-            if found is not None:
-                return found
+            unknown = find_unknown(item)
+            if unknown is not None:
+                return unknown
     return None
 
 
-def put(old: Value, path: tuple[int, ...], new: Value) -> Value:
-    """``old`` with ``new`` at the places ``path``; arrays change in place."""
+def replace_part(old: Value, path: tuple[int, ...], new: Value) -> Value:
+    """`old` with `new` at the indices `path`. Arrays change in place, records are copied."""
     if not path:
         return new
-    place, rest = path[0], path[1:]
+    index = path[0]
+    part = replace_part(old[index], path[1:], new)
     if isinstance(old, list):
-        old[place] = put(old[place], rest, new)
+        old[index] = part
         return old
-    return (*old[:place], put(old[place], rest, new), *old[place + 1 :])
+    return (*old[:index], part, *old[index + 1 :])
 
 
-def copied(value: Value) -> Value:
-    """The value with arrays of its own."""
-    return [copied(item) for item in value] if isinstance(value, list) else value
+def copy_arrays(value: Value) -> Value:
+    """The value with copies of its arrays; records and other values are shared."""
+    return [copy_arrays(item) for item in value] if isinstance(value, list) else value
 
 
-def is_number(value: Value) -> bool:
-    """Whether a value is a num."""
-    return type(value) is float
-
-
-def _is_vector(value: Value) -> bool:
-    return isinstance(value, tuple) and len(value) == 3 and all(map(is_number, value))
-
-
-def _is_turn(value: Value) -> bool:
-    return isinstance(value, tuple) and len(value) == 4 and all(map(is_number, value))
+def _has_numbers(value: Value, count: int) -> bool:
+    """Whether a value is a record of `count` nums: 3 make a position, 4 an orientation."""
+    return (
+        isinstance(value, tuple)
+        and len(value) == count
+        and all(type(item) is float for item in value)
+    )
 
 
 def operate(sign: str, a: Value, b: Value, line: int) -> Value:
-    """``a sign b``. Wrong where no controller has such an operation, or it fails."""
-    if type(a) is Given or type(b) is Given:
-        logical = sign in ("and", "or", "xor")
-        a, b = (
-            one.meet(logical or two) if type(one) is Given else one for one, two in ((a, b), (b, a))
-        )
-    if sign in ("and", "or", "xor"):
+    """The value of `a sign b`. Raises Wrong if there is no such operation, or if it fails."""
+    is_logical = sign in ("and", "or", "xor")
+    if type(a) is UserValue:
+        a = a.meet(is_logical or b)
+    if type(b) is UserValue:
+        b = b.meet(is_logical or a)
+    if is_logical:
         return _combine(sign, a, b, line)
     unknown = find_unknown(a) or find_unknown(b)
     if unknown is not None:
         return unknown
     if sign in ("=", "<>"):
-        return _equal(a, b) == (sign == "=")
+        return (a == b) == (sign == "=")
     if type(a) is float and type(b) is float:
         return _calculate(sign, a, b, line)
     if sign == "+" and isinstance(a, str) and isinstance(b, str):
         if len(a) + len(b) > LONGEST_STRING:
             raise Wrong(line, f"a string becomes longer than {LONGEST_STRING} characters")
         return a + b
-    if sign == "*" and _is_turn(a) and _is_turn(b):
-        return multiply_turns(a, b)
-    if _is_vector(a) or _is_vector(b):
-        return _vectors(sign, a, b, line)
-    raise Wrong(line, f"{tell_type(a)} {sign.upper()} {tell_type(b)}: there is no such operation")
+    result = _calculate_vectors(sign, a, b)
+    if result is None:
+        types = f"{format_type(a)} {sign.upper()} {format_type(b)}"
+        raise Wrong(line, f"{types}: there is no such operation")
+    return result
 
 
 def _combine(sign: str, a: Value, b: Value, line: int) -> Value:
-    """AND, OR and XOR of what may not be known."""
-    decides = sign == "or"
-    if sign != "xor" and (a is decides or b is decides):
-        return decides
-    for one in (a, b):
-        if isinstance(one, Unknown):
-            return one
-        if type(one) is not bool:
-            raise Wrong(line, f"{sign.upper()} of {tell_type(one)}")
-    if sign == "xor":
-        return a != b
-    return (a and b) if sign == "and" else (a or b)
+    """AND, OR and XOR. One operand may decide although the other one is unknown."""
+    decisive = sign == "or"
+    if sign != "xor" and (a is decisive or b is decisive):
+        return decisive
+    for operand in (a, b):
+        if isinstance(operand, Unknown):
+            return operand
+        if type(operand) is not bool:
+            raise Wrong(line, f"{sign.upper()} of {format_type(operand)}")
+    # Otherwise no operand decides: AND has two TRUE, OR has two FALSE.
+    return a != b if sign == "xor" else not decisive
 
 
-def _equal(a: Value, b: Value) -> bool:
-    if (type(a) is bool and type(b) is float) or (type(a) is float and type(b) is bool):
-        return float(a) == float(b)
-    return bool(a == b)
+_RELATIONS: dict[str, Callable[[float, float], bool]] = {
+    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge,
+}  # fmt: skip
+#: DIV and MOD are divisions here: the quotient may be too large for a num.
+_ARITHMETIC: dict[str, Callable[[float, float], float]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul,
+    "/": operator.truediv, "div": operator.truediv, "mod": operator.truediv,
+}  # fmt: skip
 
 
 def _calculate(sign: str, a: float, b: float, line: int) -> Value:
-    if sign in ("<", "<=", ">", ">="):
-        return (
-            a < b if sign == "<" else a <= b if sign == "<=" else a > b if sign == ">" else a >= b
-        )
+    if sign in _RELATIONS:
+        return _RELATIONS[sign](a, b)
     if sign in ("/", "div", "mod") and b == 0:
         raise Wrong(line, "a division by 0")
-    if sign in ("div", "mod") and abs(a / b) < 3.5e38:
-        whole = float(math.trunc(a / b))
-        return whole if sign == "div" else a - whole * b
-    value = a + b if sign == "+" else a - b if sign == "-" else a * b if sign == "*" else a / b
-    if not abs(value) < 3.5e38:
+    value = _ARITHMETIC[sign](a, b)
+    if not abs(value) < _TOO_LARGE:
         raise Wrong(line, "a number becomes larger than a num can be")
-    return value
+    if sign not in ("div", "mod"):
+        return value
+    whole = float(math.trunc(value))
+    return whole if sign == "div" else a - whole * b
 
 
-def _vectors(sign: str, a: Value, b: Value, line: int) -> Value:
-    """Sums of positions, and products with a number or each other."""
-    if _is_vector(a) and _is_vector(b):
+def _calculate_vectors(sign: str, a: Value, b: Value) -> Value | None:
+    """Sums and products of positions, orientations and nums. None for other operations."""
+    if sign == "*" and _has_numbers(a, 4) and _has_numbers(b, 4):
+        return multiply_turns(a, b)
+    is_position = _has_numbers(a, 3), _has_numbers(b, 3)
+    if not any(is_position):
+        return None
+    if all(is_position):
         if sign in ("+", "-"):
-            return tuple(x + y if sign == "+" else x - y for x, y in zip(a, b, strict=True))
+            return tuple(map(_ARITHMETIC[sign], a, b))
         if sign == "*":
             return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    if sign == "*" and is_number(a):
+    if sign == "*" and type(a) is float:
         return tuple(a * y for y in b)
-    if sign in ("*", "/") and is_number(b) and (b != 0 or sign == "*"):
-        return tuple(x * b if sign == "*" else x / b for x in a)
-    raise Wrong(line, f"{tell_type(a)} {sign.upper()} {tell_type(b)}: there is no such operation")
+    if sign in ("*", "/") and type(b) is float and (b != 0 or sign == "*"):
+        return tuple(_ARITHMETIC[sign](x, b) for x in a)
+    return None
 
 
 def multiply_turns(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
-    """The product of two quaternions."""
+    """The product of two quaternions, each with its real part first."""
     w, x, y, z = a
     p, q, r, s = b
     return (
@@ -204,28 +218,23 @@ def multiply_turns(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, .
 
 
 def negate(sign: str, value: Value, line: int) -> Value:
-    """``-value`` or NOT value. Wrong where there is none."""
+    """The value of `-value` or `NOT value`. Raises Wrong if there is no such operation."""
     if isinstance(value, Unknown):
         return value
-    if type(value) is Given:
+    if type(value) is UserValue:
         value = value.meet(sign == "not" or 0.0)
     if sign == "not":
         if type(value) is not bool:
-            raise Wrong(line, f"NOT of {tell_type(value)}")
+            raise Wrong(line, f"NOT of {format_type(value)}")
         return not value
     if type(value) is float:
         return -value
-    if _is_vector(value):
+    if _has_numbers(value, 3):
         return tuple(-x for x in value)
-    raise Wrong(line, f"minus {tell_type(value)}: there is no such operation")
+    raise Wrong(line, f"minus {format_type(value)}: there is no such operation")
 
 
-def tell_type(value: Value) -> str:
-    """What kind of value it is, for a message."""
-    if type(value) is float:
-        return "a num"
-    if type(value) is bool:
-        return "a bool"
-    if isinstance(value, str):
-        return "a string"
-    return "an array" if isinstance(value, list) else "a record"
+def format_type(value: Value) -> str:
+    """The type of a value for a message."""
+    names = {float: "a num", bool: "a bool", str: "a string", list: "an array"}
+    return names.get(type(value), "a record")

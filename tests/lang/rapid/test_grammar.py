@@ -7,6 +7,7 @@ from camgen.lang.rapid.expressions import Calls
 from camgen.lang.rapid.grammar import parse
 from camgen.lang.rapid.tree import (
     Assign,
+    CallByName,
     Calling,
     Component,
     Connect,
@@ -19,7 +20,6 @@ from camgen.lang.rapid.tree import (
     If,
     Inline,
     Label,
-    Late,
     Maybe,
     Negation,
     Operation,
@@ -160,7 +160,7 @@ def test_data_behind_a_routine_is_odd_and_read() -> None:
         ("p a:=1,b:=2;", [Calling]),
         ("p\\x?y;", [Calling]),
         ("p (1+2);\np (1),2;", [Calling, Calling]),
-        ('%"p"%;\n%"p"+"1"% 1,2\\x;', [Late, Late]),
+        ('%"p"%;\n%"p"+"1"% 1,2\\x;', [CallByName, CallByName]),
         ("GOTO a;\na:\nb:c;", [Goto, Label, Label, Calling]),
         ("RETURN;\nRETURN 1;\nRAISE;\nRAISE 7;\nEXIT;", [Word] * 5),
         ("CONNECT i WITH t;\nCONNECT i{1} WITH t;", [Connect, Connect]),

@@ -95,7 +95,6 @@ def _run(state: State, last_line: int) -> None:
 
 
 def _run_routine(state: State, routine: Routine, depth: int) -> None:
-    """Runs a routine and the routines that it calls."""
     scope = state.scopes[routine]
     state.ran[routine] = None
     for part in routine.body:

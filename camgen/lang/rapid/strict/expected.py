@@ -188,7 +188,6 @@ def _same(a: Sequence[float], b: Sequence[float]) -> bool:
 
 
 def _flatten(value: Value) -> tuple[float, ...]:
-    """The numbers of a record in order."""
     if isinstance(value, tuple):
         return tuple(chain.from_iterable(map(_flatten, value)))
     return (float(value),) if isinstance(value, (int, float)) else ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from camgen.lang.rapid.machine import Frame, Home
+from camgen.lang.rapid.machine import ModuleScope, RoutineScope
 from camgen.lang.rapid.tree import Data, Module, Routine
 from camgen.lang.rapid.types import PREDEFINED, RESIDENT
 from camgen.lang.rapid.values import Variable
@@ -32,7 +32,7 @@ def enter_module(state: State, module: Module) -> None:
     members: tuple[Data | Routine, ...] = (*module.data, *module.routines)
     if not _are_new(state, members):
         _check_each(state, members)
-    home = Home(module.name)
+    home = ModuleScope(module.name)
     for routine in module.routines:
         state.homes[routine] = home
         routines = home.routines if routine.local else state.routines
@@ -53,7 +53,6 @@ def _are_new(state: State, members: Sequence[Data | Routine]) -> bool:
 
 
 def _check_each(state: State, members: Sequence[Data | Routine]) -> None:
-    """Adds a finding for each name of a member of a module that is not legal or not new."""
     names: set[str] = set()
     for item in members:
         key = item.name.lower()
@@ -69,7 +68,6 @@ def _check_each(state: State, members: Sequence[Data | Routine]) -> None:
 
 
 def _check_legal(state: State, name: str, line: int) -> None:
-    """Adds a finding for a name that is too long or predefined."""
     longest = state.settings.longest_name
     if len(name) > longest:
         state.log.find("refused", f"{name[:40]} is longer than {longest} characters", line=line)
@@ -78,7 +76,6 @@ def _check_legal(state: State, name: str, line: int) -> None:
 
 
 def _check_new(state: State, name: str, line: int) -> None:
-    """Adds a finding for a global name that a module of the controller declares."""
     if name.lower() in RESIDENT:
         what = f"{name} is the name of a system module or of what one declares"
         state.log.find("refused", what, line=line)
@@ -87,23 +84,22 @@ def _check_new(state: State, name: str, line: int) -> None:
 def open_scopes(state: State) -> None:
     """Makes the scope of each routine, and evaluates every declaration, used or not."""
     _evaluate(state, state.declared)
-    shared = Frame(None, Home(""))
+    shared = RoutineScope(None, ModuleScope(""))
     for routine, home in state.homes.items():
         # Routines without data share a scope. The arguments of a motion are bound once in it.
         if shared.home is not home:
-            shared = Frame(None, home)
+            shared = RoutineScope(None, home)
         state.scopes[routine] = shared
         if routine.data:
-            scope = state.scope = state.scopes[routine] = Frame(routine, home)
+            scope = state.scope = state.scopes[routine] = RoutineScope(routine, home)
             for data in routine.data:
                 _check_legal(state, data.name, data.line)
                 scope.data[data.name.lower()] = state.declare(data, home)
             _evaluate(state, scope.data.values())
-    state.scope = Frame(None, Home(""))
+    state.scope = RoutineScope(None, ModuleScope(""))
 
 
 def _evaluate(state: State, variables: Iterable[Variable]) -> None:
-    """Evaluates data with a value. A fault is a finding."""
     for variable in variables:
         if variable.start is not None:
             state.load(variable)

@@ -13,7 +13,7 @@ from camgen.lang.rapid.machine import RobotPosition
 from camgen.lang.rapid.rows import Columns, Rows
 from camgen.lang.rapid.tokens import Wrong
 from camgen.lang.rapid.tree import Inline
-from camgen.lang.rapid.ways import is_half_turn, judge_arc, judge_arcs
+from camgen.lang.rapid.ways import find_arc_faults, is_half_turn, is_usual_arc
 from camgen.model.body import NUMBER, Body, Packed
 from camgen.model.pose import FloatArray, Pose, to_vec3
 from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
@@ -38,7 +38,6 @@ def perform(state: State) -> None:
 
 
 def _perform_rows(state: State, rows: Rows, indices: Indices) -> None:
-    """Runs statements of a file in order."""
     done = 0
     # The path of a motion that starts at joint values is unknown.
     while done < len(indices) and state.position.pose is None:
@@ -168,13 +167,11 @@ def _find_effects(state: State, rows: Rows, indices: Indices, columns: Columns) 
 
 
 def _are_arcs(starts: FloatArray, vias: FloatArray, ends: FloatArray) -> bool:
-    """Whether none of the arcs has a fault or remark."""
-    doubtful = np.flatnonzero(~judge_arcs(starts, vias, ends))
+    doubtful = np.flatnonzero(~is_usual_arc(starts, vias, ends))
     points = (side[doubtful].tolist() for side in (starts, vias, ends))
-    return all(judge_arc(*map(tuple, arc)) == ("", "") for arc in zip(*points, strict=True))
+    return all(find_arc_faults(*map(tuple, arc)) == ("", "") for arc in zip(*points, strict=True))
 
 
 def _turns(rotation: Indices, lines: Mask) -> Iterator[tuple[int, int]]:
-    """The rotations at both ends of linear motions that turn the tool, each pair once."""
     rows = np.flatnonzero(lines[1:] & (rotation[1:] != rotation[:-1]))
     yield from dict.fromkeys(zip(rotation[rows].tolist(), rotation[rows + 1].tolist(), strict=True))

@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from camgen.lang.programs import Ask
 from camgen.lang.rapid.functions import SPECIAL
-from camgen.lang.rapid.machine import Frame, Machine
+from camgen.lang.rapid.machine import Machine, RoutineScope
 from camgen.lang.rapid.places import pose_of
 from camgen.lang.rapid.rows import Rows
 from camgen.lang.rapid.tokens import Wrong
@@ -77,7 +77,7 @@ class Waiting(Struct, eq=False):
     rows: Rows
     first: int
     last: int
-    scope: Frame
+    scope: RoutineScope
 
 
 @dataclass(eq=False, kw_only=True)
@@ -114,14 +114,14 @@ class State(Machine):
     modules: list[Module] = field(default_factory=list)
     module_names: set[str] = field(default_factory=set)
     declared: list[Variable] = field(default_factory=list)
-    scopes: dict[Routine, Frame] = field(default_factory=dict)
+    scopes: dict[Routine, RoutineScope] = field(default_factory=dict)
     used: set[str] = field(default_factory=set)
     ran: dict[Routine, None] = field(default_factory=dict)
     handling: set[Routine] = field(default_factory=set)
     packing: BodyBuilder = field(default_factory=BodyBuilder)
     lines: array[int] = field(default_factory=partial(array, "q"))
     set_up: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)
-    checked: dict[str, tuple[str, Frame]] = field(default_factory=dict)
+    checked: dict[str, tuple[str, RoutineScope]] = field(default_factory=dict)
     moved: bool = False
     count: int = 0
     supervised: dict[str, tuple[bool, int]] = field(default_factory=dict)
@@ -141,9 +141,9 @@ class State(Machine):
 
     # -- names and values: each has its type
 
-    def find_system(self, name: str) -> Variable | None:
+    def find_system_data(self, name: str) -> Variable | None:
         """Data that the system declares and whose values do not depend on the robot."""
-        return super().find_system(name) if name.lower() in PREDEFINED else None
+        return super().find_system_data(name) if name.lower() in PREDEFINED else None
 
     def known(self, expr: Expr | None) -> bool:
         """Whether an expression is a name that is declared or predefined."""
@@ -211,7 +211,6 @@ class State(Machine):
         return self.typed(variable.start, variable.type, variable.line)
 
     def _call_function(self, call: Calling, want: str) -> Value:
-        """The value of Offs, or of RelTool with one angle at most."""
         if call.name not in ("offs", "reltool") or want != "robtarget":
             raise Wrong(call.line, f"the function {call.name[:40]} is not read here")
         if len(call.args) != 4:
@@ -233,7 +232,7 @@ class State(Machine):
 
     # -- statements
 
-    def wait(self, run: Run, scope: Frame) -> None:
+    def wait(self, run: Run, scope: RoutineScope) -> None:
         """Adds statements to those that wait. Adjacent sequences become one."""
         before = self.waiting[-1] if self.waiting else None
         is_same = before is not None and before.rows is run.rows and before.scope is scope

@@ -14,12 +14,12 @@ from camgen.lang.rapid.places import pose_of
 from camgen.lang.rapid.tree import Calling, Expr, Inline, Ref
 from camgen.lang.rapid.types import Value
 from camgen.lang.rapid.ways import (
+    find_arc_faults,
+    find_joints_fault,
+    find_joints_remark,
+    find_posture_fault,
+    find_posture_remark,
     is_half_turn,
-    joints_fault,
-    joints_remark,
-    judge_arc,
-    posture_fault,
-    posture_remark,
 )
 from camgen.model.pose import Pose
 from camgen.model.program import (
@@ -62,7 +62,6 @@ _AIR = 1.01
 
 
 def _signal(state: State, call: Calling) -> str:
-    """The logical name of the signal that is the first argument."""
     if call.options:
         raise state.wrong(f"\\{call.options[0][0][:40]} of {call.name} is not read")
     if not call.args or not isinstance(call.args[0], Ref):
@@ -123,7 +122,6 @@ def _wait(state: State, call: Calling) -> None:
 
 
 def _stop(state: State, call: Calling) -> None:
-    """Runs Stop, which waits for the operator."""
     if call.args or call.options:
         raise state.wrong("stop is read without arguments")
     state.stopped("stop")
@@ -185,7 +183,6 @@ def _calibrate(state: State, call: Calling) -> None:
 
 
 def _deactivate(state: State, call: Calling) -> None:
-    """Runs FCDeact, which ends force control."""
     check_deactivation(state, call)
     if state.pressing is not None:
         raise state.wrong("fcdeact while pressing, before FCPressEnd")
@@ -255,9 +252,9 @@ def motion(state: State, call: Calling) -> None:
     values = bound.values
     if call.name == "moveabsj":
         axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
-        if what := joints_fault(axes):
+        if what := find_joints_fault(axes):
             raise state.wrong(what)
-        state.remark(joints_remark(axes))
+        state.remark(find_joints_remark(axes))
         _move(state, bound, None, Joints(tuple(math.radians(v) for v in axes)))
     else:
         via = pose_of(state, values["via"]) if "via" in values else None
@@ -265,7 +262,6 @@ def motion(state: State, call: Calling) -> None:
 
 
 def _read_bound(state: State, call: Calling) -> Bound:
-    """Reads a motion without its points."""
     values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
     turn = math.radians(numbers(values["speed"])[1])
@@ -310,9 +306,9 @@ def _check_postures(state: State, values: Mapping[str, Value]) -> None:
     """
     configurations = [_confdata(values[name]) for name in ("via", "to") if name in values]
     for configuration in configurations:
-        if what := posture_fault(configuration):
+        if what := find_posture_fault(configuration):
             raise state.wrong(what)
-        state.remark(posture_remark(configuration))
+        state.remark(find_posture_remark(configuration))
     if configurations and configurations[0] != configurations[-1]:
         state.remark("the circle point of an arc has another configuration than its end")
 
@@ -370,7 +366,6 @@ def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
 
 
 def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:
-    """A motion without force."""
     if isinstance(target, Joints) or bound.name == "movej":
         return MoveJ(target, bound.speed, bound.blend, posture=bound.posture, turn=turn)
     if via is not None:
@@ -476,7 +471,7 @@ def _check_motion(state: State, bound: Bound, start: Pose, via: Pose | None, tar
             what = "the tool turns by 180 deg in one straight motion; its sense is open"
             state.remark(what)
     else:
-        fault, remark = judge_arc(start.origin, via.origin, target.origin)
+        fault, remark = find_arc_faults(start.origin, via.origin, target.origin)
         if fault:
             state.log.find("refused", fault)
         state.remark(remark)

@@ -120,7 +120,7 @@ class _Parser(Parser):
             what = "a comment outside of a module, where the kernel manual has none"
             self.notes.append(Note(line, what, odd=True))
 
-    def judge_attribute(self, line: int, text: str, attributes: list[str]) -> None:
+    def check_attribute(self, line: int, text: str, attributes: list[str]) -> None:
         """Ignores the attributes of a module."""
 
     def record(self) -> Any:
