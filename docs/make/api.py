@@ -54,7 +54,7 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ),
 )  # fmt: skip
 #: Sections with whole docstrings; the others have the first paragraph of each.
-WHOLE = frozenset({"Build", "Stage by stage", "Its instructions", "Poses", "Errors"})
+WHOLE = frozenset({"Build", "Stage by stage", "Its instructions", "Errors"})
 _INTRODUCTION = """\
 # Python interface
 
