@@ -53,17 +53,8 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("CamgenError", "InputError", "JobError", "NoSafeProgram", "Refused", "VerifyError"),
     ),
 )  # fmt: skip
-#: Sections for authors of plug-ins, who read the docstrings of the fields in the code.
-FOR_AUTHORS = frozenset(
-    {
-        "Readers",
-        "Posts",
-        "Languages",
-        "Machines",
-        "Plug-ins",
-        "Conformance kit",
-    }
-)
+#: Sections with whole docstrings; the others have the first paragraph of each.
+WHOLE = frozenset({"Build", "Stage by stage", "Its instructions", "Errors"})
 _INTRODUCTION = """\
 # Python interface
 
@@ -75,9 +66,8 @@ print(result.text)
 print(result.report["time_s"], result.deviation.max_mm)
 ```
 
-`build` writes and prints nothing. The package is typed (`py.typed`). All values are frozen. Inside
-camgen lengths are mm, angles rad, times s, forces N; settings have the units of [the job
-file](job.md).
+`build` writes and prints nothing. All values are frozen, and typed (`py.typed`). Lengths are mm,
+angles rad, times s, forces N; settings have the units of [the job file](job.md).
 
 Errors are `CamgenError`s, with the exit code that the command line would return:
 
@@ -91,9 +81,8 @@ except CamgenError as error:
 ```
 
 [Python, by example](python.md) shows the stages, [writing a post](writing-a-post.md) posts and
-languages. This page is generated from the docstrings (`python -m docs.make.pages`); a test keeps it
-current. Names that are not on it may change without a line in the changelog. Of the types for
-plug-ins it has the first paragraph; `help(camgen.lang.programs.Ask)`, for example, prints the rest.
+languages. Names that are not on this page may change without a line in the changelog.
+`help(camgen.Part)`, for example, prints what each field holds.
 """
 
 
@@ -101,9 +90,8 @@ def api() -> str:
     """The whole page."""
     parts = [_INTRODUCTION]
     for heading, module, names in SECTIONS:
-        parts.append(f"\n## {heading}\n")
-        parts.append(f"From `{module}`.\n")
-        parts += [_entry(module, name, is_whole=heading not in FOR_AUTHORS) for name in names]
+        parts.append(f"\n## {heading}: `{module}`\n")
+        parts += [_entry(module, name, is_whole=heading in WHOLE) for name in names]
     return "\n".join(parts).rstrip("\n") + "\n"
 
 

@@ -108,9 +108,10 @@ def _anchor(name: str) -> str:
 
 
 def _section(r: Robot) -> str:
-    trust = ", ".join(
-        f"{what} {getattr(r.trust, what)}" for what in ("kinematics", "limits", "speeds", "boxes")
-    )
+    grades = {what: getattr(r.trust, what) for what in ("kinematics", "limits", "speeds", "boxes")}
+    trust = ", ".join(f"{what} {grade}" for what, grade in grades.items())
+    if len(set(grades.values())) == 1:
+        trust = f"all {r.trust.kinematics}"
     boxes = sum(len(link.boxes) for link in r.links)
     lines = [
         f"\n## {r.name}\n",
@@ -119,8 +120,7 @@ def _section(r: Robot) -> str:
         "|---|---|---|---|",
         *_joints(r),
         "",
-        f"- Trust: {trust}.",
-        f"- Boxes for collisions: {boxes}, grown by {short(r.pad, 1)} mm.",
+        f"- Trust: {trust}. {boxes} boxes, grown by {short(r.pad, 1)} mm.",
         *(f"- Note: {note}" for note in r.notes),
         *(f"- Source: {source}." for source in r.sources),
     ]

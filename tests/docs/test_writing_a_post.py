@@ -1,4 +1,4 @@
-"""The post tutorial, followed literally: its files are written as it says, and its commands are run in their order."""
+"""The post tutorial: what it shows is in the example, and its commands are run in their order."""
 
 import dataclasses
 import importlib.util
@@ -24,14 +24,10 @@ BLOCK = re.compile(r'^```(\w+)(?: title="([\w.]+)")?\n(.*?)^```$', re.S | re.M)
 
 
 def files() -> dict[str, str]:
-    """The files of the page: blocks in order, after one blank line if they begin with spaces, else after two."""
-    found: dict[str, str] = {}
-    for _, title, body in BLOCK.findall(PAGE):
-        if title in found:
-            found[title] += ("\n" if body.startswith(" ") else "\n\n") + body
-        elif title:
-            found[title] = body
-    return found
+    """The files of the example."""
+    return {
+        path.name: path.read_text(encoding="utf-8") for path in EXAMPLE.iterdir() if path.is_file()
+    }
 
 
 def commands() -> list[str]:
@@ -49,11 +45,12 @@ def outputs() -> list[str]:
     ]
 
 
-def test_the_page_gives_the_example() -> None:
-    expected = {
-        path.name: path.read_text(encoding="utf-8") for path in EXAMPLE.iterdir() if path.is_file()
-    }
-    assert files() == expected
+def test_the_page_shows_pieces_of_the_example() -> None:
+    """Each block with a file name is whole lines of that file, and every file is shown."""
+    shown = [(title, body) for _, title, body in BLOCK.findall(PAGE) if title]
+    assert {title for title, _ in shown} == set(files())
+    for title, body in shown:
+        assert "\n" + body in "\n" + files()[title], f"{title}: {body}"
 
 
 @pytest.mark.parametrize("name", ["krl.py", "krl_language.py"])
@@ -145,15 +142,14 @@ def without_network(words: list[str], site: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def followed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
-    """The folder that the page makes, beside that of camgen, and what each of its commands prints."""
+    """The folder that the page makes, in that of camgen, and what each of its commands prints."""
     if importlib.util.find_spec("setuptools") is None:
         pytest.skip("setuptools, which builds the example package, is not installed")
     camgen = tmp_path_factory.mktemp("camgen")
     folder, site = camgen / "krl_post", camgen / "site"
     folder.mkdir()
     shutil.copytree(ROOT / "fixtures" / "parts", camgen / "fixtures" / "parts")
-    for name, text in files().items():
-        (folder / name).write_text(text, encoding="utf-8")
+    shutil.copytree(EXAMPLE, camgen / "docs" / "example_post")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
     printed = {}
     for command in commands():
@@ -169,6 +165,7 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
 def test_the_commands_of_the_page_run(followed: tuple[Path, dict[str, str]]) -> None:
     _, printed = followed
     assert [command.split()[0] for command in printed] == [
+        "cp",
         "pip",
         "pytest",
         "camgen",
