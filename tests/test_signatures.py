@@ -7,7 +7,6 @@ from pathlib import Path
 from tests.support.syntax import list_nodes
 from tests.support.texture import MOST_PARAMETERS, ROOT
 
-READER = "a language reader, which one engine for all languages will replace"
 #: File, name and reason of each function that takes more.
 EXCEPTIONS = {
     ("camgen/pipeline/__init__.py", "build"): "the public call, whose keywords users write",
