@@ -254,7 +254,7 @@ def _check_folder(session: Session, tables: Tables) -> None:
         try:
             file = os.path.realpath(session.job_file.parent / name)
         except ValueError as error:  # a zero byte
-            raise JobError(name, "is not the name of a file") from error
+            raise JobError(name, "is not a file name") from error
         is_inside = os.path.commonpath([root, file]) == root
         if not is_inside and identity(file) not in session.allowed:
             what = f"lies outside the open folder {session.folder.resolve().name}"

@@ -344,8 +344,8 @@ def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
     said = [str(note) for note in made.notes if name.name in note.what]
     assert said[1:] == [f"assumed: {name.name}: {note}" for note in of.notes]
     assert said[0] == (
-        f"warning: {name.name}: home and posture are in the joint values of the URDF (their zeros and signs need not "
-        "be the controller's: compare one pose with the teach pendant)"
+        f"warning: {name.name}: home and posture are in the joint values of the URDF "
+        "(the zeros and signs of the controller may differ: compare one pose with the teach pendant)"
     )
 
 

@@ -321,7 +321,7 @@ def test_operations_are_added_set_moved_and_removed(tab: Tab) -> None:
     tab.page.locator("[data-row='operations.1'] .grip").press("Alt+ArrowUp")
     state = tab.rest("s.tables.operations[1].kind === 'drill'")
     assert state["tables"]["operations"] == [{}, {"kind": "drill", "layers": ["HOLES"]}]
-    tab.page.locator("[data-row='operations.0']").get_by_text("Remove").click()
+    tab.page.locator("[data-row='operations.0']").get_by_role("button", name="Remove").click()
     assert (
         tab.rest("s.tables.operations.length === 1")["tables"]["operations"][0]["kind"] == "drill"
     )

@@ -85,33 +85,33 @@ def without_wait(patch: Patch) -> None:
 
 def half_leads(patch: Patch) -> None:
     """Leads are half as long."""
-    original = module("order.leads")._lead
+    original = module("order.leads")._make_lead
 
     def changed(path: Any, length: float, *given: Any) -> Any:
         return original(path, length / 2, *given)
 
-    patch.setattr(module("order.leads"), "_lead", changed)
+    patch.setattr(module("order.leads"), "_make_lead", changed)
 
 
 def straight_leads(patch: Patch) -> None:
     """Leads are lines and not quarter circles."""
-    original = module("order.leads")._lead
+    original = module("order.leads")._make_lead
 
     def changed(path: Any, length: float, end: int, _ring: bool, feed: float) -> Any:
         return original(path, length, end, False, feed)
 
-    patch.setattr(module("order.leads"), "_lead", changed)
+    patch.setattr(module("order.leads"), "_make_lead", changed)
 
 
 def fast_leads(patch: Patch) -> None:
     """Leads are run half as fast again as the job asks for."""
-    original = module("order.leads")._lead
+    original = module("order.leads")._make_lead
 
     def changed(path: Any, length: float, end: int, ring: bool, feed: float) -> Any:
         faster = path.with_columns(feed=path.feed * 1.5)
         return original(faster, length, end, ring, feed * 1.5)
 
-    patch.setattr(module("order.leads"), "_lead", changed)
+    patch.setattr(module("order.leads"), "_make_lead", changed)
 
 
 def no_place_for_leads(patch: Patch) -> None:
@@ -121,28 +121,28 @@ def no_place_for_leads(patch: Patch) -> None:
 
 def without_overlap(patch: Patch) -> None:
     """Paths end at their seam."""
-    patch.setattr(module("order.leads"), "_overlap", lambda path, _overlap: path)
+    patch.setattr(module("order.leads"), "_add_overlap", lambda path, _overlap: path)
 
 
 def run_twice(patch: Patch) -> None:
     """Closed paths are run twice around."""
-    original = module("order.leads")._overlap
-    patch.setattr(module("order.leads"), "_overlap", lambda path, _length: original(path, 1e6))
+    original = module("order.leads")._add_overlap
+    patch.setattr(module("order.leads"), "_add_overlap", lambda path, _length: original(path, 1e6))
 
 
 def without_tabs(patch: Patch) -> None:
     """Tabs are placed, but no path goes over them."""
-    patch.setattr(module("order.tabs"), "_hold", lambda loop, *_: loop.path)
+    patch.setattr(module("order.tabs"), "_raise_floor", lambda loop, *_: loop.path)
 
 
 def no_place_for_tabs(patch: Patch) -> None:
     """Tabs are left out, with a note that there is no room for them."""
-    patch.setattr(module("order.tabs"), "_place", lambda *_: ([], False))
+    patch.setattr(module("order.tabs"), "_choose_places", lambda *_: ([], False))
 
 
 def narrow_tabs(patch: Patch) -> None:
     """Tabs are 1 mm too narrow."""
-    change_result(patch, "order.tabs", "_size", lambda tab: replace(tab, top=tab.top - 0.5))
+    change_result(patch, "order.tabs", "_compute_size", lambda tab: replace(tab, top=tab.top - 0.5))
 
 
 def descend(patch: Patch, slope: float, plunge: float) -> None:
@@ -167,13 +167,13 @@ def fast_ramps(patch: Patch) -> None:
 
 def plunge_for_ramps(patch: Patch) -> None:
     """The tool plunges although the job asks for ramps."""
-    original = module("lower.runs")._passes
+    original = module("lower.runs")._plan_passes
 
     def changed(paths: Any, job: Any, descent: Any, down: bool) -> Any:
         operation = replace(job.operation, entry="plunge")
         return original(paths, replace(job, operation=operation), descent, down)
 
-    patch.setattr(module("lower.runs"), "_passes", changed)
+    patch.setattr(module("lower.runs"), "_plan_passes", changed)
 
 
 def change_paths(patch: Patch, change: Callable[[Any], Any]) -> None:
