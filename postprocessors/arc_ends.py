@@ -17,8 +17,8 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle, make_spans_through
-from camgen.geometry.vectors import angles, dots, lengths
+from camgen.geometry.arcs import compute_circle, make_spans_through
+from camgen.geometry.vectors import measure_angles, measure_lengths, multiply_rows
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import (
     Columns,
@@ -76,7 +76,7 @@ def _choose_chord(start: Pose, arc: MoveC, decimals: int) -> tuple[Pose, Pose]:
 
     A chord of a few digits may turn by printing. Then a longer one is tried.
     """
-    _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+    _, radius, _, sweep = compute_circle(start.origin, arc.via.origin, arc.target.origin)
     shortest = float(_sweep_chord(radius, decimals)) / sweep
     pieces: list[tuple[Pose, Pose]] = []
     for factor in _LONGER:
@@ -107,9 +107,9 @@ def _is_left(places: FloatArray, length: float, feed: float, decimals: int) -> b
     spoke[:2] -= printed.centre[0]
     line = rounded[3] - rounded[2]
     across = np.array([-spoke[1], spoke[0], 0.0])
-    turn = float(angles((across if printed.left[0] else -across)[None], line[None])[0])
+    turn = float(measure_angles((across if printed.left[0] else -across)[None], line[None])[0])
     speeds = np.array([feed])
-    speed = _overlap_speed(np.array([length]), lengths(line[None]), speeds, speeds)[0]
+    speed = _overlap_speed(np.array([length]), measure_lengths(line[None]), speeds, speeds)[0]
     return bool(turn * speed > _STRAIGHT_ON and line @ spoke < 0 and turn < _MOST)
 
 
@@ -150,11 +150,13 @@ def find_ends(columns: Columns, decimals: int) -> Indices:
     spoke[:, :2] -= printed.centre
     line = printed_ends[after] - printed_ends[arcs]
     across = np.column_stack([-spoke[:, 1], spoke[:, 0], np.zeros(len(spoke))])
-    turn = angles(np.where(printed.left[:, None], across, -across), line)
+    turn = measure_angles(np.where(printed.left[:, None], across, -across), line)
     is_level = line[:, 2] == 0
-    is_inward = dots(line, spoke) < 0
+    is_inward = multiply_rows(line, spoke) < 0
     wide = shapes.curved & (shapes.sweep > 2 * _sweep_chord(shapes.radius, decimals))
-    speed = _overlap_speed(shapes.length, lengths(line), columns.speed[arcs], columns.speed[after])
+    speed = _overlap_speed(
+        shapes.length, measure_lengths(line), columns.speed[arcs], columns.speed[after]
+    )
     bad = turn * speed * _MARGIN > _STRAIGHT_ON
     chosen: Mask = wide & bad & (~is_level | (is_inward & (turn < _MOST)))
     return arcs[chosen]

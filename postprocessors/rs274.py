@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import level_arms
-from camgen.geometry.ragged import starts_run
-from camgen.geometry.vectors import within
+from camgen.geometry.ragged import mark_run_starts
+from camgen.geometry.vectors import are_within
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import (
@@ -320,7 +320,7 @@ class Rs274(Post):
         index = {word: k for k, word in enumerate(feeds)}
         feed = np.array([index[word] for word in words], np.intp)[which]
         printed = np.full(len(columns.at), len(feeds))
-        changed = starts_run(feed)
+        changed = mark_run_starts(feed)
         printed[working[changed]] = feed[changed]
         return feeds, printed
 
@@ -385,7 +385,7 @@ class Rs274(Post):
     def accepts(self, columns: Columns) -> Mask:
         """Motions within the limits with the tool straight down, and outputs."""
         fine = columns.turned_as(TOOL_DOWN)
-        fine &= within(columns.ends, _MAX_PRINTED)
+        fine &= are_within(columns.ends, _MAX_PRINTED)
         feed = columns.speed * 60.0
         fine &= columns.moves_are(MoveJ) | ((feed >= _SLOWEST) & (feed <= _FASTEST))
         arcs = np.flatnonzero(columns.moves_are(MoveC))

@@ -13,9 +13,9 @@ from msgspec.structs import replace
 
 import camgen
 from camgen.check.stock import Cut
-from camgen.check.time import cycle
+from camgen.check.time import compute_cycle
 from camgen.geometry.nesting import find_nesting
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.lang.gcode.replayed import interpret
 from camgen.lang.recorded import ProgramRun
 from camgen.model.job import OperationTable, Step
@@ -106,7 +106,7 @@ def _seconds(body: Sequence[Instruction], result: camgen.Result) -> float:
     program = Program(
         "timed", whole.base_from_work, whole.flange_from_tool, tuple(motions), paths=whole.paths
     )
-    return cycle(program, dynamics_of(result.post, result.job)).total
+    return compute_cycle(program, dynamics_of(result.post, result.job)).total
 
 
 # What is asked of it.
@@ -115,7 +115,7 @@ def _seconds(body: Sequence[Instruction], result: camgen.Result) -> float:
 def describe(result: camgen.Result, tour: JobTour) -> dict[str, object]:
     """Tools and operations as plain data: mm, mm/s, rpm."""
     contours = [contour for contour in result.part.contours if contour.closed]
-    inside = find_nesting(from_contours(contours), len(contours)).depth % 2 == 1
+    inside = find_nesting(make_contour_segments(contours), len(contours)).depth % 2 == 1
     hole = {contour.id: bool(one) for contour, one in zip(contours, inside.tolist(), strict=True)}
     place = {one.id: (one.x, one.y) for one in find_circles(result.part)}
     steps = list(zip(tour.steps, tour.tours, strict=True))

@@ -29,7 +29,7 @@ import camgen
 from bench.check.cells import carve
 from bench.support.gcode_text import read_moves
 from bench.support.runner import SHARED, Cells, Missed, Scenario, run
-from camgen.cli.init import Chosen, template
+from camgen.cli.init import Chosen, write_template
 from camgen.plan.propose import propose
 from camgen.read import read
 from camgen.read.files import Files
@@ -166,7 +166,7 @@ def judge(name: str, folder: Path) -> Iterator[Cells]:
     part = read(folder / name, camgen.Job(), Files())
     proposal = propose(part)
     tables = tomllib.loads(
-        template(part.source, part.units, Chosen(proposal=proposal, active=True))
+        write_template(part.source, part.units, Chosen(proposal=proposal, active=True))
     )
     judged: Judge | None = None
     lines, wrong, unjudged = Counter[str](), [], 0

@@ -24,7 +24,7 @@ import camgen
 from bench.check import peer
 from bench.support.runner import SHARED, Table, find_files, machine
 from camgen.check.stock import TOLERANCE_MM, Cut, Design, StockProof, prove
-from camgen.cli.init import Chosen, template
+from camgen.cli.init import Chosen, write_template
 from camgen.model.job import InputTable, Job
 from camgen.plan.propose import propose
 from camgen.read import read
@@ -94,7 +94,9 @@ def judge(path: Path, alone: bool, units: str = "auto") -> Row | None:
         return Row((name, loops, "none that a drill, or a mill of 1 mm or more, could make"))
     counts = len(proposal.left), len(proposal.operations), len(proposal.tools)
     cells = (name, loops, *counts)
-    job = tomllib.loads(template(part.source, part.units, Chosen(proposal=proposal, active=True)))
+    job = tomllib.loads(
+        write_template(part.source, part.units, Chosen(proposal=proposal, active=True))
+    )
     with _remember() as proven:
         begun = time.perf_counter()
         try:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 import camgen
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 
 STYLE = """.bg{fill:#fff}text{font-family:system-ui,Helvetica,Arial,sans-serif;font-size:3.4px;fill:#202124}
 .tick{font-size:2.5px;text-anchor:end}.below{font-size:2.5px;text-anchor:middle}path{fill:none;stroke-linejoin:round}
@@ -155,7 +155,7 @@ def _evenly(path: camgen.ToolPath, apart: float) -> tuple[np.ndarray, np.ndarray
 
 
 def _outline(part: camgen.Part, room: float) -> tuple[np.ndarray, complex, complex]:
-    points, _ = flatten(from_contours(list(part.contours[:1])), 0.01)
+    points, _ = flatten(make_contour_segments(list(part.contours[:1])), 0.01)
     shape = points[:, 0] + 1j * points[:, 1]
     return (
         shape,

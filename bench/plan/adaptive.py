@@ -32,7 +32,7 @@ from bench.check.peer import FREECAD_PYTHON, LACKING, minutes
 from bench.support.runner import PARTS, SHARED, Cells, Scenario, run, verdict
 from bench.support.swept_text import cleared, count_struck, feed_in_air, read_cut, seconds
 from camgen.geometry.nesting import find_nesting
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.lang.gcode.replayed import interpret
 from camgen.model.pose import frozen
 from camgen.model.program import Instruction, MoveL
@@ -148,7 +148,7 @@ def without_ends(body: Sequence[Instruction]) -> list[list[Instruction]]:
 
 def by_freecad(part: camgen.Part, folder: Path) -> str:
     """The text of FreeCAD's adaptive clearing of the area, "" if it makes none."""
-    depth = find_nesting(from_contours(part.contours), len(part.contours)).depth
+    depth = find_nesting(make_contour_segments(part.contours), len(part.contours)).depth
     loops = [
         {"points": c.points.tolist(), "bulges": c.bulges.tolist(), "depth": int(level)}
         for c, level in zip(part.contours, depth.tolist(), strict=True)

@@ -16,10 +16,10 @@ import shapely
 
 from bench.support.runner import SHARED, Cells, Scenario, find_files, read_words, run
 from bench.support.timing import timed
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.part import Contour, Part
-from camgen.order.arrange import Search, arrange, measure_travel
-from camgen.plan.page import on_page
+from camgen.order.arrange import TourSettings, measure_travel, order_paths
+from camgen.plan.page import place_on_page
 from camgen.plan.simplify import simplify
 from camgen.plan.trace import trace
 from camgen.read import read
@@ -36,7 +36,7 @@ METHODS = ("as-drawn", "nearest", "best")
 
 def line(contour: Contour, chord: float) -> shapely.LineString:
     """The closed contour as lines, arcs within ``chord`` mm."""
-    points, _ = flatten(from_contours([contour]), chord)
+    points, _ = flatten(make_contour_segments([contour]), chord)
     return shapely.linestrings([*points, points[0]])
 
 
@@ -61,7 +61,7 @@ def judge(path: Path) -> Iterator[Cells]:
     paths = trace(drawn, JOB)
     travel = []
     for method in METHODS:
-        tour = arrange(paths, Search(method, (0.0, 0.0), False))
+        tour = order_paths(paths, TourSettings(method, (0.0, 0.0), False))
         travel.append(measure_travel(tour.paths, (0.0, 0.0)) / 1000)
     off = apart(raw, drawn, px / 4) / px
     yield path.name, len(paths), before, after, arcs, off, *travel, seconds
@@ -69,7 +69,7 @@ def judge(path: Path) -> Iterator[Cells]:
 
 def simplified(path: Path) -> tuple[Part, Part]:
     """The drawing of a picture on its page, before and after it is simplified."""
-    raw = on_page(read(path, JOB), JOB)
+    raw = place_on_page(read(path, JOB), JOB)
     return raw, simplify(raw, JOB)
 
 

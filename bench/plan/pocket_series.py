@@ -31,7 +31,7 @@ import camgen
 from bench.support.runner import SHARED, Missed, Table, open_table
 from bench.support.swept_text import cleared, read_cut
 from camgen.geometry.nesting import find_nesting
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from tests.support.swept import enclosed
 
 TOOLS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
@@ -71,7 +71,7 @@ def candidates(folder: Path, left_out: Counter[str]) -> list[Candidate]:
             left_out["drawing not read"] += 1
             continue
         closed = [contour for contour in part.contours if contour.closed]
-        nesting = find_nesting(from_contours(closed), len(closed))
+        nesting = find_nesting(make_contour_segments(closed), len(closed))
         for number, contour in enumerate(closed):
             inner = np.flatnonzero(nesting.parent == number).tolist()
             key = hashlib.sha256(f"{name}:{number}".encode()).hexdigest()

@@ -38,7 +38,7 @@ import shapely
 import camgen
 from bench.support.motions import Array, LevelArc
 from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, run
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.job import InputTable, Job
 from camgen.read import read
 from camgen.read.files import Files
@@ -164,7 +164,7 @@ def _propose(path: Path, folder: Path) -> tuple[str, dict[str, Any] | None]:
 def _measure_share(part: camgen.Part, result: camgen.Result) -> tuple[float, float]:
     """The length of the closed contours, mm, and the share of it that paths work on."""
     closed = [contour for contour in part.contours if contour.closed]
-    segments = from_contours(closed)
+    segments = make_contour_segments(closed)
     lengths = np.bincount(segments.owner, segments.length, len(closed))
     worked = set[str]()
     for path in result.planned:

@@ -16,8 +16,8 @@ from camgen.lang.programs import Ask, Executed, find_language
 from camgen.lang.taught import in_one_frame
 from camgen.model.pose import Pose, Vec3, frozen
 from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 
 CASES = ROOT / "fixtures" / "cases"
@@ -50,7 +50,7 @@ def pose_of(arm: Robot, joints: Joints, base: Pose, tool: Pose) -> Pose:
     base: base from work.
     tool: flange from tool.
     """
-    turned, origin = flange(arm, np.array([joints.values]))
+    turned, origin = compute_flange(arm, np.array([joints.values]))
     x, y, z = origin[0].tolist()
     return base.inverse() @ Pose(frozen(turned[0]), (x, y, z)) @ tool
 
@@ -80,7 +80,7 @@ def read_robot(
     program = in_one_frame(execute_whole(file, language), file.name, 0.001)
     base = program.frames.base_from_work or frames[0]
     tool = program.frames.flange_from_tool or frames[1]
-    arm = robot(ARMS[language])
+    arm = find_robot(ARMS[language])
     free = [item for item in program.body if isinstance(item, MoveJ)]
     joints = [item.target.values for item in free if isinstance(item.target, Joints)]
     homes = {*joints[:1], *joints[-1:]}

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from bench.read.svg_files import Drawing, draw
 from bench.support.motions import measure_from_lines
 from bench.support.runner import Missed, Table, open_table, read_words
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.errors import CamgenError
 from camgen.read import read
 from camgen.read.job_file import from_mapping
@@ -246,7 +246,7 @@ def read_with_camgen(file: Path, height: float) -> Reading:  # noqa: ARG001 (a r
         return Reading([], "", f"fault: {error!r}")
     curves = []
     for contour in part.contours:
-        points, _ = flatten(from_contours([contour]), 1e-4)
+        points, _ = flatten(make_contour_segments([contour]), 1e-4)
         end = contour.points[:1] if contour.closed else contour.points[-1:]
         curves.append((contour.layer, np.concatenate([points, end])))
     return Reading(curves, "\n".join(map(str, part.notes)), "")

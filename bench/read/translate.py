@@ -39,7 +39,7 @@ from bench.read.goldens import (
 )  # fmt: skip
 from bench.support.motions import measure_from_lines
 from bench.support.runner import Cells, Scenario, run
-from camgen.model.pose import Pose, Vec3, fixed_xyz, translation
+from camgen.model.pose import Pose, Vec3, compute_fixed_xyz, translation
 
 COLUMNS = "case | from | by way of | mm apart {:.4f} | s apart {:.3f} | "
 MILL_COLUMNS = (
@@ -178,7 +178,7 @@ def post_again(
 
 
 def _values(pose: Pose) -> list[float]:
-    return [*pose.origin, *map(math.degrees, fixed_xyz(pose.rotation))]
+    return [*pose.origin, *map(math.degrees, compute_fixed_xyz(pose.rotation))]
 
 
 def _word(name: str, source: str, target: str) -> str | int:

@@ -70,13 +70,13 @@ def run_command(words: Sequence[str], folder: Path) -> Ending:
     """Runs a command in a folder that is empty. Belongs into a child: it redirects its streams."""
     import camgen.cli.build as command  # noqa: PLC0415 (the worker alone imports the program)
     from camgen.cli import main  # noqa: PLC0415
-    from camgen.cli.say import Voice  # noqa: PLC0415
+    from camgen.cli.say import Terminal  # noqa: PLC0415
     from camgen.model.errors import CamgenError  # noqa: PLC0415
 
     fields: list[str] = []
     build = command.run
 
-    def record(arguments: Namespace, says: Voice) -> int:
+    def record(arguments: Namespace, says: Terminal) -> int:
         try:
             return build(arguments, says)
         except CamgenError as error:

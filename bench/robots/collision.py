@@ -24,8 +24,8 @@ from camgen.collision.mesh import Mesh, make_mesh
 from camgen.collision.scene import Allowed, Scene, make_scene
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, frozen, pose_from_values, translation
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Box, Link, Robot
 
@@ -52,7 +52,7 @@ def near(of: Robot, centre: tuple[float, float, float], count: int) -> FloatArra
     origins = np.array(centre) + rng.uniform(-250, 250, (2 * count, 3))
     rotations = np.linalg.qr(rng.normal(size=(2 * count, 3, 3)))[0]
     rotations *= np.linalg.det(rotations)[:, None, None]
-    every = inverse(of, rotations, origins).reshape(-1, len(of.joints))
+    every = compute_solutions(of, rotations, origins).reshape(-1, len(of.joints))
     every = every[np.isfinite(every).all(axis=1)]
     return np.asarray(rng.permutation(every[are_within_limits(of, every)])[:count])
 
@@ -75,7 +75,7 @@ def main(poses: int) -> int:
     )
     good = True
     for name in CENTRES:
-        good &= rows_of(table, robot(name), solid, mesh, poses)
+        good &= rows_of(table, find_robot(name), solid, mesh, poses)
     return 0 if good else 1
 
 

@@ -19,7 +19,7 @@ from bench.controllers.linuxcnc import Planned, copy_runner, find_lack, run_prog
 from bench.support.runner import ROOT, Table, open_table
 from bench.support.timing import median_seconds
 from camgen.check.report import sum_up
-from camgen.check.time import cycle, time_motions
+from camgen.check.time import compute_cycle, time_motions
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.post.plugins import find_post, make_post
 
@@ -101,7 +101,7 @@ def main() -> None:
         one.columns.ends, one.columns.speed, one.columns.blend  # noqa: B018 (read before the clock starts)
         for post in ("rapid", "gcode"):
             pace = make_post(find_post(post), {}).dynamics()
-            table.add(count, post, median_seconds(partial(cycle, one, pace), 3))
+            table.add(count, post, median_seconds(partial(compute_cycle, one, pace), 3))
 
 
 def judge_by_linuxcnc() -> None:

@@ -21,7 +21,7 @@ from bench.robots.rfa import FREE, RAISED, cell
 from bench.support.runner import PARTS, open_table
 from bench.support.timing import timed
 from camgen.check.passing import find_corners
-from camgen.check.time import cycle
+from camgen.check.time import compute_cycle
 from camgen.model.text import short
 from camgen.read.files import Files
 from camgen.read.solid import mesh
@@ -49,7 +49,7 @@ def stopped(result: camgen.Result) -> float:
     body = tuple(
         replace(one, blend=0.0) if isinstance(one, moves) else one for one in result.program.body
     )
-    return cycle(
+    return compute_cycle(
         result.program.with_body(body), result.cell.pace, result.reach, result.cell.arm
     ).total
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from bench.support.runner import Table, machine, read_words
 from bench.support.timing import best_seconds
-from camgen.model.pose import FloatArray, Pose, quaternion
-from camgen.robots.catalogue import robots
+from camgen.model.pose import FloatArray, Pose, compute_quaternion
+from camgen.robots.catalogue import list_robots
 from camgen.robots.kinematics.arms import Spherical
-from camgen.robots.kinematics.forward import flange, frames
-from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.forward import compute_flange, compute_link_frames
+from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.kinematics.joint_limits import are_within_limits, compute_theta
 from camgen.robots.models import Robot
 from tests.support.turned import add_turns
@@ -53,7 +53,9 @@ def by_quaternions(of: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArra
     serial = np.einsum("jk,nk->nj", of.coupling, joints)
 
     def moved(pose: Pose) -> tuple[FloatArray, FloatArray]:
-        return times(q, np.array(quaternion(pose.rotation))), at + turned(q, np.array(pose.origin))
+        return times(q, np.array(compute_quaternion(pose.rotation))), at + turned(
+            q, np.array(pose.origin)
+        )
 
     for k, joint in enumerate(of.joints):
         q, at = moved(joint.previous_from_joint)
@@ -88,12 +90,14 @@ def table_of_poses(poses: int) -> None:
         "robot | poses {:,} | branches {} to {} | found again {:.2f} % | mm {:.1e} | rad {:.1e} "
         "| us per pose {:.2f} | poses/s {:,.0f} | forward, us {:.2f}"
     )
-    for of in robots():
+    for of in list_robots():
         joints = drawn(of, poses if of.arm else poses // 10)
-        rotations, origins = flange(of, joints)
-        seconds = best_seconds(partial(inverse, of, rotations, origins), 5 if of.arm else 1)
-        forward = best_seconds(partial(frames, of, joints), 5)
-        solutions = inverse(of, rotations, origins)
+        rotations, origins = compute_flange(of, joints)
+        seconds = best_seconds(
+            partial(compute_solutions, of, rotations, origins), 5 if of.arm else 1
+        )
+        forward = best_seconds(partial(compute_link_frames, of, joints), 5)
+        solutions = compute_solutions(of, rotations, origins)
         mm, rad = errors(of, solutions, joints)
         every = add_turns(of, solutions).reshape(len(joints), -1, len(of.joints))
         off = np.abs(np.where(np.isnan(every), math.inf, every) - joints[:, None]).max(axis=2)
@@ -115,7 +119,7 @@ def table_of_oracle(count: int) -> None:
         "robot | same set of solutions as py-opw-kinematics {:,} of {:,} "
         "| greatest difference, rad {:.1e} | its us per pose {:.2f}"
     )
-    for of in robots():
+    for of in list_robots():
         arm = of.arm
         if not isinstance(arm, Spherical):
             continue
@@ -124,13 +128,13 @@ def table_of_oracle(count: int) -> None:
             a1=arm.a1, a2=arm.a2, b=arm.b, c1=arm.c1, c2=arm.c2, c3=arm.c3, c4=c4
         )
         other = opw.Robot(model, degrees=False)
-        rotations, origins = flange(of, drawn(of, count))
+        rotations, origins = compute_flange(of, drawn(of, count))
         poses = transform.RigidTransform.from_components(
             origins, transform.Rotation.from_matrix(rotations)
         )
         seconds = best_seconds(partial(other.reach, poses), 3)
         theirs = np.asarray(other.reach(poses).joints)
-        ours = compute_theta(of, arm, inverse(of, rotations, origins))
+        ours = compute_theta(of, arm, compute_solutions(of, rotations, origins))
         apart = np.abs(
             np.remainder(ours[:, :, None] - theirs[:, None] + math.pi, math.tau) - math.pi
         ).max(axis=3)

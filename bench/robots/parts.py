@@ -33,11 +33,11 @@ from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
 from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.setup import JUMP, MARGIN, Setup, compute_flange_poses, count_samples
-from camgen.plan.edges.poses import poses
+from camgen.plan.edges.poses import make_poses
 from camgen.read.solid import STEP, mesh_file
 from camgen.robots.kinematics.continuity import Choice, follow
-from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.forward import compute_flange
+from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.models import Robot
 
 SAMPLES = 400
@@ -98,7 +98,7 @@ def joints_on(
     flange_in_tool = tool.inverse()
     turn = base.rotation @ rotation
     origin = position @ base.rotation.T + np.asarray(base.origin)
-    every = inverse(
+    every = compute_solutions(
         robot,
         turn @ flange_in_tool.rotation,
         origin + turn @ np.asarray(flange_in_tool.origin),
@@ -111,7 +111,7 @@ def joints_on(
         away -= math.tau * np.rint(away / math.tau)
         best = int(np.nanargmin(np.abs(away).max(axis=1)))
         here = found[k] = here + away[best]
-    back, tip = flange(robot, found)
+    back, tip = compute_flange(robot, found)
     off = np.linalg.norm(tip + back @ np.asarray(tool.origin) - origin, axis=1).max()
     if off > 1e-6:
         raise ValueError(f"the joints lead {off} mm beside the way")
@@ -131,7 +131,7 @@ def runs(program: camgen.Program, robot: Robot, samples: int) -> Iterator[tuple[
             way = joints + share[:, None] * (end - joints) if index else end[None]
             yield index, way
         elif hasattr(item, "target"):
-            back, tip = (one[0] for one in flange(robot, joints[None]))
+            back, tip = (one[0] for one in compute_flange(robot, joints[None]))
             start = base.rotation.T @ back @ tool.rotation
             begin = base.rotation.T @ (
                 tip + back @ np.asarray(tool.origin) - np.asarray(base.origin)
@@ -190,7 +190,7 @@ def unfounded(result: camgen.Result, job: camgen.Job, samples: int) -> tuple[int
     lost = [note for note in result.notes if note.kind == "skipped" and COLLIDES.match(note.why)]
     none = []
     for note in lost:
-        way = poses(edges[note.ids[0]], job.operation.offset)
+        way = make_poses(edges[note.ids[0]], job.operation.offset)
         assert isinstance(way, PosePath)
         looks = divide(way, count_samples(way))
         chosen = follow(

@@ -16,7 +16,7 @@ import numpy as np
 
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, Pose
-from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.kinematics.forward import compute_flange, compute_link_frames
 from camgen.robots.models import Box, Link, Robot
 
 
@@ -111,8 +111,8 @@ class Loop:
     def _pairs(self, joints: FloatArray) -> Iterator[tuple[str, str, list[Body], list[Body]]]:
         """All pairs that are tested at one configuration (J,): their names and their bodies."""
         of, last = self.of, len(self.of.joints)
-        rotations, origins = frames(of, joints[None])
-        tip = flange(of, joints[None])
+        rotations, origins = compute_link_frames(of, joints[None])
+        tip = compute_flange(of, joints[None])
         spared = {frozenset(pair) for pair in of.touching}
         placed = list(zip(of.links, rotations[0], origins[0], strict=True))
         padded = [self._bodies(k.boxes, r, o, of.pad) for k, r, o in placed]

@@ -49,7 +49,7 @@ from bench.support.runner import Cells, Scenario, run
 from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Edge, Part
 from camgen.model.pose import FloatArray, pose_from_values
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.joint_limits import are_within_limits, compute_joints
 from camgen.robots.models import Robot
 
@@ -100,7 +100,7 @@ class Judge:
 
     def __init__(self, result: camgen.Result) -> None:
         job = result.job
-        self.robot: Robot = robot(job.cell.robot)
+        self.robot: Robot = find_robot(job.cell.robot)
         arm = self.robot.arm
         c4 = float(np.linalg.norm(arm.flange_from_wrist.origin))
         opw = importlib.import_module("py_opw_kinematics")

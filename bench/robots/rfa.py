@@ -26,12 +26,12 @@ from bench.support.runner import PARTS, Table, machine
 from bench.support.timing import Process, measure_process, median_seconds, python, timed
 from camgen.check.reach import check_reach
 from camgen.model.pose import Pose, pose_from_values, rotation_about
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 from camgen.post.plugins import find_readback
-from camgen.preview.view import view
+from camgen.preview.view import make_view
 from camgen.read.files import Files
 from camgen.read.solid import mesh
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.models import Box, Link
 
 RAISED = {"rfa1": 40.0, "rfa2": 0.0}
@@ -80,7 +80,7 @@ def box(low: list[float], high: list[float], frame: Pose) -> Box:
 
 def loop(result: camgen.Result, solid: camgen.Solid) -> Loop:
     """The cell again, straight from the job: what stands, the holder, and the shaft from its tip to the holder."""
-    job, of = result.job, robot(result.job.cell.robot)
+    job, of = result.job, find_robot(result.job.cell.robot)
     base_from_work = pose_from_values(job.cell.base_from_work)
     here = pose_from_values([0.0] * 6)
     fixtures = job.cell.fixtures or []
@@ -121,7 +121,7 @@ def differ(result: camgen.Result, solid: camgen.Solid) -> tuple[int, int]:
     )
     cell_ = result.cell
     program = camgen.Program("read", cell_.base_from_work, cell_.flange_from_tool, reading.body)
-    joints = check_reach(program, robot(result.job.cell.robot), "read").joints
+    joints = check_reach(program, find_robot(result.job.cell.robot), "read").joints
     judge = loop(result, solid)
     return sum(judge.first(row) is not None for row in joints), len(joints)
 
@@ -130,7 +130,7 @@ def whole(path: Path, job: dict[str, dict[str, object]]) -> Process:
     """A build as a process of its own."""
     words = ["--post", "rapid", "-q", "-o", path.with_suffix(".mod")]
     for table, keys in job.items():
-        words += [f"--set={table}.{key}={toml(value)}" for key, value in keys.items()]
+        words += [f"--set={table}.{key}={format_toml(value)}" for key, value in keys.items()]
     return measure_process(python("camgen", "build", path, *words))
 
 
@@ -159,7 +159,7 @@ def paper() -> int:
         )
         print(f"{spent:.1f} s, paper {paper_seconds} s; program {result.cycle.total:.1f} s")
         table = Table("order | edge | kind | mm {:.1f} | s {:.1f}")
-        for k, line in enumerate(view(result).rows, start=1):
+        for k, line in enumerate(make_view(result).rows, start=1):
             table.add(k, line.id, line.layer, line.length, line.seconds)
         for note in skipped:
             table.add("left out", note.ids[0], note.why)

@@ -29,9 +29,9 @@ import numpy as np
 
 import camgen
 from bench.support.runner import Cells, Missed, Scenario, run
-from camgen.model.pose import FloatArray, fixed_xyz, frozen, pose_from_values
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange
+from camgen.model.pose import FloatArray, compute_fixed_xyz, frozen, pose_from_values
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_flange
 
 COLUMNS = (
     "holes | program | not reached | cost {:.1f} | execution, s {:.1f} | seconds {:.1f} "
@@ -91,7 +91,7 @@ def standing(centre: list[float], half: list[float]) -> list[float]:
 
 def job(jig: list[str]) -> dict[str, object]:
     """The job of every size."""
-    angles = [math.degrees(angle) for angle in fixed_xyz(frozen(AXES))]
+    angles = [math.degrees(angle) for angle in compute_fixed_xyz(frozen(AXES))]
     return {
         "operation": {"kind": "drill"},
         "tool": {"diameter": 10.0, "symmetric": True, "holder": holder()},
@@ -160,7 +160,7 @@ def measure(joints: FloatArray) -> tuple[float, float]:
 
 def find_missed(joints: FloatArray, holes: FloatArray) -> int:
     """How many holes no motion ends before, with the tip within 0.01 mm and the axis along x."""
-    rotation, origin = flange(robot("VS-060"), joints)
+    rotation, origin = compute_flange(find_robot("VS-060"), joints)
     tips = origin + rotation @ pose_from_values([*TIP, 0, 0, 0]).origin
     drilled = tips[rotation[:, 0, 2] > 1 - 1e-9]
     apart = np.linalg.norm((holes - [STAND_OFF, 0, 0])[:, None] - drilled[None], axis=2)

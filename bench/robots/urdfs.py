@@ -46,7 +46,7 @@ from bench.robots.rfa import whole
 from bench.support.motions import rotate
 from bench.support.runner import Cells, Missed, Scenario, run
 from bench.support.timing import timed
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 
 DATA_SET = "Daniella1/urdf_files_dataset", "81f4cdac42c3a51ba88833180db5bf3697988c87"
 ABB = "ros-industrial/abb", "77db19bdb098f50d9569d1cab03ee657627e934e"
@@ -108,7 +108,7 @@ def bracket() -> trimesh.Trimesh:
 
 def job(arm: Path) -> dict[str, dict[str, object]]:
     """The cell before an arm."""
-    of = robot(str(arm))
+    of = find_robot(str(arm))
     shifts = [np.array(joint.previous_from_joint.origin) for joint in of.joints]
     reach = sum(float(np.linalg.norm(shift)) for shift in (*shifts[2:], of.flange.origin))
     ahead, height = (
@@ -332,7 +332,7 @@ def judge(name: str, folder: Path, part: Path, solid: trimesh.Trimesh) -> Iterat
     done = {path.contours[0] for path in paths}
     pieces = done - {path.id for path in paths}
     listed = done.union(*(note.ids[-1:] for note in result.notes if note.kind == "skipped"))
-    of = robot(str(file))
+    of = find_robot(str(file))
     rows = [joints for _, joints in runs(result.program, of, SAMPLES)]
     judge = Judge(file, result_tip(file))
     judge.stand(result, solid)

@@ -25,8 +25,8 @@ from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 import camgen
 from bench.support.runner import PARTS, SHARED, open_table, read_words
 from bench.support.timing import timed
-from camgen.preview.page import page
-from camgen.preview.view import view
+from camgen.preview.page import format_page
+from camgen.preview.view import make_view
 
 COLUMNS = (
     "part | points of the program {:,} | page {:.1f} MB | made in {:.2f} s "
@@ -94,7 +94,7 @@ def largest(folder: Path) -> camgen.Result:
             result = camgen.build(path, post="gcode", job=JOB)
         except camgen.CamgenError:
             continue
-        if found is None or len(view(result).track.time) > len(view(found).track.time):
+        if found is None or len(make_view(result).track.time) > len(make_view(found).track.time):
             found = result
     if found is None:
         sys.exit(f"{folder}: no drawing that can be traced")
@@ -149,7 +149,7 @@ def measured(
     browser: Browser, result: camgen.Result, folder: Path, turning: float, openings: int
 ) -> tuple[object, ...]:
     """The cells of a part."""
-    text, made = timed(lambda: page(view(result)))
+    text, made = timed(lambda: format_page(make_view(result)))
     file = folder / "page.html"
     file.write_text(text, encoding="utf-8")
     found = []
@@ -160,7 +160,7 @@ def measured(
             rates = [tab.evaluate(FRAMES, [*move, turning]) for move in MOVES.items()]
             script = tab.evaluate(SCRIPT)
         tab.context.close()
-    points = len(view(result).track.time)
+    points = len(make_view(result).track.time)
     size = len(text.encode()) / 1e6
     # The first opening stands by itself.
     passed, taken, whole = zip(*(found[1:] or found), strict=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from camgen.cli import main
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 
 #: The tables of a job: a table has settings, or rows of them.
 Tables = dict[str, Any]
@@ -40,5 +40,5 @@ def write_job(job: Mapping[str, Any], file: Path) -> None:
     for name, content in job.items():
         for row in content if isinstance(content, list) else [content]:
             lines.append(f"[[{name}]]" if isinstance(content, list) else f"[{name}]")
-            lines += [f"{key} = {toml(value)}" for key, value in row.items()]
+            lines += [f"{key} = {format_toml(value)}" for key, value in row.items()]
     file.write_text("\n".join(lines) + "\n")

@@ -25,7 +25,7 @@ from bench.support.timing import measure_process, peak_mb, timed
 if TYPE_CHECKING:
     from camgen.model.part import Contour, Note
     from camgen.model.path import ToolPath
-    from camgen.read.pieces import Soup
+    from camgen.read.pieces import DrawnPieces
 
 #: Chains of the large drawing, and segments of each; as many segments as chains are drawn twice.
 CHAINS, LINKS = 100_000, 9
@@ -35,7 +35,7 @@ def million(chains: int) -> None:
     """Loose segments in no order, some drawn twice, joined to chains and ordered."""
     from camgen.model.job import Job, OperationTable  # noqa: PLC0415
     from camgen.model.part import Part  # noqa: PLC0415
-    from camgen.order.arrange import Search, arrange  # noqa: PLC0415
+    from camgen.order.arrange import TourSettings, order_paths  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read.join import make_contours  # noqa: PLC0415
 
@@ -49,7 +49,9 @@ def million(chains: int) -> None:
 
     (joined, notes), joining = timed(lambda: make_contours(soup, job.input.join))
     (paths, merged), planning = timed(lambda: plan(joined))
-    tour, ordering = timed(lambda: arrange(paths, Search("best", None, inside_first=True)))
+    tour, ordering = timed(
+        lambda: order_paths(paths, TourSettings("best", None, inside_first=True))
+    )
     seconds = joining, planning, ordering, joining + planning + ordering
     remarks = "; ".join(note.what for note in (*notes, *merged))
     table = Table(
@@ -60,9 +62,9 @@ def million(chains: int) -> None:
     table.add(*size, *seconds, peak_mb(), tour.travel / 1000, tour.method, remarks)
 
 
-def loose(rng: np.random.Generator, chains: int) -> Soup:
+def loose(rng: np.random.Generator, chains: int) -> DrawnPieces:
     """Segments of random walks over a square, mixed, each drawn either way."""
-    from camgen.read.pieces import Soup  # noqa: PLC0415
+    from camgen.read.pieces import DrawnPieces  # noqa: PLC0415
 
     begin = rng.uniform(0, 10 * chains**0.5, (chains, 1, 2))
     walk = np.cumsum(
@@ -77,18 +79,18 @@ def loose(rng: np.random.Generator, chains: int) -> Soup:
     first = np.arange(0, 2 * len(ends) + 1, 2)
     bulges = np.zeros(2 * len(ends))
     places, flags = ends.reshape(-1, 2), none.astype(bool)
-    return Soup(places, bulges, first, flags, none, none, none, ("0",), ("LINE",), ("",))
+    return DrawnPieces(places, bulges, first, flags, none, none, none, ("0",), ("LINE",), ("",))
 
 
 def draw(paths: tuple[ToolPath, ...], file: Path) -> None:
     """The paths as polylines of an SVG, px; arcs within 0.01."""
-    from camgen.geometry.arcs import chain  # noqa: PLC0415
+    from camgen.geometry.arcs import make_span_chain  # noqa: PLC0415
 
     low = np.min([path.position.min(axis=0) for path in paths], axis=0)[:2]
     with file.open("w") as out:
         out.write('<svg xmlns="http://www.w3.org/2000/svg" width="9000" height="9000">')
         for path in paths:
-            shape = chain(path.position, path.via[1:])
+            shape = make_span_chain(path.position, path.via[1:])
             # The sagitta of a chord over the angle a of a circle is r (1 - cos(a / 2)).
             bow = np.arccos(np.clip(1 - 0.01 / np.maximum(shape.radius, 0.011), -1, 1)) * 2
             count = np.maximum(np.ceil(shape.sweep / bow), 1).astype(int)
@@ -110,7 +112,7 @@ def row(file: Path, tool: str | None) -> list[object] | None:
     from bench.tours.search import between  # noqa: PLC0415
     from camgen.model.errors import CamgenError  # noqa: PLC0415
     from camgen.model.job import Job, OperationTable  # noqa: PLC0415
-    from camgen.order.arrange import Search, arrange, measure_travel  # noqa: PLC0415
+    from camgen.order.arrange import TourSettings, measure_travel, order_paths  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read import read  # noqa: PLC0415
 
@@ -125,13 +127,15 @@ def row(file: Path, tool: str | None) -> list[object] | None:
     merged = trace(with_few_lifts(part, job)[0], job)
     found = [measure_travel(paths, None)]
     found += [
-        arrange(paths, Search(method, None, inside_first=False)).travel
+        order_paths(paths, TourSettings(method, None, inside_first=False)).travel
         for method in ("nearest", "best")
     ]
-    last, seconds = timed(lambda: arrange(merged, Search("best", None, inside_first=False)))
+    last, seconds = timed(
+        lambda: order_paths(merged, TourSettings("best", None, inside_first=False))
+    )
     found += [
         last.travel,
-        arrange(merged, Search("best", None, inside_first=False, seconds=1.0)).travel,
+        order_paths(merged, TourSettings("best", None, inside_first=False, seconds=1.0)).travel,
     ]
     if tool:
         with tempfile.TemporaryDirectory() as folder:

@@ -14,8 +14,8 @@ import numpy as np
 
 from bench.support.runner import Cells, Scenario, run
 from bench.support.timing import timed
-from camgen.model.path import ToolPath, waypoints
-from camgen.order.arrange import Search, arrange
+from camgen.model.path import ToolPath, make_waypoints
+from camgen.order.arrange import TourSettings, order_paths
 
 SIZES = (1_000, 10_000, 35_000, 100_000)
 HOME = (0.0, 0.0)
@@ -33,7 +33,7 @@ def path(number: int, points: list[XY], vias: list[XY | None], closed: bool) -> 
     for row, middle in enumerate(vias, start=1):
         if middle:
             via[row] = (*middle, 0.0)
-    return ToolPath(f"c{number}", "0", waypoints(position, via, 1.0, force=1.0), closed)
+    return ToolPath(f"c{number}", "0", make_waypoints(position, via, 1.0, force=1.0), closed)
 
 
 def shape(number: int, x: float, y: float, size: float, rng: random.Random) -> ToolPath:
@@ -80,9 +80,11 @@ SCENES: dict[str, Callable[[int, random.Random], list[ToolPath]]] = {
 def judge(name: str, count: int) -> Iterator[Cells]:
     """The row of a scene with a number of paths."""
     paths = SCENES[name](count, random.Random(count))
-    drawn = arrange(paths, Search("as-drawn", HOME, inside_first=False)).travel
+    drawn = order_paths(paths, TourSettings("as-drawn", HOME, inside_first=False)).travel
     gc.collect()  # what the last scene left is not part of this one's time
-    tour, seconds = timed(partial(arrange, paths, Search("nearest", HOME, inside_first=False)))
+    tour, seconds = timed(
+        partial(order_paths, paths, TourSettings("nearest", HOME, inside_first=False))
+    )
     shares = drawn / 1000, tour.travel / 1000, 100 * tour.travel / drawn
     yield name, count, *shares, seconds
 

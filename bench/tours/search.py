@@ -44,18 +44,19 @@ def child(count: int, method: str, seconds: float, plain: bool) -> None:
     """One order of one scene; prints travel, seconds and processor seconds of the call, bound."""
     from bench.tours.order import scattered  # noqa: PLC0415 (numpy is not to be held by the parent)
     from camgen.order import search  # noqa: PLC0415
-    from camgen.order.arrange import Search, arrange  # noqa: PLC0415
+    from camgen.order.arrange import TourSettings, order_paths  # noqa: PLC0415
     from camgen.order.solver import speed  # noqa: PLC0415
 
     if plain:
         speed.available = search.available = lambda: False
     elif speed.available():
-        arrange(
-            scattered(50, random.Random(1)), Search("best", None, inside_first=False, seconds=0.3)
+        order_paths(
+            scattered(50, random.Random(1)),
+            TourSettings("best", None, inside_first=False, seconds=0.3),
         )  # loads what is compiled
     paths = scattered(count, random.Random(count))
     begun, worked = time.perf_counter(), time.process_time()
-    tour = arrange(paths, Search(method, None, inside_first=False, seconds=seconds))
+    tour = order_paths(paths, TourSettings(method, None, inside_first=False, seconds=seconds))
     print(tour.travel, time.perf_counter() - begun, time.process_time() - worked, tour.bound)
 
 

@@ -16,7 +16,7 @@ from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.version import __version__
 from camgen.pipeline import Result, build, list_program_files
-from camgen.pipeline.memory import no_collector
+from camgen.pipeline.memory import pause_collector
 from camgen.read.files import Files
 
 
@@ -37,7 +37,7 @@ def build_task(task: Task) -> Outcome:
     if task.version != __version__:
         what = f"the worker runs camgen {__version__}, the batch {task.version}"
         return make_fault(f"{task.source}: {what}")
-    with no_collector():
+    with pause_collector():
         outcome = _build(task)
         # A drawing is full of reference cycles. Objects from before this part are frozen.
         gc.collect()

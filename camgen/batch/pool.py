@@ -85,14 +85,14 @@ def _start(seconds: float) -> _Worker:
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve_tasks, args=(theirs,), daemon=True)
-    with no_interrupt():
+    with ignore_interrupts():
         process.start()
     theirs.close()  # so that the pipe ends when the process does
     return _Worker(process, ours, seconds)
 
 
 @contextmanager
-def no_interrupt() -> Iterator[None]:
+def ignore_interrupts() -> Iterator[None]:
     """Start processes that ignore Ctrl-C. The batch receives it and decides what happens."""
     if threading.current_thread() is not threading.main_thread():
         yield  # Only the main thread handles signals.

@@ -18,10 +18,10 @@ from camgen.motion.corners import Flow
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.check.collide import Clear
+    from camgen.check.collide import ClearanceReport
     from camgen.check.feeds import SlowPath
-    from camgen.check.reach import Reach
-    from camgen.collision.cell import Surroundings
+    from camgen.check.reach import JointTrace
+    from camgen.collision.cell import CellScene
 
 
 class Checks(Struct, frozen=True, eq=False):
@@ -35,9 +35,9 @@ class Checks(Struct, frozen=True, eq=False):
     """
 
     program: Program
-    reach: Reach | None = None
-    clear: Clear | None = None
-    where: Surroundings | None = None
+    reach: JointTrace | None = None
+    clear: ClearanceReport | None = None
+    where: CellScene | None = None
     slow: tuple[SlowPath, ...] = ()
 
 
@@ -45,7 +45,7 @@ def check(
     program: Program,
     job: Job,
     cell: Cell,
-    where: Surroundings | None = None,
+    where: CellScene | None = None,
     name: str = "",
     flow: Flow | None = None,
 ) -> Checks:
@@ -75,12 +75,12 @@ def check(
     from camgen.check.reach import check_reach, trace_joints  # noqa: PLC0415
     from camgen.check.rounding import reduce_blends  # noqa: PLC0415
     from camgen.check.shares import share_joints  # noqa: PLC0415
-    from camgen.collision.cell import make_surroundings  # noqa: PLC0415
+    from camgen.collision.cell import make_cell_scene  # noqa: PLC0415
     from camgen.collision.motion import measure_apart  # noqa: PLC0415
     from camgen.motion.limits import limit_points  # noqa: PLC0415
 
     reach = check_reach(program, cell.arm, name or program.name)
-    surroundings = where or make_surroundings(job, cell, None)
+    surroundings = where or make_cell_scene(job, cell, None)
     distance = partial(measure_apart, surroundings.scene)
     joint_path = trace_joints(reach, cell.arm, distance, name or program.name)
     slow = tuple(find_slow_paths(reach, joint_path, cell.arm, name or program.name))

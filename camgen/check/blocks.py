@@ -16,7 +16,7 @@ from msgspec import Struct
 from camgen.check.axis_limits import limit_along
 from camgen.check.profile import durations, squares
 from camgen.geometry.arcs import make_spans_through
-from camgen.geometry.vectors import dots, lengths
+from camgen.geometry.vectors import measure_lengths, multiply_rows
 from camgen.model.cell import Axes, Dynamics
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -132,7 +132,7 @@ def _cut(motions: Motions, chords: IntArray, axes: Axes | None) -> _Blocks:
     start[1:] = end[:-1]
     start[first] = motions.start
     step = _round(end, axes) - _round(start, axes)
-    length = lengths(step)
+    length = measure_lengths(step)
     moves = length > 0
     return _Blocks(motion[moves], length[moves], step[moves] / length[moves, None])
 
@@ -162,9 +162,9 @@ def _pass_junctions(direction: FloatArray, dynamics: Dynamics) -> FloatArray:
     e cos(t / 2) / (1 - cos(t / 2)). Its acceleration points along the change of direction.
     """
     before, after = direction[:-1], direction[1:]
-    cosine = dots(before, after)
+    cosine = multiply_rows(before, after)
     change = after - before
-    size = lengths(change)
+    size = measure_lengths(change)
     toward = change / np.where(size > 0, size, 1.0)[:, None]
     gain = np.full(len(cosine), dynamics.acceleration)
     if dynamics.axes is not None:

@@ -10,12 +10,12 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.check.lost import join_losses
-from camgen.check.reach import Reach
-from camgen.collision.cell import Surroundings
+from camgen.check.reach import JointTrace
+from camgen.collision.cell import CellScene
 from camgen.collision.describe import describe_hit
 from camgen.collision.motion import check_motion, check_motions
 from camgen.collision.scene import PART, Scene
-from camgen.geometry.ragged import ends_run, offsets, run_lengths
+from camgen.geometry.ragged import compute_offsets, mark_run_ends, measure_runs
 from camgen.model.errors import Blocked, BlockedPath
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
@@ -23,7 +23,7 @@ from camgen.model.program import Program
 from camgen.model.text import short
 from camgen.motion.cell import FINE, STEP
 from camgen.motion.joint_paths import APART, JointPath
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 
 #: Number of rows that are tested in one call, which bounds the memory.
@@ -64,7 +64,7 @@ class ClosestApproach(Struct, frozen=True):
         return f"{' against '.join(self.pair)} on {self.on} at {self.at} mm"
 
 
-class Clear(Struct, frozen=True):
+class ClearanceReport(Struct, frozen=True):
     """The clearances of a program without collisions, except those of the tool at the part.
 
     bound: distance up to which bodies are measured, mm: `NEAR` or the margin, the larger one.
@@ -112,8 +112,8 @@ class _Collision(Struct, frozen=True):
 
 
 def check_clear(
-    where: Surroundings, reach: Reach, course: JointPath, robot: Robot, file: str
-) -> Clear:
+    where: CellScene, reach: JointTrace, course: JointPath, robot: Robot, file: str
+) -> ClearanceReport:
     """Measure the clearances of a program along its motions, without blends.
 
     course: joint path of all motions of `reach`.
@@ -137,12 +137,12 @@ def check_clear(
     if collisions:
         collisions += _find_by_path(where, reach, course)
         raise _block(reach, robot, file, course, collisions)
-    return Clear(near, tuple(close), _note_near(close, where.margin))
+    return ClearanceReport(near, tuple(close), _note_near(close, where.margin))
 
 
 def _find_near(
-    where: Surroundings,
-    reach: Reach,
+    where: CellScene,
+    reach: JointTrace,
     robot: Robot,
     course: JointPath,
     rows: tuple[int, int],
@@ -156,7 +156,7 @@ def _find_near(
     program, columns = reach.program, reach.program.columns
     motion_of = _find_motions(reach, course)[rows[0] : rows[1]]
     kinds = columns.path[motion_of[1:]] * 2 + columns.works[motion_of[1:]]
-    runs = list(pairwise([0, *np.cumsum(run_lengths(kinds)).tolist()]))
+    runs = list(pairwise([0, *np.cumsum(measure_runs(kinds)).tolist()]))
     joints = [course.joints[rows[0] + first : rows[0] + last + 1] for first, last in runs]
     checks = check_motions(where.with_margin, joints, FINE, near, APART)
     close = []
@@ -189,12 +189,12 @@ def _note_near(close: Sequence[ClosestApproach], margin: float) -> tuple[Note, .
     )
 
 
-def _find_by_path(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
+def _find_by_path(where: CellScene, reach: JointTrace, course: JointPath) -> list[_Collision]:
     runs = _divide_by_path(reach, course)
     return _find_in_runs(where.with_margin, course, runs) + _find_in_runs(where.work, course, runs)
 
 
-def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_Collision]:
+def _find_strict(where: CellScene, reach: JointTrace, course: JointPath) -> list[_Collision]:
     """Find collisions by the strict test, on all paths except rims, and on links between them."""
     if where.strict is None:
         return []
@@ -210,10 +210,10 @@ def _find_strict(where: Surroundings, reach: Reach, course: JointPath) -> list[_
     return _find_in_runs(where.strict, course, runs)
 
 
-def _divide_by_path(reach: Reach, course: JointPath) -> list[tuple[int, int]]:
+def _divide_by_path(reach: JointTrace, course: JointPath) -> list[tuple[int, int]]:
     """Return the first and the last row of each path, and of each link to one."""
     columns, motion_of = reach.program.columns, _find_motions(reach, course)[1:]
-    ends = offsets(run_lengths(columns.path[motion_of] * 2 + columns.arrives[motion_of]))
+    ends = compute_offsets(measure_runs(columns.path[motion_of] * 2 + columns.arrives[motion_of]))
     return list(pairwise(ends.tolist()))
 
 
@@ -233,17 +233,17 @@ def _collision(scene: Scene, course: JointPath, at: float, pair: int) -> _Collis
     return _Collision(at, scene.pairs[pair], describe_hit(scene, _joints_at(course, at), pair))
 
 
-def _find_motions(reach: Reach, course: JointPath) -> IntArray:
+def _find_motions(reach: JointTrace, course: JointPath) -> IntArray:
     return reach.rows.motion[np.ceil(course.at).astype(np.int64)]
 
 
 def _block(
-    reach: Reach, robot: Robot, file: str, course: JointPath, collisions: list[_Collision]
+    reach: JointTrace, robot: Robot, file: str, course: JointPath, collisions: list[_Collision]
 ) -> Blocked:
     program, columns = reach.program, reach.program.columns
     motion_of = _find_motions(reach, course)
     losses: list[BlockedPath] = []
-    last = ends_run(motion_of)
+    last = mark_run_ends(motion_of)
     for collision in sorted(collisions, key=lambda collision: collision.at):
         row = math.ceil(collision.at)
         number = int(motion_of[row])
@@ -263,7 +263,7 @@ def _block(
 
 def _place(program: Program, robot: Robot, course: JointPath, at: float) -> str:
     """Format the TCP at a place in rows of the joint path, in the work frame, mm."""
-    rotation, origin = flange(robot, _joints_at(course, at)[None])
+    rotation, origin = compute_flange(robot, _joints_at(course, at)[None])
     tip = origin[0] + rotation[0] @ np.asarray(program.flange_from_tool.origin)
     return " ".join(short(v, 1) for v in program.base_from_work.inverse().apply(tip))
 

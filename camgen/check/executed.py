@@ -9,7 +9,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import Spans, make_spans_through
-from camgen.geometry.vectors import angles
+from camgen.geometry.vectors import measure_angles
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Vec3, to_vec3
@@ -106,7 +106,7 @@ def allow_chords(transitions: Transitions, chord: float) -> FloatArray:
     A chord that leaves its arc by s turns away from it by 4 s / length at either end.
     """
     first, second = transitions.first, transitions.second
-    turn = angles(first.tangents()[1], second.tangents()[0])
+    turn = measure_angles(first.tangents()[1], second.tangents()[0])
     lengths = [np.maximum(motion.length, NONZERO) for motion in (first, second)]
     limit = 4 * chord * (1 / lengths[0] + 1 / lengths[1])
     return np.where(~first.curved & ~second.curved & (turn <= limit), chord, 0.0)

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.check.reach import Reach
-from camgen.geometry.ragged import each_once
+from camgen.check.reach import JointTrace
+from camgen.geometry.ragged import select_distinct
 from camgen.model.errors import NoSafeProgram
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.program import MoveJ, Program
 from camgen.model.text import short
 from camgen.motion.joint_paths import JointPath
 from camgen.motion.pose_paths import Index
-from camgen.robots.kinematics.forward import flange, jacobian
+from camgen.robots.kinematics.forward import compute_flange, compute_jacobian
 from camgen.robots.models import Robot
 
 #: Fraction of a feed from which on it counts as kept.
@@ -66,7 +66,9 @@ class _Samples(Struct, frozen=True, eq=False):
     path: Index
 
 
-def find_slow_paths(reach: Reach, course: JointPath, robot: Robot, file: str) -> list[SlowPath]:
+def find_slow_paths(
+    reach: JointTrace, course: JointPath, robot: Robot, file: str
+) -> list[SlowPath]:
     """Find the paths whose feed the joints of `robot` cannot keep, in their order.
 
     reach: joint values of the program.
@@ -83,14 +85,15 @@ def find_slow_paths(reach: Reach, course: JointPath, robot: Robot, file: str) ->
         return []
     _check_possible(samples, robot, program, file)
     return [
-        _find_slowest(samples, path, program) for path in each_once(samples.path[slow]).tolist()
+        _find_slowest(samples, path, program)
+        for path in select_distinct(samples.path[slow]).tolist()
     ]
 
 
-def _sample(reach: Reach, course: JointPath, robot: Robot) -> _Samples:
+def _sample(reach: JointTrace, course: JointPath, robot: Robot) -> _Samples:
     program, columns = reach.program, reach.program.columns
     motion = reach.rows.motion[np.ceil(course.at[1:] - 1e-9).astype(np.int64)]
-    rotation, origin = flange(robot, course.joints)
+    rotation, origin = compute_flange(robot, course.joints)
     place = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     length = np.linalg.norm(np.diff(place, axis=0), axis=1)
     at_feed = columns.works & ~columns.moves_are(MoveJ) & (columns.path >= 0)
@@ -150,13 +153,13 @@ def bound_speed(robot: Robot, joints: FloatArray, tip: Vec3) -> FloatArray:
     joints: (R, J) joint values, rad or mm.
     tip: TCP in the flange frame, mm.
     """
-    columns, rotation, _ = jacobian(robot, joints)
+    columns, rotation, _ = compute_jacobian(robot, joints)
     arm = (rotation @ np.asarray(tip))[:, :, None]
     turned = np.cross(columns[:, 3:], arm, axisa=1, axisb=1, axisc=1)
     return np.asarray(np.linalg.norm(columns[:, :3] + turned, axis=1) @ robot.fastest)
 
 
-def tell_slow_path(slow: SlowPath, name: str) -> str:
+def describe_slow_path(slow: SlowPath, name: str) -> str:
     """Describe a slow path `name` for a note."""
     place = " ".join(short(value, 1) for value in slow.place)
     return (

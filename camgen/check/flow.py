@@ -21,18 +21,18 @@ from camgen.check.passing import (
     make_speed_profile,
     trace_motions,
 )
-from camgen.check.reach import Reach
-from camgen.collision.cell import Surroundings
+from camgen.check.reach import JointTrace
+from camgen.collision.cell import CellScene
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
 from camgen.geometry.halving import find_first
-from camgen.geometry.ragged import ends_run, owners, run_lengths, run_starts
+from camgen.geometry.ragged import find_run_starts, list_owners, mark_run_ends, measure_runs
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Force, MoveJ, Program
 from camgen.model.text import counted
 from camgen.motion.corners import TURNING, Flow
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -63,8 +63,8 @@ class _CornerPath(Struct, frozen=True, eq=False):
 
 def blend_links(
     program: Program,
-    reach: Reach,
-    where: Surroundings,
+    reach: JointTrace,
+    where: CellScene,
     cell: Workcell,
     flow: Flow,
 ) -> tuple[Program, tuple[Note, ...]]:
@@ -124,8 +124,8 @@ def _have_touched(columns: Columns, slow: float) -> BoolArray:
     """
     path, is_contact = columns.path, columns.works | (columns.speed <= slow)
     counts = np.cumsum(is_contact)
-    before: IntArray = np.repeat((counts - is_contact)[run_starts(path)], run_lengths(path))
-    return np.asarray(~ends_run(path) | (counts > before))
+    before: IntArray = np.repeat((counts - is_contact)[find_run_starts(path)], measure_runs(path))
+    return np.asarray(~mark_run_ends(path) | (counts > before))
 
 
 def _list_corner_paths(
@@ -179,7 +179,7 @@ def _keeps_above(program: Program, robot: Robot, fan: FloatArray, floor: float) 
     inside = first + second <= count
     weights = np.column_stack([count - first - second, first, second])[inside] / count
     joints = np.einsum("kc,ncj->nkj", weights, fan).reshape(-1, fan.shape[2])
-    rotation, origin = flange(robot, joints)
+    rotation, origin = compute_flange(robot, joints)
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     base = program.base_from_work
     return bool(((tip - np.asarray(base.origin)) @ base.rotation[:, 2] >= floor).all())
@@ -219,7 +219,7 @@ class _Corner(Struct, frozen=True, eq=False):
 
 
 def _make_corner(
-    reach: Reach, trace: MotionTrace, motion: int, path: _CornerPath, *, is_timed: bool
+    reach: JointTrace, trace: MotionTrace, motion: int, path: _CornerPath, *, is_timed: bool
 ) -> _Corner:
     """Compute the joint values of a corner path after `motion`.
 
@@ -250,7 +250,7 @@ def _make_fan(corner: _Corner) -> FloatArray:
     return np.stack([np.broadcast_to(corner.at, points[1:].shape), points[:-1], points[1:]], axis=1)
 
 
-def _measure_bows(where: Surroundings, corners: Sequence[_Corner]) -> FloatArray:
+def _measure_bows(where: CellScene, corners: Sequence[_Corner]) -> FloatArray:
     if not corners:
         return np.zeros(0)
     exact = np.concatenate([corner.exact for corner in corners])
@@ -259,7 +259,7 @@ def _measure_bows(where: Surroundings, corners: Sequence[_Corner]) -> FloatArray
     return np.asarray(distances.max(axis=1) + _EXTRA_MM)
 
 
-def _are_free(where: Surroundings, fans: Sequence[FloatArray], bows: FloatArray) -> list[bool]:
+def _are_free(where: CellScene, fans: Sequence[FloatArray], bows: FloatArray) -> list[bool]:
     """Whether each corner is free of collisions and keeps the margin.
 
     fans: triangles of each corner, see `_make_fan`.
@@ -267,7 +267,7 @@ def _are_free(where: Surroundings, fans: Sequence[FloatArray], bows: FloatArray)
     """
     if not fans:
         return []
-    triangles, owner = np.concatenate(fans), owners([len(fan) for fan in fans])
+    triangles, owner = np.concatenate(fans), list_owners([len(fan) for fan in fans])
     free = are_free(where.with_margin, triangles, owner, where.margin, bows)
     rest = free[owner]
     left = (np.cumsum(free) - 1)[owner[rest]]

@@ -15,16 +15,16 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.collide import Clear, ClosestApproach, check_clear
+from camgen.check.collide import ClearanceReport, ClosestApproach, check_clear
 from camgen.check.reach import (
+    JointTrace,
     MotionRows,
-    Reach,
     compute_ends,
     interpolate_joints,
     sample_motions,
     trace_joints,
 )
-from camgen.collision.cell import Surroundings, make_surroundings
+from camgen.collision.cell import CellScene, make_cell_scene
 from camgen.collision.motion import measure_apart
 from camgen.geometry.arcs import find_arc_middles
 from camgen.model.errors import NoSafeProgram
@@ -35,7 +35,7 @@ from camgen.model.program import MoveC, Program, ToolChange, switch_off_first
 from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import Setup, compute_flange_poses
-from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.kinematics.joint_limits import are_within_limits, measure_excess
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
@@ -51,9 +51,9 @@ class MachineChecks(Struct, frozen=True, eq=False):
     where: the scene of the first tool.
     """
 
-    reach: Reach
-    clear: Clear
-    where: Surroundings
+    reach: JointTrace
+    clear: ClearanceReport
+    where: CellScene
 
 
 class _Section(Struct, frozen=True, eq=False):
@@ -78,13 +78,13 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
     """
     machine = cell.arm
     assert machine is not None
-    reaches: list[Reach] = []
-    clears: list[Clear] = []
-    scenes: list[Surroundings] = []
+    reaches: list[JointTrace] = []
+    clears: list[ClearanceReport] = []
+    scenes: list[CellScene] = []
     for section in _split(program, job):
         reach = check_travel(section.program, machine, file)
         with_tool = replace(cell, flange_from_tool=section.program.flange_from_tool)
-        scene = make_surroundings(replace(job, tool=section.tool), with_tool, None)
+        scene = make_cell_scene(replace(job, tool=section.tool), with_tool, None)
         course = trace_joints(reach, machine, partial(measure_apart, scene.scene), file)
         clears.append(check_clear(scene, reach, course, machine, file))
         reaches.append(replace(reach, owner=reach.owner + section.shift))
@@ -97,7 +97,9 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
     for clear in clears:
         close += clear.close
         notes += clear.notes
-    return MachineChecks(whole, Clear(clears[0].bound, tuple(close), tuple(notes)), scenes[0])
+    return MachineChecks(
+        whole, ClearanceReport(clears[0].bound, tuple(close), tuple(notes)), scenes[0]
+    )
 
 
 def _split(program: Program, job: Job) -> list[_Section]:
@@ -132,7 +134,7 @@ def _find_tool(change: ToolChange, job: Job) -> ToolTable:
     )
 
 
-def check_travel(program: Program, machine: Robot, file: str) -> Reach:
+def check_travel(program: Program, machine: Robot, file: str) -> JointTrace:
     """The axis positions along `program`.
 
     file: the input, for messages.
@@ -147,7 +149,7 @@ def check_travel(program: Program, machine: Robot, file: str) -> Reach:
     setup = Setup(machine, program.base_from_work, program.flange_from_tool)
 
     def find_axes(position: FloatArray, rotation: FloatArray) -> FloatArray:
-        return inverse(machine, *compute_flange_poses(setup, position, rotation))[:, 0]
+        return compute_solutions(machine, *compute_flange_poses(setup, position, rotation))[:, 0]
 
     axes = find_axes(rows.pose_path.position, rows.pose_path.rotation)
     leaning = np.flatnonzero(np.isnan(axes).any(axis=1))
@@ -156,7 +158,7 @@ def check_travel(program: Program, machine: Robot, file: str) -> Reach:
     _check_limits(program, machine, file, rows, find_axes)
     dense, at = interpolate_joints(machine, axes, rows.free)
     motion = np.repeat(rows.motion, np.diff(at, prepend=-1))
-    return Reach(machine.name, dense, columns.at[motion], program, rows, at)
+    return JointTrace(machine.name, dense, columns.at[motion], program, rows, at)
 
 
 def _check_limits(

@@ -7,12 +7,12 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.check.reach import Reach
+from camgen.check.reach import JointTrace
 from camgen.model.cell import Dynamics
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.program import Comment, MoveJ, Program
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 
 #: mm: a motion on which the TCP travels less has no speed profile.
@@ -45,9 +45,9 @@ class MotionTrace(Struct, frozen=True, eq=False):
         return slice(begin - 1, end)
 
 
-def trace_motions(program: Program, reach: Reach, robot: Robot) -> MotionTrace:
+def trace_motions(program: Program, reach: JointTrace, robot: Robot) -> MotionTrace:
     """Compute TCP and times at all samples of `reach`."""
-    rotation, origin = flange(robot, reach.joints)
+    rotation, origin = compute_flange(robot, reach.joints)
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     scaled = reach.joints / robot.speeds
     steps_mm = np.linalg.norm(np.diff(tip, axis=0), axis=1)
@@ -116,7 +116,7 @@ def make_speed_profile(
 
 
 def compute_saved_seconds(
-    program: Program, reach: Reach, robot: Robot, pace: Dynamics
+    program: Program, reach: JointTrace, robot: Robot, pace: Dynamics
 ) -> FloatArray:
     """Compute by how much motions (M,) are shorter than from rest to rest, s.
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from camgen.check.lost import JointFailure, Stretch, find_failures, join_losses
 from camgen.geometry.arcs import find_arc_middles
-from camgen.geometry.ragged import ends_run, offsets, owners, ramp
+from camgen.geometry.ragged import compute_offsets, list_owners, mark_run_ends, number_rows
 from camgen.model.errors import Blocked, BlockedPath, JobError
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
@@ -27,10 +27,10 @@ from camgen.motion.joint_paths import JointPath, follow_closely
 from camgen.motion.pose_paths import Index, PosePath, count_parts, divide
 from camgen.motion.setup import Setup, compute_flange_poses
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Robot
-from camgen.robots.posture import postures
+from camgen.robots.posture import compute_postures
 from camgen.robots.workcell import make_machine_error
 
 #: mm: maximum step of the TCP, or of the flange on a joint motion, from row to row.
@@ -64,7 +64,7 @@ def sample_motions(program: Program, pose_path: PosePath) -> MotionRows:
     parts = np.maximum(count_parts(pose_path, STEP, _STEP_TURN), arc_parts)
     parts[free[owner[1:]]] = 1
     motion = np.concatenate([owner[:1], np.repeat(owner[1:], parts)])
-    at = np.flatnonzero(ends_run(motion))
+    at = np.flatnonzero(mark_run_ends(motion))
     return MotionRows(divide(pose_path, parts), motion, at, free[motion])
 
 
@@ -80,7 +80,7 @@ def compute_ends(
     rotation = np.empty((len(posed), 3, 3))
     if posed.any():
         rotation[posed] = np.stack(columns.table)[columns.rotation[posed]]
-    turned, origin = flange(robot, anchors)
+    turned, origin = compute_flange(robot, anchors)
     tool, base = program.flange_from_tool, program.base_from_work
     rotation[~posed] = base.rotation.T @ turned @ tool.rotation
     position[~posed] = (
@@ -105,7 +105,7 @@ def _divide_arcs(pose_path: PosePath, program: Program) -> tuple[PosePath, Index
     rotation = finer.rotation.copy()
     columns = program.columns
     vias = columns.via_rotation[np.searchsorted(columns.arcs, np.flatnonzero(turning))]
-    rotation[offsets(parts)[turning] - 1] = np.stack(columns.table)[vias]
+    rotation[compute_offsets(parts)[turning] - 1] = np.stack(columns.table)[vias]
     return PosePath(finer.position, finer.via, rotation), owner
 
 
@@ -125,28 +125,28 @@ def interpolate_joints(
     steps = np.maximum(np.ceil(angle / _STEP_JOINT - 1e-9), 1)
     parts = np.where(free[1:], steps, 1).astype(np.int64)
     if not free[1:].any():
-        return joints, offsets(parts)
+        return joints, compute_offsets(parts)
     dense = _interpolate(joints, parts)
     is_free = np.repeat(free[1:], parts)
     needed = np.append(is_free, False) | np.append(False, is_free)
     origin = np.zeros((len(dense), 3))
-    origin[needed] = flange(robot, dense[needed])[1]
+    origin[needed] = compute_flange(robot, dense[needed])[1]
     moved = np.linalg.norm(np.diff(origin, axis=0), axis=1) * is_free
-    longest = np.maximum.reduceat(moved, offsets(parts)[:-1])
+    longest = np.maximum.reduceat(moved, compute_offsets(parts)[:-1])
     parts = parts * np.maximum(np.ceil(longest / STEP), 1).astype(np.int64)
-    return _interpolate(joints, parts), offsets(parts)
+    return _interpolate(joints, parts), compute_offsets(parts)
 
 
 def _interpolate(joints: FloatArray, parts: Index) -> FloatArray:
-    segment = owners(parts)
-    fraction = (ramp(parts) + 1) / parts[segment]
+    segment = list_owners(parts)
+    fraction = (number_rows(parts) + 1) / parts[segment]
     between = joints[segment] + fraction[:, None] * np.diff(joints, axis=0)[segment]
     dense = np.concatenate([joints[:1], between])
-    dense[offsets(parts)] = joints
+    dense[compute_offsets(parts)] = joints
     return dense
 
 
-class Reach(Struct, frozen=True, eq=False):
+class JointTrace(Struct, frozen=True, eq=False):
     """Joint values along a whole program.
 
     On a joint motion no joint turns by more than 2 deg from row to row, and the flange moves by
@@ -174,7 +174,7 @@ class Reach(Struct, frozen=True, eq=False):
         return len(self.joints)
 
 
-def check_reach(program: Program, robot: Robot, file: str) -> Reach:
+def check_reach(program: Program, robot: Robot, file: str) -> JointTrace:
     """Find joint values for all motions, in one posture between two motions to joint values.
 
     file: name of the input, for messages.
@@ -187,11 +187,14 @@ def check_reach(program: Program, robot: Robot, file: str) -> Reach:
     joints = _follow(program, robot, file, rows, anchors)
     dense, at = interpolate_joints(robot, joints, rows.free)
     owner = program.columns.at[np.repeat(rows.motion, np.diff(at, prepend=-1))]
-    return Reach(robot.name, dense, owner, _fill(program, robot, joints[rows.at]), rows, at)
+    return JointTrace(robot.name, dense, owner, _fill(program, robot, joints[rows.at]), rows, at)
 
 
 def trace_joints(
-    reach: Reach, robot: Robot, distance: Callable[[FloatArray, FloatArray], FloatArray], file: str
+    reach: JointTrace,
+    robot: Robot,
+    distance: Callable[[FloatArray, FloatArray], FloatArray],
+    file: str,
 ) -> JointPath:
     """Compute the joint path of the whole program, with the TCP on its lines and arcs.
 
@@ -314,7 +317,7 @@ def _make_error(
 
 def _fill(program: Program, robot: Robot, joints: FloatArray) -> Program:
     columns = program.columns
-    postures_at = postures(robot, joints, ~columns.moves_are(MoveJ))
+    postures_at = compute_postures(robot, joints, ~columns.moves_are(MoveJ))
     body = list(program.body)
     values = [tuple(row) for row in joints.tolist()]
     for motion in np.flatnonzero(columns.posed).tolist():

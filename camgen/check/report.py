@@ -12,8 +12,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import measure_arcs, measure_spans
-from camgen.geometry.rotations import angles_between
-from camgen.geometry.vectors import in_blocks, lengths
+from camgen.geometry.rotations import measure_angles_between
+from camgen.geometry.vectors import compute_in_blocks, measure_lengths
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, Vec3, frozen, to_vec3
@@ -32,7 +32,7 @@ from camgen.model.program import (
 from camgen.plan import Coverage
 
 if TYPE_CHECKING:
-    from camgen.check.collide import Clear
+    from camgen.check.collide import ClearanceReport
     from camgen.collision.cell import Untested
 
 #: The value of each of ``checks`` as long as the cell has no robot model.
@@ -141,7 +141,7 @@ def _time_reorientations(columns: Columns) -> FloatArray:
         table, rotation = columns.table, columns.rotation
         before = np.stack([table[k] for k in rotation[motions - 1].tolist()])
         after = np.stack([table[k] for k in rotation[motions].tolist()])
-        seconds[motions] = angles_between(before, after) / columns.turn[motions]
+        seconds[motions] = measure_angles_between(before, after) / columns.turn[motions]
     return seconds
 
 
@@ -149,8 +149,8 @@ def motion_lengths(columns: Columns) -> FloatArray:
     """Compute the path of the TCP on each motion (M,), mm; 0 if an end is unknown."""
     end, arcs = columns.ends, columns.arcs
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
-    length = in_blocks(lambda a, b: lengths(b - a), start, end)
-    length[arcs] = in_blocks(measure_arcs, start[arcs], columns.via, end[arcs])
+    length = compute_in_blocks(lambda a, b: measure_lengths(b - a), start, end)
+    length[arcs] = compute_in_blocks(measure_arcs, start[arcs], columns.via, end[arcs])
     return np.asarray(np.nan_to_num(length))
 
 
@@ -243,7 +243,7 @@ def report(
     }
 
 
-def add_clearances(table: dict[str, object], clear: Clear) -> None:
+def add_clearances(table: dict[str, object], clear: ClearanceReport) -> None:
     """Add the clearances of a program to its report, mm to 1e-3.
 
     The report gets the smallest clearance, the bound up to which it is measured, and the clearance

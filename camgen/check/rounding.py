@@ -13,8 +13,8 @@ from msgspec import Struct
 
 from camgen.check.executed import pick_transitions
 from camgen.check.passing import find_corners
-from camgen.check.reach import Reach
-from camgen.collision.cell import Surroundings
+from camgen.check.reach import JointTrace
+from camgen.collision.cell import CellScene
 from camgen.collision.motion import check_motions, measure_apart, measure_closer
 from camgen.collision.scene import Scene
 from camgen.model.cell import Dynamics
@@ -27,7 +27,7 @@ from camgen.motion.cell import FINE, STEP
 from camgen.motion.corners import TURNING
 from camgen.motion.joint_paths import APART, JointPath
 from camgen.motion.rounding import measure_rounding
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -80,9 +80,9 @@ class _RoundedCorners(Struct, frozen=True, eq=False):
 
 def reduce_blends(
     program: Program,
-    reach: Reach,
+    reach: JointTrace,
     joint_path: JointPath,
-    where: Surroundings,
+    where: CellScene,
     cell: Workcell,
     gap: float = 0.0,
 ) -> tuple[Program, tuple[Note, ...]]:
@@ -128,8 +128,8 @@ def _find_rounded(columns: Columns, corners: IntArray) -> IntArray:
     return corners[(columns.blend[corners] > 0) & inside]
 
 
-def _follow(program: Program, reach: Reach, joint_path: JointPath, robot: Robot) -> _JointPath:
-    rotation, origin = flange(robot, joint_path.joints)
+def _follow(program: Program, reach: JointTrace, joint_path: JointPath, robot: Robot) -> _JointPath:
+    rotation, origin = compute_flange(robot, joint_path.joints)
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     travelled = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
     return _JointPath(
@@ -145,7 +145,7 @@ def _lessen(blend: FloatArray, pace: Dynamics) -> FloatArray:
 
 
 def _are_clear(
-    where: Surroundings, corners: _RoundedCorners, gap: float, is_strict: BoolArray
+    where: CellScene, corners: _RoundedCorners, gap: float, is_strict: BoolArray
 ) -> BoolArray:
     """(K,) whether the arm meets nothing in corners and keeps the margin.
 

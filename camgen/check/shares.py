@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.check.reach import Reach
-from camgen.geometry.ragged import ends_run
-from camgen.geometry.rotations import angles_between
+from camgen.check.reach import JointTrace
+from camgen.geometry.ragged import mark_run_ends
+from camgen.geometry.rotations import measure_angles_between
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.program import MoveJ, Program
 from camgen.model.tolerance import NONZERO
 from camgen.motion.limits import measure_point_speed, round_down, slow_down
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.kinematics.rates import find_held_fraction, measure_fastest
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
@@ -45,7 +45,7 @@ class _Swing(NamedTuple):
 
 
 def share_joints(
-    reach: Reach,
+    reach: JointTrace,
     cell: Workcell,
     distance: Callable[[FloatArray, FloatArray], FloatArray],
     point: float,
@@ -70,7 +70,7 @@ def share_joints(
     assert robot is not None
     columns = program.columns
     swings = np.flatnonzero(columns.moves_are(MoveJ))[1:]
-    ends = np.flatnonzero(ends_run(np.searchsorted(columns.at, reach.owner)))
+    ends = np.flatnonzero(mark_run_ends(np.searchsorted(columns.at, reach.owner)))
     body = list(program.body)
     tip = program.flange_from_tool.origin
     for swing in swings.tolist():
@@ -105,10 +105,10 @@ def _limit(robot: Robot, swing: _Swing, speed: float, point: float) -> tuple[flo
     point: maximum speed of all points, mm/s.
     """
     seconds = float((np.abs(swing.joints[-1] - swing.joints[0]) / robot.speeds).max())
-    rotation, origin = flange(robot, swing.joints)
+    rotation, origin = compute_flange(robot, swing.joints)
     places = origin + rotation @ np.asarray(swing.tip)
     length = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-    angle = float(angles_between(rotation[:1], rotation[-1:])[0])
+    angle = float(measure_angles_between(rotation[:1], rotation[-1:])[0])
     needed = seconds * swing.fastest / point
     if max(seconds, length / speed, angle / _ON_THE_WAY) >= _NEARLY * needed:
         return speed, 0.0

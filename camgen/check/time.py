@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from camgen.check.profile import durations, squares
 from camgen.check.report import Cycle, exact_sum
 from camgen.geometry.arcs import make_spans_through, measure_arcs
-from camgen.geometry.ragged import each_once, ends_run
-from camgen.geometry.rotations import angles_between
-from camgen.geometry.vectors import cross, in_blocks, lengths, unit
+from camgen.geometry.ragged import mark_run_ends, select_distinct
+from camgen.geometry.rotations import measure_angles_between
+from camgen.geometry.vectors import compute_in_blocks, cross, measure_lengths, normalize
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, read_column, select_items
@@ -23,7 +23,7 @@ from camgen.model.tolerance import SAME_POINT_MM
 from camgen.motion.limits import time_from_rest
 
 if TYPE_CHECKING:
-    from camgen.check.reach import Reach
+    from camgen.check.reach import JointTrace
     from camgen.robots.models import Robot
 
 
@@ -116,7 +116,7 @@ class MotionShapes(Struct, frozen=True, eq=False):
     turn: FloatArray
 
 
-def shape_motions(program: Program, arm: Robot | None) -> MotionShapes:
+def compute_motion_shapes(program: Program, arm: Robot | None) -> MotionShapes:
     """Compute the curves of the motions of `program`.
 
     arm: the arm, for the position of the tool at joint values; without it that is unknown.
@@ -124,12 +124,12 @@ def shape_motions(program: Program, arm: Robot | None) -> MotionShapes:
     columns = program.columns
     end, turn = _compute_ends(program, arm)
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
-    length = in_blocks(lambda a, b: lengths(b - a), start, end)
+    length = compute_in_blocks(lambda a, b: measure_lengths(b - a), start, end)
     arc = columns.arcs[~np.isnan(length[columns.arcs])]
-    first = in_blocks(lambda a, b: unit(np.nan_to_num(b - a)), start, end)
+    first = compute_in_blocks(lambda a, b: normalize(np.nan_to_num(b - a)), start, end)
     last, radius = first, np.full(len(end), np.inf)
     if len(arc):
-        shapes = in_blocks(_shape_arcs, start[arc], columns.vias_of(arc), end[arc])
+        shapes = compute_in_blocks(_shape_arcs, start[arc], columns.vias_of(arc), end[arc])
         last = first.copy()
         length[arc], radius[arc] = shapes[:, 0], shapes[:, 1]
         first[arc], last[arc] = shapes[:, 2:5], shapes[:, 5:]
@@ -139,7 +139,7 @@ def shape_motions(program: Program, arm: Robot | None) -> MotionShapes:
 def _shape_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
     """Compute (K, 8) of arcs: length and radius, mm, and the directions of travel at both ends."""
     spans = make_spans_through(start, via, end)
-    tangents = (unit(np.nan_to_num(tangent)) for tangent in spans.tangents())
+    tangents = (normalize(np.nan_to_num(tangent)) for tangent in spans.tangents())
     radius = np.where(spans.curved, spans.radius, np.inf)
     return np.column_stack([measure_arcs(start, via, end), radius, *tangents])
 
@@ -153,7 +153,7 @@ def _compute_ends(program: Program, arm: Robot | None) -> tuple[FloatArray, Floa
         fixed = select_items(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
         anchors = np.array([move.target.values for move in fixed])
         end, rotation = compute_ends(program, arm, anchors.reshape(len(fixed), len(arm.home)))
-        return end, np.append(0.0, angles_between(rotation[:-1], rotation[1:]))
+        return end, np.append(0.0, measure_angles_between(rotation[:-1], rotation[1:]))
     turn = np.zeros(len(columns.moves))
     posed = columns.posed
     rotations = columns.rotations(posed)
@@ -164,7 +164,7 @@ def _compute_ends(program: Program, arm: Robot | None) -> tuple[FloatArray, Floa
     if len(changes):
         before = np.stack([rotations[k] for k in changes.tolist()])
         after = np.stack([rotations[k + 1] for k in changes.tolist()])
-        turn[motions[changes + 1]] = angles_between(before, after)
+        turn[motions[changes + 1]] = measure_angles_between(before, after)
     return columns.ends, turn
 
 
@@ -201,7 +201,7 @@ class _Pieces(Struct, frozen=True, eq=False):
 
 
 def time_motions(
-    program: Program, pace: Dynamics, reach: Reach | None, arm: Robot | None
+    program: Program, pace: Dynamics, reach: JointTrace | None, arm: Robot | None
 ) -> tuple[FloatArray, FloatArray]:
     """Compute the seconds (M,) of all motions, and their ends, (M, 3) mm, NaN if unknown.
 
@@ -212,7 +212,7 @@ def time_motions(
         time if one end is unknown.
     """
     columns = program.columns
-    shape = shape_motions(program, arm)
+    shape = compute_motion_shapes(program, arm)
     if pace.corner in _MILLS:
         shape = replace(shape, turn=np.zeros_like(shape.turn))
     steps = None if reach is None or arm is None else _make_joint_steps(program, reach, arm)
@@ -250,11 +250,11 @@ def time_motions(
     return seconds, shape.end
 
 
-def _make_joint_steps(program: Program, reach: Reach, arm: Robot) -> _JointSteps:
-    from camgen.robots.kinematics.forward import flange  # noqa: PLC0415
+def _make_joint_steps(program: Program, reach: JointTrace, arm: Robot) -> _JointSteps:
+    from camgen.robots.kinematics.forward import compute_flange  # noqa: PLC0415
 
     owner = np.searchsorted(program.columns.at, reach.owner)[1:]
-    rotation, origin = flange(arm, reach.joints)
+    rotation, origin = compute_flange(arm, reach.joints)
     tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
     step = np.abs(np.diff(reach.joints, axis=0)) / arm.speeds
     mm = np.linalg.norm(np.diff(tip, axis=0), axis=1)
@@ -365,7 +365,7 @@ def _limit_turns(before: FloatArray, after: FloatArray, pace: Dynamics) -> Float
         return gain
     from camgen.check.axis_limits import limit_around  # noqa: PLC0415
 
-    limit = limit_around(pace.axes.accelerations, unit(cross(before, after)))
+    limit = limit_around(pace.axes.accelerations, normalize(cross(before, after)))
     return np.asarray(np.minimum(gain, limit))
 
 
@@ -400,8 +400,8 @@ def _limit_ends(program: Program, shape: MotionShapes, pace: Dynamics, timed: Ma
         rapid = columns.moves_are(MoveJ)[index]
         follows &= rapid[:-1] == rapid[1:]
     before, after = index[:-1][follows], index[1:][follows]
-    difference = lengths(shape.first[after] - shape.last[before])
-    total = lengths(shape.first[after] + shape.last[before])
+    difference = measure_lengths(shape.first[after] - shape.last[before])
+    total = measure_lengths(shape.first[after] + shape.last[before])
     corners = Corners(
         # Half of the angle between unit vectors, exact for small and for large angles.
         half=np.arctan2(difference, total),
@@ -428,10 +428,10 @@ def _limit_ends(program: Program, shape: MotionShapes, pace: Dynamics, timed: Ma
 def _time_pieces(pieces: _Pieces, limits: _Ends, count: int) -> FloatArray:
     square, reach = limits.square, limits.reach
     nodes = np.append(0.0, np.cumsum(pieces.length))
-    ends = nodes[1:][ends_run(pieces.motion)]
+    ends = nodes[1:][mark_run_ends(pieces.motion)]
     wide = np.flatnonzero(reach > 0)
     begin, end = ends[wide] - reach[wide], ends[wide] + reach[wide]
-    edges = each_once(np.concatenate([nodes, begin, end]))
+    edges = select_distinct(np.concatenate([nodes, begin, end]))
     length, middle = np.diff(edges), (edges[1:] + edges[:-1]) / 2
     piece = np.searchsorted(nodes, middle) - 1
     limit, gain = pieces.limit[piece], pieces.gain[piece]
@@ -455,8 +455,8 @@ def assign_paths(program: Program) -> NDArray[np.int64]:
     return np.where(program.columns.works, program.columns.path, -1)
 
 
-def cycle(
-    program: Program, pace: Dynamics, reach: Reach | None = None, arm: Robot | None = None
+def compute_cycle(
+    program: Program, pace: Dynamics, reach: JointTrace | None = None, arm: Robot | None = None
 ) -> Cycle:
     """Compute the time of a program in total and per path; `reach`, `arm`: see `time_motions`."""
     columns = program.columns

@@ -17,8 +17,8 @@ from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from typing import NoReturn
 
-from camgen.cli.say import Voice, voice
-from camgen.cli.stop import Stopped, exit_code, say_why, signals_as_interrupts
+from camgen.cli.say import Terminal, make_terminal
+from camgen.cli.stop import Stopped, exit_code, format_reason, raise_signals
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.text import suggest
 from camgen.model.version import __version__
@@ -66,15 +66,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         # camgen checks for numbers that are out of range and reports them itself.
         warnings.simplefilter("ignore", RuntimeWarning)
     words = list(sys.argv[1:] if argv is None else argv)
-    says = voice(quiet=False, verbose=0)
+    says = make_terminal(quiet=False, verbose=0)
     try:
         arguments = _parse(words)
         if arguments is None:
             return 0
-        says = voice(arguments.quiet, arguments.verbose)
+        says = make_terminal(arguments.quiet, arguments.verbose)
         # Standard output is for results alone. The output of plug-ins and libraries goes to
         # standard error, with the messages.
-        with signals_as_interrupts(last=argv is None), redirect_stdout(sys.stderr):
+        with raise_signals(last=argv is None), redirect_stdout(sys.stderr):
             return _command(arguments.command)(arguments, says)
     except CamgenError as error:
         says.error(f"error: {error}")
@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # The reader of the help has closed the pipe.
         return 0
     except Stopped as error:
-        says.error(say_why(error))
+        says.error(format_reason(error))
         return exit_code(error)
     # Any other exception, also a plug-in that ends the process, becomes one line and exit code 1.
     except (Exception, SystemExit) as error:
@@ -110,17 +110,17 @@ def _open_streams() -> None:
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
 
 
-def _trace(says: Voice) -> None:
+def _trace(says: Terminal) -> None:
     if says.verbose > 1:
         importlib.import_module("traceback").print_exc()
 
 
-def _command(name: str) -> Callable[[argparse.Namespace, Voice], int]:
+def _command(name: str) -> Callable[[argparse.Namespace, Terminal], int]:
     # An import makes thousands of objects and no garbage, so it would find nothing.
     enabled = gc.isenabled()
     gc.disable()
     try:
-        command: Callable[[argparse.Namespace, Voice], int]
+        command: Callable[[argparse.Namespace, Terminal], int]
         command = importlib.import_module(f"camgen.cli.{name}").run
     finally:
         if enabled:
@@ -138,7 +138,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _parse(words: list[str]) -> argparse.Namespace | None:
     """The arguments; None after --help and --version, which have printed their text."""
-    parser, commands = parsers()
+    parser, commands = make_parsers()
     if not words:
         parser.print_help()
         return None
@@ -159,7 +159,7 @@ def _parse(words: list[str]) -> argparse.Namespace | None:
     return arguments
 
 
-def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
+def make_parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
     """The parser of the command line, and those of its commands by name."""
     about = "Checked robot and machine programs from drawings and photos."
     raw = argparse.RawDescriptionHelpFormatter

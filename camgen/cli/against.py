@@ -21,10 +21,10 @@ from camgen.check.photo import (
     inspect_photo,
     list_rework,
 )
-from camgen.check.photo.rework import WITHOUT_FORCE, insist_on_following, insist_on_pose
+from camgen.check.photo.rework import WITHOUT_FORCE, check_following, check_pose
 from camgen.cli.inputs import open_inputs
 from camgen.cli.rework import write_drawing, write_job
-from camgen.cli.say import Voice, table
+from camgen.cli.say import Terminal, format_table
 from camgen.model.errors import JobError, NoSafeProgram, VerifyError
 from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.text import counted, name_ranges, short
@@ -41,7 +41,7 @@ _PICTURES = (".svg", ".png")
 _MAX_LISTED = 40
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Compare a photo with a part, print the differences, and write the picture and the rework.
 
     Raises VerifyError for any difference with `--strict`, JobError for unusable arguments,
@@ -81,8 +81,8 @@ def run(arguments: Namespace, says: Voice) -> int:
             raise VerifyError(arguments.input, what, remedy="leave --strict out to see all of them")
         if arguments.rework:
             _check_clamps(part_job)
-            insist_on_following(part_job, name_operation(part, part_job))
-            insist_on_pose(arguments.input, inspection.fit, inspection.expected.region)
+            check_following(part_job, name_operation(part, part_job))
+            check_pose(arguments.input, inspection.fit, inspection.expected.region)
             if not works:
                 what = "shows no burr that can be worked again"
                 raise NoSafeProgram(
@@ -178,7 +178,7 @@ def _format_page(
     if listed:
         head = ("", "what", "x mm", "y mm", "height mm", "length mm", "mm2", "at")
         rows = [_format_row(number, difference) for number, difference in enumerate(listed, 1)]
-        lines.append(table([head, *rows]).rstrip("\n"))
+        lines.append(format_table([head, *rows]).rstrip("\n"))
     more = len(inspection.differences) - len(listed)
     if more:
         lines.append(f"and {counted(more, 'more place')}")

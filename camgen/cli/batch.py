@@ -23,9 +23,9 @@ from camgen.batch.parts import BatchOptions, BatchPart, make_parts
 from camgen.batch.state import BuildSums, Outcome, Task
 from camgen.batch.writing import check_edits, check_programs, check_targets, write_all
 from camgen.check.report import clean
-from camgen.cli.say import Voice, table
-from camgen.cli.stop import Stopped, exit_code, say_why
-from camgen.model.errors import JobError, one_line
+from camgen.cli.say import Terminal, format_table
+from camgen.cli.stop import Stopped, exit_code, format_reason
+from camgen.model.errors import JobError, make_one_line
 from camgen.model.text import counted, duration
 from camgen.post.plugins import find_post, find_readback
 from camgen.read.job_file import load_job
@@ -60,7 +60,7 @@ class _Row(Struct, frozen=True):
     sums: BuildSums | None = None
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Build the parts that have changed, write each program at once, and print the table."""
     _check(arguments)
     folder = Path(arguments.output or "")
@@ -83,7 +83,7 @@ def run(arguments: Namespace, says: Voice) -> int:
                 batch.take(task.place, outcome)
     except Stopped as error:
         missing = f"{counted(len(parts) - len(batch.rows), 'part')} of {len(parts)} not built"
-        says.error(f"{say_why(error)}: {missing}; the same command continues from here")
+        says.error(f"{format_reason(error)}: {missing}; the same command continues from here")
         return exit_code(error)
     if batch.written:
         state.write_records(folder, records)
@@ -135,7 +135,7 @@ class _Batch(Struct):
     start: time of the start, on the clock `monotonic`, s.
     """
 
-    says: Voice
+    says: Terminal
     folder: Path
     parts: list[BatchPart]
     records: dict[str, state.Record]
@@ -219,7 +219,7 @@ class _Batch(Struct):
         return f", about {duration(seconds)} left"
 
 
-def _print_table(rows: list[_Row], says: Voice) -> None:
+def _print_table(rows: list[_Row], says: Terminal) -> None:
     """Print the table and its sums; with -q only the errors."""
     if says.quiet:
         for row in rows:
@@ -228,8 +228,8 @@ def _print_table(rows: list[_Row], says: Voice) -> None:
         return
     says.clear()
     cells = [("file", "status", "paths", "time", "notes"), *(_cells(row) for row in rows)]
-    below = [f"{one_line(clean(row.source))}: {_why(row)}\n" for row in rows if _is_long(row)]
-    says.out(table(cells) + ("\n" + "".join(below) if below else ""))
+    below = [f"{make_one_line(clean(row.source))}: {_why(row)}\n" for row in rows if _is_long(row)]
+    says.out(format_table(cells) + ("\n" + "".join(below) if below else ""))
     counts = Counter(row.status for row in rows)
     statuses = [status for status in ("built", "unchanged", "failed") if counts[status]]
     text = ", ".join(f"{counts[status]} {status}" for status in statuses)
@@ -239,10 +239,10 @@ def _print_table(rows: list[_Row], says: Voice) -> None:
 
 def _why(row: _Row) -> str:
     """The error line without the name of the part, which is printed beside it."""
-    for name in (one_line(row.source), row.source, os.path.basename(row.source)):
+    for name in (make_one_line(row.source), row.source, os.path.basename(row.source)):
         if row.error.startswith(f"{name}: "):
-            return one_line(row.error.removeprefix(f"{name}: "))
-    return one_line(row.error)
+            return make_one_line(row.error.removeprefix(f"{name}: "))
+    return make_one_line(row.error)
 
 
 def _is_long(row: _Row) -> bool:
@@ -255,7 +255,7 @@ def _name(row: _Row) -> str:
 
 
 def _cells(row: _Row) -> tuple[str, ...]:
-    source = one_line(clean(row.source))
+    source = make_one_line(clean(row.source))
     if row.sums is None:
         return (source, f"failed {row.code}", "", "", "below" if _is_long(row) else _why(row))
     # The other kinds of notes are adjectives, which have no plural.

@@ -28,7 +28,7 @@ from camgen.check.executed import UNLIMITED
 from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
-from camgen.cli.say import Row, Voice, join_names, length, size
+from camgen.cli.say import Row, Terminal, format_length, format_size, join_names
 from camgen.lang.recorded import Recorded
 from camgen.model.errors import JobError, rename_errors
 from camgen.model.job import CameraTable, ImageTable, Job
@@ -38,12 +38,12 @@ from camgen.model.pose import Pose
 from camgen.model.program import Joints, ToolChange
 from camgen.model.text import counted, duration, grouped, short
 from camgen.pipeline import ProgramFile, Result, build, list_program_files
-from camgen.pipeline.memory import no_collector
+from camgen.pipeline.memory import pause_collector
 from camgen.pipeline.motion import format_motions, list_reasons
-from camgen.pipeline.stock import why_unproven
-from camgen.plan.steps import name_of
+from camgen.pipeline.stock import explain_unproven
+from camgen.plan.steps import format_step
 from camgen.post.verify import list_uncompared
-from camgen.preview.drawings import check_preview, draw
+from camgen.preview.drawings import check_preview, draw_preview
 from camgen.read.files import Files
 from camgen.read.job_file import find_job_file, load_job
 
@@ -55,7 +55,7 @@ _PLAIN: tuple[NoteKind, ...] = ("joined", "repaired")
 _NOTES = 8
 
 
-def rows(
+def list_rows(
     result: Result,
     job: Path | None,
     inputs: Sequence[Path],
@@ -167,7 +167,7 @@ def _motion(result: Result) -> Row:
         reasons = "; ".join(proof.unproven) if proof else "it was not examined"
         return ("motion", f"not proven: {reasons}", "look")
     contours = counted(proof.contours, "contour")
-    what = f"{contours}, {length(proof.length)}, in {format_motions(proof)}"
+    what = f"{contours}, {format_length(proof.length)}, in {format_motions(proof)}"
     if gaps := list_reasons(proof):
         return ("motion", f"{what}; not proven: {'; '.join(gaps)}", "look")
     return ("motion", f"verified: {what}", "good")
@@ -309,10 +309,11 @@ def _tell_plan(result: Result) -> list[Row]:
         hint = "; the extra fast (pip install '.[fast]' in the folder of camgen) "
         hint += "searches farther in this time"
     return [
-        ("plan", f"{counted(len(tour.paths), 'path')}, work {length(work)}", "plain"),
+        ("plan", f"{counted(len(tour.paths), 'path')}, work {format_length(work)}", "plain"),
         (
             "tour",
-            f"{tour.method}: work {length(work)}, travel {length(tour.travel)}{_above(tour)}{hint}",
+            f"{tour.method}: work {format_length(work)}, "
+            f"travel {format_length(tour.travel)}{_above(tour)}{hint}",
             "plain",
         ),
     ]
@@ -322,7 +323,7 @@ def _operations(result: Result) -> list[Row]:
     """A row for each of several operations: its tool, paths, time and removed volume."""
     rows: list[Row] = []
     for sums in result.operations:
-        name = name_of(result.job, sums.number).removeprefix("operation ")
+        name = format_step(result.job, sums.number).removeprefix("operation ")
         what = f"{name}, {counted(sums.paths, 'path')}, about {duration(sums.seconds)}"
         if sums.removed is not None:
             from camgen.cli.stock import volume  # noqa: PLC0415 (shapely, only for cuts)
@@ -352,7 +353,7 @@ def _stock(result: Result) -> list[Row]:
     if result.proof is None:
         jobs = [step.operation for step in result.job.operations] or [result.job.operation]
         deep = any(operation.depth or operation.width for operation in jobs)
-        why = why_unproven(result.job) if deep else "nothing is cut below the top face"
+        why = explain_unproven(result.job) if deep else "nothing is cut below the top face"
         return [("stock", f"not proven: {why or 'the part is not flat'}", "look")]
     from camgen.cli.stock import rows_of_build  # noqa: PLC0415 (shapely, only for cuts)
 
@@ -383,7 +384,7 @@ def _above(tour: Tour) -> str:
 
 
 def _program(path: Path, file: ProgramFile) -> Row:
-    return ("program", f"{path}, {counted(file.lines, 'line')}, {size(len(file))}", "plain")
+    return ("program", f"{path}, {counted(file.lines, 'line')}, {format_size(len(file))}", "plain")
 
 
 class _Stages(Struct):
@@ -395,7 +396,7 @@ class _Stages(Struct):
     times: start of each stage, on the clock `perf_counter`, s.
     """
 
-    says: Voice
+    says: Terminal
     files: Files
     names: list[str] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
@@ -417,12 +418,12 @@ class _Stages(Struct):
         return [(name, end - start) for name, start, end in stages]
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Build a program, write it and print the summary."""
     start = _start(arguments.start)
     by_photo = arguments.locate is not None
     names = [*arguments.inputs, *([arguments.locate] if by_photo else [])]
-    with no_collector(), open_inputs(names, arguments.format) as (paths, files):
+    with pause_collector(), open_inputs(names, arguments.format) as (paths, files):
         inputs = paths[: len(arguments.inputs)]
         photo = paths[-1] if by_photo else None
         stages = _Stages(says, files)
@@ -469,7 +470,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     if aloud:
         says.out(bytes(programs[0][1]).decode("ascii"))
         programs = [(Path("-"), programs[0][1])]
-    summary = rows(result, job_file, inputs, programs, says.verbose)
+    summary = list_rows(result, job_file, inputs, programs, says.verbose)
     says.rows([*summary[:1], *photo_rows, *summary[1:]])
     if says.verbose:
         times = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent())
@@ -528,4 +529,4 @@ def _extras(
         yield Path(arguments.report), text
     if arguments.preview:
         target = Path(arguments.preview)
-        yield target, draw(result, target)
+        yield target, draw_preview(result, target)

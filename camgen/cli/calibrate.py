@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice, table
+from camgen.cli.say import Terminal, format_table
 from camgen.model.errors import JobError
 from camgen.model.text import counted, short
 from camgen.read.files import Files
@@ -21,7 +21,7 @@ from camgen.vision.camera.residuals import draw_residuals
 _COUNTS = re.compile(r"([0-9]{1,4})x([0-9]{1,4})")
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Write the camera, print the error of each photo, and report the photos that were left out."""
     target = _target(arguments)
     paths = [Path(name) for name in arguments.photos]
@@ -75,7 +75,7 @@ def _errors(calibration: Calibration) -> str:
         )
         for photo in calibration.used
     ]
-    return table([("photo", "corners", "rms px", "worst px"), *rows])
+    return format_table([("photo", "corners", "rms px", "worst px"), *rows])
 
 
 def _summary(calibration: Calibration, target: Target) -> Sequence[tuple[str, str, str]]:

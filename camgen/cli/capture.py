@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice
+from camgen.cli.say import Terminal
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.read.capture import MOST_FRAMES, capture, encode, format_shot, note_marks
 from camgen.read.files import Files
@@ -18,7 +18,7 @@ from camgen.vision.frames import note_faults
 _SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Write the picture, and report its markers, its sharpness and the remedies for its faults."""
     target, source = Path(arguments.output), arguments.source
     _check_arguments(arguments, target)

@@ -12,19 +12,19 @@ from collections.abc import Iterator
 
 import shtab
 
-from camgen.cli import parsers
-from camgen.cli.say import Voice
+from camgen.cli import make_parsers
+from camgen.cli.say import Terminal
 from camgen.post.job_schema import schema
 from camgen.post.plugins import list_installed
-from camgen.robots.catalogue import robots
+from camgen.robots.catalogue import list_robots
 
 #: Arguments that are files say so by how they are shown, e.g. FILE.toml or PHOTO.
 _FILES = ("FILE", "DIR", "INPUT", "GLOB", "PROGRAM", "PLAN", "PHOTO", "MODEL", "SCAN")
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Prints the script."""
-    top, commands = parsers()
+    top, commands = make_parsers()
     known = _list_known()
     for sub in commands.values():
         for action in sub._actions:  # argparse has no public list
@@ -44,7 +44,7 @@ def _teach(action: argparse.Action, known: dict[str, shtab.CompleteType]) -> Non
 def _list_known() -> dict[str, shtab.CompleteType]:
     """The values that camgen knows, by the name of the argument."""
     # The name of a robot is recognised without capitals, spaces and hyphens: then it is one word.
-    arms = ["".join(filter(str.isalnum, robot.name.casefold())) for robot in robots()]
+    arms = ["".join(filter(str.isalnum, robot.name.casefold())) for robot in list_robots()]
     return {
         "post": _words_or_files("post", [post.name for post in list_installed()]),
         "robot": _words_or_files("robot", arms),

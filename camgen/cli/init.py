@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.proposal import describe, list_proposed, tabulate
-from camgen.cli.say import Voice
+from camgen.cli.say import Terminal
 from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import (
@@ -26,7 +26,7 @@ from camgen.model.job_tables import (
 )
 from camgen.model.part import Part
 from camgen.model.text import counted, name_first
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 from camgen.plan.propose import Proposal
 from camgen.post import Post
 from camgen.post.plugins import find_post, list_installed
@@ -35,7 +35,7 @@ from camgen.read.files import Files, identity
 from camgen.read.job_file import load_job, parse_assignment
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Write the job file into the current folder, never over an existing one.
 
     With `--operations` the job is built once, so that it makes a checked program.
@@ -62,14 +62,14 @@ def run(arguments: Namespace, says: Voice) -> int:
         proposal=proposal,
         active=arguments.operations,
     )
-    text = template(source.name, units, chosen)
+    text = write_template(source.name, units, chosen)
     if arguments.operations and part is not None:
         error = _try_program(part, text, says)
         if isinstance(error, NoSafeProgram) and proposal is not None and _has_tabs(proposal):
             # Other cuts may cut off the tabs beside narrow regions.
             proposal = _propose(part, job, source.name, option, says, with_tabs=False)
             chosen = replace(chosen, proposal=proposal)
-            text = template(source.name, units, chosen)
+            text = write_template(source.name, units, chosen)
             says.rows([("held", f"by a skin, not by tabs: {error.what}", "look")])
             error = _try_program(part, text, says)
         if error is not None:
@@ -112,7 +112,7 @@ def _propose(
     job: Job,
     source: str,
     option: str,
-    says: Voice,
+    says: Terminal,
     *,
     with_tabs: bool = True,
 ) -> Proposal | None:
@@ -149,7 +149,7 @@ def _has_tabs(proposal: Proposal) -> bool:
     return any("tabs" in operation.row for operation in proposal.operations)
 
 
-def _try_program(part: Part, text: str, says: Voice) -> CamgenError | None:
+def _try_program(part: Part, text: str, says: Terminal) -> CamgenError | None:
     """The error of a build of `part` with the job `text`, None if it makes a checked program."""
     from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only with --operations)
 
@@ -182,15 +182,15 @@ class Chosen(Struct, frozen=True, eq=False):
     def assign(self, table: str, key: str) -> list[str]:
         """The line of a key with another value than its default, empty for any other key."""
         if (table, key) in self.values:
-            return [f"{key} = {toml(self.values[table, key])}"]
+            return [f"{key} = {format_toml(self.values[table, key])}"]
         if self.proposal and self.active and (table, key) == ("stock", "thickness"):
-            return [f"{key} = {toml(self.proposal.thickness)}  # measure it"]
+            return [f"{key} = {format_toml(self.proposal.thickness)}  # measure it"]
         if self.proposal and self.active and (table, key) == ("stock", "margin"):
-            return [f"{key} = {toml(self.proposal.margin)}  # frame beside the widest cut"]
+            return [f"{key} = {format_toml(self.proposal.margin)}  # frame beside the widest cut"]
         return []
 
 
-def template(source: str, units: str, chosen: Chosen | None = None) -> str:
+def write_template(source: str, units: str, chosen: Chosen | None = None) -> str:
     """A job file with all settings, their defaults and their descriptions."""
     chosen = chosen or Chosen()
     lines = [
@@ -212,7 +212,9 @@ def template(source: str, units: str, chosen: Chosen | None = None) -> str:
                 lines += chosen.assign(table, setting.key) or _assignment(
                     setting.key, setting.default, setting.allowed
                 )
-    lines += [f"{key} = {toml(v)}" for (table, key), v in chosen.values.items() if table == "post"]
+    lines += [
+        f"{key} = {format_toml(v)}" for (table, key), v in chosen.values.items() if table == "post"
+    ]
     return "\n".join([*lines, *_post_lines()]) + "\n"
 
 
@@ -231,7 +233,7 @@ def _assignment(key: str, default: object, allowed: str) -> list[str]:
     if default is None:
         return [f"# {key} =  # {allowed}; not set"]
     choices = [f"# {allowed}"] if allowed.startswith("one of") else []
-    return [*choices, f"{key} = {toml(default)}"]
+    return [*choices, f"{key} = {format_toml(default)}"]
 
 
 def _post_lines() -> list[str]:
@@ -253,7 +255,7 @@ def _option(option: dataclasses.Field[object]) -> str:
     if option.default_factory is not dataclasses.MISSING:
         default = option.default_factory()
     about = option.metadata.get("help", "")
-    return f"# {option.name} = {toml(default)}" + (f"  # {about}" if about else "")
+    return f"# {option.name} = {format_toml(default)}" + (f"  # {about}" if about else "")
 
 
 def _comment(text: str) -> str:
@@ -261,7 +263,7 @@ def _comment(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
-def reference() -> str:
+def write_reference() -> str:
     """The tables of a job file as Markdown.
 
     `python -m camgen.cli.init > docs/job.md` writes the page.
@@ -288,7 +290,7 @@ def _keys(settings: Sequence[Setting]) -> list[str]:
     """A table of settings in Markdown."""
     lines = ["\n| key | default, and allowed values | meaning |", "|---|---|---|"]
     for s in settings:
-        default = "not set" if s.default is None else f"`{toml(s.default)}`"
+        default = "not set" if s.default is None else f"`{format_toml(s.default)}`"
         values = default + _shorten(s)
         lines.append(f"| `{s.key}` | {values} | {_cell(s.about)} |")
     return lines
@@ -303,7 +305,7 @@ def _shorten(setting: Setting) -> str:
         return ""
     text = setting.allowed.replace(' or a text with its unit, "1200 mm/min"', ' or "1200 mm/min"')
     if text.startswith("one of "):
-        others = text.removeprefix("one of ").replace(f"{toml(setting.default)}, ", "", 1)
+        others = text.removeprefix("one of ").replace(f"{format_toml(setting.default)}, ", "", 1)
         return f" or {_cell(others)}"
     for words, short in (("a number >", ">"), ("a whole number", "whole number")):
         text = text.replace(words, short)
@@ -345,4 +347,4 @@ _TEXTS = {"post": _POST, "limits": _LIMITS}
 
 
 if __name__ == "__main__":
-    print(reference(), end="")
+    print(write_reference(), end="")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from camgen.cli.inputs import open_inputs
-from camgen.cli.say import Voice
+from camgen.cli.say import Terminal
 from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.job import Job
@@ -19,7 +19,7 @@ from camgen.read.job_file import find_job_file, load_job
 from camgen.read.move import move_part
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Prints the summary of a drawing, read with the `[input]` of the job.
 
     With `--against`, prints the differences of a photo.

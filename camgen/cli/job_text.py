@@ -10,7 +10,7 @@ from msgspec import Struct, structs
 
 from camgen.model.job import Job
 from camgen.model.job_tables import FILES, split_name
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 
 
 def write_table(
@@ -26,7 +26,7 @@ def write_table(
     for key, value in structs.asdict(table).items():
         if value == getattr(default, key) or (name, key) in left_out:
             continue
-        lines.append(f"{key} = {toml(_seen_from(folder, name, key, value))}")
+        lines.append(f"{key} = {format_toml(_seen_from(folder, name, key, value))}")
     return ["", f"[{name}]", *lines] if lines else []
 
 
@@ -38,7 +38,11 @@ def write_tables(job: Job, folder: Path) -> list[str]:
         if isinstance(table, Struct):
             lines += write_table(name, table, folder)
     if job.post:
-        lines += ["", "[post]", *(f"{key} = {toml(value)}" for key, value in job.post.items())]
+        lines += [
+            "",
+            "[post]",
+            *(f"{key} = {format_toml(value)}" for key, value in job.post.items()),
+        ]
     return lines
 
 

@@ -24,7 +24,7 @@ from camgen.lang.programs import (
     find_language,
     list_languages,
 )
-from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, one_line
+from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, make_one_line
 from camgen.model.job import Job
 from camgen.model.pose import format_frame
 from camgen.model.text import counted, duration
@@ -39,7 +39,7 @@ _FRAMES = 20
 _WORDS = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
 
 
-def find_own(name: str, texts: Mapping[str, str]) -> Language:
+def recognise_language(name: str, texts: Mapping[str, str]) -> Language:
     """The language of the files.
 
     name: name that the user gives; "" to recognise it by the first file.
@@ -60,7 +60,7 @@ def find_own(name: str, texts: Mapping[str, str]) -> Language:
     return fitting[0]
 
 
-def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> Ask:
+def make_run_options(language: Language, arguments: Namespace, job: Job, files: Files) -> Ask:
     """The options of the user for a program. Raises JobError for options without effect on it."""
     dialect = arguments.dialect or ""
     if dialect and dialect not in language.dialects:
@@ -175,7 +175,7 @@ def name_files(executed: Executed, place: Places) -> Executed:
     return replace(executed, findings=tuple(findings), assumed=tuple(assumed), stopped=stopped)
 
 
-def tell_time(seconds: float, untimed: int) -> str:
+def format_time(seconds: float, untimed: int) -> str:
     """The time of a program as text.
 
     seconds: time of the motions of the arm, s.
@@ -194,7 +194,7 @@ def check_page(name: str) -> None:
         raise JobError(name, what, remedy=remedy)
 
 
-def rows_of(executed: Executed, place: Places) -> list[Row]:
+def list_rows(executed: Executed, place: Places) -> list[Row]:
     """Rows of the summary on frames, facts, omissions and assumptions."""
     rows = [*_frames(executed.frames), *executed.facts]
     rows += [("left out", f"{place(line)}: {what}") for line, what in executed.omitted]
@@ -204,7 +204,7 @@ def rows_of(executed: Executed, place: Places) -> list[Row]:
     more = len(executed.assumed) - _ASSUMPTIONS
     if more > 0:
         rows.append(("assumed", f"and {counted(more, 'value')} more; --json lists all"))
-    return [(one_line(label), one_line(text)) for label, text in rows]
+    return [(make_one_line(label), make_one_line(text)) for label, text in rows]
 
 
 def _frames(frames: Sequence[Frames]) -> list[Row]:
@@ -219,17 +219,17 @@ def _frames(frames: Sequence[Frames]) -> list[Row]:
     return rows
 
 
-def tell_findings(executed: Executed, place: Places) -> str:
+def format_findings(executed: Executed, place: Places) -> str:
     """A line for each finding in the order of the program, and one on the line where it stops."""
     findings = [(row.line, f"{row.level}: {row.what}") for row in executed.findings]
     for stop in find_stop(executed):
         level = "possible: " if stop.level == "possible" else ""
         findings.append((stop.line, f"{level}{stop.what}"))
     # A text from a file may hold control characters for the terminal.
-    return "".join(f"{one_line(f'{place(line)}: {text}')}\n" for line, text in findings)
+    return "".join(f"{make_one_line(f'{place(line)}: {text}')}\n" for line, text in findings)
 
 
-def as_data(executed: Executed, place: Places) -> dict[str, object]:
+def convert_findings(executed: Executed, place: Places) -> dict[str, object]:
     """Findings and assumptions for --json."""
     coverage = executed.coverage
     return {
@@ -247,7 +247,7 @@ def as_data(executed: Executed, place: Places) -> dict[str, object]:
     }
 
 
-def verdict(executed: Executed, program: Path, place: Places) -> CamgenError | None:
+def find_error(executed: Executed, program: Path, place: Places) -> CamgenError | None:
     """The error of a program, None if it has none.
 
     InputError for lines that the controller refuses and for a run that stops before its end,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice
+from camgen.cli.say import Terminal
 from camgen.localize import SOME_RUN_ON, Location, localize
 from camgen.localize.advice import ModelPart, localize_or_advise
 from camgen.localize.doubt import Rival
@@ -35,7 +35,7 @@ _LISTED = 6
 _UNKNOWN = "unknown"
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Write and print the frame, and report its evidence and other poses that fit as well."""
     model, scan, target = Path(arguments.model), Path(arguments.scan), Path(arguments.output)
     unit, start = _unit("--units", arguments.units), _start(arguments.start)

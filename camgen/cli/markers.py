@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice
+from camgen.cli.say import Terminal
 from camgen.model.errors import JobError
 from camgen.model.text import counted, short
 from camgen.vision.boards.sheet import draw_pdf, draw_svg, make_sheet
@@ -14,7 +14,7 @@ from camgen.vision.boards.sheet import draw_pdf, draw_svg, make_sheet
 _DRAWN = {".pdf": draw_pdf, ".svg": draw_svg}
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Write the sheet, and print how to check it on paper."""
     target = Path(arguments.output)
     draw = _DRAWN.get(target.suffix.lower())

@@ -7,8 +7,8 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from camgen.cli.build import rows
-from camgen.cli.say import Voice
+from camgen.cli.build import list_rows
+from camgen.cli.say import Terminal
 from camgen.model.errors import InputError, JobError
 from camgen.model.text import counted
 from camgen.post.plugins import find_post, list_installed
@@ -16,7 +16,7 @@ from camgen.read import find_reader
 from camgen.read.files import Files
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Serve the workbench until its pages are closed, or Ctrl-C."""
     try:
         from camgen.workbench.server import CommandLine, open_socket, serve  # noqa: PLC0415
@@ -49,7 +49,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         def warn(line: str) -> None:
             says.rows([("journal", line, "look")])
 
-        ending = serve(session, CommandLine(rows, warn, ready), token, door)
+        ending = serve(session, CommandLine(list_rows, warn, ready), token, door)
     says.clear()
     if not ending.changes:
         return 0

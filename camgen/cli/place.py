@@ -22,15 +22,15 @@ from camgen.batch.writing import (
 )
 from camgen.cli.build import describe_collision, list_notes
 from camgen.cli.job_text import write_table, write_tables
-from camgen.cli.say import Row, Voice
-from camgen.model.errors import JobError, one_line, rename_errors
+from camgen.cli.say import Row, Terminal
+from camgen.model.errors import JobError, make_one_line, rename_errors
 from camgen.model.text import counted, duration, grouped, harmless, short
 from camgen.model.version import __version__
 from camgen.pipeline import list_program_files, make_job_post
 from camgen.pipeline.inputs import read_inputs
-from camgen.pipeline.memory import no_collector
+from camgen.pipeline.memory import pause_collector
 from camgen.pipeline.place import SET_UPS, Request, Search, Stand, Trial, name_set_up, search_place
-from camgen.preview.drawings import draw
+from camgen.preview.drawings import draw_preview
 from camgen.read.files import Files
 from camgen.read.job_file import find_job_file, load_job
 
@@ -38,7 +38,7 @@ from camgen.read.job_file import find_job_file, load_job
 _LISTED = 12
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Searches, writes the cell and the set-ups, and sums up."""
     source, target = Path(arguments.input), Path(arguments.output)
     if arguments.height is not None and not math.isfinite(arguments.height):
@@ -54,7 +54,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     possible += [path.with_suffix(".svg") for path in possible]
     check_targets([target, *possible], read_files)
     files = Files()
-    with no_collector(), rename_errors("job", str(job_file or "job")):
+    with pause_collector(), rename_errors("job", str(job_file or "job")):
         job = load_job(job_file, arguments.sets, files)
         poster = make_job_post(arguments.post, job, str(job_file or "job"))
         says.stage("reading")
@@ -125,11 +125,13 @@ def _write_set_up(
     yield job, _join(head, write_tables(trial.job, job.parent)).encode()
     yield from programs
     picture = job.with_suffix(".svg")
-    yield picture, draw(trial.result, picture)
+    yield picture, draw_preview(trial.result, picture)
 
 
 def _join(head: list[str], lines: list[str]) -> str:
-    return "".join([*(f"# {one_line(line)}\n" for line in head), *(f"{line}\n" for line in lines)])
+    return "".join(
+        [*(f"# {make_one_line(line)}\n" for line in head), *(f"{line}\n" for line in lines)]
+    )
 
 
 def _format_rows(rows: list[Row]) -> list[str]:

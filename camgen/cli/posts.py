@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from camgen.cli.say import Voice, table
+from camgen.cli.say import Terminal, format_table
 from camgen.post.plugins import list_installed
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Prints the table of posts."""
     if arguments.json:
         says.data(list_installed())
@@ -18,5 +18,5 @@ def run(arguments: Namespace, says: Voice) -> int:
         (p.name, p.suffix, p.origin, f"broken: {p.broken}" if p.broken else p.about)
         for p in list_installed()
     ]
-    says.out(table(rows))
+    says.out(format_table(rows))
     return 0

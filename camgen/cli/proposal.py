@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping
 
 from camgen.model.text import counted, short
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 from camgen.plan.propose import Proposal
 
 _WIDE = 116
@@ -45,14 +45,17 @@ def _keys(row: Mapping[str, object], comments: Mapping[str, str]) -> list[str]:
     """The lines of a row, with the comments of its keys. A long list takes several lines."""
     lines: list[str] = []
     for key, value in row.items():
-        line = f"{key} = {toml(value)}"
+        line = f"{key} = {format_toml(value)}"
         if key in comments:
             line += f"  # {comments[key]}"
         if len(line) <= _WIDE or not isinstance(value, list):
             lines.append(line)
             continue
         items = textwrap.wrap(
-            ", ".join(map(toml, value)), _WIDE - 4, initial_indent="    ", subsequent_indent="    "
+            ", ".join(map(format_toml, value)),
+            _WIDE - 4,
+            initial_indent="    ",
+            subsequent_indent="    ",
         )
         lines += [f"{key} = [", *items, "]"]
     return lines

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from camgen.cli.header import Header
-from camgen.cli.say import Voice
+from camgen.cli.say import Terminal
 from camgen.lang.programs import Executed
 from camgen.lower.steps import split_tools
 from camgen.model.errors import CamgenError, InputError, VerifyError
@@ -70,13 +70,13 @@ def read_state(texts: Mapping[str, str]) -> State:
     return "as written" if "as written" in states else "unsigned"
 
 
-def tell_state(state: State) -> str:
+def format_state(state: State) -> str:
     """The state in words."""
     return _STATES[state]
 
 
 def compare_rebuilt(
-    text: Text, origin: Origin, says: Voice, files: Files
+    text: Text, origin: Origin, says: Terminal, files: Files
 ) -> tuple[Row, VerifyError | None]:
     """The comparison of a program with the one that its job and part make.
 
@@ -108,7 +108,7 @@ def compare_rebuilt(
     return ("plan", f"{instructions} equal to {target}, {equal.max_mm:.6f} mm"), None
 
 
-def _rebuild(text: Text, origin: Origin, says: Voice, files: Files) -> tuple[Program, float]:
+def _rebuild(text: Text, origin: Origin, says: Terminal, files: Files) -> tuple[Program, float]:
     """The program that job and part make, and its tolerance of chords, mm."""
     from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only for our texts)
 

@@ -18,7 +18,7 @@ from camgen.cli.job_text import write_table
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, harmless, short
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 from camgen.model.version import __version__
 
 #: Tables that are taken from the job as they are.
@@ -74,7 +74,11 @@ def write_job(inspection: Inspection, works: Sequence[Rework], job: Job, target:
         lines += write_table(table, getattr(job, table), target.parent, _LEFT_OUT)
     lines += ["", "[operation]", *_operation(job)]
     if job.post:
-        lines += ["", "[post]", *(f"{key} = {toml(value)}" for key, value in job.post.items())]
+        lines += [
+            "",
+            "[post]",
+            *(f"{key} = {format_toml(value)}" for key, value in job.post.items()),
+        ]
     for work in works:
         lines += _rows(work, stays_down(job))
     return "\n".join([*lines, ""]).encode()
@@ -86,7 +90,7 @@ def _operation(job: Job) -> list[str]:
     if job.process.force:
         for key in ("lead_in", "lead_out"):
             settings[key] = settings[key] or LEAD
-    return [f"{key} = {toml(value)}" for key, value in settings.items()]
+    return [f"{key} = {format_toml(value)}" for key, value in settings.items()]
 
 
 def _rows(work: Rework, stays: bool) -> Iterator[str]:
@@ -101,7 +105,7 @@ def _rows(work: Rework, stays: bool) -> Iterator[str]:
     yield f"# burr {work.number}: {size}, {at}: {counted(work.passes, 'pass', 'passes')}"
     for number, layer in enumerate(name_layers(work)):
         yield "[[operations]]"
-        yield f"layers = [{toml(layer)}]"
+        yield f"layers = [{format_toml(layer)}]"
         yield f"feed = {short(work.feed, 3)}"
         if stays and number:
             yield "stay_down = true"

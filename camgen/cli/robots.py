@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 
-from camgen.cli.say import Voice, table
+from camgen.cli.say import Terminal, format_table
 from camgen.model.text import short
-from camgen.robots.catalogue import robot, robots
+from camgen.robots.catalogue import find_robot, list_robots
 from camgen.robots.models import Robot
 
 #: Description of the inverse kinematics, by the kind of a robot.
@@ -20,16 +20,16 @@ _JOINTS = {
 }
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Print the table of robots, with -v their notes too; or the description of one robot."""
     if arguments.robot:
-        chosen = robot(arguments.robot)
+        chosen = find_robot(arguments.robot)
         if arguments.json:
             says.data(_as_data(chosen))
         else:
             says.out(_describe(chosen))
         return 0
-    listed = robots()
+    listed = list_robots()
     if arguments.json:
         says.data(list(map(_as_data, listed)))
         return 0
@@ -38,7 +38,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         (r.name, r.maker, str(len(r.joints)), r.kind, r.trust.kinematics, r.trust.limits)
         for r in listed
     ]
-    text = table(rows)
+    text = format_table(rows)
     for row in listed if says.verbose else ():
         text += "".join(f"{row.name}: {note}\n" for note in row.notes)
     says.out(text)
@@ -78,4 +78,4 @@ def _describe(robot: Robot) -> str:
         limits = (f"{low} {name}", f"{high} {name}", f"{speed}/s")
         rows.append((joint.name, link.name, *limits, home, str(len(link.boxes))))
     head = f"{robot.name}\n{robot.convention}\n{_JOINTS[robot.kind]}\n"
-    return head + table(rows) + "".join(f"note: {note}\n" for note in robot.notes)
+    return head + format_table(rows) + "".join(f"note: {note}\n" for note in robot.notes)

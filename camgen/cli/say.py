@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple, TextIO
 
-from camgen.model.errors import one_line
+from camgen.model.errors import make_one_line
 from camgen.model.text import counted
 
 #: Label, text and tone of a line of a summary.
@@ -17,7 +17,7 @@ _COLOURS = {"plain": "", "good": "32", "look": "33", "bad": "31"}
 _WIDTH = 10
 
 
-class Voice(NamedTuple):
+class Terminal(NamedTuple):
     """The output of a command. It is not a dataclass, whose import takes 8 ms.
 
     results: standard output.
@@ -63,20 +63,22 @@ class Voice(NamedTuple):
     def error(self, text: str) -> None:
         """Print the line of an error or a fault."""
         self.clear()
-        _write(sys.stderr, self._paint("camgen: ", "bad") + one_line(text) + "\n")
+        _write(sys.stderr, self._paint("camgen: ", "bad") + make_one_line(text) + "\n")
 
     def _row(self, label: str, text: str, tone: str) -> str:
-        return self._paint(f"{label:<{_WIDTH}}", tone) + one_line(text) + "\n"
+        return self._paint(f"{label:<{_WIDTH}}", tone) + make_one_line(text) + "\n"
 
     def _paint(self, text: str, tone: str) -> str:
         code = _COLOURS[tone]
         return f"\x1b[{code}m{text}\x1b[0m" if self.colour and code else text
 
 
-def voice(quiet: bool, verbose: int) -> Voice:
+def make_terminal(quiet: bool, verbose: int) -> Terminal:
     """The output of this process, in colour on a terminal unless NO_COLOR or TERM=dumb is set."""
     terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
-    return Voice(sys.stdout, quiet, verbose, terminal and not os.environ.get("NO_COLOR"), terminal)
+    return Terminal(
+        sys.stdout, quiet, verbose, terminal and not os.environ.get("NO_COLOR"), terminal
+    )
 
 
 def _plain(value: object) -> object:
@@ -95,7 +97,7 @@ def _write(stream: TextIO, text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def table(rows: Sequence[Sequence[str]]) -> str:
+def format_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows of cells as aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
@@ -111,12 +113,12 @@ def join_names(names: Sequence[str], limit: int = 6) -> str:
     return ", ".join(names[:limit]) + (f" and {more} more" if more > 0 else "")
 
 
-def length(mm: float) -> str:
+def format_length(mm: float) -> str:
     """A length as text, in mm below 10 m and in m above."""
     return f"{mm:.1f} mm" if mm < 10_000 else f"{mm / 1000:.2f} m"
 
 
-def size(count: int) -> str:
+def format_size(count: int) -> str:
     """The size of a file as text."""
     if count < 10_000:
         return counted(count, "byte")

@@ -6,11 +6,11 @@ from argparse import Namespace
 
 import msgspec
 
-from camgen.cli.say import Voice
+from camgen.cli.say import Terminal
 from camgen.post.job_schema import schema
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Prints the schema."""
     says.out(
         msgspec.json.format(msgspec.json.encode(schema(arguments.post or "")), indent=2).decode()

@@ -22,8 +22,8 @@ from camgen.check.stock import (
     Task,
     design,
     examine_fixtures,
+    make_task,
     prove,
-    task_on,
 )
 from camgen.cli.proven import Proven
 from camgen.lang.programs import Executed
@@ -35,8 +35,8 @@ from camgen.model.program import Columns, MoveJ, ToolChange
 from camgen.model.text import counted, short
 from camgen.motion.corners import compute_corner_tolerance
 from camgen.pipeline.stock import REMEDY_FOR_PIECES
-from camgen.plan.page import on_page
-from camgen.plan.steps import job_of, name_drills, share_out
+from camgen.plan.page import place_on_page
+from camgen.plan.steps import make_step_job, name_drills, split_part
 
 #: mm: a smaller depth does not count.
 _NO_BITE_MM = 0.0001
@@ -77,7 +77,7 @@ def judge(
 
     Raises InputError if the drawing has no flat contours.
     """
-    part = on_page(drawn, job)
+    part = place_on_page(drawn, job)
     if part.solid is not None or part.curves or not part.contours:
         remedy = "give the drawing of the part"
         raise InputError(
@@ -86,8 +86,8 @@ def judge(
     executed = proven.executed
     columns = Columns(executed.body)
     if job.operations:
-        shares, _ = share_out(part, job)
-        tasks = [task_on(part, job_of(job, share.step), share.part) for share in shares]
+        shares, _ = split_part(part, job)
+        tasks = [make_task(part, make_step_job(job, share.step), share.part) for share in shares]
     else:
         tasks = [_task(part, job, columns)]
     cuts = _list_cuts(program, executed, columns, job)
@@ -128,7 +128,7 @@ def _list_cuts(program: str, executed: Executed, columns: Columns, job: Job) -> 
 
 def _state(cut: Cut, job: Job) -> Stated:
     """The feeds and speeds that a job states for the tool of a cut."""
-    jobs = [job_of(job, step) for step in job.operations] or [job]
+    jobs = [make_step_job(job, step) for step in job.operations] or [job]
     steps = [
         step
         for step, tool in zip(jobs, name_drills(jobs), strict=True)
@@ -156,7 +156,7 @@ def _cuts_by_tool(program: str, executed: Executed, columns: Columns, job: Job) 
 
     Raises JobError if the program does not show which tools of the job it uses.
     """
-    used = name_drills([job_of(job, step) for step in job.operations])
+    used = name_drills([make_step_job(job, step) for step in job.operations])
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
     whole = _cut(program, executed, columns, replace(job, tool=used[0]))
     if not changes:

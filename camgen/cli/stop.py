@@ -32,7 +32,7 @@ def exit_code(error: BaseException) -> int:
     return 128 + (error.number if isinstance(error, Terminated) else signal.SIGINT)
 
 
-def say_why(error: BaseException) -> str:
+def format_reason(error: BaseException) -> str:
     """The message for the user."""
     if isinstance(error, Terminated):
         return f"ended by {signal.Signals(error.number).name}"
@@ -40,7 +40,7 @@ def say_why(error: BaseException) -> str:
 
 
 @contextmanager
-def signals_as_interrupts(last: bool = False) -> Iterator[None]:
+def raise_signals(last: bool = False) -> Iterator[None]:
     """Raise `Terminated` for SIGTERM and SIGHUP. Signals that the process ignores stay ignored.
 
     last: the process ends afterwards. Its work is done then, so further signals are ignored.

@@ -14,22 +14,22 @@ from camgen.check.report import Motions, sum_up
 from camgen.cli.header import find_part, name_source, read_header
 from camgen.cli.judge import (
     add_harm,
-    as_data,
-    ask_of,
     check_page,
-    find_own,
+    convert_findings,
+    find_error,
+    format_findings,
+    format_time,
+    list_rows,
+    make_run_options,
     name_files,
-    rows_of,
-    tell_findings,
-    tell_time,
-    verdict,
+    recognise_language,
 )
 from camgen.cli.motion_file import MotionFile
 from camgen.cli.motion_file import load as load_plan
 from camgen.cli.program_texts import read_texts
 from camgen.cli.proven import Proven
-from camgen.cli.rebuild import Origin, Text, compare_rebuilt, pick_program, read_state, tell_state
-from camgen.cli.say import Voice, length, table
+from camgen.cli.rebuild import Origin, Text, compare_rebuilt, format_state, pick_program, read_state
+from camgen.cli.say import Terminal, format_length, format_table
 from camgen.lang.alternatives import format_alternatives, run_alternatives
 from camgen.lang.coverage import format_coverage
 from camgen.lang.programs import CERTAIN, LANGUAGES, Executed, Finding, Frames, Places
@@ -107,7 +107,7 @@ class _Asked(NamedTuple):
         return self.drawing
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Prints the sums and the findings of a program. InputError when it has faults, VerifyError when it deviates,
     NoSafeProgram when it is dangerous, or cuts what must stay of the part that ``--part`` names.
 
@@ -150,12 +150,12 @@ def run(arguments: Namespace, says: Voice) -> int:
     return (_compare if ours or not spoken else _judge)(asked, says)
 
 
-def _judge(asked: _Asked, says: Voice) -> int:
+def _judge(asked: _Asked, says: Terminal) -> int:
     """A program that somebody else wrote."""
     arguments, paths, texts, job, drawing, files, *_ = asked
     place = Places(texts)
-    language = find_own(arguments.post or "", texts)
-    ask = ask_of(language, arguments, job, files)
+    language = recognise_language(arguments.post or "", texts)
+    ask = make_run_options(language, arguments, job, files)
     if arguments.report:
         check_page(arguments.report)
         check_targets([Path(arguments.report)], [*paths, *map(Path, arguments.points)])
@@ -171,10 +171,10 @@ def _judge(asked: _Asked, says: Voice) -> int:
         motions = replace(motions, counts=sum_up(Columns(executed.body)).counts)
     rows = [("language", language.about), *_rows(motions, _lines(texts), executed.untimed)]
     rows += _list_extents(motions, executed.frames)
-    rows += [*rows_of(executed, place), *format_alternatives(alternatives)]
+    rows += [*list_rows(executed, place), *format_alternatives(alternatives)]
     rows += format_coverage(executed.coverage, place.find)
     rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
-    error = verdict(executed, paths[0], place)
+    error = find_error(executed, paths[0], place)
     if arguments.report:
         _report(Path(arguments.report), asked, executed, told, rows, says)
     more = list(_UNEXAMINED)
@@ -188,15 +188,15 @@ def _judge(asked: _Asked, says: Voice) -> int:
         proven = Proven(executed, dynamics=dynamics, fixtures=fixtures, on_arm=on_arm)
         more, also, error = _prove(asked, proven, place, says)
     if arguments.json:
-        says.data({"sums": motions, "told": rows + more, **as_data(executed, place)})
+        says.data({"sums": motions, "told": rows + more, **convert_findings(executed, place)})
     else:
-        says.out(table([*rows, *more]) + tell_findings(executed, place) + also)
+        says.out(format_table([*rows, *more]) + format_findings(executed, place) + also)
     if error is not None:
         raise error
     return 0
 
 
-def _compare(asked: _Asked, says: Voice) -> int:
+def _compare(asked: _Asked, says: Terminal) -> int:
     """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
     from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
 
@@ -214,7 +214,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
     motions = sum_up(Columns(executed.body))
     rows = _rows(motions, _lines(texts))
     state = read_state(texts)
-    rows.append(("digest", tell_state(state)))
+    rows.append(("digest", format_state(state)))
     listing = _format_findings(executed.findings, place)
 
     def say(more: Sequence[Row] = (), also: str = "") -> None:
@@ -222,7 +222,7 @@ def _compare(asked: _Asked, says: Voice) -> int:
             faults = [_as_data(finding, place) for finding in executed.findings]
             says.data({"sums": motions, "told": dict([*rows, *more]), "faults": faults})
         else:
-            says.out(table([*rows, *more]) + listing + also)
+            says.out(format_table([*rows, *more]) + listing + also)
 
     serious = [fault for fault in executed.findings if plan or fault.level in CERTAIN]
     if serious:
@@ -312,7 +312,7 @@ def _prove(
     asked: _Asked,
     proven: Proven,
     place: Callable[[int], str],
-    says: Voice,
+    says: Terminal,
 ) -> tuple[list[Row], str, CamgenError | None]:
     """The proofs against the drawing and the fixtures of the job, as far as they are given: rows, a
     line for each fault, and the error of a refusal.
@@ -396,14 +396,19 @@ _UNEXAMINED: list[Row] = [
 
 
 def _report(
-    target: Path, asked: _Asked, executed: Executed, told: Carried, rows: Sequence[Row], says: Voice
+    target: Path,
+    asked: _Asked,
+    executed: Executed,
+    told: Carried,
+    rows: Sequence[Row],
+    says: Terminal,
 ) -> None:
     """The page of a program. JobError for a name that is none of a page, or a file that is not to be replaced."""
     from camgen.preview.foreign import view_program  # noqa: PLC0415 (only where a page is asked for)
-    from camgen.preview.page import page  # noqa: PLC0415
+    from camgen.preview.page import format_page  # noqa: PLC0415
 
     says.stage("drawing")
-    drawn = page(
+    drawn = format_page(
         view_program(", ".join(asked.texts), asked.texts, executed, told, rows, Places(asked.texts))
     )
     says.clear()
@@ -417,10 +422,10 @@ def _lines(texts: Mapping[str, str]) -> int:
 def _rows(motions: Motions, lines: int, untimed: int = 0) -> list[tuple[str, str]]:
     kinds = [counted(n, _NAMES[kind]) for kind, n in motions.counts.items() if n]
     rows = [("program", f"{counted(lines, 'line')}: {', '.join(kinds) or 'no instruction'}")]
-    rows.append(("straight", length(motions.straight)))
-    rows.append(("arcs", length(motions.arc)))
-    rows.append(("joint", f"{length(motions.joint)} between the ends"))
-    rows.append(("time", tell_time(motions.seconds, untimed)))
+    rows.append(("straight", format_length(motions.straight)))
+    rows.append(("arcs", format_length(motions.arc)))
+    rows.append(("joint", f"{format_length(motions.joint)} between the ends"))
+    rows.append(("time", format_time(motions.seconds, untimed)))
     if motions.speeds[1] > 0:
         rows.append(
             ("speed", " to ".join(dict.fromkeys(short(v, 3) for v in motions.speeds)) + " mm/s")

@@ -16,9 +16,17 @@ from pathlib import Path
 from msgspec import Struct
 
 from camgen.check.report import sum_up
-from camgen.cli.judge import add_harm, ask_of, find_own, find_stop, name_files, tell_time, verdict
+from camgen.cli.judge import (
+    add_harm,
+    find_error,
+    find_stop,
+    format_time,
+    make_run_options,
+    name_files,
+    recognise_language,
+)
 from camgen.cli.program_texts import read_texts
-from camgen.cli.say import Voice, table
+from camgen.cli.say import Terminal, format_table
 from camgen.lang.alternatives import run_alternatives
 from camgen.lang.coverage import Coverage
 from camgen.lang.programs import LEVELS, Finding, Language, Places, list_languages
@@ -78,7 +86,7 @@ class Judged(Struct, frozen=True, eq=False):
         return sum(finding.level == level for finding in self.findings)
 
 
-def run(arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Terminal) -> int:
     """Print a table, JSON or SARIF of all programs. Return the worst exit code.
 
     JobError for an option that is for a single program, InputError if no program is found.
@@ -145,7 +153,7 @@ def _group(paths: Sequence[Path], files: Files) -> Iterator[tuple[list[Path], La
     for path in paths:
         try:
             text = read_texts([path], files)
-            languages[path] = find_own("", text)
+            languages[path] = recognise_language("", text)
             texts[path] = text[path.name]
         except (InputError, JobError):
             # The error is repeated when the program is judged.
@@ -200,16 +208,16 @@ def _verify_group(
     try:
         texts = read_texts(group, files)
         place = Places(texts)
-        language = language or find_own("", texts)
+        language = language or recognise_language("", texts)
         if arguments.dialect not in language.dialects:
             arguments = Namespace(**{**vars(arguments), "dialect": None})
-        request = ask_of(language, arguments, Job(), files)
+        request = make_run_options(language, arguments, Job(), files)
         executed = add_harm(run_alternatives(language, texts, request).executed, texts)
     except CamgenError as error:
         return Judged(names, _name(language), (), Places({}), 0.0, 0, error.exit_code, str(error))
     if len(group) > 1:
         executed = name_files(executed, place)
-    refusal = verdict(executed, group[0], place)
+    refusal = find_error(executed, group[0], place)
     code = 0 if refusal is None else refusal.exit_code
     findings = (*executed.findings, *find_stop(executed))
     carried = as_far_as_known(executed)
@@ -225,13 +233,13 @@ def _as_table(judged: Sequence[Judged], others: int) -> str:
         more = f" and {counted(len(program.names) - 1, 'more file')}"
         name = program.names[0] + (more if len(program.names) > 1 else "")
         counts = [str(program.count(level)) for level in LEVELS]
-        time = program.error or tell_time(program.seconds, program.untimed)
+        time = program.error or format_time(program.seconds, program.untimed)
         share = "-" if program.coverage is None else f"{int(100 * program.coverage.share)} %"
         rows.append((name, program.language or "-", *counts, share, time, str(program.exit_code)))
     codes = Counter(program.exit_code for program in judged)
     summary = f"{counted(len(judged), 'program')}: {codes[0]} without refusal or danger"
     left = f"; {counted(others, 'other file')} in the folders" if others else ""
-    return f"{table(rows)}{summary}{left}\n"
+    return f"{format_table(rows)}{summary}{left}\n"
 
 
 def _as_data(program: Judged) -> dict[str, object]:

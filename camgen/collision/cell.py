@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from camgen.collision.hits import find_collisions, measure_clearance
 from camgen.collision.mesh import make_mesh
-from camgen.collision.scene import Allowed, Scene, StandingMesh, make_scene, narrow
+from camgen.collision.scene import Allowed, Scene, StandingMesh, make_scene, select_pairs
 from camgen.geometry.corners import Corners, check_corners
 from camgen.geometry.resting import turn_down
 from camgen.model.cell import Cell
@@ -42,7 +42,7 @@ class Untested(Struct, frozen=True):
         return " against ".join(self.bodies)
 
 
-class Surroundings(Struct, frozen=True, eq=False):
+class CellScene(Struct, frozen=True, eq=False):
     """The scene of a cell, and the parts of it that have different rules.
 
     scene: all pairs.
@@ -84,13 +84,13 @@ class Surroundings(Struct, frozen=True, eq=False):
         return not self.rims.isdisjoint(contours)
 
 
-def make_surroundings(
+def make_cell_scene(
     job: Job,
     cell: Workcell,
     solid: Solid | None,
     tip: float = 0.0,
     worked: FloatArray | None = None,
-) -> Surroundings:
+) -> CellScene:
     """The surroundings of the arm of `cell`.
 
     job: its tool, holder and fixtures.
@@ -142,10 +142,10 @@ def make_surroundings(
     for lower, upper in holder:
         widths.append(math.hypot(*(upper - lower)[:2]))
     room = max(widths) / 2 + job.cell.safety
-    return Surroundings(
+    return CellScene(
         scene=whole,
-        with_margin=narrow(whole, np.flatnonzero(~is_work).tolist()),
-        work=narrow(whole, np.flatnonzero(is_work).tolist()),
+        with_margin=select_pairs(whole, np.flatnonzero(~is_work).tolist()),
+        work=select_pairs(whole, np.flatnonzero(is_work).tolist()),
         margin=job.cell.margin,
         level=max(tops) + room,
         room=room,
@@ -172,11 +172,11 @@ def _find_close(
     pairs = [k for k, pair in enumerate(scene.pairs) if moving.issuperset(pair)]
     home = robot.home[None]
     # Nearly always all of them are farther apart.
-    if float(measure_clearance(narrow(scene, pairs), home, margin)[0]) >= margin:
+    if float(measure_clearance(select_pairs(scene, pairs), home, margin)[0]) >= margin:
         return {}
     distances: dict[tuple[str, str], float] = {}
     for k in pairs:
-        distance = float(measure_clearance(narrow(scene, [k]), home, margin)[0])
+        distance = float(measure_clearance(select_pairs(scene, [k]), home, margin)[0])
         if distance < margin:
             distances[scene.pairs[k]] = distance
     return distances
@@ -209,7 +209,7 @@ def _find_overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str
         if not (is_spared or is_tool):
             rng = np.random.default_rng(1)
             spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_SAMPLES, count))
-            is_spared = bool((find_collisions(narrow(bare, [k]), spread) >= 0).all())
+            is_spared = bool((find_collisions(select_pairs(bare, [k]), spread) >= 0).all())
         if is_spared:
             overlapping.append(pair)
     return tuple(overlapping)
@@ -219,7 +219,7 @@ def _find_meeting(tested: Scene, joints: FloatArray) -> list[int]:
     if (find_collisions(tested, joints) < 0).all():
         return []
     pairs = range(len(tested.pairs))
-    return [k for k in pairs if (find_collisions(narrow(tested, [k]), joints) >= 0).any()]
+    return [k for k in pairs if (find_collisions(select_pairs(tested, [k]), joints) >= 0).any()]
 
 
 def _list_untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple[Untested, ...]:

@@ -11,8 +11,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import owners, ramp
-from camgen.geometry.vectors import add_coordinates, lengths
+from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.vectors import add_coordinates, measure_lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -136,16 +136,16 @@ def _tile(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     along = (b - a) / np.maximum(width, NONZERO)[:, None]
     foot = ((c - a) * along).sum(axis=1)
     up = c - a - foot[:, None] * along
-    rows = _count_parts(lengths(up), size)
-    triangle = owners(rows)
-    fraction = ramp(rows) / rows[triangle]
+    rows = _count_parts(measure_lengths(up), size)
+    triangle = list_owners(rows)
+    fraction = number_rows(rows) / rows[triangle]
     left, span = foot[triangle] * fraction, width[triangle] * (1 - fraction)
     parts = _count_parts(span, size)
-    row = owners(parts)
+    row = list_owners(parts)
     half = span / parts / 2
     half_up = up[triangle] / rows[triangle, None] / 2
-    places = left[row] + (2 * ramp(parts) + 1) * half[row]
-    row_middles = a[triangle] + 2 * (ramp(rows) + 0.5)[:, None] * half_up
+    places = left[row] + (2 * number_rows(parts) + 1) * half[row]
+    row_middles = a[triangle] + 2 * (number_rows(rows) + 0.5)[:, None] * half_up
     middles = row_middles[row] + places[:, None] * along[triangle][row]
     return middles, (half[:, None] * np.abs(along[triangle]) + np.abs(half_up))[row]
 

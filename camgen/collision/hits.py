@@ -13,11 +13,11 @@ from camgen.collision import pairs
 from camgen.collision.boxes import Boxes, all_of_three, bound_distances, meet
 from camgen.collision.mesh import find_struck, make_box_object, measure_distance
 from camgen.collision.pairs import Travel
-from camgen.collision.scene import Scene, Target, narrow
-from camgen.geometry.ragged import each_once, ramp, run_lengths
+from camgen.collision.scene import Scene, Target, select_pairs
+from camgen.geometry.ragged import measure_runs, number_rows, select_distinct
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.robots.kinematics.forward import frames
+from camgen.robots.kinematics.forward import compute_link_frames
 
 #: Joint values that are tested together. Their data fit into the cache of the processor.
 ROWS = 1024
@@ -65,7 +65,7 @@ def split_off_meshes(scene: Scene) -> tuple[Scene, ...]:
         return (scene,)
     slow = sorted(between, key=lambda k: -between[k])
     quick = [k for k in range(len(scene.pairs)) if k not in between]
-    return narrow(scene, quick), narrow(scene, slow)
+    return select_pairs(scene, quick), select_pairs(scene, slow)
 
 
 def are_clear(scenes: Sequence[Scene], joints: FloatArray, near: float = 0.0) -> BoolArray:
@@ -110,7 +110,7 @@ def _clear_distant_meshes(
     if not exactly:
         has_no_mesh = np.array([closer is None for closer in scene.closer], dtype=np.bool_)
         is_named[tests.row[boxes_met[has_no_mesh[tests.pair[boxes_met]]]]] = True
-    for pair in each_once(tests.pair[boxes_met]).tolist():
+    for pair in select_distinct(tests.pair[boxes_met]).tolist():
         which = boxes_met[tests.pair[boxes_met] == pair]
         # Rows in which an earlier pair collides.
         is_late = is_named[tests.row[which]]
@@ -229,7 +229,7 @@ def find_meetings(
             row, test = _select_meeting(_test_all(scene, values, part, near[rows]))
         else:
             low, high = np.searchsorted(tests[0], [begin, begin + ROWS])
-            placed = values, frames(scene.robot, values)
+            placed = values, compute_link_frames(scene.robot, values)
             batch = tests[0][low:high] - begin, tests[1][low:high]
             row, test = meet_again(scene, placed, part, near[rows], batch)
         meetings.append((row + begin, test))
@@ -414,7 +414,7 @@ def check_finite(joints: FloatArray) -> FloatArray:
 
 def place_boxes(scene: Scene, joints: FloatArray) -> Boxes:
     """All boxes at joint values (N, J), in the base frame: (N, B)."""
-    rotations, origins = frames(scene.robot, check_finite(joints))
+    rotations, origins = compute_link_frames(scene.robot, check_finite(joints))
     # One matrix product for all poses of a box takes an eighth of the time of a product for each.
     count = len(scene.frame)
     rows = rotations.swapaxes(0, 1).take(scene.frame, axis=0).reshape(count, 3 * len(joints), 3)
@@ -647,7 +647,7 @@ def _raise_bounds(scene: Scene, candidates: _Candidates, nearest: _NearestPairs)
     No bound is measured beyond the distance that is already found for its place.
     """
     bound, limit = candidates.bound, nearest.distance[candidates.place]
-    for pair in each_once(candidates.pair).tolist():
+    for pair in select_distinct(candidates.pair).tolist():
         closer = scene.closer[pair]
         if closer is not None:
             rows = np.flatnonzero((candidates.pair == pair) & (bound < limit))
@@ -686,7 +686,7 @@ def _measure_candidates(
     while len(pending):
         distances = nearest.distance[candidates.place[pending]] - _SAME_DISTANCE_MM
         pending = pending[may_be_nearer(pending, np.maximum(distances, 0.0))]
-        is_due = ramp(run_lengths(candidates.place[pending])) < limit
+        is_due = number_rows(measure_runs(candidates.place[pending])) < limit
         for k in pending[is_due].tolist():
             index = candidates.place[k]
             if candidates.bound[k] >= nearest.distance[index]:

@@ -19,7 +19,7 @@ from msgspec import Struct
 from camgen.collision.boxes import Boxes, all_of_three
 from camgen.collision.cells import OUTSIDE, PASSED, UNKNOWN, WITHIN, Cells, divide_space
 from camgen.collision.tree import BITS, BoxTree, make_tree, search_tree
-from camgen.geometry.ragged import each_once
+from camgen.geometry.ragged import select_distinct
 from camgen.geometry.surface import is_closed
 from camgen.geometry.vectors import cross
 from camgen.model.part import BoolArray, IntArray, Solid
@@ -125,7 +125,7 @@ def _are_inside(mesh: Mesh, points: FloatArray) -> BoolArray:
     cells = mesh.cells
     rows, cell = cells.locate(points)
     states = cells.state.reshape(-1)
-    unknown = each_once(cell[states[cell] == UNKNOWN])
+    unknown = select_distinct(cell[states[cell] == UNKNOWN])
     if len(unknown):
         states[unknown] = np.where(are_inside(mesh, cells.middles(unknown)), WITHIN, OUTSIDE)
     state = states[cell]

@@ -28,8 +28,8 @@ from camgen.collision.hits import (
 )
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
-from camgen.geometry.ragged import offsets, owners, ramp
-from camgen.geometry.vectors import lengths
+from camgen.geometry.ragged import compute_offsets, list_owners, number_rows
+from camgen.geometry.vectors import measure_lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -169,7 +169,7 @@ def _measure_sparse(
 ) -> list[Nearest]:
     """The smallest clearance in each table of joint values, at most `nears`; 0 at a collision."""
     if nears.any():
-        begins = offsets(list(map(len, several)))[:-1]
+        begins = compute_offsets(list(map(len, several)))[:-1]
         hits = find_collisions(scene, np.concatenate(several)) >= 0
         nears = np.where(np.logical_or.reduceat(hits, begins), 0.0, nears)
     return _find_nearest(scene, several, nears)
@@ -182,8 +182,12 @@ def _find_nearest(scene: Scene, several: Sequence[FloatArray], nears: FloatArray
     if tables:
         chosen = [several[k] for k in tables]
         counts = np.array(list(map(len, chosen)))
-        measured = find_nearest_pairs(scene, np.concatenate(chosen), owners(counts), nears[tables])
-        for k, result, begin in zip(tables, measured, offsets(counts).tolist(), strict=False):
+        measured = find_nearest_pairs(
+            scene, np.concatenate(chosen), list_owners(counts), nears[tables]
+        )
+        for k, result, begin in zip(
+            tables, measured, compute_offsets(counts).tolist(), strict=False
+        ):
             nearest[k] = Nearest(result.distance, result.row - begin, result.pair)
     return nearest
 
@@ -214,7 +218,7 @@ class _Lines(Struct, frozen=True, eq=False):
     @classmethod
     def make(cls, scene: Scene, several: Sequence[FloatArray]) -> _Lines:
         """The motions through each of `several` (K, J)."""
-        waypoints, first = np.concatenate(several), offsets(list(map(len, several)))
+        waypoints, first = np.concatenate(several), compute_offsets(list(map(len, several)))
         numbers, seam = _divide(_sum_angles(scene, waypoints), first)
         rows = _interpolate(waypoints, numbers)
         moves = measure_moves(scene, rows)
@@ -247,9 +251,9 @@ def _divide(angles: FloatArray, first: IntArray) -> tuple[FloatArray, IntArray]:
     """
     parts = np.maximum(np.ceil(angles / _CLOSE_TURN), 1).astype(np.int64)
     parts[first[1:-1] - 1] = 1
-    row = owners(parts)
-    numbers = np.append(row + ramp(parts) / parts[row], float(len(parts)))
-    return numbers, offsets(parts)[first[1:-1] - 1]
+    row = list_owners(parts)
+    numbers = np.append(row + number_rows(parts) / parts[row], float(len(parts)))
+    return numbers, compute_offsets(parts)[first[1:-1] - 1]
 
 
 def _find_undecided(
@@ -272,8 +276,8 @@ def _find_undecided(
     start, stop = lines.paths[lines.ends].T
     count = np.maximum(np.ceil((stop - start) / (step * 2**_HALVINGS)), 1).astype(np.int64)
     width = (stop - start) / count
-    line = owners(count)
-    begins = start[line] + ramp(count) * width[line]
+    line = list_owners(count)
+    begins = start[line] + number_rows(count) * width[line]
     tests: Tests | None = None
     index = np.arange(len(lines.paths), dtype=np.float64)
     undecided = [(np.repeat(np.arange(len(start)), 2), lines.numbers[lines.ends].ravel())]
@@ -312,7 +316,7 @@ def _find_undecided(
         tests = divide_tests(select_tests((row, test), meets), parts)
     owner, at = map(np.concatenate, zip(*undecided, strict=True))
     order = np.lexsort((at, owner))
-    first = offsets(np.bincount(owner, minlength=len(start)))
+    first = compute_offsets(np.bincount(owner, minlength=len(start)))
     return at[order], first, np.isfinite(last)
 
 
@@ -398,9 +402,9 @@ def _see_from(placed: Boxes, seen: IntArray, observer: IntArray) -> Boxes:
 
 def _measure_distances(start: Boxes, end: Boxes) -> FloatArray:
     """The distance of the middle of each box, plus those of the ends of its axes, (N, B) mm."""
-    distances, turned = lengths(end.centres - start.centres), end.axes - start.axes
+    distances, turned = measure_lengths(end.centres - start.centres), end.axes - start.axes
     for k in range(3):
-        distances += lengths(turned[..., k]) * start.half[..., k]
+        distances += measure_lengths(turned[..., k]) * start.half[..., k]
     return np.asarray(distances)
 
 

@@ -41,7 +41,7 @@ from camgen.collision.mesh import (
 from camgen.collision.swept import SweptSolid
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose
-from camgen.robots.kinematics.forward import frames
+from camgen.robots.kinematics.forward import compute_link_frames
 from camgen.robots.models import Box, Robot
 
 #: Sizes of cells: distance by which bodies may come nearer from the middle of a cell to its border,
@@ -352,7 +352,7 @@ _Relative = tuple[FloatArray, FloatArray]
 
 def _place(robot: Robot, pair: MeshPair, joints: FloatArray) -> _Relative:
     """The second body's link in the frame of the first one's, at joint values (N, J)."""
-    rotations, origins = frames(robot, joints)
+    rotations, origins = compute_link_frames(robot, joints)
     first, second = pair.frames
     back = rotations[:, first].swapaxes(1, 2)
     offset = (origins[:, second] - origins[:, first])[..., None]

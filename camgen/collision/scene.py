@@ -201,7 +201,7 @@ def make_scene(
     )
 
 
-def narrow(scene: Scene, pairs: Sequence[int]) -> Scene:
+def select_pairs(scene: Scene, pairs: Sequence[int]) -> Scene:
     """The scene with only these of its pairs, by index, and only their boxes."""
     new_pair = np.full(len(scene.pairs), -1)
     new_pair[list(pairs)] = np.arange(len(pairs))

@@ -14,8 +14,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.mesh import join_surfaces, make_model
-from camgen.geometry.ragged import owners, ramp
-from camgen.geometry.vectors import lengths
+from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.vectors import measure_lengths
 from camgen.model.pose import FloatArray, Vec3
 from camgen.robots.models import Link
 
@@ -94,8 +94,8 @@ def sweep(link: Link, origin: Vec3, axis: Vec3) -> SweptSolid:
     crosses = lower[begin] < upper[end]
     begin, end = begin[crosses], end[crosses]
     counts = upper[end] - lower[begin]
-    side = owners(counts)
-    disc = lower[begin][side] + ramp(counts)
+    side = list_owners(counts)
+    disc = lower[begin][side] + number_rows(counts)
     rise = (height[end] - height[begin])[side]
     fraction = (planes[disc + 1] - height[begin][side]) / np.where(rise > 0, rise, 1.0)
     first, last = vertices[begin][side], vertices[end][side]
@@ -117,7 +117,7 @@ def _measure(points: FloatArray, origin: Vec3, axis: Vec3) -> tuple[FloatArray, 
     """Heights (N,) of points (N, 3) along an axis, and distances from it, mm."""
     shifted = points - np.array(origin)
     height = shifted @ np.array(axis)
-    return height, lengths(shifted - height[:, None] * np.array(axis))
+    return height, measure_lengths(shifted - height[:, None] * np.array(axis))
 
 
 def _make_prisms(

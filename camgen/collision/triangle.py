@@ -25,11 +25,11 @@ from camgen.collision.hits import (
 from camgen.collision.motion import bound_closing, bound_levers
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
-from camgen.geometry.ragged import ramp, run_lengths
-from camgen.geometry.vectors import cross, lengths
+from camgen.geometry.ragged import measure_runs, number_rows
+from camgen.geometry.vectors import cross, measure_lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.robots.kinematics.forward import compute_velocities, frames
+from camgen.robots.kinematics.forward import compute_link_frames, compute_velocities
 
 #: Maximum number of times that a triangle is split.
 _SPLITS = 4
@@ -73,7 +73,7 @@ def are_free(
     limit = _FIRST
     while len(pending.owner):
         order, is_chosen = np.lexsort((-pending.depth, pending.owner)), pending.depth == 0
-        is_chosen[order[ramp(run_lengths(pending.owner[order])) < limit]] = True
+        is_chosen[order[number_rows(measure_runs(pending.owner[order])) < limit]] = True
         batch, pending = pending.select(is_chosen), pending.select(~is_chosen)
         row, test = _meet_within(bounds, batch, deviations, near)
         meets = np.zeros(len(batch.owner), dtype=np.bool_)
@@ -125,7 +125,7 @@ def _meet_within(
         rows = slice(begin, begin + ROWS)
         middle = batch.corners[rows].mean(axis=1)
         moved = (batch.corners[rows] - middle[:, None]) @ bounds.scene.robot.coupling.T
-        links = frames(bounds.scene.robot, middle)
+        links = compute_link_frames(bounds.scene.robot, middle)
         growth = _TriangleGrowth.make(bounds, links, moved, deviations[batch.owner[rows]], near)
         low, high = np.searchsorted(batch.tests[0], [begin, begin + ROWS])
         tests = batch.tests[0][low:high] - begin, batch.tests[1][low:high]
@@ -209,8 +209,10 @@ class _TriangleGrowth(Struct, frozen=True, eq=False):
         limit: (n,) distance by the levers, mm.
         """
         turn = start[..., :3]
-        middle = lengths(cross(turn, boxes.centres[:, None]) + start[..., 3:])
-        straight = (middle + lengths(turn) * lengths(boxes.half)[:, None]).max(axis=1)
+        middle = measure_lengths(cross(turn, boxes.centres[:, None]) + start[..., 3:])
+        straight = (middle + measure_lengths(turn) * measure_lengths(boxes.half)[:, None]).max(
+            axis=1
+        )
         return np.asarray(np.minimum(straight + self.angles[row] * limit, limit))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from camgen.geometry.intersect import FEW, boxes_meet, make_boxes
-from camgen.geometry.ragged import PAIRS, begins, each_once, stretches
+from camgen.geometry.ragged import PAIRS, compute_first_rows, list_range_numbers, select_distinct
 from camgen.geometry.segments import IntArray, Segments, compute_bounds
 from camgen.model.pose import FloatArray
 
@@ -41,14 +41,14 @@ def find_box_pairs(
     loops = np.flatnonzero((sizes > 0) & (sizes <= FEW))
     single = np.flatnonzero(sizes[owner[order]] > FEW)
     # A small loop is one box of the tree. Its segments are compared only if that box is met.
-    first = np.concatenate([begins(sizes)[loops], single])
+    first = np.concatenate([compute_first_rows(sizes)[loops], single])
     counts = np.concatenate([sizes[loops], np.ones(len(single), dtype=np.int64)])
     loop_boxes = merge_boxes(boxes, owner, len(sizes))[loops]
     tree = shapely.STRtree(make_boxes(np.concatenate([loop_boxes, boxes[order[single]]])))
     step, done = _FIRST_BATCH, 0
     while done < len(queries):
         which, item = tree.query(make_boxes(queries[done : done + step]))
-        row = order[stretches(first[item], counts[item])]
+        row = order[list_range_numbers(first[item], counts[item])]
         which = np.repeat(which + done, counts[item])
         done += step
         # The next batch is as large as the pairs of this one suggest.
@@ -113,9 +113,9 @@ def set_apart(
         near = boxes_meet(loop_offset + reach, loop, drawn, row)
         near |= boxes_meet(loop_drawn + reach, loop, offset_boxes, row)
         near |= boxes_meet(loop_offset + margin, loop, offset_boxes, row)
-        met.append(each_once(loop[near] * len(sizes) + owner[row[near]]))
+        met.append(select_distinct(loop[near] * len(sizes) + owner[row[near]]))
     # Two small loops are independent if the box of one is clear of all segments of the other.
-    pairs = each_once(np.concatenate(met))
+    pairs = select_distinct(np.concatenate(met))
     first, second = np.divmod(pairs, len(sizes))
     dependent = first[~is_tested[second] | np.isin(second * len(sizes) + first, pairs)]
     is_tested[dependent] = False

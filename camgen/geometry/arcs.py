@@ -12,7 +12,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import cross, dots, lengths, unit
+from camgen.geometry.vectors import cross, measure_lengths, multiply_rows, normalize
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Vec3
@@ -108,19 +108,19 @@ class Spans(Struct, frozen=True, eq=False):
         if len(arc):
             via, along = self.via[arc], self.along[arc]
             for out, half in ((leaves, via - self.start[arc]), (arrives, self.end[arc] - via)):
-                mirror = unit(half)
-                out[arc] = 2 * dots(mirror, along)[:, None] * mirror - along
+                mirror = normalize(half)
+                out[arc] = 2 * multiply_rows(mirror, along)[:, None] * mirror - along
         return leaves, arrives
 
     def to_middle(self, vectors: FloatArray) -> FloatArray:
         """`vectors` (K, 3) at the start, rotated with the direction of travel to the middle."""
         start, along = self.tangents()[0], self.along
-        axis = unit(cross(start, along))
+        axis = normalize(cross(start, along))
         at_start = start, cross(axis, start), axis
         at_middle = along, cross(axis, along), axis
         rotated = np.zeros_like(vectors)
         for before, after in zip(at_start, at_middle, strict=True):
-            rotated += dots(vectors, before)[:, None] * after
+            rotated += multiply_rows(vectors, before)[:, None] * after
         return rotated
 
     def pick(self, index: IntArray) -> Spans:
@@ -138,14 +138,17 @@ def make_spans(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
     """
     curved = ~np.isnan(via[:, 0])
     chord = end - start
-    length = np.sqrt(dots(chord, chord))
+    length = np.sqrt(multiply_rows(chord, chord))
     along = chord / np.where(length > 0, length, 1.0)[:, None]
     towards = np.zeros_like(chord)
     radius, sweep = np.zeros_like(length), np.zeros_like(length)
     arc = np.flatnonzero(curved)
     if len(arc):
         rise = via[arc] - (start[arc] + end[arc]) / 2
-        height, half = np.maximum(np.sqrt(dots(rise, rise)), _LEAST_HEIGHT_MM), length[arc] / 2
+        height, half = (
+            np.maximum(np.sqrt(multiply_rows(rise, rise)), _LEAST_HEIGHT_MM),
+            length[arc] / 2,
+        )
         towards[arc] = rise / height[:, None]
         radius[arc] = (half**2 + height**2) / (2 * height)
         sweep[arc] = 4 * np.arctan2(height, half)
@@ -160,13 +163,15 @@ def make_spans_through(start: FloatArray, via: FloatArray, end: FloatArray) -> S
     """
     a, b = start - via, end - via
     normal = cross(a, b)
-    arc = np.flatnonzero(dots(normal, normal) > FLAT**2 * dots(a, a) * dots(b, b))
+    arc = np.flatnonzero(
+        multiply_rows(normal, normal) > FLAT**2 * multiply_rows(a, a) * multiply_rows(b, b)
+    )
     middle = np.full_like(via, np.nan)
     middle[arc] = find_arc_middles(start[arc], via[arc], end[arc])
     return make_spans(start, middle, end)
 
 
-def chain(points: FloatArray, via: FloatArray) -> Spans:
+def make_span_chain(points: FloatArray, via: FloatArray) -> Spans:
     """The N - 1 lines and arcs from each of `points` (N, 3) to the next.
 
     via: (N - 1, 3) middles of the arcs, NaN for a line.
@@ -206,7 +211,7 @@ def compute_bulges(start: FloatArray, via: FloatArray, end: FloatArray) -> Float
     of the chord.
     """
     chord, rise = (end - start)[:, :2], (via - start)[:, :2]
-    square = dots(chord, chord)
+    square = multiply_rows(chord, chord)
     height = chord[:, 0] * rise[:, 1] - chord[:, 1] * rise[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.nan_to_num(np.where(square > 0, -2 * height / square, 0.0))
@@ -237,12 +242,12 @@ def find_arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> Flo
     via itself, so that they are not mistaken for an arc. An unknown start (NaN) gives via too.
     """
     centre, span = (start + end) / 2, end - start
-    length = lengths(span)
+    length = measure_lengths(span)
     with np.errstate(divide="ignore", invalid="ignore"):
         along = np.where(length[:, None] > 0, span / length[:, None], 0.0)
         u = np.einsum("ni,ni->n", via - centre, along)
         across = via - centre - u[:, None] * along
-        h = lengths(across)
+        h = measure_lengths(across)
         a = length / 2
         k = (u * u + h * h - a * a) / (2 * h)
         radius = np.hypot(a, k)
@@ -263,12 +268,12 @@ def measure_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatAr
     the radius is chord / (2 sin(angle)). Three points on one line give the length of the two lines.
     """
     to_start, to_end = start - via, end - via
-    sine = lengths(cross(to_start, to_end))
+    sine = measure_lengths(cross(to_start, to_end))
     angle = np.arctan2(sine, np.einsum("ij,ij->i", to_start, to_end))
-    flat = lengths(to_start) + lengths(to_end)
+    flat = measure_lengths(to_start) + measure_lengths(to_end)
     turn = np.pi - angle
     with np.errstate(divide="ignore", invalid="ignore"):
-        curved = lengths(end - start) / np.sin(turn) * turn
+        curved = measure_lengths(end - start) / np.sin(turn) * turn
     # A third-party program may contain an arc with its three points on one line, in any order.
     return np.asarray(np.where(np.sin(turn) > FLAT, curved, flat), dtype=np.float64)
 
@@ -295,7 +300,7 @@ def level_arms(
 # One arc, without arrays.
 
 
-def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]:
+def compute_circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]:
     """Centre, radius, unit axis and sweep of the arc through three points, mm and rad.
 
     The sweep is from 0 to 2 pi about the axis. Raises ValueError if the points are on one line.

@@ -15,17 +15,25 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.intersect import Obstacles, find_fractions, measure_gaps, measure_nearest
-from camgen.geometry.ragged import Runs, divide, list_chains, owners, ramp, run_starts, stretches
+from camgen.geometry.ragged import (
+    Runs,
+    divide_runs,
+    find_run_starts,
+    list_chains,
+    list_owners,
+    list_range_numbers,
+    number_rows,
+)
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
     concatenate,
-    make,
+    make_segments,
     points_at,
     tangents_at,
 )
-from camgen.geometry.vectors import in_blocks, turn_right, turns
+from camgen.geometry.vectors import compute_in_blocks, measure_signed_angles, turn_right
 from camgen.model.pose import FloatArray
 
 #: mm: a channel may be wider than the tool by this, because pockets leave out thinner rings.
@@ -187,7 +195,7 @@ class _Walls:
             normal = turn_right(tangents_at(walls, fraction))
             ends.append(points_at(walls, fraction) + _BEYOND * self.distance * normal)
         bulge = np.tan(np.arctan(walls.bulge) * (high - low))
-        beyond = make(ends[0], ends[1], bulge, np.arange(len(rows)))
+        beyond = make_segments(ends[0], ends[1], bulge, np.arange(len(rows)))
         reach = (2 - _BEYOND) * self.distance + 2 * _WIDER_MM
         near = np.isfinite(measure_gaps(beyond, self.source, reach))
         # The parallel arc is a point if the centre of the wall lies on it.
@@ -200,7 +208,7 @@ class _Walls:
 
     def has_middle(self, rows: IntArray, fraction: FloatArray) -> BoolArray:
         """(K,) whether the centre line runs next to a point on a wall."""
-        return in_blocks(self._has_middle, rows, fraction)
+        return compute_in_blocks(self._has_middle, rows, fraction)
 
     def _has_middle(self, rows: IntArray, fraction: FloatArray) -> BoolArray:
         width, middle = self._measure(rows, fraction)
@@ -268,7 +276,7 @@ def _list_samples(
 ) -> tuple[IntArray, IntArray]:
     """The piece and the number in it of each sample, of `count` (K,) samples on each piece."""
     if may_hold is None:
-        return owners(count), ramp(count)
+        return list_owners(count), number_rows(count)
 
     def holds_nowhere(runs: Runs) -> BoolArray:
         low, row = pieces.low[runs.group], pieces.row[runs.group]
@@ -277,9 +285,9 @@ def _list_samples(
 
     numbers = np.arange(len(count))
     whole = Runs(numbers, np.zeros_like(count), count, np.zeros(len(count), dtype=bool))
-    runs = divide(np.where(holds_nowhere(whole), 0, count), holds_nowhere)
+    runs = divide_runs(np.where(holds_nowhere(whole), 0, count), holds_nowhere)
     size = np.where(runs.settled, 0, runs.end - runs.first)
-    return np.repeat(runs.group, size), stretches(runs.first, size)
+    return np.repeat(runs.group, size), list_range_numbers(runs.first, size)
 
 
 def _bisect(test: _Test, row: IntArray, outside: FloatArray, inside: FloatArray) -> FloatArray:
@@ -318,7 +326,7 @@ def _join_pieces(walls: _Walls, following: IntArray, pieces: _Pieces) -> list[_P
     """Chains of pieces that follow each other along a wall, the longest chain first."""
     count = len(pieces.row)
     after = np.full(count, -1)
-    starts = run_starts(pieces.row)
+    starts = find_run_starts(pieces.row)
     first_of = dict(zip(pieces.row[starts].tolist(), starts.tolist(), strict=True))
     ends = np.append(starts[1:], count) - 1
     for last in ends.tolist() if count else []:
@@ -345,7 +353,7 @@ def _can_continue(walls: _Walls, pieces: _Pieces, last: int, first: int) -> bool
     if gap > 2 * walls.distance * np.sin(abs(turn) / 2) + _MISS_MM:
         return False
     bulge = np.array([np.tan(turn / 4)])
-    corner = make(first_end[None], next_start[None], bulge, np.zeros(1, dtype=np.int64))
+    corner = make_segments(first_end[None], next_start[None], bulge, np.zeros(1, dtype=np.int64))
     middles = points_at(corner.take(np.zeros(3, dtype=np.int64)), np.array([0.25, 0.5, 0.75]))
     return walls.is_clear(middles, int(rows[0]))
 
@@ -354,7 +362,7 @@ def _measure_turn(source: Segments, before: int, after: int) -> float:
     """The angle by which a wall turns from one segment to the next, rad, left positive."""
     pair = source.take(np.array([before, after]))
     direction = tangents_at(pair, np.array([1.0, 0.0]))
-    return float(turns(direction[:1], direction[1:])[0])
+    return float(measure_signed_angles(direction[:1], direction[1:])[0])
 
 
 def _remove_known(
@@ -411,5 +419,5 @@ def _make_line(
     ring = len(rows) > 1 and bool(np.hypot(*(table[-1] - table[0])) <= _MISS_MM)
     if ring:
         table[-1] = table[0]
-    line = make(table[:-1], table[1:], np.array(bulges), np.full(len(rows), owner))
+    line = make_segments(table[:-1], table[1:], np.array(bulges), np.full(len(rows), owner))
     return line, np.array(turn), np.array(rows, dtype=np.int64), ring

@@ -26,8 +26,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, ramp
-from camgen.geometry.vectors import turns
+from camgen.geometry.ragged import compute_first_rows, number_rows
+from camgen.geometry.vectors import measure_signed_angles
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
@@ -60,7 +60,10 @@ def make_biarc(
         # This form has no cancellation: for bend = 0, the parallel case, it is vv / (2 vt).
         d = vv / (vt + root)
         joint = (start + end + d[:, None] * (t0 - t1)) / 2
-        half0, half1 = turns(t0, joint - start), turns(end - joint, t1)
+        half0, half1 = (
+            measure_signed_angles(t0, joint - start),
+            measure_signed_angles(end - joint, t1),
+        )
         wrong = (np.abs(half0) > math.pi / 2) | (np.abs(half1) > math.pi / 2) | ~np.isfinite(d)
         b0, b1 = np.tan(half0 / 2), np.tan(half1 / 2)
     b0[wrong] = b1[wrong] = np.nan
@@ -254,7 +257,7 @@ class _Intervals(Struct, frozen=True):
         """The pieces chosen by the mask `which`, each divided into `parts` (M,) equal parts."""
         owner = np.repeat(np.flatnonzero(which), parts)
         count = np.repeat(parts, parts)
-        step = ramp(parts)
+        step = number_rows(parts)
         start, end = step / count, (step + 1) / count
         width = self.width[owner] / count
         low = self.low[owner] + width * step
@@ -318,7 +321,7 @@ def _fit_same_degree(curves: list[FloatArray], chord: float) -> list[Outline]:
     counts = np.array([len(c) for c in curves])
     owner = np.repeat(np.arange(len(curves)), counts)
     control = np.concatenate(curves)
-    first = begins(counts)
+    first = compute_first_rows(counts)
     origin = control[first, 0, :2] / control[first, 0, 2:]
     # Coordinates relative to the start have full precision, wherever the drawing lies.
     control[..., :2] -= origin[owner][:, None] * control[..., 2:]

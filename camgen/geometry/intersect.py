@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import PAIRS, matches, run_starts, stretches
+from camgen.geometry.ragged import PAIRS, find_equal_pairs, find_run_starts, list_range_numbers
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -71,7 +71,7 @@ def find_near_pairs(
     """
     boxes = compute_bounds(segments)
     grown = boxes + np.array([-reach, -reach, reach, reach])
-    small_groups, large = matches(group, group, FEW)
+    small_groups, large = find_equal_pairs(group, group, FEW)
     firsts, seconds = [large[:0]], [large[:0]]
     for first, second in small_groups:
         i, j = first[first < second], second[first < second]
@@ -327,7 +327,7 @@ class Obstacles:
         They come in chunks, all pairs of a point in the same chunk.
         """
         around = np.column_stack([points - reach, points + reach])
-        small_groups, large = matches(group, self.group, FEW)
+        small_groups, large = find_equal_pairs(group, self.group, FEW)
         for point, segment in small_groups:
             near = boxes_meet(around, point, self._boxes, segment)
             yield point[near], segment[near]
@@ -344,7 +344,7 @@ class Obstacles:
             run = run + first
             first += step
             segment = np.repeat(rows[segment], counts[run])
-            point = large[stretches(begin[run], counts[run])]
+            point = large[list_range_numbers(begin[run], counts[run])]
             # The next batch is as large as the pairs of this one suggest.
             step = int(np.clip(PAIRS * step / max(len(point), 1), 16, 4 * step))
             near = boxes_meet(around, point, self._boxes, segment)
@@ -378,7 +378,7 @@ class Obstacles:
         for point, segment in self._pairs(points, group, reach):
             distance = measure_distances(points[point], self.segments, segment)
             order = np.lexsort((distance, point))
-            order = order[run_starts(point[order])]
+            order = order[find_run_starts(point[order])]
             order = order[distance[order] <= best[point[order]]]
             best[point[order]], rows[point[order]] = distance[order], segment[order]
         return rows

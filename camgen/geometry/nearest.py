@@ -11,7 +11,14 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, each_once, ramp, run_lengths, run_starts, starts_run
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    find_run_starts,
+    mark_run_starts,
+    measure_runs,
+    number_rows,
+    select_distinct,
+)
 from camgen.model.pose import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -67,7 +74,7 @@ class NearestItems(Struct, frozen=True, eq=False):
         """
         counts, step = np.bincount(self.item, minlength=count)[:, None], np.arange(width)
         listed = step < counts
-        row = (begins(counts[:, 0])[:, None] + step)[listed]
+        row = (compute_first_rows(counts[:, 0])[:, None] + step)[listed]
         near, distance = np.full((count, width), -1), np.full((count, width), np.inf)
         near[listed], distance[listed] = self.other[row], self.apart[row]
         return near, distance
@@ -104,7 +111,7 @@ def find_nearest_items(discs: Discs, count: int, wanted: int) -> NearestItems:
     distance = np.concatenate([distances for _, distances in parts])
     order = np.argsort(key)
     key, distance = key[order], distance[order]
-    first = run_starts(key)
+    first = find_run_starts(key)
     key = key[first]
     if len(key):
         distance = np.minimum.reduceat(distance, first)
@@ -124,15 +131,15 @@ def _sort_by_distance(item: IntArray, distance: FloatArray) -> IntArray:
     """
     order = np.arange(len(item))
     # In batches that do not split an item.
-    cuts = each_once(np.searchsorted(item, item[::_ITEM_PAIR_BATCH])).tolist()
+    cuts = select_distinct(np.searchsorted(item, item[::_ITEM_PAIR_BATCH])).tolist()
     for begin, end in pairwise([*cuts, len(item)]):
         rising = np.argsort(distance[begin:end])
         distances = distance[begin:end][rising]
         rank = np.empty(end - begin, dtype=np.int64)
-        rank[rising] = np.cumsum(starts_run(distances)) - 1
-        counts = run_lengths(item[begin:end])
-        first, longest = np.repeat(begins(counts), counts), int(counts.max())
-        number = (first * len(rank) + rank) * longest + ramp(counts)
+        rank[rising] = np.cumsum(mark_run_starts(distances)) - 1
+        counts = measure_runs(item[begin:end])
+        first, longest = np.repeat(compute_first_rows(counts), counts), int(counts.max())
+        number = (first * len(rank) + rank) * longest + number_rows(counts)
         number.sort()
         order[begin:end] = begin + first + number % longest
     return order

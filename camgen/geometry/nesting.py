@@ -13,7 +13,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.apart import find_box_pairs, merge_boxes
-from camgen.geometry.ragged import each_once, following, ramp
+from camgen.geometry.ragged import find_following_rows, number_rows, select_distinct
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -24,7 +24,7 @@ from camgen.geometry.segments import (
     points_at,
     tangents_at,
 )
-from camgen.geometry.vectors import turns
+from camgen.geometry.vectors import measure_signed_angles
 from camgen.model.pose import FloatArray
 
 # Plain loops, which need no test against others: convex, and alone in their box. Most holes of a
@@ -71,7 +71,7 @@ def _convex(segments: Segments, count: int) -> BoolArray:
     size = len(segments)
     following = find_following(segments, np.ones(count, dtype=np.bool_))
     leaves, arrives = tangents_at(segments, np.zeros(size)), tangents_at(segments, np.ones(size))
-    corner = turns(arrives, leaves[following])
+    corner = measure_signed_angles(arrives, leaves[following])
     turn = np.bincount(segments.owner, segments.sweep + corner, count)
     sense = np.sign(turn)[segments.owner]
     wrong = (
@@ -154,7 +154,7 @@ def _polygon_areas(points: FloatArray, owner: IntArray, count: int) -> FloatArra
         return np.zeros(count)
     first = np.searchsorted(owner, np.arange(count))
     a = points - points[np.minimum(first, len(owner) - 1)][owner]
-    b = a[following(np.bincount(owner))]
+    b = a[find_following_rows(np.bincount(owner))]
     return np.asarray(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count) / 2)
 
 
@@ -202,7 +202,7 @@ def _mark_crossings(polygons: object, rings: IntArray, crossed: IntArray) -> Int
     loop, other = np.concatenate([first, second]), np.concatenate([second, first])
     order = np.lexsort((other, loop))
     pair, loop, other = pair[order], loop[order], other[order]
-    place = ramp(np.bincount(loop, minlength=len(simple)))
+    place = number_rows(np.bincount(loop, minlength=len(simple)))
     none = len(simple)
     first_crossed = np.full(len(simple), none)
     low, high = 0, 1
@@ -250,7 +250,7 @@ def _find_parents(
     outer, probe = shapely.STRtree(shapely.points(probes)).query(
         polygons, predicate="contains_properly"
     )
-    pairs = each_once(
+    pairs = select_distinct(
         np.concatenate([probe * count + rings[outer], touching @ np.array([count, 1])])
     )
     pair = np.column_stack(np.divmod(pairs, count))

@@ -18,20 +18,20 @@ from msgspec import Struct
 
 from camgen.geometry.apart import set_apart
 from camgen.geometry.intersect import Obstacles, find_cuts, find_near_pairs, only_at_ends
-from camgen.geometry.ragged import starts_run
+from camgen.geometry.ragged import mark_run_starts
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
     concatenate,
-    make,
+    make_segments,
     points_at,
-    split,
+    split_segments,
     tangents_at,
 )
 from camgen.geometry.stitch import stitch_pieces
 from camgen.geometry.uncross import LEAST_SLIP
-from camgen.geometry.vectors import turn_right, turns
+from camgen.geometry.vectors import measure_signed_angles, turn_right
 from camgen.model.pose import FloatArray
 
 #: A piece is kept if there is free space beyond its middle: a thousandth of its length, within
@@ -100,8 +100,8 @@ def make_offset(
     row, low, high = row[free], low[free], high[free]
     chain = stitch_pieces(candidates, row, low, high, label[row])
     row, low, high = chain.row, chain.low, chain.high
-    segments = split(candidates, row, low, high)
-    segments = make(segments.start, segments.end, segments.bulge, chain.owner)
+    segments = split_segments(candidates, row, low, high)
+    segments = make_segments(segments.start, segments.end, segments.bulge, chain.owner)
     last_pieces = chain.last_of[~chain.closed]
     is_closed_source = following[origin[row[last_pieces]]] >= 0
     open_ends = int(np.count_nonzero(is_closed_source))
@@ -133,7 +133,7 @@ def _make_candidates(
     outer = np.flatnonzero((turn > 0) & ~plain)
     centre = source.end[before[outer]]
     start, end, bulge = (column[alive] for column in moved)
-    candidates = make(
+    candidates = make_segments(
         np.concatenate([start, centre + distance * turn_right(first[outer])]),
         np.concatenate([end, centre + distance * turn_right(second[outer])]),
         np.concatenate([bulge, np.tan(turn[outer] / 4)]),
@@ -153,7 +153,7 @@ def _corner_turns(first: FloatArray, second: FloatArray, bends: FloatArray) -> F
         reversal they decide whether the part is between the two sides of the tip (a turn of pi) or
         around them (-pi).
     """
-    turn = turns(first, second)
+    turn = measure_signed_angles(first, second)
     back = np.pi - np.abs(turn) <= np.maximum(LEAST_SLIP / 2 * np.abs(bends), 1e-9)
     is_around = bends > _STRAIGHT
     turn = np.where(back & is_around & (turn > 0), turn - 2 * np.pi, turn)
@@ -240,7 +240,7 @@ def _round_open_ends(source: Segments, following: IntArray, distance: float) -> 
     owner = np.concatenate([first, last])
     across = np.array([distance, 0.0])
     right, left = centre + across, centre - across
-    return make(
+    return make_segments(
         np.concatenate([right, left]),
         np.concatenate([left, right]),
         np.ones(2 * len(centre)),
@@ -280,7 +280,7 @@ def _cut_candidates(
     row, cut = row[order], cut[order]
     is_piece = (row[1:] == row[:-1]) & (cut[1:] - cut[:-1] > same[row[1:]])
     # Several cuts that are one count as the first. One piece ends there and the next begins.
-    kept = starts_run(row)
+    kept = mark_run_starts(row)
     kept[1:] |= is_piece
     row, cut = row[kept], cut[kept]
     has_next = row[1:] == row[:-1]

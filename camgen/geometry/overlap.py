@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import run_starts, starts_run
+from camgen.geometry.ragged import find_run_starts, mark_run_starts
 from camgen.geometry.segments import IntArray, Segments, compute_bounds, points_at
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
@@ -102,7 +102,7 @@ def _place_lines(
     group = _cluster(label[rows], angle, np.full(len(rows), cell))
     # The direction of a group is that of its middle line, exact if most of them are parallel.
     order = np.lexsort([angle, group])
-    first = run_starts(group[order])
+    first = find_run_starts(group[order])
     middle = order[(first + np.append(first[1:], len(order))) // 2] if len(order) else order
     direction = np.column_stack([np.cos(angle[middle]), np.sin(angle[middle])])[group]
     offset = np.column_stack([_cross(direction, start), _cross(direction, end)])
@@ -161,7 +161,7 @@ def _cluster(label: IntArray, value: FloatArray, allowed: FloatArray) -> IntArra
     order = np.lexsort([value, label])
     labels, ranked, limit = label[order], value[order], allowed[order]
     gap = np.diff(ranked)
-    begins = starts_run(labels)
+    begins = mark_run_starts(labels)
     begins[1:] |= gap > np.minimum(limit[1:], limit[:-1])
     number = np.cumsum(begins) - 1
     first = np.flatnonzero(begins)
@@ -204,7 +204,7 @@ def _list_groups(intervals: _Intervals, least: float) -> Iterator[IntArray]:
     reach = np.maximum.accumulate(high + shift)
     overlaps = np.zeros(len(low), np.bool_)
     overlaps[1:] = (low + shift)[1:] < reach[:-1] - least
-    starts = run_starts(group)
+    starts = find_run_starts(group)
     has_overlap = np.logical_or.reduceat(overlaps, starts)
     ends = np.append(starts[1:], len(group))
     for first, after in zip(starts[has_overlap].tolist(), ends[has_overlap].tolist(), strict=True):
@@ -351,7 +351,7 @@ def find_equal_loops(
     order = np.argsort(group, kind="stable")
     dropped: list[int] = []
     kept: list[int] = []
-    for first, k in zip(starts_run(group[order]).tolist(), loops[order].tolist(), strict=True):
+    for first, k in zip(mark_run_starts(group[order]).tolist(), loops[order].tolist(), strict=True):
         if first:
             kept = []
         if _is_repeated(segments, k, kept, lengths, tolerance):

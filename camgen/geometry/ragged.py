@@ -20,31 +20,34 @@ PAIRS = 500_000
 _Value = TypeVar("_Value", bound=np.generic)
 
 
-def begins(counts: Sequence[int] | IntArray) -> IntArray:
+def compute_first_rows(counts: Sequence[int] | IntArray) -> IntArray:
     """(G,) the first row of each group; where an empty one would begin."""
     counts = np.asarray(counts, dtype=np.int64)
     return np.cumsum(counts) - counts
 
 
-def offsets(counts: Sequence[int] | IntArray) -> IntArray:
+def compute_offsets(counts: Sequence[int] | IntArray) -> IntArray:
     """(G + 1,) the first row of each group, and the number of rows."""
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])
 
 
-def owners(counts: Sequence[int] | IntArray) -> IntArray:
+def list_owners(counts: Sequence[int] | IntArray) -> IntArray:
     """(N,) the group of each row."""
     return np.repeat(np.arange(len(counts)), counts)
 
 
-def ramp(counts: Sequence[int] | IntArray) -> IntArray:
+def number_rows(counts: Sequence[int] | IntArray) -> IntArray:
     """(N,) the place of each row in its group: 0, 1, 2 and so on."""
-    return np.asarray(np.arange(np.sum(counts, dtype=np.int64)) - np.repeat(begins(counts), counts))
+    return np.asarray(
+        np.arange(np.sum(counts, dtype=np.int64)) - np.repeat(compute_first_rows(counts), counts)
+    )
 
 
-def stretches(first: IntArray, counts: IntArray) -> IntArray:
+def list_range_numbers(first: IntArray, counts: IntArray) -> IntArray:
     """(N,) rows of another table from first[g] on, `counts[g]` of them for each group."""
     return np.asarray(
-        np.arange(np.sum(counts, dtype=np.int64)) + np.repeat(first - begins(counts), counts)
+        np.arange(np.sum(counts, dtype=np.int64))
+        + np.repeat(first - compute_first_rows(counts), counts)
     )
 
 
@@ -68,7 +71,7 @@ class Runs(Struct, frozen=True, eq=False):
     settled: BoolArray
 
 
-def divide(counts: IntArray, is_settled: Callable[[Runs], BoolArray]) -> Runs:
+def divide_runs(counts: IntArray, is_settled: Callable[[Runs], BoolArray]) -> Runs:
     """Runs that together are all rows of groups of `counts` (G,) rows, in order.
 
     Long runs are divided until they are short or settled.
@@ -80,7 +83,7 @@ def divide(counts: IntArray, is_settled: Callable[[Runs], BoolArray]) -> Runs:
     runs = Runs(group, np.zeros_like(counts), counts, settled)
     while (long := ~runs.settled & (runs.end - runs.first > _SHORT_RUN)).any():
         parts = np.where(long, _PARTS, 1)
-        part, run = ramp(parts), owners(parts)
+        part, run = number_rows(parts), list_owners(parts)
         size = (runs.end - runs.first)[run]
         first = runs.first[run] + part * size // parts[run]
         end = runs.first[run] + (part + 1) * size // parts[run]
@@ -92,12 +95,12 @@ def divide(counts: IntArray, is_settled: Callable[[Runs], BoolArray]) -> Runs:
     return runs
 
 
-def following(counts: Sequence[int] | IntArray) -> IntArray:
+def find_following_rows(counts: Sequence[int] | IntArray) -> IntArray:
     """(N,) the row after each in its group; after the last one its first."""
     counts = np.asarray(counts, dtype=np.int64)
     counts = counts[counts > 0]
     after = np.arange(1, int(counts.sum()) + 1)
-    after[np.cumsum(counts) - 1] = begins(counts)
+    after[np.cumsum(counts) - 1] = compute_first_rows(counts)
     return after
 
 
@@ -125,7 +128,7 @@ def list_chains(following: IntArray) -> list[list[int]]:
     return chains
 
 
-def matches(
+def find_equal_pairs(
     label: IntArray, other: IntArray, limit: int
 ) -> tuple[Iterator[tuple[IntArray, IntArray]], IntArray]:
     """Pairs of rows of `label` (N,) and of `other` (M,) that have the same number.
@@ -137,47 +140,47 @@ def matches(
     """
     order = np.argsort(other, kind="stable")
     counts = np.bincount(other, minlength=int(label.max(initial=-1)) + 1)
-    first, is_paired = begins(counts), counts[label] <= limit
+    first, is_paired = compute_first_rows(counts), counts[label] <= limit
     rows, step = np.flatnonzero(is_paired), PAIRS // limit if limit else len(label) + 1
 
     def pairs() -> Iterator[tuple[IntArray, IntArray]]:
         for begin in range(0, len(rows), step):
             chunk = rows[begin : begin + step]
             times = counts[label[chunk]]
-            yield np.repeat(chunk, times), order[stretches(first[label[chunk]], times)]
+            yield np.repeat(chunk, times), order[list_range_numbers(first[label[chunk]], times)]
 
     return pairs(), np.flatnonzero(~is_paired)
 
 
-def each_once(values: NDArray[_Value]) -> NDArray[_Value]:
+def select_distinct(values: NDArray[_Value]) -> NDArray[_Value]:
     """(K,) each of `values` (N,) once, in order.
 
     `np.unique` loads numpy's masked arrays, which takes 5 ms.
     """
     values = np.sort(values)
-    return values[starts_run(values)]
+    return values[mark_run_starts(values)]
 
 
-def first_of_each(values: IntArray) -> IntArray:
+def find_first_occurrences(values: IntArray) -> IntArray:
     """(K,) the first row of each different value of `values` (N,), in the order of the values.
 
     `np.unique` takes twice as long.
     """
     order = np.argsort(values)
-    return np.minimum.reduceat(order, run_starts(values[order])) if len(values) else order
+    return np.minimum.reduceat(order, find_run_starts(values[order])) if len(values) else order
 
 
-def run_lengths(values: NDArray[_Value]) -> IntArray:
+def measure_runs(values: NDArray[_Value]) -> IntArray:
     """(R,) lengths of the runs of equal neighbours in `values` (N,)."""
-    return np.diff(np.append(run_starts(values), len(values)))
+    return np.diff(np.append(find_run_starts(values), len(values)))
 
 
-def run_starts(values: NDArray[_Value]) -> IntArray:
+def find_run_starts(values: NDArray[_Value]) -> IntArray:
     """(R,) the first row of each run of equal neighbours in `values` (N, ...)."""
-    return np.flatnonzero(starts_run(values))
+    return np.flatnonzero(mark_run_starts(values))
 
 
-def starts_run(values: NDArray[_Value]) -> BoolArray:
+def mark_run_starts(values: NDArray[_Value]) -> BoolArray:
     """(N,) whether each row of `values` (N, ...) differs from the row before it; the first does."""
     first = np.ones(len(values), dtype=np.bool_)
     differs = values[1:] != values[:-1]
@@ -185,11 +188,11 @@ def starts_run(values: NDArray[_Value]) -> BoolArray:
     return first
 
 
-def ends_run(values: NDArray[_Value]) -> BoolArray:
+def mark_run_ends(values: NDArray[_Value]) -> BoolArray:
     """(N,) whether each row of `values` (N, ...) differs from the row after it; the last does."""
-    return starts_run(values[::-1])[::-1]
+    return mark_run_starts(values[::-1])[::-1]
 
 
-def true_runs(mask: BoolArray) -> IntArray:
+def find_true_runs(mask: BoolArray) -> IntArray:
     """(R, 2) the first row of each run of true values in `mask` (N,), and the row after it."""
     return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, owners, ramp
+from camgen.geometry.ragged import compute_first_rows, list_owners, number_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -51,8 +51,8 @@ class Rings(Struct, frozen=True, eq=False):
         On a curve with fewer than 2 `half` + 1 rows some are counted more than once.
         """
         size = self.count + 2 * half
-        loop = owners(size)
-        rows = self.first[loop] + (ramp(size) - half) % self.count[loop]
+        loop = list_owners(size)
+        rows = self.first[loop] + (number_rows(size) - half) % self.count[loop]
         begin = np.arange(len(self.loop)) + 2 * half * self.loop
         total = np.zeros((len(rows) + 1, *values.shape[1:]), dtype=values.dtype)
         np.cumsum(values[rows], axis=0, out=total[1:])
@@ -69,7 +69,7 @@ class Rings(Struct, frozen=True, eq=False):
 def make_rings(counts: Sequence[int] | IntArray) -> Rings:
     """The table of curves with `counts` (L,) points each."""
     count = np.asarray(counts, dtype=np.int64)
-    return Rings(begins(count), count, owners(count))
+    return Rings(compute_first_rows(count), count, list_owners(count))
 
 
 def measure_steps(table: Rings, points: ComplexArray) -> FloatArray:
@@ -94,7 +94,7 @@ def space_evenly(
     run = np.append(0.0, np.cumsum(step))
     begin, end = run[table.first], run[table.first + table.count]
     result = make_rings(np.maximum(np.ceil(end - begin), 8).astype(np.int64))
-    place = ramp(result.count) / result.count[result.loop]
+    place = number_rows(result.count) / result.count[result.loop]
     wanted = begin[result.loop] + place * (end - begin)[result.loop]
     low = np.clip(np.searchsorted(run, wanted, side="right") - 1, 0, len(table) - 1)
     # Rounding could give the last row of a curve a place on the next curve.
@@ -128,7 +128,7 @@ def apply_hysteresis(table: Rings, on: BoolArray, off: BoolArray, default: bool)
     return np.where(row >= 0, on[row], default)
 
 
-def unit(vectors: ComplexArray) -> ComplexArray:
+def normalize(vectors: ComplexArray) -> ComplexArray:
     """`vectors` divided by their lengths; zero stays zero."""
     # Faster than `abs`, which guards against overflow.
     size = np.sqrt(vectors.real**2 + vectors.imag**2)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from camgen.geometry.vectors import cross, dots, unit
+from camgen.geometry.vectors import cross, multiply_rows, normalize
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 
@@ -15,12 +15,12 @@ from camgen.model.pose import FloatArray
 SURE_TURN = math.radians(120.0)
 
 
-def angles_between(a: FloatArray, b: FloatArray) -> FloatArray:
+def measure_angles_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """(N,) angles of the rotations from a to b (N, 3, 3), as `pose.angle_between` for each row."""
     return _angles(*_sines(np.swapaxes(a, -1, -2) @ b))
 
 
-def vectors_of(rotations: FloatArray) -> FloatArray:
+def compute_rotation_vectors(rotations: FloatArray) -> FloatArray:
     """(N, 3) axis times angle of rotations (N, 3, 3).
 
     It is zero for a rotation by exactly pi, whose axis has two senses.
@@ -31,7 +31,7 @@ def vectors_of(rotations: FloatArray) -> FloatArray:
     return np.asarray(doubled * scale[:, None])
 
 
-def from_vectors(vectors: FloatArray) -> FloatArray:
+def make_rotations_from_vectors(vectors: FloatArray) -> FloatArray:
     """(N, 3, 3) rotations of axis times angle (N, 3) (Rodrigues); exact for small angles too."""
     angle = np.linalg.norm(vectors, axis=1)[:, None, None]
     matrix = cross_matrices(vectors)
@@ -39,7 +39,9 @@ def from_vectors(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * matrix + half**2 / 2 * (matrix @ matrix))
 
 
-def from_quaternions(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+def make_rotations_from_quaternions(
+    w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray
+) -> FloatArray:
     """(N, 3, 3) rotations of unit quaternions, each component (N,)."""
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -49,13 +51,13 @@ def from_quaternions(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray)
     return np.array(rows).transpose(2, 0, 1)
 
 
-def from_axes(z: FloatArray, towards: FloatArray) -> FloatArray:
+def make_rotations_from_axes(z: FloatArray, towards: FloatArray) -> FloatArray:
     """(N, 3, 3) rotations with z along `z` (N, 3) and x towards `towards` (N, 3).
 
     x is the part of `towards` that is perpendicular to z, as in `pose.rotation_from_axes`.
     """
-    z = unit(z)
-    x = unit(towards - z * dots(z, towards)[:, None])
+    z = normalize(z)
+    x = normalize(towards - z * multiply_rows(z, towards)[:, None])
     return np.stack([x, cross(z, x), z], axis=2)
 
 
@@ -68,7 +70,7 @@ def find_sideways(axis: FloatArray) -> FloatArray:
     return np.asarray(np.where(parallel, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
 
 
-def turned_about_z(angles: FloatArray) -> FloatArray:
+def make_rotations_about_z(angles: FloatArray) -> FloatArray:
     """(..., 3, 3) rotations by `angles` (...) about z."""
     result = np.zeros((*angles.shape, 3, 3))
     result[..., 0, 0] = result[..., 1, 1] = np.cos(angles)
@@ -87,11 +89,11 @@ def interpolate_rotations(
     row: (M,) rows of a and b.
     fraction: (M,) 0 at a, 1 at b.
     """
-    turn = vectors_of(np.swapaxes(a, -1, -2) @ b)
-    return np.asarray(a[row] @ from_vectors(turn[row] * fraction[:, None]))
+    turn = compute_rotation_vectors(np.swapaxes(a, -1, -2) @ b)
+    return np.asarray(a[row] @ make_rotations_from_vectors(turn[row] * fraction[:, None]))
 
 
-def turns_about_z(rotations: FloatArray) -> FloatArray:
+def measure_rolls(rotations: FloatArray) -> FloatArray:
     """(N,) angles of the part of each rotation that is about z (swing-twist decomposition)."""
     r = rotations
     return np.asarray(np.arctan2(r[:, 1, 0] - r[:, 0, 1], r[:, 0, 0] + r[:, 1, 1]))
@@ -100,11 +102,11 @@ def turns_about_z(rotations: FloatArray) -> FloatArray:
 def turn_vectors(vectors: FloatArray, axes: FloatArray, angles: FloatArray) -> FloatArray:
     """`vectors` (N, 3) rotated by `angles` (N,) about unit vectors `axes` (N, 3) (Rodrigues)."""
     c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    inline = dots(axes, vectors)[:, None]
+    inline = multiply_rows(axes, vectors)[:, None]
     return np.asarray(c * vectors + s * cross(axes, vectors) + (1 - c) * inline * axes)
 
 
-def about(axis: FloatArray) -> FloatArray:
+def compute_rotation_terms(axis: FloatArray) -> FloatArray:
     """(3, 3, 3) terms of a rotation about the unit vector `axis` (3,) (Rodrigues).
 
     The rotation by an angle is the first one, plus the second times its cosine, plus the third

@@ -8,7 +8,13 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, following, owners, ramp, run_lengths
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    find_following_rows,
+    list_owners,
+    measure_runs,
+    number_rows,
+)
 from camgen.model.part import Contour, tabulate_contours
 from camgen.model.pose import FloatArray
 
@@ -68,7 +74,9 @@ class Segments(Struct, frozen=True, eq=False):
         )
 
 
-def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray) -> Segments:
+def make_segments(
+    start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray
+) -> Segments:
     """Segments from end points (N, 2), mm, bulges (N,) and owners (N,).
 
     Centres and radii are computed. An arc that is flatter than `_LEAST_HEIGHT_MM` becomes a line.
@@ -100,12 +108,17 @@ def concatenate(tables: Sequence[Segments]) -> Segments:
     return Segments(*columns)
 
 
-def from_contours(contours: Sequence[Contour]) -> Segments:
+def make_contour_segments(contours: Sequence[Contour]) -> Segments:
     """All segments of `contours` in order; `owner` counts the contours."""
     points, bulges, counts, closed = tabulate_contours(contours)
     keep = np.ones(len(points), dtype=bool)
     keep[(np.cumsum(counts) - 1)[~closed]] = False
-    return make(points[keep], points[following(counts)[keep]], bulges[keep], owners(counts)[keep])
+    return make_segments(
+        points[keep],
+        points[find_following_rows(counts)[keep]],
+        bulges[keep],
+        list_owners(counts)[keep],
+    )
 
 
 def find_following(segments: Segments, closed: BoolArray) -> IntArray:
@@ -113,7 +126,7 @@ def find_following(segments: Segments, closed: BoolArray) -> IntArray:
 
     closed: per owner, whether its last segment is followed by its first.
     """
-    after = following(run_lengths(segments.owner))
+    after = find_following_rows(measure_runs(segments.owner))
     after[(after <= np.arange(len(after))) & ~closed[segments.owner]] = -1
     return after
 
@@ -192,11 +205,13 @@ def tangents_at(segments: Segments, fraction: FloatArray) -> FloatArray:
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def split(segments: Segments, rows: IntArray, low: FloatArray, high: FloatArray) -> Segments:
+def split_segments(
+    segments: Segments, rows: IntArray, low: FloatArray, high: FloatArray
+) -> Segments:
     """The pieces of `segments[rows]` from fraction `low` to fraction `high`, each (K,)."""
     whole = segments.take(rows)
     bulge = np.tan(np.arctan(whole.bulge) * (high - low))
-    return make(points_at(whole, low), points_at(whole, high), bulge, whole.owner)
+    return make_segments(points_at(whole, low), points_at(whole, high), bulge, whole.owner)
 
 
 def reverse_segments(segments: Segments) -> tuple[Segments, IntArray]:
@@ -221,12 +236,12 @@ def flatten(segments: Segments, chord: float) -> tuple[FloatArray, IntArray]:
         chords = np.ceil(np.abs(segments.sweep) / np.maximum(step, _LEAST_STEP))
         pieces = np.where(segments.is_arc, chords, 1)
     count = np.maximum(pieces, 1).astype(np.int64)
-    first = begins(count)
+    first = compute_first_rows(count)
     points = np.empty((int(count.sum()), 2))
     points[first] = segments.start
     # The inner points of arcs, as complex numbers: a whole drawing has millions of them.
     rows = np.flatnonzero(count > 1)
-    which, place = owners(count[rows] - 1), ramp(count[rows] - 1) + 1
+    which, place = list_owners(count[rows] - 1), number_rows(count[rows] - 1) + 1
     centre = segments.centre[rows] @ np.array([1, 1j])
     arm = segments.start[rows] @ np.array([1, 1j]) - centre
     turn = segments.sweep[rows] / count[rows]

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from camgen.geometry.curves import compute_bernstein
-from camgen.geometry.vectors import cross, dots
+from camgen.geometry.vectors import cross, multiply_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -113,16 +113,18 @@ def _measure_deviations(
     """
     start, end = _evaluate(segments, segment, low), _evaluate(segments, segment, low + width)
     chord = end - start
-    length = np.sqrt(dots(chord, chord))
+    length = np.sqrt(multiply_rows(chord, chord))
     greatest = np.zeros(len(low))
     for sample in _SAMPLES:
         arm = _evaluate(segments, segment, low + sample * width) - start
         moment = cross(arm, chord)
         with np.errstate(all="ignore"):
-            distance = np.sqrt(dots(moment, moment)) / length
-        greatest = np.maximum(greatest, np.where(length > 0, distance, np.sqrt(dots(arm, arm))))
+            distance = np.sqrt(multiply_rows(moment, moment)) / length
+        greatest = np.maximum(
+            greatest, np.where(length > 0, distance, np.sqrt(multiply_rows(arm, arm)))
+        )
         # A stretch that runs beyond the ends of its chord turns back.
-        forward = dots(arm, chord) / np.where(length > 0, length, 1.0)
+        forward = multiply_rows(arm, chord) / np.where(length > 0, length, 1.0)
         greatest = np.maximum(greatest, np.maximum(-forward, forward - length))
     return greatest
 

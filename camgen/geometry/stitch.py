@@ -10,7 +10,7 @@ import shapely
 from msgspec import Struct
 
 from camgen.geometry.intersect import FEW
-from camgen.geometry.ragged import begins, list_chains, matches, ramp
+from camgen.geometry.ragged import compute_first_rows, find_equal_pairs, list_chains, number_rows
 from camgen.geometry.segments import BoolArray, IntArray, Segments, points_at
 from camgen.model.pose import FloatArray
 
@@ -74,7 +74,7 @@ def _find_meetings(
     start: FloatArray, end: FloatArray, label: IntArray
 ) -> tuple[IntArray, IntArray]:
     """Pairs of pieces of one label of which the second begins where the first ends."""
-    small_groups, large = matches(label, label, FEW)
+    small_groups, large = find_equal_pairs(label, label, FEW)
     firsts, seconds = [large[:0]], [large[:0]]
     for ends, starts in small_groups:
         gap = end.take(ends, axis=0) - start.take(starts, axis=0)
@@ -187,7 +187,7 @@ def _order_chains(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntA
     # A piece that is not alive is followed by none, and follows none.
     chains = [chain for chain in list_chains(following) if alive[chain[0]]]
     order = np.array(list(itertools.chain.from_iterable(chains)), dtype=np.int64)
-    first = begins(list(map(len, chains)))
+    first = compute_first_rows(list(map(len, chains)))
     last = np.append(first[1:], len(order))[: len(first)] - 1
     return order, first, following[order[last]] == order[first]
 
@@ -241,7 +241,7 @@ def _merge_pieces(
         & (previous != np.arange(count))
     )
     # Rotate each closed chain so that its first piece is not joined to its last one.
-    place = ramp(last - begin + 1)
+    place = number_rows(last - begin + 1)
     size = (last - begin + 1)[owner]
     start_place = np.where(joined, count, place)
     shift = np.minimum.reduceat(start_place, begin)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import angles, cross, dots, unit
+from camgen.geometry.vectors import cross, measure_angles, multiply_rows, normalize
 from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray
 
@@ -62,7 +62,11 @@ def _find_faces(
     corners: FloatArray, centres: FloatArray, radii: FloatArray, points: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """The nearest face (M,) and the nearest point on it (M, 3)."""
-    square = dots(points, points)[:, None] + dots(centres, centres) - 2 * points @ centres.T
+    square = (
+        multiply_rows(points, points)[:, None]
+        + multiply_rows(centres, centres)
+        - 2 * points @ centres.T
+    )
     to_centre = np.sqrt(np.maximum(square, 0.0))
     # A face cannot be the nearest if its whole sphere about its centre is farther away than the
     # nearest centre.
@@ -86,8 +90,10 @@ def _project_on_triangles(points: FloatArray, corners: FloatArray) -> FloatArray
     best_distance = np.where(inside, 0.0, np.inf)
     for a, b in ((0, 1), (1, 2), (2, 0)):
         start, side = corners[:, a], corners[:, b] - corners[:, a]
-        square = dots(side, side)
-        fraction = np.clip(dots(points - start, side) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+        square = multiply_rows(side, side)
+        fraction = np.clip(
+            multiply_rows(points - start, side) / np.where(square > 0, square, 1.0), 0.0, 1.0
+        )
         place = start + fraction[:, None] * side
         distance = np.linalg.norm(points - place, axis=1)
         nearer = ~inside & (distance < best_distance)
@@ -104,10 +110,10 @@ def _compute_weights(points: FloatArray, corners: FloatArray) -> FloatArray:
     second_side = corners[:, 2] - corners[:, 0]
     arm = points - corners[:, 0]
     normal = cross(first_side, second_side)
-    area = dots(normal, normal)
+    area = multiply_rows(normal, normal)
     safe = np.where(area > 0, area, 1.0)
-    second = dots(cross(arm, second_side), normal) / safe
-    third = dots(cross(first_side, arm), normal) / safe
+    second = multiply_rows(cross(arm, second_side), normal) / safe
+    third = multiply_rows(cross(first_side, arm), normal) / safe
     weights = np.column_stack([1 - second - third, second, third])
     weights[area <= 0] = -1.0
     return weights
@@ -122,7 +128,7 @@ def _interpolate_normals(
     weights = np.clip(_compute_weights(place, corners[face]), 0.0, 1.0)
     mixed = (weights[:, :, None] * at_corners[index]).sum(axis=1)
     plain = solid.normals[face]
-    return np.asarray(np.where((dots(mixed, mixed) > 0)[:, None], unit(mixed), plain))
+    return np.asarray(np.where((multiply_rows(mixed, mixed) > 0)[:, None], normalize(mixed), plain))
 
 
 def _corner_normals(solid: Solid, corners: FloatArray, faces: IntArray) -> FloatArray:
@@ -144,7 +150,7 @@ def _corner_normals(solid: Solid, corners: FloatArray, faces: IntArray) -> Float
             apex = corners[sharing, corner]
             next_side = corners[sharing, (corner + 1) % 3] - apex
             last_side = corners[sharing, (corner + 2) % 3] - apex
-            weight = angles(next_side, last_side)
+            weight = measure_angles(next_side, last_side)
             total = (weight[:, None] * solid.normals[sharing]).sum(axis=0)
             result[k, c] = total if total.any() else face_normal
-    return unit(result)
+    return normalize(result)

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, owners, stretches
+from camgen.geometry.ragged import compute_first_rows, list_owners, list_range_numbers
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
 
@@ -89,7 +89,11 @@ def thin_chains(chains: Polylines, tolerance: float) -> IntArray:
         if not len(low):
             return np.unique(np.concatenate(kept))
         counts = high - low - 1
-        begin, owner, rows = begins(counts), owners(counts), stretches(low + 1, counts)
+        begin, owner, rows = (
+            compute_first_rows(counts),
+            list_owners(counts),
+            list_range_numbers(low + 1, counts),
+        )
         distance = measure_from_lines(points[rows], points[low][owner], points[high][owner])
         largest = np.maximum.reduceat(distance, begin)
         is_farthest = distance == largest[owner]

@@ -19,17 +19,17 @@ from msgspec.structs import replace
 
 from camgen.geometry.intersect import find_crossings, find_near_pairs, only_at_ends
 from camgen.geometry.nesting import measure_loop_areas
-from camgen.geometry.ragged import ends_run, list_chains, run_starts
+from camgen.geometry.ragged import find_run_starts, list_chains, mark_run_ends
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
     concatenate,
     reverse_segments,
-    split,
+    split_segments,
     tangents_at,
 )
-from camgen.geometry.vectors import turns
+from camgen.geometry.vectors import measure_signed_angles
 from camgen.model.pose import FloatArray
 
 #: mm: a crossing nearer than this to the end of a segment counts as that end.
@@ -147,9 +147,9 @@ def _split_loop(
     low = np.concatenate([np.zeros(len(rows)), first, second])
     order = np.lexsort((low, row))
     row, low = row[order], low[order]
-    last = ends_run(row)
+    last = mark_run_ends(row)
     high = np.where(last, 1.0, np.append(low[1:], 1.0))
-    begin = run_starts(row)
+    begin = find_run_starts(row)
     after = np.where(last, begin[np.searchsorted(rows, following[row])], np.arange(len(row)) + 1)
     place_of = np.empty(len(order), dtype=np.int64)
     place_of[order] = np.arange(len(order))
@@ -157,7 +157,7 @@ def _split_loop(
     leaving_second = place_of[len(rows) + count :]
     after[leaving_first - 1], after[leaving_second - 1] = leaving_second, leaving_first
     meet = np.column_stack([leaving_first - 1, leaving_second - 1])
-    return _Pieces(split(segments, row, low, high), after, meet)
+    return _Pieces(split_segments(segments, row, low, high), after, meet)
 
 
 def _make_loops(pieces: _Pieces) -> Iterable[Segments]:
@@ -199,7 +199,7 @@ def _find_senses(pieces: _Pieces, loops: list[list[int]], largest: int) -> list[
                 # Straight on, the curve enters the other loop: on the right if the corner turns
                 # left.
                 corner = arrives[[arriving]], leaves[pieces.following[[arriving]]]
-                turn = turns(*corner)[0]
+                turn = measure_signed_angles(*corner)[0]
                 if turn * senses[loop] > 0:
                     senses[neighbour] = -senses[loop]
                 reached.append(neighbour)

@@ -15,7 +15,9 @@ _BLOCK_ROWS = 8192
 _Value = TypeVar("_Value", bound=np.generic)
 
 
-def in_blocks(function: Callable[..., NDArray[_Value]], *columns: NDArray[Any]) -> NDArray[_Value]:
+def compute_in_blocks(
+    function: Callable[..., NDArray[_Value]], *columns: NDArray[Any]
+) -> NDArray[_Value]:
     """`function` of columns (N, ...), computed in blocks of rows that stay in the cache.
 
     function: gets a block of rows of each column and returns a row for each of them.
@@ -26,12 +28,12 @@ def in_blocks(function: Callable[..., NDArray[_Value]], *columns: NDArray[Any]) 
     return results[0] if len(results) == 1 else np.concatenate(results)
 
 
-def nearest_row(values: FloatArray | NDArray[np.complex128], wanted: complex) -> int:
+def find_nearest_row(values: FloatArray | NDArray[np.complex128], wanted: complex) -> int:
     """The row of `values` (N,), numbers or complex points, that is nearest to `wanted`."""
     return int(np.argmin(np.abs(values - wanted)))
 
 
-def dots(a: FloatArray, b: FloatArray) -> FloatArray:
+def multiply_rows(a: FloatArray, b: FloatArray) -> FloatArray:
     """(...,) scalar products of vectors (..., D)."""
     return np.asarray(np.einsum("...d,...d->...", a, b))
 
@@ -51,13 +53,13 @@ def add_coordinates(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors[..., 0] + vectors[..., 1] + vectors[..., 2])
 
 
-def plane_lengths(vectors: FloatArray) -> FloatArray:
+def measure_plane_lengths(vectors: FloatArray) -> FloatArray:
     """(...,) lengths of vectors (..., 2), as by `np.linalg.norm` in a third of the time."""
     x, y = vectors[..., 0], vectors[..., 1]
     return np.asarray(np.sqrt(x * x + y * y))
 
 
-def within(vectors: FloatArray, limit: float) -> NDArray[np.bool_]:
+def are_within(vectors: FloatArray, limit: float) -> NDArray[np.bool_]:
     """(...,) whether no coordinate of vectors (..., 3) has a magnitude above `limit`.
 
     A vector with NaN is not within.
@@ -66,7 +68,7 @@ def within(vectors: FloatArray, limit: float) -> NDArray[np.bool_]:
     return np.asarray(near[..., 0] & near[..., 1] & near[..., 2])
 
 
-def lengths(vectors: FloatArray) -> FloatArray:
+def measure_lengths(vectors: FloatArray) -> FloatArray:
     """(...,) lengths of vectors (..., 3), equal to `np.linalg.norm` to the last bit.
 
     It takes a third of the time.
@@ -75,21 +77,21 @@ def lengths(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
-def unit(vectors: FloatArray) -> FloatArray:
+def normalize(vectors: FloatArray) -> FloatArray:
     """`vectors` (..., D) divided by their lengths; a zero vector stays zero."""
-    length = np.sqrt(dots(vectors, vectors))
+    length = np.sqrt(multiply_rows(vectors, vectors))
     return np.asarray(vectors / np.where(length > 0, length, 1.0)[..., None])
 
 
-def angles(a: FloatArray, b: FloatArray) -> FloatArray:
+def measure_angles(a: FloatArray, b: FloatArray) -> FloatArray:
     """(N,) angles between vectors (N, 3), rad, 0 to pi; exact for small angles too."""
     normal = cross(a, b)
-    return np.asarray(np.arctan2(np.sqrt(dots(normal, normal)), dots(a, b)))
+    return np.asarray(np.arctan2(np.sqrt(multiply_rows(normal, normal)), multiply_rows(a, b)))
 
 
-def turns(a: FloatArray, b: FloatArray) -> FloatArray:
+def measure_signed_angles(a: FloatArray, b: FloatArray) -> FloatArray:
     """(N,) angles from vectors a to b (N, 2), rad, -pi to pi, counter-clockwise positive."""
-    return np.asarray(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], dots(a, b)))
+    return np.asarray(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], multiply_rows(a, b)))
 
 
 def turn_right(vectors: FloatArray) -> FloatArray:

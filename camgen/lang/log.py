@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from camgen.lang.programs import LEVELS, Assumption, Finding, Level, OpenChoice
-from camgen.model.errors import one_line
+from camgen.model.errors import make_one_line
 from camgen.model.text import counted
 
 #: Characters of an entry. A name in a program may be as long as its file.
@@ -190,4 +190,4 @@ class Log:
 
 
 def _shorten(text: str) -> str:
-    return one_line(text)[:_LENGTH_LIMIT]
+    return make_one_line(text)[:_LENGTH_LIMIT]

@@ -12,7 +12,7 @@ import math
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle
+from camgen.geometry.arcs import compute_circle
 from camgen.model.pose import Pose, angle_between
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.model.tolerance import SAME_POINT_MM
@@ -64,7 +64,7 @@ def measure_arc(start: Pose, via: Pose, target: Pose, *, turns_by_via: bool = Fa
         angle = measure_line(start, via).angle + measure_line(via, target).angle
         straight = Extent(straight.length, angle)
     try:
-        _, radius, _, sweep = circle(start.origin, via.origin, target.origin)
+        _, radius, _, sweep = compute_circle(start.origin, via.origin, target.origin)
     except ValueError:
         return straight
     return Extent(radius * sweep, straight.angle)

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle, turn_about
+from camgen.geometry.arcs import compute_circle, turn_about
 from camgen.lang.programs import (
     Ask,
     Executed,
@@ -469,7 +469,7 @@ def _measure_time(start: Pose, item: MoveL | MoveC, rotation: float) -> float:
     rotation: rotation of the tool along the motion, rad.
     """
     if isinstance(item, MoveC):
-        _, radius, _, sweep = circle(start.origin, item.via.origin, item.target.origin)
+        _, radius, _, sweep = compute_circle(start.origin, item.via.origin, item.target.origin)
         return radius * sweep / item.speed
     length = math.dist(start.origin, item.target.origin)
     return max(length / item.speed, rotation / item.turn if item.turn else 0.0)
@@ -484,7 +484,7 @@ def _pose_at(start: Pose, item: MoveL | MoveC, fraction: float) -> Pose:
         a, b = np.array(start.origin), np.array(item.target.origin)
         rotation = rotation_between(start.rotation, item.target.rotation, fraction)
         return Pose(rotation, to_vec3(a + fraction * (b - a)))
-    centre, _, axis, sweep = circle(start.origin, item.via.origin, item.target.origin)
+    centre, _, axis, sweep = compute_circle(start.origin, item.via.origin, item.target.origin)
     arm = np.subtract(start.origin, centre)
     rotated_arm = turn_about(to_vec3(arm), axis, fraction * sweep)
     x, y, z = (a + b for a, b in zip(rotated_arm, centre, strict=True))

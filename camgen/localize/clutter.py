@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import dots, unit
+from camgen.geometry.vectors import multiply_rows, normalize
 from camgen.localize.coarse import thin_out
 from camgen.localize.groups import pick_rows
 from camgen.localize.model import Cloud, Model, cross_edges
@@ -73,7 +73,7 @@ def find_isolated(points: FloatArray) -> BoolArray:
     middles = around.mean(axis=1)
     _, spreads, axes = np.linalg.svd(around - middles[:, None], full_matrices=False)
     thickness = spreads[:, 2] / np.sqrt(_NOISE_NEIGHBOURS - 3)
-    offsets = np.abs(dots(points[suspects] - middles, axes[:, 2]))
+    offsets = np.abs(multiply_rows(points[suspects] - middles, axes[:, 2]))
     far[suspects[(thickness <= _IN_PLANE * noise) & (offsets <= 2 * _IN_PLANE * noise)]] = False
     return np.asarray(far)
 
@@ -139,7 +139,7 @@ def _fit_plane(points: FloatArray, within: float) -> tuple[FloatArray, float] | 
     """
     drawn = np.random.default_rng(0).integers(0, len(points), (_TRIES, 3))
     a, b, c = points[drawn.T]
-    normals = unit(np.cross(b - a, c - a))
+    normals = normalize(np.cross(b - a, c - a))
     heights = (normals * a).sum(axis=1)
     proper = normals.any(axis=1)
     if not proper.any():

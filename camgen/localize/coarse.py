@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.rotations import from_quaternions, from_vectors
+from camgen.geometry.rotations import make_rotations_from_quaternions, make_rotations_from_vectors
 from camgen.geometry.vectors import add_coordinates, cross
 from camgen.localize.groups import pack_cells
 from camgen.localize.model import Model
@@ -88,7 +88,7 @@ def spread_rotations(count: int) -> FloatArray:
     near, far = np.sqrt(t), np.sqrt(1 - t)
     a, b = d / _PHI, d / _PSI
     x, y, z, w = near * np.sin(a), near * np.cos(a), far * np.sin(b), far * np.cos(b)
-    return from_quaternions(w, x, y, z)
+    return make_rotations_from_quaternions(w, x, y, z)
 
 
 def slide_poses(
@@ -135,7 +135,9 @@ def make_turns(vectors: FloatArray) -> FloatArray:
     Longer vectors turn by 0.5 rad.
     """
     angle = np.linalg.norm(vectors, axis=1)[:, None]
-    return from_vectors(vectors * (_FARTHEST_TURN / np.maximum(angle, _FARTHEST_TURN)))
+    return make_rotations_from_vectors(
+        vectors * (_FARTHEST_TURN / np.maximum(angle, _FARTHEST_TURN))
+    )
 
 
 def measure_fit(field: DistanceField, points: FloatArray, poses: Poses, scale: float) -> FloatArray:

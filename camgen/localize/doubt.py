@@ -12,7 +12,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import dots
+from camgen.geometry.vectors import multiply_rows
 from camgen.localize.coarse import Poses, join_poses, make_turns
 from camgen.localize.fine import (
     ScanFit,
@@ -471,7 +471,7 @@ def _find_hit(
     touch = find_touched(model, find_candidates(model, points[used], reach, 0.0), points[used])
     face = np.zeros((len(used), 3))
     face[touch.point] = model.normals[touch.triangle]
-    heights = np.abs(dots(points[nearest[hit]] - places[hit], normals[hit]))
-    is_same_side = dots(face[point], normals[hit]) > _OPPOSITE
+    heights = np.abs(multiply_rows(points[nearest[hit]] - places[hit], normals[hit]))
+    is_same_side = multiply_rows(face[point], normals[hit]) > _OPPOSITE
     hit[hit] = is_same_side | (heights <= compute_noise_limit(model, final))
     return hit

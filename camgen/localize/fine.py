@@ -10,7 +10,7 @@ from collections.abc import Generator
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import dots
+from camgen.geometry.vectors import multiply_rows
 from camgen.localize.coarse import make_turns
 from camgen.localize.model import (
     Model,
@@ -238,7 +238,7 @@ def _compute_pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[Floa
     above.
     """
     offsets, normals = places - touch.at, model.normals[touch.triangle]
-    distances = dots(offsets, normals)
+    distances = multiply_rows(offsets, normals)
     beyond = np.flatnonzero(touch.distance > np.abs(distances) * (1 + 1e-6) + 1e-9 * model.size)
     normals[beyond] = offsets[beyond] / touch.distance[beyond, None]
     distances[beyond] = touch.distance[beyond]

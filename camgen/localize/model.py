@@ -7,8 +7,15 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.tree import BoxTree, make_tree, search_tree
-from camgen.geometry.ragged import begins, owners, run_lengths, run_starts, starts_run, stretches
-from camgen.geometry.vectors import dots, in_blocks, lengths, unit
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    find_run_starts,
+    list_owners,
+    list_range_numbers,
+    mark_run_starts,
+    measure_runs,
+)
+from camgen.geometry.vectors import compute_in_blocks, measure_lengths, multiply_rows, normalize
 from camgen.localize.groups import pack_cells
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
@@ -95,7 +102,7 @@ def make_model(vertices: FloatArray, faces: IntArray, count: int = 20_000) -> Mo
     """
     corners = vertices[faces]
     tree = make_tree(corners[(cross_edges(corners) != 0).any(axis=1)])
-    normals = unit(cross_edges(tree.corners))
+    normals = normalize(cross_edges(tree.corners))
     samples, triangle = spread_points(tree.corners, count)
     ends = tree.corners.reshape(-1, 3)
     low, high = ends.min(axis=0), ends.max(axis=0)
@@ -226,8 +233,8 @@ def _search_tree(model: Model, level: _Level) -> TouchPairs:
 def _join_cells(parent: IntArray, pairs: TouchPairs) -> TouchPairs:
     """Each place with all triangles of its cell `parent` (N,)."""
     count = np.bincount(pairs.point, minlength=int(parent.max(initial=-1)) + 1)
-    triangle = pairs.triangle[stretches(begins(count)[parent], count[parent])]
-    return TouchPairs(owners(count[parent]), triangle)
+    triangle = pairs.triangle[list_range_numbers(compute_first_rows(count)[parent], count[parent])]
+    return TouchPairs(list_owners(count[parent]), triangle)
 
 
 def _prune_pairs(model: Model, level: _Level, pairs: TouchPairs) -> TouchPairs:
@@ -239,9 +246,11 @@ def _prune_pairs(model: Model, level: _Level, pairs: TouchPairs) -> TouchPairs:
     if not len(place):
         return pairs
     points = level.places.take(place, axis=0)
-    offsets = points - in_blocks(compute_closest, model.tree.corners.take(triangle, axis=0), points)
-    distance = np.sqrt(dots(offsets, offsets))
-    least = np.repeat(np.minimum.reduceat(distance, run_starts(place)), run_lengths(place))
+    offsets = points - compute_in_blocks(
+        compute_closest, model.tree.corners.take(triangle, axis=0), points
+    )
+    distance = np.sqrt(multiply_rows(offsets, offsets))
+    least = np.repeat(np.minimum.reduceat(distance, find_run_starts(place)), measure_runs(place))
     kept = distance <= least + level.slack[place] + 2 * level.radius
     kept &= least <= level.reach[place] + level.radius
     return TouchPairs(place[kept], triangle[kept])
@@ -250,14 +259,14 @@ def _prune_pairs(model: Model, level: _Level, pairs: TouchPairs) -> TouchPairs:
 def find_touched(model: Model, pairs: TouchPairs, points: FloatArray) -> Touch:
     """The closest of the candidates, for each of `points` (N, 3) that has any."""
     places = points.take(pairs.point, axis=0)
-    at = in_blocks(compute_closest, model.tree.corners.take(pairs.triangle, axis=0), places)
-    distance = lengths(places - at)
+    at = compute_in_blocks(compute_closest, model.tree.corners.take(pairs.triangle, axis=0), places)
+    distance = measure_lengths(places - at)
     least = distance
     if len(distance):
-        nearest = np.minimum.reduceat(distance, run_starts(pairs.point))
-        least = np.repeat(nearest, run_lengths(pairs.point))
+        nearest = np.minimum.reduceat(distance, find_run_starts(pairs.point))
+        least = np.repeat(nearest, measure_runs(pairs.point))
     best = np.flatnonzero(distance == least)
-    first = best[starts_run(pairs.point[best])]
+    first = best[mark_run_starts(pairs.point[best])]
     return Touch(pairs.point[first], at[first], pairs.triangle[first], distance[first])
 
 
@@ -275,9 +284,9 @@ def compute_closest(corners: FloatArray, points: FloatArray) -> FloatArray:
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, ac, ap = b - a, c - a, points - a
-    d1, d2 = dots(ab, ap), dots(ac, ap)
-    d3, d4 = d1 - dots(ab, ab), d2 - dots(ab, ac)
-    d5, d6 = d1 - dots(ac, ab), d2 - dots(ac, ac)
+    d1, d2 = multiply_rows(ab, ap), multiply_rows(ac, ap)
+    d3, d4 = d1 - multiply_rows(ab, ab), d2 - multiply_rows(ab, ac)
+    d5, d6 = d1 - multiply_rows(ac, ab), d2 - multiply_rows(ac, ac)
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     total = va + vb + vc
     total[total == 0] = 1.0

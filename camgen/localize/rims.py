@@ -10,7 +10,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import dots, unit
+from camgen.geometry.vectors import multiply_rows, normalize
 from camgen.localize.doubt import compute_noise_limit
 from camgen.localize.fine import ScanFit
 from camgen.localize.groups import pack_cells
@@ -56,8 +56,8 @@ def find_rims(model: Model, count: int = _PLACES) -> Rims:
     """
     begin, end, owner, neighbour = _find_shared_edges(model)
     normals, other = model.normals[owner], model.normals[neighbour]
-    out = unit(np.cross(end - begin, normals))
-    sharp = (dots(normals, other) < math.cos(_TURNED)) & (dots(out, other) > 0)
+    out = normalize(np.cross(end - begin, normals))
+    sharp = (multiply_rows(normals, other) < math.cos(_TURNED)) & (multiply_rows(out, other) > 0)
     begin, end, normals, out = begin[sharp], end[sharp], normals[sharp], out[sharp]
     if not len(begin):
         return Rims(begin, normals, out, 0.0)
@@ -108,7 +108,7 @@ def measure_run_on(model: Model, points: FloatArray, final: ScanFit) -> float:
 
     def is_shown(places: FloatArray) -> BoolArray:
         nearest, distance = cloud.find_nearest(places)
-        heights = np.abs(dots(at[nearest] - places, rims.normals))
+        heights = np.abs(multiply_rows(at[nearest] - places, rims.normals))
         return np.asarray((distance <= reach) & (heights <= noise))
 
     seen = ends & is_shown(rims.places - clear * rims.out)

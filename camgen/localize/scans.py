@@ -17,7 +17,7 @@ from camgen.localize.clouds.ptx import read_ptx
 from camgen.localize.clouds.records import has_faces, read_pcd, read_ply
 from camgen.localize.clouds.text import read_text, read_vertices
 from camgen.localize.model import cross_edges, spread_points
-from camgen.model.errors import InputError, JobError, one_line
+from camgen.model.errors import InputError, JobError, make_one_line
 from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
@@ -78,7 +78,7 @@ def open_scan(path: Path, files: Files) -> Source:
     except FileNotFoundError:
         raise InputError(path.name, "there is no such file") from None
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        raise InputError(path.name, f"cannot be read: {one_line(reason(error))}") from error
+        raise InputError(path.name, f"cannot be read: {make_one_line(reason(error))}") from error
 
 
 def read_scan(source: Source, unit: str = "") -> Scan:

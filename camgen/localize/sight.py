@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.tree import search_tree
-from camgen.geometry.vectors import cross, dots, in_blocks, unit
+from camgen.geometry.vectors import compute_in_blocks, cross, multiply_rows, normalize
 from camgen.localize.model import Model
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -41,7 +41,7 @@ def find_hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) 
 
     eyes: one eye (3,), or one for each place (N, 3). All are in the model's frame, mm.
     """
-    directions = unit(eyes - places)
+    directions = normalize(eyes - places)
     directions[directions == 0] = 1e-300
     # Boxes are padded, so that rounding loses none of them.
     inverse, pad = 1 / directions, 1e-9 * model.size
@@ -55,7 +55,7 @@ def find_hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) 
         return np.flatnonzero((leaves >= enters) & (leaves > gap))
 
     ray, triangle, _ = search_tree(model.tree, len(places), meets)
-    distances = in_blocks(
+    distances = compute_in_blocks(
         _measure_ray,
         model.tree.corners.take(triangle, axis=0),
         places.take(ray, axis=0),
@@ -74,14 +74,14 @@ def _measure_ray(corners: FloatArray, places: FloatArray, directions: FloatArray
     """
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = cross(directions, second)
-    volume = dots(first, across)
+    volume = multiply_rows(first, across)
     volume[volume == 0] = np.inf  # parallel: all quotients are 0, and the distance too
     from_corner = places - corners[:, 0]
-    u = dots(from_corner, across) / volume
+    u = multiply_rows(from_corner, across) / volume
     turned = cross(from_corner, first)
-    v = dots(directions, turned) / volume
+    v = multiply_rows(directions, turned) / volume
     is_met = (u >= -_SEAM) & (v >= -_SEAM) & (u + v <= 1 + _SEAM)
-    return np.asarray(np.where(is_met, dots(second, turned) / volume, -np.inf))
+    return np.asarray(np.where(is_met, multiply_rows(second, turned) / volume, -np.inf))
 
 
 def make_far_eyes(model: Model, directions: FloatArray) -> FloatArray:
@@ -98,7 +98,7 @@ def find_seen(
     facing: a surface is too steep to be seen if the cosine between its normal and the direction to
         the eye is not larger than this.
     """
-    directions = unit((eyes[:, None] - places).reshape(-1, 3)).reshape(len(eyes), -1, 3)
+    directions = normalize((eyes[:, None] - places).reshape(-1, 3)).reshape(len(eyes), -1, 3)
     seen = np.asarray(np.einsum("dnk,nk->dn", directions, normals) > facing)
     eye, place = np.nonzero(seen)
     seen[eye, place] = ~find_hidden(model, places[place], eyes[eye], ON_SURFACE * model.size)
@@ -163,7 +163,7 @@ def estimate_eye(
 
     tries = [spread_directions(), np.eye(3), -np.eye(3)]
     if seen.hit.any():
-        tries.insert(1, unit(seen.normals[seen.hit].mean(axis=0, keepdims=True)))
+        tries.insert(1, normalize(seen.normals[seen.hit].mean(axis=0, keepdims=True)))
     if likely is not None:
         tries.append(likely[None])
     directions = select_above(np.vstack(tries), up)
@@ -174,7 +174,7 @@ def estimate_eye(
         results = compare(tried)
         eyes = np.vstack([eyes, tried])
         agree, shares = np.append(agree, results[0]), np.append(shares, results[1])
-        best = unit(eyes[np.argsort(-agree, kind="stable")[:_BEST]] - middle)
+        best = normalize(eyes[np.argsort(-agree, kind="stable")[:_BEST]] - middle)
         rings = [_spread_ring(direction, cone) for direction in best]
         directions = select_above(np.vstack(rings), up)
     order = np.argsort(-agree, kind="stable")[:_ALIKE]
@@ -193,7 +193,7 @@ def select_above(directions: FloatArray, up: FloatArray | None) -> FloatArray:
 def _spread_ring(axis: FloatArray, cone: float) -> FloatArray:
     """Unit directions (N, 3) around a unit axis, at the angles `cone` and `cone` / 2, rad."""
     turn = 2 * np.pi * np.arange(_NEARER) / _NEARER
-    side = unit(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])[None])[0]
+    side = normalize(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])[None])[0]
     ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(axis, side))
     angle = np.where(np.arange(_NEARER) % 2, cone, cone / 2)[:, None]
     return np.asarray(np.cos(angle) * axis + np.sin(angle) * ring)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import dots, lengths
+from camgen.geometry.vectors import measure_lengths, multiply_rows
 from camgen.localize.evidence import DISC, Evidence, find_sides, gather_evidence
 from camgen.localize.fine import ScanFit, View
 from camgen.localize.groups import group_places
@@ -106,7 +106,7 @@ def _see_through(evidence: Evidence, samples: IntArray, at: FloatArray) -> Float
         return at
     model = evidence.model
     nearest = samples[Cloud(model.samples[samples]).find_nearest(at)[0]]
-    heights = dots(at - model.samples[nearest], model.sample_normals[nearest])
+    heights = multiply_rows(at - model.samples[nearest], model.sample_normals[nearest])
     return at[np.abs(heights) <= evidence.within]
 
 
@@ -151,7 +151,7 @@ def _find_stretches(
         rows = np.flatnonzero((side == k) & valid)
         places, normals = rims.places[rows], rims.normals[rows]
         half = max(_IN_WINDOW / float(expected[rows[0]]) / 2, 1.5) * _mm_per_place(rims)
-        distances = lengths(places[:, None] - places)
+        distances = measure_lengths(places[:, None] - places)
         window = (distances <= half) & (normals @ normals.T > _ALIKE)
         wanted, held = window @ expected[rows], window @ counts[rows]
         is_odd = held >= _FULL * wanted if beyond else held <= _EMPTY * wanted
@@ -181,7 +181,7 @@ def _find_inward(evidence: Evidence, rims: Rims, depth: FloatArray) -> BoolArray
     touch = find_touched_within(evidence.model, inward, evidence.within)
     normals = evidence.model.normals[touch.triangle]
     reaches = np.zeros(len(inward), dtype=bool)
-    reaches[touch.point[dots(normals, rims.normals[touch.point]) > _ALIKE]] = True
+    reaches[touch.point[multiply_rows(normals, rims.normals[touch.point]) > _ALIKE]] = True
     return reaches
 
 
@@ -214,17 +214,17 @@ def _count_points(
         nearest = Cloud(rims.places[places]).find_neighbours(points, min(3, len(places)))[0]
         for rim in places[nearest].T:
             offsets = points - rims.places[rim]
-            out = dots(offsets, rims.out[rim])
-            along = dots(offsets, np.cross(rims.normals[rim], rims.out[rim]))
+            out = multiply_rows(offsets, rims.out[rim])
+            along = multiply_rows(offsets, np.cross(rims.normals[rim], rims.out[rim]))
             fits = (
-                (np.abs(dots(offsets, rims.normals[rim])) <= evidence.within)
+                (np.abs(multiply_rows(offsets, rims.normals[rim])) <= evidence.within)
                 & (np.abs(along) <= _mm_per_place(rims))
                 & (out >= limits[0][rim])
                 & (out <= limits[1][rim])
                 & ~counted
             )
             if normals is not None:
-                fits &= np.abs(dots(normals, rims.normals[rim])) > _ALIKE
+                fits &= np.abs(multiply_rows(normals, rims.normals[rim])) > _ALIKE
             counted |= fits
             np.add.at(counts, rim[fits], 1.0)
     return counts

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import unit
+from camgen.geometry.vectors import normalize
 from camgen.localize.evidence import DISC, FEW_ON_SIDE, NEIGHBOURS, Evidence, find_sides
 from camgen.localize.fine import ScanFit, View
 from camgen.localize.groups import pick_rows
@@ -123,8 +123,8 @@ def _find_clear(evidence: Evidence) -> BoolArray:
 def _make_ring(eye: FloatArray, model: Model, angle: float) -> FloatArray:
     """The eye (3,) and six eyes turned from it about the model by `angle` (rad): (7, 3)."""
     axis = eye - (model.low + model.high) / 2
-    side = unit(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])[None])[0]
-    other = np.cross(unit(axis[None])[0], side)
+    side = normalize(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])[None])[0]
+    other = np.cross(normalize(axis[None])[0], side)
     turns = np.arange(6) * np.pi / 3
     ring = np.outer(np.cos(turns), side) + np.outer(np.sin(turns), other)
     shift = np.tan(angle) * float(np.linalg.norm(axis))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from camgen.localize.verdict import Patch
-from camgen.model.pose import Pose, fixed_xyz
+from camgen.model.pose import Pose, compute_fixed_xyz
 from camgen.model.text import fixed, short
 
 #: Digits of x, y, z, mm, and of rx, ry, rz, deg.
@@ -14,7 +14,7 @@ _DIGITS = (4, 4, 4, 5, 5, 5)
 
 def format_values(pose: Pose) -> str:
     """A pose as the list of a job file: x, y, z in mm, then rx, ry, rz in degrees."""
-    angles = map(math.degrees, fixed_xyz(pose.rotation))
+    angles = map(math.degrees, compute_fixed_xyz(pose.rotation))
     return f"[{', '.join(map(fixed, (*pose.origin, *angles), _DIGITS))}]"
 
 

@@ -7,7 +7,7 @@ from camgen.model.cell import Cell
 from camgen.model.job import Job
 from camgen.model.path import Tour
 from camgen.model.program import Program
-from camgen.order import ArmTour, EdgeTour, JobTour, ReplayTour, changed_paths
+from camgen.order import ArmTour, EdgeTour, JobTour, ReplayTour, make_changed_paths_error
 from camgen.robots.workcell import Workcell
 
 
@@ -21,7 +21,7 @@ def lower(
     name, header: name of the program, lines of its header.
     """
     if isinstance(tour, (ArmTour, EdgeTour, ReplayTour)) and tour.paths is not tour.made:
-        raise changed_paths()
+        raise make_changed_paths_error()
     if isinstance(tour, EdgeTour):
         from camgen.lower.edges import lower_edges  # noqa: PLC0415 (robots: only for edges)
 

@@ -10,15 +10,15 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, make_spans
-from camgen.geometry.ragged import starts_run
+from camgen.geometry.ragged import mark_run_starts
 from camgen.geometry.rotations import (
     SURE_TURN,
-    angles_between,
     find_sideways,
-    from_axes,
-    turned_about_z,
+    make_rotations_about_z,
+    make_rotations_from_axes,
+    measure_angles_between,
 )
-from camgen.geometry.vectors import angles, dots, unit
+from camgen.geometry.vectors import measure_angles, multiply_rows, normalize
 from camgen.model.cell import Dynamics
 from camgen.model.path import PLACES, ToolPath
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
@@ -137,7 +137,9 @@ def _compute_block(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatAr
     blend[:-1][pressing[:-1] != pressing[1:]] = 0.0
     # The approach into the part is not rounded: where a peck begins, the material is 0.25 mm below.
     step = np.diff(rows.position, axis=0, prepend=rows.position[:1])
-    plunge = np.abs(dots(step, rows.axis)) > (1 - 1e-9) * np.sqrt(dots(step, step))
+    plunge = np.abs(multiply_rows(step, rows.axis)) > (1 - 1e-9) * np.sqrt(
+        multiply_rows(step, step)
+    )
     blend[:-1][plunge[:-1] | plunge[1:]] = 0.0
     return blend
 
@@ -148,7 +150,7 @@ def orient_fixed(rows: Rows) -> Orientations:
     if (axis == axis[0]).all():
         rotation = TOOL_DOWN
         if axis[0].tolist() != [0.0, 0.0, -1.0]:
-            rotation = frozen(from_axes(axis[:1], find_sideways(axis[:1]))[0])
+            rotation = frozen(make_rotations_from_axes(axis[:1], find_sideways(axis[:1]))[0])
         same = np.zeros(len(axis), np.int32)
         return Orientations([rotation], same, same, same, np.zeros(len(axis), dtype=bool))
     x = find_sideways(axis)
@@ -162,11 +164,13 @@ def orient_turned(rows: Rows, rolls: FloatArray) -> Orientations:
     """
     before, roll_before = np.roll(rows.axis, 1, axis=0), np.roll(rolls, 1)
     before[rows.first], roll_before[rows.first] = rows.axis[rows.first], rolls[rows.first]
-    middle = unit(before + rows.axis)
+    middle = normalize(before + rows.axis)
     table: list[FloatArray] = []
 
     def add(axis: FloatArray, roll: FloatArray) -> Places:
-        rotations = from_axes(axis, find_sideways(axis)) @ turned_about_z(roll)
+        rotations = make_rotations_from_axes(axis, find_sideways(axis)) @ make_rotations_about_z(
+            roll
+        )
         return _add_to_table(rotations, table)
 
     begins, ends = add(before, roll_before), add(rows.axis, rolls)
@@ -198,15 +202,17 @@ def find_unfollowed(rows: Rows) -> Indices:
 
 def halve_arcs(rows: Rows) -> Rows:
     """The rows with every arc whose press direction turns by more than 120 deg as two arcs."""
-    wide = rows.arc & (angles(rows.force_direction[:, 0], rows.force_direction[:, 1]) > SURE_TURN)
+    wide = rows.arc & (
+        measure_angles(rows.force_direction[:, 0], rows.force_direction[:, 1]) > SURE_TURN
+    )
     if not wide.any():
         return rows
     arcs = rows.spans.pick(np.flatnonzero(wide))
     middle = arcs.to_middle(rows.force_direction[wide, 0])
     counts = 1 + wide.astype(np.intp)
     index = np.repeat(np.arange(len(wide)), counts)
-    second = np.flatnonzero(~starts_run(index))
-    axis = unit(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
+    second = np.flatnonzero(~mark_run_starts(index))
+    axis = normalize(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
     out = replace(
         rows,
         **{name: getattr(rows, name)[index] for name in _COLUMNS},
@@ -227,22 +233,27 @@ def _make_orientations(
     """Orientations with tool x along `begin`, `end` (N, 3) and `middle` (of the arcs)."""
     before = np.roll(rows.axis, 1, axis=0)
     before[rows.first] = rows.axis[rows.first]
-    starts, stops = from_axes(before, begin), from_axes(rows.axis, end)
+    starts, stops = (
+        make_rotations_from_axes(before, begin),
+        make_rotations_from_axes(rows.axis, end),
+    )
     starts[rows.first] = stops[rows.first]
-    turns = angles_between(np.roll(stops, 1, axis=0), starts) > JUMP
+    turns = measure_angles_between(np.roll(stops, 1, axis=0), starts) > JUMP
     turns[rows.first] = False
     table: list[FloatArray] = []
     ends = _add_to_table(stops, table)
     vias = ends.copy()
     arc = np.flatnonzero(rows.arc)
     if len(arc):
-        vias[arc] = _add_to_table(from_axes(unit(before[arc] + rows.axis[arc]), middle(arc)), table)
+        vias[arc] = _add_to_table(
+            make_rotations_from_axes(normalize(before[arc] + rows.axis[arc]), middle(arc)), table
+        )
     return Orientations(table, _add_to_table(starts, table), ends, vias, turns)
 
 
 def _add_to_table(matrices: FloatArray, table: list[FloatArray]) -> Places:
     """Add rotations (N, 3, 3) to a table, equal neighbours as one object; returns their indices."""
-    is_new = starts_run(matrices)
+    is_new = mark_run_starts(matrices)
     places = np.cumsum(is_new, dtype=np.int32) - 1 + np.int32(len(table))
     table.extend(frozen(matrices[is_new]))
     return places

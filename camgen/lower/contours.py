@@ -15,13 +15,13 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.rotations import SURE_TURN, turns_about_z
-from camgen.geometry.vectors import dots
+from camgen.geometry.rotations import SURE_TURN, measure_rolls
+from camgen.geometry.vectors import multiply_rows
 from camgen.lower import columns as lower_rows
 from camgen.lower.columns import Mask, Orientations, Places, Rows
 from camgen.lower.draft import Draft
 from camgen.lower.runs import ToolPass, make_passes, plunge
-from camgen.model.body import Targets, plain_motions
+from camgen.model.body import Targets, make_plain_motions
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
@@ -60,7 +60,7 @@ _UNCERTAIN_TURN = math.radians(150.0)
 
 def measure_twists(a: FloatArray, b: FloatArray) -> FloatArray:
     """(N,) rotations of the tool about its z from rotations a to b (N, 3, 3), rad in -pi..pi."""
-    return turns_about_z(np.swapaxes(a, -1, -2) @ b)
+    return measure_rolls(np.swapaxes(a, -1, -2) @ b)
 
 
 def plan_unwinding(rows: Rows, orientations: Orientations) -> list[list[FloatArray]]:
@@ -483,9 +483,9 @@ class _PassDraft(Struct, frozen=True, eq=False):
         work: bool = False,
         kind: type[MoveJ | MoveL] = MoveL,
     ) -> Body:
-        """Plain motions (K,) of the passes to which `rows` (K,) belong, see `plain_motions`."""
+        """Motions (K,) of the passes to which `rows` (K,) belong, see `make_plain_motions`."""
         path = self.number[self.pass_of[rows]]
-        return plain_motions(kind, targets, speed=speed, blend=blend, path=path, work=work)
+        return make_plain_motions(kind, targets, speed=speed, blend=blend, path=path, work=work)
 
     def _targets(self, origin: FloatArray, rotation: Places) -> Targets:
         """K poses of the tool.
@@ -641,7 +641,7 @@ def _choose_blends(process: ProcessTable, *lengths: FloatArray) -> FloatArray:
 
 
 def _measure_distances(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt(dots(a - b, a - b)))
+    return np.asarray(np.sqrt(multiply_rows(a - b, a - b)))
 
 
 def _are_same(a: FloatArray, b: FloatArray) -> Mask:

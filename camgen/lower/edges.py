@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.rotations import interpolate_rotations, vectors_of
+from camgen.geometry.rotations import compute_rotation_vectors, interpolate_rotations
 from camgen.lower.columns import compute_blends, gather_rows
 from camgen.lower.contours import (
     find_signal,
@@ -182,7 +182,9 @@ def _compute_blends(
 
 def _measure_bends(pose_path: PosePath) -> FloatArray:
     """(N - 2,) change of the rotation rate at the rows between two segments, rad/mm."""
-    rotation = vectors_of(pose_path.rotation[1:] @ np.swapaxes(pose_path.rotation[:-1], 1, 2))
+    rotation = compute_rotation_vectors(
+        pose_path.rotation[1:] @ np.swapaxes(pose_path.rotation[:-1], 1, 2)
+    )
     rate = rotation / np.maximum(pose_path.length, SAME_POINT_MM)[:, None]
     return np.asarray(np.linalg.norm(np.diff(rate, axis=0), axis=1))
 

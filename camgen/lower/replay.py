@@ -13,7 +13,7 @@ from itertools import takewhile
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import chain
+from camgen.geometry.arcs import make_span_chain
 from camgen.lower.contours import finish_program
 from camgen.lower.steps import frame_of
 from camgen.model.cell import Cell, Dynamics
@@ -33,8 +33,8 @@ from camgen.model.program import (
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.motion.corners import blend_corners, compute_corner_tolerance
 from camgen.order import ReplayTour
-from camgen.plan.replay import moving, owners
-from camgen.plan.taught import stretches
+from camgen.plan.replay import drop_still_motions, find_owners
+from camgen.plan.taught import find_stretches
 from camgen.plan.tool_parts import ToolPart
 
 #: Kinds of tools that turn. They are switched on above the part, the others on it.
@@ -62,10 +62,10 @@ def lower_replay(
             out += [*(Output(output.signal, 0.0) for output in on), home]
         if part.tool is not None:
             out.append(_make_tool_change(part, job, cell))
-        body = [*on, *moving(part.body)]
+        body = [*on, *drop_still_motions(part.body)]
         out.append(home)
         out += _run_tool(body, part, before, cell, job)
-        before += 1 + max(owners(Columns(body)))
+        before += 1 + max(find_owners(Columns(body)))
     out += [*_switch_off_rest(out), home]
     frame = (
         None
@@ -104,7 +104,7 @@ def _run_tool(
     cartesian, travel = isinstance(cell.home, Pose), job.process.travel_speed
     first = next(k for k, item in enumerate(body) if isinstance(item, MoveJ))
     columns = Columns(body)
-    path, *following = [owner + before if owner >= 0 else -1 for owner in owners(columns)]
+    path, *following = [owner + before if owner >= 0 else -1 for owner in find_owners(columns)]
     arrival = _plan_arrival(body[first], cartesian, job, part.entry)  # type: ignore[arg-type]
     motions = [replace(item, path=path) for item in arrival]
     tool = job.tool if part.tool is None else part.tool
@@ -146,7 +146,7 @@ def lower_taught(
     """
     body = tour.run.body
     moves = [item for item in body if isinstance(item, MoveJ | MoveL | MoveC)]
-    last = [high for _, high in stretches(moves)]
+    last = [high for _, high in find_stretches(moves)]
     owner = np.append(np.arange(len(last)), -1)[
         np.searchsorted(last, np.arange(len(moves)), side="right")
     ]
@@ -230,7 +230,7 @@ def _compute_blends(columns: Columns, tolerance: float, pace: Dynamics) -> Float
     blend = np.zeros(len(ends))
     if len(ends) < 3:
         return blend
-    rounded = blend_corners(chain(ends, vias[1:]), columns.speed[1:], tolerance, pace)
+    rounded = blend_corners(make_span_chain(ends, vias[1:]), columns.speed[1:], tolerance, pace)
     working = ~columns.moves_are(MoveJ)
     allowed = (
         working[1:-1] & working[2:] & (columns.blend[1:-1] > 0) & (np.diff(columns.at)[1:] == 1)

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from camgen.model.errors import JobError
 from camgen.model.job import Job, ProcessTable
 from camgen.model.limits import format_limit
-from camgen.model.path import ToolPath, Tour, join_paths, waypoints
+from camgen.model.path import ToolPath, Tour, join_paths, make_waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.pieces import begin_at, chorded, head, lengths_along, shortest, stretch
@@ -318,7 +318,7 @@ def make_helix_entry(
     size = len(ends)
     return replace(
         path,
-        table=waypoints(ends, via, path.feed[0], axis=path.axis[0]),
+        table=make_waypoints(ends, via, path.feed[0], axis=path.axis[0]),
         closed=False,
         floor=None if path.floor is None else frozen(np.full(size, path.floor[0])),
     )

@@ -25,7 +25,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import short
 from camgen.order.tours import JobTour
-from camgen.plan.steps import job_of, name_of
+from camgen.plan.steps import format_step, make_step_job
 
 #: Start of the line of a header that states a tool.
 _TOOL = "tool: "
@@ -58,7 +58,7 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
     ):
         if not part.paths:
             continue
-        step_job = job_of(job, step)
+        step_job = make_step_job(job, step)
         home = MoveJ(cell.home, step.process.travel_speed)
         changes_tool = step.tool != tool
         if before and (changes_tool or step.process.spindle != spindle):
@@ -68,14 +68,14 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
             draft.add(
                 *([_make_tool_change(step.tool, frame_of(step_job, cell))] if changes else [])
             )
-        draft.add(Comment(name_of(job, number)), *([home] if changes_tool else []))
+        draft.add(Comment(format_step(job, number)), *([home] if changes_tool else []))
         if changes_tool or step.process.spindle != spindle or not spindle:
             draft.add(*start_spindle(step_job, cell))
         tool, spindle = step.tool, step.process.spindle
         add_paths(draft, part, cell, step_job, before, ends)
         before += len(part.paths)
     draft.add(*_stop_spindle(spindle), MoveJ(cell.home, job.process.travel_speed))
-    framed = replace(cell, flange_from_tool=frame_of(job_of(job, tour.steps[0]), cell))
+    framed = replace(cell, flange_from_tool=frame_of(make_step_job(job, tour.steps[0]), cell))
     return finish_program(draft.body(), tour.paths, framed, job, name, header)
 
 
@@ -108,7 +108,7 @@ def _is_off(item: Instruction) -> bool:
     )
 
 
-def tell_tool(name: str, diameter: float, frame: Pose) -> str:
+def format_tool(name: str, diameter: float, frame: Pose) -> str:
     """The line of a header that states a tool."""
     named = f"{name} - " if name else ""
     return f"{_TOOL}{named}diameter {short(diameter, 3)} mm - frame {format_frame(frame)}"
@@ -119,7 +119,7 @@ def _make_header(program: Program, change: ToolChange, frame: Pose, place: str) 
 
     place: text for the place of the program among all programs.
     """
-    tool = tell_tool(change.name, change.diameter, frame)
+    tool = format_tool(change.name, change.diameter, frame)
     lines = [line for line in program.header if line == tool or not line.startswith(_TOOL)]
     return (*lines, place)
 

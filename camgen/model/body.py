@@ -463,7 +463,7 @@ class Targets(Struct, frozen=True, eq=False):
     via_rotation: NDArray[np.int32] | None = None
 
 
-def plain_motions(
+def make_plain_motions(
     kind: type,
     targets: Targets,
     *,

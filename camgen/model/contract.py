@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from camgen.model.body import NUMBER, Body, BodyBuilder
-from camgen.model.errors import JobError, one_line
+from camgen.model.errors import JobError, make_one_line
 from camgen.model.text import counted, suggest
 
 #: Gives the fault of a value, as the rest of a sentence about it; empty for a good value.
@@ -191,5 +191,5 @@ def find_wrong_lines(lines: Any, count: int) -> str:
 
 
 def _show(value: object) -> str:
-    text = one_line(repr(value))
+    text = make_one_line(repr(value))
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."

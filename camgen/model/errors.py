@@ -41,7 +41,7 @@ class CamgenError(Exception):
     def __str__(self) -> str:
         place = f" ({self.where})" if self.where else ""
         remedy = f"; {self.remedy}" if self.remedy else ""
-        return one_line(f"{self.file}: {self.what}{place}{remedy}")
+        return make_one_line(f"{self.file}: {self.what}{place}{remedy}")
 
 
 class InputError(CamgenError):
@@ -124,7 +124,7 @@ class VerifyError(CamgenError):
         self.line = line
 
 
-def one_line(text: str) -> str:
+def make_one_line(text: str) -> str:
     """`text` with spaces for control characters, so that a name does not break a message in two."""
     return "".join(c if c.isprintable() else " " for c in text)
 

@@ -13,7 +13,7 @@ SIZES = {
 }  # fmt: skip
 
 
-def page_size(page: PageTable) -> tuple[float, float]:
+def compute_page_size(page: PageTable) -> tuple[float, float]:
     """Width and height of the page, mm. JobError if it is not known or not a size."""
     if isinstance(page.size, str):
         name, _, turned = page.size.strip().lower().partition(" ")

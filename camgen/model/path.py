@@ -30,7 +30,7 @@ _WIDTH = 17
 _OF_SEGMENT = slice(9, 17)
 
 
-def waypoints(
+def make_waypoints(
     position: FloatArray,
     via: ArrayLike,
     feed: ArrayLike,
@@ -141,7 +141,7 @@ class ToolPath(Struct, frozen=True, eq=False):
         """A copy of the path that is run backwards."""
         return replace(
             self,
-            table=waypoints(
+            table=make_waypoints(
                 position=self.position[::-1],
                 via=_clear_first(_backwards(self.via)),
                 axis=self.axis[::-1],

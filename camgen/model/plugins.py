@@ -14,7 +14,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TypeVar
 
-from camgen.model.errors import JobError, one_line
+from camgen.model.errors import JobError, make_one_line
 from camgen.model.text import suggest
 
 #: Entry point group of the operations. A reader of jobs needs their names, the planner loads them.
@@ -81,7 +81,7 @@ def run_plugin(entry: EntryPoint, what: str, answer: Callable[[], _T]) -> _T:
         kind = type(error).__name__.lstrip("_")
         raise JobError(
             f"plug-in {entry.name}",
-            f"cannot {what}: {kind}: {one_line(str(error))}",
+            f"cannot {what}: {kind}: {make_one_line(str(error))}",
             entry.value,
             "correct or remove its package",
         ) from error

@@ -107,7 +107,7 @@ def pose_from_values(values: Sequence[float]) -> Pose:
 
 def format_frame(pose: Pose) -> str:
     """The origin x y z in mm and rx ry rz in deg (contract, section 3)."""
-    angles = (math.degrees(angle) for angle in fixed_xyz(pose.rotation))
+    angles = (math.degrees(angle) for angle in compute_fixed_xyz(pose.rotation))
     return " ".join([*(short(v, 3) for v in pose.origin), *(short(a, 4) for a in angles)])
 
 
@@ -130,7 +130,7 @@ def rotation_about_axis(axis: FloatArray, angle: float) -> FloatArray:
 
 def rotation_between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArray:
     """The rotation at `fraction` 0..1 of the shortest turn from `a` to `b`."""
-    w, x, y, z = quaternion(frozen(a.T @ b))
+    w, x, y, z = compute_quaternion(frozen(a.T @ b))
     half = math.atan2(math.sqrt(x * x + y * y + z * z), w)
     if half < 1e-12:
         return a
@@ -151,7 +151,7 @@ def rotation_from_axes(axis: Sequence[float], towards: Sequence[float]) -> Float
     return frozen(np.column_stack([x, np.cross(z, x), z]))
 
 
-def quaternion(rotation: FloatArray) -> Quaternion:
+def compute_quaternion(rotation: FloatArray) -> Quaternion:
     """Unit quaternion (w, x, y, z). The first component that is not zero is positive (Shepperd)."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     candidates = (a + e + i, a, e, i)
@@ -184,7 +184,7 @@ def rotation_from_quaternion(q: Sequence[float]) -> FloatArray:
     )
 
 
-def fixed_xyz(rotation: FloatArray) -> Vec3:
+def compute_fixed_xyz(rotation: FloatArray) -> Vec3:
     """(rx, ry, rz) rad with R = Rz(rz) Ry(ry) Rx(rx); rx = 0 if ry = +-90 deg (DENSO, contract)."""
     r = rotation
     s = math.hypot(r[0, 0], r[1, 0])
@@ -198,7 +198,7 @@ def rotation_from_fixed_xyz(rx: float, ry: float, rz: float) -> FloatArray:
     return frozen(rotation_about(2, rz) @ rotation_about(1, ry) @ rotation_about(0, rx))
 
 
-def zyz(rotation: FloatArray) -> Vec3:
+def compute_zyz(rotation: FloatArray) -> Vec3:
     """(yaw, pitch, roll), rad, with R = Rz(yaw) Ry(pitch) Rz(roll), as TRANS of V+.
 
     yaw is 0 if pitch is 0 or pi.
@@ -222,7 +222,7 @@ def rotation_vector(rotation: FloatArray) -> Vec3:
 
     A rotation by pi has two axes. The result is the one whose first nonzero component is positive.
     """
-    w, *axis = quaternion(rotation)
+    w, *axis = compute_quaternion(rotation)
     sine = math.hypot(*axis)
     scale = 2 * math.atan2(sine, w) / sine if sine else 2.0
     x, y, z = (scale * component for component in axis)

@@ -7,16 +7,18 @@ import math
 from datetime import date, time
 
 
-def toml(value: object) -> str:
+def format_toml(value: object) -> str:
     """`value` as TOML: texts, numbers, lists and inline tables."""
     if isinstance(value, dict):
         return (
-            "{ " + ", ".join(f"{toml(str(k))} = {toml(v)}" for k, v in value.items()) + " }"
+            "{ "
+            + ", ".join(f"{format_toml(str(k))} = {format_toml(v)}" for k, v in value.items())
+            + " }"
             if value
             else "{}"
         )
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(toml(item) for item in value) + "]"
+        return "[" + ", ".join(format_toml(item) for item in value) + "]"
     if isinstance(value, (date, time)):
         return value.isoformat()
     if isinstance(value, float) and not math.isfinite(value):

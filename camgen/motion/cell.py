@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from camgen.collision.cell import Surroundings
+from camgen.collision.cell import CellScene
 from camgen.collision.describe import describe_hit
 from camgen.collision.hits import are_clear, find_collisions, measure_clearance, split_off_meshes
 from camgen.collision.motion import MotionCheck, check_motions, measure_apart
@@ -62,7 +62,7 @@ def find_home(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     return home
 
 
-def make_setup(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
+def make_setup(robot: Robot, cell: Cell, where: CellScene) -> Setup:
     """The set-up of a cell for motions along edges: arm, frames and collision tests."""
     scene = where.scene
     clear = partial(are_clear, split_off_meshes(scene))
@@ -84,7 +84,7 @@ def make_setup(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     )
 
 
-def make_free_space(where: Surroundings, setup: Setup) -> FreeSpace:
+def make_free_space(where: CellScene, setup: Setup) -> FreeSpace:
     """The free space of a cell, with the collision tests of motions along edges and links."""
 
     def test(several: Sequence[SampledMotion]) -> list[Blockage | float]:
@@ -107,7 +107,7 @@ def make_free_space(where: Surroundings, setup: Setup) -> FreeSpace:
 
 
 def _find_blockage(
-    where: Surroundings, path: JointPath, with_margin: MotionCheck, working: MotionCheck
+    where: CellScene, path: JointPath, with_margin: MotionCheck, working: MotionCheck
 ) -> Blockage | float:
     """The first place at which joints or a collision stop a motion, or its clearance, mm."""
     if len(path.lost):

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import Spans, make_spans_through
-from camgen.geometry.vectors import angles
+from camgen.geometry.vectors import measure_angles
 from camgen.model.cell import Dynamics
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray
@@ -67,7 +67,7 @@ def blend_corners(
     pace: way in which the controller rounds.
     """
     start, end = motions.tangents()
-    sine = np.sin(angles(end[:-1], start[1:]) / 2)
+    sine = np.sin(measure_angles(end[:-1], start[1:]) / 2)
     fast = np.maximum(speed[:-1], speed[1:])
     tolerance = np.broadcast_to(np.asarray(tolerance, np.float64), sine.shape)
     if pace.corner == "overlap":

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import offsets, owners
+from camgen.geometry.ragged import compute_offsets, list_owners
 from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import FloatArray
@@ -121,7 +121,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     @property
     def along_edge(self) -> FloatArray:
         """(K - 1,) length of the edge along each stretch, mm."""
-        return np.asarray((self.lengths / self.parts)[owners(self.parts)])
+        return np.asarray((self.lengths / self.parts)[list_owners(self.parts)])
 
     def roll(self, start: int, path: PosePath, lengths: FloatArray, folded: BoolArray) -> _Ladder:
         """The graph of a closed edge that begins at station `start`.
@@ -189,7 +189,7 @@ class _Ladder(Struct, frozen=True, eq=False):
 
     def locate(self, station: float) -> tuple[int, float]:
         """The segment of a station, or of a place between two, and its position there, 0 to 1."""
-        first = offsets(self.parts)[:-1]
+        first = compute_offsets(self.parts)[:-1]
         segment = int(np.searchsorted(first, station, "right")) - 1
         return segment, float((station - first[segment]) / self.parts[segment])
 
@@ -237,7 +237,7 @@ class _Piece(Struct, frozen=True, eq=False):
         """The piece of a chain that is extended at its ends."""
         ends = len(before.joints), len(after.joints)
         places = np.arange(chain.first - ends[0], chain.last + ends[1] + 1, dtype=np.float64)
-        segments = owners(ladder.parts)[places[:-1].astype(np.int64)]
+        segments = list_owners(ladder.parts)[places[:-1].astype(np.int64)]
         if ends[0]:
             places[0] = chain.first - before.share
         if ends[1]:
@@ -394,7 +394,7 @@ class Coverage(Struct, frozen=True, eq=False):
         states = make_states(setup, stations, choice, _JUMP)
         transitions = find_steps(replace(setup.robot, speeds=setup.robot.fastest), states, _JUMP)
         turning = CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
-        along_edge = (lengths / parts)[owners(parts)]
+        along_edge = (lengths / parts)[list_owners(parts)]
         feed = compute_tip_feed(stations.length / along_edge, self.process)
         slowest = (stations.length / feed)[:, None, None, None]
         in_time = np.where(transitions.time - turning <= slowest, transitions.time, math.inf)
@@ -402,7 +402,7 @@ class Coverage(Struct, frozen=True, eq=False):
         too_fast = np.asarray(is_possible.any(axis=(1, 2, 3)) & ~is_in_time.any(axis=(1, 2, 3)))
         late = 1 - int(is_in_time.sum()) / max(int(is_possible.sum()), 1)
         transitions = replace(transitions, time=in_time)
-        states.open[folded[owners(parts)]] = False
+        states.open[folded[list_owners(parts)]] = False
         checked = np.zeros(len(stations), dtype=np.bool_)
         return _Ladder(
             path,

@@ -10,7 +10,7 @@ import numpy as np
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Edge, Line, Note, Part
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
@@ -27,7 +27,7 @@ def make_tool_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
     return ToolPath(
         id=motion.id,
         layer=layer,
-        table=waypoints(
+        table=make_waypoints(
             position=path.position,
             via=path.via,
             axis=axis,

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import each_once, offsets
+from camgen.geometry.ragged import compute_offsets, select_distinct
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import Index, PosePath, PoseSampler
@@ -57,7 +57,7 @@ def follow_closely(
         before = np.flatnonzero(is_open)
         if not len(before):
             break
-        kept = offsets(1 + is_open)
+        kept = compute_offsets(1 + is_open)
         middle, place = kept[before] + 1, (at[before] + at[before + 1]) / 2
         even = (joints[before] + joints[before + 1]) / 2
         exact = find_nearest(setup.robot, *compute_flange_poses(setup, *sampler.poses(place)), even)
@@ -69,7 +69,7 @@ def follow_closely(
         is_open = np.zeros(len(at) - 1, dtype=np.bool_)
         is_open[uneven - 1] = is_open[uneven] = True
     lost.append(at[:-1][is_open])
-    return JointPath(joints, at, each_once(np.concatenate(lost).astype(np.int64)))
+    return JointPath(joints, at, select_distinct(np.concatenate(lost).astype(np.int64)))
 
 
 def _insert(old: FloatArray, kept: Index, middle: Index, added: FloatArray) -> FloatArray:
@@ -97,7 +97,7 @@ def _follow_paths(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointP
     if not motions:
         return []
     paths = [motion.way for motion in motions if motion.way is not None]
-    first = offsets(list(map(len, paths)))
+    first = compute_offsets(list(map(len, paths)))
     columns = zip(*((path.position, path.via, path.rotation) for path in paths), strict=True)
     whole = PosePath(*map(np.concatenate, columns))
     on_path = np.ones(len(whole) - 1, dtype=bool)

@@ -14,7 +14,7 @@ from camgen.model.pose import FloatArray, Vec3, frozen
 from camgen.model.tolerance import NONZERO
 from camgen.motion.pose_paths import Index, PosePath
 from camgen.motion.setup import Setup
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.kinematics.rates import find_held_fraction, measure_fastest
 from camgen.robots.models import Robot
 
@@ -250,7 +250,7 @@ def slow_down(robot: Robot, joints: FloatArray, tip: Vec3, share: float) -> floa
     tip: the TCP in the flange frame, mm.
     """
     seconds = float((np.abs(joints[-1] - joints[0]) / robot.speeds).max())
-    rotation, origin = flange(robot, joints)
+    rotation, origin = compute_flange(robot, joints)
     steps = np.diff(origin + rotation @ np.asarray(tip), axis=0)
     return round_down(share * float(np.linalg.norm(steps, axis=1).sum()) / seconds)
 

@@ -8,13 +8,13 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import Spans, chain, measure_spans
-from camgen.geometry.ragged import offsets, owners, ramp
+from camgen.geometry.arcs import Spans, make_span_chain, measure_spans
+from camgen.geometry.ragged import compute_offsets, list_owners, number_rows
 from camgen.geometry.rotations import (
-    angles_between,
-    from_vectors,
+    compute_rotation_vectors,
     interpolate_rotations,
-    vectors_of,
+    make_rotations_from_vectors,
+    measure_angles_between,
 )
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO
@@ -56,7 +56,7 @@ class PosePath(Struct, frozen=True, eq=False):
     @property
     def spans(self) -> Spans:
         """The N - 1 segments as lines and arcs."""
-        return chain(self.position, self.via[1:])
+        return make_span_chain(self.position, self.via[1:])
 
     @property
     def length(self) -> FloatArray:
@@ -66,7 +66,7 @@ class PosePath(Struct, frozen=True, eq=False):
     @property
     def turn(self) -> FloatArray:
         """(N - 1,) angle by which the tool rotates in each segment, rad."""
-        return angles_between(self.rotation[:-1], self.rotation[1:])
+        return measure_angles_between(self.rotation[:-1], self.rotation[1:])
 
 
 def count_parts(path: PosePath, length: float, turn: float) -> Index:
@@ -80,9 +80,9 @@ def divide(path: PosePath, parts: Index) -> PosePath:
 
     Row i becomes row `offsets(parts)[i]`.
     """
-    segment, after = owners(parts), ramp(parts) + 1
+    segment, after = list_owners(parts), number_rows(parts) + 1
     fraction = 1.0 / parts[segment]
-    spans, kept = path.spans, offsets(parts)
+    spans, kept = path.spans, compute_offsets(parts)
     position = np.concatenate([path.position[:1], spans.point(after * fraction, segment)])
     position[kept] = path.position
     via = np.concatenate([_STRAIGHT, spans.point((after - 0.5) * fraction, segment)])
@@ -110,7 +110,7 @@ class PoseSampler(Struct, frozen=True, eq=False):
     @classmethod
     def make(cls, path: PosePath) -> PoseSampler:
         """The sampler of a pose path."""
-        turn = vectors_of(np.swapaxes(path.rotation[:-1], 1, 2) @ path.rotation[1:])
+        turn = compute_rotation_vectors(np.swapaxes(path.rotation[:-1], 1, 2) @ path.rotation[1:])
         return cls(path, path.spans, turn)
 
     def poses(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -120,7 +120,7 @@ class PoseSampler(Struct, frozen=True, eq=False):
         """
         segment = np.minimum(at.astype(np.int64), len(self.turn) - 1)
         fraction = at - segment
-        turned = from_vectors(self.turn[segment] * fraction[:, None])
+        turned = make_rotations_from_vectors(self.turn[segment] * fraction[:, None])
         return self.spans.point(fraction, segment), self.path.rotation[segment] @ turned
 
 

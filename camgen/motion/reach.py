@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import offsets
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import frozen
 from camgen.model.text import short
@@ -197,7 +197,11 @@ def _reach_nominal(setup: Setup, paths: Sequence[tuple[str, PosePath]]) -> list[
             text = f"collision, {setup.hit(choice.joints[hits[0]])}, {place}"
             results.append(UnreachableEdge(name, "collision", text))
             continue
-        at, dense, zero = offsets(count), frozen(choice.joints), frozen(np.zeros(len(sampled)))
+        at, dense, zero = (
+            compute_offsets(count),
+            frozen(choice.joints),
+            frozen(np.zeros(len(sampled))),
+        )
         joints_at = frozen(choice.joints[at])
         results.append(EdgeMotion(name, False, path, joints_at, sampled, dense, at, zero, zero))
     return results

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from camgen.geometry.arcs import Spans
-from camgen.geometry.vectors import add_coordinates, cross, dots, lengths
+from camgen.geometry.vectors import add_coordinates, cross, measure_lengths, multiply_rows
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -161,12 +161,18 @@ def _bend(transitions: Transitions, before: FloatArray, after: FloatArray) -> Fl
     """
     start, start_tangent = _tangents_at(transitions.first, before, end=True)
     end, end_tangent = _tangents_at(transitions.second, after, end=False)
-    chord, cosine = end - start, dots(start_tangent, end_tangent)
+    chord, cosine = end - start, multiply_rows(start_tangent, end_tangent)
     square = np.maximum(1 - cosine**2, NONZERO)
-    ahead = (dots(chord, start_tangent) - cosine * dots(chord, end_tangent)) / square
-    back = (dots(chord, end_tangent) - cosine * dots(chord, start_tangent)) / square
+    ahead = (
+        multiply_rows(chord, start_tangent) - cosine * multiply_rows(chord, end_tangent)
+    ) / square
+    back = (
+        multiply_rows(chord, end_tangent) - cosine * multiply_rows(chord, start_tangent)
+    ) / square
     longest = 2 * np.maximum(before, after)
-    meet = (lengths(cross(start_tangent, end_tangent)) > _PARALLEL) & (ahead > 0) & (back > 0)
+    meet = (
+        (measure_lengths(cross(start_tangent, end_tangent)) > _PARALLEL) & (ahead > 0) & (back > 0)
+    )
     meet &= (ahead < longest) & (back < longest)
     start_handle = np.where(meet, ahead, before) * 2 / 3
     end_handle = np.where(meet, back, after) * 2 / 3
@@ -207,7 +213,7 @@ def _measure_pass(path: FloatArray, corner: FloatArray) -> FloatArray:
     arm = corner[:, None] - start
     fraction = add_coordinates(arm * step) / np.maximum(add_coordinates(step * step), NONZERO)
     offset = arm - np.clip(fraction, 0.0, 1.0)[..., None] * step
-    return np.asarray(lengths(offset).min(axis=1))
+    return np.asarray(measure_lengths(offset).min(axis=1))
 
 
 def _distance(motion: Spans, points: FloatArray) -> FloatArray:
@@ -224,7 +230,7 @@ def _distance_to_lines(motion: Spans, points: FloatArray) -> FloatArray:
     along = add_coordinates(arm * motion.along[:, None])
     along = np.clip(along, 0.0, motion.length[:, None])
     offset = arm - along[..., None] * motion.along[:, None]
-    return np.asarray(lengths(offset))
+    return np.asarray(measure_lengths(offset))
 
 
 def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:
@@ -233,6 +239,9 @@ def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:
     y = add_coordinates(arm * arcs.along[:, None])
     above = np.maximum(add_coordinates(arm * arm) - x**2 - y**2, 0.0)
     across = np.sqrt((np.hypot(x, y) - arcs.radius[:, None]) ** 2 + above)
-    to_start, to_end = lengths(points - arcs.start[:, None]), lengths(points - arcs.end[:, None])
+    to_start, to_end = (
+        measure_lengths(points - arcs.start[:, None]),
+        measure_lengths(points - arcs.end[:, None]),
+    )
     within = np.abs(np.arctan2(y, x)) <= arcs.sweep[:, None] / 2
     return np.asarray(np.where(within, across, np.minimum(to_start, to_end)))

@@ -11,8 +11,8 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import offsets
-from camgen.geometry.rotations import from_vectors, turns_about_z
+from camgen.geometry.ragged import compute_offsets
+from camgen.geometry.rotations import make_rotations_from_vectors, measure_rolls
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_chains import PoseChain, States, Steps, find_cheapest_chain, find_steps
@@ -29,8 +29,12 @@ from camgen.motion.setup import (
 )
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
-from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import are_turned_within_limits, list_turn_counts, wrap
+from camgen.robots.kinematics.inverse import compute_solutions
+from camgen.robots.kinematics.joint_limits import (
+    are_turned_within_limits,
+    list_turn_counts,
+    wrap_joints,
+)
 from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 
@@ -82,12 +86,12 @@ def make_grid(freedom: OrientationFreedom) -> Grid:
     across, along, roll = np.array(cells).T
     tilts = np.column_stack([along, across, 0 * roll]) * (freedom.tilt / _STEPS)
     turn = np.array(rolls.angles)[roll]
-    spin = from_vectors(np.column_stack([0 * turn, 0 * turn, turn]))
+    spin = make_rotations_from_vectors(np.column_stack([0 * turn, 0 * turn, turn]))
     cost = _TILT * np.linalg.norm(tilts, axis=1) + _ROLL * np.abs(turn)
     # In a grid without tilts or rolls some moves lead nowhere, or back to where they come from.
     is_useful = ((moves >= 0) & (moves != np.arange(len(cells)))).any(axis=1)
     is_useful[0] = True
-    return Grid(from_vectors(tilts) @ spin, cost, moves[is_useful])
+    return Grid(make_rotations_from_vectors(tilts) @ spin, cost, moves[is_useful])
 
 
 def measure_lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -98,7 +102,7 @@ def measure_lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, F
     """
     rotation = np.swapaxes(nominal, 1, 2) @ actual
     tilt = np.arctan2(np.hypot(rotation[:, 0, 2], rotation[:, 1, 2]), rotation[:, 2, 2])
-    return tilt, turns_about_z(rotation)
+    return tilt, measure_rolls(rotation)
 
 
 # Joint values for a table of poses: D samples by C orientations. A branch keeps its column.
@@ -117,9 +121,11 @@ def find_solutions(
     """
     samples, choices = origins.shape[:2]
     if robot.arm:
-        joints = inverse(robot, rotations.reshape(-1, 3, 3), origins.reshape(-1, 3), robot.home)
+        joints = compute_solutions(
+            robot, rotations.reshape(-1, 3, 3), origins.reshape(-1, 3), robot.home
+        )
         return joints.reshape(samples, choices, joints.shape[1], -1)
-    first = inverse(robot, rotations[0, :1], origins[0, :1])[0]
+    first = compute_solutions(robot, rotations[0, :1], origins[0, :1])[0]
     first = first[np.isfinite(first[:, 0])]
     joints = np.full((samples, choices, len(first), len(robot.joints)), np.nan)
     joints[0, 0] = first
@@ -144,7 +150,7 @@ def _follow(
     branches = starts.shape[1]
     goal = np.repeat(rotations, branches, axis=0), np.repeat(origins, branches, axis=0)
     refined = damped.refine(robot, *goal, starts.reshape(-1, starts.shape[2]))
-    return wrap(robot, refined).reshape(starts.shape)
+    return wrap_joints(robot, refined).reshape(starts.shape)
 
 
 #: mm and rad between two rows of the search, over which the orientation may change.
@@ -251,7 +257,7 @@ def make_states(
     """
     robot, table, is_whole = setup.robot, list_turn_counts(setup.robot), pieces_jump is None
     parts = count_parts(knots, _SAMPLE_MM, _SAMPLE_TURN)
-    at, samples = offsets(parts), divide(knots, parts)
+    at, samples = compute_offsets(parts), divide(knots, parts)
     orientations = samples.rotation[:, None] @ grid.nominal_from_tool
     goal = compute_flange_poses(setup, samples.position[:, None], orientations)
     joints = find_solutions(robot, *goal, grid.moves)
@@ -312,11 +318,13 @@ def _can_stay(
         # Whole turns from each sample to the last one of its stretch.
         none = np.zeros((1, *whole.shape[1:]))
         to_end = np.concatenate([np.cumsum(whole[::-1], axis=0)[::-1], none])
-        unwound = unwound + math.tau * (to_end[:-1] - to_end[np.repeat(offsets(parts)[1:], parts)])
+        unwound = unwound + math.tau * (
+            to_end[:-1] - to_end[np.repeat(compute_offsets(parts)[1:], parts)]
+        )
     can = (
         are_turned_within_limits(robot, unwound, table) & np.asarray(steady & safe[:-1])[..., None]
     )
-    return np.asarray(np.logical_and.reduceat(can, offsets(parts)[:-1], axis=0))
+    return np.asarray(np.logical_and.reduceat(can, compute_offsets(parts)[:-1], axis=0))
 
 
 def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Grid) -> BoolArray:
@@ -369,7 +377,7 @@ def prove(
         knots.path, rotation=frozen(knots.path.rotation @ grid.nominal_from_tool[chain.orientation])
     )
     parts = count_samples(actual)
-    dense, at = divide(actual, parts), offsets(parts)
+    dense, at = divide(actual, parts), compute_offsets(parts)
     joints = follow(
         setup.robot,
         compute_flange_poses(setup, dense.position, dense.rotation),
@@ -418,7 +426,7 @@ def _choose_rows(knots: Knots, chain: PoseChain) -> tuple[Index, PosePath]:
 
     They are the ends of all segments, and all rows of segments in which the orientation changes.
     """
-    at = offsets(knots.parts)
+    at = compute_offsets(knots.parts)
     changes = np.add.reduceat(chain.moves != 0, at[:-1]) > 0
     is_kept = np.append(True, np.repeat(changes, knots.parts))
     is_kept[at] = True

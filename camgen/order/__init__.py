@@ -26,8 +26,8 @@ __all__ = [
     "EdgeTour",
     "JobTour",
     "ReplayTour",
-    "may_choose_ways",
     "may_end_early",
+    "may_link_by_joints",
     "order",
 ]
 
@@ -50,7 +50,7 @@ def order(
         one roll.
     """
     if isinstance(plan, (EdgePlan, ReplayPlan)) and plan.paths is not plan.made:
-        raise changed_paths()
+        raise make_changed_paths_error()
     if isinstance(plan, ReplayPlan):
         return ReplayTour(
             plan.paths, plan.travel, "as-drawn", run=plan.run, made=plan.paths, parts=plan.parts
@@ -65,13 +65,13 @@ def order(
     return _order_paths(plan, job, cell, watch, ways)
 
 
-def may_choose_ways(job: Job) -> bool:
+def may_link_by_joints(job: Job) -> bool:
     """Whether an arm may link paths by joint motions, in at least one operation of the job."""
     jobs = [job]
     if job.operations:
-        from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely: only for operations)
+        from camgen.plan.steps import make_step_job  # noqa: PLC0415 (shapely: only for operations)
 
-        jobs = [job_of(job, step) for step in job.operations]
+        jobs = [make_step_job(job, step) for step in job.operations]
     return any(_may_lift_freely(job_of_step) for job_of_step in jobs)
 
 
@@ -90,11 +90,11 @@ def _may_lift_freely(job: Job) -> bool:
 
 def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> JobTour:
     """The operations in their order, each with the best tour over its own paths."""
-    from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.plan.steps import make_step_job  # noqa: PLC0415 (shapely: only where needed)
 
     watch("ordering")
     tours = [
-        _order_paths(step_plan, job_of(job, step), cell, watch, ways)
+        _order_paths(step_plan, make_step_job(job, step), cell, watch, ways)
         for step_plan, step in zip(plan.plans, plan.steps, strict=True)
     ]
     paths: list[ToolPath] = []
@@ -122,7 +122,7 @@ def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways:
 def _link_steps(plan: JobPlan, tours: Sequence[Tour], job: Job) -> tuple[FloatArray | None, ...]:
     """The links at working height from operation to operation, see `JobTour`."""
     from camgen.order.stay_down import lead_beside  # noqa: PLC0415
-    from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.plan.steps import make_step_job  # noqa: PLC0415 (shapely: only where needed)
 
     links: list[FloatArray | None] = [None] * len(tours)
     for number in range(1, len(tours)):
@@ -132,7 +132,9 @@ def _link_steps(plan: JobPlan, tours: Sequence[Tour], job: Job) -> tuple[FloatAr
         # The joints of an arm lead from above a path to above the next one.
         if same and all(tour.paths and not isinstance(tour, ArmTour) for tour in pair):
             left, met = pair[0].paths[-1], pair[1].paths[0]
-            links[number] = lead_beside(left, met, plan.plans[number].part, job_of(job, step))
+            links[number] = lead_beside(
+                left, met, plan.plans[number].part, make_step_job(job, step)
+            )
     return tuple(links)
 
 
@@ -157,7 +159,7 @@ def _note_later(plan: JobPlan, paths: Sequence[ToolPath], job: Job) -> list[Note
     return []
 
 
-def changed_paths() -> JobError:
+def make_changed_paths_error() -> JobError:
     """The error for changed paths of edges or of a replay: their motions would not change."""
     return JobError(
         "paths",
@@ -168,7 +170,11 @@ def changed_paths() -> JobError:
 
 def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> Tour:
     """The paths of a flat part with their leads, tabs and, for an arm, rolls."""
-    from camgen.order.arrange import Search, arrange, measure_travel  # noqa: PLC0415 (5 ms)
+    from camgen.order.arrange import (  # noqa: PLC0415 (5 ms)
+        TourSettings,
+        measure_travel,
+        order_paths,
+    )
     from camgen.order.leads import add_leads  # noqa: PLC0415 (shapely: only for flat parts)
     from camgen.order.stay_down import stay_down  # noqa: PLC0415
     from camgen.order.tabs import add_tabs  # noqa: PLC0415 (only for what needs it)
@@ -179,7 +185,7 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     def report(fraction: float) -> None:
         watch(f"ordering {fraction:.0%}, Ctrl-C {MAY_END}")
 
-    settings = Search(
+    settings = TourSettings(
         choice.method,
         start,
         operation.inside_first,
@@ -189,7 +195,7 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
         choice.seam,
         choice.order,
     )
-    tour = arrange(plan.paths, settings, None if watch is ignore_stages else report)
+    tour = order_paths(plan.paths, settings, None if watch is ignore_stages else report)
     arm = None
     # The travel of a machine whose home is a pose is that of the plane already.
     if isinstance(cell, Workcell) and cell.arm is not None and start is None and plan.paths:
@@ -213,10 +219,10 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     tour = replace(tour, notes=(*notes, *link_notes))
     if arm is None or not free:
         return tour
-    from camgen.order.arm import TourRequest, order_with_turns  # noqa: PLC0415 (fcl: only for arms)
+    from camgen.order.arm import TourRequest, order_with_rolls  # noqa: PLC0415 (fcl: only for arms)
 
     request = TourRequest(tour, _rules(plan, tour, job), rolls_later or choice.method != "best")
-    tour = order_with_turns(request, job, arm, watch)
+    tour = order_with_rolls(request, job, arm, watch)
     return replace(tour, travel=measure_travel(tour.paths, start))
 
 
@@ -251,10 +257,10 @@ def _order_on_arm(
     from camgen.order.arm import (  # noqa: PLC0415 (fcl: only for arms)
         TourRequest,
         order_by_time,
-        order_with_turns,
+        order_with_rolls,
     )
 
     request = TourRequest(tour, _rules(plan, tour, job))
     if free:
-        return order_with_turns(request, job, cell, watch, prove=False)
+        return order_with_rolls(request, job, cell, watch, prove=False)
     return order_by_time(request, job, cell, watch)

@@ -31,7 +31,7 @@ from camgen.order.solver.matrix import Rules
 from camgen.order.solver.plane import DONE, STOPPED, TIMED, Clock, OnFraction
 from camgen.order.starts import Starts, make_starts
 from camgen.order.tree import StartTree
-from camgen.plan.starting import ends_of, reverse_each, starting_each
+from camgen.plan.starting import find_ends, move_each_start, reverse_each
 
 #: The methods, and their names in the summary.
 _METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "local search"}
@@ -40,7 +40,7 @@ _METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "loc
 _MAX_ENCLOSING = 0.001
 
 
-class Search(Struct, frozen=True):
+class TourSettings(Struct, frozen=True):
     """The settings of a tour.
 
     method: "as-drawn" keeps the order and the paths, whatever `inside_first` is; "nearest" takes
@@ -66,13 +66,13 @@ class Search(Struct, frozen=True):
     order: Sequence[str] = ()
 
 
-def arrange(
-    paths: Sequence[ToolPath], settings: Search, on_progress: OnFraction | None = None
+def order_paths(
+    paths: Sequence[ToolPath], settings: TourSettings, on_progress: OnFraction | None = None
 ) -> Tour:
     """The paths in the order in which they are run, each once.
 
     Distances and arcs are those in the plane. `parent` of a path remains the index in `paths`.
-    Raises JobError if `Search.order` has a path before one that it encloses, against
+    Raises JobError if `TourSettings.order` has a path before one that it encloses, against
     `inside_first`, and ValueError for an unknown method, or for parents that enclose each other.
 
     on_progress: callback that gets the used fraction of the search, see `plane.shorten_tour`.
@@ -154,7 +154,7 @@ def measure_travel(paths: Sequence[ToolPath], start: tuple[float, float] | None)
     """Length of the links in the plane, from and to `start` if that is given, mm."""
     if not paths:
         return 0.0
-    begins, ends = ends_of(paths)
+    begins, ends = find_ends(paths)
     gaps = begins[1:] - ends[:-1]
     if start is not None:
         gaps = np.concatenate([gaps, begins[:1] - start, ends[-1:] - start])
@@ -327,7 +327,7 @@ def _run_paths(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
     loops = [i for i, path in enumerate(paths) if path.closed and chosen.row[i]]
     reversed_open = [i for i, path in enumerate(paths) if chosen.row[i] and not path.closed]
     rows, fractions = [chosen.row[i] for i in loops], [chosen.fraction[i] for i in loops]
-    rotated = starting_each([paths[i] for i in loops], rows, fractions)
+    rotated = move_each_start([paths[i] for i in loops], rows, fractions)
     back = reverse_each([paths[i] for i in reversed_open])
     result = list(paths)
     for i, path in zip([*loops, *reversed_open], [*rotated, *back], strict=True):

@@ -20,15 +20,15 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import measure_spans
 from camgen.geometry.fixtures import Fixtures
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.path import ToolPath, join_paths, waypoints
+from camgen.model.path import ToolPath, join_paths, make_waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_first
 from camgen.order.stay_down import CLEARANCE_SLACK_MM
 from camgen.plan.clear_fixtures import find_blocked
-from camgen.plan.starting import starting_at
+from camgen.plan.starting import move_start
 
 #: Fractions of the requested length that are tried, the longest first.
 _SCALES = (1.0, 0.5, 0.25)
@@ -59,7 +59,7 @@ def add_leads(
     operation = job.operation
     if not (operation.lead_in or operation.lead_out or operation.overlap):
         return list(paths), []
-    drawn = from_contours(part.contours)
+    drawn = make_contour_segments(part.contours)
     obstacles = Obstacles(drawn, np.zeros(len(drawn), dtype=np.int64))
     lowest = min((-max(path.depths) for path in paths), default=0.0)
     blocked = find_blocked(job.tool, lowest, fixtures)
@@ -133,7 +133,7 @@ def _list_starts(path: ToolPath) -> list[ToolPath]:
     longest = np.argsort(-measure_spans(path.position, path.via[1:]), kind="stable")[
         :_MAX_OTHER_STARTS
     ]
-    return [path, *(starting_at(path, int(k) + 1, 0.5) for k in longest)]
+    return [path, *(move_start(path, int(k) + 1, 0.5) for k in longest)]
 
 
 def _add_overlap(path: ToolPath, overlap: float) -> ToolPath:
@@ -145,7 +145,7 @@ def _add_overlap(path: ToolPath, overlap: float) -> ToolPath:
         return join_paths([path, path])
     row = int(np.searchsorted(ends, overlap, side="right"))
     before = ends[row - 1] if row else 0.0
-    restarted = starting_at(path, row + 1, float((overlap - before) / (ends[row] - before)))
+    restarted = move_start(path, row + 1, float((overlap - before) / (ends[row] - before)))
     # Started there, the path ends with what we want: the stretch from the old start.
     old_start = int(np.argmin(np.abs(restarted.position - path.position[0]).sum(axis=1)))
     return join_paths([path, restarted.rows(old_start, len(restarted.position))])
@@ -176,7 +176,7 @@ def _make_lead(path: ToolPath, length: float, side: int, closed: bool, feed: flo
     press_directions = np.array([press, turned])[::side]
     lead = replace(
         path,
-        table=waypoints(
+        table=make_waypoints(
             rows,
             [np.full(3, np.nan), middle],
             min(path.feed[row], feed),

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -270,14 +270,14 @@ def _make_first_sections(known: Sampled) -> _Sections:
     loop = _find_loops(known)
     directions = np.where(known.items.kind == BOTH_WAYS, 2, 1)
     count = np.where(loop, _FIRST_SECTIONS, directions)
-    item, number = owners(count), ramp(count)
+    item, number = list_owners(count), number_rows(count)
     size = np.where(loop, known.whole / _FIRST_SECTIONS, 0.0)[item]
     return _Sections(item, np.where(loop[item], number * size, number), size)
 
 
 def _divide(sections: _Sections, kept: BoolArray, loop: BoolArray) -> _Sections:
     count = np.where(loop[sections.item[kept]], _PARTS, 1)
-    owner, number = np.flatnonzero(kept)[owners(count)], ramp(count)
+    owner, number = np.flatnonzero(kept)[list_owners(count)], number_rows(count)
     size = np.where(loop[sections.item[owner]], sections.size[owner] / _PARTS, 0.0)
     return _Sections(sections.item[owner], sections.low[owner] + number * size, size)
 

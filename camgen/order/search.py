@@ -9,8 +9,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.nearest import find_nearest_items
-from camgen.geometry.ragged import offsets, owners, ramp
-from camgen.geometry.vectors import plane_lengths
+from camgen.geometry.ragged import compute_offsets, list_owners, number_rows
+from camgen.geometry.vectors import measure_plane_lengths
 from camgen.model.part import IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
@@ -169,7 +169,7 @@ def sample_paths(
     distance = max(float(np.sqrt(area / count)), NONZERO)
     samples = np.clip(np.ceil(whole * _SAMPLES_PER_DISTANCE / distance), _MIN_SAMPLES, _MAX_SAMPLES)
     samples = np.where(loop, samples.astype(np.int64), np.where(lone, 1, 2))
-    first, owner, number = offsets(samples), owners(samples), ramp(samples)
+    first, owner, number = compute_offsets(samples), list_owners(samples), number_rows(samples)
     points = np.where((number == 0)[:, None], where.begin[owner], where.end[owner])
     step = whole / samples
     # A corner between two samples may be excluded as a start: then they are farther apart.
@@ -221,7 +221,7 @@ def _make_dense_points(known: Sampled, max_distances: int) -> bound.DensePoints 
     if each < _MIN_SAMPLES:
         return None
     samples = np.where(loop, each, count)
-    first, owner, number = offsets(samples), owners(samples), ramp(samples)
+    first, owner, number = compute_offsets(samples), list_owners(samples), number_rows(samples)
     inside = loop[owner]
     points = np.empty((len(owner), 2))
     points[~inside] = items.points[~np.repeat(loop, count)]
@@ -428,7 +428,9 @@ def _find_best_starts(
         for _ in range(_NARROWINGS):
             positions = position + shift * radius
             points = compute_points(known, path[rows], positions)
-            cost = plane_lengths(points - before[rows]) + plane_lengths(points - after[rows])
+            cost = measure_plane_lengths(points - before[rows]) + measure_plane_lengths(
+                points - after[rows]
+            )
             position = positions[cost.argmin(axis=0), np.arange(len(position))]
             radius = radius / _POINTS_TO_EACH_SIDE
         best[rows] = position % np.maximum(known.whole[path[rows]], NONZERO)

@@ -9,12 +9,12 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import Spans, make_spans
-from camgen.geometry.ragged import begins, offsets, owners, ramp
+from camgen.geometry.ragged import compute_first_rows, compute_offsets, list_owners, number_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
-from camgen.plan.starting import SEAM, end_to_end
+from camgen.plan.starting import SEAM, join_tables
 
 #: rad: change of the direction of travel from which a vertex is a corner.
 _CORNER = math.radians(10)
@@ -75,10 +75,10 @@ def make_starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     loop = closed & ~np.array([path.pinned for path in paths])
     both = np.array([path.reversible for path in paths]) & (rows > 1) & ~closed
     count = np.where(loop, rows - 1, 1 + both)
-    first, owner, step = offsets(count), owners(count), ramp(count)
+    first, owner, step = compute_offsets(count), list_owners(count), number_rows(count)
     row = np.where(loop[owner], step + 1, step * (rows[owner] - 1))
-    drawn = end_to_end(paths)
-    top = begins(rows)
+    drawn = join_tables(paths)
+    top = compute_first_rows(rows)
     end = top[owner] + row
     inside = loop[owner]
     via = np.where(inside[:, None], drawn.via[end], np.nan)

@@ -18,7 +18,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import measure_gaps
-from camgen.geometry.segments import BoolArray, Segments, from_contours, make
+from camgen.geometry.segments import BoolArray, Segments, make_contour_segments, make_segments
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
@@ -44,7 +44,7 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     start = np.array([path.position[-1, :2] for path in tour.paths[:-1]])
     end = np.array([path.position[0, :2] for path in tour.paths[1:]])
     low = np.array([_get_end_height(path) for path in tour.paths[:-1]])
-    links = make(start[level], end[level], np.zeros(len(level)), level)
+    links = make_segments(start[level], end[level], np.zeros(len(level)), level)
     clear = _are_clear(links, low[level], part, job)
     down = frozenset((level[clear] + 1).tolist())
     why = (
@@ -77,7 +77,7 @@ def lead_beside(before: ToolPath, path: ToolPath, part: Part, job: Job) -> Float
     back = met - BESIDE_WORKED_MM * path.force_direction[1, 0]
     points = np.array([left, out, back, met])
     points[:, 2] = _get_end_height(path)
-    links = make(points[:-1, :2], points[1:, :2], np.zeros(3), np.arange(3))
+    links = make_segments(points[:-1, :2], points[1:, :2], np.zeros(3), np.arange(3))
     low = points[:-1, 2]
     middle = links.take(np.array([1]))
     is_clear = _are_clear(links, low, part, job).all()
@@ -114,7 +114,7 @@ def _are_clear(
     reach = radius + extra
     boxes = [box for box in job.cell.fixtures or [] if isinstance(box, list)]
     table = np.array(boxes, dtype=np.float64).reshape(-1, 6)
-    clear = measure_gaps(links, from_contours(part.contours), reach) >= reach
+    clear = measure_gaps(links, make_contour_segments(part.contours), reach) >= reach
     return np.asarray(clear & _are_past_boxes(links, low, table, radius + job.cell.margin))
 
 
@@ -141,7 +141,7 @@ def _are_past_boxes(
     for box in boxes.reshape(-1, 2, 3):
         (x0, y0, _), (x1, y1, top) = box.min(axis=0), box.max(axis=0)
         corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-        walls = make(
+        walls = make_segments(
             corners, np.roll(corners, -1, axis=0), np.zeros(4), np.zeros(4, dtype=np.int64)
         )
         inside = ((links.start > (x0, y0)) & (links.start < (x1, y1))).all(axis=1)

@@ -25,9 +25,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import chain
+from camgen.geometry.arcs import make_span_chain
 from camgen.geometry.segments import flatten
-from camgen.geometry.vectors import angles, cross, dots
+from camgen.geometry.vectors import cross, measure_angles, multiply_rows
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
@@ -35,7 +35,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, name_first, short
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.plan.columns import path_segments
+from camgen.plan.columns import make_path_segments
 from camgen.plan.pieces import (
     chorded,
     lengths_along,
@@ -222,7 +222,7 @@ def _leaves_slug(path: ToolPath, job: Job) -> bool:
 def _make_polygon(path: ToolPath) -> Any:
     import shapely  # noqa: PLC0415 (only for what needs it)
 
-    points = flatten(path_segments((path,)), _CHORD_MM)[0]
+    points = flatten(make_path_segments((path,)), _CHORD_MM)[0]
     return shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
 
 
@@ -247,7 +247,7 @@ def _is_loop(path: ToolPath) -> bool:
 
 def _cuts_out(path: ToolPath) -> bool:
     """Whether a closed path runs round the outside of its contour: it presses on its inner side."""
-    ahead = chain(path.position, path.via[1:]).tangents()[0][0]
+    ahead = make_span_chain(path.position, path.via[1:]).tangents()[0][0]
     left = float(cross(ahead, path.force_direction[1, 0])[2])
     corners = np.empty((2 * len(path.position) - 1, 2))
     corners[::2], corners[1::2] = path.position[:, :2], path.via[1:, :2]
@@ -290,11 +290,11 @@ def _find_corners(once: ToolPath, radius: float) -> FloatArray:
 
     radius: radius of an arc about a corner, mm.
     """
-    along, shape = lengths_along(once), chain(once.position, once.via[1:])
+    along, shape = lengths_along(once), make_span_chain(once.position, once.via[1:])
     leaves, arrives = shape.tangents()
-    sharp = angles(arrives, np.roll(leaves, -1, axis=0)) > _CORNER
+    sharp = measure_angles(arrives, np.roll(leaves, -1, axis=0)) > _CORNER
     centre = shape.via - shape.radius[:, None] * shape.towards
-    inwards = dots(once.force_direction[1:, 0], centre - shape.start) > 0
+    inwards = multiply_rows(once.force_direction[1:, 0], centre - shape.start) > 0
     is_small = shape.radius < radius * (1 + _POINT_SLACK)
     rolls = shape.curved & inwards & is_small & (shape.sweep > _CORNER)
     vertices = np.column_stack([along[1:], along[1:]])[sharp]
@@ -378,7 +378,7 @@ def _make_line(path: ToolPath) -> Any:
     last = path.position[-1:, :2]
     if len(path.position) == 1:
         return shapely.Point(last[0])
-    points, _ = flatten(path_segments((path,)), _CHORD_MM)
+    points, _ = flatten(make_path_segments((path,)), _CHORD_MM)
     return shapely.LineString(np.concatenate([points, last]))
 
 

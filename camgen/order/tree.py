@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from camgen.geometry.arcs import Spans
-from camgen.geometry.ragged import offsets, owners, ramp
+from camgen.geometry.ragged import compute_offsets, list_owners, number_rows
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
@@ -50,7 +50,7 @@ class StartTree:
         place[order] = np.arange(len(number)) // _FAN
         counts = np.bincount(number, minlength=len(self.items))
         self.leaf_of: list[int] = place.tolist()
-        self.piece_of: list[int] = offsets(counts).tolist()
+        self.piece_of: list[int] = compute_offsets(counts).tolist()
         self.start_of: list[int] = where.first.tolist()
         sorted_items = [self.items[i] for i in number[order].tolist()]
         self.pots = [sorted_items[i : i + _FAN] for i in range(0, len(sorted_items), _FAN)]
@@ -225,7 +225,7 @@ def _divide_segments(shape: Spans) -> tuple[IntArray, FloatArray, FloatArray]:
     if shape.length.any():
         mean = float(shape.length[shape.length > 0].mean())
         count = np.maximum(count, np.ceil(shape.length / mean - 1e-9))
-    number, step = owners(count.astype(np.int64)), ramp(count.astype(np.int64))
+    number, step = list_owners(count.astype(np.int64)), number_rows(count.astype(np.int64))
     segment, count = shape.pick(number), count[number]
     a, b = segment.point(step / count)[:, :2], segment.point((step + 1) / count)[:, :2]
     # An arc leaves its chord by no more than its sagitta.

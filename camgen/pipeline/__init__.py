@@ -28,7 +28,7 @@ from camgen.check.report import (
 from camgen.check.report import report as report_of
 from camgen.lang.recorded import Recorded
 from camgen.lower import lower
-from camgen.lower.steps import frame_of, tell_tool
+from camgen.lower.steps import format_tool, frame_of
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.drawing import draw_svg
 from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
@@ -39,7 +39,7 @@ from camgen.model.pose import format_frame
 from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, harmless, short
 from camgen.model.version import __version__
-from camgen.order import ArmTour, may_choose_ways, order
+from camgen.order import ArmTour, may_link_by_joints, order
 from camgen.pipeline.assumptions import (
     note_arm,
     note_close_positions,
@@ -73,7 +73,7 @@ from camgen.pipeline.rounding import check_rounding, limit_path_tolerance, repor
 from camgen.pipeline.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stages, plan
 from camgen.plan.leave_out import find_dependent, leave_out_paths
-from camgen.plan.steps import job_of
+from camgen.plan.steps import make_step_job
 from camgen.post import OutputFile, Post
 from camgen.post.contract import list_warnings
 from camgen.post.limits import limit_tolerance
@@ -90,13 +90,13 @@ from camgen.read.job_file import from_mapping, load_job
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.check.collide import Clear
+    from camgen.check.collide import ClearanceReport
     from camgen.check.feeds import SlowPath
     from camgen.check.photo.locate import Located
     from camgen.check.proof import MotionProof
-    from camgen.check.reach import Reach
+    from camgen.check.reach import JointTrace
     from camgen.check.stock import Clearance, StockProof
-    from camgen.collision.cell import Surroundings
+    from camgen.collision.cell import CellScene
     from camgen.pipeline.travel import Travel
 
 #: An input: a file, or a part that was made in code.
@@ -151,10 +151,10 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     deviation: Deviation
     motions: Motions
     cycle: Cycle
-    reach: Reach | None = None
-    clear: Clear | None = None
+    reach: JointTrace | None = None
+    clear: ClearanceReport | None = None
     coverage: Coverage | None = None
-    where: Surroundings | None = None
+    where: CellScene | None = None
     planned: tuple[ToolPath, ...] = ()
     counts: tuple[int, ...] = (1,)
     proof: StockProof | None = None
@@ -358,7 +358,7 @@ def _plan_again(
     it has chosen them so far). Raises `error` if nothing that can be left out is blocked.
     """
     is_straight = not isinstance(plan, (EdgePlan, ReplayPlan)) and not isinstance(tour, ArmTour)
-    may_choose = is_straight and not arm_links and may_choose_ways(job)
+    may_choose = is_straight and not arm_links and may_link_by_joints(job)
     losses = [loss for loss in error.lost if not (may_choose and loss.way)]
     if error.lost and not losses:
         return plan, True
@@ -368,9 +368,9 @@ def _plan_again(
         raise error
     named = [(tour.paths[loss.path].id, loss.kind, loss.why) for loss in losses]
     if isinstance(plan, EdgePlan):
-        from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl, kinematics: only for edges)
+        from camgen.plan.edges import leave_out_motions  # noqa: PLC0415 (fcl: only for edges)
 
-        return leave_out(plan, named), arm_links
+        return leave_out_motions(plan, named), arm_links
     return leave_out_paths(plan, {name: why for name, _, why in named}), arm_links
 
 
@@ -557,11 +557,11 @@ def _is_taught(part: Part) -> bool:
 
 def _list_tool_lines(job: Job, cell: Cell) -> tuple[str, ...]:
     """The lines on the tools and their frames. The tools of all operations are in each program."""
-    jobs = [job_of(job, step) for step in job.operations] or [job]
+    jobs = [make_step_job(job, step) for step in job.operations] or [job]
     lines = []
     for step_job in jobs:
         frame = frame_of(step_job, cell) if job.operations else cell.flange_from_tool
-        lines.append(tell_tool(step_job.tool.name, step_job.tool.diameter, frame))
+        lines.append(format_tool(step_job.tool.name, step_job.tool.diameter, frame))
     return tuple(dict.fromkeys(lines))
 
 

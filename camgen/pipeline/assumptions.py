@@ -13,7 +13,7 @@ from camgen.model.program import Joints, Program
 from camgen.model.text import counted, short
 from camgen.plan import name_operation
 from camgen.plan.close_positions import CLOSE_MM, count_close_positions
-from camgen.plan.steps import job_of, name_drills
+from camgen.plan.steps import make_step_job, name_drills
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
@@ -122,13 +122,13 @@ def note_slow_paths(slow: Sequence[SlowPath], tour: Tour) -> tuple[Note, ...]:
     """Paths whose feed the joints of the arm cannot keep."""
     if not slow:
         return ()
-    from camgen.check.feeds import tell_slow_path  # noqa: PLC0415 (kinematics, only for an arm)
+    from camgen.check.feeds import describe_slow_path  # noqa: PLC0415 (kinematics, only for an arm)
 
     why = "lower process.feed, or turn the part or the tool: cell.base_from_work"
     notes = []
     for row in slow:
         path = tour.paths[row.path]
-        what = tell_slow_path(row, path.id)
+        what = describe_slow_path(row, path.id)
         notes.append(Note("warning", what, why, (path.id,), (row.place[:2],), strict=True))
     return tuple(notes)
 
@@ -137,7 +137,7 @@ def note_drills(part: Part, job: Job) -> tuple[Note, ...]:
     """End mills that only drill. They are judged as drills, whose tips may go below the stock."""
     if part.solid is not None or part.curves or isinstance(part, Recorded):
         return ()
-    jobs = [job_of(job, step) for step in job.operations] or [job]
+    jobs = [make_step_job(job, step) for step in job.operations] or [job]
     named = zip(jobs, name_drills(jobs), strict=True)
     drills = [step.tool.diameter for step, tool in named if tool != step.tool]
     if not drills:
@@ -153,7 +153,7 @@ def note_depth(part: Part, job: Job, cell: Workcell) -> tuple[Note, ...]:
     A tool that is pressed against the part works without one. The tool of a machine turns, the tool
     of an arm only if the job states its speed.
     """
-    jobs = [job_of(job, step) for step in job.operations] or [job]
+    jobs = [make_step_job(job, step) for step in job.operations] or [job]
     idle = [
         step.tool.kind
         for step in jobs

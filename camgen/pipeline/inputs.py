@@ -29,7 +29,7 @@ from camgen.read.clamps import set_clamps_aside
 from camgen.read.files import Files, identity
 from camgen.read.move import move_part
 from camgen.robots.models import Robot
-from camgen.robots.workcell import Workcell, equip
+from camgen.robots.workcell import Workcell, equip_cell
 
 #: Hints on the assumed acceleration of mills, for each kind of corner.
 _MILLS = {"arc": "", "junction": "; GRBL's own default of 10 mm/s2 takes far longer"}
@@ -77,10 +77,10 @@ def _read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcel
     )
     meshes = _read_meshes(part, job, files)
     if taught is None:
-        return equip(cell, job, arm, meshes)
+        return equip_cell(cell, job, arm, meshes)
     if taught.base_from_work is not None:
         cell = replace(cell, base_from_work=taught.base_from_work)
-    equipped = equip(cell, job, arm, meshes)
+    equipped = equip_cell(cell, job, arm, meshes)
     if taught.flange_from_tool is None or job.cell.flange_from_tool is not None:
         return equipped
     return replace(equipped, flange_from_tool=taught.flange_from_tool)
@@ -242,9 +242,9 @@ def _read(path: Path, job: Job, files: Files) -> Part:
 def _find_robot(name: str, files: Files) -> Robot | None:
     if not name:
         return None
-    from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
+    from camgen.robots.catalogue import find_robot  # noqa: PLC0415 (only jobs with a robot load it)
 
-    return robot(name, files)
+    return find_robot(name, files)
 
 
 def _limit_joints(arm: Robot | None, job: Job) -> Robot | None:

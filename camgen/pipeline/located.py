@@ -15,7 +15,7 @@ from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.part import Part
 from camgen.model.pose import PlanePose
 from camgen.pipeline.inputs import Inputs
-from camgen.plan import kind_of
+from camgen.plan import find_part_kind
 from camgen.read.files import Files
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def locate_inputs(
 
 def _check_drawing(part: Part) -> None:
     """Raises InputError for a part that is not read from a drawing."""
-    kind = kind_of(part)
+    kind = find_part_kind(part)
     if kind != "drawing":
         what = f"is {_KINDS[kind]}, and --locate places drawings"
         raise InputError(part.source, what, remedy="give a DXF or SVG drawing of the part")

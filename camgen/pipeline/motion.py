@@ -45,7 +45,7 @@ def prove_motion(
     from camgen.check import proof  # noqa: PLC0415 (shapely, after planning has loaded it)
 
     job = request.job
-    if reason := why_unproven(plan):
+    if reason := explain_unproven(plan):
         return proof.MotionProof(0, 0.0, 0, proof.Unplaced(), (), (reason,))
     programs = []
     first = 0
@@ -153,7 +153,7 @@ def describe_controller(post: Post, job: Job, cell: Workcell) -> Controller:
     return Controller(dynamics_of(post, job), frozenset(post.list_verified()), home)
 
 
-def why_unproven(plan: Plan) -> str:
+def explain_unproven(plan: Plan) -> str:
     """Why motions are not compared with the part, empty if they are."""
     if isinstance(plan, ReplayPlan):
         return "the input is a program, its motions are compared with the text alone"

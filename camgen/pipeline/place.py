@@ -17,14 +17,14 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from camgen.collision.cell import make_surroundings
+from camgen.collision.cell import make_cell_scene
 from camgen.collision.hits import find_collisions
 from camgen.geometry.resting import RestingFace, find_resting_faces, make_rotation_down, turn_down
 from camgen.model.advice import drop_place
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import BoolArray, Edge, Part, Solid
-from camgen.model.pose import FloatArray, Pose, fixed_xyz, rotation_about, to_vec3
+from camgen.model.pose import FloatArray, Pose, compute_fixed_xyz, rotation_about, to_vec3
 from camgen.model.text import counted
 from camgen.motion.cell import find_home
 from camgen.motion.coverage import SHORTEST_MM
@@ -33,11 +33,11 @@ from camgen.motion.setup import MARGIN, FoldedEdge, Setup, compute_flange_poses
 from camgen.pipeline import Result, build
 from camgen.pipeline.tool_room import Samples, make_samples
 from camgen.plan import Watch, ignore_stages
-from camgen.plan.edges import choose
+from camgen.plan.edges import select_edges_of_job
 from camgen.plan.edges.contact import find_contacts
-from camgen.plan.edges.last_face import offset_along
-from camgen.plan.edges.poses import measure_line, poses
-from camgen.robots.kinematics.inverse import inverse
+from camgen.plan.edges.last_face import read_offset
+from camgen.plan.edges.poses import make_poses, measure_line
+from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.kinematics.joint_limits import measure_excess
 from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
@@ -450,13 +450,13 @@ def make_case(
         what = "needs an arm whose joints have a closed form" if solid else "is not a 3-D part"
         remedy = "give a mesh or a STEP model, and a post of an arm"
         raise JobError(part.source, what, "camgen place", remedy)
-    edges = choose(solid, job)
-    direction = offset_along(job, solid, edges.values())
+    edges = select_edges_of_job(solid, job)
+    direction = read_offset(job, solid, edges.values())
     tip = max(find_contacts(edges.values(), job, direction).values(), default=0.0)
     paths: dict[str, PosePath] = {}
     marks: dict[str, PosePath] = {}
     for name, edge in edges.items():
-        path = poses(edge, job.operation.offset, direction)
+        path = make_poses(edge, job.operation.offset, direction)
         if isinstance(path, FoldedEdge):
             path = path.path
         if isinstance(path, PosePath):
@@ -591,7 +591,7 @@ def _find_joints(
         setup = Setup(case.robot, case.base_from_work(spot), cell.flange_from_tool)
         goals.append(compute_flange_poses(setup, position, samples.rotation))
     rotations, origins = (np.concatenate(parts) for parts in zip(*goals, strict=True))
-    joints = inverse(case.robot, rotations, origins, case.robot.home)
+    joints = compute_solutions(case.robot, rotations, origins, case.robot.home)
     margins = np.full(joints.shape[:2], -math.inf)
     exists = np.isfinite(joints).all(axis=-1)
     values = joints[exists]
@@ -610,7 +610,7 @@ def examine(case: Case, spot: Spot) -> Reached:
     samples = stand.samples
     nothing = Reached(np.zeros((1, len(case.paths))), np.zeros(1))
     cell = replace(stand.cell, base_from_work=case.base_from_work(spot))
-    scene = make_surroundings(stand.job, cell, case.solid, case.tip).scene
+    scene = make_cell_scene(stand.job, cell, case.solid, case.tip).scene
     if not len(samples.owner):
         return nothing
     try:
@@ -651,7 +651,7 @@ def _build(
     job = stand.job
     if spot != _own_spot(case) or job.cell.base_from_work is None:
         frame = case.base_from_work(spot)
-        angles = [math.degrees(angle) for angle in fixed_xyz(frame.rotation)]
+        angles = [math.degrees(angle) for angle in compute_fixed_xyz(frame.rotation)]
         values = [round(value, 4) + 0.0 for value in (*frame.origin, *angles)]
         job = replace(job, cell=replace(job.cell, base_from_work=values))
     if names is not None:

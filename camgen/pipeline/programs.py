@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from camgen.check import Checks, check
 from camgen.check.harm import find_harm
 from camgen.check.report import Cycle, Motions, sum_up
-from camgen.check.time import cycle
+from camgen.check.time import compute_cycle
 from camgen.lang.programs import Executed
 from camgen.lower.runs import plunge
 from camgen.lower.steps import split_tools
@@ -41,9 +41,9 @@ from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.check.collide import Clear
-    from camgen.check.reach import Reach
-    from camgen.collision.cell import Surroundings
+    from camgen.check.collide import ClearanceReport
+    from camgen.check.reach import JointTrace
+    from camgen.collision.cell import CellScene
 
 
 #: Maximum number of lines of a text with their own note.
@@ -104,7 +104,7 @@ class PostedPrograms(Struct, frozen=True, eq=False):
 
 
 def check_programs(
-    lowered: Program, tour: Tour, request: Request, where: Surroundings | None, source: str
+    lowered: Program, tour: Tour, request: Request, where: CellScene | None, source: str
 ) -> CheckedPrograms:
     """Replace the instructions that the controller does not have, and check the programs.
 
@@ -178,7 +178,7 @@ def _make_posts(
 def _add_up(
     programs: tuple[tuple[Post, Program], ...], whole: Checks, request: Request
 ) -> CheckedPrograms:
-    time = cycle(whole.program, request.cell.pace, whole.reach, request.cell.arm)
+    time = compute_cycle(whole.program, request.cell.pace, whole.reach, request.cell.arm)
     return CheckedPrograms(programs, whole, sum_up(whole.program.columns), time)
 
 
@@ -236,14 +236,16 @@ def _join_checks(lowered: Program, results: Sequence[Checks]) -> Checks:
     )
 
 
-def _join_clearances(reports: Sequence[Clear]) -> Clear:
+def _join_clearances(reports: Sequence[ClearanceReport]) -> ClearanceReport:
     """The report with the smallest clearance, with the notes of all."""
     smallest = min(reports, key=lambda report: report.clearance)
     notes = itertools.chain.from_iterable(report.notes for report in reports)
     return replace(smallest, notes=tuple(notes))
 
 
-def _join_joints(program: Program, traces: Sequence[Reach], starts: Sequence[int]) -> Reach:
+def _join_joints(
+    program: Program, traces: Sequence[JointTrace], starts: Sequence[int]
+) -> JointTrace:
     """Join joint values. starts: index in `program` of the first instruction of each trace."""
     joints = np.concatenate([trace.joints for trace in traces])
     owners = [trace.owner + start for trace, start in zip(traces, starts, strict=True)]

@@ -40,13 +40,13 @@ from camgen.post.contract import prepare_program, render_program
 from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import cell_of, fill_tables, find_post, find_readback
 from camgen.post.verify import Deviation, compare
-from camgen.preview.drawings import draw
+from camgen.preview.drawings import draw_preview
 from camgen.read.files import Files
 from camgen.read.made import make_part
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.collision.cell import Surroundings
+    from camgen.collision.cell import CellScene
 
 #: A cell, or the name of a post, whose built-in cell it is.
 CellLike = Workcell | str
@@ -136,7 +136,7 @@ def check(
     Without an arm nothing is checked. Raises NoSafeProgram with the motion and the reason.
     """
     settings = load_settings(job, Files())
-    where: Surroundings | None = plan.where if isinstance(plan, EdgePlan) else None
+    where: CellScene | None = plan.where if isinstance(plan, EdgePlan) else None
     return check_program(program, settings, _take_cell(cell, settings), where)
 
 
@@ -181,7 +181,7 @@ def verify(
 
 def preview(result: Result, suffix: str = ".svg") -> bytes:
     """The preview of a build: a drawing (".svg"), a page (".html") or a picture (".png")."""
-    return draw(result, Path(f"preview{suffix}"))
+    return draw_preview(result, Path(f"preview{suffix}"))
 
 
 def _find_cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:

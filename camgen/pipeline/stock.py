@@ -11,7 +11,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.report import Cycle, clean
-from camgen.geometry.ragged import run_starts
+from camgen.geometry.ragged import find_run_starts
 from camgen.geometry.segments import flatten
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, ToolTable
@@ -21,8 +21,8 @@ from camgen.model.program import Comment, Instruction, Program
 from camgen.order import JobTour
 from camgen.pipeline.rounding import list_tolerances, remedy_for_corners
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
-from camgen.plan.columns import path_segments
-from camgen.plan.steps import job_of, name_drills
+from camgen.plan.columns import make_path_segments
+from camgen.plan.steps import make_step_job, name_drills
 from camgen.post.plugins import dynamics_of, states_rounding
 
 if TYPE_CHECKING:
@@ -58,15 +58,15 @@ def prove_stock(
     if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None
     job = request.job
-    jobs = [job_of(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
+    jobs = [make_step_job(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
     cuts = any(step_job.operation.depth or step_job.operation.width for step_job in jobs)
-    if not cuts or why_unproven(job):
+    if not cuts or explain_unproven(job):
         return None
-    from camgen.check.stock import design, prove, task_on  # noqa: PLC0415 (shapely, only for cuts)
+    from camgen.check.stock import design, make_task, prove  # noqa: PLC0415 (shapely)
 
     plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
     tasks = [
-        task_on(plan.part, step_job, step_plan.part)
+        make_task(plan.part, step_job, step_plan.part)
         for step_job, step_plan in zip(jobs, plans, strict=True)
     ]
     post = checked.programs[0][0]
@@ -109,15 +109,15 @@ def _sweep_left_out(full_plan: Plan, tour: Tour, jobs: Sequence[Job]) -> Any:
                 continue
             line = shapely.points(path.position[0, :2])
             if len(path.position) > 1:
-                points = flatten(path_segments((path,)), CHORD_MM)[0]
+                points = flatten(make_path_segments((path,)), CHORD_MM)[0]
                 line = shapely.linestrings(np.concatenate([points, path.position[-1:, :2]]))
             swept.append(shapely.buffer(line, job.tool.radius + 2 * CHORD_MM))
     return shapely.union_all(swept) if swept else None
 
 
-def why_unproven(job: Job) -> str:
+def explain_unproven(job: Job) -> str:
     """The reason why the material that a job removes is not proven, empty if it is."""
-    jobs = [job_of(job, step) for step in job.operations] or [job]
+    jobs = [make_step_job(job, step) for step in job.operations] or [job]
     if any(step_job.tool.orient == "follow" for step_job in jobs):
         return "the tool turns with the contour"
     if any(step_job.operation.planner == "image" for step_job in jobs):
@@ -160,13 +160,13 @@ def make_text_cuts(
 
 def make_cuts(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> Iterator[Cut]:
     """The cuts of each operation, in order."""
-    from camgen.check.stock import Cut  # noqa: PLC0415 (shapely, only for cuts)
+    from camgen.check.stock import Cut  # noqa: PLC0415 (shapely)
 
     job, home = request.job, request.cell.home
     steps: list[tuple[ToolTable, str]] = [(name_drills([job])[0], "")]
     step_of = np.zeros(len(tour.paths), dtype=np.intp)
     if isinstance(tour, JobTour):
-        tools = name_drills([job_of(job, step) for step in tour.steps])
+        tools = name_drills([make_step_job(job, step) for step in tour.steps])
         names = [f"operation {number}" for number in tour.numbers]
         steps = list(zip(tools, names, strict=True))
         step_of = np.repeat(np.arange(len(steps)), [len(one_tour.paths) for one_tour in tour.tours])
@@ -181,7 +181,7 @@ def make_cuts(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> 
     rapid_speed = process.travel_speed if is_slower and not isinstance(home, Pose) else float("inf")
     for text in stated:
         row_steps = _find_steps(text.program, step_of)
-        edges = [*run_starts(row_steps).tolist(), len(row_steps)]
+        edges = [*find_run_starts(row_steps).tolist(), len(row_steps)]
         for start, end in pairwise(edges):
             step = int(row_steps[start])
             tool, step_name = steps[step]

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, meet
-from camgen.collision.cell import Surroundings, make_surroundings
+from camgen.collision.cell import CellScene, make_cell_scene
 from camgen.collision.mesh import find_struck
 from camgen.model.job import Job
 from camgen.model.part import BoolArray, IntArray, Solid
@@ -86,7 +86,7 @@ def make_samples(
     tip: mm that the edges may enter the tool.
     """
     freedom = find_freedom(job)
-    around_part = make_surroundings(job, cell, solid, tip)
+    around_part = make_cell_scene(job, cell, solid, tip)
     position, owner, rotation, weights = [], [], [], []
     count = 0
     for number, path in enumerate(paths.values()):
@@ -142,7 +142,7 @@ def _choose(
 
 
 def _find_room(
-    scene: Surroundings, cell: Workcell, position: FloatArray, rotation: FloatArray
+    scene: CellScene, cell: Workcell, position: FloatArray, rotation: FloatArray
 ) -> BoolArray:
     """Which orientations (N, C) leave tool and holder clear of the part and of the fixtures.
 

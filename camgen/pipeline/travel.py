@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from camgen.check.axis_limits import limit_along
 from camgen.check.report import clean
-from camgen.check.time import shape_motions
+from camgen.check.time import compute_motion_shapes
 from camgen.check.travel import Extent, exceed_travel, leave_travel, measure_extent, size_of
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job
@@ -109,7 +109,7 @@ def note_rates(cell: Workcell, program: Program) -> tuple[Note, ...]:
     assert axes is not None
     assert cell.machine is not None
     columns = program.columns
-    shape = shape_motions(program, None)
+    shape = compute_motion_shapes(program, None)
     rates = np.minimum(limit_along(axes.rates, shape.first), cell.pace.fastest)
     feeds = ~columns.moves_are(MoveJ) & (shape.length > 0)
     above = feeds & (columns.speed > rates * _SAME_RATE)

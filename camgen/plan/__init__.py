@@ -21,10 +21,10 @@ from camgen.model.part import EarlierRun, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, find, list_entries, load
 from camgen.model.text import counted
-from camgen.plan.page import fit_to_page, on_page
+from camgen.plan.page import fit_to_page, place_on_page
 
 if TYPE_CHECKING:
-    from camgen.collision.cell import Surroundings
+    from camgen.collision.cell import CellScene
     from camgen.lang.recorded import ProgramRun
     from camgen.model.part import Contour, Line
     from camgen.motion.setup import EdgeMotion, UnreachableEdge
@@ -120,7 +120,7 @@ class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
     edges: tuple[Line, ...]
     motions: tuple[EdgeMotion, ...]
     unreached: tuple[UnreachableEdge, ...]
-    where: Surroundings
+    where: CellScene
     made: tuple[ToolPath, ...]
     noun: str = "edge"
     barred: frozenset[frozenset[str]] = frozenset()
@@ -176,7 +176,7 @@ def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = ignore_s
     Raises JobError for settings that exclude each other, and InputError if the part has nothing
     that the operation can work on.
     """
-    placed = on_page(part, job)
+    placed = place_on_page(part, job)
     part = fit_to_page(part, placed, _simplify(placed, job), job)
     watch("planning")
     part, stock = _split_stock(part, job)
@@ -235,12 +235,12 @@ def _split_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
 def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPlan:
     from camgen.plan.steps import (  # noqa: PLC0415 (shapely is loaded only by what needs it)
         find_enclosed_by,
-        job_of,
+        make_step_job,
         order_steps,
-        share_out,
+        split_part,
     )
 
-    shares, unused_notes = share_out(part, job)
+    shares, unused_notes = split_part(part, job)
     notes = [*part.notes, *unused_notes]
     has_rest = any(step.operation.rest for step in job.operations)
     plans = []
@@ -253,7 +253,7 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
         if share.step.operation.rest:
             share_part = replace(share_part, earlier=_find_earlier(share_part, earlier))
         planned = _plan_share(
-            share_part, job_of(job, share.step), number, works_on_all, cell, watch
+            share_part, make_step_job(job, share.step), number, works_on_all, cell, watch
         )
         if has_rest:
             from camgen.plan.rest import list_runs  # noqa: PLC0415 (only for jobs that ask for it)
@@ -349,7 +349,7 @@ def find_operation(part: Part, job: Job) -> Operation:
 
     Raises JobError if the operation does not accept parts of this kind.
     """
-    kind, name = kind_of(part), name_operation(part, job)
+    kind, name = find_part_kind(part), name_operation(part, job)
     operation = load(find(list_entries(OPERATIONS), name, "operation", "see docs/operations.md"))
     if not isinstance(operation, Operation):
         raise JobError(
@@ -366,7 +366,7 @@ def name_operation(part: Part, job: Job) -> str:
     """The name of the operation that the job states, or of the default one for the part."""
     if job.operation.kind != "auto":
         return job.operation.kind
-    kind = kind_of(part)
+    kind = find_part_kind(part)
     if kind in ("solid", "program"):
         return {"solid": "edges", "program": "replay"}[kind]
     # A part on a page is a drawing to be drawn.
@@ -374,7 +374,7 @@ def name_operation(part: Part, job: Job) -> str:
     return "trace" if on_lines else "follow"
 
 
-def kind_of(part: Part) -> Kind:
+def find_part_kind(part: Part) -> Kind:
     """The kind of a part, which decides about the operations that accept it."""
     if isinstance(part, Recorded):
         return "program"

@@ -14,14 +14,14 @@ from camgen.geometry.apart import set_apart
 from camgen.geometry.centre_lines import CentreLines, find_centre_lines
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.offset import Offset, make_offset
-from camgen.geometry.ragged import begins
+from camgen.geometry.ragged import compute_first_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
     concatenate,
     find_following,
-    make,
+    make_segments,
     points_at,
     reverse_segments,
 )
@@ -157,7 +157,7 @@ def _weld(curve: Offset) -> Segments:
     segments = curve.segments
     following = find_following(segments, curve.closed)
     end = np.where((following >= 0)[:, None], segments.start[following], segments.end)
-    return make(segments.start, end, segments.bulge, segments.owner)
+    return make_segments(segments.start, end, segments.bulge, segments.owner)
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
@@ -207,7 +207,7 @@ def select_segments(curve: OffsetCurve, keep: BoolArray) -> OffsetCurve:
     count = len(curve.closed)
     whole = np.bincount(owner, ~keep, count) == 0
     sizes = np.bincount(owner, minlength=count)
-    first = begins(sizes)
+    first = compute_first_rows(sizes)
     # A closed chain starts after a dropped segment, so that no stretch runs over its end.
     start = np.zeros(count, dtype=np.int64)
     dropped = np.flatnonzero(~keep)

@@ -18,7 +18,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.curves import measure_from_arc
-from camgen.geometry.ragged import begins, owners, stretches
+from camgen.geometry.ragged import compute_first_rows, list_owners, list_range_numbers
 from camgen.geometry.thinning import IntArray, Polylines, measure_from_lines
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -50,7 +50,12 @@ class Stretches(Struct, frozen=True, eq=False):
     def between(cls, line: ComplexArray, low: IntArray, high: IntArray) -> Stretches:
         """The points of the rows low[g] to high[g] of `line`, both included."""
         count = high - low + 1
-        return cls(line[stretches(low, count)], begins(count), count, owners(count))
+        return cls(
+            line[list_range_numbers(low, count)],
+            compute_first_rows(count),
+            count,
+            list_owners(count),
+        )
 
     @classmethod
     def single(cls, points: ComplexArray) -> Stretches:
@@ -262,7 +267,7 @@ def _fit_whole_circles(
     low, high, centre, radius = low[chosen], high[chosen], centre[chosen], radius[chosen]
     # A small square is near to a circle too, but lines are nearer to its border.
     ring = Stretches.between(borders.line, low, high - 1)
-    corner = np.searchsorted(kept, stretches(low, high - low), side="right") - 1
+    corner = np.searchsorted(kept, list_range_numbers(low, high - low), side="right") - 1
     starts, ends = _to_xy(borders.line[kept[corner]]), _to_xy(borders.line[kept[corner + 1]])
     by_lines = measure_from_lines(_to_xy(ring.points), starts, ends)
     by_circle = np.abs(ring.points - centre[ring.owner]) - radius[ring.owner]

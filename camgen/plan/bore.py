@@ -17,7 +17,7 @@ import numpy as np
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.beside import NO_HELIX
@@ -175,7 +175,7 @@ def _make_path(hole: Hole, job: Job) -> ToolPath:
     return ToolPath(
         id=hole.id,
         layer=hole.layer,
-        table=waypoints(
+        table=make_waypoints(
             position=position + centre,
             via=via + centre,
             feed=job.process.feed * fraction,

@@ -15,7 +15,7 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import chain
+from camgen.geometry.arcs import make_span_chain
 from camgen.geometry.fixtures import Body, Fixture, Fixtures, list_bodies
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import BoolArray, Note
@@ -174,7 +174,7 @@ def _split(path: ToolPath, blocked: _Blocked, in_space: bool) -> _Split:
     in_space: whether the path follows a curve in space, which is kept or left out as a whole.
     """
     untouched = _Split((path,), (), ())
-    area, shape = blocked.area, chain(path.position, path.via[1:])
+    area, shape = blocked.area, make_span_chain(path.position, path.via[1:])
     if not area.intersects(_find_box(path)):
         return untouched
     along = lengths_along(path)

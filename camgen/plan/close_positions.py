@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import starts_run
+from camgen.geometry.ragged import mark_run_starts
 from camgen.lang.recorded import Recorded
 from camgen.model.part import BoolArray, Note
 from camgen.model.pose import FloatArray
@@ -73,8 +73,8 @@ def _find_runs(columns: Columns, chosen: BoolArray) -> list[tuple[int, int]]:
     rows = np.flatnonzero(is_short)
     if not len(rows):
         return []
-    first = rows[starts_run(number[rows])]
-    last = rows[np.append(np.flatnonzero(starts_run(number[rows]))[1:] - 1, len(rows) - 1)]
+    first = rows[mark_run_starts(number[rows])]
+    last = rows[np.append(np.flatnonzero(mark_run_starts(number[rows]))[1:] - 1, len(rows) - 1)]
     runs = zip(first.tolist(), (last + 1).tolist(), strict=True)
     return [(begin, end) for begin, end in runs if end - begin > 1 and begin > 0]
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import begins
-from camgen.geometry.segments import Segments, make, points_at, tangents_at
+from camgen.geometry.ragged import compute_first_rows
+from camgen.geometry.segments import Segments, make_segments, points_at, tangents_at
 from camgen.model.job import Job
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 
@@ -63,7 +63,7 @@ def make_tool_paths(
     """
     count = len(labels)
     sizes = np.bincount(segments.owner, minlength=count)
-    first = begins(sizes)
+    first = compute_first_rows(sizes)
     # A chain of n segments has n + 1 rows: its start, then the end of every segment.
     begin = first + np.arange(count)
     row_of = np.arange(len(segments)) + segments.owner + 1
@@ -79,7 +79,7 @@ def make_tool_paths(
     via[row_of[arc], :2] = points_at(segments.take(arc), np.full(len(arc), 0.5))
     via[row_of[arc], 2] = 0.0
     columns = {"force_direction": work.press[source], "force": work.force[source]}
-    table = waypoints(position, via, work.feed[source], **columns)
+    table = make_waypoints(position, via, work.feed[source], **columns)
     paths = []
     for low, size, label in zip(begin.tolist(), sizes.tolist(), labels, strict=True):
         paths.append(
@@ -116,7 +116,7 @@ def straight_path(
     return ToolPath(
         id=ident,
         layer=layer,
-        table=waypoints(
+        table=make_waypoints(
             position=np.column_stack([points, np.zeros(len(points))]),
             via=np.nan,
             force_direction=[0.0, 0.0, -1.0 if job.process.force else 0.0],
@@ -147,7 +147,7 @@ def plunge_path(
     return ToolPath(
         id=ident,
         layer=layer,
-        table=waypoints(position=np.array([[x, y, 0.0]]), via=np.nan, feed=job.process.feed),
+        table=make_waypoints(position=np.array([[x, y, 0.0]]), via=np.nan, feed=job.process.feed),
         closed=False,
         depths=compute_depths(job.operation.depth, job.operation.passes),
         contours=contours,
@@ -173,7 +173,7 @@ def compute_depths(depth: float, passes: int) -> tuple[float, ...]:
     return tuple(depth * (k + 1) / passes for k in range(passes))
 
 
-def path_segments(paths: Sequence[ToolPath]) -> Segments:
+def make_path_segments(paths: Sequence[ToolPath]) -> Segments:
     """The lines and arcs of plane paths, seen from above."""
     start = np.concatenate([path.position[:-1, :2] for path in paths])
     end = np.concatenate([path.position[1:, :2] for path in paths])
@@ -182,6 +182,6 @@ def path_segments(paths: Sequence[ToolPath]) -> Segments:
     square = np.maximum((chord**2).sum(axis=1), NONZERO)
     # The via point of an arc is on the right of its chord, by half the chord times the bulge.
     bulge = 2 * (arm[:, 0] * chord[:, 1] - arm[:, 1] * chord[:, 0]) / square
-    return make(
+    return make_segments(
         start, end, np.where(np.isnan(bulge), 0.0, bulge), np.zeros(len(start), dtype=np.int64)
     )

@@ -14,12 +14,12 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import following
-from camgen.geometry.segments import BoolArray, IntArray, flatten, from_contours, points_at
+from camgen.geometry.ragged import find_following_rows
+from camgen.geometry.segments import BoolArray, IntArray, flatten, make_contour_segments, points_at
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part, Raster
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.model.tolerance import PECK_CLEARANCE_MM
@@ -168,7 +168,7 @@ def find_circles(part: Part) -> list[Hole]:
     closed = [c for c in part.contours if c.closed and part.works_on(c.sources or (c.id,))]
     if not closed:
         return []
-    segments = from_contours(closed)
+    segments = make_contour_segments(closed)
     fractions = (0.0, 0.25, 0.5, 0.75)
     points = np.concatenate([points_at(segments, np.full(len(segments), f)) for f in fractions])
     owner = np.tile(segments.owner, len(fractions))
@@ -239,7 +239,7 @@ def _has_circle_area(
 ) -> BoolArray:
     """(count,) true for loops that enclose the area of a circle: an arc there and back does not."""
     a = points - points[np.searchsorted(owner, np.arange(count))][owner]
-    b = a[following(np.bincount(owner, minlength=count))]
+    b = a[find_following_rows(np.bincount(owner, minlength=count))]
     area = np.abs(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count)) / 2
     return np.asarray(np.abs(area / (np.pi * radius**2) - 1) < 0.1)
 
@@ -275,7 +275,7 @@ def _make_path(hole: Hole, job: Job) -> ToolPath:
     return ToolPath(
         id=hole.id,
         layer=hole.layer,
-        table=waypoints(position=position, via=np.nan, feed=speeds),
+        table=make_waypoints(position=position, via=np.nan, feed=speeds),
         closed=False,
         reversible=False,
         contours=hole.contours,

@@ -11,7 +11,7 @@ from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.text import counted, name_ranges
 from camgen.plan.beside import EXACT
-from camgen.plan.columns import path_segments
+from camgen.plan.columns import make_path_segments
 
 #: Multiple of the allowance beyond which a finishing pass goes down pass by pass.
 _MAX_ALLOWANCES = 3.0
@@ -60,8 +60,8 @@ def _index_by_contour(paths: tuple[ToolPath, ...]) -> dict[str, int]:
 def _is_far(path: ToolPath, others: tuple[ToolPath, ...], distance: float) -> bool:
     if not others:
         return True
-    segments = path_segments((path,))
+    segments = make_path_segments((path,))
     fractions = np.linspace(0.0, 1.0, 9)
     points = [points_at(segments, np.full(len(segments), f)) for f in fractions]
-    nearest = measure_nearest(np.concatenate(points), path_segments(others), distance + EXACT)
+    nearest = measure_nearest(np.concatenate(points), make_path_segments(others), distance + EXACT)
     return bool(np.isinf(nearest).any())

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.intersect import Obstacles, find_near_pairs, measure_distances, measure_nearest
 from camgen.geometry.nesting import Nesting, find_nesting
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -19,7 +19,7 @@ from camgen.geometry.segments import (
     concatenate,
     find_following,
     flatten,
-    from_contours,
+    make_contour_segments,
     points_at,
     reverse_segments,
 )
@@ -216,7 +216,7 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
     if side in ("left", "right"):
         index = np.flatnonzero(chosen).tolist()
         count = np.arange(len(index))
-        drawn = from_contours([part.contours[k] for k in index])
+        drawn = make_contour_segments([part.contours[k] for k in index])
         flip, parent = np.full(len(index), side == "left"), np.full(len(index), -1)
         return _Loops(index, drawn, count >= 0, flip, count, parent, 0 * count), []
     index = [k for k, c in enumerate(part.contours) if c.closed]
@@ -224,10 +224,10 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
     notes = _note_open([contour for contour in selected if not contour.closed], join)
     if not index:
         none = np.zeros(0, dtype=np.int64)
-        return _Loops([], from_contours([]), none == 0, none == 0, none, none, none), notes
+        return _Loops([], make_contour_segments([]), none == 0, none == 0, none, none, none), notes
     # `part.contours` may be views of one table, which is then not copied.
     is_all = len(index) == len(part.contours)
-    drawn = from_contours(part.contours if is_all else [part.contours[k] for k in index])
+    drawn = make_contour_segments(part.contours if is_all else [part.contours[k] for k in index])
     nesting = find_nesting(drawn, len(index))
     worked = chosen[index]
     if side == "auto":
@@ -424,7 +424,7 @@ def _explain_narrow(contours: list[Contour], narrow: BoolArray, tool: str, dista
     chosen = [contours[k] for k in np.flatnonzero(narrow).tolist()]
     if not chosen or not all(contour.closed for contour in chosen) or tool[-4:] != "tool":
         return f"{tool} does not fit"
-    points, owner = flatten(from_contours(chosen), EXACT / 50)
+    points, owner = flatten(make_contour_segments(chosen), EXACT / 50)
     areas = [shapely.Polygon(points[owner == k]).buffer(0) for k in range(len(chosen))]
     return explain_misfit(areas, 2 * distance)
 
@@ -444,7 +444,7 @@ def _measure_rest(
     rows = np.flatnonzero(chosen[source.owner])
     step = max(_SAMPLE_MM, float(source.length[rows].sum()) / _SAMPLES)
     count = np.maximum(np.ceil(source.length[rows] / step).astype(np.int64), 1)
-    owner, place = owners(count), ramp(count)
+    owner, place = list_owners(count), number_rows(count)
     points = points_at(source.take(rows[owner]), (place + 0.5) / count[owner])
     paths = curve.segments.take(curve.sound[curve.segments.owner])
     nearest = measure_nearest(points, paths, distance + 2 * _NEGLIGIBLE_MM)

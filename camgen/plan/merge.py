@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.nearest import IntArray
 from camgen.geometry.pairing import pair_points
-from camgen.geometry.ragged import offsets, owners, starts_run
+from camgen.geometry.ragged import compute_offsets, list_owners, mark_run_starts
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -318,10 +318,10 @@ def _make_vertices(contours: list[Contour]) -> _Vertices:
     cell_size = max(SAME_POINT_MM, 16 * float(np.spacing(np.abs(points).max())))
     cells = np.floor(points / cell_size + OFF_GRID).astype(np.int64)
     order = np.lexsort((cells[:, 1], cells[:, 0]))
-    is_new = starts_run(cells[order])
+    is_new = mark_run_starts(cells[order])
     node = np.empty(len(points), dtype=np.int64)
     node[order] = np.cumsum(is_new) - 1
-    return _Vertices(points, owners(counts), node, offsets(counts))
+    return _Vertices(points, list_owners(counts), node, compute_offsets(counts))
 
 
 def _meet(vertices: _Vertices, contours: list[Contour], tolerance: float) -> _Vertices:

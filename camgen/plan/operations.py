@@ -10,7 +10,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.plan import Operation, Plan, Watch, kind_of
+from camgen.plan import Operation, Plan, Watch, find_part_kind
 from camgen.plan.unused import check_clearance, check_idle, check_roll, check_use
 
 
@@ -20,7 +20,7 @@ def _plan_flat(
     """The plan function of the operation `name`, which needs only the part and its job."""
 
     def plan_part(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
-        check_idle(job, f"a {kind_of(part)}")
+        check_idle(job, f"a {find_part_kind(part)}")
         check_use(job, name)
         check_roll(job, cell)
         check_clearance(job, name)
@@ -92,9 +92,9 @@ def _trace_any(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
 
 def _recover(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     """The part with arcs in place of the many short lines by which they were drawn."""
-    from camgen.plan.recover import recover  # noqa: PLC0415 (only for what needs it)
+    from camgen.plan.recover import recover_arcs  # noqa: PLC0415 (only for what needs it)
 
-    contours, notes = recover(part.contours, job.tolerance.arc_fit)
+    contours, notes = recover_arcs(part.contours, job.tolerance.arc_fit)
     return replace(part, contours=contours), notes
 
 

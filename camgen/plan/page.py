@@ -14,10 +14,10 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.segments import compute_bounds, from_contours
+from camgen.geometry.segments import compute_bounds, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, PageTable
-from camgen.model.page import page_size
+from camgen.model.page import compute_page_size
 from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -28,7 +28,7 @@ from camgen.vision.similarity import measure_scale
 _ROUNDING = 1e-6
 
 
-def on_page(part: Part, job: Job) -> Part:
+def place_on_page(part: Part, job: Job) -> Part:
     """Scale `part` and centre it on `[page]`, whose lower left corner is the work frame.
 
     Without a page the part is returned unchanged. Raises JobError for an invalid page or a table
@@ -47,7 +47,7 @@ def on_page(part: Part, job: Job) -> Part:
     if not part.contours:
         return part
     low, high = _measure_box(part)
-    size = page_size(page)
+    size = compute_page_size(page)
     extent = high - low
     room = np.array(size) - 2 * page.margin
     if room.min() <= 0:
@@ -77,7 +77,7 @@ def fit_to_page(part: Part, placed: Part, simplified: Part, job: Job) -> Part:
     is_same = simplified.contours is placed.contours
     if not page.size or not simplified.contours or is_same or on_pixels:
         return simplified
-    size = page_size(page)
+    size = compute_page_size(page)
     low, high = _measure_box(simplified)
     extent = high - low
     room = np.array(size) - 2 * page.margin
@@ -93,7 +93,7 @@ def fit_to_page(part: Part, placed: Part, simplified: Part, job: Job) -> Part:
 
 
 def _measure_box(part: Part) -> tuple[FloatArray, FloatArray]:
-    box = compute_bounds(from_contours(part.contours))
+    box = compute_bounds(make_contour_segments(part.contours))
     return box[:, :2].min(axis=0), box[:, 2:].max(axis=0)
 
 
@@ -257,9 +257,9 @@ def inspect(raw: Part, job: Job) -> DrawingFacts:
     from camgen.plan.simplify import simplify  # noqa: PLC0415 (it loads OpenCV)
 
     assert raw.raster is not None
-    placed = on_page(raw, job)
+    placed = place_on_page(raw, job)
     part = fit_to_page(raw, placed, simplify(placed, job), job)
-    segments = from_contours(part.contours)
+    segments = make_contour_segments(part.contours)
     box = compute_bounds(segments)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(part.contours))
     arcs = sum(int((c.bulges != 0).sum()) for c in part.contours)

@@ -11,11 +11,11 @@ import math
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Spans, chain, measure_spans
+from camgen.geometry.arcs import Spans, make_span_chain, measure_spans
 from camgen.geometry.rotations import turn_vectors
-from camgen.geometry.vectors import cross, dots
+from camgen.geometry.vectors import cross, multiply_rows
 from camgen.model.part import BoolArray, IntArray
-from camgen.model.path import ToolPath, join_paths, waypoints
+from camgen.model.path import ToolPath, join_paths, make_waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
 from camgen.plan.starting import interpolate_vectors
@@ -58,7 +58,7 @@ def points_at(path: ToolPath, lengths: FloatArray) -> FloatArray:
     segment = np.clip(np.searchsorted(vertices, lengths) - 1, 0, len(vertices) - 2)
     size = np.maximum(vertices[segment + 1] - vertices[segment], NONZERO)
     fraction = np.clip((lengths - vertices[segment]) / size, 0.0, 1.0)
-    return np.asarray(chain(path.position, path.via[1:]).point(fraction, segment))
+    return np.asarray(make_span_chain(path.position, path.via[1:]).point(fraction, segment))
 
 
 def nearest(path: ToolPath, point: FloatArray) -> tuple[float, float]:
@@ -66,11 +66,11 @@ def nearest(path: ToolPath, point: FloatArray) -> tuple[float, float]:
 
     Returns its length from the start of the path and its distance from `point`, both in mm.
     """
-    shape = chain(path.position, path.via[1:])
+    shape = make_span_chain(path.position, path.via[1:])
     arms = point - _centres(shape, np.arange(len(shape.length)))
-    angle = np.arctan2(dots(arms, shape.along), dots(arms, shape.towards))
+    angle = np.arctan2(multiply_rows(arms, shape.along), multiply_rows(arms, shape.towards))
     on_arc = angle / np.where(shape.curved, shape.sweep, 1.0) + 0.5
-    on_line = dots(point - shape.start, shape.along) / np.maximum(shape.length, NONZERO)
+    on_line = multiply_rows(point - shape.start, shape.along) / np.maximum(shape.length, NONZERO)
     fraction = np.clip(np.where(shape.curved, on_arc, on_line), 0.0, 1.0)
     distance = np.linalg.norm(shape.point(fraction) - point, axis=1)
     k = int(np.argmin(distance))
@@ -120,14 +120,14 @@ def chorded(path: ToolPath, chord: float, which: BoolArray | None = None) -> Too
     chord: maximum deviation of the chords from an arc, mm.
     which: (N - 1,) whether a segment is replaced; None for all.
     """
-    shape = chain(path.position, path.via[1:])
+    shape = make_span_chain(path.position, path.via[1:])
     rows = np.flatnonzero(shape.curved if which is None else shape.curved & which)
     if not len(rows):
         return path
     radius, sweep = shape.radius[rows], shape.sweep[rows]
     count = np.ceil(sweep / _steps(radius, chord)).astype(np.int64)
     towards_start = shape.start[rows] - _centres(shape, rows)
-    outside = dots(path.force_direction[rows + 1, 0], towards_start) < -1e-9 * radius
+    outside = multiply_rows(path.force_direction[rows + 1, 0], towards_start) < -1e-9 * radius
     inner = [
         (np.arange(n) + 0.5) / n if is_outside else np.arange(1, n) / n
         for n, is_outside in zip(count.tolist(), outside.tolist(), strict=True)
@@ -150,7 +150,7 @@ def shortest(path: ToolPath, chord: float) -> float:
 
     chord: maximum deviation of the chords from an arc, mm.
     """
-    shape = chain(path.position, path.via[1:])
+    shape = make_span_chain(path.position, path.via[1:])
     half = _steps(shape.radius[shape.curved], chord) / 2
     return float(np.min(np.sin(half) / half, initial=1.0))
 
@@ -188,7 +188,7 @@ def _expand(
     owner, part = owner[order], part[order]
     before = np.where(np.diff(owner, prepend=-1) > 0, 0.0, np.roll(part, 1))
     shape, is_whole, row = (
-        chain(path.position, path.via[1:]),
+        make_span_chain(path.position, path.via[1:]),
         (before == 0) & (part == 1),
         owner + 1,
     )
@@ -206,7 +206,7 @@ def _expand(
         floor = frozen(np.concatenate([floor[:1], at_ends]))
     expanded = replace(
         path,
-        table=waypoints(
+        table=make_waypoints(
             position=np.concatenate([path.position[:1], position]),
             via=np.concatenate([np.full((1, 3), np.nan), via]),
             axis=np.concatenate([axis[:1], axes]),

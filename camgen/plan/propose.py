@@ -23,7 +23,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import Nesting, find_nesting
-from camgen.geometry.segments import Segments, flatten, from_contours
+from camgen.geometry.segments import Segments, flatten, make_contour_segments
 from camgen.model.job import StockTable, ToolRow, ToolTable
 from camgen.model.materials import MATERIALS
 from camgen.model.part import Contour, Part
@@ -246,7 +246,7 @@ def propose(
     if across:
         closed = tuple(contour for contour in closed if contour not in across)
         part = replace(part, contours=tuple(c for c in part.contours if c not in across))
-    segments, stock = from_contours(closed), stock or StockTable()
+    segments, stock = make_contour_segments(closed), stock or StockTable()
     loops = _Loops(
         stock.thickness or THICKNESS_MM,
         part,

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from camgen.geometry.nesting import find_nesting, measure_loop_areas
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.part import Contour
 
 #: A mill clears enough of pockets if it reaches this share of their area.
@@ -29,7 +29,7 @@ def find_across(closed: Sequence[Contour]) -> tuple[Contour, ...]:
     crossing = _list_crossing(closed)
     if not 1 < len(crossing) <= _MOST:
         return ()
-    areas = np.abs(measure_loop_areas(from_contours(crossing), len(crossing)))
+    areas = np.abs(measure_loop_areas(make_contour_segments(crossing), len(crossing)))
     kept: list[int] = []
     across: list[int] = []
     for k in np.argsort(-areas, kind="stable").tolist():
@@ -45,7 +45,9 @@ def find_across(closed: Sequence[Contour]) -> tuple[Contour, ...]:
 
 def _list_crossing(closed: Sequence[Contour]) -> list[Contour]:
     crossed = (
-        find_nesting(from_contours(closed), len(closed)).crossed >= 0 if closed else np.zeros(0)
+        find_nesting(make_contour_segments(closed), len(closed)).crossed >= 0
+        if closed
+        else np.zeros(0)
     )
     return [closed[k] for k in np.flatnonzero(crossed).tolist()]
 
@@ -54,7 +56,7 @@ def choose_pocket_mill(contours: Sequence[Contour], diameters: Sequence[float]) 
     """The largest mill that reaches enough of the area of all contours, else the one that reaches
     most, mm.
     """
-    points, owner = flatten(from_contours(contours), _CHORD_MM)
+    points, owner = flatten(make_contour_segments(contours), _CHORD_MM)
     areas = shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
     chosen, largest_share = min(diameters), -1.0
     for diameter in sorted(diameters, reverse=True):

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.nesting import Nesting
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -24,7 +24,7 @@ from camgen.model.part import Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.plan import JobPlan, plan
-from camgen.plan.columns import path_segments
+from camgen.plan.columns import make_path_segments
 from camgen.read.job_file import from_mapping
 
 #: A mill is large enough for a contour if it touches this share of it, sharp corners apart.
@@ -216,7 +216,7 @@ def _describe(
     share: float,
     before: float,
 ) -> ChosenMill:
-    lengths = [float(path_segments((path,)).length.sum()) for path in paths]
+    lengths = [float(make_path_segments((path,)).length.sum()) for path in paths]
     closed = [length for length, path in zip(lengths, paths, strict=True) if path.closed]
     return ChosenMill(
         diameter,
@@ -246,7 +246,7 @@ def _plan_last(part: Part, rows: Sequence[Row]) -> tuple[ToolPath, ...]:
 def _touch(samples: Samples, paths: Sequence[ToolPath], radius: float) -> BoolArray:
     if not paths:
         return np.zeros(len(samples.points), np.bool_)
-    lines = path_segments(tuple(paths))
+    lines = make_path_segments(tuple(paths))
     return np.asarray(np.isfinite(measure_nearest(samples.points, lines, radius + _TOUCH_MM)))
 
 
@@ -266,9 +266,9 @@ def sample(segments: Segments, nesting: Nesting, rows: IntArray) -> Samples:
     chosen = np.flatnonzero(np.isin(segments.owner, rows))
     step = max(_SPACING_MM, float(segments.length[chosen].sum()) / _MOST_SAMPLES)
     count = np.maximum(np.ceil(segments.length[chosen] / step), 1).astype(np.int64)
-    row, place = chosen[owners(count)], ramp(count)
-    share = (place + 0.5) / count[owners(count)]
-    length = segments.length[row] / count[owners(count)]
+    row, place = chosen[list_owners(count)], number_rows(count)
+    share = (place + 0.5) / count[list_owners(count)]
+    length = segments.length[row] / count[list_owners(count)]
     # A disc of radius r in a corner of half angle a touches its sides r / tan(a) from the corner.
     radius = np.minimum(
         share * segments.length[row] * np.tan(np.minimum(at_start[row], np.pi / 2)),

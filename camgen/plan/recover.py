@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.segments import BoolArray, from_contours
-from camgen.geometry.vectors import turns
+from camgen.geometry.segments import BoolArray, make_contour_segments
+from camgen.geometry.vectors import measure_signed_angles
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
@@ -21,7 +21,7 @@ _CORNER_TURN = np.radians(20.0)
 _MAX_LINES = 4096
 
 
-def recover(
+def recover_arcs(
     contours: Sequence[Contour], tolerance: float
 ) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """Replace sequences of short lines by arcs that differ from them by at most `tolerance` mm.
@@ -51,7 +51,7 @@ def _find_candidates(contours: Sequence[Contour]) -> list[int]:
     long = [k for k, c in enumerate(contours) if len(c.points) > _MIN_LINES]
     if not long:
         return []
-    segments = from_contours([contours[k] for k in long])
+    segments = make_contour_segments([contours[k] for k in long])
     is_line = ~(segments.is_arc[1:] | segments.is_arc[:-1])
     bending = np.sign(_compute_turns(segments.start, segments.end)) * is_line
     bending[segments.owner[1:] != segments.owner[:-1]] = 0
@@ -62,7 +62,7 @@ def _find_candidates(contours: Sequence[Contour]) -> list[int]:
 
 def _compute_turns(start: FloatArray, end: FloatArray) -> FloatArray:
     """(N - 1,) signed angle from each segment to the next, rad; 0 at corners, straight joints."""
-    turn = turns((end - start)[:-1], (end - start)[1:])
+    turn = measure_signed_angles((end - start)[:-1], (end - start)[1:])
     return np.where((np.abs(turn) > 1e-7) & (np.abs(turn) < _CORNER_TURN), turn, 0.0)
 
 

@@ -14,7 +14,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import InputError
 from camgen.model.job import FASTEST, Job
 from camgen.model.part import Note, Part
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Instruction, Joints, MoveC, MoveJ, MoveL, select_items
 from camgen.model.text import counted, short
@@ -40,7 +40,7 @@ def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
     paths: list[ToolPath] = []
     travel = 0.0
     for tool_part in parts:
-        columns = Columns(moving(tool_part.body))
+        columns = Columns(drop_still_motions(tool_part.body))
         ends, vias, speed = columns.ends, columns.vias, columns.speed
         lines = dict(zip(map(id, tool_part.body), tool_part.lines, strict=True))
         for low, high in _find_stretches(columns):
@@ -94,7 +94,7 @@ def _find_stretches(columns: Columns) -> list[tuple[int, int]]:
     return [(low, high) for low, high in pairwise(cuts) if high - low > 1]
 
 
-def owners(columns: Columns) -> list[int]:
+def find_owners(columns: Columns) -> list[int]:
     """(M,) index of the path of each motion. A rapid motion belongs to the next path, or to -1."""
     ends = np.array([high for _, high in _find_stretches(columns)], dtype=np.int64)
     owner = np.searchsorted(ends, np.arange(len(columns.moves)), side="right")
@@ -110,14 +110,14 @@ def _make_path(
     return ToolPath(
         id=f"n{number}",
         layer=f"line {line}",
-        table=waypoints(position=ends, via=via, feed=feed),
+        table=make_waypoints(position=ends, via=via, feed=feed),
         closed=bool(len(ends) > 2 and np.linalg.norm(ends[0] - ends[-1]) < SAME_POINT_MM),
         reversible=False,
         operation="replay",
     )
 
 
-def moving(body: Sequence[Instruction]) -> list[Instruction]:
+def drop_still_motions(body: Sequence[Instruction]) -> list[Instruction]:
     """The body without motions to the current position, except the first motion."""
     columns = Columns(body)
     ends = columns.ends

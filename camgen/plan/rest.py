@@ -13,14 +13,14 @@ import numpy as np
 import shapely
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import Runs, divide, stretches
-from camgen.geometry.segments import Segments, flatten, make, points_at, split
+from camgen.geometry.ragged import Runs, divide_runs, list_range_numbers
+from camgen.geometry.segments import Segments, flatten, make_segments, points_at, split_segments
 from camgen.model.errors import JobError
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import EarlierRun, Part
 from camgen.model.path import ToolPath
 from camgen.plan.beside import OffsetCurve, select_segments
-from camgen.plan.columns import path_segments
+from camgen.plan.columns import make_path_segments
 
 #: Arcs are swept as chords that leave them by this, mm.
 _CHORD_MM = 0.002
@@ -48,7 +48,7 @@ def keep_rest(curve: OffsetCurve, part: Part, job: Job) -> OffsetCurve:
     shapely.prepare(zone)
     rows, low, high, inside = _divide(curve.segments, zone, margin / 2)
     pieces = OffsetCurve(
-        split(curve.segments, rows, low, high),
+        split_segments(curve.segments, rows, low, high),
         curve.closed,
         curve.source[rows],
         curve.turn[rows],
@@ -85,7 +85,7 @@ def list_runs(paths: Sequence[ToolPath], tool: ToolTable) -> list[EarlierRun]:
     runs = []
     for path in paths:
         if path.depths:
-            lines = path_segments((path,))
+            lines = make_path_segments((path,))
             depth = max(path.depths)
             runs.append(EarlierRun(lines.start, lines.end, lines.bulge, tool.radius, depth))
     return runs
@@ -96,7 +96,7 @@ def _clear(earlier: Iterable[EarlierRun], depth: float) -> Any:
     for run in earlier:
         if run.depth >= depth - _SAME_DEPTH_MM:
             owner = np.zeros(len(run.start), np.int64)
-            areas.append(_sweep(make(run.start, run.end, run.bulge, owner), run.radius))
+            areas.append(_sweep(make_segments(run.start, run.end, run.bulge, owner), run.radius))
     return shapely.union_all(areas)
 
 
@@ -136,9 +136,9 @@ def _divide(
         near = shapely.dwithin(border, shapely.linestrings(ends), height + _NARROW_MM)
         return ~np.asarray(near)
 
-    runs = divide(count, is_apart)
+    runs = divide_runs(count, is_apart)
     size = np.where(runs.settled, 1, runs.end - runs.first)
-    first = stretches(runs.first, size)
+    first = list_range_numbers(runs.first, size)
     end = np.where(np.repeat(runs.settled, size), np.repeat(runs.end, size), first + 1)
     row = np.repeat(runs.group, size)
     runs = Runs(row, first, end, np.ones(len(row), dtype=bool))

@@ -14,15 +14,15 @@ import shapely
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import find_fractions, make_boxes, measure_distances
-from camgen.geometry.segments import Segments, compute_bounds, from_contours
+from camgen.geometry.segments import Segments, compute_bounds, make_contour_segments
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
-from camgen.plan.columns import path_segments
-from camgen.plan.starting import SEAM, starting_each
+from camgen.plan.columns import make_path_segments
+from camgen.plan.starting import SEAM, move_each_start
 
 #: Maximum distance of a point from its path or contour, mm. Paths whose distances differ by at
 #: most `SAME_MM` all get the point.
@@ -92,7 +92,7 @@ def choose_points(
             continue
         limit = min(near.values()) + SAME_MM
         nearest_paths = [path for path, distance in near.items() if distance <= limit]
-        distances = {path: project(closed[path], points[number])[2] for path in nearest_paths}
+        distances = {path: project_point(closed[path], points[number])[2] for path in nearest_paths}
         for path, distance in distances.items():
             # A pass elsewhere on the contour, as around an island of a pocket, is farther away than
             # the nearest path of its operation, by more than `NEAR_MM`.
@@ -151,8 +151,8 @@ def _find_near(
         for name in path.contours:
             paths_by_contour.setdefault(name, []).append(k)
     contours = [c for c in part.contours if c.id in paths_by_contour and len(c.points) > 1]
-    drawn = from_contours(contours)
-    for number, row, distance in _find_pairs(points, path_segments(closed)):
+    drawn = make_contour_segments(contours)
+    for number, row, distance in _find_pairs(points, make_path_segments(closed)):
         _note_nearer(near[number], [int(path_rows[row])], distance)
     for number, row, distance in _find_pairs(points, drawn):
         _note_nearer(near[number], paths_by_contour[contours[drawn.owner[row]].id], distance)
@@ -177,18 +177,18 @@ def _find_pairs(points: FloatArray, segments: Segments) -> list[tuple[int, int, 
 
 
 def _rotate_paths(paths: Sequence[ToolPath], points: FloatArray) -> list[ToolPath]:
-    starts = [project(path, point) for path, point in zip(paths, points, strict=True)]
+    starts = [project_point(path, point) for path, point in zip(paths, points, strict=True)]
     segments, fractions, _ = zip(*starts, strict=True) if starts else ((), (), ())
-    return [replace(path, pinned=True) for path in starting_each(paths, segments, fractions)]
+    return [replace(path, pinned=True) for path in move_each_start(paths, segments, fractions)]
 
 
-def project(path: ToolPath, point: FloatArray) -> tuple[int, float, float]:
+def project_point(path: ToolPath, point: FloatArray) -> tuple[int, float, float]:
     """The nearest point on `path` to `point` (2,).
 
-    Returns its segment, counted from 1 as by `starting_at`, the fraction 0 to 1 along it, and the
+    Returns its segment, counted from 1 as by `move_start`, the fraction 0 to 1 along it, and the
     distance in mm. It is a vertex if the shorter part of the segment would be less than `SEAM`.
     """
-    segments = path_segments([path])
+    segments = make_path_segments([path])
     rows = np.arange(len(segments))
     distances = measure_distances(np.tile(point, (len(segments), 1)), segments, rows)
     best = int(np.argmin(distances))

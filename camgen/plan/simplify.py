@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.geometry.thinning import Polylines, thin_chains
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
@@ -74,7 +74,7 @@ def _select_long(
     contours: Sequence[Contour], min_length: float, notes: list[Note]
 ) -> tuple[Contour, ...]:
     """The contours of at least `min_length` mm. Adds a note on the others to `notes`."""
-    segments = from_contours(contours)
+    segments = make_contour_segments(contours)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(contours))
     chosen = tuple(contours[k] for k in np.flatnonzero(lengths >= min_length).tolist())
     if len(chosen) < len(contours):

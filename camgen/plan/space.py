@@ -10,7 +10,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Curve, Part
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import TOOL_DOWN
 from camgen.model.program import Joints
 from camgen.model.text import short
@@ -89,7 +89,7 @@ def _make_path(curve: Curve, job: Job) -> ToolPath:
     return ToolPath(
         id=curve.id,
         layer=curve.layer,
-        table=waypoints(
+        table=make_waypoints(
             position=curve.points,
             via=np.concatenate([np.full((1, 3), np.nan), curve.via]),
             force_direction=[0.0, 0.0, -1.0 if job.process.force else 0.0],

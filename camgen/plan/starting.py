@@ -10,9 +10,9 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, make_spans
-from camgen.geometry.ragged import begins, owners, ramp
+from camgen.geometry.ragged import compute_first_rows, list_owners, number_rows
 from camgen.geometry.rotations import turn_vectors
-from camgen.geometry.vectors import angles, cross
+from camgen.geometry.vectors import cross, measure_angles
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
@@ -27,7 +27,7 @@ SEAM = 0.1
 _AT_VERTICES = ("position", "axis")
 
 
-def starting_at(path: ToolPath, segment: int, fraction: float) -> ToolPath:
+def move_start(path: ToolPath, segment: int, fraction: float) -> ToolPath:
     """Rotate the closed `path` to start at a fraction of one of its segments.
 
     segment: 1 to N - 1, the row in which the segment ends.
@@ -42,18 +42,18 @@ def starting_at(path: ToolPath, segment: int, fraction: float) -> ToolPath:
         raise ValueError(f"the path has segments 1 to {len(path.position) - 1}, not {segment}")
     if not 0 <= fraction <= 1:
         raise ValueError(f"a fraction is 0 to 1, not {fraction}")
-    return starting_each([path], [segment], [fraction])[0]
+    return move_each_start([path], [segment], [fraction])[0]
 
 
-def starting_each(
+def move_each_start(
     paths: Sequence[ToolPath], segment: Sequence[int], fraction: Sequence[float]
 ) -> list[ToolPath]:
-    """`starting_at` for many paths at once, a hundred times as fast for each path."""
+    """`move_start` for many paths at once, a hundred times as fast for each path."""
     if not paths:
         return []
-    drawn = end_to_end(paths)
+    drawn = join_tables(paths)
     rows = np.array([len(path) for path in paths], dtype=np.int64)
-    base = begins(rows)
+    base = compute_first_rows(rows)
     number, part, cut = _snap(
         drawn, base, rows, np.array(segment), np.array(fraction, dtype=np.float64)
     )
@@ -61,8 +61,8 @@ def starting_each(
     counts = rows + (part > 0)  # a split segment is two
     ends = np.cumsum(counts)
     firsts, lasts = ends - counts, ends - 1
-    owner = owners(counts)
-    step = np.maximum(ramp(counts), 1)  # row 0 repeats segment 1
+    owner = list_owners(counts)
+    step = np.maximum(number_rows(counts), 1)  # row 0 repeats segment 1
     source = base[owner] + (number[owner] + step - 2) % (rows[owner] - 1) + 1
     moved = replace(drawn, table=drawn.table[source])
 
@@ -78,11 +78,11 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     """`ToolPath.reversed` for many paths at once."""
     if not paths:
         return []
-    drawn = end_to_end(paths)
+    drawn = join_tables(paths)
     rows = np.array([len(path) for path in paths], dtype=np.int64)
     ends = np.cumsum(rows)
     firsts = ends - rows
-    owner, step = owners(rows), ramp(rows)
+    owner, step = list_owners(rows), number_rows(rows)
     vertex, segment = ends[owner] - 1 - step, ends[owner] - np.maximum(step, 1)
     moved = replace(drawn, table=drawn.table[segment])
     for name in _AT_VERTICES:
@@ -92,7 +92,7 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     return _cut(paths, moved.table, ends)
 
 
-def end_to_end(paths: Sequence[ToolPath]) -> ToolPath:
+def join_tables(paths: Sequence[ToolPath]) -> ToolPath:
     """One path with the rows of all of them, for its columns."""
     return replace(paths[0], table=np.concatenate([path.table for path in paths]))
 
@@ -147,7 +147,7 @@ def _split(
 
 def interpolate_vectors(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
     """Unit vectors (K, 3) interpolated by angle from `a` to `b`; `a` if both are equal or zero."""
-    angle = angles(a, b)
+    angle = measure_angles(a, b)
     result = a.copy()
     turns = angle > 1e-12
     angle, part = angle[turns, None], fraction[turns, None]
@@ -156,7 +156,7 @@ def interpolate_vectors(a: FloatArray, b: FloatArray, fraction: FloatArray) -> F
     return result
 
 
-def ends_of(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
+def find_ends(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
     """Start points and end points of the paths, x y (K, 2) each, mm."""
     # One number at a time takes half the time of an array for each path.
     numbers: list[float] = []

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, Step, ToolTable
 from camgen.model.part import Contour, Note, Part
@@ -31,7 +31,7 @@ _LISTED_COLORS = 20
 _CIRCLE_DEVIATION = 0.002
 
 
-def job_of(job: Job, step: Step) -> Job:
+def make_step_job(job: Job, step: Step) -> Job:
     """The job of one operation alone.
 
     `holes` is removed if the operation does not search for circles: it has chosen the contours.
@@ -69,7 +69,7 @@ class Share(Struct, frozen=True, eq=False):
     part: Part
 
 
-def share_out(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
+def split_part(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
     """The share of each operation of `job` in the flat `part`, as listed, with notes.
 
     Raises InputError if an operation has no contour, and JobError if the part is not flat.
@@ -99,7 +99,7 @@ def _choose_each(part: Part, job: Job) -> list[frozenset[str]]:
     return [_choose(part, step, number) for number, step in enumerate(job.operations)]
 
 
-def name_of(job: Job, number: int) -> str:
+def format_step(job: Job, number: int) -> str:
     """The name of an operation in messages: its index, counted from 0, its kind and its tool."""
     step = job.operations[number]
     number_or_size = f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm"
@@ -192,14 +192,14 @@ def find_enclosed(part: Part) -> frozenset[str]:
         return frozenset()
     from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (it loads shapely)
 
-    depth = find_nesting(from_contours(closed), len(closed)).depth
+    depth = find_nesting(make_contour_segments(closed), len(closed)).depth
     return frozenset(c.id for c, level in zip(closed, depth.tolist(), strict=True) if level > 0)
 
 
 def _has_diameter(contour: Contour, diameters: Sequence[float]) -> bool:
     if not contour.closed:
         return False
-    segments = from_contours([contour])
+    segments = make_contour_segments([contour])
     centre = segments.centre[0] if segments.is_arc[0] else contour.points.mean(axis=0)
     distances = np.linalg.norm(contour.points - centre, axis=1)
     radius = float(distances.mean())
@@ -231,7 +231,7 @@ def find_enclosed_by(part: Part, ids: frozenset[str]) -> frozenset[str]:
         return frozenset()
     from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (loads shapely)
 
-    parent = find_nesting(from_contours(closed), len(closed)).parent.tolist()
+    parent = find_nesting(make_contour_segments(closed), len(closed)).parent.tolist()
     enclosed = set[str]()
     for k, contour in enumerate(closed):
         above = parent[k]

@@ -19,7 +19,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import Pose, frozen, to_vec3
 from camgen.model.program import Columns, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output
 from camgen.model.text import counted
@@ -70,7 +70,7 @@ def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
             )
         )
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
-    paths, travel = paths_of(body, lines)
+    paths, travel = make_paths(body, lines)
     notes = [*part.notes, *notes, *_note_frames(part, job)]
     return ReplayPlan(part, paths, tuple(notes), run=run, travel=travel, made=paths)
 
@@ -164,10 +164,10 @@ def _note_joints(count: int, values: str, what: str) -> Note:
 
 
 def _find_arm(name: str) -> Robot:
-    from camgen.robots.catalogue import robot  # noqa: PLC0415 (only for what needs it)
+    from camgen.robots.catalogue import find_robot  # noqa: PLC0415 (only for what needs it)
 
     try:
-        return robot(name)
+        return find_robot(name)
     except JobError as error:
         raise JobError("job", error.what, "operation.taught_on", error.remedy) from error
 
@@ -177,14 +177,14 @@ def find_flange(name: str) -> Reach:
 
     Raises JobError for an unknown arm.
     """
-    from camgen.robots.kinematics.forward import flange  # noqa: PLC0415 (only for what needs it)
+    from camgen.robots.kinematics.forward import compute_flange  # noqa: PLC0415 (if it is needed)
 
     arm = _find_arm(name)
 
     def reach(values: Sequence[float]) -> Pose | None:
         if len(values) != len(arm.joints):
             return None
-        rotation, origin = flange(arm, np.array([values]))
+        rotation, origin = compute_flange(arm, np.array([values]))
         return Pose(frozen(rotation[0]), to_vec3(origin[0]))
 
     return reach
@@ -242,7 +242,7 @@ def _stop_before_others(body: list[Instruction]) -> tuple[list[Instruction], int
     return stopped, stops
 
 
-def stretches(moves: Sequence[Motion]) -> list[tuple[int, int]]:
+def find_stretches(moves: Sequence[Motion]) -> list[tuple[int, int]]:
     """The ranges of motions that are lines and arcs.
 
     A range starts with the joint motion before, if its target is a pose: the start of the path.
@@ -258,7 +258,7 @@ def stretches(moves: Sequence[Motion]) -> list[tuple[int, int]]:
     return ranges
 
 
-def paths_of(
+def make_paths(
     body: Sequence[Instruction], lines: Sequence[int]
 ) -> tuple[tuple[ToolPath, ...], float]:
     """The lines and arcs of a body as paths, and the length of its joint motions, mm."""
@@ -270,7 +270,7 @@ def paths_of(
             line_numbers.append(line)
     paths = [
         _make_path(k, line_numbers[low + 1], moves[low:high])
-        for k, (low, high) in enumerate(stretches(moves), 1)
+        for k, (low, high) in enumerate(find_stretches(moves), 1)
     ]
     links = [_measure_distance(a, b) for a, b in pairwise(moves) if isinstance(b, MoveJ)]
     return tuple(paths), math.fsum(links)
@@ -289,7 +289,7 @@ def _make_path(number: int, line: int, rows: Sequence[Motion]) -> ToolPath:
     return ToolPath(
         id=f"n{number}",
         layer=f"line {line}",
-        table=waypoints(
+        table=make_waypoints(
             position=np.array([pose.origin for pose in poses]),
             via=[none, *vias],
             axis=[pose.rotation[:, 2] for pose in poses],

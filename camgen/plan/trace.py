@@ -16,7 +16,7 @@ from camgen.geometry.overlap import (
     find_covered,
     measure_covered,
 )
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
@@ -41,7 +41,7 @@ def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
     # Nesting depends on all contours; only those of the operation get a path.
     mine = [k for k, c in enumerate(part.contours) if part.works_on(c.sources or (c.id,))]
     contours = [part.contours[k] for k in mine]
-    segments = from_contours(contours)
+    segments = make_contour_segments(contours)
     parent = _parents_of(part, mine)
     labels = [
         Label(c.id, c.layer, c.closed, True, around, c.sources or (c.id,))
@@ -65,7 +65,7 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
         return part, ()
     traced = [k for k, c in enumerate(part.contours) if part.works_on(c.sources or (c.id,))]
     contours = [part.contours[k] for k in traced]
-    segments = from_contours(contours)
+    segments = make_contour_segments(contours)
     tolerance = max(min(job.input.join, SAME_CURVE_MM), 4 * SAME_POINT_MM)
     covered = find_covered(segments, segments.owner, np.zeros(len(segments), np.int64), tolerance)
     if not covered:
@@ -144,7 +144,9 @@ def _parents(part: Part) -> list[int]:
     closed = [k for k, c in enumerate(part.contours) if c.closed]
     parent = [-1] * len(part.contours)
     if closed:
-        nesting = find_nesting(from_contours([part.contours[k] for k in closed]), len(closed))
+        nesting = find_nesting(
+            make_contour_segments([part.contours[k] for k in closed]), len(closed)
+        )
         for k, enclosing in zip(closed, nesting.parent.tolist(), strict=True):
             parent[k] = closed[enclosing] if enclosing >= 0 else -1
     return parent

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle, subtract, turn_about
+from camgen.geometry.arcs import compute_circle, subtract, turn_about
 from camgen.model.body import NUMBER, Body, Indices, Packed
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between, to_vec3
 from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Program, pack
@@ -33,7 +33,7 @@ def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
     other lines have blends: a zone reaches at most half-way to the next corner, so the corner of
     two chords is cut by no more than their sagitta.
     """
-    _, radius, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+    _, radius, axis, sweep = compute_circle(start.origin, arc.via.origin, arc.target.origin)
     step = 2 * math.acos(max(-1.0, 1 - tolerance / radius)) if tolerance < radius else math.pi / 2
     count = max(1, math.ceil(sweep / step - 1e-9))
     blend = max(corner_blend(sweep / count, tolerance), ZONES[-1])
@@ -63,7 +63,7 @@ def halves(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
 
     A controller passes the seam between them without a stop if it keeps the tolerance there.
     """
-    _, radius, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+    _, radius, axis, sweep = compute_circle(start.origin, arc.via.origin, arc.target.origin)
     first, middle, last = along(start, arc, (0.25, 0.5, 0.75))
     press = _press(arc, [middle], axis, sweep)[0]
     seam = float(seam_blends(np.array([radius]), np.array([sweep]), tolerance)[0])
@@ -191,7 +191,7 @@ def along(start: Pose, arc: MoveC, fractions: Sequence[float]) -> list[Pose]:
 
     The orientation changes from start through via to target.
     """
-    centre, _, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+    centre, _, axis, sweep = compute_circle(start.origin, arc.via.origin, arc.target.origin)
     arm = subtract(start.origin, centre)
     same = start.rotation is arc.target.rotation or np.array_equal(
         start.rotation, arc.target.rotation

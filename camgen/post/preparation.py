@@ -25,9 +25,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import ends_run, starts_run
-from camgen.geometry.rotations import angles_between
-from camgen.geometry.vectors import cross, dots, lengths
+from camgen.geometry.ragged import mark_run_ends, mark_run_starts
+from camgen.geometry.rotations import measure_angles_between
+from camgen.geometry.vectors import cross, measure_lengths, multiply_rows
 from camgen.model.errors import VerifyError
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import (
@@ -291,7 +291,9 @@ def _are_pressed(match: _Match, places: Indices) -> Mask:
     circle = _make_circles(a, rows[arcs])
     turned = circle.turn(wanted[arcs], -(circle.sweep - circle.measure(b.ends[pieces[arcs]])))
     along = np.array([b.table[k][:, 2] for k in b.rotation[pieces[arcs]]]).reshape(-1, 3)
-    deviation = np.minimum(lengths(press[arcs] - turned), lengths(press[arcs] - along))
+    deviation = np.minimum(
+        measure_lengths(press[arcs] - turned), measure_lengths(press[arcs] - along)
+    )
     sound[arcs] = deviation <= _ON_TURN
     return sound
 
@@ -363,13 +365,13 @@ class _Circles(Struct, frozen=True, eq=False):
     def leave(self, points: FloatArray) -> FloatArray:
         """(N,): the distance of points (N, 3) from the circle, mm."""
         arm = points - self.centre
-        out = dots(arm, self.axis)
-        return np.hypot(out, lengths(arm - out[:, None] * self.axis) - self.radius)
+        out = multiply_rows(arm, self.axis)
+        return np.hypot(out, measure_lengths(arm - out[:, None] * self.axis) - self.radius)
 
     def turn(self, vectors: FloatArray, angle: FloatArray) -> FloatArray:
         """Vectors (N, 3) turned about the axes by angles (N,), rad."""
         c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-        along = dots(vectors, self.axis)[:, None] * self.axis
+        along = multiply_rows(vectors, self.axis)[:, None] * self.axis
         return np.asarray(along + c * (vectors - along) + s * cross(self.axis, vectors))
 
 
@@ -382,18 +384,18 @@ def _make_circles(columns: Columns, arcs: Indices) -> _Circles:
 def _through(start: FloatArray, via: FloatArray, end: FloatArray) -> _Circles:
     u, w = via - start, end - start
     normal = cross(u, w)
-    square = dots(normal, normal)
+    square = multiply_rows(normal, normal)
     with np.errstate(divide="ignore", invalid="ignore"):
-        uu, ww = dots(u, u)[:, None], dots(w, w)[:, None]
+        uu, ww = multiply_rows(u, u)[:, None], multiply_rows(w, w)[:, None]
         to_centre = (uu * cross(w, normal) + ww * cross(normal, u)) / (2 * square)[:, None]
         axis = normal / np.sqrt(square)[:, None]
     sweep = _measure_angles(axis, -to_centre, w - to_centre)
-    return _Circles(start + to_centre, axis, -to_centre, lengths(to_centre), sweep)
+    return _Circles(start + to_centre, axis, -to_centre, measure_lengths(to_centre), sweep)
 
 
 def _measure_angles(axis: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     """(N,): the angles from vectors a to b about the axes, rad, 0 to 2 pi."""
-    return np.arctan2(dots(axis, cross(a, b)), dots(a, b)) % (2 * np.pi)
+    return np.arctan2(multiply_rows(axis, cross(a, b)), multiply_rows(a, b)) % (2 * np.pi)
 
 
 def _check_curves(match: _Match, chord: float) -> Iterator[_Fault]:
@@ -430,10 +432,10 @@ def _check_arcs(match: _Match, rows: Indices, chord: float) -> Iterator[_Fault]:
     which, pieces = _list_pieces(match, rows)
     owner, circle = rows[which], circles.take(which)
     angle = circle.measure(b.ends[pieces])
-    is_last = ends_run(which)
+    is_last = mark_run_ends(which)
     angle[is_last] = circles.sweep
     begin = np.append(0.0, angle[:-1])
-    begin[starts_run(which)] = 0.0
+    begin[mark_run_starts(which)] = 0.0
     slack = _ON_CURVE / np.maximum(circle.radius, _ON_CURVE)
     yield from _first(~(angle >= begin - slack), owner, "runs back along an arc")
     starts, ends = b.ends[pieces - 1], b.ends[pieces]
@@ -517,8 +519,8 @@ def _check_between(
         return
     start, via, end = (_stack(a.table, side[which]) for side in planned)
     turn = _stack(b.table, turns)
-    longest = angles_between(start, via) + angles_between(via, end) + _ON_TURN
-    taken = angles_between(start, turn) + angles_between(turn, end)
+    longest = measure_angles_between(start, via) + measure_angles_between(via, end) + _ON_TURN
+    taken = measure_angles_between(start, turn) + measure_angles_between(turn, end)
     what = "changes the orientation inside an arc"
     yield from _first(~(taken <= longest), owner[which], what)
 
@@ -532,13 +534,13 @@ def _check_lines(match: _Match, rows: Indices) -> Iterator[_Fault]:
     motions = match.rows[rows]
     start = a.ends[motions - 1]
     line = a.ends[motions] - start
-    length = np.maximum(lengths(line), _ON_CURVE)
+    length = np.maximum(measure_lengths(line), _ON_CURVE)
     direction = line / length[:, None]
     arm = b.ends[pieces] - start[which]
-    along = dots(arm, direction[which])
-    deviation = lengths(arm - along[:, None] * direction[which])
+    along = multiply_rows(arm, direction[which])
+    deviation = measure_lengths(arm - along[:, None] * direction[which])
     steps = np.diff(along, prepend=0.0)
-    steps[starts_run(which)] = 0.0
+    steps[mark_run_starts(which)] = 0.0
     sound = (deviation <= _ON_CURVE) & (steps >= -_ON_CURVE) & (along >= -_ON_CURVE)
     sound &= along <= length[which] + _ON_CURVE
     yield from _first(~sound, rows[which], "leaves a line")

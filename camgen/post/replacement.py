@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import is_arc
-from camgen.geometry.ragged import begins, stretches
+from camgen.geometry.ragged import compute_first_rows, list_range_numbers
 from camgen.model.errors import Refused
 from camgen.model.pose import Pose
 from camgen.model.program import (
@@ -103,7 +103,7 @@ def replace_refused(controller: Controller, program: Program, chord: float) -> P
     counts = np.append(np.full(len(halved_at), 2), np.array(sizes, np.intp))
     places = np.append(halved_at, np.array(indices, np.intp))
     order = np.argsort(places)
-    rows = stretches(begins(counts)[order], counts[order])
+    rows = list_range_numbers(compute_first_rows(counts)[order], counts[order])
     pieces_in_order = join(halved, replaced.body()).take(rows)
     return program.with_body(replace_at(pack(body), places[order], counts[order], pieces_in_order))
 

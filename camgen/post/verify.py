@@ -40,11 +40,11 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import find_arc_middles
-from camgen.geometry.rotations import angles_between
-from camgen.geometry.vectors import lengths
+from camgen.geometry.rotations import measure_angles_between
+from camgen.geometry.vectors import measure_lengths
 from camgen.lang.programs import Executed, Frames
 from camgen.model.errors import VerifyError
-from camgen.model.pose import FloatArray, Pose, quaternion
+from camgen.model.pose import FloatArray, Pose, compute_quaternion
 from camgen.model.program import (
     Columns,
     Comment,
@@ -304,7 +304,7 @@ def _format(value: object) -> str:
         return " ".join(value) or "nothing"
     array = np.atleast_1d(np.asarray(value, dtype=np.float64))
     if array.ndim == 2:
-        return "q " + " ".join(short(v, 9) for v in quaternion(array))
+        return "q " + " ".join(short(v, 9) for v in compute_quaternion(array))
     return " ".join(short(v, 6) for v in array.tolist())
 
 
@@ -341,7 +341,7 @@ def _compare_frames(
                 raise VerifyError(file, f"the {name} frame is not in the text", 0, _REMEDY)
             continue
         distance = np.abs(np.subtract(plan.origin, read.origin)).max()
-        angle = float(angles_between(plan.rotation[None], read.rotation[None])[0])
+        angle = float(measure_angles_between(plan.rotation[None], read.rotation[None])[0])
         if not (distance <= tolerance.mm + _SLACK and angle <= tolerance.angle + _SLACK):
             reads, was = (
                 f"{_format(pose.origin)} {_format(pose.rotation)}" for pose in (read, plan)
@@ -414,7 +414,7 @@ def _compare_places(case: _Case) -> Iterator[_Column]:
         for side in (bodies.plan, bodies.read)
     )
     places = bodies.find(MoveJ, MoveL, MoveC)[arcs]
-    yield _Column(_MIDDLE, places, a, b, lengths(a - b), ARC_SLACK * limit)
+    yield _Column(_MIDDLE, places, a, b, measure_lengths(a - b), ARC_SLACK * limit)
 
 
 class _Rotations(Struct, frozen=True, eq=False):
@@ -438,7 +438,7 @@ def _measure_angles(a: _Rotations, b: _Rotations) -> FloatArray:
     first = np.empty(len(pairs), np.intp)
     first[back] = np.arange(len(back))
     p, q = (np.stack([*map(side.__getitem__, first.tolist())]) for side in (a, b))
-    return np.asarray(angles_between(p, q)[back])
+    return np.asarray(measure_angles_between(p, q)[back])
 
 
 def _compare_orientations(case: _Case) -> Iterator[_Column]:

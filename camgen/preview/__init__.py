@@ -13,13 +13,13 @@ from camgen.post import OutputFile, Post
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.check.collide import Clear
+    from camgen.check.collide import ClearanceReport
     from camgen.check.executed import Rounding
     from camgen.check.photo.locate import Located
-    from camgen.check.reach import Reach
+    from camgen.check.reach import JointTrace
     from camgen.check.report import Cycle, Motions
     from camgen.check.stock import StockProof
-    from camgen.collision.cell import Surroundings
+    from camgen.collision.cell import CellScene
     from camgen.post.verify import Deviation
 
 
@@ -53,15 +53,15 @@ class Built(Protocol):
     @property
     def cycle(self) -> Cycle: ...  # noqa: D102
     @property
-    def reach(self) -> Reach | None: ...  # noqa: D102
+    def reach(self) -> JointTrace | None: ...  # noqa: D102
     @property
-    def clear(self) -> Clear | None: ...  # noqa: D102
+    def clear(self) -> ClearanceReport | None: ...  # noqa: D102
     @property
     def proof(self) -> StockProof | None: ...  # noqa: D102
     @property
     def rounded(self) -> Rounding | None: ...  # noqa: D102
     @property
-    def where(self) -> Surroundings | None: ...  # noqa: D102
+    def where(self) -> CellScene | None: ...  # noqa: D102
     @property
     def located(self) -> Located | None: ...  # noqa: D102
     @property

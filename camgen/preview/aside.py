@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.model.part import Contour, Part
-from camgen.model.path import ToolPath, Tour, waypoints
+from camgen.model.path import ToolPath, Tour, make_waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.preview.curves import trace_spans
 
@@ -39,7 +39,7 @@ def project_aside(part: Part, tour: Tour) -> tuple[Part, Tour]:
     paths: list[ToolPath] = []
     for path, rows in zip(tour.paths, chains, strict=True):
         position = np.column_stack([rows, np.zeros(len(rows))])
-        paths.append(replace(path, table=waypoints(position, np.nan, path.feed[0])))
+        paths.append(replace(path, table=make_waypoints(position, np.nan, path.feed[0])))
     return replace(part, contours=tuple(contours)), replace(tour, paths=tuple(paths))
 
 

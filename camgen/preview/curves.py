@@ -7,7 +7,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import find_bulge_middles, make_spans_through
-from camgen.geometry.ragged import begins, owners, ramp
+from camgen.geometry.ragged import compute_first_rows, list_owners, number_rows
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
 
@@ -52,7 +52,7 @@ def draw_spans(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) 
         step = 2 * np.arccos(np.clip(1 - sag / spans.radius, -1.0, 1.0))
     pieces = np.ceil(spans.sweep / np.clip(step, _FINEST, _COARSEST) - 1e-9)
     counts = pieces.clip(1).astype(np.int64)
-    owner, place = owners(counts), ramp(counts) + 1
+    owner, place = list_owners(counts), number_rows(counts) + 1
     fraction = place / counts[owner]
     points = end[owner].copy()
     inner = np.flatnonzero(place < counts[owner])
@@ -80,7 +80,7 @@ def _trace_segments(
     start, via, end = map(np.concatenate, zip(*rows, strict=True))
     drawn = draw_spans(start, via, end, sag)
     sizes = np.array([len(row[0]) for row in rows])
-    starts = begins(sizes)
+    starts = compute_first_rows(sizes)
     first = np.searchsorted(drawn.owner, starts)
     counts = np.diff(np.append(first, len(drawn.owner))) + 1
     return SpaceChains(np.insert(drawn.points, first, start[starts], axis=0), counts)

@@ -9,8 +9,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import compute_bulges, measure_spans
-from camgen.geometry.ragged import begins
-from camgen.model.errors import one_line
+from camgen.geometry.ragged import compute_first_rows
+from camgen.model.errors import make_one_line
 from camgen.model.part import Contour, IntArray, Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
@@ -42,7 +42,7 @@ def choose_bar(limit: float) -> float:
 
 def escape_line(text: str) -> str:
     """Text of any origin as one line of XML, without control characters and markup."""
-    return escape(one_line(text))
+    return escape(make_one_line(text))
 
 
 class Paper(Struct, frozen=True, eq=False):
@@ -98,14 +98,18 @@ def make_path_chains(paths: Sequence[ToolPath]) -> PageChains:
     via = np.concatenate([path.via for path in paths])[:, :2]
     before = np.concatenate([points[:1], points[:-1]])
     return PageChains(
-        points, compute_bulges(before, via, points), begins([len(path.position) for path in paths])
+        points,
+        compute_bulges(before, via, points),
+        compute_first_rows([len(path.position) for path in paths]),
     )
 
 
 def _join_chains(rows: Sequence[FloatArray], bulges: Sequence[FloatArray]) -> PageChains:
     if not rows:
         return PageChains(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=int))
-    return PageChains(np.concatenate(rows), np.concatenate(bulges), begins([len(r) for r in rows]))
+    return PageChains(
+        np.concatenate(rows), np.concatenate(bulges), compute_first_rows([len(r) for r in rows])
+    )
 
 
 def format_path_data(chains: PageChains, page: Paper) -> list[str]:

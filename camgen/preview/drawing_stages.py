@@ -14,13 +14,13 @@ from itertools import pairwise
 import numpy as np
 
 from camgen.model.job import Job
-from camgen.model.page import page_size
+from camgen.model.page import compute_page_size
 from camgen.model.part import Part, Raster
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.order.arrange import measure_travel
-from camgen.plan.fill.cover import coverage_map
+from camgen.plan.fill.cover import make_coverage_map
 from camgen.preview import Built
 from camgen.preview.draw import (
     Paper,
@@ -111,7 +111,7 @@ def _make_lines_panel(part: Part, raster: Raster, crop: Crop) -> Panel:
 def _make_fill_panels(result: Built, raster: Raster, crop: Crop) -> list[Panel]:
     """The lines of the pen, and the coverage map of the ink."""
     tour, tool = result.tour, result.job.tool
-    coverage = coverage_map(result.part, tour.paths, tool.diameter, _MAP)
+    coverage = make_coverage_map(result.part, tour.paths, tool.diameter, _MAP)
     height, width = coverage.pixels.shape[:2]
     corners = np.array([[-0.5, width - 0.5], [-0.5, height - 0.5], [1.0, 1.0]])
     page = make_paper(raster, crop)
@@ -155,7 +155,7 @@ def _make_order_panel(
     (left, right), (low, high) = (raster.work_from_view @ corners).tolist()
     width, height = right - left, high - low
     if job.page.size:
-        (width, height), left, low = page_size(job.page), 0.0, 0.0
+        (width, height), left, low = compute_page_size(job.page), 0.0, 0.0
     scale = WIDE / width
     page = Paper(scale, -left * scale, (low + height) * scale)
     sheet = f'<rect class="sheet" width="{WIDE}" height="{height * scale:.2f}"/>'

@@ -17,31 +17,31 @@ def check_preview(name: str | None) -> None:
         raise JobError(name, what, remedy="give a name that ends in .html, .svg or .png")
 
 
-def draw(result: Built, target: Path) -> bytes:
+def draw_preview(result: Built, target: Path) -> bytes:
     """The preview of `result` as the bytes of the file `target`."""
     return _PREVIEWS[target.suffix.lower()](result)
 
 
 def _page(result: Built) -> bytes:
-    from camgen.preview.page import page  # noqa: PLC0415 (only for pages)
-    from camgen.preview.view import view  # noqa: PLC0415
+    from camgen.preview.page import format_page  # noqa: PLC0415 (only for pages)
+    from camgen.preview.view import make_view  # noqa: PLC0415
 
-    return page(view(result)).encode("utf-8")
+    return format_page(make_view(result)).encode("utf-8")
 
 
 def _picture(result: Built) -> bytes:
-    from camgen.preview.png import png  # noqa: PLC0415 (only for pictures)
-    from camgen.preview.view import view  # noqa: PLC0415
+    from camgen.preview.png import draw_png  # noqa: PLC0415 (only for pictures)
+    from camgen.preview.view import make_view  # noqa: PLC0415
 
-    return png(view(result))
+    return draw_png(make_view(result))
 
 
 def _drawing(result: Built) -> bytes:
     if result.part.solid is not None and not result.part.curves:
-        from camgen.preview.solid_svg import svg as draw_solid  # noqa: PLC0415 (only for 3-D parts)
-        from camgen.preview.view import view  # noqa: PLC0415
+        from camgen.preview.solid_svg import format_solid_svg  # noqa: PLC0415 (only for 3-D parts)
+        from camgen.preview.view import make_view  # noqa: PLC0415
 
-        return draw_solid(view(result), result.part.solid).encode("utf-8")
+        return format_solid_svg(make_view(result), result.part.solid).encode("utf-8")
     from camgen.preview import drawing_stages, photo_stages, svg  # noqa: PLC0415 (only for SVG)
 
     part, title = result.part, f"{result.part.source}, {result.post.name}"
@@ -51,7 +51,7 @@ def _drawing(result: Built) -> bytes:
         return photo_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")
     standing = svg.DrawnFixtures(clip_fixtures(result), result.blocked)
     seen = list_seen(result)
-    return svg.svg(part, result.tour, result.notes, title, seen, standing).encode("utf-8")
+    return svg.format_svg(part, result.tour, result.notes, title, seen, standing).encode("utf-8")
 
 
 #: The function that draws a preview, by the suffix of its name.

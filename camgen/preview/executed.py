@@ -7,7 +7,7 @@ from msgspec import Struct
 
 from camgen.check.executed import find_transitions, pick_shapes, pick_transitions
 from camgen.geometry.arcs import Spans
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.model.cell import Dynamics
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
@@ -83,8 +83,8 @@ def _trace_block(
     # A curve that leaves its chord by d leaves the chords of its n parts by d / n^2.
     last = corners.path.shape[1] - 1
     parts = np.clip(np.ceil(np.sqrt(corners.deviation / sag)), 1, last).astype(np.int64)
-    owner = owners(parts - 1)
-    place = np.round((ramp(parts - 1) + 1) * last / parts[owner]).astype(np.int64)
+    owner = list_owners(parts - 1)
+    place = np.round((number_rows(parts - 1) + 1) * last / parts[owner]).astype(np.int64)
     return _Points(corners.path[owner, place], rows[owner])
 
 
@@ -96,7 +96,7 @@ def _draw_motions(spans: Spans, low: FloatArray, high: FloatArray, sag: float) -
         step = 2 * np.arccos(np.clip(1 - sag / spans.radius, -1.0, 1.0))
     turn = spans.sweep * np.maximum(share[:, 1] - share[:, 0], 0.0)
     parts = np.ceil(turn / np.maximum(step, 1e-2) - 1e-9).clip(1).astype(np.int64)
-    owner = owners(parts + 1)
-    place = ramp(parts + 1) / parts[owner]
+    owner = list_owners(parts + 1)
+    place = number_rows(parts + 1) / parts[owner]
     along = share[owner, 0] + place * (share[owner, 1] - share[owner, 0])
     return _Points(spans.point(along, owner), owner)

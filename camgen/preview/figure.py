@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import run_starts
+from camgen.geometry.ragged import find_run_starts
 from camgen.model.part import BoolArray, Solid
 from camgen.model.pose import IDENTITY, FloatArray
 from camgen.preview.aside import TILT, TURN, compute_view_axes
@@ -205,7 +205,7 @@ def _interpolate(points: FloatArray, fraction: float) -> FloatArray:
 
 def split_visibility(edge: FigureEdge) -> Iterator[tuple[bool, FloatArray]]:
     """The stretches of the edge, each with whether it is visible and its points."""
-    for start, end in pairwise([*run_starts(edge.seen).tolist(), len(edge.seen)]):
+    for start, end in pairwise([*find_run_starts(edge.seen).tolist(), len(edge.seen)]):
         yield bool(edge.seen[start]), edge.points[start : end + 1]
 
 

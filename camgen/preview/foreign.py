@@ -11,7 +11,7 @@ from camgen.lang.programs import CERTAIN, LEVELS, Executed
 from camgen.lang.taught import Carried
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Wait
-from camgen.plan.taught import paths_of, stretches
+from camgen.plan.taught import find_stretches, make_paths
 from camgen.preview.curves import SpaceChains
 from camgen.preview.listing import list_texts
 from camgen.preview.notes import ViewNote
@@ -52,7 +52,7 @@ def view_program(
         body, lines = (Wait(0.0), *body), (1, *lines)
     columns = Columns(body)
     lengths = motion_lengths(columns)
-    paths, _ = paths_of(body, lines)
+    paths, _ = make_paths(body, lines)
     ends = columns.ends[~np.isnan(columns.ends[:, 0])]
     sag = _LEAST_SAG
     if len(ends):
@@ -102,7 +102,7 @@ def _assign_paths(body: Sequence[Instruction]) -> IntArray:
     """The path of each motion, shape (M,); -1 for a joint motion."""
     moves = [move for move in body if isinstance(move, MoveJ | MoveL | MoveC)]
     owner = np.full(len(moves), -1)
-    for k, (low, high) in enumerate(stretches(moves)):
+    for k, (low, high) in enumerate(find_stretches(moves)):
         owner[low + 1 : high] = k
     return owner
 

@@ -18,8 +18,8 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.report import clean
-from camgen.geometry.ragged import run_starts
-from camgen.model.errors import one_line
+from camgen.geometry.ragged import find_run_starts
+from camgen.model.errors import make_one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, Pose
 from camgen.preview.meshes import merge_surfaces
@@ -65,7 +65,7 @@ class Edits(Struct, frozen=True):
     ordered: tuple[bool, ...]
 
 
-def page(view: View, edits: Edits | None = None) -> str:
+def format_page(view: View, edits: Edits | None = None) -> str:
     """The view as HTML text. Equal views give equal texts.
 
     edits: changes that the user of the workbench may make; None for any other page.
@@ -77,7 +77,7 @@ def page(view: View, edits: Edits | None = None) -> str:
     names = [*_SCRIPTS[:-1], *extra, _SCRIPTS[-1]]
     script = '(() => {\n"use strict";\n' + "\n".join(map(_read_asset, names)) + "})();\n"
     values = {
-        "title": escape(one_line(view.title)),
+        "title": escape(make_one_line(view.title)),
         "policy": "default-src 'none'; img-src data: blob:; "
         f"script-src {_hash(first)} {_hash(script)}; style-src {_hash(style)}",
         "style": style,
@@ -118,7 +118,7 @@ def _list_view(view: View, edits: Edits | None) -> dict[str, object]:
         origin = np.round((points.min(axis=0) + points.max(axis=0)) / 2)
     events = track.events
     return {
-        "title": one_line(view.title),
+        "title": make_one_line(view.title),
         "facts": view.facts,
         "origin": origin.tolist(),
         "lines": {
@@ -149,7 +149,7 @@ def _list_view(view: View, edits: Edits | None) -> dict[str, object]:
         "listing": {
             "files": view.listing.files,
             "lines": _pack_runs(view.listing.lines, np.uint32, steps=True),
-            "why": one_line(view.listing.why),
+            "why": make_one_line(view.listing.why),
         },
         "track": {
             "position": _pack(track.position - origin),
@@ -230,7 +230,7 @@ def _list_cut(view: View, origin: FloatArray) -> dict[str, object]:
             {
                 "kind": mark.kind,
                 "number": mark.width,
-                "text": one_line(mark.text),
+                "text": make_one_line(mark.text),
                 **_pack_mark(mark, origin),
             }
             for mark in view.marks
@@ -331,7 +331,7 @@ def _pack_runs(
     """
     rows = values.astype(kind).reshape(len(values), -1)
     encoded = np.diff(rows.astype(np.int64), axis=0, prepend=0) if steps else rows
-    starts = run_starts(encoded)
+    starts = find_run_starts(encoded)
     if 2 * len(starts) > len(encoded):
         return _pack(rows, kind)
     counts = np.diff(np.append(starts, len(encoded)))

@@ -9,8 +9,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import run_starts
-from camgen.model.errors import one_line
+from camgen.geometry.ragged import find_run_starts
+from camgen.model.errors import make_one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
 from camgen.preview.aside import TILT, TURN, compute_view_axes
@@ -70,7 +70,7 @@ class _Sheet(Struct, frozen=True, eq=False):
         return fixed[:, None]
 
 
-def png(view: View) -> bytes:
+def draw_png(view: View) -> bytes:
     """The picture as the bytes of a PNG file."""
     image = np.full((_HIGH, _WIDE, 3), 255, np.uint8)
     sheet = _fit_sheet(view)
@@ -213,7 +213,7 @@ def _draw_track(image: Pixels, view: View, sheet: _Sheet) -> None:
     """Draw travel, then the paths from the first to the last, one stroke per path."""
     path = view.track.events.path[view.track.event]
     pixels = sheet.place(view.track.position)
-    cuts = run_starts(path)
+    cuts = find_run_starts(path)
     strokes = [
         (int(path[start]), pixels[max(start - 1, 0) : end])
         for start, end in zip(cuts, [*cuts[1:], len(path)], strict=True)
@@ -291,4 +291,4 @@ def _measure(text: str, size: float) -> tuple[int, int]:
 
 def _replace_letters(text: str) -> str:
     """`text` in the letters that OpenCV can write."""
-    return one_line(text).encode("ascii", "replace").decode()
+    return make_one_line(text).encode("ascii", "replace").decode()

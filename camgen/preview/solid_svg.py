@@ -70,7 +70,7 @@ class _Sheet(Struct, frozen=True, eq=False):
         return np.asarray(places * (self.scale, -self.scale) + (self.x, self.y))
 
 
-def svg(view: View, solid: Solid) -> str:
+def format_solid_svg(view: View, solid: Solid) -> str:
     """The picture as SVG text, sized in mm, legible on light and dark."""
     projection = make_oblique(view.upright)
     shaded = shade(solid, projection)

@@ -11,14 +11,14 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.check.report import clean
-from camgen.geometry.segments import compute_bounds, from_contours
+from camgen.geometry.segments import compute_bounds, make_contour_segments
 from camgen.model.job import ToolTable
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Pose, frozen
 from camgen.model.program import ToolChange
 from camgen.model.text import short
 from camgen.order.tours import JobTour
-from camgen.plan.steps import name_of
+from camgen.plan.steps import format_step
 from camgen.preview import Built
 from camgen.preview.track import IntArray
 
@@ -130,7 +130,7 @@ def list_cutters(result: Built) -> Cutters:
         if step.tool not in tools:
             tools.append(step.tool)
         owner += [tools.index(step.tool)] * len(part.paths)
-        name = clean(name_of(result.job, number).removeprefix("operation "))
+        name = clean(format_step(result.job, number).removeprefix("operation "))
         operations += [name] * len(part.paths)
     return Cutters(
         tuple(_make_cutter(tool, _find_frame(result, tool)) for tool in tools),
@@ -197,7 +197,7 @@ def find_stock(result: Built, cutters: Cutters) -> Stock | None:
     drawn = []
     if job.stock.layer:
         drawn = [c for c in part.contours if c.layer == job.stock.layer and c.closed]
-    box = compute_bounds(from_contours(drawn or part.contours))
+    box = compute_bounds(make_contour_segments(drawn or part.contours))
     if not len(box):
         box = np.concatenate([np.hstack([path.position[:, :2]] * 2) for path in paths])
     margin = 0.0 if drawn else job.stock.margin

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import measure_path
-from camgen.model.errors import one_line
+from camgen.model.errors import make_one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
@@ -85,7 +85,7 @@ class _Sheet(Struct, frozen=True):
     bottom: float
 
 
-def svg(
+def format_svg(
     part: Part,
     tour: Tour,
     notes: Sequence[Note],
@@ -278,6 +278,6 @@ def format_warnings(
         texts = [*texts[:5], f"left out: and {len(texts) - 5} more"]
     lines: list[str] = []
     for text in texts:
-        lines += textwrap.wrap(one_line(text), letters, subsequent_indent="    ")
+        lines += textwrap.wrap(make_one_line(text), letters, subsequent_indent="    ")
     start = f'<text class="warn" xml:space="preserve" x="{x}"'
     return [f'{start} y="{y + 5 * k:.2f}">{escape_line(row)}</text>' for k, row in enumerate(lines)]

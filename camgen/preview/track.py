@@ -11,7 +11,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.time import assign_paths, time_motions
-from camgen.geometry.ragged import ramp
+from camgen.geometry.ragged import number_rows
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import (
     Columns,
@@ -27,7 +27,7 @@ from camgen.model.program import (
 )
 from camgen.preview import Built
 from camgen.preview.curves import draw_spans
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 
 # The motions and waits of a program by column.
@@ -97,7 +97,7 @@ def compute_tool(
 
     instruction: (N,) index of the instruction of each. Its tool is that of the last tool change.
     """
-    rotations, origins = flange(arm, joints)
+    rotations, origins = compute_flange(arm, joints)
     work = program.base_from_work
     changes, frames = list_tool_frames(program)
     tool = np.searchsorted(changes, instruction, side="right") - 1
@@ -204,7 +204,7 @@ def make_track(result: Built, sag: float) -> tuple[Track, Arm | None]:
     if reach is None or robot is None or not len(reach.joints):
         return _time_stations(events, stations), None
     owner = np.searchsorted(events.instruction, reach.owner)
-    fraction = (ramp(np.bincount(owner)) + 1) / np.bincount(owner)[owner]
+    fraction = (number_rows(np.bincount(owner)) + 1) / np.bincount(owner)[owner]
     in_joints = events.kind[owner] == 0
     points, axis = compute_tool(program, robot, reach.joints[in_joints], reach.owner[in_joints])
     sampled = _Stations(owner[in_joints], fraction[in_joints], points, axis)

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from camgen.check.executed import Rounding
 from camgen.check.report import clean, path_sums
 from camgen.geometry.corners import check_corners
-from camgen.geometry.ragged import begins
+from camgen.geometry.ragged import compute_first_rows
 from camgen.model.part import Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import duration, short
@@ -251,7 +251,7 @@ def _find_upright(result: Built) -> FloatArray:
     return turn_upright(result.job.cell.rests_on)
 
 
-def view(result: Built) -> View:
+def make_view(result: Built) -> View:
     """The content of the preview of `result`."""
     part, program = result.part, result.program
     sag = _choose_sag(result)
@@ -432,7 +432,7 @@ def _measure_chains(chains: SpaceChains) -> list[float]:
     if not len(chains.counts):
         return []
     steps = np.linalg.norm(np.diff(chains.points, axis=0, prepend=chains.points[:1]), axis=1)
-    first = begins(chains.counts)
+    first = compute_first_rows(chains.counts)
     steps[first] = 0.0
     sums: FloatArray = np.add.reduceat(steps, first)
     return list(map(float, sums.tolist()))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import DrawnFixture, Job
 from camgen.model.part import Contour, Note, OpenOutline, Part, Solid
@@ -139,7 +139,7 @@ def _enclose(contours: list[Contour], source: str) -> Any:
 
     enclosed = []
     for contour in contours:
-        points, _ = flatten(from_contours([contour]), _CHORD_MM)
+        points, _ = flatten(make_contour_segments([contour]), _CHORD_MM)
         ring = shapely.linestrings(np.vstack([points, points[:1]]))
         # An outline that crosses itself encloses all its loops.
         loops = shapely.polygonize([shapely.union_all([ring])])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.segments import compute_bounds, from_contours
+from camgen.geometry.segments import compute_bounds, make_contour_segments
 from camgen.model.part import Part
 from camgen.read.units import format_size
 
@@ -34,7 +34,7 @@ class ContourFacts(Struct, frozen=True):
 
 def list_contours(part: Part) -> list[ContourFacts]:
     """All contours of a part, in its order."""
-    segments = from_contours(part.contours)
+    segments = make_contour_segments(part.contours)
     box = compute_bounds(segments)
     # A contour of one point has no segment.
     lower = np.array([contour.points[0] for contour in part.contours]).reshape(-1, 2)

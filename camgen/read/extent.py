@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from camgen.geometry.segments import compute_bounds, from_contours
+from camgen.geometry.segments import compute_bounds, make_contour_segments
 from camgen.model.part import Contour, Curve, tabulate_contours
 from camgen.model.pose import FloatArray
 
@@ -25,7 +25,10 @@ def measure_box(
         contours = [contour for contour in contours if not contour.is_mark] or contours
     if contours:
         points = tabulate_contours(contours).points
-        boxes += [compute_bounds(from_contours(contours)), np.column_stack([points, points])]
+        boxes += [
+            compute_bounds(make_contour_segments(contours)),
+            np.column_stack([points, points]),
+        ]
     for curve in curves:
         points = np.concatenate([curve.points, curve.middles])[:, :2]
         boxes.append(np.column_stack([points, points]))

@@ -19,7 +19,14 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import each_once, following, offsets, ramp, starts_run, stretches
+from camgen.geometry.ragged import (
+    compute_offsets,
+    find_following_rows,
+    list_range_numbers,
+    mark_run_starts,
+    number_rows,
+    select_distinct,
+)
 from camgen.model.job import Job, Step
 from camgen.model.part import Contour, ContourColumns, Contours, Note
 from camgen.model.pose import FloatArray, frozen
@@ -27,14 +34,14 @@ from camgen.model.text import counted, short
 from camgen.model.tolerance import NONZERO, OFF_GRID
 from camgen.read.pieces import (
     BoolArray,
+    DrawnPieces,
     IntArray,
-    Soup,
     are_credible,
     are_first,
     compute_same_distance,
     describe_elements,
     find_next_rows,
-    tidy,
+    normalize_pieces,
 )
 from camgen.read.twice import cut_repeated, drop_repeated_loops, label_selections
 
@@ -94,8 +101,8 @@ def chain(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], list
 
 
 def assemble(
-    soup: Soup, chains: list[list[int]], closed: list[bool], same: float
-) -> tuple[Soup, EndJoints]:
+    soup: DrawnPieces, chains: list[list[int]], closed: list[bool], same: float
+) -> tuple[DrawnPieces, EndJoints]:
     """The chains as pieces, and their joints.
 
     Lines are changed until their ends meet. Two arcs get a short line between them.
@@ -110,7 +117,7 @@ def assemble(
     counts = np.diff(soup.first)[piece]
     step = np.repeat(np.where(is_reversed, -1, 1), counts)
     base = np.where(is_reversed, soup.first[1:][piece] - 1, soup.first[:-1][piece])
-    rows = np.repeat(base, counts) + step * ramp(counts)
+    rows = np.repeat(base, counts) + step * number_rows(counts)
     points = soup.points[rows]
     bulges = np.where(step < 0, -soup.bulges[rows - 1], soup.bulges[rows])
     is_closed_piece = soup.closed[piece]
@@ -121,11 +128,13 @@ def assemble(
     ends = np.cumsum(sizes)
     meets_next = ~is_closed_piece
     meets_next[ends - 1] &= is_loop
-    keep, gaps = _meet(points, bulges, last[meets_next], start[following(sizes)[meets_next]], same)
+    keep, gaps = _meet(
+        points, bulges, last[meets_next], start[find_following_rows(sizes)[meets_next]], same
+    )
     heads = piece[ends - sizes]
     head = np.repeat(heads, sizes)
     mixed = [
-        len(each_once(chain_of_piece[names[piece] != names[head]]))
+        len(select_distinct(chain_of_piece[names[piece] != names[head]]))
         for names in (soup.layer, soup.color)
     ]
     length = np.bincount(np.repeat(chain_of_piece, counts)[keep], minlength=len(chains))
@@ -133,7 +142,7 @@ def assemble(
         soup,
         points=points[keep],
         bulges=bulges[keep] + 0.0,  # no minus zero
-        first=offsets(length),
+        first=compute_offsets(length),
         closed=is_loop,
         layer=soup.layer[heads],
         kind=soup.kind[heads],
@@ -182,7 +191,7 @@ _NO_LENGTH = Note("repaired", "dropped", "without length")
 _TWICE = Note("repaired", "dropped", "drawn twice; each is used once")
 
 
-def make_job_contours(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
+def make_job_contours(soup: DrawnPieces, job: Job) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """The contours of a drawing, and notes, as `make_contours` makes them for a job.
 
     Pieces on layers of clamps are joined and compared by themselves. Their contours come last.
@@ -203,7 +212,7 @@ def make_job_contours(soup: Soup, job: Job) -> tuple[tuple[Contour, ...], tuple[
 
 
 def make_contours(
-    soup: Soup, tolerance: float, by_color: bool = False, operations: Sequence[Step] = ()
+    soup: DrawnPieces, tolerance: float, by_color: bool = False, operations: Sequence[Step] = ()
 ) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """The contours of drawn pieces in drawing order, and notes on repairs and joints.
 
@@ -215,7 +224,7 @@ def make_contours(
     """
     notes: list[Note] = []
     soup = _drop(soup, are_credible(soup), _DAMAGED, notes)
-    soup = tidy(soup)
+    soup = normalize_pieces(soup)
     soup = _drop(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
     soup = _drop(soup, are_first(soup, label_selections(soup, operations)), _TWICE, notes)
     is_open = ~(soup.closed | _are_closed_within(soup, tolerance))
@@ -234,7 +243,7 @@ def make_contours(
     soup = joined
     notes += repeated
     notes += _note_joints(joints, tolerance, by_color)
-    soup = tidy(soup)
+    soup = normalize_pieces(soup)
     soup = soup.take(np.diff(soup.first) > 1)
     # Several pieces and one piece of the same shape can be compared only after pieces are joined.
     soup = _drop(soup, are_first(soup, label_selections(soup, operations)), _TWICE, notes)
@@ -251,7 +260,7 @@ def make_contours(
     return _convert_to_contours(soup), tuple(notes)
 
 
-def _convert_to_contours(soup: Soup) -> tuple[Contour, ...]:
+def _convert_to_contours(soup: DrawnPieces) -> tuple[Contour, ...]:
     points, bulges = frozen(soup.points), frozen(soup.bulges)
     columns = ContourColumns(points, bulges, np.diff(soup.first), soup.closed)
     spans = pairwise(soup.first.tolist())
@@ -271,7 +280,7 @@ def _convert_to_contours(soup: Soup) -> tuple[Contour, ...]:
     return Contours.of(contours, columns)
 
 
-def _are_nearly_closed(soup: Soup) -> BoolArray:
+def _are_nearly_closed(soup: DrawnPieces) -> BoolArray:
     """(P,) whether the ends of each piece are nearer than `GAP_SHARE` of its chords."""
     chords = np.linalg.norm(np.diff(soup.points, axis=0, append=soup.points[-1:]), axis=1)
     last = soup.first[1:] - 1
@@ -281,7 +290,7 @@ def _are_nearly_closed(soup: Soup) -> BoolArray:
     return np.asarray(gap <= GAP_SHARE * length)
 
 
-def _are_closed_within(soup: Soup, tolerance: float) -> BoolArray:
+def _are_closed_within(soup: DrawnPieces, tolerance: float) -> BoolArray:
     gap = soup.points[soup.first[1:] - 1] - soup.points[soup.first[:-1]]
     return np.asarray(np.hypot(gap[:, 0], gap[:, 1]) <= tolerance)
 
@@ -337,7 +346,7 @@ def compute_join(gap: float) -> float:
     return math.ceil(gap * 1000 + 1) / 1000
 
 
-def _note_open(soup: Soup, tolerance: float) -> Note:
+def _note_open(soup: DrawnPieces, tolerance: float) -> Note:
     is_open = soup.take(~soup.closed)
     pieces = np.split(is_open.points, is_open.first[1:-1])
     why, places = format_gaps(pieces, tolerance)
@@ -345,7 +354,7 @@ def _note_open(soup: Soup, tolerance: float) -> Note:
     return Note("warning", f"open contours: {len(pieces)}", why, (), places)
 
 
-def _drop(soup: Soup, keep: BoolArray, note: Note, notes: list[Note]) -> Soup:
+def _drop(soup: DrawnPieces, keep: BoolArray, note: Note, notes: list[Note]) -> DrawnPieces:
     """The pieces to keep. The others are counted by `note`, which is added to `notes`."""
     if keep.all():
         return soup
@@ -397,12 +406,12 @@ class _Ends(Struct, frozen=True, eq=False):
     length: FloatArray
 
 
-def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
+def _join(soup: DrawnPieces, tolerance: float) -> tuple[DrawnPieces, EndJoints]:
     chains, closed = chain(pair_ends(soup, tolerance).tolist(), soup.closed.tolist())
     return assemble(soup, chains, closed, compute_same_distance(soup))
 
 
-def _find_loop_pieces(soup: Soup, tolerance: float) -> BoolArray:
+def _find_loop_pieces(soup: DrawnPieces, tolerance: float) -> BoolArray:
     """(P,) whether each open piece is joined to others in a closed chain."""
     chains, closed = chain(pair_ends(soup, tolerance).tolist(), soup.closed.tolist())
     in_loop = np.zeros(len(soup), np.bool_)
@@ -411,7 +420,7 @@ def _find_loop_pieces(soup: Soup, tolerance: float) -> BoolArray:
     return in_loop
 
 
-def pair_ends(soup: Soup, tolerance: float) -> IntArray:
+def pair_ends(soup: DrawnPieces, tolerance: float) -> IntArray:
     """Choose for each end of the open pieces the end that it meets.
 
     End 2 i is the start of piece i, end 2 i + 1 its end. Two ends meet if they are at most
@@ -440,7 +449,7 @@ def _list_groups(ends: _Ends, colors: int) -> list[IntArray]:
     return list(itertools.compress(groups, is_new))
 
 
-def _find_ends(soup: Soup) -> _Ends:
+def _find_ends(soup: DrawnPieces) -> _Ends:
     chord = soup.points[find_next_rows(soup)] - soup.points
     size = np.hypot(chord[:, 0], chord[:, 1])
     b = np.abs(soup.bulges)
@@ -474,7 +483,7 @@ def _pair_coincident(
     cells = np.floor(ends.points[loose] / same + OFF_GRID).astype(np.int64)
     order = np.lexsort([cells[:, 1], cells[:, 0], group[loose]])
     loose, cells = loose[order], cells[order]
-    is_first = starts_run(cells) | starts_run(group[loose])
+    is_first = mark_run_starts(cells) | mark_run_starts(group[loose])
     starts = np.append(np.flatnonzero(is_first), len(loose))
     counts = np.diff(starts)
     first = loose[starts[:-1][counts == 2]]
@@ -572,7 +581,7 @@ def find_close_pairs(
         keys = _compute_cell_keys(cells + np.array(step), group)
         low, high = np.searchsorted(ranked, keys), np.searchsorted(ranked, keys, side="right")
         a = np.repeat(np.arange(len(points)), high - low)
-        b = order[stretches(low, high - low)]
+        b = order[list_range_numbers(low, high - low)]
         if step == (0, 0):
             a, b = a[a < b], b[a < b]
         firsts.append(a)

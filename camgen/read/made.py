@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import starts_run
+from camgen.geometry.ragged import mark_run_starts
 from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
@@ -97,7 +97,7 @@ def _make_contour(points: Any, name: str) -> Contour:
     rows = np.array(points, dtype=np.float64)[:, :2]
     if not np.isfinite(rows).all():
         raise InputError(name, "a coordinate is not finite", remedy="give numbers, mm")
-    rows = rows[starts_run(rows)]
+    rows = rows[mark_run_starts(rows)]
     closed = len(rows) > 3 and bool((rows[0] == rows[-1]).all())
     rows = rows[:-1] if closed else rows
     if len(rows) < 2:

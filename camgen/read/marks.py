@@ -8,8 +8,8 @@ from itertools import compress
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import run_starts
-from camgen.geometry.segments import from_contours
+from camgen.geometry.ragged import find_run_starts
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.job import Job, OperationTable
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
@@ -104,8 +104,8 @@ def _list_centres(contours: Sequence[Contour]) -> FloatArray:
     closed = [contour for contour in contours if contour.closed]
     if not closed:
         return np.zeros((0, 2))
-    segments = from_contours(closed)
-    first = run_starts(segments.owner)
+    segments = make_contour_segments(closed)
+    first = find_run_starts(segments.owner)
     centre = segments.centre[first]
     offset = np.abs(segments.centre - centre[segments.owner]).max(axis=1)
     offset[~segments.is_arc] = np.inf

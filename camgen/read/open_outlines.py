@@ -12,13 +12,13 @@ from itertools import compress
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import following, offsets
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.ragged import compute_offsets, find_following_rows
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.job import Job
 from camgen.model.part import Contour, OpenOutline, tabulate_contours
 from camgen.model.pose import FloatArray
 from camgen.read.join import GAP_SHARE, assemble, chain, compute_join, pair_ends
-from camgen.read.pieces import Soup, compute_same_distance, index_names
+from camgen.read.pieces import DrawnPieces, compute_same_distance, index_names
 
 #: Arcs are flattened to chords within this for the test of inside and outside, mm.
 _CHORD_MM = 0.02
@@ -47,7 +47,7 @@ def find_open_outlines(contours: Sequence[Contour], job: Job) -> tuple[OpenOutli
         (closed if contour.closed else opened).append(contour)
     if not opened or not closed or not _decides_sides(job):
         return ()
-    pieces, segments = _make_soup(opened), from_contours(opened)
+    pieces, segments = _make_soup(opened), make_contour_segments(opened)
     lengths = np.bincount(segments.owner, segments.length).astype(np.float64)
     # The gaps belong to the length of an outline.
     widest = GAP_SHARE / (1 - GAP_SHARE) * float(lengths.sum())
@@ -89,14 +89,14 @@ class _Loop(Struct, frozen=True, eq=False):
     outline: Contour
 
 
-def _make_soup(contours: Sequence[Contour]) -> Soup:
+def _make_soup(contours: Sequence[Contour]) -> DrawnPieces:
     table = tabulate_contours(contours)
     layers, layer = index_names([contour.layer for contour in contours])
     colors, color = index_names([contour.color for contour in contours])
-    return Soup(
+    return DrawnPieces(
         points=table.points,
         bulges=table.bulges,
-        first=offsets(table.counts),
+        first=compute_offsets(table.counts),
         closed=table.closed,
         layer=layer,
         kind=np.zeros(len(contours), dtype=np.intp),
@@ -107,7 +107,7 @@ def _make_soup(contours: Sequence[Contour]) -> Soup:
     )
 
 
-def _close_chains(pieces: Soup, lengths: FloatArray, tolerance: float) -> list[_Loop]:
+def _close_chains(pieces: DrawnPieces, lengths: FloatArray, tolerance: float) -> list[_Loop]:
     """The chains that are closed if ends up to `tolerance` mm apart are joined.
 
     Chains whose gaps are too large a part of their length are left out.
@@ -123,9 +123,9 @@ def _close_chains(pieces: Soup, lengths: FloatArray, tolerance: float) -> list[_
     ends = np.stack([pieces.points[first], pieces.points[last]], axis=1).reshape(-1, 2)
     sizes = np.array(list(map(len, chains)))
     entered = np.concatenate(chains)
-    left, met = ends[entered ^ 1], ends[entered[following(sizes)]]
+    left, met = ends[entered ^ 1], ends[entered[find_following_rows(sizes)]]
     gaps, middles = np.hypot(*(met - left).T), (met + left) / 2
-    begins = offsets(sizes)
+    begins = compute_offsets(sizes)
     gap_sums = np.add.reduceat(gaps, begins[:-1])
     around = gap_sums + np.add.reduceat(lengths[entered >> 1], begins[:-1])
     loops = []
@@ -152,7 +152,7 @@ def _select_outlines(
 
     from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (loads shapely)
 
-    points, owner = flatten(from_contours([loop.outline for loop in loops]), _CHORD_MM)
+    points, owner = flatten(make_contour_segments([loop.outline for loop in loops]), _CHORD_MM)
     rings = np.split(points, np.flatnonzero(np.diff(owner)) + 1)
     has_area = [len(ring) > 2 for ring in rings]
     loops = list(compress(loops, has_area))
@@ -164,7 +164,7 @@ def _select_outlines(
     for k in np.unique(which).tolist():
         if (
             not polygons[k].is_valid
-            and find_nesting(from_contours([loops[k].outline]), 1).crossed[0] >= 0
+            and find_nesting(make_contour_segments([loops[k].outline]), 1).crossed[0] >= 0
         ):
             continue
         inside = []

@@ -14,7 +14,13 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import find_bulge_middles
-from camgen.geometry.ragged import following, offsets, owners, run_starts, stretches
+from camgen.geometry.ragged import (
+    compute_offsets,
+    find_following_rows,
+    find_run_starts,
+    list_owners,
+    list_range_numbers,
+)
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.model.tolerance import OFF_GRID, SAME_POINT_MM
@@ -33,7 +39,7 @@ _WIDEST = 1e9
 _MAX_LAYERS = 8
 
 
-class Soup(Struct, frozen=True, eq=False):
+class DrawnPieces(Struct, frozen=True, eq=False):
     """P drawn pieces. Piece i has the rows first[i] to first[i + 1] of points and bulges.
 
     points: (V, 2) mm.
@@ -59,16 +65,16 @@ class Soup(Struct, frozen=True, eq=False):
     def __len__(self) -> int:
         return len(self.closed)
 
-    def take(self, index: IntArray | BoolArray) -> Soup:
+    def take(self, index: IntArray | BoolArray) -> DrawnPieces:
         """The pieces at `index`, in its order."""
         index = np.flatnonzero(index) if index.dtype == np.bool_ else index
         counts = np.diff(self.first)[index]
-        rows = stretches(self.first[index], counts)
+        rows = list_range_numbers(self.first[index], counts)
         return replace(
             self,
             points=self.points[rows],
             bulges=self.bulges[rows],
-            first=offsets(counts),
+            first=compute_offsets(counts),
             closed=self.closed[index],
             layer=self.layer[index],
             kind=self.kind[index],
@@ -113,18 +119,18 @@ def index_names(names: Sequence[str]) -> tuple[tuple[str, ...], IntArray]:
     return tuple(different), np.array([index_of[name] for name in names], dtype=np.intp)
 
 
-def find_next_rows(soup: Soup) -> IntArray:
+def find_next_rows(soup: DrawnPieces) -> IntArray:
     """(V,) the row after each row in its piece. The last row is followed by the first."""
-    return following(np.diff(soup.first))
+    return find_following_rows(np.diff(soup.first))
 
 
-def compute_same_distance(soup: Soup) -> float:
+def compute_same_distance(soup: DrawnPieces) -> float:
     """The distance up to which two points of the soup are one, mm."""
     largest = float(np.abs(soup.points).max(initial=0.0))
     return max(SAME_POINT_MM, 16 * float(np.spacing(largest)))
 
 
-def are_credible(soup: Soup) -> BoolArray:
+def are_credible(soup: DrawnPieces) -> BoolArray:
     """(P,) whether all numbers of a piece are within `FARTHEST` and the largest bulge."""
     if not len(soup):
         return np.zeros(0, dtype=np.bool_)
@@ -133,7 +139,7 @@ def are_credible(soup: Soup) -> BoolArray:
     return np.asarray(np.logical_and.reduceat(good, soup.first[:-1]))
 
 
-def tidy(soup: Soup) -> Soup:
+def normalize_pieces(soup: DrawnPieces) -> DrawnPieces:
     """The pieces without repeated points and wide arcs, and with all full circles in one form.
 
     Arcs above a half circle are halved. A full circle is two half circles, counter-clockwise from
@@ -156,7 +162,7 @@ def tidy(soup: Soup) -> Soup:
     return replace(soup, points=points, bulges=bulges)
 
 
-def _drop_repeats(soup: Soup) -> Soup:
+def _drop_repeats(soup: DrawnPieces) -> DrawnPieces:
     """The pieces without points that lie on the next one. A piece keeps at least one point."""
     steps = soup.points[find_next_rows(soup)] - soup.points
     is_repeated = np.abs(steps).max(axis=1, initial=0.0) <= compute_same_distance(soup)
@@ -166,7 +172,7 @@ def _drop_repeats(soup: Soup) -> Soup:
     if not is_repeated.any():
         return soup
     # The later one of two equal points stays: it has the bulge of the segment that remains.
-    piece = owners(counts)
+    piece = list_owners(counts)
     is_repeated[last[np.bincount(piece[~is_repeated], minlength=len(soup)) == 0]] = False
     keep = ~is_repeated
     counts = np.bincount(piece[keep], minlength=len(soup))
@@ -174,11 +180,11 @@ def _drop_repeats(soup: Soup) -> Soup:
         soup,
         points=soup.points[keep],
         bulges=soup.bulges[keep],
-        first=offsets(counts),
+        first=compute_offsets(counts),
     )
 
 
-def _halve_wide_arcs(soup: Soup) -> Soup:
+def _halve_wide_arcs(soup: DrawnPieces) -> DrawnPieces:
     """The pieces with each arc of more than a half circle as two arcs of half its angle."""
     is_segment = np.ones(len(soup.points), dtype=np.bool_)
     is_segment[(soup.first[1:] - 1)[~soup.closed]] = False
@@ -196,11 +202,11 @@ def _halve_wide_arcs(soup: Soup) -> Soup:
         soup,
         points=np.insert(soup.points, wide + 1, middle, axis=0),
         bulges=np.insert(bulges, wide + 1, half),
-        first=offsets(counts),
+        first=compute_offsets(counts),
     )
 
 
-def are_first(soup: Soup, label: IntArray) -> BoolArray:
+def are_first(soup: DrawnPieces, label: IntArray) -> BoolArray:
     """(P,) whether a piece differs from all before it.
 
     Equal pieces may run in opposite directions, and closed ones may start at different points.
@@ -212,7 +218,7 @@ def are_first(soup: Soup, label: IntArray) -> BoolArray:
     groups = (counts * 2 + soup.closed) * (int(label.max(initial=0)) + 1) + label
     cell = compute_same_distance(soup)
     order = np.argsort(groups, kind="stable")
-    for members in np.split(order, run_starts(groups[order])[1:]):
+    for members in np.split(order, find_run_starts(groups[order])[1:]):
         if len(members) < 2:
             continue
         rows = soup.first[members][:, None] + np.arange(counts[members[0]])

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.rotations import angles_between
+from camgen.geometry.rotations import measure_angles_between
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
 from camgen.model.job import InputTable, Job
@@ -124,7 +124,7 @@ def _make_curve(name: str, rows: FloatArray, mm: float) -> Curve | None:
     points = rows[:, :3] * mm
     moves = np.linalg.norm(np.diff(points, axis=0), axis=1) > SAME_POINT_MM
     if rotations is not None:
-        moves = moves | (angles_between(rotations[:-1], rotations[1:]) > SAME_POINT_MM)
+        moves = moves | (measure_angles_between(rotations[:-1], rotations[1:]) > SAME_POINT_MM)
     kept = np.concatenate([[True], moves])
     points = points[kept]
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import chain as chain_spans
+from camgen.geometry.arcs import make_span_chain as chain_spans
 from camgen.geometry.arcs import measure_spans
 from camgen.model.part import Curve, Note
 from camgen.model.pose import FloatArray, frozen

@@ -17,14 +17,14 @@ from camgen.geometry.overlap import (
     find_equal_loops,
     measure_covered,
 )
-from camgen.geometry.ragged import offsets, owners
-from camgen.geometry.segments import Segments, make, points_at
+from camgen.geometry.ragged import compute_offsets, list_owners
+from camgen.geometry.segments import Segments, make_segments, points_at
 from camgen.model.job import Step
 from camgen.model.part import Note
 from camgen.model.text import short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.read.chosen import is_chosen_color, is_chosen_layer
-from camgen.read.pieces import BoolArray, IntArray, Soup, describe_elements, find_next_rows
+from camgen.read.pieces import BoolArray, DrawnPieces, IntArray, describe_elements, find_next_rows
 
 #: Maximum number of places of a note that the preview shows.
 _MAX_PLACES = 50
@@ -46,7 +46,7 @@ class _Cut(Struct, frozen=True, eq=False):
     place: tuple[float, float]
 
 
-def label_selections(soup: Soup, operations: Sequence[Step]) -> IntArray:
+def label_selections(soup: DrawnPieces, operations: Sequence[Step]) -> IntArray:
     """(P,) number of the set of operations that choose each piece by its layer and color.
 
     Pieces of different sets are not compared: an outline and a pocket may have the same contour.
@@ -67,13 +67,13 @@ def label_selections(soup: Soup, operations: Sequence[Step]) -> IntArray:
 
 
 def cut_repeated(
-    soup: Soup,
+    soup: DrawnPieces,
     label: IntArray,
     tolerance: float,
     among: BoolArray,
     fixed: BoolArray,
     noun: str = "",
-) -> tuple[Soup, list[Note]]:
+) -> tuple[DrawnPieces, list[Note]]:
     """The pieces without the parts that lie on others, and notes on these parts.
 
     label: (P,) pieces of different labels are not compared.
@@ -95,7 +95,9 @@ def cut_repeated(
     return _replace_pieces(soup, cuts), _note_cuts(soup, cuts, noun)
 
 
-def drop_repeated_loops(soup: Soup, label: IntArray, tolerance: float) -> tuple[Soup, list[Note]]:
+def drop_repeated_loops(
+    soup: DrawnPieces, label: IntArray, tolerance: float
+) -> tuple[DrawnPieces, list[Note]]:
     """The pieces without closed ones that have the shape of an earlier one, and notes on these.
 
     The other parameters are those of `cut_repeated`.
@@ -119,17 +121,17 @@ def _limit(tolerance: float) -> float:
     return max(min(tolerance, SAME_CURVE_MM), 4 * SAME_POINT_MM)
 
 
-def _list_segments(soup: Soup, among: BoolArray) -> Segments:
+def _list_segments(soup: DrawnPieces, among: BoolArray) -> Segments:
     """Lines and arcs of the pieces of `among`; their `owner` is the index among all pieces."""
-    piece = owners(np.diff(soup.first))
+    piece = list_owners(np.diff(soup.first))
     used = among[piece]
     used[(soup.first[1:] - 1)[~soup.closed]] = False
     rows = np.flatnonzero(used)
     after = find_next_rows(soup)[rows]
-    return make(soup.points[rows], soup.points[after], soup.bulges[rows], piece[rows])
+    return make_segments(soup.points[rows], soup.points[after], soup.bulges[rows], piece[rows])
 
 
-def _list_cuts(soup: Soup, segments: Segments, covered: dict[int, Parts]) -> list[_Cut]:
+def _list_cuts(soup: DrawnPieces, segments: Segments, covered: dict[int, Parts]) -> list[_Cut]:
     """The cut of each covered piece, in order.
 
     covered: covered parts of the segments, by the index of the segment.
@@ -155,7 +157,7 @@ def _list_cuts(soup: Soup, segments: Segments, covered: dict[int, Parts]) -> lis
     return cuts
 
 
-def _replace_pieces(soup: Soup, cuts: list[_Cut]) -> Soup:
+def _replace_pieces(soup: DrawnPieces, cuts: list[_Cut]) -> DrawnPieces:
     """The soup with the rest of each covered piece in its place."""
     rest = {cut.piece: cut.chains for cut in cuts}
     points, bulges = [], []
@@ -182,7 +184,7 @@ def _replace_pieces(soup: Soup, cuts: list[_Cut]) -> Soup:
         soup,
         points=np.concatenate(points),
         bulges=np.concatenate(bulges),
-        first=offsets(counts),
+        first=compute_offsets(counts),
         closed=np.array(closed, dtype=np.bool_),
         layer=soup.layer[index],
         kind=soup.kind[index],
@@ -190,7 +192,7 @@ def _replace_pieces(soup: Soup, cuts: list[_Cut]) -> Soup:
     )
 
 
-def _note_cuts(soup: Soup, cuts: list[_Cut], noun: str) -> list[Note]:
+def _note_cuts(soup: DrawnPieces, cuts: list[_Cut], noun: str) -> list[Note]:
     notes = []
     for is_whole in (True, False):
         group = [cut for cut in cuts if is_whole == (not cut.chains)]
@@ -203,7 +205,7 @@ def _note_cuts(soup: Soup, cuts: list[_Cut], noun: str) -> list[Note]:
     return notes
 
 
-def _count(soup: Soup, pieces: list[int], noun: str) -> str:
+def _count(soup: DrawnPieces, pieces: list[int], noun: str) -> str:
     plural = f"{noun}s" if noun and len(pieces) > 1 else noun
     kinds = [plural or soup.kinds[soup.kind[piece]] for piece in pieces]
     return describe_elements(kinds, [soup.layers[soup.layer[piece]] for piece in pieces])

@@ -35,7 +35,7 @@ from camgen.model.pose import FloatArray, Vec3, frozen, pose_from_values, transl
 from camgen.model.text import suggest
 from camgen.read.files import Files
 from camgen.robots.chain import Joint
-from camgen.robots.kinematics.arms import recognise
+from camgen.robots.kinematics.arms import recognise_arm
 from camgen.robots.models import Box, Link, Robot, Triple, Trust
 
 _AXES: dict[str, Vec3] = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
@@ -79,7 +79,7 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True):
     rod: _Rod | None = None
 
 
-def robot(name: str, files: Files | None = None) -> Robot:
+def find_robot(name: str, files: Files | None = None) -> Robot:
     """The robot of a name. Capitals, spaces and hyphens do not matter.
 
     A name that ends in .urdf, or in .urdf#LINK for another tip than the flange, is a file.
@@ -102,7 +102,7 @@ def robot(name: str, files: Files | None = None) -> Robot:
     return _make(file)
 
 
-def robots() -> tuple[Robot, ...]:
+def list_robots() -> tuple[Robot, ...]:
     """All built-in robots, sorted by name."""
     return tuple(_make(file) for file in _files())
 
@@ -162,7 +162,7 @@ def _make(file: _File) -> Robot:
         trust=file.trust,
         notes=file.notes,
         sources=file.sources,
-        arm=recognise(joints, flange),
+        arm=recognise_arm(joints, flange),
     )
 
 

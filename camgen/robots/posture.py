@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import run_starts
+from camgen.geometry.ragged import find_run_starts
 from camgen.model.errors import JobError
 from camgen.model.pose import FloatArray
 from camgen.model.program import Posture
@@ -51,7 +51,9 @@ class Words(Struct, frozen=True, eq=False):
     sure: NDArray[np.bool_]
 
 
-def postures(robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]) -> list[Posture | None]:
+def compute_postures(
+    robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]
+) -> list[Posture | None]:
     """The posture of each row of joint values (N, J), rad or mm, None if nothing of it is sure.
 
     The rows are the values at the ends of consecutive motions. Equal postures are one object.
@@ -80,7 +82,7 @@ def postures(robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]) -> l
     numbers: dict[tuple[str, ...], int] = {}
     word_number = [numbers.setdefault(row_words, len(numbers)) for row_words in words]
     columns = conf.values, conf.sure[:, None], figure.values[:, None], kept[:, None], word_number
-    starts = run_starts(np.column_stack(columns))
+    starts = find_run_starts(np.column_stack(columns))
     known: dict[Posture, Posture] = {}
     result: list[Posture | None] = []
     for row, end in zip(starts.tolist(), [*starts[1:].tolist(), count], strict=True):

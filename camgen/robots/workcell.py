@@ -41,7 +41,7 @@ class Workcell(Cell, frozen=True, eq=False):
     fixtures: Fixtures | None = None
 
 
-def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -> Workcell:
+def equip_cell(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -> Workcell:
     """The cell with the frames and the home position of `job`.
 
     The built-in tool is as long as `tool.length`. A home of joint values is given in deg, or mm for
@@ -142,17 +142,17 @@ def _home_work(machine: Robot, home: Pose, tool: Pose) -> Pose:
     home: pose of the tool in the work frame.
     tool: pose of the tool at the flange.
     """
-    from camgen.robots.kinematics.forward import flange  # noqa: PLC0415 (only jobs with a robot)
+    from camgen.robots.kinematics.forward import compute_flange  # noqa: PLC0415 (only for robots)
 
-    _, origins = flange(machine, machine.home[None])
+    _, origins = compute_flange(machine, machine.home[None])
     return translation(*(origins[0] - np.asarray((home @ tool.inverse()).origin)).tolist())
 
 
 def _choose_home(arm: Robot, cell: Cell, builtin: Joints) -> Joints:
     """The home of a robot; the robot of the built-in cell keeps that of the cell."""
-    from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
+    from camgen.robots.catalogue import find_robot  # noqa: PLC0415 (only jobs with a robot load it)
 
-    if cell.robot and arm.name == robot(cell.robot).name:
+    if cell.robot and arm.name == find_robot(cell.robot).name:
         return builtin
     return Joints(tuple(arm.home.tolist()))
 

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, owners, ramp
+from camgen.geometry.ragged import compute_first_rows, list_owners, number_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.image import Pixels
@@ -124,7 +124,7 @@ def _average_points(lines: list[Stroke]) -> list[Middle]:
     if not lines:
         return []
     count = np.array([len(stroke.points) for stroke in lines])
-    first, owner, place = begins(count), owners(count), ramp(count)
+    first, owner, place = compute_first_rows(count), list_owners(count), number_rows(count)
     closed = np.array([stroke.closed for stroke in lines])[owner]
     points = np.concatenate([stroke.points for stroke in lines])
     # As many points on both sides, so that an end is not drawn in.

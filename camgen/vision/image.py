@@ -29,7 +29,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError, make_one_line
 from camgen.model.files import Source
 from camgen.model.job import CameraTable
 from camgen.model.limits import Limits, format_limit
@@ -413,7 +413,7 @@ def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[
     for message in messages:
         if "orrupt" not in message:
             continue
-        line = one_line(message)
+        line = make_one_line(message)
         if not _HARMLESS.search(line):
             raise InputError(name, f"is damaged: {line}", remedy=remedy)
         notes.append(Note("warning", f"the decoder says: {line}", "nothing seems to be lost"))

@@ -18,7 +18,7 @@ from typing import Protocol
 
 from msgspec import Struct
 
-from camgen.batch.pool import format_exit, no_interrupt
+from camgen.batch.pool import format_exit, ignore_interrupts
 from camgen.order import may_end_early
 from camgen.workbench.perform import BuildRequest, Failed, Outcome, Summarize, run_request
 
@@ -82,7 +82,7 @@ class Builder:
         process = context.Process(
             target=_serve_requests, args=(theirs, self._summarize), daemon=True
         )
-        with no_interrupt():
+        with ignore_interrupts():
             process.start()
         theirs.close()  # so that the pipe ends when the process does
         self._process, self._link = process, ours

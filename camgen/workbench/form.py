@@ -20,7 +20,7 @@ from camgen.model.job_tables import (
 )
 from camgen.model.plugins import OPERATIONS, list_entries
 from camgen.post.job_schema import schema
-from camgen.robots.catalogue import robots
+from camgen.robots.catalogue import list_robots
 
 #: The unit at the end of a description, or at the end of its first part.
 _UNIT = re.compile(
@@ -136,7 +136,7 @@ def _make_field(setting: Setting, rule: Mapping[str, Any]) -> Field:
 
 @cache
 def _list_robots() -> tuple[str, ...]:
-    return tuple(robot.name for robot in robots())
+    return tuple(robot.name for robot in list_robots())
 
 
 def _make_option(key: str, rule: Mapping[str, Any]) -> Field:

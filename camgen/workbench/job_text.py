@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-from camgen.model.errors import one_line
+from camgen.model.errors import make_one_line
 from camgen.model.job_tables import ROWS, list_settings, list_tables
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -43,7 +43,7 @@ def keeps_comments(base: str, text: str) -> bool:
 
 def _write_new(wanted: Mapping[str, Any], source: str) -> str:
     lines = [
-        f"# camgen job for {one_line(source)}",
+        f"# camgen job for {make_one_line(source)}",
         "# Lengths mm, angles deg, speeds mm/s, forces N, times s. "
         "What is not here has its default.",
     ]
@@ -56,7 +56,7 @@ def _write_new(wanted: Mapping[str, Any], source: str) -> str:
         elif isinstance(content, Mapping):
             lines += ["", f"[{_format_key(name)}]", *_format_keys(name, content)]
         else:  # A key outside any table: reading the file reports it.
-            lines.insert(2, f"{_format_key(name)} = {toml(content)}")
+            lines.insert(2, f"{_format_key(name)} = {format_toml(content)}")
     return "\n".join(lines) + "\n"
 
 
@@ -64,11 +64,11 @@ def _format_keys(table: str, content: Mapping[str, Any]) -> list[str]:
     """The lines of the keys, in the order of the page on the job file."""
     order = [s.key for s in list_settings() if s.table == table or table in ROWS]
     names = sorted(content, key=lambda key: order.index(key) if key in order else len(order))
-    return [f"{_format_key(key)} = {toml(content[key])}" for key in names]
+    return [f"{_format_key(key)} = {format_toml(content[key])}" for key in names]
 
 
 def _format_key(name: str) -> str:
-    return name if _BARE.fullmatch(name) else toml(name)
+    return name if _BARE.fullmatch(name) else format_toml(name)
 
 
 def _edit(base: str, wanted: Mapping[str, Any]) -> str:

@@ -22,7 +22,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 from camgen.read.files import identity, reason
 from camgen.workbench.session import Change, Session, Step, Tables, add_step
 
@@ -290,7 +290,9 @@ def _record(session: Session, before: Tables, drafts: Sequence[Change]) -> Recor
     return Record(
         digest=find_digest(session.base),
         post=session.post,
-        text="".join(f"{toml(name)} = {toml(table)}\n" for name, table in changed.items()),
+        text="".join(
+            f"{format_toml(name)} = {format_toml(table)}\n" for name, table in changed.items()
+        ),
         drop=tuple(name for name in before if name not in tables),
         drafts=tuple(drafts),
     )

@@ -20,11 +20,11 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import to_vec3
 from camgen.order.tours import JobTour
 from camgen.pipeline import ProgramFile, Result, build, list_program_files
-from camgen.pipeline.memory import no_collector
-from camgen.plan import Watch, kind_of
+from camgen.pipeline.memory import pause_collector
+from camgen.plan import Watch, find_part_kind
 from camgen.plan.propose import propose
-from camgen.preview.page import Edits, page
-from camgen.preview.view import view
+from camgen.preview.page import Edits, format_page
+from camgen.preview.view import make_view
 from camgen.read import find_reader, read
 from camgen.read.files import Files
 from camgen.read.job_file import load_job
@@ -179,7 +179,7 @@ def run_request(request: BuildRequest, watch: Watch, summarize: Summarize) -> Ou
     """Run a request. An exception by which `watch` cancels the build is not caught."""
     files = Files([Source(request.job_file, request.text.encode())])
     start = perf_counter()
-    with no_collector():
+    with pause_collector():
         try:
             with rename_errors("job", str(request.job_file)):
                 if request.propose:
@@ -203,7 +203,9 @@ def _build(
     programs = list_program_files(result, request.output, None)
     watch("drawing")
     runs = summarize_paths(result)
-    shown = page(view(result), _make_edits(runs) if kind_of(result.part) in MOVABLE else None)
+    shown = format_page(
+        make_view(result), _make_edits(runs) if find_part_kind(result.part) in MOVABLE else None
+    )
     return Built(
         number=request.number,
         page=shown,
@@ -227,7 +229,7 @@ def _build(
 def _summarize_input(
     request: BuildRequest, result: Result, files: Files, runs: tuple[PathSummary, ...]
 ) -> InputSummary:
-    kind = kind_of(result.part)
+    kind = find_part_kind(result.part)
     if kind == "solid":
         return InputSummary(kind, runs=runs)
     contours = tuple((contour.id, contour.layer) for contour in result.part.contours)
@@ -247,7 +249,7 @@ def _summarize_input(
 def summarize_paths(result: Result) -> tuple[PathSummary, ...]:
     """Summarize the paths in the order of the program."""
     tour = result.tour
-    if kind_of(result.part) not in MOVABLE:
+    if find_part_kind(result.part) not in MOVABLE:
         solid = result.part.solid is not None
         return tuple(
             PathSummary(path.contours or ((path.id,) if solid else ()), -1, id=clean(path.id))
@@ -296,9 +298,9 @@ def _find_seam(path: ToolPath, planned: ToolPath) -> tuple[float, float, float]:
     """The start of the closed path `planned` on `path`, which may have a lead-in."""
     row = 0
     if not path.closed:
-        from camgen.plan.seams import SAME_MM, project  # noqa: PLC0415 (shapely)
+        from camgen.plan.seams import SAME_MM, project_point  # noqa: PLC0415 (shapely)
 
-        row = int(project(planned, path.position[0, :2])[2] > SAME_MM)
+        row = int(project_point(planned, path.position[0, :2])[2] > SAME_MM)
     return to_vec3(path.position[row])
 
 
@@ -343,9 +345,9 @@ def _list_layers(request: BuildRequest, result: Result, files: Files) -> tuple[L
 def _draw_stages(result: Result) -> str:
     if result.part.raster is None:
         return ""
-    from camgen.preview.drawings import draw  # noqa: PLC0415 (only for pictures)
+    from camgen.preview.drawings import draw_preview  # noqa: PLC0415 (only for pictures)
 
-    return draw(result, Path("stages.svg")).decode()
+    return draw_preview(result, Path("stages.svg")).decode()
 
 
 def _draw_progress(request: BuildRequest, files: Files) -> str:
@@ -405,7 +407,7 @@ def _draw_photo(source: Source) -> str:
 def _propose(request: BuildRequest, files: Files) -> Proposed:
     job = load_job(request.job_file, (), files)
     part = read(request.inputs[0], job, files)
-    if kind_of(part) != "drawing" or len(request.inputs) > 1:
+    if find_part_kind(part) != "drawing" or len(request.inputs) > 1:
         raise InputError(part.source, "operations are proposed for one flat drawing")
     # The proposal replaces the rows of the job.
     names = {row.get("name") for row in list_rows(parse_tables(request.text), "tools")}

@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from camgen.model.errors import CamgenError, JobError, one_line
+from camgen.model.errors import CamgenError, JobError, make_one_line
 from camgen.workbench import choose
 from camgen.workbench import session as steps
 from camgen.workbench.desk import Desk, Edited, Ending, Warn
@@ -164,7 +164,7 @@ async def _answer(desk: Desk, request: Request, answer: Answer) -> Response:
     except (msgspec.MsgspecError, ClientDisconnect):
         return JSONResponse({"line": "error: the page sent an invalid request; reload it"}, 400)
     except Exception as error:  # any fault is a line on the page, as in cli.main
-        return JSONResponse({"line": one_line(f"fault: {type(error).__name__}: {error}")}, 500)
+        return JSONResponse({"line": make_one_line(f"fault: {type(error).__name__}: {error}")}, 500)
 
 
 async def _wait_for_end(desk: Desk, end: Callable[[], None]) -> None:

@@ -12,7 +12,7 @@ from camgen.lower.runs import plunge
 from camgen.model.errors import CamgenError
 from camgen.model.job import Job
 from camgen.model.job_tables import defaults_beside
-from camgen.model.pose import Pose, fixed_xyz
+from camgen.model.pose import Pose, compute_fixed_xyz
 from camgen.motion.corners import compute_corner_tolerance
 from camgen.order.tours import ArmTour, EdgeTour
 from camgen.pipeline import Result
@@ -79,7 +79,7 @@ def _find_cell_defaults(result: Result, job: Job) -> dict[str, object]:
         ("flange_from_tool", cell.flange_from_tool),
     ):
         if getattr(settings, key) is None:
-            angles = map(math.degrees, fixed_xyz(frame.rotation))
+            angles = map(math.degrees, compute_fixed_xyz(frame.rotation))
             defaults[key] = _round([*frame.origin, *angles])
     if settings.home is None and isinstance(cell.home, Pose):
         defaults["home"] = _round(cell.home.origin)

@@ -7,7 +7,7 @@ import shapely
 from msgspec import Struct
 from shapely.affinity import rotate
 
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.errors import InputError
 from camgen.plan import Operation, Plan, read_options
 from camgen.plan.columns import straight_path
@@ -28,7 +28,7 @@ def plan(part, job, _cell, _watch):
         raise InputError(
             part.source, "nothing to hatch", remedy="give closed contours and a spacing above 0"
         )
-    points, owner = flatten(from_contours(closed), job.tolerance.chord)
+    points, owner = flatten(make_contour_segments(closed), job.tolerance.chord)
     rings = [shapely.Polygon(points[owner == k]) for k in range(len(closed))]
     area = rotate(reduce(shapely.symmetric_difference, rings), -wish.angle, origin=(0, 0))
     left, low, right, high = area.bounds

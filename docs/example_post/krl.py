@@ -8,10 +8,10 @@ from typing import ClassVar
 
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle
+from camgen.geometry.arcs import compute_circle
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, Refused
-from camgen.model.pose import Pose, fixed_xyz, translation
+from camgen.model.pose import Pose, compute_fixed_xyz, translation
 from camgen.model.program import (
     Force,
     Instruction,
@@ -89,7 +89,7 @@ class Krl(Post):
             case MoveJ(Joints(values)) if len(values) != 6:
                 return f"PTP takes six axes, not {len(values)}; take an arm with six"
             case MoveC(via, end) if (
-                start is None or circle(start.origin, via.origin, end.origin)[1] > FLAT
+                start is None or compute_circle(start.origin, via.origin, end.origin)[1] > FLAT
             ):
                 return f"CIRC needs a pose to start from and a radius to {FLAT:g} mm; plan a line"
             case MoveL() | MoveC() if not 0.01 <= item.speed <= self.max_speed:
@@ -172,7 +172,7 @@ class Krl(Post):
                 for axis, angle in enumerate(place.values, 1)
             )
             return f"{{{', '.join(axes)}}}"
-        c, b, a = (fixed(math.degrees(angle), 4) for angle in fixed_xyz(place.rotation))
+        c, b, a = (fixed(math.degrees(angle), 4) for angle in compute_fixed_xyz(place.rotation))
         x, y, z = (fixed(value, self.decimals) for value in place.origin)
         return f"{{X {x}, Y {y}, Z {z}, A {a}, B {b}, C {c}}}"
 

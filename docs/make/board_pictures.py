@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.plan.boards import MM, board, marks, part_of
 from camgen.plan.fill import fill
-from camgen.plan.fill.cover import coverage_map, run_along
+from camgen.plan.fill.cover import make_coverage_map, run_along
 from camgen.read.job_file import from_mapping
 from camgen.vision.crosses import find_crosses
 
@@ -27,7 +27,7 @@ def filled(pixels: int, seed: int, diameter: float) -> np.ndarray:
     paths, _, _ = fill(
         part, from_mapping({"operation": {"kind": "fill"}, "tool": {"diameter": diameter}})
     )
-    shown = coverage_map(part, paths, diameter, 1800)
+    shown = make_coverage_map(part, paths, diameter, 1800)
     picture = shown.pixels.copy()
     back = np.linalg.inv(np.vstack([shown.work_from_map, [0, 0, 1]]))[:2]
     for path in paths:

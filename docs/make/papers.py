@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from camgen.cli import parsers
+from camgen.cli import make_parsers
 
 ROOT = Path(__file__).parents[2]
 TABLE = Path(__file__).with_name("papers.toml")
@@ -132,7 +132,7 @@ def _is_command(command: str) -> bool:
             not module.startswith("bench.")
             or f"`python -m {module}" in (ROOT / "bench/README.md").read_text()
         )
-    return command.startswith("camgen ") and command.split()[1] in parsers()[1]
+    return command.startswith("camgen ") and command.split()[1] in make_parsers()[1]
 
 
 def papers_page() -> str:

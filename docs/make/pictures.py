@@ -25,9 +25,9 @@ from camgen.pipeline import Result, build
 from camgen.preview import page as html
 from camgen.preview import png as picture
 from camgen.preview import view
-from camgen.preview.drawings import draw
+from camgen.preview.drawings import draw_preview
 from camgen.preview.fixtures import clip_fixtures
-from camgen.preview.svg import DrawnFixtures, svg
+from camgen.preview.svg import DrawnFixtures, format_svg
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
@@ -167,7 +167,7 @@ def page(result: Result, scene: bool) -> bytes:
         return b""
     with tempfile.TemporaryDirectory() as name:
         source, target = Path(name, "page.html"), Path(name, "page.png")
-        source.write_text(html.page(view.view(result)), encoding="utf-8")
+        source.write_text(html.format_page(view.make_view(result)), encoding="utf-8")
         command = [browser, *_SWITCHES, f"--screenshot={target}", source.as_uri()]
         subprocess.run(command, check=True, capture_output=True, timeout=120)
         if not scene:
@@ -182,12 +182,12 @@ def drawn(shown: Shown) -> bytes:
     if shown.name.startswith("page"):
         return page(result, shown.scene)
     if shown.name.endswith(".png"):
-        return small(picture.png(view.view(result)))
+        return small(picture.draw_png(view.make_view(result)))
     if result.part.solid is not None:
-        return draw(result, Path(shown.name))
+        return draw_preview(result, Path(shown.name))
     title = shown.title or f"{shown.source.name}, {shown.post}"
     standing = DrawnFixtures(clip_fixtures(result), result.blocked)
-    return svg(result.part, result.tour, result.notes, title, standing=standing).encode()
+    return format_svg(result.part, result.tour, result.notes, title, standing=standing).encode()
 
 
 def main(folder: Path) -> None:

@@ -9,7 +9,7 @@ import dataclasses
 import re
 from typing import Literal, get_args, get_origin, get_type_hints
 
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 from camgen.post.plugins import find_post
 
 _MARKS = ("<!-- options: made by docs/make/pages.py -->\n", "<!-- end of options -->")
@@ -35,7 +35,7 @@ def options(name: str) -> str:
             about = field.metadata["help"].replace("|", "\\|")
             choices = list_choices(hints[field.name])
             meaning = f"{choices}; {about}" if choices else about
-            rows.append(f"| `{field.name}` | `{toml(_default(field))}` | {meaning} |")
+            rows.append(f"| `{field.name}` | `{format_toml(_default(field))}` | {meaning} |")
     return "\n".join(rows) + "\n"
 
 
@@ -49,5 +49,5 @@ def list_choices(hint: object) -> str:
     """The values that an option may have; "" if it has a type, which its default shows."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Literal:
-        return ", ".join(f"`{toml(value)}`" for value in inner)
+        return ", ".join(f"`{format_toml(value)}`" for value in inner)
     return list_choices(inner[0]) if origin is list else ""

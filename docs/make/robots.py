@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from camgen.model.cell import Cell
-from camgen.model.pose import Pose, fixed_xyz
+from camgen.model.pose import Pose, compute_fixed_xyz
 from camgen.model.text import short
 from camgen.post.plugins import find_post, list_installed, make_post
-from camgen.robots.catalogue import robots
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.catalogue import list_robots
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Robot
 
@@ -68,7 +68,7 @@ of the models (`python -m docs.make.pages`); a test keeps it current.
 
 def robots_page() -> str:
     """The whole page."""
-    known = robots()
+    known = list_robots()
     rows = ["| robot | maker | joints | reach, mm | solved by |", "|---|---|---|---|---|"]
     rows += [f"| [{r.name}](#{_anchor(r.name)}) | {r.maker} | {len(r.joints)} | {_reach(r)} | {_KINDS[r.kind]} |"
              for r in known]  # fmt: skip
@@ -90,7 +90,7 @@ def _cells() -> str:
 
 
 def _values(pose: Pose) -> str:
-    angles = (math.degrees(angle) for angle in fixed_xyz(pose.rotation))
+    angles = (math.degrees(angle) for angle in compute_fixed_xyz(pose.rotation))
     return ", ".join([*(short(v, 3) for v in pose.origin), *(short(a, 4) for a in angles)])
 
 
@@ -162,5 +162,5 @@ def reach(r: Robot) -> float:
 
 def _far(r: Robot, joints: np.ndarray) -> np.ndarray:
     """The distance of the flange from axis 1; -1 where the posture is not within the limits."""
-    origins = flange(r, joints)[1]
+    origins = compute_flange(r, joints)[1]
     return np.where(are_within_limits(r, joints), np.hypot(origins[:, 0], origins[:, 1]), -1.0)

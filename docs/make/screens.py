@@ -18,8 +18,8 @@ from playwright.sync_api import Browser, sync_playwright
 
 import camgen
 from camgen.pipeline import Result
-from camgen.preview.page import page
-from camgen.preview.view import view
+from camgen.preview.page import format_page
+from camgen.preview.view import make_view
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
@@ -115,7 +115,7 @@ SCREENS = {
 def shoot(browser: Browser, screen: Screen, folder: Path, target: Path) -> None:
     """One picture."""
     file = folder / "page.html"
-    file.write_text(page(view(screen.made())), encoding="utf-8")
+    file.write_text(format_page(make_view(screen.made())), encoding="utf-8")
     width, height = screen.size
     context = browser.new_context(
         viewport={"width": width, "height": height},

@@ -14,11 +14,11 @@ from typing import ClassVar
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle
+from camgen.geometry.arcs import compute_circle
 from camgen.model.cell import Cell
 from camgen.model.errors import Refused
 from camgen.model.part import Note
-from camgen.model.pose import IDENTITY, Pose, Vec3, angle_between, fixed_xyz, translation
+from camgen.model.pose import IDENTITY, Pose, Vec3, angle_between, compute_fixed_xyz, translation
 from camgen.model.program import (
     Comment,
     Force,
@@ -182,7 +182,7 @@ class PacScript(PacScriptOptions):
     def _arc_reason(self, arc: MoveC, start: Pose | None) -> str:
         if start is None:
             return "an arc starts where the text gives no pose; move to a pose first"
-        _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+        _, radius, _, sweep = compute_circle(start.origin, arc.via.origin, arc.target.origin)
         if sweep > math.pi + 1e-6:
             return "an arc of more than 180 deg; halve it"
         if angle_between(start.rotation, arc.target.rotation) > _MAX_TOOL_TURN:
@@ -407,7 +407,7 @@ class PacScript(PacScriptOptions):
         key = pose.rotation.tobytes()
         if key not in self._angles:
             self._angles[key] = ", ".join(
-                fixed(math.degrees(v), _ANGLE) for v in fixed_xyz(pose.rotation)
+                fixed(math.degrees(v), _ANGLE) for v in compute_fixed_xyz(pose.rotation)
             )
         x, y, z = (fixed(v, self.decimals) for v in pose.origin)
         return f"{x}, {y}, {z}, {self._angles[key]}"

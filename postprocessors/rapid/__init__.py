@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from camgen.geometry.vectors import within
+from camgen.geometry.vectors import are_within
 from camgen.model.body import NUMBER
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import Refused
@@ -22,8 +22,8 @@ from camgen.model.part import Note
 from camgen.model.pose import (
     FloatArray,
     Pose,
+    compute_quaternion,
     format_frame,
-    quaternion,
     rotation_from_quaternion,
     translation,
 )
@@ -183,7 +183,7 @@ class Rapid(RapidOptions):
         turn = np.degrees(columns.turn)
         fine &= (turn == 0) | ((turn >= _MIN_SPEED_AND_ZONE) & (turn <= _FASTEST))
         fine &= (blend == 0) | ((blend >= _MIN_SPEED_AND_ZONE) & (blend <= FARTHEST))
-        fine &= within(columns.ends, FARTHEST)
+        fine &= are_within(columns.ends, FARTHEST)
         places, special = columns.special
         fine[places] &= np.array([move.joints is None for move in special], np.bool_)
         fine &= ~_are_half_turns(columns)
@@ -207,7 +207,7 @@ class Rapid(RapidOptions):
         starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
         vias = columns.vias_of(arcs)
         free = self.force_arcs | (columns.force[arcs] <= 0)
-        fine: Mask = free & within(vias, FARTHEST)
+        fine: Mask = free & are_within(vias, FARTHEST)
         return fine & find_round(starts, vias, columns.ends[arcs], self.decimals)
 
     def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
@@ -380,7 +380,7 @@ class Rapid(RapidOptions):
 
     def _rotation(self, rotation: FloatArray) -> str:
         if id(rotation) not in self._rotations:
-            text = ",".join(fixed(v, _Q_DIGITS) for v in quaternion(rotation))
+            text = ",".join(fixed(v, _Q_DIGITS) for v in compute_quaternion(rotation))
             self._rotations[id(rotation)] = (rotation, text)
         return self._rotations[id(rotation)][1]
 
@@ -649,5 +649,5 @@ def _is_far(pose: Pose) -> bool:
 
 def _round(pose: Pose, decimals: int) -> Pose:
     x, y, z = (float(fixed(v, decimals)) for v in pose.origin)
-    q = [float(fixed(v, _Q_DIGITS)) for v in quaternion(pose.rotation)]
+    q = [float(fixed(v, _Q_DIGITS)) for v in compute_quaternion(pose.rotation)]
     return Pose(rotation_from_quaternion(q), (x, y, z))

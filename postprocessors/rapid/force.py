@@ -16,7 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import measure_sweep, subtract
-from camgen.geometry.vectors import cross, in_blocks, lengths
+from camgen.geometry.vectors import compute_in_blocks, cross, measure_lengths
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.model.program import (
@@ -296,7 +296,7 @@ def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
 
 def find_round(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Mask:
     """Whether `arc_fault` certainly finds no fault in arcs through points (N, 3), mm."""
-    return in_blocks(partial(_are_round, decimals), start, via, end)
+    return compute_in_blocks(partial(_are_round, decimals), start, via, end)
 
 
 def _are_round(decimals: int, start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
@@ -316,7 +316,7 @@ def _are_round(decimals: int, start: FloatArray, via: FloatArray, end: FloatArra
 
 def find_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
     """Whether `arc_fault` certainly finds arcs through points (N, 3), mm, to be too wide."""
-    return in_blocks(_are_wide, start, via, end)
+    return compute_in_blocks(_are_wide, start, via, end)
 
 
 def _are_wide(start: FloatArray, via: FloatArray, end: FloatArray) -> Mask:
@@ -343,11 +343,11 @@ class _Shapes(NamedTuple):
 
 def _make_shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> _Shapes:
     back, on, chord = start - via, end - via, end - start
-    area = lengths(cross(back, on))
+    area = measure_lengths(cross(back, on))
     sweep = 2 * (np.pi - np.arctan2(area, (back * on).sum(axis=1)))
     first = np.arctan2(area, -(back * chord).sum(axis=1))
     last = np.arctan2(area, (on * chord).sum(axis=1))
-    sides = [lengths(side) for side in (back, on, chord)]
+    sides = [measure_lengths(side) for side in (back, on, chord)]
     with np.errstate(divide="ignore", invalid="ignore"):
         height, shorter = area / sides[2], np.minimum(first, last) / (first + last)
     angle = np.minimum(first, last)

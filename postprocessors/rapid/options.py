@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from camgen.geometry.ragged import each_once
+from camgen.geometry.ragged import select_distinct
 from camgen.model.errors import JobError
 from camgen.model.pose import Pose, pose_from_values
 from camgen.model.program import Columns
@@ -154,7 +154,7 @@ def motion_data(columns: Columns, named: frozenset[Speed]) -> list[str]:
     """
     speeds = sorted(named, key=lambda speed: tuple(map(float, speed)))
     lines = [f"CONST speeddata {_name_of(speed)}:={_speeddata(speed)};" for speed in speeds]
-    zones = {short(blend, DIGITS) for blend in each_once(columns.blend).tolist()}
+    zones = {short(blend, DIGITS) for blend in select_distinct(columns.blend).tolist()}
     for r in sorted(zones - {"0"} - set(ZONES), key=float):
         wide, angle = short(1.5 * float(r), DIGITS + 1), short(0.15 * float(r), DIGITS + 2)
         values = f"FALSE,{r},{wide},{wide},{angle},{wide},{angle}"

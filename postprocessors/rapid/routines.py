@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import run_starts
+from camgen.geometry.ragged import find_run_starts
 from camgen.model.program import Comment, Force, Indices, MoveC, MoveJ, MoveL, Output, Program
 from camgen.post.printed import Lines, Printed
 
@@ -105,7 +105,7 @@ def divide_body(program: Program, printed: Printed, max_lines: int, names: Names
     main: list[str | range] = []
     routines: list[Routine] = []
     owner = assign_paths(program)
-    starts = run_starts(owner)
+    starts = find_run_starts(owner)
     ends = np.append(starts, len(owner))[1:]
     sizes = printed.lines_before(ends) - printed.lines_before(starts)
     columns = (column.tolist() for column in (starts, ends, owner[starts], sizes))

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from camgen.model.errors import JobError, Refused
-from camgen.model.pose import FloatArray, Pose, Vec3, zyz
+from camgen.model.pose import FloatArray, Pose, Vec3, compute_zyz
 from camgen.model.program import (
     Force,
     Joints,
@@ -240,7 +240,7 @@ def bad_orientation(rotation: FloatArray, scara: tuple[FloatArray, FloatArray] |
 def yaw_pitch_roll(rotation: FloatArray) -> Vec3:
     """Compute ZYZ angles, rad; yaw is 0 if the pitch prints as 0 or 180 deg, as a SCARA needs."""
     if math.hypot(rotation[0, 2], rotation[1, 2]) >= _UPRIGHT:
-        return zyz(rotation)
+        return compute_zyz(rotation)
     if rotation[2, 2] > 0:
         return (0.0, 0.0, math.atan2(rotation[1, 0], rotation[0, 0]))
     return (0.0, math.pi, math.atan2(rotation[1, 0], rotation[1, 1]))

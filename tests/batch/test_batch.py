@@ -11,7 +11,7 @@ import pytest
 
 from camgen.batch import state
 from camgen.cli import main
-from camgen.cli.say import Voice
+from camgen.cli.say import Terminal
 from tests.support.waiting import LONG, wait_for
 
 PLATE = (
@@ -378,7 +378,8 @@ def test_a_fault_tells_its_trace_when_asked(here: Path, capsys: Captured) -> Non
 
 @pytest.mark.usefixtures("here", "ready_builders")
 def test_a_terminal_gets_a_bar(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("camgen.cli.voice", lambda *_, **__: Voice(sys.stdout, terminal=True))
+    terminal = Terminal(sys.stdout, terminal=True)
+    monkeypatch.setattr("camgen.cli.make_terminal", lambda *_, **__: terminal)
     assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out"]) == 0
     said = capsys.readouterr().err
     assert "\r\x1b[2K[########----------------] 1 of 3, 0 failed, about " in said

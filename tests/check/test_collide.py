@@ -24,13 +24,13 @@ from camgen.motion.setup import SampledMotion, Setup, compute_flange_poses
 from camgen.pipeline import programs
 from camgen.plan.edges import LineTask
 from camgen.plan.edges.contact import find_contacts
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.kinematics.inverse import find_nearest
 from camgen.robots.models import Box, Link
 from tests.support.arm_models import by_hand
 
-ARM = robot("IRB 120")
+ARM = find_robot("IRB 120")
 BASE, TOOL = translation(400.0, 0.0, 150.0), translation(0.0, 0.0, 100.0)
 DOWN = rotation_about(0, math.pi) @ rotation_about(2, 0.3)
 #: Half a mm in which the tool turns by 10 deg, as on a short edge.
@@ -392,5 +392,5 @@ def test_only_the_tip_may_enter_the_part_deeper(at: float, met: bool) -> None:
 
 
 def flange_of(joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-    turn, origin = flange(ARM, joints)
+    turn, origin = compute_flange(ARM, joints)
     return turn[0], origin[0]

@@ -10,7 +10,7 @@ import camgen
 from camgen.check.feeds import bound_speed
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.robots import catalogue
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 
 RADIUS = 400.0
 #: IRB 120, product specification: axes 1 and 6 turn at 250 and 420 deg/s.
@@ -78,14 +78,14 @@ def test_a_feed_beyond_all_joints_together_is_refused():
 
 def test_no_joint_motion_exceeds_the_bound():
     """The bound is the sum of all joints: no combination of joint speeds exceeds it."""
-    robot = catalogue.robot("IRB 120")
+    robot = catalogue.find_robot("IRB 120")
     rng = np.random.default_rng(1)
     tip = (0.0, 0.0, 100.0)
     joints = rng.uniform(-1.0, 1.0, (50, 6))
     rates = robot.fastest * rng.choice([-1.0, 1.0], (50, 6))
 
     def place(values):
-        rotation, origin = flange(robot, values)
+        rotation, origin = compute_flange(robot, values)
         return origin + rotation @ np.asarray(tip)
 
     step = 1e-6

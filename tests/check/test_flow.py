@@ -22,7 +22,7 @@ from camgen.motion.corners import Flow
 from camgen.motion.limits import measure_point_speed
 from camgen.pipeline import Result
 from camgen.read.solid import mesh
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.models import Robot
 from tests.support.built import build
 from tests.support.files import source
@@ -219,7 +219,7 @@ def test_controllers_that_overlap_motions_pass_what_is_slow_enough(post: str) ->
 
 # The time of what is passed.
 
-ARM = robot("IRB 2400")
+ARM = find_robot("IRB 2400")
 PACE = Dynamics(acceleration=5000.0)
 
 

@@ -15,11 +15,11 @@ from camgen.model.pose import TOOL_DOWN, Pose, pose_from_values, translation
 from camgen.model.program import Comment, MoveC, MoveJ, MoveL, Origin, Program, ToolChange
 from camgen.post.plugins import cell_of, find_post, make_post
 from camgen.read.job_file import from_mapping, load_job
-from camgen.robots.catalogue import robot
-from camgen.robots.workcell import Workcell, equip
+from camgen.robots.catalogue import find_robot
+from camgen.robots.workcell import Workcell, equip_cell
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
-MILL = robot("3-axis mill")
+MILL = find_robot("3-axis mill")
 #: Work zero in machine coordinates, and the tool: 100 mm below the flange.
 BASE, TOOL = translation(100, 80, -300), translation(0, 0, 100)
 HOME = Pose(TOOL_DOWN, (0.0, 0.0, 50.0))
@@ -38,7 +38,7 @@ def make_program(*motions: MoveJ | MoveL | MoveC | ToolChange) -> Program:
 
 def make_cell(**cell: object) -> tuple[Workcell, Any]:
     job = from_mapping({"cell": {"robot": "3-axis mill", **cell}})
-    return equip(cell_of(make_post(find_post("gcode"), {}), job), job, MILL), job
+    return equip_cell(cell_of(make_post(find_post("gcode"), {}), job), job, MILL), job
 
 
 def test_axis_positions_are_the_tool_tip_the_work_offset_and_the_length_of_the_tool() -> None:

@@ -20,7 +20,7 @@ from camgen.check.photo.expected import expect
 from camgen.check.photo.kinds import BURR_HEIGHT
 from camgen.check.photo.registration import Fit
 from camgen.check.photo.rework import (
-    insist_on_pose,
+    check_pose,
     is_clear,
     is_in_the_way,
     plan_passes,
@@ -464,11 +464,11 @@ def test_the_passes_over_a_burr_without_force_have_one_way_down(
 def test_a_part_of_many_sides_is_worked_only_where_it_lies_as_drawn() -> None:
     square = shapely.box(-20, -20, 20, 20)
     sides = tuple(Fit(turn, (0.0, 0.0), 1.0, 0.0) for turn in (-np.pi / 2, np.pi / 2, np.pi))
-    insist_on_pose("photo.png", Fit(0.1, (3.0, 0.0), 1.0, 0.0, 0.2, sides), square)
-    insist_on_pose("photo.png", Fit(1.0, (30.0, 0.0), 1.0, 0.0, 0.2), square)
+    check_pose("photo.png", Fit(0.1, (3.0, 0.0), 1.0, 0.0, 0.2, sides), square)
+    check_pose("photo.png", Fit(1.0, (30.0, 0.0), 1.0, 0.0, 0.2), square)
     for turn, shift in ((0.2, (0.0, 0.0)), (0.0, (4.0, 4.0))):
         with pytest.raises(NoSafeProgram, match="may be on another one"):
-            insist_on_pose("photo.png", Fit(turn, shift, 1.0, 0.0, 0.2, sides), square)
+            check_pose("photo.png", Fit(turn, shift, 1.0, 0.0, 0.2, sides), square)
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from camgen.cli import main
 from camgen.model.errors import CamgenError, NoSafeProgram
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, translation
 from camgen.model.program import Comment, Joints, MoveC, MoveJ, MoveL, Origin, Program
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_flange
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 HOME = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))
@@ -37,12 +37,12 @@ def program(*motions: MoveJ | MoveL | MoveC, home: Joints = HOME, base: Pose = B
 
 
 def test_the_joints_lead_where_the_program_says() -> None:
-    arm = robot("IRB 120")
+    arm = find_robot("IRB 120")
     arc = MoveC(down(50, 50), down(100, 0), 20.0)
     found = check_reach(
         program(MoveJ(down(0, 0), 100.0), arc, MoveL(down(0, 0), 20.0)), arm, "part"
     )
-    rotations, origins = flange(arm, found.joints)
+    rotations, origins = compute_flange(arm, found.joints)
     every = origins + rotations @ np.array([0.0, 0.0, 100.0]) - np.array(BASE.origin)
     assert every[found.owner == 2][-1] == pytest.approx([0, 0, 0], abs=1e-6)
     tips = every[(found.owner == 3) | (found.owner == 4)]
@@ -63,7 +63,7 @@ def test_what_is_out_of_reach_is_told_with_place_and_path() -> None:
     with pytest.raises(
         NoSafeProgram, match=r"IRB 120 cannot run path c1 at \d+ 0 0 mm: out of reach by"
     ) as refused:
-        check_reach(far, robot("IRB 120"), "part.dxf")
+        check_reach(far, find_robot("IRB 120"), "part.dxf")
     assert str(refused.value).startswith("part.dxf: ")
 
 
@@ -73,15 +73,15 @@ def test_a_line_whose_ends_alone_are_in_reach_is_refused() -> None:
         MoveJ(down(0, 0), 100.0), MoveL(down(-600, 150), 20.0), base=translation(300, -75, 100)
     )
     with pytest.raises(NoSafeProgram, match="cannot run"):
-        check_reach(behind, robot("IRB 120"), "part")
+        check_reach(behind, find_robot("IRB 120"), "part")
 
 
 def test_the_tool_counts() -> None:
     near = program(MoveJ(down(120, 0, 0), 100.0))
-    assert check_reach(near, robot("IRB 120"), "part").owner.tolist()[-1] == 3
+    assert check_reach(near, find_robot("IRB 120"), "part").owner.tolist()[-1] == 3
     long = Program("part", BASE, translation(0, 0, 600), near.body, paths=near.paths)
     with pytest.raises(NoSafeProgram):
-        check_reach(long, robot("IRB 120"), "part")
+        check_reach(long, find_robot("IRB 120"), "part")
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_the_tool_counts() -> None:
 )
 def test_a_program_for_another_arm_is_refused(made: Program, arm: str, line: str) -> None:
     with pytest.raises(CamgenError, match=line):
-        check_reach(made, robot(arm), "part")
+        check_reach(made, find_robot(arm), "part")
 
 
 @pytest.mark.parametrize(

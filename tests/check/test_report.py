@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from camgen.check.report import Cycle, Verified, path_sums, report, sum_up
 from camgen.geometry.arcs import measure_arcs
 from camgen.model.part import Contour, Note, Part
-from camgen.model.path import ToolPath, Tour, waypoints
+from camgen.model.path import ToolPath, Tour, make_waypoints
 from camgen.model.pose import TOOL_DOWN, Pose, frozen
 from camgen.model.program import Columns, Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 
@@ -73,7 +73,8 @@ def tool_path(
     n = len(feeds)
     position = frozen(np.column_stack([np.arange(n) * 10.0, np.zeros(n), np.zeros(n)]))
     return ToolPath(
-        ident, "cut", waypoints(position, np.nan, feeds, force=force), closed=False, depths=depths,
+        ident, "cut", make_waypoints(position, np.nan, feeds, force=force),
+        closed=False, depths=depths,
         contours=(ident,), operation="follow",
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 import camgen
 from bench.robots.rfa import FREE, PARTS, cell
-from camgen.check.time import cycle
+from camgen.check.time import compute_cycle
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_between
 from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output
@@ -207,7 +207,7 @@ def test_each_stop_that_is_left_out_saves_what_braking_and_speeding_up_cost(disc
     body = list(result.program.body)
     for k in result.program.columns.at[rows].tolist():
         body[k] = replace(body[k], blend=0.0)
-    at_rows = cycle(
+    at_rows = compute_cycle(
         result.program.with_body(tuple(body)), result.cell.pace, result.reach, result.cell.arm
     ).total
     assert len(passed) == 20

@@ -13,13 +13,13 @@ from camgen.check.time import time_motions
 from camgen.model.cell import Dynamics
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, translation
 from camgen.model.program import Joints, MoveJ, MoveL, Program
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import jacobian
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_jacobian
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 from fixtures.program_text import dump, parse
 
-ARM = robot("VS-060")
+ARM = find_robot("VS-060")
 HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
 BASE, TOOL = translation(320, -25, 150), translation(0, 0, 100)
 CELL = Workcell("VS-060", BASE, TOOL, HOME, arm=ARM)
@@ -50,7 +50,7 @@ def fastest(arm: Robot, start: Joints, end: Joints, share: float) -> tuple[float
     a, b = np.array(start.values), np.array(end.values)
     rate = share * (b - a) / np.max(np.abs(b - a) / arm.speeds)
     joints = a + np.linspace(0, 1, 2001)[:, None] * (b - a)
-    moves, rotation, _ = jacobian(arm, joints)
+    moves, rotation, _ = compute_jacobian(arm, joints)
     flange, turn = (moves @ rate)[:, :3], (moves @ rate)[:, 3:]
     tip = flange + np.cross(turn, rotation @ np.array(TOOL.origin))
     return float(np.linalg.norm(tip, axis=1).max()), float(abs(rate).max())

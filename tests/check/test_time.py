@@ -27,8 +27,8 @@ from camgen.model.program import (
     Wait,
 )
 from camgen.post.plugins import find_post, make_post
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_flange
 from tests.support.whole import whole
 
 PACE = Dynamics(acceleration=1000.0, turning=math.radians(500), ramp=0.2)
@@ -345,7 +345,7 @@ def test_an_exact_path_stops_at_corners_only() -> None:
     assert sum(corner) == pytest.approx(60 / 50 + 2 * 50 / 500)
 
 
-ARM = robot("IRB 120")
+ARM = find_robot("IRB 120")
 READY = (0.0, 0.3, 0.2, 0.0, 1.07, 0.0)  # the tool straight down: 0.3 + 0.2 + 1.07 = pi / 2
 
 
@@ -364,12 +364,12 @@ def test_a_joint_motion_takes_as_long_as_its_slowest_joint() -> None:
     # the tool runs on a quarter of a circle about joint 1 at no more than its speed
     swung = Joints((math.pi / 2, *READY[1:]))
     found = with_arm(MoveJ(swung, 50.0))
-    reach = math.hypot(*flange(ARM, np.array([READY]))[1][0, :2].tolist())
+    reach = math.hypot(*compute_flange(ARM, np.array([READY]))[1][0, :2].tolist())
     assert found[1] == pytest.approx(reach * math.pi / 2 / 50.0, rel=1e-3)
 
 
 def test_a_line_is_no_faster_than_its_joints() -> None:
-    turned, origins = flange(ARM, np.array([READY]))
+    turned, origins = compute_flange(ARM, np.array([READY]))
     x, y, z = origins[0].tolist()
     line = MoveL(Pose(frozen(turned[0]), (x, y + 150, z)), 1e6)
     program = Program("p", FRAME, FRAME, (MoveJ(Joints(READY), 100.0), line))

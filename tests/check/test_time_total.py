@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.check.time import cycle
+from camgen.check.time import compute_cycle
 from camgen.cli import main
 from camgen.lower import lower
 from camgen.model.cell import Dynamics
 from camgen.model.job import Job
-from camgen.model.path import ToolPath, Tour, waypoints
+from camgen.model.path import ToolPath, Tour, make_waypoints
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, translation
 from camgen.model.program import (
     Comment,
@@ -45,7 +45,7 @@ def tool_path(
     return ToolPath(
         ident,
         "cut",
-        waypoints(position, np.nan, 10.0),
+        make_waypoints(position, np.nan, 10.0),
         closed=False,
         depths=depths,
     )
@@ -69,7 +69,7 @@ def test_times_are_of_their_path_or_of_the_way_to_it() -> None:
         MoveJ(at(0, 40, 10), 100.0),
     )
     here = translation(0, 0, 0)
-    found = cycle(
+    found = compute_cycle(
         Program("p", here, here, switch_off_first(body), paths=(Origin("a"), Origin("b"))), PACE
     )
     work, plunge = 50 / 10 + 10 / 1000, 10 / 10 + 10 / 1000

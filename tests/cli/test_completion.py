@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from camgen.cli import main, parsers
+from camgen.cli import main, make_parsers
 from camgen.model.job_tables import list_settings
 from camgen.post.plugins import list_installed
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from tests.support.waiting import LONG
 
-COMMANDS = set(parsers()[1])
+COMMANDS = set(make_parsers()[1])
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def test_bash(script: Path, tmp_path: Path) -> None:
     assert offered("build", "--set", "operation.kind", "=", "fill", "my") == {"my part.dxf"}
     assert "irb120" in offered("build", "--set", "cell.robot", "=", "")
     for word in offered("robots", "") - {"my part.dxf", "own.py"}:
-        assert robot(word)
+        assert find_robot(word)
     assert offered("completion", "") == {"bash", "zsh", "fish"}
     assert offered("posts", "") == set()
     assert offered("batch", "--jobs", "") == set()

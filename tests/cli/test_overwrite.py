@@ -12,7 +12,7 @@ import pytest
 
 from camgen.batch.writing import find_parts, write_all
 from camgen.cli import main
-from camgen.cli.stop import Stopped, Terminated, signals_as_interrupts
+from camgen.cli.stop import Stopped, Terminated, raise_signals
 from camgen.post import Post
 from tests.support.waiting import LONG
 
@@ -180,7 +180,7 @@ def test_a_signal_between_two_files_leaves_none(
         number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
     )
     try:
-        with signals_as_interrupts(), pytest.raises(Stopped):
+        with raise_signals(), pytest.raises(Stopped):
             write_all([(tmp_path / "old", b"fresh"), (tmp_path / "new", b"fresh")], {})
     finally:
         signal.signal(number, before)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import pytest
 
 from camgen.cli import main
-from camgen.cli.init import template
+from camgen.cli.init import write_template
 from camgen.model.errors import JobError
 from camgen.model.job_tables import list_settings, list_tables
 from camgen.post.job_schema import schema
@@ -43,11 +43,11 @@ def with_comments_on(text: str, post: str) -> str:
 @pytest.mark.parametrize("post", ["", *POSTS])
 def test_is_a_schema_and_takes_what_init_writes(post: str) -> None:
     jsonschema.Draft202012Validator.check_schema(schema(post))
-    job = tomllib.loads(template("part.dxf", "mm"))
+    job = tomllib.loads(write_template("part.dxf", "mm"))
     assert set(job) == set(list_tables())
     assert faults(job, post) == []
     if post:
-        full = tomllib.loads(with_comments_on(template("part.dxf", "mm"), post))
+        full = tomllib.loads(with_comments_on(write_template("part.dxf", "mm"), post))
         assert set(full["post"]) == {
             option.name for option in fields(find_post(post)) if option.init
         }

@@ -9,7 +9,7 @@ import pytest
 from camgen_posts.rapid import Rapid
 from msgspec.structs import replace
 
-from camgen.collision.cell import Surroundings, make_surroundings
+from camgen.collision.cell import CellScene, make_cell_scene
 from camgen.collision.hits import find_collisions
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
@@ -21,13 +21,13 @@ from camgen.model.program import Joints
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping
 from camgen.read.solid import mesh, read_fixtures
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.workcell import equip
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.inverse import compute_solutions
+from camgen.robots.workcell import equip_cell
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
-ARM = robot("IRB 1200")
+ARM = find_robot("IRB 1200")
 
 
 @pytest.fixture(scope="module")
@@ -35,9 +35,11 @@ def solid() -> Solid:
     return mesh.read(source(PARTS / "rfa1.stl"))
 
 
-def made(tool: dict[str, object], cell: dict[str, object], solid: Solid | None) -> Surroundings:
+def made(tool: dict[str, object], cell: dict[str, object], solid: Solid | None) -> CellScene:
     job = from_mapping({"tool": tool, "cell": {"robot": "IRB 1200", **cell}})
-    return make_surroundings(job, equip(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid)
+    return make_cell_scene(
+        job, equip_cell(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid
+    )
 
 
 def boxes(scene: Scene, name: str) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
@@ -147,7 +149,7 @@ def test_only_the_tool_may_touch_the_part(solid: Solid) -> None:
     at = [np.array([450 + 60, -45 + 60, 200 + 70 + 100 - deep]) for deep in (0.05, 1.05)]
     found = []
     for place in at:
-        every = inverse(ARM, down[None], place[None])[0]
+        every = compute_solutions(ARM, down[None], place[None])[0]
         every = every[np.isfinite(every).all(axis=1)]
         found.append(
             {
@@ -162,21 +164,21 @@ def test_only_the_tool_may_touch_the_part(solid: Solid) -> None:
 
 def test_wrist_boxes_that_reach_past_the_flange_are_said() -> None:
     """Link 4 of an IRB 2400 has a box around its fork that meets what is at the flange when the wrist is straight."""
-    arm = robot("IRB 2400")
+    arm = find_robot("IRB 2400")
     cell = Cell(
         "cell",
         pose_from_values([1000.0, 0, 0, 0, 0, 0]),
         pose_from_values([0.0, 0, 100, 0, 0, 0]),
         Joints(()),
     )
-    where = make_surroundings(Job(), equip(cell, Job(), arm), None)
+    where = make_cell_scene(Job(), equip_cell(cell, Job(), arm), None)
     untested = [("link 4", "link 6"), ("link 4", "tool")]
     assert [pair.bodies for pair in where.untested] == untested
     assert [str(note) for note in where.notes] == [
         f"assumed: {a} against {b} is not tested (their boxes overlap at home)" for a, b in untested
     ]
     assert find_collisions(where.scene, arm.home[None])[0] < 0
-    plain = make_surroundings(Job(), equip(cell, Job(), ARM), None)
+    plain = make_cell_scene(Job(), equip_cell(cell, Job(), ARM), None)
     assert [pair.bodies for pair in plain.untested] == untested[:1]
 
 
@@ -208,7 +210,7 @@ def test_a_fixture_that_is_no_mesh_is_told_by_its_name(tmp_path: Path) -> None:
 def test_the_job_is_not_changed(solid: Solid) -> None:
     job = from_mapping({"cell": {"robot": "IRB 1200", "fixtures": [[0, 0, -50, 1, 1, -40]]}})
     before = replace(job)
-    make_surroundings(job, equip(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid)
+    make_cell_scene(job, equip_cell(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid)
     assert job == before
 
 

@@ -9,7 +9,7 @@ import camgen
 from camgen.collision.boxes import Boxes
 from camgen.collision.cells import PASSED, UNKNOWN, divide_space
 from camgen.collision.mesh import _meet_surface, are_inside, find_struck, make_mesh
-from camgen.geometry.rotations import from_vectors
+from camgen.geometry.rotations import make_rotations_from_vectors
 from camgen.model.part import Solid
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -27,7 +27,9 @@ def boxes_around(solid: Solid, count: int) -> Boxes:
     low, high = solid.vertices.min(axis=0) - 30, solid.vertices.max(axis=0) + 30
     half = rng.uniform(0.2, 12.0, (count, 3))
     return Boxes(
-        rng.uniform(low, high, (count, 3)), from_vectors(rng.normal(size=(count, 3))), half
+        rng.uniform(low, high, (count, 3)),
+        make_rotations_from_vectors(rng.normal(size=(count, 3))),
+        half,
     )
 
 

@@ -23,12 +23,12 @@ from camgen.collision.motion import (
     measure_closer,
     measure_moves,
 )
-from camgen.collision.scene import Allowed, Scene, make_scene, name_pair, narrow
+from camgen.collision.scene import Allowed, Scene, make_scene, name_pair, select_pairs
 from camgen.model.errors import JobError
 from camgen.model.part import Solid
 from camgen.model.pose import Pose, frozen, rotation_about, translation
-from camgen.robots.catalogue import robot, robots
-from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.catalogue import find_robot, list_robots
+from camgen.robots.kinematics.forward import compute_flange, compute_link_frames
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Box, Link, Robot
 
@@ -46,10 +46,10 @@ def rods() -> Robot:
     """A flat arm: axis 1 at the origin, axis 2 at x = 325, its flange at x = 600 and z = 387 - J3; a rod of 20 mm as
     its second arm, at z = 440 to 460, and nothing else.
     """
-    names = [link.name for link in robot("Cobra s600").links]
+    names = [link.name for link in find_robot("Cobra s600").links]
     second = bar("link 2", (137.5, 0, 108), (137.5, 10, 10))
     links = tuple(second if name == "link 2" else Link(name, ()) for name in names)
-    return replace(robot("Cobra s600"), links=links, pad=0.0)
+    return replace(find_robot("Cobra s600"), links=links, pad=0.0)
 
 
 def at(*values: float) -> np.ndarray:
@@ -105,7 +105,7 @@ def test_links_that_touch_anyway_are_left_out_and_a_pad_counts_on_both() -> None
         assert name_of(make_scene(padded), at(0, 0, 0, 0)) == [expected]
 
 
-@pytest.mark.parametrize("of", robots(), ids=lambda of: of.name)
+@pytest.mark.parametrize("of", list_robots(), ids=lambda of: of.name)
 def test_robots_are_free_at_home_and_with_a_tool_on_a_short_adapter(of: Robot) -> None:
     tool = (bar("tool", (0, 0, 80), (20, 20, 40)),)
     assert name_of(make_scene(of, tool), of.home[None]) == [""]
@@ -113,7 +113,7 @@ def test_robots_are_free_at_home_and_with_a_tool_on_a_short_adapter(of: Robot) -
 
 def test_a_tool_right_on_the_flange_is_not_hit_by_the_pad_of_the_wrist() -> None:
     """IRB 2000: its flange is 150 mm from axis 5, link 5 ends at 130.01 mm, and the pad is 30 mm."""
-    of = robot("IRB 2000")
+    of = find_robot("IRB 2000")
     assert name_of(make_scene(of, (bar("tool", (0, 0, 40), (20, 20, 40)),)), of.home[None]) == [""]
     assert name_of(make_scene(of, (bar("tool", (0, 0, 29), (20, 20, 50)),)), of.home[None]) == [
         "link 5 against tool"
@@ -234,7 +234,7 @@ def hulls_meet(a: np.ndarray, b: np.ndarray) -> bool:
 
 def test_verdicts_are_those_of_all_pairs_of_hulls() -> None:
     """IRB 1200 with a tool, beside a pillar and a box as the part; whose pairs are written down here once more."""
-    of = robot("IRB 1200")
+    of = find_robot("IRB 1200")
     tool = (bar("tool", (0, 0, 70), (15, 25, 50), 30),)
     pillar, part = (
         bar("pillar", (450, -350, 300), (60, 60, 300), 20),
@@ -246,7 +246,7 @@ def test_verdicts_are_those_of_all_pairs_of_hulls() -> None:
     joints = some(of, 120)
     expected = []
     for row in joints:
-        rotations, origins = (array[0] for array in frames(of, row[None]))
+        rotations, origins = (array[0] for array in compute_link_frames(of, row[None]))
         links = [
             corners_of(k.boxes, r, o, 5.0)
             for k, r, o in zip(of.links, rotations, origins, strict=True)
@@ -255,7 +255,7 @@ def test_verdicts_are_those_of_all_pairs_of_hulls() -> None:
             corners_of(k.boxes, r, o, 0.0)
             for k, r, o in zip(of.links, rotations, origins, strict=True)
         ]
-        turn, tip = (array[0] for array in flange(of, row[None]))
+        turn, tip = (array[0] for array in compute_flange(of, row[None]))
         held = corners_of(tool[0].boxes, turn, tip, 0.0)
         standing = corners_of(pillar.boxes, np.eye(3), np.zeros(3), 0.0)
         target = corners_of((part,), base_from_part.rotation, np.array(base_from_part.origin), 0.0)
@@ -358,7 +358,7 @@ def test_one_row_and_rows_that_repeat_are_motions_too() -> None:
 @pytest.mark.parametrize("name", ["IRB 2400", "VS-060", "COBOTTA", "Cobra s600", "3-axis mill"])
 def test_no_point_moves_farther_than_the_bound(name: str) -> None:
     """Ways of all corners of all boxes, added up over 100 parts of each stretch; near rows, the bound is not loose."""
-    of = robot(name)
+    of = find_robot(name)
     tested = make_scene(
         of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),)
     )
@@ -377,7 +377,7 @@ def test_no_point_moves_farther_than_the_bound(name: str) -> None:
 
 def test_a_motion_agrees_with_every_fine_sample() -> None:
     """Random motions of an arm in a narrow cell: none is called free in which 400 samples find a hit a step deep."""
-    of = robot("IRB 120")
+    of = find_robot("IRB 120")
     tool = (bar("tool", (0, 0, 60), (10, 10, 60)),)
     tested = make_scene(
         of,
@@ -448,7 +448,7 @@ def test_a_wire_before_a_wall_is_the_first_hit_of_a_motion_through_both() -> Non
 
 
 def test_growing_never_removes_a_hit() -> None:
-    of = robot("VS-6556")
+    of = find_robot("VS-6556")
     tested = make_scene(
         of,
         (bar("tool", (0, 0, 60), (10, 10, 60)),),
@@ -476,7 +476,7 @@ def test_boxes_are_where_their_links_are() -> None:
 @pytest.mark.parametrize("name", ["IRB 2400", "COBOTTA", "Cobra s600", "3-axis mill"])
 def test_no_box_comes_nearer_to_another_than_the_bound(name: str) -> None:
     """The corners of the farther box of each pair, seen from the link of the other one, over 100 parts of a stretch."""
-    of = robot(name)
+    of = find_robot(name)
     tested = make_scene(
         of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),)
     )
@@ -486,7 +486,7 @@ def test_no_box_comes_nearer_to_another_than_the_bound(name: str) -> None:
     moves = 0
     for pair in some(of, 20).reshape(10, 2, -1):
         fine = np.linspace(pair[0], pair[0] + (pair[1] - pair[0]) * 0.2, 101)
-        rotations, origins = frames(of, fine)
+        rotations, origins = compute_link_frames(of, fine)
         placed = place_boxes(tested, fine)
         corners = placed.centres[..., None, :] + (
             SIGNS * tested.half[:, None]
@@ -502,7 +502,7 @@ def test_no_box_comes_nearer_to_another_than_the_bound(name: str) -> None:
 
 
 def test_a_cell_in_two_parts_collides_where_the_whole_does() -> None:
-    of = robot("VS-6556")
+    of = find_robot("VS-6556")
     tools = (bar("tool", (0, 0, 60), (10, 10, 60)), bar("holder", (0, 0, 20), (40, 40, 20)))
     table = bar("table", (350, 0, 60), (200, 200, 9))
     tested = make_scene(of, tools, (table,), block((150, 150, 80)), translation(350, 0, 300))
@@ -510,7 +510,7 @@ def test_a_cell_in_two_parts_collides_where_the_whole_does() -> None:
     rest = [k for k in range(len(tested.pairs)) if k not in own]
     joints = some(of, 300)
     whole = name_of(tested, joints)
-    parts = [narrow(tested, pairs) for pairs in (own, rest)]
+    parts = [select_pairs(tested, pairs) for pairs in (own, rest)]
     names = [name_of(part, joints) for part in parts]
     assert [set(a) == {""} for a in zip(whole, strict=True)] == [
         a == b == "" for a, b in zip(*names, strict=True)
@@ -518,7 +518,7 @@ def test_a_cell_in_two_parts_collides_where_the_whole_does() -> None:
     assert all(one in (a, b) for one, a, b in zip(whole, *names, strict=True))
     assert all(any(found) for found in names)
     assert len(parts[0].frame) < len(tested.frame)
-    nothing = narrow(tested, [])
+    nothing = select_pairs(tested, [])
     assert (find_collisions(nothing, joints) == -1).all()
     assert check_motion(nothing, joints[:2], 2.0, 5.0).clearance == 5.0
 
@@ -583,7 +583,7 @@ def two_bars() -> Scene:
 
 def test_what_carries_two_bodies_along_brings_them_no_nearer() -> None:
     tested = two_bars()
-    only = narrow(tested, [tested.pairs.index(("link 1", "link 2"))])
+    only = select_pairs(tested, [tested.pairs.index(("link 1", "link 2"))])
     turned, still = at(20, 30, 10, 0), at(0, 30, 10, 0)
     assert measure_apart(only, still, turned) > 2 * 590 * math.sin(math.radians(10))
     assert measure_closer(only, still, turned) == pytest.approx([0.0], abs=1e-9)
@@ -594,7 +594,7 @@ def test_two_bodies_that_move_against_each_other_come_nearer_by_what_both_are_of
     off by 600 x 0.1 deg and that of the second, 275 mm from axis 2, by 275 x 0.4 deg as the first one sees it.
     """
     tested = two_bars()
-    only = narrow(tested, [tested.pairs.index(("link 1", "link 2"))])
+    only = select_pairs(tested, [tested.pairs.index(("link 1", "link 2"))])
     one, other = at(0, 10, 0, 0), at(0.1, 9.6, 0, 0)
     off, closer = (
         float(measure_apart(only, one, other)[0]),
@@ -607,7 +607,7 @@ def test_two_bodies_that_move_against_each_other_come_nearer_by_what_both_are_of
 
 @pytest.mark.parametrize("name", ["IRB 120", "IRB 2400", "Cobra s600", "VS-6577"])
 def test_no_two_bodies_come_nearer_than_is_measured(name: str) -> None:
-    arm = robot(name)
+    arm = find_robot(name)
     held = Link("tool", (Box(translation(0, 0, 80), (30, 20, 80)),))
     table = Link("table", (Box(translation(300, 0, -200), (500, 500, 50)),))
     tested = make_scene(arm, (held,), (table,), (Box(translation(300, 0, -100), (50, 50, 50)),))
@@ -615,7 +615,7 @@ def test_no_two_bodies_come_nearer_than_is_measured(name: str) -> None:
     one = some(arm, 400)
     other = one + rng.normal(0, 0.01, one.shape)
     for k in range(len(tested.pairs)):
-        only = narrow(tested, [k])
+        only = select_pairs(tested, [k])
         # As far as is looked, two that move are not farther apart than the arm is long.
         far = [measure_clearance(only, joints, 2000.0) for joints in (one, other)]
         free = far[0] > 0

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.collision import pairs
-from camgen.collision.cell import make_surroundings
+from camgen.collision.cell import make_cell_scene
 from camgen.collision.describe import describe_hit, describe_joints, find_depth
 from camgen.collision.hits import (
     GrowthTable,
@@ -27,10 +27,10 @@ from camgen.model.job import Job
 from camgen.model.pose import IDENTITY, Pose, frozen, pose_from_values, translation
 from camgen.model.program import Joints
 from camgen.motion.cell import find_home
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import frames
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_link_frames
 from camgen.robots.models import Box, Link, Robot, Surface
-from camgen.robots.workcell import equip
+from camgen.robots.workcell import equip_cell
 from tests.collision.test_motion import block
 
 CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
@@ -55,7 +55,7 @@ def plates(*several: tuple[tuple[float, ...], tuple[float, ...]]) -> Surface:
 
 def fork() -> Robot:
     """Link 1 of a flat arm is a fork, in one box; all other links are nothing. It turns about z."""
-    base = robot("Cobra s600")
+    base = find_robot("Cobra s600")
     held = Link("link 1", (Box(translation(55, 0, 0), (45, 40, 40)),), (plates(*PLATES, BACK),))
     links = tuple(held if k == 1 else Link(link.name, ()) for k, link in enumerate(base.links))
     joints = (replace(base.joints[0], previous_from_joint=translation(0, 0, 0)), *base.joints[1:])
@@ -231,7 +231,7 @@ def test_two_links_that_both_are_meshes() -> None:
     angles = np.linspace(-0.6, 0.6, 61)
     rows = np.zeros((61, 4))
     rows[:, 1] = angles
-    _, origins = frames(of, rows)
+    _, origins = compute_link_frames(of, rows)
     assert np.allclose(origins[:, 2, 0], 150)
     is_hit = find_collisions(cell_scene, rows) >= 0
     for angle, met in zip(angles, is_hit, strict=True):
@@ -250,21 +250,21 @@ def test_a_pair_that_cannot_be_told_apart_is_named_and_left_out() -> None:
     joints = [replace(joint, previous_from_joint=translation(0, 0, 0)) for joint in base.joints]
     of = replace(base, links=tuple(links), joints=tuple(joints), touching=((0, 1), (1, 2), (2, 3)))
     cell = Cell("c", pose_from_values([900, 0, 0, 0, 0, 0]), translation(0, 0, 100), Joints(()))
-    where = make_surroundings(Job(), equip(cell, Job(), of), None)
+    where = make_cell_scene(Job(), equip_cell(cell, Job(), of), None)
     assert ("link 1", "link 3") in [pair.bodies for pair in where.untested]
     assert ("link 1", "link 3") not in where.scene.pairs
 
 
 def test_a_link_with_a_mesh_that_is_not_read_is_named() -> None:
-    base = robot("Cobra s600")
+    base = find_robot("Cobra s600")
     links = (*base.links[:2], replace(base.links[2], unread=("arm.x3d",)), *base.links[3:])
     cell = Cell("c", pose_from_values([900, 0, 0, 0, 0, 0]), translation(0, 0, 100), Joints(()))
-    where = make_surroundings(Job(), equip(cell, Job(), replace(base, links=links)), None)
+    where = make_cell_scene(Job(), equip_cell(cell, Job(), replace(base, links=links)), None)
     (untested,) = where.untested
     assert untested.bodies == ("link 2", "all others")
     assert untested.why == "arm.x3d could not be read"
     links = (*base.links[:2], Link("link 2", ()), *base.links[3:])
-    where = make_surroundings(Job(), equip(cell, Job(), replace(base, links=links)), None)
+    where = make_cell_scene(Job(), equip_cell(cell, Job(), replace(base, links=links)), None)
     assert [pair.why for pair in where.untested] == ["it has no shape"]
 
 
@@ -282,13 +282,13 @@ def test_a_collision_is_told_with_its_depth_and_joint_values() -> None:
         pair = int(find_collisions(cell, turned(np.zeros(1)))[0])
         assert find_depth(cell, turned(np.zeros(1))[0], pair) == pytest.approx(4.0, abs=0.02)
     assert (
-        describe_joints(robot("IRB 1200"), np.radians([1, -2, 3, 0, 30, 0.5]))
+        describe_joints(find_robot("IRB 1200"), np.radians([1, -2, 3, 0, 30, 0.5]))
         == "1 -2 3 0 30 0.5 deg"
     )
 
 
 def test_a_home_beyond_its_limits_is_no_collision() -> None:
-    arm = robot("IRB 1200")
+    arm = find_robot("IRB 1200")
     home = Joints(tuple(np.radians([0.0, 140.0, 0, 0, 30, 0]).tolist()))
     cell = Cell("c", translation(900, 0, 0), translation(0, 0, 100), home)
     with pytest.raises(

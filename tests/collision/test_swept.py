@@ -10,11 +10,11 @@ from camgen.collision import pairs
 from camgen.collision.hits import are_clear, find_collisions, split_off_meshes
 from camgen.collision.motion import bound_closing
 from camgen.collision.pairs import MeshPair
-from camgen.collision.scene import Scene, make_scene, narrow
+from camgen.collision.scene import Scene, make_scene, select_pairs
 from camgen.collision.swept import measure_roundness, sweep
-from camgen.geometry.rotations import from_vectors
+from camgen.geometry.rotations import make_rotations_from_vectors
 from camgen.model.pose import frozen, translation
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.models import Box, Link, Robot, Surface
 from tests.collision.test_pairs import pillar, plates
 
@@ -40,7 +40,7 @@ def arm_of(
 
     shifts: origins of the first three joints, each in the frame before it, mm.
     """
-    base = robot("IRB 1200")
+    base = find_robot("IRB 1200")
     links = [Link(link.name, ()) for link in base.links]
     for k, several in ((1, first), (3, third)):
         surface = plates(*several)
@@ -100,7 +100,7 @@ def test_a_solid_holds_its_link_at_all_angles() -> None:
         corners = surface.vertices[surface.faces[rng.integers(0, len(surface.faces), 12)]]
         points = np.einsum("fks,fsc->fkc", shares, corners).reshape(-1, 3)
         for angle in rng.uniform(0, math.tau, 5):
-            turned = from_vectors((axis * angle)[None])[0]
+            turned = make_rotations_from_vectors((axis * angle)[None])[0]
             for point in points:
                 place = turned @ (point - origin) + origin
                 assert solid.holds_any(place[None], np.eye(3), np.zeros(3))
@@ -220,7 +220,8 @@ def test_the_first_pair_is_named_where_several_collide(cell_scene: Scene) -> Non
     joints = rows(400, 9)
     first = find_collisions(cell_scene, joints)
     each = [
-        find_collisions(narrow(cell_scene, [k]), joints) >= 0 for k in range(len(cell_scene.pairs))
+        find_collisions(select_pairs(cell_scene, [k]), joints) >= 0
+        for k in range(len(cell_scene.pairs))
     ]
     collides = np.array(each)
     expected = np.where(collides.any(axis=0), collides.argmax(axis=0), -1)

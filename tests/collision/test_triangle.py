@@ -10,7 +10,7 @@ from camgen.collision.scene import Scene, make_scene
 from camgen.collision.triangle import are_free
 from camgen.model.part import Solid
 from camgen.model.pose import frozen, translation
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Box, Link, Robot
 
@@ -33,7 +33,7 @@ def cell_of(arm: Robot) -> Scene:
 @pytest.mark.parametrize("name", ["IRB 120", "IRB 2400", "VS-6577", "Cobra s600"])
 @pytest.mark.parametrize("near", [0.0, 5.0])
 def test_nothing_is_near_in_what_is_called_free(name: str, near: float) -> None:
-    arm = robot(name)
+    arm = find_robot(name)
     tested, rng = cell_of(arm), np.random.default_rng(3)
     units = np.where([joint.sliding for joint in arm.joints], 100.0, 1.0)
     middle = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (8000, len(arm.joints)))

@@ -25,7 +25,7 @@ from ezdxf import recover
 from bench.render import photos
 from bench.render.burrs import with_burrs
 from bench.render.parts import paper
-from camgen.cli import main, parsers
+from camgen.cli import main, make_parsers
 from camgen.model.errors import JobError
 from docs.make.pages import CONSOLES
 from tests.docs.test_docs import FILES, ROOT, USAGE, commands, name
@@ -105,7 +105,7 @@ class Shown(NamedTuple):
 def whole_commands() -> dict[Shown, str]:
     """Every command of the documents that stands with all it needs, once, with the first page that shows it."""
     found: dict[Shown, str] = {}
-    parser, _ = parsers()
+    parser, _ = make_parsers()
     for page in FILES:
         text = page.read_text(encoding="utf-8")
         if page.name in CONSOLES:

@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 
-from camgen.cli import main, parsers
+from camgen.cli import main, make_parsers
 from camgen.model.errors import CamgenError
 from camgen.model.job_tables import list_settings, list_tables
 from camgen.post.plugins import find_post, make_post
 from camgen.read.job_file import from_mapping, load_job
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from docs.make import pages
 from docs.make.pictures import PICTURES, Shown, drawn
 from docs.make.robots import reach
@@ -111,7 +111,7 @@ def commands(text: str) -> Iterator[tuple[str, bool]]:
 
 @each_page
 def test_every_command_is_one(page: Path) -> None:
-    parser, known = parsers()
+    parser, known = make_parsers()
     for line, alone in commands(page.read_text(encoding="utf-8")):
         _, *words = shlex.split(line.partition(" > ")[0], comments=True)
         if words[0].startswith("-"):
@@ -146,7 +146,7 @@ def test_a_wrong_command_would_be_found() -> None:
     (line, alone), (inline, _) = commands(text)
     assert alone
     with pytest.raises(CamgenError, match="nearest is diameter"):
-        checked(parsers()[0].parse_args(shlex.split(line)[1:]), line)
+        checked(make_parsers()[0].parse_args(shlex.split(line)[1:]), line)
     assert inline == "camgen bild"
 
 
@@ -224,9 +224,9 @@ def test_a_table_of_options_shows_every_option() -> None:
 def test_the_reach_of_arms_whose_lengths_are_known() -> None:
     # A SCARA: both links in a row. IRB 120 and IRB 2400: the reach of the data sheet is that of the wrist, and the
     # flange is 72 and 85 mm farther.
-    assert reach(robot("Cobra s600")) == pytest.approx(325 + 275, abs=0.1)
-    assert reach(robot("IRB 120")) == pytest.approx(580 + 72, abs=0.5)
-    assert reach(robot("IRB 2400")) == pytest.approx(1550 + 85, abs=0.5)
+    assert reach(find_robot("Cobra s600")) == pytest.approx(325 + 275, abs=0.1)
+    assert reach(find_robot("IRB 120")) == pytest.approx(580 + 72, abs=0.5)
+    assert reach(find_robot("IRB 2400")) == pytest.approx(1550 + 85, abs=0.5)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from camgen.geometry import apart
 from camgen.geometry.apart import find_box_pairs, set_apart
 from camgen.geometry.offset import make_offset
-from camgen.geometry.segments import find_following, from_contours
+from camgen.geometry.segments import find_following, make_contour_segments
 from camgen.model.part import Contour
 from tests.support.drawn import circle, clockwise, rectangle
 
@@ -49,7 +49,7 @@ def test_pairs_of_boxes(
 
 def labels(drawn: list[Contour], distance: float) -> list[int]:
     """Of each loop the label at this distance, all of them in one group before."""
-    source, closed = from_contours(drawn), np.ones(len(drawn), dtype=np.bool_)
+    source, closed = make_contour_segments(drawn), np.ones(len(drawn), dtype=np.bool_)
     one = np.zeros(len(source), dtype=np.int64)
     curve = make_offset(source, find_following(source, closed), one, distance, 0.001)
     found = set_apart(source, one, curve.segments, curve.source, distance)

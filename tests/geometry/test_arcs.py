@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 
 from camgen.geometry.arcs import (
     are_bent,
-    chain,
-    circle,
     compute_bulges,
+    compute_circle,
     find_arc_middles,
     find_bulge_middles,
     find_circle,
     fit_circle,
     is_arc,
     level_arms,
+    make_span_chain,
     make_spans,
     make_spans_through,
     measure_arcs,
@@ -104,7 +104,7 @@ def test_via_may_lie_anywhere_on_the_arc(arc: Known, at: float) -> None:
 @given(wide, st.floats(0.1, 0.9))
 def test_one_arc_alone_is_the_same_arc(arc: Known, at: float) -> None:
     start, via, end = (tuple(arc.point(f).tolist()) for f in (0.0, at, 1.0))
-    centre, radius, axis, sweep = circle(start, via, end)
+    centre, radius, axis, sweep = compute_circle(start, via, end)
     near = 1e3 * slack(arc) + 1e-9 * arc.radius / (2 * math.pi - arc.sweep) ** 2
     assert np.allclose(centre, arc.centre, rtol=0, atol=near)
     assert radius == pytest.approx(arc.radius, abs=near)
@@ -190,13 +190,13 @@ def test_points_in_space_that_leave_a_line_by_a_rounding_are_no_arc_at_any_size(
     start, end = (0.0, 0.0, 0.0), (size, 0.0, size)
     via = (size / 2, math.sqrt(2) * size / 2 * 4e-10, size / 2)
     with pytest.raises(ValueError, match="on one line"):
-        circle(start, via, end)
+        compute_circle(start, via, end)
     clear = (size / 2, math.sqrt(2) * size / 2 * 4e-9, size / 2)
-    assert circle(start, clear, end)[1] > 1e6 * size
+    assert compute_circle(start, clear, end)[1] > 1e6 * size
 
 
 def test_a_chain_goes_from_each_point_to_the_next() -> None:
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 4.0]])
-    spans_between = chain(points, np.full((3, 3), np.nan))
+    spans_between = make_span_chain(points, np.full((3, 3), np.nan))
     assert spans_between.start.tolist() == points[:3].tolist()
     assert spans_between.length.tolist() == [1.0, 2.0, 4.0]

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from camgen.geometry.centre_lines import CentreLines, find_centre_lines
 from camgen.geometry.intersect import Obstacles, measure_nearest
-from camgen.geometry.segments import find_following, from_contours, points_at
+from camgen.geometry.segments import find_following, make_contour_segments, points_at
 from camgen.model.part import Contour, IntArray
 from camgen.model.pose import FloatArray
 from tests.support.drawn import circle, clockwise, contour, rectangle
 from tests.support.examples import fewer
 
 RADIUS, SLACK = 3.0, 0.004
-NONE = from_contours([])
+NONE = make_contour_segments([])
 
 
 def slot(length: float, width: float) -> Contour:
@@ -28,7 +28,7 @@ def slot(length: float, width: float) -> Contour:
 
 def lines_in(*contours: Contour) -> CentreLines:
     """The centre lines within outer contours, which are drawn counter-clockwise."""
-    source = from_contours([clockwise(shape) for shape in contours])
+    source = make_contour_segments([clockwise(shape) for shape in contours])
     following = find_following(source, np.ones(len(contours), dtype=np.bool_))
     group = np.zeros(len(source), dtype=np.int64)
     return find_centre_lines(source, following, group, RADIUS, SLACK, NONE)
@@ -70,7 +70,7 @@ def test_a_bent_slot_keeps_its_arc() -> None:
 
 
 def test_a_ring_between_two_circles_is_closed() -> None:
-    source = from_contours([clockwise(circle(0, 0, 23)), circle(0, 0, 17, "c2")])
+    source = make_contour_segments([clockwise(circle(0, 0, 23)), circle(0, 0, 17, "c2")])
     following = find_following(source, np.ones(2, dtype=np.bool_))
     group = np.zeros(len(source), dtype=np.int64)
     lines = find_centre_lines(source, following, group, RADIUS, SLACK, NONE)
@@ -109,9 +109,9 @@ def test_a_round_hole_has_a_middle() -> None:
 
 
 def test_what_is_run_already_is_left_out() -> None:
-    source = from_contours([clockwise(slot(30, 6))])
+    source = make_contour_segments([clockwise(slot(30, 6))])
     following = find_following(source, np.ones(1, dtype=np.bool_))
-    known = from_contours([contour([(-5, 0), (18, 0)], closed=False)])
+    known = make_contour_segments([contour([(-5, 0), (18, 0)], closed=False)])
     lines = find_centre_lines(source, following, source.owner, RADIUS, SLACK, known)
     assert ends(lines)[1] == [30, 0]
     assert ends(lines)[0][0] == pytest.approx(18, abs=5 * SLACK)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.intersect import Obstacles, measure_distances, measure_gaps, measure_nearest
-from camgen.geometry.segments import Segments, make, points_at
+from camgen.geometry.segments import Segments, make_segments, points_at
 from camgen.model.pose import FloatArray
 
 NUMBERS = st.floats(-10, 10).map(lambda value: round(value, 2))
@@ -14,7 +14,9 @@ BULGES = st.sampled_from([0.0, 0.1, -0.4, 0.7, 1.0, -1.0])
 
 
 def one(start: tuple[float, float], end: tuple[float, float], bulge: float) -> Segments:
-    return make(np.array([start]), np.array([end]), np.array([bulge]), np.zeros(1, dtype=np.int64))
+    return make_segments(
+        np.array([start]), np.array([end]), np.array([bulge]), np.zeros(1, dtype=np.int64)
+    )
 
 
 def places(segment: Segments, count: int = 1500) -> FloatArray:
@@ -56,7 +58,7 @@ def test_arcs_about_one_centre_are_apart_by_their_radii() -> None:
 def test_the_nearest_of_several_segments_counts_within_reach() -> None:
     # A line along y = 0 and a half circle about (20, 0) with the radius 5, above it.
     start, end = np.array([[0.0, 0.0], [25.0, 0.0]]), np.array([[10.0, 0.0], [15.0, 0.0]])
-    segments = make(start, end, np.array([0.0, 1.0]), np.array([0, 1]))
+    segments = make_segments(start, end, np.array([0.0, 1.0]), np.array([0, 1]))
     points = np.array([[4.0, 3.0], [20.0, 8.0], [13.0, 0.0], [4.0, 30.0]])
     assert measure_nearest(points, segments, 10.0) == pytest.approx([3.0, 3.0, 2.0, np.inf])
 
@@ -68,7 +70,7 @@ def test_points_in_a_row_have_the_distances_that_each_has_by_itself(step: float)
     start = random.uniform(0, 60, (50, 2))
     bulge = random.uniform(-1, 1, 50) * (random.random(50) < 0.5)
     none = np.zeros(50, dtype=np.int64)
-    segments = make(start, start + random.normal(0, 6, (50, 2)), bulge, none)
+    segments = make_segments(start, start + random.normal(0, 6, (50, 2)), bulge, none)
     points = np.cumsum(random.normal(0, step, (700, 2)), axis=0) % 60
     groups, chosen = random.integers(0, 2, 50), random.integers(0, 2, 700)
     gaps_of = np.array(

@@ -1,13 +1,13 @@
 import numpy as np
 
 from camgen.geometry.nesting import find_nesting
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.part import Contour
 from tests.support.drawn import circle, clockwise, contour, rectangle
 
 
 def nested(*loops: Contour) -> tuple[list[int], list[int], list[int]]:
-    result = find_nesting(from_contours(loops), len(loops))
+    result = find_nesting(make_contour_segments(loops), len(loops))
     return result.depth.tolist(), result.parent.tolist(), result.crossed.tolist()
 
 
@@ -46,11 +46,13 @@ def test_loops_that_touch_do_not_cross() -> None:
 
 
 def test_a_line_there_and_back_is_empty() -> None:
-    result = find_nesting(from_contours([contour([(0, 0), (10, 0)]), circle(0, 0, 1)]), 2)
+    result = find_nesting(make_contour_segments([contour([(0, 0), (10, 0)]), circle(0, 0, 1)]), 2)
     assert result.empty.tolist() == [True, False]
 
 
 def test_area_is_exact_for_polygons_and_close_for_circles() -> None:
-    result = find_nesting(from_contours([rectangle(1, 2, 10, 5), clockwise(circle(0, 0, 10))]), 2)
+    result = find_nesting(
+        make_contour_segments([rectangle(1, 2, 10, 5), clockwise(circle(0, 0, 10))]), 2
+    )
     assert result.area[0] == 50.0
     assert abs(result.area[1] + np.pi * 100) < 0.02 * 2 * np.pi * 10

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.offset import Offset, make_offset
-from camgen.geometry.segments import find_following, flatten, from_contours, points_at
+from camgen.geometry.segments import find_following, flatten, make_contour_segments, points_at
 from camgen.model.part import Contour
 from tests.support.drawn import circle, clockwise, contour, rectangle, rounded
 
@@ -18,7 +18,7 @@ MITRE = 0.001
 
 
 def run(contours: list[Contour], distance: float) -> Offset:
-    source = from_contours(contours)
+    source = make_contour_segments(contours)
     closed = np.array([c.closed for c in contours])
     return make_offset(
         source,
@@ -40,7 +40,7 @@ def area(curve: Offset) -> float:
 
 def worst(contours: list[Contour], curve: Offset, distance: float) -> float:
     """The largest deviation of sampled points of the curve from the distance."""
-    source = from_contours(contours)
+    source = make_contour_segments(contours)
     obstacles = Obstacles(source, np.zeros(len(source), dtype=np.int64))
     points = np.concatenate(
         [points_at(curve.segments, np.full(len(curve.segments), f)) for f in (0, 0.3, 0.5, 0.9)]
@@ -145,7 +145,7 @@ stars = st.integers(5, 12).flatmap(
 @example(star([20.0] * 11 + [24.0], [0.0] * 9 + [0.2, 0.0, 0.0]), 11.0, False)
 @given(shape=stars, distance=st.sampled_from([1.0, 3.0, 6.35, 11.0]), inside=st.booleans())
 def test_any_shape_agrees_with_geos(shape: Contour, distance: float, inside: bool) -> None:
-    points, _ = flatten(from_contours([shape]), 1e-3)
+    points, _ = flatten(make_contour_segments([shape]), 1e-3)
     polygon = shapely.Polygon(points)
     if not polygon.is_valid:
         return

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from camgen.geometry.offset import _MISS, _cut_candidates, _move_sideways, _plain_corners
-from camgen.geometry.segments import make
+from camgen.geometry.segments import make_segments
 
 QUARTER = math.tan(math.pi / 8)
 
@@ -21,7 +21,9 @@ QUARTER = math.tan(math.pi / 8)
 def test_a_moved_arc_runs_on_along_its_circle(sense: float, radius: float) -> None:
     """A quarter of a circle of 10 mm about the origin moves by 3 mm to its right."""
     ends = np.array([[10.0, 0.0], [0.0, 10.0]])[:: int(sense)]
-    source = make(ends[:1], ends[1:], np.array([sense * QUARTER]), np.zeros(1, dtype=np.int64))
+    source = make_segments(
+        ends[:1], ends[1:], np.array([sense * QUARTER]), np.zeros(1, dtype=np.int64)
+    )
     early, late = 2.0, 1.0
     start, end, bulge = _move_sideways(
         source, 3.0, np.array([radius]), np.array([early]), np.array([late])
@@ -34,7 +36,7 @@ def test_a_moved_arc_runs_on_along_its_circle(sense: float, radius: float) -> No
 
 
 def test_a_moved_line_runs_on_along_itself() -> None:
-    source = make(
+    source = make_segments(
         np.array([[0.0, 0.0]]), np.array([[3.0, 4.0]]), np.zeros(1), np.zeros(1, dtype=np.int64)
     )
     start, end, bulge = _move_sideways(
@@ -72,7 +74,7 @@ def test_pieces_end_where_lines_cross_but_not_next_to_an_end() -> None:
     start = np.vstack([[0.0, 0.0], np.column_stack([x, np.full(3, -1.0)])])
     end = np.vstack([[10.0, 0.0], np.column_stack([x, np.full(3, 1.0)])])
     owner = np.arange(4, dtype=np.int64)
-    candidates = make(start, end, np.zeros(4), owner)
+    candidates = make_segments(start, end, np.zeros(4), owner)
     row, low, high = _cut_candidates(candidates, np.zeros(4, dtype=np.int64))
     first = row == 0
     assert low[first] == pytest.approx([0.0, 0.5], abs=0.0)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.overlap import cut_chain, find_covered, find_equal_loops, measure_covered
-from camgen.geometry.segments import Segments, make
+from camgen.geometry.segments import Segments, make_segments
 
 QUARTER = math.tan(math.pi / 8)
 Row = tuple[float, ...]
@@ -20,7 +20,7 @@ def segments(rows: list[Row], owners: list[int] | None = None) -> Segments:
     """Segments of rows x, y, x, y and perhaps a bulge; each a piece of its own without owners."""
     table = np.array([(*row, 0.0)[:5] for row in rows])
     owner = np.arange(len(rows)) if owners is None else np.array(owners)
-    return make(table[:, :2], table[:, 2:4], table[:, 4], owner)
+    return make_segments(table[:, :2], table[:, 2:4], table[:, 4], owner)
 
 
 def covered(rows: list[Row], owners: list[int] | None = None) -> dict[int, list[list[float]]]:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from camgen.geometry import nesting
 from camgen.geometry.nesting import find_plain, measure_loop_areas
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.part import Contour
 from tests.support.drawn import circle, clockwise, contour, rectangle, rounded
 
@@ -19,7 +19,7 @@ BITTEN = contour([(10, 0), (-10, 0), (0, -4)], [1.0, 0.0, -0.4])
 
 
 def found(*loops: Contour) -> list[bool]:
-    return find_plain(from_contours(loops), len(loops)).tolist()
+    return find_plain(make_contour_segments(loops), len(loops)).tolist()
 
 
 @pytest.mark.parametrize("shape", [circle(0, 0, 5), rectangle(0, 0, 9, 4), rounded(30, 20, 5)])
@@ -47,7 +47,10 @@ def test_a_loop_with_anything_in_its_box_is_not_alone() -> None:
 
 def test_areas_are_exact() -> None:
     areas = measure_loop_areas(
-        from_contours([circle(3, 4, 5), clockwise(rectangle(0, 0, 9, 4)), rounded(30, 20, 5)]), 3
+        make_contour_segments(
+            [circle(3, 4, 5), clockwise(rectangle(0, 0, 9, 4)), rounded(30, 20, 5)]
+        ),
+        3,
     )
     assert areas == pytest.approx([math.pi * 25, -36, 600 - (4 - math.pi) * 25], rel=1e-12)
 
@@ -63,7 +66,7 @@ def loops(draw: st.DrawFn) -> Contour:
 
 @given(st.lists(loops(), min_size=1, max_size=12))
 def test_nesting_is_the_same_without_the_short_way(drawn: list[Contour]) -> None:
-    segments = from_contours(drawn)
+    segments = make_contour_segments(drawn)
     short = nesting.find_nesting(segments, len(drawn))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(nesting, "find_plain", lambda _, count: np.zeros(count, dtype=np.bool_))

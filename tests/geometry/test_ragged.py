@@ -10,23 +10,23 @@ from hypothesis import strategies as st
 from camgen.geometry import ragged
 from camgen.geometry.ragged import (
     Runs,
-    begins,
-    divide,
-    each_once,
-    ends_run,
-    first_of_each,
-    following,
-    matches,
-    offsets,
-    owners,
-    ramp,
-    run_lengths,
-    run_starts,
-    starts_run,
-    stretches,
-    true_runs,
+    compute_first_rows,
+    compute_offsets,
+    divide_runs,
+    find_equal_pairs,
+    find_first_occurrences,
+    find_following_rows,
+    find_run_starts,
+    find_true_runs,
+    list_owners,
+    list_range_numbers,
+    mark_run_ends,
+    mark_run_starts,
+    measure_runs,
+    number_rows,
+    select_distinct,
 )
-from camgen.geometry.vectors import nearest_row
+from camgen.geometry.vectors import find_nearest_row
 from camgen.model.part import BoolArray
 
 COUNTS = st.lists(st.integers(0, 4), max_size=8)
@@ -35,17 +35,21 @@ COUNTS = st.lists(st.integers(0, 4), max_size=8)
 @given(COUNTS)
 def test_rows_of_groups(counts: list[int]) -> None:
     groups = [list(range(sum(counts[:k]), sum(counts[: k + 1]))) for k in range(len(counts))]
-    assert begins(counts).tolist() == [sum(counts[:k]) for k in range(len(counts))]
-    assert offsets(counts).tolist() == [sum(counts[:k]) for k in range(len(counts) + 1)]
-    assert owners(counts).tolist() == [k for k, group in enumerate(groups) for _ in group]
-    assert ramp(counts).tolist() == [place for group in groups for place in range(len(group))]
-    assert following(counts).tolist() == [row for group in groups for row in group[1:] + group[:1]]
+    assert compute_first_rows(counts).tolist() == [sum(counts[:k]) for k in range(len(counts))]
+    assert compute_offsets(counts).tolist() == [sum(counts[:k]) for k in range(len(counts) + 1)]
+    assert list_owners(counts).tolist() == [k for k, group in enumerate(groups) for _ in group]
+    assert number_rows(counts).tolist() == [
+        place for group in groups for place in range(len(group))
+    ]
+    assert find_following_rows(counts).tolist() == [
+        row for group in groups for row in group[1:] + group[:1]
+    ]
 
 
 @given(st.lists(st.tuples(st.integers(0, 50), st.integers(0, 4)), max_size=8))
 def test_stretches_of_another_table(pairs: list[tuple[int, int]]) -> None:
     first, counts = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    assert stretches(first, counts).tolist() == [
+    assert list_range_numbers(first, counts).tolist() == [
         low + k for low, count in pairs for k in range(count)
     ]
 
@@ -54,21 +58,21 @@ def test_stretches_of_another_table(pairs: list[tuple[int, int]]) -> None:
 def test_runs_of_equal_neighbours(counts: list[int]) -> None:
     # Neighbours differ, but a number may come again.
     owner = np.repeat(np.arange(len(counts)) % 2, counts)
-    assert run_lengths(owner).tolist() == counts
-    assert run_starts(owner).tolist() == begins(counts).tolist()
+    assert measure_runs(owner).tolist() == counts
+    assert find_run_starts(owner).tolist() == compute_first_rows(counts).tolist()
     lasts = [sum(counts[: k + 1]) - 1 for k in range(len(counts))]
-    assert np.flatnonzero(ends_run(owner)).tolist() == lasts
+    assert np.flatnonzero(mark_run_ends(owner)).tolist() == lasts
 
 
 def test_rows_of_a_table_are_compared_whole() -> None:
     table = np.array([[0, 1], [0, 1], [0, 2], [1, 2], [1, 2]])
-    assert starts_run(table).tolist() == [True, False, True, True, False]
-    assert ends_run(table).tolist() == [False, True, True, False, True]
+    assert mark_run_starts(table).tolist() == [True, False, True, True, False]
+    assert mark_run_ends(table).tolist() == [False, True, True, False, True]
 
 
 @given(st.lists(st.booleans(), max_size=12))
 def test_true_runs(mask: list[bool]) -> None:
-    runs = true_runs(np.array(mask, dtype=np.bool_)).tolist()
+    runs = find_true_runs(np.array(mask, dtype=np.bool_)).tolist()
     rows = chain.from_iterable(range(*run) for run in runs)
     assert list(rows) == [row for row, value in enumerate(mask) if value]
     # A row that is not true lies between two runs.
@@ -77,18 +81,18 @@ def test_true_runs(mask: list[bool]) -> None:
 
 def test_the_first_of_two_equally_near_rows_is_taken() -> None:
     values = np.array([0.0, 2.0, 4.0])
-    assert [nearest_row(values, wanted) for wanted in (1.0, 1.1, 9.0)] == [0, 1, 2]
-    assert nearest_row(np.array([0j, 1 + 1j]), 1 + 0.4j) == 1
+    assert [find_nearest_row(values, wanted) for wanted in (1.0, 1.1, 9.0)] == [0, 1, 2]
+    assert find_nearest_row(np.array([0j, 1 + 1j]), 1 + 0.4j) == 1
 
 
 @given(st.lists(st.integers(-3, 3), max_size=8))
 def test_each_once(values: list[int]) -> None:
-    assert each_once(np.array(values, dtype=np.int64)).tolist() == sorted(set(values))
+    assert select_distinct(np.array(values, dtype=np.int64)).tolist() == sorted(set(values))
 
 
 @given(st.lists(st.integers(-3, 3), max_size=40))
 def test_first_of_each(values: list[int]) -> None:
-    rows = first_of_each(np.array(values, dtype=np.int64))
+    rows = find_first_occurrences(np.array(values, dtype=np.int64))
     assert rows.tolist() == [values.index(value) for value in sorted(set(values))]
 
 
@@ -101,7 +105,7 @@ def test_matches(label: list[int], other: list[int], limit: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ragged, "PAIRS", 4)
         tables = np.array(label, dtype=np.int64), np.array(other, dtype=np.int64)
-        chunks, unpaired = matches(*tables, limit)
+        chunks, unpaired = find_equal_pairs(*tables, limit)
         listed = [np.column_stack(chunk).tolist() for chunk in chunks]
     assert all(len(chunk) <= 4 for chunk in listed)
     assert unpaired.tolist() == [k for k, name in enumerate(label) if other.count(name) > limit]
@@ -123,10 +127,10 @@ def test_divided_runs_are_all_rows_and_settled_ones_hold_no_odd_row(
         judged += len(runs.group)
         return np.array([not _holds(run, odd) for run in _list(runs)])
 
-    runs = divide(np.array(counts, dtype=np.int64), holds_no_odd_row)
+    runs = divide_runs(np.array(counts, dtype=np.int64), holds_no_odd_row)
     size = runs.end - runs.first
-    assert np.repeat(runs.group, size).tolist() == owners(counts).tolist()
-    assert stretches(runs.first, size).tolist() == ramp(counts).tolist()
+    assert np.repeat(runs.group, size).tolist() == list_owners(counts).tolist()
+    assert list_range_numbers(runs.first, size).tolist() == number_rows(counts).tolist()
     for run, settled in zip(_list(runs), runs.settled, strict=True):
         assert not _holds(run, odd) if settled else run[2] - run[1] <= 64
     # 5000 rows are 64 or fewer after three divisions by eight.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from camgen.geometry.nesting import measure_loop_areas
-from camgen.geometry.segments import Segments, find_following, from_contours
+from camgen.geometry.segments import Segments, find_following, make_contour_segments
 from camgen.geometry.uncross import find_slips, uncross_loops
 from camgen.model.part import Contour
 from tests.support.drawn import clockwise, contour, rectangle
@@ -26,7 +26,7 @@ def spike(off: float = OFF) -> Contour:
 
 
 def parted(*contours: Contour) -> tuple[Segments, np.ndarray]:
-    source = from_contours(contours)
+    source = make_contour_segments(contours)
     following = find_following(source, np.ones(len(contours), dtype=bool))
     return uncross_loops(source, following, find_slips(source, following, len(contours)))
 
@@ -60,7 +60,7 @@ LENS = RADIUS**2 * (2 * OFF - math.sin(2 * OFF)) / 2
 
 def test_the_tip_of_a_spike_is_turned_round_and_keeps_its_area() -> None:
     shape = spike()
-    whole = float(measure_loop_areas(from_contours([shape]), 1)[0])
+    whole = float(measure_loop_areas(make_contour_segments([shape]), 1)[0])
     sign = math.copysign(1, whole)
     small, large = areas(shape if sign > 0 else clockwise(shape))
     assert small == pytest.approx(LENS, rel=1e-6)
@@ -71,7 +71,9 @@ def test_the_tip_of_a_spike_is_turned_round_and_keeps_its_area() -> None:
 def test_the_tip_of_a_notch_is_no_border() -> None:
     """Run the other way the part is around: the tip lies in it, and no tool gets there."""
     shape = spike()
-    hole = clockwise(shape) if measure_loop_areas(from_contours([shape]), 1)[0] > 0 else shape
+    hole = (
+        clockwise(shape) if measure_loop_areas(make_contour_segments([shape]), 1)[0] > 0 else shape
+    )
     (only,) = areas(hole)
     assert only < 0
 

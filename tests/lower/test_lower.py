@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle
+from camgen.geometry.arcs import compute_circle
 from camgen.lower import lower
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToleranceTable, ToolTable
-from camgen.model.path import ToolPath, Tour, waypoints
+from camgen.model.path import ToolPath, Tour, make_waypoints
 from camgen.model.pose import (
     TOOL_DOWN,
     Pose,
@@ -25,7 +25,7 @@ from camgen.model.pose import (
 )
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post.passes import corner_blend
-from camgen.robots.workcell import equip
+from camgen.robots.workcell import equip_cell
 from fixtures.program_text import dump
 from tests.support.examples import fewer
 
@@ -59,14 +59,19 @@ def path(points, bulges=None, force_direction=None, force=None, feed=20.0, **mor
         forces[0] = forces[1]
     settings_ = {"id": "c1", "layer": "cut", "closed": False, **more}
     return ToolPath(
-        table=waypoints(position, via, feed, force_direction=pressed, force=forces), **settings_
+        table=make_waypoints(position, via, feed, force_direction=pressed, force=forces),
+        **settings_,
     )
 
 
 def program(*paths, cell=ROBOT, job=None) -> Program:
     job = job or Job()
     return lower(
-        Tour(tuple(paths), 0.0, "as-drawn"), equip(cell, job), job, "part", ("made for a test",)
+        Tour(tuple(paths), 0.0, "as-drawn"),
+        equip_cell(cell, job),
+        job,
+        "part",
+        ("made for a test",),
     )
 
 
@@ -368,7 +373,9 @@ def test_half_circles_are_halved_where_the_tool_turns_with_them():
     arcs = [(start.target, arc) for start, arc in pairwise(body) if isinstance(arc, MoveC)]
     assert len(arcs) == 4
     for start, arc in arcs:
-        centre, radius, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+        centre, radius, axis, sweep = compute_circle(
+            start.origin, arc.via.origin, arc.target.origin
+        )
         assert radius == pytest.approx(10)
         assert sweep == pytest.approx(math.pi / 2)
         assert axis[2] == pytest.approx(-1)
@@ -738,25 +745,25 @@ def test_the_job_goes_before_the_cell():
     table = CellTable(
         base_from_work=[1, 2, 3, 0, 0, 90], flange_from_tool=[0, 0, 9, 0, 180, 0], home=[90, 0, -90]
     )
-    cell = equip(ROBOT, Job(cell=table))
+    cell = equip_cell(ROBOT, Job(cell=table))
     assert cell.base_from_work.origin == (1, 2, 3)
     assert angle_between(cell.base_from_work.rotation, rotation_about(2, math.pi / 2)) < 1e-12
     assert angle_between(cell.flange_from_tool.rotation, rotation_about(1, math.pi)) < 1e-12
     assert cell.home == Joints((math.pi / 2, 0.0, -math.pi / 2))
-    again = equip(cell, Job(cell=table))
+    again = equip_cell(cell, Job(cell=table))
     assert again.home == cell.home
     assert again.flange_from_tool.origin == pose_from_values([0, 0, 9, 0, 180, 0]).origin
 
 
 def test_without_a_cell_the_tool_is_as_long_as_it_is():
-    cell = equip(ROBOT, Job(tool=ToolTable(length=42.0)))
+    cell = equip_cell(ROBOT, Job(tool=ToolTable(length=42.0)))
     assert cell.flange_from_tool.origin == (0, 0, 42)
     assert cell.home is ROBOT.home
     assert cell.base_from_work is ROBOT.base_from_work
 
 
 def test_the_home_of_a_mill_is_a_place():
-    home = equip(MILL, Job(cell=CellTable(home=[1, 2, 30]))).home
+    home = equip_cell(MILL, Job(cell=CellTable(home=[1, 2, 30]))).home
     assert home.origin == (1, 2, 30)
     assert home.rotation is TOOL_DOWN
 
@@ -775,7 +782,7 @@ def test_the_home_of_a_mill_is_a_place():
 def test_wrong_numbers_in_the_cell_are_named(cell, table):
     (key,) = table
     with pytest.raises(JobError, match=f"cell.{key}"):
-        equip(cell, Job(cell=CellTable(**table)))
+        equip_cell(cell, Job(cell=CellTable(**table)))
 
 
 def test_a_sliding_joint_of_the_home_is_in_mm() -> None:
@@ -786,7 +793,7 @@ def test_a_sliding_joint_of_the_home_is_in_mm() -> None:
         Joints((0.0, 0.0, 50.0, 0.0)),
         frozenset({2}),
     )
-    home = equip(cell, Job(cell=CellTable(home=[0.0, 90.0, 40.0, 180.0]))).home
+    home = equip_cell(cell, Job(cell=CellTable(home=[0.0, 90.0, 40.0, 180.0]))).home
     assert isinstance(home, Joints)
     assert home.values == pytest.approx((0.0, math.pi / 2, 40.0, math.pi))
 

@@ -13,13 +13,13 @@ from camgen.model.errors import NoSafeProgram
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
-from camgen.order.arrange import Search, arrange
+from camgen.order.arrange import TourSettings, order_paths
 from camgen.pipeline import build
 from camgen.plan.trace import trace
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
 from camgen.read.job_file import from_mapping
-from camgen.robots.workcell import equip
+from camgen.robots.workcell import equip_cell
 
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
 #: By signal and height, by height alone, with pressure, by signal alone on a clearance of a hair.
@@ -117,9 +117,9 @@ def test_the_pen_is_up_on_the_way_between_lines(
     job = from_mapping({"operation": {"kind": "trace"}, "process": way, "post": options})
     part = part_of(drawing)
     post = make_post(find_post(name), job.post)
-    tour = arrange(trace(part, job), Search("nearest", None, False))
+    tour = order_paths(trace(part, job), TourSettings("nearest", None, False))
     program = post.prepare(
-        lower(tour, equip(post.cell(), job), job, "drawing", ()), job.tolerance.chord
+        lower(tour, equip_cell(post.cell(), job), job, "drawing", ()), job.tolerance.chord
     )
     files = post.render(program)
     reading = find_readback(name)({file.name: file.text for file in files}, job.post)

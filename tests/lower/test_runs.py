@@ -16,7 +16,7 @@ from msgspec.structs import replace
 import camgen
 from camgen.geometry.arcs import measure_path
 from camgen.geometry.intersect import measure_gaps
-from camgen.geometry.segments import from_contours, make
+from camgen.geometry.segments import make_contour_segments, make_segments
 from camgen.lower.runs import make_helix_entry
 from camgen.model.errors import JobError
 from camgen.model.part import Contour
@@ -93,7 +93,9 @@ def distances_from(shapes: list[Contour], found: list[Cut]) -> np.ndarray:
     """mm from each straight cut to the nearest of all that is drawn."""
     start, end = (np.array([getattr(cut, name)[:2] for cut in found]) for name in ("start", "end"))
     return measure_gaps(
-        make(start, end, np.zeros(len(found)), np.arange(len(found))), from_contours(shapes), 20.0
+        make_segments(start, end, np.zeros(len(found)), np.arange(len(found))),
+        make_contour_segments(shapes),
+        20.0,
     )
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model import body as packed_body
-from camgen.model.body import Body, BodyBuilder, Targets, join, merge, pack, plain_motions
+from camgen.model.body import Body, BodyBuilder, Targets, join, make_plain_motions, merge, pack
 from camgen.model.errors import Refused
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose
 from camgen.model.program import (
@@ -313,7 +313,7 @@ def test_merging_shares_rotations_and_leaves_out_those_that_are_not_used() -> No
 
 def lines(origin: np.ndarray, rotation: list[int], table: list[np.ndarray]) -> Body:
     targets = Targets(origin, np.array(rotation, np.int32), table)
-    return plain_motions(
+    return make_plain_motions(
         MoveL, targets, speed=20.0, blend=0.0, path=np.zeros(len(origin), np.intp), work=True
     )
 
@@ -337,7 +337,7 @@ def test_plain_motions_are_those_made_one_by_one(
     columns = list(zip(*rows, strict=True)) if rows else [()] * 7
     end, turned, speed, blend, path, via, via_turned = columns
     middles = np.array([nowhere if one is None else one for one in via]).reshape(-1, 3)
-    body = plain_motions(
+    body = make_plain_motions(
         kind,
         Targets(
             np.array(end, np.float64).reshape(-1, 3),

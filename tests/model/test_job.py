@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import camgen
-from camgen.cli.init import reference, template
+from camgen.cli.init import write_reference, write_template
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.job_tables import list_settings
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import frozen
-from camgen.model.toml import toml
+from camgen.model.toml import format_toml
 from camgen.pipeline.inputs import join_parts
 from camgen.read.job_file import find_job_file, from_mapping, load_job
 
@@ -212,7 +212,7 @@ def test_a_wrong_set_is_named_even_beside_a_job_file(tmp_path: Path) -> None:
 
 def test_the_template_is_the_default_job(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
-    file.write_text(template("plate.dxf", "inch"), encoding="utf-8")
+    file.write_text(write_template("plate.dxf", "inch"), encoding="utf-8")
     assert load_job(file) == Job()
     text = file.read_text(encoding="utf-8")
     assert "This file: inch." in text
@@ -223,7 +223,7 @@ def test_the_template_is_the_default_job(tmp_path: Path) -> None:
 
 def test_text_of_the_file_stays_in_its_comment() -> None:
     assert (
-        tomllib.loads(template("a\n[tool]\ndiameter = 1\r.dxf", "mm\u2028x\x85[x]"))["tool"][
+        tomllib.loads(write_template("a\n[tool]\ndiameter = 1\r.dxf", "mm\u2028x\x85[x]"))["tool"][
             "diameter"
         ]
         == 6.0
@@ -240,11 +240,11 @@ def test_text_of_the_file_stays_in_its_comment() -> None:
     )
 )
 def test_values_written_as_toml_read_back(value: object) -> None:
-    assert tomllib.loads(f"x = {toml(value)}")["x"] == value
+    assert tomllib.loads(f"x = {format_toml(value)}")["x"] == value
 
 
 def test_the_page_of_the_documents_is_current() -> None:
-    assert (ROOT / "docs" / "job.md").read_text(encoding="utf-8") == reference()
+    assert (ROOT / "docs" / "job.md").read_text(encoding="utf-8") == write_reference()
 
 
 def test_the_job_file_beside_the_input(tmp_path: Path) -> None:

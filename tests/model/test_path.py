@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.arcs import measure_path, measure_spans
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 
 
 @st.composite
@@ -46,7 +46,7 @@ def paths(draw):
     path = ToolPath(
         id="p",
         layer="l",
-        table=waypoints(position, via, axis=axis, **columns),
+        table=make_waypoints(position, via, axis=axis, **columns),
         closed=False,
     )
     return path, length

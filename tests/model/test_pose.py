@@ -12,10 +12,11 @@ from camgen.model.pose import (
     TOOL_DOWN,
     Pose,
     angle_between,
-    fixed_xyz,
+    compute_fixed_xyz,
+    compute_quaternion,
+    compute_zyz,
     frozen,
     pose_from_values,
-    quaternion,
     rotation_about,
     rotation_about_axis,
     rotation_between,
@@ -27,7 +28,6 @@ from camgen.model.pose import (
     rotation_vector,
     to_vec3,
     translation,
-    zyz,
 )
 from tests.support.rounding import rounding_bound
 
@@ -60,18 +60,18 @@ def matrix(axis, angle):
 @given(ROTATIONS)
 def test_forms_say_the_same_rotation(rotation):
     # Near a pole an angle keeps its sine only to 1e-9 (the sine below which it counts as the pole).
-    assert angle_between(rotation_from_fixed_xyz(*fixed_xyz(rotation)), rotation) < 4e-9
-    assert angle_between(rotation_from_zyz(*zyz(rotation)), rotation) < 4e-9
-    assert angle_between(rotation_from_quaternion(quaternion(rotation)), rotation) < 1e-14
+    assert angle_between(rotation_from_fixed_xyz(*compute_fixed_xyz(rotation)), rotation) < 4e-9
+    assert angle_between(rotation_from_zyz(*compute_zyz(rotation)), rotation) < 4e-9
+    assert angle_between(rotation_from_quaternion(compute_quaternion(rotation)), rotation) < 1e-14
 
 
 @given(ROTATIONS)
 def test_forms_are_in_their_ranges(rotation):
-    rx, ry, rz = fixed_xyz(rotation)
+    rx, ry, rz = compute_fixed_xyz(rotation)
     assert abs(ry) <= math.pi / 2
     assert max(abs(rx), abs(rz)) <= math.pi
-    assert 0 <= zyz(rotation)[1] <= math.pi
-    q = quaternion(rotation)
+    assert 0 <= compute_zyz(rotation)[1] <= math.pi
+    q = compute_quaternion(rotation)
     assert math.hypot(*q) == pytest.approx(1.0, abs=1e-12)
     assert q[0] > -1e-12
     assert next(v for v in q if abs(v) > 1e-12) > 0
@@ -93,23 +93,23 @@ def test_angles_are_products_of_turns(a, b, c):
     ("rotation", "angles"), [(TOOL_DOWN, (math.pi, 0, 0)), (IDENTITY, (0, 0, 0))]
 )
 def test_fixed_angles_of_usual_tools(rotation, angles):
-    assert fixed_xyz(rotation) == pytest.approx(angles)
+    assert compute_fixed_xyz(rotation) == pytest.approx(angles)
 
 
 def test_the_tool_straight_down_in_the_other_forms():
-    assert zyz(TOOL_DOWN) == pytest.approx((0, math.pi, math.pi))
-    assert zyz(frozen(np.diag([-1.0, 1.0, -1.0]))) == pytest.approx((0, math.pi, 0))
-    assert quaternion(TOOL_DOWN) == (0, 1, 0, 0)
-    assert quaternion(frozen(np.diag([-1.0, 1.0, -1.0]))) == (0, 0, 1, 0)
+    assert compute_zyz(TOOL_DOWN) == pytest.approx((0, math.pi, math.pi))
+    assert compute_zyz(frozen(np.diag([-1.0, 1.0, -1.0]))) == pytest.approx((0, math.pi, 0))
+    assert compute_quaternion(TOOL_DOWN) == (0, 1, 0, 0)
+    assert compute_quaternion(frozen(np.diag([-1.0, 1.0, -1.0]))) == (0, 0, 1, 0)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, -2.0, math.pi])
 @pytest.mark.parametrize("ry", [math.pi / 2, -math.pi / 2])
 def test_the_free_angle_is_zero_at_a_pole(turn, ry):
     at_pole = rotation_from_fixed_xyz(turn, ry, 0.3)
-    assert fixed_xyz(at_pole)[0] == 0.0
+    assert compute_fixed_xyz(at_pole)[0] == 0.0
     for pitch in (0.0, math.pi):
-        assert zyz(rotation_from_zyz(0.3, pitch, turn))[0] == 0.0
+        assert compute_zyz(rotation_from_zyz(0.3, pitch, turn))[0] == 0.0
 
 
 @given(ROTATIONS, st.floats(1e-9, 3.1), ANGLES, ANGLES)

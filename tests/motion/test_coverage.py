@@ -23,7 +23,7 @@ from camgen.motion.setup import (
     Setup,
     all_clear,
 )
-from camgen.plan.edges.poses import measure_line, poses
+from camgen.plan.edges.poses import make_poses, measure_line
 from camgen.robots.models import Robot
 from tests.motion.test_reach import CELL, TOP, judged, tcp
 from tests.support.edge_shapes import rim, straight
@@ -50,7 +50,7 @@ def cover(
     cell = replace(CELL, clear=clear, roomy=clear)
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, look, lambda joints: np.zeros(len(joints)))
-    path = poses(edge, OFFSET)
+    path = make_poses(edge, OFFSET)
     result = Coverage(cell, space, freedom, ProcessTable(feed=feed)).find_pieces(
         edge, path, measure_line(edge, path)
     )
@@ -84,7 +84,7 @@ def test_the_length_is_measured_along_which_the_joints_are_too_slow(
     """At 1e5 mm/s the rim takes 3 ms, in which no joint turns by a degree."""
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
-    path = poses(RIM, OFFSET)
+    path = make_poses(RIM, OFFSET)
     result = Coverage(CELL, space, FREE, ProcessTable(feed=feed)).find_pieces(
         RIM, path, measure_line(RIM, path)
     )
@@ -94,7 +94,7 @@ def test_the_length_is_measured_along_which_the_joints_are_too_slow(
 
 def test_no_piece_runs_along_a_folded_segment() -> None:
     """The rim consists of four arcs, of which the second and the third are folded in turn."""
-    path = poses(RIM, OFFSET)
+    path = make_poses(RIM, OFFSET)
     lengths = measure_line(RIM, path)
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
@@ -163,7 +163,7 @@ def test_the_graph_of_a_closed_edge_is_the_same_from_its_new_start(
 
 def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> None:
     """A wall that the axis of the tool meets where it is not leant by 5 deg at least."""
-    nominal = poses(TOP, OFFSET).rotation[0, :, 2]
+    nominal = make_poses(TOP, OFFSET).rotation[0, :, 2]
 
     def clear(joints: FloatArray) -> FloatArray:
         frames = tcp(CELL, joints)
@@ -173,7 +173,7 @@ def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> Non
     cell = replace(CELL, clear=clear, roomy=clear)
     none = np.zeros(3)
     space = FreeSpace(0.0, none, none, 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear)
-    path = poses(TOP, OFFSET)
+    path = make_poses(TOP, OFFSET)
     lengths = measure_line(TOP, path)
     (piece,) = Coverage(cell, space, FREE, ProcessTable()).find_pieces(TOP, path, lengths).motions
     assert piece.trimmed == (0.0, pytest.approx(0.0, abs=1e-9))
@@ -254,7 +254,7 @@ def test_a_piece_counts_by_the_length_of_the_edge_in_a_small_hole() -> None:
 
 
 def test_an_arm_without_a_closed_form_has_no_pieces() -> None:
-    path = poses(TOP, OFFSET)
+    path = make_poses(TOP, OFFSET)
     space = FreeSpace(0.0, path.position[0], path.position[0], 0.0, 0.0, list, all_clear)
     bare = replace(CELL, robot=replace(CELL.robot, arm=None))
     assert (
@@ -264,8 +264,8 @@ def test_an_arm_without_a_closed_form_has_no_pieces() -> None:
 
 
 def test_lengths_are_those_of_the_edge_not_of_the_way_beside_it() -> None:
-    path = poses(RIM, OFFSET)
+    path = make_poses(RIM, OFFSET)
     assert measure_line(RIM, path).sum() == pytest.approx(RIM.length)
     assert path.length.sum() == pytest.approx(RIM.length * (50 + OFFSET / math.sqrt(2)) / 50)
     line = straight((0, 0, 0), (60, 0, 0), (0, 0, 1), (0, -1, 0))
-    assert measure_line(line, poses(line, OFFSET)).tolist() == [60.0]
+    assert measure_line(line, make_poses(line, OFFSET)).tolist() == [60.0]

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from camgen.model.cell import Dynamics
 from camgen.motion.limits import MotionLimits, make_limits, time_from_rest
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.rates import find_held_fraction
 
 LIMITS = MotionLimits(np.array([1.0, 2.0]), np.array([4.0, 5.0]), 100.0, 1000.0)
@@ -57,13 +57,13 @@ def test_a_table_of_times_is_each_of_them() -> None:
 
 
 def test_without_accelerations_full_speed_takes_the_ramp_of_the_controller() -> None:
-    arm = robot("VS-060")
+    arm = find_robot("VS-060")
     limits = make_limits(arm, Dynamics(ramp=0.5), 100.0)
     np.testing.assert_allclose(limits.joint_accelerations * 0.5, arm.speeds)
 
 
 def test_joints_that_a_job_holds_back_are_held_back_in_free_space_too() -> None:
-    arm = robot("IRB 2400")
+    arm = find_robot("IRB 2400")
     held = replace(arm, held=arm.speeds * np.array([0.25, 1, 1, 1, 1, 1]))
     a, b = np.zeros(6), np.array([1.0, 0.2, 0, 0, 0, 0.1])
     # The first joint is the slowest for its way, and may run at a quarter of its speed.

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from camgen.geometry.ragged import offsets
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.limits import LinkSpeeds, compute_line_speeds
 from camgen.motion.pose_paths import PosePath, divide
@@ -56,7 +56,7 @@ def test_no_joint_is_too_fast_between_two_samples(
     path = PosePath(np.array([start, end], dtype=float), np.full((2, 3), np.nan), rotation)
     parts = count_samples(path)
     looks = divide(path, parts)
-    (speed,) = compute_line_speeds(CELL, FAST, looks, run(looks), offsets(parts))
+    (speed,) = compute_line_speeds(CELL, FAST, looks, run(looks), compute_offsets(parts))
     fine = divide(path, np.array([math.ceil(2 * float(path.length.sum()))]))
     rates = np.abs(np.diff(run(fine), axis=0)) / fine.length[:, None]
     share = float((rates * speed / CELL.robot.fastest).max())
@@ -69,7 +69,7 @@ def test_a_corner_of_a_link_slows_neither_of_its_segments() -> None:
     down = frozen(np.stack([np.diag([1.0, -1.0, -1.0])] * 3))
     path = PosePath(corners, np.full((3, 3), np.nan), down)
     parts = count_samples(path)
-    samples, at = divide(path, parts), offsets(parts)
+    samples, at = divide(path, parts), compute_offsets(parts)
     joints = run(samples)
     together = compute_line_speeds(CELL, FAST, samples, joints, at)
     for k in range(2):

@@ -20,8 +20,8 @@ from camgen.model.pose import FloatArray, translation
 from camgen.model.program import Joints, MoveJ, Program
 from camgen.post.plugins import find_readback
 from camgen.post.verify import compare
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_flange, compute_link_frames
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -59,12 +59,12 @@ def list_swings(result: camgen.Result) -> Iterator[Swing]:
 
 def points_at(arm: Robot, joints: FloatArray) -> FloatArray:
     """(R, P, 3) mm: the joints, the flange, the TCP and the corners of the holder."""
-    rotation, origin = flange(arm, joints)
+    rotation, origin = compute_flange(arm, joints)
     tip = np.array([0.0, 0.0, 150.0])
     corners = np.array(np.meshgrid(*zip(LOW, HIGH, strict=True))).reshape(3, -1).T
     on_tool = np.vstack([np.zeros(3), tip, corners])
     tool = origin[:, None] + on_tool @ rotation.transpose(0, 2, 1)
-    return np.concatenate([frames(arm, joints)[1], tool], axis=1)
+    return np.concatenate([compute_link_frames(arm, joints)[1], tool], axis=1)
 
 
 def fastest_point(arm: Robot, swing: Swing, post: str = "") -> float:
@@ -84,7 +84,7 @@ def fastest_point(arm: Robot, swing: Swing, post: str = "") -> float:
 
 def test_a_tool_that_turns_about_its_tip_turns_no_faster_than_its_holder_may_move() -> None:
     """Axis 6 turns by 170 deg with the TCP on it: only a speed of turning slows the holder down."""
-    arm = robot("IRB 2400")
+    arm = find_robot("IRB 2400")
     start = np.radians([0.0, 20.0, 10.0, 0.0, 60.0, -80.0])
     end = start + np.radians([0.0, 0.0, 0.0, 0.0, 0.0, 170.0])
     tool = translation(0, 0, 150)
@@ -122,7 +122,7 @@ def test_a_tool_that_turns_about_its_tip_turns_no_faster_than_its_holder_may_mov
 @pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus"])
 @pytest.mark.parametrize("tool", [{}, {"symmetric": True}, {"turn": [-90.0, 90.0, 30.0]}])
 def test_no_point_is_faster(post: str, tool: dict[str, object]) -> None:
-    arm = robot("IRB 2400")
+    arm = find_robot("IRB 2400")
     speeds = [fastest_point(arm, swing, post) for swing in list_swings(build(post, tool))]
     assert speeds
     # Speeds are rounded, and a motion within a thousandth of its time is left.
@@ -130,7 +130,7 @@ def test_no_point_is_faster(post: str, tool: dict[str, object]) -> None:
 
 
 def test_a_travel_speed_is_kept_to_instead() -> None:
-    arm, tool = robot("IRB 2400"), {"symmetric": True}
+    arm, tool = find_robot("IRB 2400"), {"symmetric": True}
     slow = list_swings(build("pacscript", tool))
     fast = list_swings(build("pacscript", tool, travel=700.0))
     assert max(fastest_point(arm, swing) for swing in slow) > 0.8 * LIMIT

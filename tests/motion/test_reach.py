@@ -14,17 +14,17 @@ from camgen.model.pose import FloatArray, Pose, pose_from_values, translation
 from camgen.motion.pose_paths import PosePath, cut
 from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
 from camgen.plan.edges.last_face import TOP as UPPER
-from camgen.plan.edges.poses import poses, reach
+from camgen.plan.edges.poses import make_poses, reach
 from camgen.read.solid import mesh
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from tests.support.arm_models import by_hand
 from tests.support.edge_shapes import rim, straight
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
-ARM = robot("IRB 2400")
+ARM = find_robot("IRB 2400")
 TOOL = pose_from_values((-60, 0, 240, 0, -45, 0))
 CELL = Setup(ARM, pose_from_values((900, -50, 600, 0, 0, 30)), TOOL)
 TOP = straight((0, 0, 50), (120, 0, 50), (0, 0, 1), (0, -1, 0))
@@ -72,7 +72,7 @@ def judged(cell: Setup, found: EdgeMotion) -> FloatArray:
 
 
 def nominal(edge: Edge) -> FloatArray:
-    way = poses(edge, 5.0)
+    way = make_poses(edge, 5.0)
     assert isinstance(way, PosePath)
     return way.rotation[0]
 
@@ -154,7 +154,7 @@ def leaning(cell: Setup, axis: FloatArray, least: float) -> Setup:
     """``cell`` where the tool must lean by ``least`` deg from ``axis`` (work frame) at least."""
 
     def clear(joints: FloatArray) -> NDArray[np.bool_]:
-        z = cell.base_from_work.rotation.T @ flange(ARM, joints)[0] @ TOOL.rotation[:, 2]
+        z = cell.base_from_work.rotation.T @ compute_flange(ARM, joints)[0] @ TOOL.rotation[:, 2]
         return np.asarray(z @ axis <= math.cos(math.radians(least)))
 
     return replace(cell, clear=clear, hit=lambda _: "the holder with the part")
@@ -188,7 +188,7 @@ def test_a_roll_is_taken_before_a_tilt() -> None:
     frame = nominal(TOP)
 
     def clear(joints: FloatArray) -> NDArray[np.bool_]:
-        x = CELL.base_from_work.rotation.T @ flange(ARM, joints)[0] @ TOOL.rotation[:, 0]
+        x = CELL.base_from_work.rotation.T @ compute_flange(ARM, joints)[0] @ TOOL.rotation[:, 0]
         return np.asarray(x @ frame[:, 0] <= math.cos(math.radians(20)))
 
     cell = replace(CELL, clear=clear)
@@ -230,7 +230,7 @@ def test_an_obstacle_half_way_is_passed_by_tilting_there_only() -> None:
 def test_a_rim_that_winds_the_wrist_up_is_unwound_by_rolling_along_it(name: str) -> None:
     solid = mesh.read(source(PARTS / "rfa2.stl"))
     edge = next(e for e in solid.edges if e.id == name)
-    arm = robot("IRB 2000")
+    arm = find_robot("IRB 2000")
     cell = Setup(
         arm, pose_from_values((1050, -50, 500, 0, 0, 45)), pose_from_values((60, 0, 240, 0, 45, 0))
     )
@@ -251,21 +251,23 @@ def test_a_rim_that_winds_the_wrist_up_is_unwound_by_rolling_along_it(name: str)
 
 
 def test_an_arm_without_a_closed_form_has_freedom_too() -> None:
-    arm = robot("COBOTTA")
+    arm = find_robot("COBOTTA")
     edge = straight((-15, 0, 0), (15, 0, 0), (0, 0, 1), (0, -1, 0))
     cell = Setup(arm, translation(200, 60, 100), translation(0, 0, 60))
     plain = reached(cell, edge)
     axis = nominal(edge)[:, 2]
 
     def clear(joints: FloatArray) -> NDArray[np.bool_]:
-        return np.asarray(flange(arm, joints)[0][:, :, 2] @ axis <= math.cos(math.radians(5)))
+        return np.asarray(
+            compute_flange(arm, joints)[0][:, :, 2] @ axis <= math.cos(math.radians(5))
+        )
 
     found = reached(replace(cell, clear=clear), edge, OrientationFreedom(math.radians(10)))
     assert plain.freed is None
     assert found.freed == pytest.approx((5, 0), abs=1e-6) or found.freed == pytest.approx(
         (10, 0), abs=1e-6
     )
-    rotations, origins = flange(arm, found.dense)
+    rotations, origins = compute_flange(arm, found.dense)
     line = origins + rotations @ [0, 0, 60] - [200, 60, 100]
     assert np.allclose(line[:, 1:], [-5 / math.sqrt(2), 5 / math.sqrt(2)], atol=1e-6)
     assert clear(found.dense).all()
@@ -273,17 +275,17 @@ def test_an_arm_without_a_closed_form_has_freedom_too() -> None:
 
 @pytest.mark.parametrize("name", ["IRB 2400", "COBOTTA", "Cobra s600", "3-axis mill"])
 def test_an_edge_far_away_is_refused_whatever_is_free(name: str) -> None:
-    cell = Setup(robot(name), translation(90_000, 0, 0), translation(0, 0, 100))
+    cell = Setup(find_robot(name), translation(90_000, 0, 0), translation(0, 0, 100))
     found = refused(cell, TOP, BOTH)
     assert found.kind in ("reach", "lean", "limit")
     assert found.text.endswith("; with 20 deg of tilt and any roll: no way either")
 
 
 def test_a_scara_reaches_an_edge_from_above_but_cannot_lean() -> None:
-    cell = Setup(robot("Cobra s600"), translation(350, 100, 100), translation(0, 0, 60))
+    cell = Setup(find_robot("Cobra s600"), translation(350, 100, 100), translation(0, 0, 60))
     (burr, mean) = (reach([TOP], cell, 5.0, direction)[0] for direction in (UPPER, "mean"))
     assert isinstance(burr, EdgeMotion)
-    rotations, origins = flange(cell.robot, burr.joints)
+    rotations, origins = compute_flange(cell.robot, burr.joints)
     assert np.allclose(origins + rotations @ [0, 0, 60], [[350, 100, 155], [470, 100, 155]])
     assert isinstance(mean, UnreachableEdge)
     assert (mean.kind, mean.text) == (

@@ -12,10 +12,10 @@ from camgen.model.pose import rotation_about, rotation_about_axis
 from camgen.motion.pose_chains import CHANGE, States, find_cheapest_chain, find_steps
 from camgen.motion.search import make_grid, measure_lean
 from camgen.motion.setup import OrientationFreedom
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.joint_limits import list_turn_counts
 
-SCARA = robot("Cobra s600")
+SCARA = find_robot("Cobra s600")
 TABLE = list_turn_counts(SCARA)
 JUMP = math.radians(120)
 START = np.array([0.1, -0.2, 50.0, 0.3])

@@ -9,15 +9,15 @@ import pytest
 
 import camgen
 from bench.robots import robotsp
-from camgen.geometry.rotations import angles_between
+from camgen.geometry.rotations import measure_angles_between
 from camgen.model.errors import CamgenError, JobError, NoSafeProgram
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.order import ArmTour
 from camgen.pipeline import Result
 from camgen.plan.leave_out import leave_out_paths
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_flange
 from tests.support.built import build
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -78,15 +78,15 @@ def test_turning_about_the_axis_leaves_the_tip_and_the_axis_where_they_are(
 @pytest.mark.parametrize("post", ["rapid", "pacscript"])
 def test_the_joints_of_the_text_lead_to_its_poses_and_go_on_without_a_jump(post: str) -> None:
     result = traced(post, process={"clearance": 15})
-    arm, program = robot("IRB 1200"), result.program
+    arm, program = find_robot("IRB 1200"), result.program
     moves = [m for m in program.columns.moves if isinstance(m.target, Pose)]
-    rotation, origin = flange(arm, np.array([m.joints.values for m in moves]))
+    rotation, origin = compute_flange(arm, np.array([m.joints.values for m in moves]))
     tips = (
         origin + rotation @ np.asarray(program.flange_from_tool.origin)
     ) - program.base_from_work.origin
     np.testing.assert_allclose(tips, [m.target.origin for m in moves], atol=1e-6)
     turned = rotation @ program.flange_from_tool.rotation
-    assert angles_between(turned, np.stack([m.target.rotation for m in moves])).max() < 1e-6
+    assert measure_angles_between(turned, np.stack([m.target.rotation for m in moves])).max() < 1e-6
     assert result.reach is not None
     assert np.abs(np.diff(result.reach.joints, axis=0)).max() <= math.radians(30) + 1e-9
 
@@ -124,7 +124,7 @@ def test_seconds_of_the_ways_are_those_of_their_joints(panel: Path) -> None:
 
 def test_the_tip_keeps_above_the_part_between_the_paths() -> None:
     result = traced(process={"clearance": 20, "approach": 2})
-    arm, program = robot("IRB 1200"), result.program
+    arm, program = find_robot("IRB 1200"), result.program
     moves = program.columns.moves
     for before, move in pairwise(moves):
         if (
@@ -136,7 +136,7 @@ def test_the_tip_keeps_above_the_part_between_the_paths() -> None:
             rows = (
                 np.array(before.joints.values) * (1 - share) + np.array(move.target.values) * share
             )
-            rotation, origin = flange(arm, rows)
+            rotation, origin = compute_flange(arm, rows)
             tip = (
                 origin
                 + rotation @ np.asarray(program.flange_from_tool.origin)
@@ -147,7 +147,7 @@ def test_the_tip_keeps_above_the_part_between_the_paths() -> None:
 
 def seconds_of(result: Result) -> float:
     """The joints' time between the paths, from the program: all lines at the height of travel."""
-    arm = robot("VS-060")
+    arm = find_robot("VS-060")
     moves = result.program.columns.moves
     ways = [(a, b) for a, b in pairwise(moves) if not b.work]
     total = 0.0

@@ -14,8 +14,8 @@ from camgen.check.passing import find_corners, trace_motions
 from camgen.model.pose import Pose
 from camgen.model.program import MoveJ, Output
 from camgen.pipeline import Result
-from camgen.robots.catalogue import robot
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.catalogue import find_robot
+from camgen.robots.kinematics.forward import compute_flange
 from tests.support.built import build
 
 CELL = {
@@ -51,12 +51,12 @@ def drilled(
 
 def test_a_corner_whose_inside_comes_down_to_the_part_is_not_cut(holes: Path) -> None:
     """The tool hangs down and swings: it is lowest half-way, below all three corners of what a rounding may sweep."""
-    program, arm = drilled(holes).program, robot("IRB 1200")
+    program, arm = drilled(holes).program, find_robot("IRB 1200")
     hanging, swing = np.array([0.0, 0, 0, 0, np.pi / 2, 0]), np.array([0.0, 0, 0, 0, 0.5, 0])
     fan = np.array([[hanging - swing, hanging + swing, hanging + swing + [0, -0.1, 0, 0, 0, 0]]])
 
     def height(joints: np.ndarray) -> float:
-        rotation, origin = flange(arm, joints[None])
+        rotation, origin = compute_flange(arm, joints[None])
         return float(
             (origin + rotation @ program.flange_from_tool.origin - program.base_from_work.origin)[
                 0, 2
@@ -88,7 +88,7 @@ def test_joints_that_a_job_holds_back_are_held_back_there(holes: Path) -> None:
         "tool": {"symmetric": True, "diameter": 4.0},
     }
     result = camgen.build(holes, post="rapid", job=job)
-    speeds = robot("IRB 1200").speeds
+    speeds = find_robot("IRB 1200").speeds
     moves = result.program.columns.moves
     for before, move in list(pairwise(moves))[:-1]:
         if isinstance(move, MoveJ):
@@ -125,7 +125,7 @@ def test_the_tip_keeps_up_where_corners_are_rounded(holes: Path) -> None:
     """A parabola as wide as RAPID turns the tool in a zone: no body stands for the flat part where that is tested."""
     result = drilled(holes, kind="trace", depth=5.0, clearance=12.0, switch="contact")
     assert result.reach is not None
-    arm, program = robot("IRB 1200"), result.program
+    arm, program = find_robot("IRB 1200"), result.program
     trace = trace_motions(program, result.reach, arm)
     corners = np.flatnonzero((program.columns.blend > 0) & ~program.columns.works)
     assert len(corners)
@@ -142,7 +142,7 @@ def test_the_tip_keeps_up_where_corners_are_rounded(holes: Path) -> None:
             )
         corner = result.reach.joints[trace.rows(k).stop - 1]
         joints = (1 - t) ** 2 * ends[0] + 2 * t * (1 - t) * corner + t**2 * ends[1]
-        rotation, origin = flange(arm, joints)
+        rotation, origin = compute_flange(arm, joints)
         tip = (
             origin
             + rotation @ np.asarray(program.flange_from_tool.origin)

@@ -18,7 +18,7 @@ from camgen.model.job import Job, TourTable
 from camgen.model.part import Part
 from camgen.model.path import ToolPath
 from camgen.order import ArmTour
-from camgen.order.arrange import Search, arrange, measure_travel
+from camgen.order.arrange import TourSettings, measure_travel, order_paths
 from camgen.order.starts import make_starts
 from camgen.pipeline import Result, build
 from camgen.plan.leave_out import leave_out_paths
@@ -156,7 +156,7 @@ def test_contours_that_are_named_come_first_in_their_order_and_pinned_starts_sta
                 chosen.add(path.id)
     order = [path.id for path in paths if path.id in chosen]
     start = (0.0, 0.0) if at else None
-    tour = arrange(paths, Search(method, start, True, layers=["b"], order=order))
+    tour = order_paths(paths, TourSettings(method, start, True, layers=["b"], order=order))
     assert [path.id for path in tour.paths[: len(order)]] == order
     assert sorted(path.id for path in tour.paths) == sorted(path.id for path in paths)
     rest = [{"b": 0}.get(path.layer, 1) for path in tour.paths[len(order) :]]
@@ -211,8 +211,9 @@ def test_few_paths_with_seams_and_an_order_are_solved_and_no_other_start_or_orde
         replace(one, contours=(one.id,))
         for one in ids([square(20.0 * k, 0.0, 4.0) for k in range(3)])
     ]
-    tour = arrange(
-        [replace(one, pinned=True) for one in row], Search("best", (0.0, 0.0), True, order=["c2"])
+    tour = order_paths(
+        [replace(one, pinned=True) for one in row],
+        TourSettings("best", (0.0, 0.0), True, order=["c2"]),
     )
     assert [path.id for path in tour.paths] == ["c2", "c1", "c0"]
     assert tour.travel == pytest.approx(80.0)
@@ -391,5 +392,6 @@ def test_a_thousand_may_be_named() -> None:
     paths = [replace(path, contours=(path.id,)) for path in paths]
     order = [path.id for path in reversed(paths)]
     assert [
-        path.id for path in arrange(paths, Search("best", (0.0, 0.0), True, order=order)).paths
+        path.id
+        for path in order_paths(paths, TourSettings("best", (0.0, 0.0), True, order=order)).paths
     ] == order

@@ -10,7 +10,7 @@ import trimesh
 from msgspec.structs import replace
 
 import camgen
-from camgen.collision.cell import make_surroundings
+from camgen.collision.cell import make_cell_scene
 from camgen.collision.hits import find_collisions
 from camgen.model.cell import Cell
 from camgen.model.errors import NoSafeProgram
@@ -22,11 +22,11 @@ from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
 from camgen.order.edges import detour
 from camgen.order.edges.detour import find_detour
 from camgen.pipeline import Result
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.joint_limits import are_within_limits
-from camgen.robots.workcell import equip
+from camgen.robots.workcell import equip_cell
 
-ARM = robot("IRB 120")
+ARM = find_robot("IRB 120")
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ROUTE = importlib.import_module("camgen.order.edges.route")
 LEFT, RIGHT = np.radians([-60.0, 40, 10, 0, 40, 0]), np.radians([60.0, 40, 10, 0, 40, 0])
@@ -37,8 +37,8 @@ WALL = [[250.0, -20.0, -290.0, 700.0, 20.0, 500.0]]
 def scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, FreeSpace]:
     job = Job(cell=CellTable(robot="IRB 120", fixtures=fixtures, margin=margin))
     home = Joints(tuple(ARM.home.tolist()))
-    cell = equip(Cell("arm", translation(0, 0, 0), translation(0, 0, 100), home), job, ARM)
-    where = make_surroundings(job, cell, None)
+    cell = equip_cell(Cell("arm", translation(0, 0, 0), translation(0, 0, 100), home), job, ARM)
+    where = make_cell_scene(job, cell, None)
     setup = make_setup(ARM, cell, where)
     return setup, make_free_space(where, setup)
 

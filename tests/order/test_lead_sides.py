@@ -11,7 +11,7 @@ from camgen.model.job import Job, OperationTable
 from camgen.model.path import ToolPath
 from camgen.order.leads import add_leads
 from camgen.plan import plan
-from camgen.plan.starting import starting_at
+from camgen.plan.starting import move_start
 from tests.support.drawn import circle, clockwise, part, rectangle
 
 RADIUS, TOOL = 20.0, 3.0
@@ -70,7 +70,7 @@ def test_leads_come_from_behind_wherever_a_rounded_path_starts(fraction: float) 
     (planned,) = plan(drawing, job).paths
     size = LENGTH / (math.pi / 2)
     for row in range(1, len(planned.position)):
-        shifted = starting_at(planned, row, fraction)
+        shifted = move_start(planned, row, fraction)
         ((path,), _) = add_leads([shifted], drawing, job)
         free, touch = path.position[0], path.position[1]
         # Climb runs clockwise outside: the travel is the outward normal turned to the right.

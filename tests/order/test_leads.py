@@ -7,13 +7,13 @@ import pytest
 
 from camgen.geometry.arcs import measure_path, measure_spans
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.job import Job, OperationTable, ProcessTable
 from camgen.model.part import Contour, Note
 from camgen.model.path import ToolPath
 from camgen.order.leads import add_leads
 from camgen.plan import plan
-from camgen.plan.starting import starting_at
+from camgen.plan.starting import move_start
 from tests.support.drawn import circle, contour, part, rectangle
 
 
@@ -54,7 +54,9 @@ def test_leads_never_come_nearer_to_the_part_than_the_tool() -> None:
     shapes = [rectangle(0, 0, 100, 60), circle(30, 30, 12, "c2"), rectangle(60, 20, 20, 9, "c3")]
     paths, _ = led(*shapes, lead_in=5.0, lead_out=5.0)
     assert len(paths) == 3
-    obstacles = Obstacles(drawn := from_contours(shapes), np.zeros(len(drawn), dtype=np.int64))
+    obstacles = Obstacles(
+        drawn := make_contour_segments(shapes), np.zeros(len(drawn), dtype=np.int64)
+    )
     for path in paths:
         for row in (1, len(path.position) - 1):
             points = np.array([path.position[row - 1], path.via[row], path.position[row]])[:, :2]
@@ -95,7 +97,7 @@ def test_a_lead_beside_an_outer_corner_keeps_to_the_feed() -> None:
     job = Job(operation=OperationTable(lead_in=4.0, lead_out=4.0), process=ProcessTable(feed=10.0))
     drawn = part(rectangle(0, 0, 60, 40))
     (planned,) = plan(drawn, job).paths
-    corner = starting_at(planned, int(np.argmax(planned.feed[1:])) + 1, 0.5)
+    corner = move_start(planned, int(np.argmax(planned.feed[1:])) + 1, 0.5)
     assert corner.feed[1] == corner.feed[-1] == 20.0
     ((path,), _) = add_leads([corner], drawn, job)
     assert path.feed[[1, -1]].tolist() == [10.0, 10.0]

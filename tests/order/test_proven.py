@@ -10,8 +10,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from camgen.model.path import ToolPath, waypoints
-from camgen.order.arrange import Search, arrange
+from camgen.model.path import ToolPath, make_waypoints
+from camgen.order.arrange import TourSettings, order_paths
 from camgen.order.proven import MAX_PROVEN_PATHS, is_proven
 from camgen.order.starts import make_starts
 from camgen.plan.starting import SEAM
@@ -87,7 +87,9 @@ def test_open_paths_are_run_in_the_best_order_there_is(
         before,
         0j if at_home else None,
     )
-    tour = arrange(paths, Search("best", (0, 0) if at_home else None, False, layers=["a", "b"]))
+    tour = order_paths(
+        paths, TourSettings("best", (0, 0) if at_home else None, False, layers=["a", "b"])
+    )
     assert tour.travel == pytest.approx(best, abs=1e-6)
     assert tour.bound is not None
     assert tour.bound == pytest.approx(best, abs=1e-2)
@@ -105,7 +107,7 @@ def test_no_start_of_closed_paths_is_better(seed: int, count: int, at_home: bool
         [set() for _ in paths],
         home,
     )
-    tour = arrange(paths, Search("best", (0, 0) if at_home else None, False))
+    tour = order_paths(paths, TourSettings("best", (0, 0) if at_home else None, False))
     assert tour.bound is not None
     assert tour.bound <= best + 1e-9
     assert tour.bound <= tour.travel + 1e-9
@@ -119,7 +121,9 @@ def polygon(x: float, y: float, radius: float, corners: int) -> ToolPath:
     turns = [cmath.rect(radius, k * math.tau / corners) for k in range(corners + 1)]
     rows = np.array([[x + one.real, y + one.imag, 0.0] for one in turns])
     rows[-1] = rows[0]
-    return ToolPath("x", "0", waypoints(rows, np.nan, np.nan, axis=(0.0, 0.0, 1.0)), True, True)
+    return ToolPath(
+        "x", "0", make_waypoints(rows, np.nan, np.nan, axis=(0.0, 0.0, 1.0)), True, True
+    )
 
 
 @fewer(8)
@@ -144,7 +148,7 @@ def test_no_place_on_polygons_is_better_than_the_bound(
         ):
             ways[owner].append((complex(*place[:2]),) * 2)
     best = shortest(ways, [set() for _ in paths], 0j)
-    tour = arrange(paths, Search("best", (0, 0), False, seam=seam))
+    tour = order_paths(paths, TourSettings("best", (0, 0), False, seam=seam))
     assert tour.bound is not None
     assert tour.bound <= best + 1e-9
     assert tour.bound <= tour.travel + 1e-9
@@ -157,7 +161,7 @@ def test_no_place_on_polygons_is_better_than_the_bound(
 def test_what_is_inside_comes_first_in_a_proven_tour() -> None:
     # The hole lies beyond its outline: without the rule the outline would be run on the way there.
     holes = [circle(100, 0, 2, parent=1), circle(50, 0, 5)]
-    tour = arrange(ids(holes), Search("best", (0, 0), True))
+    tour = order_paths(ids(holes), TourSettings("best", (0, 0), True))
     assert [path.id for path in tour.paths] == ["c0", "c1"]
     assert tour.travel == pytest.approx(2 * 98, abs=1e-2)
     assert tour.bound is not None
@@ -171,7 +175,7 @@ def test_a_grid_is_not_above_the_best_of_its_starts_and_the_bound_is_near(
     # Many orders of a grid are as long as the best: the bound closes in slowly.
     ring = [cmath.rect(5, k * math.tau / 16) for k in range(16)]
     grid = [circle(20.0 * (k % 3), 20.0 * (k // 3), 5) for k in range(6)]
-    tour = arrange(ids(grid), Search("best", None if home is None else (0, 0), False))
+    tour = order_paths(ids(grid), TourSettings("best", None if home is None else (0, 0), False))
     places = [
         [(complex(20.0 * (k % 3), 20.0 * (k // 3)) + one,) * 2 for one in ring] for k in range(6)
     ]
@@ -186,9 +190,9 @@ def test_twelve_are_proven_and_thirteen_are_searched() -> None:
         line((x, y), (x + 3, y))
         for x, y in ((rng.uniform(0, 90), rng.uniform(0, 90)) for _ in range(MAX_PROVEN_PATHS + 1))
     ]
-    some = arrange(ids(paths[:MAX_PROVEN_PATHS]), Search("best", (0, 0), False))
+    some = order_paths(ids(paths[:MAX_PROVEN_PATHS]), TourSettings("best", (0, 0), False))
     assert some.bound is not None
     assert is_proven(some.travel, some.bound)
-    more = arrange(ids(paths), Search("best", (0, 0), False))
+    more = order_paths(ids(paths), TourSettings("best", (0, 0), False))
     assert more.bound is not None
     assert more.bound < more.travel

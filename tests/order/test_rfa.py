@@ -12,7 +12,7 @@ import pytest
 from camgen_posts.rapid import Rapid
 from msgspec.structs import replace
 
-from camgen.collision.cell import make_surroundings
+from camgen.collision.cell import make_cell_scene
 from camgen.collision.hits import find_collisions
 from camgen.collision.scene import Scene
 from camgen.model.part import IntArray
@@ -42,17 +42,17 @@ from camgen.order.edges.problem import RouteCell, RouteOptions
 from camgen.order.edges.retract import Retraction, find_retractions
 from camgen.order.edges.route import Route, find_route
 from camgen.order.edges.turns import list_turns
-from camgen.plan.edges.poses import poses, reach
+from camgen.plan.edges.poses import make_poses, reach
 from camgen.plan.edges.select import select_edges
 from camgen.read.job_file import load_job
 from camgen.read.solid import mesh
-from camgen.robots.catalogue import robot
-from camgen.robots.workcell import equip
+from camgen.robots.catalogue import find_robot
+from camgen.robots.workcell import equip_cell
 from tests.support.arm_models import by_hand
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
-ARM = robot("IRB 2400")
+ARM = find_robot("IRB 2400")
 SPEEDS = LinkSpeeds(100.0, 100.0, 0.0)
 WALL = Blockage("collision", "link 5 against wall", 0.0)
 
@@ -60,8 +60,8 @@ WALL = Blockage("collision", "link 5 against wall", 0.0)
 @cache
 def cell(part: str) -> tuple[Setup, FreeSpace, tuple[EdgeMotion, ...]]:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load_job(PARTS / f"{part}.toml")
-    where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
-    setup = make_setup(ARM, equip(Rapid.cell(), job), where)
+    where = make_cell_scene(job, equip_cell(Rapid.cell(), job, ARM), solid)
+    setup = make_setup(ARM, equip_cell(Rapid.cell(), job), where)
     chosen = select_edges(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
     found = reach(edges, setup, 2.0, "mean", OrientationFreedom(math.radians(15), roll=True))
@@ -138,12 +138,12 @@ def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> N
 @cache
 def scene_of(part: str) -> Scene:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load_job(PARTS / f"{part}.toml")
-    return make_surroundings(job, equip(Rapid.cell(), job, ARM), solid).scene
+    return make_cell_scene(job, equip_cell(Rapid.cell(), job, ARM), solid).scene
 
 
 def test_the_level_is_half_the_holder_and_the_safety_above_the_part() -> None:
     solid, job = mesh.read(source(PARTS / "rfa1.stl")), load_job(PARTS / "rfa1.toml")
-    where = make_surroundings(job, equip(Rapid.cell(), job, ARM), solid)
+    where = make_cell_scene(job, equip_cell(Rapid.cell(), job, ARM), solid)
     top = 640.0 + 70.0  # the part stands at 640 mm and is 70 mm high
     assert where.level == pytest.approx(top + math.hypot(70, 70) / 2 + 10.0)
 
@@ -441,7 +441,7 @@ def test_reaching_tells_how_far_it_is() -> None:
     known = {edge.id: edge for edge in mesh.read(source(PARTS / "rfa1.stl")).edges}
     told: list[int] = []
     edges = [known[one.id] for one in motions[:2]]
-    reach_paths([(edge, poses(edge, 2.0)) for edge in edges], setup, on_progress=told.append)
+    reach_paths([(edge, make_poses(edge, 2.0)) for edge in edges], setup, on_progress=told.append)
     assert told == [0, 1]
 
 

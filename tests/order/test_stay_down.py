@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry.intersect import measure_gaps
-from camgen.geometry.segments import from_contours, make, points_at
+from camgen.geometry.segments import make_contour_segments, make_segments, points_at
 from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
@@ -24,14 +24,14 @@ from tests.support.examples import fewer
 @given(st.integers(0, 10**6))
 def test_the_distance_of_a_way_is_that_of_its_points(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    lines = make(
+    lines = make_segments(
         rng.uniform(0, 20, (6, 2)),
         rng.uniform(0, 20, (6, 2)),
         np.zeros(6),
         np.zeros(6, dtype=np.int64),
     )
     bulge = rng.uniform(-1, 1, 8) * (rng.random(8) < 0.7)
-    drawn = make(
+    drawn = make_segments(
         rng.uniform(0, 20, (8, 2)), rng.uniform(0, 20, (8, 2)), bulge, np.zeros(8, dtype=np.int64)
     )
     fine = 150
@@ -108,7 +108,7 @@ def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_n
                 ways.append((here, there))
             here = there
     assert len(ways) == 1
-    drawn = from_contours(down.part.contours)
+    drawn = make_contour_segments(down.part.contours)
     for a, b in ways:
         t = np.linspace(0, 1, 2001)[:, None]
         points = np.array(a[:2]) + t * (np.array(b[:2]) - np.array(a[:2]))
@@ -179,7 +179,7 @@ def test_what_keeps_a_lift(tmp_path, why, table, saved) -> None:
 
 def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
     rng = random.Random(5)
-    from camgen.order.arrange import Search, arrange  # noqa: PLC0415
+    from camgen.order.arrange import TourSettings, order_paths  # noqa: PLC0415
     from camgen.plan.follow import follow  # noqa: PLC0415
 
     cells = rng.sample([(x, y) for x in range(8) for y in range(8)], 30)
@@ -189,7 +189,7 @@ def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
     part = Part("p", "p.dxf", "mm", contours, ())
     job = Job(operation=OperationTable(depth=1.0), tool=ToolTable(diameter=3.0), process=ProcessTable(stay_down=True),
               cell=CellTable())  # fmt: skip
-    tour = arrange(follow(part, job)[0], Search("best", (0.0, 0.0), True))
+    tour = order_paths(follow(part, job)[0], TourSettings("best", (0.0, 0.0), True))
     led, _ = stay_down(tour, part, job)
     assert 5 < len(led.down) < 30
     t = np.linspace(0, 1, 801)[:, None]

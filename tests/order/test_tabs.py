@@ -32,7 +32,7 @@ from camgen.plan.pieces import (
     split_at,
     stretch,
 )
-from camgen.plan.starting import starting_at
+from camgen.plan.starting import move_start
 from tests.support.cuts import Cut, cuts, swept
 from tests.support.drawn import circle, contour, part, rectangle, rounded
 from tests.support.examples import fewer
@@ -294,7 +294,7 @@ def test_a_finishing_path_has_its_tabs_where_the_first_one_has() -> None:
     wide, near = (
         camgen.plan(part(shape), {**job, "tool": {"diameter": d}}).paths[0] for d in (6.6, 6.0)
     )
-    near = replace(starting_at(near, 3, 0.4), id="c1.finish")
+    near = replace(move_start(near, 3, 0.4), id="c1.finish")
     found, (note,) = add_tabs(
         [wide, near], [wide, near], camgen.job({**job, "tool": {"diameter": 6.0}})
     )
@@ -429,7 +429,7 @@ def test_a_path_is_the_same_way_however_it_is_cut(shape, parts) -> None:
             point_at(path, share * length), abs=1e-4
         )
     # Press is square to the travel at both ends of every piece, as it is planned.
-    shape_of = camgen.geometry.arcs.chain(split.position, split.via[1:])
+    shape_of = camgen.geometry.arcs.make_span_chain(split.position, split.via[1:])
     for k, tangent in enumerate(shape_of.tangents()):
         assert np.abs(np.einsum("nd,nd->n", tangent, split.force_direction[1:, k])).max() < 1e-5
     begun = begin_at(path, parts[0] * length)
@@ -479,7 +479,7 @@ def test_a_floor_runs_straight_on_between_its_waypoints() -> None:
     with pytest.raises(ValueError, match="pieces with a floor and pieces without"):
         join_paths([held, path])
     with pytest.raises(ValueError, match="chosen before them"):
-        starting_at(held, 2, 0.5)
+        move_start(held, 2, 0.5)
 
 
 def test_neighbours_have_tabs_of_their_own() -> None:

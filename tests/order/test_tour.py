@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import measure_path
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import frozen
 from camgen.order import search, tree
-from camgen.order.arrange import Search, arrange, measure_travel
+from camgen.order.arrange import TourSettings, measure_travel, order_paths
 from camgen.order.solver import speed
 from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.plane import make_discs
 from camgen.order.starts import make_starts
-from camgen.plan.starting import SEAM, reverse_each, starting_at
+from camgen.plan.starting import SEAM, move_start, reverse_each
 from tests.support.examples import fewer
 
 XY = tuple[float, float]
@@ -42,7 +42,10 @@ def make(points: list[XY], vias: list[XY | None], closed: bool, **fields: object
     if n > 1:
         press[0], feed[0] = press[1], feed[1]
     path = ToolPath(
-        "c1", "0", waypoints(position, via, feed, force_direction=press, force=feed / 2), closed
+        "c1",
+        "0",
+        make_waypoints(position, via, feed, force_direction=press, force=feed / 2),
+        closed,
     )
     return replace(path, **fields)
 
@@ -168,7 +171,7 @@ def encloses(paths: list[ToolPath], outer: int, inner: int) -> bool:
 
 
 def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_first: bool) -> None:
-    tour = arrange(paths, Search("nearest", start, inside_first))
+    tour = order_paths(paths, TourSettings("nearest", start, inside_first))
     assert sorted(p.id for p in tour.paths) == sorted(p.id for p in paths)
     assert tour.method == "nearest neighbour"
     left = list(range(len(paths)))
@@ -212,7 +215,7 @@ def test_each_step_takes_the_nearest_of_the_allowed_starts(
 def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neighbour(
     paths: list[ToolPath], start: XY | None, inside_first: bool, seed: int
 ) -> None:
-    tour = arrange(paths, Search("best", start, inside_first, seed=seed))
+    tour = order_paths(paths, TourSettings("best", start, inside_first, seed=seed))
     ran = [int(path.id[1:]) for path in tour.paths]
     assert sorted(ran) == list(range(len(paths)))
     for k, index in enumerate(ran):
@@ -223,19 +226,22 @@ def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neig
     assert tour.travel == measure_travel(tour.paths, start)
     assert tour.bound is not None
     assert 0 <= tour.bound <= tour.travel + 1e-6
-    nearest = arrange(paths, Search("nearest", start, inside_first))
+    nearest = order_paths(paths, TourSettings("nearest", start, inside_first))
     assert tour.travel <= nearest.travel
     assert nearest.bound is not None
     # No tour is below the bound, whatever tour it was worked out beside.
     assert nearest.bound <= tour.travel + 1e-6
-    assert arrange(paths, Search("as-drawn", start, inside_first)).bound <= tour.travel + 1e-6
+    assert (
+        order_paths(paths, TourSettings("as-drawn", start, inside_first)).bound
+        <= tour.travel + 1e-6
+    )
 
 
 def test_the_search_finds_the_shortest_way_over_a_circle() -> None:
     # From home round a circle to a line: the best start of the circle is where a ray would be reflected, (5, -3).
-    tour = arrange(
+    tour = order_paths(
         ids([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)]),
-        Search(
+        TourSettings(
             "best",
             (0, -8),
             inside_first=False,
@@ -262,18 +268,18 @@ def test_every_size_is_searched_without_being_asked(
         ]
     )
     few = many[:300]
-    searched = arrange(few, Search("best", None, False))
+    searched = order_paths(few, TourSettings("best", None, False))
     assert searched.method == "local search"
-    assert searched.travel < 0.86 * arrange(few, Search("nearest", None, False)).travel
+    assert searched.travel < 0.86 * order_paths(few, TourSettings("nearest", None, False)).travel
     found, nearest = (
-        arrange(many, Search("best", None, False)),
-        arrange(many, Search("nearest", None, False)),
+        order_paths(many, TourSettings("best", None, False)),
+        order_paths(many, TourSettings("nearest", None, False)),
     )
     assert found.method == ("local search, compiled" if fast else "local search, plain Python")
     assert found.travel < (0.82 if fast else 0.86) * nearest.travel
     assert found.bound is not None
     assert 0.7 * found.travel < found.bound <= found.travel
-    again = arrange(many, Search("best", None, False))
+    again = order_paths(many, TourSettings("best", None, False))
     assert [path.id for path in again.paths] == [path.id for path in found.paths]
     assert not found.timed
 
@@ -287,8 +293,8 @@ def test_a_crowd_is_shortened_at_all_paths_together(monkeypatch: pytest.MonkeyPa
             for x, y in ((rng.uniform(0, 3000), rng.uniform(0, 3000)) for _ in range(count - 1))]  # fmt: skip
     inside = ids([replace(path, parent=count - 1) for path in many] + [circle(1500, 1500, 2200)])
     tour, nearest = (
-        arrange(inside, Search("best", (0, 0), True)),
-        arrange(inside, Search("nearest", (0, 0), True)),
+        order_paths(inside, TourSettings("best", (0, 0), True)),
+        order_paths(inside, TourSettings("nearest", (0, 0), True)),
     )
     assert sorted(path.id for path in tour.paths) == sorted(path.id for path in inside)
     assert tour.paths[-1].id == inside[-1].id
@@ -303,11 +309,11 @@ def test_seconds_are_those_of_a_clock(seconds: float, monkeypatch: pytest.Monkey
     monkeypatch.setattr(speed, "available", lambda: False)
     rng = random.Random(5)
     many = ids([circle(rng.uniform(0, 900), rng.uniform(0, 900), 5) for _ in range(200)])
-    tour = arrange(many, Search("best", (0, 0), False, seconds=seconds))
+    tour = order_paths(many, TourSettings("best", (0, 0), False, seconds=seconds))
     assert tour.timed
     assert tour.method == f"local search of {seconds:g} s"
     assert next(ticks) <= 100 * seconds + 3
-    assert tour.travel < 0.9 * arrange(many, Search("nearest", (0, 0), False)).travel
+    assert tour.travel < 0.9 * order_paths(many, TourSettings("nearest", (0, 0), False)).travel
     assert sorted(path.id for path in tour.paths) == sorted(path.id for path in many)
 
 
@@ -362,8 +368,8 @@ def test_each_step_takes_the_nearest_start_in_a_crowd(kind: str, seed: int) -> N
 def test_reverses_and_starts_between_vertices() -> None:
     far = line((100, 0), (20, 10))
     square = make([(0, 5), (10, 5), (10, 15), (0, 15), (0, 5)], [None] * 4, True)
-    tour = arrange(
-        ids([far, square, circle(50, -30, 10)]), Search("nearest", (4, 0), inside_first=True)
+    tour = order_paths(
+        ids([far, square, circle(50, -30, 10)]), TourSettings("nearest", (4, 0), inside_first=True)
     )
     assert [p.id for p in tour.paths] == ["c1", "c0", "c2"]
     # The square begins right above the start, the line at its end, the circle towards where the line leaves the tool.
@@ -385,17 +391,18 @@ def test_reverses_and_starts_between_vertices() -> None:
 
 
 def test_a_one_way_path_is_entered_at_its_start() -> None:
-    tour = arrange(
-        [line((50, 0), (1, 0), reversible=False)], Search("nearest", (0, 0), inside_first=False)
+    tour = order_paths(
+        [line((50, 0), (1, 0), reversible=False)],
+        TourSettings("nearest", (0, 0), inside_first=False),
     )
     assert tour.paths[0].position[0].tolist() == [50, 0, 0]
     assert tour.travel == pytest.approx(51)
 
 
 def test_without_a_start_the_leftmost_comes_first() -> None:
-    tour = arrange(
+    tour = order_paths(
         ids([line((0, 0), (5, 0)), circle(6, 40, 10), line((9, 9), (-3, 9))]),
-        Search(
+        TourSettings(
             "nearest",
             None,
             False,
@@ -404,18 +411,25 @@ def test_without_a_start_the_leftmost_comes_first() -> None:
     assert [p.id for p in tour.paths] == ["c1", "c2", "c0"]
     assert tour.paths[0].position[0].tolist() == pytest.approx([-4, 40, 0])
     twins = ids([line((0, 0), (1, 0)), line((0, 0), (1, 0))])
-    assert [p.id for p in arrange(twins, Search("nearest", None, False)).paths] == ["c0", "c1"]
+    assert [p.id for p in order_paths(twins, TourSettings("nearest", None, False)).paths] == [
+        "c0",
+        "c1",
+    ]
 
 
 def test_holes_come_before_the_outline_around_them() -> None:
     island, hole, outline = circle(0, 0, 2, parent=1), circle(0, 0, 5, parent=2), circle(0, 0, 9)
     paths = ids([island, hole, outline])
-    assert [p.id for p in arrange(paths, Search("nearest", (20, 0), inside_first=False)).paths] == [
+    assert [
+        p.id for p in order_paths(paths, TourSettings("nearest", (20, 0), inside_first=False)).paths
+    ] == [
         "c2",
         "c1",
         "c0",
     ]
-    assert [p.id for p in arrange(paths, Search("nearest", (20, 0), inside_first=True)).paths] == [
+    assert [
+        p.id for p in order_paths(paths, TourSettings("nearest", (20, 0), inside_first=True)).paths
+    ] == [
         "c0",
         "c1",
         "c2",
@@ -424,7 +438,7 @@ def test_holes_come_before_the_outline_around_them() -> None:
 
 def test_as_drawn_changes_nothing() -> None:
     paths = ids([circle(0, 0, 9), circle(0, 0, 2, parent=0), line((9, 9), (20, 9))])
-    tour = arrange(paths, Search("as-drawn", (0, 0), inside_first=True))
+    tour = order_paths(paths, TourSettings("as-drawn", (0, 0), inside_first=True))
     assert list(tour.paths) == paths
     assert tour.method == "as drawn"
     assert tour.travel == pytest.approx(9 + 7 + math.hypot(7, 9) + math.hypot(20, 9))
@@ -432,18 +446,18 @@ def test_as_drawn_changes_nothing() -> None:
 
 def test_nothing_to_order() -> None:
     for method in ("nearest", "as-drawn"):
-        tour = arrange([], Search(method, (1, 1), inside_first=True))
+        tour = order_paths([], TourSettings(method, (1, 1), inside_first=True))
         assert (tour.paths, tour.travel) == ((), 0.0)
 
 
 def test_refuses_what_it_cannot_order() -> None:
     with pytest.raises(ValueError, match="unknown method"):
-        arrange([circle(0, 0, 1)], Search("shortest", None, inside_first=False))
+        order_paths([circle(0, 0, 1)], TourSettings("shortest", None, inside_first=False))
     ring = [circle(0, 0, 1, parent=1), circle(0, 0, 2, parent=0), circle(9, 0, 1)]
     for paths in (ring, ring[:2]):
         for start in (None, (0.0, 0.0)):
             with pytest.raises(ValueError, match="enclose each other"):
-                arrange(paths, Search("nearest", start, inside_first=True))
+                order_paths(paths, TourSettings("nearest", start, inside_first=True))
 
 
 @fewer(12)
@@ -451,7 +465,7 @@ def test_refuses_what_it_cannot_order() -> None:
 def test_a_moved_start_keeps_the_path(path: ToolPath, data: st.DataObject) -> None:
     segment = data.draw(st.integers(1, len(path.position) - 1))
     fraction = data.draw(st.floats(0, 1))
-    moved = starting_at(path, segment, fraction)
+    moved = move_start(path, segment, fraction)
     total = sum(length(piece) for piece in pieces(path))
     begun = sum(length(piece) for piece in pieces(path)[: segment - 1])
     begun += fraction * length(pieces(path)[segment - 1])
@@ -494,7 +508,7 @@ def test_a_moved_start_keeps_the_path(path: ToolPath, data: st.DataObject) -> No
 
 def test_a_circle_split_at_an_eighth() -> None:
     r = math.sqrt(0.5)
-    moved = starting_at(circle(0, 0, 1), 1, 0.25)
+    moved = move_start(circle(0, 0, 1), 1, 0.25)
     assert moved.position[:, :2] == pytest.approx(np.array([[r, r], [-1, 0], [1, 0], [r, r]]))
     vias = [[math.cos(a), math.sin(a)] for a in (math.pi * 5 / 8, math.pi * 3 / 2, math.pi / 8)]
     assert moved.via[1:, :2] == pytest.approx(np.array(vias))
@@ -510,8 +524,8 @@ def test_an_arc_out_of_the_plane_is_split_on_its_circle() -> None:
     via = frozen([[math.nan] * 3, [0, 0, 5], [math.nan] * 3])
     axis = frozen([[-1, 0, 0], [0, 0, -1], [-1, 0, 0]])
     press = frozen([[[-1, 0, 0], [1, 0, 0]], [[-1, 0, 0], [1, 0, 0]], [[0, 0, 1], [0, 0, 1]]])
-    path = ToolPath("c1", "0", waypoints(position, via, 1.0, axis, press), closed=True)
-    moved = starting_at(path, 1, 1 / 3)
+    path = ToolPath("c1", "0", make_waypoints(position, via, 1.0, axis, press), closed=True)
+    moved = move_start(path, 1, 1 / 3)
     c, s = math.cos(math.pi / 3), math.sin(math.pi / 3)
     assert moved.position[0] == pytest.approx([5 * c, 0, 5 * s])
     assert moved.via[1] == pytest.approx([5 * math.cos(math.pi * 2 / 3), 0, 5 * s])
@@ -527,7 +541,7 @@ def test_an_arc_out_of_the_plane_is_split_on_its_circle() -> None:
 ])  # fmt: skip
 def test_a_start_at_a_vertex_makes_no_new_one(segment: int, fraction: float, first: int) -> None:
     path = slot(0, 0)
-    moved = starting_at(path, segment, fraction)
+    moved = move_start(path, segment, fraction)
     corners = path.position[:4].tolist()
     assert moved.position.tolist() == [*corners[first:], *corners[:first], corners[first]]
 
@@ -538,7 +552,7 @@ def test_a_start_that_is_not_on_the_path_is_refused() -> None:
         (slot(0, 0), 1, math.nan),
     ]:  # fmt: skip
         with pytest.raises(ValueError, match=r"open path|has segments|fraction"):
-            starting_at(path, segment, fraction)
+            move_start(path, segment, fraction)
 
 
 @given(st.lists(any_path(), max_size=5))
@@ -561,7 +575,7 @@ def test_thousands_at_one_point_are_no_quadratic_work(monkeypatch: pytest.Monkey
     monkeypatch.setattr(tree, "_scan", counted)
     count = 5_000
     fan = [line((0, 0), (math.cos(i), math.sin(i))) for i in range(count)]
-    assert len(arrange(fan, Search("nearest", (0, 0), inside_first=False)).paths) == count
+    assert len(order_paths(fan, TourSettings("nearest", (0, 0), inside_first=False)).paths) == count
     assert count <= looked[0] < 40 * count  # quadratic, it would be 2,500 times as many
 
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from camgen.model.job import Job
 from camgen.model.path import ToolPath
-from camgen.order.arrange import Search, arrange, is_free, measure_travel
+from camgen.order.arrange import TourSettings, is_free, measure_travel, order_paths
 from camgen.pipeline import build
 from camgen.plan.columns import straight_path
 from tests.order.test_tour import XY, circle, ids, line, make, slot
@@ -58,7 +58,7 @@ def test_layers_come_in_the_order_that_is_named_and_what_is_inside_first_among_e
 ) -> None:
     paths = mixed(random.Random(seed), count)
     start = (0.0, 0.0) if at else None
-    tour = arrange(paths, Search(method, start, True, layers=["b", "c"]))
+    tour = order_paths(paths, TourSettings(method, start, True, layers=["b", "c"]))
     assert sorted(p.id for p in tour.paths) == sorted(p.id for p in paths)
     ranks = [{"b": 0, "c": 1}.get(p.layer, 2) for p in tour.paths]
     assert ranks == sorted(ranks)
@@ -79,15 +79,16 @@ def test_layers_come_in_the_order_that_is_named_and_what_is_inside_first_among_e
 def test_a_layer_that_is_named_first_comes_before_a_nearer_one() -> None:
     near, far = line((1, 0), (2, 0), layer="mark"), line((90, 0), (91, 0), layer="cut")
     assert [
-        p.layer for p in arrange([near, far], Search("best", (0, 0), True, layers=["cut"])).paths
+        p.layer
+        for p in order_paths([near, far], TourSettings("best", (0, 0), True, layers=["cut"])).paths
     ] == [
         "cut",
         "mark",
     ]
     assert [
         p.layer
-        for p in arrange(
-            [far, near], Search("as-drawn", (0, 0), True, layers=["mark", "cut"])
+        for p in order_paths(
+            [far, near], TourSettings("as-drawn", (0, 0), True, layers=["mark", "cut"])
         ).paths
     ] == [
         "mark",
@@ -109,7 +110,7 @@ def test_smooth_seams_are_off_the_corners(seed: int, count: int, method: str) ->
     paths = ids(
         [square(rng.uniform(0, 200), rng.uniform(0, 200), rng.uniform(1, 30)) for _ in range(count)]
     )
-    tour = arrange(paths, Search(method, (0.0, 0.0), False, seam="smooth"))
+    tour = order_paths(paths, TourSettings(method, (0.0, 0.0), False, seam="smooth"))
     for path in tour.paths:
         side = float(np.ptp(path.position[:, 0]))
         assert corner_gap(path) >= min(1.0, side / 3) - 1e-6
@@ -120,15 +121,15 @@ def test_smooth_seams_are_off_the_corners(seed: int, count: int, method: str) ->
 
 def test_a_seam_that_may_be_anywhere_is_at_the_corner_that_is_nearest() -> None:
     one = square(10, 10, 8)
-    anywhere = arrange([one], Search("best", (0, 0), False))
+    anywhere = order_paths([one], TourSettings("best", (0, 0), False))
     assert anywhere.paths[0].position[0, :2].tolist() == pytest.approx([10, 10], abs=0.1)
-    smooth = arrange([one], Search("best", (0, 0), False, seam="smooth"))
+    smooth = order_paths([one], TourSettings("best", (0, 0), False, seam="smooth"))
     assert math.dist(smooth.paths[0].position[0, :2], (10, 10)) == pytest.approx(1.0, abs=1e-6)
     # A slot has no corner, and a circle none either: both begin where they are nearest.
     for path, nearest in ((circle(10, 0, 3), (7.0, 0.0)), (slot(10, -4), (6.0, 0.0))):
         for seam in ("any", "smooth"):
             begin: XY = tuple(
-                arrange([path], Search("nearest", (0, 0), False, seam=seam))
+                order_paths([path], TourSettings("nearest", (0, 0), False, seam=seam))
                 .paths[0]
                 .position[0, :2]
             )
@@ -167,12 +168,12 @@ def test_who_watches_a_build_sees_how_far_the_search_is_and_may_stop_it(tmp_path
 def test_the_bound_sees_the_room_between_squares(side: float) -> None:
     # Ten in a row, 5 mm apart: nine ways of 5 mm at least, and the corners of one do not reach into the next.
     row = ids([square(k * (side + 5), 0, side) for k in range(10)])
-    tour = arrange(row, Search("best", None, False, seconds=0.1))
+    tour = order_paths(row, TourSettings("best", None, False, seconds=0.1))
     assert tour.bound is not None
     assert 0.93 * 45 < tour.bound <= tour.travel + 1e-6
     # Lines end on end: the bound is exact where the tour is one line.
     ends = ids([line((10.0 * k, 0), (10.0 * k + 4, 0)) for k in range(10)])
-    along = arrange(ends, Search("best", None, False, seconds=0.1))
+    along = order_paths(ends, TourSettings("best", None, False, seconds=0.1))
     assert along.travel == pytest.approx(54)
     assert along.bound == pytest.approx(54)
 

@@ -12,12 +12,12 @@ from hypothesis.extra.numpy import arrays
 
 import camgen
 from camgen.cli import main
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.plan.border_arcs import Stretches, fit_circles, fit_lines, measure_turns
-from camgen.plan.page import on_page
+from camgen.plan.page import place_on_page
 from camgen.plan.simplify import simplify, thin_out
 from camgen.read import read
 from camgen.read.job_file import from_mapping
@@ -37,7 +37,7 @@ def written(tmp_path: Path, picture: np.ndarray) -> Path:
 def both(path: Path, **job: dict[str, object]) -> tuple[Part, Part]:
     """The drawing as read, at its size on paper, and as it will be drawn."""
     asked = from_mapping({**TRACE, "image": {"mm_per_px": 0.1}, **job})
-    raw = on_page(read(path, asked), asked)
+    raw = place_on_page(read(path, asked), asked)
     return raw, simplify(raw, asked)
 
 
@@ -45,7 +45,7 @@ def rings(part: Part, step: float) -> list[np.ndarray]:
     """Each contour as a closed line of points no farther than ``step`` apart, arcs within 0.1 um."""
     found = []
     for contour in part.contours:
-        one = from_contours([contour])
+        one = make_contour_segments([contour])
         points, _ = flatten(one, 1e-4)
         # A thin line may be left as two points, there and back: no ring.
         end = points[:1] if contour.closed else contour.points[-1:]
@@ -309,7 +309,7 @@ def test_on_a_page_a_picture_needs_no_scale_and_its_mask_moves_along(tmp_path: P
     drawing = np.full((20, 30), 255, np.uint8)
     drawing[5:15, 10:20] = 0
     asked = from_mapping({**TRACE, "page": {"size": [100, 60], "margin": 5}})
-    part = on_page(read(written(tmp_path, drawing), asked), asked)
+    part = place_on_page(read(written(tmp_path, drawing), asked), asked)
     # 10 px on 50 mm, in the middle of the page.
     assert part.units == "5 mm/px"
     assert part.contours[0].points.min(axis=0).tolist() == pytest.approx([25, 5])
@@ -416,7 +416,7 @@ def sketch() -> tuple[np.ndarray, np.ndarray]:
 
 
 def length(part: Part) -> float:
-    return float(from_contours(part.contours).length.sum())
+    return float(make_contour_segments(part.contours).length.sum())
 
 
 def test_thin_lines_and_lettering_are_drawn_once_along_their_middle(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camgen.geometry import intersect, offset, stitch, uncross
-from camgen.geometry.segments import Segments, find_following, from_contours
+from camgen.geometry.segments import Segments, find_following, make_contour_segments
 from camgen.model.part import Contour
 from camgen.plan import beside as beside_module
 from camgen.plan.beside import OffsetCurve, make_offset_curve, select_segments
@@ -41,7 +41,7 @@ def loops(draw: st.DrawFn) -> list[Contour]:
 
 
 def curve(drawn: list[Contour], distance: float, corner: float) -> OffsetCurve:
-    source, closed = from_contours(drawn), np.ones(len(drawn), dtype=np.bool_)
+    source, closed = make_contour_segments(drawn), np.ones(len(drawn), dtype=np.bool_)
     label = np.zeros(len(source), dtype=np.int64)
     return make_offset_curve(
         source, find_following(source, closed), closed, label, distance, corner
@@ -71,7 +71,7 @@ def test_loops_apart_from_all_others_can_be_taken_by_themselves(
 @settings(deadline=None)
 @given(loops())
 def test_slips_are_the_same_where_every_corner_is_looked_at(drawn: list[Contour]) -> None:
-    source, count = from_contours(drawn), len(drawn)
+    source, count = make_contour_segments(drawn), len(drawn)
     following = find_following(source, np.ones(count, dtype=np.bool_))
     found = uncross.find_slips(source, following, count)
     with pytest.MonkeyPatch.context() as patch:
@@ -83,7 +83,7 @@ def test_slips_are_the_same_where_every_corner_is_looked_at(drawn: list[Contour]
 
 def test_a_stretch_of_a_closed_chain_goes_over_the_end_of_the_chain() -> None:
     triangle = contour([(0, 0), (9, 0), (0, 9)])
-    segments = from_contours([triangle, rectangle(20, 0, 10, 10)])
+    segments = make_contour_segments([triangle, rectangle(20, 0, 10, 10)])
     plain = np.zeros(7, np.bool_)
     closed = np.ones(2, np.bool_)
     both = OffsetCurve(segments, closed, np.arange(7), np.zeros(7), plain, closed, np.full(7, -1))

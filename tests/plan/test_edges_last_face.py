@@ -10,8 +10,8 @@ import camgen
 from camgen.model.errors import JobError
 from camgen.model.part import Solid
 from camgen.motion.pose_paths import PosePath
-from camgen.plan.edges.last_face import TOP, Offset, offset_along
-from camgen.plan.edges.poses import poses
+from camgen.plan.edges.last_face import TOP, Offset, read_offset
+from camgen.plan.edges.poses import make_poses
 from camgen.read.files import Files
 from camgen.read.solid import inspect, mesh
 from camgen.read.solid.faces import find_adjacent_faces, make_faces
@@ -29,13 +29,13 @@ def block() -> Solid:
 def said(value: str | list[float]) -> Offset:
     solid = block()
     job = camgen.job({"operation": {"offset_along": "burr", "last_face": value}})
-    return offset_along(job, solid, solid.edges)
+    return read_offset(job, solid, solid.edges)
 
 
 def away(name: str, value: str | list[float]) -> list[float]:
     """The offset's direction of an edge, from the tool's axis."""
     edge = next(edge for edge in block().edges if edge.id == name)
-    found = poses(edge, 2, said(value))
+    found = make_poses(edge, 2, said(value))
     assert isinstance(found, PosePath)
     return [float(v) for v in -found.rotation[0, :, 2]]
 
@@ -59,9 +59,9 @@ def test_the_offset_is_the_normal_of_the_face_that_is_meant(
 def test_the_default_is_the_upper_face() -> None:
     solid = block()
     assert (
-        offset_along(camgen.job({"operation": {"offset_along": "burr"}}), solid, solid.edges) is TOP
+        read_offset(camgen.job({"operation": {"offset_along": "burr"}}), solid, solid.edges) is TOP
     )
-    assert offset_along(camgen.job(), solid, solid.edges) == "mean"
+    assert read_offset(camgen.job(), solid, solid.edges) == "mean"
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_what_is_no_face_is_an_error(value: str | list[float], words: str) -> No
 def test_without_a_burr_it_has_no_effect_and_is_refused() -> None:
     solid = block()
     with pytest.raises(JobError, match="no effect"):
-        offset_along(camgen.job({"operation": {"last_face": "f2"}}), solid, solid.edges)
+        read_offset(camgen.job({"operation": {"last_face": "f2"}}), solid, solid.edges)
 
 
 @pytest.mark.parametrize("name", ["rfa1.stl", "rfa1.step"])

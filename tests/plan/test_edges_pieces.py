@@ -16,7 +16,7 @@ from camgen.motion.setup import UnreachableEdge
 from camgen.order import may_end_early
 from camgen.plan import ignore_stages
 from camgen.plan.edges.pieces import PieceSearch
-from camgen.plan.edges.poses import poses
+from camgen.plan.edges.poses import make_poses
 from tests.support.edge_shapes import straight
 
 #: An edge of 50 mm has 11 stations, 5 mm apart.
@@ -40,7 +40,7 @@ class EndedCoverage:
 
 def search_edges(search: PieceSearch, coverage: Any) -> dict[str, Any]:
     edge = straight((0, 0, 0), (50, 0, 0), (0, 0, 1), (0, -1, 0))
-    path = poses(edge, 1.0)
+    path = make_poses(edge, 1.0)
     assert isinstance(path, PosePath)
     names = ("e1", "e2", "e3", "e4")
     lines = [(replace(edge, id=name), path) for name in names]

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import offsets
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.pose import FloatArray, rotation_about
 from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.setup import FoldedEdge, UnreachableEdge
 from camgen.plan.edges.last_face import TOP
-from camgen.plan.edges.poses import poses
+from camgen.plan.edges.poses import make_poses
 from tests.support.edge_shapes import rim, straight
 
 H = math.sqrt(0.5)
@@ -26,7 +26,7 @@ def way(found: PosePath | UnreachableEdge) -> PosePath:
 
 
 def test_the_front_edge_of_a_block() -> None:
-    found = way(poses(FRONT, 10))
+    found = way(make_poses(FRONT, 10))
     assert np.allclose(found.position, [[0, -10 * H, 50 + 10 * H], [100, -10 * H, 50 + 10 * H]])
     # z into the edge, x down the front, and y = z cross x then runs against the edge.
     expected = np.column_stack([(0, -H, -H), (-1, 0, 0), (0, H, -H)])
@@ -35,11 +35,11 @@ def test_the_front_edge_of_a_block() -> None:
 
 
 def test_along_the_burr_the_offset_is_the_normal_of_the_face_that_looks_up() -> None:
-    found = way(poses(FRONT, 10, TOP))
+    found = way(make_poses(FRONT, 10, TOP))
     assert np.allclose(found.position, [[0, 0, 60], [100, 0, 60]])
     assert np.allclose(found.rotation[:, :, 2], [0, 0, -1])
     swapped = straight((0, 0, 50), (100, 0, 50), (0, -1, 0), (0, 0, 1))
-    assert np.allclose(way(poses(swapped, 10, TOP)).rotation, found.rotation)
+    assert np.allclose(way(make_poses(swapped, 10, TOP)).rotation, found.rotation)
 
 
 def test_the_burr_of_a_bore_in_a_wall_stands_in_the_flat_face() -> None:
@@ -49,19 +49,19 @@ def test_the_burr_of_a_bore_in_a_wall_stands_in_the_flat_face() -> None:
         bore.id, bore.kind, bore.points @ turned, bore.via @ turned, bore.normals[:, ::-1] @ turned,
         bore.via_normals[:, ::-1] @ turned, bore.angle, True, True, 20.0, bore.length,
     )  # fmt: skip
-    assert np.allclose(way(poses(wall, 5, TOP)).rotation[:, :, 2], [-1, 0, 0])
+    assert np.allclose(way(make_poses(wall, 5, TOP)).rotation[:, :, 2], [-1, 0, 0])
 
 
 def test_an_upright_edge_has_x_level_and_y_upwards() -> None:
     for ends in ((0, 0, 0), (0, 0, 40)), ((0, 0, 40), (0, 0, 0)):
-        found = way(poses(straight(*ends, (-1, 0, 0), (0, -1, 0)), 2))
+        found = way(make_poses(straight(*ends, (-1, 0, 0), (0, -1, 0)), 2))
         assert np.allclose(found.rotation[:, :, 1], [0, 0, 1])
         assert np.allclose(found.rotation[:, :, 2], [H, H, 0])
 
 
 @pytest.mark.parametrize(("outer", "radius"), [(True, 20 + 4 * H), (False, 20 - 4 * H)])
 def test_the_rim_of_a_cylinder_stays_a_circle(outer: bool, radius: float) -> None:
-    found = way(poses(rim((5, 6, 30), 20, outer), 4))
+    found = way(make_poses(rim((5, 6, 30), 20, outer), 4))
     assert len(found) == 5  # arcs of 120 deg and more are halved
     for points, angles in (
         (found.position, np.arange(5) * 90),
@@ -80,13 +80,13 @@ def test_the_rim_of_a_cylinder_stays_a_circle(outer: bool, radius: float) -> Non
 
 
 def test_an_offset_that_closes_the_bore_is_refused() -> None:
-    found = poses(rim((0, 0, 0), 5, outer=False), 8)
+    found = make_poses(rim((0, 0, 0), 5, outer=False), 8)
     assert isinstance(found, UnreachableEdge)
     assert (found.kind, found.text) == (
         "shape",
         "an offset of 8 mm leaves nothing of its inner radius",
     )
-    assert isinstance(poses(rim((0, 0, 0), 5, outer=False), 6), PosePath)  # 6 / sqrt 2 < 5
+    assert isinstance(make_poses(rim((0, 0, 0), 5, outer=False), 6), PosePath)  # 6 / sqrt 2 < 5
 
 
 def test_an_edge_that_the_offset_folds_in_one_place_keeps_the_rest() -> None:
@@ -106,17 +106,17 @@ def test_an_edge_that_the_offset_folds_in_one_place_keeps_the_rest() -> None:
         normals=normals,
         via_normals=middles,
     )
-    folded = poses(edge, 2)
+    folded = make_poses(edge, 2)
     assert isinstance(folded, FoldedEdge)
     assert folded.folded.tolist() == [False, True, False]
     assert "10 mm along it" in folded.text
     assert np.linalg.norm(folded.path.position - points, axis=1) == pytest.approx([2.0] * 4)
     # An offset by which the middle segment keeps some of its length folds nothing.
-    assert isinstance(poses(edge, 0.9 * 0.2 / (2 * H * turn)), PosePath)
+    assert isinstance(make_poses(edge, 0.9 * 0.2 / (2 * H * turn)), PosePath)
 
 
 def test_faces_back_to_back_have_no_mean() -> None:
-    found = poses(straight((0, 0, 0), (9, 0, 0), (0, 1, 0), (0, -1, 0)), 1)
+    found = make_poses(straight((0, 0, 0), (9, 0, 0), (0, 1, 0), (0, -1, 0)), 1)
     assert isinstance(found, UnreachableEdge)
     assert found.kind == "shape"
 
@@ -137,19 +137,23 @@ def test_frames_are_right_handed_square_and_point_down(
     mean = (first + second) / np.linalg.norm(first + second)
     edge = straight(3 * t, 50 * t, first, second)
     back = straight(50 * t, 3 * t, first, second)
-    for rotation in way(poses(edge, far)).rotation:
+    for rotation in way(make_poses(edge, far)).rotation:
         assert np.allclose(rotation.T @ rotation, np.eye(3))
         assert np.linalg.det(rotation) == pytest.approx(1)
         assert np.allclose(rotation[:, 2], -mean)
         assert abs(rotation[:, 1] @ t) == pytest.approx(1)
         assert rotation[2, 0] <= 1e-6
     # The same orientation whichever way the edge was recorded, the rows the other way round.
-    assert np.allclose(way(poses(back, far)).rotation, way(poses(edge, far)).rotation[::-1])
-    assert np.allclose(way(poses(back, far)).position, way(poses(edge, far)).reversed().position)
+    assert np.allclose(
+        way(make_poses(back, far)).rotation, way(make_poses(edge, far)).rotation[::-1]
+    )
+    assert np.allclose(
+        way(make_poses(back, far)).position, way(make_poses(edge, far)).reversed().position
+    )
 
 
 def test_backwards_the_arcs_keep_their_middles() -> None:
-    found = way(poses(rim((0, 0, 0), 20, outer=True), 4))
+    found = way(make_poses(rim((0, 0, 0), 20, outer=True), 4))
     back = found.reversed()
     assert np.allclose(back.position, found.position[::-1])
     assert np.allclose(back.rotation, found.rotation[::-1])
@@ -162,7 +166,7 @@ def test_backwards_the_arcs_keep_their_middles() -> None:
 
 @given(st.integers(1, 9), st.integers(1, 9))
 def test_a_divided_rim_is_the_circle_with_its_frame_turning_evenly(first: int, other: int) -> None:
-    found = way(poses(rim((5, 6, 30), 20, outer=True), 4))
+    found = way(make_poses(rim((5, 6, 30), 20, outer=True), 4))
     parts = np.array([first, other, first, other])
     dense = divide(found, parts)
     angles = np.concatenate(
@@ -175,17 +179,19 @@ def test_a_divided_rim_is_the_circle_with_its_frame_turning_evenly(first: int, o
         )
         assert np.allclose(rotation, rotation_about(2, angle) @ found.rotation[0])
     assert dense.length.sum() == pytest.approx(math.tau * radius)
-    assert np.array_equal(dense.position[offsets(parts)], found.position)
+    assert np.array_equal(dense.position[compute_offsets(parts)], found.position)
     middles = (angles[1:] + angles[:-1]) / 2
     assert np.allclose(dense.via[1:, 0], 5 + radius * np.cos(middles))
 
 
 def test_parts_are_no_longer_and_turn_no_further_than_asked() -> None:
-    line = way(poses(FRONT, 0))
+    line = way(make_poses(FRONT, 0))
     assert count_parts(line, 30, 1).tolist() == [4]
     assert count_parts(line, 25, 1).tolist() == [4]
     # A frame at 45 deg that goes round an upright axis by 90 deg turns by 90 deg.
     assert (
-        count_parts(way(poses(rim((0, 0, 0), 20, outer=True), 4)), 1e3, math.radians(20)).tolist()
+        count_parts(
+            way(make_poses(rim((0, 0, 0), 20, outer=True), 4)), 1e3, math.radians(20)
+        ).tolist()
         == [5] * 4
     )

@@ -12,7 +12,7 @@ import camgen
 from camgen.cli import main
 from camgen.model.part import Note
 from camgen.plan.fill.joined import find_bare, find_bridges
-from camgen.preview.view import view
+from camgen.preview.view import make_view
 
 #: mm of a pixel; a marker of 10 px.
 PX, TOOL = 0.1, 1.0
@@ -158,7 +158,7 @@ def test_the_place_is_a_red_spot_in_the_preview(
 
 
 def test_the_view_has_a_ring_of_the_tools_size(tmp_path: Path) -> None:
-    shown = view(camgen.build(two_tracks(tmp_path, 4), post="vplus", job=JOB))
+    shown = make_view(camgen.build(two_tracks(tmp_path, 4), post="vplus", job=JOB))
     points = np.split(shown.chains.points, np.cumsum(shown.chains.counts)[:-1])
     (ring,) = [p for line, p in zip(shown.lines, points, strict=True) if line.state == "wrong"]
     assert np.hypot(*(ring[:, :2] - (9.95, 7.55)).T) == pytest.approx(TOOL / 2, abs=1e-6)

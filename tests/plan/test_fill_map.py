@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.plan.fill.cover import COLOURS, coverage_map
+from camgen.plan.fill.cover import COLOURS, make_coverage_map
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 JOB = {"operation": {"kind": "fill"}, "tool": {"diameter": 0.85}}
@@ -16,7 +16,7 @@ JOB = {"operation": {"kind": "fill"}, "tool": {"diameter": 0.85}}
 
 def test_the_map_shows_the_areas_that_are_told() -> None:
     result = camgen.build(PARTS / "copper.dxf", post="gcode", job=JOB)
-    found = coverage_map(result.part, result.tour.paths, 0.85, 1500)
+    found = make_coverage_map(result.part, result.tour.paths, 0.85, 1500)
     mm2 = float(-np.linalg.det(found.work_from_map[:, :2]))
     areas = [mm2 * float((found.pixels == colour).all(axis=2).sum()) for colour in COLOURS]
     told = result.coverage

@@ -10,7 +10,7 @@ import shapely
 import camgen
 from camgen.geometry.arcs import measure_path
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath
@@ -59,7 +59,9 @@ def test_climb_has_the_part_on_the_right(direction: str, sign: int) -> None:
 @pytest.mark.parametrize("direction", ["climb", "conventional"])
 def test_press_points_to_the_contour(direction: str) -> None:
     shapes = plate()
-    obstacles = Obstacles(drawn := from_contours(shapes), np.zeros(len(drawn), dtype=np.int64))
+    obstacles = Obstacles(
+        drawn := make_contour_segments(shapes), np.zeros(len(drawn), dtype=np.int64)
+    )
     paths = planned(*shapes, direction=direction).paths
     assert len(paths) == 2
     for path in paths:
@@ -211,7 +213,7 @@ def test_a_cusp_that_crosses_itself_is_run_around(diameter: float) -> None:
     result = plan(part(contour(*CUSP), beside), Job(tool=ToolTable(diameter=diameter)))
     assert not [note for note in result.notes if note.kind == "skipped"]
     areas = [
-        shapely.make_valid(shapely.Polygon(flatten(from_contours([c]), 1e-4)[0]))
+        shapely.make_valid(shapely.Polygon(flatten(make_contour_segments([c]), 1e-4)[0]))
         for c in (contour(*CUSP), beside)
     ]
     border = shapely.union_all(areas).buffer(diameter / 2, quad_segs=300).boundary

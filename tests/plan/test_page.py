@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.segments import compute_bounds, from_contours
+from camgen.geometry.segments import compute_bounds, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import PageTable
-from camgen.model.page import page_size
+from camgen.model.page import compute_page_size
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.model.text import short
 from camgen.plan import plan
-from camgen.plan.page import on_page
+from camgen.plan.page import place_on_page
 from camgen.read import read
 from camgen.read.job_file import from_mapping
 
@@ -33,11 +33,11 @@ def part_of(
 
 
 def laid(part: Part, **page: object) -> Part:
-    return on_page(part, from_mapping({"page": page}))
+    return place_on_page(part, from_mapping({"page": page}))
 
 
 def box(part: Part) -> list[float]:
-    boxes = compute_bounds(from_contours(part.contours))
+    boxes = compute_bounds(make_contour_segments(part.contours))
     return [*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist()]
 
 
@@ -49,7 +49,7 @@ def box(part: Part) -> list[float]:
     ],
 )  # fmt: skip
 def test_sizes(size: str | list[float], expected: tuple[float, float]) -> None:
-    assert page_size(PageTable(size=size)) == expected
+    assert compute_page_size(PageTable(size=size)) == expected
 
 
 @given(
@@ -129,7 +129,7 @@ def test_a_scale_per_unit_of_two_units_is_refused() -> None:
 
 def test_without_a_page_nothing_changes() -> None:
     part = part_of([[0, 0], [1, 1]])
-    assert on_page(part, from_mapping({})) is part
+    assert place_on_page(part, from_mapping({})) is part
 
 
 @pytest.mark.parametrize("size", ["A5", [120, 100], "A4 landscape"])
@@ -141,7 +141,7 @@ def test_what_is_drawn_of_a_picture_keeps_out_of_the_margin(
     job = from_mapping({"page": {"size": size, "margin": 10}, "tolerance": tolerance})
     found = plan(read(PARTS / "gear.png", job), job)
     low_x, low_y, high_x, high_y = box(found.part)
-    width, height = page_size(job.page)
+    width, height = compute_page_size(job.page)
     least = min(low_x, low_y, width - high_x, height - high_y)
     assert least == pytest.approx(10, abs=1e-6)
     assert (low_x + high_x, low_y + high_y) == pytest.approx((width, height))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from camgen.geometry.segments import find_following, from_contours, points_at
+from camgen.geometry.segments import find_following, make_contour_segments, points_at
 from camgen.model.errors import JobError
 from camgen.model.job import Job, OperationTable, ToolTable
 from camgen.model.part import Contour
@@ -85,7 +85,7 @@ def test_where_there_are_several_basins_one_path_goes_down_once_and_clears_them_
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_the_ridge_is_as_far_from_two_walls(name: str) -> None:
-    walls = from_contours(SHAPES[name])
+    walls = make_contour_segments(SHAPES[name])
     following = find_following(walls, np.ones(len(SHAPES[name]), dtype=bool))
     region = enclosed(SHAPES[name])
     axis = compute_medial_axis(walls, following, region, RADIUS, 0.6, 0.3)
@@ -105,7 +105,7 @@ def test_the_ridge_is_as_far_from_two_walls(name: str) -> None:
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_the_way_of_a_channel_never_leaves_its_discs(name: str) -> None:
-    walls = from_contours(SHAPES[name])
+    walls = make_contour_segments(SHAPES[name])
     following = find_following(walls, np.ones(len(SHAPES[name]), dtype=bool))
     bound = EngagementLimit(RADIUS, 2.4, 0.6, True)
     axis = compute_medial_axis(
@@ -127,7 +127,7 @@ def test_the_way_of_a_channel_never_leaves_its_discs(name: str) -> None:
 
 def laid(name: str) -> Channel:
     """The channel of a shape for passes of 2.4 mm."""
-    walls = from_contours(SHAPES[name])
+    walls = make_contour_segments(SHAPES[name])
     following = find_following(walls, np.ones(len(SHAPES[name]), dtype=bool))
     bound = EngagementLimit(RADIUS, 2.4, 0.6, True)
     axis = compute_medial_axis(

@@ -8,9 +8,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.part import Contour
-from camgen.plan.recover import recover
+from camgen.plan.recover import recover_arcs
 from tests.support.drawn import circle, clockwise, contour, rectangle
 
 
@@ -24,7 +24,7 @@ def off(drawn: Contour, found: Contour) -> float:
     ends = np.roll(drawn.points, -1, axis=0) if drawn.closed else drawn.points[1:]
     starts = drawn.points if drawn.closed else drawn.points[:-1]
     points = np.concatenate([starts + f * (ends - starts) for f in (0.0, 0.25, 0.5, 0.75)])
-    shape = from_contours([found])
+    shape = make_contour_segments([found])
     obstacles = Obstacles(shape, np.zeros(len(shape), dtype=np.int64))
     return float(obstacles.nearest(points, np.zeros(len(points), dtype=np.int64), 10.0).max())
 
@@ -33,8 +33,8 @@ def test_a_slot_drawn_with_short_lines_becomes_two_lines_and_two_arcs() -> None:
     t = np.linspace(-math.pi / 2, math.pi / 2, 60)
     right = np.column_stack([40 + 10 * np.cos(t), 10 * np.sin(t)])
     slot = contour(np.concatenate([right, -right + [40, 0]]).tolist())
-    (found,), (note,) = recover([slot], 0.01)
-    segments = from_contours([found])
+    (found,), (note,) = recover_arcs([slot], 0.01)
+    segments = make_contour_segments([found])
     assert np.isinf(segments.radius).sum() == 2
     assert segments.radius[segments.is_arc] == pytest.approx(10.0, abs=1e-6)
     assert len(segments) <= 6
@@ -47,26 +47,26 @@ def test_a_slot_drawn_with_short_lines_becomes_two_lines_and_two_arcs() -> None:
 def test_an_ellipse_is_kept_within_the_tolerance_in_both_directions(turned: bool) -> None:
     drawn = ellipse(50, 20, 400)
     drawn = clockwise(drawn) if turned else drawn
-    (found,), _ = recover([drawn], 0.01)
+    (found,), _ = recover_arcs([drawn], 0.01)
     assert len(found.points) < 40
     assert off(drawn, found) <= 0.01 + 1e-9
 
 
 def test_polygons_that_are_meant_stay() -> None:
     shapes = [rectangle(0, 0, 50, 30), ellipse(50, 50, 24), ellipse(5, 5, 8)]
-    found, notes = recover(shapes, 0.01)
+    found, notes = recover_arcs(shapes, 0.01)
     assert all(a is b for a, b in zip(found, shapes, strict=True))
     assert notes == ()
 
 
 def test_zero_tolerance_keeps_every_line() -> None:
     drawn = ellipse(50, 20, 400)
-    assert recover([drawn], 0.0) == ((drawn,), ())
+    assert recover_arcs([drawn], 0.0) == ((drawn,), ())
 
 
 def test_arcs_and_circles_stay_themselves() -> None:
     drawn = circle(0, 0, 10)
-    assert recover([drawn], 0.01)[0][0] is drawn
+    assert recover_arcs([drawn], 0.01)[0][0] is drawn
 
 
 @example([5.5625], 2.15923, 18, 0.01)
@@ -89,7 +89,7 @@ def test_open_chains_of_arcs_keep_their_ends_and_the_tolerance(
                 points[-1] + radius * abs(step) * np.array([math.cos(heading), math.sin(heading)])
             )
     drawn = contour(points, closed=False)
-    (found,), _ = recover([drawn], tolerance)
+    (found,), _ = recover_arcs([drawn], tolerance)
     assert off(drawn, found) <= tolerance + 1e-9
     assert found.points[0] == pytest.approx(drawn.points[0])
     assert found.points[-1] == pytest.approx(drawn.points[-1])

@@ -11,7 +11,7 @@ import trimesh
 
 import camgen
 from camgen.cli import main
-from camgen.geometry.arcs import circle
+from camgen.geometry.arcs import compute_circle
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.part import Part
 from camgen.model.pose import FloatArray, Pose
@@ -142,7 +142,7 @@ def test_arcs_in_space_stay_arcs(post: str) -> None:
     for before, move in arcs:
         assert isinstance(before.target, Pose)
         assert isinstance(move.target, Pose)
-        centre, radius, axis, sweep = circle(
+        centre, radius, axis, sweep = compute_circle(
             before.target.origin, move.via.origin, move.target.origin
         )
         name = "arch" if radius == pytest.approx(10, abs=1e-9) else "ring"

@@ -17,7 +17,7 @@ from camgen.model.job import OperationTable, ProcessTable, Step, ToolTable
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, ToolChange
 from camgen.order import JobTour
-from camgen.pipeline.stock import why_unproven
+from camgen.pipeline.stock import explain_unproven
 from camgen.plan.steps import order_steps
 from camgen.post.plugins import find_readback
 from fixtures.program_text import dump, parse
@@ -440,7 +440,7 @@ def test_the_image_planner_is_not_judged_by_contours() -> None:
         job=tables | {"operation": {"planner": "image", "depth": 1.0}},
     )
     assert result.proof is None
-    assert why_unproven(result.job).startswith("the image planner")
+    assert explain_unproven(result.job).startswith("the image planner")
 
 
 @pytest.mark.parametrize("key", ["acceleration", "turn", "max_feed"])

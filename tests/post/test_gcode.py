@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import circle
+from camgen.geometry.arcs import compute_circle
 from camgen.lang.programs import Finding, find_language
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
@@ -946,7 +946,7 @@ def test_found_programs_have_the_length_that_linuxcnc_gives(name):
         if isinstance(item, MoveL):
             read_length += math.dist(here, item.target.origin)
         elif isinstance(item, MoveC):
-            _, radius, _, sweep = circle(here, item.via.origin, item.target.origin)
+            _, radius, _, sweep = compute_circle(here, item.via.origin, item.target.origin)
             read_length += radius * sweep
         here = item.target.origin if isinstance(item, (MoveJ, MoveL, MoveC)) else here
     here = (0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ from camgen_posts.vplus import VPlus
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.arcs import circle
+from camgen.geometry.arcs import compute_circle
 from camgen.model.errors import Refused
 from camgen.model.pose import (
     IDENTITY,
@@ -54,7 +54,7 @@ def arcs(draw):
 @given(arcs())
 def test_a_circle_through_three_points(drawn):
     start, arc, (centre, radius, axis, sweep), _ = drawn
-    found = circle(start.origin, arc.via.origin, arc.target.origin)
+    found = compute_circle(start.origin, arc.via.origin, arc.target.origin)
     # A short arc says little about its centre: rounding grows with the square of its sweep.
     slack = 1e-9 * max(1.0, radius) / sweep**2 + 1e-9 / sweep**2
     assert found[0] == pytest.approx(centre, abs=slack)
@@ -69,7 +69,7 @@ def test_a_circle_through_three_points(drawn):
 )
 def test_three_points_on_a_line_are_no_circle(points):
     with pytest.raises(ValueError, match="on one line"):
-        circle(*points)
+        compute_circle(*points)
 
 
 @given(arcs(), st.floats(0.001, 0.5))
@@ -141,7 +141,7 @@ def test_halves_by_column_are_the_same_to_the_last_bit(drawn, blend, z):
             for a in np.linspace(begin, begin + sweep, 3)
         ]
         try:
-            circle(*points)
+            compute_circle(*points)
         except ValueError:
             continue
         via, end = (Pose(TOOL_DOWN, point) for point in points[1:])

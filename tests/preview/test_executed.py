@@ -12,8 +12,8 @@ import camgen
 from camgen.model.part import Contour
 from camgen.pipeline import Result
 from camgen.preview.executed import trace_executed
-from camgen.preview.page import page
-from camgen.preview.view import view
+from camgen.preview.page import format_page
+from camgen.preview.view import make_view
 from tests.preview.test_page import PARTS, data
 
 SAG = 1e-4
@@ -61,7 +61,7 @@ def _near(programmed: shapely.Geometry, line: shapely.Geometry) -> shapely.Geome
 
 def _programmed(result: Result) -> list[np.ndarray]:
     """The paths of a page, drawn as programmed."""
-    track = view(result).track
+    track = make_view(result).track
     path = track.events.path[track.event]
     edges = np.flatnonzero(np.diff(path)) + 1
     pieces = np.split(np.arange(len(path)), edges)
@@ -82,8 +82,8 @@ def test_there_is_none_without_a_rounded_corner() -> None:
 
 
 def test_the_page_holds_the_path_and_states_the_worst_corner() -> None:
-    shown = data(page(view(trace_corner("rapid", 2.0))))
+    shown = data(format_page(make_view(trace_corner("rapid", 2.0))))
     assert sum(shown["executed"]["counts"]) > 10
     facts = dict(shown["facts"])
     assert "at 40 0 0 mm" in facts["Rounded corners"]
-    assert "executed" not in data(page(view(trace_corner("grbl", 0.05))))
+    assert "executed" not in data(format_page(make_view(trace_corner("grbl", 0.05))))

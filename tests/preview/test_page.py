@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import camgen
-from camgen.geometry.arcs import circle
+from camgen.geometry.arcs import compute_circle
 from camgen.model.part import Contour, Note
 from camgen.model.pose import frozen
 from camgen.pipeline import Result
 from camgen.preview.curves import draw_spans, trace_contours
 from camgen.preview.meshes import MOST_FACES, merge_surfaces
-from camgen.preview.page import page
-from camgen.preview.png import png
-from camgen.preview.view import View, view
+from camgen.preview.page import format_page
+from camgen.preview.png import draw_png
+from camgen.preview.view import View, make_view
 from camgen.robots.models import Surface
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -101,7 +101,7 @@ def test_points_of_an_arc_lie_on_its_circle_and_cover_its_length(
     sides = sorted([math.dist(a, b), math.dist(b, c), math.dist(a, c)])
     if sides[0] < 1.0 or sides[0] + sides[1] - sides[2] < 0.1:
         return
-    centre, radius, _, sweep = circle(a, b, c)
+    centre, radius, _, sweep = compute_circle(a, b, c)
     found = draw_spans(np.array([a]), np.array([b]), np.array([c]), 0.01)
     way = np.vstack([a, found.points])
     assert np.allclose(np.linalg.norm(way - centre, axis=1), radius, rtol=1e-7)
@@ -129,7 +129,7 @@ def test_a_contour_is_drawn_with_its_bulges_to_the_right_side() -> None:
 @pytest.mark.parametrize("name", ["flat", "robot", "solid"])
 def test_the_time_is_that_of_the_report(name: str, request: pytest.FixtureRequest) -> None:
     result = request.getfixturevalue(name)
-    way = view(result).track
+    way = make_view(result).track
     assert round(float(way.time[-1]), 1) == result.report["time_s"]
     assert (np.diff(way.time) >= 0).all()
     # And so is the time that each path takes, and what is left for travel.
@@ -141,14 +141,14 @@ def test_the_time_is_that_of_the_report(name: str, request: pytest.FixtureReques
 
 
 def test_length_of_work_is_that_of_the_report(flat: Result) -> None:
-    way = view(flat).track
+    way = make_view(flat).track
     steps = np.linalg.norm(np.diff(way.position, axis=0), axis=1)
     work = steps[way.events.path[way.event[1:]] >= 0].sum()
     assert work == pytest.approx(sum(p["length_mm"] for p in flat.report["paths"]), rel=1e-3)  # type: ignore[attr-defined]
 
 
 def test_every_path_of_a_tour_is_worked_on_in_its_order(flat: Result) -> None:
-    order = [p for p in view(flat).track.events.path.tolist() if p >= 0]
+    order = [p for p in make_view(flat).track.events.path.tolist() if p >= 0]
     assert list(dict.fromkeys(order)) == list(range(len(flat.tour.paths)))
 
 
@@ -157,7 +157,7 @@ def test_a_robot_stands_where_the_program_is_at_the_same_time(
     name: str, request: pytest.FixtureRequest
 ) -> None:
     result = request.getfixturevalue(name)
-    found = view(result)
+    found = make_view(result)
     assert found.arm is not None
     from camgen.preview.track import compute_tool  # noqa: PLC0415 (only where there is an arm)
 
@@ -182,12 +182,12 @@ def test_a_robot_stands_where_the_program_is_at_the_same_time(
 
 
 def test_same_result_same_bytes(flat: Result) -> None:
-    assert page(view(flat)) == page(view(flat))
+    assert format_page(make_view(flat)) == format_page(make_view(flat))
 
 
 def test_columns_come_out_of_the_page_as_they_went_in(flat: Result) -> None:
-    shown: View = view(flat)
-    plain = data(page(shown))
+    shown: View = make_view(flat)
+    plain = data(format_page(shown))
     track, origin = plain["track"], plain["origin"]
     position = np.frombuffer(base64.b64decode(track["position"]), "<f4").reshape(-1, 3)  # type: ignore[index]
     assert position + origin == pytest.approx(shown.track.position, abs=1e-4)
@@ -203,7 +203,7 @@ def test_columns_come_out_of_the_page_as_they_went_in(flat: Result) -> None:
 
 
 def test_rows_that_come_again_and_again_take_little_of_the_page(flat: Result) -> None:
-    shown: View = view(flat)
+    shown: View = make_view(flat)
     many = 1000
     axis = np.tile([[0.0, 0.0, -1.0]], (many, 1))
     position = np.random.default_rng(1).normal(size=(many, 3))
@@ -211,7 +211,7 @@ def test_rows_that_come_again_and_again_take_little_of_the_page(flat: Result) ->
     long = replace(
         shown.track, position=position, axis=axis, time=np.arange(many) / 9.0, event=event
     )
-    track = data(page(replace(shown, track=long)))["track"]
+    track = data(format_page(replace(shown, track=long)))["track"]
     assert unpack(track["axis"], "<f4").reshape(-1, 3).tolist() == axis.tolist()  # type: ignore[index]
     assert unpack(track["event"], "<u4").tolist() == event.tolist()  # type: ignore[index]
     assert len(str(track["axis"])) + len(str(track["event"])) < 800  # type: ignore[index]
@@ -229,11 +229,11 @@ def poisoned(result: Result) -> View:
     )
     tour = replace(result.tour, paths=tuple(replace(p, layer=EVIL) for p in result.tour.paths))
     notes = (*result.notes, Note("skipped", EVIL + " c1", EVIL))
-    return view(replace(result, part=part, tour=tour, notes=notes))
+    return make_view(replace(result, part=part, tour=tour, notes=notes))
 
 
 def test_no_text_of_an_input_ends_the_data_or_becomes_markup(flat: Result) -> None:
-    text = page(poisoned(flat))
+    text = format_page(poisoned(flat))
     assert text.count("<script") == 3
     assert text.count("</script") == 3
     assert "<img" not in re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
@@ -242,7 +242,7 @@ def test_no_text_of_an_input_ends_the_data_or_becomes_markup(flat: Result) -> No
 
 
 def test_the_page_allows_no_network_and_only_its_own_scripts(flat: Result) -> None:
-    text = page(view(flat))
+    text = format_page(make_view(flat))
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
     assert policy
     assert policy[1].startswith("default-src 'none'")
@@ -274,7 +274,7 @@ def test_the_command_line_writes_the_page(tmp_path: Path) -> None:
 
 
 def test_a_png_shows_the_part_and_the_paths_from_above(flat: Result) -> None:
-    image = cv2.imdecode(np.frombuffer(png(view(flat)), np.uint8), cv2.IMREAD_COLOR)
+    image = cv2.imdecode(np.frombuffer(draw_png(make_view(flat)), np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert image.shape == (1200, 1600, 3)
     # The outline runs 3 mm outside the part, which is 80 x 50 mm: 86 x 56 mm fill the width between the borders. The
@@ -290,16 +290,16 @@ def test_a_png_shows_the_part_and_the_paths_from_above(flat: Result) -> None:
 
 
 def test_same_result_same_picture(flat: Result) -> None:
-    assert png(view(flat)) == png(view(flat))
+    assert draw_png(make_view(flat)) == draw_png(make_view(flat))
 
 
 def test_in_a_png_what_is_left_out_is_red_and_travel_runs_through_no_words() -> None:
     result = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"diameter": 12.0}})
-    found = view(result)
+    found = make_view(result)
     # Travel all over the picture, as that of arms is.
     wild = found.track.position.copy()
     wild[0], wild[1] = (-400, -900, 0), (500, 900, 0)
-    raw = png(replace(found, track=replace(found.track, position=wild)))
+    raw = draw_png(replace(found, track=replace(found.track, position=wild)))
     image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR).astype(int)
     blue, green, red = (image[..., k] for k in range(3))
     assert ((red > 180) & (green < 40) & (blue < 60)).sum() > 3000
@@ -309,16 +309,16 @@ def test_in_a_png_what_is_left_out_is_red_and_travel_runs_through_no_words() -> 
 
 
 def test_a_long_time_is_told_in_minutes(flat: Result) -> None:
-    fast = dict(view(flat).facts)["Time"]
+    fast = dict(make_view(flat).facts)["Time"]
     assert re.fullmatch(r"[\d.]+ s, [\d.]+ s of it travel", fast)
     slow = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"process": {"feed": 1.0}})
-    assert re.match(r"\d+ min \d\d s, [\d.]+ s of it travel", dict(view(slow).facts)["Time"])
+    assert re.match(r"\d+ min \d\d s, [\d.]+ s of it travel", dict(make_view(slow).facts)["Time"])
 
 
 def test_a_picture_lies_under_its_paths_and_has_no_layers() -> None:
     job = {"operation": {"kind": "follow"}, "image": {"mm_per_px": 0.1}}
     result = camgen.build(PARTS / "gear.png", post="gcode", job=job)
-    found = view(result)
+    found = make_view(result)
     assert (
         {row.layer for row in found.rows}
         == {line.layer for line in found.lines if line.state == "done"}
@@ -340,18 +340,22 @@ def test_a_picture_lies_under_its_paths_and_has_no_layers() -> None:
     )
     assert first == pytest.approx(centres[:, 0] + (-0.05, 0.05))
     assert last == pytest.approx(centres[:, 1] + (0.05, -0.05))
-    plain = data(page(found))
+    plain = data(format_page(found))
     assert plain["photo"]["address"].startswith("data:image/jpeg;base64,")  # type: ignore[index]
-    assert "photo" not in data(page(view(camgen.build(PARTS / "bracket.dxf", post="gcode"))))
+    assert "photo" not in data(
+        format_page(make_view(camgen.build(PARTS / "bracket.dxf", post="gcode")))
+    )
 
 
 def test_links_of_a_urdf_that_are_meshes_are_drawn_by_them() -> None:
     file = PARTS.parent / "robots" / "six.urdf"
     frames = {"base_from_work": [300, -60, -50, 0, 0, 0], "flange_from_tool": [0, 0, 100, 0, 0, 0]}
     cell = {"robot": str(file), **frames, "home": [0, -100, 0, 0, 30, 0]}
-    links = data(page(view(camgen.build(PARTS / "bracket.dxf", post="rapid", job={"cell": cell}))))[
-        "arm"
-    ]["links"]  # type: ignore[index]
+    links = data(
+        format_page(
+            make_view(camgen.build(PARTS / "bracket.dxf", post="rapid", job={"cell": cell}))
+        )
+    )["arm"]["links"]  # type: ignore[index]
     meshes = {name: mesh for name, _, mesh in links if mesh}
     assert set(meshes) == {"link_1", "link_2"}
     # As large as the cuboids that were found around it.

@@ -11,9 +11,9 @@ import pytest
 import camgen
 from camgen.model.part import Contour
 from camgen.pipeline import Result
-from camgen.preview.page import page
-from camgen.preview.view import view
-from camgen.robots.kinematics.forward import flange
+from camgen.preview.page import format_page
+from camgen.preview.view import make_view
+from camgen.robots.kinematics.forward import compute_flange
 from tests.preview.test_page import PARTS, ROBOT, poisoned
 from tests.support.browsers import PHONE, SMALL, Driven, OpenPage
 from tests.support.waiting import wait_for
@@ -24,9 +24,14 @@ def files(tmp_path_factory: pytest.TempPathFactory, solid: Result) -> dict[str, 
     folder = tmp_path_factory.mktemp("pages")
     flat = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"kind": "pen"}})
     robot = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
-    views = {"flat": view(flat), "robot": view(robot), "solid": view(solid), "evil": poisoned(flat)}
+    views = {
+        "flat": make_view(flat),
+        "robot": make_view(robot),
+        "solid": make_view(solid),
+        "evil": poisoned(flat),
+    }
     for name, shown in views.items():
-        (folder / f"{name}.html").write_text(page(shown), encoding="utf-8")
+        (folder / f"{name}.html").write_text(format_page(shown), encoding="utf-8")
     return {name: folder / f"{name}.html" for name in views}
 
 
@@ -68,7 +73,7 @@ def test_the_executed_path_is_shown_in_place_of_the_programmed_one(
     job = {"operation": {"kind": "trace"}, "tolerance": {"corner": 5.0}}
     result = camgen.build(camgen.part([contour]), post="rapid", job=job)
     file = tmp_path / "corner.html"
-    file.write_text(page(view(result)), encoding="utf-8")
+    file.write_text(format_page(make_view(result)), encoding="utf-8")
     shown = OpenPage(browser, file, SMALL, "light")
     style = "() => getComputedStyle(document.documentElement).getPropertyValue('--executed')"
     red, green, blue = bytes.fromhex(shown.run(style).strip().removeprefix("#"))
@@ -170,12 +175,12 @@ def test_the_slider_moves_the_robot_to_the_joints_that_were_found(opened: Any) -
     after = one.picture()
     assert (np.abs(before.astype(int) - after.astype(int)).max(axis=2) > 30).mean() > 0.01
     result = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
-    arm = view(result).arm
+    arm = make_view(result).arm
     assert arm is not None
     joints = np.array(
         [np.interp(15.0, arm.time, arm.joints[:, k]) for k in range(arm.joints.shape[1])]
     )
-    rotation, origin = flange(arm.robot, joints[None])
+    rotation, origin = compute_flange(arm.robot, joints[None])
     tool = result.program.flange_from_tool
     base = origin[0] + rotation[0] @ np.asarray(tool.origin)
     expected = np.asarray(result.program.base_from_work.inverse().apply(base.tolist()))

@@ -10,8 +10,8 @@ import pytest
 import camgen
 from camgen.model.part import Note
 from camgen.pipeline import Result
-from camgen.preview.page import page
-from camgen.preview.view import list_reasons, split_chain, view
+from camgen.preview.page import format_page
+from camgen.preview.view import list_reasons, make_view, split_chain
 from tests.preview.test_page import PARTS, data
 
 # -- what is left out
@@ -31,7 +31,7 @@ def test_the_reason_for_a_name_is_that_of_the_first_note_about_it() -> None:
 
 def test_a_contour_without_a_path_is_shown_with_its_reason() -> None:
     result = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"diameter": 12.0}})
-    lines = {line.id: line for line in view(result).lines}
+    lines = {line.id: line for line in make_view(result).lines}
     skipped = [line for line in lines.values() if line.state == "skipped"]
     assert skipped
     assert all(line.why for line in skipped)
@@ -51,7 +51,7 @@ def test_contours_that_are_run_in_the_path_of_another_are_done(tmp_path: Path) -
         tmp_path / "square.dxf", post="gcode", job={"operation": {"kind": "trace"}}
     )
     assert len(result.tour.paths) == 1
-    assert [line.state for line in view(result).lines] == ["done", "done"]
+    assert [line.state for line in make_view(result).lines] == ["done", "done"]
 
 
 def test_an_edge_that_is_run_in_pieces_is_cut_at_their_ends() -> None:
@@ -80,7 +80,7 @@ def test_what_is_left_out_of_an_edge_is_drawn(trim: float, kind: str) -> None:
     result = camgen.build(
         PARTS / "rfa2.stl", post="rapid", job=job | {"operation": {"offset": 2, "trim": trim}}
     )
-    lines = view(result).lines
+    lines = make_view(result).lines
     left = [line for line in lines if line.state == "skipped"]
     # Four edges of 55 mm stand on the table, from which the tool keeps 2 mm.
     uprights = {"e23", "e24", "e25", "e26"}
@@ -98,7 +98,7 @@ def test_what_is_left_out_of_an_edge_is_drawn(trim: float, kind: str) -> None:
 
 
 def test_what_is_drawn_around_a_part_is_what_was_tested(solid: Result) -> None:
-    found = view(solid)
+    found = make_view(solid)
     low, high = solid.part.solid.vertices.min(axis=0), solid.part.solid.vertices.max(axis=0)  # type: ignore[union-attr]
     (table,) = found.standing
     assert table.name == "table"
@@ -114,7 +114,7 @@ def test_the_tool_is_drawn_as_long_as_it_is_tested_and_fixtures_that_are_meshes_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(PARTS)
-    found = view(camgen.build("rfa1.stl", post="rapid", job="rfa1.toml"))
+    found = make_view(camgen.build("rfa1.stl", post="rapid", job="rfa1.toml"))
     tool, holder = found.bodies
     # From the tip, 120 mm from the holder along the tool (rfa1.toml: 60 deg), as wide as the tool.
     assert tool.boxes[0].half == pytest.approx((3, 3, 60), abs=1e-3)
@@ -122,7 +122,7 @@ def test_the_tool_is_drawn_as_long_as_it_is_tested_and_fixtures_that_are_meshes_
     ((name, mesh),) = found.meshes
     assert name == "fixture 2"
     assert mesh.source == "rfa1_base.stl"
-    plain = data(page(found))
+    plain = data(format_page(found))
     shown = np.frombuffer(base64.b64decode(plain["meshes"][0][1]["vertices"]), "<f4").reshape(-1, 3)  # type: ignore[index]
     assert shown + plain["origin"] == pytest.approx(mesh.vertices, abs=1e-4)
 
@@ -132,7 +132,7 @@ def test_without_a_robot_fixtures_and_holder_are_drawn_as_the_job_has_them() -> 
         "cell": {"fixtures": [[0, 0, -10, 20, 30, 0]]},
         "tool": {"holder": [[-5, -5, 0, 5, 5, 40]]},
     }
-    found = view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job))
+    found = make_view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job))
     assert [(body.name, body.boxes[0].half) for body in found.bodies] == [("holder", (5, 5, 20))]
     assert found.standing[0].boxes[0].link_from_box.origin == (10, 15, -5)
     assert "Collision" not in dict(found.facts)

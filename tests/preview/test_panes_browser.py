@@ -10,8 +10,8 @@ from msgspec.structs import replace
 
 import camgen
 from camgen.preview.listing import Listing
-from camgen.preview.page import page
-from camgen.preview.view import view
+from camgen.preview.page import format_page
+from camgen.preview.view import make_view
 from tests.preview.test_page import PARTS
 from tests.support.browsers import SMALL, Driven, OpenPage
 
@@ -25,13 +25,13 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "left": camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"diameter": 12.0}}),
         "long": camgen.build(waves(folder), post="gcode", job=rings),
     }
-    views = {name: view(result) for name, result in results.items()}
+    views = {name: make_view(result) for name, result in results.items()}
     # A program whose text is longer than a page takes.
     views["huge"] = replace(
         views["left"], listing=Listing((), views["left"].listing.lines, "left.ngc: too long")
     )
     for name, shown in views.items():
-        (folder / f"{name}.html").write_text(page(shown), encoding="utf-8")
+        (folder / f"{name}.html").write_text(format_page(shown), encoding="utf-8")
     return {name: folder / f"{name}.html" for name in views}
 
 

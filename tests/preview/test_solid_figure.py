@@ -11,9 +11,9 @@ import pytest
 import camgen
 from camgen.pipeline import Result
 from camgen.preview import page, png
-from camgen.preview.drawings import draw
+from camgen.preview.drawings import draw_preview
 from camgen.preview.figure import FigureEdge, find_visible, list_figure_edges, make_oblique, shade
-from camgen.preview.view import View, view
+from camgen.preview.view import View, make_view
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 #: Numbers of twelve whole edges and two pieces of rims, and names of the edges that are left out.
@@ -39,7 +39,7 @@ def built() -> Result:
 
 @pytest.fixture(scope="module")
 def shown(built: Result) -> View:
-    return view(built)
+    return make_view(built)
 
 
 @pytest.fixture(scope="module")
@@ -82,14 +82,14 @@ def test_a_point_inside_is_hidden_and_one_above_is_seen(shown: View) -> None:
 
 
 def test_the_svg_has_every_number_and_what_is_left_out_in_red(built: Result) -> None:
-    text = draw(built, Path("x.svg")).decode()
+    text = draw_preview(built, Path("x.svg")).decode()
     root = ET.fromstring(text)
     told = [e.text for e in root.iter("{http://www.w3.org/2000/svg}text") if e.get("class") == "n"]
     assert sorted(told) == sorted(LABELS)
     assert re.search(r'class="skipped"[^>]*><title>e13</title>', text)
     assert re.search(r'class="skipped hidden"[^>]*><title>e12</title>', text)
     assert "left out: edge e15" in text
-    assert draw(built, Path("x.svg")).decode() == text
+    assert draw_preview(built, Path("x.svg")).decode() == text
 
 
 def test_the_page_and_the_picture_have_the_numbers(shown: View) -> None:
@@ -98,6 +98,6 @@ def test_the_page_and_the_picture_have_the_numbers(shown: View) -> None:
     assert sorted(row[0] for row in numbers) == sorted(LABELS)
     assert {row[0]: row[4] for row in numbers}["3"] == 2
     assert {row[0]: row[4] for row in numbers}["e13"] == -1
-    image = cv2.imdecode(np.frombuffer(png.png(shown), np.uint8), cv2.IMREAD_COLOR)
+    image = cv2.imdecode(np.frombuffer(png.draw_png(shown), np.uint8), cv2.IMREAD_COLOR)
     red = (image == np.array([46, 16, 200])).all(axis=2)
     assert red.sum() > 3000  # three discs, their edges

@@ -13,10 +13,10 @@ from shapely import Polygon
 import camgen
 from camgen.model.job import ToolTable
 from camgen.model.pose import frozen
-from camgen.preview.page import page
-from camgen.preview.png import png
+from camgen.preview.page import format_page
+from camgen.preview.png import draw_png
 from camgen.preview.stock import Mark, compute_profile
-from camgen.preview.view import View, view
+from camgen.preview.view import View, make_view
 from tests.preview.test_page import PARTS, data, unpack
 
 MILLED: dict[str, object] = {
@@ -53,7 +53,7 @@ SEVERAL: dict[str, object] = {
 
 
 def shown(job: dict[str, object], part: str = "bracket.dxf", post: str = "gcode") -> View:
-    return view(camgen.build(PARTS / part, post=post, job=job))
+    return make_view(camgen.build(PARTS / part, post=post, job=job))
 
 
 def height(tool: ToolTable, radius: float) -> float:
@@ -134,12 +134,12 @@ def test_a_job_that_takes_no_material_away_from_above_has_no_stock(
     found = shown(job, part, "rapid")
     assert found.stock is None
     assert "Stock" not in dict(found.facts)
-    plain = data(page(found))
+    plain = data(format_page(found))
     assert not {"stock", "tools", "tool_of", "marks"} & set(plain)
 
 
 def test_a_page_without_a_stock_has_not_the_script_that_plays_the_cut() -> None:
-    with_, without = page(shown(MILLED)), page(shown({}))
+    with_, without = format_page(shown(MILLED)), format_page(shown({}))
     assert "function carve(" in with_
     assert "function carve(" not in without
 
@@ -168,7 +168,7 @@ def test_every_motion_has_the_tool_that_is_in_the_spindle() -> None:
 
 
 def test_tools_and_stock_are_in_the_page() -> None:
-    plain = data(page(shown(SEVERAL | {"stock": {"thickness": 8.0}}, "motor.dxf")))
+    plain = data(format_page(shown(SEVERAL | {"stock": {"thickness": 8.0}}, "motor.dxf")))
     origin = plain["origin"]
     low, high = (np.add(plain["stock"][name], origin) for name in ("low", "high"))  # type: ignore[index]
     # motor.dxf is 120 x 90 mm; 10 mm around it.
@@ -183,7 +183,7 @@ def test_a_mark_is_in_the_page_with_its_outline_and_its_fill() -> None:
     # An L of 10 x 10 mm, 3 mm wide: 3 * 10 + 3 * 7 mm2.
     corners = frozen([(0, 0), (10, 0), (10, 3), (3, 3), (3, 10), (0, 10)])
     plain = data(
-        page(
+        format_page(
             replace(shown(MILLED), marks=(Mark("gouge", corners, -2.0, 0.125, "of </script> c1"),))
         )
     )
@@ -210,7 +210,8 @@ def test_what_the_proof_finds_to_be_left_is_marked_the_widest_first() -> None:
     areas = [Polygon(mark.polygon).area for mark in found.marks]
     assert areas == pytest.approx([20 * 10 + np.pi * 25, np.pi * 16, np.pi * 16], rel=2e-3)
     assert "up to 10 mm wide" in found.marks[0].text
-    assert [mark["kind"] for mark in data(page(found))["marks"]] == ["excess"] * 3  # type: ignore[attr-defined]
+    marks = data(format_page(found))["marks"]
+    assert [mark["kind"] for mark in marks] == ["excess"] * 3  # type: ignore[attr-defined]
     assert not shown(MILLED).marks
 
 
@@ -219,7 +220,7 @@ def test_the_fill_of_a_mark_has_its_holes() -> None:
         [(x, y), (x + w, y), (x + w, y + w), (x, y + w)] for x, y, w in ((0, 0, 10), (4, 4, 2))
     )
     mark = Mark("excess", frozen(square), 0.0, 1.0, "", (frozen(hole),))
-    (plain,) = data(page(replace(shown(MILLED), marks=(mark,))))["marks"]  # type: ignore[misc]
+    (plain,) = data(format_page(replace(shown(MILLED), marks=(mark,))))["marks"]  # type: ignore[misc]
     fill = np.frombuffer(base64.b64decode(plain["triangles"]), "<f4").reshape(-1, 3, 3)
     assert sum(Polygon(corners).area for corners in fill[..., :2]) == pytest.approx(96)
 
@@ -227,7 +228,7 @@ def test_the_fill_of_a_mark_has_its_holes() -> None:
 def test_the_tool_of_the_page_of_a_job_with_several_is_the_first_that_is_used() -> None:
     found = shown(SEVERAL, "motor.dxf")
     assert found.diameter == 5.0
-    assert page(found) == page(shown(SEVERAL, "motor.dxf"))
+    assert format_page(found) == format_page(shown(SEVERAL, "motor.dxf"))
 
 
 def test_where_tabs_stand_is_noted_and_not_wrong() -> None:
@@ -242,7 +243,7 @@ def test_the_picture_shows_what_is_left_in_amber() -> None:
         {"operation": {"depth": 1.0, "corner_radius": 8.0}, "process": {"spindle": 9000.0}}
     )
     marked, plain = (
-        cv2.imdecode(np.frombuffer(png(one), np.uint8), 1)
+        cv2.imdecode(np.frombuffer(draw_png(one), np.uint8), 1)
         for one in (found, replace(found, marks=()))
     )
     amber = (np.abs(marked.astype(int) - (0, 160, 245)).max(axis=2) < 8).sum()

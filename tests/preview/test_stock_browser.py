@@ -14,10 +14,10 @@ import shapely
 from msgspec.structs import replace
 
 import camgen
-from camgen.preview.page import page
+from camgen.preview.page import format_page
 from camgen.preview.stock import Mark
 from camgen.preview.track import Track
-from camgen.preview.view import View, view
+from camgen.preview.view import View, make_view
 from tests.preview.test_page import PARTS, changing
 from tests.preview.test_stock import MILLED, SEVERAL
 from tests.support.browsers import SMALL, Driven, OpenPage
@@ -42,14 +42,14 @@ GROOVE = {
 def views() -> dict[str, View]:
     jobs = {"profile": MILLED, "pocket": POCKET, "groove": GROOVE}
     found = {
-        name: view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job))
+        name: make_view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job))
         for name, job in jobs.items()
     }
-    found["several"] = view(camgen.build(PARTS / "motor.dxf", post="gcode", job=SEVERAL))
-    found["robot"] = view(camgen.build(PARTS / "bracket.dxf", post="rapid", job=changing()))
+    found["several"] = make_view(camgen.build(PARTS / "motor.dxf", post="gcode", job=SEVERAL))
+    found["robot"] = make_view(camgen.build(PARTS / "bracket.dxf", post="rapid", job=changing()))
     # A tool of a few cells: the grid is as coarse for it as for no other.
     thin = MILLED | {"operation": {"kind": "trace", "depth": 2.0}, "tool": {"diameter": 0.5}}
-    found["thin"] = view(camgen.build(PARTS / "motor.dxf", post="gcode", job=thin))
+    found["thin"] = make_view(camgen.build(PARTS / "motor.dxf", post="gcode", job=thin))
     found["dips"] = dip(found["profile"])
     corners = np.array([(20.0, 20), (60, 20), (60, 40), (20, 40)])
     found["marked"] = replace(found["profile"], marks=(Mark("gouge", corners, 0.0, 0.125, "c1"),))
@@ -73,7 +73,7 @@ def opened(browser: Driven, views: dict[str, View], tmp_path: Path) -> Iterator[
 
     def make(name: str, scheme: str = "light") -> OpenPage:
         file = tmp_path / f"{name}.html"
-        file.write_text(page(views[name]), encoding="utf-8")
+        file.write_text(format_page(views[name]), encoding="utf-8")
         pages.append(OpenPage(browser, file, SMALL, scheme))
         return pages[-1]
 
@@ -93,7 +93,7 @@ def shared(
     def make(name: str) -> OpenPage:
         if name not in pages:
             file = folder / f"{name}.html"
-            file.write_text(page(views[name]), encoding="utf-8")
+            file.write_text(format_page(views[name]), encoding="utf-8")
             pages[name] = OpenPage(browser, file, SMALL, "light")
         return pages[name]
 

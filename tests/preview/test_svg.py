@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.model.part import Contour, Note, Part
-from camgen.model.path import ToolPath, Tour, waypoints
+from camgen.model.path import ToolPath, Tour, make_waypoints
 from camgen.model.pose import frozen
 from camgen.preview.draw import (
     Paper,
@@ -17,7 +17,7 @@ from camgen.preview.draw import (
     measure_bounds,
     place_arrows,
 )
-from camgen.preview.svg import svg
+from camgen.preview.svg import format_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -36,7 +36,7 @@ def path(
     for row, (x, y) in via.items():
         tops[row] = (x, y, 0.0)
     columns = np.column_stack([np.array(position), np.zeros(n)])
-    table = waypoints(columns, tops, 20.0)
+    table = make_waypoints(columns, tops, 20.0)
     return ToolPath(ident, "holes", table, True, contours=(ident.partition(".")[0],))
 
 
@@ -121,7 +121,7 @@ def picture(
     paths: tuple[ToolPath, ...], notes: tuple[Note, ...] = (), part: Part = PART
 ) -> ET.Element:
     return ET.fromstring(
-        svg(part, Tour(paths, 12.0, "nearest neighbour"), notes, "plate.dxf, rapid")
+        format_svg(part, Tour(paths, 12.0, "nearest neighbour"), notes, "plate.dxf, rapid")
     )
 
 
@@ -201,4 +201,4 @@ def test_nothing_at_all_still_makes_a_picture() -> None:
 
 def test_the_same_build_gives_the_same_picture() -> None:
     tour = Tour((ring(50, 25, 7, "c2"),), 1.0, "as drawn")
-    assert svg(PART, tour, (), "t") == svg(PART, tour, (), "t")
+    assert format_svg(PART, tour, (), "t") == format_svg(PART, tour, (), "t")

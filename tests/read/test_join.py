@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from camgen.model.part import Contour, Note
 from camgen.read.join import make_contours
-from camgen.read.pieces import Soup, are_first
+from camgen.read.pieces import DrawnPieces, are_first
 from tests.support.examples import fewer
 
 Point = tuple[float, float]
@@ -21,10 +21,10 @@ def line(a: Point, b: Point, layer: str = "0") -> Piece:
     return ([a, b], [0.0, 0.0], False, layer)
 
 
-def soup(pieces: list[Piece], kind: str = "LINE") -> Soup:
+def soup(pieces: list[Piece], kind: str = "LINE") -> DrawnPieces:
     layers = tuple(sorted({p[3] for p in pieces}))
     counts = [len(p[0]) for p in pieces]
-    return Soup(
+    return DrawnPieces(
         points=np.array([xy for p in pieces for xy in p[0]], dtype=float).reshape(-1, 2),
         bulges=np.array([b for p in pieces for b in p[1]], dtype=float),
         first=np.concatenate([[0], np.cumsum(counts)]).astype(np.intp),

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.geometry.segments import compute_bounds, flatten, from_contours
+from camgen.geometry.segments import compute_bounds, flatten, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.part import Part
 from camgen.read import find_reader, inspect, read
@@ -34,12 +34,12 @@ def drawn(
 
 
 def lengths(part: Part) -> list[float]:
-    segments = from_contours(part.contours)
+    segments = make_contour_segments(part.contours)
     return np.bincount(segments.owner, segments.length).tolist()
 
 
 def box(part: Part) -> list[float]:
-    boxes = compute_bounds(from_contours(part.contours))
+    boxes = compute_bounds(make_contour_segments(part.contours))
     return [*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist()]
 
 
@@ -196,7 +196,7 @@ def test_a_circle_that_stays_one_is_two_exact_arcs(tmp_path: Path, how: str) -> 
 
 def test_a_squeezed_circle_keeps_to_its_ellipse(tmp_path: Path) -> None:
     part = drawn(tmp_path, '<circle cx="20" cy="40" r="10" transform="scale(2,1)"/>')
-    points, _ = flatten(from_contours(part.contours), 1e-4)
+    points, _ = flatten(make_contour_segments(part.contours), 1e-4)
     x, y = (points[:, 0] - 40) / 20, (points[:, 1] - 60) / 10
     # A relative deviation of the equation is at most twice the distance by the shorter half axis.
     assert np.abs(np.hypot(x, y) - 1).max() <= 0.011 / 10

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from camgen.check.reach import Reach, check_reach
+from camgen.check.reach import JointTrace, check_reach
 from camgen.model.errors import CamgenError, NoSafeProgram
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, rotation_about, translation
 from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Program
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics import continuity
-from camgen.robots.kinematics.forward import flange
-from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.forward import compute_flange
+from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.kinematics.joint_limits import are_within_limits
 
-ARM = robot("IRB 1200")
+ARM = find_robot("IRB 1200")
 HOME = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))
 BASE, TOOL = translation(450, -75, 200), translation(0, 0, 100)
 
@@ -36,25 +36,25 @@ def program(*motions: Instruction) -> Program:
 def solution(pose: Pose, flip: bool, near: float = 0.0) -> Joints:
     """The joints of a pose with the elbow up, the arm ahead, axis 5 above or below 0; axis 6 next to ``near``."""
     at = BASE @ pose @ TOOL.inverse()
-    values = inverse(ARM, at.rotation[None], np.array([at.origin]))[0][1 if flip else 0]
+    values = compute_solutions(ARM, at.rotation[None], np.array([at.origin]))[0][1 if flip else 0]
     values[5] += math.tau * round((near - values[5]) / math.tau)
     assert are_within_limits(ARM, values)
     return Joints(tuple(values.tolist()))
 
 
-def tips(found: Reach) -> FloatArray:
-    rotations, origins = flange(ARM, found.joints)
+def tips(found: JointTrace) -> FloatArray:
+    rotations, origins = compute_flange(ARM, found.joints)
     return origins + rotations @ np.array(TOOL.origin) - np.array(BASE.origin)
 
 
-def sound(found: Reach) -> Reach:
+def sound(found: JointTrace) -> JointTrace:
     """What holds for every program: its own joints lead to its poses, rows are dense, limits are kept."""
     planned = found.program
     for item in planned.body:
         if not isinstance(item, Comment) and isinstance(item.target, Pose):
             assert item.joints is not None
             assert item.posture is not None
-            rotations, origins = flange(ARM, np.array([item.joints.values]))
+            rotations, origins = compute_flange(ARM, np.array([item.joints.values]))
             tip = origins[0] + rotations[0] @ np.array(TOOL.origin) - np.array(BASE.origin)
             assert tip == pytest.approx(np.array(item.target.origin), abs=1e-6)
             assert rotations[0] == pytest.approx(np.array(item.target.rotation), abs=1e-9)
@@ -66,7 +66,7 @@ def sound(found: Reach) -> Reach:
     free = np.array([isinstance(item, MoveJ) for item in planned.body])[found.owner[1:]]
     turned, moved = (
         np.abs(np.diff(found.joints, axis=0)),
-        np.linalg.norm(np.diff(flange(ARM, found.joints)[1], axis=0), axis=1),
+        np.linalg.norm(np.diff(compute_flange(ARM, found.joints)[1], axis=0), axis=1),
     )
     assert np.degrees(turned[free]).max() <= 2 + 1e-9
     assert moved[free].max() <= 10.5
@@ -75,7 +75,7 @@ def sound(found: Reach) -> Reach:
     return found
 
 
-def ends(found: Reach, index: int) -> FloatArray:
+def ends(found: JointTrace, index: int) -> FloatArray:
     """The joints in which an instruction ends."""
     return found.joints[np.flatnonzero(found.owner == index)[-1]]
 

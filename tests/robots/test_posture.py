@@ -15,8 +15,8 @@ from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Posture, Program
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
-from camgen.robots.catalogue import robot
-from camgen.robots.posture import postures
+from camgen.robots.catalogue import find_robot
+from camgen.robots.posture import compute_postures
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ARMS = {"rapid": "IRB 120", "pacscript": "VS-060", "vplus": "Cobra s600"}
@@ -46,7 +46,7 @@ def posted(name: str, plan: Program, **options: Any) -> tuple[str, Program]:
 
 def named(name: str, *rows: list[float], straight: tuple[int, ...] = ()) -> list[Posture | None]:
     own = np.isin(np.arange(len(rows)), straight)
-    return postures(robot(name), np.radians(rows), own)
+    return compute_postures(find_robot(name), np.radians(rows), own)
 
 
 # -- names -----------------------------------------------------------------------------------------------------------
@@ -81,13 +81,13 @@ def test_switches_are_known_for_all_or_for_none() -> None:
 
 def test_scara_and_iterated_arms() -> None:
     cobra = np.array([[0.0, 0.5, 10.0, 0.0], [0.0, -0.5, 10.0, 3.5]])
-    found = postures(robot("Cobra s600"), cobra, np.zeros(2, bool))
+    found = compute_postures(find_robot("Cobra s600"), cobra, np.zeros(2, bool))
     assert found == [
         Posture(switches=("RIGHTY", "SINGLE")),
         Posture(switches=("LEFTY", "MULTIPLE")),
     ]
-    assert named("COBOTTA", np.degrees(robot("COBOTTA").home).tolist()) == [None]
-    assert postures(robot("mill"), np.zeros((1, 3)), np.zeros(1, bool)) == [None]
+    assert named("COBOTTA", np.degrees(find_robot("COBOTTA").home).tolist()) == [None]
+    assert compute_postures(find_robot("mill"), np.zeros((1, 3)), np.zeros(1, bool)) == [None]
 
 
 def test_a_line_that_takes_axis_6_past_half_a_turn_has_no_figure() -> None:

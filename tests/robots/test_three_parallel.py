@@ -14,11 +14,11 @@ from camgen.model.pose import (
     rotation_from_fixed_xyz,
     to_vec3,
 )
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.chain import Joint
-from camgen.robots.kinematics.arms import recognise
+from camgen.robots.kinematics.arms import recognise_arm
 from camgen.robots.kinematics.continuity import Stuck, follow
-from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.kinematics.joint_limits import compute_theta
 from camgen.robots.kinematics.reasons import Reason, explain_stuck
 from camgen.robots.kinematics.singular import measure_singularity_distance
@@ -59,8 +59,8 @@ def make_arm(table: Table) -> Robot:
         Joint(f"axis {k}", False, pose, (0.0, 0.0, 1.0)) for k, pose in enumerate(poses[:-1], 1)
     )
     limits = frozen(np.tile([-2 * math.pi, 2 * math.pi], (6, 1)))
-    arm = recognise(joints, poses[-1])
-    return replace(robot("IRB 120"), joints=joints, flange=poses[-1], limits=limits, arm=arm)
+    arm = recognise_arm(joints, poses[-1])
+    return replace(find_robot("IRB 120"), joints=joints, flange=poses[-1], limits=limits, arm=arm)
 
 
 def draw(count: int) -> FloatArray:
@@ -79,7 +79,7 @@ def test_all_branches_bring_the_flange_to_its_pose(table: Table) -> None:
     cobot, joints = make_arm(table), draw(300)
     assert cobot.kind == "three-parallel"
     poses = np.array([place(table, row) for row in joints])
-    solutions = inverse(cobot, poses[:, :3, :3], poses[:, :3, 3])
+    solutions = compute_solutions(cobot, poses[:, :3, :3], poses[:, :3, 3])
     assert solutions.shape == (300, 8, 6)
     assert np.nanmin(far(solutions, joints[:, None]), axis=1).max() < 1e-7
     for pose, branches in zip(poses, solutions, strict=True):
@@ -93,7 +93,7 @@ def test_the_place_of_a_solution_is_its_branch() -> None:
     cobot, joints = make_arm(UR5E), draw(200)
     assert isinstance(cobot.arm, ThreeParallel)
     poses = np.array([place(UR5E, row) for row in joints])
-    solutions = inverse(cobot, poses[:, :3, :3], poses[:, :3, 3])
+    solutions = compute_solutions(cobot, poses[:, :3, :3], poses[:, :3, 3])
     theta = compute_theta(cobot, cobot.arm, solutions)
     flags = 4 * (_measure_ahead(cobot.arm, theta) < 0)
     flags = flags + 2 * (np.sin(theta[..., 2]) < 0) + (np.sin(theta[..., 4]) < 0)
@@ -109,7 +109,7 @@ def test_an_arm_is_recognised_however_it_stands_and_its_axes_turn() -> None:
         for joint, sign in zip(cobot.joints, SIGNS, strict=True)
     ]
     moved[0] = replace(moved[0], previous_from_joint=base @ moved[0].previous_from_joint)
-    arm = recognise(tuple(moved), crooked)
+    arm = recognise_arm(tuple(moved), crooked)
     assert isinstance(arm, ThreeParallel)
     other = replace(cobot, joints=tuple(moved), flange=crooked, arm=arm)
     before, after = np.eye(4), np.eye(4)
@@ -117,7 +117,7 @@ def test_an_arm_is_recognised_however_it_stands_and_its_axes_turn() -> None:
         matrix[:3, :3] = rotation_from_fixed_xyz(*np.radians(values[3:]))
         matrix[:3, 3] = values[:3]
     poses = np.array([before @ place(UR10, row) @ after for row in joints])
-    solutions = inverse(other, poses[:, :3, :3], poses[:, :3, 3])
+    solutions = compute_solutions(other, poses[:, :3, :3], poses[:, :3, 3])
     assert np.nanmin(far(solutions, (joints * SIGNS)[:, None]), axis=1).max() < 1e-7
 
 
@@ -125,7 +125,7 @@ def test_where_axes_4_and_6_are_parallel_axis_6_is_kept() -> None:
     cobot = make_arm(UR5E)
     joints = np.radians([[20.0, -80, 100, -40, 0, 35]])
     pose = place(UR5E, joints[0])
-    solutions = inverse(cobot, pose[None, :3, :3], pose[None, :3, 3], joints[0])
+    solutions = compute_solutions(cobot, pose[None, :3, :3], pose[None, :3, 3], joints[0])
     assert np.nanmin(far(solutions, joints[:, None])) < 1e-6
     assert np.nanmin(measure_singularity_distance(cobot, joints)[:, 2]) < 1e-9
 
@@ -188,4 +188,4 @@ def test_a_chain_whose_axes_4_and_5_do_not_meet_is_another_arm() -> None:
     joints = list(cobot.joints)
     shifted = Pose(joints[4].previous_from_joint.rotation, (0.5, -133.3, 0.0))
     joints[4] = replace(joints[4], previous_from_joint=shifted)
-    assert recognise(tuple(joints), cobot.flange) is None
+    assert recognise_arm(tuple(joints), cobot.flange) is None

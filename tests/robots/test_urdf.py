@@ -11,14 +11,14 @@ from camgen.cli import main
 from camgen.model.errors import CamgenError, NoSafeProgram
 from camgen.pipeline import build
 from camgen.read.files import Files
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics import iterative as damped
-from camgen.robots.kinematics.arms import recognise
-from camgen.robots.kinematics.forward import flange, frames, jacobian
-from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.arms import recognise_arm
+from camgen.robots.kinematics.forward import compute_flange, compute_jacobian, compute_link_frames
+from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from camgen.robots.models import Robot
-from camgen.robots.posture import postures
+from camgen.robots.posture import compute_postures
 from camgen.robots.urdf.xml import list_urdf_files
 from tests.support.rounding import rounding_bound
 from tests.support.urdf_arms import Arm, built_in, disguised, rpy, step, tip, turn, urdf
@@ -64,11 +64,11 @@ def test_frames_limits_and_joints_are_those_of_the_text(
 ) -> None:
     """Seeds above 0: the same arm in frames that lie any way, with other zeros."""
     arm = disguised(built_in(stem), seed) if seed else built_in(stem)
-    of = robot(written(tmp_path, urdf(arm)))
+    of = find_robot(written(tmp_path, urdf(arm)))
     assert of.limits * metres(of)[:, None] == pytest.approx(np.array(arm.limits), abs=1e-12)
     assert of.speeds * metres(of) == pytest.approx(np.array(arm.speeds), abs=1e-12)
     joints = some(of, 100)
-    rotations, origins = flange(of, joints)
+    rotations, origins = compute_flange(of, joints)
     for row, values in enumerate(joints * metres(of)):
         expected = tip(arm, values)
         assert np.abs(origins[row] - 1000 * expected[:3, 3]).max() < 1e-9
@@ -76,7 +76,7 @@ def test_frames_limits_and_joints_are_those_of_the_text(
     assert of.kind == KINDS[stem]
     if of.arm is None:
         return
-    found = inverse(of, rotations, origins)
+    found = compute_solutions(of, rotations, origins)
     count = {"spherical-wrist": {4, 8}, "scara": {2}, "cartesian": {1}}[of.kind]
     assert set(np.isfinite(found[:, :, 0]).sum(axis=1).tolist()) <= count
     sliding = np.array([joint.sliding for joint in of.joints])
@@ -93,8 +93,11 @@ def test_frames_limits_and_joints_are_those_of_the_text(
 
 def test_a_built_in_robot_written_as_urdf_is_that_robot(tmp_path: Path) -> None:
     """IRB 120 by its data sheet: 374 mm ahead at 630 mm with all joints at 0, and the same home as the built-in one."""
-    of, same = robot(written(tmp_path, urdf(built_in("irb120"), "my arm"))), robot("IRB 120")
-    assert flange(of, np.zeros((1, 6)))[1][0] == pytest.approx([374, 0, 630], abs=1e-9)
+    of, same = (
+        find_robot(written(tmp_path, urdf(built_in("irb120"), "my arm"))),
+        find_robot("IRB 120"),
+    )
+    assert compute_flange(of, np.zeros((1, 6)))[1][0] == pytest.approx([374, 0, 630], abs=1e-9)
     assert of.name == "my arm"
     assert of.limits == pytest.approx(same.limits)
     assert of.home == pytest.approx(same.home)
@@ -116,11 +119,11 @@ def test_an_arm_on_a_rail_and_one_on_a_column(tmp_path: Path) -> None:
         tuple(scara.limits[k] for k in order), tuple(scara.speeds[k] for k in order), scara.flange,
     )  # fmt: skip
     for arm in (rail, column):
-        of = robot(written(tmp_path, urdf(arm)))
+        of = find_robot(written(tmp_path, urdf(arm)))
         assert of.kind == "serial"
         joints = some(of, 20)
-        rotations, origins = flange(of, joints)
-        found = inverse(of, rotations, origins)
+        rotations, origins = compute_flange(of, joints)
+        found = compute_solutions(of, rotations, origins)
         assert np.isfinite(found[:, 0, 0]).all()
         for row, way in np.argwhere(np.isfinite(found[:, :, 0])):
             reached = tip(arm, found[row, way] * metres(of))
@@ -131,13 +134,13 @@ def test_an_arm_on_a_rail_and_one_on_a_column(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("arm", [SEVEN, disguised(SEVEN, 4)], ids=["plain", "disguised"])
 def test_seven_joints_by_iteration(arm: Arm, tmp_path: Path) -> None:
-    of = robot(written(tmp_path, urdf(arm)))
+    of = find_robot(written(tmp_path, urdf(arm)))
     assert of.kind == "serial"
     joints = some(of, 20)
-    rotations, origins = flange(of, joints)
+    rotations, origins = compute_flange(of, joints)
     for row, values in enumerate(joints):
         assert np.abs(origins[row] - 1000 * tip(arm, values)[:3, 3]).max() < 1e-9
-    found = inverse(of, rotations, origins)
+    found = compute_solutions(of, rotations, origins)
     assert np.isfinite(found[:, 0, 0]).all()
     for row, column in np.argwhere(np.isfinite(found[:, :, 0])):
         reached = tip(arm, found[row, column])
@@ -146,13 +149,15 @@ def test_seven_joints_by_iteration(arm: Arm, tmp_path: Path) -> None:
 
 
 def test_the_jacobian_holds_for_axes_that_lie_any_way(tmp_path: Path) -> None:
-    of = robot(written(tmp_path, urdf(disguised(built_in("cobotta"), 7))))
+    of = find_robot(written(tmp_path, urdf(disguised(built_in("cobotta"), 7))))
     joints = some(of, 1)
-    moved, _, origin = jacobian(of, joints)
+    moved, _, origin = compute_jacobian(of, joints)
     for k in range(6):
         other = joints.copy()
         other[0, k] += 1e-6
-        assert moved[0, :3, k] == pytest.approx((flange(of, other)[1] - origin)[0] / 1e-6, abs=2e-3)
+        assert moved[0, :3, k] == pytest.approx(
+            (compute_flange(of, other)[1] - origin)[0] / 1e-6, abs=2e-3
+        )
 
 
 def cobot_by_hand(q: np.ndarray) -> np.ndarray:
@@ -169,14 +174,14 @@ def cobot_by_hand(q: np.ndarray) -> np.ndarray:
 
 
 def test_a_cobot_with_three_parallel_axes() -> None:
-    of = robot(str(COBOT))
+    of = find_robot(str(COBOT))
     assert of.kind == "three-parallel"
     assert of.convention == "The joints of the URDF, from link world to link tool0."
     joints = np.random.default_rng(0).uniform(-math.pi, math.pi, (60, 6))
-    rotations, origins = flange(of, joints)
+    rotations, origins = compute_flange(of, joints)
     for row, values in enumerate(joints):
         assert np.abs(origins[row] - 1000 * cobot_by_hand(values)[:3, 3]).max() < 1e-9
-    found = inverse(of, rotations, origins)
+    found = compute_solutions(of, rotations, origins)
     apart = np.abs(np.remainder(found - joints[:, None] + math.pi, math.tau) - math.pi).max(axis=2)
     assert np.nanmin(apart, axis=1).max() < 1e-6
     for row, column in np.argwhere(np.isfinite(found[:, :, 0])):
@@ -184,12 +189,12 @@ def test_a_cobot_with_three_parallel_axes() -> None:
 
 
 def test_what_is_assumed_is_said() -> None:
-    assert robot(str(COBOT)).notes == (
+    assert find_robot(str(COBOT)).notes == (
         "wrist_3_joint has no limits: -360 to 360 deg are assumed",
         "link finger is not part of the arm: it is left out",
         "3 rounded angles in the URDF: multiples of 90 deg are assumed",
     )
-    assert robot(str(SIX)).notes == ()
+    assert find_robot(str(SIX)).notes == ()
 
 
 @pytest.mark.parametrize(
@@ -205,7 +210,7 @@ def test_angles_rounded_from_multiples_of_90_deg(text: str, angle: float, tmp_pa
     """1.57080 has one digit more than 1.5708 and is a rounding too; 1.5718 is 0.06 deg away, and meant."""
     arm = urdf(SEVEN).replace('rpy="0 -0 0"', f'rpy="{text} 0 0"', 1)
     assert text in arm
-    of = robot(written(tmp_path, arm))
+    of = find_robot(written(tmp_path, arm))
     difference = of.joints[0].previous_from_joint.rotation - turn((1, 0, 0), angle)
     assert np.abs(difference).max() < rounding_bound(operations=10, functions=8)
 
@@ -213,7 +218,7 @@ def test_angles_rounded_from_multiples_of_90_deg(text: str, angle: float, tmp_pa
 def test_rounded_angles_leave_the_closed_form(tmp_path: Path) -> None:
     text = SIX.read_text().replace("1.57079632679", "1.5708")
     assert "1.5708" in text
-    assert robot(written(tmp_path, text)).kind == "spherical-wrist"
+    assert find_robot(written(tmp_path, text)).kind == "spherical-wrist"
 
 
 def test_rpy_turns_about_fixed_axes_and_the_axis_is_x_where_none_is_stated(tmp_path: Path) -> None:
@@ -222,7 +227,7 @@ def test_rpy_turns_about_fixed_axes_and_the_axis_is_x_where_none_is_stated(tmp_p
         '<child link="c"/><origin rpy="0.1 0.2 0.3" xyz="1 2 3"/><limit lower="-1" upper="1" velocity="2"/></joint>'
         "</robot>"
     )
-    of = robot(written(tmp_path, text))
+    of = find_robot(written(tmp_path, text))
     assert of.joints[0].previous_from_joint.origin == (1000, 2000, 3000)
     assert of.joints[0].axis == (1, 0, 0)
     # y of the child under Rz(0.3) Ry(0.2) Rx(0.1): written out.
@@ -256,20 +261,20 @@ FORK = (
 def test_the_tip_is_the_flange_the_longest_or_the_one_that_is_named(tmp_path: Path) -> None:
     fork = written(tmp_path, tree(*FORK, links="root a left right"))
     with pytest.raises(CamgenError, match="it is not clear which link is the flange: left, right"):
-        robot(fork)
-    assert robot(f"{fork}#right").joints[1].name == "j3"
-    assert robot(f"{fork}#a").convention == "The joints of the URDF, from link root to link a."
+        find_robot(fork)
+    assert find_robot(f"{fork}#right").joints[1].name == "j3"
+    assert find_robot(f"{fork}#a").convention == "The joints of the URDF, from link root to link a."
     longer = written(
         tmp_path,
         tree(*FORK, joint("j4", "left", "hand", "revolute"), links="root a left right hand"),
     )
-    of = robot(longer)
+    of = find_robot(longer)
     assert [one.name for one in of.joints] == ["j1", "j2", "j4"]
     assert "the tip is hand, farthest from root, not right" in of.notes
     flanged = written(
         tmp_path, tree(*FORK, joint("f", "right", "my_tool0"), links="root a left right my_tool0")
     )
-    assert [one.name for one in robot(flanged).joints] == ["j1", "j3"]
+    assert [one.name for one in find_robot(flanged).joints] == ["j1", "j3"]
 
 
 def test_the_controllers_base_is_the_base(tmp_path: Path) -> None:
@@ -281,15 +286,15 @@ def test_the_controllers_base_is_the_base(tmp_path: Path) -> None:
     arm = joint(
         "j1", "base_link", "tip", "revolute", more='<origin xyz="0.2 0 0.3"/><axis xyz="0 0 1"/>'
     )
-    of = robot(written(tmp_path, tree(lift, seat, arm, links="world base_link base tip")))
-    assert flange(of, np.zeros((1, 1)))[1][0] == pytest.approx([-200, 0, 200], abs=1e-9)
+    of = find_robot(written(tmp_path, tree(lift, seat, arm, links="world base_link base tip")))
+    assert compute_flange(of, np.zeros((1, 1)))[1][0] == pytest.approx([-200, 0, 200], abs=1e-9)
     assert of.convention == "The joints of the URDF, from link base to link tip."
-    of = robot(written(tmp_path, tree(lift, arm, links="world base_link tip")))
-    assert flange(of, np.zeros((1, 1)))[1][0] == pytest.approx([200, 0, 800], abs=1e-9)
+    of = find_robot(written(tmp_path, tree(lift, arm, links="world base_link tip")))
+    assert compute_flange(of, np.zeros((1, 1)))[1][0] == pytest.approx([200, 0, 800], abs=1e-9)
 
 
 def test_fixed_joints_are_folded_in_and_keep_their_boxes() -> None:
-    of = robot(str(COBOT))
+    of = find_robot(str(COBOT))
     assert [len(link.boxes) for link in of.links] == [2, 2, 2, 2, 1, 1, 3]
     gripper = of.links[6].boxes[2]
     assert gripper.link_from_box.origin == pytest.approx((0, 0, 30))
@@ -298,9 +303,9 @@ def test_fixed_joints_are_folded_in_and_keep_their_boxes() -> None:
 
 def test_home_is_not_singular() -> None:
     for name in (SIX, COBOT):
-        of = robot(str(name))
+        of = find_robot(str(name))
         assert are_within_limits(of, of.home)
-        moved = jacobian(of, of.home[None])[0][0]
+        moved = compute_jacobian(of, of.home[None])[0][0]
         moved[:3] /= of.lever
         assert np.linalg.svd(moved, compute_uv=False)[-1] > 0.05
 
@@ -310,11 +315,11 @@ def test_the_recognised_arm_is_the_chain(tmp_path: Path) -> None:
     arm = built_in("irb120")
     off = list(arm.steps)
     off[5] = off[5] @ step((0, 0, 1e-5))
-    of = robot(written(tmp_path, urdf(arm._replace(steps=tuple(off)))))
-    assert recognise(of.joints, of.flange) is None
+    of = find_robot(written(tmp_path, urdf(arm._replace(steps=tuple(off)))))
+    assert recognise_arm(of.joints, of.flange) is None
     joints = some(of, 10)
-    rotations, origins = flange(of, joints)
-    found = inverse(of, rotations, origins)
+    rotations, origins = compute_flange(of, joints)
+    found = compute_solutions(of, rotations, origins)
     apart = np.abs(np.remainder(found - joints[:, None] + math.pi, math.tau) - math.pi).max(axis=2)
     assert np.nanmin(apart, axis=1).max() < 1e-6
 
@@ -339,7 +344,7 @@ def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
     made = bracket(str(name), home)
     assert made.reach is not None
     assert made.reach.robot == name.stem
-    of = robot(str(name))
+    of = find_robot(str(name))
     assert np.all(are_within_limits(of, made.reach.joints))
     said = [str(note) for note in made.notes if name.name in note.what]
     assert said[1:] == [f"assumed: {name.name}: {note}" for note in of.notes]
@@ -359,12 +364,15 @@ def test_an_abb_arm_by_name_and_axes_gets_its_confdata(
     """The postures are those of the built-in arm. With an axis reversed it is not one of ABB's."""
     arm, rows = built_in("irb120"), np.radians([[-10, 20, 10, 100, -30, 200], [0, 0, 0, 0, 30, 0]])
     straight = np.zeros(2, dtype=np.bool_)
-    of = robot(written(tmp_path, urdf(arm, name)))
-    built = postures(robot("IRB 120"), rows, straight)
-    assert postures(of, rows, straight) == (built if is_abb else [None, None])
+    of = find_robot(written(tmp_path, urdf(arm, name)))
+    built = compute_postures(find_robot("IRB 120"), rows, straight)
+    assert compute_postures(of, rows, straight) == (built if is_abb else [None, None])
     assert any("ABB" in note for note in of.notes) == is_abb
     turned = arm._replace(axes=(*arm.axes[:3], -arm.axes[3], *arm.axes[4:]))
-    assert postures(robot(written(tmp_path, urdf(turned, name))), rows, straight) == [None, None]
+    assert compute_postures(find_robot(written(tmp_path, urdf(turned, name))), rows, straight) == [
+        None,
+        None,
+    ]
 
 
 def test_what_the_arm_cannot_reach_is_refused() -> None:
@@ -448,9 +456,9 @@ def test_camgen_robots_says_what_was_understood(capsys: pytest.CaptureFixture[st
 def test_every_link_has_its_frame(tmp_path: Path) -> None:
     """Link frames, which carry the boxes, are those of the URDF's links."""
     arm = disguised(built_in("irb120"), 2)
-    of = robot(written(tmp_path, urdf(arm)))
+    of = find_robot(written(tmp_path, urdf(arm)))
     joints = some(of, 5)
-    rotations, origins = frames(of, joints)
+    rotations, origins = compute_link_frames(of, joints)
     for row, values in enumerate(joints):
         for k in range(1, 7):
             shorter = Arm(*(column[:k] for column in arm[:5]), np.eye(4))
@@ -464,7 +472,7 @@ def test_an_arm_in_millimetres_is_refused(tmp_path: Path) -> None:
     steps = tuple(step((0, 0, z)) for z in (300, 0, 350, 0, 350, 0, 100))
     large = SEVEN._replace(steps=steps, flange=step((0, 0, 120)))
     with pytest.raises(CamgenError) as error:
-        robot(written(tmp_path, urdf(large, "large")))
+        find_robot(written(tmp_path, urdf(large, "large")))
     assert str(error.value).endswith(
         "arm.urdf: is an arm of 1220 m; lengths in mm, where URDF has metres? (origin); "
         "divide its lengths by 1000"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from camgen.collision.scene import make_scene
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 from camgen.robots.models import Box, Surface
 from camgen.robots.urdf.boxes import enclose_mesh, is_own_hull
 from camgen.robots.urdf.xml import find_mesh
@@ -52,7 +52,9 @@ def stl(vertices: np.ndarray) -> bytes:
 
 
 def boxes(name: str) -> list[tuple[list[float], list[float]]]:
-    return [(list(box.link_from_box.origin), list(box.half)) for box in robot(name).links[1].boxes]
+    return [
+        (list(box.link_from_box.origin), list(box.half)) for box in find_robot(name).links[1].boxes
+    ]
 
 
 def inside(points: np.ndarray, all_boxes: list[Box]) -> np.ndarray:
@@ -93,14 +95,14 @@ def test_simple_shapes(tmp_path: Path) -> None:
         ([0, 0, 0], [pytest.approx(50 * math.sqrt(0.5)), pytest.approx(50), pytest.approx(150)]),
         ([0, 0, 0], [pytest.approx(70)] * 3),
     ]
-    turned = robot(str(tmp_path / "arm.urdf")).links[1].boxes[0].link_from_box.rotation
+    turned = find_robot(str(tmp_path / "arm.urdf")).links[1].boxes[0].link_from_box.rotation
     rounding = rounding_bound(operations=10, functions=12)
     assert turned == pytest.approx(rpy(0, 0, math.pi / 2), abs=rounding)
 
 
 def test_two_boxes_hold_a_cylinder(tmp_path: Path) -> None:
     """All of it, and none of what is more than a quarter of the radius beside it, where one box would reach 41 %."""
-    of = robot(arm(tmp_path, shape('<cylinder radius="0.05" length="0.3"/>')))
+    of = find_robot(arm(tmp_path, shape('<cylinder radius="0.05" length="0.3"/>')))
     angles = np.linspace(0, math.tau, 721)
     circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(721)])
     found = list(of.links[1].boxes)
@@ -154,7 +156,7 @@ def test_a_mesh_that_is_missing_or_damaged_is_said(tmp_path: Path) -> None:
     (tmp_path / "body.x3d").write_text("<X3D/>")
     names = ("none.stl", "cut.stl", "body.x3d")
     text = "".join(shape(f'<mesh filename="{name}"/>') for name in names)
-    of = robot(arm(tmp_path, text))
+    of = find_robot(arm(tmp_path, text))
     assert of.links[1].boxes == ()
     assert of.links[1].unread == names
     assert of.notes[-3:] == (
@@ -212,7 +214,7 @@ def test_a_flat_mesh_has_a_thin_box() -> None:
 
 
 def test_neighbours_alone_touch() -> None:
-    of = robot(str(ROBOTS / "cobot.urdf"))
+    of = find_robot(str(ROBOTS / "cobot.urdf"))
     assert of.touching == tuple((k, k + 1) for k in range(6))
     made = make_scene(of)
     assert ("world", "forearm") in made.pairs
@@ -235,8 +237,8 @@ def test_the_mesh_to_be_seen_counts_where_the_other_is_its_hull(tmp_path: Path) 
     (tmp_path / "fork.obj").write_text(lines)
     names = {"collision": "hull.stl", "visual": "fork.obj"}
     text = "".join(shape(f'<mesh filename="{name}"/>', kind) for kind, name in names.items())
-    assert len(robot(arm(tmp_path, text)).links[1].surfaces[0].faces) == 24
+    assert len(find_robot(arm(tmp_path, text)).links[1].surfaces[0].faces) == 24
     (tmp_path / "fork.obj").unlink()
-    link = robot(arm(tmp_path, text)).links[1]
+    link = find_robot(arm(tmp_path, text)).links[1]
     assert len(link.surfaces[0].faces) == 12
     assert link.unread == ()

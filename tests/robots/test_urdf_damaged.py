@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from camgen.cli import main
 from camgen.model.errors import CamgenError
 from camgen.model.job_tables import split_name
-from camgen.robots.catalogue import robot
+from camgen.robots.catalogue import find_robot
 
 ROBOTS = Path(__file__).parents[2] / "fixtures" / "robots"
 COBOT = (ROBOTS / "cobot.urdf").read_text()
@@ -220,7 +220,7 @@ def test_a_bad_file_is_refused_in_one_line(
 def test_the_least_arm_is_one(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(ARM)
-    assert len(robot(str(file)).joints) == 1
+    assert len(find_robot(str(file)).joints) == 1
 
 
 def test_a_doctype_is_found_in_every_encoding(tmp_path: Path) -> None:
@@ -228,9 +228,9 @@ def test_a_doctype_is_found_in_every_encoding(tmp_path: Path) -> None:
     for encoding in ("utf-16", "utf-8-sig"):
         file.write_bytes(BOMB.removeprefix('<?xml version="1.0"?>').encode(encoding))
         with pytest.raises(CamgenError, match="declares a DOCTYPE"):
-            robot(str(file))
+            find_robot(str(file))
         file.write_bytes(ARM.encode(encoding))
-        assert robot(str(file)).name == "a"
+        assert find_robot(str(file)).name == "a"
 
 
 def test_what_is_no_file(tmp_path: Path) -> None:
@@ -238,17 +238,17 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         CamgenError,
         match=r"none\.urdf: no such file \(cell\.robot\); a job file names it from its own",
     ):
-        robot(str(tmp_path / "none.urdf"))
+        find_robot(str(tmp_path / "none.urdf"))
     folder = tmp_path / "folder.urdf"
     folder.mkdir()
     with pytest.raises(CamgenError, match=r"folder\.urdf: is not a file"):
-        robot(str(folder))
+        find_robot(str(folder))
     with pytest.raises(CamgenError, match="cannot be read: embedded null"):
-        robot("a\0.urdf")
+        find_robot("a\0.urdf")
     pipe = tmp_path / "pipe.urdf"
     os.mkfifo(pipe)
     with pytest.raises(CamgenError, match=r"pipe\.urdf: is not a file"):
-        robot(str(pipe))
+        find_robot(str(pipe))
 
 
 def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
@@ -258,7 +258,7 @@ def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
     with pytest.raises(
         CamgenError, match="has more than 8,000,000 bytes: no description of a robot"
     ):
-        robot(str(file))
+        find_robot(str(file))
 
 
 def test_xacro_is_refused_by_name(tmp_path: Path) -> None:
@@ -268,21 +268,21 @@ def test_xacro_is_refused_by_name(tmp_path: Path) -> None:
         CamgenError,
         match=r"is xacro, from which a URDF is made; expand it: xacro arm\.xacro > arm\.urdf",
     ):
-        robot(str(file))
+        find_robot(str(file))
 
 
 def test_an_unknown_tip_is_refused_with_those_that_are(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(ARM)
     with pytest.raises(CamgenError, match=r"there is no link gripper; there are b, c$"):
-        robot(f"{file}#gripper")
+        find_robot(f"{file}#gripper")
 
 
 def test_deep_and_wide_files_end_soon(tmp_path: Path) -> None:
     deep = tmp_path / "deep.urdf"
     deep.write_text("<robot>" + "<a>" * 200_000 + "</a>" * 200_000 + "</robot>")
     with pytest.raises(CamgenError, match="has no links"):
-        robot(str(deep))
+        find_robot(str(deep))
     names = [f"l{k}" for k in range(20_000)]
     joints = [
         f'<joint name="j{k}" type="fixed"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
@@ -296,7 +296,7 @@ def test_deep_and_wide_files_end_soon(tmp_path: Path) -> None:
         + "</robot>"
     )
     with pytest.raises(CamgenError, match="nothing moves between l0 and l19999"):
-        robot(str(long))
+        find_robot(str(long))
 
 
 @pytest.mark.parametrize("count", [13, 8])
@@ -314,7 +314,7 @@ def test_arms_with_too_many_joints_or_turns(count: int, tmp_path: Path) -> None:
         8: "its joints can make too many whole turns",
     }
     with pytest.raises(CamgenError, match=expected[count]):
-        robot(str(file))
+        find_robot(str(file))
 
 
 @given(data=st.data())
@@ -339,7 +339,7 @@ def test_damage_anywhere_is_one_line_or_an_arm(
 
 def refused(file: Path) -> str | None:
     try:
-        robot(str(file))
+        find_robot(str(file))
     except CamgenError as error:
         return str(error)
     return None

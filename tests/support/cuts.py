@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.arcs import circle
+from camgen.geometry.arcs import compute_circle
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Program
 
@@ -63,7 +63,7 @@ def cuts(program: Program) -> list[Cut]:
 def _points(here: Vec3, item: MoveJ | MoveL | MoveC, there: Vec3) -> list[Vec3]:
     if not isinstance(item, MoveC):
         return [here, there]
-    middle, radius, axis, sweep = circle(here, item.via.origin, there)
+    middle, radius, axis, sweep = compute_circle(here, item.via.origin, there)
     count = max(1, math.ceil(sweep / (2 * math.acos(1 - FINE / radius)))) if radius > FINE else 1
     arm = np.subtract(here, middle)
     side = np.cross(axis, arm)

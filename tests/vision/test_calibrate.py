@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from camgen.cli import calibrate as cli_calibrate
-from camgen.cli.say import voice
+from camgen.cli.say import make_terminal
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
 from camgen.vision.boards.corners import SeenBoard, make_chessboard
@@ -250,7 +250,7 @@ def test_from_files_to_files(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     bench = np.full((240, 320), 120, np.uint8)
     paths = written(tmp_path, (*rendered(), bench))
     arguments = options(tmp_path, paths, preview=str(tmp_path / "residuals.svg"))
-    assert cli_calibrate.run(arguments, voice(quiet=False, verbose=0)) == 0
+    assert cli_calibrate.run(arguments, make_terminal(quiet=False, verbose=0)) == 0
     said = capsys.readouterr()
     assert said.out.count("54 of 54") == 6
     assert "left out  photo6.png: chessboard 9x6 not found" in said.err
@@ -260,7 +260,7 @@ def test_from_files_to_files(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert camera.name == "camera"
     first = (tmp_path / "camera.yaml").read_bytes()
     drawn = (tmp_path / "residuals.svg").read_bytes()
-    assert cli_calibrate.run(arguments, voice(quiet=True, verbose=0)) == 0
+    assert cli_calibrate.run(arguments, make_terminal(quiet=True, verbose=0)) == 0
     assert capsys.readouterr() == ("", "")
     assert (tmp_path / "camera.yaml").read_bytes() == first
     assert (tmp_path / "residuals.svg").read_bytes() == drawn
@@ -273,7 +273,7 @@ def test_from_charuco_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         tmp_path, tuple(photo(CAMERA, drawn, p, seed=i).pixels for i, p in enumerate(places))
     )
     arguments = options(tmp_path, paths, board="7x5", marker=20.0, dictionary="5X5_100")
-    assert cli_calibrate.run(arguments, voice(quiet=False, verbose=0)) == 0
+    assert cli_calibrate.run(arguments, make_terminal(quiet=False, verbose=0)) == 0
     assert "ChArUco board 7x5, squares of 25 mm" in capsys.readouterr().err
     assert np.all(
         np.abs(four(read_camera(source(tmp_path / "camera.yaml"))) / four(CAMERA) - 1) < 0.005
@@ -317,7 +317,9 @@ def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
 )
 def test_options_that_cannot_be(tmp_path: Path, given: dict[str, object], says: str) -> None:
     with pytest.raises(JobError) as caught:
-        cli_calibrate.run(options(tmp_path, ["a.jpg"], **given), voice(quiet=True, verbose=0))
+        cli_calibrate.run(
+            options(tmp_path, ["a.jpg"], **given), make_terminal(quiet=True, verbose=0)
+        )
     assert says in str(caught.value)
     assert not (tmp_path / "camera.yaml").exists()
 
@@ -325,7 +327,7 @@ def test_options_that_cannot_be(tmp_path: Path, given: dict[str, object], says: 
 def test_no_photo_is_overwritten(tmp_path: Path) -> None:
     with pytest.raises(JobError, match="would overwrite"):
         cli_calibrate.run(
-            options(tmp_path, [str(tmp_path / "camera.yaml")]), voice(quiet=True, verbose=0)
+            options(tmp_path, [str(tmp_path / "camera.yaml")]), make_terminal(quiet=True, verbose=0)
         )
 
 

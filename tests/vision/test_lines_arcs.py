@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camgen.geometry.rings import make_rings
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.errors import InputError
 from camgen.model.part import Contour
 from camgen.vision.lines_arcs.contours import OutlineFit, make_contours
@@ -49,7 +49,7 @@ def recovered(
 
 def walked(contours: tuple[Contour, ...]) -> np.ndarray:
     """Places on the contours, at most half a pixel apart, as u + i v."""
-    points, owner = flatten(from_contours(contours), 1e-4)
+    points, owner = flatten(make_contour_segments(contours), 1e-4)
     found = []
     for k in range(len(contours)):
         a = points[owner == k] @ np.array([1, -1j])
@@ -89,14 +89,14 @@ def rms(values: np.ndarray) -> float:
 def areas(contours: tuple[Contour, ...]) -> list[float]:
     found = []
     for c in contours:
-        points, _ = flatten(from_contours([c]), 1e-4)
+        points, _ = flatten(make_contour_segments([c]), 1e-4)
         x, y = points.T
         found.append(float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2))
     return found
 
 
 def radii(contour: Contour) -> np.ndarray:
-    segments = from_contours([contour])
+    segments = make_contour_segments([contour])
     return np.asarray(segments.radius[segments.is_arc])
 
 
@@ -293,7 +293,7 @@ def test_a_view_that_is_not_mirrored_gives_the_same_directions() -> None:
 def test_fillets_are_tangential_and_corners_are_not() -> None:
     part = plate().placed(0.3, 300 + 250j)
     contours, _ = recovered(part, 500, 600)
-    segments = from_contours(contours[:1])
+    segments = make_contour_segments(contours[:1])
     half = segments.sweep / 2
     chord = (segments.end - segments.start) @ np.array([1, 1j])
     begin, end = np.angle(chord) - half, np.angle(chord) + half
@@ -324,7 +324,9 @@ def test_a_slot_is_two_lines_and_two_half_circles() -> None:
     contours, fits = recovered(part, 220, 220)
     assert fits[1].lines == 2
     assert radii(contours[1]) == pytest.approx(12.0, abs=0.08)
-    assert np.abs(from_contours(contours[1:]).sweep).sum() == pytest.approx(2 * np.pi, abs=0.01)
+    assert np.abs(make_contour_segments(contours[1:]).sweep).sum() == pytest.approx(
+        2 * np.pi, abs=0.01
+    )
 
 
 def test_arcs_of_more_than_half_a_circle_are_divided() -> None:
@@ -376,7 +378,7 @@ def test_contours_do_not_cross_themselves_however_ragged() -> None:
         assert len(contours) == len(fits)
         assert len(loops) - len(contours) == sum(note.kind == "skipped" for note in notes)
         for contour in contours:
-            points, _ = flatten(from_contours([contour]), 0.02)
+            points, _ = flatten(make_contour_segments([contour]), 0.02)
             assert shapely.is_valid(shapely.Polygon(points))
 
 

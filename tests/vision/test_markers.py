@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from camgen.cli import markers as cli_markers
-from camgen.cli.say import voice
+from camgen.cli.say import make_terminal
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import Pose, frozen
 from camgen.vision.boards.find import _detect, _measure, find
@@ -522,7 +522,7 @@ def test_the_command_writes_the_sheet(
 ) -> None:
     target = tmp_path / name
     arguments = Namespace(output=str(target), size="A3", marker=25.0)
-    assert cli_markers.run(arguments, voice(quiet=False, verbose=0)) == 0
+    assert cli_markers.run(arguments, make_terminal(quiet=False, verbose=0)) == 0
     what = make_sheet("A3", 25.0)
     assert target.read_bytes() == (draw_pdf(what) if name.endswith("pdf") else draw_svg(what))
     said = capsys.readouterr().err
@@ -533,6 +533,7 @@ def test_the_command_writes_the_sheet(
 def test_the_command_refuses_other_kinds_of_file(tmp_path: Path) -> None:
     with pytest.raises(JobError, match=r"end the name in \.pdf or \.svg"):
         cli_markers.run(
-            Namespace(output=str(tmp_path / "s.png"), size="A4", marker=20.0), voice(True, 0)
+            Namespace(output=str(tmp_path / "s.png"), size="A4", marker=20.0),
+            make_terminal(True, 0),
         )
     assert list(tmp_path.iterdir()) == []

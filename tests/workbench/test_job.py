@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from camgen.cli import main
-from camgen.cli.build import rows
+from camgen.cli.build import list_rows
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.job_tables import list_row_settings, list_settings
@@ -80,7 +80,9 @@ def asked_by_workbench(
         saved.write_text(text)
     with pytest.raises(Called) as called:
         run_request(
-            BuildRequest(1, session.inputs, post, saved, text, session.output), ignore_stages, rows
+            BuildRequest(1, session.inputs, post, saved, text, session.output),
+            ignore_stages,
+            list_rows,
         )
     return called.value
 
@@ -152,7 +154,7 @@ def test_a_program_is_that_of_the_command_line_byte_for_byte(
     outcome = run_request(
         BuildRequest(1, session.inputs, post, job, session.text, session.output),
         ignore_stages,
-        rows,
+        list_rows,
     )
     assert isinstance(outcome, Built), outcome
     job.write_text(session.text)
@@ -248,7 +250,7 @@ def usual(tmp_path: Path, post: str, *sets: str) -> dict[str, dict[str, object]]
     outcome = run_request(
         BuildRequest(1, session.inputs, post, tmp_path / "job.toml", session.text, tmp_path),
         ignore_stages,
-        rows,
+        list_rows,
     )
     assert isinstance(outcome, Built), outcome
     return outcome.usual
@@ -455,7 +457,7 @@ def test_what_a_page_knows_of_an_input(
     found = run_request(
         BuildRequest(1, session.inputs, post, session.job_file, session.text, tmp_path),
         ignore_stages,
-        rows,
+        list_rows,
     )
     assert isinstance(found, Built), found
     assert found.summary.kind == kind

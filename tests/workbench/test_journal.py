@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from camgen.cli.build import rows
+from camgen.cli.build import list_rows
 from camgen.workbench.desk import Desk, Edited
 from camgen.workbench.journal import Journal, Leftover, find_state_folder, list_leftovers
 from camgen.workbench.session import (
@@ -393,7 +393,7 @@ def with_desk(session: Session, run: Callable[[Desk], Any]) -> None:
     """Runs a coroutine with a desk in its first build."""
 
     async def main() -> None:
-        desk = Desk(session, rows, warn=print)
+        desk = Desk(session, list_rows, warn=print)
         try:
             await run(desk)
         finally:

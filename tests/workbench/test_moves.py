@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.cli import main
-from camgen.cli.build import rows
+from camgen.cli.build import list_rows
 from camgen.model.errors import JobError
 from camgen.plan import ignore_stages
 from camgen.workbench.choose import move_path, move_seam
@@ -30,7 +30,7 @@ def made(session: Session) -> Built:
     ask = BuildRequest(
         1, session.inputs, session.post, session.job_file, session.text, session.output
     )
-    outcome = run_request(ask, ignore_stages, rows)
+    outcome = run_request(ask, ignore_stages, list_rows)
     assert isinstance(outcome, Built), outcome
     return outcome
 

@@ -13,7 +13,7 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.cli import main
-from camgen.cli.build import rows
+from camgen.cli.build import list_rows
 from camgen.workbench.builder import Builder, Report, Stage, Stopped
 from camgen.workbench.perform import BuildRequest
 from tests.support.benches import Bench, open_bench, start_bench
@@ -459,7 +459,7 @@ def building(
 ) -> tuple[Builder, _Pipe, list[Report], BuildRequest]:
     """A builder that is in a stage, without a process."""
     heard: list[Report] = []
-    builder = Builder(rows, heard.append, _Clock())
+    builder = Builder(list_rows, heard.append, _Clock())
     ask, pipe = BuildRequest(1, (), "gcode", Path("part.toml"), "", Path()), _Pipe()
     monkeypatch.setattr(builder, "start", lambda: None)
     builder._link, builder._busy = pipe, ask  # type: ignore[assignment]

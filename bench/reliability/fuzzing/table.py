@@ -36,7 +36,7 @@ from camgen.read import find_reader
 from camgen.read.files import Files
 from camgen.read.job_file import load_job
 from camgen.robots.urdf import read_urdf
-from camgen.robots.workcell import equip
+from camgen.robots.workcell import equip_cell
 from camgen.vision.camera.camera import read_camera
 
 #: Processor time for an input of a few kB, s: endless loops of G-code stop after 500,000 lines.
@@ -178,14 +178,14 @@ def _read_job(data: bytes) -> object:
             make_post(find_post(name), job.post)
         except camgen.JobError as error:  # an option that this post does not have
             errors.append(str(error))
-    return [job, equip(find_post("rapid").cell(), job), *errors]
+    return [job, equip_cell(find_post("rapid").cell(), job), *errors]
 
 
 def _read_cell(data: bytes) -> object:
     text = b'[cell]\nfile = "cell.toml"\n'
     files = Files([Source(Path("job.toml"), text), Source(Path("cell.toml"), data)])
     job = load_job(Path("job.toml"), (), files)
-    return [job, equip(find_post("rapid").cell(), job)]
+    return [job, equip_cell(find_post("rapid").cell(), job)]
 
 
 @cache

@@ -9,14 +9,14 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.segments import flatten, from_contours
+from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.plan import Plan, find_operation, plan
-from camgen.plan.page import on_page
+from camgen.plan.page import place_on_page
 from camgen.plan.steps import find_boundary, find_enclosed
 
 #: mm: maximum deviation of the chords of arcs.
@@ -57,7 +57,7 @@ def expect(drawing: Part, job: Job) -> Expected:
         raise InputError(drawing.source, what, remedy=remedy)
     if find_operation(drawing, job).name in _INKED:
         return _make_ink(plan(drawing, job), job)
-    return _make_material(on_page(drawing, job))
+    return _make_material(place_on_page(drawing, job))
 
 
 def _make_material(part: Part) -> Expected:
@@ -72,7 +72,7 @@ def _make_material(part: Part) -> Expected:
 
 
 def _make_enclosed(source: str, closed: Sequence[Contour]) -> Expected:
-    rings = tuple(flatten(from_contours([contour]), _CHORD)[0] for contour in closed)
+    rings = tuple(flatten(make_contour_segments([contour]), _CHORD)[0] for contour in closed)
     names = tuple(contour.id for contour in closed)
     return Expected(source, enclose(rings), rings, names, inked=False)
 

@@ -199,7 +199,7 @@ def is_in_the_way(stretch: FloatArray, loose: shapely.Geometry, job: Job) -> boo
     return bool(shapely.distance(shapely.LineString(stretch), loose) < reach)
 
 
-def insist_on_following(job: Job, kind: str) -> None:
+def check_following(job: Job, kind: str) -> None:
     """Raises JobError for a job that follows no contours, or has several operations."""
     if job.operations:
         remedy = "give --against the job that deburrs, with an [operation] alone"
@@ -209,7 +209,7 @@ def insist_on_following(job: Job, kind: str) -> None:
         raise JobError("--rework", f"works along contours, and this job is {kind}", remedy=remedy)
 
 
-def insist_on_pose(photo: str, fit: Fit, region: shapely.Geometry) -> None:
+def check_pose(photo: str, fit: Fit, region: shapely.Geometry) -> None:
     """Raises NoSafeProgram for a part of several like sides that lies otherwise than drawn.
 
     The frame of the photo is that of the drawing if the part lies as drawn.

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from camgen.check.proof.nesting import Nesting, contour_boxes, nest
 from camgen.check.proof.pieces import BoolArray, IntArray, Pieces, drawn_pieces
 from camgen.model.job import Choice, Job, OperationTable
-from camgen.model.page import page_size
+from camgen.model.page import compute_page_size
 from camgen.model.part import Contour, Part, tabulate_contours
 from camgen.model.pose import FloatArray
 from camgen.read.colors import resolve_named
@@ -119,7 +119,7 @@ def _fit_page(part: Part, pieces: Pieces, job: Job) -> tuple[float, FloatArray]:
     if not page.size or not len(pieces):
         return 1.0, np.zeros(2)
     low, high = pieces.boxes[:, :2].min(axis=0), pieces.boxes[:, 2:].max(axis=0)
-    size = np.array(page_size(page))
+    size = np.array(compute_page_size(page))
     if page.scale == "true":
         ratio = 1.0
     elif page.scale == "fit":

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from camgen.check.stock.clear import Struck, find_holders, find_rapids, index_motions
 from camgen.check.stock.corners import Bite, find_bites
-from camgen.check.stock.design import Design, Task, design, show_stay, task_on
+from camgen.check.stock.design import Design, Task, design, make_task, show_stay
 from camgen.check.stock.fixtures import Clearance, Hit, examine
 from camgen.check.stock.gouge import Gouge, find_gouges
 from camgen.check.stock.heights import Grid, carve_grid
@@ -44,9 +44,9 @@ __all__ = [
     "Task",
     "design",
     "examine_fixtures",
+    "make_task",
     "prove",
     "show_stay",
-    "task_on",
 ]
 
 _NO_STOCK = StockTable()

@@ -15,7 +15,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.nesting import find_nesting
-from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, from_contours
+from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, make_contour_segments
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
 
@@ -98,19 +98,19 @@ class Cells(Struct, frozen=True, eq=False):
 def make_cells(contours: Sequence[Contour]) -> Cells:
     """Divide the plane by `contours`."""
     closed = [contour for contour in contours if contour.closed]
-    nesting = find_nesting(from_contours(closed), len(closed)) if closed else None
+    nesting = find_nesting(make_contour_segments(closed), len(closed)) if closed else None
     is_valid = np.zeros(0, np.bool_)
     if nesting is not None:
         is_valid = (nesting.crossed < 0) & ~nesting.empty
     if nesting is None or not is_valid.any():
         empty = np.zeros(0, dtype=np.int64)
         rings, area = np.zeros(0, object), np.zeros(0)
-        return Cells((), from_contours([]), empty, empty, rings, area, tuple(contours))
+        return Cells((), make_contour_segments([]), empty, empty, rings, area, tuple(contours))
     valid = np.flatnonzero(is_valid)
     left = [contour for contour in contours if not contour.closed]
     left += [closed[k] for k in np.flatnonzero(~is_valid).tolist()]
     kept = [closed[k] for k in valid.tolist()]
-    segments = from_contours(kept)
+    segments = make_contour_segments(kept)
     points, owner = flatten(segments, CHORD_MM)
     cell = np.full(len(closed) + 1, len(valid))
     cell[valid] = np.arange(len(valid))

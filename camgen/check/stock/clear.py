@@ -18,7 +18,7 @@ from camgen.check.stock.profile import compute_radius, is_flat
 from camgen.check.stock.sweep import QUARTER, sweep_each
 from camgen.geometry.fixtures import list_bodies
 from camgen.geometry.intersect import make_boxes
-from camgen.geometry.ragged import starts_run
+from camgen.geometry.ragged import mark_run_starts
 from camgen.geometry.segments import BoolArray, IntArray, compute_bounds, points_at
 
 #: mm: swept areas are narrowed by this on each side, since polygons deviate from arcs. Narrower
@@ -134,7 +134,7 @@ def find_in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
     position = position.reshape(-1)
     order = np.argsort(position, kind="stable")
     reached = np.where(moves.rapid, -np.inf, moves.down[:, 1])[order]
-    first = starts_run(position[order])
+    first = mark_run_starts(position[order])
     deepest = np.full(len(moves), -np.inf)
     so_far = -np.inf
     for k, (is_new, value) in enumerate(zip(first.tolist(), reached.tolist(), strict=True)):

@@ -11,8 +11,8 @@ from camgen.check.executed import allow_chords, find_transitions, pick_transitio
 from camgen.check.stock.design import Design
 from camgen.check.stock.gouge import measure_bites
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, find_depths, find_rapid
-from camgen.geometry.ragged import run_starts
-from camgen.geometry.segments import make
+from camgen.geometry.ragged import find_run_starts
+from camgen.geometry.segments import make_segments
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Vec3, to_vec3
@@ -114,7 +114,7 @@ def _measure(
             continue
         moves = _tabulate(points[new], beam[new], distance[new], number)
         bites = measure_bites(moves, cuts, design)
-        bites = np.maximum.reduceat(bites, run_starts(moves.line))
+        bites = np.maximum.reduceat(bites, find_run_starts(moves.line))
         deepest[new] = np.maximum(deepest[new], bites)
     places, lines = columns.ends[rows], columns.at[rows]
     return [
@@ -140,7 +140,7 @@ def _tabulate(curve: FloatArray, beam: FloatArray, distance: FloatArray, number:
     start, end = curve[:, :-1].reshape(-1, 3), curve[:, 1:].reshape(-1, 3)
     corner = np.repeat(np.arange(len(curve)), count)
     total = len(corner)
-    plane = make(start[:, :2], end[:, :2], np.zeros(total), np.arange(total))
+    plane = make_segments(start[:, :2], end[:, :2], np.zeros(total), np.arange(total))
     depth = np.column_stack([-start[:, 2], -end[:, 2]])
     through = beam[corner][:, None]
     depth = np.where(np.isnan(through), depth, through)

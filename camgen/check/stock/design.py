@@ -20,13 +20,13 @@ from camgen.geometry.segments import (
     Segments,
     compute_bounds,
     flatten,
-    from_contours,
+    make_contour_segments,
 )
 from camgen.model.job import Job, StockTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import BESIDE_WORKED_MM
-from camgen.plan.recover import recover
+from camgen.plan.recover import recover_arcs
 
 #: A contour is a circle if it deviates from one by at most this, mm, or this fraction of its
 #: radius; the same as for drilling.
@@ -53,7 +53,7 @@ class Task(Struct, frozen=True, eq=False):
     bounds: frozenset[str] | None = None
 
 
-def task_on(part: Part, job: Job, operation_part: Part) -> Task:
+def make_task(part: Part, job: Job, operation_part: Part) -> Task:
     """Make the task of one of several operations on `part`.
 
     operation_part: the part for this operation, with the contours that bound its material.
@@ -250,7 +250,7 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
     untaken: polygons of material that paths would remove which are left out; None: no such paths.
     """
     first = tasks[0]
-    contours, _ = recover(first.part.contours, first.job.tolerance.arc_fit)
+    contours, _ = recover_arcs(first.part.contours, first.job.tolerance.arc_fit)
     inner = tuple(
         contour for contour in contours if not stock.layer or contour.layer != stock.layer
     )
@@ -323,14 +323,14 @@ def _select_worked(contours: Sequence[Contour], task: Task) -> list[Contour]:
 
 
 def _make_polygons(closed: Sequence[Contour]) -> Any:
-    points, owner = flatten(from_contours(closed), CHORD_MM)
+    points, owner = flatten(make_contour_segments(closed), CHORD_MM)
     return shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
 
 
 def _name_crossed(closed: Sequence[Contour]) -> set[str]:
     if not closed:
         return set()
-    crossed = find_nesting(from_contours(closed), len(closed)).crossed >= 0
+    crossed = find_nesting(make_contour_segments(closed), len(closed)).crossed >= 0
     return {closed[k].id for k in np.flatnonzero(crossed).tolist()}
 
 
@@ -343,7 +343,7 @@ def _make_outline(contours: Sequence[Contour], stock: StockTable) -> Any:
             return shapely.union_all(_make_polygons(drawn))
     if not contours:
         return shapely.box(-1e6, -1e6, 1e6, 1e6)
-    boxes = compute_bounds(from_contours(contours))
+    boxes = compute_bounds(make_contour_segments(contours))
     low, high = boxes[:, :2].min(axis=0) - stock.margin, boxes[:, 2:].max(axis=0) + stock.margin
     return shapely.box(*low, *high)
 
@@ -474,7 +474,7 @@ def _follow_one_side(draft: _Draft, task: Task, worked: Sequence[Contour]) -> No
     far = radius + max(operation.lead_in, operation.lead_out, draft.aside) + operation.finish
     _add_waste(draft, task, worked)
     for contour in worked:
-        segments = from_contours([contour])
+        segments = make_contour_segments([contour])
         lines = Lines(segments, _get_depth(task), task.job.tool.diameter, (radius, far), side)
         draft.lines.append(lines)
 
@@ -582,7 +582,9 @@ def _is_round(cells: Cells, loop: int) -> bool:
 def _trace(draft: _Draft, task: Task, _number: int, worked: Sequence[Contour]) -> None:
     _add_waste(draft, task, worked)
     if worked:
-        draft.lines.append(Lines(from_contours(worked), _get_depth(task), task.job.tool.diameter))
+        draft.lines.append(
+            Lines(make_contour_segments(worked), _get_depth(task), task.job.tool.diameter)
+        )
 
 
 def _fill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
@@ -590,7 +592,7 @@ def _fill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> 
     _pocket(draft, task, number, worked)
     radius = task.job.tool.radius
     if worked:
-        lines = from_contours(worked)
+        lines = make_contour_segments(worked)
         draft.lines.append(Lines(lines, _get_depth(task), task.job.tool.diameter, (0.0, radius)))
 
 

@@ -24,9 +24,9 @@ from camgen.geometry.segments import (
     IntArray,
     Segments,
     compute_bounds,
-    make,
+    make_segments,
     points_at,
-    split,
+    split_segments,
 )
 from camgen.model.pose import FloatArray
 
@@ -155,7 +155,7 @@ def _list_walls(outline: Any) -> Segments:
     start = np.concatenate([ring[:-1] for ring in rings])
     end = np.concatenate([ring[1:] for ring in rings])
     count = len(start)
-    return make(start, end, np.zeros(count), np.arange(count))
+    return make_segments(start, end, np.zeros(count), np.arange(count))
 
 
 def _measure_around(boxes: FloatArray, outline: tuple[float, float, float, float]) -> FloatArray:
@@ -174,7 +174,7 @@ def _take(case: _Case, which: IntArray, height: FloatArray, below: bool) -> _Por
     with np.errstate(invalid="ignore", divide="ignore"):
         at = np.clip((height - first) / (last - first), 0.0, 1.0)
     low, high = np.where(first < height, 0.0, at), np.where(last < height, 1.0, at)
-    plane = split(case.moves.plane, case.rows[which], low, high)
+    plane = split_segments(case.moves.plane, case.rows[which], low, high)
     return _Portions(which, low, high, plane)
 
 

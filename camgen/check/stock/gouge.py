@@ -29,7 +29,7 @@ from camgen.geometry.segments import (
     Segments,
     compute_bounds,
     flatten,
-    make,
+    make_segments,
     points_at,
     tangents_at,
 )
@@ -201,7 +201,7 @@ def _are_near_at_ends(
     ends = deep.high[rows] == 1.0, deep.plane.end
     for is_end, points in (starts, ends):
         at_rows = points[rows]
-        tips = make(at_rows, at_rows, np.zeros(len(rows)), rows)
+        tips = make_segments(at_rows, at_rows, np.zeros(len(rows)), rows)
         gap, _ = _compare_with_walls(tips, stays, float(radius.max()), row_allowed)
         is_near |= is_end & (gap < radius[rows] - TOLERANCE_MM)
     return is_near

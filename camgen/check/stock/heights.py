@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import compute_full_height, compute_radius
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import IntArray, points_at
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
@@ -75,8 +75,8 @@ def _stamp(
 ) -> None:
     """Cut `depth` to the shape of the tool at steps of one cell along every motion."""
     count = np.maximum(np.ceil(moves.plane.length[rows] / pitch), 1).astype(np.int64) + 1
-    which = owners(count)
-    fraction = ramp(count) / np.maximum(count - 1, 1)[which]
+    which = list_owners(count)
+    fraction = number_rows(count) / np.maximum(count - 1, 1)[which]
     points = points_at(moves.plane.take(rows[which]), fraction)
     first, last = moves.down[rows[which]].T
     tip = first + fraction * (last - first)

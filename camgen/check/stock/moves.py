@@ -10,8 +10,8 @@ from msgspec import Struct
 
 from camgen.check.stock.profile import BEAMS, is_flat
 from camgen.geometry.arcs import make_spans
-from camgen.geometry.ragged import owners, ramp
-from camgen.geometry.segments import BoolArray, IntArray, Segments, make, split
+from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.segments import BoolArray, IntArray, Segments, make_segments, split_segments
 from camgen.model.job import ToolTable
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, Output
@@ -136,7 +136,7 @@ class Moves(Struct, frozen=True, eq=False, dict=True):
         with np.errstate(invalid="ignore", divide="ignore"):
             at = np.clip((depth - first) / (last - first), 0.0, 1.0)
         low, high = np.where(first > depth, 0.0, at), np.where(last > depth, 1.0, at)
-        return Portions(rows, low, high, split(self.plane, rows, low, high))
+        return Portions(rows, low, high, split_segments(self.plane, rows, low, high))
 
 
 class Portions(Struct, frozen=True, eq=False):
@@ -177,7 +177,7 @@ def _join(tables: list[Moves]) -> Moves:
     start, end, low = joined["start"], joined["end"], joined["down"].min(axis=1, initial=np.inf)
     return Moves(
         **joined,
-        plane=make(start[:, :2], end[:, :2], bulge, np.arange(len(bulge))),
+        plane=make_segments(start[:, :2], end[:, :2], bulge, np.arange(len(bulge))),
         stroke=np.cumsum(joined["rapid"] | (low <= TOLERANCE_MM)),
         tilted=sum(table.tilted for table in tables),
         lost=sum(table.lost for table in tables),
@@ -204,7 +204,7 @@ def _tabulate_cut(cut: Cut, number: int, before: FloatArray) -> Moves:
     with np.errstate(invalid="ignore"):
         part = np.where(np.isfinite(first) & np.isfinite(last), last - first, 0.0)
     down = np.column_stack([first + part * low, first + part * high])
-    plane = make(start[:, :2], end[:, :2], bulge, np.arange(len(row)))
+    plane = make_segments(start[:, :2], end[:, :2], bulge, np.arange(len(row)))
     lines = (plane.bulge == 0) & (plane.length > 0)
     return Moves(
         start=start,
@@ -294,7 +294,7 @@ def _divide(
         fall = np.ceil(np.abs(end[:, 2] - start[:, 2]) / _STEP_MM).astype(np.int64)
         upright = np.hypot(*(end - start)[:, :2].T) <= TOLERANCE_MM / 5
         count = np.where(upright, count, np.maximum(count, np.minimum(fall, _MAX_PIECES)))
-    which, index = owners(count), ramp(count)
+    which, index = list_owners(count), number_rows(count)
     low, high = index / count[which], (index + 1) / count[which]
     divided = count[which] > 1
     first, last = start[which], end[which]

@@ -20,7 +20,7 @@ from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import is_flat
 from camgen.check.stock.sweep import QUARTER, merge_shapes, select_distinct, sweep
 from camgen.geometry.intersect import measure_nearest
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import points_at
 
 #: mm: depths that differ by less are one.
@@ -190,7 +190,7 @@ def _find_cleared_kerfs(
     segments = segments.take(radius[segments.owner] > 0)
     step = np.sqrt(8 * _TOUCH_MM * radius[segments.owner])
     count = np.maximum(np.ceil(segments.length / step), 1).astype(np.int64)
-    which, share = owners(count), ramp(count) / np.maximum(count, 1)[owners(count)]
+    which, share = list_owners(count), number_rows(count) / np.maximum(count, 1)[list_owners(count)]
     points = points_at(segments.take(which), share)
     touched = np.zeros(len(points), dtype=np.bool_)
     for number, cut in enumerate(cuts):

@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, find_depths, find_rapid
 from camgen.check.stock.profile import BEAMS
-from camgen.geometry.ragged import run_starts
+from camgen.geometry.ragged import find_run_starts
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Vec3, to_vec3
 from camgen.model.program import Columns, Output
@@ -109,7 +109,7 @@ def _find_faults(cut: Cut, number: int, columns: Columns, speeds: FloatArray) ->
     kinds = np.select(faults, [1, 2, 3], 0)
     states: tuple[State, ...] = ("at rest", "to the left", "too fast")
     ends, wrong = columns.ends, []
-    for row in run_starts(kinds).tolist():
+    for row in find_run_starts(kinds).tolist():
         if kinds[row]:
             line, place = int(cut.lines[columns.at[row]]), to_vec3(ends[row])
             state, speed = states[kinds[row] - 1], abs(float(speeds[row]))

@@ -12,8 +12,8 @@ import shapely
 from camgen.check.stock.cells import CHORD_MM, Shapes
 from camgen.check.stock.moves import Cut, Moves, Portions
 from camgen.check.stock.profile import compute_radius
-from camgen.geometry.ragged import run_lengths, starts_run
-from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, make
+from camgen.geometry.ragged import mark_run_starts, measure_runs
+from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, make_segments
 from camgen.model.pose import FloatArray
 
 #: mm: maximum deviation of the chords around a swept area.
@@ -116,7 +116,7 @@ def _number_chains(moves: Moves, portions: Portions, radius: FloatArray) -> IntA
 
 def _are_new(plane: Segments, chain: IntArray, radius: FloatArray, seen: set[bytes]) -> BoolArray:
     keys = np.round(np.column_stack([plane.start, plane.end, plane.bulge, radius]), 6) + 0.0
-    ends = np.cumsum(run_lengths(chain)).tolist()
+    ends = np.cumsum(measure_runs(chain)).tolist()
     fresh = np.zeros(len(ends), dtype=np.bool_)
     for number, (first, last) in enumerate(pairwise([0, *ends])):
         key = keys[first:last].tobytes()
@@ -128,9 +128,9 @@ def _are_new(plane: Segments, chain: IntArray, radius: FloatArray, seen: set[byt
 def _make_lines(plane: Segments, chain: IntArray, radius: FloatArray) -> tuple[Shapes, FloatArray]:
     if not len(chain):
         return np.zeros(0, object), np.zeros(0)
-    chain = np.cumsum(starts_run(chain)) - 1
-    points, owner = flatten(make(plane.start, plane.end, plane.bulge, chain), 2 * CHORD_MM)
-    last = np.cumsum(run_lengths(chain)) - 1
+    chain = np.cumsum(mark_run_starts(chain)) - 1
+    points, owner = flatten(make_segments(plane.start, plane.end, plane.bulge, chain), 2 * CHORD_MM)
+    last = np.cumsum(measure_runs(chain)) - 1
     points, owner = np.concatenate([points, plane.end[last]]), np.concatenate([owner, chain[last]])
     order = np.argsort(owner, kind="stable")
     lines = shapely.linestrings(np.round(points[order], 6), indices=owner[order])

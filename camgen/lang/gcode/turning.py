@@ -16,7 +16,7 @@ from itertools import pairwise
 
 from msgspec import Struct
 
-from camgen.geometry.arcs import circle, turn_about
+from camgen.geometry.arcs import compute_circle, turn_about
 from camgen.lang.gcode.compensation import OffsetPath
 from camgen.lang.gcode.drilling import speed_of
 from camgen.lang.gcode.machine import Machine
@@ -188,7 +188,7 @@ def _list_points(profile: Sequence[Item], start: Vec3) -> Iterator[tuple[float, 
     for k, item in enumerate(profile):
         end = item.target.origin  # type: ignore[union-attr]  # G-code has no joint values
         if isinstance(item, MoveC):
-            centre, _, axis, sweep = circle(start, item.via.origin, end)
+            centre, _, axis, sweep = compute_circle(start, item.via.origin, end)
             x, y, z = (a - b for a, b in zip(start, centre, strict=True))
             count = max(2, math.ceil(sweep / _STEP))
             for step in range(1, count):

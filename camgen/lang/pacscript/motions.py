@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from camgen.geometry.arcs import circle, turn_about
+from camgen.geometry.arcs import compute_circle, turn_about
 from camgen.lang.pacscript.effects import OMITTED_OPTIONS
 from camgen.lang.pacscript.evaluate import fit
 from camgen.lang.pacscript.expressions import Node, parse
@@ -308,7 +308,7 @@ def arc(
         machine.go(True, goal, speed, blend, at_once)
         return
     try:
-        center, _, axis, sweep = circle(start.origin, via.origin, end.origin)
+        center, _, axis, sweep = compute_circle(start.origin, via.origin, end.origin)
     except ValueError:
         machine.log.find("refused", "the three points of the arc are on one line")
         machine.current_pose = keep_frame(Pose(end.rotation, end.origin), end)

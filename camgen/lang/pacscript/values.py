@@ -15,7 +15,7 @@ from camgen.model.pose import (
     FloatArray,
     Pose,
     Vec3,
-    fixed_xyz,
+    compute_fixed_xyz,
     frozen,
     rotation_from_fixed_xyz,
 )
@@ -231,7 +231,7 @@ def with_figure(place: Pose, figure: int) -> Pose:
 
 def components(place: Pose) -> list[float]:
     """Return x, y, z in mm and rx, ry, rz in degrees."""
-    return [*place.origin, *map(math.degrees, fixed_xyz(place.rotation))]
+    return [*place.origin, *map(math.degrees, compute_fixed_xyz(place.rotation))]
 
 
 def number(value: Value, what: str = "a number") -> float:

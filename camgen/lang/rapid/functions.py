@@ -15,9 +15,9 @@ from camgen.lang.values import Unknown
 from camgen.model.pose import (
     IDENTITY,
     Pose,
-    fixed_xyz,
+    compute_fixed_xyz,
+    compute_quaternion,
     frozen,
-    quaternion,
     rotation_about,
     rotation_from_quaternion,
     to_vec3,
@@ -181,7 +181,7 @@ def _orient_zyx(z: float, y: float, x: float) -> Value:
         @ rotation_about(1, math.radians(y))
         @ rotation_about(0, math.radians(x))
     )
-    return quaternion(frozen(matrix))
+    return compute_quaternion(frozen(matrix))
 
 
 def _euler(machine: Machine, call: Calling) -> Value:
@@ -198,7 +198,7 @@ def _euler(machine: Machine, call: Calling) -> Value:
         or not any(turn)
     ):
         raise machine.wrong("EulerZYX has \\X, \\Y or \\Z, and an orientation")
-    return math.degrees(fixed_xyz(rotation_from_quaternion(turn))["xyz".index(names[0])])
+    return math.degrees(compute_fixed_xyz(rotation_from_quaternion(turn))["xyz".index(names[0])])
 
 
 def _normalise(turn: Value) -> Value:

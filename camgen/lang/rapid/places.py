@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from camgen.lang.programs import Frames, carry_pose
 from camgen.lang.values import Unknown
-from camgen.model.pose import Pose, quaternion, rotation_from_quaternion, translation
+from camgen.model.pose import Pose, compute_quaternion, rotation_from_quaternion, translation
 
 from .machine import Machine
 from .tree import Calling, Expr, Ref
@@ -38,7 +38,7 @@ def pose_of(machine: Machine, value: Value) -> Pose:
 
 def say_pose(pose: Pose) -> Value:
     """A frame as position and quaternion, mm."""
-    return (tuple(map(float, pose.origin)), quaternion(pose.rotation))
+    return (tuple(map(float, pose.origin)), compute_quaternion(pose.rotation))
 
 
 # Tools and work objects ---------------------------------------------------------------------

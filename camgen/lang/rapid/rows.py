@@ -17,7 +17,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import begins, offsets, ramp
+from camgen.geometry.ragged import compute_first_rows, compute_offsets, number_rows
 from camgen.lang.columns import find_distinct, read_numbers
 from camgen.model.pose import FloatArray, to_vec3
 from camgen.model.program import Indices, Mask
@@ -344,7 +344,7 @@ class Rows:
         counts = 1 + self._of_gaps([len(gap.whole) for gap in spellings.gaps])[last]
         self._shape_of, self._is_free = shape, is_free
         self._stop: list[int] = stops[np.searchsorted(stops, np.arange(len(last)))].tolist()
-        self._row: list[int] = begins(counts).tolist()
+        self._row: list[int] = compute_first_rows(counts).tolist()
         self.columns = self._make_columns(shape, counts, line[first], last, line[last])
 
     def _of_gaps(self, values: Sequence[int], other: int = 0) -> Indices:
@@ -412,11 +412,11 @@ class Rows:
         line, last_line: (S,) lines of the first and of the last point.
         """
         gaps = self.spellings.gaps
-        statement, rank = np.repeat(np.arange(len(last)), counts), ramp(counts)
+        statement, rank = np.repeat(np.arange(len(last)), counts), number_rows(counts)
         shape, line = shape[statement], line[statement]
         statements = chain.from_iterable(gap.whole for gap in gaps)
         whole = np.array(list(statements), np.intp).reshape(-1, 2)
-        before = offsets([len(gap.whole) for gap in gaps])
+        before = compute_offsets([len(gap.whole) for gap in gaps])
         others = np.flatnonzero(rank)
         owner = statement[others]
         number, lines = whole[before[self._gaps[last[owner]]] + rank[others] - 1].T

@@ -10,8 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from camgen.geometry.arcs import circle, turn_about
-from camgen.geometry.vectors import cross, dots, lengths
+from camgen.geometry.arcs import compute_circle, turn_about
+from camgen.geometry.vectors import cross, measure_lengths, multiply_rows
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
 
@@ -61,10 +61,13 @@ def is_usual_arc(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArr
     """(N,) whether arcs through three points (N, 3), mm, certainly have no fault or remark."""
     sides = [via - start, end - via, end - start]
     to_via, to_end, chord = sides
-    area = lengths(cross(to_via, chord))
-    first, last = np.arctan2(area, dots(to_via, chord)), np.arctan2(area, dots(to_end, chord))
+    area = measure_lengths(cross(to_via, chord))
+    first, last = (
+        np.arctan2(area, multiply_rows(to_via, chord)),
+        np.arctan2(area, multiply_rows(to_end, chord)),
+    )
     smaller = np.minimum(first, last)
-    shortest_squared = np.minimum.reduce([dots(side, side) for side in sides])
+    shortest_squared = np.minimum.reduce([multiply_rows(side, side) for side in sides])
     is_usual = (smaller > _LEAST_ANGLE + _SURE) & (2 * (first + last) < _WIDEST - _SURE)
     is_usual &= shortest_squared > (_CLOSEST + _SURE) ** 2
     return np.asarray(is_usual & (smaller > _SHORTER * (first + last) + _SURE))
@@ -150,7 +153,7 @@ def split_at_circle_point(start: Pose, via: Pose, target: Pose) -> list[Pose]:
 
     The tool turns evenly from the start to the circle point, and from there to the end.
     """
-    centre, _, axis, sweep = circle(start.origin, via.origin, target.origin)
+    centre, _, axis, sweep = compute_circle(start.origin, via.origin, target.origin)
     arms = [_minus(pose.origin, centre) for pose in (start, via)]
     sine, cosine = _dot(_cross(arms[0], arms[1]), axis), _dot(arms[0], arms[1])
     first = math.atan2(sine, cosine) % (2 * math.pi)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from camgen.lang.log import Log
 from camgen.lang.programs import Ask
-from camgen.model.pose import Pose, translation, zyz
+from camgen.model.pose import Pose, compute_zyz, translation
 from camgen.model.program import Instruction, Joints, Output, Stop, Wait
 
 from . import words
@@ -506,7 +506,7 @@ class Robot(ExternalState):
             self.log.assume(f"the values of {describe(target)} are taken for 0")
             return [None] * 6
         pose = target.in_base()
-        yaw, pitch, roll = (math.degrees(v) + 0.0 for v in zyz(pose.rotation))
+        yaw, pitch, roll = (math.degrees(v) + 0.0 for v in compute_zyz(pose.rotation))
         return [*pose.origin, yaw, pitch, roll]
 
 

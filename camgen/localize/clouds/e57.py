@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from camgen.localize.clouds.cloud import AGAIN, FileCloud, StationScan, join_scans
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError, make_one_line
 from camgen.model.pose import FloatArray
 
 _PLACES = ("cartesianX", "cartesianY", "cartesianZ")
@@ -40,7 +40,7 @@ def read_e57(name: str, data: bytes) -> FileCloud:
                 limit = 8 * len(data) // _LEAST_BITS
                 scans = [_read_scan(file, index, limit) for index in range(file.scan_count)]
         except (pye57.libe57.E57Exception, ValueError, OSError) as error:
-            why = one_line(str(error).partition("\n")[0])[:100].strip()
+            why = make_one_line(str(error).partition("\n")[0])[:100].strip()
             raise InputError(name, f"is damaged or not an E57 file: {why}", remedy=AGAIN) from error
     if not scans:
         raise InputError(name, "has no scan", remedy=AGAIN)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from camgen.localize.clouds.cloud import AGAIN, FileCloud
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError, make_one_line
 from camgen.model.part import Note
 from camgen.model.text import counted
 from camgen.read.units import MM
@@ -54,7 +54,7 @@ def read_las(name: str, data: bytes) -> FileCloud:
             points = np.column_stack([cloud.x, cloud.y, cloud.z]).astype(np.float64)
             withheld = np.asarray(cloud.withheld, bool)
     except (laspy.LaspyException, struct.error, *_STUMBLES) as error:
-        why = one_line(str(error))[:100].strip() or type(error).__name__
+        why = make_one_line(str(error))[:100].strip() or type(error).__name__
         raise InputError(name, f"is damaged or not a LAS file: {why}", remedy=AGAIN) from error
     notes = []
     if withheld.any():

@@ -21,7 +21,7 @@ from camgen.localize.clouds.cloud import (
     join_scans,
     parse_numbers,
 )
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError, make_one_line
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
@@ -97,7 +97,8 @@ def _read_head(name: str, lines: Sequence[str], begin: int) -> list[list[float]]
             numbers_there = counted(wanted, "number")
             raise InputError(
                 name,
-                f"{one_line(line[:40])!r} is not in the head of a scan: that has {numbers_there}",
+                f"{make_one_line(line[:40])!r} is not in the head of a scan: "
+                f"that has {numbers_there}",
                 f"line {begin + k + 1}",
                 AGAIN,
             )
@@ -126,7 +127,7 @@ def _read_points(name: str, lines: Sequence[str], first: int) -> FloatArray:
         except ValueError as error:
             raise InputError(
                 name,
-                f"{one_line(line[:40])!r} is not a point",
+                f"{make_one_line(line[:40])!r} is not a point",
                 f"line {number}",
                 "a line is x y z intensity",
             ) from error

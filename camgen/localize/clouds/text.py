@@ -18,7 +18,7 @@ from msgspec.structs import replace
 
 from camgen.localize.clouds.cloud import AGAIN, FileCloud
 from camgen.localize.clouds.columns import Columns, find_columns, find_unit
-from camgen.model.errors import AmbiguousInput, InputError, one_line
+from camgen.model.errors import AmbiguousInput, InputError, make_one_line
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
@@ -193,7 +193,7 @@ def _read_head(name: str, head: Sequence[str], rows: _Rows) -> tuple[Columns | N
         text = _COMMENT.sub("", line, count=1).strip()
         if not text or text.isdecimal():
             continue
-        where = f"line {number}, {one_line(text[:40])!r}"
+        where = f"line {number}, {make_one_line(text[:40])!r}"
         columns = _name_columns(name, text, where, rows)
         if columns is not None:
             return _state_unit(name, columns, head[number:], rows), _note_names(columns)
@@ -267,7 +267,7 @@ def _state_unit(name: str, columns: Columns, below: Sequence[str], rows: _Rows) 
 def _note_names(columns: Columns) -> list[Note]:
     if not columns.compass:
         return []
-    names = ", ".join(one_line(word.strip(" \"'")) for word in columns.names)
+    names = ", ".join(make_one_line(word.strip(" \"'")) for word in columns.names)
     return [Note("assumed", f"the columns {names} are x, y and z", "so its head names them")]
 
 
@@ -323,7 +323,7 @@ def _explain_fault(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
             if k < len(words) and _NUMBER.fullmatch(words[k].strip()):
                 numbers.append(words[k])
         if len(numbers) < 3:
-            text = one_line(line[:40])
+            text = make_one_line(line[:40])
             return InputError(name, f"{text!r} is not a point", where, "a line is x y z")
         for mark in ",.":
             if mark in "".join(numbers):
@@ -351,7 +351,7 @@ def _check_first_column(name: str, rows: _Rows, points: FloatArray) -> None:
         raise AmbiguousInput(
             name,
             "the first column may be a number of the point, and not x",
-            f"line {rows.numbers[0]}, {one_line(rows.lines[0][:40])!r}",
+            f"line {rows.numbers[0]}, {make_one_line(rows.lines[0][:40])!r}",
             _NAMING,
         )
 
@@ -365,7 +365,7 @@ def _check_commas(name: str, rows: _Rows, points: FloatArray) -> None:
         return
     raise AmbiguousInput(
         name,
-        f"the commas of {one_line(rows.lines[0][:40])!r} may be decimal ones",
+        f"the commas of {make_one_line(rows.lines[0][:40])!r} may be decimal ones",
         f"line {rows.numbers[0]}",
         "put semicolons between the columns, or name them in a first line",
     )

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.collision.cell import make_surroundings
+from camgen.collision.cell import make_cell_scene
 from camgen.model.job import Job
 from camgen.model.part import IntArray, Note
 from camgen.model.path import ToolPath, Tour
@@ -146,7 +146,7 @@ def _report_to(watch: Watch) -> OnProgress:
     return lambda message: watch(f"ordering, {message}")
 
 
-def order_with_turns(
+def order_with_rolls(
     request: TourRequest, job: Job, cell: Workcell, watch: Watch, prove: bool = True
 ) -> ArmTour:
     """The tour with the rolls of the tool and the postures chosen together with the order.
@@ -279,7 +279,7 @@ def _prepare(
     arm = cell.arm
     assert arm is not None
     # The search tests for collisions without the margin, which has a test of its own.
-    with_margin = make_surroundings(job, cell, None)
+    with_margin = make_cell_scene(job, cell, None)
     scene = replace(with_margin, margin=0.0)
     setup = replace(make_setup(arm, cell, scene), clear=make_clear_test(scene.scene))
     seams = job.tour.seam == "any" and not request.fixed and arm.arm is not None

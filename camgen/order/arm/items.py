@@ -12,16 +12,20 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import chain
-from camgen.geometry.ragged import offsets, owners
-from camgen.geometry.rotations import find_sideways, from_axes, turned_about_z
+from camgen.geometry.arcs import make_span_chain
+from camgen.geometry.ragged import compute_offsets, list_owners
+from camgen.geometry.rotations import (
+    find_sideways,
+    make_rotations_about_z,
+    make_rotations_from_axes,
+)
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.motion.search import find_solutions
 from camgen.motion.setup import MARGIN, Setup, compute_flange_poses
 from camgen.plan.pieces import lengths_along
-from camgen.robots.kinematics.inverse import find_nearest, inverse
+from camgen.robots.kinematics.inverse import compute_solutions, find_nearest
 from camgen.robots.kinematics.joint_limits import (
     are_turned_within_limits,
     are_within_limits,
@@ -109,7 +113,7 @@ def sample_path(path: ToolPath, clearance: float, seams: bool) -> Item:
     before = np.concatenate([np.arange(-1, count + 1), 1 + gates[1:]])
     samples = lowest[rows]
     samples[above] = (position + lift)[rows[above]]
-    nominal = from_axes(axis, find_sideways(axis))[rows]
+    nominal = make_rotations_from_axes(axis, find_sideways(axis))[rows]
     reversible = path.reversible and not closed and count > 0
     return Item(samples, nominal, before, above, along[gates], closed, reversible)
 
@@ -124,7 +128,7 @@ def _interpolate(
     whole = length[segment + 1] - length[segment]
     part = np.divide(along - length[segment], whole, out=np.zeros(len(along)), where=whole > 0)
     axis = path.axis[segment] + part[:, None] * (path.axis[segment + 1] - path.axis[segment])
-    position = chain(path.position, path.via[1:]).point(part, segment)
+    position = make_span_chain(path.position, path.via[1:]).point(part, segment)
     return position, axis / np.linalg.norm(axis, axis=1)[:, None]
 
 
@@ -201,13 +205,13 @@ def find_states(
     around: (M, C) as `Grid.moves`, for arms whose joint values are followed from sample to sample.
     """
     robot, turn_counts = setup.robot, list_turn_counts(setup.robot)
-    rolled = turned_about_z(angles)
+    rolled = make_rotations_about_z(angles)
     results: list[States] = []
     for group in _group(items, len(angles)):
         position = np.concatenate([item.position for item in group])
         rotation = np.concatenate([item.rotation for item in group])[:, None] @ rolled
         goal = compute_flange_poses(setup, position[:, None], rotation)
-        ends = offsets([len(item) for item in group])
+        ends = compute_offsets([len(item) for item in group])
         # Without a closed form the joint values of a sample depend on those before it on its path.
         if robot.arm:
             joints = np.split(find_solutions(robot, *goal, around), ends[1:-1])
@@ -293,14 +297,18 @@ def compute_state_joints(
     near: (E, J) joint values; for an arm without a closed form those above the first gate.
     """
     robot = setup.robot
-    first = offsets([len(item) for item in items])
-    owner = owners(np.diff(first))
-    rotation = np.concatenate([item.rotation for item in items]) @ turned_about_z(roll)[owner]
+    first = compute_offsets([len(item) for item in items])
+    owner = list_owners(np.diff(first))
+    rotation = (
+        np.concatenate([item.rotation for item in items]) @ make_rotations_about_z(roll)[owner]
+    )
     goal = compute_flange_poses(setup, np.concatenate([item.position for item in items]), rotation)
     if robot.arm is None:
         solutions = _follow(robot, goal, items, first, near)
     else:
-        solutions = inverse(robot, *goal, robot.home)[np.arange(len(owner)), branch[owner]]
+        solutions = compute_solutions(robot, *goal, robot.home)[
+            np.arange(len(owner)), branch[owner]
+        ]
     unwound, steady = _unwind(robot, items, solutions, first)
     at_gates = [item.gates[g] for item, g in zip(items, gate.tolist(), strict=True)]
     turns = _count_turns(robot, near - unwound[first[:-1] + at_gates]) * math.tau
@@ -326,7 +334,7 @@ def _unwind(
     joints: (S, ..., J) at the samples of E items, one item after the other.
     first: (E + 1,) the first row of each item.
     """
-    owner = owners(np.diff(first))
+    owner = list_owners(np.diff(first))
     before = np.concatenate([item.before for item in items]) + first[owner]
     before[first[:-1]] = first[:-1]
     moved = np.nan_to_num(joints - joints[before], nan=math.inf)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import offsets
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.motion.limits import MotionLimits
@@ -119,7 +119,7 @@ class _NearStates(Struct, frozen=True, eq=False):
 
 
 def _find_near(states: Sequence[States], blocked_links: BlockedLinks) -> _NearStates:
-    first = offsets([len(of_item) for of_item in states])
+    first = compute_offsets([len(of_item) for of_item in states])
     shape = (len(blocked_links), 2, first[-1] if blocked_links else 0)
     near_enter, near_leave = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
     if blocked_links:
@@ -145,7 +145,7 @@ def time_links(
         for pair in pairwise(order):
             yield from time_links(cost_model, pair, states, posture_cost)
         return
-    rows = np.minimum(np.arange(largest), count[:, None] - 1) + offsets(count)[:-1, None]
+    rows = np.minimum(np.arange(largest), count[:, None] - 1) + compute_offsets(count)[:-1, None]
     joined = join_states([states[k] for k in order])
     tips = [compute_gate_positions(cost_model.items[k], states[k].gate) for k in order]
     enter, leave, branch = joined.enter[rows], joined.leave[rows], joined.branch[rows]

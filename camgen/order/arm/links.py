@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct, field
 
-from camgen.geometry.rotations import turned_about_z
+from camgen.geometry.rotations import make_rotations_about_z
 from camgen.model.advice import ANOTHER_PLACE
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.pose_paths import PosePath, divide
@@ -105,7 +105,7 @@ def _goes_straight(problem: TourProblem, solution: Solution, before: int, after:
     if min(current.branch[before], current.branch[after]) < 0:
         return False
     start, end = first.gates[current.gate[before, 1]], second.gates[current.gate[after, 0]]
-    rolled = turned_about_z(current.roll[[before, after]])
+    rolled = make_rotations_about_z(current.roll[[before, after]])
     path = PosePath(
         frozen([first.position[start], second.position[end]]),
         frozen(np.full((2, 3), np.nan)),

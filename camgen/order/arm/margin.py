@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from camgen.collision.cell import Surroundings
+from camgen.collision.cell import CellScene
 from camgen.collision.hits import find_collisions, measure_clearance
-from camgen.collision.scene import Scene, narrow
+from camgen.collision.scene import Scene, select_pairs
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.order.arm.detours import ClearTest
@@ -30,8 +30,8 @@ def make_clear_test(scene: Scene, distance: float = 0.0) -> ClearTest:
     """
     of_targets = itertools.chain.from_iterable(target.of_strike for target in scene.targets)
     meshed = sorted({int(pair) for pair in of_targets})
-    boxed = narrow(scene, [k for k in range(len(scene.pairs)) if k not in meshed])
-    at_mesh = narrow(scene, meshed)
+    boxed = select_pairs(scene, [k for k in range(len(scene.pairs)) if k not in meshed])
+    at_mesh = select_pairs(scene, meshed)
 
     def is_clear(joints: FloatArray) -> BoolArray:
         clear: BoolArray = np.asarray(find_collisions(boxed, joints, near=distance) < 0)
@@ -42,7 +42,7 @@ def make_clear_test(scene: Scene, distance: float = 0.0) -> ClearTest:
     return is_clear
 
 
-def make_margin_test(where: Surroundings, home: FloatArray, contacts: FloatArray) -> ClearTest:
+def make_margin_test(where: CellScene, home: FloatArray, contacts: FloatArray) -> ClearTest:
     """A test of joint values for the margin, of all pairs that keep it at home (J,).
 
     A pair of the tool that does not keep it at most contacts is tested without it: the tool has to
@@ -52,11 +52,11 @@ def make_margin_test(where: Surroundings, home: FloatArray, contacts: FloatArray
     """
     scene, distance = where.with_margin, where.margin + _SLACK_MM
     pairs = range(len(scene.pairs))
-    kept = [k for k in pairs if not _is_close(narrow(scene, [k]), home, contacts, distance)]
+    kept = [k for k in pairs if not _is_close(select_pairs(scene, [k]), home, contacts, distance)]
     kept_pairs = {scene.pairs[k] for k in kept}
     others = [k for k, pair in enumerate(where.scene.pairs) if pair not in kept_pairs]
-    keeps_margin = make_clear_test(narrow(scene, kept), distance)
-    are_others_clear = make_clear_test(narrow(where.scene, others))
+    keeps_margin = make_clear_test(select_pairs(scene, kept), distance)
+    are_others_clear = make_clear_test(select_pairs(where.scene, others))
 
     def is_clear(joints: FloatArray) -> BoolArray:
         clear = keeps_margin(joints)

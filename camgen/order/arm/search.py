@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from msgspec import Struct, field
 
-from camgen.geometry.ragged import offsets
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
@@ -42,7 +42,7 @@ from camgen.order.arm.layers import (
 )
 from camgen.order.solver import matrix
 from camgen.order.solver.ring import shorten_ring
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 
 #: Maximum number of paths whose order is searched; more keep the order by length.
 MAX_REORDERED = 1_000
@@ -372,7 +372,7 @@ def measure_fastest_links(cost_model: CostModel, joints: Sequence[FloatArray]) -
 
     joints: joint values (M, J) of the states of each of n points.
     """
-    first = offsets([len(rows) for rows in joints])
+    first = compute_offsets([len(rows) for rows in joints])
     all_joints = np.concatenate(joints)
     table = np.zeros((len(first), len(first)))
     for k, rows in enumerate(joints, 1):
@@ -661,7 +661,7 @@ def find_colliding_links(
     flat = np.concatenate(samples)
     collides = np.zeros(len(links), dtype=np.bool_)
     if math.isfinite(problem.options.least_height):
-        rotation, origin = flange(problem.setup.robot, flat)
+        rotation, origin = compute_flange(problem.setup.robot, flat)
         tip = origin + rotation @ np.asarray(problem.setup.flange_from_tool.origin)
         base = problem.setup.base_from_work
         height = (tip - np.asarray(base.origin)) @ base.rotation[:, 2]

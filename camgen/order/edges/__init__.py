@@ -25,7 +25,7 @@ from camgen.order.edges.route import Route, find_route
 from camgen.order.tours import EdgeTour
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.contact_feed import CAPPED, note_contact_feed
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.workcell import Workcell
 
 
@@ -135,6 +135,6 @@ def _measure_travel(route: Route, setup: Setup, home: FloatArray) -> float:
         else:
             length += 0.0 if isinstance(motion, EdgeMotion) else float(motion.way.length.sum())
             current = motion.joints[-1]
-    rotations, origins = flange(setup.robot, np.stack(rows))
+    rotations, origins = compute_flange(setup.robot, np.stack(rows))
     tips = origins + rotations @ np.asarray(setup.flange_from_tool.origin)
     return length + float(np.linalg.norm(tips[1::2] - tips[::2], axis=1).sum())

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
@@ -62,7 +62,7 @@ class _Space(Struct, eq=False):
         """The free fraction (N,) of each line from `a` to `b` (N, J); 1 for a whole line."""
         distance = (np.abs(b - a) * self.scale).max(axis=1)
         parts = np.maximum(np.ceil(distance / self.step), 1).astype(np.int64)
-        line, part = owners(parts), ramp(parts) + 1
+        line, part = list_owners(parts), number_rows(parts) + 1
         fraction = part / parts[line]
         free = self.are_free(a[line] + fraction[:, None] * (b - a)[line])
         first = np.full(len(a), np.iinfo(np.int64).max)

@@ -21,7 +21,7 @@ from camgen.motion.limits import LinkSpeeds, compute_joint_speed
 from camgen.motion.pose_paths import PosePath, join
 from camgen.motion.setup import EdgeMotion, Setup
 from camgen.order.edges.retract import Retraction
-from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.forward import compute_flange
 
 #: Maximum number of motions for which links along several edges are searched; the time grows with
 #: its third power.
@@ -104,7 +104,7 @@ def time_joint_motions(
     before = None
     for share in np.linspace(0.0, 1.0, _TCP_SAMPLES):
         rows = (1 - share) * a + share * b if 0 < share < 1 else (a, b)[int(share)]
-        rotations, origins = flange(setup.robot, rows.reshape(-1, rows.shape[-1]))
+        rotations, origins = compute_flange(setup.robot, rows.reshape(-1, rows.shape[-1]))
         places = np.stack([origins, origins + rotations @ tool]).reshape(2, *rows.shape[:-1], 3)
         if before is not None:
             lengths += np.linalg.norm(places - before, axis=-1)

@@ -14,7 +14,7 @@ from itertools import islice
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import offsets
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.limits import LinkSpeeds, compute_line_speeds
 from camgen.motion.pose_paths import PosePath, divide
@@ -29,7 +29,7 @@ from camgen.motion.setup import (
     count_samples,
 )
 from camgen.robots.kinematics.continuity import Choice, follow_each
-from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.kinematics.forward import compute_flange, compute_link_frames
 
 #: rad: smallest angle of the bent wrist. A straight wrist is singular.
 _MIN_WRIST_ANGLE = math.radians(10.0)
@@ -164,7 +164,7 @@ def _follow(
         if not isinstance(choice, Choice) or np.abs(choice.joints[0] - start).max() >= 1e-6:
             results.append(f"{name} the arm cannot follow")
             continue
-        joints, rows = choice.joints, offsets(counts)
+        joints, rows = choice.joints, compute_offsets(counts)
         speed = compute_line_speeds(setup, speeds, samples, joints, rows)
         at_rows, no_via = frozen(joints[rows]), frozen(start[None][:0])
         results.append(Retraction(path, at_rows, samples, frozen(joints), speed, name, no_via))
@@ -177,7 +177,10 @@ def _list_candidates(
     start, back = _locate(setup, end)
     up = np.array([0.0, 0.0, 1.0])
     straight = _make_straight(setup, space, end, back)
-    has_low_wrist = len(joints) == 6 and frames(setup.robot, joints[None])[1][0, 5, 2] < space.level
+    has_low_wrist = (
+        len(joints) == 6
+        and compute_link_frames(setup.robot, joints[None])[1][0, 5, 2] < space.level
+    )
     over_wrist = _make_over_wrist(setup, space, end, joints) if has_low_wrist else None
     if straight is not None:
         yield "along the tool", straight
@@ -214,10 +217,10 @@ def _make_over_wrist(
 
     This is the second case of the paper. None if that link rises too little.
     """
-    wrist = frames(setup.robot, joints[None])[1][0, 5]
+    wrist = compute_link_frames(setup.robot, joints[None])[1][0, 5]
     stretched = joints.copy()
     stretched[4] = math.copysign(_MIN_WRIST_ANGLE, joints[4])
-    turned = flange(setup.robot, stretched[None])[0][0] @ setup.flange_from_tool.rotation
+    turned = compute_flange(setup.robot, stretched[None])[0][0] @ setup.flange_from_tool.rotation
     back = -turned[:, 2]
     if back[2] < _MIN_RISE:
         return None

@@ -13,7 +13,12 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.nearest import IntArray, find_nearest_items
-from camgen.geometry.ragged import begins, first_of_each, owners, ramp
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    find_first_occurrences,
+    list_owners,
+    number_rows,
+)
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED
 from camgen.order.solver.plane import Items, make_discs, split_ends
@@ -107,7 +112,7 @@ def _make_graph(items: Items, home: FloatArray | None, dense: DensePoints | None
     kept = (near.other != partner[near.item]) & (near.item != near.other)
     first, second = near.item[kept], near.other[kept]
     # A pair may be listed from one side or from both; once is enough, and half the work.
-    once = first_of_each(np.minimum(first, second) * count + np.maximum(first, second))
+    once = find_first_occurrences(np.minimum(first, second) * count + np.maximum(first, second))
     first, second, listed = first[once], second[once], near.apart[kept][once]
     distance = np.minimum(listed, np.maximum(near.sure[first], near.sure[second]))
     if dense is not None:
@@ -143,11 +148,11 @@ def _measure_distances(
         if not len(rows):
             continue
         a, b = first[rows], second[rows]
-        pair, step = owners(counts[rows]), ramp(counts[rows])
+        pair, step = list_owners(counts[rows]), number_rows(counts[rows])
         columns = size[b][pair]
         start = dense.points[begin[a][pair] + step // columns]
         between = start - dense.points[begin[b][pair] + step % columns]
-        squares = np.minimum.reduceat((between**2).sum(axis=1), begins(counts[rows]))
+        squares = np.minimum.reduceat((between**2).sum(axis=1), compute_first_rows(counts[rows]))
         distance[rows] = np.sqrt(squares)
     radius = dense.radius[item]
     return np.maximum(distance - radius[first] - radius[second], 0.0)

@@ -11,8 +11,15 @@ from __future__ import annotations
 import numpy as np
 
 from camgen.geometry.nearest import Discs, IntArray, find_nearest_items
-from camgen.geometry.ragged import begins, each_once, first_of_each, owners, ramp, run_lengths
-from camgen.geometry.vectors import plane_lengths
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    find_first_occurrences,
+    list_owners,
+    measure_runs,
+    number_rows,
+    select_distinct,
+)
+from camgen.geometry.vectors import measure_plane_lengths
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED, ONE_WAY
 from camgen.order.solver.plane import Items, Start, split_ends, sum_ends
@@ -35,7 +42,7 @@ def join_greedily(items: Items, discs: Discs, home: FloatArray | None) -> Start 
     enter = items.first[:-1].copy()
     position = home
     group = make_groups(items)
-    for number in each_once(group):
+    for number in select_distinct(group):
         joined, entered = _join_group(items, discs, np.flatnonzero(group == number))
         # The group is reversed if its other end is nearer to the group before.
         is_closed = items.kind[joined] == CLOSED
@@ -76,13 +83,15 @@ def _find_best_samples(
 ) -> IntArray:
     """The sample of each chosen item with the shortest links, the first of equal ones."""
     count = np.diff(items.first)[chosen]
-    owner, step = owners(count), ramp(count)
+    owner, step = list_owners(count), number_rows(count)
     number = items.first[chosen][owner] + step
     points = items.points[number]
-    cost = plane_lengths(points - before[owner]) + plane_lengths(points - after[owner])
-    least = np.minimum.reduceat(cost, begins(count))
+    cost = measure_plane_lengths(points - before[owner]) + measure_plane_lengths(
+        points - after[owner]
+    )
+    least = np.minimum.reduceat(cost, compute_first_rows(count))
     best = np.flatnonzero(cost == least[owner])
-    return number[best[begins(run_lengths(owner[best]))]]
+    return number[best[compute_first_rows(measure_runs(owner[best]))]]
 
 
 def make_groups(items: Items) -> IntArray:
@@ -109,9 +118,9 @@ def _join_group(items: Items, discs: Discs, group: IntArray) -> tuple[IntArray, 
     closed = (items.kind == CLOSED)[group]
     # Nodes of the group, numbered from 0: both ends of an open item, one for a closed item.
     width = np.where(closed, 1, 2)
-    start = begins(width)
+    start = compute_first_rows(width)
     number = np.full(int(nodes.owner.max()) + 1, -1)
-    node = np.repeat(first[group], width) + ramp(width)
+    node = np.repeat(first[group], width) + number_rows(width)
     number[node] = np.arange(len(node))
     kept = number[nodes.owner] >= 0
     group_discs = Discs(number[nodes.owner[kept]], nodes.centre[kept], nodes.radius[kept])
@@ -135,7 +144,7 @@ def _link_nodes(discs: Discs, item: IntArray, allowed: IntArray) -> list[list[in
         near = find_nearest_items(open_discs, len(open_nodes), _NEAR_ENDS)
         first, second = open_nodes[near.item], open_nodes[near.other]
         # A pair may be listed from one side or from both; once is enough.
-        rows = first_of_each(np.minimum(first, second) * count + np.maximum(first, second))
+        rows = find_first_occurrences(np.minimum(first, second) * count + np.maximum(first, second))
         rows = rows[item[first[rows]] != item[second[rows]]]
         rows = rows[np.argsort(first[rows] * count + second[rows])]
         rows = rows[np.argsort(near.apart[rows], kind="stable")]

@@ -9,8 +9,13 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.nearest import Discs, IntArray, NearestItems
-from camgen.geometry.ragged import begins, offsets, owners, stretches
-from camgen.geometry.vectors import plane_lengths
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    compute_offsets,
+    list_owners,
+    list_range_numbers,
+)
+from camgen.geometry.vectors import measure_plane_lengths
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 from camgen.order.solver import kernel, local_search, speed
@@ -116,7 +121,7 @@ def make_discs(items: Items) -> Discs:
         low, high = np.minimum.reduceat(points, firsts), np.maximum.reduceat(points, firsts)
         middle = (low + high) / 2
         owner_of_point = np.repeat(np.arange(len(firsts)), lasts - firsts)
-        distance_from_middle = plane_lengths(points - middle[owner_of_point])
+        distance_from_middle = measure_plane_lengths(points - middle[owner_of_point])
         item = owner[number[firsts]]
         centre.append(middle)
         owners.append(item)
@@ -128,7 +133,7 @@ def make_discs(items: Items) -> Discs:
 def split_ends(items: Items, discs: Discs) -> tuple[Discs, IntArray]:
     """The discs with both ends of an open item as owners, and the first owner of each item."""
     closed = items.kind == CLOSED
-    first = begins(np.where(closed, 1, 2))
+    first = compute_first_rows(np.where(closed, 1, 2))
     ends = ~closed[discs.owner]
     owner = first[discs.owner]
     # The two ends of an open item follow each other.
@@ -146,13 +151,13 @@ def _divide_into_sections(items: Items, loops: IntArray) -> tuple[IntArray, IntA
         np.sqrt(max(np.prod(high - low), (high - low).max() ** 2 / 100) / len(items.kind))
     )
     count = np.diff(items.first)[loops]
-    owner = owners(count)
-    number = stretches(items.first[loops], count)
+    owner = list_owners(count)
+    number = list_range_numbers(items.first[loops], count)
     lengths = count * items.step[loops]
     parts = np.where(lengths > 4 * distance, np.ceil(lengths / max(distance, NONZERO)), 1.0)
     parts = np.minimum(parts, count).astype(np.int64)
     place = number - items.first[loops][owner]
-    stretch = place * parts[owner] // count[owner] + begins(parts)[owner]
+    stretch = place * parts[owner] // count[owner] + compute_first_rows(parts)[owner]
     return number, stretch
 
 
@@ -251,7 +256,7 @@ def _make_scene(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
         min_cost=min_cost.reshape(-1).tolist(),
         width=WIDTH,
         parent=[*items.parent.tolist(), -1],
-        children=offsets(counts).tolist(),
+        children=compute_offsets(counts).tolist(),
         child=children.tolist() or [0],
         rank=rank.tolist(),
         nowhere=points if home is None else -1,

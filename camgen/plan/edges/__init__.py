@@ -10,7 +10,7 @@ from typing import Literal
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.collision.cell import Surroundings, make_surroundings
+from camgen.collision.cell import CellScene, make_cell_scene
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -40,9 +40,9 @@ from camgen.motion.setup import (
 )
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import find_contacts
-from camgen.plan.edges.last_face import offset_along
+from camgen.plan.edges.last_face import read_offset
 from camgen.plan.edges.pieces import LinePaths, PieceSearch
-from camgen.plan.edges.poses import poses
+from camgen.plan.edges.poses import make_poses
 from camgen.plan.edges.remedy import Attempt, find_remedies
 from camgen.plan.edges.select import select_edges
 from camgen.plan.unused import check_idle
@@ -50,7 +50,7 @@ from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
 #: The surroundings of the arm, from a job and the depth by which rims enter the tool's tip, mm.
-Surround = Callable[[Job, float], Surroundings]
+Surround = Callable[[Job, float], CellScene]
 
 
 def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePlan:
@@ -65,14 +65,16 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
             "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
         )
     _check(job, cell)
-    edges = choose(solid, job)
-    direction = offset_along(job, solid, edges.values())
+    edges = select_edges_of_job(solid, job)
+    direction = read_offset(job, solid, edges.values())
     contacts = find_contacts(edges.values(), job, direction)
 
-    def surround(other: Job, tip: float) -> Surroundings:
-        return make_surroundings(other, cell, solid, tip)
+    def surround(other: Job, tip: float) -> CellScene:
+        return make_cell_scene(other, cell, solid, tip)
 
-    pose_paths = ((edge, poses(edge, job.operation.offset, direction)) for edge in edges.values())
+    pose_paths = (
+        (edge, make_poses(edge, job.operation.offset, direction)) for edge in edges.values()
+    )
     task = LineTask(pose_paths, surround, _note_contacts(contacts), "edge", contacts)
     return plan_lines(part, job, cell, watch, task)
 
@@ -223,7 +225,7 @@ def _stop(motion: EdgeMotion, hit: Blockage | float) -> EdgeMotion | Unreachable
     return UnreachableEdge(motion.id, hit.kind, f"{hit.what}, {along} mm along it")
 
 
-def choose(solid: Solid, job: Job) -> dict[str, Edge]:
+def select_edges_of_job(solid: Solid, job: Job) -> dict[str, Edge]:
     """The selected edges by their ids.
 
     Raises InputError for too many: a noisy mesh has thousands.
@@ -266,7 +268,7 @@ def _check(job: Job, cell: Cell) -> None:
     check_idle(job, "a 3-D part")
 
 
-def leave_out(
+def leave_out_motions(
     plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "jump"], str]]
 ) -> EdgePlan:
     """The plan without some motions.

@@ -12,7 +12,7 @@ from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.setup import count_samples
 from camgen.plan.edges.last_face import Offset
-from camgen.plan.edges.poses import poses
+from camgen.plan.edges.poses import make_poses
 
 #: Greatest depth as a part of the tool's radius. A rim that bends deeper collides.
 _MOST = 0.25
@@ -36,7 +36,7 @@ def find_contacts(edges: Iterable[Edge], job: Job, direction: Offset = "mean") -
 
 def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
     """Depth by which an edge enters the square bar of its tool, from the end or a side, mm."""
-    tool, drawn = (poses(edge, offset, direction) for offset in (job.operation.offset, 0.0))
+    tool, drawn = (make_poses(edge, offset, direction) for offset in (job.operation.offset, 0.0))
     if not isinstance(tool, PosePath) or not isinstance(drawn, PosePath):
         return 0.0
     points = divide(drawn, count_parts(drawn, _LOOK_MM, _LOOK_TURN)).position

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camgen.collision.cell import Surroundings, make_surroundings
+from camgen.collision.cell import CellScene, make_cell_scene
 from camgen.geometry.surface import find_nearest
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
@@ -53,8 +53,8 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
         [np.concatenate([curve.points, curve.middles]) for curve in part.curves]
     )
 
-    def surround(other: Job, tip: float) -> Surroundings:
-        return make_surroundings(other, cell, part.solid, tip, worked=points)
+    def surround(other: Job, tip: float) -> CellScene:
+        return make_cell_scene(other, cell, part.solid, tip, worked=points)
 
     task = LineTask(lines, surround, _note_faces(part, job), "curve")
     return plan_lines(part, job, cell, watch, task)

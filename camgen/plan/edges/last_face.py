@@ -53,7 +53,7 @@ TOP = LastFace()
 Offset = Literal["mean"] | LastFace
 
 
-def offset_along(job: Job, solid: Solid, edges: Iterable[Edge]) -> Offset:
+def read_offset(job: Job, solid: Solid, edges: Iterable[Edge]) -> Offset:
     """The direction of the offset from `operation.offset_along` and `operation.last_face`.
 
     Raises JobError for an invalid direction, an unknown face, and a last face without effect.

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import are_bent, chain, measure_spans
+from camgen.geometry.arcs import are_bent, make_span_chain, measure_spans
 from camgen.geometry.rotations import SURE_TURN
 from camgen.geometry.vectors import cross
 from camgen.model.part import BoolArray, Edge, Line
@@ -32,7 +32,7 @@ _NOMINAL = OrientationFreedom()
 _CLOSED = 1e-3
 
 
-def poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | UnreachableEdge:
+def make_poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePath | UnreachableEdge:
     """The TCP poses along `edge`, `offset` mm away from it, in the direction of the edge.
 
     FoldedEdge if the offset folds a part of the edge, UnreachableEdge if there are no poses.
@@ -91,7 +91,7 @@ def measure_line(line: Line, path: PosePath) -> FloatArray:
 
 
 def _tangents(edge: Edge, arc: BoolArray) -> tuple[FloatArray, FloatArray]:
-    return chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
+    return make_span_chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
 
 
 def _are_wide(arc: BoolArray, begins: FloatArray, ends: FloatArray) -> BoolArray:
@@ -152,5 +152,5 @@ def reach(
     freedom: OrientationFreedom = _NOMINAL,
 ) -> tuple[EdgeMotion | UnreachableEdge, ...]:
     """Run the arm along `edges`, `offset` mm away from them, as `reach_paths` says."""
-    pose_paths = [(edge, poses(edge, offset, direction)) for edge in edges]
+    pose_paths = [(edge, make_poses(edge, offset, direction)) for edge in edges]
     return reach_paths(pose_paths, setup, freedom)

@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from camgen.geometry.arcs import chain
-from camgen.geometry.ragged import each_once, offsets
-from camgen.geometry.rotations import SURE_TURN, angles_between, turn_vectors
+from camgen.geometry.arcs import make_span_chain
+from camgen.geometry.ragged import compute_offsets, select_distinct
+from camgen.geometry.rotations import SURE_TURN, measure_angles_between, turn_vectors
 from camgen.geometry.surface import find_nearest
-from camgen.geometry.vectors import angles, cross, unit
+from camgen.geometry.vectors import cross, measure_angles, normalize
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import FEATURE_ANGLE, Curve, IntArray, Solid
@@ -96,7 +96,7 @@ def _make_bare_path(curve: Curve) -> PosePath:
 def _orient_as_given(curve: Curve) -> PosePath | UnreachableEdge:
     """The path with the rotations of the curve; an error where one turns by more than 120 deg."""
     assert curve.rotations is not None
-    turn = angles_between(curve.rotations[:-1], curve.rotations[1:])
+    turn = measure_angles_between(curve.rotations[:-1], curve.rotations[1:])
     wide = np.flatnonzero(turn > SURE_TURN)
     if len(wide):
         k = int(wide[0])
@@ -117,7 +117,7 @@ def _orient_to_faces(pose_path: PosePath, name: str, solid: Solid) -> PosePath |
     parts = count_parts(pose_path, _SAMPLE_MM, math.tau)
     samples = divide(pose_path, parts)
     axis = -find_nearest(solid, samples.position).normal
-    jump = angles(axis[:-1], axis[1:])
+    jump = measure_angles(axis[:-1], axis[1:])
     wide = np.flatnonzero(jump > FEATURE_ANGLE)
     if len(wide):
         k = int(wide[0])
@@ -128,9 +128,9 @@ def _orient_to_faces(pose_path: PosePath, name: str, solid: Solid) -> PosePath |
             f"the nearest face changes its direction by {short(math.degrees(jump[k]), 1)} deg at "
             f"{place} mm: end the curve there, or fix the tool: tool.axis, tool.angles",
         )
-    vertices = offsets(parts)
+    vertices = compute_offsets(parts)
     needed = [_find_needed(axis, a, b) for a, b in pairwise(vertices.tolist())]
-    kept = each_once(np.concatenate([vertices, *needed]))
+    kept = select_distinct(np.concatenate([vertices, *needed]))
     return _select_samples(pose_path, parts, samples, kept, _make_rotations(axis[kept]))
 
 
@@ -143,7 +143,7 @@ def _find_needed(axis: FloatArray, low: int, high: int) -> IntArray:
         if b - a < 2:
             continue
         fraction = (np.arange(a + 1, b) - a) / (b - a)
-        deviation = angles(_interpolate_axis(axis[a], axis[b], fraction), axis[a + 1 : b])
+        deviation = measure_angles(_interpolate_axis(axis[a], axis[b], fraction), axis[a + 1 : b])
         worst = int(deviation.argmax())
         if deviation[worst] > _AXIS_DEVIATION:
             kept.append(a + 1 + worst)
@@ -173,7 +173,7 @@ def _make_rotations(axis: FloatArray) -> FloatArray:
             if size > 0:
                 angle = math.atan2(size, float(axis[k - 1] @ z))
                 side = turn_vectors(side[None], (about / size)[None], np.array([angle]))[0]
-        side = unit(side - z * float(side @ z))
+        side = normalize(side - z * float(side @ z))
         rotations[k] = np.stack([side, cross(z, side), z], axis=1)
     return rotations
 
@@ -189,10 +189,10 @@ def _select_samples(
 
     parts: number of samples of each segment of `pose_path`.
     """
-    first = offsets(parts)
+    first = compute_offsets(parts)
     segment = np.searchsorted(first, kept[1:], side="left") - 1
     middle = ((kept[:-1] + kept[1:]) / 2 - first[segment]) / parts[segment]
-    via = chain(pose_path.position, pose_path.via[1:]).point(middle, segment)
+    via = make_span_chain(pose_path.position, pose_path.via[1:]).point(middle, segment)
     via[np.isnan(pose_path.via[1:, 0])[segment]] = np.nan
     via = np.concatenate([np.full((1, 3), np.nan), via])
     return PosePath(frozen(samples.position[kept]), frozen(via), frozen(rotations))

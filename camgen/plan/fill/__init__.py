@@ -18,13 +18,13 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import find_bulge_middles
-from camgen.geometry.ragged import begins, true_runs
-from camgen.geometry.rings import ComplexArray, find_latest, make_rings, unit
-from camgen.geometry.segments import BoolArray, IntArray, flatten, from_contours
+from camgen.geometry.ragged import compute_first_rows, find_true_runs
+from camgen.geometry.rings import ComplexArray, find_latest, make_rings, normalize
+from camgen.geometry.segments import BoolArray, IntArray, flatten, make_contour_segments
 from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
-from camgen.model.path import ToolPath, waypoints
+from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.plan import Coverage
@@ -101,7 +101,7 @@ def _move_to_offset(
         outwards = points - foot
         # A point much farther away than the depth is on another border.
         is_valid = np.abs(np.abs(outwards) - offset) < 1.0
-        points = np.where(is_valid, foot + offset * unit(outwards), points)
+        points = np.where(is_valid, foot + offset * normalize(outwards), points)
     return np.split(points, table.first[1:])
 
 
@@ -173,7 +173,7 @@ def _find_lines(field: FillGrid, bare: _Bare, chosen: BoolArray, radius: float) 
     for stroke, points in zip(strokes, centre_strokes(strokes, field, radius)[1], strict=True):
         has_room = sample_field(field.depth, points) >= _ROOM_FRACTION * radius
         closed = stroke.closed and bool(has_room.all()) and len(points) > 2
-        runs = true_runs(has_room).tolist()
+        runs = find_true_runs(has_room).tolist()
         lines += [CentreLine(points[first:end], closed, radius) for first, end in runs]
     return lines
 
@@ -317,7 +317,7 @@ def _make_kind(
     count: int,
 ) -> StrokeKind:
     """radius: half the width below which a place is thinner than the tool, px."""
-    points, owner = flatten(from_contours(strokes), _FLAT)
+    points, owner = flatten(make_contour_segments(strokes), _FLAT)
     flat = points @ np.array([1, 1j])
     pieces = np.split(flat, np.searchsorted(owner, np.arange(1, len(strokes))))
     ends = [stroke.points[0 if stroke.closed else -1] @ np.array([1, 1j]) for stroke in strokes]
@@ -377,12 +377,12 @@ def _make_paths(
     if not strokes:
         return ()
     counts = np.array([len(stroke.points) + stroke.closed for stroke in strokes])
-    first = begins(counts).tolist()
+    first = compute_first_rows(counts).tolist()
     flat, middle = _join_strokes(strokes)
     regions = _find_regions(flat[first], region).tolist()
     position = np.column_stack([field.to_work(flat), np.zeros(len(flat))])
     via = np.column_stack([field.to_work(middle), np.where(np.isnan(middle), np.nan, 0.0)])
-    table = waypoints(
+    table = make_waypoints(
         position,
         via,
         job.process.feed,

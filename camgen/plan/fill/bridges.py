@@ -16,10 +16,10 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.ragged import owners
+from camgen.geometry.ragged import list_owners
 from camgen.geometry.rings import ComplexArray
 from camgen.geometry.segments import BoolArray, IntArray
-from camgen.geometry.vectors import nearest_row
+from camgen.geometry.vectors import find_nearest_row
 from camgen.model.pose import FloatArray
 from camgen.plan.fill.ground import FillGrid
 from camgen.plan.image_space.field import sample_field
@@ -61,8 +61,8 @@ def join_passes(
         a, b = _root(group, first), _root(group, second)
         if a != b:
             group[b] = a
-            leaves = nearest_row(passes[first], start)
-            arrives = nearest_row(passes[second], end)
+            leaves = find_nearest_row(passes[first], start)
+            arrives = find_nearest_row(passes[second], end)
             bridges[first].append(Bridge(leaves, second, arrives))
             bridges[second].append(Bridge(arrives, first, leaves))
     heads = [k for k in range(len(passes)) if _root(group, k) == k]
@@ -95,7 +95,7 @@ def _find_near_pairs(passes: Sequence[FloatArray], distance: float) -> IntArray:
     """
     if not passes:
         return np.zeros((2, 0), dtype=np.int64)
-    owner = owners([len(points) - 1 for points in passes])
+    owner = list_owners([len(points) - 1 for points in passes])
     starts, ends = np.concatenate([p[:-1] for p in passes]), np.concatenate([p[1:] for p in passes])
     segments = np.stack([starts, ends], axis=1)
     lines = shapely.linestrings(segments)

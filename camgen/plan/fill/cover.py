@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import chain
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.arcs import make_span_chain
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.geometry.segments import IntArray
 from camgen.model.part import Part
@@ -142,11 +142,11 @@ def run_along(path: ToolPath, sag: float) -> FloatArray:
     """(N, 2) points along a path, mm, with arcs as chords of a sagitta of at most `sag` mm."""
     if np.isnan(path.via).all():
         return path.position[:, :2]
-    arcs = chain(path.position, path.via[1:])
+    arcs = make_span_chain(path.position, path.via[1:])
     with np.errstate(divide="ignore"):
         step = 2 * np.arccos(np.clip(1 - sag / arcs.radius, -1.0, 1.0))
     count = np.ceil(arcs.sweep / np.maximum(step, 1e-3)).clip(1).astype(np.int64)
-    points = arcs.point((ramp(count) + 1) / count[owners(count)], owners(count))
+    points = arcs.point((number_rows(count) + 1) / count[list_owners(count)], list_owners(count))
     return np.append(path.position[:1, :2], points[:, :2], axis=0)
 
 
@@ -161,7 +161,9 @@ class Map(Struct, frozen=True, eq=False):
     work_from_map: FloatArray
 
 
-def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, size: int = 1600) -> Map:
+def make_coverage_map(
+    part: Part, paths: Sequence[ToolPath], diameter: float, size: int = 1600
+) -> Map:
     """A picture of the area that `paths` cover inside the closed contours of `part`.
 
     diameter: diameter of the tool, mm.

@@ -11,9 +11,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import owners, stretches
-from camgen.geometry.rings import ComplexArray, Rings, make_rings, unit
-from camgen.geometry.segments import IntArray, flatten, from_contours
+from camgen.geometry.ragged import list_owners, list_range_numbers
+from camgen.geometry.rings import ComplexArray, Rings, make_rings, normalize
+from camgen.geometry.segments import IntArray, flatten, make_contour_segments
 from camgen.model.errors import JobError
 from camgen.model.part import Part, Raster
 from camgen.model.pose import FloatArray
@@ -89,7 +89,7 @@ def compute_slope(field: FillGrid, pixels: ComplexArray) -> tuple[FloatArray, Co
         rises = [flat[index + step + k] - flat[index - step + k] for k in offsets]
         slopes.append(np.sum(rises, axis=0, dtype=np.float64))
     right, down = slopes
-    return flat[index].astype(np.float64), unit(np.asarray(right + 1j * down))
+    return flat[index].astype(np.float64), normalize(np.asarray(right + 1j * down))
 
 
 def find_outlines(part: Part, radius: float) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
@@ -134,7 +134,7 @@ def _outline_drawing(
     part: Part, radius: float
 ) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
     closed = np.array([k for k, c in enumerate(part.contours) if c.closed], dtype=np.int64)
-    segments = from_contours([part.contours[k] for k in closed.tolist()])
+    segments = make_contour_segments([part.contours[k] for k in closed.tolist()])
     points, owner = flatten(segments, radius / _DRAWING_RADIUS_PX / 20)
     counts = np.bincount(owner, minlength=len(closed))
     low, high = points.min(axis=0), points.max(axis=0)
@@ -169,7 +169,7 @@ def find_crossings(start: ComplexArray, end: ComplexArray) -> tuple[IntArray, Fl
 def expand_ranges(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
     """All pairs (k, n) with first[k] <= n < last[k], as two arrays (M,)."""
     count = np.maximum(last - first, 0)
-    return owners(count), stretches(first, count)
+    return list_owners(count), list_range_numbers(first, count)
 
 
 def mask_even_odd(table: Rings, points: ComplexArray, shape: tuple[int, int]) -> Pixels:

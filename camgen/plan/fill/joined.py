@@ -7,8 +7,8 @@ import numpy as np
 import shapely
 
 from camgen.geometry.nesting import find_nesting
-from camgen.geometry.ragged import run_starts
-from camgen.geometry.segments import IntArray, from_contours
+from camgen.geometry.ragged import find_run_starts
+from camgen.geometry.segments import IntArray, make_contour_segments
 from camgen.model.part import Note, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
@@ -71,7 +71,7 @@ def _find_middles(u: IntArray, v: IntArray, group: IntArray) -> FloatArray:
     """(N, 2) the pixel (u, v) of each group that is nearest to the mean of the group."""
     order = np.argsort(group, kind="stable")
     pixels = np.column_stack([u, v])[order].astype(np.float64)
-    groups = np.split(pixels, run_starts(group[order])[1:]) if len(group) else []
+    groups = np.split(pixels, find_run_starts(group[order])[1:]) if len(group) else []
     middles = [g[np.argmin(((g - g.mean(axis=0)) ** 2).sum(axis=1))] for g in groups]
     return np.array(middles).reshape(-1, 2)
 
@@ -85,7 +85,7 @@ def find_merged(part: Part, field: FillGrid, border_region: IntArray) -> FloatAr
     if part.raster is not None and part.raster.borders:
         return np.zeros((0, 2))
     chosen = [part.contours[k] for k in field.contour.tolist()]
-    depth = find_nesting(from_contours(chosen), len(chosen)).depth
+    depth = find_nesting(make_contour_segments(chosen), len(chosen)).depth
     outer = np.flatnonzero((depth % 2 == 0) & (border_region > 0))
     shared = np.flatnonzero(np.bincount(border_region[outer]) > 1)
     places = []

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import begins, owners, ramp
-from camgen.geometry.rings import ComplexArray, unit
+from camgen.geometry.ragged import compute_first_rows, list_owners, number_rows
+from camgen.geometry.rings import ComplexArray, normalize
 from camgen.geometry.segments import IntArray
 from camgen.model.pose import FloatArray
 from camgen.plan.fill.ground import FillGrid, Pixels
@@ -67,7 +67,7 @@ def centre_strokes(
 ) -> tuple[list[float], list[ComplexArray]]:
     """Half the usual width of each stroke, px, and its points moved to the middle."""
     count = np.array([len(s.points) for s in strokes])
-    first, stroke, place = begins(count), owners(count), ramp(count)
+    first, stroke, place = compute_first_rows(count), list_owners(count), number_rows(count)
     closed = np.array([s.closed for s in strokes])
     raw = np.concatenate([s.points for s in strokes])
     # There are no points to average beyond the longest stroke.
@@ -85,7 +85,7 @@ def centre_strokes(
     # At the tips the mean, with points on one side only, would shorten the stroke.
     tip = (np.minimum(place, count[stroke] - 1 - place) < reach) & ~closed[stroke]
     points[tip] = raw[tip]
-    normal = 1j * unit(points[along(reach)] - points[along(-reach)])
+    normal = 1j * normalize(points[along(reach)] - points[along(-reach)])
     depth = sample_field(field.depth, points)
     offset = _SIDE * depth
     left, right = (
@@ -175,7 +175,7 @@ def _make_parallel(
     """Two lines that together reach both borders, joined to one if the line is open."""
     ahead = np.roll(points, -1) - points if closed else np.diff(points, append=points[-1:])
     back = points - np.roll(points, 1) if closed else np.diff(points, prepend=points[:1])
-    offset = 1j * unit(ahead + back) * (half - radius)
+    offset = 1j * normalize(ahead + back) * (half - radius)
     if closed:
         return [CentreLine(points + offset, True, half), CentreLine(points - offset, True, half)]
     both = np.concatenate([points + offset, (points - offset)[::-1]])

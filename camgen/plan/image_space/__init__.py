@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import ramp
+from camgen.geometry.ragged import number_rows
 from camgen.geometry.rings import (
     ComplexArray,
     Rings,
@@ -24,10 +24,10 @@ from camgen.geometry.rings import (
     make_rings,
     measure_perimeters,
     measure_steps,
-    unit,
+    normalize,
 )
-from camgen.geometry.segments import BoolArray, IntArray, make, reverse_segments
-from camgen.geometry.vectors import nearest_row
+from camgen.geometry.segments import BoolArray, IntArray, make_segments, reverse_segments
+from camgen.geometry.vectors import find_nearest_row
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
@@ -81,7 +81,7 @@ def match_borders(edge: Border, table: Rings, points: ComplexArray, touched: Int
     counts = np.bincount(key, minlength=len(table.count) * borders).reshape(-1, borders)
     main: IntArray = np.argmax(counts, axis=1)
     for k in np.flatnonzero(~counts.any(axis=1)).tolist():
-        main[k] = edge.table.loop[nearest_row(edge.points, points[table.first[k]])]
+        main[k] = edge.table.loop[find_nearest_row(edge.points, points[table.first[k]])]
     return main
 
 
@@ -305,7 +305,7 @@ def _make_waypoints(
     count = np.clip(count, 8, table.count)
     points, direction = smooth(table, count, path.points, path.force_direction)
     # Opposite directions may cancel out in the filter; then the direction before is kept.
-    direction = unit(direction)[find_latest(table, np.abs(direction) > 1e-6)]
+    direction = normalize(direction)[find_latest(table, np.abs(direction) > 1e-6)]
     contact, along, run, touched = _find_contact(path, edge, field, distance)
     noise = (ANGLE_NOISE if field is None else PIXEL_NOISE) * distance
     ratio = compute_ratios(table, along, run, noise)
@@ -334,7 +334,7 @@ def _find_contact(
     contacts = points + distance * direction
     gap, row = measure_gaps(edge, contacts, field)
     along, run = measure_runs(table, points, contacts)
-    half_way = (points + points[back]) / 2 + distance * unit(direction + direction[back])
+    half_way = (points + points[back]) / 2 + distance * normalize(direction + direction[back])
     is_far = gap > tolerance
     # In a sharp inner corner the contact point leaps from one side to the other: the tool touches
     # both.
@@ -371,7 +371,7 @@ def _make_chain(points: _Waypoints, limits: Limits) -> _Chain:
     """The segments between the needed waypoints [3.4.2]. They take as long as all of them."""
     count = points.table.count
     closed = make_rings(count + 1)
-    row = points.table.first[closed.loop] + ramp(closed.count) % count[closed.loop]
+    row = points.table.first[closed.loop] + number_rows(closed.count) % count[closed.loop]
     position, direction = points.points[row], points.force_direction[row]
     force, feed = points.force[row], points.feed[row]
     # A segment ends in its row, so a change after a row is a change at that row.
@@ -415,7 +415,9 @@ def _make_paths(
     used = has_label[chain.loop]
     begin, end = transform(chain.begin[used]), transform(chain.end[used])
     shift = work_from_field[:, 2]
-    segments = make(begin + shift, end + shift, np.zeros(len(begin)), place[chain.loop[used]])
+    segments = make_segments(
+        begin + shift, end + shift, np.zeros(len(begin)), place[chain.loop[used]]
+    )
     direction = np.zeros((len(begin), 2, 3))
     planar = transform(chain.force_direction[used])
     direction[:, :, :2] = planar / np.linalg.norm(planar, axis=2, keepdims=True)

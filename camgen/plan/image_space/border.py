@@ -15,8 +15,8 @@ from msgspec import Struct
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import ramp
-from camgen.geometry.rings import ComplexArray, Rings, find_latest, make_rings, unit
+from camgen.geometry.ragged import number_rows
+from camgen.geometry.rings import ComplexArray, Rings, find_latest, make_rings, normalize
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.plan.image_space.field import FieldCurves
@@ -60,7 +60,7 @@ class Border(Struct, frozen=True, eq=False):
 def make_border(table: Rings, points: ComplexArray, shape: tuple[int, ...]) -> Border:
     """A border through `points`. shape: (H, W) of the picture."""
     # A clockwise quarter turn of the travel points to its right, which is outside.
-    outward = unit(1j * (points[table.shifted(2)] - points[table.shifted(-2)]))
+    outward = normalize(1j * (points[table.shifted(2)] - points[table.shifted(-2)]))
     rows = np.zeros(shape, dtype=np.int32)
     u, v = np.rint(points.real).astype(np.int64), np.rint(points.imag).astype(np.int64)
     is_visible = (u >= 0) & (v >= 0) & (u < shape[1]) & (v < shape[0])
@@ -79,7 +79,7 @@ def fit_border(chains: FieldCurves) -> tuple[Rings, ComplexArray]:
     longest = _STRETCHES[-1]
     padded = make_rings(table.count + 2 * longest)
     row = table.first[padded.loop]
-    row = row + (ramp(padded.count) - longest) % table.count[padded.loop]
+    row = row + (number_rows(padded.count) - longest) % table.count[padded.loop]
     # Single precision is enough near the origin.
     origin = middle[table.first][padded.loop]
     columns = (*_to_singles(middle[row] - origin), *_to_singles((outer - inner)[row] / 2))
@@ -213,7 +213,7 @@ def move_to_distance(
             other, other_row = find_foot(border, points, row[table.shifted(shift)], CLOSE)
             nearer = _squares(points - other) < _squares(points - foot)
             foot, row = np.where(nearer, other, foot), np.where(nearer, other_row, row)
-        gradient = np.sign(distance) * unit(points - foot)
+        gradient = np.sign(distance) * normalize(points - foot)
         points = foot + distance * gradient
         foot, row = find_foot(border, points, row, CLOSE)
     return points, gradient

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import ramp, stretches
+from camgen.geometry.ragged import list_range_numbers, number_rows
 from camgen.geometry.rings import Rings, make_rings
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -67,7 +67,10 @@ def compute_ratios(table: Rings, along: FloatArray, step: FloatArray, noise: flo
     """
     extension = min(_BEYOND, int(np.max(table.count, initial=0)))
     padded = make_rings(table.count + 2 * extension)
-    row = table.first[padded.loop] + (ramp(padded.count) - extension) % table.count[padded.loop]
+    row = (
+        table.first[padded.loop]
+        + (number_rows(padded.count) - extension) % table.count[padded.loop]
+    )
     begin = padded.first[padded.loop]
     centre_run, contact_run = np.cumsum(step[row]), np.cumsum(along[row])
     x = centre_run - centre_run[begin]
@@ -89,7 +92,7 @@ def find_inner_rows(table: Rings, extension: int) -> IntArray:
 
 def _join(padded: Rings, columns: FloatArray, worse: float) -> IntArray:
     """First rows (P,) of the stretches after joining neighbours that fit as one, to `worse` px2."""
-    place = ramp(padded.count)
+    place = number_rows(padded.count)
     remaining = padded.count[padded.loop] - place
     # The last stretch of a curve may be longer, none is shorter.
     first = np.flatnonzero((place % _SEED == 0) & ((remaining >= _SEED) | (place == 0)))
@@ -144,7 +147,7 @@ def _drop_bridges(first: IntArray, padded: Rings, columns: FloatArray, worse: fl
         cross = (height[inner + 1] - height[inner - 1]) / (slope[inner - 1] - slope[inner + 1])
     within = (cross > x[first[inner]]) & (cross < x[first[inner] + count[inner] - 1])
     inner, cross = inner[within], cross[within]
-    row = stretches(first[inner], count[inner])
+    row = list_range_numbers(first[inner], count[inner])
     owner = np.repeat(np.arange(len(inner)), count[inner])
     line = np.where(x[row] < cross[owner], inner[owner] - 1, inner[owner] + 1)
     deviation = columns[row, 2] - height[line] - slope[line] * x[row]
@@ -163,7 +166,7 @@ def _count_before(
     x: FloatArray, first: IntArray, count: IntArray, chosen: IntArray, cross: FloatArray
 ) -> IntArray:
     """Number of rows of each `chosen` stretch before `cross`."""
-    row = stretches(first[chosen], count[chosen])
+    row = list_range_numbers(first[chosen], count[chosen])
     owner = np.repeat(np.arange(len(chosen)), count[chosen])
     return np.bincount(owner, x[row] < cross[owner], len(chosen)).astype(np.int64)
 

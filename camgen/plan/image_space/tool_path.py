@@ -10,14 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.rings import (
     ComplexArray,
     Rings,
     find_latest,
     make_rings,
+    normalize,
     space_evenly,
-    unit,
 )
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -80,7 +80,7 @@ def make_pixel_path(picture: Field, distance: float, radius: float) -> PixelPath
     inside = measure_inside(mask) if radius else None
     chains = find_chains(mask if inside is None else mask_beyond(inside, radius), _MIN_PIXELS)
     half = int(np.clip(distance / 3, 1, _NORMAL))
-    direction = -unit(compute_gradient(picture.far, chains.pixels, half))
+    direction = -normalize(compute_gradient(picture.far, chains.pixels, half))
     return PixelPath(chains.table, chains.pixels, direction, chains.parent, inside)
 
 
@@ -103,7 +103,7 @@ def make_iso_path(picture: Field, edge: Border, distance: float, radius: float) 
         chains = find_chains(mask_beyond(inside, radius + _HALF), _MIN_PIXELS)
         points, outward = _move_pixels(inside, line, chains, -radius)
     table, (points, outward) = space_evenly(chains.table, points, outward)
-    return PixelPath(table, points, -unit(outward), chains.parent, inside)
+    return PixelPath(table, points, -normalize(outward), chains.parent, inside)
 
 
 def is_reached(
@@ -125,7 +125,7 @@ def place_borders(borders: Sequence[FloatArray], picture: Field) -> tuple[Rings,
     table = make_rings([len(border) for border in borders])
     flat = np.concatenate(borders)
     table, (points,) = space_evenly(table, flat[:, 0] + 1j * flat[:, 1] - picture.corner)
-    right = unit(1j * (points[table.shifted(1)] - points[table.shifted(-1)]))
+    right = normalize(1j * (points[table.shifted(1)] - points[table.shifted(-1)]))
     on_right = sample_field(picture.far, points + 2 * right)
     outside = on_right - sample_field(picture.far, points - 2 * right)
     is_reversed = np.bincount(table.loop, outside, len(table.count)) < 0
@@ -142,7 +142,7 @@ def _move_pixels(
     far: distance image of the inside of `border`.
     """
     gap = sample_field(far, chains.pixels)
-    about = chains.pixels - gap * unit(compute_gradient(far, chains.pixels, _SEARCH))
+    about = chains.pixels - gap * normalize(compute_gradient(far, chains.pixels, _SEARCH))
     return move_to_distance(border, chains.table, chains.pixels, about, gap, distance)
 
 
@@ -174,7 +174,7 @@ def measure_runs(
     """
     step = points - points[table.shifted(-1)]
     contact_step = contacts - contacts[table.shifted(-1)]
-    return np.asarray((contact_step * unit(step).conj()).real), np.abs(step)
+    return np.asarray((contact_step * normalize(step).conj()).real), np.abs(step)
 
 
 def compute_feeds(ratio: FloatArray, contact: BoolArray, fastest: float) -> FloatArray:
@@ -283,8 +283,8 @@ def smooth(table: Rings, count: IntArray, *columns: ComplexArray) -> list[Comple
 
 def mark_spaced(table: Rings, count: IntArray) -> BoolArray:
     """(N,) true for the rows nearest to `count` (L,) even places along each curve."""
-    loop = owners(count)
-    places = np.rint(ramp(count) * (table.count / count)[loop]).astype(np.int64)
+    loop = list_owners(count)
+    places = np.rint(number_rows(count) * (table.count / count)[loop]).astype(np.int64)
     is_spaced = np.zeros(len(table), dtype=bool)
     is_spaced[table.first[loop] + places % table.count[loop]] = True
     return is_spaced

@@ -13,9 +13,9 @@ from camgen.geometry.segments import (
     IntArray,
     Segments,
     concatenate,
-    make,
+    make_segments,
     points_at,
-    split,
+    split_segments,
     tangents_at,
 )
 from camgen.model.pose import FloatArray
@@ -90,7 +90,7 @@ def cut_out(chain: Segments, low: float, high: float) -> Segments:
     first = np.where(first < _SHORTEST_MM, 0.0, first)
     last = np.where(length - last < _SHORTEST_MM, length, last)
     rows = np.flatnonzero(last - first > np.minimum(_SHORTEST_MM, length / 2))
-    return split(chain, rows, first[rows] / length[rows], last[rows] / length[rows])
+    return split_segments(chain, rows, first[rows] / length[rows], last[rows] / length[rows])
 
 
 def start_at(ring: Segments, length: float) -> Segments:
@@ -110,7 +110,7 @@ def join_chains(chains: list[Segments]) -> Segments:
         if parts:
             start, end = parts[-1].end[-1:], chain.start[:1]
             if np.hypot(*(end - start)[0]) > _SHORTEST_MM:
-                parts.append(make(start, end, np.zeros(1), np.zeros(1, dtype=np.int64)))
+                parts.append(make_segments(start, end, np.zeros(1), np.zeros(1, dtype=np.int64)))
                 parts.append(chain)
             else:
                 parts.append(_with_start(chain, start[0]))
@@ -123,13 +123,13 @@ def _with_start(chain: Segments, start: FloatArray) -> Segments:
     """A chain with its first point moved to `start` (2,), within `_SHORTEST_MM` of it."""
     starts = chain.start.copy()
     starts[0] = start
-    return make(starts, chain.end, chain.bulge, chain.owner)
+    return make_segments(starts, chain.end, chain.bulge, chain.owner)
 
 
 def make_lines(start: FloatArray, ends: FloatArray) -> Segments:
     """Lines from one point `start` (2,) to each of `ends` (M, 2)."""
     count = len(ends)
-    return make(np.tile(start, (count, 1)), ends, np.zeros(count), np.arange(count))
+    return make_segments(np.tile(start, (count, 1)), ends, np.zeros(count), np.arange(count))
 
 
 def make_polyline(corners: FloatArray) -> Segments:
@@ -137,4 +137,6 @@ def make_polyline(corners: FloatArray) -> Segments:
     is_new = np.append(True, np.hypot(*np.diff(corners, axis=0).T) > _SHORTEST_MM)
     corners = corners[is_new]
     count = len(corners) - 1
-    return make(corners[:-1], corners[1:], np.zeros(count), np.zeros(count, dtype=np.int64))
+    return make_segments(
+        corners[:-1], corners[1:], np.zeros(count), np.zeros(count, dtype=np.int64)
+    )

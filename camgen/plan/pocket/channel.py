@@ -25,7 +25,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.segments import BoolArray, Segments, make
+from camgen.geometry.segments import BoolArray, Segments, make_segments
 from camgen.model.pose import FloatArray
 from camgen.plan.pocket.engagement_limit import EngagementLimit, compute_disc_radii
 from camgen.plan.pocket.fronts import bare_spans, clear_spans, crossings, unrolled
@@ -226,7 +226,7 @@ class _ChannelBuilder:
         """The finished channel."""
         corners = np.array(self.corners)
         owner = np.zeros(len(corners) - 1, dtype=np.int64)
-        chain = make(corners[:-1], corners[1:], np.array(self.bulges), owner)
+        chain = make_segments(corners[:-1], corners[1:], np.array(self.bulges), owner)
         empty = np.zeros(0)
         return Channel(
             tuple(self.discs),
@@ -274,7 +274,7 @@ def _cut_channel(
 def _make_rim(disc: Disc, ccw: bool) -> Segments:
     ends = np.array([[disc.x - disc.radius, disc.y], [disc.x + disc.radius, disc.y]])
     bulges = np.full(2, 1.0 if ccw else -1.0)
-    return make(ends, ends[::-1], bulges, np.zeros(2, dtype=np.int64))
+    return make_segments(ends, ends[::-1], bulges, np.zeros(2, dtype=np.int64))
 
 
 def _are_covered(

@@ -17,7 +17,7 @@ from camgen.geometry.segments import (
     Segments,
     find_following,
     flatten,
-    from_contours,
+    make_contour_segments,
 )
 from camgen.geometry.uncross import find_slips, uncross_loops
 from camgen.model.part import Contour, Note
@@ -56,7 +56,7 @@ class Pockets(Struct, frozen=True, eq=False):
 def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     """The pockets that the contours enclose, and notes on contours that are left out."""
     closed = [contour for contour in contours if contour.closed]
-    nesting = _find_overlaps(closed, find_nesting(from_contours(closed), len(closed)))
+    nesting = _find_overlaps(closed, find_nesting(make_contour_segments(closed), len(closed)))
     crossings = _find_crossings(closed)
     for k in crossings:
         nesting.crossed[k] = k
@@ -103,7 +103,7 @@ def _make_pockets(
     for pocket_members in members:
         chosen += pocket_members
     is_reversed = (nesting.area[chosen] > 0) == (nesting.depth[chosen] % 2 == 0)
-    segments = reverse_loops(from_contours([closed[k] for k in chosen]), is_reversed)
+    segments = reverse_loops(make_contour_segments([closed[k] for k in chosen]), is_reversed)
     following = find_following(segments, np.ones(len(chosen), dtype=bool))
     slips = find_slips(segments, following, len(chosen)) | _are_crossed(segments, len(chosen))
     segments, following = uncross_loops(segments, following, slips)
@@ -127,7 +127,7 @@ def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
 
     Between two such contours material would be cut away.
     """
-    points, owner = flatten(from_contours(closed), CHORD_MM)
+    points, owner = flatten(make_contour_segments(closed), CHORD_MM)
     has_area = np.bincount(owner, minlength=len(closed)) >= MIN_CORNERS
     tested = np.flatnonzero(has_area & (nesting.crossed < 0))
     rows = np.isin(owner, tested)
@@ -168,9 +168,9 @@ def _find_crossings(closed: Sequence[Contour]) -> dict[int, tuple[float, float]]
     Inside such a loop it is not clear on which side the pocket lies.
     """
     places: dict[int, tuple[float, float]] = {}
-    crossed = _are_crossed(from_contours(closed), len(closed))
+    crossed = _are_crossed(make_contour_segments(closed), len(closed))
     for k in np.flatnonzero(crossed).tolist():
-        points, _ = flatten(from_contours([closed[k]]), CHORD_MM)
+        points, _ = flatten(make_contour_segments([closed[k]]), CHORD_MM)
         parts = shapely.get_parts(shapely.make_valid(shapely.Polygon(points)))
         parts = parts[np.argsort(-shapely.area(parts), kind="stable")]
         loops = parts[1:][~shapely.is_empty(shapely.buffer(parts[1:], -_SLIP_MM / 2))]
@@ -207,10 +207,10 @@ def _find_unclear(
     """
     if not unfit or not outer:
         return []
-    points, owner = flatten(from_contours([closed[k] for k in outer]), CHORD_MM)
+    points, owner = flatten(make_contour_segments([closed[k] for k in outer]), CHORD_MM)
     rings = [points[owner == k] for k in range(len(outer))]
     polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings]
-    chords, chord_owner = flatten(from_contours(unfit), CHORD_MM)
+    chords, chord_owner = flatten(make_contour_segments(unfit), CHORD_MM)
     ends = np.array([contour.points[0 if contour.closed else -1] for contour in unfit])
     rows = [np.vstack([chords[chord_owner == k], end]) for k, end in enumerate(ends)]
     lines = [shapely.LineString(points) for points in rows]

@@ -9,13 +9,13 @@ import numpy as np
 import shapely
 
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
     Segments,
     concatenate,
-    from_contours,
+    make_contour_segments,
     points_at,
     tangents_at,
 )
@@ -110,7 +110,7 @@ def _gather_passes(
         pockets += [regions[k].pocket] * len(regions[k].passes)
     sizes = [len(chain) for chain in passes]
     pocket = np.repeat(np.array(pockets, dtype=np.int64), sizes)
-    return concatenate(passes) if passes else from_contours([]), pocket
+    return concatenate(passes) if passes else make_contour_segments([]), pocket
 
 
 def _sample_engagement(
@@ -130,8 +130,8 @@ def _sample_engagement(
     wall_side: 1 if the walls are on the left of the direction of travel, -1 if on the right.
     """
     count = np.clip(np.ceil(passes.length / radius), 1, _MAX_SAMPLES).astype(np.int64)
-    row = owners(count)
-    fraction = (ramp(count) + 0.5) / count[row]
+    row = list_owners(count)
+    fraction = (number_rows(count) + 0.5) / count[row]
     length = (passes.length / count)[row]
     # The ends are samples without a length: engagement is highest at corners.
     row = np.concatenate([row, np.arange(len(passes))])

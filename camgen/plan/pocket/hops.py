@@ -18,7 +18,7 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import owners, ramp, true_runs
+from camgen.geometry.ragged import find_true_runs, list_owners, number_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -26,7 +26,7 @@ from camgen.geometry.segments import (
     concatenate,
     flatten,
     points_at,
-    split,
+    split_segments,
 )
 from camgen.model.path import PLACES, ToolPath
 from camgen.model.pose import FloatArray, frozen
@@ -155,7 +155,7 @@ def _find_idle_runs(
     A run over the end of the channel is split there, unless a hop can replace all of it.
     """
     runs: list[tuple[int, int]] = []
-    for first, last in true_runs(is_idle).tolist():
+    for first, last in find_true_runs(is_idle).tolist():
         leaves_channel = first < channel_segments < last
         if leaves_channel and _shorten(chain.take(np.arange(first, last)), cleared) is None:
             runs += [(first, channel_segments), (channel_segments, last)]
@@ -173,8 +173,8 @@ def _split_at_border(chain: Segments, cleared: Any, radius: float) -> tuple[Segm
         return chain, np.zeros(0, dtype=np.bool_)
     # The first sample of a segment is its start, the last one its end.
     count = np.maximum(np.ceil(chain.length / (_SPACING_FRACTION * radius)), 2).astype(np.int64) + 1
-    row = owners(count)
-    at = ramp(count) / (count[row] - 1)
+    row = list_owners(count)
+    at = number_rows(count) / (count[row] - 1)
 
     def is_clear(rows: IntArray, fraction: FloatArray) -> BoolArray:
         points = points_at(chain.take(rows), fraction)
@@ -198,7 +198,7 @@ def _split_at_border(chain: Segments, cleared: Any, radius: float) -> tuple[Segm
     begins_row, begins_at, state = begins_row[order], begins_at[order], state[order]
     is_last = np.append(begins_row[1:] != begins_row[:-1], True)
     ends_at = np.where(is_last, 1.0, np.append(begins_at[1:], 1.0))
-    return split(chain, begins_row, begins_at, ends_at), state
+    return split_segments(chain, begins_row, begins_at, ends_at), state
 
 
 def _shorten(stretch: Segments, cleared: Any) -> Segments | None:
@@ -234,7 +234,7 @@ def lift_hops(path: ToolPath, is_hop: BoolArray, speeds: Speeds) -> ToolPath:
     if not is_hop.any():
         return path
     table, rows = path.table, np.arange(len(path))
-    runs = true_runs(is_hop)
+    runs = find_true_runs(is_hop)
     ups, downs = runs[:, 0], runs[:, 1] - 1
     source = np.concatenate([rows, ups, downs])
     # A row up comes before the first row of a run, a row down after its last one.

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from camgen.geometry.arcs import compute_bulges
 from camgen.geometry.intersect import measure_gaps
-from camgen.geometry.ragged import owners, ramp
-from camgen.geometry.segments import IntArray, Segments, make, points_at, tangents_at
+from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.segments import IntArray, Segments, make_segments, points_at, tangents_at
 from camgen.model.pose import FloatArray
 from camgen.plan.pocket.chains import (
     cut_out,
@@ -503,7 +503,9 @@ def _find_leaning_arc(
     half = (on_ring + locate(chain, (foot + ahead / 2) % total)) / 2
     ends = (foot + ahead) % total
     lines = make_lines(start_point[0], locate(chain, ends))
-    links = make(lines.start, lines.end, compute_bulges(lines.start, half, lines.end), lines.owner)
+    links = make_segments(
+        lines.start, lines.end, compute_bulges(lines.start, half, lines.end), lines.owner
+    )
     directions = tangents_at(links, np.ones(len(links)))
     cosine = (directions * tangents_along(chain, ends)).sum(axis=1)
     is_free = measure_gaps(links, limits.walls, limits.min_distance) >= limits.min_distance
@@ -576,8 +578,8 @@ def _measure_uncut(links: Segments, limits: _LinkLimits) -> FloatArray:
     """The length (N,) of each straight link in uncut material, mm, from samples along it."""
     spacing = _SAMPLE_FRACTION * limits.min_distance
     count = np.clip(np.ceil(links.length / spacing), 2, _MAX_SAMPLES).astype(np.int64)
-    link = owners(count)
-    points = points_at(links.take(link), (ramp(count) + 0.5) / count[link])
+    link = list_owners(count)
+    points = points_at(links.take(link), (number_rows(count) + 0.5) / count[link])
     is_uncut = np.ones(len(points), dtype=bool)
     for polygon in limits.cut:
         rows = np.flatnonzero(is_uncut)

@@ -15,7 +15,7 @@ import shapely
 from msgspec import Struct
 
 from camgen.geometry.intersect import measure_nearest
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import IntArray, Segments, points_at
 from camgen.model.pose import FloatArray
 
@@ -106,7 +106,7 @@ def _divide_links(
         spacing,
     )
     count = np.maximum(np.ceil(length / max_spacing), 1).astype(np.int64)
-    link, step = owners(count), ramp(count)
+    link, step = list_owners(count), number_rows(count)
     is_added = step > 0
     fraction = (step / count[link])[:, None]
     positions = points[first[link]] * (1 - fraction) + points[second[link]] * fraction
@@ -125,7 +125,7 @@ def _sample_walls(
     """
     spacing = max(spacing, float(walls.length.sum()) / _MAX_SAMPLES)
     count = np.maximum(np.ceil(walls.length / spacing), 1).astype(np.int64)
-    row, step = owners(count), ramp(count)
+    row, step = list_owners(count), number_rows(count)
     samples = points_at(walls.take(row), step / count[row])
     first = np.cumsum(count) - count
     after = np.where(step + 1 < count[row], np.arange(len(row)) + 1, first[following[row]])

@@ -30,7 +30,7 @@ from camgen.geometry.segments import (
     concatenate,
     find_following,
     flatten,
-    from_contours,
+    make_contour_segments,
     reverse_segments,
 )
 from camgen.plan.beside import OffsetCurve, make_offset_curve
@@ -263,7 +263,7 @@ def make_pocket_polygon(walls: PocketWalls, pocket: int) -> Any:
 def _join_walls(parts: Sequence[PocketWalls], pocket_count: int) -> PocketWalls:
     if not parts:
         empty = np.zeros(0, dtype=np.int64)
-        return PocketWalls(from_contours([]), empty, empty, pocket_count)
+        return PocketWalls(make_contour_segments([]), empty, empty, pocket_count)
     row_count, owner_count = 0, 0
     following, owner = [], []
     for part in parts:

@@ -13,12 +13,12 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.segments import find_following, from_contours
+from camgen.geometry.segments import find_following, make_contour_segments
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
 from camgen.plan.pocket.regions import QUARTER_CHORDS, PocketWalls, make_pocket_polygon
-from camgen.plan.recover import recover
+from camgen.plan.recover import recover_arcs
 from camgen.plan.rest import find_rest
 
 #: mm: tolerance with which arcs are recovered from the chords of walls.
@@ -73,7 +73,7 @@ def find_rest_of_pockets(pocket_walls: PocketWalls, part: Part, job: Job) -> Res
             loops += [_make_loop(ring) for ring in rings]
             group += [len(pocket)] * len(rings)
             pocket.append(number)
-    walls = from_contours(recover(loops, _ARC_MM)[0])
+    walls = make_contour_segments(recover_arcs(loops, _ARC_MM)[0])
     following = find_following(walls, np.ones(len(loops), np.bool_))
     owner_group = np.array(group, np.int64)[walls.owner]
     rest_walls = PocketWalls(walls, following, owner_group, len(pocket))

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from camgen.geometry.segments import (
     Segments,
     concatenate,
-    from_contours,
+    make_contour_segments,
 )
 from camgen.model.job import Job
 from camgen.model.path import ToolPath
@@ -47,7 +47,7 @@ class Slots(Struct, frozen=True, eq=False):
 
 def find_slots(wall_passes: RegionForest, walls: PocketWalls, job: Job) -> Slots:
     """Find the channels and holes that the passes along the walls do not enter."""
-    passes = [from_contours([])]
+    passes = [make_contour_segments([])]
     for region in wall_passes.regions:
         if region.parent < 0:
             passes += region.passes

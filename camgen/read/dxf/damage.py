@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import stretches
+from camgen.geometry.ragged import list_range_numbers
 from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.text import counted, harmless, short
@@ -346,7 +346,7 @@ def _find_groups(lines: _Lines) -> dict[int, str]:
 def _list_rows(tags: Tags, entities: Index) -> tuple[Index, Index]:
     """Index of each tag of `entities`, and of its entity."""
     count = tags.count[entities]
-    return stretches(tags.head[entities], count), np.repeat(entities, count)
+    return list_range_numbers(tags.head[entities], count), np.repeat(entities, count)
 
 
 def _check_groups(lines: _Lines, entities: Index, required: tuple[int, ...]) -> dict[int, str]:

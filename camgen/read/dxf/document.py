@@ -13,7 +13,7 @@ from ezdxf.lldxf.const import DXFError
 from ezdxf.lldxf.tagger import binary_tags_loader
 from msgspec import Struct
 
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError, make_one_line
 from camgen.model.part import Note
 from camgen.model.text import counted, harmless
 from camgen.read.dxf.damage import SAVE_AGAIN, repair
@@ -186,7 +186,7 @@ def _decode(data: bytes) -> TextIOWrapper:
 
 def _format(error: Exception) -> str:
     # An entity without a handle is named by its address in memory.
-    text = re.sub(r"\(#\d{9,}\)", "", one_line(str(error))).strip().rstrip(".")
+    text = re.sub(r"\(#\d{9,}\)", "", make_one_line(str(error))).strip().rstrip(".")
     if isinstance(error, KeyError):
         text = f"no entry {text}"
     return text[:120] if text else type(error).__name__

@@ -15,10 +15,16 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry import curves
-from camgen.geometry.ragged import begins, following, offsets, owners, ramp
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    compute_offsets,
+    find_following_rows,
+    list_owners,
+    number_rows,
+)
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.entities import DrawnEntities, Smooth
-from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, are_credible, index_names
+from camgen.read.pieces import FARTHEST, BoolArray, DrawnPieces, IntArray, are_credible, index_names
 
 #: mm: rounding of coordinates. A flat curve may leave its plane by this,
 FLAT_MM = 1e-3
@@ -39,7 +45,7 @@ class Flat(Struct, frozen=True, eq=False):
     gaps: distance between the ends of each spline that is marked closed, mm, by owner.
     """
 
-    soup: Soup
+    soup: DrawnPieces
     tilted: dict[int, float]
     damaged: tuple[int, ...]
     heights: FloatArray
@@ -88,7 +94,7 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
     is_valid = are_credible(soup)
     is_flat = ~(high - low > _compute_tolerances(soup)) | ~is_valid
     arc_count = np.bincount(
-        owners(entities.counts), entities.rows[:, 3] != 0, minlength=len(entities.counts)
+        list_owners(entities.counts), entities.rows[:, 3] != 0, minlength=len(entities.counts)
     )
     becomes_elliptical = (arc_count > 0) & ~keeps_angles
     chains: list[_Chain] = []
@@ -148,8 +154,8 @@ def _list_arcs(drawn: DrawnEntities) -> EntityRows:
     parts = np.maximum(np.ceil(sweep / 180 - 1e-12), 1).astype(np.intp)
     is_closed = np.array(drawn.closed, dtype=np.bool_)[owner]
     counts = parts + ~is_closed
-    arc = owners(counts)
-    angle = np.radians(start[arc] + (sweep / parts)[arc] * ramp(counts))
+    arc = list_owners(counts)
+    angle = np.radians(start[arc] + (sweep / parts)[arc] * number_rows(counts))
     bulge = np.tan(np.radians(sweep / parts) / 4)
     points = (x[arc] + radius[arc] * np.cos(angle), y[arc] + radius[arc] * np.sin(angle), z[arc])
     rows = np.column_stack([*points, bulge[arc]])
@@ -197,12 +203,12 @@ def _place(
     world = rows.copy()
     world[:, :3] = _transform(matrices, matrix_of_row, rows[:, :3])
     # The middle of an arc may be its only point out of the plane.
-    chord = rows[following(entities.counts), :2] - rows[:, :2]
+    chord = rows[find_following_rows(entities.counts), :2] - rows[:, :2]
     right = np.column_stack([chord[:, 1], -chord[:, 0]])
     middle = np.column_stack([rows[:, :2] + chord / 2 + right * rows[:, 3:] / 2, rows[:, 2]])
     middle_z = _transform(matrices, matrix_of_row, middle)[:, 2]
     z = np.stack([world[:, 2], np.where(rows[:, 3] != 0, middle_z, world[:, 2])])
-    first = begins(entities.counts)
+    first = compute_first_rows(entities.counts)
     low = np.minimum.reduceat(z.min(axis=0), first)
     high = np.maximum.reduceat(z.max(axis=0), first)
     # A piece with an invalid height is not flat but damaged, so its x is made invalid, too.
@@ -220,7 +226,7 @@ def _transform(matrices: FloatArray, which: IntArray, points: FloatArray) -> Flo
     return np.asarray(rotated + matrices[which, :3, 3])
 
 
-def _compute_tolerances(soup: Soup) -> FloatArray:
+def _compute_tolerances(soup: DrawnPieces) -> FloatArray:
     """(P,) distance by which each piece may leave its plane, mm."""
     first = soup.first[:-1]
     size = np.maximum.reduceat(soup.points, first) - np.minimum.reduceat(soup.points, first)
@@ -334,11 +340,11 @@ def _fit(chains: list[_Chain], chord: float) -> EntityRows:
 # The soup.
 
 
-def _list_empty_pieces(drawn: DrawnEntities) -> Soup:
+def _list_empty_pieces(drawn: DrawnEntities) -> DrawnPieces:
     """A piece without points for each entity, with its layer and so on."""
     layers, layer = index_names(drawn.layer)
     kinds, kind = index_names(drawn.kind)
-    return Soup(
+    return DrawnPieces(
         points=np.zeros((0, 2)),
         bulges=np.zeros(0),
         first=np.zeros(len(layer) + 1, dtype=np.intp),
@@ -352,13 +358,13 @@ def _list_empty_pieces(drawn: DrawnEntities) -> Soup:
     )
 
 
-def _make_soup(empty: Soup, pieces: EntityRows) -> Soup:
+def _make_soup(empty: DrawnPieces, pieces: EntityRows) -> DrawnPieces:
     """The soup of `pieces`. empty: the pieces of all entities, without points."""
     return replace(
         empty,
         points=pieces.rows[:, :2],
         bulges=pieces.rows[:, 3],
-        first=offsets(pieces.counts),
+        first=compute_offsets(pieces.counts),
         closed=empty.closed[pieces.owner],
         layer=empty.layer[pieces.owner],
         kind=empty.kind[pieces.owner],

@@ -17,7 +17,14 @@ from typing import Final
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import begins, ramp, run_lengths, run_starts, stretches, true_runs
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    find_run_starts,
+    find_true_runs,
+    list_range_numbers,
+    measure_runs,
+    number_rows,
+)
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.tags import LONGEST, LONGEST_NUMBER, Index, Mask, Tags, Texts, tabulate
 
@@ -119,7 +126,7 @@ def split(data: bytes, least: int = LEAST) -> Split | None:
         return None
     columns = _find_plain(tags)
     # An entity that is followed by parts of it stays, since the parts stay.
-    runs = true_runs((columns.kind >= 0) & ~np.append(tags.are(_PARTS)[1:], False))
+    runs = find_true_runs((columns.kind >= 0) & ~np.append(tags.are(_PARTS)[1:], False))
     runs = runs[runs[:, 1] - runs[:, 0] >= least]
     return _cut(data, section, tags, columns, runs) if len(runs) else None
 
@@ -161,13 +168,13 @@ def _find_plain(tags: Tags) -> _Columns:
     columns = _Columns(np.full(count, -1), np.zeros((count, 6)), texts)
     # Sequences are compared by sums with random weights, which are almost never equal by chance.
     weights = np.random.default_rng(0).integers(1, 2**62, _MOST_TAGS, dtype=np.uint64)
-    position = np.minimum(ramp(tags.count), _MOST_TAGS - 1)
+    position = np.minimum(number_rows(tags.count), _MOST_TAGS - 1)
     terms = (tags.code + 1).astype(np.uint64) * weights.take(position)
     key = np.add.reduceat(terms, tags.head)
     for kind, name in enumerate(KINDS):
         entities = np.flatnonzero(tags.are((name,)) & (tags.count <= _MOST_TAGS))
         entities = entities[np.argsort(key[entities], kind="stable")]
-        bounds = np.append(run_starts(key[entities]), len(entities))
+        bounds = np.append(find_run_starts(key[entities]), len(entities))
         frequent = np.argsort(-np.diff(bounds), kind="stable")[:_MOST_SEQUENCES]
         for k in frequent.tolist():
             _fill(columns, tags, kind, entities[bounds[k] : bounds[k + 1]])
@@ -241,8 +248,8 @@ def _find_different(texts: Texts) -> tuple[Texts, Index]:
 
     Most neighbours are equal, so only the first text of each run is compared.
     """
-    counts = run_lengths(texts)
-    different, which = np.unique(texts[begins(counts)], return_inverse=True)
+    counts = measure_runs(texts)
+    different, which = np.unique(texts[compute_first_rows(counts)], return_inverse=True)
     return different, np.repeat(which, counts)
 
 
@@ -251,8 +258,8 @@ def _read_floats(texts: Texts) -> tuple[FloatArray, Mask]:
 
     Neighbours are often equal, such as heights and points in a row, so each run is read once.
     """
-    counts = run_lengths(texts)
-    texts = texts[begins(counts)]
+    counts = measure_runs(texts)
+    texts = texts[compute_first_rows(counts)]
     letters = texts.view(np.uint8).reshape(len(texts), -1)
     try:
         numbers = texts.astype(np.float64)
@@ -282,7 +289,7 @@ def _cut(data: bytes, section: slice, tags: Tags, columns: _Columns, runs: Index
         position = begin_of[after]
         count += after - first
     pieces.append(data[position:])
-    rows = stretches(runs[:, 0], np.diff(runs)[:, 0])
+    rows = list_range_numbers(runs[:, 0], np.diff(runs)[:, 0])
     return Split(b"".join(pieces), _select_rows(columns, rows), slices)
 
 

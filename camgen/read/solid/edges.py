@@ -10,7 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import Circle, find_circle, fit_circle, measure_spans
-from camgen.geometry.vectors import cross, unit
+from camgen.geometry.vectors import cross, normalize
 from camgen.model.part import Edge, EdgeKind, IntArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.read.solid.sharp import CORNER, SharpSides, SideChains
@@ -374,7 +374,7 @@ def _span_line(points: FloatArray, normals: FloatArray, weight: FloatArray) -> E
     """
     cosines = np.einsum("ijk,ijk->ij", normals[1:], normals[:-1])
     starts = np.flatnonzero(~np.append(False, (cosines > STEADY_COSINE).all(axis=1)))
-    via_normals = unit(np.add.reduceat(normals * weight[:, None, None], starts))
+    via_normals = normalize(np.add.reduceat(normals * weight[:, None, None], starts))
     ends = points[np.append(starts, len(points) - 1)]
     return EdgeSpans(ends, (ends[1:] + ends[:-1]) / 2, _average_normals(via_normals), via_normals)
 
@@ -389,13 +389,13 @@ def _span_arc(
     # At a vertex on the chord of its neighbours another face ends. Its two sides are one.
     kept = _select_corners(points, _TIGHT * float(np.abs(points).max()))
     points = points[kept]
-    normals = unit(np.add.reduceat(normals * weight[:, None, None], kept[:-1]))
+    normals = normalize(np.add.reduceat(normals * weight[:, None, None], kept[:-1]))
     weight = np.add.reduceat(weight, kept[:-1])
     angles = circle.angles(points)
     angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
     middles = (angles[1:] + angles[:-1]) / 2
     local = np.einsum("smk,sjk->sjm", _compute_frames(circle, middles), normals)
-    mean = unit(np.einsum("s,sjm->jm", weight, local))
+    mean = normalize(np.einsum("s,sjm->jm", weight, local))
     if (np.einsum("sjm,jm->sj", local, mean) < np.cos(_STEADY)).any():
         return EdgeSpans(points, circle.at(middles), _average_normals(normals), normals)
     count = max(1, int(np.ceil(angles[-1] / np.pi - 1e-6)))
@@ -414,7 +414,7 @@ def _compute_frames(circle: Circle, angles: FloatArray) -> FloatArray:
 
 def _average_normals(normals: FloatArray) -> FloatArray:
     """(N + 1, 2, 3) normals at the ends of spans with the normals (N, 2, 3) at their middles."""
-    inner = unit(normals[1:] + normals[:-1])
+    inner = normalize(normals[1:] + normals[:-1])
     return np.concatenate([normals[:1], inner, normals[-1:]])
 
 
@@ -425,7 +425,7 @@ def _join_spans(parts: list[EdgeSpans]) -> EdgeSpans:
     points = np.concatenate([p.points[:-1] for p in parts] + [parts[-1].points[-1:]])
     normals = [parts[0].normals[:-1]]
     for before, after in pairwise(parts):
-        normals += [unit(before.normals[-1:] + after.normals[:1]), after.normals[1:-1]]
+        normals += [normalize(before.normals[-1:] + after.normals[:1]), after.normals[1:-1]]
     normals.append(parts[-1].normals[-1:])
     via = np.concatenate([p.via for p in parts])
     via_normals = np.concatenate([p.via_normals for p in parts])

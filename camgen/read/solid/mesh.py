@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import each_once
+from camgen.geometry.ragged import select_distinct
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Note, Solid
@@ -229,7 +229,7 @@ def _clean(
     if named is not None:
         owners = np.full(len(vertices), -1)
         owners[faces] = named.owners[soup.faces]
-        named = named._replace(owners=owners[each_once(split.reshape(-1))])
+        named = named._replace(owners=owners[select_distinct(split.reshape(-1))])
     return *drop_unused(vertices, split), named
 
 

@@ -20,7 +20,7 @@ from zipfile import BadZipFile
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError, make_one_line
 from camgen.model.files import SCAN, Source
 from camgen.model.limits import Limits, format_limit
 from camgen.model.part import Note
@@ -198,7 +198,7 @@ def _parse(name: str, data: bytes, kind: str, limits: Limits) -> MeshSoup:
         if package and package != _GUESSER:
             missing = f"reading this {kind[1:].upper()} needs the package {package}"
             raise InputError(name, missing, "", f"install {package}, or {_SAVE_AGAIN}") from error
-        text = one_line(str(error)).strip().rstrip(".")
+        text = make_one_line(str(error)).strip().rstrip(".")
         raise InputError(
             name,
             f"is damaged or no {kind[1:].upper()} mesh: {text[:120] or type(error).__name__}",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import run_starts
-from camgen.geometry.vectors import angles, cross, dots
+from camgen.geometry.ragged import find_run_starts
+from camgen.geometry.vectors import cross, measure_angles, multiply_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.read.solid.topology import Pairs, list_ends
@@ -120,11 +120,11 @@ def find_sharp_sides(
     left_half, right_half = pairs.first[~pairs.turned], pairs.second[~pairs.turned]
     left, right = normals[left_half // 3], normals[right_half // 3]
     has_normals = left.any(axis=1) & right.any(axis=1)
-    rows = np.flatnonzero((dots(left, right) < np.cos(feature_angle)) & has_normals)
+    rows = np.flatnonzero((multiply_rows(left, right) < np.cos(feature_angle)) & has_normals)
     both = np.stack([left[rows], right[rows]], axis=1)
     start, end = list_ends(faces, left_half[rows])
-    convex = dots(cross(both[:, 0], both[:, 1]), vertices[end] - vertices[start]) > 0
-    return SharpSides(start, end, both, angles(both[:, 0], both[:, 1]), convex)
+    convex = multiply_rows(cross(both[:, 0], both[:, 1]), vertices[end] - vertices[start]) > 0
+    return SharpSides(start, end, both, measure_angles(both[:, 0], both[:, 1]), convex)
 
 
 # Chains: sharp sides joined end to end where exactly two of the same convexity meet and the
@@ -171,7 +171,7 @@ def _match_ends(sides: SharpSides, vertices: FloatArray) -> IntArray:
     mates = np.full(2 * count, -1)
     vertex = np.column_stack([sides.start, sides.end]).reshape(-1)
     order = np.argsort(vertex, kind="stable")
-    groups = run_starts(vertex[order])
+    groups = find_run_starts(vertex[order])
     size = np.diff(np.append(groups, 2 * count))
     a, b = order[groups[size == 2]], order[groups[size == 2] + 1]
     along = vertices[sides.end] - vertices[sides.start]

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import Circle, find_circle, fit_circle, make_spans_through, measure_spans
-from camgen.geometry.vectors import angles, cross
+from camgen.geometry.vectors import cross, measure_angles
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, Edge, EdgeKind, Note, Solid
@@ -195,7 +195,7 @@ def make_edge(
         frozen(via),
         frozen(normals),
         frozen(via_normals),
-        float(angles(via_normals[:, 0], via_normals[:, 1]).mean()),
+        float(measure_angles(via_normals[:, 0], via_normals[:, 1]).mean()),
         convex,
         closed,
         circle.radius if circle else 0.0,

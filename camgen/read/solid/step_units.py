@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError, make_one_line
 from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.read.units import MM
@@ -60,5 +60,5 @@ def _list_units(data: bytes) -> dict[bytes, str]:
 def _name(text: bytes) -> str:
     converted, si = _CONVERTED.search(text), _SI.search(text)
     if converted:
-        return one_line(converted[1].decode("ascii", "replace")).lower().replace("metre", "m")
+        return make_one_line(converted[1].decode("ascii", "replace")).lower().replace("metre", "m")
     return _PREFIX.get(si[1], "unknown") if si else "unknown"

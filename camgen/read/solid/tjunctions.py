@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camgen.geometry.ragged import each_once, starts_run
+from camgen.geometry.ragged import mark_run_starts, select_distinct
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.read.solid.topology import WELD, list_ends, pair_half_edges
@@ -46,7 +46,7 @@ def _find_junctions(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, In
     limit = WELD * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     flat = vertices @ _PLANE
     lines = shapely.linestrings(np.stack([flat[start], flat[end]], axis=1))
-    rim = each_once(np.concatenate([start, end]))
+    rim = select_distinct(np.concatenate([start, end]))
     points = shapely.points(flat[rim])
     point, side = shapely.STRtree(lines).query(points, predicate="dwithin", distance=limit)
     vertex = rim[point]
@@ -67,8 +67,8 @@ def _split(faces: IntArray, half: IntArray, vertex: IntArray) -> tuple[IntArray,
     half, vertex: junctions as from `_find_junctions`.
     """
     # The first side of each face is split. Others wait for the next pass.
-    sides = half[starts_run(half)]
-    first_half = sides[starts_run(sides // 3)]
+    sides = half[mark_run_starts(half)]
+    first_half = sides[mark_run_starts(sides // 3)]
     used = np.isin(half, first_half)
     half, vertex = half[used], vertex[used]
     sizes = np.bincount(np.searchsorted(first_half, half), minlength=len(first_half)) + 1

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import each_once, run_starts
+from camgen.geometry.ragged import find_run_starts, select_distinct
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -44,7 +44,7 @@ def pair_half_edges(faces: IntArray) -> Pairs:
     count = int(faces.max()) + 1 if len(faces) else 1
     key = np.minimum(start, end) * count + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
-    groups = run_starts(key[order])
+    groups = find_run_starts(key[order])
     size = np.diff(np.append(groups, len(key)))
     first, second = order[groups[size == 2]], order[groups[size == 2] + 1]
     return Pairs(
@@ -107,7 +107,7 @@ def weld_rims(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
     Vertices inside a closed surface stay: there is no gap to close, and merging them would flatten
     small faces.
     """
-    rim = each_once(np.concatenate(list_ends(faces, pair_half_edges(faces).open)))
+    rim = select_distinct(np.concatenate(list_ends(faces, pair_half_edges(faces).open)))
     if not len(rim):
         return faces, 0
     limit = WELD * float(np.linalg.norm(np.ptp(vertices, axis=0)))

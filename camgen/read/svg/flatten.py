@@ -9,9 +9,9 @@ import numpy as np
 from msgspec import Struct, field
 
 from camgen.geometry import curves
-from camgen.geometry.ragged import offsets
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.pose import FloatArray
-from camgen.read.pieces import Soup, index_names
+from camgen.read.pieces import DrawnPieces, index_names
 from camgen.read.svg.clip import cut_outline
 from camgen.read.svg.path import Oval
 from camgen.read.svg.tree import Drawing, DrawnShape
@@ -61,7 +61,7 @@ class _Pieces(Struct):
         self.shapes.append(shape)
 
 
-def flatten(drawing: Drawing, chord: float) -> Soup:
+def flatten(drawing: Drawing, chord: float) -> DrawnPieces:
     """Pieces of all that was drawn, one per subpath, or several where a clip cuts it.
 
     chord: mm, the deviation allowed for curves.
@@ -157,15 +157,15 @@ def _oval(
     )
 
 
-def _soup(drawing: Drawing, pieces: _Pieces) -> Soup:
+def _soup(drawing: Drawing, pieces: _Pieces) -> DrawnPieces:
     layers, layer = index_names([shape.layer for shape in drawing.shapes])
     kinds, kind = index_names([shape.kind for shape in drawing.shapes])
     colors, color = index_names([shape.paint.color for shape in drawing.shapes])
     owner = np.array(pieces.shapes, dtype=np.intp)
-    return Soup(
+    return DrawnPieces(
         points=np.concatenate([np.zeros((0, 2)), *pieces.points]),
         bulges=np.concatenate([np.zeros(0), *pieces.bulges]),
-        first=offsets(pieces.counts),
+        first=compute_offsets(pieces.counts),
         closed=np.array(pieces.closed, dtype=np.bool_),
         layer=layer[owner],
         kind=kind[owner],

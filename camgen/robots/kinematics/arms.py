@@ -84,7 +84,7 @@ class Gantry(Struct, frozen=True, eq=False):
 Arm = Spherical | ThreeParallel | Scara | Gantry
 
 
-def recognise(joints: tuple[Joint, ...], flange: Pose) -> Arm | None:
+def recognise_arm(joints: tuple[Joint, ...], flange: Pose) -> Arm | None:
     """The closed form of a chain, None if it has none. flange: last_joint_from_flange."""
     zero = make_zero_chain(joints, flange)
     slides = _list_slides(joints)

@@ -15,11 +15,15 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import offsets
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics import iterative as damped
-from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import are_turned_within_limits, list_turn_counts, wrap
+from camgen.robots.kinematics.inverse import compute_solutions
+from camgen.robots.kinematics.joint_limits import (
+    are_turned_within_limits,
+    list_turn_counts,
+    wrap_joints,
+)
 from camgen.robots.kinematics.singular import measure_singularity_distance
 from camgen.robots.models import Robot
 
@@ -54,7 +58,7 @@ def _solve(
     start: (J,), or (N, 1, J) for each row.
     paths: rows of each path.
     """
-    solutions = inverse(robot, rotations, origins, start)
+    solutions = compute_solutions(robot, rotations, origins, start)
     if robot.kind != "spherical-wrist":
         return solutions
     free = np.asarray(
@@ -88,20 +92,20 @@ def _keep_free(
         if len(fixed) and len(loose):
             source = fixed[np.maximum(np.searchsorted(fixed, loose) - 1, 0)]
             near = solutions[source, column][:, None]
-            kept = inverse(robot, rotations[loose], origins[loose], near)
+            kept = compute_solutions(robot, rotations[loose], origins[loose], near)
             solutions[loose, column] = kept[:, column]
 
 
 def _track(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
     """The candidates of an arm without a closed form: solutions of the first row, followed."""
     rows = np.full((len(origins), damped.SEEDS, len(robot.joints)), np.nan)
-    rows[0] = inverse(robot, rotations[:1], origins[:1])[0]
+    rows[0] = compute_solutions(robot, rotations[:1], origins[:1])[0]
     for row in range(1, len(origins)):
         alive = np.flatnonzero(np.isfinite(rows[row - 1, :, 0]))
         rotation = np.broadcast_to(rotations[row], (len(alive), 3, 3))
         origin = np.broadcast_to(origins[row], (len(alive), 3))
         refined = damped.refine(robot, rotation, origin, rows[row - 1, alive])
-        rows[row, alive] = wrap(robot, refined)
+        rows[row, alive] = wrap_joints(robot, refined)
     return rows
 
 
@@ -191,7 +195,7 @@ def follow_each(
             follow(robot, path, start, margin, jump)
             for path, start in zip(paths, starts, strict=True)
         ]
-    first = offsets([len(origins) for _, origins in paths])
+    first = compute_offsets([len(origins) for _, origins in paths])
     parts = [slice(low, high) for low, high in pairwise(first.tolist())]
     rotations, origins = map(np.concatenate, zip(*paths, strict=True))
     row_starts = np.repeat(np.stack(starts), np.diff(first), axis=0)[:, None]

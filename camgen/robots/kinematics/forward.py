@@ -6,14 +6,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from camgen.geometry.rotations import about
+from camgen.geometry.rotations import compute_rotation_terms
 from camgen.geometry.vectors import cross
 from camgen.model.pose import FloatArray
 from camgen.robots.chain import Joint
 from camgen.robots.models import Robot
 
 
-def frames(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+def compute_link_frames(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
     """base_from_link of all links: rotations (N, J + 1, 3, 3) and origins (N, J + 1, 3), mm.
 
     Link 0 is the base, link k moves with joint k.
@@ -44,9 +44,9 @@ def frames(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
     return rotations.swapaxes(0, 1), origins.swapaxes(0, 1)
 
 
-def flange(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+def compute_flange(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
     """base_from_flange at joint values (N, J): rotations (N, 3, 3) and origins (N, 3), mm."""
-    rotations, origins = frames(robot, joints)
+    rotations, origins = compute_link_frames(robot, joints)
     last = rotations[:, -1]
     return last @ robot.flange.rotation, origins[:, -1] + last @ np.asarray(robot.flange.origin)
 
@@ -75,13 +75,13 @@ def compute_velocities(
     return velocities
 
 
-def jacobian(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def compute_jacobian(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The Jacobian of the flange (N, 6, J), and base_from_flange, see `flange`.
 
     The rows of the Jacobian are mm and rad of the base frame, its columns are joint values of the
     controller.
     """
-    rotations, origins = frames(robot, joints)
+    rotations, origins = compute_link_frames(robot, joints)
     last = rotations[:, -1]
     tip = origins[:, -1] + last @ np.asarray(robot.flange.origin)
     serial = np.zeros((len(joints), 6, len(robot.joints)))
@@ -100,6 +100,6 @@ def _split_rotations(joints: tuple[Joint, ...]) -> FloatArray:
     for joint in joints:
         turn = joint.previous_from_joint.rotation
         constant = np.stack([turn, 0 * turn, 0 * turn])
-        split = constant if joint.sliding else turn @ about(np.asarray(joint.axis))
+        split = constant if joint.sliding else turn @ compute_rotation_terms(np.asarray(joint.axis))
         parts.append(split.reshape(3, 9))
     return np.stack(parts)

@@ -15,13 +15,13 @@ from camgen.robots.kinematics.joint_limits import (
     compute_joints,
     compute_theta,
     invert_coupling,
-    wrap,
+    wrap_joints,
 )
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
 
-def inverse(
+def compute_solutions(
     robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray | None = None
 ) -> FloatArray:
     """The joint values (N, B, J) of all branches for poses of the flange, nan for no solution.
@@ -43,7 +43,7 @@ def inverse(
     if isinstance(arm, Gantry):
         return flat.gantry_values(arm, rotations, origins)
     if arm is None:
-        return wrap(robot, damped.solve(robot, rotations, origins))
+        return wrap_joints(robot, damped.solve(robot, rotations, origins))
     if isinstance(arm, Scara):
         return compute_joints(robot, arm, flat.scara_angles(arm, rotations, origins))
     kept = np.full(len(robot.joints), np.nan) if near is None else near
@@ -64,7 +64,7 @@ def find_nearest(
     """
     if robot.arm is None:
         return damped.refine(robot, rotations, origins, guess)
-    solutions = inverse(robot, rotations, origins, guess[:, None])
+    solutions = compute_solutions(robot, rotations, origins, guess[:, None])
     change = (solutions - guess[:, None]) @ robot.coupling.T
     change -= np.where(robot.revolute, np.rint(change / math.tau) * math.tau, 0.0)
     largest = np.abs(change).max(axis=2)

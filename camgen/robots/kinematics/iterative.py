@@ -10,10 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from camgen.geometry.rotations import vectors_of
+from camgen.geometry.rotations import compute_rotation_vectors
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import find_resembling_arm
-from camgen.robots.kinematics.forward import jacobian
+from camgen.robots.kinematics.forward import compute_jacobian
 from camgen.robots.kinematics.near_spherical import find_guesses
 from camgen.robots.models import Robot
 
@@ -101,9 +101,9 @@ def _errors(
 
     Lengths in the first two are divided by the lever.
     """
-    moved, rotation, origin = jacobian(robot, joints)
+    moved, rotation, origin = compute_jacobian(robot, joints)
     offset = origins - origin
-    turn = vectors_of(rotations @ rotation.transpose(0, 2, 1))
+    turn = compute_rotation_vectors(rotations @ rotation.transpose(0, 2, 1))
     moved[:, :3] /= robot.lever
     error = np.hstack([offset / robot.lever, turn])
     return moved, error, np.linalg.norm(offset, axis=1), np.linalg.norm(turn, axis=1)

@@ -32,7 +32,7 @@ def compute_joints(
     return _unwind(robot, (theta - arm.offsets) * arm.signs)
 
 
-def wrap(robot: Robot, joints: FloatArray) -> FloatArray:
+def wrap_joints(robot: Robot, joints: FloatArray) -> FloatArray:
     """Joint values (..., J) with revolute joints within half a turn of the middle of their limits.
 
     The limits are those of the serial chain if a rod sets them.

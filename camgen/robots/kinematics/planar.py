@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camgen.geometry.rotations import turns_about_z
+from camgen.geometry.rotations import measure_rolls
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import Gantry, Scara
 
@@ -38,7 +38,7 @@ def _axis_four(arm: Scara, rotations: FloatArray, origins: FloatArray) -> tuple[
     They are in the frame of the arm, (N,) each.
     """
     turn = arm.base_from_arm.rotation.T @ rotations @ arm.arm_from_flange.rotation.T
-    yaw = turns_about_z(turn)
+    yaw = measure_rolls(turn)
     x, y, z = ((origins - arm.base_from_arm.origin) @ arm.base_from_arm.rotation).T
     ahead, side, _ = arm.arm_from_flange.origin
     c, s = np.cos(yaw), np.sin(yaw)

@@ -9,7 +9,7 @@ import numpy as np
 
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.tolerance import NONZERO
-from camgen.robots.kinematics.forward import jacobian
+from camgen.robots.kinematics.forward import compute_jacobian
 from camgen.robots.models import Robot
 
 
@@ -26,7 +26,7 @@ def measure_fastest(robot: Robot, joints: FloatArray, tip: Vec3) -> tuple[float,
     if seconds == 0.0:
         return 0.0, 0.0
     rate = change / seconds
-    moves, rotation, _ = jacobian(robot, joints)
+    moves, rotation, _ = compute_jacobian(robot, joints)
     flange = moves @ rate
     velocity = flange[:, :3] + np.cross(flange[:, 3:], rotation @ np.asarray(tip))
     turning = np.abs(rate[robot.revolute]).max(initial=0.0)

@@ -7,7 +7,7 @@ import numpy as np
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics import spherical, three_parallel
 from camgen.robots.kinematics.arms import Gantry, Scara
-from camgen.robots.kinematics.forward import jacobian
+from camgen.robots.kinematics.forward import compute_jacobian
 from camgen.robots.kinematics.joint_limits import compute_theta
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Kind, Robot
@@ -47,7 +47,7 @@ def measure_singularity_distance(robot: Robot, joints: FloatArray) -> FloatArray
     flat = joints.reshape(-1, joints.shape[-1])
     is_finite = np.isfinite(flat).all(axis=1)
     smallest = np.full(len(flat), np.nan)
-    moved, _, _ = jacobian(robot, flat[is_finite])
+    moved, _, _ = compute_jacobian(robot, flat[is_finite])
     moved[:, :3] /= robot.lever
     smallest[is_finite] = np.linalg.svd(moved, compute_uv=False)[:, -1]
     return smallest.reshape(*joints.shape[:-1], 1)

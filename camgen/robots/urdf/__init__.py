@@ -16,8 +16,8 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.model.tolerance import PARALLEL_EDGES
 from camgen.read.files import Files
-from camgen.robots.kinematics.arms import recognise
-from camgen.robots.kinematics.forward import frames, jacobian
+from camgen.robots.kinematics.arms import recognise_arm
+from camgen.robots.kinematics.forward import compute_jacobian, compute_link_frames
 from camgen.robots.kinematics.joint_limits import list_turn_counts
 from camgen.robots.models import Box, Link, Robot, Surface, Trust
 from camgen.robots.urdf.boxes import Shapes, is_own_hull, place_points, read_shapes
@@ -85,7 +85,9 @@ def _is_abb(robot: Robot) -> bool:
     """Whether the name is that of an ABB arm, with the zeros and signs of its controller."""
     if len(robot.joints) != len(_ABB_AXES) or not _ABB_NAME.match(robot.name):
         return False
-    rotations, origins = (table[0] for table in frames(robot, np.zeros((1, len(_ABB_AXES)))))
+    rotations, origins = (
+        table[0] for table in compute_link_frames(robot, np.zeros((1, len(_ABB_AXES))))
+    )
     axes = [
         turn @ np.asarray(joint.axis)
         for turn, joint in zip(rotations[1:], robot.joints, strict=True)
@@ -180,7 +182,7 @@ def _make_robot(
         trust=Trust("uncertain", "uncertain", "uncertain", "uncertain"),
         notes=tuple(all_notes),
         sources=(Path(described.file).name,),
-        arm=recognise(chain.joints, chain.flange),
+        arm=recognise_arm(chain.joints, chain.flange),
     )
 
 
@@ -221,7 +223,7 @@ def _measure_singular_values(robot: Robot, joints: FloatArray) -> FloatArray:
 
     Lengths are divided by the mean lever of the arm, also those of slides.
     """
-    moved, _, _ = jacobian(robot, joints)
+    moved, _, _ = compute_jacobian(robot, joints)
     moved[:, :3] /= robot.lever
     moved[:, :, ~robot.revolute] *= robot.lever
     return np.asarray(np.linalg.svd(moved, compute_uv=False)[:, -1])

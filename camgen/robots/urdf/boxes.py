@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import owners, ramp, run_starts
+from camgen.geometry.ragged import find_run_starts, list_owners, number_rows
 from camgen.model.errors import InputError
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, to_vec3
@@ -243,8 +243,8 @@ def _slices(
     counts[along[a] == along[b]] = 0
     side = np.flatnonzero(counts)
     counts = counts[side]
-    owner = owners(counts)
-    number = first[begin[side]][owner] + ramp(counts)
+    owner = list_owners(counts)
+    number = first[begin[side]][owner] + number_rows(counts)
     start, end, plane = vertices[a[side]][owner], vertices[b[side]][owner], planes[1 + number]
     fraction = (plane - start[:, axis]) / (end[:, axis] - start[:, axis])
     crossing = start + (end - start) * fraction[:, None]
@@ -259,7 +259,7 @@ def _measure_extents(points: FloatArray, slices: IntArray) -> tuple[FloatArray, 
     # NumPy sorts numbers of one byte by counting, which is faster.
     order = np.argsort(slices.astype(np.int8), kind="stable")
     points, slices = points[order], slices[order]
-    firsts = run_starts(slices)
+    firsts = find_run_starts(slices)
     low[slices[firsts]] = np.minimum.reduceat(points, firsts, axis=0)
     high[slices[firsts]] = np.maximum.reduceat(points, firsts, axis=0)
     return low, high

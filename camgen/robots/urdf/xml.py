@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser, f
 
 from msgspec import Struct
 
-from camgen.model.errors import InputError, one_line
+from camgen.model.errors import InputError, make_one_line
 from camgen.model.limits import format_limit
 from camgen.model.pose import Pose, Vec3, rotation_from_fixed_xyz
 from camgen.read.files import Files, reason
@@ -239,7 +239,7 @@ def _describe(path: Path, root: Element) -> Description:
                 raise UrdfError(f"there is no link {end}", f"joint {joint.name}")
         joints[joint.name] = joint
     rounded = sum(_count_rounded_angles(element) for element in root.findall("joint"))
-    name = one_line(root.get("name", "").strip()[:60]) or path.stem
+    name = make_one_line(root.get("name", "").strip()[:60]) or path.stem
     return Description(str(path), name, links, visible, tuple(joints.values()), rounded)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import true_runs
+from camgen.geometry.ragged import find_true_runs
 from camgen.model.errors import JobError
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
@@ -240,7 +240,7 @@ def _list_rectangles(what: Sheet) -> list[list[_Rectangle]]:
         step = what.marker / len(black)
         group = []
         for row, line in enumerate(black):
-            for start, end in true_runs(line).tolist():
+            for start, end in find_true_runs(line).tolist():
                 y = low + what.marker - (row + 1) * step
                 group.append((left + start * step, y, (end - start) * step, step))
         groups.append(group)

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from camgen.model.errors import one_line
+from camgen.model.errors import make_one_line
 from camgen.model.pose import FloatArray
 from camgen.model.text import escape, short
 from camgen.vision.camera.calibrate import Calibration
@@ -186,4 +186,4 @@ def _shorten_name(text: str) -> str:
 
 
 def _escape(text: str) -> str:
-    return escape(one_line(text))
+    return escape(make_one_line(text))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.rings import ComplexArray, Rings
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -191,7 +191,7 @@ def _measure_depths(
     It is the lowest point of a parabola through the lowest point of the run and its neighbours.
     """
     rows, begin = runs.rows(loops)
-    owner = owners(runs.count)
+    owner = list_owners(runs.count)
     local = (points[rows] - vertex[owner]) * inwards[owner].conj()
     lowest = np.minimum.reduceat(local.real, begin)
     place = np.full(len(runs), -1)
@@ -227,7 +227,7 @@ def select_clear(
     """
     before = runs.before()
     rows, begin = runs.rows(loops)
-    owner = owners(runs.count)
+    owner = list_owners(runs.count)
     z = points[rows]
     to_end = np.abs(z - corners.vertex[owner]) / np.maximum(corners.zone[owner], 1e-9)
     start, start_zone = corners.vertex[before][owner], corners.zone[before][owner]
@@ -236,7 +236,7 @@ def select_clear(
     is_clear = np.minimum(to_end, to_start) >= 1.0
     clear_count = np.add.reduceat(is_clear.astype(np.int64), begin)
     min_count = np.where(curves.curvature == 0, *_MIN_POINTS)
-    place = ramp(runs.count)
+    place = number_rows(runs.count)
     margin = np.maximum((runs.count - min_count) // 2, 0)[owner]
     is_middle = (place >= margin) & (place < runs.count[owner] - margin)
     keep[rows] = is_clear | ((clear_count < min_count)[owner] & is_middle)

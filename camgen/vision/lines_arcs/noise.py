@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.rings import ComplexArray, Rings
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
@@ -99,7 +99,7 @@ def measure(
     blur: (L,) px.
     """
     rows, _ = runs.rows(loops)
-    place, count = ramp(runs.count), runs.count[owners(runs.count)]
+    place, count = number_rows(runs.count), runs.count[list_owners(runs.count)]
     inner = weight.copy()
     inner[rows] *= (np.minimum(place, count - 1 - place) >= _ENDS) & (count >= _LONG)
     enough = np.bincount(loops.loop, inner, len(loops.count)) >= _FEWEST
@@ -115,7 +115,7 @@ def measure(
 def measure_residuals(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves) -> FloatArray:
     """(N,) signed distances of the points from the curves of their runs, px."""
     rows, _ = runs.rows(loops)
-    oriented = orient(curves, runs, loops, points).take(owners(runs.count))
+    oriented = orient(curves, runs, loops, points).take(list_owners(runs.count))
     residuals = np.empty(len(points))
     residuals[rows] = oriented.distances(points[rows])
     return residuals

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import begins
+from camgen.geometry.ragged import compute_first_rows
 from camgen.geometry.rings import ComplexArray
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -423,7 +423,7 @@ def _measure_depths(
     Only points of the halves of its two pieces next to the corner count.
     """
     size = np.bincount(piece, minlength=len(corners))
-    begin = begins(size)
+    begin = compute_first_rows(size)
     offset = np.arange(-_CORNER_POINTS, _CORNER_POINTS)
     rows = (begin[:, None] + offset) % len(points)
     local = (points[rows] - corners[:, None]) * inwards[:, None].conj()

@@ -11,7 +11,13 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import begins, following, owners, ramp, stretches
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    find_following_rows,
+    list_owners,
+    list_range_numbers,
+    number_rows,
+)
 from camgen.geometry.rings import ComplexArray, Rings
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -51,7 +57,7 @@ class Runs(Struct, frozen=True, eq=False):
 
     def following(self) -> IntArray:
         """The run after each run along its loop, (P,)."""
-        return following(np.bincount(self.loop))
+        return find_following_rows(np.bincount(self.loop))
 
     def before(self) -> IntArray:
         """The run before each run along its loop, (P,)."""
@@ -65,16 +71,16 @@ class Runs(Struct, frozen=True, eq=False):
 
     def rows(self, loops: Rings) -> tuple[IntArray, IntArray]:
         """Rows (N,) of the points, run after run, and the index (P,) at which each run begins."""
-        place = stretches(self.first, self.count)
+        place = list_range_numbers(self.first, self.count)
         loop = np.repeat(self.loop, self.count)
         base = loops.first[loop]
-        return base + (place - base) % loops.count[loop], begins(self.count)
+        return base + (place - base) % loops.count[loop], compute_first_rows(self.count)
 
 
 def make_blocks(loops: Rings) -> Runs:
     """Divide the loops into runs of about two points."""
     parts = np.maximum(loops.count // _FIRST_POINTS, 1)
-    loop, k = owners(parts), ramp(parts)
+    loop, k = list_owners(parts), number_rows(parts)
     low = k * loops.count[loop] // parts[loop]
     high = (k + 1) * loops.count[loop] // parts[loop]
     return Runs(loops.first[loop] + low, high - low, loop)
@@ -135,7 +141,7 @@ def merge(
 def _count_left_out(runs: Runs, loops: Rings, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Number of points that do not count in the first and in the second half of each run (P,)."""
     rows, begin = runs.rows(loops)
-    is_first_half = ramp(runs.count) < np.repeat(runs.count, runs.count) / 2
+    is_first_half = number_rows(runs.count) < np.repeat(runs.count, runs.count) / 2
     left_out = 1.0 - weight[rows]
     first = np.add.reduceat(left_out * is_first_half, begin)
     return first, np.add.reduceat(left_out * ~is_first_half, begin)
@@ -173,7 +179,7 @@ def relax(
     # From the middle of each run to the middle of the next.
     size = np.where(several, runs.count - half + half[after], runs.count)
     rows, begin = Runs(runs.first + half, size, runs.loop).rows(loops)
-    owner = owners(size)
+    owner = list_owners(size)
     limit = (_MAX_SIGMAS * sigma[runs.loop])[owner] ** 2
     first = np.minimum(curves.take(owner).distances(points[rows]) ** 2, limit)
     second = np.minimum(curves.take(after[owner]).distances(points[rows]) ** 2, limit)
@@ -199,7 +205,7 @@ def _find_lowest(total: FloatArray, begin: IntArray, size: IntArray) -> IntArray
 
     begin, size: (P,) first row and number of rows of each span.
     """
-    place, span, local = np.arange(len(total) - 1), owners(size), ramp(size)
+    place, span, local = np.arange(len(total) - 1), list_owners(size), number_rows(size)
     is_allowed = (local > 0) | (size[span] < 2)
     value = np.where(is_allowed, total[place] - total[begin[span]], np.inf)
     lowest = np.minimum.reduceat(value, begin)
@@ -229,10 +235,10 @@ def trim(
     Returns the weight (N,) of each point, 0 or 1.
     """
     rows, begin = runs.rows(loops)
-    owner = owners(runs.count)
+    owner = list_owners(runs.count)
     distance = np.abs(curves.take(owner).distances(points[rows]))
     is_far = distance >= _FAR_SIGMAS * sigma[runs.loop][owner]
-    place = ramp(runs.count)
+    place = number_rows(runs.count)
     from_end = np.minimum(place, runs.count[owner] - 1 - place)
     is_moved = is_far & (from_end < _ROUNDED_REACH * blur[runs.loop][owner] + 1)
     remaining = np.add.reduceat((~is_moved).astype(np.int64), begin)

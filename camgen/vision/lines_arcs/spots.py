@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.rings import ComplexArray
 from camgen.geometry.thinning import Polylines, thin_chains
 from camgen.model.part import BoolArray, IntArray
@@ -188,7 +188,7 @@ def _flatten(ring: Ring) -> tuple[FloatArray, IntArray]:
     # An arc of angle a leaves its chord by r (1 - cos(a / 2)), about r a^2 / 8.
     step = np.sqrt(8 * _CHORD / np.maximum(radius, _CHORD))
     count = np.maximum(np.ceil(sweep / step), 1).astype(np.int64)
-    owner, fraction = owners(count), ramp(count) / np.repeat(count, count)
+    owner, fraction = list_owners(count), number_rows(count) / np.repeat(count, count)
     ends = np.roll(ring.corners, -1)
     places = find_places(ring.corners[owner], ends[owner], ring.bulges[owner], fraction)
     return np.column_stack([places.real, places.imag]), owner

@@ -11,7 +11,7 @@ import shapely
 from camgen.check.stock.moves import Moves, _divide
 from camgen.check.stock.pieces import _chords
 from camgen.check.stock.removal import _find_largest_disc
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import make_contour_segments
 from camgen.model.job import ToolTable
 from tests.support.drawn import circle, contour
 
@@ -40,7 +40,7 @@ def test_the_widest_disc_has_its_middle() -> None:
 
 
 def test_a_motion_as_a_line_has_both_its_ends() -> None:
-    plane = from_contours([contour([(0, 0), (100, 0)], closed=False)])
+    plane = make_contour_segments([contour([(0, 0), (100, 0)], closed=False)])
     moves = cast("Moves", SimpleNamespace(plane=plane))
     (line,) = _chords(moves, np.array([0]))
     assert shapely.length(line) == pytest.approx(100.0)
@@ -48,7 +48,7 @@ def test_a_motion_as_a_line_has_both_its_ends() -> None:
 
 
 def test_an_arc_as_a_line_is_four_chords_of_equal_length() -> None:
-    moves = cast("Moves", SimpleNamespace(plane=from_contours([circle(0, 0, 10)])))
+    moves = cast("Moves", SimpleNamespace(plane=make_contour_segments([circle(0, 0, 10)])))
     half = _chords(moves, np.array([0]))[0]
     # A half circle in four: each chord leaves it by r (1 - cos(22.5 deg)).
     farthest = 10.0 * (1.0 - math.cos(math.pi / 8))

@@ -8,7 +8,7 @@ from itertools import groupby
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import each_once, stretches
+from camgen.geometry.ragged import list_range_numbers, select_distinct
 from camgen.lang.rapid.machine import RobotPosition
 from camgen.lang.rapid.rows import Columns, Rows
 from camgen.lang.rapid.tokens import Wrong
@@ -33,7 +33,7 @@ def perform(state: State) -> None:
         rows, state.scope = runs[0].rows, runs[0].scope
         first = np.array([run.first for run in runs], np.intp)
         last = np.array([run.last for run in runs], np.intp)
-        _perform_rows(state, rows, stretches(first, last - first))
+        _perform_rows(state, rows, list_range_numbers(first, last - first))
     state.scope, state.line = scope, line
 
 
@@ -90,7 +90,7 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
     turn, via_turn = rows.turn[point], rows.turn[columns.point[arcs] - 1]
     turned = {
         number: state.turned(rows.spellings.turns[number])
-        for number in each_once(np.append(turn, via_turn)).tolist()
+        for number in select_distinct(np.append(turn, via_turn)).tolist()
     }
     table = [rotation for rotation in turned.values() if rotation is not None]
     if (before & ~moves).any() or len(table) < len(turned):
