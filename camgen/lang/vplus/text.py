@@ -465,7 +465,7 @@ def _add_statement(
             return None
     match = _WORD.fullmatch(code)
     if match is None:
-        report(number, f"unknown statement {code[:40]!r}")
+        report(number, f"unknown statement {code[:40]!r:.100}")
         return None
     word, rest = match[1], match[2]
     if rest[:1] == "=":

@@ -207,3 +207,10 @@ def test_each_line_of_a_long_program_costs_the_same() -> None:
         assert "refused" not in [finding.level for finding in executed.findings]
 
     assert_linear(execute, 1000)
+
+
+def test_the_message_of_a_statement_of_escapes_stays_short() -> None:
+    text = ".PROGRAM main()\n" + "\U00018cd6" * 40 + "\n.END\n"
+    executed = run({"a.v2": text}, SMALL)
+    sound(executed, 3)
+    assert [finding.what[:17] for finding in executed.findings] == ["unknown statement"]
