@@ -42,7 +42,7 @@ def measure(drawing: Path, post: str) -> tuple[float, float]:
     build.prove_motion = timed
     try:
         began = process_time()
-        with memory.no_collector():
+        with memory.pause_collector():
             camgen.build(drawing, post=post)
         return spent[0], process_time() - began
     finally:

@@ -782,8 +782,12 @@ def test_numbers_for_people() -> None:
     assert [camgen.model.text.duration(s) for s in (0.44, 9.99, 59.6, 61, 3599.6, 7260)] == [
         "0.4 s", "10.0 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "2 h 01 min",
     ]  # fmt: skip
-    assert [say.length(mm) for mm in (0.04, 9999.94, 12345.6)] == ["0.0 mm", "9999.9 mm", "12.35 m"]
-    assert [say.size(n) for n in (1, 9999, 10_000, 12_345_678)] == [
+    assert [say.format_length(mm) for mm in (0.04, 9999.94, 12345.6)] == [
+        "0.0 mm",
+        "9999.9 mm",
+        "12.35 m",
+    ]
+    assert [say.format_size(n) for n in (1, 9999, 10_000, 12_345_678)] == [
         "1 byte",
         "9 999 bytes",
         "10 kB",

@@ -1,9 +1,9 @@
 """The table of all readers and read-backs, each with a strategy for its inputs and its limits.
 
-A reader returns a value, or raises an error for the user with exit code 2. It never raises another
-exception, never returns a number that is not finite, and takes at most ``SECONDS`` of the
-processor. A read-back returns an ``Executed`` with its faults and raises no error. Both return the
-same for the same bytes.
+A reader returns a value, or raises an error for the user with exit code 2, or with 3 for a picture
+in which no part dominates. It never raises another exception, never returns a number that is not
+finite, and takes at most ``SECONDS`` of the processor. A read-back returns an ``Executed`` with its
+faults and raises no error. Both return the same for the same bytes.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ from camgen.vision.camera.camera import read_camera
 #: Processor time for an input of a few kB, s: endless loops of G-code stop after 500,000 lines.
 SECONDS = 60
 POSTS = {"rapid": "mod", "pacscript": "pcs", "vplus": "v2", "gcode": "ngc", "grbl": "nc"}
+#: Exit codes of refusals.
+_REFUSALS = (camgen.InputError.exit_code, camgen.NoSafeProgram.exit_code)
 #: Fields that may be infinite: limits of a joint that turns without end.
 _UNBOUNDED = frozenset({"serial_limits"})
 
@@ -85,7 +87,7 @@ def _read(reader: Fuzzed, data: bytes) -> object:
         try:
             value = reader.call(data)
         except camgen.CamgenError as error:
-            is_for_user = error.exit_code == camgen.InputError.exit_code and error.what.strip()
+            is_for_user = error.exit_code in _REFUSALS and error.what.strip()
             if reader.never_fails or not is_for_user:
                 raise Miss(f"{reader.name}: {type(error).__name__}: {error}") from error
             return str(error)
