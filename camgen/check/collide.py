@@ -165,9 +165,10 @@ def _find_near(
             continue
         at = first + check.nearest_at
         number = int(motion_of[max(math.ceil(at), first + 1)])
-        place = program.place_of(int(columns.at[number]))
+        index = int(columns.at[number])
+        place = program.place_of(index)
         works = bool(columns.works[number])
-        on = place if works or place.startswith("the link") else f"the link to {place}"
+        on = place if works or program.path_of(index) is None else f"the link to {place}"
         ahead = columns.path[number:]
         path = int(next(iter(ahead[ahead >= 0]), -1))
         pair = where.with_margin.pairs[check.nearest]

@@ -86,7 +86,7 @@ def format_coverage(
     """
     if coverage is None or not len(coverage.lines):
         return []
-    count, run = coverage.as_data().values()
+    count, run = len(coverage.lines), int(coverage.ran.sum())
     if run == count:
         return [("coverage", f"all {counted(count, 'statement')} run")]
     gaps = coverage.list_gaps()

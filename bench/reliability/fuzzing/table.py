@@ -42,8 +42,8 @@ from camgen.vision.camera.camera import read_camera
 #: Processor time for an input of a few kB, s: endless loops of G-code stop after 500,000 lines.
 SECONDS = 60
 POSTS = {"rapid": "mod", "pacscript": "pcs", "vplus": "v2", "gcode": "ngc", "grbl": "nc"}
-#: Exit codes of refusals.
-_REFUSALS = (camgen.InputError.exit_code, camgen.NoSafeProgram.exit_code)
+#: Errors with exit code 2, which a reader may raise for any input.
+_REFUSALS = (camgen.InputError, camgen.JobError)
 #: Fields that may be infinite: limits of a joint that turns without end.
 _UNBOUNDED = frozenset({"serial_limits"})
 
@@ -55,6 +55,7 @@ class Fuzzed(NamedTuple):
     inputs: strategy for nearly valid bytes.
     call: reads the bytes.
     never_fails: whether it raises no error either.
+    refusals: errors for the user that it may raise.
     weight: share of the examples: slow readers get fewer.
     """
 
@@ -62,6 +63,7 @@ class Fuzzed(NamedTuple):
     inputs: st.SearchStrategy[bytes]
     call: Callable[[bytes], object]
     never_fails: bool = False
+    refusals: tuple[type[camgen.CamgenError], ...] = _REFUSALS
     weight: float = 1.0
 
 
@@ -87,7 +89,7 @@ def _read(reader: Fuzzed, data: bytes) -> object:
         try:
             value = reader.call(data)
         except camgen.CamgenError as error:
-            is_for_user = error.exit_code in _REFUSALS and error.what.strip()
+            is_for_user = isinstance(error, reader.refusals) and error.what.strip()
             if reader.never_fails or not is_for_user:
                 raise Miss(f"{reader.name}: {type(error).__name__}: {error}") from error
             return str(error)
@@ -230,7 +232,12 @@ TABLE = (
     *(Fuzzed(kind[1:], inputs, partial(_read_part, kind)) for kind, inputs in _KINDS.items()),
     Fuzzed("dxf-space", drawings.dxf(), partial(_read_part, ".dxf", job=_TRACE)),
     Fuzzed("step", solids.step(), partial(_read_part, ".step"), weight=0.1),
-    Fuzzed("photo", pictures.picture, partial(_read_part, ".png")),
+    Fuzzed(
+        "photo",
+        pictures.picture,
+        partial(_read_part, ".png"),
+        refusals=(*_REFUSALS, camgen.NoSafeProgram),
+    ),
     Fuzzed("picture", pictures.picture, partial(_read_part, ".png", job=_TRACE)),
     Fuzzed("job", texts.job(), _read_job),
     Fuzzed("set", texts.assignment(), lambda data: load_job(None, (data.decode(),))),

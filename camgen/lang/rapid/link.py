@@ -9,6 +9,7 @@ from .machine import Machine, ModuleScope
 from .polled import find_polled
 from .tokens import Wrong
 from .tree import Data, Module, Record, Routine
+from .values import Variable
 
 #: The longest name (kernel manual, identifiers).
 _LONGEST_NAME = 32
@@ -30,9 +31,25 @@ def link(machine: Machine, modules: Sequence[Module], do: Do) -> Routine | None:
     machine.codes = compile_routines(
         machine.homes, do, lambda routine, key: machine.find_routine(machine.homes[routine], key)
     )
-    machine.polled.update(find_polled(machine.data, machine.codes.values()))
+    _choose_polled(machine, find_polled(machine.data, machine.codes.values()))
     _evaluate_all(machine)
     return _find_entry(machine, modules)
+
+
+def _choose_polled(machine: Machine, polled: Sequence[Variable]) -> None:
+    """Take the values of the text for data that are set outside of it; another run has none.
+
+    A value that the user gives counts in each run.
+    """
+    is_given = {variable: variable.name.lower() in machine.ask.assume for variable in polled}
+    machine.polled.update(variable for variable in polled if is_given[variable])
+    rest = [variable for variable in polled if not is_given[variable]]
+    if rest:
+        names = ", ".join(variable.name for variable in rest)
+        machine.line = rest[0].line
+        machine.log.fact("set outside", f"{names}: the run has the values of the text")
+        if machine.log.decide(f"{names}, set outside of this program", 0, 2):
+            machine.polled.update(rest)
 
 
 def _evaluate_all(machine: Machine) -> None:

@@ -157,7 +157,7 @@ class Machine:
     arrived: TRAPs whose interrupt has come.
     due: TRAPs that run next.
     held: whether IDisable makes interrupts wait.
-    polled: data that are set outside of the program.
+    polled: data that are set outside of the program, whose value in the text does not count.
     call: runs a routine of the text; a FUNC returns a value.
     function: evaluates a function.
     interrupt: called with each interrupt that may come at a place of a motion.

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
+from camgen.lang.alternatives import run_alternatives
 from camgen.lang.programs import Ask, Executed, find_language
 from camgen.lang.rapid.language import LANGUAGE, recognise, run
 from camgen.model.pose import Pose
@@ -797,21 +798,48 @@ ASKED = "WHILE n<3 DO\nIF place>0 THEN\nfound:=place;\nENDIF\nn:=n+1;\nENDWHILE\
 DATA = "PERS num place:=0;\nVAR num found;\n"
 
 
+def make_polled(body: str, more: str = "") -> str:
+    return text(body, more).replace("PROC main", f"{DATA}PROC main")
+
+
+def run_polled(body: str, ask: Ask, more: str = "") -> Executed:
+    return run({"m.mod": make_polled(body, more)}, ask)
+
+
 def polled(body: str, more: str = "", **assume: float) -> Executed:
-    return run(
-        {"m.mod": text(body, more).replace("PROC main", f"{DATA}PROC main")}, Ask(assume=assume)
-    )
+    return run_polled(body, Ask(assume=assume), more)
 
 
 def test_data_that_a_loop_asks_and_nothing_sets_are_set_outside_of_the_program() -> None:
     executed = polled(ASKED)
-    assert executed.findings == ()
-    (first, _) = executed.assumed
-    assert first.what.startswith("an IF asks place, which is set outside of this program")
-    assert first.key == "place"
-    assert polled(ASKED, place=5.0).findings == ()
-    (finding, *_) = polled(ASKED, place=0.0).findings
-    assert finding.what == "a division by 0"
+    assert [finding.what for finding in executed.findings] == ["a division by 0"]
+    assert executed.assumed == ()
+    assert ("set outside", "place: the run has the values of the text") in executed.facts
+    (choice,) = executed.choices
+    other = run_polled(ASKED, Ask(shifts={choice.line: 1}))
+    assert other.findings == ()
+    assert other.assumed[0].what.startswith(
+        "an IF asks place, which is set outside of this program"
+    )
+    assert (other.assumed[0].key, choice.options) == ("place", 2)
+    # A value of the user counts in each run, and no choice is left.
+    given = polled(ASKED, place=5.0)
+    assert (given.findings, given.choices) == ((), ())
+
+
+def test_the_fault_of_a_value_that_is_set_outside_is_possible() -> None:
+    files = {"m.mod": make_polled(ASKED)}
+    (finding,) = run_alternatives(LANGUAGE, files, Ask()).executed.findings
+    assert finding.level == "possible"
+    assert finding.what.startswith(
+        "a division by 0; it depends on place, set outside of this program"
+    )
+
+
+def test_a_motion_that_the_text_switches_off_is_not_run_on_a_guess() -> None:
+    """A program that is translated has the motions of the text's own values."""
+    body = "WHILE n<3 DO\nIF place>0 THEN\nMoveJ p2,v100,fine,tG;\nENDIF\nn:=n+1;\nENDWHILE"
+    assert places(polled(f"MoveJ p1,v100,fine,tG;\n{body}")) == [(100.0, 0.0, 0.0)]
 
 
 @pytest.mark.parametrize(
@@ -831,6 +859,6 @@ def test_other_data_have_the_value_of_the_text(body: str, more: str) -> None:
 
 
 def test_a_variable_is_seen_by_its_program_alone() -> None:
-    program = text(ASKED).replace("PROC main", f"{DATA}PROC main").replace("PERS num", "VAR num")
+    program = make_polled(ASKED).replace("PERS num", "VAR num")
     executed = run({"m.mod": program}, Ask())
     assert [finding.what for finding in executed.findings] == ["a division by 0"]
