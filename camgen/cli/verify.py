@@ -77,7 +77,7 @@ _NAMES = {
 Row = tuple[str, str]
 
 
-class _Asked(NamedTuple):
+class _Request(NamedTuple):
     """The request of the user.
 
     arguments: arguments of the command.
@@ -107,9 +107,11 @@ class _Asked(NamedTuple):
         return self.drawing
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
-    """Prints the sums and the findings of a program. InputError when it has faults, VerifyError when it deviates,
-    NoSafeProgram when it is dangerous, or cuts what must stay of the part that ``--part`` names.
+def run(arguments: Namespace, terminal: Terminal) -> int:
+    """Print the sums and the findings of a program.
+
+    Raises InputError for refused lines, VerifyError for a difference from the plan, and
+    NoSafeProgram for dangerous lines and for cuts into the part that `--part` names.
 
     A program with a plan or a job is one of ours, and is judged as strictly as a build does. Any
     other is judged by its language. The header of ours names the post if its job and its part are
@@ -118,7 +120,7 @@ def run(arguments: Namespace, says: Terminal) -> int:
     if arguments.summary:
         from camgen.cli.verify_many import run as run_many  # noqa: PLC0415 (only for many programs)
 
-        return run_many(arguments, says)
+        return run_many(arguments, terminal)
     if arguments.sarif:
         raise JobError("--sarif", "is for --summary", remedy="add --summary, or use --json")
     paths = [Path(name) for name in arguments.programs]
@@ -143,74 +145,79 @@ def run(arguments: Namespace, says: Terminal) -> int:
     if ours and header and not arguments.post and not arguments.plan:
         origin = Origin(header, find_part(header, source, job, files), source.stem)
         arguments.post = header.post
-    spoken = not arguments.post or any(
+    is_language = not arguments.post or any(
         entry.name == arguments.post for entry in list_entries(LANGUAGES)
     )
-    asked = _Asked(arguments, paths, texts, job, drawing, files, origin, header is not None)
-    return (_compare if ours or not spoken else _judge)(asked, says)
+    request = _Request(arguments, paths, texts, job, drawing, files, origin, header is not None)
+    return (_verify_own if ours or not is_language else _verify_third_party)(request, terminal)
 
 
-def _judge(asked: _Asked, says: Terminal) -> int:
-    """A program that somebody else wrote."""
-    arguments, paths, texts, job, drawing, files, *_ = asked
+def _verify_third_party(request: _Request, terminal: Terminal) -> int:
+    """Verify a third-party program by the rules of its language."""
+    arguments, paths, texts, job, drawing, files, *_ = request
     place = Places(texts)
     language = recognise_language(arguments.post or "", texts)
-    ask = make_run_options(language, arguments, job, files)
+    options = make_run_options(language, arguments, job, files)
     if arguments.report:
         check_page(arguments.report)
         check_targets([Path(arguments.report)], [*paths, *map(Path, arguments.points)])
-    says.stage("running")
-    alternatives = run_alternatives(language, texts, ask)
+    terminal.stage("running")
+    alternatives = run_alternatives(language, texts, options)
     executed = add_harm(alternatives.executed, texts)
-    says.clear()
+    terminal.clear()
     if len(texts) > 1:
         executed = name_files(executed, place)
-    told = as_far_as_known(executed)
-    motions = sum_up(Columns(told.body), told.works)
-    if told.body is not executed.body:
+    carried = as_far_as_known(executed)
+    motions = sum_up(Columns(carried.body), carried.works)
+    if carried.body is not executed.body:
         motions = replace(motions, counts=sum_up(Columns(executed.body)).counts)
     rows = [("language", language.about), *_rows(motions, _lines(texts), executed.untimed)]
     rows += _list_extents(motions, executed.frames)
     rows += [*list_rows(executed, place), *format_alternatives(alternatives)]
     rows += format_coverage(executed.coverage, place.find)
-    rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
+    rows += [("told", f"{note.what} ({note.why})") for note in carried.notes]
     error = find_error(executed, paths[0], place)
     if arguments.report:
-        _report(Path(arguments.report), asked, executed, told, rows, says)
+        _report(Path(arguments.report), request, executed, carried, rows, terminal)
     more = list(_UNEXAMINED)
     also = ""
-    if error is None and executed.stopped is not None:
-        more = [(name, "not proven: the run does not come to the end") for name, _ in _UNEXAMINED]
+    if error is not None and drawing is not None:
+        more = _leave_unproven("the program has lines to correct first")
+    elif error is None and executed.stopped is not None:
+        more = _leave_unproven("the run does not come to the end")
     elif error is None:
         fixtures = _read_fixtures(language.name, job, files, drawing)
         on_arm = _is_for_arm(_post_of(language.name))
         dynamics = _dynamics_of_text(language.name)
         proven = Proven(executed, dynamics=dynamics, fixtures=fixtures, on_arm=on_arm)
-        more, also, error = _prove(asked, proven, place, says)
+        more, also, error = _prove(request, proven, place, terminal)
     if arguments.json:
-        says.data({"sums": motions, "told": rows + more, **convert_findings(executed, place)})
+        terminal.data({"sums": motions, "told": rows + more, **convert_findings(executed, place)})
     else:
-        says.out(format_table([*rows, *more]) + format_findings(executed, place) + also)
+        terminal.out(format_table([*rows, *more]) + format_findings(executed, place) + also)
     if error is not None:
         raise error
     return 0
 
 
-def _compare(asked: _Asked, says: Terminal) -> int:
-    """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
+def _verify_own(request: _Request, terminal: Terminal) -> int:
+    """Verify a program of camgen strictly, against its plan if there is one.
+
+    Against a plan an unusual line is a fault too.
+    """
     from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
 
-    arguments, paths, texts, job, _, files, *_ = asked
-    _insist_on_post(arguments)
+    arguments, paths, texts, job, _, files, *_ = request
+    _check_options(arguments)
     plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
     options = (plan.options if plan else {}) | limit_path_tolerance(job, arguments.post).post
     post = make_post(find_post(arguments.post), options)
     place = Places(texts)
     tools = _list_tools(plan, job, post, paths[0])
     kinds = [{**options, **post.name_tool(*tool)} for tool in tools] or [options]
-    says.stage("reading")
+    terminal.stage("reading")
     executed = _read_back(arguments.post, post, kinds, texts)
-    says.clear()
+    terminal.clear()
     motions = sum_up(Columns(executed.body))
     rows = _rows(motions, _lines(texts))
     state = read_state(texts)
@@ -220,9 +227,9 @@ def _compare(asked: _Asked, says: Terminal) -> int:
     def say(more: Sequence[Row] = (), also: str = "") -> None:
         if arguments.json:
             faults = [_as_data(finding, place) for finding in executed.findings]
-            says.data({"sums": motions, "told": dict([*rows, *more]), "faults": faults})
+            terminal.data({"sums": motions, "told": dict([*rows, *more]), "faults": faults})
         else:
-            says.out(format_table([*rows, *more]) + listing + also)
+            terminal.out(format_table([*rows, *more]) + listing + also)
 
     serious = [fault for fault in executed.findings if plan or fault.level in CERTAIN]
     if serious:
@@ -237,18 +244,18 @@ def _compare(asked: _Asked, says: Terminal) -> int:
             remedy="name its own post with --post",
         )
     if plan:
-        says.stage("comparing")
+        terminal.stage("comparing")
         rows += _compare_plan(plan, post, executed, paths[0])
     different = None
-    if asked.origin is not None:
+    if request.origin is not None:
         program = Text(paths[0], post, executed, job)
-        row, different = compare_rebuilt(program, asked.origin, says, files)
+        row, different = compare_rebuilt(program, request.origin, terminal, files)
         rows.append(row)
-    says.clear()
-    fixtures = _read_fixtures(post.name, job, files, asked.known_drawing)
+    terminal.clear()
+    fixtures = _read_fixtures(post.name, job, files, request.known_drawing)
     dynamics = _dynamics_of_post(post, job)
-    proven = Proven(executed, post, dynamics, _is_for_arm(post), asked.states_job, fixtures)
-    more, also, error = _prove(asked, proven, place, says)
+    proven = Proven(executed, post, dynamics, _is_for_arm(post), request.states_job, fixtures)
+    more, also, error = _prove(request, proven, place, terminal)
     say(more, also)
     if error is not None:
         raise error
@@ -258,7 +265,7 @@ def _compare(asked: _Asked, says: Terminal) -> int:
 
 
 def _compare_plan(plan: MotionFile, post: Post, executed: Executed, path: Path) -> list[Row]:
-    """The comparison with a plan. Raises VerifyError for the first line that says something else."""
+    """Rows on the comparison with a plan. Raises VerifyError for the first line that differs."""
     tolerance = limit_tolerance(post.tolerance(), plan.chord)
     prepared = prepare_program(post, pick_program(plan.program, post, path), plan.chord)
     equal = compare(prepared, executed, tolerance, post.list_verified(), str(path))
@@ -296,8 +303,8 @@ def _read_back(
     return min(runs, key=lambda executed: len(executed.findings))
 
 
-def _insist_on_post(arguments: Namespace) -> None:
-    """JobError without the controller, and for what has no effect on a program with a job or a plan."""
+def _check_options(arguments: Namespace) -> None:
+    """Raise JobError without a post, and for options that a program of camgen has no use for."""
     if not arguments.post:
         raise JobError(
             "--post", "is not given", remedy="with a job or a plan the controller has to be named"
@@ -309,15 +316,15 @@ def _insist_on_post(arguments: Namespace) -> None:
 
 
 def _prove(
-    asked: _Asked,
+    request: _Request,
     proven: Proven,
     place: Callable[[int], str],
-    says: Terminal,
+    terminal: Terminal,
 ) -> tuple[list[Row], str, CamgenError | None]:
     """The proofs against the drawing and the fixtures of the job, as far as they are given: rows, a
     line for each fault, and the error of a refusal.
     """
-    drawing = asked.drawing
+    drawing = request.drawing
     if drawing is None and proven.fixtures is None:
         return list(_UNEXAMINED), "", None
     from camgen.cli.stock import judge, judge_fixtures  # noqa: PLC0415 (shapely: only when needed)
@@ -326,23 +333,23 @@ def _prove(
         describe_controller,
     )
 
-    says.stage("proving")
+    terminal.stage("proving")
     if drawing is None:
-        judged = judge_fixtures(str(asked.paths[0]), asked.job, proven, place)
-        says.clear()
+        judged = judge_fixtures(str(request.paths[0]), request.job, proven, place)
+        terminal.clear()
         rows = [*_UNEXAMINED[:2], *judged.rows, *_UNEXAMINED[2:]]
         return rows, judged.fault_lines, judged.error
-    part = read(drawing, asked.job, asked.files)
+    part = read(drawing, request.job, request.files)
     executed = proven.executed
-    stock = judge(str(asked.paths[0]), part, asked.job, proven, place)
+    stock = judge(str(request.paths[0]), part, request.job, proven, place)
     controller = None
     if proven.post is not None:
         from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for texts of camgen)
 
-        cell = read_cell(part, asked.job, cell_of(proven.post, asked.job), asked.files)
-        controller = describe_controller(proven.post, asked.job, cell)
-    motion = compare_text(part, asked.job, executed.body, executed.lines, place, controller)
-    says.clear()
+        cell = read_cell(part, request.job, cell_of(proven.post, request.job), request.files)
+        controller = describe_controller(proven.post, request.job, cell)
+    motion = compare_text(part, request.job, executed.body, executed.lines, place, controller)
+    terminal.clear()
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.fault_lines, stock.error
 
 
@@ -395,24 +402,31 @@ _UNEXAMINED: list[Row] = [
 ]
 
 
+def _leave_unproven(reason: str) -> list[Row]:
+    """The rows of the proofs if the program is not compared with its drawing."""
+    return [(name, f"not proven: {reason}") for name in ("motion", "stock")] + _UNEXAMINED[2:]
+
+
 def _report(
     target: Path,
-    asked: _Asked,
+    request: _Request,
     executed: Executed,
-    told: Carried,
+    carried: Carried,
     rows: Sequence[Row],
-    says: Terminal,
+    terminal: Terminal,
 ) -> None:
-    """The page of a program. JobError for a name that is none of a page, or a file that is not to be replaced."""
-    from camgen.preview.foreign import view_program  # noqa: PLC0415 (only where a page is asked for)
+    """Write the page of a program. Raises JobError for a file that must not be replaced."""
+    from camgen.preview.foreign import view_program  # noqa: PLC0415 (only for a page)
     from camgen.preview.page import format_page  # noqa: PLC0415
 
-    says.stage("drawing")
+    terminal.stage("drawing")
     drawn = format_page(
-        view_program(", ".join(asked.texts), asked.texts, executed, told, rows, Places(asked.texts))
+        view_program(
+            ", ".join(request.texts), request.texts, executed, carried, rows, Places(request.texts)
+        )
     )
-    says.clear()
-    write_all([(target, drawn.encode("utf-8"))], asked.files.opened)
+    terminal.clear()
+    write_all([(target, drawn.encode("utf-8"))], request.files.opened)
 
 
 def _lines(texts: Mapping[str, str]) -> int:
@@ -456,7 +470,7 @@ def _list_extents(motions: Motions, frames: Sequence[Frames]) -> list[Row]:
 
 
 def _format_findings(findings: Sequence[Finding], place: Callable[[int], str]) -> str:
-    """A line for each finding of a strict run. An unusual statement is a fault only against a plan."""
+    """A line for each finding of a strict run; an unusual one is a remark."""
     lines = []
     for finding in findings:
         kind = "remark: " if finding.level == "unusual" else ""

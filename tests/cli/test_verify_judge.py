@@ -283,3 +283,12 @@ def test_coverage_is_in_the_data(capsys):
     assert code == 0
     # The lines of main but ELSE and ENDIF run, and the motion of the other routine does not.
     assert json.loads(capsys.readouterr().out)["coverage"] == {"statements": 8, "run": 7}
+
+
+def test_a_refused_program_is_not_compared_with_its_drawing(capsys):
+    part = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+    text = SQUARE.replace("X10\n", "X10 P5 P6\n")
+    code, page, _, _ = judged(capsys, write("square.ngc", text), "--part", str(part))
+    assert code == 2
+    assert page["motion"] == "not proven: the program has lines to correct first"
+    assert page["reach"].startswith("not proven: verify examines the text")
