@@ -122,6 +122,6 @@ def join_losses(losses: list[BlockedPath]) -> tuple[BlockedPath, ...]:
     """Keep one per path; a blocked path counts before a blocked link to it."""
     kept: dict[int, BlockedPath] = {}
     for loss in losses:
-        if loss.path not in kept or (kept[loss.path].way and not loss.way):
+        if loss.path not in kept or (kept[loss.path].on_link and not loss.on_link):
             kept[loss.path] = loss
     return tuple(kept.values())

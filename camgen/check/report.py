@@ -102,7 +102,7 @@ def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
     length = motion_lengths(columns)
     length[1:][work[1:] != work[:-1]] = 0.0
     seconds = exact_sum(np.maximum(length / speed, _time_reorientations(columns)))
-    waits = math.fsum(item.seconds for item in columns.of(Wait))
+    waits = math.fsum(item.seconds for item in columns.list_kinds(Wait))
     outputs: dict[str, dict[float, None]] = {}
     for item in columns.outputs:
         outputs.setdefault(item.signal, {})[item.value] = None
@@ -115,7 +115,7 @@ def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
         speeds=(float(speed.min()), float(speed.max())) if len(speed) else (0.0, 0.0),
         extents=next(iter(extents.values()), None),
         outputs={name: tuple(values) for name, values in outputs.items()},
-        force=max((item.newtons for item in columns.of(Force)), default=0.0),
+        force=max((item.newtons for item in columns.list_kinds(Force)), default=0.0),
         extents_by_work=extents if len(extents) > 1 else {},
     )
 

@@ -465,7 +465,7 @@ def compute_cycle(
     # A wait belongs to the next motion. So the wait after an output is set on, and pauses in a
     # path, belong to the path.
     waits = np.searchsorted(columns.at, np.flatnonzero(columns.are(Wait)))
-    times = np.concatenate([seconds, read_column(columns.of(Wait), "seconds")])
+    times = np.concatenate([seconds, read_column(columns.list_kinds(Wait), "seconds")])
     owner = np.append(path, np.append(path, -1)[waits])
     count = len(program.paths)
     # Travel leads to the next path that is worked on.

@@ -338,7 +338,7 @@ def _programs(result: Result, programs: Sequence[tuple[Path, ProgramFile]]) -> l
     rows = [_program(path, file) for path, file in programs]
     if len(result.counts) == 1:
         return rows
-    changes = result.program.columns.of(ToolChange)
+    changes = result.program.columns.list_kinds(ToolChange)
     for first, change in zip(accumulate((0, *result.counts)), changes, strict=False):
         label, text, tone = rows[first]
         size = f", diameter {change.diameter:g} mm" if change.diameter else ""

@@ -57,14 +57,14 @@ class NearestItems(Struct, frozen=True, eq=False):
 
     item: (E,) an item.
     other: (E,) an item near it. A pair may be listed from one of its items only.
-    apart: (E,) distance of the nearest discs of the two, mm, 0 if they overlap.
+    distance: (E,) distance of the nearest discs of the two, mm, 0 if they overlap.
     sure: (N,) radius around each item, mm, within which the list is complete and exact. Beyond it
-        a pair may be missing, or be nearer than `apart` says.
+        a pair may be missing, or be nearer than `distance` says.
     """
 
     item: IntArray
     other: IntArray
-    apart: FloatArray
+    distance: FloatArray
     sure: FloatArray
 
     def table(self, count: int, width: int) -> tuple[IntArray, FloatArray]:
@@ -76,7 +76,7 @@ class NearestItems(Struct, frozen=True, eq=False):
         listed = step < counts
         row = (compute_first_rows(counts[:, 0])[:, None] + step)[listed]
         near, distance = np.full((count, width), -1), np.full((count, width), np.inf)
-        near[listed], distance[listed] = self.other[row], self.apart[row]
+        near[listed], distance[listed] = self.other[row], self.distance[row]
         return near, distance
 
 

@@ -69,7 +69,7 @@ def _pair_nearest(points: FloatArray) -> IntArray:
         near = find_nearest_items(discs, count, _NEAR_POINTS)
         once = near.item < near.other
         a, b = unpaired[near.item[once]], unpaired[near.other[once]]
-        order = np.lexsort((b, a, near.apart[once]))
+        order = np.lexsort((b, a, near.distance[once]))
         partners = partner.tolist()
         for i, j in zip(a[order].tolist(), b[order].tolist(), strict=True):
             if partners[i] < 0 and partners[j] < 0:

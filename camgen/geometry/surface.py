@@ -30,12 +30,12 @@ class Nearest(Struct, frozen=True, eq=False):
     """The points of a surface that are nearest to M points.
 
     place: (M, 3) point on the surface, mm.
-    apart: (M,) distance from it, mm.
+    distance: (M,) distance from it, mm.
     normal: (M, 3) unit outward normal there.
     """
 
     place: FloatArray
-    apart: FloatArray
+    distance: FloatArray
     normal: FloatArray
 
 

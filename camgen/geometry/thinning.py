@@ -36,7 +36,7 @@ class Polylines(Struct, frozen=True, eq=False):
     fixed: IntArray
 
     @classmethod
-    def of(cls, contours: Sequence[Contour]) -> Polylines:
+    def from_contours(cls, contours: Sequence[Contour]) -> Polylines:
         """Chains of `contours`, whose ends and ends of arcs are fixed.
 
         A closed chain of lines starts at its point farthest from the middle of its box, which is

@@ -222,7 +222,7 @@ def inspect(source: Source, language: str) -> TaughtFacts:
         counts={name: int(columns.are(kind).sum()) for kind, name in _NAMES.items()},
         extents=(to_vec3(points.min(axis=0)), to_vec3(points.max(axis=0))) if len(points) else None,
         frames=tuple((frames.tool, frames.work) for frames in executed.frames),
-        outputs=tuple(dict.fromkeys(item.signal for item in columns.of(Output))),
+        outputs=tuple(dict.fromkeys(item.signal for item in columns.list_kinds(Output))),
         facts=executed.facts,
         assumed=tuple(f"line {item.line}: {item.what}" for item in executed.assumed),
         findings=tuple(

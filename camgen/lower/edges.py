@@ -62,7 +62,7 @@ def lower_edges(
         body.append(Comment(f"{noun} {leg.motion.id}"))
         link = [*_run_link(to_next, job)]
         if isinstance(leg.link[-1], JointLink):
-            link += _state_pose(leg.motion.way, process)
+            link += _state_pose(leg.motion.pose_path, process)
         body += _with_path(link, number, False)
         feed = compute_feed(leg.motion, length, process)
         blend = _compute_blends(leg.motion, tour.paths[number], feed, job, cell.pace)
@@ -106,8 +106,8 @@ def _run_link(link: Sequence[LinkMotion], job: Job) -> Iterator[Instruction]:
             yield from switch_on(process) if air else ()
             yield from _run_approach(motion, process)
         else:
-            yield from _state_pose(motion.way, process) if after_joints else ()
-            yield from _run_path(motion.way, motion.speed)
+            yield from _state_pose(motion.pose_path, process) if after_joints else ()
+            yield from _run_path(motion.pose_path, motion.speed)
             if air and find_signal(process) and motion.kind == "retraction":
                 yield Output(find_signal(process), 0.0)
         after_joints = isinstance(motion, JointLink)
@@ -131,7 +131,7 @@ def _run_approach(link: PathLink, process: ProcessTable) -> Iterator[Instruction
 
     The end is `process.approach` mm long, or the whole piece if that is shorter.
     """
-    pose_path = link.way
+    pose_path = link.pose_path
     last = float(pose_path.length[-1])
     slow = min(process.approach, last)
     if slow <= 0 or not np.isnan(pose_path.via[-1, 0]):
@@ -176,7 +176,7 @@ def _compute_blends(
     blend = compute_blends(
         rows, np.full_like(feeds, compute_corner_tolerance(job, path.operation)), pace
     )
-    blend[1:-1] = limit_blends(blend[1:-1], _measure_bends(motion.way), pace)
+    blend[1:-1] = limit_blends(blend[1:-1], _measure_bends(motion.pose_path), pace)
     return [float(radius) for radius in blend]
 
 
@@ -196,11 +196,11 @@ def _run_edge(
     process, force = job.process, job.process.force
     name = "" if is_switched_in_air(job) else find_signal(process)
     if force > 0:
-        yield Force(force, to_vec3(motion.way.rotation[0, :, 2]))
+        yield Force(force, to_vec3(motion.pose_path.rotation[0, :, 2]))
     if name:
         yield from switch_on(process)
-    for row in range(1, len(motion.way)):
-        yield _make_segment(motion.way, row, feed, force, blend[row])
+    for row in range(1, len(motion.pose_path)):
+        yield _make_segment(motion.pose_path, row, feed, force, blend[row])
     if name:
         yield Output(name, 0.0)
     if force > 0:

@@ -43,7 +43,7 @@ class Dynamics(Struct, frozen=True):
         not at a TCP speed.
     turns: whether a joint motion keeps its limit of the speed at which the tool rotates.
     fastest: maximum TCP speed, mm/s.
-    most: largest fraction of the maximum joint speeds that a program may set.
+    max_fraction: largest fraction of the maximum joint speeds that a program may set.
     axes: limits of each axis of a machine; None: `acceleration` in every direction.
     chord: distance by which the chords of an arc leave it, mm, for "junction".
     pause: time for which the machine stands after each stop, s.
@@ -61,7 +61,7 @@ class Dynamics(Struct, frozen=True):
     shares: bool = False
     turns: bool = False
     fastest: float = 5000.0
-    most: float = 1.0
+    max_fraction: float = 1.0
     axes: Axes | None = None
     chord: float = 0.002
     pause: float = 0.0

@@ -82,14 +82,14 @@ class BlockedPath(NamedTuple):
 
     path: index of the path in the program, -1 for a motion on no path.
     why: the reason, with its position.
-    way: whether the link to it is blocked, or the one home; the path itself may be free.
+    on_link: whether the link to it is blocked, or the one home; the path itself may be free.
     at_end: whether the end of that link is blocked, at which the path begins.
     """
 
     path: int
     kind: Literal["collision", "jump"]
     why: str
-    way: bool = False
+    on_link: bool = False
     at_end: bool = False
 
 

@@ -217,7 +217,7 @@ class Contours(tuple[Contour, ...]):
     columns: ContourColumns
 
     @classmethod
-    def of(cls, contours: Iterable[Contour], columns: ContourColumns) -> Contours:
+    def from_columns(cls, contours: Iterable[Contour], columns: ContourColumns) -> Contours:
         """Contours with the table of which their arrays are views."""
         views = cls(contours)
         views.columns = columns

@@ -95,7 +95,7 @@ class Columns:
         """(N,) whether an instruction is of one of the types `kinds`."""
         return _any_of(self._packed.packed.kind, kinds)
 
-    def of(self, *kinds: type) -> list[Any]:
+    def list_kinds(self, *kinds: type) -> list[Any]:
         """The instructions of the types `kinds`."""
         return self.pick(np.flatnonzero(self.are(*kinds)))
 
@@ -423,7 +423,7 @@ def check(columns: Columns, paths: int = 0) -> None:
     """
     at, speed, blend = columns.at, columns.speed, columns.blend
     share, rate, path, turn = columns.share, columns.rate, columns.path, columns.turn
-    wrong_waits = read_column(columns.of(Wait), "seconds") < 0
+    wrong_waits = read_column(columns.list_kinds(Wait), "seconds") < 0
     wrong_waits_at = np.flatnonzero(columns.are(Wait))[wrong_waits]
     not_joint = ~columns.moves_are(MoveJ)[:1]
     broken = [
@@ -496,9 +496,9 @@ def _find_not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
         (Force, "newtons"),
         (Force, "force_direction"),
     ):
-        different = columns.outputs if kind is Output else columns.of(kind)
+        different = columns.outputs if kind is Output else columns.list_kinds(kind)
         if not all(map(_is_finite, list_distinct(different, name))):
-            wrong = [not _is_finite(getattr(item, name)) for item in columns.of(kind)]
+            wrong = [not _is_finite(getattr(item, name)) for item in columns.list_kinds(kind)]
             yield from _first(np.flatnonzero(columns.are(kind))[wrong], message)
 
 
@@ -532,7 +532,7 @@ def _find_pressing(columns: Columns) -> Iterator[tuple[int, str]]:
     """Yield the first motion that presses while force control is off."""
     if not (columns.force > 0).any():
         return
-    switches: list[Any] = columns.of(Force)
+    switches: list[Any] = columns.list_kinds(Force)
     newtons = np.append(0.0, read_column(switches, "newtons"))
     on = newtons[np.searchsorted(np.flatnonzero(columns.are(Force)), columns.at)] > 0
     is_wrong = (columns.force > 0) & ~on
@@ -545,7 +545,7 @@ def _find_left_on(columns: Columns) -> Iterator[tuple[int, str]]:
     A program that was aborted is started again from its first line, with outputs still on.
     """
     at = np.flatnonzero(columns.are(Output, Force))
-    switches = columns.of(Output, Force)
+    switches = columns.list_kinds(Output, Force)
     first = int(columns.at[0]) if len(columns.at) else len(columns.body)
     before = _last_values(switches[: int(np.searchsorted(at, first))])
     after = _last_values(switches)

@@ -510,7 +510,7 @@ class Coverage(Struct, frozen=True, eq=False):
                 break
         if not isinstance(proved, EdgeMotion):
             return min(proved[0], stretches - 1)
-        (hit,) = self.space.look([SampledMotion(proved.dense, proved.looks)])
+        (hit,) = self.space.look([SampledMotion(proved.sampled_joints, proved.sampled_path)])
         if isinstance(hit, Blockage):
             failed = int(np.searchsorted(proved.at, hit.at, "right")) - 1
             return min(failed, stretches - 1)

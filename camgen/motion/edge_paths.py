@@ -20,7 +20,7 @@ from camgen.motion.setup import EdgeMotion, UnreachableEdge, compute_feed
 def make_tool_path(motion: EdgeMotion, edge: Line, job: Job) -> ToolPath:
     """The motion along `edge` as a tool path."""
     layer, operation = (edge.kind, "edges") if isinstance(edge, Edge) else (edge.layer, "trace")
-    path = motion.way
+    path = motion.pose_path
     axis = frozen(path.rotation[:, :, 2])
     press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
     feed = compute_feed(motion, edge.length - sum(motion.trimmed), job.process)

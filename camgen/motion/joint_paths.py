@@ -85,7 +85,7 @@ def follow_all(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointPath
         JointPath(motion.joints, np.arange(len(motion.joints), dtype=np.float64), none)
         for motion in motions
     ]
-    on_paths = [k for k, motion in enumerate(motions) if motion.way is not None]
+    on_paths = [k for k, motion in enumerate(motions) if motion.pose_path is not None]
     followed = _follow_paths(setup, [motions[k] for k in on_paths])
     for k, joint_path in zip(on_paths, followed, strict=True):
         paths[k] = joint_path
@@ -96,7 +96,7 @@ def _follow_paths(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointP
     """The joint paths of motions along pose paths, computed as one pose path with seams."""
     if not motions:
         return []
-    paths = [motion.way for motion in motions if motion.way is not None]
+    paths = [motion.pose_path for motion in motions if motion.pose_path is not None]
     first = compute_offsets(list(map(len, paths)))
     columns = zip(*((path.position, path.via, path.rotation) for path in paths), strict=True)
     whole = PosePath(*map(np.concatenate, columns))

@@ -147,7 +147,9 @@ def choose_link_speeds(
         return LinkSpeeds(part, process.travel, 0.0, acceleration, pressed, ramp=dynamics.ramp)
     free = min(dynamics.fastest, REDUCED_SPEED)
     points = limit_points(process)
-    return LinkSpeeds(part, free, dynamics.most, acceleration, pressed, points, dynamics.ramp)
+    return LinkSpeeds(
+        part, free, dynamics.max_fraction, acceleration, pressed, points, dynamics.ramp
+    )
 
 
 def limit_points(process: ProcessTable) -> float:

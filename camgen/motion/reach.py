@@ -136,7 +136,7 @@ def _keep_margin(
     freedom: OrientationFreedom,
 ) -> EdgeMotion:
     """The motion if it keeps the margin, else one in `grids` that does, else the motion."""
-    if setup.roomy(motion.dense).all():
+    if setup.roomy(motion.sampled_joints).all():
         return motion
     roomy = replace(setup, clear=setup.roomy)
     for choice in grids:

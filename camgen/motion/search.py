@@ -413,8 +413,8 @@ def thin_out(motion: EdgeMotion, kept: Index, nominal: PosePath) -> EdgeMotion:
 
     nominal: pose path with these rows, in the nominal orientation.
     """
-    path = replace(nominal, rotation=frozen(motion.way.rotation[kept]))
-    return replace(motion, way=path, joints=frozen(motion.joints[kept]), at=motion.at[kept])
+    path = replace(nominal, rotation=frozen(motion.pose_path.rotation[kept]))
+    return replace(motion, pose_path=path, joints=frozen(motion.joints[kept]), at=motion.at[kept])
 
 
 def _stretch(at: Index, row: int) -> int:

@@ -49,11 +49,11 @@ class SampledMotion(Struct, frozen=True, eq=False):
     """A motion at the places where it is examined.
 
     joints: (D, J) joint values.
-    way: pose path of the TCP with a row for each of these; None for a joint motion.
+    pose_path: pose path of the TCP with a row for each of these; None for a joint motion.
     """
 
     joints: FloatArray
-    way: PosePath | None = None
+    pose_path: PosePath | None = None
 
 
 class Blockage(Struct, frozen=True):
@@ -142,10 +142,10 @@ class FoldedEdge(UnreachableEdge, frozen=True, eq=False, kw_only=True):
 class EdgeMotion(Struct, frozen=True, eq=False):
     """A processing motion.
 
-    way: pose path with the rows of the program, N.
+    pose_path: pose path with the rows of the program, N.
     joints: (N, J) joint values at these rows, their posture.
-    looks: pose path with a row at each of the D places at which the motion is examined.
-    dense: (D, J) joint values there.
+    sampled_path: pose path with a row at each of the D places at which the motion is examined.
+    sampled_joints: (D, J) joint values there.
     at: (N,) places of the program's rows among these.
     tilt: (D,) angle between tool z and its nominal direction, rad.
     roll: (D,) rotation about tool z from the nominal orientation, rad.
@@ -158,10 +158,10 @@ class EdgeMotion(Struct, frozen=True, eq=False):
 
     id: str
     backwards: bool
-    way: PosePath
+    pose_path: PosePath
     joints: FloatArray
-    looks: PosePath
-    dense: FloatArray
+    sampled_path: PosePath
+    sampled_joints: FloatArray
     at: NDArray[np.int64]
     tilt: FloatArray
     roll: FloatArray
@@ -179,11 +179,11 @@ class EdgeMotion(Struct, frozen=True, eq=False):
         return replace(
             self,
             backwards=not self.backwards,
-            way=self.way.reversed(),
+            pose_path=self.pose_path.reversed(),
             joints=frozen(self.joints[::-1]),
-            looks=self.looks.reversed(),
-            dense=frozen(self.dense[::-1]),
-            at=len(self.dense) - 1 - self.at[::-1],
+            sampled_path=self.sampled_path.reversed(),
+            sampled_joints=frozen(self.sampled_joints[::-1]),
+            at=len(self.sampled_joints) - 1 - self.at[::-1],
             tilt=frozen(self.tilt[::-1]),
             roll=frozen(self.roll[::-1]),
             trimmed=self.trimmed[::-1],
@@ -211,7 +211,7 @@ def compute_tip_feed(factor: FloatArray | float, process: ProcessTable) -> Float
 
 def compute_feed_factor(motion: EdgeMotion, length: float) -> float:
     """Length of the path of the TCP divided by that of the edge, `length` mm."""
-    return float(motion.way.length.sum()) / length if length > 0 else 1.0
+    return float(motion.pose_path.length.sum()) / length if length > 0 else 1.0
 
 
 # Poses of the flange, and the places at which a motion is examined.

@@ -359,7 +359,7 @@ def _plan_again(
     """
     is_straight = not isinstance(plan, (EdgePlan, ReplayPlan)) and not isinstance(tour, ArmTour)
     may_choose = is_straight and not arm_links and may_link_by_joints(job)
-    losses = [loss for loss in error.lost if not (may_choose and loss.way)]
+    losses = [loss for loss in error.lost if not (may_choose and loss.on_link)]
     if error.lost and not losses:
         return plan, True
     # A replay runs all motions of the program that was read. A loss on no path is on the motions
@@ -380,7 +380,7 @@ def _bar_links(plan: EdgePlan, tour: Tour, error: Blocked) -> frozenset[frozense
     A blocked link costs its edge only if the tool has left the part on it.
     """
     names = [path.id for path in tour.paths]
-    numbers = [loss.path for loss in error.lost if (loss.way or loss.at_end) and loss.path >= 0]
+    numbers = [loss.path for loss in error.lost if (loss.on_link or loss.at_end) and loss.path >= 0]
     pairs = [names[k - 1 : k + 1] for k in numbers if k > 0]
     pairs += [names[k : k + 2] for k in numbers if k + 1 < len(names)]
     return plan.barred | set(map(frozenset, pairs))

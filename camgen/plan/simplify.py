@@ -109,7 +109,7 @@ def thin_out(contours: Sequence[Contour], tolerance: float, fits_arcs: bool) -> 
 
     fits_arcs: replace lines by arcs where these fit.
     """
-    chains = Polylines.of(contours)
+    chains = Polylines.from_contours(contours)
     row = thin_chains(chains, tolerance)
     points, bulges = chains.points[row], chains.bulges[row]
     is_closed = np.array([c.closed for c in contours])

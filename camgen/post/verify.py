@@ -173,7 +173,7 @@ class _Bodies(Struct, frozen=True, eq=False):
         """Compare an attribute of the instructions of one type, a number or a tuple of `width`."""
         places = self.find(kind)
         sides = (self.plan, self.read)
-        a, b = (read_numbers(side.of(kind)[: len(places)], name, width) for side in sides)
+        a, b = (read_numbers(side.list_kinds(kind)[: len(places)], name, width) for side in sides)
         return _Column(what, places, a, b, _measure_worst(a - b), limit)
 
 
@@ -266,7 +266,7 @@ def _first_false(mask: Mask) -> int:
 
 
 def _list_signals(side: Columns) -> list[str]:
-    return [item.signal for item in side.of(Output)]
+    return [item.signal for item in side.list_kinds(Output)]
 
 
 def _count_joints(side: Columns) -> list[int]:

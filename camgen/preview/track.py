@@ -86,7 +86,7 @@ def make_events(
     # A wait belongs to the motion after it, as in `cycle`.
     owner = np.append(path, -1)[np.searchsorted(moves, np.arange(len(chosen)))]
     times = _spread(len(chosen), moves, seconds)
-    times[waits] = read_column(columns.of(Wait), "seconds")
+    times[waits] = read_column(columns.list_kinds(Wait), "seconds")
     return Events(chosen, kind, start, via, end, first_axis, last_axis, feed, force, owner, times)
 
 
@@ -112,7 +112,7 @@ def list_tool_frames(program: Program) -> tuple[IntArray, list[Pose]]:
     """The frames of the tools at the flange, with the instruction from which each holds."""
     columns = program.columns
     frames = [program.flange_from_tool]
-    for change in columns.of(ToolChange):
+    for change in columns.list_kinds(ToolChange):
         frames.append(change.flange_from_tool or program.flange_from_tool)
     return np.append(0, np.flatnonzero(columns.are(ToolChange))), frames
 
@@ -232,7 +232,7 @@ def list_switches(columns: Columns, events: Events) -> tuple[Switch, ...]:
     times = np.append(0.0, np.cumsum(events.seconds))[rows]
     return tuple(
         Switch(time, output.signal, output.value)
-        for time, output in zip(times.tolist(), columns.of(Output), strict=True)
+        for time, output in zip(times.tolist(), columns.list_kinds(Output), strict=True)
     )
 
 

@@ -277,7 +277,7 @@ def _convert_to_contours(soup: DrawnPieces) -> tuple[Contour, ...]:
         )
         for number, ((first, after), closed, layer, color) in enumerate(rows, start=1)
     )
-    return Contours.of(contours, columns)
+    return Contours.from_columns(contours, columns)
 
 
 def _are_nearly_closed(soup: DrawnPieces) -> BoolArray:

@@ -115,7 +115,7 @@ def _place_contours(
     for contour, end in zip(contours, ends, strict=True):
         placed.append(replace(contour, points=points[begin:end]))
         begin = end
-    return Contours.of(
+    return Contours.from_columns(
         placed, ContourColumns(points, columns.bulges, columns.counts, columns.closed)
     )
 

@@ -201,7 +201,7 @@ class PacScriptOptions(Post):
         pace = Dynamics(acceleration=100.0 * self.accel, corner=corner, shares=True)
         fraction = (self.ext_speed or 100.0) / 100.0
         fastest = fraction * min(pace.fastest, self.rated or pace.fastest)
-        return replace(pace, most=fraction, fastest=fastest)
+        return replace(pace, max_fraction=fraction, fastest=fastest)
 
 
 def is_reserved(name: str) -> bool:

@@ -75,7 +75,7 @@ def assign_paths(program: Program) -> Indices:
     current = last = -1
     on: set[str] = set()
     leaving = False
-    switched = iter(columns.of(Force, Output))
+    switched = iter(columns.list_kinds(Force, Output))
     each = (mask[events].tolist() for mask in (of_paths, remarks, switches, following))
     for of_path, remark, switch, path in zip(*each, strict=True):
         item = next(switched) if switch else None

@@ -122,7 +122,8 @@ def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most()
     setup, room, motions = _planned(result)
     bare = np.full((1, 3), np.nan)
     ends = [
-        (PosePath(m.way.position[[0]], bare, m.way.rotation[[0]]), m.joints[0]) for m in motions[:4]
+        (PosePath(m.pose_path.position[[0]], bare, m.pose_path.rotation[[0]]), m.joints[0])
+        for m in motions[:4]
     ]
     first = [
         one.name
@@ -152,7 +153,7 @@ def test_a_free_motion_that_comes_near_is_taken_only_where_no_other_leads() -> N
 
     def crowded(tracks: list[SampledMotion]) -> list[Blockage | float]:
         free = [
-            track.way is None and not any(np.allclose(row, home) for row in track.joints)
+            track.pose_path is None and not any(np.allclose(row, home) for row in track.joints)
             for track in tracks
         ]
         return [

@@ -101,8 +101,8 @@ def test_the_normal_runs_round_a_cylinder_evenly() -> None:
     # The flat of a section is 7.5 deg wide: its own normal would be off by up to 3.75 deg.
     assert lean.max() < 0.3
     # A flat lies up to 20 (1 - cos 3.75 deg) within.
-    assert found.apart.min() == pytest.approx(1, abs=1e-6)
-    assert found.apart.max() <= 1 + 20 * (1 - math.cos(math.radians(3.75))) + 1e-9
+    assert found.distance.min() == pytest.approx(1, abs=1e-6)
+    assert found.distance.max() <= 1 + 20 * (1 - math.cos(math.radians(3.75))) + 1e-9
 
 
 def test_the_nearest_place_is_on_a_face_a_side_or_a_corner_of_a_box() -> None:
@@ -112,5 +112,5 @@ def test_the_nearest_place_is_on_a_face_a_side_or_a_corner_of_a_box() -> None:
     found = find_nearest(part.solid, points)
     place = [[1, 2, 3], [10, 1, 3], [10, 5, 3], [1, 1, 3], [-10, 0, 0]]
     assert found.place == pytest.approx(np.array(place))
-    assert found.apart == pytest.approx([6, math.sqrt(8), math.sqrt(9 + 16 + 16), 1, 4])
+    assert found.distance == pytest.approx([6, math.sqrt(8), math.sqrt(9 + 16 + 16), 1, 4])
     assert found.normal[[0, 3, 4]] == pytest.approx(np.array([[0, 0, 1], [0, 0, 1], [-1, 0, 0]]))

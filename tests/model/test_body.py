@@ -171,7 +171,8 @@ def test_columns_are_those_of_the_objects() -> None:
         assert columns.ends[columns.posed].tolist() == ends
         assert columns.vias[columns.moves_are(MoveC)].tolist() == [[1.0, 1.0, 0.0], [3.0, 1.0, 0.0]]
         assert same(
-            columns.of(Output, Wait), [item for item in ITEMS if isinstance(item, (Output, Wait))]
+            columns.list_kinds(Output, Wait),
+            [item for item in ITEMS if isinstance(item, (Output, Wait))],
         )
         assert columns.turned_as(TOOL_DOWN).tolist() == [
             isinstance(move.target, Pose) and move.target.rotation is TOOL_DOWN for move in moves

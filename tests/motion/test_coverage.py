@@ -74,7 +74,7 @@ def test_a_clamp_over_the_middle_costs_its_own_width(low: float, high: float) ->
     assert high <= again <= high + 0.5 + 1e-9
     for piece, (begin, stop) in zip(pieces, stretches(TOP, pieces), strict=True):
         judged(cell, piece)
-        assert piece.way.position[[0, -1], 0] == pytest.approx([begin, stop])
+        assert piece.pose_path.position[[0, -1], 0] == pytest.approx([begin, stop])
 
 
 @pytest.mark.parametrize(("feed", "share"), [(20.0, 0.0), (1e5, 1.0)])
@@ -125,10 +125,10 @@ def test_a_piece_of_a_closed_edge_runs_over_its_start() -> None:
     assert stretch[0] > RIM.length / 2 > stretch[1] - RIM.length
     run = RIM.length - sum(piece.trimmed)
     # The TCP runs on a circle that is as much wider as it is farther out.
-    wide = np.hypot(*(piece.way.position[0, :2] - [60, 60]))
+    wide = np.hypot(*(piece.pose_path.position[0, :2] - [60, 60]))
     free = RIM.length * (1 - math.acos(30 / wide) / math.pi)
     assert free - 0.6 <= run <= free
-    assert np.abs(piece.way.position[[0, -1], 0] - 30).max() < 1.0
+    assert np.abs(piece.pose_path.position[[0, -1], 0] - 30).max() < 1.0
     assert piece.reversed().trimmed == piece.trimmed[::-1]
 
 
@@ -138,7 +138,7 @@ def test_pieces_of_a_closed_edge_do_not_overlap() -> None:
     assert len(pieces) == 4
     ends = sorted(stretches(RIM, pieces))
     assert all(end <= start for (_, end), (start, _) in pairwise(ends))
-    wide = float(np.hypot(*(pieces[0].way.position[0, :2] - [60, 60])))
+    wide = float(np.hypot(*(pieces[0].pose_path.position[0, :2] - [60, 60])))
     quarter = RIM.length / 4 - 2 * RIM.length * math.asin(4 / wide) / math.tau
     for low, high in ends:
         assert quarter - 1.2 <= high - low <= quarter
@@ -158,7 +158,7 @@ def test_the_graph_of_a_closed_edge_is_the_same_from_its_new_start(
         pytest.approx(stretch) for stretch in stretches(edge, made_again)
     ]
     for piece, other in zip(turned, made_again, strict=True):
-        assert piece.dense == pytest.approx(other.dense, abs=1e-6)
+        assert piece.sampled_joints == pytest.approx(other.sampled_joints, abs=1e-6)
 
 
 def test_another_orientation_leads_past_what_only_the_nominal_one_meets() -> None:
@@ -215,12 +215,12 @@ def test_no_joint_is_asked_to_be_faster_than_it_can(edge: Edge, feed: float) -> 
     cell, pieces = cover(edge, lambda at: at[:, 0] < edge.points[:, 0].min() + 6, feed=feed)
     assert pieces
     for piece in pieces:
-        moved = np.abs(np.diff(piece.dense, axis=0)) / cell.robot.speeds
-        tip = piece.looks.length.sum()
-        seconds = piece.looks.length / tip * (edge.length - sum(piece.trimmed)) / feed
+        moved = np.abs(np.diff(piece.sampled_joints, axis=0)) / cell.robot.speeds
+        tip = piece.sampled_path.length.sum()
+        seconds = piece.sampled_path.length / tip * (edge.length - sum(piece.trimmed)) / feed
         assert (moved.max(axis=1) <= seconds * 1.05 + 1e-9).all()
         # The joints would be too slow in the bore if the tip itself ran at the feed.
-        assert (moved.max(axis=1) > piece.looks.length / feed).any() == (edge is BORE)
+        assert (moved.max(axis=1) > piece.sampled_path.length / feed).any() == (edge is BORE)
 
 
 def test_the_tool_need_not_turn_with_the_rim_of_a_small_hole(
@@ -250,7 +250,7 @@ def test_a_piece_counts_by_the_length_of_the_edge_in_a_small_hole() -> None:
     judged(cell, piece)
     ((start, end),) = stretches(hole, pieces)
     assert SHORTEST_MM <= end - start <= 2 * half
-    assert piece.way.length.sum() < SHORTEST_MM / 2
+    assert piece.pose_path.length.sum() < SHORTEST_MM / 2
 
 
 def test_an_arm_without_a_closed_form_has_no_pieces() -> None:

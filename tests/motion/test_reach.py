@@ -58,16 +58,16 @@ def refused(cell: Setup, edge: Edge, freedom: OrientationFreedom = NONE) -> Unre
 def judged(cell: Setup, found: EdgeMotion) -> FloatArray:
     """The joints of ``found`` against its way, the limits and continuity; returns the dense TCP frames."""
     for frame, position, rotation in zip(
-        tcp(cell, found.joints), found.way.position, found.way.rotation, strict=True
+        tcp(cell, found.joints), found.pose_path.position, found.pose_path.rotation, strict=True
     ):
         assert np.allclose(frame[:3, 3], position, atol=1e-6)
         assert np.allclose(frame[:3, :3], rotation, atol=1e-9)
-    assert np.array_equal(found.dense[found.at], found.joints)
-    assert are_within_limits(cell.robot, found.dense).all()
-    assert np.abs(np.diff(found.dense, axis=0)).max() <= math.radians(15) + 1e-9
-    dense = tcp(cell, found.dense)
+    assert np.array_equal(found.sampled_joints[found.at], found.joints)
+    assert are_within_limits(cell.robot, found.sampled_joints).all()
+    assert np.abs(np.diff(found.sampled_joints, axis=0)).max() <= math.radians(15) + 1e-9
+    dense = tcp(cell, found.sampled_joints)
     assert np.linalg.norm(np.diff(dense[:, :3, 3], axis=0), axis=1).max() <= 5 + 1e-6
-    assert cell.clear(found.dense).all()
+    assert cell.clear(found.sampled_joints).all()
     return dense
 
 
@@ -79,7 +79,7 @@ def nominal(edge: Edge) -> FloatArray:
 
 def test_a_line_is_two_rows_and_stays_a_line_with_its_orientation() -> None:
     found = reached(CELL, TOP)
-    assert len(found.way) == 2
+    assert len(found.pose_path) == 2
     dense = judged(CELL, found)
     h = 5 / math.sqrt(2)
     assert np.allclose(dense[:, 1:3, 3], [-h, 50 + h], atol=1e-6)
@@ -91,14 +91,14 @@ def test_a_line_is_two_rows_and_stays_a_line_with_its_orientation() -> None:
 def test_freedom_is_not_used_where_it_is_not_needed() -> None:
     plain, freed = reached(CELL, TOP), reached(CELL, TOP, BOTH)
     assert freed.freed is None
-    assert np.array_equal(plain.dense, freed.dense)
+    assert np.array_equal(plain.sampled_joints, freed.sampled_joints)
 
 
 def test_backwards_is_the_same_motion() -> None:
     found = reached(CELL, rim((60, 60, 40), 40, outer=True))
     back = found.reversed()
     assert (found.backwards, back.backwards) == (False, True)
-    assert np.array_equal(back.dense, found.dense[::-1])
+    assert np.array_equal(back.sampled_joints, found.sampled_joints[::-1])
     judged(CELL, back)
     assert np.array_equal(back.reversed().at, found.at)
 
@@ -137,7 +137,7 @@ def test_freedom_leads_past_the_singularity() -> None:
     found = reached(cell, edge, BOTH)
     judged(cell, found)
     assert found.freed
-    assert np.abs(found.dense[:, 4]).min() >= math.radians(2)
+    assert np.abs(found.sampled_joints[:, 4]).min() >= math.radians(2)
 
 
 def test_a_limit_is_named_with_its_amount() -> None:
@@ -171,8 +171,8 @@ def test_a_collision_is_named_and_then_avoided_by_no_more_tilt_than_needed() -> 
     assert found.freed
     assert found.freed[0] == pytest.approx(10)  # the grid has halves of 20
     assert found.freed[1] == pytest.approx(0, abs=1e-9)
-    assert len(found.way) == 2
-    dense = tcp(cell, found.dense)
+    assert len(found.pose_path) == 2
+    dense = tcp(cell, found.sampled_joints)
     assert np.allclose(np.degrees(np.arccos(dense[:, :3, 2] @ axis)), 10)
     assert np.allclose(np.degrees(found.tilt), 10)
 
@@ -205,7 +205,7 @@ def test_another_branch_is_taken_before_any_freedom() -> None:
     judged(cell, found)
     assert found.freed is None
     # Without freedom allowed too: no orientation but the nominal one is needed.
-    assert np.array_equal(reached(cell, TOP).dense, found.dense)
+    assert np.array_equal(reached(cell, TOP).sampled_joints, found.sampled_joints)
 
 
 def test_an_obstacle_half_way_is_passed_by_tilting_there_only() -> None:
@@ -223,7 +223,9 @@ def test_an_obstacle_half_way_is_passed_by_tilting_there_only() -> None:
     assert np.allclose(dense[:, 1:3, 3], [-5 / math.sqrt(2), 50 + 5 / math.sqrt(2)], atol=1e-6)
     assert np.degrees(found.tilt).max() == pytest.approx(10, abs=0.01)
     assert np.allclose(found.tilt[[0, -1]], 0, atol=1e-9)
-    assert len(found.way) == 4  # 120 mm in stretches of 40: upright, leaning, leaning, upright
+    assert (
+        len(found.pose_path) == 4
+    )  # 120 mm in stretches of 40: upright, leaning, leaning, upright
 
 
 @pytest.mark.parametrize("name", ["e6", "e11"])
@@ -239,7 +241,7 @@ def test_a_rim_that_winds_the_wrist_up_is_unwound_by_rolling_along_it(name: str)
     dense = judged(cell, found)
     assert found.freed
     assert found.freed[0] < 2  # between rows 30 deg apart the axis cuts the cone's corner
-    assert len(found.way) <= 13
+    assert len(found.pose_path) <= 13
     # The TCP stays on the circle: bore of radius 20, square to the bank, less the offset's part.
     middle = edge.points[:2].mean(axis=0)
     out = edge.normals[0, 1] + edge.normals[1, 1]
@@ -267,10 +269,10 @@ def test_an_arm_without_a_closed_form_has_freedom_too() -> None:
     assert found.freed == pytest.approx((5, 0), abs=1e-6) or found.freed == pytest.approx(
         (10, 0), abs=1e-6
     )
-    rotations, origins = compute_flange(arm, found.dense)
+    rotations, origins = compute_flange(arm, found.sampled_joints)
     line = origins + rotations @ [0, 0, 60] - [200, 60, 100]
     assert np.allclose(line[:, 1:], [-5 / math.sqrt(2), 5 / math.sqrt(2)], atol=1e-6)
-    assert clear(found.dense).all()
+    assert clear(found.sampled_joints).all()
 
 
 @pytest.mark.parametrize("name", ["IRB 2400", "COBOTTA", "Cobra s600", "3-axis mill"])

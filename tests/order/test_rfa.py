@@ -105,9 +105,9 @@ def in_base(setup: Setup, way: PosePath) -> FloatArray:
 def ends(motions: tuple[EdgeMotion, ...]) -> list[tuple[PosePath, FloatArray]]:
     bare = np.full((1, 3), np.nan)
     return [
-        (PosePath(m.way.position[[k]], bare, m.way.rotation[[k]]), m.joints[k])
+        (PosePath(m.pose_path.position[[k]], bare, m.pose_path.rotation[[k]]), m.joints[k])
         for m in motions
-        for k in (0, len(m.way) - 1)
+        for k in (0, len(m.pose_path) - 1)
     ]
 
 
@@ -125,14 +125,14 @@ def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> N
             assert one
             continue
         frames = tcp(setup, one.joints)
-        assert np.allclose(frames[:, :3, 3], in_base(setup, one.way), atol=1e-5)
+        assert np.allclose(frames[:, :3, 3], in_base(setup, one.pose_path), atol=1e-5)
         assert np.allclose(
-            frames[:, :3, :3], setup.base_from_work.rotation @ one.way.rotation, atol=1e-7
+            frames[:, :3, :3], setup.base_from_work.rotation @ one.pose_path.rotation, atol=1e-7
         )
         assert np.allclose(one.joints[0], end[1], atol=1e-9)
         assert frames[-1, 2, 3] >= room.level - 1e-6
-        assert np.abs(np.diff(one.dense, axis=0)).max() <= math.radians(15) + 1e-9
-        assert (find_collisions(scene_of(part), one.dense) < 0).all()
+        assert np.abs(np.diff(one.sampled_joints, axis=0)).max() <= math.radians(15) + 1e-9
+        assert (find_collisions(scene_of(part), one.sampled_joints) < 0).all()
 
 
 @cache
@@ -154,10 +154,10 @@ def test_a_tool_that_leans_goes_back_along_itself() -> None:
     one = next(
         way
         for way in find_retractions(setup, room, ends(motions), SPEEDS)
-        if isinstance(way, Retraction) and way.name == "along the tool" and len(way.way) == 2
+        if isinstance(way, Retraction) and way.name == "along the tool" and len(way.pose_path) == 2
     )
-    start, stop = in_base(setup, one.way)
-    back = -(setup.base_from_work.rotation @ one.way.rotation[0])[:, 2]
+    start, stop = in_base(setup, one.pose_path)
+    back = -(setup.base_from_work.rotation @ one.pose_path.rotation[0])[:, 2]
     s = (room.level - start[2]) / back[2]
     assert s > 1
     assert np.allclose(stop - start, s * back, atol=1e-6)
@@ -185,7 +185,7 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
         # The wrist's place is where the axes 4, 5 and 6 meet: 85 mm behind the flange of an IRB 2400.
         flange = by_hand(ARM.name, np.degrees(joints))
         wrist = flange[:3, 3] - 85.0 * flange[:3, 2]
-        assert np.allclose(in_base(setup, one.way)[1], wrist, atol=1e-6)
+        assert np.allclose(in_base(setup, one.pose_path)[1], wrist, atol=1e-6)
         assert abs(math.degrees(one.joints[1][4])) >= 2.0
 
 
@@ -394,7 +394,7 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice(
 
 
 def _end(motion: EdgeMotion, k: int) -> PosePath:
-    way = motion.way
+    way = motion.pose_path
     return PosePath(way.position[[k]], np.full((1, 3), np.nan), way.rotation[[k]])
 
 

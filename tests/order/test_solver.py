@@ -239,9 +239,9 @@ def test_the_nearest_items_are_those_of_a_plain_search(
     listed[near.item, near.other] = True
     assert not np.diagonal(listed).any()
     assert not ((apart < near.sure[:, None] * (1 - 1e-9) - 1e-9) & ~listed).any()
-    assert (near.apart >= apart[near.item, near.other] - 1e-9).all()
-    exact = near.apart <= near.sure[near.item]
-    assert near.apart[exact] == pytest.approx(apart[near.item, near.other][exact], abs=1e-9)
+    assert (near.distance >= apart[near.item, near.other] - 1e-9).all()
+    exact = near.distance <= near.sure[near.item]
+    assert near.distance[exact] == pytest.approx(apart[near.item, near.other][exact], abs=1e-9)
 
 
 def test_a_crowd_at_one_point_is_not_quadratic() -> None:

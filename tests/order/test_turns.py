@@ -30,7 +30,7 @@ def turned() -> list[EdgeMotion]:
     motions = []
     for motion in cell("rfa1")[2]:
         lower = turn_motion(motion, -LAST)
-        motions.append(lower if are_within_limits(ARM, lower.dense).all() else motion)
+        motions.append(lower if are_within_limits(ARM, lower.sampled_joints).all() else motion)
     return motions
 
 
@@ -59,20 +59,20 @@ def test_the_cheapest_turns_are_those_of_all_choices() -> None:
 
 
 def test_turns_stay_within_the_limits_and_begin_with_none() -> None:
-    lowest = min(turned(), key=lambda motion: float(motion.dense[:, 5].min()))
-    table = list_turns(ARM, lowest.dense, ARM.home)
+    lowest = min(turned(), key=lambda motion: float(motion.sampled_joints[:, 5].min()))
+    table = list_turns(ARM, lowest.sampled_joints, ARM.home)
     assert 2 <= len(table) <= MOST_TURNS
     assert not table[0].any()
     assert len(np.unique(table, axis=0)) == len(table)
-    assert are_within_limits(ARM, lowest.dense + math.tau * table[:, None]).all()
+    assert are_within_limits(ARM, lowest.sampled_joints + math.tau * table[:, None]).all()
     # The nearest turn to home is the first that is tried.
-    assert np.abs(lowest.dense[:, 5] + math.tau * table[1, 5]).max() < math.pi * 1.5
+    assert np.abs(lowest.sampled_joints[:, 5] + math.tau * table[1, 5]).max() < math.pi * 1.5
 
 
 def test_motions_are_run_in_the_turns_that_take_least_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """The last joint is a whole turn farther from home than it need be, in two of three motions."""
     motions = [motion for motion in turned() if motion.id in {"e7", "e8", "e14"}]
-    assert sum(motion.dense[:, 5].min() < -math.pi for motion in motions) == 2
+    assert sum(motion.sampled_joints[:, 5].min() < -math.pi for motion in motions) == 2
     chosen = link(motions)
     for module in CALLERS:
         monkeypatch.setattr(module, "list_turns", no_turns)
@@ -84,4 +84,4 @@ def test_motions_are_run_in_the_turns_that_take_least_time(monkeypatch: pytest.M
         run = leg.motion.joints[::-1] if leg.motion.backwards else leg.motion.joints
         whole = (run - motion.joints) / math.tau
         assert whole == pytest.approx(np.rint(whole[:1]) * np.ones((len(run), 1)), abs=1e-9)
-        assert are_within_limits(ARM, leg.motion.dense).all()
+        assert are_within_limits(ARM, leg.motion.sampled_joints).all()

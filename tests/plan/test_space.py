@@ -219,7 +219,7 @@ def test_a_force_presses_along_the_tool() -> None:
     }
     result = camgen.build(SPACE, post="rapid", job=job)
     axis = (0, -math.sin(math.radians(170)), math.cos(math.radians(170)))
-    assert {item.newtons for item in result.program.columns.of(Force)} == {0, 7}
+    assert {item.newtons for item in result.program.columns.list_kinds(Force)} == {0, 7}
     assert all(move.force == 7 for move in work(result))
     assert np.array([move.force_direction for move in work(result)]) == pytest.approx(
         np.tile(axis, (len(work(result)), 1))

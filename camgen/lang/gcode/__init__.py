@@ -121,7 +121,7 @@ def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
         low=tuple(points.min(axis=0).tolist()) if len(points) else (),
         high=tuple(points.max(axis=0).tolist()) if len(points) else (),
         feeds=(float(speeds.min()), float(speeds.max())) if len(speeds) else (0.0, 0.0),
-        signals=tuple(dict.fromkeys(item.signal for item in columns.of(Output))),
+        signals=tuple(dict.fromkeys(item.signal for item in columns.list_kinds(Output))),
         notes=_note_run(run, "line {}".format),
         stopped=f"line {run.stopped[0]}: {run.stopped[1]}" if run.stopped else "",
     )

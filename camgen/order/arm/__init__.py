@@ -387,7 +387,7 @@ def _change_roll_along(
         )
         return UnreachableEdge(path.id, "jump", reason)
     approach = float(np.linalg.norm(start[0] - pose_path.position[1]))
-    lengths = np.append(0.0, np.cumsum(motion.looks.length)) - approach
+    lengths = np.append(0.0, np.cumsum(motion.sampled_path.length)) - approach
     whole = float(lengths_along(path)[-1])
     vertices = np.unique(np.clip(lengths[motion.at], 0.0, whole))
     profile = RollProfile(np.clip(lengths, 0.0, whole), np.unwrap(motion.roll), vertices)

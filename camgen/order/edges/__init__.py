@@ -133,7 +133,9 @@ def _measure_travel(route: Route, setup: Setup, home: FloatArray) -> float:
             rows += [current, motion.joints]
             current = motion.joints
         else:
-            length += 0.0 if isinstance(motion, EdgeMotion) else float(motion.way.length.sum())
+            length += (
+                0.0 if isinstance(motion, EdgeMotion) else float(motion.pose_path.length.sum())
+            )
             current = motion.joints[-1]
     rotations, origins = compute_flange(setup.robot, np.stack(rows))
     tips = origins + rotations @ np.asarray(setup.flange_from_tool.origin)

@@ -53,13 +53,13 @@ class JointLink(Struct, frozen=True, eq=False):
 class PathLink(Struct, frozen=True, eq=False):
     """A motion of the TCP along a pose path.
 
-    way: pose path, from its first row.
+    pose_path: pose path, from its first row.
     joints: (N, J) joint values at its rows.
     speed: (N - 1,) speed of each segment, mm/s.
     kind: its part in a link.
     """
 
-    way: PosePath
+    pose_path: PosePath
     joints: FloatArray
     speed: FloatArray
     kind: Literal["retraction", "approach", "shared edge"]
@@ -186,12 +186,12 @@ def replace_speeds(
 
 def make_retract(out: Retraction) -> PathLink:
     """The link motion of a retraction."""
-    return PathLink(out.way, out.joints, out.speed, "retraction")
+    return PathLink(out.pose_path, out.joints, out.speed, "retraction")
 
 
 def make_approach(out: Retraction) -> PathLink:
     """The link motion of a retraction that is run backwards."""
-    return PathLink(out.way.reversed(), out.joints[::-1], out.speed[::-1], "approach")
+    return PathLink(out.pose_path.reversed(), out.joints[::-1], out.speed[::-1], "approach")
 
 
 def make_retraction_along(
@@ -205,11 +205,11 @@ def make_retraction_along(
     """
     along_edge = motion if end == 0 else motion.reversed()
     return Retraction(
-        join([along_edge.way, other.way]),
+        join([along_edge.pose_path, other.pose_path]),
         np.concatenate([along_edge.joints, other.joints[1:]]),
-        join([along_edge.looks, other.looks]),
-        np.concatenate([along_edge.dense, other.dense[1:]]),
-        np.concatenate([np.full(len(along_edge.way) - 1, speed), other.speed]),
+        join([along_edge.sampled_path, other.sampled_path]),
+        np.concatenate([along_edge.sampled_joints, other.sampled_joints[1:]]),
+        np.concatenate([np.full(len(along_edge.pose_path) - 1, speed), other.speed]),
         "back along the edge",
         other.via,
     )

@@ -146,7 +146,7 @@ def make_problem(
     joints = np.concatenate([motion.joints[[0, -1]] for motion in motions])
     safe = np.stack([retraction.joints[-1] for retraction in retractions])
     out = np.array([retraction.time(options.speeds) for retraction in retractions])
-    lengths = np.array([motion.way.length.sum() for motion in motions])
+    lengths = np.array([motion.pose_path.length.sum() for motion in motions])
     through = options.speeds.time_tool(lengths, speed)
     free = links.time_joint_motions(setup, safe[:, None], safe[None], options.speeds)
     direct = links.time_joint_motions(

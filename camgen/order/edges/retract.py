@@ -48,27 +48,27 @@ _DIRECTIONS = 8
 class Retraction(Struct, frozen=True, eq=False):
     """A motion from the end of a processing motion into free space.
 
-    way: pose path of the TCP, N rows.
+    pose_path: pose path of the TCP, N rows.
     joints: (N, J) joint values at its rows.
-    looks: pose path with a row at each of the D samples of the motion.
-    dense: (D, J) joint values at the samples.
+    sampled_path: pose path with a row at each of the D samples of the motion.
+    sampled_joints: (D, J) joint values at the samples.
     speed: (N - 1,) speed of each segment, mm/s.
     name: name of its direction.
     via: (K, J) joint values to pass through from its end to home, if the direct motion collides.
     """
 
-    way: PosePath
+    pose_path: PosePath
     joints: FloatArray
-    looks: PosePath
-    dense: FloatArray
+    sampled_path: PosePath
+    sampled_joints: FloatArray
     speed: FloatArray
     name: str
     via: FloatArray
 
     def time(self, speeds: LinkSpeeds) -> float:
         """Its duration from rest to rest without a stop, s."""
-        length = float(self.way.length.sum())
-        mean = length / float((self.way.length / self.speed).sum())
+        length = float(self.pose_path.length.sum())
+        mean = length / float((self.pose_path.length / self.speed).sum())
         return float(speeds.time_tool(length, mean))
 
 
@@ -120,7 +120,7 @@ def _examine(space: FreeSpace, results: Sequence[Retraction | str]) -> list[floa
     """The clearance of each retraction, mm, or the name and reason of the collision."""
     retractions = [result for result in results if isinstance(result, Retraction)]
     verdicts: list[float | str] = []
-    looks = space.look([SampledMotion(out.dense, out.looks) for out in retractions])
+    looks = space.look([SampledMotion(out.sampled_joints, out.sampled_path) for out in retractions])
     for out, result in zip(retractions, looks, strict=True):
         verdicts.append(f"{out.name} {result.what}" if isinstance(result, Blockage) else result)
     return verdicts

@@ -211,7 +211,11 @@ _End = tuple[PosePath, FloatArray]
 
 
 def _ends_of(motion: EdgeMotion) -> tuple[_End, _End]:
-    position, rotation, no_via = motion.way.position, motion.way.rotation, np.full((1, 3), np.nan)
+    position, rotation, no_via = (
+        motion.pose_path.position,
+        motion.pose_path.rotation,
+        np.full((1, 3), np.nan),
+    )
     start = PosePath(position[[0]], no_via, rotation[[0]])
     end = PosePath(position[[-1]], no_via, rotation[[-1]])
     return (start, motion.joints[0]), (end, motion.joints[-1])
@@ -330,7 +334,9 @@ def _turn_unlinked(
         if motion.id in detours.turned or any(len(out.via) for out in both):
             continue
         detours.turned.add(motion.id)
-        joints = np.concatenate([motion.dense, both[0].dense, both[1].dense])
+        joints = np.concatenate(
+            [motion.sampled_joints, both[0].sampled_joints, both[1].sampled_joints]
+        )
         turns = list_turns(cell.setup.robot, joints, cell.home)[1:]
         turned = [
             out.joints[-1] + math.tau * whole for whole, out in itertools.product(turns, both)
@@ -415,8 +421,8 @@ def _list_link_motions(
         if next_end == a ^ 1:
             motion = problem.motions[a // 2]
             motion = motion if a % 2 == 0 else motion.reversed()
-            speed = np.full(len(motion.way) - 1, ends.speed)
-            yield links.PathLink(motion.way, motion.joints, speed, "shared edge")
+            speed = np.full(len(motion.pose_path) - 1, ends.speed)
+            yield links.PathLink(motion.pose_path, motion.joints, speed, "shared edge")
         else:
             yield links.JointLink(ends.joints[next_end], free=False)
         a = next_end

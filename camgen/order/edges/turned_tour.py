@@ -156,7 +156,9 @@ def _list_blocks(problem: RouteProblem, candidate: TourCandidate) -> list[_Block
         enter, leave = group[0][0], group[-1][1]
         motions = tuple(end // 2 for end, _ in group)
         outs = [problem.out[enter], problem.out[leave]]
-        joints = [out.dense for out in outs] + [problem.motions[k].dense for k in motions]
+        joints = [out.sampled_joints for out in outs] + [
+            problem.motions[k].sampled_joints for k in motions
+        ]
         turns = list_turns(cell.setup.robot, np.concatenate(joints), cell.home)
         if not fixed.isdisjoint(motions) or any(len(out.via) for out in outs):
             turns = turns[:1]

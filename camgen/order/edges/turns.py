@@ -53,13 +53,19 @@ def list_turns(robot: Robot, joints: FloatArray, home: FloatArray) -> IntArray:
 def turn_motion(motion: EdgeMotion, whole: IntArray) -> EdgeMotion:
     """A motion moved by whole turns (J,)."""
     angle = math.tau * whole
-    return replace(motion, joints=frozen(motion.joints + angle), dense=frozen(motion.dense + angle))
+    return replace(
+        motion,
+        joints=frozen(motion.joints + angle),
+        sampled_joints=frozen(motion.sampled_joints + angle),
+    )
 
 
 def turn_retraction(out: Retraction, whole: IntArray) -> Retraction:
     """A retraction, without detour, moved by whole turns (J,)."""
     angle = math.tau * whole
-    return replace(out, joints=frozen(out.joints + angle), dense=frozen(out.dense + angle))
+    return replace(
+        out, joints=frozen(out.joints + angle), sampled_joints=frozen(out.sampled_joints + angle)
+    )
 
 
 def find_cheapest(

@@ -113,7 +113,7 @@ def _make_graph(items: Items, home: FloatArray | None, dense: DensePoints | None
     first, second = near.item[kept], near.other[kept]
     # A pair may be listed from one side or from both; once is enough, and half the work.
     once = find_first_occurrences(np.minimum(first, second) * count + np.maximum(first, second))
-    first, second, listed = first[once], second[once], near.apart[kept][once]
+    first, second, listed = first[once], second[once], near.distance[kept][once]
     distance = np.minimum(listed, np.maximum(near.sure[first], near.sure[second]))
     if dense is not None:
         np.maximum(distance, _measure_distances(dense, closed, first, second), out=distance)

@@ -147,7 +147,7 @@ def _link_nodes(discs: Discs, item: IntArray, allowed: IntArray) -> list[list[in
         rows = find_first_occurrences(np.minimum(first, second) * count + np.maximum(first, second))
         rows = rows[item[first[rows]] != item[second[rows]]]
         rows = rows[np.argsort(first[rows] * count + second[rows])]
-        rows = rows[np.argsort(near.apart[rows], kind="stable")]
+        rows = rows[np.argsort(near.distance[rows], kind="stable")]
         before = parts
         for a, b in zip(first[rows].tolist(), second[rows].tolist(), strict=True):
             if free[a] and free[b]:

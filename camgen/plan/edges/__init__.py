@@ -210,7 +210,9 @@ def _clear_between(
     A motion that was chosen for its margin is replaced by the one without it, if that is free.
     """
     moved = [result for result in results if isinstance(result, EdgeMotion)]
-    looks = space.look([SampledMotion(motion.dense, motion.looks) for motion in moved])
+    looks = space.look(
+        [SampledMotion(motion.sampled_joints, motion.sampled_path) for motion in moved]
+    )
     checked = {motion.id: _stop(motion, look) for motion, look in zip(moved, looks, strict=True)}
     for motion in moved:
         if motion.nearer and isinstance(checked[motion.id], UnreachableEdge):
@@ -221,7 +223,7 @@ def _clear_between(
 def _stop(motion: EdgeMotion, hit: Blockage | float) -> EdgeMotion | UnreachableEdge:
     if not isinstance(hit, Blockage):
         return motion
-    along = short(measure_to(motion.looks, hit.at), 1)
+    along = short(measure_to(motion.sampled_path, hit.at), 1)
     return UnreachableEdge(motion.id, hit.kind, f"{hit.what}, {along} mm along it")
 
 

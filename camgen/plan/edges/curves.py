@@ -65,7 +65,9 @@ def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
     square = [curve for curve in part.curves if choose_axis(curve, job) == "normal"]
     if solid is None or not square:
         return ()
-    distances = {curve.id: float(find_nearest(solid, curve.points).apart.max()) for curve in square}
+    distances = {
+        curve.id: float(find_nearest(solid, curve.points).distance.max()) for curve in square
+    }
     far = tuple(name for name, distance in distances.items() if distance > _ON_IT)
     if not far:
         return ()
