@@ -26,7 +26,7 @@ from bench.languages.mirror import Mirror, MissingError
 from bench.support.runner import SHARED, Missed, Table, open_table
 from camgen.check.harm import find_harm
 from camgen.cli.judge import add_harm
-from camgen.lang.programs import Ask, Executed, find_language
+from camgen.lang.programs import Executed, RunRequest, find_language
 
 #: Share of the faults that are to be found in each language.
 _GOAL = 0.7
@@ -45,7 +45,7 @@ def main(arguments: list[str]) -> int:
 
 def run(language: str, name: str, text: str) -> Executed:
     """The run of a program with all findings. GRBL is a dialect of G-code."""
-    request = Ask(dialect="grbl" if language == "grbl" else "")
+    request = RunRequest(dialect="grbl" if language == "grbl" else "")
     executed = find_language("gcode" if language == "grbl" else language).run({name: text}, request)
     return add_harm(executed, {name: text})
 
@@ -88,7 +88,7 @@ def list_alarms(folder: Path) -> None:
     seconds = 0.0
     for entry, text in read_public(folder):
         name = PurePosixPath(entry.path).name
-        executed = find_language(entry.language).run({name: text}, Ask())
+        executed = find_language(entry.language).run({name: text}, RunRequest())
         begun = time.process_time()
         harm = find_harm(executed)
         seconds += time.process_time() - begun

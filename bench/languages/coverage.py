@@ -21,7 +21,7 @@ from bench.languages.choose import read_list
 from bench.languages.mirror import Mirror, MissingError
 from bench.support.runner import Table, machine
 from camgen.lang.alternatives import run_alternatives
-from camgen.lang.programs import Ask, find_language
+from camgen.lang.programs import RunRequest, find_language
 
 #: The first line of a routine. G-code has none that a program does not enter.
 _ROUTINE = {
@@ -33,7 +33,7 @@ _ROUTINE = {
 
 def count(language: str, name: str, text: str) -> Counter[str]:
     """Numbers of the statements of a program: all, run, and not run by reason."""
-    executed = run_alternatives(find_language(language), {name: text}, Ask()).executed
+    executed = run_alternatives(find_language(language), {name: text}, RunRequest()).executed
     coverage = executed.coverage
     counts: Counter[str] = Counter(programs=1)
     if coverage is None:

@@ -29,7 +29,7 @@ import numpy as np
 
 import camgen
 from camgen.cli import main as run_command
-from camgen.lang.programs import LEVELS, Ask, Executed, find_language
+from camgen.lang.programs import LEVELS, Executed, RunRequest, find_language
 from camgen.lang.recorded import Recorded
 from camgen.model.program import Instruction, Output
 
@@ -152,7 +152,7 @@ def _run(language: str, name: str, text: str, executed: list[Executed]) -> Itera
         pattern = re.compile(_ROUTINES[language], re.IGNORECASE | re.MULTILINE)
         entries += list(dict.fromkeys(pattern.findall(text)))[:_MOST_ROUTINES]
     for entry in entries:
-        run = find_language(language).run({name: text}, Ask(entry=entry))
+        run = find_language(language).run({name: text}, RunRequest(entry=entry))
         executed.append(run)
         if entry:
             yield f"-- {entry}"

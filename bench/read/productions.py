@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from camgen.lang.programs import Ask, find_language
+from camgen.lang.programs import RunRequest, find_language
 
 FOLDER = Path(__file__).parents[2] / "tests" / "lang"
 _NAMES = {"gcode": "a.nc", "rapid": "a.mod", "vplus": "a.v2", "pacscript": "a.pcs"}
@@ -76,7 +76,7 @@ def find_refusals(language: str, form: Form) -> dict[str, list[str]]:
     run = find_language(language).run
     refusals = {}
     for dialect in form.dialects:
-        executed = run({_NAMES[language]: form.whole}, Ask(dialect))
+        executed = run({_NAMES[language]: form.whole}, RunRequest(dialect))
         reasons = [finding.what for finding in executed.findings if finding.level == "refused"]
         if executed.stopped is not None:
             reasons.append(executed.stopped[1])

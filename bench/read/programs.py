@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from bench.support.runner import open_table
 from bench.support.timing import timed
-from camgen.lang.programs import Ask, Executed, Finding, Language, list_languages
+from camgen.lang.programs import Executed, Finding, Language, RunRequest, list_languages
 
 
 class Run(NamedTuple):
@@ -64,7 +64,7 @@ def run_all(folder: Path, seen: set[bytes]) -> Iterator[Run]:
         seen.add(data)
         text = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
         for language in find_languages(file, text)[:1]:
-            executed, seconds = timed(partial(language.run, {file.name: text}, Ask()))
+            executed, seconds = timed(partial(language.run, {file.name: text}, RunRequest()))
             yield Run(file, language.name, executed, seconds)
 
 

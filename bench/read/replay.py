@@ -18,7 +18,7 @@ from pathlib import Path
 from bench.support.runner import open_table
 from bench.support.timing import timed
 from camgen.lang.gcode.run import run_program
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.lang.recorded import ProgramRun
 from camgen.model.program import MoveC, MoveJ, MoveL
 from tests.support import canon
@@ -144,7 +144,7 @@ def _compare_arc(
 def compare_file(path: Path) -> tuple[str, str]:
     """Runs a file in the dialect of LinuxCNC and by the judge. Returns the outcome and a sentence."""
     text = path.read_text(encoding="latin-1").replace("\r\n", "\n").replace("\r", "\n")
-    played, seconds = timed(lambda: run_program({path.name: text}, Ask("linuxcnc", _ZERO)))
+    played, seconds = timed(lambda: run_program({path.name: text}, RunRequest("linuxcnc", _ZERO)))
     m, stopped, _ = played
     judge = canon.run(text, _TOOLS, LONGEST)
     # A per cent sign that is missing at the end is no reason to refuse a file.

@@ -66,30 +66,30 @@ def main(argv: Sequence[str] | None = None) -> int:
         # camgen checks for numbers that are out of range and reports them itself.
         warnings.simplefilter("ignore", RuntimeWarning)
     words = list(sys.argv[1:] if argv is None else argv)
-    says = make_terminal(quiet=False, verbose=0)
+    terminal = make_terminal(quiet=False, verbose=0)
     try:
         arguments = _parse(words)
         if arguments is None:
             return 0
-        says = make_terminal(arguments.quiet, arguments.verbose)
+        terminal = make_terminal(arguments.quiet, arguments.verbose)
         # Standard output is for results alone. The output of plug-ins and libraries goes to
         # standard error, with the messages.
         with raise_signals(last=argv is None), redirect_stdout(sys.stderr):
-            return _command(arguments.command)(arguments, says)
+            return _command(arguments.command)(arguments, terminal)
     except CamgenError as error:
-        says.error(f"error: {error}")
-        _trace(says)
+        terminal.error(f"error: {error}")
+        _trace(terminal)
         return error.exit_code
     except BrokenPipeError:  # The reader of the help has closed the pipe.
         return 0
     except Stopped as error:
-        says.error(format_reason(error))
+        terminal.error(format_reason(error))
         return exit_code(error)
     # Any other exception, also a plug-in that ends the process, becomes one line and exit code 1.
     except (Exception, SystemExit) as error:
         what = f"fault: {type(error).__name__}: {error}"
-        says.error(f"{what}; add -vv to the command and report what it prints")
-        _trace(says)
+        terminal.error(f"{what}; add -vv to the command and report what it prints")
+        _trace(terminal)
         return 1
 
 
@@ -110,8 +110,8 @@ def _open_streams() -> None:
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
 
 
-def _trace(says: Terminal) -> None:
-    if says.verbose > 1:
+def _trace(terminal: Terminal) -> None:
+    if terminal.verbose > 1:
         importlib.import_module("traceback").print_exc()
 
 

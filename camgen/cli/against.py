@@ -41,7 +41,7 @@ _PICTURES = (".svg", ".png")
 _MAX_LISTED = 40
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Compare a photo with a part, print the differences, and write the picture and the rework.
 
     Raises VerifyError for any difference with `--strict`, JobError for unusable arguments,
@@ -58,7 +58,7 @@ def run(arguments: Namespace, says: Terminal) -> int:
         check_targets(targets, [photo, drawing, *job_files])
         job = load_job(job_file, arguments.sets, opened)
         files = opened.within(job.limits)
-        says.stage("reading")
+        terminal.stage("reading")
         seen = read_outlines(files.read(photo), job, files)
         if drawing_job:
             part_job = load_job(drawing_job, [], files)
@@ -67,9 +67,9 @@ def run(arguments: Namespace, says: Terminal) -> int:
         source = files.read(drawing)
         drawn = set_clamps_aside(find_reader(source).read(source, part_job, files), part_job)
         part = move_part(drawn, part_job)
-        says.stage("comparing")
+        terminal.stage("comparing")
         inspection = inspect_photo(seen, part, part_job, arguments.least)
-        says.clear()
+        terminal.clear()
         works: Sequence[Rework] = ()
         not_reworked: Sequence[NotReworked] = ()
         if arguments.removal is not None:
@@ -90,14 +90,14 @@ def run(arguments: Namespace, says: Terminal) -> int:
                 )
         write_all(list(_make_files(arguments, inspection, works, part_job)), files.opened)
     if arguments.json:
-        says.data(_make_json(inspection, works, not_reworked))
+        terminal.data(_make_json(inspection, works, not_reworked))
     else:
-        says.out(_format_page(inspection, works, not_reworked))
+        terminal.out(_format_page(inspection, works, not_reworked))
         if works and not part_job.process.force:
-            says.rows([("warning", WITHOUT_FORCE, "look")])
+            terminal.rows([("warning", WITHOUT_FORCE, "look")])
     warnings = [note for note in inspection.notes if note.kind == "warning"]
-    says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in warnings])
-    says.rows([("written", str(target), "good") for target in targets])
+    terminal.rows([(note.kind, str(note).partition(": ")[2], "look") for note in warnings])
+    terminal.rows([("written", str(target), "good") for target in targets])
     return 0
 
 

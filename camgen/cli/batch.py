@@ -60,14 +60,14 @@ class _Row(Struct, frozen=True):
     sums: BuildSums | None = None
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Build the parts that have changed, write each program at once, and print the table."""
     _check(arguments)
     folder = Path(arguments.output or "")
     inputs = find_inputs(arguments.inputs)
     reports = [Path(p) for p in [arguments.report] if p]
     check_targets(reports, [batch_input.source for batch_input in inputs])
-    says.stage("looking")
+    terminal.stage("looking")
     records = state.load_records(folder)
     options = BatchOptions(arguments.post, arguments.job, tuple(arguments.sets), arguments.strict)
     parts, owners = make_parts(inputs, options, folder, records)
@@ -75,7 +75,7 @@ def run(arguments: Namespace, says: Terminal) -> int:
     for part in parts:
         read |= part.read
     check_targets(reports, read.values())
-    batch = _Batch(says, folder, parts, records, owners, read, reports, arguments.force)
+    batch = _Batch(terminal, folder, parts, records, owners, read, reports, arguments.force)
     batch.take_known()
     try:
         with closing(_builders(arguments, [part.task for part in parts if part.task])) as done:
@@ -83,13 +83,13 @@ def run(arguments: Namespace, says: Terminal) -> int:
                 batch.take(task.place, outcome)
     except Stopped as error:
         missing = f"{counted(len(parts) - len(batch.rows), 'part')} of {len(parts)} not built"
-        says.error(f"{format_reason(error)}: {missing}; the same command continues from here")
+        terminal.error(f"{format_reason(error)}: {missing}; the same command continues from here")
         return exit_code(error)
     if batch.written:
         state.write_records(folder, records)
     rows = [batch.rows[place] for place in range(len(parts))]
     write_all([(path, _report(rows, arguments.post)) for path in reports], read)
-    _print_table(rows, says)
+    _print_table(rows, terminal)
     codes = {row.code for row in rows}
     return next(code for code in _BY_SEVERITY if code in codes)
 
@@ -122,7 +122,7 @@ def _builders(arguments: Namespace, tasks: list[Task]) -> Generator[tuple[Task, 
 class _Batch(Struct):
     """The state of a batch.
 
-    says: voice of the command.
+    terminal: voice of the command.
     folder: folder of the programs.
     parts: parts in the order of the inputs.
     records: records of the batch before, by name.
@@ -135,7 +135,7 @@ class _Batch(Struct):
     start: time of the start, on the clock `monotonic`, s.
     """
 
-    says: Terminal
+    terminal: Terminal
     folder: Path
     parts: list[BatchPart]
     records: dict[str, state.Record]
@@ -163,8 +163,10 @@ class _Batch(Struct):
         part = self.parts[place]
         source = str(part.input.source)
         if outcome.sums is None:
-            if self.says.verbose > 1 and outcome.trace:
-                self.says.rows([("trace", line, "plain") for line in outcome.trace.splitlines()])
+            if self.terminal.verbose > 1 and outcome.trace:
+                self.terminal.rows(
+                    [("trace", line, "plain") for line in outcome.trace.splitlines()]
+                )
             self._add(place, _Row(source, "failed", outcome.code, outcome.error))
             return
         try:
@@ -203,12 +205,12 @@ class _Batch(Struct):
         self.rows[place] = row
         done, total = len(self.rows), len(self.parts)
         failed = sum(row.status == "failed" for row in self.rows.values())
-        if self.says.terminal:
+        if self.terminal.is_interactive:
             bar = "#" * (_BAR * done // total)
             progress = f"{done} of {total}, {failed} failed{self._format_rest(done, total)}"
-            self.says.stage(f"[{bar:-<{_BAR}}] {progress}")
+            self.terminal.stage(f"[{bar:-<{_BAR}}] {progress}")
         elif row.status != "unchanged":
-            self.says.rows([(row.status, _name(row), "look" if row.error else "plain")])
+            self.terminal.rows([(row.status, _name(row), "look" if row.error else "plain")])
 
     def _format_rest(self, done: int, total: int) -> str:
         """The remaining time, from the mean time of the parts that were built."""
@@ -219,22 +221,22 @@ class _Batch(Struct):
         return f", about {duration(seconds)} left"
 
 
-def _print_table(rows: list[_Row], says: Terminal) -> None:
+def _print_table(rows: list[_Row], terminal: Terminal) -> None:
     """Print the table and its sums; with -q only the errors."""
-    if says.quiet:
+    if terminal.quiet:
         for row in rows:
             if row.error:
-                says.error(f"error: {_name(row)}")
+                terminal.error(f"error: {_name(row)}")
         return
-    says.clear()
+    terminal.clear()
     cells = [("file", "status", "paths", "time", "notes"), *(_cells(row) for row in rows)]
     below = [f"{make_one_line(clean(row.source))}: {_why(row)}\n" for row in rows if _is_long(row)]
-    says.out(format_table(cells) + ("\n" + "".join(below) if below else ""))
+    terminal.out(format_table(cells) + ("\n" + "".join(below) if below else ""))
     counts = Counter(row.status for row in rows)
     statuses = [status for status in ("built", "unchanged", "failed") if counts[status]]
     text = ", ".join(f"{counts[status]} {status}" for status in statuses)
     tone = "bad" if counts["failed"] else "good"
-    says.rows([("batch", f"{counted(len(rows), 'part')}: {text}", tone)])
+    terminal.rows([("batch", f"{counted(len(rows), 'part')}: {text}", tone)])
 
 
 def _why(row: _Row) -> str:

@@ -68,7 +68,7 @@ def list_rows(
         *_job(job, inputs),
         *_located(result),
         *list_notes(result.notes, verbose),
-        *_tell_plan(result),
+        *_list_plan_rows(result),
         *_operations(result),
         *_coverage(result),
         ("cell", result.cell.name, "plain"),
@@ -301,7 +301,7 @@ def list_notes(notes: Sequence[Note], verbose: int) -> list[Row]:
     return rows
 
 
-def _tell_plan(result: Result) -> list[Row]:
+def _list_plan_rows(result: Result) -> list[Row]:
     work = math.fsum(path_sums(result.tour.paths)[0].tolist())
     tour = result.tour
     hint = ""
@@ -390,13 +390,13 @@ def _program(path: Path, file: ProgramFile) -> Row:
 class _Stages(Struct):
     """Shows the current stage on the terminal, and measures the time of each stage.
 
-    says: output of the command.
+    terminal: output of the command.
     files: cache of the inputs, which is emptied after they are read.
     names: names of the stages so far.
     times: start of each stage, on the clock `perf_counter`, s.
     """
 
-    says: Terminal
+    terminal: Terminal
     files: Files
     names: list[str] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
@@ -405,7 +405,7 @@ class _Stages(Struct):
         if name == "planning":
             self.files.release()
             gc.collect()  # The inputs are full of reference cycles.
-        self.says.stage(name)
+        self.terminal.stage(name)
         if self.names and name.startswith(f"{self.names[-1]} "):
             return  # progress of the same stage
         self.names.append(name)
@@ -418,7 +418,7 @@ class _Stages(Struct):
         return [(name, end - start) for name, start, end in stages]
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Build a program, write it and print the summary."""
     start = _start(arguments.start)
     by_photo = arguments.locate is not None
@@ -426,7 +426,7 @@ def run(arguments: Namespace, says: Terminal) -> int:
     with pause_collector(), open_inputs(names, arguments.format) as (paths, files):
         inputs = paths[: len(arguments.inputs)]
         photo = paths[-1] if by_photo else None
-        stages = _Stages(says, files)
+        stages = _Stages(terminal, files)
         job_file = find_job_file(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
         read = [*paths, *([job_file] if job_file else [])]
         aloud = arguments.output == "-"
@@ -468,13 +468,13 @@ def run(arguments: Namespace, says: Terminal) -> int:
             files.opened,
         )
     if aloud:
-        says.out(bytes(programs[0][1]).decode("ascii"))
+        terminal.out(bytes(programs[0][1]).decode("ascii"))
         programs = [(Path("-"), programs[0][1])]
-    summary = list_rows(result, job_file, inputs, programs, says.verbose)
-    says.rows([*summary[:1], *photo_rows, *summary[1:]])
-    if says.verbose:
+    summary = list_rows(result, job_file, inputs, programs, terminal.verbose)
+    terminal.rows([*summary[:1], *photo_rows, *summary[1:]])
+    if terminal.verbose:
         times = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent())
-        says.rows([("timing", times, "plain")])
+        terminal.rows([("timing", times, "plain")])
     return 0
 
 

@@ -21,7 +21,7 @@ from camgen.vision.camera.residuals import draw_residuals
 _COUNTS = re.compile(r"([0-9]{1,4})x([0-9]{1,4})")
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Write the camera, print the error of each photo, and report the photos that were left out."""
     target = _target(arguments)
     paths = [Path(name) for name in arguments.photos]
@@ -33,17 +33,17 @@ def run(arguments: Namespace, says: Terminal) -> int:
     check_targets([camera_file, *([preview] if preview else [])], paths)
     files = Files()
     photos = [files.read(path) for path in paths]
-    calibration = calibrate(photos, target, camera_file.stem, says.stage)
-    says.clear()
+    calibration = calibrate(photos, target, camera_file.stem, terminal.stage)
+    terminal.clear()
     written = [(camera_file, format_camera_info(calibration.camera).encode())]
     if preview is not None:
         drawing = draw_residuals(calibration, f"{target.label}: {camera_file.name}")
         written.append((preview, drawing.encode()))
     write_all(written, files.opened)
-    if not says.quiet:
-        says.out(_errors(calibration))
-    says.rows(_summary(calibration, target))
-    says.rows([("written", str(path), "good") for path, _ in written])
+    if not terminal.quiet:
+        terminal.out(_errors(calibration))
+    terminal.rows(_summary(calibration, target))
+    terminal.rows([("written", str(path), "good") for path, _ in written])
     return 0
 
 

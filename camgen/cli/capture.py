@@ -18,7 +18,7 @@ from camgen.vision.frames import note_faults
 _SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Write the picture, and report its markers, its sharpness and the remedies for its faults."""
     target, source = Path(arguments.output), arguments.source
     _check_arguments(arguments, target)
@@ -27,11 +27,11 @@ def run(arguments: Namespace, says: Terminal) -> int:
     read = [Path(source), *([job_file] if job_file else [])]
     check_targets([target], read)
     job = load_job(job_file, arguments.sets, files)
-    says.stage(f"looking at {source}")
+    terminal.stage(f"looking at {source}")
     shot = capture(source, arguments.frames, arguments.skip, arguments.timeout)
     seen, missing = note_marks(shot, job)
     notes = (*note_faults(shot), *missing)
-    says.clear()
+    terminal.clear()
     if arguments.strict and notes:
         raise NoSafeProgram(source, f"--strict and {notes[0].what}", remedy=notes[0].why)
     write_all([(target, encode(shot, target.suffix.lower()))], files.opened)
@@ -40,7 +40,7 @@ def run(arguments: Namespace, says: Terminal) -> int:
         *(("markers", line, "plain") for line in seen),
     ]
     rows += [("warning", f"{note.what} ({note.why})", "look") for note in notes]
-    says.rows([*rows, ("written", str(target), "good")])
+    terminal.rows([*rows, ("written", str(target), "good")])
     return 0
 
 

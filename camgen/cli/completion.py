@@ -22,14 +22,14 @@ from camgen.robots.catalogue import list_robots
 _FILES = ("FILE", "DIR", "INPUT", "GLOB", "PROGRAM", "PLAN", "PHOTO", "MODEL", "SCAN")
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Prints the script."""
     top, commands = make_parsers()
     known = _list_known()
     for sub in commands.values():
         for action in sub._actions:  # argparse has no public list
             _teach(action, known)
-    says.out(_amend(shtab.complete(top, arguments.shell), arguments.shell))
+    terminal.out(_amend(shtab.complete(top, arguments.shell), arguments.shell))
     return 0
 
 

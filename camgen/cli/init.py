@@ -35,7 +35,7 @@ from camgen.read.files import Files, identity
 from camgen.read.job_file import load_job, parse_assignment
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Write the job file into the current folder, never over an existing one.
 
     With `--operations` the job is built once, so that it makes a checked program.
@@ -46,7 +46,7 @@ def run(arguments: Namespace, says: Terminal) -> int:
     if target.exists():
         raise JobError(str(target), "exists", remedy="rename it, or delete it to get a new one")
     check_targets([target], [source.path])
-    says.stage("reading")
+    terminal.stage("reading")
     reader = find_reader(source)
     sets = _with_material(arguments.sets, arguments.material)
     job = load_job(None, sets, files)
@@ -56,7 +56,7 @@ def run(arguments: Namespace, says: Terminal) -> int:
     units = "" if part is None else part.units
     option = "--operations" if arguments.operations else ""
     option = option or ("--material" if arguments.material else "")
-    proposal = _propose(part, job, source.name, option, says)
+    proposal = _propose(part, job, source.name, option, terminal)
     chosen = Chosen(
         values={(table, key): value for table, key, value in map(parse_assignment, sets)},
         proposal=proposal,
@@ -64,34 +64,34 @@ def run(arguments: Namespace, says: Terminal) -> int:
     )
     text = write_template(source.name, units, chosen)
     if arguments.operations and part is not None:
-        error = _try_program(part, text, says)
+        error = _try_program(part, text, terminal)
         if isinstance(error, NoSafeProgram) and proposal is not None and _has_tabs(proposal):
             # Other cuts may cut off the tabs beside narrow regions.
-            proposal = _propose(part, job, source.name, option, says, with_tabs=False)
+            proposal = _propose(part, job, source.name, option, terminal, with_tabs=False)
             chosen = replace(chosen, proposal=proposal)
             text = write_template(source.name, units, chosen)
-            says.rows([("held", f"by a skin, not by tabs: {error.what}", "look")])
-            error = _try_program(part, text, says)
+            terminal.rows([("held", f"by a skin, not by tabs: {error.what}", "look")])
+            error = _try_program(part, text, terminal)
         if error is not None:
             raise _refuse_proposal(part, error) from error
     write_all([(target, text.encode())], files.opened)
     in_file = f"; {source.name}: {units}" if units else ""
-    says.rows([("job", f"{target}: every setting with its default{in_file}", "plain")])
+    terminal.rows([("job", f"{target}: every setting with its default{in_file}", "plain")])
     if proposal is not None:
         about = "as comments; --operations uses it"
         if arguments.operations:
             values = "depths" if proposal.material else "depths and speeds"
             about = f"{values} are placeholders"
         tone = "look" if arguments.operations else "plain"
-        says.rows([("proposed", f"{describe(proposal)}: {about}", tone)])
-        says.rows([("operation", line, "plain") for line in tabulate(proposal)])
+        terminal.rows([("proposed", f"{describe(proposal)}: {about}", tone)])
+        terminal.rows([("operation", line, "plain") for line in tabulate(proposal)])
         if proposal.left:
             what = f"{counted(len(proposal.left), 'contour')} in no operation"
             why = "they cross others, enclose nothing, or no tool fits"
-            says.rows([("left", f"{what}: {name_first(proposal.left)} ({why})", "look")])
+            terminal.rows([("left", f"{what}: {name_first(proposal.left)} ({why})", "look")])
     if identity(source.path.parent) != identity(target.parent):
         command = f"camgen build {source.path} --job {target}"
-        says.rows([("use", f"{command}: the job file is not beside the input", "look")])
+        terminal.rows([("use", f"{command}: the job file is not beside the input", "look")])
     return 0
 
 
@@ -112,7 +112,7 @@ def _propose(
     job: Job,
     source: str,
     option: str,
-    says: Terminal,
+    terminal: Terminal,
     *,
     with_tabs: bool = True,
 ) -> Proposal | None:
@@ -128,7 +128,7 @@ def _propose(
         if option:
             raise InputError(source, "is not a flat drawing", option, "leave it out")
         return None
-    says.stage("proposing")
+    terminal.stage("proposing")
     from camgen.plan.propose import propose  # noqa: PLC0415 (shapely, only for drawings)
 
     try:
@@ -136,7 +136,7 @@ def _propose(
     except AmbiguousInput as error:
         if option:
             raise
-        says.rows([("proposed", f"no operations: {error}", "look")])
+        terminal.rows([("proposed", f"no operations: {error}", "look")])
         return None
     if proposal is None and option:
         what = "has no closed contour that a drill or a mill could make"
@@ -149,11 +149,11 @@ def _has_tabs(proposal: Proposal) -> bool:
     return any("tabs" in operation.row for operation in proposal.operations)
 
 
-def _try_program(part: Part, text: str, says: Terminal) -> CamgenError | None:
+def _try_program(part: Part, text: str, terminal: Terminal) -> CamgenError | None:
     """The error of a build of `part` with the job `text`, None if it makes a checked program."""
     from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only with --operations)
 
-    says.stage("building")
+    terminal.stage("building")
     try:
         build(part, post="gcode", job=tomllib.loads(text))
     except CamgenError as error:

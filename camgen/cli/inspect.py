@@ -19,7 +19,7 @@ from camgen.read.job_file import find_job_file, load_job
 from camgen.read.move import move_part
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Prints the summary of a drawing, read with the `[input]` of the job.
 
     With `--against`, prints the differences of a photo.
@@ -28,7 +28,7 @@ def run(arguments: Namespace, says: Terminal) -> int:
         # OpenCV and shapely, which only photos need.
         from camgen.cli.against import run as run_against  # noqa: PLC0415
 
-        return run_against(arguments, says)
+        return run_against(arguments, terminal)
     for option in ("least", "preview", "removal", "rework", "strict"):
         if getattr(arguments, option):
             raise JobError(
@@ -44,12 +44,12 @@ def run(arguments: Namespace, says: Terminal) -> int:
         )
         files = opened.within(job.limits)
         source = files.read(paths[0])
-        says.stage("reading")
+        terminal.stage("reading")
         facts = _inspect(source, job, files)
-        is_read = says.verbose or job.input.origin
+        is_read = terminal.verbose or job.input.origin
         part = _read_drawing(source, job, files) if is_read else None
-    says.clear()
-    contours = list_contours(part) if part is not None and says.verbose else []
+    terminal.clear()
+    contours = list_contours(part) if part is not None and terminal.verbose else []
     moved = part.moved if part is not None else None
     if arguments.json:
         data: dict[str, object] = {"source": source.name, "facts": facts}
@@ -57,13 +57,13 @@ def run(arguments: Namespace, says: Terminal) -> int:
             data["contours"] = contours
         if moved:
             data["moved"] = moved
-        says.data(data)
+        terminal.data(data)
         return 0
     lines = [str(facts).rstrip("\n"), *map(str, contours)]
     if moved:
         x, y = (short(distance, 6) for distance in moved)
         lines.insert(1, f"moved by x {x}, y {y} mm: input.origin is x 0, y 0")
-    says.out("".join(f"{line}\n" for line in lines))
+    terminal.out("".join(f"{line}\n" for line in lines))
     return 0
 
 

@@ -15,12 +15,12 @@ from camgen.cli.program_texts import read_texts
 from camgen.cli.say import join_names
 from camgen.lang.programs import (
     LEVELS,
-    Ask,
     Executed,
     Finding,
     Frames,
     Language,
     Places,
+    RunRequest,
     find_language,
     list_languages,
 )
@@ -60,7 +60,9 @@ def recognise_language(name: str, texts: Mapping[str, str]) -> Language:
     return fitting[0]
 
 
-def make_run_options(language: Language, arguments: Namespace, job: Job, files: Files) -> Ask:
+def make_run_options(
+    language: Language, arguments: Namespace, job: Job, files: Files
+) -> RunRequest:
     """The options of the user for a program. Raises JobError for options without effect on it."""
     dialect = arguments.dialect or ""
     if dialect and dialect not in language.dialects:
@@ -79,7 +81,7 @@ def make_run_options(language: Language, arguments: Namespace, job: Job, files: 
         from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for robot programs)
 
         flange = find_flange(job.operation.taught_on)
-    return Ask(
+    return RunRequest(
         dialect,
         dict(chain.from_iterable(map(_read_assumed, arguments.assume))),
         points,

@@ -35,44 +35,46 @@ _LISTED = 6
 _UNKNOWN = "unknown"
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Write and print the frame, and report its evidence and other poses that fit as well."""
     model, scan, target = Path(arguments.model), Path(arguments.scan), Path(arguments.output)
     unit, start = _unit("--units", arguments.units), _start(arguments.start)
     model_unit = _unit("--model-units", arguments.model_units)
     viewpoint = _viewpoint(arguments.viewpoint)
     check_targets([target], [model, scan])
-    says.stage(f"reading {model.name}")
+    terminal.stage(f"reading {model.name}")
     files = Files()
     source = files.read(model)
     part = _part(source, model_unit)
-    says.stage(f"reading {scan.name}")
+    terminal.stage(f"reading {scan.name}")
     seen = read_scan(open_scan(scan, files), unit)
 
     def search(part: ModelPart, scan_in_mm: Scan) -> Location:
         eye = scan_in_mm.viewpoint if arguments.viewpoint is None else viewpoint
         triangles = (part.vertices, part.faces)
-        return localize(scan.name, triangles, scan_in_mm.points, start, says.stage, eye)
+        return localize(scan.name, triangles, scan_in_mm.points, start, terminal.stage, eye)
 
     location = localize_or_advise(search, part, seen, lambda unit: _part(source, unit))
-    says.clear()
+    terminal.clear()
     names, units = (model.name, scan.name), (part.unit, seen.unit)
     if arguments.viewpoint is None:
         stood = _describe_place(seen.viewpoint, ", as the scan says")
     else:
         stood = _describe_place(viewpoint, "")
     write_all([(target, job(names, units, location, stood).encode())], files.opened)
-    if not says.quiet:
-        says.out(_line(location.base_from_work) + "\n")
+    if not terminal.quiet:
+        terminal.out(_line(location.base_from_work) + "\n")
     x, y, z = np.ptp(part.vertices, axis=0).tolist()
     size = f"{short(x, 3)} x {short(y, 3)} x {short(z, 3)} mm"
     triangles = counted(len(part.faces), "triangle")
     points = counted(len(seen.points), "point")
-    says.rows([("model", f"{names[0]}: {size}, {triangles}, {_describe_unit(part.unit)}", "plain")])
-    says.rows([("scan", f"{names[1]}: {points}, {_describe_unit(seen.unit)}", "plain")])
+    terminal.rows(
+        [("model", f"{names[0]}: {size}, {triangles}, {_describe_unit(part.unit)}", "plain")]
+    )
+    terminal.rows([("scan", f"{names[1]}: {points}, {_describe_unit(seen.unit)}", "plain")])
     notes = [*part.notes, *seen.notes, *_note_drawn(seen, location), *_note_far(location)]
-    says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in notes])
-    says.rows([*_describe(location, stood), ("written", str(target), "good")])
+    terminal.rows([(note.kind, str(note).partition(": ")[2], "look") for note in notes])
+    terminal.rows([*_describe(location, stood), ("written", str(target), "good")])
     return 0
 
 
@@ -213,7 +215,8 @@ def _describe(location: Location, stood: str) -> Sequence[tuple[str, str, str]]:
     elif location.rivals:
         rows.append(("ambiguous", f"other poses that fit as well: {len(location.rivals)}", "look"))
         rows += [
-            ("", _tell(rival, location.noise_limit), "look") for rival in location.rivals[:_LISTED]
+            ("", _describe_rival(rival, location.noise_limit), "look")
+            for rival in location.rivals[:_LISTED]
         ]
         if len(location.rivals) > _LISTED:
             rows.append(("", f"and {len(location.rivals) - _LISTED} more", "look"))
@@ -253,7 +256,7 @@ def _list_left_out(location: Location) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _tell(rival: Rival, noise_limit: float) -> str:
+def _describe_rival(rival: Rival, noise_limit: float) -> str:
     elsewhere = (
         f", surface up to {short(rival.distance, 2)} mm elsewhere"
         if rival.distance > noise_limit

@@ -14,7 +14,7 @@ from camgen.vision.boards.sheet import draw_pdf, draw_svg, make_sheet
 _DRAWN = {".pdf": draw_pdf, ".svg": draw_svg}
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Write the sheet, and print how to check it on paper."""
     target = Path(arguments.output)
     draw = _DRAWN.get(target.suffix.lower())
@@ -28,6 +28,6 @@ def run(arguments: Namespace, says: Terminal) -> int:
     free = " x ".join(short(v, 0) for v in sheet.free)
     text = f"{sheet.size} landscape, {markers}, free for the part: {free} mm"
     check = "at 100 %, not fitted to the page; then measure the ruler: it must be 100 mm"
-    says.rows([("sheet", text, "plain"), ("print", check, "look")])
-    says.rows([("written", str(target), "good")])
+    terminal.rows([("sheet", text, "plain"), ("print", check, "look")])
+    terminal.rows([("written", str(target), "good")])
     return 0

@@ -16,7 +16,7 @@ from camgen.read import find_reader
 from camgen.read.files import Files
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Serve the workbench until its pages are closed, or Ctrl-C."""
     try:
         from camgen.workbench.server import CommandLine, open_socket, serve  # noqa: PLC0415
@@ -42,15 +42,15 @@ def run(arguments: Namespace, says: Terminal) -> int:
         address = f"http://127.0.0.1:{door.getsockname()[1]}/{token}/"
 
         def ready() -> None:
-            says.rows([("open", f"{address} (Ctrl-C or its Close button ends it)", "plain")])
+            terminal.rows([("open", f"{address} (Ctrl-C or its Close button ends it)", "plain")])
             if not arguments.no_browser:
                 _show(address)
 
         def warn(line: str) -> None:
-            says.rows([("journal", line, "look")])
+            terminal.rows([("journal", line, "look")])
 
         ending = serve(session, CommandLine(list_rows, warn, ready), token, door)
-    says.clear()
+    terminal.clear()
     if not ending.changes:
         return 0
     verb = "is" if ending.changes == 1 else "are"

@@ -29,7 +29,15 @@ from camgen.model.version import __version__
 from camgen.pipeline import list_program_files, make_job_post
 from camgen.pipeline.inputs import read_inputs
 from camgen.pipeline.memory import pause_collector
-from camgen.pipeline.place import SET_UPS, Request, Search, Stand, Trial, name_set_up, search_place
+from camgen.pipeline.place import (
+    SET_UPS,
+    Request,
+    RestingPose,
+    Search,
+    Trial,
+    name_set_up,
+    search_place,
+)
 from camgen.preview.drawings import draw_preview
 from camgen.read.files import Files
 from camgen.read.job_file import find_job_file, load_job
@@ -38,7 +46,7 @@ from camgen.read.job_file import find_job_file, load_job
 _LISTED = 12
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Searches, writes the cell and the set-ups, and sums up."""
     source, target = Path(arguments.input), Path(arguments.output)
     if arguments.height is not None and not math.isfinite(arguments.height):
@@ -57,11 +65,11 @@ def run(arguments: Namespace, says: Terminal) -> int:
     with pause_collector(), rename_errors("job", str(job_file or "job")):
         job = load_job(job_file, arguments.sets, files)
         poster = make_job_post(arguments.post, job, str(job_file or "job"))
-        says.stage("reading")
+        terminal.stage("reading")
         read = read_inputs([source], job, poster.cell(), files.within(job.limits))
         request = Request(source, arguments.post, target.stem)
-        result = search_place(read.part, job, read.cell, request, arguments.height, says.stage)
-        says.stage("writing")
+        result = search_place(read.part, job, read.cell, request, arguments.height, terminal.stage)
+        terminal.stage("writing")
         written: list[tuple[Path, SupportsBytes]] = [
             (target, _write_cell(result, source.name, target.parent).encode())
         ]
@@ -70,10 +78,10 @@ def run(arguments: Namespace, says: Terminal) -> int:
                 written += _write_set_up(result, number, source.name, target)
     check_targets([path for path, _ in written], read_files)
     write_all(written, files.opened)
-    says.clear()
-    if not says.quiet:
-        says.out(f"base_from_work = {list(result.best[0].base_from_work)}\n")
-    says.rows(
+    terminal.clear()
+    if not terminal.quiet:
+        terminal.out(f"base_from_work = {list(result.best[0].base_from_work)}\n")
+    terminal.rows(
         [
             *_describe(result),
             *_list_edges(result, _LISTED),
@@ -160,7 +168,7 @@ def _describe(result: Search) -> list[Row]:
 
 def _describe_search(result: Search) -> str:
     grid, near = result.places
-    searched = sum(stand.face is not None for stand in result.stands)
+    searched = sum(resting_pose.face is not None for resting_pose in result.resting_poses)
     faces = counted(result.faces, "resting face")
     if searched < result.faces:
         faces = f"the {searched} largest of {faces}"
@@ -171,7 +179,7 @@ def _describe_trial(result: Search, trial: Trial) -> str:
     """The place of the part, and the edges that are worked there."""
     spot = trial.spot
     where = (
-        f"{_describe_stand(trial.stand)}, {short(spot.distance, 1)} mm from axis 1, "
+        f"{_describe_resting_pose(trial.resting_pose)}, {short(spot.distance, 1)} mm from axis 1, "
         f"{short(spot.height, 1)} mm up, turned by {short(spot.turn, 2)} deg"
     )
     time = f", about {duration(trial.seconds)}" if trial.worked else ""
@@ -185,25 +193,28 @@ def _format_worked(result: Search, trials: Sequence[Trial]) -> str:
     return f"{edges}, {length} of {total} mm"
 
 
-def _describe_stand(stand: Stand) -> str:
-    if stand.is_own:
+def _describe_resting_pose(resting_pose: RestingPose) -> str:
+    if resting_pose.is_own:
         return "as the job has it"
-    axis, angle = stand.turned
+    axis, angle = resting_pose.turned
     return f"turned over by {short(math.degrees(angle), 2)} deg about {_format_vector(axis)}"
 
 
 def _describe_frame(trial: Trial) -> list[str]:
     """The face, the rotation and the frame, for the operator."""
-    stand, lines = trial.stand, []
-    if stand.face is not None:
-        normal, middle = _format_vector(stand.face.normal), _format_vector(stand.face.middle)
-        longer, shorter = (short(side, 1) for side in stand.face.size)
+    resting_pose, lines = trial.resting_pose, []
+    if resting_pose.face is not None:
+        normal, middle = (
+            _format_vector(resting_pose.face.normal),
+            _format_vector(resting_pose.face.middle),
+        )
+        longer, shorter = (short(side, 1) for side in resting_pose.face.size)
         lines.append(
             f"rests on the face of {longer} x {shorter} mm with the middle {middle} mm and the "
             f"normal {normal}, in the frame of the part"
         )
-    if not stand.is_own:
-        axis, angle = stand.turned
+    if not resting_pose.is_own:
+        axis, angle = resting_pose.turned
         turned = f"{short(math.degrees(angle), 2)} deg about {_format_vector(axis)} of the part"
         lines.append(
             f"turned from how the file has it by {turned}; a table is assumed under it, "

@@ -8,15 +8,15 @@ from camgen.cli.say import Terminal, format_table
 from camgen.post.plugins import list_installed
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Prints the table of posts."""
     if arguments.json:
-        says.data(list_installed())
+        terminal.data(list_installed())
         return 0
     rows = [("name", "suffix", "origin", "about")]
     rows += [
         (p.name, p.suffix, p.origin, f"broken: {p.broken}" if p.broken else p.about)
         for p in list_installed()
     ]
-    says.out(format_table(rows))
+    terminal.out(format_table(rows))
     return 0

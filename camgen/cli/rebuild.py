@@ -76,7 +76,7 @@ def format_state(state: State) -> str:
 
 
 def compare_rebuilt(
-    text: Text, origin: Origin, says: Terminal, files: Files
+    text: Text, origin: Origin, terminal: Terminal, files: Files
 ) -> tuple[Row, VerifyError | None]:
     """The comparison of a program with the one that its job and part make.
 
@@ -89,11 +89,11 @@ def compare_rebuilt(
         why = f"camgen {origin.header.version} wrote it, this is {__version__}"
         return ("plan", f"not compared with {target}: {why}"), None
     try:
-        program, chord = _rebuild(text, origin, says, files)
+        program, chord = _rebuild(text, origin, terminal, files)
     except CamgenError as error:
         return ("plan", f"not compared with {target}: {error}"), None
     finally:
-        says.clear()
+        terminal.clear()
     tolerance = limit_tolerance(text.post.tolerance(), chord)
     compared = text.post.list_verified()
     try:
@@ -108,13 +108,18 @@ def compare_rebuilt(
     return ("plan", f"{instructions} equal to {target}, {equal.max_mm:.6f} mm"), None
 
 
-def _rebuild(text: Text, origin: Origin, says: Terminal, files: Files) -> tuple[Program, float]:
+def _rebuild(text: Text, origin: Origin, terminal: Terminal, files: Files) -> tuple[Program, float]:
     """The program that job and part make, and its tolerance of chords, mm."""
     from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only for our texts)
 
     post = text.post
     result = build(
-        origin.part, post=post.name, job=text.job, name=origin.name, watch=says.stage, files=files
+        origin.part,
+        post=post.name,
+        job=text.job,
+        name=origin.name,
+        watch=terminal.stage,
+        files=files,
     )
     chord = result.job.tolerance.chord
     return prepare_program(post, pick_program(result.program, post, text.path), chord), chord

@@ -20,18 +20,18 @@ _JOINTS = {
 }
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Print the table of robots, with -v their notes too; or the description of one robot."""
     if arguments.robot:
         chosen = find_robot(arguments.robot)
         if arguments.json:
-            says.data(_as_data(chosen))
+            terminal.data(_as_data(chosen))
         else:
-            says.out(_describe(chosen))
+            terminal.out(_describe(chosen))
         return 0
     listed = list_robots()
     if arguments.json:
-        says.data(list(map(_as_data, listed)))
+        terminal.data(list(map(_as_data, listed)))
         return 0
     rows = [("name", "maker", "joints", "kind", "kinematics", "limits")]
     rows += [
@@ -39,9 +39,9 @@ def run(arguments: Namespace, says: Terminal) -> int:
         for r in listed
     ]
     text = format_table(rows)
-    for row in listed if says.verbose else ():
+    for row in listed if terminal.verbose else ():
         text += "".join(f"{row.name}: {note}\n" for note in row.notes)
-    says.out(text)
+    terminal.out(text)
     return 0
 
 

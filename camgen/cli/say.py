@@ -24,14 +24,14 @@ class Terminal(NamedTuple):
     quiet: print errors only.
     verbose: number of -v.
     colour: whether standard error is a terminal that shows colours.
-    terminal: whether standard error is a terminal.
+    is_interactive: whether standard error is a terminal.
     """
 
     results: TextIO
     quiet: bool = False
     verbose: int = 0
     colour: bool = False
-    terminal: bool = False
+    is_interactive: bool = False
 
     def out(self, text: str) -> None:
         """Print a result on standard output."""
@@ -52,12 +52,12 @@ class Terminal(NamedTuple):
 
     def stage(self, name: str) -> None:
         """Show the current stage on a terminal. The next line overwrites it."""
-        if self.terminal and not self.quiet:
+        if self.is_interactive and not self.quiet:
             _write(sys.stderr, f"\r\x1b[2K{name} ...")
 
     def clear(self) -> None:
         """Remove the stage from the terminal."""
-        if self.terminal and not self.quiet:
+        if self.is_interactive and not self.quiet:
             _write(sys.stderr, "\r\x1b[2K")
 
     def error(self, text: str) -> None:
@@ -75,9 +75,13 @@ class Terminal(NamedTuple):
 
 def make_terminal(quiet: bool, verbose: int) -> Terminal:
     """The output of this process, in colour on a terminal unless NO_COLOR or TERM=dumb is set."""
-    terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+    is_interactive = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
     return Terminal(
-        sys.stdout, quiet, verbose, terminal and not os.environ.get("NO_COLOR"), terminal
+        sys.stdout,
+        quiet,
+        verbose,
+        is_interactive and not os.environ.get("NO_COLOR"),
+        is_interactive,
     )
 
 

@@ -10,9 +10,9 @@ from camgen.cli.say import Terminal
 from camgen.post.job_schema import schema
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Prints the schema."""
-    says.out(
+    terminal.out(
         msgspec.json.format(msgspec.json.encode(schema(arguments.post or "")), indent=2).decode()
         + "\n"
     )

@@ -47,7 +47,7 @@ _MIN_EXCESS = 0.01
 _REMEDY = "correct the program, or say with --job what it is meant to do"
 
 
-class StockSays(Struct, frozen=True):
+class StockVerdict(Struct, frozen=True):
     """The result of a stock proof for the terminal.
 
     rows: label and text of each row of the summary.
@@ -60,13 +60,13 @@ class StockSays(Struct, frozen=True):
     error: NoSafeProgram | None
 
 
-def judge(
+def check_stock(
     program: str,
     drawn: Part,
     job: Job,
     proven: Proven,
     place: Callable[[int], str],
-) -> StockSays:
+) -> StockVerdict:
     """The stock proof of a program that was read.
 
     With a depth, the job says how the contours of the drawing are cut. Without one, the contours
@@ -100,12 +100,14 @@ def judge(
         for breach in proof.set_up.breaches
     ]
     lines = "".join([_format_faults(proof.faults, place), *warnings])
-    return StockSays(tuple(_rows(proof, tasks, cuts, job)), lines, _refuse(program, proof, place))
+    return StockVerdict(
+        tuple(_rows(proof, tasks, cuts, job)), lines, _refuse(program, proof, place)
+    )
 
 
-def judge_fixtures(
+def check_fixtures(
     program: str, job: Job, proven: Proven, place: Callable[[int], str]
-) -> StockSays:
+) -> StockVerdict:
     """The distances of a program that was read from the fixtures, without a drawing."""
     assert proven.fixtures is not None
     cuts = _list_cuts(program, proven.executed, Columns(proven.executed.body), job)
@@ -116,7 +118,7 @@ def judge_fixtures(
     if faults:
         what = f"{counted(len(faults), 'fault')} beside the fixtures, first: {faults[0].text}"
         error = NoSafeProgram(program, what, place(faults[0].line), _REMEDY)
-    return StockSays(tuple(rows), _format_faults(faults, place), error)
+    return StockVerdict(tuple(rows), _format_faults(faults, place), error)
 
 
 def _list_cuts(program: str, executed: Executed, columns: Columns, job: Job) -> list[Cut]:

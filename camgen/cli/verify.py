@@ -33,7 +33,7 @@ from camgen.cli.say import Terminal, format_length, format_table
 from camgen.lang.alternatives import format_alternatives, run_alternatives
 from camgen.lang.coverage import format_coverage
 from camgen.lang.programs import CERTAIN, LANGUAGES, Executed, Finding, Frames, Places
-from camgen.lang.taught import Carried, as_far_as_known
+from camgen.lang.taught import OneFrameBody, as_far_as_known
 from camgen.lower.steps import split_tools
 from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
@@ -224,7 +224,7 @@ def _verify_own(request: _Request, terminal: Terminal) -> int:
     rows.append(("digest", format_state(state)))
     listing = _format_findings(executed.findings, place)
 
-    def say(more: Sequence[Row] = (), also: str = "") -> None:
+    def print_report(more: Sequence[Row] = (), also: str = "") -> None:
         if arguments.json:
             faults = [_as_data(finding, place) for finding in executed.findings]
             terminal.data({"sums": motions, "told": dict([*rows, *more]), "faults": faults})
@@ -233,7 +233,7 @@ def _verify_own(request: _Request, terminal: Terminal) -> int:
 
     serious = [fault for fault in executed.findings if plan or fault.level in CERTAIN]
     if serious:
-        say()
+        print_report()
         first = serious[0]
         what = f"{counted(len(serious), 'fault')}, first: {first.what}"
         raise InputError(str(paths[0]), what, place(first.line), "correct the program")
@@ -256,7 +256,7 @@ def _verify_own(request: _Request, terminal: Terminal) -> int:
     dynamics = _dynamics_of_post(post, job)
     proven = Proven(executed, post, dynamics, _is_for_arm(post), request.states_job, fixtures)
     more, also, error = _prove(request, proven, place, terminal)
-    say(more, also)
+    print_report(more, also)
     if error is not None:
         raise error
     if different is not None and state == "edited":
@@ -327,7 +327,7 @@ def _prove(
     drawing = request.drawing
     if drawing is None and proven.fixtures is None:
         return list(_UNEXAMINED), "", None
-    from camgen.cli.stock import judge, judge_fixtures  # noqa: PLC0415 (shapely: only when needed)
+    from camgen.cli.stock import check_fixtures, check_stock  # noqa: PLC0415 (shapely: only when needed)
     from camgen.pipeline.motion import (  # noqa: PLC0415 (shapely: only when needed)
         compare_text,
         describe_controller,
@@ -335,13 +335,13 @@ def _prove(
 
     terminal.stage("proving")
     if drawing is None:
-        judged = judge_fixtures(str(request.paths[0]), request.job, proven, place)
+        judged = check_fixtures(str(request.paths[0]), request.job, proven, place)
         terminal.clear()
         rows = [*_UNEXAMINED[:2], *judged.rows, *_UNEXAMINED[2:]]
         return rows, judged.fault_lines, judged.error
     part = read(drawing, request.job, request.files)
     executed = proven.executed
-    stock = judge(str(request.paths[0]), part, request.job, proven, place)
+    stock = check_stock(str(request.paths[0]), part, request.job, proven, place)
     controller = None
     if proven.post is not None:
         from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for texts of camgen)
@@ -411,7 +411,7 @@ def _report(
     target: Path,
     request: _Request,
     executed: Executed,
-    carried: Carried,
+    carried: OneFrameBody,
     rows: Sequence[Row],
     terminal: Terminal,
 ) -> None:

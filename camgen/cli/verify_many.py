@@ -86,7 +86,7 @@ class Judged(Struct, frozen=True, eq=False):
         return sum(finding.level == level for finding in self.findings)
 
 
-def run(arguments: Namespace, says: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int:
     """Print a table, JSON or SARIF of all programs. Return the worst exit code.
 
     JobError for an option that is for a single program, InputError if no program is found.
@@ -102,15 +102,15 @@ def run(arguments: Namespace, says: Terminal) -> int:
     programs = list(_group(paths, files))
     judged = []
     for number, (group, language) in enumerate(programs, 1):
-        says.stage(f"{number} of {len(programs)}: {group[0]}")
+        terminal.stage(f"{number} of {len(programs)}: {group[0]}")
         judged.append(_verify_group(group, language, arguments, files))
-    says.clear()
+    terminal.clear()
     if arguments.json:
-        says.data([_as_data(program) for program in judged])
+        terminal.data([_as_data(program) for program in judged])
     elif arguments.sarif:
-        says.data(_as_sarif(judged))
+        terminal.data(_as_sarif(judged))
     else:
-        says.out(_as_table(judged, others))
+        terminal.out(_as_table(judged, others))
     codes = {program.exit_code for program in judged}
     return next(code for code in _CODES if code in codes)
 

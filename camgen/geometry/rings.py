@@ -118,14 +118,14 @@ def find_latest(table: Rings, known: BoolArray) -> IntArray:
     return np.where(row < first, -1, row)
 
 
-def apply_hysteresis(table: Rings, on: BoolArray, off: BoolArray, default: bool) -> BoolArray:
+def apply_hysteresis(table: Rings, is_on: BoolArray, is_off: BoolArray, default: bool) -> BoolArray:
     """A switch with hysteresis along every closed curve, (N,).
 
-    It is true from a row of `on` (N,) until one of `off` (N,). Rows that are neither keep the state
-    of the row before. A curve of such rows alone has the value `default`.
+    It is true from a row of `is_on` (N,) until one of `is_off` (N,). Rows that are neither keep the
+    state of the row before. A curve of such rows alone has the value `default`.
     """
-    row = find_latest(table, on | off)
-    return np.where(row >= 0, on[row], default)
+    row = find_latest(table, is_on | is_off)
+    return np.where(row >= 0, is_on[row], default)
 
 
 def normalize(vectors: ComplexArray) -> ComplexArray:

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from camgen.lang.coverage import join_coverage
 from camgen.lang.log import IF_HERE
-from camgen.lang.programs import LEVELS, Ask, Executed, Finding, Language, OpenChoice
+from camgen.lang.programs import LEVELS, Executed, Finding, Language, OpenChoice, RunRequest
 from camgen.model.text import counted
 
 #: Number of further runs.
@@ -46,7 +46,7 @@ class Alternatives(Struct, frozen=True, eq=False):
 class _Run(Struct, frozen=True, eq=False):
     """A run.
 
-    shifts: options that it takes, see `Ask.shifts`.
+    shifts: options that it takes, see `RunRequest.shifts`.
     executed: its effect.
     """
 
@@ -54,7 +54,9 @@ class _Run(Struct, frozen=True, eq=False):
     executed: Executed
 
 
-def run_alternatives(language: Language, files: Mapping[str, str], request: Ask) -> Alternatives:
+def run_alternatives(
+    language: Language, files: Mapping[str, str], request: RunRequest
+) -> Alternatives:
     """Run a program with its default options, and with others up to limits of number and size.
 
     files: texts by name, see `Language.run`.

@@ -20,7 +20,7 @@ A loop whose condition holds and that repeats itself is left: something outside 
 without a condition is left too, or it ends the program, as the rules of the language say.
 
 The language adds each choice to its log in its own words. Another run may take another option at a
-choice (`Ask.shifts`).
+choice (`RunRequest.shifts`).
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ class Log:
     """The log of one run. It holds each entry once.
 
     line: function that returns the number of the line that runs, from 1 through all files.
-    shifts: options that the run takes, see `Ask.shifts`.
+    shifts: options that the run takes, see `RunRequest.shifts`.
     steps: number of steps of the run.
     is_limited: whether the run ended at a limit, such as that of its steps.
     ran: lines of the steps that the run came to. A step of several lines has its first line here,

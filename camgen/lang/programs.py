@@ -3,7 +3,7 @@
 A language is found through the entry points `camgen.languages`. Its name is that of the post whose
 controller speaks it. It has one function, `Language.run`, for three uses:
 
-- read-back: `build` runs each program that a post has written, strictly (`Ask.options`)
+- read-back: `build` runs each program that a post has written, strictly (`RunRequest.options`)
 - `verify` runs a program of any author and lists its findings
 - `translate` posts the motions of a program for another controller
 
@@ -142,7 +142,7 @@ class OpenChoice(Struct, frozen=True):
     options: int = 2
 
 
-class Ask(Struct, frozen=True):
+class RunRequest(Struct, frozen=True):
     """The request of a run.
 
     dialect: dialect of the language, empty for its usual one.
@@ -225,15 +225,15 @@ class Language(Struct, frozen=True):
     recognise: returns whether the beginning of a text is certainly in this language.
     run: runs the program in `files`, which are texts with LF line ends by name, in order. It never
         raises an exception for a text.
-    dialects: names that `Ask.dialect` may have.
-    takes: the words "entry" and "points", if those members of `Ask` have an effect.
+    dialects: names that `RunRequest.dialect` may have.
+    takes: the words "entry" and "points", if those members of `RunRequest` have an effect.
     """
 
     name: str
     about: str
     suffixes: tuple[str, ...]
     recognise: Callable[[str], bool]
-    run: Callable[[Mapping[str, str], Ask], Executed]
+    run: Callable[[Mapping[str, str], RunRequest], Executed]
     dialects: tuple[str, ...] = ()
     takes: tuple[str, ...] = ("entry",)
 
@@ -273,9 +273,9 @@ class CheckedRun(Struct, frozen=True):
     """
 
     plug_in: str
-    run: Callable[[Mapping[str, str], Ask], Executed]
+    run: Callable[[Mapping[str, str], RunRequest], Executed]
 
-    def __call__(self, files: Mapping[str, str], request: Ask) -> Executed:
+    def __call__(self, files: Mapping[str, str], request: RunRequest) -> Executed:
         """Runs the program. Raises JobError for a result that is not an Executed."""
         executed: Any = self.run(files, request)
         check_value(self.plug_in, _RUN, executed, _REMEDY)

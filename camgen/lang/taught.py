@@ -16,10 +16,10 @@ from msgspec.structs import replace
 
 from camgen.geometry.arcs import compute_circle, turn_about
 from camgen.lang.programs import (
-    Ask,
     Executed,
     Frames,
     Places,
+    RunRequest,
     find_language,
     find_text_fault,
     rename_outputs,
@@ -64,7 +64,7 @@ _CHORD = 0.01
 _MAX_ROTATION = math.radians(5.0)
 
 
-class Taught(Recorded, frozen=True, eq=False, kw_only=True):
+class TaughtProgram(Recorded, frozen=True, eq=False, kw_only=True):
     """A robot program as a part.
 
     language: name of the language.
@@ -76,7 +76,7 @@ class Taught(Recorded, frozen=True, eq=False, kw_only=True):
     frames: Frames
 
 
-def read(source: Source, job: Job, language: str) -> Taught:
+def read(source: Source, job: Job, language: str) -> TaughtProgram:
     """Reads the program in ``source``.
 
     Raises InputError if the program cannot be run to its end, is refused by its controller, has an
@@ -87,16 +87,16 @@ def read(source: Source, job: Job, language: str) -> Taught:
 
 def read_files(
     sources: Sequence[Source], job: Job, language: str, flange: Reach | None = None
-) -> Taught:
+) -> TaughtProgram:
     """Reads a program in several files as `read` does. The part has the name of the first file.
 
-    flange: base_from_flange of the arm from joint values, see ``Ask``.
+    flange: base_from_flange of the arm from joint values, see ``RunRequest``.
     """
     name = " + ".join(source.name for source in sources)
     texts = {source.name: text_of(source) for source in sources}
     place = Places(texts) if len(sources) > 1 else "line {}".format
     assumed = {key.lower(): value for key, value in job.input.assume.items()}
-    request = Ask(assume=assumed, limits=sources[0].limits, flange=flange)
+    request = RunRequest(assume=assumed, limits=sources[0].limits, flange=flange)
     executed = find_language(language).run(texts, request)
     refused = [
         (finding.line, finding.what) for finding in executed.findings if finding.level == "refused"
@@ -106,7 +106,7 @@ def read_files(
     if refused:
         line, what = refused[0]
         raise InputError(
-            name, what, place(line), "camgen verify tells all of it; correct the program"
+            name, what, place(line), "camgen verify lists all of it; correct the program"
         )
     if not _has_motion(executed):
         raise InputError(
@@ -116,12 +116,12 @@ def read_files(
         line, what = executed.lost[0]
         remedy = "give all files of the program, or take it out of it"
         raise InputError(
-            name, what, place(line), f"{remedy}; camgen verify tells all that is missing"
+            name, what, place(line), f"{remedy}; camgen verify lists all that is missing"
         )
     single = in_one_frame(executed, name, job.tolerance.chord)
     body = rename_outputs(single.body, job.input.signals, name)
     run = ProgramRun(body, single.lines, (), 0, 0.0, None, ended=True, units="mm", whole=True)
-    return Taught(
+    return TaughtProgram(
         name=sources[0].stem,
         source=name,
         units="mm",
@@ -212,7 +212,7 @@ def inspect(source: Source, language: str) -> TaughtFacts:
     Raises InputError if the file is not a text.
     """
     text = text_of(source)
-    executed = find_language(language).run({source.name: text}, Ask(limits=source.limits))
+    executed = find_language(language).run({source.name: text}, RunRequest(limits=source.limits))
     columns = Columns(executed.body)
     points = np.concatenate([columns.ends, columns.vias])
     points = points[~np.isnan(points).any(axis=1)]
@@ -246,7 +246,7 @@ def text_of(source: Source) -> str:
 # -- one work frame and one tool -------------------------------------------------------------------
 
 
-class Carried(Struct, frozen=True, eq=False):
+class OneFrameBody(Struct, frozen=True, eq=False):
     """A body in one work object and with one tool.
 
     body: (N) instructions.
@@ -281,12 +281,12 @@ class _Change(Struct, frozen=True, eq=False):
         return to_vec3(self.to_work.rotation @ direction)
 
 
-def as_far_as_known(executed: Executed) -> Carried:
+def as_far_as_known(executed: Executed) -> OneFrameBody:
     """The body in one work object and with one tool, if the text states their frames.
 
     Otherwise each motion stays in its own frames, and a note states that.
     """
-    whole = Carried(
+    whole = OneFrameBody(
         executed.body, executed.lines, executed.frames[0] if executed.frames else Frames(), ()
     )
     if len(executed.frames) < 2 or not _has_motion(executed):
@@ -294,8 +294,8 @@ def as_far_as_known(executed: Executed) -> Carried:
     try:
         return in_one_frame(executed, "", _CHORD)
     except InputError as error:
-        note = Note("assumed", "each motion is told in its own frame", f"the program {error.what}")
-        return Carried(whole.body, whole.lines, whole.frames, (note,), _list_works(executed))
+        note = Note("assumed", "each motion is given in its own frame", f"the program {error.what}")
+        return OneFrameBody(whole.body, whole.lines, whole.frames, (note,), _list_works(executed))
 
 
 def _list_works(executed: Executed) -> tuple[int, ...]:
@@ -309,7 +309,7 @@ def _list_works(executed: Executed) -> tuple[int, ...]:
     return tuple(first_of[index] for index in executed.frame)
 
 
-def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
+def in_one_frame(executed: Executed, file: str, chord: float) -> OneFrameBody:
     """The body in the work object and with the tool that most of its motions have.
 
     file: name for messages.
@@ -346,7 +346,7 @@ def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
         lines += [line] * len(moved)
     others = [executed.frames[index] for index, change in changes.items() if not change.same]
     notes = _note_frames(others, main, len(body) - len(executed.body))
-    return Carried(tuple(body), tuple(lines), main, notes)
+    return OneFrameBody(tuple(body), tuple(lines), main, notes)
 
 
 def _find_main(executed: Executed, indices: Sequence[int]) -> int:
@@ -373,7 +373,7 @@ def _note_frames(others: Sequence[Frames], main: Frames, pieces: int) -> tuple[N
         ("in", works, main.work or _NO_WORK),
     ):
         if names:
-            changes.append(f"motions {word} {', '.join(names)} are told {word} {name}")
+            changes.append(f"motions {word} {', '.join(names)} are given {word} {name}")
     why = "a program here has one tool and one work frame; the way is the same"
     if pieces:
         why += f"; {counted(pieces, 'piece')} more, where the tool turns"
@@ -394,8 +394,8 @@ def _find_change(other: Frames, main: Frames, file: str, line: int) -> _Change:
         if change is None:
             raise InputError(
                 file,
-                f"goes on with the {kind} {name or 'of the controller'}, "
-                "and the text does not say where it is",
+                f"continues with the {kind} {name or 'of the controller'}, "
+                "and its place is not in the text",
                 f"line {line}",
                 f"add the declaration of the {kind} to the file",
             )

@@ -20,7 +20,7 @@ def lower(
 
     name, header: name of the program, lines of its header.
     """
-    if isinstance(tour, (ArmTour, EdgeTour, ReplayTour)) and tour.paths is not tour.made:
+    if isinstance(tour, (ArmTour, EdgeTour, ReplayTour)) and tour.paths is not tour.original_paths:
         raise make_changed_paths_error()
     if isinstance(tour, EdgeTour):
         from camgen.lower.edges import lower_edges  # noqa: PLC0415 (robots: only for edges)

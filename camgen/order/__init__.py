@@ -38,7 +38,11 @@ def may_end_early(stage: str) -> bool:
 
 
 def order(
-    plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages, ways: bool = False
+    plan: Plan,
+    job: Job,
+    cell: Cell | None = None,
+    watch: Watch = ignore_stages,
+    joint_links: bool = False,
 ) -> Tour:
     """The paths of `plan` in the order in which they are run, from and back to the home of `cell`.
 
@@ -46,23 +50,28 @@ def order(
     of edges or of a replay were changed.
 
     watch: callback that gets the progress of a search.
-    ways: whether an arm links the paths of a flat part by joint motions, even if its tool has only
-        one roll.
+    joint_links: whether an arm links the paths of a flat part by joint motions, even if
+        its tool has only one roll.
     """
-    if isinstance(plan, (EdgePlan, ReplayPlan)) and plan.paths is not plan.made:
+    if isinstance(plan, (EdgePlan, ReplayPlan)) and plan.paths is not plan.original_paths:
         raise make_changed_paths_error()
     if isinstance(plan, ReplayPlan):
         return ReplayTour(
-            plan.paths, plan.travel, "as-drawn", run=plan.run, made=plan.paths, parts=plan.parts
+            plan.paths,
+            plan.travel,
+            "as-drawn",
+            run=plan.run,
+            original_paths=plan.paths,
+            parts=plan.parts,
         )
     if isinstance(plan, EdgePlan):
         from camgen.order.edges import order_edges  # noqa: PLC0415 (fcl: only for edges)
 
         return order_edges(plan, job, cell, watch)
     if isinstance(plan, JobPlan):
-        return _order_steps(plan, job, cell, watch, ways)
+        return _order_steps(plan, job, cell, watch, joint_links)
     watch("ordering")
-    return _order_paths(plan, job, cell, watch, ways)
+    return _order_paths(plan, job, cell, watch, joint_links)
 
 
 def may_link_by_joints(job: Job) -> bool:
@@ -88,13 +97,15 @@ def _may_lift_freely(job: Job) -> bool:
     return job.tool.orient != "follow" and not job.process.stay_down
 
 
-def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> JobTour:
+def _order_steps(
+    plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, joint_links: bool
+) -> JobTour:
     """The operations in their order, each with the best tour over its own paths."""
     from camgen.plan.steps import make_step_job  # noqa: PLC0415 (shapely: only where needed)
 
     watch("ordering")
     tours = [
-        _order_paths(step_plan, make_step_job(job, step), cell, watch, ways)
+        _order_paths(step_plan, make_step_job(job, step), cell, watch, joint_links)
         for step_plan, step in zip(plan.plans, plan.steps, strict=True)
     ]
     paths: list[ToolPath] = []
@@ -168,7 +179,7 @@ def make_changed_paths_error() -> JobError:
     )
 
 
-def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> Tour:
+def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, joint_links: bool) -> Tour:
     """The paths of a flat part with their leads, tabs and, for an arm, rolls."""
     from camgen.order.arrange import (  # noqa: PLC0415 (5 ms)
         TourSettings,
@@ -200,7 +211,7 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     # The travel of a machine whose home is a pose is that of the plane already.
     if isinstance(cell, Workcell) and cell.arm is not None and start is None and plan.paths:
         arm = cell
-    free = arm is not None and (_may_roll(job) or (ways and _may_lift_freely(job)))
+    free = arm is not None and (_may_roll(job) or (joint_links and _may_lift_freely(job)))
     # Leads and tabs change the paths for which rolls are chosen. Order and starts come first then,
     # and rolls at the end.
     has_leads = operation.lead_in or operation.lead_out or operation.overlap

@@ -19,12 +19,12 @@ class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):
 
     route: the motions with the links that lead to them.
     lengths: length of the edge of each leg, mm.
-    made: the paths.
+    original_paths: the paths as they were ordered.
     """
 
     route: Route
     lengths: tuple[float, ...]
-    made: tuple[ToolPath, ...]
+    original_paths: tuple[ToolPath, ...]
 
 
 class ArmTour(Tour, frozen=True, eq=False, kw_only=True):
@@ -36,7 +36,7 @@ class ArmTour(Tour, frozen=True, eq=False, kw_only=True):
     link_speeds, back_speeds: speeds of these motions: of the TCP, mm/s, and the fraction of the
         maximum joint speeds; 0 if the first alone applies.
     seconds: time of all links, s.
-    made: the paths.
+    original_paths: the paths as they were ordered.
     """
 
     rolls: tuple[FloatArray, ...]
@@ -45,19 +45,19 @@ class ArmTour(Tour, frozen=True, eq=False, kw_only=True):
     link_speeds: tuple[tuple[tuple[float, float], ...], ...]
     back_speeds: tuple[tuple[float, float], ...]
     seconds: float
-    made: tuple[ToolPath, ...]
+    original_paths: tuple[ToolPath, ...]
 
 
 class ReplayTour(Tour, frozen=True, eq=False, kw_only=True):
     """The paths of a program that was read, and the run of that program.
 
     run: the program as it was run.
-    made: the paths.
+    original_paths: the paths as they were ordered.
     parts: parts of the program by tool, as in `ReplayPlan`.
     """
 
     run: ProgramRun
-    made: tuple[ToolPath, ...]
+    original_paths: tuple[ToolPath, ...]
     parts: tuple[ToolPart, ...] = ()
 
 

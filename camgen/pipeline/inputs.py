@@ -117,9 +117,9 @@ def _find_frames(part: Part | None) -> Frames | None:
     """The frames that a robot program states; None for any other part."""
     if not (isinstance(part, Recorded) and part.run.whole):
         return None
-    from camgen.lang.taught import Taught  # noqa: PLC0415 (only for robot programs)
+    from camgen.lang.taught import TaughtProgram  # noqa: PLC0415 (only for robot programs)
 
-    return part.frames if isinstance(part, Taught) else None
+    return part.frames if isinstance(part, TaughtProgram) else None
 
 
 def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:

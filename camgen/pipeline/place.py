@@ -1,4 +1,4 @@
-"""Search the stand of a 3-D part before an arm: the face on which it rests, and its place.
+"""Search the resting pose of a 3-D part before an arm: the face on which it rests, and its place.
 
 The part rests on a face of its hull, or as the job has it. A grid of places is examined by the
 joints alone, the best of them with collisions at samples of the edges, and these are improved step
@@ -45,7 +45,7 @@ from camgen.robots.workcell import Workcell
 
 #: Number of set-ups at most.
 SET_UPS = 2
-#: Resting faces that are searched beside the stand of the job, the largest ones.
+#: Resting faces that are searched beside the resting pose of the job, the largest ones.
 _FACES = 6
 #: Shares of the arm's length: between which distances and heights the grid has places, and steps.
 _DISTANCES, _HEIGHTS = (0.15, 0.75), (-0.3, 0.6)
@@ -76,24 +76,24 @@ class Spot(Struct, frozen=True, order=True):
     distance: distance of the middle of the bottom of the part from axis 1 of the arm, mm.
     height: height of that bottom above the base, mm.
     turn: angle about the vertical, deg.
-    stand: number of the stand of the part.
+    resting_pose: number of the resting pose of the part.
     """
 
     distance: float
     height: float
     turn: float
-    stand: int = 0
+    resting_pose: int = 0
 
 
-class Stand(Struct, frozen=True, eq=False):
-    """The face on which the part stands.
+class RestingPose(Struct, frozen=True, eq=False):
+    """The face on which the part rests.
 
     face: the resting face; None if the job has the part on another side.
     rotation: (3, 3) base_from_work before the part is turned about the vertical.
     middle: (3,) middle of the bottom of the part, work frame, mm.
-    job: the job with the surroundings of this stand.
+    job: the job with the surroundings of this resting pose.
     cell: its cell.
-    is_own: whether it is the stand of the job.
+    is_own: whether it is the resting pose of the job.
     samples: places of the edges, and orientations in which the tool has room there.
     """
 
@@ -115,7 +115,7 @@ class Stand(Struct, frozen=True, eq=False):
 class Trial(Struct, frozen=True, eq=False):
     """A set-up and its build.
 
-    spot, stand: place and stand of the part.
+    spot, resting_pose: place and resting pose of the part.
     job: the job of the set-up.
     worked: mask of the millimetres of each edge that are worked, by its id.
     whole: ids of edges that are worked whole.
@@ -125,7 +125,7 @@ class Trial(Struct, frozen=True, eq=False):
     """
 
     spot: Spot
-    stand: Stand
+    resting_pose: RestingPose
     job: Job
     worked: Mapping[str, BoolArray]
     whole: frozenset[str]
@@ -147,7 +147,7 @@ class Search(Struct, frozen=True, eq=False):
     set_ups: the best set-up, or two that together work more. The first one leaves to the second
         what that works whole.
     edges: the edges that were asked for, by their ids.
-    stands: the stands that were searched.
+    resting_poses: the resting poses that were searched.
     faces: number of resting faces of the part.
     places: number of places that were examined by the joints alone, and with collisions.
     """
@@ -156,7 +156,7 @@ class Search(Struct, frozen=True, eq=False):
     best: tuple[Trial, ...]
     set_ups: tuple[Trial, ...]
     edges: Mapping[str, Edge]
-    stands: tuple[Stand, ...]
+    resting_poses: tuple[RestingPose, ...]
     faces: int
     places: tuple[int, int]
 
@@ -194,7 +194,7 @@ class Case(Struct, frozen=True, eq=False):
     azimuth: direction in which it stands about axis 1, rad.
     edges: the edges by their ids.
     paths: pose path of each edge that has one, with a row at every millimetre.
-    stands: the stands of the part, that of the job first.
+    resting_poses: the resting poses of the part, that of the job first.
     faces: number of resting faces of the part.
     tip: mm that its own edge may enter the tool.
     """
@@ -205,16 +205,16 @@ class Case(Struct, frozen=True, eq=False):
     azimuth: float
     edges: Mapping[str, Edge]
     paths: Mapping[str, PosePath]
-    stands: tuple[Stand, ...]
+    resting_poses: tuple[RestingPose, ...]
     faces: int
     tip: float
 
     def base_from_work(self, spot: Spot) -> Pose:
         """The work frame of a place."""
-        stand = self.stands[spot.stand]
-        turned = rotation_about(2, math.radians(spot.turn)) @ stand.rotation
+        resting_pose = self.resting_poses[spot.resting_pose]
+        turned = rotation_about(2, math.radians(spot.turn)) @ resting_pose.rotation
         x, y = math.cos(self.azimuth) * spot.distance, math.sin(self.azimuth) * spot.distance
-        return Pose(turned, to_vec3(np.array([x, y, spot.height]) - turned @ stand.middle))
+        return Pose(turned, to_vec3(np.array([x, y, spot.height]) - turned @ resting_pose.middle))
 
     @property
     def lengths(self) -> FloatArray:
@@ -264,17 +264,19 @@ class _Hunt(Struct, eq=False):
         return self._order(lengths)
 
     def _choose(self, lengths: FloatArray) -> list[Spot]:
-        """The best places of the grid on each stand, one for each height and turn."""
+        """The best places of the grid on each resting pose, one for each height and turn."""
         ranks = self.reached.rank(lengths)
         order = sorted(range(len(self.spots)), key=lambda k: (ranks[k], self.spots[k]))
         taken: dict[tuple[int, float, float], Spot] = {}
         for k in order:
             spot = self.spots[k]
             if ranks[k][0] < 0:
-                taken.setdefault((spot.stand, spot.height, spot.turn), spot)
+                taken.setdefault((spot.resting_pose, spot.height, spot.turn), spot)
         chosen: list[Spot] = []
-        for stand in range(len(self.case.stands)):
-            chosen += [spot for spot in taken.values() if spot.stand == stand][:_EXAMINED]
+        for resting_pose in range(len(self.case.resting_poses)):
+            chosen += [spot for spot in taken.values() if spot.resting_pose == resting_pose][
+                :_EXAMINED
+            ]
         return chosen
 
     def choose_pair(self, lengths: FloatArray) -> tuple[Spot, float]:
@@ -310,7 +312,7 @@ class _Hunt(Struct, eq=False):
                     float(round(current.distance + outwards * step)),
                     current.height + float(round(up * step)),
                     (current.turn + rotated * turn) % 360,
-                    current.stand,
+                    current.resting_pose,
                 )
                 best = self.known[current].rank(lengths)
                 if spot.distance > 0 and self._examine(spot).rank(lengths) < best:
@@ -326,7 +328,7 @@ def search_place(
     height: float | None = None,
     watch: Watch = ignore_stages,
 ) -> Search:
-    """Search the stand of `part` that works most of the edges, then in the shortest time.
+    """Search the resting pose of `part` that works most of the edges, then in the shortest time.
 
     height: height of the lowest point of the part above the base, mm, if it is fixed.
 
@@ -355,7 +357,9 @@ def search_place(
         )
     set_ups = _find_set_ups(case, hunt, best[0])
     places = len(spots), len(hunt.known)
-    return Search(job_trial, tuple(best), set_ups, case.edges, case.stands, case.faces, places)
+    return Search(
+        job_trial, tuple(best), set_ups, case.edges, case.resting_poses, case.faces, places
+    )
 
 
 def _find_set_ups(case: Case, hunt: _Hunt, best: Trial) -> tuple[Trial, ...]:
@@ -444,7 +448,7 @@ def name_set_up(stem: str, number: int) -> str:
 def make_case(
     part: Part, job: Job, cell: Workcell, request: Request, watch: Watch = ignore_stages
 ) -> Case:
-    """A part with its edges and all its stands. Raises JobError as `search_place` does."""
+    """A part with its edges and all its resting poses. Raises JobError as `search_place` does."""
     solid, robot = part.solid, cell.arm
     if solid is None or robot is None or robot.arm is None:
         what = "needs an arm whose joints have a closed form" if solid else "is not a 3-D part"
@@ -472,24 +476,26 @@ def make_case(
     down = -rotation_of_job[2]
     faces = [face for face in resting if np.linalg.norm(face.normal - down) > _SAME]
     same = next((face for face in resting if np.linalg.norm(face.normal - down) <= _SAME), None)
-    stands: list[Stand] = []
+    resting_poses: list[RestingPose] = []
     for face in [same, *faces[:_FACES]]:
         is_own = face is same
-        rotation, stand_job, stand_cell = rotation_of_job, job, cell
+        rotation, resting_job, resting_cell = rotation_of_job, job, cell
         if not is_own and face is not None:
             rotation = turn_down(rotation_of_job @ face.normal) @ rotation_of_job
             table = replace(job.cell, fixtures=None, rests_on=face.normal.tolist())
-            stand_job, stand_cell = replace(job, cell=table), replace(cell, meshes=())
+            resting_job, resting_cell = replace(job, cell=table), replace(cell, meshes=())
         placed = solid.vertices @ rotation.T
         low, high = placed.min(axis=0), placed.max(axis=0)
         bottom = np.array([*((low + high) / 2)[:2], low[2]])
-        watch(f"finding the room of the tool, face {len(stands) + 1}")
-        upright = replace(stand_cell, base_from_work=Pose(rotation, (0.0, 0.0, 0.0)))
-        samples = make_samples(stand_job, upright, solid, tip, paths)
-        stands.append(
-            Stand(face, rotation, rotation.T @ bottom, stand_job, stand_cell, is_own, samples)
+        watch(f"finding the room of the tool, face {len(resting_poses) + 1}")
+        upright = replace(resting_cell, base_from_work=Pose(rotation, (0.0, 0.0, 0.0)))
+        samples = make_samples(resting_job, upright, solid, tip, paths)
+        resting_poses.append(
+            RestingPose(
+                face, rotation, rotation.T @ bottom, resting_job, resting_cell, is_own, samples
+            )
         )
-    x, y, _ = cell.base_from_work.origin + rotation_of_job @ stands[0].middle
+    x, y, _ = cell.base_from_work.origin + rotation_of_job @ resting_poses[0].middle
     azimuth = math.atan2(y, x) if math.hypot(x, y) > 1.0 else 0.0
     return Case(
         request=request,
@@ -498,22 +504,22 @@ def make_case(
         azimuth=azimuth,
         edges=edges,
         paths=marks,
-        stands=tuple(stands),
+        resting_poses=tuple(resting_poses),
         faces=len(resting),
         tip=tip,
     )
 
 
 def list_spots(case: Case, height: float | None) -> list[Spot]:
-    """The grid of places on all stands."""
+    """The grid of places on all resting poses."""
     long = 2 * case.robot.lever
     distances = np.round(np.linspace(*_DISTANCES, _STEPS) * long).tolist()
     heights = [0.0 if height is None else height]
     if height is None:
         heights = np.round(np.linspace(*_HEIGHTS, _LEVELS) * long).tolist()
     turns = np.arange(0.0, 360.0, _TURN).tolist()
-    cells = product(range(len(case.stands)), turns, heights, distances)
-    return [Spot(distance, up, turn, stand) for stand, turn, up, distance in cells]
+    cells = product(range(len(case.resting_poses)), turns, heights, distances)
+    return [Spot(distance, up, turn, resting_pose) for resting_pose, turn, up, distance in cells]
 
 
 def _step(case: Case) -> float:
@@ -523,8 +529,8 @@ def _step(case: Case) -> float:
 
 def _own_spot(case: Case) -> Spot:
     """The place that the job has."""
-    stand = case.stands[0]
-    x, y, z = stand.cell.base_from_work.apply(stand.middle.tolist())
+    resting_pose = case.resting_poses[0]
+    x, y, z = resting_pose.cell.base_from_work.apply(resting_pose.middle.tolist())
     return Spot(float(math.hypot(x, y)), float(z), 0.0)
 
 
@@ -543,16 +549,16 @@ def _select_apart(case: Case, ordered: Sequence[Spot], count: int) -> list[Spot]
 def _are_apart(spot: Spot, other: Spot, step: float) -> bool:
     turned = abs((spot.turn - other.turn + 180) % 360 - 180) >= _TURN
     moved = max(abs(spot.distance - other.distance), abs(spot.height - other.height)) >= step
-    return spot.stand != other.stand or turned or moved
+    return spot.resting_pose != other.resting_pose or turned or moved
 
 
 def _reach_all(case: Case, spots: Sequence[Spot], watch: Watch) -> Reached:
     """The shares that the joints reach from the places of the grid, at some samples."""
     shares = np.zeros((len(spots), len(case.paths)))
     room = np.zeros(len(spots))
-    for number, stand in enumerate(case.stands):
-        samples = stand.samples.thin_out(_GRID_SAMPLES, _GRID_CHOICES)
-        rows = np.array([k for k, spot in enumerate(spots) if spot.stand == number])
+    for number, resting_pose in enumerate(case.resting_poses):
+        samples = resting_pose.samples.thin_out(_GRID_SAMPLES, _GRID_CHOICES)
+        rows = np.array([k for k, spot in enumerate(spots) if spot.resting_pose == number])
         for begin in range(0, len(rows), 100):
             watch(f"searching the grid {begin + int(rows[0])} of {counted(len(spots), 'place')}")
             batch = rows[begin : begin + 100]
@@ -562,9 +568,9 @@ def _reach_all(case: Case, spots: Sequence[Spot], watch: Watch) -> Reached:
 
 
 def reach_joints(case: Case, spots: Sequence[Spot], samples: Samples) -> Reached:
-    """The shares that the joints reach from places on one stand, collisions aside.
+    """The shares that the joints reach from places on one resting pose, collisions aside.
 
-    samples: samples of the stand.
+    samples: samples of the resting pose.
 
     A sample is reached if the joints have values within their limits, apart from singularities, for
     one of its orientations.
@@ -584,7 +590,7 @@ def _find_joints(
 
     The room is -inf without joint values, and near a singularity.
     """
-    cell = case.stands[spots[0].stand].cell
+    cell = case.resting_poses[spots[0].resting_pose].cell
     position = samples.position[samples.owner]
     goals = []
     for spot in spots:
@@ -606,11 +612,11 @@ def _find_joints(
 
 def examine(case: Case, spot: Spot) -> Reached:
     """The shares that the arm reaches from a place without a collision, at all samples."""
-    stand = case.stands[spot.stand]
-    samples = stand.samples
+    resting_pose = case.resting_poses[spot.resting_pose]
+    samples = resting_pose.samples
     nothing = Reached(np.zeros((1, len(case.paths))), np.zeros(1))
-    cell = replace(stand.cell, base_from_work=case.base_from_work(spot))
-    scene = make_cell_scene(stand.job, cell, case.solid, case.tip).scene
+    cell = replace(resting_pose.cell, base_from_work=case.base_from_work(spot))
+    scene = make_cell_scene(resting_pose.job, cell, case.solid, case.tip).scene
     if not len(samples.owner):
         return nothing
     try:
@@ -647,8 +653,8 @@ def _build(
     names: ids of the edges that are asked for; None for those of the job.
     number: number of the set-up, which names its program.
     """
-    stand = case.stands[spot.stand]
-    job = stand.job
+    resting_pose = case.resting_poses[spot.resting_pose]
+    job = resting_pose.job
     if spot != _own_spot(case) or job.cell.base_from_work is None:
         frame = case.base_from_work(spot)
         angles = [math.degrees(angle) for angle in compute_fixed_xyz(frame.rotation)]
@@ -664,7 +670,7 @@ def _build(
         why = drop_place("; ".join(filter(None, (error.what, error.where))))
         wanted = case.edges if names is None else names
         reasons = dict.fromkeys(wanted, why)
-        return Trial(spot, stand, job, {}, frozenset(), reasons, math.inf)
+        return Trial(spot, resting_pose, job, {}, frozenset(), reasons, math.inf)
     notes = tuple(replace(note, why=drop_place(note.why)) for note in result.notes)
     result = replace(result, notes=notes)
     reasons = {note.ids[-1]: note.why for note in notes if note.kind == "skipped" and note.ids}
@@ -675,7 +681,7 @@ def _build(
         pieces.setdefault(path.contours[0], []).append(piece)
     whole = frozenset(path.id for path in result.tour.paths if path.id in case.edges)
     worked = {name: _mark(case.paths[name], edge_pieces) for name, edge_pieces in pieces.items()}
-    return Trial(spot, stand, job, worked, whole, reasons, result.cycle.total, result)
+    return Trial(spot, resting_pose, job, worked, whole, reasons, result.cycle.total, result)
 
 
 def _mark(edge: PosePath, pieces: Sequence[PosePath]) -> BoolArray:

@@ -112,7 +112,7 @@ class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
     motions: motions along the edges that the arm reaches, or along pieces of them.
     unreached: edges without a motion.
     where: the scene of the arm.
-    made: the paths of the motions.
+    original_paths: the paths of the motions.
     noun: name of an edge in messages.
     barred: pairs of paths between which the tool must leave the part.
     """
@@ -121,7 +121,7 @@ class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
     motions: tuple[EdgeMotion, ...]
     unreached: tuple[UnreachableEdge, ...]
     where: CellScene
-    made: tuple[ToolPath, ...]
+    original_paths: tuple[ToolPath, ...]
     noun: str = "edge"
     barred: frozenset[frozenset[str]] = frozenset()
 
@@ -131,13 +131,13 @@ class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):
 
     run: the run of the program.
     travel: total length of its rapid motions, mm.
-    made: the paths.
+    original_paths: the paths as they were planned.
     parts: one part of a G-code program for each tool, in the order of the paths; empty otherwise.
     """
 
     run: ProgramRun
     travel: float
-    made: tuple[ToolPath, ...]
+    original_paths: tuple[ToolPath, ...]
     parts: tuple[ToolPart, ...] = ()
 
 

@@ -113,8 +113,8 @@ def _pair_ends(ends_by_node: list[list[int]], directions: list[tuple[float, floa
 
 def _bend(directions: list[tuple[float, float]], a: int, b: int) -> float:
     """-1 if two ends continue each other straight, 1 if the trail would reverse its direction."""
-    (ax, ay), (bx, by) = directions[a], directions[b]
-    return ax * bx + ay * by
+    (a_x, a_y), (b_x, b_y) = directions[a], directions[b]
+    return a_x * b_x + a_y * b_y
 
 
 def _join_circuits(

@@ -142,11 +142,11 @@ def _edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
 
 
 def _replay(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
-    from camgen.lang.taught import Taught  # noqa: PLC0415
+    from camgen.lang.taught import TaughtProgram  # noqa: PLC0415
     from camgen.plan.replay import plan_replay  # noqa: PLC0415 (it loads the interpreter)
     from camgen.plan.taught import plan_taught  # noqa: PLC0415
 
-    if isinstance(part, Taught):
+    if isinstance(part, TaughtProgram):
         return plan_taught(part, job, cell)
     return plan_replay(part, job, cell)
 

@@ -50,7 +50,9 @@ def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
         steps = np.linalg.norm(np.diff(ends, axis=0), axis=1)
         travel += math.fsum(steps[columns.moves_are(MoveJ)[1:]].tolist())
     planned, notes = tuple(paths), (*part.notes, *notes)
-    return ReplayPlan(part, planned, notes, run=part.run, travel=travel, made=planned, parts=parts)
+    return ReplayPlan(
+        part, planned, notes, run=part.run, travel=travel, original_paths=planned, parts=parts
+    )
 
 
 def _limit_feeds(part: Recorded, max_feed: float | None) -> Recorded:

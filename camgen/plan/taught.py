@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.lang.taught import Reach, Taught
+from camgen.lang.taught import Reach, TaughtProgram
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -29,7 +29,7 @@ from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
 
-def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
+def plan_taught(part: TaughtProgram, job: Job, cell: Cell | None) -> ReplayPlan:
     """Plan the motions of a program in its order; its lines and arcs are the paths.
 
     Raises InputError for a program without poses, and for joint values that cannot be converted.
@@ -72,7 +72,7 @@ def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
     paths, travel = make_paths(body, lines)
     notes = [*part.notes, *notes, *_note_frames(part, job)]
-    return ReplayPlan(part, paths, tuple(notes), run=run, travel=travel, made=paths)
+    return ReplayPlan(part, paths, tuple(notes), run=run, travel=travel, original_paths=paths)
 
 
 def _drop_joint_turns(body: list[Instruction], cell: Cell | None) -> tuple[list[Instruction], int]:
@@ -89,7 +89,7 @@ def _drop_joint_turns(body: list[Instruction], cell: Cell | None) -> tuple[list[
     return body, len(turns)
 
 
-def _note_frames(part: Taught, job: Job) -> list[Note]:
+def _note_frames(part: TaughtProgram, job: Job) -> list[Note]:
     tool, work = f"tool {part.frames.tool}".strip(), f"frame {part.frames.work}".strip()
     notes = []
     for key, name in (("flange_from_tool", tool), ("base_from_work", work)):
@@ -108,7 +108,7 @@ def _note_frames(part: Taught, job: Job) -> list[Note]:
 
 
 def _replace_joints(
-    part: Taught, job: Job, cell: Cell | None
+    part: TaughtProgram, job: Job, cell: Cell | None
 ) -> tuple[list[Instruction], list[int], list[Note]]:
     """The body with poses in place of joint values, its lines, and notes.
 
@@ -191,7 +191,7 @@ def find_flange(name: str) -> Reach:
 
 
 def _convert_joints(
-    values: tuple[float, ...], arm: Robot | None, part: Taught, cell: Cell | None, line: int
+    values: tuple[float, ...], arm: Robot | None, part: TaughtProgram, cell: Cell | None, line: int
 ) -> Pose:
     """The pose of the tool in the work frame if `arm` has joint `values`.
 

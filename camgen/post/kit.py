@@ -24,7 +24,7 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from camgen.lang.programs import Ask, Executed, Language, check_language
+from camgen.lang.programs import Executed, Language, RunRequest, check_language
 from camgen.model.cell import Cell
 from camgen.model.contract import check_members
 from camgen.model.errors import CamgenError, Refused, VerifyError
@@ -84,7 +84,8 @@ class Case(Struct, frozen=True):
     options: options of the post, added to those of the test.
     clean: whether the comments are harmless words, so that numbers in the text can be judged.
     work: the work frame; None: the one of the cell.
-    altered: the numbers of the text that are changed one at a time; "body": those of instructions.
+    altered: the numbers of the text that are changed one at a time; "body": the numbers of
+        instructions.
     """
 
     name: str
@@ -517,7 +518,7 @@ def _find_unknown(language: Language, texts: Mapping[str, str], prepared: Progra
     (name, text), *_ = texts.items()
     if not language.recognise(text) and not name.lower().endswith(language.suffixes):
         yield "the language neither recognises the text nor has the suffix of its file"
-    executed = language.run(texts, Ask())
+    executed = language.run(texts, RunRequest())
     for finding in executed.findings:
         if finding.level == "refused":
             yield f"as a program of any author, line {finding.line} is refused: {finding.what}"

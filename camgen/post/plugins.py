@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.lang.programs import LANGUAGES, Ask, CheckedRun, Executed, find_language
+from camgen.lang.programs import LANGUAGES, CheckedRun, Executed, RunRequest, find_language
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.contract import check_members, check_value
 from camgen.model.errors import JobError
@@ -72,7 +72,7 @@ def find_readback(name: str) -> Readback:
         if not callable(run):
             raise JobError(
                 name,
-                "has no function run(files, ask), the language that its post writes",
+                "has no function run(files, request), the language that its post writes",
                 remedy="docs/writing-a-post.md shows one",
             )
         return partial(read_back, CheckedRun(f"language {name}", run))
@@ -80,7 +80,7 @@ def find_readback(name: str) -> Readback:
 
 
 def read_back(
-    run: Callable[[Mapping[str, str], Ask], Executed],
+    run: Callable[[Mapping[str, str], RunRequest], Executed],
     files: Mapping[str, str],
     options: Mapping[str, object],
 ) -> Executed:
@@ -90,7 +90,7 @@ def read_back(
     files: texts by name, in the order written.
     options: options of `[post]` with which the program was written.
     """
-    return run(files, Ask(options=options))
+    return run(files, RunRequest(options=options))
 
 
 def list_installed() -> list[Installed]:

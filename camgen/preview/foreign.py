@@ -8,7 +8,7 @@ import numpy as np
 
 from camgen.check.report import clean, motion_lengths, path_sums
 from camgen.lang.programs import CERTAIN, LEVELS, Executed
-from camgen.lang.taught import Carried
+from camgen.lang.taught import OneFrameBody
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Wait
 from camgen.plan.taught import find_stretches, make_paths
@@ -33,7 +33,7 @@ def view_program(
     title: str,
     texts: Mapping[str, str],
     executed: Executed,
-    carried: Carried,
+    carried: OneFrameBody,
     facts: Sequence[tuple[str, str]],
     place: Callable[[int], str],
 ) -> View:

@@ -88,7 +88,7 @@ class Builder:
         self._process, self._link = process, ours
         threading.Thread(target=self._listen, args=(process, ours), daemon=True).start()
 
-    def ask(self, request: BuildRequest) -> None:
+    def submit(self, request: BuildRequest) -> None:
         """Run a request, after cancelling the current one."""
         if self._busy is not None:
             self._next = request
@@ -149,7 +149,7 @@ class Builder:
         waiting, self._busy, self._next = self._next, None, None
         self._on_report(report)
         if waiting is not None:
-            self.ask(waiting)
+            self.submit(waiting)
 
     def _listen(self, process: SpawnProcess, link: Connection) -> None:
         """Receive the reports of a process until it dies. Runs in its own thread."""

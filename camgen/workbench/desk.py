@@ -95,11 +95,11 @@ class Desk:
         self._loop = loop
         self.builder = Builder(summarize, self._receive, loop)
         self.remember_files()
-        self.ask()
+        self.request_build()
 
     # Building.
 
-    def ask(self, propose: bool = False) -> None:
+    def request_build(self, propose: bool = False) -> None:
         """Build the job as it is now, after cancelling the current build."""
         if self._pause is not None:
             self._pause.cancel()
@@ -118,7 +118,7 @@ class Desk:
         )
         self.stage = "proposing" if propose else "reading"
         self._idle.clear()
-        self.builder.ask(request)
+        self.builder.submit(request)
         self.notify_pages()
 
     def _receive(self, report: Report) -> None:
@@ -156,7 +156,7 @@ class Desk:
                 "depths and speeds are placeholders: measure the material, "
                 "set them for tool and material"
             )
-            self.ask()
+            self.request_build()
 
     def _format_stopped(self) -> str:
         """The line of a cancelled build."""
@@ -181,7 +181,7 @@ class Desk:
         self.stage = "waiting"
         if self._pause is not None:
             self._pause.cancel()
-        self._pause = self._loop.call_later(_PAUSE, self.ask)
+        self._pause = self._loop.call_later(_PAUSE, self.request_build)
         self.notify_pages()
 
     def stop(self) -> None:
@@ -360,7 +360,7 @@ class Desk:
             self.message = (
                 f"changed on the disk: {', '.join(sorted(path.name for path in changed))}"
             )
-            self.ask()
+            self.request_build()
 
     def _job_changed(self) -> None:
         """Read the changed job file. If the form has unsaved changes, the user chooses."""
@@ -394,7 +394,7 @@ class Desk:
         self.changed_outside = False
         self.message = f"{session.job_file.name} was read again"
         self.remember_files()
-        self.ask()
+        self.request_build()
 
     def keep_job(self) -> None:
         """Keep the form. The next save replaces the changes in the file."""

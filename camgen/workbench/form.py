@@ -43,7 +43,7 @@ class Field(Struct, frozen=True):
     unit: its unit, "" without one.
     kind: kind of the input field; "free" for TOML.
     choices: all allowed values.
-    least, most: bounds of a number, None for no bound.
+    minimum, maximum: bounds of a number, None for no bound.
     offers: known values. Others may be typed too.
     """
 
@@ -54,8 +54,8 @@ class Field(Struct, frozen=True):
     unit: str
     kind: FieldKind
     choices: tuple[str, ...] = ()
-    least: float | None = None
-    most: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
     offers: tuple[str, ...] = ()
 
 
@@ -65,13 +65,13 @@ class Group(Struct, frozen=True):
     table: its name.
     about: its description.
     fields: its settings.
-    over: the table whose values a row overrides; "" for groups of other kinds.
+    overridden: the table whose values a row overrides; "" for groups of other kinds.
     """
 
     table: str
     about: str
     fields: tuple[Field, ...]
-    over: str = ""
+    overridden: str = ""
 
 
 class Form(Struct, frozen=True):
@@ -128,8 +128,8 @@ def _make_field(setting: Setting, rule: Mapping[str, Any]) -> Field:
         unit=(unit[1] or unit[2]) if unit and _find_kind(rule) in ("number", "free") else "",
         kind=_find_kind(rule),
         choices=tuple(choices),
-        least=bounds.get("minimum", bounds.get("exclusiveMinimum")),
-        most=bounds.get("maximum", bounds.get("exclusiveMaximum")),
+        minimum=bounds.get("minimum", bounds.get("exclusiveMinimum")),
+        maximum=bounds.get("maximum", bounds.get("exclusiveMaximum")),
         offers=_list_robots() if (setting.table, setting.key) == ("cell", "robot") else (),
     )
 

@@ -402,7 +402,7 @@ async def _redo(desk: Desk, _request: Request) -> None:
 
 
 async def _build(desk: Desk, _request: Request) -> None:
-    desk.ask()
+    desk.request_build()
 
 
 async def _stop(desk: Desk, _request: Request) -> None:
@@ -410,7 +410,7 @@ async def _stop(desk: Desk, _request: Request) -> None:
 
 
 async def _propose(desk: Desk, _request: Request) -> None:
-    desk.ask(propose=True)
+    desk.request_build(propose=True)
 
 
 async def _save(desk: Desk, request: Request) -> Response:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from camgen.lang.log import Log
-from camgen.lang.programs import Ask, Executed, Frames, Language
+from camgen.lang.programs import Executed, Frames, Language, RunRequest
 from camgen.model.pose import Pose, frozen, rotation_about
 from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL, Output, Wait
 
@@ -166,10 +166,10 @@ _STATEMENTS: dict[str, Callable[..., None]] = {
 }
 
 
-def run(files: Mapping[str, str], ask: Ask) -> Executed:
+def run(files: Mapping[str, str], request: RunRequest) -> Executed:
     """Runs the program, strictly if the request has the options of the post that wrote it."""
-    options = None if ask.options is None else {**_DEFAULTS, **ask.options}
-    controller = _Controller(options, ask.assume.get("rated", _RATED))
+    options = None if request.options is None else {**_DEFAULTS, **request.options}
+    controller = _Controller(options, request.assume.get("rated", _RATED))
     text = "\n".join(files.values()).splitlines()
     for line in text:
         controller.take(line)

@@ -581,7 +581,7 @@ class Rapid(RapidOptions):
             files.append(
                 self._file(f"{program.name}_part{k}", [f"MODULE {name}"], *group, [endmodule])
             )
-        self._names = Names(self.longest, ())  # those of a long program are many
+        self._names = Names(self.longest, ())  # a long program has many names
         return tuple(files)
 
     def _file(self, stem: str, *parts: Sequence[str]) -> OutputFile:

@@ -190,7 +190,7 @@ def choose_calibrations(post: str, body: Sequence[Instruction]) -> frozenset[int
     For each section this is the last one of the motions to it that are farthest from the surface. A
     section without a motion in the air before it has none.
 
-    Raises Refused if there is none before the first section.
+    Raises Refused if no motion in the air comes before the first section.
     """
     chosen: set[int] = set()
     approach: dict[int, Motion] = {}

@@ -26,7 +26,7 @@ _LARGEST = 2**23 - 1
 _SHIFT, _PRIME, _FACTOR = 2**23, 65521, 31
 #: The format of the file, in its first record.
 _FORMAT = 1
-#: Kinds of records; those of posture words follow from 11 on.
+#: Kinds of records. The kinds of posture words follow from 11 on.
 _STRAIGHT, _JOINT, _FOUR, _SIX, _PERCENT, _MMPS, _SIGNAL, _WAIT = range(1, 9)
 _WORDS = {
     word: 11 + k

@@ -378,7 +378,7 @@ def test_a_fault_tells_its_trace_when_asked(here: Path, capsys: Captured) -> Non
 
 @pytest.mark.usefixtures("here", "ready_builders")
 def test_a_terminal_gets_a_bar(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = Terminal(sys.stdout, terminal=True)
+    terminal = Terminal(sys.stdout, is_interactive=True)
     monkeypatch.setattr("camgen.cli.make_terminal", lambda *_, **__: terminal)
     assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out"]) == 0
     said = capsys.readouterr().err

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from camgen.check.harm import find_harm
-from camgen.lang.programs import Ask, Executed, Finding, Frames, find_language
+from camgen.lang.programs import Executed, Finding, Frames, RunRequest, find_language
 from camgen.model.pose import Pose, rotation_about
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output
 
@@ -299,8 +299,8 @@ shared = pytest.mark.skipif(
 
 def read_and_judge(language: str, name: str) -> list[Finding]:
     text = (FAULTS / language / name).read_text(encoding="utf-8")
-    ask = Ask(dialect="grbl" if language == "grbl" else "")
-    executed = find_language("gcode" if language == "grbl" else language).run({name: text}, ask)
+    request = RunRequest(dialect="grbl" if language == "grbl" else "")
+    executed = find_language("gcode" if language == "grbl" else language).run({name: text}, request)
     return [*executed.findings, *find_harm(executed)]
 
 

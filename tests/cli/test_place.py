@@ -116,8 +116,8 @@ def read_case(plate: Path) -> Case:
 
 def test_collisions_add_no_edge_to_those_that_the_joints_reach(plate: Path) -> None:
     case = read_case(plate)
-    spots = [spot for spot in list_spots(case, 150.0) if spot.stand == 0][::3]
-    by_joints = reach_joints(case, spots, case.stands[0].samples).shares
+    spots = [spot for spot in list_spots(case, 150.0) if spot.resting_pose == 0][::3]
+    by_joints = reach_joints(case, spots, case.resting_poses[0].samples).shares
     with_collisions = np.concatenate([examine(case, spot).shares for spot in spots])
     assert (with_collisions <= by_joints + 1e-9).all()
     assert with_collisions.max() == pytest.approx(1)
@@ -133,8 +133,8 @@ def test_a_spot_is_where_the_middle_of_the_bottom_is(plate: Path) -> None:
 
 def test_a_part_that_is_turned_over_stands_on_the_face(plate: Path) -> None:
     case = read_case(plate)
-    assert [stand.is_own for stand in case.stands] == [True, False, False]
-    for number, stand in enumerate(case.stands):
+    assert [stand.is_own for stand in case.resting_poses] == [True, False, False]
+    for number, stand in enumerate(case.resting_poses):
         assert stand.face is not None
         frame = case.base_from_work(Spot(400.0, 90.0, 30.0, number))
         assert np.allclose(frame.rotation @ stand.face.normal, [0, 0, -1])

@@ -4,7 +4,7 @@ import pytest
 
 from camgen.lang import alternatives
 from camgen.lang.alternatives import Alternatives, format_alternatives, run_alternatives
-from camgen.lang.programs import Ask, Executed, Finding, Language, OpenChoice, find_language
+from camgen.lang.programs import Executed, Finding, Language, OpenChoice, RunRequest, find_language
 
 ORIENTED = "[[500,0,500],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 #: The squares of the orientation add up to 0.81.
@@ -15,7 +15,7 @@ GOOD, BAD = f"MoveL {ORIENTED},v100,fine,tool0;", f"MoveL {SHORT},v100,fine,tool
 def rapid(*lines: str) -> Alternatives:
     """A main of lines, which begin at line 3."""
     text = "\n".join(["MODULE M", "PROC main()", *lines, "ENDPROC", "ENDMODULE", ""])
-    return run_alternatives(find_language("rapid"), {"m.mod": text}, Ask())
+    return run_alternatives(find_language("rapid"), {"m.mod": text}, RunRequest())
 
 
 def listed(result: Alternatives) -> list[tuple[str, int]]:
@@ -61,12 +61,14 @@ def test_a_choice_in_another_branch_is_open_as_well() -> None:
 def test_pacscript_and_v_plus_take_the_other_branch_too() -> None:
     lines = ["Sub Main", "TakeArm Keep = 0", "If I[3] = 0 Then", "Set IO[4]", "Else", "Motor Off"]
     lines += ["End If", "Move P, @0 P(400, 0, 300, 180, 0, 180, -1)", "End Sub", ""]
-    result = run_alternatives(find_language("pacscript"), {"part.pcs": "\n".join(lines)}, Ask())
+    result = run_alternatives(
+        find_language("pacscript"), {"part.pcs": "\n".join(lines)}, RunRequest()
+    )
     # The motion is refused while the motor is off.
     assert listed(result) == [("possible", 8)]
     assert result.runs == 2
     v_plus = ".PROGRAM p()\nIF SIG(1001) THEN\nSIGNAL 1\nELSE\nGOTO 7\nEND\n.END\n"
-    result = run_alternatives(find_language("vplus"), {"p.v2": v_plus}, Ask())
+    result = run_alternatives(find_language("vplus"), {"p.v2": v_plus}, RunRequest())
     assert result.runs == 2
 
 
@@ -75,11 +77,11 @@ class Played(Language, frozen=True):
 
 
 def play(*runs: Executed) -> Alternatives:
-    def run(_files: object, ask: Ask) -> Executed:
-        return runs[ask.shifts.get(2, 0)]
+    def run(_files: object, request: RunRequest) -> Executed:
+        return runs[request.shifts.get(2, 0)]
 
     language = Played("played", "runs that are given", (), lambda _: True, run)
-    return run_alternatives(language, {"a": "1\n2\n3\n"}, Ask())
+    return run_alternatives(language, {"a": "1\n2\n3\n"}, RunRequest())
 
 
 def test_a_run_that_does_not_break_off_is_preferred() -> None:

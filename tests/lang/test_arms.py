@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from camgen.lang.programs import Ask, Executed, find_language
+from camgen.lang.programs import Executed, RunRequest, find_language
 from camgen.model.pose import IDENTITY, Pose
 from camgen.model.program import MoveJ, MoveL
 
@@ -32,7 +32,7 @@ def reach(values: Sequence[float]) -> Pose | None:
 
 
 def run(language: str, text: str, known: bool = True) -> Executed:
-    return find_language(language).run({"a": text}, Ask(flange=reach if known else None))
+    return find_language(language).run({"a": text}, RunRequest(flange=reach if known else None))
 
 
 def last(executed: Executed) -> tuple[float, float, float]:

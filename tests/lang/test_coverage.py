@@ -7,7 +7,7 @@ import pytest
 
 from camgen.lang.alternatives import run_alternatives
 from camgen.lang.coverage import Coverage, format_coverage, join_coverage
-from camgen.lang.programs import Ask, Places, find_language
+from camgen.lang.programs import Places, RunRequest, find_language
 
 TARGET = "[[500,0,500],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 #: Programs, each line with its mark: "+" for a statement that runs, "-" for one that does not,
@@ -93,7 +93,9 @@ PROGRAMS = {
 
 
 def measure(language: str, text: str) -> Coverage:
-    coverage = run_alternatives(find_language(language), {"program": text}, Ask()).executed.coverage
+    coverage = run_alternatives(
+        find_language(language), {"program": text}, RunRequest()
+    ).executed.coverage
     assert coverage is not None
     return coverage
 

@@ -339,7 +339,7 @@ def test_what_is_not_known_is_a_refusal_that_names_it(lines, why):
         (["o1 if [1]"], 1, "o1 if has no end"),
         (["o1 endif"], 1, "o1 endif has no if before it"),
         (["o1 if [1]", "o2 endif"], 2, "o2 endif has no if before it; o1 if is open"),
-        (["o1 break"], 1, "o1 break stands in no such loop"),
+        (["o1 break"], 1, "o1 break is not in such a loop"),
         (["o1 sub", "o1 endsub", "o1 sub", "o1 endsub"], 3, "o1 sub is there twice"),
     ],
 )
@@ -407,7 +407,7 @@ def test_the_reader_names_file_line_and_reason(tmp_path):
     with pytest.raises(InputError) as error:
         read(file(tmp_path, "G21\r\nG0 X0\r\nG38.2 Z0\r\n"), Job())
     assert str(error.value) == (
-        "old.ngc: G38.2 probes: how far it goes is not in the text (line 3); mend the line, or build from the drawing"
+        "old.ngc: G38.2 probes: how far it goes is not in the text (line 3); correct the line, or build from the drawing"
     )
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from camgen.lang.gcode.dialects import DIALECTS
 from camgen.lang.gcode.language import GCODE, GRBL_LANGUAGE, run_gcode
-from camgen.lang.programs import Ask, find_language
+from camgen.lang.programs import RunRequest, find_language
 from camgen.model.limits import Limits
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Stop, ToolChange, Wait
 from tests.support.examples import fewer
@@ -18,7 +18,7 @@ LEAD = ("G21 G90 G17", "G0 X0 Y0 Z5", "F600 S1000 M3")
 def run(*lines, dialect="linuxcnc", lead=LEAD, end=("M2",), files=None, **assume):
     text = "\n".join([*lead, *lines, *end]) + "\n"
     given = {key.replace("_", "."): value for key, value in assume.items()}
-    return run_gcode({"main.ngc": text} | (files or {}), Ask(dialect, given))
+    return run_gcode({"main.ngc": text} | (files or {}), RunRequest(dialect, given))
 
 
 def ends(found):
@@ -44,7 +44,7 @@ def test_the_languages_are_installed():
         "linuxcnc", "grbl", "fanuc", "fanuc-lathe", "mach3", "marlin", "iso",
     }  # fmt: skip
     assert (
-        GRBL_LANGUAGE.run({"a.nc": "G21\nG81 X1 Z-1 R2\n"}, Ask()).findings[0].what
+        GRBL_LANGUAGE.run({"a.nc": "G21\nG81 X1 Z-1 R2\n"}, RunRequest()).findings[0].what
         == "G81 is not a code of grbl"
     )
 
@@ -68,19 +68,19 @@ def test_the_languages_are_installed():
     ],
 )
 def test_a_text_shows_its_dialect(text, dialect):
-    assert dict(run_gcode({"a.nc": text}, Ask()).facts)["dialect"].split()[0] == dialect
+    assert dict(run_gcode({"a.nc": text}, RunRequest()).facts)["dialect"].split()[0] == dialect
 
 
 def test_an_ngc_file_is_linuxcncs_where_nothing_else_shows():
-    assert dict(run_gcode({"a.ngc": "G0 X1\n"}, Ask()).facts)["dialect"] == "linuxcnc (.ngc)"
+    assert dict(run_gcode({"a.ngc": "G0 X1\n"}, RunRequest()).facts)["dialect"] == "linuxcnc (.ngc)"
 
 
 def test_an_ngc_file_with_a_probe_that_linuxcnc_lacks_is_of_another_controller():
     """gcodetools names all its files .ngc. rs274 says of G31: unknown g code used."""
-    executed = run_gcode({"a.ngc": "G21\nG31 Z-10 F500\nG1 X1\n"}, Ask())
+    executed = run_gcode({"a.ngc": "G21\nG31 Z-10 F500\nG1 X1\n"}, RunRequest())
     assert dict(executed.facts)["dialect"] == "iso (G31)"
     assert not told(executed, "refused")
-    executed = run_gcode({"a.ngc": "G21\nG64 P0.1\nG31 Z-10 F500\nM2\n"}, Ask())
+    executed = run_gcode({"a.ngc": "G21\nG64 P0.1\nG31 Z-10 F500\nM2\n"}, RunRequest())
     assert told(executed, "refused") == [(3, "G31 is not a code of linuxcnc")]
 
 
@@ -191,7 +191,7 @@ def test_an_input_is_what_the_user_says():
 def test_values_of_the_machine_are_zero_or_given():
     assert ends(run("G1 X[#5221+1] Y#<_hal[a.b]>")) == [(1, 0, 5)]
     found = run_gcode(
-        {"a.ngc": "G21 G90\nG0 X0 Y0 Z0\nG1 X#5221 F60\nM2\n"}, Ask("", {"#5221": 7.0})
+        {"a.ngc": "G21 G90\nG0 X0 Y0 Z0\nG1 X#5221 F60\nM2\n"}, RunRequest("", {"#5221": 7.0})
     )
     assert found.body[-1].target.origin == (7, 0, 0)
 
@@ -205,7 +205,8 @@ def test_a_probe_runs_to_its_end():
 def test_lines_with_a_slash_depend_on_a_switch():
     assert ends(run("/G1 X1", "G1 Y1")) == [(1, 0, 5), (1, 1, 5)]
     found = run_gcode(
-        {"a.ngc": "\n".join([*LEAD, "/G1 X1", "G1 Y1", "M2"])}, Ask("", {"block_delete": 1.0})
+        {"a.ngc": "\n".join([*LEAD, "/G1 X1", "G1 Y1", "M2"])},
+        RunRequest("", {"block_delete": 1.0}),
     )
     assert ends(found) == [(0, 1, 5)]
 
@@ -301,7 +302,7 @@ def test_levels_of_findings():
 
 def test_a_code_that_may_move_something_stops_the_run():
     found = run("G1 X1", "G51 X0 Y0 P2", "G1 X2", dialect="fanuc")
-    assert found.stopped == (5, "G51 is not known, and what follows depends on where it leads")
+    assert found.stopped == (5, "G51 is not known, and later lines depend on where it ends")
     assert found.lines[-1] == 4
 
 
@@ -314,7 +315,7 @@ def test_after_a_refused_line_the_run_goes_on():
 
 def test_a_program_that_never_ends_is_stopped():
     found = run_gcode(
-        {"a.ngc": "o1 while [1]\n#1=2\no1 endwhile\n"}, Ask(limits=Limits(gcode_steps=1000))
+        {"a.ngc": "o1 while [1]\n#1=2\no1 endwhile\n"}, RunRequest(limits=Limits(gcode_steps=1000))
     )
     assert found.stopped is not None
     assert (
@@ -341,7 +342,7 @@ def test_a_program_that_never_ends_is_stopped():
 @pytest.mark.parametrize("dialect", ["linuxcnc", "fanuc"])
 def test_each_fault_costs_the_same(line, dialect):
     def execute(count):
-        run_gcode({"a.ngc": "\n".join([*LEAD, *[line] * count])}, Ask(dialect))
+        run_gcode({"a.ngc": "\n".join([*LEAD, *[line] * count])}, RunRequest(dialect))
 
     assert_linear(execute, 1600)
 
@@ -368,7 +369,9 @@ def test_any_text_is_executed_or_stops(lines, dialect):
     text = "\n".join(lines)
     found = run_gcode(
         {"a.nc": text},
-        Ask(dialect, {"t1.diameter": 3.0}, limits=Limits(gcode_steps=2000, gcode_motions=5000)),
+        RunRequest(
+            dialect, {"t1.diameter": 3.0}, limits=Limits(gcode_steps=2000, gcode_motions=5000)
+        ),
     )
     assert len(found.body) == len(found.lines)
     assert not found.frame or len(found.frame) == len(found.body)
@@ -379,7 +382,7 @@ def test_any_text_is_executed_or_stops(lines, dialect):
 
 @given(st.text(max_size=200), st.sampled_from(["", *DIALECTS]))
 def test_random_characters_never_raise(text, dialect):
-    run_gcode({"a.nc": text}, Ask(dialect))
+    run_gcode({"a.nc": text}, RunRequest(dialect))
     GCODE.recognise(text)
 
 
@@ -416,7 +419,9 @@ def test_the_end_of_a_macro_and_its_jumps_belong_to_its_program():
 def test_a_deleted_macro_does_nothing():
     lines = ("#1=0", "/IF[#1 EQ 0]GOTO 20", "G1 X1", "N20 G1 X2")
     assert ends(run(*lines, dialect="fanuc")) == [(2, 0, 5)]
-    executed = run_gcode({"a.nc": "\n".join([*LEAD, *lines])}, Ask("fanuc", {"block_delete": 1.0}))
+    executed = run_gcode(
+        {"a.nc": "\n".join([*LEAD, *lines])}, RunRequest("fanuc", {"block_delete": 1.0})
+    )
     assert ends(executed) == [(1, 0, 5), (2, 0, 5)]
 
 
@@ -438,7 +443,7 @@ def test_a_subroutine_whose_number_is_worked_out():
         ("#1=2", "cannot read '#1=2': grbl takes letters with plain numbers alone"),
         ("G1 X[1+2]", "cannot read 'x[1+2]': grbl takes letters with plain numbers alone"),
         ("G1 X--1", "cannot read 'x--1': grbl takes letters with plain numbers alone"),
-        ("G1 X1 A5", "A is no word of grbl"),
+        ("G1 X1 A5", "A is not a word of grbl"),
         ("G2 I5", "G2 names neither X nor Y: grbl turns it down"),
         ("M7 M8", "M7 and M8 are of one group (coolant)"),
     ],

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from camgen.lang.gcode.language import run_gcode
-from camgen.lang.programs import Ask, Executed
+from camgen.lang.programs import Executed, RunRequest
 from camgen.model.program import MoveC, MoveJ, MoveL
 from tests.support import canon
 from tests.support.rs274 import needs_rs274
@@ -55,7 +55,7 @@ def test_passes_are_those_of_linuxcnc(cycle, profile):
             theirs.append(
                 ("MoveJ" if kind == "STRAIGHT_TRAVERSE" else "MoveL", round(x, 4), round(z, 4))
             )
-    assert moves(run_gcode({"a.ngc": text}, Ask("linuxcnc"))) == theirs
+    assert moves(run_gcode({"a.ngc": text}, RunRequest("linuxcnc"))) == theirs
 
 
 FANUC = """\
@@ -77,7 +77,7 @@ M30
 
 def test_fanuc_roughs_between_two_numbers_and_goes_on_behind_them():
     """X are diameters. Passes of 2 mm of the radius to 0.2 and 0.1 mm off the profile, then along it; G70 finishes."""
-    found = run_gcode({"a.nc": FANUC}, Ask("fanuc-lathe"))
+    found = run_gcode({"a.nc": FANUC}, RunRequest("fanuc-lathe"))
     begin = ("MoveJ", 20.0, 2.0)
     passes = [
         row
@@ -101,17 +101,17 @@ def test_fanuc_roughs_between_two_numbers_and_goes_on_behind_them():
 
 
 def test_no_other_machine_runs_them():
-    assert run_gcode({"a.nc": FANUC}, Ask("fanuc-lathe")).lost[0][1] == (
+    assert run_gcode({"a.nc": FANUC}, RunRequest("fanuc-lathe")).lost[0][1] == (
         "a program of a lathe: the part turns, which no machine here does"
     )
-    lost = run_gcode({"a.nc": linuxcnc("G71 Q100", STEPS)}, Ask("linuxcnc")).lost
+    lost = run_gcode({"a.nc": linuxcnc("G71 Q100", STEPS)}, RunRequest("linuxcnc")).lost
     assert lost == ((11, "G71 is of a lathe: the part turns"),)
 
 
 def test_compensation_that_is_on_is_told():
     """LinuxCNC takes it; the profile is shown as programmed."""
     text = linuxcnc("G42.1 D1 L3\nG1 X30 Z5\nG70 Q100 X20 Z2\nG40", STEPS)
-    found = run_gcode({"a.ngc": text}, Ask("linuxcnc"))
+    found = run_gcode({"a.ngc": text}, RunRequest("linuxcnc"))
     assert [one for one in found.findings if one.level == "refused"] == []
     assert moves(found)[-4:] == [
         ("MoveL", 10, -10),
@@ -126,7 +126,7 @@ def test_one_line_of_haas_has_the_depth_in_d():
     text = FANUC.replace("G71 U2. R0.5\n", "").replace("W0.1 F120.", "W0.1 D2. F120.")
     levels = [
         x
-        for kind, x, z in moves(run_gcode({"a.nc": text}, Ask("fanuc-lathe")))
+        for kind, x, z in moves(run_gcode({"a.nc": text}, RunRequest("fanuc-lathe")))
         if kind == "MoveL" and z == -9.9
     ]
     assert levels == [18, 16, 14, 12, 10.2, 20.2]
@@ -141,5 +141,5 @@ def test_one_line_of_haas_has_the_depth_in_d():
     ],
 )
 def test_cycles_that_are_none(text, what):
-    found = run_gcode({"a.ngc": text}, Ask("linuxcnc"))
+    found = run_gcode({"a.ngc": text}, RunRequest("linuxcnc"))
     assert [(one.level, one.what) for one in found.findings] == [("refused", what)]

@@ -6,7 +6,7 @@ import pytest
 
 from bench.read.replay import compare_motions
 from camgen.lang.gcode.language import run_gcode
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.lang.recorded import ProgramRun
 from tests.support import canon
 from tests.support.rs274 import needs_rs274
@@ -139,7 +139,7 @@ G41 D1 G1 X10 | X20 Y10 | X30 Y0 | G2 X40 Y0 I5 J0 Z5 | G1 X50 | G40 X55
 
 
 def executed(lines, **assume):
-    found = run_gcode({"a.ngc": "\n".join(lines) + "\n"}, Ask("linuxcnc", ZERO | assume))
+    found = run_gcode({"a.ngc": "\n".join(lines) + "\n"}, RunRequest("linuxcnc", ZERO | assume))
     assert found.stopped is None
     return found
 

@@ -5,14 +5,14 @@ import math
 import pytest
 
 from camgen.lang.gcode.language import run_gcode
-from camgen.lang.programs import Ask, Executed
+from camgen.lang.programs import Executed, RunRequest
 from camgen.model.program import MoveC, MoveJ, MoveL
 
 LEAD = "G21 G90 G17 G94 G0 X0 Y0 Z5\nF600.\n"
 
 
 def run(text: str, dialect: str = "fanuc", **given: float) -> Executed:
-    return run_gcode({"a.nc": LEAD + text + "\nM30\n"}, Ask(dialect, given))
+    return run_gcode({"a.nc": LEAD + text + "\nM30\n"}, RunRequest(dialect, given))
 
 
 def ends(executed: Executed) -> list[tuple[float, ...]]:
@@ -134,7 +134,7 @@ def test_a_circular_pocket_that_is_none(line, what):
     ],
 )
 def test_another_language_is_named(text, line, name):
-    assert run_gcode({"a.nc": text}, Ask()).stopped == (
+    assert run_gcode({"a.nc": text}, RunRequest()).stopped == (
         line,
         f"a program of {name}: its language is not read",
     )

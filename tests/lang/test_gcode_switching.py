@@ -6,7 +6,7 @@ import pytest
 
 import camgen
 from camgen.lang.gcode.language import run_gcode
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.model.errors import InputError
 from camgen.model.program import MoveJ, Output, Wait
 
@@ -125,9 +125,9 @@ def test_laser_mode_has_the_beam_off_in_rapid_motions(tmp_path, mode, at_rest):
 
 def test_a_setting_in_the_text_switches_laser_mode_on():
     text = "$32=1\n" + SQUARES.format(mode="M3")
-    executed = run_gcode({"a.nc": text}, Ask())
+    executed = run_gcode({"a.nc": text}, RunRequest())
     assert [item.value for item in executed.body if isinstance(item, Output)] == [300, 0, 250, 0]
-    spindle = run_gcode({"a.nc": "$32=0\n" + SQUARES.format(mode="M3")}, Ask())
+    spindle = run_gcode({"a.nc": "$32=0\n" + SQUARES.format(mode="M3")}, RunRequest())
     assert [item.value for item in spindle.body if isinstance(item, Output)] == [0, 300, 250, 0]
 
 

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from camgen.lang.programs import LANGUAGES, Ask, find_language, list_languages
+from camgen.lang.programs import LANGUAGES, RunRequest, find_language, list_languages
 from camgen.model.errors import JobError
 
 MODULE = """
@@ -37,7 +37,7 @@ def install(tmp_path, monkeypatch, language=GOOD, result=RESULT):
 def test_a_language_is_found_and_runs(tmp_path, monkeypatch):
     install(tmp_path, monkeypatch)
     assert "strange" in [language.name for language in list_languages()]
-    assert find_language("strange").run({"a": ""}, Ask()).lines == (1,)
+    assert find_language("strange").run({"a": ""}, RunRequest()).lines == (1,)
 
 
 @pytest.mark.parametrize("name", ["gcode", "grbl", "pacscript", "rapid", "vplus"])
@@ -95,6 +95,6 @@ def test_a_wrong_member_is_named(tmp_path, monkeypatch, old, new, says):
 def test_a_wrong_result_is_named(tmp_path, monkeypatch, result, says):
     install(tmp_path, monkeypatch, result=result)
     with pytest.raises(JobError) as caught:
-        find_language("strange").run({"a": ""}, Ask())
+        find_language("strange").run({"a": ""}, RunRequest())
     assert says in str(caught.value)
     assert caught.value.exit_code == 2

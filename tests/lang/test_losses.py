@@ -2,14 +2,14 @@
 
 import pytest
 
-from camgen.lang.programs import Ask, find_language
+from camgen.lang.programs import RunRequest, find_language
 from tests.support.old_programs import PACSCRIPT, RAPID, VPLUS
 
 
 def lost(language: str, text: str) -> list[tuple[str, str]]:
     """What is lost, each with the text of its line."""
     lines = text.split("\n")
-    executed = find_language(language).run({"a": text}, Ask())
+    executed = find_language(language).run({"a": text}, RunRequest())
     return [(lines[line - 1].strip(), what) for line, what in executed.lost]
 
 

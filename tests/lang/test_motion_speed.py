@@ -8,7 +8,7 @@ import pytest
 import camgen
 from camgen.check.report import sum_up
 from camgen.lang.motion_speed import Extent, Limit, limit_speed, measure_arc, measure_line
-from camgen.lang.programs import Ask, Executed, find_language
+from camgen.lang.programs import Executed, RunRequest, find_language
 from camgen.model.pose import Pose, rotation_about, translation
 from camgen.model.program import Columns, MoveC, MoveJ, MoveL
 
@@ -27,7 +27,7 @@ def run_rapid(*statements: str) -> Executed:
   ENDPROC
 ENDMODULE
 """
-    return find_language("rapid").run({"m.mod": text}, Ask())
+    return find_language("rapid").run({"m.mod": text}, RunRequest())
 
 
 def point(x: float = 0, y: float = 0, turn: str = DOWN) -> str:
@@ -127,7 +127,7 @@ def test_a_time_of_joint_values_is_left_out_with_its_line():
 def run_vplus(*lines: str) -> Executed:
     """The run of lines behind a motion to x 350."""
     text = "\n".join([".PROGRAM a()", "MOVES TRANS(350,0,250,0,180,0)", *lines, ".END", ""])
-    return find_language("vplus").run({"a.v2": text}, Ask())
+    return find_language("vplus").run({"a.v2": text}, RunRequest())
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_vplus_says_a_duration_that_cannot_be_kept():
 )
 def test_pacscript_turns_at_its_share(statement, speed, turn):
     text = f"Sub Main\n  TakeArm\n  Move P, @0 P(300, 0, 250, 180, 0, 0)\n  {statement}\nEnd Sub\n"
-    motion = last_motion(find_language("pacscript").run({"a.pcs": text}, Ask()))
+    motion = last_motion(find_language("pacscript").run({"a.pcs": text}, RunRequest()))
     assert motion.speed == pytest.approx(speed)
     assert math.degrees(motion.turn) == pytest.approx(turn)
 

@@ -5,7 +5,7 @@ import pytest
 from camgen.check.report import sum_up
 from camgen.lang.gcode import predefined
 from camgen.lang.gcode.replayed import interpret
-from camgen.lang.programs import Ask, Executed, find_language
+from camgen.lang.programs import Executed, RunRequest, find_language
 from camgen.lang.taught import as_far_as_known
 from camgen.model.program import Columns, MoveJ
 from tests.support import canon
@@ -15,7 +15,7 @@ from tests.support.rs274 import needs_rs274
 def run_gcode(*lines: str, dialect: str = "linuxcnc") -> Executed:
     """The run of a program of LinuxCNC, or of another dialect."""
     text = "\n".join(lines) + "\n"
-    return find_language("gcode").run({"a.ngc": text}, Ask(dialect))
+    return find_language("gcode").run({"a.ngc": text}, RunRequest(dialect))
 
 
 def tell(executed: Executed) -> list[str]:
@@ -203,7 +203,7 @@ def test_predefined_names_have_the_values_of_linuxcnc(state):
     text = ask_names(names, state)
     judge = canon.run(text, TOOLS)
     assert judge.error == ""
-    executed = find_language("gcode").run({"a.ngc": text}, Ask("linuxcnc", ZEROS))
+    executed = find_language("gcode").run({"a.ngc": text}, RunRequest("linuxcnc", ZEROS))
     assert [line for line in tell(executed) if "refused" in line] == []
     expected = [call.end[0] for call in judge.moves[-len(names) :]]
     # The first of several equal values makes a motion of length 0, which both have.
@@ -261,7 +261,7 @@ o100 endsub
 def run_entry(entry: str, *arguments: float) -> Executed:
     """The run of a subroutine."""
     given = {f"args[{number}]": value for number, value in enumerate(arguments, 1)}
-    return find_language("gcode").run({"a.ngc": DRILL}, Ask("linuxcnc", given, entry=entry))
+    return find_language("gcode").run({"a.ngc": DRILL}, RunRequest("linuxcnc", given, entry=entry))
 
 
 @needs_rs274
@@ -336,7 +336,7 @@ def test_a_product_is_no_checksum():
 def run_pac(*lines: str) -> Executed:
     """The run of a program of the older dialect, PAC."""
     text = "\n".join(["PROGRAM demo", "TAKEARM", *lines, "GIVEARM", "END"]) + "\n"
-    return find_language("pacscript").run({"a.pac": text}, Ask())
+    return find_language("pacscript").run({"a.pac": text}, RunRequest())
 
 
 def test_a_range_of_positions_is_each_of_them():
@@ -378,7 +378,7 @@ def test_the_path_of_a_free_curve_has_the_same_words_in_rc8():
   Move S, 1
 End Sub
 """
-    executed = find_language("pacscript").run({"a.pcs": text}, Ask())
+    executed = find_language("pacscript").run({"a.pcs": text}, RunRequest())
     assert list_ends(executed)[:2] == [[300, 0, 300], [300, 10, 300]]
     # A path without points in the text may have some in the controller.
     assert executed.frames[-1].work == "the end of the free curve of line 7"
@@ -438,7 +438,7 @@ ENDMODULE
 def run_rapid(*statements: str) -> Executed:
     """The run of statements of a routine."""
     text = CASE.format("\n    ".join(statements))
-    return find_language("rapid").run({"m.mod": text}, Ask())
+    return find_language("rapid").run({"m.mod": text}, RunRequest())
 
 
 def list_places(executed: Executed) -> list[tuple[str, list[float]]]:

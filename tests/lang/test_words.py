@@ -11,7 +11,7 @@ from bench.read.old_words import read_table, write_program
 from camgen.lang.pacscript import code, statements
 from camgen.lang.pacscript import effects as pacscript
 from camgen.lang.pacscript.words import STATEMENTS
-from camgen.lang.programs import Ask, Executed, find_language
+from camgen.lang.programs import Executed, RunRequest, find_language
 from camgen.lang.rapid import effects as rapid
 from camgen.lang.rapid.instructions import EFFECTS
 from camgen.lang.rapid.motions import FORMS
@@ -33,7 +33,7 @@ for language, table in TABLES.items():
 def run(language: str, statement: str) -> Executed:
     """The run of a program of the bench with a statement."""
     text = write_program(language, 0, 1, statement)
-    return find_language(language).run({"a.txt": text}, Ask())
+    return find_language(language).run({"a.txt": text}, RunRequest())
 
 
 def describe(executed: Executed) -> list[str]:

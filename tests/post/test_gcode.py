@@ -666,7 +666,7 @@ FOREIGN = "a word that camgen does not write; the program is read as LinuxCNC ru
         ("F100 G2 X2 I1 K1", "word K1: nothing in the line uses it"),
         ("F100 G2 X2 I1.02", "the radii of the arc differ by 0.0400 mm (start 1.0200, end 0.9800)"),
         ("F100 G2 X2 I0", "arc of no radius"),
-        ("F100 G2 X0 I1 P1.5", "P1.5 is no number of turns"),
+        ("F100 G2 X0 I1 P1.5", "P1.5 is not a number of turns"),
         (
             "F100 G2 X0 I1 P99999",
             "an arc of more than 20,000 pieces is refused (limits.gcode_pieces)",

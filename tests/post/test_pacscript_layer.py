@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from camgen.lang.pacscript.language import LANGUAGE
 from camgen.lang.pacscript.strict import read
-from camgen.lang.programs import Ask, Executed
+from camgen.lang.programs import Executed, RunRequest
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output
 from tests.support.fast_paths import list_values
 from tests.support.steps import count_calls
@@ -20,7 +20,7 @@ def test_goldens_are_run_as_they_are_read_back(path: Path) -> None:
     text = path.read_text("ascii").replace("\r\n", "\n")
     options = {"signals": {}, "rated": 1000.0, "mps": "mm/s"}
     reading = read({path.name: text}, options)
-    found = LANGUAGE.run({path.name: text}, Ask())
+    found = LANGUAGE.run({path.name: text}, RunRequest())
     assert found.stopped is None
     assert not found.findings
     run = Executed(found.body, found.lines)

@@ -481,7 +481,10 @@ def test_a_comment_never_goes_on() -> None:
     assert read({"a.pcs": text}, {}).findings == ()
     (remark,) = read({"a.pcs": text.replace("layer _.", "layer _")}, {}).findings
     assert remark.level == "unusual"
-    assert remark.what == "a comment that ends in _: the next line may be taken for a part of it"
+    assert (
+        remark.what
+        == "a comment that ends in _: the controller may read the next line as a part of it"
+    )
 
 
 @pytest.mark.parametrize("name", ["unit", "Status", "log", "TrackMove"])

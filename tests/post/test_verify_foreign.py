@@ -149,8 +149,8 @@ FOUND = {
         "rapid", 3,
         "line 33: dangerous: D_OUT_5 is switched while the robot is still in a corner: the motion in line 31 blends",
     ),
-    "Prog1.pg": ("vplus", 2, "line 6: refused: LMOVE is no instruction of V+"),
-    "Kawasaki.pg": ("vplus", 2, "line 7: refused: C1MOVE is no instruction of V+"),
+    "Prog1.pg": ("vplus", 2, "line 6: refused: LMOVE is not an instruction of V+"),
+    "Kawasaki.pg": ("vplus", 2, "line 7: refused: C1MOVE is not an instruction of V+"),
     "flowsnake.ngc": ("gcode", 0, ""),
     "g17-g98-g81.ngc": ("gcode", 0, ""),
     "bad-arc.small.metric.center-format.ngc": (

@@ -856,9 +856,9 @@ def test_a_text_with_several_programs() -> None:
         (["FOR i = 1 TO 3 STEP 0", "MOVE NULL", "END"], (2, "a loop with step 0")),
         (["SPEED 0 ALWAYS"], (2, "a speed must be positive")),
         (["SPEED 10 MMPS IPS"], (2, "SPEED cannot end with MMPS IPS")),
-        (["SIGNAL 1001"], (2, "1001 is no output")),
-        (["SIGNAL 0"], (2, "0 is no output")),
-        (["SIGNAL 33.5"], (2, "33.5 is no output")),
+        (["SIGNAL 1001"], (2, "1001 is not an output")),
+        (["SIGNAL 0"], (2, "0 is not an output")),
+        (["SIGNAL 33.5"], (2, "33.5 is not an output")),
         (["BASE 0, 0, 10"], (2, "BASE moves the world frame, which is not evaluated")),
         (["CALL other()"], (2, "program other is not in this text")),
         (["CALL t()"], (2, "more than 20 programs call each other")),
@@ -915,7 +915,9 @@ def test_what_a_call_keeps_is_not_taken_for_granted() -> None:
     again = "SPEED 20 MMPS ALWAYS\nRIGHTY\n"
     assert remarks(main.format("") + sub.format(again), {}) == []
     speed = "no SPEED since a CALL or its RETURN: whether that keeps the speed is not confirmed"
-    posture = "RIGHTY not said since a CALL or its RETURN: whether that keeps the posture is not confirmed"
+    posture = (
+        "RIGHTY not set since a CALL or its RETURN: whether that keeps the posture is not confirmed"
+    )
     assert remarks(main.format("") + sub.format(""), {}) == [(16, speed), (16, posture)]
     after = main.format("MOVES TRANS(1)\nBREAK\n") + sub.format(again)
     assert remarks(after, {}) == [(11, speed), (11, posture)]

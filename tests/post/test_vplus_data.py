@@ -329,9 +329,9 @@ def test_a_program_that_is_not_the_reader(was: str, now: str, what: str) -> None
     [
         ("9,0,0,0,0,0,0,0", "no such record"),
         ("7,0,-33,1,0,0,0,0", "no such record"),
-        ("7,1,-33,0,0,0,0,0", "a stop that is none"),
-        ("1,2,0,0,0,0,0,0", "a stop that is none"),
-        ("6,0,100,10000,100,0,0,0", "a fraction that is none"),
+        ("7,1,-33,0,0,0,0,0", "an invalid stop"),
+        ("1,2,0,0,0,0,0,0", "an invalid stop"),
+        ("6,0,100,10000,100,0,0,0", "an invalid fraction"),
         ("1,0,9000000,0,0,0,0,0", "a number above"),
         ("1,0,+5,0,0,0,0,0", "not a record"),
         ("1,0,05,0,0,0,0,0", "not a record"),

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import camgen
-from camgen.lang.programs import Ask, find_language
+from camgen.lang.programs import RunRequest, find_language
 
 TEXTS = {
     "rapid": """MODULE m
@@ -26,8 +26,8 @@ SUFFIXES = {"rapid": "mod", "vplus": "v2", "pacscript": "pcs"}
 def test_the_mark_of_utf_8_is_read(language: str, mark: str) -> None:
     """As a character, and as the three bytes of a file that is read as Latin-1."""
     spoken, text = find_language(language), TEXTS[language]
-    with_mark = spoken.run({"a": mark + text, "b": mark + "\n"}, Ask())
-    without = spoken.run({"a": text, "b": "\n"}, Ask())
+    with_mark = spoken.run({"a": mark + text, "b": mark + "\n"}, RunRequest())
+    without = spoken.run({"a": text, "b": "\n"}, RunRequest())
     assert with_mark.lines == without.lines
     assert with_mark.findings == without.findings
     assert list(map(repr, with_mark.body)) == list(map(repr, without.body))

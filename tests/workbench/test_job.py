@@ -197,7 +197,7 @@ def test_a_field_has_unit_kind_and_bounds_of_its_setting() -> None:
     }
     feed, threshold = fields["process", "feed"], fields["image", "threshold"]
     assert (feed.unit, feed.kind, feed.default) == ("mm/s", "number", 20.0)
-    assert (threshold.least, threshold.most) == (0, 255)
+    assert (threshold.minimum, threshold.maximum) == (0, 255)
     assert fields["process", "acceleration"].unit == "mm/s2"
     assert fields["tool", "tip_angle"].unit == "deg"
     assert fields["input", "units"].unit == ""

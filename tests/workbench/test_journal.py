@@ -434,10 +434,10 @@ def test_a_first_build_that_is_stopped_leaves_no_program_and_can_be_begun_again(
         assert desk.built is None
         assert desk.failed is not None
         assert desk.failed.line == "stopped: there is no program yet"
-        desk.ask()
+        desk.request_build()
         await desk._idle.wait()
         assert desk.built is not None
-        desk.ask()
+        desk.request_build()
         desk.stop()
         await desk._idle.wait()
         assert desk.failed is not None

@@ -492,7 +492,7 @@ def test_a_stage_that_is_no_search_is_given_up_and_killed_where_it_does_not_end(
 
 def test_a_change_gives_up_a_search_too(monkeypatch: pytest.MonkeyPatch) -> None:
     builder, pipe, _, ask = building("ordering 3%, Cancel takes the best so far", monkeypatch)
-    builder.ask(replace(ask, number=2))
+    builder.submit(replace(ask, number=2))
     assert pipe.sent == ["cancel"]
 
 

@@ -47,7 +47,7 @@ class Difference(Struct, frozen=True, eq=False):
     contour: name of the nearest contour.
     whole: whether it is separate from the outline: a surplus or missing island, or a surplus hole.
     shape: its polygon.
-    kind: one of `camgen.check.photo.kinds`.
+    kind: a name of `camgen.check.photo.kinds`.
     """
 
     surplus: bool

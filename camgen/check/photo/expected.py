@@ -98,7 +98,7 @@ def seek(drawing: Part, job: Job) -> Sought:
     """Select the contours by which a part is found before or after `job` is run.
 
     Certain is the outline of the stock, if the job has one on a layer; otherwise the contours that
-    bound material. If there are none, these are the contours that no other one encloses.
+    bound material. Without any, these are the contours that no other one encloses.
 
     Raises InputError if no contour is closed.
     """

@@ -12,7 +12,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.lang.gcode.replayed import replay
-from camgen.lang.programs import Ask, Places, rename_outputs
+from camgen.lang.programs import Places, RunRequest, rename_outputs
 from camgen.lang.recorded import ProgramRun, Recorded, format_box
 from camgen.model.errors import InputError
 from camgen.model.files import Source
@@ -80,7 +80,7 @@ def read_files(sources: Sequence[Source], job: Job) -> Recorded:
     if run.stopped:
         line, reason = run.stopped
         what, _, remedy = reason.partition("; ")
-        remedy = remedy or "mend the line, or build from the drawing"
+        remedy = remedy or "correct the line, or build from the drawing"
         raise InputError(name, what, place(line), remedy)
     if not any(isinstance(item, (MoveL, MoveC)) for item in run.body):
         raise InputError(
@@ -127,7 +127,7 @@ def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
     )
 
 
-def _make_request(job: Job, source: Source) -> Ask:
+def _make_request(job: Job, source: Source) -> RunRequest:
     """The request of a run from the job: dialect, assumed values, and sizes of tools.
 
     Cutter compensation needs the diameters of tools. The table [tool] describes tool `tool.number`.
@@ -146,7 +146,7 @@ def _make_request(job: Job, source: Source) -> Ask:
         given.setdefault("laser", 1.0)
     if job.operation.compensation == "as-programmed":
         given["compensation"] = 0.0
-    return Ask(job.input.dialect, given, limits=source.limits)
+    return RunRequest(job.input.dialect, given, limits=source.limits)
 
 
 def _note_run(run: ProgramRun, place: Callable[[int], str]) -> tuple[Note, ...]:

@@ -188,7 +188,7 @@ def _sweep(code: str, begin: float, finish: float, turns: float, limits: Limits)
     if turns != 1 and not limits.turns:
         raise LineError(f"P{turns:g} has no meaning in an arc")
     if turns < 1 or turns != int(turns):
-        raise LineError(f"P{turns:g} is no number of turns")
+        raise LineError(f"P{turns:g} is not a number of turns")
     turn = (finish - begin if code == "G3" else begin - finish) % (2 * math.pi)
     if turn < NO_ANGLE:
         turn += 2 * math.pi

@@ -224,7 +224,7 @@ class _Program(Compiler):
         """Break and continue."""
         leave = self.exit if o_word.word == "break" else self.end_round
         if not leave([f"o{o_word.label} {word}" for word in _LOOPS]):
-            raise LineError(f"o{o_word.label} {o_word.word} stands in no such loop")
+            raise LineError(f"o{o_word.label} {o_word.word} is not in such a loop")
 
     # -- macros --------------------------------------------------------------------------------
 

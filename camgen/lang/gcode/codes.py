@@ -77,7 +77,7 @@ def speed_and_tool(m: Machine, words: dict[str, float], codes: Mapping[str, str]
     if "T" in words:
         number = words.pop("T")
         if number < 0 or number != int(number):
-            raise LineError(f"T{number:g} is no tool")
+            raise LineError(f"T{number:g} is not a tool")
         m.tool = int(number)
     if "S" in words:
         value = words.pop("S")
@@ -398,7 +398,7 @@ def _set_table(m: Machine, _code: str, words: dict[str, float]) -> None:
     if words.pop("R", 0.0) != 0:
         raise LineError("G10 with R turns the work offset")
     if number is None or number not in range(10):
-        raise LineError(f"G10 P{-1 if number is None else number:g} is no work offset")
+        raise LineError(f"G10 P{-1 if number is None else number:g} is not a work offset")
     work = _WORKS[int(number) - 1] if number else (m.work or "G54")
     for axis, value in take_axes(m, words).items():
         _set_offset(m, kind == 20.0, work, axis, value)

@@ -125,8 +125,8 @@ GRBL = Dialect(
 #: Limits of controllers on which a setting limits the difference between the radii of an arc.
 _LOOSE = Limits(spiral=(0.1, 2.83, 0.1), shorter=0.05, least_radius=1e-6, turns=True)
 _MACHINING = {
-    "G5.1": "a look-ahead mode",
-    "G8": "a look-ahead mode",
+    "G5.1": "look-ahead on",
+    "G8": "look-ahead on",
     "G15": "polar coordinates off",
     "G22": "stroke check on",
     "G23": "stroke check off",

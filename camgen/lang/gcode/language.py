@@ -6,10 +6,12 @@ from collections.abc import Mapping
 
 from camgen.lang.gcode.dialects import DIALECTS, GRBL, Dialect
 from camgen.lang.gcode_text import SUFFIXES, is_gcode
-from camgen.lang.programs import Ask, Executed, Language
+from camgen.lang.programs import Executed, Language, RunRequest
 
 
-def run_gcode(files: Mapping[str, str], request: Ask, usual: Dialect | None = None) -> Executed:
+def run_gcode(
+    files: Mapping[str, str], request: RunRequest, usual: Dialect | None = None
+) -> Executed:
     """Runs G-code in the dialect of the request, else in `usual` or the one that the text shows."""
     if request.options is not None:
         from camgen.lang.gcode.strict_linuxcnc import read  # noqa: PLC0415 (for a read-back)
@@ -20,7 +22,7 @@ def run_gcode(files: Mapping[str, str], request: Ask, usual: Dialect | None = No
     return run(files, request, usual)
 
 
-def run_grbl(files: Mapping[str, str], request: Ask) -> Executed:
+def run_grbl(files: Mapping[str, str], request: RunRequest) -> Executed:
     """Runs G-code in the dialect of the request, else as GRBL does."""
     if request.options is not None:
         from camgen.lang.gcode.strict_grbl import read  # noqa: PLC0415 (only for those of a post)

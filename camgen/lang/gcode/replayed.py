@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from camgen.lang.gcode.dialects import LINUXCNC, Dialect
 from camgen.lang.gcode.machine import Machine
 from camgen.lang.gcode.run import run_program
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.lang.recorded import ProgramRun
 from camgen.model.limits import Limits
 from camgen.model.part import Note
@@ -36,12 +36,12 @@ def interpret(
 
     given: values from the user, by name.
     """
-    request = Ask(assume=given, limits=limits or Limits())
+    request = RunRequest(assume=given, limits=limits or Limits())
     return replay({"": "\n".join(lines)}, request, None, LINUXCNC)
 
 
 def replay(
-    texts: Mapping[str, str], request: Ask, chord: float | None, usual: Dialect | None = None
+    texts: Mapping[str, str], request: RunRequest, chord: float | None, usual: Dialect | None = None
 ) -> ProgramRun:
     """Runs the first of ``texts`` for another machine. Never raises for a text.
 

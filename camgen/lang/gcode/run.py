@@ -20,7 +20,7 @@ from camgen.lang.gcode.dialects import DIALECTS, Dialect, find_other, recognise
 from camgen.lang.gcode.interpreter import Interpreter, has_speed
 from camgen.lang.gcode.machine import Machine, Profile
 from camgen.lang.gcode.words import COMMENT, LineError
-from camgen.lang.programs import Ask, Executed, Frames
+from camgen.lang.programs import Executed, Frames, RunRequest
 from camgen.lang.run import Stopped
 from camgen.model.program import Output
 
@@ -58,7 +58,7 @@ class ProgramTrace(NamedTuple):
 
 def run_program(
     files: Mapping[str, str],
-    request: Ask,
+    request: RunRequest,
     usual: Dialect | None = None,
     chord: float | None = None,
 ) -> ProgramTrace:
@@ -117,7 +117,7 @@ def _set_beam(m: Machine, text: str) -> None:
         m.beam = Beam("process" if m.on_off else "spindle")
 
 
-def run(files: Mapping[str, str], request: Ask, usual: Dialect | None = None) -> Executed:
+def run(files: Mapping[str, str], request: RunRequest, usual: Dialect | None = None) -> Executed:
     """Runs the first of ``files``. Never raises for a text.
 
     usual: dialect if the request names none. None: the text determines it.

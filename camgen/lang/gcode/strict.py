@@ -352,9 +352,7 @@ class Strict:
         missing = [code for group, code in needed.items() if group not in self.stated_groups]
         if missing:
             reason = "the program before may have left it otherwise"
-            m.log.find(
-                "unusual", f"{', '.join(missing)} not said before the first motion: {reason}"
-            )
+            m.log.find("unusual", f"{', '.join(missing)} not set before the first motion: {reason}")
         self.stated_groups.update(needed)
 
     def _check_path(self, m: Machine) -> None:

@@ -53,7 +53,7 @@ def check_characters(text: str, rules: Controller) -> None:
     if not rules.squeezed and len(text) > rules.limit:
         raise LineError(f"{len(text)} characters, {rules.name} reads {rules.limit}")
     if rules.forbidden and (bad := rules.forbidden.search(text)):
-        reason = f"acts at once or is no ASCII, which {rules.name} minds in comments too"
+        reason = f"acts at once or is not ASCII; {rules.name} rejects it in comments too"
         raise LineError(f"character {bad[0]!r} {reason}")
 
 

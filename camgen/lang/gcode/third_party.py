@@ -182,7 +182,7 @@ def parse(m: Machine, text: str, known: Parameters) -> Line:
         raise
     except LineError as error:
         if dialect.open and str(error).startswith("cannot read"):
-            raise UnknownWord(f"{error}; what follows may depend on it") from error
+            raise UnknownWord(f"{error}; later lines may depend on it") from error
         raise
     for code in codes.values():
         usual = dialect.names.get(code, code)
@@ -197,7 +197,7 @@ def _check_plain(text: str, name: str, letters: str) -> None:
         raise LineError(f"cannot read {odd[:12]!r}: {name} takes letters with plain numbers alone")
     for letter in text:
         if letter.isalpha() and letter not in letters:
-            raise LineError(f"{letter.upper()} is no word of {name}")
+            raise LineError(f"{letter.upper()} is not a word of {name}")
 
 
 def _check_exponents(raw: str, text: str) -> None:
@@ -281,7 +281,7 @@ def _leave_out(m: Machine, code: str, codes: Mapping[str, str], words: dict[str,
 def _pass_over(m: Machine, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
     """Adds a loss for an unknown code. Raises UnknownWord if it may be a motion."""
     if code[0] == "G" and "motion" not in codes and any(axis in words for axis in "XYZIJKR"):
-        raise UnknownWord(f"{code} is not known, and what follows depends on where it leads")
+        raise UnknownWord(f"{code} is not known, and later lines depend on where it ends")
     what = f"{code} is not known and not evaluated"
     m.log.fact("not evaluated", code)
     m.log.lose(what)
@@ -310,7 +310,7 @@ def _find_refused(m: Machine, codes: Mapping[str, str], words: Mapping[str, floa
         first, second = _PLANES[codes.get("plane", m.plane)]
         if first not in words and second not in words:
             m.log.find(
-                "refused", f"{arc} names neither {first} nor {second}: {dialect.name} turns it down"
+                "refused", f"{arc} names neither {first} nor {second}: {dialect.name} rejects it"
             )
 
 

@@ -51,7 +51,7 @@ def find_radius(m: Machine, code: str, number: float | None) -> float:
     if number is not None and number != int(number):
         m.log.find(
             "unusual" if m.dialect.open else "refused",
-            f"{code} with D{number:g}, which is no number of a tool",
+            f"{code} with D{number:g}, which is not a tool number",
         )
         return 0.0
     tool = m.changed_to or 0 if number is None else int(number)

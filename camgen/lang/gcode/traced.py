@@ -44,7 +44,7 @@ def _spline(m: Machine, code: str, words: dict[str, float]) -> None:
             raise LineError("G5 without P and Q")
         if first == (None, None):
             if m.going_on is None:
-                raise LineError("G5 without I and J behind what is no spline")
+                raise LineError("G5 without I and J after a motion that is not a spline")
             first = m.going_on
         points = [
             (x0, y0),

@@ -58,7 +58,7 @@ class Parameters:
                 raise LineError(f"#<{key}> is used before it is set")
             return value
         if key < 1:
-            raise LineError(f"#{key} is no parameter")
+            raise LineError(f"#{key} is not a parameter")
         if key <= LOCALS:
             return self.arguments.get(key, 0.0)
         if key <= GLOBALS:
@@ -96,7 +96,7 @@ def key_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[int |
         return named[1], named.end()
     value, end = value_at(text, at + 1, known, depth + 1)
     if abs(value - round(value)) > _EQUAL:
-        raise LineError(f"#{value:g} is no parameter: its number must be whole")
+        raise LineError(f"#{value:g} is not a parameter: its number must be whole")
     return round(value), end
 
 

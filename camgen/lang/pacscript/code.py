@@ -181,7 +181,7 @@ class _Compiler(Compiler):
             self.add_fault(self.line, f"a second label {name}")
 
     def simple(self, text: str) -> None:
-        """A statement that is no condition."""
+        """A statement that is not a condition."""
         verb = VERB.fullmatch(text)
         if verb is None:
             raise Unreadable(f"{text[:60]} is not understood")

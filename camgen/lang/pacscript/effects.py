@@ -14,7 +14,7 @@ SILENT = by_word({
     "text, a screen or the pendant": """
         beep buzzer disp_screen page_change pagechange pagechangebyname pc_screen pendant_screen
         print printdbg printlbl printmsg""",
-    "a file, a device or a line; what comes from it is asked for where it is used": """
+    "a file, a device or a line; values read from it are asked for where they are used": """
         com_discom com_encom comclose flush write writebytearray swapbytearray""",
     "a log": "clearlog clearservolog startlog startservolog stoplog stopservolog syslog",
     "a mutex, a semaphore or the rank of a task": """

@@ -298,7 +298,7 @@ def _mps(run: State, values: list[Value]) -> Value:
     (speed,) = numbers(values, 1) or (0.0,)
     machine = run.machine
     unit = machine.given("mps")
-    machine.log.assume(f"Mps(1) is taken for {unit or 1.0:g} mm/s", "mps", unit or 1.0)
+    machine.log.assume(f"Mps(1) is assumed to be {unit or 1.0:g} mm/s", "mps", unit or 1.0)
     return Rate(finite(speed * (unit or 1.0)), machine.rated)
 
 
@@ -324,7 +324,7 @@ def _shift(run: State, values: list[Value]) -> Value:
     offset = fit(offset, "position") if isinstance(offset, tuple) else offset
     if isinstance(offset, Pose) and not np.array_equal(offset.rotation, IDENTITY):
         run.machine.log.assume(
-            "the angles of Dev are taken for turns about the axes of the work frame"
+            "the angles of Dev are assumed to be turns about the axes of the work frame"
         )
     return call("dev", values)
 
@@ -368,7 +368,7 @@ def _frame(run: State, kind: str, values: list[Value]) -> Value:
 
 
 def _find_variable(run: State, word: str) -> Value | None:
-    """Return the value of a variable of the program, None if there is none of that name."""
+    """Return the value of a variable of the program, None if no variable has that name."""
     value = run.scope.names.get(word)
     return run.module_scope.names.get(word) if value is None else value
 
@@ -409,7 +409,7 @@ def _assign_stored(run: State, letter: str, at: int, value: Value) -> None:
     elif letter in _STORED:
         run.machine.globals[(letter, at)] = fit(value, _STORED[letter])
     else:
-        raise Unreadable(f"{letter}[] is no variable")
+        raise Unreadable(f"{letter}[] is not a variable")
 
 
 def _assign_element(run: State, target: Node, value: Value) -> None:

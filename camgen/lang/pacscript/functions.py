@@ -50,7 +50,7 @@ def place(value: Value) -> Pose:
     if isinstance(value, Vector):
         return position(value.values)
     if not isinstance(value, Pose):
-        raise Unreadable(f"{describe_value(value)} is no position")
+        raise Unreadable(f"{describe_value(value)} is not a position")
     return value
 
 
@@ -60,7 +60,7 @@ def text_of(value: Value) -> str:
         return value
     if isinstance(value, (float, bool)):
         return f"{float(value):.9g}"
-    raise Unreadable(f"{describe_value(value)} is no text")
+    raise Unreadable(f"{describe_value(value)} is not text")
 
 
 def _component(at: int) -> Callable[[list[Value]], Value]:
@@ -92,7 +92,7 @@ def _shift_hand(values: list[Value]) -> Value:
 def _joint(values: list[Value]) -> Value:
     at, arm_joints = int(number(values[0])), values[1]
     if not isinstance(arm_joints, Joints):
-        raise Unreadable(f"{describe_value(arm_joints)} is no joint value")
+        raise Unreadable(f"{describe_value(arm_joints)} is not a joint value")
     if not 1 <= at <= 8:
         raise Wrong(f"there is no axis {at}")
     return math.degrees(arm_joints.values[at - 1]) if at <= len(arm_joints.values) else 0.0
@@ -115,7 +115,7 @@ def _vector(value: Value) -> Vec3:
     if isinstance(value, tuple):
         return vector(numbers(list(value))).values
     if not isinstance(value, Vector):
-        raise Unreadable(f"{describe_value(value)} is no vector")
+        raise Unreadable(f"{describe_value(value)} is not a vector")
     return value.values
 
 
@@ -158,7 +158,7 @@ def _create_array(values: list[Value]) -> Value:
 def _bound(values: list[Value]) -> Value:
     array = values[0]
     if not isinstance(array, Array):
-        raise Unreadable(f"{describe_value(array)} is no array")
+        raise Unreadable(f"{describe_value(array)} is not an array")
     at = int(number(values[1])) - 1 if len(values) > 1 else 0
     return float(array.tops[at]) if 0 <= at < len(array.tops) else 0.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from camgen.lang.programs import Ask, Executed, Language, strip_mark
+from camgen.lang.programs import Executed, Language, RunRequest, strip_mark
 
 _SURE = re.compile(
     r"^\s*(?:'!title\b|takearm\b|sub\s+main\b|program\s+\w+\s*$|givearm\b"
@@ -20,15 +20,15 @@ def recognise(text: str) -> bool:
     return len(_SURE.findall(text[:20_000])) > 1 or strip_mark(text)[:8].lower() == "'!title "
 
 
-def run(files: Mapping[str, str], ask: Ask) -> Executed:
+def run(files: Mapping[str, str], request: RunRequest) -> Executed:
     """Runs the procedure Main, or the entry of the request, once."""
-    if ask.options is not None:
+    if request.options is not None:
         from camgen.lang.pacscript.strict import read  # noqa: PLC0415 (only for those of a post)
 
-        return read(files, ask.options)
+        return read(files, request.options)
     from camgen.lang.pacscript.run import run_files  # noqa: PLC0415 (only for those of others)
 
-    return run_files(files, ask)
+    return run_files(files, request)
 
 
 LANGUAGE = Language(

@@ -91,9 +91,8 @@ def join(
                 report(number, f"a line of more than {LONGEST_LINE} bytes")
             end = without_comment(row)
             if remark and row.rstrip().endswith(" _") and not end.endswith("_"):
-                remark(
-                    number, "a comment that ends in _: the next line may be taken for a part of it"
-                )
+                what = "a comment that ends in _: the controller may join the next line to it"
+                remark(number, what)
             statement = begun + end
             first = first if begun else number
             begun = ""

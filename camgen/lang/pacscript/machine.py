@@ -170,7 +170,7 @@ class Machine:
         self._frame_now.clear()
         if isinstance(self.current_pose, ExternalPose) or old is None or new is None:
             if self.moved:
-                self.current_pose = name_place(f"where the arm stands in line {self.line}")
+                self.current_pose = name_place(f"the position of the arm in line {self.line}")
         elif kind == "work":
             self.current_pose = new.inverse() @ old @ self.current_pose
         else:
@@ -181,7 +181,7 @@ class Machine:
         self.defined[(kind, number)] = pose
         self._frame_now.clear()
         if self.numbers[kind] == number and self.moved:
-            self.current_pose = name_place(f"where the arm stands in line {self.line}")
+            self.current_pose = name_place(f"the position of the arm in line {self.line}")
 
     def check_arm(self) -> None:
         """Add a finding for a motion without the arm or without its power."""
@@ -195,7 +195,7 @@ class Machine:
         """Add a motion to an external pose for one that could not be evaluated."""
         speed, _ = self.speed(self.internal)
         base = f"where line {self.line} leads"
-        self.log.leave_out(f"{base} is not evaluated: it is told in a frame of that name")
+        self.log.leave_out(f"{base} is not evaluated: it is given in a frame of that name")
         self.move(MoveL(Pose(IDENTITY, (0.0, 0.0, 0.0)), speed), False, base)
 
     def speed(self, value: Speed) -> tuple[float, float]:
@@ -205,7 +205,7 @@ class Machine:
             return value.mm_s * self.external / 100, 0.0
         if value != self._noted_percentage:
             self._noted_percentage = value
-            self.log.assume(f"100 % is taken for {self.rated:g} mm/s", "rated", self.rated)
+            self.log.assume(f"100 % is assumed to be {self.rated:g} mm/s", "rated", self.rated)
         share = min(1.0, value / 100 * self.external / 100)
         return value / 100 * self.rated * self.external / 100, share
 
@@ -276,7 +276,7 @@ class Machine:
         if isinstance(target, ExternalPose):
             base = target.base
             self.log.assume(
-                f"{base} is not in the text: motions to it are told in a frame of that name"
+                f"{base} is not in the text: motions to it are given in a frame of that name"
             )
         passing = blend > 0 and not at_once
         mm_s, share = self.speed(speed)

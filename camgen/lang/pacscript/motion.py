@@ -84,12 +84,12 @@ def read_goal(text: str) -> Goal:
 def read_motion(rest: str, kinds: tuple[str, ...] = ()) -> Motion:
     """Parse the operands of a motion statement.
 
-    kinds: words of interpolations of which one must come first; empty if there is none.
+    kinds: words of interpolations of which one must come first; empty for a statement without one.
     """
     parts = arguments(rest)
     kind = parts[0].lower() if kinds else ""
     if kinds and kind not in kinds:
-        raise Unreadable(f"{parts[0][:40] or 'nothing'} is no interpolation of this motion")
+        raise Unreadable(f"{parts[0][:40] or 'nothing'} is not an interpolation of this motion")
     goals, options, at_once = [], {}, False
     for part in parts[1:] if kinds else parts:
         if "=" in part and (option := OPTION.fullmatch(part)):

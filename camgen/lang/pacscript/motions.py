@@ -61,7 +61,7 @@ def blend_of(run: State, mark: str | Node) -> float:
     if isinstance(mark, Node):
         value = run.evaluate(mark)
         if isinstance(value, Unknown):
-            run.machine.log.assume(f"{value.what} of a pass mark is taken for @0")
+            run.machine.log.assume(f"{value.what} of a pass mark is assumed to be @0")
             return 0.0
         radius = number(value)
         return PASS_MM if radius < 0 else radius
@@ -97,7 +97,9 @@ def read_speed(run: State, motion: Motion) -> Speed:
         if name in motion.options:
             run.machine.log.omit(f"{name.capitalize()} of a motion: {effect}")
     if motion.at_once:
-        run.machine.log.omit("Next: what follows happens on the way; here it waits for the motion")
+        run.machine.log.omit(
+            "Next: the next statement runs during the motion; here it waits for the motion"
+        )
     return _own_speed(run, motion.options.get("speed"))
 
 
@@ -189,7 +191,7 @@ def place_of(run: State, node: Node) -> Value:
     if isinstance(value, Vector):
         value = fit(value.values, "position")
     if not isinstance(value, (Pose, Joints, Unknown)):
-        raise Wrong(f"{describe_value(value)} is no place to move to")
+        raise Wrong(f"{describe_value(value)} is not a place to move to")
     return value
 
 
@@ -278,7 +280,9 @@ def move_back(run: State, pose: Pose, length: float) -> Pose:
     """
     scara = bool(run.machine.given(_SCARA))
     if pose.rotation[2, 2] > _UP and not isinstance(pose, ExternalPose) and not scara:
-        what = "a tool that points up is taken for that of an arm of six axes: back of it is below"
+        what = (
+            "a tool that points up is assumed to be that of an arm of six axes: back of it is below"
+        )
         run.machine.log.assume(what, _SCARA)
     origin = pose.apply((0.0, 0.0, length if scara else -length))
     if isinstance(pose, PoseWithFigure):
@@ -303,7 +307,7 @@ def arc(
             if isinstance(end, Pose)
             else name_place(f"the end of the arc of line {machine.line}")
         )
-        what = "is told as a line: the text does not hold its three points"
+        what = "is shown as a line: its three points are not in the text"
         machine.log.assume(f"the arc of line {machine.line} {what}")
         machine.go(True, goal, speed, blend, at_once)
         return
@@ -452,7 +456,7 @@ def arch(run: State, motion: Motion) -> None:
     stored = isinstance(target, ExternalPose) or isinstance(start, ExternalPose)
     if not isinstance(target, Pose) or stored or isinstance(height, Unknown):
         arch_text = f"the arch of line {run.machine.line}"
-        run.log.assume(f"{arch_text} is told without its height: the text does not hold it")
+        run.log.assume(f"{arch_text} is shown without its height, which is not in the text")
         run.go(False, target, speed, 0.0)
         return
     top = min(start.origin[2], target.origin[2]) + number(height)
@@ -478,7 +482,7 @@ def drive(run: State, axes_of_motion: Axes, relative: bool) -> None:
             run.go(False, value, speed, blend, motion.at_once)
             return
         else:
-            raise Wrong(f"{describe_value(value)} is no joint value")
+            raise Wrong(f"{describe_value(value)} is not a joint value")
     else:
         amounts = {}
         for axis, amount_node in axes:

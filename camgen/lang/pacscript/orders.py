@@ -267,7 +267,7 @@ def wait(run: State, waiting: Waiting) -> None:
     if holds is not True:
         given = _find_given(run, condition)
         if holds is False and given:
-            raise Stopped(f"waits for ever: {given} is given otherwise")
+            raise Stopped(f"waits forever: {given} is given otherwise")
         unknown = holds if isinstance(holds, Unknown) else Unknown("what others set")
         run.log.choose(f"Wait for {unknown.what} is over at once", unknown.key)
         _learn(run, condition)

@@ -78,7 +78,7 @@ def _read_turn(turn: str) -> Callable[[Vec3], Pose]:
     Raises Unreadable in another spelling.
     """
     if not _TURN.fullmatch(turn):
-        raise Unreadable(f"{turn} is no rotation")
+        raise Unreadable(f"{turn} is not a rotation")
     values = [0.0, 0.0, 0.0, *(finite(float(text)) for text in turn.split(",")[1:])]
     if len(values) > 6 and values[6] != UNDEFINED and values[6] < 0:
         raise Unreadable(f"{turn} has another figure")

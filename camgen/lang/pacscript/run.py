@@ -39,7 +39,7 @@ from camgen.lang.pacscript.values import (
     number,
 )
 from camgen.lang.pacscript.words import RESERVED
-from camgen.lang.programs import Ask, Executed
+from camgen.lang.programs import Executed, RunRequest
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
 
@@ -259,7 +259,7 @@ class Run(State):
         """Add a choice of the engine to the log."""
         del length
         if choice is Choice.LOOP_ENDLESS:
-            self.log.fact("goes round for ever", f"from line {step.line}: shown once")
+            self.log.fact("runs forever", f"from line {step.line}: shown once")
             return True
         unknown = unknown or Unknown("")
         if isinstance(step, Branch) and step.condition.value.kind == "call":
@@ -290,18 +290,18 @@ class ProgramRun(Run):
     """The run of a program of any author, with the tasks that it starts."""
 
     def __init__(
-        self, files: Mapping[str, str], ask: Ask, parent: ProgramRun | None = None
+        self, files: Mapping[str, str], request: RunRequest, parent: ProgramRun | None = None
     ) -> None:
         """parent: a run that has read the same files."""
-        points, faulty = read_points(ask.points)
-        assumed = {key.lower(): float(value) for key, value in ask.assume.items()}
-        budget = Budget(0, ask.limits.pacscript_steps, "pacscript_steps")
+        points, faulty = read_points(request.points)
+        assumed = {key.lower(): float(value) for key, value in request.assume.items()}
+        budget = Budget(0, request.limits.pacscript_steps, "pacscript_steps")
         super().__init__(Machine(assumed, points), budget, Rules(_MAX_DEPTH))
-        self.machine.log.shifts = ask.shifts
-        self.machine.flange = ask.flange
+        self.machine.log.shifts = request.shifts
+        self.machine.flange = request.flange
         for what in faulty:
             self.machine.log.assume(what)
-        self.ask = ask
+        self.request = request
         if parent is not None:
             self.files, self.modules, self.codes = parent.files, parent.modules, parent.codes
         else:
@@ -336,10 +336,11 @@ class ProgramRun(Run):
     def _run_tasks(self) -> None:
         machine = self.machine
         limits = replace(
-            self.ask.limits, pacscript_steps=min(self.ask.limits.pacscript_steps, _MAX_TASK_STEPS)
+            self.request.limits,
+            pacscript_steps=min(self.request.limits.pacscript_steps, _MAX_TASK_STEPS),
         )
         for name, line in list(machine.tasks.items())[:_MAX_TASKS]:
-            other = ProgramRun({}, replace(self.ask, entry=name, limits=limits), self)
+            other = ProgramRun({}, replace(self.request, entry=name, limits=limits), self)
             if isinstance(other._entry(), str):
                 machine.log.fact("other tasks", f"{name}, not shown")
                 machine.log.lose(f"another task, {name}, is not shown", line=line)
@@ -375,8 +376,8 @@ class ProgramRun(Run):
         return None
 
     def _entry(self) -> tuple[Module, Procedure] | str:
-        """Return the first procedure to run, or the reason why there is none."""
-        wanted = stem(self.ask.entry)
+        """Return the first procedure to run, or the reason why no procedure runs."""
+        wanted = stem(self.request.entry)
         modules = self._modules()
         if wanted:
             if called := self.find_procedure(wanted):
@@ -384,13 +385,13 @@ class ProgramRun(Run):
             for module in [*modules, *map(self.read, self.files)]:
                 if named := module.procedures.get(wanted):
                     return module, named
-            return f"there is no procedure {self.ask.entry[:60]}"
+            return f"there is no procedure {self.request.entry[:60]}"
         for module in modules:
             if main := module.procedures.get("main"):
                 return module, main
-        candidates = [
-            (module, procedure) for module in modules for procedure in module.procedures.values()
-        ]
+        candidates: list[tuple[Module, Procedure]] = []
+        for module in modules:
+            candidates += [(module, procedure) for procedure in module.procedures.values()]
         if len(candidates) == 1:
             return candidates[0]
         if not candidates:
@@ -402,15 +403,11 @@ class ProgramRun(Run):
 
     def _modules(self) -> list[Module]:
         """Return the files that no other file includes, or else the first file."""
-        included = {
-            included_name
-            for name, file in self.files.items()
-            for included_name in list_included(file)
-            if included_name != name
-        }
-        return [
-            self.read(name) for name in self.files if name not in included or len(self.files) == 1
-        ] or [self.read(name) for name in list(self.files)[:1]]
+        included: set[str] = set()
+        for name, file in self.files.items():
+            included.update(set(list_included(file)) - {name})
+        names = [name for name in self.files if name not in included] or list(self.files)[:1]
+        return [self.read(name) for name in names]
 
     def _read_rest(self) -> None:
         """Compile the procedures that were not run, for their faults, and note missing files."""
@@ -425,6 +422,6 @@ class ProgramRun(Run):
                 self._code(procedure)
 
 
-def run_files(files: Mapping[str, str], ask: Ask) -> Executed:
+def run_files(files: Mapping[str, str], request: RunRequest) -> Executed:
     """Run the program in the files once."""
-    return ProgramRun(files, ask).run()
+    return ProgramRun(files, request).run()

@@ -23,7 +23,7 @@ def check_speed(run: State, value: Value) -> Speed:
     if isinstance(value, Unknown):
         internal = run.machine.internal
         assert isinstance(internal, float)
-        what = f"{value.what}, a speed, is taken for the one in force"
+        what = f"{value.what}, a speed, is assumed to be the one in force"
         run.machine.log.assume(what, value.key, internal)
         return internal
     percentage = number(value, "a speed")
@@ -86,7 +86,7 @@ def external_speed(run: State, parts: Nodes) -> None:
     _omit_accelerations(run, "extspeed", parts)
     if isinstance(value, Unknown):
         run.machine.log.assume(
-            f"{value.what}, the external speed, is taken for 100 %", value.key, 100.0
+            f"{value.what}, the external speed, is assumed to be 100 %", value.key, 100.0
         )
         return
     percentage = number(value)
@@ -103,7 +103,7 @@ def change(run: State, parts: Nodes, kind: str) -> None:
     """Run `ChangeTool` or `ChangeWork`. kind: tool or work."""
     value = run.evaluate(parts[0]) if parts else 0.0
     if isinstance(value, Unknown):
-        run.machine.log.assume(f"{value.what}, a {kind} number, is taken for the one in force")
+        run.machine.log.assume(f"{value.what}, a {kind} number, is assumed to be the one in force")
         return
     at = int(number(value))
     if not 0 <= at <= LAST_FRAME:
@@ -129,7 +129,7 @@ def delay(run: State, parts: Nodes) -> None:
     if value is None:
         raise Wrong("Delay needs a number")
     if isinstance(value, Unknown):
-        run.machine.log.assume(f"{value.what}, a delay, is taken for 0", value.key)
+        run.machine.log.assume(f"{value.what}, a delay, is assumed to be 0", value.key)
         return
     milliseconds = number(value)
     if not 0 <= milliseconds <= LONGEST_DELAY:
@@ -157,8 +157,10 @@ def force_control(run: State, parts: Nodes) -> None:
     if any(isinstance(item, Unknown) for item in values) or not values:
         machine.log.leave_out("force control by values that the text does not hold is left out")
         return
-    on = bool(number(values[0]))
-    if machine.press((int(number(values[1])) if len(values) > 1 else 1) if on else None):
+    force_set = None
+    if number(values[0]):
+        force_set = int(number(values[1])) if len(values) > 1 else 1
+    if machine.press(force_set):
         machine.add_force()
     else:
         machine.log.leave_out("a force that the text does not give is left out")
@@ -173,7 +175,7 @@ def wait_for_operator(run: State, _parts: Nodes) -> None:
 def arrive(run: State, parts: Nodes) -> None:
     """Note `Arrive`, which lets the next statement run during the motion."""
     _evaluate_all(run, parts)
-    run.log.omit("Arrive: what follows happens on the way; here it waits for the motion")
+    run.log.omit("Arrive: the next statement runs during the motion; here it waits for the motion")
     run.machine.passing = False
 
 
@@ -188,7 +190,7 @@ def wait_for_motion(run: State, parts: Nodes) -> None:
 def cut_short(run: State, parts: Nodes, word: str) -> None:
     """Note `Interrupt` or `MotionSkip`, which may end a motion early."""
     _evaluate_all(run, parts)
-    run.log.assume(f"{word}: motions that something may cut short are taken to their end")
+    run.log.assume(f"{word}: motions that may be cut short run to their end here")
 
 
 def _evaluate_all(run: State, parts: Nodes) -> None:

@@ -243,9 +243,10 @@ class Reader:
         word, rest = (match[1].lower(), match[2].strip()) if match else ("", "")
         if word in ("if", "ifdef", "ifndef"):
             outside = all(state == "on" for state in active)
-            active.append(
-                "over" if not outside else "on" if self.holds(line, word, rest) else "off"
-            )
+            if not outside:
+                active.append("over")
+            else:
+                active.append("on" if self.holds(line, word, rest) else "off")
         elif word in ("elif", "elseif", "else"):
             if not active:
                 self.add_fault(line, f"#{word} without #If")
@@ -275,7 +276,7 @@ class Reader:
         elif word == "error":
             self.add_fault(line, f"#Error {rest[:80]}")
         elif word not in ("pragma", "warning"):
-            self.add_fault(line, f"#{word} is no directive")
+            self.add_fault(line, f"#{word} is not a directive")
 
     def include(self, line: int, rest: str, depth: int) -> None:
         """Run `#Include "name"`."""
@@ -365,11 +366,9 @@ class Reader:
             self.add_fault(line, f"{rest[:40]} is not understood")
         if what := "" if name == "main" else name_fault(opening[2]):
             self.add_fault(line, what)
-        kind = (
-            (returns[1].lower() if returns else "variant")
-            if opening[1].lower() == "function"
-            else ""
-        )
+        kind = ""
+        if opening[1].lower() == "function":
+            kind = returns[1].lower() if returns else "variant"
         self.current = Procedure(name, line, parameters, kind)
         name = start if name == "main" else name
         if name in self.module.procedures and self.module.procedures[name].line != line:
@@ -400,13 +399,9 @@ def _evaluate_constant(node: Node) -> float:
         return float(node.content)
     if node.kind in ("tuple", "sign", "not") and len(node.parts) == 1:
         value = _evaluate_constant(node.parts[0])
-        return (
-            value
-            if node.kind == "tuple"
-            else float(not value)
-            if node.kind == "not"
-            else float(node.content) * value
-        )
+        if node.kind == "tuple":
+            return value
+        return float(not value) if node.kind == "not" else float(node.content) * value
     if len(node.parts) == 2 and node.kind in _OPERATIONS:
         return float(_OPERATIONS[node.kind](*map(_evaluate_constant, node.parts)))
     if node.kind == "name":

@@ -126,7 +126,7 @@ class State(ABC):
 
     def _switch(self, signal: str, value: Value) -> None:
         if isinstance(value, Unknown):
-            what = f"{value.what}, to which IO[{signal}] is set, is taken for 0"
+            what = f"{value.what}, to which IO[{signal}] is set, is assumed to be 0"
             self.log.assume(what, value.key)
         self.machine.switch(signal, 0.0 if isinstance(value, Unknown) else number(value))
 

@@ -16,10 +16,10 @@ _COMPARES = frozenset(("=", "<>", "<", "<=", ">", ">="))
 _DEEPEST_CONDITION = 20
 #: Text of each choice that depends on an unknown value, and whether its condition holds then.
 _WORDS = {
-    Choice.BRANCH_ENTERED: ("an IF asks {}: it is taken to hold", True),
-    Choice.BRANCH_PASSED: ("an IF asks {}: it is taken not to hold", False),
-    Choice.LOOP_RUN_ONCE: ("a loop asks {}: it is run once", True),
-    Choice.LOOP_ENDED: ("a loop asks {}: it ends at once", False),
+    Choice.BRANCH_ENTERED: ("an IF depends on {}: it is assumed to hold", True),
+    Choice.BRANCH_PASSED: ("an IF depends on {}: it is assumed not to hold", False),
+    Choice.LOOP_RUN_ONCE: ("a loop depends on {}: it is run once", True),
+    Choice.LOOP_ENDED: ("a loop depends on {}: it ends at once", False),
 }
 
 
@@ -56,7 +56,7 @@ def _name_loop(step: Step) -> str:
 def _log_case(machine: Machine, step: Select, unknown: Unknown, number: int) -> None:
     tests = step.cases[number].tests if step.cases else None
     if tests is None:
-        machine.log.assume(f"a TEST asks {describe(unknown)}: the case DEFAULT is taken")
+        machine.log.assume(f"a TEST depends on {describe(unknown)}: the case DEFAULT is taken")
         return
     value = machine.value(tests[0])
     if type(value) is float:
@@ -65,7 +65,9 @@ def _log_case(machine: Machine, step: Select, unknown: Unknown, number: int) -> 
         case, key, given = describe(value), "", 0.0
     else:
         case, key, given = ascii(value)[:40], "", 0.0
-    machine.log.assume(f"a TEST asks {describe(unknown)}: the case {case} is taken", key, given)
+    machine.log.assume(
+        f"a TEST depends on {describe(unknown)}: the case {case} is taken", key, given
+    )
 
 
 def describe(unknown: Unknown) -> str:

@@ -99,7 +99,8 @@ LOST = by_word({
         setalldataval setdataval""",
 })  # fmt: skip
 
-#: Motions that no text states: by a stream, back along the path, by force, by hand, to identify.
+#: Motions whose path is not in the text: by a stream, back along the path, by force, by hand,
+#: to identify.
 UNSEEN = """
     egmmovec egmmovel egmrunjoint egmrunpose fcrefstart fricidevaluate loadid manloadidproc
     pathrecmovebwd pathrecmovefwd setleadthrough stepbwdpath""".split()  # noqa: SIM905 (a table)
@@ -134,6 +135,6 @@ LOST_OPTIONS = by_word({
         "triggdata1 triggdata2 triggdata3",
 })  # fmt: skip
 OMITTED_OPTIONS = by_word({
-    "what follows happens while the arm moves; here it waits for the motion": "conc",
+    "the next instruction runs during the motion; here it waits for the motion": "conc",
     "how exactly the motion stops": "inpos",
 })  # fmt: skip

@@ -24,7 +24,7 @@ from camgen.model.pose import (
 )
 
 from .machine import Machine
-from .places import pose_of, say_pose, see_here, see_joints, shift_placed, turn_placed
+from .places import encode_pose, pose_of, see_here, see_joints, shift_placed, turn_placed
 from .tokens import Wrong
 from .tree import Calling, Element, Expr, Maybe, Ref
 from .values import NOTHING, RelativeTarget, Value, find_unknown, format_type, operate
@@ -121,7 +121,7 @@ def _reltool(machine: Machine, call: Calling) -> Value:
     displacement = Pose(rotation, (x, y, z))
     if isinstance(point, RelativeTarget):
         return turn_placed(point, displacement)
-    return (*say_pose(pose_of(machine, point) @ displacement), *point[2:])
+    return (*encode_pose(pose_of(machine, point) @ displacement), *point[2:])
 
 
 def is_given(machine: Machine, value: Expr | None) -> bool:
@@ -146,7 +146,7 @@ def _robot_of_joints(machine: Machine, call: Calling) -> Value:
     if isinstance(joints, tuple) and known and machine.displaced is None:
         pose = see_joints(machine, joints[0], call.args[1], dict(call.options).get("wobj"))
         if pose is not None:
-            return (*say_pose(pose), (0.0,) * 4, joints[1])
+            return (*encode_pose(pose), (0.0,) * 4, joints[1])
     return _need_arm(machine, call)
 
 
@@ -168,7 +168,7 @@ def _frame_of_points(p1: Value, p2: Value, p3: Value, origin: float = 1.0) -> Va
     z = z / np.linalg.norm(z)
     rotation = frozen(np.column_stack([x, np.cross(z, x), z]))
     place = {1.0: a, 2.0: b, 3.0: a + x * float(x @ (c - a))}[origin]
-    return say_pose(Pose(rotation, to_vec3(place)))
+    return encode_pose(Pose(rotation, to_vec3(place)))
 
 
 def _pose(value: Value) -> Pose:
@@ -227,7 +227,7 @@ def _signal(machine: Machine, call: Calling) -> Value:
     """The value of a signal: the user's, else the one that the program last set."""
     name = name_of(machine, call.args[0] if call.args else None)
     key = name.lower()
-    if key in machine.outputs and key not in machine.ask.assume:
+    if key in machine.outputs and key not in machine.request.assume:
         return machine.outputs[key]
     return machine.ask_for(name, key)
 
@@ -381,8 +381,8 @@ _PLAIN: dict[str, Callable[..., Value]] = {
     "asindnum": _degrees(math.asin), "acosdnum": _degrees(math.acos),
     "atandnum": _degrees(math.atan), "atan2dnum": lambda y, x: math.degrees(math.atan2(y, x)),
     "crossprod": lambda a, b: operate("*", a, b, 0), "numtodnum": float, "dnumtonum": float,
-    "posemult": lambda a, b: say_pose(_pose(a) @ _pose(b)),
-    "poseinv": lambda a: say_pose(_pose(a).inverse()),
+    "posemult": lambda a, b: encode_pose(_pose(a) @ _pose(b)),
+    "poseinv": lambda a: encode_pose(_pose(a).inverse()),
     "posevect": lambda a, v: _pose(a).apply(v), "orientzyx": _orient_zyx, "norient": _normalise,
     "defframe": _frame_of_points, "distance": math.dist,
     "vectmagn": lambda v: math.sqrt(sum(x * x for x in v)),

@@ -100,7 +100,7 @@ class Parser(Statements):
     def check_attribute(self, line: int, text: str, attributes: list[str]) -> None:
         """Note the last of `attributes` if it is not known, or given twice."""
         if attributes[-1] not in _ATTRIBUTES:
-            self.note(Wrong(line, f"{text[:40]} is no attribute of a module"))
+            self.note(Wrong(line, f"{text[:40]} is not an attribute of a module"))
         elif attributes[-1] in attributes[:-1]:
             self.note(Wrong(line, f"the attribute {text} is given twice"))
 

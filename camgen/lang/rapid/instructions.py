@@ -77,7 +77,7 @@ def _invert(machine: Machine, call: Calling) -> None:
     name = _signal_of(machine, call, 1)
     value = machine.outputs.get(name.lower())
     if value is None:
-        machine.log.assume(f"{name} is inverted: it is taken to be off before", name.lower(), 0.0)
+        machine.log.assume(f"{name} is inverted: it is assumed to be off before", name.lower(), 0.0)
         value = machine.given(name) or 0.0
     _set_to(machine, name, float(value == 0))
 
@@ -366,7 +366,9 @@ def _move_external_axis(machine: Machine, _call: Calling) -> None:
 
 def _move_unseen(machine: Machine, call: Calling) -> None:
     """Leave out a motion that only the controller knows. The arm's position is unknown then."""
-    machine.log.leave_out(f"{call.name} moves the arm as no text says: it is not shown")
+    machine.log.leave_out(
+        f"{call.name} moves the arm on a path that is not in the text: it is not shown"
+    )
     machine.position = RobotPosition(None, machine.frame)
     machine.blending = 0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from camgen.lang.programs import Ask, Executed, Language, strip_mark
+from camgen.lang.programs import Executed, Language, RunRequest, strip_mark
 
 _BEGINNING = re.compile(r"\s*(?:%%%[^%]*%%%)?(?:\s*![^\n]*\n)*\s*MODULE\s+\w", re.IGNORECASE)
 
@@ -15,15 +15,15 @@ def recognise(text: str) -> bool:
     return _BEGINNING.match(strip_mark(text)) is not None
 
 
-def run(files: Mapping[str, str], ask: Ask) -> Executed:
+def run(files: Mapping[str, str], request: RunRequest) -> Executed:
     """Runs the main routine of the modules once. Never raises for a text."""
-    if ask.options is not None:
+    if request.options is not None:
         from camgen.lang.rapid.strict import read  # noqa: PLC0415 (only for programs of a post)
 
-        return read(files, ask.options)
+        return read(files, request.options)
     from camgen.lang.rapid.modules import run_modules  # noqa: PLC0415 (only for those of others)
 
-    return run_modules(files, ask)
+    return run_modules(files, request)
 
 
 LANGUAGE = Language(

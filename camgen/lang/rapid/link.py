@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 from .code import Do, compile_routines, list_called, moves
 from .machine import Machine, ModuleScope
@@ -41,7 +42,7 @@ def _choose_polled(machine: Machine, polled: Sequence[Variable]) -> None:
 
     A value that the user gives counts in each run.
     """
-    is_given = {variable: variable.name.lower() in machine.ask.assume for variable in polled}
+    is_given = {variable: variable.name.lower() in machine.request.assume for variable in polled}
     machine.polled.update(variable for variable in polled if is_given[variable])
     rest = [variable for variable in polled if not is_given[variable]]
     if rest:
@@ -90,7 +91,7 @@ def _check_names(machine: Machine, module: Module, seen: dict[str, int]) -> None
         if item.local:
             continue
         if key == module.name.lower():
-            what = f"{name[:40]} has the name of its module: the controller cannot tell them apart"
+            what = f"{name[:40]} has the name of its module: the controller cannot distinguish them"
             machine.log.find("refused", what, line=line)
         seen.setdefault(key, line)
     for routine in module.routines:
@@ -123,13 +124,13 @@ def _enter(machine: Machine, module: Module) -> None:
 
 
 def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
-    wanted = machine.ask.entry.lower()
-    routines = [routine for module in modules for routine in module.routines]
+    wanted = machine.request.entry.lower()
+    routines = list(chain.from_iterable(module.routines for module in modules))
     entry = machine.routines.get(wanted or "main")
     if entry is None and wanted:
         entry = next((routine for routine in routines if routine.name.lower() == wanted), None)
         if entry is None:
-            what = f"there is no PROC {machine.ask.entry[:40]}, which is asked for"
+            what = f"there is no PROC {machine.request.entry[:40]}, which is asked for"
             machine.log.find("refused", what, line=1)
             return None
     if entry is not None and (wanted or entry.body) and _can_run_alone(entry):

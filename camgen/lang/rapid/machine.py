@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from camgen.lang.code import Code
 from camgen.lang.log import Log
-from camgen.lang.programs import Ask, Frames
+from camgen.lang.programs import Frames, RunRequest
 from camgen.lang.values import Unknown
 from camgen.model.instructions import Instruction
 from camgen.model.pose import FloatArray, Pose, rotation_from_quaternion
@@ -118,7 +118,7 @@ class RobotPosition(Struct, frozen=True, eq=False):
 class Machine:
     """The robot and the memory of its program.
 
-    ask: settings of the run, with the values that the user gives.
+    request: settings of the run, with the values that the user gives.
     body: instructions so far.
     lines: line of each instruction.
     frame_of: index into `frames` of each instruction.
@@ -164,7 +164,7 @@ class Machine:
     log: findings, assumptions and facts.
     """
 
-    ask: Ask
+    request: RunRequest
     body: list[Instruction] = field(default_factory=list)
     lines: MutableSequence[int] = field(default_factory=list)
     frame_of: list[int] = field(default_factory=list)
@@ -212,7 +212,7 @@ class Machine:
     log: Log = field(init=False)
 
     def __post_init__(self) -> None:
-        self.log = Log(lambda: self.line, self.ask.shifts)
+        self.log = Log(lambda: self.line, self.request.shifts)
 
     def wrong(self, what: str) -> Wrong:
         """The exception for a fault of the line that runs."""
@@ -227,11 +227,11 @@ class Machine:
 
     def given(self, name: str) -> float | None:
         """The value that the user gives to `name`, None without one."""
-        return self.ask.assume.get(name.lower())
+        return self.request.assume.get(name.lower())
 
     def ask_for(self, what: str, key: str) -> Value:
         """The value that the user gives to `key`, or an unknown value described by `what`."""
-        value = self.ask.assume.get(key.lower())
+        value = self.request.assume.get(key.lower())
         return Unknown(what, key.lower()) if value is None else UserValue(value)
 
     def settled(self, kind: str, value: Value) -> Value:
@@ -246,7 +246,7 @@ class Machine:
         if type(value) is UserValue:
             return value != 0.0
         if type(value) is not bool and not isinstance(value, Unknown):
-            raise self.wrong(f"the condition of {word} is no bool")
+            raise self.wrong(f"the condition of {word} is not a bool")
         return value
 
     # -- names -----------------------------------------------------------------------------------
@@ -482,7 +482,7 @@ class Machine:
         if variable is not None:
             return self.load(variable)
         key = name.lower()
-        if key in self.outputs and key not in self.ask.assume:
+        if key in self.outputs and key not in self.request.assume:
             return self.outputs[key]
         return self.ask_for(name, key)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from camgen.lang.coverage import measure_coverage
-from camgen.lang.programs import Ask, Executed, strip_mark
+from camgen.lang.programs import Executed, RunRequest, strip_mark
 from camgen.model.program import pack
 
 from .grammar import parse
@@ -20,16 +20,16 @@ from .tokens import Wrong
 from .tree import Routine
 
 
-def run_modules(files: Mapping[str, str], ask: Ask) -> Executed:
+def run_modules(files: Mapping[str, str], request: RunRequest) -> Executed:
     """The effects of the modules' entry, run once. Raises nothing, whatever the text."""
-    machine = Machine(ask)
+    machine = Machine(request)
     modules = []
     line = 1
     for name, text in files.items():
         plain = strip_mark(text).replace("\r\n", "\n").replace("\r", "\n").rstrip("\x00\x1a")
         if "\x00" in plain[:1000]:
             what = "controllers write modules that may not be seen like this"
-            machine.log.find("refused", f"{name[-60:]} is no text: {what}", line=line)
+            machine.log.find("refused", f"{name[-60:]} is not text: {what}", line=line)
             line += plain.count("\n") + 1
             continue
         file_modules, notes = parse(plain, line)

@@ -314,7 +314,7 @@ def _name_of(machine: Machine, unknown: Unknown) -> str:
     """The name of an unknown value. Adds a finding if it looks like a name of RAPID's own data."""
     name = unknown.what
     if _LIKE_PREDEFINED.fullmatch(name):
-        what = f"{name} is no speed or zone of RAPID's own, and stands in no file"
+        what = f"{name} is not a predefined speed or zone, and no file defines it"
         machine.log.find("unusual", what, once=name.lower())
     return name
 
@@ -416,7 +416,7 @@ def _check_turn(machine: Machine, turn: tuple[float, ...]) -> None:
     norm = sum(v * v for v in turn)
     deviation = abs(norm - 1)
     if deviation > WORST_NORM:
-        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
+        raise machine.wrong(f"an invalid orientation (the sum of its squares is {norm:.3g})")
     if deviation > _LOOSE_NORM:
         squares = f"the sum of its squares is off by {deviation:.2g}"
         what = f"an orientation that is not normalised ({squares})"

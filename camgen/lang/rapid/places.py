@@ -32,11 +32,11 @@ def pose_of(machine: Machine, value: Value) -> Pose:
     (x, y, z), turn = value[0], value[1]
     norm = sum(v * v for v in turn)
     if abs(norm - 1) > WORST_NORM:
-        raise machine.wrong(f"an orientation that is none (the sum of its squares is {norm:.3g})")
+        raise machine.wrong(f"an invalid orientation (the sum of its squares is {norm:.3g})")
     return Pose(machine.rotation(turn), (x, y, z))
 
 
-def say_pose(pose: Pose) -> Value:
+def encode_pose(pose: Pose) -> Value:
     """A frame as position and quaternion, mm."""
     return (tuple(map(float, pose.origin)), compute_quaternion(pose.rotation))
 
@@ -151,7 +151,7 @@ def see_joints(
     machine: Machine, joints: Sequence[float], tool: Expr, work: Expr | None
 ) -> Pose | None:
     """The pose of a tool in a work object at joint values, deg. None if it is not known."""
-    if machine.ask.flange is None:
+    if machine.request.flange is None:
         return None
     tool_name, tool_value = _persistent(machine, tool, "tooldata")
     work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
@@ -163,9 +163,9 @@ def see_joints(
 def _compute_pose(machine: Machine, joints: Sequence[float], frames: Frames) -> Pose | None:
     """The pose of the tool at joint values, deg, in the work object. None if it is not known."""
     base_from_work, flange_from_tool = frames.base_from_work, frames.flange_from_tool
-    if machine.ask.flange is None or flange_from_tool is None or base_from_work is None:
+    if machine.request.flange is None or flange_from_tool is None or base_from_work is None:
         return None
-    flange = machine.ask.flange([math.radians(value) for value in joints])
+    flange = machine.request.flange([math.radians(value) for value in joints])
     return None if flange is None else base_from_work.inverse() @ flange @ flange_from_tool
 
 
@@ -189,7 +189,7 @@ def see_here(machine: Machine, call: Calling) -> Value:
         return _place_here(machine, machine.placed.get(work_name, work_name))
     if machine.displaced is not None:
         pose = machine.displaced.inverse() @ pose
-    position, turn = say_pose(pose)
+    position, turn = encode_pose(pose)
     rest = rest if len(rest) == 2 else _NO_REST
     return position if call.name == "cpos" else (position, turn, *rest)
 
@@ -211,7 +211,7 @@ def _place_here(machine: Machine, work: str) -> RelativeTarget:
     """
     arm, point, name = machine.position, _ORIGIN, _find_placed(machine)
     if name and arm.pose is not None:
-        point = say_pose(arm.pose)
+        point = encode_pose(arm.pose)
     else:
         if machine.placed_here is None or machine.placed_here[0] is not arm:
             machine.placed_here = arm, f"where the arm is in line {machine.line}"
@@ -240,7 +240,7 @@ def turn_placed(placed: RelativeTarget, displacement: Pose) -> Value:
         placed = replace(placed, frame=placed.frame + _BY_TOOL)
     (x, y, z), turn = placed.point
     pose = Pose(rotation_from_quaternion(turn), (x, y, z))
-    return replace(placed, point=say_pose(pose @ displacement))
+    return replace(placed, point=encode_pose(pose @ displacement))
 
 
 def enter_placed(machine: Machine, points: list[Value]) -> list[Value]:

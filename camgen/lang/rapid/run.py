@@ -377,7 +377,7 @@ def run_entry(machine: Machine, entry: Routine, statements: int) -> tuple[int, s
 
     statements: upper limit of the number of statements of the text.
     """
-    budget = Budget(statements, machine.ask.limits.rapid_steps, "rapid_steps")
+    budget = Budget(statements, machine.request.limits.rapid_steps, "rapid_steps")
     runner = Runner(machine, entry, budget)
     machine.call, machine.function = runner.call, call_function
     machine.interrupt = runner.interrupt_motion

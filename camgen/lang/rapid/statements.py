@@ -245,7 +245,7 @@ def _read_if(parser: Statements) -> If:
     if parser.word() != "then":
         body: list[Statement | Run] = []
         if parser.word() in _COMPOUND:
-            place = "behind the condition of an IF without THEN"
+            place = "after the condition of an IF without THEN"
             what = f"{parser.word().upper()} {place}: a simple statement stands there"
             parser.note(Wrong(parser.token[2], what))
         takes_runs, parser.takes_runs = parser.takes_runs, False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import chain
 
 _N = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _FOUR = rf"\[{_N},{_N},{_N},{_N}\]"
@@ -55,7 +56,7 @@ Token = tuple[str, str, int, int]
 
 
 class Wrong(Exception):
-    """A fault in a line of the program (1-based, 0 if the caller knows the line better)."""
+    """A fault in a line of the program (1-based, 0 if the caller adds the line)."""
 
     def __init__(self, line: int, what: str) -> None:
         super().__init__(line, what)
@@ -124,7 +125,7 @@ def point(text: str, line: int) -> tuple[tuple[float, ...], ...]:
 def _groups(text: str) -> tuple[tuple[tuple[float, ...], ...], float]:
     """Configuration and external axes, which many points share, and their largest number."""
     groups = tuple(tuple(map(float, group.split(","))) for group in text.split("],["))
-    return groups, max(abs(v) for group in groups for v in group)
+    return groups, max(map(abs, chain.from_iterable(groups)))
 
 
 def show_token(token: Token) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from camgen.lang.log import Log
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.model.program import Joints
 
 from .arm import Arm
@@ -43,7 +43,7 @@ class ExternalState(Arm):
 
     strict: ClassVar[bool] = False
 
-    def __init__(self, ask: Ask, log: Log) -> None:
+    def __init__(self, request: RunRequest, log: Log) -> None:
         super().__init__(frozenset(), RATED)
         self.log = log
         log.line = lambda: self.line
@@ -57,7 +57,7 @@ class ExternalState(Arm):
         self.consulted: dict[int, None] = {}
         self.timers: dict[float, float] = {}
         self._assume: Mapping[str, float] = {
-            key.lower(): float(value) for key, value in ask.assume.items()
+            key.lower(): float(value) for key, value in request.assume.items()
         }
         self._doubtful: set[tuple[int, str]] = set()
 
@@ -140,7 +140,9 @@ class ExternalState(Arm):
         self.doubt = True
         word = f"defined({key})"
         taken = self._assume.get(word, -1.0)
-        self.log.assume(f"{key} is taken as {'defined' if taken else 'not defined'}", word, taken)
+        self.log.assume(
+            f"{key} is assumed to be {'defined' if taken else 'not defined'}", word, taken
+        )
         return taken != 0
 
     def answer(self, word: str, arguments: str, value: float) -> float:
@@ -159,13 +161,13 @@ class ExternalState(Arm):
         if word in ("SWITCH", "PARAMETER", "STATE"):
             key = f"{word}({name})".lower()
         taken = self._assume.get(key, value)
-        self.log.assume(f"{word} is taken for {taken:g}", key, taken)
+        self.log.assume(f"{word} is assumed to be {taken:g}", key, taken)
         return taken
 
     def answer_text(self, word: str) -> str:
         """Assume that the value of an external string function is empty."""
         self.doubt = True
-        self.log.assume(f"{word} is taken as empty")
+        self.log.assume(f"{word} is assumed to be empty")
         return ""
 
     def _elapsed(self, number: float) -> float:
@@ -180,7 +182,7 @@ class ExternalState(Arm):
         matches = True
         for number in numbers:
             if not abs(number) <= MAX_SIGNAL or number != int(number):
-                raise Impossible(f"{number:g} is no signal")
+                raise Impossible(f"{number:g} is not a signal")
             matches = (self.is_on(int(abs(number))) == (number >= 0)) and matches
         return truth(matches)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence, Set
 
 from camgen.lang.log import Log
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.model.program import Joints
 
 from .code import GOES, read_bounds, read_label
@@ -151,7 +151,7 @@ _CHECKS: Mapping[str, Callable[[_Checker, Routine, int, Statement], None]] = {
 
 def check_rest(routines: Sequence[Routine], ran: Set[int], log: Log) -> None:
     """Add a finding for each line outside of `ran` that the controller would refuse."""
-    checker = _Checker((), Ask(), Log())
+    checker = _Checker((), RunRequest(), Log())
     accepted: set[tuple[str, str]] = set()
     for routine in routines:
         for index, statement in enumerate(routine.statements):

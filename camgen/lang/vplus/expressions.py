@@ -353,7 +353,7 @@ class Numbers(Reader, ABC):
             # A missing subscript is 0, also after the last comma of a[i,].
             value = self.logic() if self.peek() not in (",", "]") else 0.0
             if not 0 <= value < 2**31:
-                raise Impossible(f"{value:g} is no index of an array")
+                raise Impossible(f"{value:g} is not an index of an array")
             indices.append(str(int(value)))
             if not self.accept(","):
                 break
@@ -420,7 +420,9 @@ class Numbers(Reader, ABC):
         """Evaluate a function of the run or of external values."""
         scope = self._named()
         if word not in ASKED and word not in _OF_RUN and word not in _FREE:
-            raise Unreadable(f"{word} is not defined" if scope.strict else f"{word} is no function")
+            raise Unreadable(
+                f"{word} is not defined" if scope.strict else f"{word} is not a function"
+            )
         if scope.strict:
             raise Unreadable(f"{word} is not evaluated")
         self.take()
@@ -532,5 +534,5 @@ def _parse_based(token: str) -> float:
     try:
         value = int(digits, base)
     except ValueError:
-        raise Unreadable(f"{token[:20]} is no integer") from None
+        raise Unreadable(f"{token[:20]} is not an integer") from None
     return signed(value)

@@ -14,7 +14,7 @@ from typing import Any
 from camgen.lang.code import Act, Branch, Code, LoopEnd, LoopStart, Step
 from camgen.lang.flow import Choice, Counter, Flow, Rules
 from camgen.lang.log import Log
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL
@@ -50,8 +50,8 @@ class Machine(FileUnits):
 
     faults: type[Exception] = Unreadable
 
-    def __init__(self, programs: Sequence[Routine], ask: Ask, log: Log) -> None:
-        super().__init__(ask, log)
+    def __init__(self, programs: Sequence[Routine], request: RunRequest, log: Log) -> None:
+        super().__init__(request, log)
         self._programs: dict[str, Routine] = {}
         for routine in programs:
             self._programs.setdefault(canonical(routine.name), routine)
@@ -59,7 +59,7 @@ class Machine(FileUnits):
         self._codes: dict[str, Code] = {}
         self._rounds = max(1, int(min(self._assume.get("rounds", 1.0), 1e6)))
         size = sum(map(measure_cost, chain.from_iterable(item.statements for item in programs)))
-        self._budget = Budget(size, ask.limits.vplus_steps, "vplus_steps")
+        self._budget = Budget(size, request.limits.vplus_steps, "vplus_steps")
         rules = Rules(_MAX_DEPTH, self._rounds, skips_blocks=True)
         self._flow = Flow(self, self._budget, rules)
         self.stopped: tuple[int, str] | None = None
@@ -206,7 +206,7 @@ class Machine(FileUnits):
         if choice is Choice.LOOP_REPEATS:
             self._delete_from(length)
             is_while = isinstance(step, LoopStart) and step.condition is not None
-            what = "a loop that repeats itself for ever is told for one of its rounds"
+            what = "a loop without an end is shown for one round"
             self.log.assume(what, line=step.line if is_while else 0)
             return True
         assert isinstance(step, (Branch, LoopStart, LoopEnd))
@@ -251,7 +251,7 @@ class Machine(FileUnits):
         text = Expression(count, self)
         name = text.take()
         if not name[0].isalpha():
-            raise Unreadable(f"{name[:20]!r} is no name")
+            raise Unreadable(f"{name[:20]!r} is not a name")
         name += text.subscripts()
         text.expect("=")
         return Counter(name, *read_bounds(text))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from camgen.lang.programs import Ask, Executed, Language, strip_mark
+from camgen.lang.programs import Executed, Language, RunRequest, strip_mark
 
 _SURE = re.compile(
     r"^\s*\.PROGRAM\s+[A-Za-z][A-Za-z0-9._]*\s*(?:\([^()]*\))?\s*(?:;.*)?$",
@@ -31,15 +31,15 @@ def recognise(text: str) -> bool:
     return _OURS.search(text) is not None
 
 
-def run(files: Mapping[str, str], ask: Ask) -> Executed:
+def run(files: Mapping[str, str], request: RunRequest) -> Executed:
     """Runs the programs in `files` from their entry on."""
-    if ask.options is not None:
+    if request.options is not None:
         from camgen.lang.vplus.strict import read  # noqa: PLC0415 (only for programs of a post)
 
-        return read(files, ask.options)
+        return read(files, request.options)
     from camgen.lang.vplus.run import run_programs  # noqa: PLC0415 (only for those of others)
 
-    return run_programs(files, ask)
+    return run_programs(files, request)
 
 
 VPLUS = Language(

@@ -129,7 +129,7 @@ class Expression(Numbers):
         self.constant = False
         text = f"{token}({self.skip()})"
         if token not in _ASKED:
-            raise Unreadable(f"{token} is no function of locations")
+            raise Unreadable(f"{token} is not a function of locations")
         return make_external(text)
 
     def _inner(self) -> Location:

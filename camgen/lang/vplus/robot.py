@@ -14,7 +14,7 @@ from itertools import repeat
 from typing import NamedTuple
 
 from camgen.lang.log import Log
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.model.pose import Pose, compute_zyz, translation
 from camgen.model.program import Instruction, Joints, Output, Stop, Wait
 
@@ -72,14 +72,14 @@ class Robot(ExternalState):
     detached: the program has released the robot.
     """
 
-    def __init__(self, ask: Ask, log: Log) -> None:
-        super().__init__(ask, log)
+    def __init__(self, request: RunRequest, log: Log) -> None:
+        super().__init__(request, log)
         self.bases: list[Pose | None] = []
         self.tools: list[Tool] = [Tool("", None)]
         self.tool: list[int] = []
         self._held = 0
         self._base: Pose | None = None
-        self._flange = ask.flange
+        self._flange = request.flange
         self._once_exact = False
         self._hand: float | None = None
         self.detached = False
@@ -255,7 +255,7 @@ class Robot(ExternalState):
     def pause(self, seconds: float) -> None:
         """Add a wait, s."""
         if not 0 <= seconds <= 1e7:
-            raise Impossible(f"{seconds:g} s is no time to wait")
+            raise Impossible(f"{seconds:g} s is not a time to wait")
         self.rest()
         self.clock += seconds
         if seconds:
@@ -281,12 +281,12 @@ class Robot(ExternalState):
             statement.rest
         )
         if min(value, turning) < _MIN or max(value, turning) > _MAX:
-            raise Impossible(f"a speed of {value:g} is no arm's")
+            raise Impossible(f"a speed of {value:g} is beyond that of any arm")
         self.set_speed(value, unit, turning, always)
         if unit == "MONITOR":
             self.log.fact("monitor speed", f"{min(value, 100.0):g} %")
         if unit == "%":
-            self.log.fact("speed", f"100 % is taken for {RATED:g} mm/s of the TCP")
+            self.log.fact("speed", f"100 % is assumed to be {RATED:g} mm/s of the TCP")
 
     def _read_speed(self, rest: str) -> tuple[float, str, float, bool]:
         try:
@@ -400,7 +400,7 @@ class Robot(ExternalState):
             if number != int(number) or number > MAX_SIGNAL:
                 if self.doubt:
                     continue
-                raise Impossible(f"{value:g} is no output")
+                raise Impossible(f"{value:g} is not an output")
             if number:
                 self._output(int(number), value > 0)
 
@@ -438,7 +438,7 @@ class Robot(ExternalState):
         value = text.logic()
         text.finish()
         if not (0 < first <= MAX_SIGNAL and 0 < count <= 32 and abs(value) < 2**32):
-            raise Impossible("BITS of signals that there are none of")
+            raise Impossible("BITS of signals that do not exist")
         for k in range(int(count)):
             self._output(int(first) + k, bool(int(value) >> k & 1))
 
@@ -503,7 +503,7 @@ class Robot(ExternalState):
         if isinstance(target, Joints):
             return [*to_values(target)]
         if target.frame.external:
-            self.log.assume(f"the values of {describe(target)} are taken for 0")
+            self.log.assume(f"the values of {describe(target)} are assumed to be 0")
             return [None] * 6
         pose = target.in_base()
         yaw, pitch, roll = (math.degrees(v) + 0.0 for v in compute_zyz(pose.rotation))

@@ -17,7 +17,7 @@ from camgen.lang.beside import sum_up
 from camgen.lang.coverage import measure_coverage
 from camgen.lang.log import Log
 from camgen.lang.motion_speed import Limit, pace_motion
-from camgen.lang.programs import Ask, Executed, Frames, carry_pose, strip_mark
+from camgen.lang.programs import Executed, Frames, RunRequest, carry_pose, strip_mark
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 
@@ -40,9 +40,9 @@ _MAX_TASK_STEPS = 5_000
 _CALL = re.compile(r"(?:CALL|EXECUTE)\b[^A-Za-z]*([A-Za-z][A-Za-z0-9._]*)", re.IGNORECASE)
 
 
-def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
+def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
     """Run the programs in `files` from their entry. Texts by name, in the order of their lines."""
-    log = Log(shifts=ask.shifts)
+    log = Log(shifts=request.shifts)
     files = {name: strip_mark(text) for name, text in files.items()}
     data_files = find_data(files)
     routines, data = parse_files(
@@ -51,18 +51,21 @@ def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
         lambda line, what: log.find("refused", what, line=line),
         lambda line, what: log.find("unusual", what, line=line),
     )
-    values = {**read_points(ask.points, log), **read_values(data, log)}
-    machine = _make_machine(routines, ask, log, data_files, values)
-    entry = _find_entry(routines, ask.entry)
+    values = {**read_points(request.points, log), **read_values(data, log)}
+    machine = _make_machine(routines, request, log, data_files, values)
+    entry = _find_entry(routines, request.entry)
     if entry is None:
-        what = f"there is no program {ask.entry}" if ask.entry else "there is no .PROGRAM"
+        what = f"there is no program {request.entry}" if request.entry else "there is no .PROGRAM"
         log.find("refused", what, line=1)
         return Executed((), (), findings=log.list_findings(), stopped=(1, what))
     log.fact("entry", entry.name)
     machine.run(entry)
     end, ran = machine.line, frozenset(log.ran)
     short = replace(
-        ask, limits=replace(ask.limits, vplus_steps=min(ask.limits.vplus_steps, _MAX_TASK_STEPS))
+        request,
+        limits=replace(
+            request.limits, vplus_steps=min(request.limits.vplus_steps, _MAX_TASK_STEPS)
+        ),
     )
     _run_concurrent(
         machine, log, lambda aside: _make_machine(routines, short, aside, data_files, values)
@@ -93,12 +96,12 @@ def run_programs(files: Mapping[str, str], ask: Ask) -> Executed:
 
 def _make_machine(
     routines: Sequence[Routine],
-    ask: Ask,
+    request: RunRequest,
     log: Log,
     data_files: Mapping[str, str],
     values: Mapping[str, Value],
 ) -> Machine:
-    machine = Machine(routines, ask, log)
+    machine = Machine(routines, request, log)
     machine.add_files(data_files)
     machine.set_globals(values)
     return machine
@@ -140,7 +143,8 @@ def _run_concurrent(machine: Machine, log: Log, make_machine: Callable[[Log], Ma
 def _find_entry(routines: Sequence[Routine], name: str) -> Routine | None:
     """Return the program `name`, or without a name the entry: main, or else one that none calls.
 
-    Among these the first one with statements and without arguments. None if there is none.
+    Among these the first one with statements and without arguments. None if there is no such
+    program.
     """
     by_name = {canonical(routine.name): routine for routine in reversed(routines)}
     if name:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 
 from camgen.lang.log import Log
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.model.program import Joints
 
 from .effects import LOST, OMITTED, SILENT, SILENT_PARAMETERS, UNSEEN
@@ -68,8 +68,8 @@ class Statements(Robot):
     run_reactions: programs of the reactions that were run.
     """
 
-    def __init__(self, ask: Ask, log: Log) -> None:
-        super().__init__(ask, log)
+    def __init__(self, request: RunRequest, log: Log) -> None:
+        super().__init__(request, log)
         self.tasks: dict[str, tuple[str, int]] = {}
         self.reactions: dict[str, tuple[str, int]] = {}
         self.run_reactions: set[str] = set()
@@ -93,7 +93,7 @@ class Statements(Robot):
         elif word in REACTIONS:
             self.react(statement)
         elif word not in SILENT:
-            raise Unreadable(f"{word[:40]} is no instruction of V+")
+            raise Unreadable(f"{word[:40]} is not an instruction of V+")
 
     # -- values --------------------------------------------------------------------------------
 
@@ -102,7 +102,7 @@ class Statements(Robot):
         text = Expression(statement.rest, self)
         name = text.take()
         if not _NAME.fullmatch(name):
-            raise Unreadable(f"{name[:20]!r} is no name")
+            raise Unreadable(f"{name[:20]!r} is not a name")
         name += text.subscripts()
         text.expect("=")
         if name[0] == "#":
@@ -125,7 +125,7 @@ class Statements(Robot):
     def _take_location_name(self, text: Expression) -> str:
         name = text.take()
         if not _NAME.fullmatch(name) or name[0] == "$":
-            raise Unreadable(f"{name[:20]!r} is no name of a location")
+            raise Unreadable(f"{name[:20]!r} is not the name of a location")
         return name + text.subscripts()
 
     def _assign_location(self, name: str, value: Location | Joints) -> None:
@@ -159,7 +159,7 @@ class Statements(Robot):
         text = Expression(name, self)
         word = text.take()
         if not _NAME.fullmatch(word):
-            raise Unreadable(f"{word[:20]!r} is no name")
+            raise Unreadable(f"{word[:20]!r} is not a name")
         word += text.subscripts()
         text.finish()
         return word
@@ -197,7 +197,7 @@ class Statements(Robot):
         for part in split(statement.rest):
             name = re.sub(r"\s*\[[^\]]*\]$", "", _TYPED.sub("", part, count=1))
             if not _NAME.fullmatch(name):
-                raise Unreadable(f"{name[:20]!r} is no name")
+                raise Unreadable(f"{name[:20]!r} is not a name")
             key = canonical(name)
             if key in scope.arguments:
                 self.log.find(

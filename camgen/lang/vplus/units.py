@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from itertools import chain
 
 from camgen.lang.log import Log
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 
 from .conditions import Conditions
 from .locations import Expression
@@ -54,8 +54,8 @@ class FileUnits(Conditions):
     _status: value of IOSTAT by the number of the unit.
     """
 
-    def __init__(self, ask: Ask, log: Log) -> None:
-        super().__init__(ask, log)
+    def __init__(self, request: RunRequest, log: Log) -> None:
+        super().__init__(request, log)
         self._files: dict[str, str] = {}
         self._unread: dict[float, list[str]] = {}
         self._status: dict[float, float] = {}

@@ -107,7 +107,7 @@ class Variables:
 
     def no_real(self, name: str, value: Value | None) -> float:
         """Return the value of a real without a value, or whose `value` is of another kind."""
-        raise Unreadable(f"{name} is not defined" if value is None else f"{name} is no real")
+        raise Unreadable(f"{name} is not defined" if value is None else f"{name} is not a real")
 
     def text(self, name: str) -> str:
         """The value of a string variable."""
@@ -118,7 +118,7 @@ class Variables:
 
     def no_text(self, name: str, value: Value | None) -> str:
         """Return the value of a string without a value, or whose `value` is of another kind."""
-        raise Unreadable(f"{name} is not defined" if value is None else f"{name} is no string")
+        raise Unreadable(f"{name} is not defined" if value is None else f"{name} is not a string")
 
     def set_text(self, name: str, value: str) -> None:
         """Assign a value to a string variable."""
@@ -136,7 +136,7 @@ class Variables:
 
     def no_location(self, name: str, value: Value | None) -> Location:
         """Return the value of a location without a value, or whose `value` is of another kind."""
-        what = f"location {name} is not defined" if value is None else f"{name} is no location"
+        what = f"location {name} is not defined" if value is None else f"{name} is not a location"
         raise Unreadable(what)
 
     def frame(self, name: str) -> Frame | None:
@@ -242,7 +242,7 @@ def _add_subscripts(base: str, subscripts: str) -> str:
 def check_name(name: str) -> str:
     """Return `name`. Raises Unreadable if no variable can have that name."""
     if not _NAME.fullmatch(name):
-        raise Unreadable(f"{name[:20]!r} is no name")
+        raise Unreadable(f"{name[:20]!r} is not a name")
     if name.upper() in TAKEN:
         raise Unreadable(f"{name} is a word of V+")
     return name

@@ -69,7 +69,7 @@ def parse_outputs(text: Expression) -> list[float]:
     for value in values:
         number = abs(value)
         if number != int(number) or number == 0 or 1000 < number <= 2000 or number > _MAX_SIGNAL:
-            raise Impossible(f"{value:g} is no output")
+            raise Impossible(f"{value:g} is not an output")
     return values
 
 

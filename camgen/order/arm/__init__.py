@@ -490,5 +490,5 @@ def _make_tour(
         link_speeds=tuple(link_speeds),
         back_speeds=home_speeds,
         seconds=seconds,
-        made=result,
+        original_paths=result,
     )

@@ -77,7 +77,9 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
         *_note_links(route, plan.noun),
     )
     travel = _measure_travel(route, setup, home)
-    return EdgeTour(paths, travel, method, notes=notes, route=route, lengths=lengths, made=paths)
+    return EdgeTour(
+        paths, travel, method, notes=notes, route=route, lengths=lengths, original_paths=paths
+    )
 
 
 def _note_freed(route: Route, noun: str) -> Iterator[Note]:

@@ -238,7 +238,7 @@ def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
 
     now: the current sample, which stays unless another is shorter.
 
-    The paths over neighbouring samples differ by at most twice the distance of the samples. So a
+    The paths over neighbouring samples differ dy_q at most twice the distance of the samples. So a
     longer path says how many samples can be skipped.
     """
     if p == s.nowhere:
@@ -250,8 +250,8 @@ def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
     # Written out, without calls: most of the time of the search in Python is here.
     x, y = s.x, s.y
     px, py, qx, qy = x[p], y[p], x[q], y[q]
-    ax, ay, bx, by = px - x[now], py - y[now], qx - x[now], qy - y[now]
-    best = sqrt(ax * ax + ay * ay) + sqrt(bx * bx + by * by) - EPS
+    dx_p, dy_p, dx_q, dy_q = px - x[now], py - y[now], qx - x[now], qy - y[now]
+    best = sqrt(dx_p * dx_p + dy_p * dy_p) + sqrt(dx_q * dx_q + dy_q * dy_q) - EPS
     if best <= measure_distance(s, p, q):
         return now
     choice = now
@@ -259,8 +259,8 @@ def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
     stop = s.first[item + 1]
     step = 2.0 * s.step[item]
     while k < stop:
-        ax, ay, bx, by = px - x[k], py - y[k], qx - x[k], qy - y[k]
-        cost = sqrt(ax * ax + ay * ay) + sqrt(bx * bx + by * by)
+        dx_p, dy_p, dx_q, dy_q = px - x[k], py - y[k], qx - x[k], qy - y[k]
+        cost = sqrt(dx_p * dx_p + dy_p * dy_p) + sqrt(dx_q * dx_q + dy_q * dy_q)
         if cost < best:
             best = cost
             choice = k

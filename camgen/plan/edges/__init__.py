@@ -154,7 +154,7 @@ def plan_lines(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTas
         motions=tuple(motions),
         unreached=tuple(lost),
         where=where,
-        made=paths,
+        original_paths=paths,
         noun=noun,
     )
 
@@ -288,7 +288,7 @@ def leave_out_motions(
     return replace(
         plan,
         paths=paths,
-        made=paths,
+        original_paths=paths,
         motions=tuple(motion for motion in plan.motions if motion.id not in gone),
         unreached=(*plan.unreached, *more),
         notes=(*plan.notes, *note_left_out(more, edges, pieces)),

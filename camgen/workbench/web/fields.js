@@ -10,8 +10,8 @@ export function field(path, setting, { inRow = false } = {}) {
   const name = `f-${path.join("-")}`;
   const input = ENTRIES[setting.kind](setting);
   input.id = name;
-  const slider = setting.kind === "number" && setting.least !== null && setting.most !== null && setting.most <= 360
-    ? make("input", { type: "range", min: setting.least, max: setting.most, step: setting.most > 20 ? 1 : 0.01, tabIndex: -1 })
+  const slider = setting.kind === "number" && setting.minimum !== null && setting.maximum !== null && setting.maximum <= 360
+    ? make("input", { type: "range", min: setting.minimum, max: setting.maximum, step: setting.maximum > 20 ? 1 : 0.01, tabIndex: -1 })
     : null;
   if (slider) slider.setAttribute("aria-label", `${setting.key}, as a slider`);
   const reset = make("button", {
@@ -97,7 +97,7 @@ function stepBy(event, path, setting, input) {
   if (!way || input.value === "" || !Number.isFinite(now)) return;
   event.preventDefault();
   const next = Number((now + way * (event.shiftKey ? 10 : event.altKey ? 0.1 : 1)).toPrecision(12));
-  if (next < (setting.least ?? -Infinity) || next > (setting.most ?? Infinity)) return;
+  if (next < (setting.minimum ?? -Infinity) || next > (setting.maximum ?? Infinity)) return;
   input.value = input.dataset.known = String(next);
   type(path, input.value);
 }

@@ -47,7 +47,7 @@ function update(state) {
   for (const one of rowFields.values()) {
     const [table, place, key] = one.path;
     const row = state.tables[table]?.[place];
-    if (row) one.show(row[key], usual(state, one.over, one.setting, row));
+    if (row) one.show(row[key], usual(state, one.overridden, one.setting, row));
   }
 }
 
@@ -91,8 +91,8 @@ function facts(state, table, row, place) {
 
 function rowField(state, table, place, row, group, setting) {
   const made = field([table, place, setting.key], setting, { inRow: true });
-  made.over = group.over;
-  made.show(row[setting.key], usual(state, group.over, setting, row));
+  made.overridden = group.overridden;
+  made.show(row[setting.key], usual(state, group.overridden, setting, row));
   rowFields.set(JSON.stringify(made.path), made);
   return made.element;
 }
@@ -110,14 +110,14 @@ function usual(state, over, setting, row) {
 const elsewhere = (state, over, setting) => (setting.kind === "number" ? state.usual[over]?.[setting.key] : undefined);
 
 function menu(state, table, row, place, groups) {
-  const options = groups.map((group) => make("optgroup", { label: group.over ? `[${group.over}]` : `[[${table}]]` },
+  const options = groups.map((group) => make("optgroup", { label: group.overridden ? `[${group.overridden}]` : `[[${table}]]` },
     ...group.fields.filter((setting) => !(setting.key in row)).map((setting) => make("option", { value: setting.key, title: setting.about }, `${setting.key}: ${setting.about}`))));
   return make("select", {
     className: "more", ariaLabel: "Set another key in this row",
     onchange: (event) => {
       const group = groups.find((one) => one.fields.some((setting) => setting.key === event.target.value));
       const setting = group.fields.find((one) => one.key === event.target.value);
-      const value = usual(state, group.over, setting, row);
+      const value = usual(state, group.overridden, setting, row);
       opened.add(`${table}.${place}`);
       set([table, place, setting.key], value ?? START[setting.kind] ?? "");
     },

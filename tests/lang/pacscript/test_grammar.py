@@ -3,14 +3,14 @@
 import pytest
 
 from camgen.lang.pacscript.language import LANGUAGE
-from camgen.lang.programs import Ask, Executed
+from camgen.lang.programs import Executed, RunRequest
 
 
 def run(*lines: str, head: str = "", **assume: float) -> Executed:
     """What a Main of these lines does; they begin at line 3 + the lines of ``head``."""
     body = "\n".join(lines)
     text = f"{head}Sub Main\nTakeArm Keep = 0\n{body}\nEnd Sub\n"
-    return LANGUAGE.run({"part.pcs": text}, Ask(assume=assume))
+    return LANGUAGE.run({"part.pcs": text}, RunRequest(assume=assume))
 
 
 def refused(found: Executed) -> list[tuple[int, str]]:
@@ -22,7 +22,7 @@ REFUSED = [
     ("x = 1 + ", 3, "a value is missing"),
     ("x = 1 2", 3, "2 is not understood in 1 2"),
     ("x = * 2", 3, "* is not understood"),
-    ("Move Q, P(1)", 3, "Q is no interpolation of this motion"),
+    ("Move Q, P(1)", 3, "Q is not an interpolation of this motion"),
     ("Move L, @Q P(1)", 3, "the pass mark of @Q P(1) is not understood"),
     ("Move P, @0, P10", 3, "a pass mark without a target"),
     ("Move P", 3, "a motion without a target"),
@@ -63,7 +63,7 @@ REFUSED = [
         4,
         "a motion without TakeArm: the controller stops with an error",
     ),
-    ("#Nonsense", 3, "#nonsense is no directive"),
+    ("#Nonsense", 3, "#nonsense is not a directive"),
     ("#Error stop here", 3, "#Error stop here"),
     ("#Define A A B\nx = A", 4, "a macro that refers to itself or grows without end"),
     ("x = " + "1 + " * 300 + "1", 3, "a line of more than 1024 bytes"),
@@ -97,11 +97,13 @@ OUTSIDE = [
 
 @pytest.mark.parametrize(("text", "line", "what"), OUTSIDE)
 def test_what_stands_around_procedures_is_judged(text: str, line: int, what: str) -> None:
-    assert (line, what) in refused(LANGUAGE.run({"part.pcs": text}, Ask()))
+    assert (line, what) in refused(LANGUAGE.run({"part.pcs": text}, RunRequest()))
 
 
 def test_procedures_that_do_not_run_are_judged_too() -> None:
-    found = LANGUAGE.run({"part.pcs": "Sub Main\nEnd Sub\nSub Other\nx = (\nEnd Sub\n"}, Ask())
+    found = LANGUAGE.run(
+        {"part.pcs": "Sub Main\nEnd Sub\nSub Other\nx = (\nEnd Sub\n"}, RunRequest()
+    )
     assert refused(found) == [(4, "a value is missing")]
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bench.read.productions import read_forms
 from camgen.lang.pacscript.language import LANGUAGE
-from camgen.lang.programs import Ask, Executed
+from camgen.lang.programs import Executed, RunRequest
 from camgen.model.limits import Limits
 from tests.lang.pacscript.test_run import MAIN, NAMES, OTHER, PAC
 from tests.support.examples import fewer, is_night
@@ -28,7 +28,7 @@ DEFAULT = Limits()
 
 
 def run(text: str, limits: Limits = DEFAULT) -> Executed:
-    found = LANGUAGE.run({"part.pcs": text}, Ask(limits=limits))
+    found = LANGUAGE.run({"part.pcs": text}, RunRequest(limits=limits))
     LANGUAGE.recognise(text)
     assert len(found.body) == len(found.lines)
     assert len(found.frame) in (0, len(found.body))
@@ -56,7 +56,8 @@ def test_bytes(data: bytes) -> None:
 def test_files_of_points(data: bytes) -> None:
     points = {"P_Var.csv": data.decode("latin-1")}
     LANGUAGE.run(
-        {"a.pcs": "Sub Main\nTakeArm\nMove P, P[1]\nMove P, J[1]\nEnd Sub\n"}, Ask(points=points)
+        {"a.pcs": "Sub Main\nTakeArm\nMove P, P[1]\nMove P, J[1]\nEnd Sub\n"},
+        RunRequest(points=points),
     )
 
 

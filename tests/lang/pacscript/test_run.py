@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from camgen.lang.pacscript.language import LANGUAGE
-from camgen.lang.programs import Ask, Executed
+from camgen.lang.programs import Executed, RunRequest
 from camgen.model.pose import Pose
 from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Posture, Stop, Wait
 
@@ -18,7 +18,7 @@ def run(
 ) -> Executed:
     """What a Main of these lines does; they begin at line 3."""
     text = "\n".join(["Sub Main", "TakeArm Keep = 0", *lines, "End Sub", tail])
-    return LANGUAGE.run({"part.pcs": text}, Ask(assume=assume, points=points or {}))
+    return LANGUAGE.run({"part.pcs": text}, RunRequest(assume=assume, points=points or {}))
 
 
 def origins(found: Executed) -> list[tuple[float, ...]]:
@@ -373,7 +373,7 @@ def test_too_many_values_are_refused_and_endless_calls_stop() -> None:
     assert found.stopped == (6, "procedures that call each other without end")
 
 
-ENDLESS = ("goes round for ever", "from line 4: shown once")
+ENDLESS = ("runs forever", "from line 4: shown once")
 
 
 def test_an_endless_loop_is_shown_once() -> None:
@@ -462,7 +462,7 @@ def test_places_that_no_text_holds_are_frames_of_their_names() -> None:
     ]
     assert [one.base_from_work is None for one in found.frames] == [True, True, False]
     assert found.frame == (0, 0, 0, 1, 2, 2)
-    assert "P[1] is not in the text: motions to it are told in a frame of that name" in [
+    assert "P[1] is not in the text: motions to it are given in a frame of that name" in [
         one.what for one in found.assumed
     ]
 
@@ -534,7 +534,9 @@ def test_another_task_is_looked_at_by_itself() -> None:
     task = (
         "Sub Watch\nTakeArm\nMove P, @P P(9, 9, 9)\nSet IO[30]\nDelay 5\nDelay -5\nHold\nEnd Sub\n"
     )
-    found = LANGUAGE.run({"a.pcs": f"Sub Main\nRun Watch\nRun Watch\nEnd Sub\n{task}"}, Ask())
+    found = LANGUAGE.run(
+        {"a.pcs": f"Sub Main\nRun Watch\nRun Watch\nEnd Sub\n{task}"}, RunRequest()
+    )
     assert not found.body
     assert (
         dict(found.facts)["other tasks"] == "watch: sets 30 to 1, stops, waits, 1 motion, not shown"
@@ -547,7 +549,7 @@ def test_another_task_is_looked_at_by_itself() -> None:
 def test_a_task_in_a_file_of_its_own() -> None:
     other = "Sub Main\nSet IO[30]\nRun Main\nEnd Sub\n"
     found = LANGUAGE.run(
-        {"a.pcs": "Sub Main\nRun Watch\nEnd Sub\n", "Watch.pcs": other}, Ask(entry="a")
+        {"a.pcs": "Sub Main\nRun Watch\nEnd Sub\n", "Watch.pcs": other}, RunRequest(entry="a")
     )
     assert dict(found.facts)["other tasks"] == "watch: sets 30 to 1, not shown"
     assert found.lost == ((2, "another task, watch, is not shown: sets 30 to 1"),)
@@ -561,14 +563,16 @@ OTHER = "Sub Main(ByVal n As Integer)\nReset IO[n]\nEnd Sub\n"
 
 
 def test_files_include_and_call_each_other_and_lines_are_counted_through() -> None:
-    found = LANGUAGE.run({"a/Main1.pcs": MAIN, "lib/Names.h": NAMES, "Other.pcs": OTHER}, Ask())
+    found = LANGUAGE.run(
+        {"a/Main1.pcs": MAIN, "lib/Names.h": NAMES, "Other.pcs": OTHER}, RunRequest()
+    )
     assert found.body == (Output("24", 1), Output("3", 0))
     assert found.lines == (12, 16)
     assert not found.findings
 
 
 def test_files_that_are_missing_are_named() -> None:
-    found = LANGUAGE.run({"main1.pcs": MAIN}, Ask())
+    found = LANGUAGE.run({"main1.pcs": MAIN}, RunRequest())
     assert ("files that are not given", "names.h") in found.facts
     assert "names.h is not given: what it holds is not known" in [one.what for one in found.assumed]
     assert not found.findings
@@ -576,32 +580,37 @@ def test_files_that_are_missing_are_named() -> None:
 
 def test_where_to_begin() -> None:
     files = {"a.pcs": "Sub One\nSet IO[1]\nEnd Sub\nSub Two(n)\nSet IO[n]\nEnd Sub\n"}
-    assert LANGUAGE.run(files, Ask()).stopped == (
+    assert LANGUAGE.run(files, RunRequest()).stopped == (
         1,
         "there is no Sub Main: choose where to begin of one, two",
     )
-    assert LANGUAGE.run(files, Ask(entry="One")).body == (Output("1", 1),)
-    assert LANGUAGE.run(files, Ask(entry="two", assume={"n": 5})).body == (Output("5", 1),)
-    assert LANGUAGE.run(files, Ask(entry="three")).stopped == (1, "there is no procedure three")
-    assert LANGUAGE.run({"a.pcs": "Sub Sample\nSet IO[1]\nEnd Sub\n"}, Ask()).body == (
+    assert LANGUAGE.run(files, RunRequest(entry="One")).body == (Output("1", 1),)
+    assert LANGUAGE.run(files, RunRequest(entry="two", assume={"n": 5})).body == (Output("5", 1),)
+    assert LANGUAGE.run(files, RunRequest(entry="three")).stopped == (
+        1,
+        "there is no procedure three",
+    )
+    assert LANGUAGE.run({"a.pcs": "Sub Sample\nSet IO[1]\nEnd Sub\n"}, RunRequest()).body == (
         Output("1", 1),
     )
     assert LANGUAGE.run(
-        {"a.pcs": OTHER, "b.pcs": "Sub Main\nSet IO[2]\nEnd Sub\n"}, Ask(entry="b")
+        {"a.pcs": OTHER, "b.pcs": "Sub Main\nSet IO[2]\nEnd Sub\n"}, RunRequest(entry="b")
     ).body == (Output("2", 1),)
 
 
 def test_a_predefined_name_can_be_given() -> None:
     text = "Sub Main\n#If __SCARA_ROBOT__ = 1\nSet IO[1]\n#Else\nSet IO[2]\n#EndIf\nEnd Sub\n"
-    assert LANGUAGE.run({"a.pcs": text}, Ask()).body == (Output("2", 1),)
-    assert LANGUAGE.run({"a.pcs": text}, Ask(assume={"__scara_robot__": 1})).body == (
+    assert LANGUAGE.run({"a.pcs": text}, RunRequest()).body == (Output("2", 1),)
+    assert LANGUAGE.run({"a.pcs": text}, RunRequest(assume={"__scara_robot__": 1})).body == (
         Output("1", 1),
     )
 
 
 def test_line_ends_of_any_kind() -> None:
     for end in ("\n", "\r\n", "\r"):
-        found = LANGUAGE.run({"a.pcs": end.join(("Sub Main", "Set IO[1]", "End Sub"))}, Ask())
+        found = LANGUAGE.run(
+            {"a.pcs": end.join(("Sub Main", "Set IO[1]", "End Sub"))}, RunRequest()
+        )
         assert (found.body, found.lines) == ((Output("1", 1),), (2,))
 
 
@@ -634,7 +643,7 @@ RETURN
 
 
 def test_the_older_dialect() -> None:
-    found = LANGUAGE.run({"old.pac": PAC}, Ask())
+    found = LANGUAGE.run({"old.pac": PAC}, RunRequest())
     assert origins(found) == [(400, 0, 300), (400, 0, 250), (400, 0, 250)]
     assert [item.signal for item in found.body if isinstance(item, Output)] == ["2", "3", "7"]
     assert found.stopped is None
@@ -666,7 +675,7 @@ RETURN
 
 
 def test_what_the_older_dialect_writes_otherwise() -> None:
-    found = LANGUAGE.run({"old.pac": OLDER}, Ask())
+    found = LANGUAGE.run({"old.pac": OLDER}, RunRequest())
     assert [item.signal for item in found.body if isinstance(item, Output)] == ["1", "2", "4"]
     assert not found.findings
     assert "data from fill is not known: the branch is gone into" in [
@@ -685,12 +694,12 @@ def test_a_program_beside_a_header_of_the_same_name_and_a_procedure_of_an_includ
         "a.pcs": '#Include "a.h"\nSub Main\nSet IO[PEN]\nEnd Sub\n',
         "b.pcs": OTHER,
     }
-    assert LANGUAGE.run(files, Ask(entry="a")).body == (Output("24", 1),)
+    assert LANGUAGE.run(files, RunRequest(entry="a")).body == (Output("24", 1),)
     files = {
         "m.pcs": '#Include "n.pcs"\nSub Main\nEnd Sub\n',
         "n.pcs": "Sub Inner\nSet IO[3]\nEnd Sub\n",
     }
-    assert LANGUAGE.run(files, Ask(entry="inner")).body == (Output("3", 1),)
+    assert LANGUAGE.run(files, RunRequest(entry="inner")).body == (Output("3", 1),)
 
 
 @pytest.mark.parametrize(("scara", "above"), [(0.0, -30), (1.0, 30)])

@@ -99,7 +99,7 @@ def test_declarations_that_controllers_take(text: str) -> None:
         ("x", "'x' stands outside a module"),
         ("MODULE m\n", "ENDMODULE of m is missing"),
         ("MODULE 1m\nENDMODULE", "a module name expected, found '1'"),
-        ("MODULE m(FAST)\nENDMODULE", "FAST is no attribute of a module"),
+        ("MODULE m(FAST)\nENDMODULE", "FAST is not an attribute of a module"),
         ("MODULE m(NOVIEW,NOVIEW)\nENDMODULE", "the attribute NOVIEW is given twice"),
         ("MODULE m(NOVIEW\nENDMODULE", ") of the module's attributes is missing"),
         (module("RECORD r\nnum;\nENDRECORD"), "the name of a num expected, found ';'"),

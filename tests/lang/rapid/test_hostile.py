@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.lang.programs import Ask, Executed
+from camgen.lang.programs import Executed, RunRequest
 from camgen.lang.rapid.language import run
 from camgen.lang.rapid.strict import read
 from camgen.model.limits import Limits
@@ -37,7 +37,7 @@ DEFAULT = Limits()
 
 
 def done(text: str, limits: Limits = DEFAULT) -> Executed:
-    return run({"m.mod": text}, Ask(limits=limits))
+    return run({"m.mod": text}, RunRequest(limits=limits))
 
 
 @given(st.text())
@@ -59,7 +59,7 @@ def test_damaged_programs(seed: int) -> None:
         for _ in range(chance.choice([1, 3, 9])):
             k = chance.randrange(len(texts))
             texts[k] = changed(chance, texts[k])
-        executed = run({f"{k}.mod": text for k, text in enumerate(texts)}, Ask())
+        executed = run({f"{k}.mod": text for k, text in enumerate(texts)}, RunRequest())
         assert len(executed.lines) == len(executed.body)
         assert not executed.frame or len(executed.frame) == len(executed.body)
 
@@ -145,7 +145,7 @@ def plain(value: object) -> object:
 def test_many_traps_without_end_share_the_limit_of_steps() -> None:
     traps = "\n".join(f"TRAP t{k}\nWHILE TRUE DO\nn:=n+1;\nENDWHILE\nENDTRAP" for k in range(2000))
     text = f"MODULE m\nVAR num n;\nPROC main()\nENDPROC\n{traps}\nENDMODULE\n"
-    options = Ask(limits=Limits(rapid_steps=STEPS))
+    options = RunRequest(limits=Limits(rapid_steps=STEPS))
     calls = count_calls(lambda: run({"a.mod": text}, options))
     assert calls < CALLS_OF_A_STEP * STEPS
 

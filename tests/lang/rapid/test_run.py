@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from camgen.lang.alternatives import run_alternatives
-from camgen.lang.programs import Ask, Executed, find_language
+from camgen.lang.programs import Executed, RunRequest, find_language
 from camgen.lang.rapid.language import LANGUAGE, recognise, run
 from camgen.model.pose import Pose
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Stop, Wait
@@ -33,7 +33,7 @@ def text(body: str, more: str = "") -> str:
 
 
 def done(body: str, more: str = "", **assume: float) -> Executed:
-    return run({"m.mod": text(body, more)}, Ask(assume=assume))
+    return run({"m.mod": text(body, more)}, RunRequest(assume=assume))
 
 
 def sound(body: str, more: str = "", **assume: float) -> list[Instruction]:
@@ -205,7 +205,7 @@ def test_welds_move_at_the_speed_of_their_data() -> None:
     data = f"MoveL p0,{TAIL}\nArcLStart p1,v100,sm,wd,fine,tG;\nArcL p2,v100,sm,wd,z1,tG;\n"
     data += "ArcLEnd p0,v100,sm,wd,fine,tG;"
     more = "PERS welddata wd:=[8,0,[0,0,0,0,0,0,0,0,0],[0,0,0,0,0,0,0,0,0]];\nPERS seamdata sm:=[0,0];\n"
-    executed = run({"m.mod": text(data).replace("PROC main", f"{more}PROC main")}, Ask())
+    executed = run({"m.mod": text(data).replace("PROC main", f"{more}PROC main")}, RunRequest())
     assert [m.speed for m in executed.body if isinstance(m, MoveL)] == [100, 100, 8, 8]
     assert dict(executed.facts)["process"] == "arc welding"
     assert executed.findings == ()
@@ -333,7 +333,7 @@ PROC main()
 ENDPROC
 ENDMODULE
 """
-    assert places(run({"m.mod": text_of}, Ask())) == [(1, 2, 10)]
+    assert places(run({"m.mod": text_of}, RunRequest())) == [(1, 2, 10)]
 
 
 # Control --------------------------------------------------------------------------------------------------------
@@ -564,18 +564,20 @@ def test_what_is_in_other_files_is_named() -> None:
 
 def test_modules_together_see_what_is_global() -> None:
     other = f"MODULE o\nLOCAL CONST num k:=3;\nPROC sub()\nWaitTime k;\nMoveL p1,{TAIL}\nENDPROC\nENDMODULE\n"
-    executed = run({"m.mod": text("sub;"), "o.mod": other}, Ask())
+    executed = run({"m.mod": text("sub;"), "o.mod": other}, RunRequest())
     assert (waits(executed), places(executed), executed.assumed) == ([3], [(100, 0, 0)], ())
     assert executed.lines == (20, 21)
 
 
 def test_the_entry() -> None:
     more = "PROC other()\nWaitTime 3;\nENDPROC"
-    assert waits(run({"m.mod": text("WaitTime 1;", more)}, Ask(entry="Other"))) == [3]
+    assert waits(run({"m.mod": text("WaitTime 1;", more)}, RunRequest(entry="Other"))) == [3]
     alone = text("", more).replace("PROC main()\n\nENDPROC\n", "PROC help(num k)\nENDPROC\n")
-    executed = run({"m.mod": alone}, Ask())
+    executed = run({"m.mod": alone}, RunRequest())
     assert (waits(executed), dict(executed.facts)["entry"]) == ([3], "other, as there is no main")
-    assert dict(run({"m.mod": "MODULE d\nENDMODULE\n"}, Ask()).facts)["entry"].startswith("none")
+    assert dict(run({"m.mod": "MODULE d\nENDMODULE\n"}, RunRequest()).facts)["entry"].startswith(
+        "none"
+    )
 
 
 # What a controller turns down -----------------------------------------------------------------------------------
@@ -589,10 +591,10 @@ def test_the_entry() -> None:
         ("n:=1+\"a\";", "a num + a string: there is no such operation"),
         ("p0:=p1;", "p0 is a constant"),
         ("n:=p1.trans.q;", "pos has no component q"),
-        ("IF n RETURN;", "the condition of IF is no bool"),
+        ("IF n RETURN;", "the condition of IF is not a bool"),
         ("MoveL p1,v100,tG;", "movel has 4 arguments, not 3"),
         (f"MoveL a,{TAIL}", "a robtarget is needed"),
-        (f"MoveL p,{TAIL}", "an orientation that is none (the sum of its squares is 0)"),
+        (f"MoveL p,{TAIL}", "an invalid orientation (the sum of its squares is 0)"),
         ("MoveL p1,p1,fine,tG;", "a num is needed in a speeddata"),
         ("MoveL p1,n,fine,tG;", "a speeddata is needed"),
         ("MoveL p1,v10,[FALSE,1],tG;", "zonedata has 7 components, not 2"),
@@ -658,7 +660,8 @@ def test_a_value_that_is_refused_is_not_known_after_it() -> None:
 )
 def test_names_that_a_controller_turns_down(module: str, what: str) -> None:
     assert [
-        one.what for one in run({"m.mod": f"MODULE m\n{module}\nENDMODULE\n"}, Ask()).findings
+        one.what
+        for one in run({"m.mod": f"MODULE m\n{module}\nENDMODULE\n"}, RunRequest()).findings
     ] == [what]
 
 
@@ -722,7 +725,7 @@ def test_what_instructions_of_newer_controllers_give_is_not_known() -> None:
     found = done("GetJointData 1\\Position:=n;\nSocketReceiveFrom s1\\Str:=s;\nStepBwdPath 30,1;")
     assert not found.findings
     assert [what for _, what in found.lost] == [
-        "stepbwdpath moves the arm as no text says: it is not shown"
+        "stepbwdpath moves the arm on a path that is not in the text: it is not shown"
     ]
 
 
@@ -736,7 +739,7 @@ def test_a_handler_asks_for_the_error() -> None:
         f"VAR errnum mine;\nBookErrNo mine;\nsub 1;\nsub 2;\nWaitTime 9;\nsub 3;\n{handler}", more
     )
     text_of = text_of.replace("PROC main()\nVAR errnum mine;", "VAR errnum mine;\nPROC main()")
-    executed = run({"m.mod": text_of}, Ask())
+    executed = run({"m.mod": text_of}, RunRequest())
     assert waits(executed) == [7, 8, 9]
     assert executed.assumed == ()
     line = text_of.split("\n").index("RAISE ERR_OTHER;") + 1
@@ -749,7 +752,10 @@ def test_a_motion_that_no_text_tells_is_said() -> None:
     )
     assert places(executed) == [(100, 0, 0), (0, 0, 9)]
     assert executed.frames[executed.frame[1]].base_from_work is None
-    assert executed.assumed[0].what == "egmrunpose moves the arm as no text says: it is not shown"
+    assert (
+        executed.assumed[0].what
+        == "egmrunpose moves the arm on a path that is not in the text: it is not shown"
+    )
 
 
 def test_a_main_that_does_nothing_is_not_the_entry() -> None:
@@ -764,8 +770,8 @@ def test_a_main_that_does_nothing_is_not_the_entry() -> None:
 @pytest.mark.parametrize(
     ("body", "what"),
     [
-        ("MoveL p1,v37,fine,tG;", "v37 is no speed or zone of RAPID's own, and stands in no file"),
-        ("MoveL p1,v100,z3,tG;", "z3 is no speed or zone of RAPID's own, and stands in no file"),
+        ("MoveL p1,v37,fine,tG;", "v37 is not a predefined speed or zone, and no file defines it"),
+        ("MoveL p1,v100,z3,tG;", "z3 is not a predefined speed or zone, and no file defines it"),
         ("MoveL p1,[0,500,5000,1000],fine,tG;", "a speed of 0 mm/s: the arm hardly moves"),
         ("MoveL [[0,0,0],[0,0.98,0,0],p1.robconf,p1.extax],v10,fine,tG;",
          "an orientation that is not normalised (the sum of its squares is off by 0.04)"),
@@ -789,7 +795,7 @@ def test_what_is_shown_otherwise_is_a_fact() -> None:
     assert facts["delays"] == "SetDO with SDelay is shown without it"
     lost = [what for _, what in executed.lost if "\\corr" in what]
     assert lost == ["movel \\corr: a sensor corrects the path; teach the corrected path"]
-    effect = "what follows happens while the arm moves; here it waits for the motion"
+    effect = "the next instruction runs during the motion; here it waits for the motion"
     assert [what for _, what in executed.omitted] == [f"movel \\conc: {effect}"]
     assert facts["external axes"] == "move on their own and are not shown"
 
@@ -802,12 +808,12 @@ def make_polled(body: str, more: str = "") -> str:
     return text(body, more).replace("PROC main", f"{DATA}PROC main")
 
 
-def run_polled(body: str, ask: Ask, more: str = "") -> Executed:
-    return run({"m.mod": make_polled(body, more)}, ask)
+def run_polled(body: str, request: RunRequest, more: str = "") -> Executed:
+    return run({"m.mod": make_polled(body, more)}, request)
 
 
 def polled(body: str, more: str = "", **assume: float) -> Executed:
-    return run_polled(body, Ask(assume=assume), more)
+    return run_polled(body, RunRequest(assume=assume), more)
 
 
 def test_data_that_a_loop_asks_and_nothing_sets_are_set_outside_of_the_program() -> None:
@@ -816,7 +822,7 @@ def test_data_that_a_loop_asks_and_nothing_sets_are_set_outside_of_the_program()
     assert executed.assumed == ()
     assert ("set outside", "place: the run has the values of the text") in executed.facts
     (choice,) = executed.choices
-    other = run_polled(ASKED, Ask(shifts={choice.line: 1}))
+    other = run_polled(ASKED, RunRequest(shifts={choice.line: 1}))
     assert other.findings == ()
     assert other.assumed[0].what.startswith(
         "an IF asks place, which is set outside of this program"
@@ -829,7 +835,7 @@ def test_data_that_a_loop_asks_and_nothing_sets_are_set_outside_of_the_program()
 
 def test_the_fault_of_a_value_that_is_set_outside_is_possible() -> None:
     files = {"m.mod": make_polled(ASKED)}
-    (finding,) = run_alternatives(LANGUAGE, files, Ask()).executed.findings
+    (finding,) = run_alternatives(LANGUAGE, files, RunRequest()).executed.findings
     assert finding.level == "possible"
     assert finding.what.startswith(
         "a division by 0; it depends on place, set outside of this program"
@@ -860,5 +866,5 @@ def test_other_data_have_the_value_of_the_text(body: str, more: str) -> None:
 
 def test_a_variable_is_seen_by_its_program_alone() -> None:
     program = make_polled(ASKED).replace("PERS num", "VAR num")
-    executed = run({"m.mod": program}, Ask())
+    executed = run({"m.mod": program}, RunRequest())
     assert [finding.what for finding in executed.findings] == ["a division by 0"]

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.lang.vplus.language import run
 from camgen.model.pose import rotation_from_zyz
 from camgen.model.program import MoveJ, MoveL
 
 
 def execute(*lines):
-    found = run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, Ask())
+    found = run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, RunRequest())
     assert not [f for f in found.findings if f.level == "refused"]
     return found
 

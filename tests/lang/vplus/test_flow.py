@@ -2,14 +2,16 @@
 
 import pytest
 
-from camgen.lang.programs import Ask, find_language
+from camgen.lang.programs import RunRequest, find_language
 from camgen.lang.vplus.language import VPLUS, run
 from camgen.model.limits import Limits
 from camgen.model.program import Joints, MoveJ, MoveL, Output, Stop, Wait
 
 
-def execute(*lines, ask=None, **more):
-    return run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, ask or Ask(**more))
+def execute(*lines, request=None, **more):
+    return run(
+        {"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, request or RunRequest(**more)
+    )
 
 
 def told(found, level):
@@ -99,7 +101,7 @@ from[1] = 8
 
 def test_arguments_are_names_for_variables_and_values_in_brackets_are_not():
     # a names n (1 + 10), b is a value, loc names p (11 + 50), list[1] is q[1]; from q[2] on, [1] is q[3].
-    assert places(run({"a": CALLS}, Ask())) == [11, 61, 5, 77, 8]
+    assert places(run({"a": CALLS}, RunRequest())) == [11, 61, 5, 77, 8]
 
 
 def test_what_local_keeps_and_auto_does_not():
@@ -108,8 +110,8 @@ def test_what_local_keeps_and_auto_does_not():
         main
         + ".PROGRAM one()\n{} n\nIF DEFINED(n) THEN\nn = n+1\nELSE\nn = 1\nEND\nMOVE TRANS(n)\n.END\n"
     )
-    assert places(run({"a": counted.format("LOCAL")}, Ask())) == [1, 2]
-    assert places(run({"a": counted.format("AUTO")}, Ask())) == [1, 1]
+    assert places(run({"a": counted.format("LOCAL")}, RunRequest())) == [1, 2]
+    assert places(run({"a": counted.format("AUTO")}, RunRequest())) == [1, 1]
 
 
 def test_recursion_and_what_is_left_out_of_a_list():
@@ -125,7 +127,7 @@ def test_recursion_and_what_is_left_out_of_a_list():
     text = "\n".join(
         [".PROGRAM main()", "CALL down(3)", ".END", ".PROGRAM down(n, m)", *down, ".END"]
     )
-    assert places(run({"a": text}, Ask())) == [3, 2, 1]
+    assert places(run({"a": text}, RunRequest())) == [3, 2, 1]
 
 
 def test_a_name_in_a_string_is_called():
@@ -134,7 +136,7 @@ def test_a_name_in_a_string_is_called():
             {
                 "a": '.PROGRAM main()\n$p = "su"\nCALLS $p+"b"(4)\n.END\n.PROGRAM sub(x)\nMOVE TRANS(x)\n.END\n'
             },
-            Ask(),
+            RunRequest(),
         )
     ) == [4]
 
@@ -148,25 +150,25 @@ def test_programs_that_are_not_there_are_named():
 def test_the_program_that_is_run():
     text = ".PROGRAM sub()\nMOVE TRANS(2)\n.END\n.PROGRAM first()\nCALL sub()\n.END\n"
     text += ".PROGRAM other()\nMOVE TRANS(3)\n.END\n"
-    found = run({"a": text}, Ask())
+    found = run({"a": text}, RunRequest())
     assert places(found) == [2]
     assert ("programs not run", "other") in found.facts
-    assert places(run({"a": text}, Ask(entry="OTHER"))) == [3]
-    assert run({"a": text}, Ask(entry="nobody")).stopped == (1, "there is no program nobody")
-    assert places(run({"a": text + ".PROGRAM main()\nMOVE TRANS(4)\n.END\n"}, Ask())) == [4]
+    assert places(run({"a": text}, RunRequest(entry="OTHER"))) == [3]
+    assert run({"a": text}, RunRequest(entry="nobody")).stopped == (1, "there is no program nobody")
+    assert places(run({"a": text + ".PROGRAM main()\nMOVE TRANS(4)\n.END\n"}, RunRequest())) == [4]
 
 
 def test_programs_of_several_files_and_their_lines():
     found = run(
         {"a": ".PROGRAM main()\nCALL b()\n.END\n", "b": ".PROGRAM b()\nMOVE TRANS(1)\n.END\n"},
-        Ask(),
+        RunRequest(),
     )
     assert (places(found), found.lines) == ([1], (5,))
 
 
 def test_a_second_task_is_named():
     text = ".PROGRAM main()\nEXECUTE 2 watch(), 0\nMOVE TRANS(1)\n.END\n.PROGRAM watch()\nSIGNAL 5\n.END\n"
-    found = run({"a": text}, Ask())
+    found = run({"a": text}, RunRequest())
     assert [type(i) for i in found.body] == [MoveJ]
     assert ("tasks beside it, not run", "watch (task 2): sets 5 to 1") in found.facts
 
@@ -174,7 +176,7 @@ def test_a_second_task_is_named():
 def test_another_task_is_looked_at_by_itself():
     text = ".PROGRAM main()\nx = 5\nEXECUTE 2 watch(), 0\nMOVE TRANS(1)\n.END\n.PROGRAM watch()\n{}\n.END\n"
     task = "MOVE TRANS(9)\nSIGNAL 5\nWAIT SIG(1001)\nWAIT.EVENT , 2\nPAUSE\nSPEED -1\nWHILE TRUE DO\nSIGNAL -6\nEND"
-    found = run({"a": text.format(task)}, Ask())
+    found = run({"a": text.format(task)}, RunRequest())
     assert places(found) == [1]
     assert dict(found.facts)["tasks beside it, not run"] == (
         "watch (task 2): sets 5 to 1, sets 6 to 0, stops, waits, 1 motion"
@@ -193,15 +195,15 @@ def test_another_task_is_looked_at_by_itself():
 def test_a_reaction_comes_where_the_user_says_so(line, name):
     text = f".PROGRAM main()\nMOVE TRANS(1)\n{line}\nMOVE TRANS(2)\n{line}\n.END\n"
     text += ".PROGRAM halt.it(x)\nMOVE TRANS(x*10)\n.END\n"
-    calm = run({"a": text}, Ask())
+    calm = run({"a": text}, RunRequest())
     assert places(calm) == [1, 2]
     assert [(one.line, one.key, one.value) for one in calm.assumed] == [(3, name, 0.0)]
     assert dict(calm.facts)["reactions that do not come"].startswith("halt.it (REACT")
-    assert places(run({"a": text}, Ask(assume={name: 1.0}))) == [1, 20, 2]
+    assert places(run({"a": text}, RunRequest(assume={name: 1.0}))) == [1, 20, 2]
 
 
 def test_reactions_without_a_program_and_with_one_of_another_file():
-    found = run({"a": ".PROGRAM main()\nREACT 1001\nREACTE other\n.END\n"}, Ask())
+    found = run({"a": ".PROGRAM main()\nREACT 1001\nREACTE other\n.END\n"}, RunRequest())
     assert dict(found.facts)["reactions"] == "REACT 1001"
     assert (
         dict(found.facts)["reactions that do not come"]
@@ -249,14 +251,14 @@ def test_the_bound_of_a_run():
         "the program has not ended after 300 steps in loops and calls (limits.vplus_steps)"
     )
     assert 70 < len(found.body) < 80  # four instructions a round
-    deep = run({"a": ".PROGRAM a()\nCALL a()\n.END\n"}, Ask())
+    deep = run({"a": ".PROGRAM a()\nCALL a()\n.END\n"}, RunRequest())
     assert deep.stopped == (2, "more than 60 programs call each other")
 
 
 @pytest.mark.parametrize(
     ("line", "what"),
     [
-        ("LMOVE p", "LMOVE is no instruction of V+"),
+        ("LMOVE p", "LMOVE is not an instruction of V+"),
         ("JMOVE #[1,2]", "a number expected instead of '#'"),
         ("IF x", "IF wants THEN or GOTO"),
         ("GOTO 99", "there is no label 99 in this program"),
@@ -274,10 +276,10 @@ def test_the_bound_of_a_run():
         ("SET #a = TRANS(1)", "a precision point expected instead of 'TRANS'"),
         ("$s = 5", "a string expected instead of '5'"),
         ('x = "a"', "something is missing at the end of the line"),
-        ("SIGNAL 1.5", "1.5 is no output"),
+        ("SIGNAL 1.5", "1.5 is not an output"),
         ("SPEED -5", "a speed must be positive"),
         ("APPRO TRANS(1)", ", expected before the end of the line"),
-        ("x = frob(3)", "FROB is no function"),
+        ("x = frob(3)", "FROB is not a function"),
         ("10 x = 1\n10 x = 2", "label 10 is there twice"),
         ("70000 x = 1", "label 70000 is above 65535"),
         ("x = 1\nAUTO y", "AUTO after the first instruction"),
@@ -314,8 +316,8 @@ def test_what_the_controller_takes(line):
 def test_every_line_is_judged_but_each_once():
     found = execute("FOR i = 1 TO 5", "FROB", "END", "IF FALSE THEN", "FROB 2", "END")
     assert told(found, "refused") == [
-        (3, "FROB is no instruction of V+"),
-        (6, "FROB is no instruction of V+"),
+        (3, "FROB is not an instruction of V+"),
+        (6, "FROB is not an instruction of V+"),
     ]
 
 
@@ -342,15 +344,15 @@ def test_a_program_without_brackets_without_end_and_with_the_marks_of_a_disk():
         {
             "a": ".PROGRAM a ; comment\nMOVE TRANS(1)\n.END\n\f\n.PROGRAM b\nMOVE TRANS(2)\n.END\n\x1a"
         },
-        Ask(),
+        RunRequest(),
     )
     assert places(found) == [1]
-    open_ended = run({"a": ".PROGRAM a()\nMOVE TRANS(1)\n"}, Ask())
+    open_ended = run({"a": ".PROGRAM a()\nMOVE TRANS(1)\n"}, RunRequest())
     assert (places(open_ended), told(open_ended, "unusual")) == ([1], [(2, "a has no .END")])
 
 
 def test_a_text_without_a_program_line_is_refused_and_run():
-    found = run({"pick.v2": "MOVE TRANS(1)\nBREAK\n"}, Ask())
+    found = run({"pick.v2": "MOVE TRANS(1)\nBREAK\n"}, RunRequest())
     assert told(found, "refused") == [
         (1, "the text has no .PROGRAM line: taken for a program pick")
     ]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.lang.vplus.language import recognise, run
 from camgen.lang.vplus.strict import read
 from camgen.model.program import Joints, MoveJ, MoveL, Output
@@ -18,7 +18,7 @@ GOLDENS = sorted((ROOT / "fixtures/cases").glob("*/expected/*.v2"))
 def test_both_tell_the_same(path: Path) -> None:
     text = path.read_bytes().decode("ascii").replace("\r\n", "\n")
     assert recognise(text)
-    found, strict = run({path.name: text}, Ask()), read({path.name: text}, {})
+    found, strict = run({path.name: text}, RunRequest()), read({path.name: text}, {})
     assert (found.findings, found.assumed, found.stopped) == ((), (), None)
     assert strict.work is not None
     assert strict.tool is not None

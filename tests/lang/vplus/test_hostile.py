@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from camgen.lang.programs import Ask, Executed
+from camgen.lang.programs import Executed, RunRequest
 from camgen.lang.vplus.language import recognise, run
 from camgen.model.limits import Limits
 from camgen.model.program import MoveC, MoveJ, MoveL
@@ -72,7 +72,7 @@ GLOBAL pick
 pick 1 2 3 0 180 0
 .END
 """
-SMALL = Ask(limits=Limits(vplus_steps=2000))
+SMALL = RunRequest(limits=Limits(vplus_steps=2000))
 PIECES = sorted(set(WHOLE.replace("(", " ( ").replace(")", " ) ").replace(",", " , ").split()))
 
 
@@ -99,7 +99,7 @@ def check(text: str) -> None:
 
 
 def test_the_whole_is_carried_out():
-    found = run({"a.v2": WHOLE}, Ask())
+    found = run({"a.v2": WHOLE}, RunRequest())
     assert not [one for one in found.findings if one.level == "refused"]
     assert len(found.body) == 26
 
@@ -166,7 +166,7 @@ LONG: dict[str, Callable[[int], str]] = {
 def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
     def execute(count: int) -> None:
         text = f".PROGRAM a()\n{LONG[name](count)}.END\n"
-        sound(run({"a.v2": text}, Ask()), text.count("\n") + 2)
+        sound(run({"a.v2": text}, RunRequest()), text.count("\n") + 2)
 
     assert_linear(execute, 1600)
 
@@ -185,7 +185,7 @@ def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
 )  # fmt: skip
 def test_loops_end_at_the_limit_of_steps(text: str) -> None:
     def execute() -> None:
-        options = Ask(limits=Limits(vplus_steps=STEPS))
+        options = RunRequest(limits=Limits(vplus_steps=STEPS))
         sound(run({"a.v2": text}, options), text.count("\n") + 2)
 
     assert count_calls(execute) < CALLS_OF_A_STEP * STEPS
@@ -202,7 +202,7 @@ def test_each_line_of_a_long_program_costs_the_same() -> None:
         for k in range(count):
             lines += [line.format(k % 10) for line in block]
         text = "\n".join([".PROGRAM a()", "SET wf = TRANS(1,2,3)", *lines, ".END", ""])
-        executed = run({"a.v2": text}, Ask())
+        executed = run({"a.v2": text}, RunRequest())
         assert executed.stopped is None
         assert "refused" not in [finding.level for finding in executed.findings]
 

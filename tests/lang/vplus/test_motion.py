@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from camgen_posts.vplus import VPlus
 
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.lang.vplus.language import recognise, run
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Joints, MoveJ, MoveL, Output, Program, Wait
@@ -15,7 +15,7 @@ from tests.support.whole import whole
 
 
 def execute(*lines, **asked):
-    return run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, Ask(**asked))
+    return run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, RunRequest(**asked))
 
 
 def moves(found):
@@ -140,9 +140,9 @@ def test_points_from_a_file_and_from_sections(where):
     ]
     text = "\n".join([".PROGRAM a()", *lines, ".END", ""])
     found = (
-        run({"a": text}, Ask(points={"p.lc": POINTS}))
+        run({"a": text}, RunRequest(points={"p.lc": POINTS}))
         if where == "file"
-        else run({"a": text + POINTS}, Ask())
+        else run({"a": text + POINTS}, RunRequest())
     )
     assert not found.findings
     assert not found.assumed
@@ -157,7 +157,7 @@ def test_points_from_a_file_and_from_sections(where):
 def test_points_as_assignments_and_lines_that_are_none():
     found = execute("MOVE p", points={"p.txt": "SET p = TRANS(1,2,3)\nwhat is this\n"})
     assert moves(found)[0].target.origin == (1, 2, 3)
-    assert ("of p.txt", "1 line is no locations") in found.facts
+    assert ("of p.txt", "1 line is not a locations") in found.facts
 
 
 def test_tools_and_frames():
@@ -340,11 +340,11 @@ DETACH (lun)
 
 
 def test_a_file_that_the_program_reads_may_stand_beside_it():
-    found = run({"a.v2": READER, "way.dat": "2\n1.5, 2\n 3 4\nthe end\n"}, Ask())
+    found = run({"a.v2": READER, "way.dat": "2\n1.5, 2\n 3 4\nthe end\n"}, RunRequest())
     assert not found.findings
     assert not found.assumed
     assert [m.target.origin[:2] for m in moves(found)] == [(1.5, 2), (3, 4), (7, 0), (8, 0)]
-    alone = run({"a.v2": READER}, Ask())
+    alone = run({"a.v2": READER}, RunRequest())
     assert [a.key for a in alone.assumed] == ["iostat", "n", "x", "y", ""]
     assert [m.target.origin[:2] for m in moves(alone)] == [(1, 1)]
 
@@ -357,7 +357,7 @@ def test_the_motions_of_a_data_file_of_ours_are_told():
     body = (home, start, *work, Output("process", 1.0), Wait(0.5), home)
     plan = Program("part", VPlus.cell().base_from_work, VPlus.cell().flange_from_tool, whole(body))
     files = {file.name: file.text for file in post.render(post.prepare(plan, 0.01))}
-    found = run(files, Ask())
+    found = run(files, RunRequest())
     assert not told(found, "refused")
     assert found.stopped is None
     kinds = [MoveJ, MoveJ, MoveL, MoveL, MoveL, MoveL, Output, Wait, MoveJ]

@@ -91,7 +91,7 @@ class StrictMachine(Machine):
 
     def forget_place(self) -> None:
         """The arm is at a place that the text does not give."""
-        self.current_pose = name_place(f"where the arm stands in line {self.line}")
+        self.current_pose = name_place(f"the position of the arm in line {self.line}")
 
     def unknown(self, what: str, key: str = "") -> Value:  # noqa: ARG002
         """Raises Unreadable: each value is that of the text."""

@@ -150,7 +150,7 @@ class StrictRun(Run):
         if name in self.scope.kinds:
             raise Unreadable(f"{name} is declared twice")
         if kind not in TYPES:
-            raise Unreadable(f"{kind} is no type")
+            raise Unreadable(f"{kind} is not a type")
         self.scope.kinds[name] = kind
 
     def set_variable(self, target: Node, value: Value) -> None:
@@ -253,7 +253,7 @@ class StrictRun(Run):
         """A place to move to."""
         value = self.evaluate(node)
         if not isinstance(value, (Pose, Joints)):
-            raise Unreadable(f"{describe_value(value)} is no place to move to")
+            raise Unreadable(f"{describe_value(value)} is not a place to move to")
         return value
 
     def go(
@@ -320,11 +320,11 @@ def _find_arc_fault(start: Vec3, via: Vec3, end: Vec3) -> str:
     The angle at the via point is half the arc on the other side of the chord.
     """
     x, y, z = via
-    ax, ay, az = start[0] - x, start[1] - y, start[2] - z
-    bx, by, bz = end[0] - x, end[1] - y, end[2] - z
-    product = math.hypot(ax, ay, az) * math.hypot(bx, by, bz)
-    cross = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    a_x, a_y, a_z = start[0] - x, start[1] - y, start[2] - z
+    b_x, b_y, b_z = end[0] - x, end[1] - y, end[2] - z
+    product = math.hypot(a_x, a_y, a_z) * math.hypot(b_x, b_y, b_z)
+    cross = math.hypot(a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x)
     if cross <= 1e-6 * product:
         return "the three points of the arc are on one line"
-    cosine = (ax * bx + ay * by + az * bz) / product
+    cosine = (a_x * b_x + a_y * b_y + a_z * b_z) / product
     return "an arc of more than 180 deg" if cosine > 0.01 else ""

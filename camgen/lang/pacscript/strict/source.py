@@ -74,7 +74,7 @@ class _StrictReader(Reader):
             procedure.parameters = [item._replace(kind="variant") for item in parameters]
         self._check_names(line, *(parameter.name for parameter in parameters))
         if procedure.name == "main" and parameters:
-            self.add_fault(line, "Main has parameters, and nobody calls it with values")
+            self.add_fault(line, "Main has parameters, but no statement calls it with values")
 
     def _check_names(self, line: int, *names: str) -> None:
         """Adds findings for names that the language does not accept."""

@@ -154,18 +154,18 @@ def _check_handlers(state: State, main: Routine) -> None:
             continue
         _check_form(state, routine, main)
         try:
-            off, end = _handle(state, routine, routine.handler, 0)
+            switched_off, end = _handle(state, routine, routine.handler, 0)
             line = max([routine.line, *(call.line for call in calls_of(routine.handler))])
             if not end:
-                what = "goes on behind the error; end it with RAISE"
+                what = "continues after the error; end it with RAISE"
                 raise Wrong(line, f"the ERROR handler of {routine.name} {what}")
             is_last = end == "exit" or routine is main
-            signals_on = sorted(used.keys() - off.keys()) if is_last else []
+            signals_on = sorted(used.keys() - switched_off.keys()) if is_last else []
             if signals_on:
                 names = ", ".join(signals_on)[:60]
                 raise Wrong(line, f"the ERROR handler of {routine.name} leaves {names} on")
             if routine is main:
-                _judge_main_handler(state, line, [*used, DEACT_WHERE_ON], off, end)
+                _check_main_handler(state, line, [*used, DEACT_WHERE_ON], switched_off, end)
         except Wrong as wrong:
             state.log.find("refused", wrong.what, line=wrong.line)
 
@@ -192,20 +192,24 @@ def _hands_on(handler: Block) -> bool:
     return len(handler) == 1 and isinstance(handler[0], Calling) and handler[0].name == "raise"
 
 
-def _judge_main_handler(
-    state: State, line: int, order: list[str], off: dict[str, None], end: str
+def _check_main_handler(
+    state: State, line: int, order: list[str], switched_off: dict[str, None], end: str
 ) -> None:
     """Adds findings if the handler of main differs from the handler that the options ask for.
 
     order: outputs in the order in which the program uses them, then the force.
-    off: outputs that the handler switches off, in order.
+    switched_off: outputs that the handler switches off, in order.
     end: last word of the handler.
     """
-    if [name for name in off if name in order] != [name for name in order if name in off]:
+    if [name for name in switched_off if name in order] != [
+        name for name in order if name in switched_off
+    ]:
         what = "switches off in another order than posts do, force control last"
         state.remark(f"the ERROR handler of main {what}", line=line)
     wanted = state.settings.expected.on_error
-    if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.packing.objects):
+    if DEACT_WHERE_ON not in switched_off and any(
+        isinstance(item, Force) for item in state.packing.objects
+    ):
         state.remark("the ERROR handler of main leaves force control on", line=line)
     if end != wanted:
         what = f"ends with {end.upper()}, by post.on_error it is {wanted}"
@@ -233,29 +237,29 @@ def _handle(state: State, routine: Routine, body: Block, depth: int) -> tuple[di
     body: statements of the handler or of a routine that it calls.
     Raises Wrong for a statement that a handler may not have.
     """
-    off: dict[str, None] = {}
+    switched_off: dict[str, None] = {}
     for item in calls_of(body):
         call = item.call() if isinstance(item, Inline) else item
         state.scope, state.line = state.scopes[routine], call.line
         if call.name in ("raise", "exit"):
             if item is not body[-1]:
                 raise Wrong(call.line, f"statements after {call.name.upper()}")
-            return off, call.name
+            return switched_off, call.name
         if call.name in SWITCHES:
             output = switch(state, call)
             if output.value:
                 raise Wrong(call.line, "an ERROR handler that switches something on")
-            off[output.signal] = None
+            switched_off[output.signal] = None
         elif call.name in DEACTIVATIONS:
             check_deactivation(state, call)
-            off[DEACT_WHERE_ON] = None
+            switched_off[DEACT_WHERE_ON] = None
         elif call.name in MOTIONS or call.name in STATEMENTS:
             raise Wrong(call.line, f"{call.name} in an ERROR handler is not read")
         else:
             called = _find_called(state, routine, call, depth)
             state.handling.add(called)
-            off |= _handle(state, called, called.body, depth + 1)[0]
-    return off, ""
+            switched_off |= _handle(state, called, called.body, depth + 1)[0]
+    return switched_off, ""
 
 
 def _read_settings(options: Mapping[str, object]) -> PostSettings:

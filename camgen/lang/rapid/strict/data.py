@@ -16,8 +16,8 @@ def numbers(value: Value) -> tuple[float, ...]:
 
 def record_fault(kind: str, value: Value) -> str:
     """The fault of the numbers of a record, empty without one."""
-    judge = _JUDGES.get(kind)
-    return judge(numbers(value)) if judge else ""
+    find_fault = _FAULTS.get(kind)
+    return find_fault(numbers(value)) if find_fault else ""
 
 
 @lru_cache(maxsize=1000)
@@ -49,10 +49,12 @@ def _speed(speed: tuple[float, ...]) -> str:
 
 
 def _zone(zone: tuple[float, ...]) -> str:
-    return "a zone that is no stop point must have a radius" if not zone[0] and zone[1] <= 0 else ""
+    return (
+        "a zone that is not a stop point must have a radius" if not zone[0] and zone[1] <= 0 else ""
+    )
 
 
-_JUDGES: dict[str, Callable[[tuple[float, ...]], str]] = {
+_FAULTS: dict[str, Callable[[tuple[float, ...]], str]] = {
     "orient": orient_fault,
     "extjoint": _external,
     "confdata": _quarters,

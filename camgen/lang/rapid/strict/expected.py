@@ -82,7 +82,7 @@ def _numbers(options: Mapping[str, object], key: str) -> tuple[float, ...]:
     return tuple(float(value) for value in values if isinstance(value, (int, float)))
 
 
-def judge_load(expected: Expected, load: Value) -> str:
+def check_load(expected: Expected, load: Value) -> str:
     """The fault of a tool whose load is not that of the options, empty without one."""
     numbers = _flatten(load)
     if _same(numbers, (*expected.load, *_NO_TURN)):
@@ -96,7 +96,7 @@ def judge_load(expected: Expected, load: Value) -> str:
     return f"{tool}, by post.mass and post.cog it has {wanted}"
 
 
-def judge_persistent(expected: Expected, name: str, task: bool) -> str:
+def check_persistent(expected: Expected, name: str, task: bool) -> str:
     """The fault of a persistent of the wrong kind, empty without one.
 
     It concerns persistents that are not local (RAPID kernel manual, persistent declarations).
@@ -108,7 +108,7 @@ def judge_persistent(expected: Expected, name: str, task: bool) -> str:
     return f"{name} is PERS, one for all tasks, not TASK PERS"
 
 
-def judge_name(expected: Expected, kind: str, name: str, unknown: bool) -> str:
+def check_name(expected: Expected, kind: str, name: str, unknown: bool) -> str:
     """The fault of a tool or a work object with another name than the option, empty without one.
 
     kind: key of `Expected.names`.
@@ -121,7 +121,7 @@ def judge_name(expected: Expected, kind: str, name: str, unknown: bool) -> str:
     return f"{name[:40]} is {state}, by post.{kind} it is {wanted}"
 
 
-def judge_external_speed(speed: Sequence[float]) -> str:
+def check_external_speed(speed: Sequence[float]) -> str:
     """The fault of a speed with other limits of external axes than posts write, empty without one.
 
     speed: numbers of a speeddata: mm/s, deg/s, mm/s of linear and deg/s of rotating external axes.
@@ -132,7 +132,7 @@ def judge_external_speed(speed: Sequence[float]) -> str:
     return f"a speed with {numbers} for external axes, where posts write 5000, 1000"
 
 
-def judge_pressing(expected: Expected, values: Mapping[str, Value]) -> Iterator[str]:
+def check_pressing(expected: Expected, values: Mapping[str, Value]) -> Iterator[str]:
     """Differences between the arguments of FCPress1LStart and the options."""
     for name, option, wanted, unit in (
         ("threshold", "force_threshold", expected.threshold, "%"),
@@ -146,7 +146,7 @@ def judge_pressing(expected: Expected, values: Mapping[str, Value]) -> Iterator[
         yield "UseSpdFFW, which no option asks for"
 
 
-def judge_calibration(expected: Expected, load: str | Value) -> str:
+def check_calibration(expected: Expected, load: str | Value) -> str:
     """The fault of FCCalib with another load than the option, empty without one.
 
     load: loaddata, by name in lower case or by value.
@@ -162,7 +162,7 @@ def judge_calibration(expected: Expected, load: str | Value) -> str:
     return f"FCCalib with another load than post.force_load = {expected.calibration[:40]}"
 
 
-def judge_acceleration(expected: Expected, values: tuple[float, ...]) -> str:
+def check_acceleration(expected: Expected, values: tuple[float, ...]) -> str:
     """The fault of the arguments of AccSet, empty without one.
 
     values: arguments, empty if the program does not have AccSet.
@@ -173,7 +173,7 @@ def judge_acceleration(expected: Expected, values: tuple[float, ...]) -> str:
     return f"AccSet is not what post.acc_set asks for, {numbers or 'none'}"
 
 
-def judge_singularity(expected: Expected, argument: str) -> str:
+def check_singularity(expected: Expected, argument: str) -> str:
     """The fault of the argument of SingArea, empty without one.
 
     argument: argument, empty if the program does not have SingArea.

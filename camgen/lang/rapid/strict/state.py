@@ -14,7 +14,7 @@ from typing import cast
 
 from msgspec import Struct
 
-from camgen.lang.programs import Ask
+from camgen.lang.programs import RunRequest
 from camgen.lang.rapid.functions import SPECIAL
 from camgen.lang.rapid.machine import Machine, RoutineScope
 from camgen.lang.rapid.places import pose_of
@@ -28,7 +28,7 @@ from camgen.model.program import BodyBuilder, Instruction, Joints, Posture
 from camgen.model.text import counted
 
 from .data import numbers, orient_fault, posture_fault, record_fault
-from .expected import Expected, judge_load
+from .expected import Expected, check_load
 
 #: Data of the system whose values depend on the robot. They are not read.
 _OF_THE_ROBOT = frozenset(("vmax", "load0"))
@@ -109,7 +109,7 @@ class State(Machine):
     waiting: statements that wait to be run.
     """
 
-    ask: Ask = field(default_factory=Ask)
+    request: RunRequest = field(default_factory=RunRequest)
     settings: PostSettings
     modules: list[Module] = field(default_factory=list)
     module_names: set[str] = field(default_factory=set)
@@ -271,7 +271,7 @@ class State(Machine):
             self.set_up[kind] = (name.lower(), frame)
             if kind == "tool" and value is not None:
                 load = cast(tuple[Value, ...], value)[2]
-                self.remark(judge_load(self.settings.expected, load))
+                self.remark(check_load(self.settings.expected, load))
         elif self.set_up[kind][0] != name.lower():
             raise self.wrong(f"{name} is a second {'tool' if kind == 'tool' else 'work object'}")
 

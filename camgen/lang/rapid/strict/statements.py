@@ -38,13 +38,13 @@ from camgen.model.text import counted
 
 from .data import numbers
 from .expected import (
-    judge_acceleration,
-    judge_calibration,
-    judge_external_speed,
-    judge_name,
-    judge_persistent,
-    judge_pressing,
-    judge_singularity,
+    check_acceleration,
+    check_calibration,
+    check_external_speed,
+    check_name,
+    check_persistent,
+    check_pressing,
+    check_singularity,
 )
 from .state import Bound, State
 from .syntax import DEACT_WHERE_ON
@@ -174,7 +174,7 @@ def _calibrate(state: State, call: Calling) -> None:
         load = load or value
     if state.pressing is not None:
         raise state.wrong("fccalib while pressing")
-    state.remark(judge_calibration(expected, load))
+    state.remark(check_calibration(expected, load))
     if not state.is_settled:
         what = "FCCalib without WaitTime\\InPos right before it: the arm may still swing"
         state.remark(what)
@@ -265,7 +265,7 @@ def _read_bound(state: State, call: Calling) -> Bound:
     values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
     turn = math.radians(numbers(values["speed"])[1])
-    state.remark(judge_external_speed(numbers(values["speed"])))
+    state.remark(check_external_speed(numbers(values["speed"])))
     bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
     _check_postures(state, values)
     return bound
@@ -426,11 +426,11 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None) 
     if data is not None and data.storage != "pers":
         raise state.wrong(f"{expr.name} must be PERS, not {data.storage.upper()}")
     if data is not None and not data.local:
-        what = judge_persistent(state.settings.expected, data.name, data.task)
+        what = check_persistent(state.settings.expected, data.name, data.task)
         state.remark(what, line=data.line)
     unknown = state.settings.external and not state.known(expr)
     value = None if unknown else state.typed(expr, data_type)
-    state.remark(judge_name(state.settings.expected, kind, expr.name, unknown))
+    state.remark(check_name(state.settings.expected, kind, expr.name, unknown))
     state.set_frame(kind, expr, value)
     state.checked[kind] = (expr.name, state.scope)
 
@@ -458,8 +458,8 @@ def check_settings(state: State) -> None:
         if not is_on and expected.conf == "auto" and all_stated:
             what = "is off, though each of its motions states a configuration"
             state.remark(f"{_SUPERVISION[word]} {what}", line=line)
-    state.remark(judge_singularity(expected, state.singularity))
-    state.remark(judge_acceleration(expected, state.acceleration))
+    state.remark(check_singularity(expected, state.singularity))
+    state.remark(check_acceleration(expected, state.acceleration))
 
 
 def _check_motion(state: State, bound: Bound, start: Pose, via: Pose | None, target: Pose) -> None:
@@ -532,7 +532,7 @@ def _begin_pressing(state: State, values: Mapping[str, Value]) -> float:
         raise state.wrong(f"FCPress1LStart {reason}")
     if not 0 <= cast(float, values["threshold"]) <= 100:
         raise state.wrong("the threshold of FCPress1LStart is 0 to 100 %")
-    for what in judge_pressing(state.settings.expected, values):
+    for what in check_pressing(state.settings.expected, values):
         state.remark(what)
     axis = ("fx", "fy", "fz").index(names[0])
     state.stopped("fcpress1lstart")

@@ -256,7 +256,7 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
         index += 1
     if index < len(statements):
         statement = statements[index]
-        what = f"{statement.words[:60]} behind the reader of a data file"
+        what = f"{statement.words[:60]} after the reader of a data file"
         raise _Wrong(statement.line, what)
     raw = text.split("\n")
     # The plain program does not have the variables of the reader.
@@ -358,13 +358,13 @@ def _format_record(values: Sequence[int], work: str) -> list[str]:
     if kind not in (*range(1, 9), *range(11, 19)) or any(rest[used:]):
         raise ValueError("no such record")
     if stop not in (0, 1) or (stop and kind > 4):
-        raise ValueError("a stop that is none")
+        raise ValueError("an invalid stop")
     if kind >= 11:
         return [_WORDS[kind - 11]]
     fractions = rest[_FRACTIONS[kind]] if kind in _FRACTIONS else []
     limit = _FRACTION_LIMITS.get(kind, 10_000)
     if any(not 0 <= fraction < limit for fraction in fractions):
-        raise ValueError("a fraction that is none")
+        raise ValueError("an invalid fraction")
     return [_KINDS[kind](rest, work), *(["BREAK"] if stop else [])]
 
 

@@ -274,7 +274,7 @@ class RobotState(Arm):
         self._has_moved = True
         missing = [setting for setting in _SETTINGS if setting not in self._stated]
         if missing:
-            what = f"{', '.join(missing)} not said before the first motion"
+            what = f"{', '.join(missing)} not set before the first motion"
             self.remark(line, f"{what}: the program before may have left it otherwise")
 
     def _check_speed(self, line: int, straight: bool) -> None:
@@ -299,7 +299,7 @@ class RobotState(Arm):
             kept = {*(self._posture.switches if self._posture else ())} - self._restated
             self._restated = None
             if kept:
-                what = f"{', '.join(sorted(kept))} not said since a CALL or its RETURN"
+                what = f"{', '.join(sorted(kept))} not set since a CALL or its RETURN"
                 self.remark(line, f"{what}: whether that keeps the posture is not confirmed")
         if not straight:
             self._stated.add("MOVE")
