@@ -444,7 +444,7 @@ def test_a_subroutine_whose_number_is_worked_out():
         ("G1 X[1+2]", "cannot read 'x[1+2]': grbl takes letters with plain numbers alone"),
         ("G1 X--1", "cannot read 'x--1': grbl takes letters with plain numbers alone"),
         ("G1 X1 A5", "A is not a word of grbl"),
-        ("G2 I5", "G2 names neither X nor Y: grbl turns it down"),
+        ("G2 I5", "G2 names neither X nor Y: grbl rejects it"),
         ("M7 M8", "M7 and M8 are of one group (coolant)"),
     ],
 )

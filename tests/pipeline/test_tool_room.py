@@ -54,7 +54,7 @@ def test_no_orientation_that_is_kept_meets_the_plate_or_the_table(case: Case) ->
     tool = points_of_tool()
     size = np.array(PLATE_SIZE)
     kept = 0
-    for stand in case.stands:
+    for stand in case.resting_poses:
         assert stand.face is not None
         table = max(float(stand.face.normal @ corner) for corner in case.solid.vertices) + 0.5
         for owner, rotation in zip(stand.samples.owner, stand.samples.rotation, strict=True):
@@ -70,7 +70,7 @@ def test_edges_at_the_table_have_no_room_and_those_above_have_four_orientations(
     case: Case,
 ) -> None:
     """The tool points up at an edge at the table: it would have to be in it."""
-    for stand in case.stands[:2]:
+    for stand in case.resting_poses[:2]:
         assert stand.face is not None
         counts = np.bincount(stand.samples.owner, minlength=len(stand.samples.position))
         depth = stand.samples.position @ stand.face.normal
@@ -79,14 +79,14 @@ def test_edges_at_the_table_have_no_room_and_those_above_have_four_orientations(
 
 
 def test_the_weights_of_the_samples_of_an_edge_make_one(case: Case) -> None:
-    samples = case.stands[0].samples
+    samples = case.resting_poses[0].samples
     assert np.allclose(samples.weights.sum(axis=0), 1)
     everything = np.ones((1, len(samples.position)), dtype=np.bool_)
     assert np.allclose(samples.sum_by_edge(everything), 1)
 
 
 def test_fewer_samples_keep_their_first_orientations(case: Case) -> None:
-    samples = case.stands[0].samples
+    samples = case.resting_poses[0].samples
     fewer: Samples = samples.thin_out(len(samples.position) // 2, 1)
     assert len(fewer.position) == -(-len(samples.position) // 2)
     assert (np.bincount(fewer.owner) <= 1).all()

@@ -31,7 +31,7 @@ from tests.support.rs274 import (
 )
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
-UNSAID = "not said before the first motion: the program before may have left it otherwise"
+UNSAID = "not set before the first motion: the program before may have left it otherwise"
 SLOW = settings(suppress_health_check=[HealthCheck.too_slow])
 S = 10 / math.sqrt(2)
 
@@ -551,7 +551,7 @@ def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word, options):
     )
     first = next(k for k, line in enumerate(left.splitlines(), 1) if "G0 " in line)
     assert read(left, **options).findings == (Finding("unusual", first, f"{word} {UNSAID}"),)
-    assert f"{word} not said" in difference(
+    assert f"{word} not set" in difference(
         PART, read(left, **options), gcode(**options).tolerance()
     )
 

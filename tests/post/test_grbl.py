@@ -314,12 +314,12 @@ def test_arcs_hold_in_32_bits(plan):
         ("%", "cannot read '%'"),
         ("$H", "cannot read '$H'"),
         ("#1=2", "parameters and expressions are not read"),
-        ("(wait!)", "character '!' acts at once or is no ASCII, which GRBL minds in comments too"),
-        ("; ~", "character '~' acts at once or is no ASCII, which GRBL minds in comments too"),
-        ("(ä)", "character 'ä' acts at once or is no ASCII, which GRBL minds in comments too"),
+        ("(wait!)", "character '!' acts at once or is not ASCII; GRBL rejects it in comments too"),
+        ("; ~", "character '~' acts at once or is not ASCII; GRBL rejects it in comments too"),
+        ("(ä)", "character 'ä' acts at once or is not ASCII; GRBL rejects it in comments too"),
         (
             "G0 X1 \x18",
-            "character '\\x18' acts at once or is no ASCII, which GRBL minds in comments too",
+            "character '\\x18' acts at once or is not ASCII; GRBL rejects it in comments too",
         ),
         ("G1 F100 X" + "0" * 72 + "1", "80 characters without blanks and comments, GRBL reads 79"),
         ("G2 I5 F100", "G2 without an end point"),
@@ -337,7 +337,7 @@ def test_faults_name_line_and_word(line, says):
     assert (1, says) in faults(line)
 
 
-UNSAID = "not said before the first motion: the program before may have left it otherwise"
+UNSAID = "not set before the first motion: the program before may have left it otherwise"
 
 
 @pytest.mark.parametrize("word", ["G17", "G40", "G54", "G80", "G90", "G91.1", "G94"])
@@ -346,7 +346,7 @@ def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word):
         TEXT.replace(f"{word} ", "", 1) if f"{word} " in TEXT else TEXT.replace(f"{word}\n", "\n")
     )
     assert read(left).findings == (Finding("unusual", 7, f"{word} {UNSAID}"),)
-    assert f"{word} not said" in difference(PART, read(left), grbl().tolerance())
+    assert f"{word} not set" in difference(PART, read(left), grbl().tolerance())
 
 
 def test_tools_and_numbers_within_the_firmware():

@@ -307,7 +307,7 @@ def test_a_file_that_is_changed_between_the_two_passes_stops_at_once() -> None:
         ("STOP", "RETURN", "not the reader of a data file"),
         ("cg.d/10000,cg.e", "cg.e/10000,cg.e", "not the reader of a data file"),
         ('"part.dat"', '"other.dat"', "reads other.dat: give it that file, not part.dat"),
-        (".END\n", ".END\n.PROGRAM more()\n.END\n", "behind the reader"),
+        (".END\n", ".END\n.PROGRAM more()\n.END\n", "after the reader"),
         (".END\n", "", "not the reader of a data file: nothing"),
         ("ACCEL (0) 100", "ACCEL (0) 90", "ACCEL other than"),
         ("100\n    BREAK", "100\n    BREAK \x07", "not printable"),

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from camgen.lang.log import Log
 from camgen.model.pose import Pose
 from camgen.model.program import Joints
+from camgen.model.text import counted
 
 from .locations import to_joints
 from .names import canonical
@@ -63,8 +64,7 @@ def read_points(files: Mapping[str, str], log: Log) -> dict[str, Value]:
             else:
                 values[key] = value
         if wrong:
-            lines = "line is" if wrong == 1 else "lines are"
-            log.fact(f"of {name}", f"{wrong} {lines} no locations")
+            log.fact(f"of {name}", f"{counted(wrong, 'line')} without a location")
     return values
 
 

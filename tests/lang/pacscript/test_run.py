@@ -408,7 +408,7 @@ def test_a_wait_is_over_at_once_and_what_it_waits_for_holds() -> None:
 
 def test_a_wait_against_what_the_user_says_stops() -> None:
     found = run("Wait IO[8] = On", "Set IO[1]", **{"io8": 0.0})
-    assert found.stopped == (3, "waits for ever: io[8] is given otherwise")
+    assert found.stopped == (3, "waits forever: io[8] is given otherwise")
     assert run("Wait IO[8] = On", "Set IO[1]", **{"io[8]": 1.0}).body == (Output("1", 1),)
 
 

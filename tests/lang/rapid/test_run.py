@@ -703,7 +703,7 @@ def test_what_changes_nothing_in_a_corner_is_not_dangerous() -> None:
 def test_what_was_assumed_can_be_given(condition: str, assume: Mapping[str, float]) -> None:
     body = f"IF {condition} THEN\nMoveL p1,{TAIL}\nELSE\nStop;\nENDIF"
     executed = done(body)
-    assert [(one.key, one.value) for one in executed.assumed if "asks" in one.what] == list(
+    assert [(one.key, one.value) for one in executed.assumed if " depends on " in one.what] == list(
         assume.items()
     )
     given = done(body, **assume)
@@ -825,7 +825,7 @@ def test_data_that_a_loop_asks_and_nothing_sets_are_set_outside_of_the_program()
     other = run_polled(ASKED, RunRequest(shifts={choice.line: 1}))
     assert other.findings == ()
     assert other.assumed[0].what.startswith(
-        "an IF asks place, which is set outside of this program"
+        "an IF depends on place, which is set outside of this program"
     )
     assert (other.assumed[0].key, choice.options) == ("place", 2)
     # A value of the user counts in each run, and no choice is left.

@@ -34,7 +34,7 @@ def test_speeds():
     # 100 % is 7500 mm/s; without ALWAYS a speed holds once; the monitor speed scales all.
     assert [m.speed for m in moves(found)] == pytest.approx([7500, 3750, 7500, 20, 25.4, 20, 2])
     assert [m.share for m in moves(found)[:3]] == [1, 0.5, 1]
-    assert ("speed", "100 % is taken for 7500 mm/s of the TCP") in found.facts
+    assert ("speed", "100 % is assumed to be 7500 mm/s of the TCP") in found.facts
 
 
 def test_corners():
@@ -157,7 +157,7 @@ def test_points_from_a_file_and_from_sections(where):
 def test_points_as_assignments_and_lines_that_are_none():
     found = execute("MOVE p", points={"p.txt": "SET p = TRANS(1,2,3)\nwhat is this\n"})
     assert moves(found)[0].target.origin == (1, 2, 3)
-    assert ("of p.txt", "1 line is not a locations") in found.facts
+    assert ("of p.txt", "1 line without a location") in found.facts
 
 
 def test_tools_and_frames():

@@ -87,7 +87,7 @@ VIA = "P(5.000, 2.000, 0.000, 180.0000, 0.0000, 0.0000, 5)"
 ARC_END = "P(10.000, 0.000, 0.000, 180.0000, 0.0000, 0.0000, 5)"
 ARC = f"{VIA}, @0 {ARC_END}"
 HOME_JOINTS = "J(0.0000, 0.0000, 90.0000, 0.0000, 30.0000, 0.0000)"
-NO_TYPE, NOBODY = "no type", "nobody"
+NO_TYPE, NOBODY = "not a type", "no statement"
 OTHERWISE = "Mps is asked otherwise than by the programs of the post"
 LEFT_OUT = "a value is left out between commas"
 SIGNS = "a sign stands right after another or after an operator"
@@ -118,7 +118,7 @@ CHANGES = [
     fault("plain", "Sub Main", "#Define Then 5\nSub Main", "Then is a word of the language",
           others=True),
     fault("plain", "Sub Main", "Sub Main(ByVal a As Single)",
-          f"Main has parameters, and {NOBODY} calls it with values"),
+          f"Main has parameters, but {NOBODY} calls it with values"),
     fault("plain", "    Speed 10", "    Dim unit As Single = 1\n    Speed 10",
           "unit is declared twice"),
     fault("plain", "    Speed 10", "    Dim Timer As Single\n    Speed 10",

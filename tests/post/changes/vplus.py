@@ -47,7 +47,7 @@ PROGRAMS = {
     "right": Sample("vplus", BRACKET, {"rated": 1000.0, "posture": ["RIGHTY"]}),
 }
 
-NO_OUTPUT, SAID = "no output", "said"
+NO_OUTPUT, SAID = "not an output", "set"
 UNSAID = f"not {SAID} before the first motion: the program before may have left it otherwise"
 SETTLES = "sets how exactly the robot stops, which camgen never writes"
 RATED = "ACCEL other than (0) 100, 100: corners and the time of the program are others"
