@@ -84,9 +84,13 @@ def make_limits(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
 
     speed: maximum speed of the TCP, mm/s.
     """
-    stated = robot.accelerations
-    accelerations = robot.speeds / dynamics.ramp if stated is None else stated
+    accelerations = _choose_accelerations(robot, dynamics.ramp)
     return MotionLimits(robot.fastest, accelerations, speed, dynamics.acceleration)
+
+
+def _choose_accelerations(robot: Robot, ramp: float) -> FloatArray:
+    """(J,) the stated accelerations, rad/s2 or mm/s2, else those that reach full speed in `ramp`."""
+    return robot.fastest / ramp if robot.accelerations is None else robot.accelerations
 
 
 def time_from_rest(
@@ -124,7 +128,7 @@ class LinkSpeeds(Struct, frozen=True):
 
     def time_joints(self, robot: Robot, moved: FloatArray) -> FloatArray:
         """(...) durations of joint motions from rest to rest, s; moved: (..., J) rad or mm."""
-        gains = robot.fastest / self.ramp if robot.accelerations is None else robot.accelerations
+        gains = _choose_accelerations(robot, self.ramp)
         return np.asarray(time_from_rest(np.abs(moved), robot.fastest, gains).max(axis=-1))
 
     def time_tool(self, length: FloatArray | float, speed: FloatArray | float) -> FloatArray:

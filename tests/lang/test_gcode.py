@@ -407,7 +407,8 @@ def test_the_reader_names_file_line_and_reason(tmp_path):
     with pytest.raises(InputError) as error:
         read(file(tmp_path, "G21\r\nG0 X0\r\nG38.2 Z0\r\n"), Job())
     assert str(error.value) == (
-        "old.ngc: G38.2 probes: how far it goes is not in the text (line 3); correct the line, or build from the drawing"
+        "old.ngc: G38.2 probes: how far it goes is not in the text (line 3); "
+        "correct the line, or build from the drawing"
     )
 
 

@@ -322,10 +322,16 @@ def set_work(m: Machine, code: str, words: dict[str, float]) -> None:
 
 def _shift(m: Machine, code: str, words: dict[str, float]) -> None:
     """G52 and G92.3: replaces the shift of the origin."""
-    given = dict(enumerate(m.suspended)) if code == "G92.3" else take_axes(m, words)
+    given = dict(enumerate(m.saved_shift)) if code == "G92.3" else take_axes(m, words)
     for axis, value in given.items():
         m.shift[axis] += value - (m.shifted[axis] or 0.0)
         m.shifted[axis] = value
+    _save_shift(m)
+
+
+def _save_shift(m: Machine) -> None:
+    """Saves the shift for G92.3, as in the parameters 5211 to 5213 of LinuxCNC."""
+    m.saved_shift[:] = [shift or 0.0 for shift in m.shifted]
 
 
 def _read_as(m: Machine, axis: int, value: float) -> float | None:
@@ -358,6 +364,7 @@ def _set_position(m: Machine, _code: str, words: dict[str, float]) -> None:
         moved, total = _read_as(m, axis, value), m.shifted[axis]
         m.shifted[axis] = None if moved is None or total is None else total + moved
     if axes:
+        _save_shift(m)
         return
     if m.dialect.increments and m.speed:
         m.log.fact("left out", "G92 S limits the spindle")
@@ -366,15 +373,16 @@ def _set_position(m: Machine, _code: str, words: dict[str, float]) -> None:
 
 
 def _cancel(m: Machine, code: str, _words: dict[str, float]) -> None:
-    """G92.1 and G92.2: cancels the shift of the origin. G92.3 restores it."""
-    m.suspended[:] = [shift or 0.0 for shift in m.shifted]
+    """G92.1 and G92.2: cancels the shift of the origin. After G92.2, G92.3 restores it."""
     if None in m.shifted:
         m.assume(
             f"{code} after a G92 at a position that the program does not say: the origin stays"
         )
-    for axis, shift in enumerate(m.suspended):
-        m.shift[axis] -= shift
+    for axis, shift in enumerate(m.shifted):
+        m.shift[axis] -= shift or 0.0
     m.shifted[:] = [0.0, 0.0, 0.0]
+    if code == "G92.1":
+        _save_shift(m)
 
 
 def _set_table(m: Machine, _code: str, words: dict[str, float]) -> None:

@@ -146,7 +146,7 @@ class Machine:
     shift: absolute coordinates minus those of the program.
     work, works: work offset in force, and the coordinates of each, None if not known.
     shifted: shift of the origin by G92, None if not known.
-    suspended: the shift that G92.2 has cancelled.
+    saved_shift: the shift that G92.3 sets.
     rotation: rotation of the coordinates (G68).
 
     Modes:
@@ -234,7 +234,7 @@ class Machine:
     work: str = ""
     works: dict[str, list[float | None]] = field(default_factory=dict)
     shifted: list[float | None] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    suspended: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    saved_shift: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     rotation: Rotation | None = None
 
     unit: float | None = None

@@ -108,7 +108,8 @@ EFFECTS.update(
 def run_trap_aside(machine: Machine, routine: Routine, run: Callable[[], object]) -> None:
     """Run a TRAP by calling `run`, report its effects and undo them.
 
-    Its findings count as unusual, since the values of data when the interrupt comes are unknown.
+    Its findings count as unusual, since the values of data when the interrupt comes are unknown. A
+    finding of harm counts as possible.
     """
     with _aside(machine) as begin:
         run()
@@ -116,11 +117,11 @@ def run_trap_aside(machine: Machine, routine: Routine, run: Callable[[], object]
         findings = machine.log.list_findings()
     machine.log.fact("interrupts", f"{routine.name} (line {routine.line}): {sum_up(instructions)}")
     for finding in findings:
-        is_known = machine.log.has(finding) or finding.level == "dangerous"
         # An index that is out of range now may be in range when the interrupt comes.
-        if not is_known and not finding.what.startswith("element "):
+        if not machine.log.has(finding) and not finding.what.startswith("element "):
             what = f"in the TRAP {routine.name}, where it comes: {finding.what}"
-            machine.log.find("unusual", what, line=finding.line)
+            level = "possible" if finding.level == "dangerous" else "unusual"
+            machine.log.find(level, what, line=finding.line)
 
 
 @contextmanager
@@ -130,7 +131,7 @@ def _aside(machine: Machine) -> Iterator[int]:
     Yields the index of the first instruction of the block.
     """
     kept = {name: getattr(machine, name) for name in _KEPT}
-    copies = {name: getattr(machine, name).copy() for name in ("log", "outputs", "frame_keys")}
+    copies = {name: getattr(machine, name).copy() for name in _COPIED}
     begin, frames = len(machine.body), len(machine.frames)
     machine.blending = 0
     try:
@@ -144,5 +145,6 @@ def _aside(machine: Machine) -> Iterator[int]:
 
 _KEPT = (
     "scope", "line", "position", "displaced", "frame", "blending", "pressing", "welding", "held",
-    "speed_override", "speed_most", "passes_circle_point",
+    "speed_override", "speed_most", "passes_circle_point", "has_conf_l", "external", "placed_here",
 )  # fmt: skip
+_COPIED = ("log", "outputs", "frame_keys", "placed", "connected", "asleep", "arrived", "due")

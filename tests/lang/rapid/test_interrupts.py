@@ -82,6 +82,26 @@ def test_what_is_wrong_in_a_trap_is_told_with_its_line() -> None:
     ]
 
 
+#: Two targets between which axis 6 turns by more than a straight motion allows.
+FLIP = (
+    "MoveJ [[0,0,0],[1,0,0,0],[0,0,-2,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v10,fine,tG;\n"
+    "MoveL [[9,0,0],[1,0,0,0],[0,0,1,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v10,fine,tG;"
+)
+
+
+def test_harm_in_a_trap_that_does_not_come_is_possible() -> None:
+    found = traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", FLIP)
+    (finding,) = found.findings
+    assert (finding.level, finding.line) == ("possible", 20)
+    assert finding.what.startswith("in the TRAP t_stop, where it comes: the configuration of ")
+
+
+def test_settings_of_a_trap_that_does_not_come_end_with_it() -> None:
+    body = f"VAR intnum i2;\n{HEAD}CONNECT i2 WITH T_next;\nMoveL p1,{TAIL}"
+    both = TRAP.format("ConfL\\Off;") + f"\nTRAP T_next\n{FLIP}\nENDTRAP"
+    assert [finding.level for finding in done(body, both).findings] == ["possible"]
+
+
 def test_what_depends_on_data_that_are_not_there_is_no_fault_of_a_trap() -> None:
     assert not traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "a{n}:=1;").findings
 
