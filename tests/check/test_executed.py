@@ -1,4 +1,4 @@
-"""The executed path of a text, by the model of its controller and by a judge."""
+"""The executed path of a text, by the model of its controller and by an independent one."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from tests.support.rounded_paths import judge
 from tests.test_cases import ALL, built
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
-#: mm: half of the last digit moves both ends of a motion.
+#: mm: rounding of the last digit at both ends of a motion.
 DIGITS = 0.001
-#: The others are judged by `python -m bench.check.rounding`.
-JUDGED = [
+#: Cases tested here; `python -m bench.check.rounding` measures all.
+MEASURED = [
     (case, post)
     for case, post in ALL
     if case.name in ("bracket-follow", "blocks-trace", "gear-trace", "logo-trace")
@@ -29,8 +29,10 @@ JUDGED = [
 ]
 
 
-@pytest.mark.parametrize(("case", "post"), JUDGED, ids=lambda value: getattr(value, "name", value))
-def test_the_judge_finds_the_same_distance(case: Path, post: str) -> None:
+@pytest.mark.parametrize(
+    ("case", "post"), MEASURED, ids=lambda value: getattr(value, "name", value)
+)
+def test_the_deviation_agrees_with_an_independent_model(case: Path, post: str) -> None:
     result = built(case, post)
     corners = judge(post, result.text)
     assert len(corners) == result.rounded.transitions
@@ -38,7 +40,7 @@ def test_the_judge_finds_the_same_distance(case: Path, post: str) -> None:
     assert max(corners).mm <= result.rounded.allowed + DIGITS
 
 
-def measure(result: camgen.Result, text: str) -> Rounding:
+def measure_changed(result: camgen.Result, text: str) -> Rounding:
     """The rounding of a changed text."""
     options = fill_tables(type(result.post), result.job.post)
     reading = find_readback(result.post.name)({"a": text}, options)
@@ -50,8 +52,8 @@ def measure(result: camgen.Result, text: str) -> Rounding:
 
 
 def test_each_zone_that_is_too_large_is_found() -> None:
-    """The model finds each corner that the judge finds, at its line, with its distance."""
-    case = next(case for case, _ in JUDGED if case.name == "bracket-follow")
+    """Both models find the same corner, at its line, with the same deviation."""
+    case = next(case for case, _ in MEASURED if case.name == "bracket-follow")
     result = built(case, "rapid")
     text = result.files[0].text
     too_large = 0
@@ -60,7 +62,7 @@ def test_each_zone_that_is_too_large_is_found() -> None:
         worst = max(judge("rapid", changed))
         if worst.mm <= result.rounded.allowed + 2 * DIGITS:
             continue
-        rounded = measure(result, changed)
+        rounded = measure_changed(result, changed)
         assert rounded.line == worst.line
         assert rounded.mm == pytest.approx(worst.mm, rel=0.03)
         too_large += 1
@@ -84,13 +86,13 @@ def test_a_tolerance_that_cannot_be_kept_is_refused_with_the_corner() -> None:
 @pytest.mark.parametrize(
     ("corner", "line"), [(0.002, "G64 P0.002 Q0"), (0.5, "G64 P0.01 Q0"), (0.0, "G61")]
 )
-def test_linuxcnc_is_asked_for_the_tolerance_of_the_job(corner: float, line: str) -> None:
+def test_linuxcnc_gets_the_tolerance_of_the_job(corner: float, line: str) -> None:
     job = {"operation": {"kind": "trace"}, "tolerance": {"corner": corner}}
     assert f"\n{line}\n" in camgen.build(PARTS / "bracket.dxf", post="gcode", job=job).text
 
 
 @pytest.mark.parametrize("corner", [0.0, 0.002])
-def test_verify_asks_for_the_tolerance_of_the_job(
+def test_verify_expects_the_tolerance_of_the_job(
     corner: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job, part = tmp_path / "job.toml", str(PARTS / "bracket.dxf")
@@ -102,7 +104,7 @@ def test_verify_asks_for_the_tolerance_of_the_job(
     assert "path_tolerance" not in capsys.readouterr().out
 
 
-def test_grbl_stays_on_the_path() -> None:
+def test_grbl_does_not_deviate_from_the_path() -> None:
     rounded = camgen.build(PARTS / "bracket.dxf", post="grbl").rounded
     assert rounded.transitions > 0
     assert rounded.mm == 0.0

@@ -1,4 +1,4 @@
-"""Feeds against the joints of an arm: paths whose joint speeds are known by hand."""
+"""Feeds that the joints of an arm cannot reach, on paths whose joint speeds are known by hand."""
 
 import math
 from pathlib import Path
@@ -13,14 +13,14 @@ from camgen.robots import catalogue
 from camgen.robots.kinematics.forward import compute_flange
 
 RADIUS = 400.0
-#: IRB 120, product specification: axes 1 and 6 turn at 250 and 420 deg/s.
+#: Product specification of the IRB 120: axis 1 has 250 deg/s, axis 6 420 deg/s.
 AXIS_1 = math.radians(250.0)
 
 
-def arc_job(feed, **tables):
-    """A part of a circle about axis 1, with the tool straight down.
+def make_arc_job(feed, **tables):
+    """The job of a circular arc about axis 1, with the tool straight down.
 
-    Axis 1 turns by feed / radius, and axis 6 turns back by as much. No other axis moves.
+    Axis 1 rotates at feed / radius, axis 6 at as much in reverse. No other axis moves.
     """
     cell = {
         "robot": "IRB 120",
@@ -31,12 +31,13 @@ def arc_job(feed, **tables):
 
 
 def build_arc(feed, sweep=60.0):
+    """Build an arc of `sweep` deg about axis 1."""
     angles = np.radians(np.linspace(-sweep / 2, sweep / 2, 361))
     chain = np.column_stack([RADIUS * np.cos(angles), RADIUS * np.sin(angles)])
-    return camgen.build(camgen.part(chain), post="rapid", job=arc_job(feed))
+    return camgen.build(camgen.part(chain), post="rapid", job=make_arc_job(feed))
 
 
-def test_axis_1_sets_the_speed_of_a_circle_about_it():
+def test_axis_1_limits_the_speed_on_a_circle_about_it():
     slow = build_arc(2000.0).slow
     assert len(slow) == 1
     assert slow[0].joint == 1
@@ -46,13 +47,13 @@ def test_axis_1_sets_the_speed_of_a_circle_about_it():
     assert np.hypot(*slow[0].place[:2]) == pytest.approx(RADIUS, abs=0.1)
 
 
-def test_a_feed_below_it_is_kept():
+def test_a_feed_below_the_limit_of_the_joints_is_kept():
     result = build_arc(1700.0)
     assert result.slow == ()
     assert "slow_feeds" not in result.report
 
 
-def test_the_note_names_the_path_its_place_and_the_axis():
+def test_the_note_names_the_path_its_position_and_the_axis():
     result = build_arc(2000.0)
     note = next(note for note in result.notes if "its feed" in note.what)
     assert note.kind == "warning"
@@ -64,7 +65,7 @@ def test_the_note_names_the_path_its_place_and_the_axis():
     assert (row["path"], row["axis"], row["share"]) == ("c1", 1, 1.0)
     line = camgen.part([(400, 0), (300, 200)])
     with pytest.raises(NoSafeProgram, match=r"--strict and c1: its feed of 2000 mm/s falls to"):
-        camgen.build(line, post="rapid", job=arc_job(2000.0), strict=True)
+        camgen.build(line, post="rapid", job=make_arc_job(2000.0), strict=True)
 
 
 def test_a_feed_beyond_all_joints_together_is_refused():
@@ -76,25 +77,27 @@ def test_a_feed_beyond_all_joints_together_is_refused():
     assert "with all joints at full speed (lower process.feed, or the speed in" in message
 
 
-def test_no_joint_motion_exceeds_the_bound():
-    """The bound is the sum of all joints: no combination of joint speeds exceeds it."""
+def test_no_combination_of_joint_speeds_exceeds_the_bound():
+    """The bound is the sum over all joints."""
     robot = catalogue.find_robot("IRB 120")
     rng = np.random.default_rng(1)
-    tip = (0.0, 0.0, 100.0)
+    flange_from_tcp = (0.0, 0.0, 100.0)
     joints = rng.uniform(-1.0, 1.0, (50, 6))
     rates = robot.fastest * rng.choice([-1.0, 1.0], (50, 6))
 
-    def place(values):
+    def compute_tcp(values):
         rotation, origin = compute_flange(robot, values)
-        return origin + rotation @ np.asarray(tip)
+        return origin + rotation @ np.asarray(flange_from_tcp)
 
     step = 1e-6
-    speed = np.linalg.norm(place(joints + step * rates) - place(joints - step * rates), axis=1)
-    assert (speed / (2 * step) <= bound_speed(robot, joints, tip) * (1 + 1e-6)).all()
+    speed = np.linalg.norm(
+        compute_tcp(joints + step * rates) - compute_tcp(joints - step * rates), axis=1
+    )
+    assert (speed / (2 * step) <= bound_speed(robot, joints, flange_from_tcp) * (1 + 1e-6)).all()
 
 
 @pytest.mark.parametrize("key", ["feed", "plunge", "travel"])
-def test_a_speed_that_no_controller_has_is_refused(key):
+def test_a_speed_beyond_all_controllers_is_refused(key):
     with pytest.raises(JobError, match=f"{key} must be a number > 0 and <= 7000"):
         camgen.job({"process": {key: 50000.0}})
 
@@ -103,8 +106,8 @@ SHARED = Path(__file__).parents[3] / "shared" / "data" / "cases"
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data is not beside the repository")
-def test_a_line_near_a_singularity_falls_as_an_outside_judge_found():
-    """Axis 4 would need 937 of 320 deg/s: 400 mm/s fall to 137 on 83 % of the line."""
+def test_the_feed_near_a_singularity_falls_as_measured_independently():
+    """Axis 4 would need 937 deg/s and has 320: 400 mm/s fall to 137 mm/s on 83 % of the line."""
     cell = {
         "robot": "IRB 120",
         "base_from_work": [500, 40, 600, 90, 0, -90],

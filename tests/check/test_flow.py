@@ -1,4 +1,4 @@
-"""Ways between edges without stops: what is rounded is free by a plain loop over fcl, and stops are where they must."""
+"""Blends of links between edges: they are free by a plain loop over fcl, and needed stops stay."""
 
 import math
 from functools import partial
@@ -31,7 +31,8 @@ from tests.support.whole import whole
 SOLID = mesh.read(source(PARTS / "rfa1.stl"))
 
 
-def built(name: str, free: bool = False, post: str = "rapid", **process: float) -> Result:
+def build_part(name: str, free: bool = False, post: str = "rapid", **process: float) -> Result:
+    """Build the part for a cell of the bench. free: the tool may tilt and roll."""
     tables = cell(SOLID, name)
     tool = {**tables["tool"], **(FREE if free else {})}
     options: dict[str, object] = {"signals": {"process": 1}} if post == "vplus" else {}
@@ -45,35 +46,32 @@ def built(name: str, free: bool = False, post: str = "rapid", **process: float) 
     return build(PARTS / "rfa1.stl", post=post, job=job)
 
 
-def arm_of(result: Result) -> Robot:
+def get_arm(result: Result) -> Robot:
+    """The arm of a build."""
     assert result.cell.arm is not None
     return result.cell.arm
 
 
-def between(result: Result, motion: int, share: float) -> FloatArray:
-    """The joints (J,) at a share of the way of the TCP in a motion."""
+def interpolate_joints(result: Result, motion: int, fraction: float) -> FloatArray:
+    """Joint values (J,) at a fraction of the travel of the TCP in a motion."""
     assert result.reach is not None
-    trace = trace_motions(result.program, result.reach, arm_of(result))
+    trace = trace_motions(result.program, result.reach, get_arm(result))
     rows = trace.rows(motion)
-    at = (trace.travelled[rows] - trace.travelled[rows.start]) / (
-        trace.travelled[rows.stop - 1] - trace.travelled[rows.start]
+    travel = trace.travelled[rows] - trace.travelled[rows.start]
+    fractions = travel / travel[-1]
+    return np.array(
+        [np.interp(fraction, fractions, column) for column in result.reach.joints[rows].T]
     )
-    return np.array([np.interp(share, at, column) for column in result.reach.joints[rows].T])
 
 
-def rounded(result: Result, motion: int, zone: float) -> FloatArray:
-    """A parabola of the joints (11, J) from ``zone`` mm of the TCP before the corner to as much behind it."""
+def make_parabola(result: Result, motion: int, zone: float) -> FloatArray:
+    """Joint values (11, J) on a parabola from `zone` mm before the corner to as far after it."""
     assert result.reach is not None
-    trace = trace_motions(result.program, result.reach, arm_of(result))
-    long = [
-        trace.travelled[(rows := trace.rows(k)).stop - 1] - trace.travelled[rows.start]
-        for k in (motion, motion + 1)
-    ]
-    a, b, c = (
-        between(result, motion, 1 - min(zone / long[0], 0.5)),
-        between(result, motion, 1.0),
-        between(result, motion + 1, min(zone / long[1], 0.5)),
-    )
+    trace = trace_motions(result.program, result.reach, get_arm(result))
+    lengths = [float(np.ptp(trace.travelled[trace.rows(k)])) for k in (motion, motion + 1)]
+    a = interpolate_joints(result, motion, 1 - min(zone / lengths[0], 0.5))
+    b = interpolate_joints(result, motion, 1.0)
+    c = interpolate_joints(result, motion + 1, min(zone / lengths[1], 0.5))
     t = np.linspace(0, 1, 11)[:, None]
     return np.asarray((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
 
@@ -81,20 +79,20 @@ def rounded(result: Result, motion: int, zone: float) -> FloatArray:
 @pytest.mark.parametrize(
     ("name", "free"), [("IRB 2000", True), ("IRB 1200", False), ("IRB 2400", True)]
 )
-def test_what_is_rounded_is_free_and_keeps_the_margin(name: str, free: bool) -> None:
-    result = built(name, free)
-    judge, blend = loop(result, SOLID), result.program.columns.blend
-    found = np.flatnonzero(blend > 0)
-    assert len(found) >= 12
-    for motion in found.tolist():
+def test_corner_paths_are_free_and_keep_the_margin(name: str, free: bool) -> None:
+    result = build_part(name, free)
+    fcl_loop, blend = loop(result, SOLID), result.program.columns.blend
+    blended = np.flatnonzero(blend > 0)
+    assert len(blended) >= 12
+    for motion in blended.tolist():
         for zone in (blend[motion], 1.6 * blend[motion]):
-            for joints in rounded(result, motion, zone):
-                assert judge.first(joints) is None
-                assert judge.gap(joints) >= 2.0 - 1e-6
+            for joints in make_parabola(result, motion, zone):
+                assert fcl_loop.first(joints) is None
+                assert fcl_loop.gap(joints) >= 2.0 - 1e-6
 
 
-def test_edges_begin_and_end_at_a_stop_and_so_does_what_leads_to_a_contact() -> None:
-    result = built("IRB 2400", True)
+def test_motions_at_the_ends_of_edges_and_before_contact_stop() -> None:
+    result = build_part("IRB 2400", True)
     columns = result.program.columns
     ends = columns.works & np.append(columns.path[1:] != columns.path[:-1], True)
     ends[:-1] |= columns.works[:-1] & ~columns.works[1:]
@@ -104,7 +102,8 @@ def test_edges_begin_and_end_at_a_stop_and_so_does_what_leads_to_a_contact() -> 
     assert len(contact) > 5
     assert not columns.blend[contact].any()
     assert not columns.blend[contact - 1].any()
-    # The others flow, but for those before an edge and one that states where the tool is before it is run along an arc.
+    # The other links have blends, apart from those before an edge. One more may stop: a motion to
+    # the position where the tool is already, which an arc needs as its start.
     links = ~columns.works
     links[:1] = links[contact] = links[contact - 1] = False
     links[:-1] &= ~columns.works[1:]
@@ -114,60 +113,59 @@ def test_edges_begin_and_end_at_a_stop_and_so_does_what_leads_to_a_contact() -> 
     assert note.startswith(f"{int((columns.blend[~columns.works] > 0).sum())} of ")
 
 
-def test_more_margin_leaves_less_room_for_rounding() -> None:
-    result = built("IRB 2400", True)
+def test_a_larger_margin_makes_blends_smaller() -> None:
+    result = build_part("IRB 2400", True)
     assert result.reach is not None
     assert result.where is not None
-    bare = result.program.with_body(
+    unblended = result.program.with_body(
         tuple(
-            replace(one, blend=0.0) if isinstance(one, (MoveJ, MoveL)) else one
-            for one in result.program.body
+            replace(motion, blend=0.0) if isinstance(motion, (MoveJ, MoveL)) else motion
+            for motion in result.program.body
         )
     )
-    rest = bare, result.reach
+    inputs = unblended, result.reach
     flow = Flow(10.0, math.inf, -math.inf)
-    wide, _ = blend_links(*rest, replace(result.where, margin=60.0), result.cell, flow)
-    narrow, _ = blend_links(*rest, result.where, result.cell, flow)
-    assert narrow.columns.blend.tolist() == result.program.columns.blend.tolist()
-    assert (wide.columns.blend <= narrow.columns.blend).all()
-    assert wide.columns.blend.sum() < 0.8 * narrow.columns.blend.sum()
+    with_margin, _ = blend_links(*inputs, replace(result.where, margin=60.0), result.cell, flow)
+    without_margin, _ = blend_links(*inputs, result.where, result.cell, flow)
+    assert without_margin.columns.blend.tolist() == result.program.columns.blend.tolist()
+    assert (with_margin.columns.blend <= without_margin.columns.blend).all()
+    assert with_margin.columns.blend.sum() < 0.8 * without_margin.columns.blend.sum()
 
 
-def test_triangles_that_are_called_free_hold_nothing_that_collides() -> None:
-    result = built("IRB 2400", True)
+def test_triangles_that_are_called_free_contain_no_collision() -> None:
+    result = build_part("IRB 2400", True)
     assert result.where is not None
-    scene, arm = result.where.scene, arm_of(result)
+    scene, arm = result.where.scene, get_arm(result)
     assert result.reach is not None
     rng = np.random.default_rng(4)
     first = result.reach.joints[rng.integers(0, len(result.reach.joints), 150)]
     corners = first[:, None] + rng.normal(0.0, 0.1, (150, 3, len(arm.joints)))
-    free = are_free(scene, corners, np.arange(150), 1.0)
-    shares = rng.dirichlet(np.ones(3), (150, 60))
-    inside = np.einsum("kns,ksj->knj", shares, corners)
-    struck = (
+    is_free = are_free(scene, corners, np.arange(150), 1.0)
+    weights = rng.dirichlet(np.ones(3), (150, 60))
+    inside = np.einsum("kns,ksj->knj", weights, corners)
+    collides = (
         (find_collisions(scene, inside.reshape(-1, inside.shape[-1]), near=1.0) >= 0)
         .reshape(150, 60)
         .any(axis=1)
     )
-    assert not (free & struck).any()
-    assert free.sum() > 40
-    assert struck.sum() > 20
-    # Few that are free are not found to be so.
-    assert (~free & ~struck).sum() < 40
+    assert not (is_free & collides).any()
+    assert is_free.sum() > 40
+    assert collides.sum() > 20
+    # Only a few free triangles are not recognised as free.
+    assert (~is_free & ~collides).sum() < 40
 
 
-def test_on_links_no_joint_is_faster_than_it_may_be_and_none_could_be_faster() -> None:
+def test_links_are_as_fast_as_the_joints_and_points_of_the_arm_allow() -> None:
     """A link is as fast as the joints or the fastest point of the arm, at 250 mm/s, allow."""
-    result = built("IRB 2400", True)
+    result = build_part("IRB 2400", True)
     assert result.reach is not None
     assert result.where is not None
     distance = partial(measure_apart, result.where.scene)
-    arm, columns = arm_of(result), result.program.columns
+    arm, columns = get_arm(result), result.program.columns
     trace = trace_motions(result.program, result.reach, arm)
     full = 0
-    for k in np.flatnonzero(~columns.works & (columns.speed > result.job.process.feed))[
-        1:
-    ].tolist():
+    links = np.flatnonzero(~columns.works & (columns.speed > result.job.process.feed))
+    for k in links[1:].tolist():
         rows = trace.rows(k)
         mm, seconds = np.diff(trace.travelled[rows]), np.diff(trace.seconds[rows])
         if isinstance(columns.moves[k], MoveJ):
@@ -177,29 +175,30 @@ def test_on_links_no_joint_is_faster_than_it_may_be_and_none_could_be_faster() -
             # Links at the part are slower.
             if columns.speed[k] > result.job.process.travel_speed:
                 assert columns.share[k] == pytest.approx(limit, rel=0.02)
-                # The mean speed of the TCP at this share, down to a whole number.
+                # The mean speed of the TCP at this fraction, rounded down to a whole number.
                 mean = columns.share[k] * mm.sum() / seconds.sum()
                 assert 0.98 * mean - 1 <= columns.speed[k] <= 1.01 * mean + 1
                 full += 1
         elif mm.sum() > 1.0:
-            # Along a line rows are apart by 10 mm: in between a joint may be a little faster than from row to row.
+            # Rows along a line are 10 mm apart. Between them a joint may be a little faster than on
+            # average.
             assert columns.speed[k] <= (mm / seconds).min() * 1.02
     assert full > 5
 
 
-def test_a_speed_of_travel_that_is_given_is_kept_by_all_links() -> None:
-    slow = built("IRB 2400", False, travel=80.0)
-    fast = built("IRB 2400", False)
+def test_all_links_keep_a_given_travel_speed() -> None:
+    slow = build_part("IRB 2400", False, travel=80.0)
+    fast = build_part("IRB 2400", False)
     assert slow.program.columns.speed.max() == 80.0
-    assert fast.program.columns.speed[0] == 100.0  # where the first motion comes from is not known
+    assert fast.program.columns.speed[0] == 100.0  # the start of the first motion is unknown
     assert len(slow.tour.paths) == len(fast.tour.paths)
     assert fast.cycle.travel < 0.8 * slow.cycle.travel
     assert (slow.program.columns.blend > 0).sum() > 12
 
 
-def test_where_a_force_presses_ways_out_are_slow_and_every_corner_stops() -> None:
-    """The sensor of the force is set to zero on the way, and the tool leaves the edge with the force still there."""
-    columns = built("IRB 2400", force=10.0).program.columns
+def test_with_a_force_lines_of_links_are_slow_and_have_no_blends() -> None:
+    """The force sensor is zeroed on the approach, and the tool leaves the edge under force."""
+    columns = build_part("IRB 2400", force=10.0).program.columns
     lines = ~columns.works & ~columns.moves_are(MoveJ)
     assert not columns.blend[~columns.works].any()
     assert columns.speed[lines].max() == 100.0
@@ -207,61 +206,69 @@ def test_where_a_force_presses_ways_out_are_slow_and_every_corner_stops() -> Non
 
 
 @pytest.mark.parametrize("post", ["pacscript", "vplus"])
-def test_controllers_that_overlap_motions_pass_what_is_slow_enough(post: str) -> None:
-    """Where they are fast both motions are rounded over half of their ways, for which there is seldom room."""
-    result = built("IRB 1200", False, post, travel=80.0)
+def test_controllers_that_overlap_motions_blend_slow_links(post: str) -> None:
+    """Fast motions overlap over half of their lengths, and that is seldom free."""
+    result = build_part("IRB 1200", False, post, travel=80.0)
     text = "".join(file.text for file in result.files)
-    passed = int((result.program.columns.blend > 0).sum())
-    assert passed > 12
+    blended = int((result.program.columns.blend > 0).sum())
+    assert blended > 12
     stops = text.count("@0 ") if post == "pacscript" else text.count("BREAK")
-    assert stops + passed == len(result.program.columns.moves)
+    assert stops + blended == len(result.program.columns.moves)
 
 
-# The time of what is passed.
+# The time of blended motions.
 
 ARM = find_robot("IRB 2400")
 PACE = Dynamics(acceleration=5000.0)
 
 
-def swings(turns: list[FloatArray], blend: float, pace: Dynamics = PACE) -> list[float]:
-    """Seconds of motions of the joints, one after the other from home."""
-    at, body = ARM.home, []
-    for k, turn in enumerate(turns):
-        at = at + turn
-        body.append(MoveJ(Joints(tuple(at.tolist())), 1e5, blend if k + 1 < len(turns) else 0.0))
+def time_joint_motions(
+    changes: list[FloatArray], blend: float, pace: Dynamics = PACE
+) -> list[float]:
+    """Seconds of joint motions from home, each by a change of the joint values (J,)."""
+    joints, body = ARM.home, []
+    for k, change in enumerate(changes):
+        joints = joints + change
+        body.append(
+            MoveJ(Joints(tuple(joints.tolist())), 1e5, blend if k + 1 < len(changes) else 0.0)
+        )
     frame = translation(0, 0, 0)
     home = MoveJ(Joints(tuple(ARM.home.tolist())), 100.0)
     program = Program("p", frame, translation(0, 0, 100), whole((home, Comment("x"), *body)))
-    found = check_reach(program, ARM, "p")
-    seconds: list[float] = time_motions(program, pace, found, ARM)[0].tolist()
+    trace = check_reach(program, ARM, "p")
+    seconds: list[float] = time_motions(program, pace, trace, ARM)[0].tolist()
     return seconds[1:]
 
 
-def one_joint(k: int, degrees: float) -> FloatArray:
-    turn = np.zeros(len(ARM.home))
-    turn[k] = math.radians(degrees)
-    return turn
+def rotate_joint(k: int, degrees: float) -> FloatArray:
+    """The change of the joint values (J,) if joint k rotates alone."""
+    change = np.zeros(len(ARM.home))
+    change[k] = math.radians(degrees)
+    return change
 
 
-def test_a_motion_that_goes_straight_on_takes_hardly_more_than_one() -> None:
-    both = one_joint(5, 60.0) + one_joint(0, 20.0)
-    slow = replace(PACE, acceleration=1e9)
-    apart, passed = sum(swings([both, both], 0.0, slow)), sum(swings([both, both], 200.0, slow))
-    (whole_way,) = swings([2 * both], 0.0, slow)
-    assert apart == pytest.approx(
-        2 * time_from_rest(np.array((both / ARM.speeds).max()), 1.0, 1 / PACE.ramp)
+def test_two_equal_blended_motions_take_hardly_longer_than_a_single_one() -> None:
+    change = rotate_joint(5, 60.0) + rotate_joint(0, 20.0)
+    pace = replace(PACE, acceleration=1e9)
+    stopped = sum(time_joint_motions([change, change], 0.0, pace))
+    blended = sum(time_joint_motions([change, change], 200.0, pace))
+    (single,) = time_joint_motions([2 * change], 0.0, pace)
+    assert stopped == pytest.approx(
+        2 * time_from_rest(np.array((change / ARM.speeds).max()), 1.0, 1 / PACE.ramp)
     )
-    assert whole_way - 1e-9 <= passed < whole_way + 0.25 * (apart - whole_way)
+    assert single - 1e-9 <= blended < single + 0.25 * (stopped - single)
 
 
-def test_a_corner_between_joints_saves_what_both_ramps_can_share() -> None:
-    """Two joints in turn: at best one comes to its speed while the other slows down, which saves one ramp."""
-    turns = [one_joint(0, 60.0), one_joint(2, 60.0)]
-    slow = replace(PACE, acceleration=1e9)
-    stopped = sum(swings(turns, 0.0, slow))
-    saved = [stopped - sum(swings(turns, zone, slow)) for zone in (1.0, 10.0, 50.0, 200.0)]
+def test_a_blend_between_two_joints_saves_one_ramp_at_most() -> None:
+    """At best one joint accelerates while the other one brakes, which saves one ramp."""
+    changes = [rotate_joint(0, 60.0), rotate_joint(2, 60.0)]
+    pace = replace(PACE, acceleration=1e9)
+    stopped = sum(time_joint_motions(changes, 0.0, pace))
+    saved = [
+        stopped - sum(time_joint_motions(changes, zone, pace)) for zone in (1.0, 10.0, 50.0, 200.0)
+    ]
     assert saved == sorted(saved)
     assert saved[0] > 0.0
     assert 0.5 * PACE.ramp < saved[-1] <= PACE.ramp + 1e-9
-    lapped = replace(slow, corner="overlap")
-    assert stopped - sum(swings(turns, 10.0, lapped)) == pytest.approx(PACE.ramp)
+    overlap = replace(pace, corner="overlap")
+    assert stopped - sum(time_joint_motions(changes, 10.0, overlap)) == pytest.approx(PACE.ramp)

@@ -1,4 +1,4 @@
-"""Travel limits of a machine with linear axes: every motion is checked, arcs at their extremes."""
+"""Travel limits of a machine with linear axes: each motion is checked, arcs at their extremes."""
 
 import math
 from pathlib import Path
@@ -25,11 +25,12 @@ BASE, TOOL = translation(100, 80, -300), translation(0, 0, 100)
 HOME = Pose(TOOL_DOWN, (0.0, 0.0, 50.0))
 
 
-def down(x: float, y: float, z: float = 0.0) -> Pose:
+def make_pose(x: float, y: float, z: float = 0.0) -> Pose:
     return Pose(TOOL_DOWN, (x, y, z))
 
 
 def make_program(*motions: MoveJ | MoveL | MoveC | ToolChange) -> Program:
+    """A program with these motions as path c1, from home and back."""
     body = [MoveJ(HOME, 100.0), Comment("path c1")]
     for motion in motions:
         body.append(motion if isinstance(motion, ToolChange) else replace(motion, path=0))
@@ -37,13 +38,14 @@ def make_program(*motions: MoveJ | MoveL | MoveC | ToolChange) -> Program:
 
 
 def make_cell(**cell: object) -> tuple[Workcell, Any]:
+    """The cell of the mill with these keys, and its job."""
     job = from_mapping({"cell": {"robot": "3-axis mill", **cell}})
     return equip_cell(cell_of(make_post(find_post("gcode"), {}), job), job, MILL), job
 
 
-def test_axis_positions_are_the_tool_tip_the_work_offset_and_the_length_of_the_tool() -> None:
-    chance = np.random.default_rng(1)
-    points = chance.uniform((0, 0, -90), (690, 410, 190), (40, 3)).tolist()
+def test_axis_positions_are_the_sum_of_tip_work_offset_and_tool_length() -> None:
+    generator = np.random.default_rng(1)
+    points = generator.uniform((0, 0, -90), (690, 410, 190), (40, 3)).tolist()
     program = make_program(*(MoveL(Pose(TOOL_DOWN, tuple(point)), 20.0) for point in points))
     reach = check_travel(program, MILL, "part")
     for index, point in enumerate(points, start=2):
@@ -54,12 +56,12 @@ def test_axis_positions_are_the_tool_tip_the_work_offset_and_the_length_of_the_t
 @pytest.mark.parametrize(
     ("target", "line"),
     [
-        (down(700.5, 0), "axis X would be at 800.5 mm, its travel ends at 800 mm"),
-        (down(-101, 0), "axis X would be at -1 mm, its travel begins at 0 mm"),
-        (down(0, 425), "axis Y would be at 505 mm, its travel ends at 500 mm"),
+        (make_pose(700.5, 0), "axis X would be at 800.5 mm, its travel ends at 800 mm"),
+        (make_pose(-101, 0), "axis X would be at -1 mm, its travel begins at 0 mm"),
+        (make_pose(0, 425), "axis Y would be at 505 mm, its travel ends at 500 mm"),
         # The flange is 100 mm above the tip.
-        (down(0, 0, 201), "axis Z would be at 1 mm, its travel ends at 0 mm"),
-        (down(0, 0, -201), "axis Z would be at -401 mm, its travel begins at -400 mm"),
+        (make_pose(0, 0, 201), "axis Z would be at 1 mm, its travel ends at 0 mm"),
+        (make_pose(0, 0, -201), "axis Z would be at -401 mm, its travel begins at -400 mm"),
     ],
 )
 def test_a_position_beyond_the_travel_names_axis_limit_and_value(target: Pose, line: str) -> None:
@@ -71,7 +73,9 @@ def test_a_position_beyond_the_travel_names_axis_limit_and_value(target: Pose, l
 
 
 def test_travel_up_to_the_limit_is_allowed() -> None:
-    program = make_program(MoveL(down(700, 420, 200), 20.0), MoveL(down(-100, -80, -200), 20.0))
+    program = make_program(
+        MoveL(make_pose(700, 420, 200), 20.0), MoveL(make_pose(-100, -80, -200), 20.0)
+    )
     assert check_travel(program, MILL, "part").joints.max(axis=0) == pytest.approx([800, 500, 0])
 
 
@@ -83,15 +87,15 @@ def test_travel_up_to_the_limit_is_allowed() -> None:
         (75.0, ""),
     ],
 )
-def test_an_arc_is_checked_where_an_axis_turns_around(middle: float, line: str) -> None:
+def test_an_arc_is_checked_where_an_axis_reverses(middle: float, line: str) -> None:
     """Radius 30 mm about X 780 reaches 810 mm at 0 deg; the ends stay within the travel."""
-    half = math.degrees(math.acos(20 / 30)) + 10 + abs(middle) if line else 20.0
+    half_sweep = math.degrees(math.acos(20 / 30)) + 10 + abs(middle) if line else 20.0
 
     def on_arc(degrees: float) -> Pose:
         angle = math.radians(degrees)
-        return down(680 + 30 * math.cos(angle), 100 + 30 * math.sin(angle))
+        return make_pose(680 + 30 * math.cos(angle), 100 + 30 * math.sin(angle))
 
-    start, end = on_arc(middle - half), on_arc(middle + half)
+    start, end = on_arc(middle - half_sweep), on_arc(middle + half_sweep)
     assert max(start.origin[0], end.origin[0]) < 700
     arc = MoveC(on_arc(middle), end, 20.0)
     program = make_program(MoveL(start, 20.0), arc)
@@ -102,16 +106,16 @@ def test_an_arc_is_checked_where_an_axis_turns_around(middle: float, line: str) 
         check_travel(program, MILL, "part")
 
 
-def test_a_tool_that_leans_is_refused() -> None:
+def test_a_tilted_tool_is_refused() -> None:
     leaning = pose_from_values([0, 0, 0, 170, 0, 0])
     with pytest.raises(NoSafeProgram, match="the tool cannot lean"):
         check_travel(make_program(MoveL(leaning, 20.0)), MILL, "part")
 
 
 def test_each_tool_has_its_own_length() -> None:
-    """A tool of 260 mm lifts the flange above its travel at home: -300 + 50 + 260 mm."""
+    """At home the flange of a tool of 260 mm is above its travel: -300 + 50 + 260 mm."""
     cell, job = make_cell(base_from_work=[100, 80, -300, 0, 0, 0])
-    motions = (MoveL(down(0, 0), 20.0), MoveJ(HOME, 100.0))
+    motions = (MoveL(make_pose(0, 0), 20.0), MoveJ(HOME, 100.0))
     changed = make_program(
         *motions,
         ToolChange(2, "", 6.0, 240.0, translation(0, 0, 240)),
@@ -119,46 +123,53 @@ def test_each_tool_has_its_own_length() -> None:
         *motions,
     )
     first = ToolChange(1, "", 6.0, 100.0, TOOL)
-    fine = changed.with_body((first, *changed.body))
-    checked = check_machine(fine, job, cell, "part")
+    valid = changed.with_body((first, *changed.body))
+    checked = check_machine(valid, job, cell, "part")
     assert checked.reach.joints[:, 2].max() == pytest.approx(-300 + 50 + 240)
-    motions_at = fine.columns.at[1:]
+    motions_at = valid.columns.at[1:]
     assert set(checked.reach.owner.tolist()) >= set(motions_at.tolist())
-    long = ToolChange(2, "", 6.0, 260.0, translation(0, 0, 260))
+    too_long = ToolChange(2, "", 6.0, 260.0, translation(0, 0, 260))
     body = [
-        long if isinstance(item, ToolChange) and item.number == 2 else item for item in fine.body
+        too_long if isinstance(item, ToolChange) and item.number == 2 else item
+        for item in valid.body
     ]
     with pytest.raises(NoSafeProgram, match="axis Z would be at 10 mm, its travel ends at 0 mm"):
-        check_machine(fine.with_body(tuple(body)), job, cell, "part")
+        check_machine(valid.with_body(tuple(body)), job, cell, "part")
 
 
 def test_a_fixture_in_the_way_of_the_spindle_is_a_collision() -> None:
     cell, job = make_cell(
         base_from_work=[100, 80, -300, 0, 0, 0], fixtures=[[40, -10, 0, 60, 10, 80]]
     )
-    crossing = make_program(MoveL(down(0, 0, 20), 20.0), MoveL(down(100, 0, 20), 20.0))
+    crossing = make_program(MoveL(make_pose(0, 0, 20), 20.0), MoveL(make_pose(100, 0, 20), 20.0))
     with pytest.raises(Blocked, match="3-axis mill collides on path c1"):
         check_machine(crossing, job, cell, "part")
-    around = make_program(MoveL(down(0, 40, 20), 20.0), MoveL(down(100, 40, 20), 20.0))
-    assert check_machine(around, job, cell, "part").clear.clearance > 0
+    passing = make_program(MoveL(make_pose(0, 40, 20), 20.0), MoveL(make_pose(100, 40, 20), 20.0))
+    assert check_machine(passing, job, cell, "part").clear.clearance > 0
 
 
 @pytest.mark.parametrize("post", ["gcode", "grbl"])
-def test_the_program_is_the_same_with_the_machine_named(post: str) -> None:
-    plain = camgen.build(PARTS / "bracket.dxf", post=post)
-    named = camgen.build(PARTS / "bracket.dxf", post=post, job={"cell": {"robot": "3-axis mill"}})
-    # The slides of the model have no shape, which the report says.
-    assert named.report["checks"] == {"reach": "ok", "collision": "partly checked", "limits": "ok"}
-    assert [row["bodies"][0] for row in named.report["untested"]] == ["link 1", "link 2"]
+def test_the_motions_do_not_change_if_the_machine_is_named(post: str) -> None:
+    without_machine = camgen.build(PARTS / "bracket.dxf", post=post)
+    with_machine = camgen.build(
+        PARTS / "bracket.dxf", post=post, job={"cell": {"robot": "3-axis mill"}}
+    )
+    # The slides of the model have no shape, as the report states.
+    assert with_machine.report["checks"] == {
+        "reach": "ok",
+        "collision": "partly checked",
+        "limits": "ok",
+    }
+    assert [row["bodies"][0] for row in with_machine.report["untested"]] == ["link 1", "link 2"]
 
     def motions(text: str) -> list[str]:
         return [line for line in text.splitlines() if not line.startswith("(")]
 
-    assert motions(named.text) == motions(plain.text)
+    assert motions(with_machine.text) == motions(without_machine.text)
 
 
-def test_without_a_work_offset_home_is_the_machines_own_and_a_note_says_where_zero_is() -> None:
-    """Home is 50 mm above the work zero, the flange 100 mm above the tip: zero at -100 - 150."""
+def test_without_a_work_offset_the_home_of_the_machine_sets_the_work_zero() -> None:
+    """Home is 50 mm above the work zero and the flange 100 mm above the tip: zero is at -250 mm."""
     result = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"cell": {"robot": "mill"}})
     assert result.reach is not None
     assert result.reach.joints[0].tolist() == MILL.home.tolist() == [400, 250, -100]
@@ -190,7 +201,7 @@ def test_operations_with_several_tools_are_checked() -> None:
         ),
     ],
 )
-def test_what_is_for_an_arm_is_refused(settings: dict[str, Any], line: str) -> None:
+def test_a_setting_for_an_arm_is_refused_on_a_machine(settings: dict[str, Any], line: str) -> None:
     with pytest.raises(JobError) as refused:
         camgen.build(PARTS / "bracket.dxf", post="gcode", job=settings)
     assert line in str(refused.value)

@@ -1,4 +1,4 @@
-"""``cell.margin``: what comes nearer is told as it is, and avoided where there is a choice; judged by fcl alone."""
+"""`cell.margin`: smaller clearances are reported, and avoided if possible. fcl measures them."""
 
 import json
 import math
@@ -28,62 +28,65 @@ SOLID = mesh.read(source(PARTS / "rfa1.stl"))
 SPEEDS = LinkSpeeds(100.0, 100.0, 0.0)
 TIGHT = "IRB 2000, nominal rfa1"
 
+#: The default margin, mm.
+DEFAULT_MARGIN = CellTable().margin
 
-#: The margin of a job that names none, mm.
-USUAL = CellTable().margin
 
-
-def built(name: str, margin: float, free: bool = False, select: str = "") -> Result:
+def build_part(name: str, margin: float, free: bool = False, select: str = "") -> Result:
+    """Build the part for a cell of the bench. free: the tool may tilt and roll."""
     tables = cell(SOLID, name)
     if select:
         tables["input"] = {"select": select}
     tool = {**tables["tool"], **(FREE if free else {})}
-    own = tables["cell"] if margin == USUAL else {**tables["cell"], "margin": margin}
-    return build(PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": tool, "cell": own})
+    cell_table = (
+        tables["cell"] if margin == DEFAULT_MARGIN else {**tables["cell"], "margin": margin}
+    )
+    return build(PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": tool, "cell": cell_table})
 
 
 @cache
-def measured(result: Result) -> float:
-    """The least distance at every row that was looked at, by a plain loop over fcl."""
+def measure_clearance(result: Result) -> float:
+    """The smallest clearance at all joint values of the check, mm, by a plain loop over fcl."""
     assert result.reach is not None
-    judge, least = loop(result, SOLID), math.inf
+    fcl_loop, clearance = loop(result, SOLID), math.inf
     for row in result.reach.joints:
-        least = judge.gap(row, least)
-    return least
+        clearance = fcl_loop.gap(row, clearance)
+    return clearance
 
 
-def near_notes(result: Result) -> list[str]:
+def list_margin_notes(result: Result) -> list[str]:
+    """The notes about clearances below the margin."""
     return [note.what for note in result.notes if "cell.margin" in note.why]
 
 
-def test_what_is_told_is_what_fcl_measures() -> None:
-    """Two links of the arm pass each other on an edge that only this posture reaches."""
-    result = built(TIGHT, 2.0, select="e11, e14, e15")
+def test_the_reported_clearance_agrees_with_fcl() -> None:
+    """Two links of the arm come close on an edge that only this posture reaches."""
+    result = build_part(TIGHT, 2.0, select="e11, e14, e15")
     assert result.clear is not None
-    least = result.clear.nearest
-    assert least is not None
-    assert measured(result) == pytest.approx(least.distance, abs=0.25)
-    assert set(least.pair) == {"link 2", "link 4"}
+    nearest = result.clear.nearest
+    assert nearest is not None
+    assert measure_clearance(result) == pytest.approx(nearest.distance, abs=0.25)
+    assert set(nearest.pair) == {"link 2", "link 4"}
     assert any(
-        f"link 2 against link 4 on {least.on} at {least.at} mm" in note
-        for note in near_notes(result)
+        f"link 2 against link 4 on {nearest.on} at {nearest.at} mm" in note
+        for note in list_margin_notes(result)
     )
-    told = json.loads(json.dumps(result.report))["clearance"]
-    assert (told["between"], told["on"]) == (["link 2", "link 4"], least.on)
+    report = json.loads(json.dumps(result.report))["clearance"]
+    assert (report["between"], report["on"]) == (["link 2", "link 4"], nearest.on)
 
 
 def test_each_path_and_each_link_has_its_clearance_in_the_report() -> None:
-    result = built(TIGHT, 2.0, select="e11, e14, e15")
+    result = build_part(TIGHT, 2.0, select="e11, e14, e15")
     assert result.reach is not None
     assert result.clear is not None
-    judge, columns = loop(result, SOLID), result.program.columns
+    fcl_loop, columns = loop(result, SOLID), result.program.columns
     paths = len(result.tour.paths)
     expected = np.full((paths + 1, 2), result.clear.bound)
     motions = np.searchsorted(columns.at, result.reach.owner).tolist()
     for rows, motion in zip(pairwise(result.reach.joints), motions[1:], strict=True):
-        place = columns.path[motion], int(columns.works[motion])
-        for row in rows:  # a path begins where the link to it ends
-            expected[place] = min(expected[place], judge.gap(row, expected[place]))
+        key = columns.path[motion], int(columns.works[motion])
+        for row in rows:  # the last row of a link is the first one of its path
+            expected[key] = min(expected[key], fcl_loop.gap(row, expected[key]))
     report = json.loads(json.dumps(result.report))
     reported = [[path["link_clearance_mm"], path["clearance_mm"]] for path in report["paths"]]
     assert np.allclose(reported, expected[:-1], atol=0.25)
@@ -95,104 +98,108 @@ def test_each_path_and_each_link_has_its_clearance_in_the_report() -> None:
 @pytest.mark.parametrize(
     ("name", "select", "least"), [("IRB 2000", "e6-e10", 0.6), (TIGHT, "e11, e13-e15", 0.3)]
 )
-def test_where_there_is_a_choice_the_margin_is_kept_and_no_edge_is_lost(
+def test_a_margin_that_can_be_kept_is_kept_without_losing_an_edge(
     name: str, select: str, least: float
 ) -> None:
-    before, after = (built(name, margin, True, select) for margin in (0.0, 2.0))
-    assert measured(before) < least
-    assert measured(after) >= 2.0 - 0.25
+    before, after = (build_part(name, margin, True, select) for margin in (0.0, 2.0))
+    assert measure_clearance(before) < least
+    assert measure_clearance(after) >= 2.0 - 0.25
     assert len(after.tour.paths) == len(before.tour.paths)
-    assert not near_notes(before)
-    assert not near_notes(after)
+    assert not list_margin_notes(before)
+    assert not list_margin_notes(after)
 
 
-def test_what_cannot_be_kept_costs_no_edge_and_is_told() -> None:
-    """More than the cell has: as many edges as without a margin, and each place that is nearer is named."""
-    before, after = (built(TIGHT, margin, select="e11, e13-e15") for margin in (0.0, 6.0))
+def test_a_margin_that_cannot_be_kept_is_noted_without_losing_an_edge() -> None:
+    """The cell has less clearance than the margin. As many edges are run as without a margin."""
+    before, after = (build_part(TIGHT, margin, select="e11, e13-e15") for margin in (0.0, 6.0))
     assert len(after.tour.paths) == len(before.tour.paths)
     assert after.clear is not None
     assert after.clear.nearest is not None
     assert after.clear.clearance < 6.0
-    assert near_notes(after)
-    assert after.clear.clearance == pytest.approx(measured(after), abs=0.25)
+    assert list_margin_notes(after)
+    assert after.clear.clearance == pytest.approx(measure_clearance(after), abs=0.25)
 
 
-def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most() -> None:
-    result = built("IRB 2400", 2.0)
-    setup, room, motions = _planned(result)
-    bare = np.full((1, 3), np.nan)
+def test_the_retraction_with_the_most_clearance_is_chosen_if_none_keeps_the_margin() -> None:
+    result = build_part("IRB 2400", 2.0)
+    setup, free_space, motions = _make_problem(result)
+    no_via = np.full((1, 3), np.nan)
     ends = [
-        (PosePath(m.pose_path.position[[0]], bare, m.pose_path.rotation[[0]]), m.joints[0])
-        for m in motions[:4]
+        (PosePath(motion.way.position[[0]], no_via, motion.way.rotation[[0]]), motion.joints[0])
+        for motion in motions[:4]
     ]
-    first = [
-        one.name
-        for one in find_retractions(setup, room, ends, SPEEDS)
-        if isinstance(one, Retraction)
+    names = [
+        retraction.name
+        for retraction in find_retractions(setup, free_space, ends, SPEEDS)
+        if isinstance(retraction, Retraction)
     ]
-    gaps = iter([0.5, 1.0, 0.25])
+    clearances = iter([0.5, 1.0, 0.25])
 
-    def crowded(tracks: list[SampledMotion]) -> list[Blockage | float]:
-        return [next(gaps, 0.1)] * len(tracks)
+    def crowded(sampled: list[SampledMotion]) -> list[Blockage | float]:
+        return [next(clearances, 0.1)] * len(sampled)
 
-    seen = [
-        one
-        for one in find_retractions(setup, replace(room, look=crowded), ends[:1], SPEEDS)
-        if isinstance(one, Retraction)
+    crowded_retractions = [
+        retraction
+        for retraction in find_retractions(
+            setup, replace(free_space, look=crowded), ends[:1], SPEEDS
+        )
+        if isinstance(retraction, Retraction)
     ]
-    assert len(first) == 4
-    assert len(seen) == 1
-    # The second that was tried has most room.
-    assert seen[0].name != first[0]
+    assert len(names) == 4
+    assert len(crowded_retractions) == 1
+    # The second one that is tested has the largest clearance.
+    assert crowded_retractions[0].name != names[0]
 
 
-def test_a_free_motion_that_comes_near_is_taken_only_where_no_other_leads() -> None:
-    """All free motions come near but those by way of home: they go by it; and where these do too, none is lost."""
-    setup, room, motions = _planned(built("IRB 2400", 2.0))
+def test_a_link_within_the_margin_is_used_only_if_no_other_exists() -> None:
+    """First all links but those by way of home are within the margin, so links pass home.
+
+    Then all links are within the margin, and none is lost.
+    """
+    setup, free_space, motions = _make_problem(build_part("IRB 2400", 2.0))
     home = setup.robot.home
 
-    def crowded(tracks: list[SampledMotion]) -> list[Blockage | float]:
-        free = [
-            track.pose_path is None and not any(np.allclose(row, home) for row in track.joints)
-            for track in tracks
-        ]
+    def crowded(sampled: list[SampledMotion]) -> list[Blockage | float]:
+        results = free_space.look(sampled)
+        for k, motion in enumerate(sampled):
+            passes_home = np.isclose(motion.joints, home).all(axis=1).any()
+            if motion.way is None and not passes_home and not isinstance(results[k], Blockage):
+                results[k] = 0.1
+        return results
+
+    def all_crowded(sampled: list[SampledMotion]) -> list[Blockage | float]:
         return [
-            0.1 if one and not isinstance(hit, Blockage) else hit
-            for one, hit in zip(free, room.look(tracks), strict=True)
+            result if isinstance(result, Blockage) else 0.1 for result in free_space.look(sampled)
         ]
 
-    def all_crowded(tracks: list[SampledMotion]) -> list[Blockage | float]:
-        return [hit if isinstance(hit, Blockage) else 0.1 for hit in room.look(tracks)]
-
-    plain, by_home, near = (
+    direct, by_home, all_near = (
         find_route(
-            RouteCell(setup, replace(room, look=look), home),
+            RouteCell(setup, replace(free_space, look=look), home),
             motions,
             SOLID.edges,
             RouteOptions(SPEEDS, best=True),
         )
-        for look in (room.look, crowded, all_crowded)
+        for look in (free_space.look, crowded, all_crowded)
     )
-    assert len(plain.legs) == len(by_home.legs) == len(near.legs) == len(motions)
-    assert plain.seconds < by_home.seconds < 1e4
-    assert near.seconds < 1e4
+    assert len(direct.legs) == len(by_home.legs) == len(all_near.legs) == len(motions)
+    assert direct.seconds < by_home.seconds < 1e4
+    assert all_near.seconds < 1e4
 
 
-def _planned(result: Result):  # type: ignore[no-untyped-def]
-    """Setup, room and motions of a build."""
+def _make_problem(result: Result):  # type: ignore[no-untyped-def]
+    """Set-up, free space and motions along edges of a build."""
     assert result.where is not None
     assert result.cell.arm is not None
     setup = make_setup(result.cell.arm, result.cell, result.where)
-    edges = [
-        edge for edge in SOLID.edges if edge.id in {path.contours[0] for path in result.planned}
-    ]
-    motions = tuple(one for one in reach(edges, setup, 2.0) if isinstance(one, EdgeMotion))
+    ids = {path.contours[0] for path in result.planned}
+    edges = [edge for edge in SOLID.edges if edge.id in ids]
+    motions = tuple(motion for motion in reach(edges, setup, 2.0) if isinstance(motion, EdgeMotion))
     return setup, make_free_space(result.where, setup), motions
 
 
-def test_bodies_that_are_near_at_home_keep_no_margin_and_are_named() -> None:
-    """The holder is 5 mm off a link of the wrist, whatever the arm does."""
-    result = built("IRB 1200", 8.0, select="e1-e4")
+def test_bodies_that_are_near_at_home_are_named_and_keep_no_margin() -> None:
+    """The holder is 5 mm from a link of the wrist in any posture."""
+    result = build_part("IRB 1200", 8.0, select="e1-e4")
     notes = [note.what for note in result.notes if note.what.endswith("keep no margin")]
     assert notes == ["link 5 and holder keep no margin"]
     assert result.where is not None

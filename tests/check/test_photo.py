@@ -1,4 +1,4 @@
-"""A photo against its drawing: rendered parts with known burrs and gaps, judged by the sizes they were made with."""
+"""Photos compared with drawings: rendered parts have burrs and gaps of known sizes."""
 
 import json
 import math
@@ -36,27 +36,28 @@ from camgen.read.image import read_outlines
 from camgen.read.job_file import from_mapping, load_job
 from tests.support.part_photos import MIDDLE, PIXEL, PLATE, bumped, drawing, photo, write_dxf
 
-#: What the job of such a picture says.
-SEEN = Job(image=ImageTable(mm_per_px=PIXEL))
+#: The job of a rendered photo.
+PHOTO_JOB = Job(image=ImageTable(mm_per_px=PIXEL))
 
 
 @pytest.fixture
-def few_turns(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A third of the turns is tried: the test is about other things."""
+def few_rotations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Try a third of the rotations, in tests of other things."""
     monkeypatch.setattr(registration, "_TURNS", 12)
 
 
-def look(
+def inspect_parts(
     folder: Path, loops: Sequence[Loop], drawn: Sequence[Loop] = PLATE, turn: float = 0.0
 ) -> Inspection:
+    """Render a photo of parts, rotated by `turn` rad, and compare it with a drawing."""
     files = Files()
-    seen = read_outlines(files.read(photo(folder / "photo.png", loops, turn)), SEEN, files)
-    return inspect_photo(seen, drawing(drawn), Job())
+    outlines = read_outlines(files.read(photo(folder / "photo.png", loops, turn)), PHOTO_JOB, files)
+    return inspect_photo(outlines, drawing(drawn), Job())
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, 2.5])
 def test_a_part_as_drawn_has_no_difference(tmp_path: Path, turn: float) -> None:
-    inspection = look(tmp_path, PLATE, turn=turn)
+    inspection = inspect_parts(tmp_path, PLATE, turn=turn)
     assert inspection.differences == ()
     assert np.angle(np.exp(1j * (inspection.fit.turn + turn))) == pytest.approx(0, abs=2e-4)
     # The middle of the picture is the origin of the drawing.
@@ -66,11 +67,11 @@ def test_a_part_as_drawn_has_no_difference(tmp_path: Path, turn: float) -> None:
     assert inspection.fit.rms < 0.1 * PIXEL
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 def test_burrs_and_dents_are_measured(tmp_path: Path) -> None:
     outline = bumped(bumped(bumped(PLATE[0], 0, 10, 5, 0.8), 0, 6, 2, 0.3), 0, 40, 4, 0)
     outline = bumped(outline, len(outline.points) - 2, 25, 4, -0.5)
-    inspection = look(tmp_path, (outline, PLATE[1]), turn=0.7)
+    inspection = inspect_parts(tmp_path, (outline, PLATE[1]), turn=0.7)
     high, dent, low = inspection.differences
     assert [difference.surplus for difference in inspection.differences] == [True, False, True]
     for difference, height, width in ((high, 0.8, 5), (dent, 0.5, 4), (low, 0.3, 2)):
@@ -82,14 +83,14 @@ def test_burrs_and_dents_are_measured(tmp_path: Path) -> None:
         assert difference.area == pytest.approx(radius**2 * (sweep - np.sin(sweep)) / 2, rel=0.12)
         assert difference.contour == "c1"
         assert not difference.whole
-    # The side runs from -30, -20; a bump's tip is above the middle of its foot.
+    # The side starts at -30, -20. The tip of a bump is above the middle of its foot.
     assert high.place == pytest.approx((-30 + 10 + 2.5, -20.8), abs=0.4)
     assert inspection.area(surplus=True) == pytest.approx(high.area + low.area)
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_hole_that_was_not_cut_is_too_much(tmp_path: Path) -> None:
-    (difference,) = look(tmp_path, PLATE[:1]).differences
+@pytest.mark.usefixtures("few_rotations")
+def test_a_hole_that_is_missing_is_surplus_material(tmp_path: Path) -> None:
+    (difference,) = inspect_parts(tmp_path, PLATE[:1]).differences
     assert difference.surplus
     assert difference.kind == "feature missing"
     assert difference.contour == "c2"
@@ -97,58 +98,58 @@ def test_a_hole_that_was_not_cut_is_too_much(tmp_path: Path) -> None:
     assert difference.height == pytest.approx(7, abs=0.1)
 
 
-def test_a_round_part_can_be_turned(tmp_path: Path) -> None:
+def test_a_part_with_rotational_symmetry_has_rival_rotations(tmp_path: Path) -> None:
     square = (rounded([(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)]),)
-    found = look(tmp_path, square, square, turn=0.1)
-    turns = np.degrees(found.fit.rival_turns)
-    assert turns == pytest.approx([-90, 90, 180], abs=0.2) or turns == pytest.approx(
+    inspection = inspect_parts(tmp_path, square, square, turn=0.1)
+    rival_angles = np.degrees(inspection.fit.rival_turns)
+    assert rival_angles == pytest.approx([-90, 90, 180], abs=0.2) or rival_angles == pytest.approx(
         [-180, -90, 90], abs=0.2
     )
-    assert found.fit.turn == pytest.approx(-0.1, abs=1e-3)
-    assert any("fits as well rotated" in note.what for note in found.notes)
+    assert inspection.fit.turn == pytest.approx(-0.1, abs=1e-3)
+    assert any("fits as well rotated" in note.what for note in inspection.notes)
 
 
 def test_another_part_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"photo.png: does not show plate.dxf: \d+ % of its outline"
     ):
-        look(tmp_path, bracket())
+        inspect_parts(tmp_path, bracket())
 
 
-# -- kinds
+# Kinds of differences.
 
 HOLE = complex(-12, 4)
 
 
-def kinds(found: Inspection) -> list[str]:
-    return [difference.kind for difference in found.differences]
+def list_kinds(inspection: Inspection) -> list[str]:
+    return [difference.kind for difference in inspection.differences]
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_only_what_stands_on_the_outline_is_a_burr(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_a_thing_apart_from_the_outline_is_loose_and_not_a_burr(tmp_path: Path) -> None:
     chip = box(-28, 24, 12, 26)  # 40 mm long, 4 mm above the part
-    screw = circle(HOLE.real, HOLE.imag, 4)  # 3 mm of room around it
-    made = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1], chip, screw)
-    found = look(tmp_path, made)
-    assert kinds(found) == ["loose", "loose", "burr"]
-    # The greatest circles in the screw and in the chip.
-    assert [loose.height for loose in found.differences[:2]] == pytest.approx([4, 1], abs=0.05)
-    assert found.differences[0].place == pytest.approx((-12, 4), abs=0.1)
-    assert found.differences[1].length == pytest.approx(40, abs=0.1)
-    assert [burr.height for burr in found.burrs] == [pytest.approx(0.8, abs=0.03)]
-    works, left = list_rework(found, Job(process=ProcessTable(feed=6.0)), 0.2)
-    # 0.8 mm are four removals of 0.2 mm; the height is 0.03 mm uncertain.
-    assert [(work.number, work.passes) for work in works] in ([(3, 3)], [(3, 4)])
-    assert works[0].feed * 0.8 == pytest.approx(6 * works[0].passes * 0.2, rel=0.05)
-    assert [each.number for each in left] == [1, 2]
-    assert all("apart from the part" in each.why for each in left)
+    screw = circle(HOLE.real, HOLE.imag, 4)  # 3 mm from the wall of its hole
+    loops = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1], chip, screw)
+    inspection = inspect_parts(tmp_path, loops)
+    assert list_kinds(inspection) == ["loose", "loose", "burr"]
+    # The height is the radius of the largest circle inside the screw, or inside the chip.
+    assert [loose.height for loose in inspection.differences[:2]] == pytest.approx([4, 1], abs=0.05)
+    assert inspection.differences[0].place == pytest.approx((-12, 4), abs=0.1)
+    assert inspection.differences[1].length == pytest.approx(40, abs=0.1)
+    assert [burr.height for burr in inspection.burrs] == [pytest.approx(0.8, abs=0.03)]
+    reworks, not_reworked = list_rework(inspection, Job(process=ProcessTable(feed=6.0)), 0.2)
+    # 0.8 mm are four removals of 0.2 mm. The measured height may be 0.03 mm less.
+    assert [(rework.number, rework.passes) for rework in reworks] in ([(3, 3)], [(3, 4)])
+    assert reworks[0].feed * 0.8 == pytest.approx(6 * reworks[0].passes * 0.2, rel=0.05)
+    assert [skipped.number for skipped in not_reworked] == [1, 2]
+    assert all("apart from the part" in skipped.why for skipped in not_reworked)
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 @pytest.mark.parametrize(
-    ("made", "kind"),
+    ("outline", "kind"),
     [
-        # 60 mm on one side of the outer contour of 195 mm are more than a quarter of it.
+        # One side of 60 mm deviates, more than a quarter of the outer contour of 195 mm.
         (rounded([(-30, -20, 0), (30, -20, 6), (30, 20.5, 0), (-30, 20.5, 0)]), "dimension"),
         # A tab, 2 mm wide and 4 mm high.
         (rounded([(-30, -20, 0), (30, -20, 6), (30, 20, 0), (1, 20, 0), (1, 24, 0), (-1, 24, 0),
@@ -157,170 +158,176 @@ def test_only_what_stands_on_the_outline_is_a_burr(tmp_path: Path) -> None:
         (bumped(PLATE[0], 3, 18, 4, -1.0), "dent"),
     ],
 )  # fmt: skip
-def test_other_deviations_of_the_outline(tmp_path: Path, made: Loop, kind: str) -> None:
-    found = look(tmp_path, (made, PLATE[1]))
-    assert set(kinds(found)) == {kind}
-    assert found.burrs == ()
+def test_a_deviation_that_is_not_a_burr_has_its_own_kind(
+    tmp_path: Path, outline: Loop, kind: str
+) -> None:
+    inspection = inspect_parts(tmp_path, (outline, PLATE[1]))
+    assert set(list_kinds(inspection)) == {kind}
+    assert inspection.burrs == ()
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_part_that_is_larger_all_along_has_no_burr(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_a_part_that_is_larger_on_all_sides_has_no_burr(tmp_path: Path) -> None:
     larger = rounded([(-30.3, -20.3, 0), (30.3, -20.3, 6.3), (30.3, 20.3, 0), (-30.3, 20.3, 0)])
-    found = look(tmp_path, (larger, PLATE[1]))
-    assert set(kinds(found)) == {"dimension"}
-    # 0.3 mm on the sides, 0.3 sqrt(2) at the sharp corners, which blur rounds.
-    assert 0.28 < found.differences[0].height < 0.3 * 2**0.5
+    inspection = inspect_parts(tmp_path, (larger, PLATE[1]))
+    assert set(list_kinds(inspection)) == {"dimension"}
+    # 0.3 mm at the sides, 0.3 sqrt(2) at the sharp corners, which are rounded by blur.
+    assert 0.28 < inspection.differences[0].height < 0.3 * 2**0.5
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_screw_that_leans_on_its_hole_is_no_burr(tmp_path: Path) -> None:
-    made = (*PLATE, circle(HOLE.real + 2.95, HOLE.imag, 4))
-    assert "burr" not in kinds(look(tmp_path, made))
+@pytest.mark.usefixtures("few_rotations")
+def test_a_screw_that_touches_its_hole_is_not_a_burr(tmp_path: Path) -> None:
+    loops = (*PLATE, circle(HOLE.real + 2.95, HOLE.imag, 4))
+    assert "burr" not in list_kinds(inspect_parts(tmp_path, loops))
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_hole_that_is_not_drawn(tmp_path: Path) -> None:
-    found = look(tmp_path, (*PLATE, hole(circle(15, -5, 3))))
-    assert kinds(found) == ["feature extra"]
-    assert found.differences[0].place == pytest.approx((15, -5), abs=0.1)
-    assert found.differences[0].height == pytest.approx(3, abs=0.05)
-    assert found.differences[0].area == pytest.approx(np.pi * 9, rel=0.03)
+@pytest.mark.usefixtures("few_rotations")
+def test_a_hole_that_is_not_drawn_is_an_extra_feature(tmp_path: Path) -> None:
+    inspection = inspect_parts(tmp_path, (*PLATE, hole(circle(15, -5, 3))))
+    assert list_kinds(inspection) == ["feature extra"]
+    assert inspection.differences[0].place == pytest.approx((15, -5), abs=0.1)
+    assert inspection.differences[0].height == pytest.approx(3, abs=0.05)
+    assert inspection.differences[0].area == pytest.approx(np.pi * 9, rel=0.03)
 
 
 @pytest.mark.parametrize(
     ("height", "passes", "feed"),
-    # 0.5 mm has 2.5 removals of 0.2 mm: two passes at 0.8 of the feed. A lower one takes one pass.
+    # 0.5 mm are 2.5 removals of 0.2 mm: two passes at 0.8 of the feed. A lower burr takes one pass.
     [(0.5, 2, 16.0), (0.6, 3, 20.0), (0.39, 1, 20 * 0.2 / 0.39), (0.1, 1, 20.0)],
 )
 def test_passes_and_feed_follow_the_height(height: float, passes: int, feed: float) -> None:
     assert plan_passes(height, 0.2, 20.0) == (passes, pytest.approx(feed))
 
 
-def contact_of_burr(width: float, height: float, gone: float, tool: float) -> float:
-    """The distance from the middle of a round burr, lower by ``gone``, at which a tool meets it.
+def measure_burr_contact(width: float, height: float, removed: float, tool: float) -> float:
+    """Distance from the middle of a round burr at which a tool meets it, after `removed` mm.
 
-    The circle of the burr has its middle below the line. Two circles that touch have their middles
-    as far apart as their radii together. All values are mm.
+    The centre of the circle of the burr is below the line. The centres of two circles that touch
+    are as far apart as the sum of their radii. All values are mm; `tool` is a radius.
     """
     radius = (width**2 / 4 + height**2) / (2 * height)
-    below = radius - (height - gone)
+    below = radius - (height - removed)
     return math.sqrt((radius + tool) ** 2 - (below + tool) ** 2)
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_the_stretch_of_a_burr_is_local(tmp_path: Path) -> None:
-    found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
+@pytest.mark.usefixtures("few_rotations")
+def test_a_rework_covers_the_burr_and_1_mm_at_either_side(tmp_path: Path) -> None:
+    inspection = inspect_parts(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
     job = Job(process=ProcessTable(feed=6.0), tool=ToolTable(diameter=6.0))
-    (work,), _ = list_rework(found, job, 0.3)
-    # The foot is from -20 to -15 on y = -20. A tool beside the line meets the burr where the two
-    # circles touch. And 1 mm of room.
-    reach = contact_of_burr(5, 0.8, 0.0, 3.0) + 1
-    assert work.stretches[0][0] == pytest.approx((-17.5 - reach, -20), abs=0.15)
-    assert work.stretches[0][-1] == pytest.approx((-17.5 + reach, -20), abs=0.15)
-    assert is_clear(work.stretches[0], found.expected.region, 3.0)
+    (rework,), _ = list_rework(inspection, job, 0.3)
+    # The foot is from -20 to -15 on y = -20. A tool on the line meets the burr where the two
+    # circles touch. The stretch begins 1 mm before.
+    reach = measure_burr_contact(5, 0.8, 0.0, 3.0) + 1
+    assert rework.stretches[0][0] == pytest.approx((-17.5 - reach, -20), abs=0.15)
+    assert rework.stretches[0][-1] == pytest.approx((-17.5 + reach, -20), abs=0.15)
+    assert is_clear(rework.stretches[0], inspection.expected.region, 3.0)
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 def test_later_passes_over_a_burr_are_shorter(tmp_path: Path) -> None:
-    """An arc with a chord of 5 mm and 0.8 mm high, four passes: the tool meets less and less of it.
+    """Four passes over an arc 0.8 mm high with a chord of 5 mm meet less and less of it.
 
-    Without force the later passes begin 0.35 mm beside it, with force all of them 1 mm.
+    Without force the later passes begin 0.35 mm before contact, with force all begin 1 mm before.
     """
-    inspection = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
-    for force, later in ((0.0, 0.35), (5.0, 1.0)):
+    inspection = inspect_parts(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
+    for force, later_margin in ((0.0, 0.35), (5.0, 1.0)):
         process = ProcessTable(feed=6.0, force=force)
         job = Job(process=process, tool=ToolTable(diameter=6.0))
-        (work,), _ = list_rework(inspection, job, 0.19)
-        lengths = [float(np.ptp(stretch[:, 0])) for stretch in work.stretches]
-        assert work.passes == 4
+        (rework,), _ = list_rework(inspection, job, 0.19)
+        lengths = [float(np.ptp(stretch[:, 0])) for stretch in rework.stretches]
+        assert rework.passes == 4
         for number, length in enumerate(lengths):
-            gone = max(0.2 * number - 0.05, 0.0)
-            margin = later if number else 1.0
-            reach = contact_of_burr(5, 0.8, gone, 3.0) + margin
+            removed = max(0.2 * number - 0.05, 0.0)
+            margin = later_margin if number else 1.0
+            reach = measure_burr_contact(5, 0.8, removed, 3.0) + margin
             assert length == pytest.approx(2 * reach, abs=0.3), number
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_no_burr_is_worked_on_a_part_with_a_wrong_dimension(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_a_part_with_a_wrong_dimension_is_not_reworked(tmp_path: Path) -> None:
     wide = hole(circle(HOLE.real, HOLE.imag, 7.4))
-    found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), wide))
-    assert sorted(kinds(found)) == ["burr", "dimension"]
-    works, left = list_rework(found, Job(), 0.2)
-    assert works == ()
-    assert [each.number for each in left] == [1, 2]
-    assert "a contour is off" in left[0].why
+    inspection = inspect_parts(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), wide))
+    assert sorted(list_kinds(inspection)) == ["burr", "dimension"]
+    reworks, not_reworked = list_rework(inspection, Job(), 0.2)
+    assert reworks == ()
+    assert [skipped.number for skipped in not_reworked] == [1, 2]
+    assert "a contour is off" in not_reworked[0].why
 
 
-def test_a_loose_thing_in_the_way_of_the_tool() -> None:
-    # The tool of 6 mm sweeps 6 mm beside the stretch, and returns 3 mm farther out.
+def test_a_loose_thing_is_in_the_way_within_the_sweep_of_the_tool() -> None:
+    # The tool of 6 mm sweeps 6 mm at one side of the stretch, and returns 3 mm farther out.
     stretch, job = np.array([[0.0, 0.0], [10.0, 0.0]]), Job(tool=ToolTable(diameter=6.0))
     assert is_in_the_way(stretch, shapely.box(2, -10, 4, -8.9), job)
     assert not is_in_the_way(stretch, shapely.box(2, -10, 4, -9.1), job)
     assert not is_in_the_way(stretch, shapely.union_all([]), job)
 
 
-def test_a_tool_wider_than_a_slot_is_not_clear() -> None:
+def test_a_tool_wider_than_a_slot_is_not_clear_of_its_walls() -> None:
     # Two walls 5 mm apart, and a stretch along the upper edge of the lower one.
     walls = shapely.union(shapely.box(0, -5, 40, 0), shapely.box(0, 5, 40, 10))
     stretch = np.array([[30.0, 0.0], [10.0, 0.0]])
     assert is_clear(stretch, walls, 2.5)
     assert not is_clear(stretch, walls, 3.0)
-    assert not is_clear(stretch[::-1], walls, 2.5)  # the tool on the side of the material
+    assert not is_clear(stretch[::-1], walls, 2.5)  # the tool is on the side of the material
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_removal_that_cannot_be_meant_is_refused(tmp_path: Path) -> None:
-    found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
-    for wrong in (0.0, -1.0, float("nan")):
+@pytest.mark.usefixtures("few_rotations")
+def test_an_invalid_removal_is_refused(tmp_path: Path) -> None:
+    inspection = inspect_parts(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
+    for removal in (0.0, -1.0, float("nan")):
         with pytest.raises(JobError, match="--removal"):
-            list_rework(found, Job(), wrong)
+            list_rework(inspection, Job(), removal)
     with pytest.raises(JobError, match=r"0.01 mm would make \d\d passes over the burr of 0.8"):
-        list_rework(found, Job(), 0.01)
+        list_rework(inspection, Job(), 0.01)
 
 
-# -- ink
+# Ink.
 
 FILL = Job(operation=OperationTable(kind="fill"), tool=ToolTable(diameter=1.0))
 TRACKS = (box(-20, -8, 5, 8), box(10, -15, 25, -11), box(10, 5, 12, 15))
 
 
-def inked(region: shapely.Geometry) -> list[Loop]:
-    """Polygons as loops of the renderer: outer ones counter-clockwise, holes clockwise."""
+def make_loops(region: shapely.Geometry) -> list[Loop]:
+    """Polygons as loops of the renderer: outer rings counter-clockwise, holes clockwise."""
     loops = []
     for part in shapely.get_parts(region):
         for ring, inside in ((part.exterior, False), *((ring, True) for ring in part.interiors)):
             points = shapely.get_coordinates(ring)[:-1]
-            at = points[:, 0] + 1j * points[:, 1]
-            loops.append(Loop(at if ring.is_ccw != inside else at[::-1], np.zeros(len(at))))
+            outline = points[:, 0] + 1j * points[:, 1]
+            loops.append(
+                Loop(outline if ring.is_ccw != inside else outline[::-1], np.zeros(len(outline)))
+            )
     return loops
 
 
-def test_what_a_pen_left_out_or_spilt_is_found(tmp_path: Path) -> None:
+def test_missing_and_extra_ink_is_found(tmp_path: Path) -> None:
     whole = expect(drawing(TRACKS), FILL)
     assert whole.inked
     assert whole.region.area == pytest.approx(25 * 16 + 15 * 4 + 2 * 10, rel=0.02)
     gap, spill = shapely.box(14, -16, 17, -10), shapely.box(-2, 11, 2, 13)
-    left = shapely.union(shapely.difference(whole.region, gap), spill)
+    ink = shapely.union(shapely.difference(whole.region, gap), spill)
     files = Files()
-    seen = read_outlines(files.read(photo(tmp_path / "photo.png", inked(left))), SEEN, files)
-    found = inspect_photo(seen, drawing(TRACKS), FILL)
-    much, missing = sorted(found.differences, key=lambda one: not one.surplus)
-    assert (much.surplus, missing.surplus) == (True, False)
-    assert much.whole
-    assert much.area == pytest.approx(4 * 2, rel=0.05)
-    assert much.length == pytest.approx(4, abs=0.2)
+    outlines = read_outlines(
+        files.read(photo(tmp_path / "photo.png", make_loops(ink))), PHOTO_JOB, files
+    )
+    inspection = inspect_photo(outlines, drawing(TRACKS), FILL)
+    extra, missing = sorted(inspection.differences, key=lambda difference: not difference.surplus)
+    assert (extra.surplus, missing.surplus) == (True, False)
+    assert extra.whole
+    assert extra.area == pytest.approx(4 * 2, rel=0.05)
+    assert extra.length == pytest.approx(4, abs=0.2)
     assert missing.area == pytest.approx(shapely.intersection(whole.region, gap).area, rel=0.05)
-    assert found.area(surplus=False) == missing.area
+    assert inspection.area(surplus=False) == missing.area
 
 
-# -- the command
+# The command.
 
 
 @pytest.fixture(scope="module")
-def files_of_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def desk_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("desk")
-    made = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1])
-    photo(folder / "photo.png", made, 0.3)
+    loops = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1])
+    photo(folder / "photo.png", loops, 0.3)
     photo(folder / "good.png", PLATE, 0.3)
     write_dxf(folder / "plate.dxf", PLATE)
     (folder / "plate.toml").write_text("[process]\nfeed = 8.0\n")
@@ -330,15 +337,15 @@ def files_of_desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def desk(files_of_desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    for file in files_of_desk.iterdir():
+def desk(desk_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for file in desk_files.iterdir():
         shutil.copy(file, tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_the_command_lists_draws_and_says_what_to_do(
+@pytest.mark.usefixtures("few_rotations")
+def test_the_command_lists_burrs_draws_them_and_writes_a_rework(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = [
@@ -365,43 +372,45 @@ def test_the_command_lists_draws_and_says_what_to_do(
     assert ">1 burr</text>" in text
     again = (desk / "again.toml").read_text()
     assert again.count('layers = ["burr1-1"]') == again.count('layers = ["burr1-2"]') == 1
-    # The job and the drawing stand alone.
+    # The job and the drawing of the rework need no other files.
     (desk / "plate.toml").unlink()
     (desk / "plate.dxf").rename(desk / "moved.dxf")
     assert main(["build", "again.dxf", "--post", "rapid", "-o", "again.mod"]) == 0
     assert "plan      2 paths, work" in capsys.readouterr().err
     (desk / "moved.dxf").rename(desk / "plate.dxf")
     (desk / "plate.toml").write_text("[process]\nfeed = 8.0\n")
-    # The job file stands for the drawing of its name; a PNG shows the same.
+    # A job file selects the drawing of its name. A PNG preview has the same content.
     assert main(["inspect", "photo.png", "--against", "plate.toml", "--preview", "a.png"]) == 0
     assert "1 burr, the highest 0.8" in capsys.readouterr().out
     assert cv2.imread(str(desk / "a.png")).shape[1] > 1000
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_strict_makes_differing_an_error(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_a_difference_is_an_error_with_strict(
+    desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["inspect", "good.png", "--against", "plate.dxf", "--strict"]) == 0
     capsys.readouterr()
     assert (
         main(["inspect", "photo.png", "--against", "plate.dxf", "--strict", "--preview", "a.svg"])
         == 4
     )
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "photo.png: differs from plate.dxf in 1 place, first: burr at -17." in said.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert "photo.png: differs from plate.dxf in 1 place, first: burr at -17." in output.err
     assert not (desk / "a.svg").exists()
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_no_burr_is_no_rework(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_a_rework_without_a_burr_is_refused(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["inspect", "good.png", "--against", "plate.dxf", "--removal", "0.2"]
     assert main([*words, "--rework", "again.toml"]) == 3
     assert "good.png: shows no burr that can be worked again" in capsys.readouterr().err
     assert not list(desk.glob("again.*"))
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_the_job_of_a_rework_holds_all_it_needs(
+@pytest.mark.usefixtures("few_rotations")
+def test_the_job_of_a_rework_keeps_tool_process_and_cell(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (desk / "cells").mkdir()
@@ -419,15 +428,15 @@ def test_the_job_of_a_rework_holds_all_it_needs(
     assert (job.process.force, job.process.spindle, job.process.stay_down) == (2.0, 9000.0, False)
     assert [step.operation.depth for step in job.operations] == [1.5, 1.5]
     assert [step.tool.number for step in job.operations] == [7, 7]
-    # The run-in and the run-out of a rework, on which the force builds up.
+    # The force builds up on the lead-in and lead-out.
     assert {step.operation.lead_in for step in job.operations} == {2.0}
     assert "process.force is 0" not in (desk / "out" / "again.toml").read_text()
     (fixture,) = job.cell.fixtures or ()
     assert Path(str(fixture)).resolve() == desk / "cells" / "clamp.stl"
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_rework_without_force_is_a_warning(
+@pytest.mark.usefixtures("few_rotations")
+def test_a_rework_without_force_is_warned_about(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.3"]
@@ -437,11 +446,11 @@ def test_a_rework_without_force_is_a_warning(
     assert whole in (desk / "again.toml").read_text()
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_the_passes_over_a_burr_without_force_have_one_way_down(
+@pytest.mark.usefixtures("few_rotations")
+def test_passes_over_a_burr_without_force_plunge_once(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The tool goes back 3 mm beside the contour, at the depth of the passes."""
+    """The tool returns 3 mm off the contour, at the depth of the passes."""
     words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.2"]
     assert main([*words, "--rework", "again.toml"]) == 0
     capsys.readouterr()
@@ -453,15 +462,15 @@ def test_the_passes_over_a_burr_without_force_have_one_way_down(
     moves = [item for item in result.program.body if isinstance(item, (MoveJ, MoveL))]
     ends = np.array([move.target.origin for move in moves if isinstance(move.target, Pose)])
     low = ends[:, 2] <= 0
-    assert np.flatnonzero(np.diff(low.astype(int))).size == 2  # down once, and up once
+    assert np.flatnonzero(np.diff(low.astype(int))).size == 2  # one plunge and one retract
     line, radius = ends[low][0, 1], job.tool.radius
     distance = np.abs(ends[low][:, 1] - line)
-    # Each return has two places beside the contour, as far from it as the highest burr.
+    # Each return has two positions off the contour, as far as the highest burr.
     assert np.allclose(distance[distance > radius / 10], BURR_HEIGHT)
     assert (distance > radius / 10).sum() == 2 * (passes - 1)
 
 
-def test_a_part_of_many_sides_is_worked_only_where_it_lies_as_drawn() -> None:
+def test_a_symmetric_part_is_reworked_only_if_its_rotation_is_certain() -> None:
     square = shapely.box(-20, -20, 20, 20)
     sides = tuple(Fit(turn, (0.0, 0.0), 1.0, 0.0) for turn in (-np.pi / 2, np.pi / 2, np.pi))
     check_pose("photo.png", Fit(0.1, (3.0, 0.0), 1.0, 0.0, 0.2, sides), square)
@@ -477,20 +486,20 @@ def test_a_part_of_many_sides_is_worked_only_where_it_lies_as_drawn() -> None:
         (0.0, {}, True),
         (2.0, {}, False),
         (0.0, {"orient": "follow"}, False),
-        # An arm turns these between the paths, which `process.stay_down` excludes.
+        # An arm rotates these tools between the paths, which `process.stay_down` excludes.
         (0.0, {"symmetric": True}, False),
         (0.0, {"turn": [-10.0, 10.0]}, False),
     ],
 )
-def test_what_is_lifted_between_the_passes(
+def test_force_and_a_rotating_tool_need_a_lift_between_passes(
     force: float, tool: dict[str, object], is_down: bool
 ) -> None:
     job = from_mapping({"process": {"force": force}, "tool": tool})
     assert stays_down(job) == is_down
 
 
-@pytest.mark.usefixtures("few_turns", "desk")
-def test_the_list_as_data(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.usefixtures("few_rotations", "desk")
+def test_the_list_is_printed_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.3", "--json"]
     assert main(words) == 0
     facts = json.loads(capsys.readouterr().out)
@@ -500,8 +509,8 @@ def test_the_list_as_data(capsys: pytest.CaptureFixture[str]) -> None:
     assert facts["not_reworked"] == []
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_job_that_follows_nothing_makes_no_rework(
+@pytest.mark.usefixtures("few_rotations")
+def test_a_rework_of_a_job_without_contours_is_refused(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.3"]
@@ -513,9 +522,9 @@ def test_a_job_that_follows_nothing_makes_no_rework(
     assert "the job of the drawing has several operations" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["good.png", "--least", "0.2"], "--least: has no effect without --against"),
         (["good.png", "--strict"], "--strict: has no effect without --against"),
@@ -544,13 +553,13 @@ def test_a_job_that_follows_nothing_makes_no_rework(
         (["good.png", "--against", "good.png", "--preview", "good.png"], "good.png"),
     ],
 )
-def test_what_cannot_be_meant_is_one_line(
-    desk: Path, capsys: pytest.CaptureFixture[str], words: list[str], told: str
+def test_invalid_options_are_refused_in_one_line(
+    desk: Path, capsys: pytest.CaptureFixture[str], words: list[str], message: str
 ) -> None:
     before = sorted(desk.iterdir())
     assert main(["inspect", *words]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    (line,) = said.err.splitlines()
-    assert told in line
+    output = capsys.readouterr()
+    assert output.out == ""
+    (line,) = output.err.splitlines()
+    assert message in line
     assert sorted(desk.iterdir()) == before

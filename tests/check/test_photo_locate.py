@@ -1,4 +1,4 @@
-"""The place of a drawing in a rendered photo, judged by the pose of the rendering."""
+"""The pose of a drawing in a rendered photo, compared with the pose of the rendering."""
 
 import cmath
 import itertools
@@ -29,52 +29,57 @@ from tests.support.part_photos import (
 )
 
 SQUARE = (rounded([(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)]),)
-#: Pixels that a bracket has room in.
+#: Width and height, px, of a photo in which the bracket fits.
 LARGE = (840, 700)
-SEEN = {"image": {"mm_per_px": PIXEL}}
-#: The tool follows the contour itself, so that its place is that of the part.
-TRACE = {**SEEN, "operation": {"kind": "trace"}, "tool": {"kind": "pen"}}
+PHOTO_JOB = {"image": {"mm_per_px": PIXEL}}
+#: The tool follows the contour itself, so that its position is that of the part.
+TRACE = {**PHOTO_JOB, "operation": {"kind": "trace"}, "tool": {"kind": "pen"}}
 
 
 @pytest.fixture
-def few_turns(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A third of the turns is tried: the test is about other things."""
+def few_rotations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Try a third of the rotations, in tests of other things."""
     monkeypatch.setattr(registration, "_TURNS", 12)
 
 
 def build(drawing: Path, picture: Path, job: Any = None, **more: Any) -> Result:
-    return camgen.build(drawing, post="gcode", job=job or SEEN, locate=picture, **more)
+    """Build a drawing at its pose in a photo."""
+    return camgen.build(drawing, post="gcode", job=job or PHOTO_JOB, locate=picture, **more)
 
 
-def located(result: Result) -> Located:
+def get_located(result: Result) -> Located:
+    """The location of the drawing."""
     assert result.located is not None
     return result.located
 
 
-def notes_on_photo(result: Result) -> list[str]:
+def list_photo_notes(result: Result) -> list[str]:
+    """Kind and text of the notes on the photo."""
     notes = [note for note in result.notes if note.what.startswith("photo.png: ")]
     return [f"{note.kind} {note.what.removeprefix('photo.png: ')}" for note in notes]
 
 
-# -- the pose
+# The pose.
 
 
-@pytest.mark.parametrize(("turn", "at"), [(0.0, 0j), (1.1, 6 - 3j), (-2.9, -4 + 5j)])
-def test_a_program_is_where_the_photo_shows_the_part(
-    tmp_path: Path, turn: float, at: complex
+@pytest.mark.parametrize(("turn", "shift"), [(0.0, 0j), (1.1, 6 - 3j), (-2.9, -4 + 5j)])
+def test_a_program_is_placed_where_the_photo_shows_the_part(
+    tmp_path: Path, turn: float, shift: complex
 ) -> None:
     drawn = write_dxf(tmp_path / "bracket.dxf", bracket())
-    middle = complex(*LARGE) / 2 * PIXEL + at
-    result = build(drawn, photo(tmp_path / "photo.png", bracket(), turn, at=at, size=LARGE), TRACE)
-    pose = located(result).pose
+    middle = complex(*LARGE) / 2 * PIXEL + shift
+    result = build(
+        drawn, photo(tmp_path / "photo.png", bracket(), turn, at=shift, size=LARGE), TRACE
+    )
+    pose = get_located(result).pose
     assert abs(complex(pose.x, pose.y) - middle) < 0.02
     assert abs(math.remainder(pose.turn - turn, math.tau)) < 3e-4
-    assert located(result).share > 0.99
-    assert located(result).deviation < PIXEL
-    # The numbers of the text, against the outline that was rendered.
+    assert get_located(result).share > 0.99
+    assert get_located(result).deviation < PIXEL
+    # The coordinates of the text are compared with the rendered outline.
     outline = pieces([loop.moved(turn, middle) for loop in bracket()])
-    places = re.findall(r"^G[0123] X([\d.-]+) Y([\d.-]+)", result.text, re.M)
-    targets = [complex(float(x), float(y)) for x, y in places]
+    words = re.findall(r"^G[0123] X([\d.-]+) Y([\d.-]+)", result.text, re.M)
+    targets = [complex(float(x), float(y)) for x, y in words]
     on_contour = np.array([target for target in targets if target])  # home is at 0, 0
     assert len(on_contour) > 20
     assert outline.distance(on_contour).max() < 0.03
@@ -82,7 +87,7 @@ def test_a_program_is_where_the_photo_shows_the_part(
     assert not result.motion.unproven
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 def test_the_same_photo_makes_the_same_program(tmp_path: Path) -> None:
     drawn = write_dxf(tmp_path / "plate.dxf", PLATE)
     picture = photo(tmp_path / "photo.png", PLATE, 0.3)
@@ -90,24 +95,24 @@ def test_the_same_photo_makes_the_same_program(tmp_path: Path) -> None:
     assert first.text == second.text
     line = re.search(r"drawing located by a photo: x (.*) y (.*) mm turned (.*) deg", first.text)
     assert line
-    wanted = [MIDDLE.real, MIDDLE.imag, math.degrees(0.3)]
-    assert [*map(float, line.groups())] == pytest.approx(wanted, abs=0.02)
+    expected = [MIDDLE.real, MIDDLE.imag, math.degrees(0.3)]
+    assert [*map(float, line.groups())] == pytest.approx(expected, abs=0.02)
     other = build(drawn, photo(tmp_path / "photo.png", PLATE, 0.31))
     digests = [re.findall("job ([0-9a-f]{12})", build.text) for build in (first, other)]
     assert digests[0] != digests[1]
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 def test_seams_are_points_of_the_drawing(tmp_path: Path) -> None:
     drawn = write_dxf(tmp_path / "plate.dxf", PLATE)
     picture = photo(tmp_path / "photo.png", PLATE, 0.4, at=1 + 2j)
     result = build(drawn, picture, {**TRACE, "tour": {"seams": [[-30, 3]]}})
     (outline,) = [path for path in result.tour.paths if path.contours == ("c1",)]
-    wanted = (-30 + 3j) * cmath.exp(0.4j) + MIDDLE + 1 + 2j
-    assert outline.position[0, :2] == pytest.approx([wanted.real, wanted.imag], abs=0.02)
+    expected = (-30 + 3j) * cmath.exp(0.4j) + MIDDLE + 1 + 2j
+    assert outline.position[0, :2] == pytest.approx([expected.real, expected.imag], abs=0.02)
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 def test_several_drawings_are_placed_together(tmp_path: Path) -> None:
     drawn = [
         write_dxf(tmp_path / f"{number}.dxf", [loop.moved(0.0, 5 + 8j)])
@@ -115,22 +120,22 @@ def test_several_drawings_are_placed_together(tmp_path: Path) -> None:
     ]
     picture = photo(tmp_path / "photo.png", PLATE, 0.4)
     result = camgen.build(drawn, post="gcode", job=TRACE, locate=picture)
-    # The drawings have their origin 5 and 8 mm beside the middle of the part.
+    # The middle of the part is at (5, 8) mm in the drawings.
     origin = MIDDLE - (5 + 8j) * cmath.exp(0.4j)
-    pose = located(result).pose
+    pose = get_located(result).pose
     assert abs(complex(pose.x, pose.y) - origin) < 0.02
-    assert located(result).inspection.expected.names == ("1/c1", "2/c1")
+    assert get_located(result).inspection.expected.names == ("1/c1", "2/c1")
     (hole_path,) = [path for path in result.tour.paths if path.contours == ("2/c1",)]
-    places = hole_path.position[:, 0] + 1j * hole_path.position[:, 1]
+    positions = hole_path.position[:, 0] + 1j * hole_path.position[:, 1]
     centre = (-12 + 4j) * cmath.exp(0.4j) + MIDDLE
-    assert abs(places - centre) == pytest.approx(np.full(len(places), 7.0), abs=0.02)
+    assert abs(positions - centre) == pytest.approx(np.full(len(positions), 7.0), abs=0.02)
 
 
-# -- poses alike
+# Equally good poses.
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_part_of_several_sides_is_not_placed_by_chance(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_a_symmetric_part_is_not_placed_without_a_start(tmp_path: Path) -> None:
     drawn = write_dxf(tmp_path / "square.dxf", SQUARE)
     picture = photo(tmp_path / "photo.png", SQUARE, 0.1, at=3 - 2j)
     with pytest.raises(NoSafeProgram, match=r"lies in photo.png in 4 poses alike") as caught:
@@ -142,26 +147,26 @@ def test_a_part_of_several_sides_is_not_placed_by_chance(tmp_path: Path) -> None
     assert degrees == pytest.approx([first - 180, first - 90, first, first + 90], abs=0.1)
     for x, y, _ in poses:
         assert abs(complex(float(x), float(y)) - MIDDLE - 3 + 2j) < 0.05
-    # Each of them can be chosen.
+    # Each of these poses can be selected.
     result = build(drawn, picture, start=(0, 0, 90))
-    assert math.degrees(located(result).pose.turn) == pytest.approx(first + 90, abs=0.02)
+    assert math.degrees(get_located(result).pose.turn) == pytest.approx(first + 90, abs=0.02)
     with pytest.raises(NoSafeProgram, match="--start: does not decide between poses alike"):
         build(drawn, picture, start=(0, 0, 50))
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_ring_lies_as_the_start_says(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_the_start_determines_the_rotation_of_a_ring(tmp_path: Path) -> None:
     ring = (circle(0, 0, 20), hole(circle(0, 0, 8)))
     drawn = write_dxf(tmp_path / "ring.dxf", ring)
     picture = photo(tmp_path / "photo.png", ring)
     with pytest.raises(NoSafeProgram, match=r"in \d\d poses alike: .*; and \d+ more"):
         build(drawn, picture)
     result = build(drawn, picture, start=(0, 0, 33))
-    assert math.degrees(located(result).pose.turn) == pytest.approx(33, abs=1.0)
+    assert math.degrees(get_located(result).pose.turn) == pytest.approx(33, abs=1.0)
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_of_two_like_parts_the_start_says_which(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_the_start_selects_one_of_two_equal_parts(tmp_path: Path) -> None:
     small = (rounded([(-15, -10, 0), (15, -10, 6), (15, 10, 0), (-15, 10, 0)]),)
     drawn = write_dxf(tmp_path / "plate.dxf", small)
     both = (small[0].moved(0.2, -20 + 0j), small[0].moved(0.5, 20 + 0j))
@@ -170,27 +175,27 @@ def test_of_two_like_parts_the_start_says_which(tmp_path: Path) -> None:
         build(drawn, picture)
     xs = sorted(float(x) for x in re.findall(r"x ([\d.-]+) y", caught.value.what))
     assert xs == pytest.approx([MIDDLE.real - 20, MIDDLE.real + 20], abs=0.05)
-    right = located(build(drawn, picture, start=(MIDDLE.real + 18, MIDDLE.imag, 28)))
+    right = get_located(build(drawn, picture, start=(MIDDLE.real + 18, MIDDLE.imag, 28)))
     assert right.pose.x == pytest.approx(MIDDLE.real + 20, abs=0.02)
     assert right.pose.turn == pytest.approx(0.5, abs=1e-3)
-    # The other part is still in the way.
-    assert [each.kind for each in right.inspection.differences] == ["loose"]
+    # The other part remains as a loose thing.
+    assert [difference.kind for difference in right.inspection.differences] == ["loose"]
 
 
-# -- photos of something else
+# Photos of other things.
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_the_other_side_is_refused(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_a_photo_of_the_other_side_is_refused(tmp_path: Path) -> None:
     drawn = write_dxf(tmp_path / "bracket.dxf", bracket())
-    back = [mirrored(loop) for loop in bracket()]
-    picture = photo(tmp_path / "photo.png", back, 0.4, size=LARGE)
+    mirrored_part = [mirrored(loop) for loop in bracket()]
+    picture = photo(tmp_path / "photo.png", mirrored_part, 0.4, size=LARGE)
     with pytest.raises(NoSafeProgram, match=r"the other side of bracket.dxf: mirrored 100 %"):
         build(drawn, picture)
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_another_part_is_refused(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_a_photo_of_another_part_is_refused(tmp_path: Path) -> None:
     drawn = write_dxf(tmp_path / "bracket.dxf", bracket())
     picture = photo(tmp_path / "photo.png", PLATE, 0.4)
     with pytest.raises(NoSafeProgram, match=r"does not show bracket.dxf: \d\d % .* \(50 % must\)"):
@@ -202,92 +207,92 @@ def test_another_part_is_refused(tmp_path: Path) -> None:
         build(drawn, photo(tmp_path / "photo.png", shorter, 0.4))
 
 
-# -- deviations
+# Deviations.
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_a_burr_is_a_warning_and_a_missing_hole_a_strict_one(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_a_burr_is_warned_about_and_a_missing_hole_is_refused_with_strict(tmp_path: Path) -> None:
     drawn = write_dxf(tmp_path / "plate.dxf", PLATE)
     burred = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1])
-    job = {**SEEN, "tool": {"kind": "knife"}}
+    job = {**PHOTO_JOB, "tool": {"kind": "knife"}}
     result = build(drawn, photo(tmp_path / "photo.png", burred, 0.4), job, strict=True)
     tip = (-30 + 12.5 - 20.8j) * cmath.exp(0.4j) + MIDDLE
-    (burr,) = located(result).inspection.differences
+    (burr,) = get_located(result).inspection.differences
     assert abs(complex(*burr.place) - tip) < 0.5
-    assert located(result).deviation == pytest.approx(0.8, abs=0.03)
-    assert abs(complex(*located(result).place) - tip) < 0.5
-    (warning,) = [note for note in notes_on_photo(result) if note.startswith("warning")]
+    assert get_located(result).deviation == pytest.approx(0.8, abs=0.03)
+    assert abs(complex(*get_located(result).place) - tip) < 0.5
+    (warning,) = [note for note in list_photo_notes(result) if note.startswith("warning")]
     assert re.fullmatch(r"warning 1 burr, 0.[78]\d mm at [\d.]+, [\d.]+ mm, contour c1", warning)
 
     blank = photo(tmp_path / "photo.png", PLATE[:1], 0.4)
-    assert any("1 missing feature, 7.0" in note for note in notes_on_photo(build(drawn, blank)))
+    assert any("1 missing feature, 7.0" in note for note in list_photo_notes(build(drawn, blank)))
     with pytest.raises(NoSafeProgram, match=r"--strict and photo.png: 1 missing feature"):
         build(drawn, blank, job, strict=True)
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 @pytest.mark.parametrize("shown", [PLATE, PLATE[:1]], ids=["drilled", "blank"])
-def test_what_is_worked_on_the_part_may_be_in_the_photo(
+def test_holes_to_be_drilled_may_be_in_the_photo_or_not(
     tmp_path: Path, shown: Sequence[Loop]
 ) -> None:
     drawn = write_dxf(tmp_path / "plate.dxf", PLATE, ["outline", "holes"])
     drill = {"kind": "drill", "layers": ["holes"], "depth": 3.0, "holes": [10, 20]}
-    job = {**SEEN, "operations": [drill], "tool": {"diameter": 14.0, "kind": "drill"}}
+    job = {**PHOTO_JOB, "operations": [drill], "tool": {"diameter": 14.0, "kind": "drill"}}
     job["process"] = {"spindle": 2000.0}
     result = build(drawn, photo(tmp_path / "photo.png", shown, 0.4), job)
-    assert located(result).inspection.differences == ()
-    hidden = "assumed 1 contour is not in it: c2" in notes_on_photo(result)
+    assert get_located(result).inspection.differences == ()
+    hidden = "assumed 1 contour is not in it: c2" in list_photo_notes(result)
     assert hidden == (len(shown) == 1)
     centre = (-12 + 4j) * cmath.exp(0.4j) + MIDDLE
     (path,) = result.tour.paths
     assert path.position[0, :2] == pytest.approx([centre.real, centre.imag], abs=0.02)
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 def test_a_blank_is_found_by_the_outline_of_the_stock(tmp_path: Path) -> None:
     stock = (rounded([(-38, -30, 0), (38, -30, 12), (38, 30, 0), (-38, 30, 0)]),)
     drawn = write_dxf(tmp_path / "plate.dxf", (*stock, *PLATE), ["stock", "0", "0"])
     job = {
-        **SEEN,
+        **PHOTO_JOB,
         "stock": {"layer": "stock", "thickness": 3.0, "held": "tape"},
         "operation": {"depth": 3.0},
     }
     job["process"] = {"spindle": 9000.0}
     picture = photo(tmp_path / "photo.png", stock, 0.1)
     result = build(drawn, picture, job)
-    assert located(result).pose.turn == pytest.approx(0.1, abs=3e-4)
-    assert located(result).inspection.differences == ()
-    assert "assumed 2 contours are not in it: c2-c3" in notes_on_photo(result)
+    assert get_located(result).pose.turn == pytest.approx(0.1, abs=3e-4)
+    assert get_located(result).inspection.differences == ()
+    assert "assumed 2 contours are not in it: c2-c3" in list_photo_notes(result)
 
 
-@pytest.mark.usefixtures("few_turns")
+@pytest.mark.usefixtures("few_rotations")
 def test_a_chip_does_not_move_the_part(tmp_path: Path) -> None:
     drawn = write_dxf(tmp_path / "plate.dxf", PLATE)
     picture = photo(tmp_path / "photo.png", (*PLATE, box(-28, 24, 12, 26)), 0.2)
     result = build(drawn, picture)
-    assert abs(complex(located(result).pose.x, located(result).pose.y) - MIDDLE) < 0.02
-    # The chip is nothing of the part: the largest deviation is on the outline.
-    assert located(result).deviation < PIXEL
-    assert any("warning 1 loose thing" in note for note in notes_on_photo(result))
+    assert abs(complex(get_located(result).pose.x, get_located(result).pose.y) - MIDDLE) < 0.02
+    # The chip does not belong to the part, and the largest deviation is on the outline.
+    assert get_located(result).deviation < PIXEL
+    assert any("warning 1 loose thing" in note for note in list_photo_notes(result))
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_the_error_bound_of_the_photo_is_told(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_the_error_bound_of_the_photo_is_noted(tmp_path: Path) -> None:
     drawn = write_dxf(tmp_path / "plate.dxf", PLATE)
     picture = photo(tmp_path / "photo.png", PLATE, 0.4)
-    # Eight places whose pixels follow from the scale: the middle of the picture is the origin.
-    places = [*itertools.product((-45, 45), (-36, 0, 36)), (0, -36), (0, 36)]
-    pixels = [(349.5 + x / PIXEL, 279.5 - y / PIXEL) for x, y in places]
-    job = {"camera": {"points_px": pixels, "points_mm": places}}
+    # Eight points whose pixels follow from the scale; the middle of the picture is the origin.
+    points = [*itertools.product((-45, 45), (-36, 0, 36)), (0, -36), (0, 36)]
+    pixels = [(349.5 + x / PIXEL, 279.5 - y / PIXEL) for x, y in points]
+    job = {"camera": {"points_px": pixels, "points_mm": points}}
     result = build(drawn, picture, job)
-    pose = located(result).pose
+    pose = get_located(result).pose
     assert abs(complex(pose.x, pose.y)) < 0.02
     assert pose.turn == pytest.approx(0.4, abs=3e-4)
-    assert any("the part is placed to within 0.0" in note for note in notes_on_photo(result))
+    assert any("the part is placed to within 0.0" in note for note in list_photo_notes(result))
 
 
-@pytest.mark.usefixtures("few_turns")
-def test_the_report_says_where_the_part_lies(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("few_rotations")
+def test_the_report_states_the_pose_of_the_part(tmp_path: Path) -> None:
     drawn = write_dxf(tmp_path / "plate.dxf", PLATE)
     burred = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1])
     result = build(drawn, photo(tmp_path / "photo.png", burred, 0.4))

@@ -1,4 +1,4 @@
-"""Joint motions get the share of the joints' maximum speeds at which the TCP keeps to its speed."""
+"""Joint motions get the fraction of the maximum joint speeds at which the TCP has its speed."""
 
 import math
 
@@ -25,89 +25,104 @@ BASE, TOOL = translation(320, -25, 150), translation(0, 0, 100)
 CELL = Workcell("VS-060", BASE, TOOL, HOME, arm=ARM)
 
 
-def down(x: float, y: float, z: float = 20.0) -> Pose:
+def make_pose(x: float, y: float, z: float = 20.0) -> Pose:
     return Pose(TOOL_DOWN, (x, y, z))
 
 
-def stand(joints: FloatArray, _: FloatArray) -> FloatArray:
+def measure_nothing(joints: FloatArray, _: FloatArray) -> FloatArray:
     return np.zeros(len(joints))
 
 
-def shared(*motions: MoveJ | MoveL) -> Program:
+def set_fractions(*motions: MoveJ | MoveL) -> Program:
+    """A program from home with these motions and their speed fractions."""
     program = Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), *motions))
-    return share_joints(check_reach(program, ARM, "part"), CELL, stand, math.inf)
+    return share_joints(check_reach(program, ARM, "part"), CELL, measure_nothing, math.inf)
 
 
-def ends_of(program: Program, swing: int) -> tuple[Joints, Joints]:
-    a, b = (item.joints or item.target for item in program.body[swing - 1 : swing + 1])  # type: ignore[union-attr]
+def find_ends(program: Program, index: int) -> tuple[Joints, Joints]:
+    motions = program.body[index - 1 : index + 1]
+    a, b = (motion.joints or motion.target for motion in motions)  # type: ignore[union-attr]
     assert isinstance(a, Joints)
     assert isinstance(b, Joints)
     return a, b
 
 
-def fastest(arm: Robot, start: Joints, end: Joints, share: float) -> tuple[float, float]:
-    """The maximum speeds of the TCP, mm/s, and of a joint, rad/s, at a share of the joints."""
+def measure_maximum_speeds(
+    arm: Robot, start: Joints, end: Joints, fraction: float
+) -> tuple[float, float]:
+    """The maximum speeds of the TCP, mm/s, and of a joint, rad/s, at a speed fraction."""
     a, b = np.array(start.values), np.array(end.values)
-    rate = share * (b - a) / np.max(np.abs(b - a) / arm.speeds)
+    rate = fraction * (b - a) / np.max(np.abs(b - a) / arm.speeds)
     joints = a + np.linspace(0, 1, 2001)[:, None] * (b - a)
-    moves, rotation, _ = compute_jacobian(arm, joints)
-    flange, turn = (moves @ rate)[:, :3], (moves @ rate)[:, 3:]
-    tip = flange + np.cross(turn, rotation @ np.array(TOOL.origin))
+    jacobian, rotation, _ = compute_jacobian(arm, joints)
+    flange, rotation_rate = (jacobian @ rate)[:, :3], (jacobian @ rate)[:, 3:]
+    tip = flange + np.cross(rotation_rate, rotation @ np.array(TOOL.origin))
     return float(np.linalg.norm(tip, axis=1).max()), float(abs(rate).max())
 
 
 @pytest.mark.parametrize("speed", [20.0, 100.0, 250.0])
-def test_the_tool_keeps_to_its_speed_and_reaches_it(speed: float) -> None:
-    ways = (MoveJ(down(64, 15), speed), MoveJ(down(-60, 130), speed), MoveJ(HOME, speed))
-    program = shared(*ways)
-    for swing in (1, 2, 3):
-        move = program.body[swing]
-        assert isinstance(move, MoveJ)
-        tip, turn = fastest(ARM, *ends_of(program, swing), move.share)
-        assert tip <= 1.001 * speed
-        assert turn <= math.radians(60.001)
-        assert tip >= 0.99 * speed or turn >= math.radians(59.999)
+def test_the_tcp_or_a_joint_reaches_its_speed_and_none_exceeds_it(speed: float) -> None:
+    motions = (
+        MoveJ(make_pose(64, 15), speed),
+        MoveJ(make_pose(-60, 130), speed),
+        MoveJ(HOME, speed),
+    )
+    program = set_fractions(*motions)
+    for index in (1, 2, 3):
+        motion = program.body[index]
+        assert isinstance(motion, MoveJ)
+        tcp_speed, joint_speed = measure_maximum_speeds(
+            ARM, *find_ends(program, index), motion.share
+        )
+        assert tcp_speed <= 1.001 * speed
+        assert joint_speed <= math.radians(60.001)
+        assert tcp_speed >= 0.99 * speed or joint_speed >= math.radians(59.999)
 
 
 @pytest.mark.parametrize("speed", [20.0, 100.0])
-def test_the_joint_with_the_longest_travel_has_its_speed(speed: float) -> None:
-    """All joints start and end together: the rate is travel over the time of the slowest joint."""
-    program = shared(MoveJ(down(64, 15), speed), MoveJ(HOME, speed))
-    for swing in (1, 2):
-        a, b = ends_of(program, swing)
+def test_the_rate_is_the_speed_of_the_joint_with_the_longest_travel(speed: float) -> None:
+    """All joints start and end together, so the rate is travel over the time of the slowest."""
+    program = set_fractions(MoveJ(make_pose(64, 15), speed), MoveJ(HOME, speed))
+    for index in (1, 2):
+        a, b = find_ends(program, index)
         travel = np.abs(np.subtract(b.values, a.values))
-        move = program.body[swing]
-        assert isinstance(move, MoveJ)
-        seconds = max(travel / ARM.speeds) / move.share
-        assert move.rate == pytest.approx(max(travel) / seconds, abs=1e-6)
-        assert move.rate <= max(travel) / seconds
+        motion = program.body[index]
+        assert isinstance(motion, MoveJ)
+        seconds = max(travel / ARM.speeds) / motion.share
+        assert motion.rate == pytest.approx(max(travel) / seconds, abs=1e-6)
+        assert motion.rate <= max(travel) / seconds
 
 
-def test_a_turn_on_the_spot_is_no_race() -> None:
-    """Axis 6 alone turns; the tip stays where it is, and would allow any speed: 60 deg/s of the 360 that it can do."""
-    turned = Joints((*HOME.values[:5], math.radians(90.0)))
-    (_, turn) = shared(MoveJ(turned, 100.0)).body
-    assert isinstance(turn, MoveJ)
-    assert turn.share == pytest.approx(60 / 360, abs=1e-6)
-    assert turn.rate == pytest.approx(math.radians(60), abs=1e-5)
+def test_a_reorientation_keeps_the_speed_limit_of_the_joints() -> None:
+    """Axis 6 alone moves and the TCP keeps its position, which would allow any speed.
+
+    The joint gets 60 deg/s of its 360 deg/s.
+    """
+    rotated = Joints((*HOME.values[:5], math.radians(90.0)))
+    (_, motion) = set_fractions(MoveJ(rotated, 100.0)).body
+    assert isinstance(motion, MoveJ)
+    assert motion.share == pytest.approx(60 / 360, abs=1e-6)
+    assert motion.rate == pytest.approx(math.radians(60), abs=1e-5)
 
 
-def test_the_way_from_where_the_arm_stands_and_no_way_at_all_are_not_known() -> None:
-    program = shared(MoveJ(HOME, 100.0), MoveJ(down(0, 0), 100.0), MoveL(down(9, 0), 50.0))
+def test_the_fraction_of_the_first_motion_and_of_one_without_travel_is_unknown() -> None:
+    program = set_fractions(
+        MoveJ(HOME, 100.0), MoveJ(make_pose(0, 0), 100.0), MoveL(make_pose(9, 0), 50.0)
+    )
     assert [getattr(item, "share", None) for item in program.body[:2]] == [0.0, 0.0]
     assert program.columns.share[2] > 0
     assert program.columns.share[3] == 0
 
 
-def test_the_text_form_keeps_the_share() -> None:
-    program = shared(MoveJ(down(0, 0), 100.0))
+def test_the_text_form_keeps_the_speed_fraction() -> None:
+    program = set_fractions(MoveJ(make_pose(0, 0), 100.0))
     assert program.body[1].share > 0  # type: ignore[union-attr]
-    read = parse(dump(program)).columns
-    assert read.share.tolist() == program.columns.share.tolist()
-    assert read.rate.tolist() == program.columns.rate.tolist()
+    parsed = parse(dump(program)).columns
+    assert parsed.share.tolist() == program.columns.share.tolist()
+    assert parsed.rate.tolist() == program.columns.rate.tolist()
 
 
-def test_a_program_has_shares_of_the_whole() -> None:
+def test_an_invalid_speed_fraction_or_rate_is_refused() -> None:
     with pytest.raises(
         camgen.CamgenError, match="a share of the joints' speeds must be from 0 to 1"
     ):
@@ -116,20 +131,28 @@ def test_a_program_has_shares_of_the_whole() -> None:
         Program("part", BASE, TOOL, (MoveJ(HOME, 100.0, rate=-0.1),))
 
 
-def test_time_of_a_swing_is_that_of_its_share_where_the_machine_takes_one() -> None:
-    """Way over speed and one ramp of 0.2 s: the slowest joint of the swing is at its share all but on the ramps."""
-    found = check_reach(
-        Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), MoveJ(down(64, 15), 100.0))), ARM, "part"
+def test_the_time_of_a_joint_motion_follows_its_speed_fraction() -> None:
+    """The time is travel over speed plus a ramp of 0.2 s at full speed.
+
+    The slowest joint runs at its speed fraction, except on the ramps.
+    """
+    trace = check_reach(
+        Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), MoveJ(make_pose(64, 15), 100.0))),
+        ARM,
+        "part",
     )
-    program = share_joints(found, CELL, stand, math.inf)
-    a, b = ends_of(program, 1)
-    share = program.columns.share[1]
+    program = share_joints(trace, CELL, measure_nothing, math.inf)
+    a, b = find_ends(program, 1)
+    fraction = program.columns.share[1]
     longest = float(np.max(np.abs(np.subtract(b.values, a.values)) / ARM.speeds))
-    seconds, _ = time_motions(program, Dynamics(shares=True), found, ARM)
-    assert seconds[1] == pytest.approx(longest / share + 0.2 * share, rel=1e-6)
-    by_way, _ = time_motions(program, Dynamics(), found, ARM)
-    bare = program.with_body(
+    seconds, _ = time_motions(program, Dynamics(shares=True), trace, ARM)
+    assert seconds[1] == pytest.approx(longest / fraction + 0.2 * fraction, rel=1e-6)
+    by_speed, _ = time_motions(program, Dynamics(), trace, ARM)
+    without_fractions = program.with_body(
         tuple(replace(item, share=0.0) for item in program.body if isinstance(item, MoveJ))
     )
-    assert by_way.tolist() == time_motions(bare, Dynamics(shares=True), found, ARM)[0].tolist()
-    assert by_way[1] < seconds[1]  # the mean of the tool's speed on the way is below its greatest
+    assert (
+        by_speed.tolist()
+        == time_motions(without_fractions, Dynamics(shares=True), trace, ARM)[0].tolist()
+    )
+    assert by_speed[1] < seconds[1]  # the mean speed of the TCP is below its maximum

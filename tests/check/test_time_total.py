@@ -1,4 +1,4 @@
-"""The time of whole programs: by path, travel, and what a build says of it."""
+"""The time of whole programs: by path, on links, and as a build reports it."""
 
 import math
 import re
@@ -33,11 +33,11 @@ BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
 PACE = Dynamics(acceleration=1000.0)
 
 
-def at(x: float, y: float, z: float = 0.0) -> Pose:
+def make_pose(x: float, y: float, z: float = 0.0) -> Pose:
     return Pose(TOOL_DOWN, (x, y, z))
 
 
-def tool_path(
+def make_tool_path(
     ident: str, points: list[tuple[float, float]], depths: tuple[float, ...] = (0.0,)
 ) -> ToolPath:
     n = len(points)
@@ -51,39 +51,38 @@ def tool_path(
     )
 
 
-def test_times_are_of_their_path_or_of_the_way_to_it() -> None:
+def test_a_time_belongs_to_its_path_or_to_the_link_to_it() -> None:
     body: tuple[Instruction, ...] = (
-        MoveJ(at(0, 0, 10), 100.0),
-        Wait(0.25),  # before the first path: travel
-        MoveL(at(0, 0), 10.0, path=0),
+        MoveJ(make_pose(0, 0, 10), 100.0),
+        Wait(0.25),  # travel: it is before the first path
+        MoveL(make_pose(0, 0), 10.0, path=0),
         Output("process", 1.0),
-        Wait(0.5),  # the signal is on: on the path
-        MoveL(at(50, 0), 10.0, path=0, work=True),
+        Wait(0.5),  # on the path: the signal is on
+        MoveL(make_pose(50, 0), 10.0, path=0, work=True),
         Output("process", 0.0),
         Comment("path b"),
-        MoveL(at(50, 40), 100.0, path=1),
+        MoveL(make_pose(50, 40), 100.0, path=1),
         Output("process", 1.0),
         Wait(0.5),
-        MoveL(at(0, 40), 10.0, path=1, work=True),
+        MoveL(make_pose(0, 40), 10.0, path=1, work=True),
         Output("process", 0.0),
-        MoveJ(at(0, 40, 10), 100.0),
+        MoveJ(make_pose(0, 40, 10), 100.0),
     )
-    here = translation(0, 0, 0)
-    found = compute_cycle(
-        Program("p", here, here, switch_off_first(body), paths=(Origin("a"), Origin("b"))), PACE
-    )
+    frame = translation(0, 0, 0)
+    program = Program("p", frame, frame, switch_off_first(body), paths=(Origin("a"), Origin("b")))
+    cycle = compute_cycle(program, PACE)
     work, plunge = 50 / 10 + 10 / 1000, 10 / 10 + 10 / 1000
     link, back = 40 / 100 + 100 / 1000, 2 * math.sqrt(10 / 1000)
-    assert found.paths.tolist() == pytest.approx([work + 0.5, work + 0.5])
-    assert found.links.tolist() == pytest.approx([0.25 + plunge, link])
-    assert found.travel == pytest.approx(0.25 + plunge + link + back)
-    assert found.total == pytest.approx(2 * (work + 0.5) + found.travel)
+    assert cycle.paths.tolist() == pytest.approx([work + 0.5, work + 0.5])
+    assert cycle.links.tolist() == pytest.approx([0.25 + plunge, link])
+    assert cycle.travel == pytest.approx(0.25 + plunge + link + back)
+    assert cycle.total == pytest.approx(2 * (work + 0.5) + cycle.travel)
 
 
-def test_every_pass_works_on_its_path_and_what_is_between_them_does_not() -> None:
+def test_passes_are_work_on_their_path_and_links_are_not() -> None:
     paths = (
-        tool_path("a", [(0, 0), (10, 0), (20, 0)], (1.0, 2.0)),
-        tool_path("b", [(5, 9), (6, 9)]),
+        make_tool_path("a", [(0, 0), (10, 0), (20, 0)], (1.0, 2.0)),
+        make_tool_path("b", [(5, 9), (6, 9)]),
     )
     program = lower(Tour(paths, 0.0, "as drawn"), find_post("gcode").cell(), Job(), "p", ())
     ends, owner, works = program.columns.ends, program.columns.path, program.columns.works
@@ -95,28 +94,24 @@ def test_every_pass_works_on_its_path_and_what_is_between_them_does_not() -> Non
         [0, 0, -2],
     ]
     assert ends[works & (owner == 1)].tolist() == [[6, 9, 0]]
-    assert [k for k, _ in groupby(owner.tolist())] == [
-        -1,
-        0,
-        1,
-        -1,
-    ]  # home, the paths with their ways, home
+    # First from home, then each path with the link to it, then back to home.
+    assert [k for k, _ in groupby(owner.tolist())] == [-1, 0, 1, -1]
 
 
 @pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus", "gcode", "grbl"])
-def test_a_build_adds_up(post: str) -> None:
+def test_the_times_of_a_build_add_up(post: str) -> None:
     result = camgen.build(BRACKET, post=post)
-    found, report = result.cycle, result.report
-    naive = result.motions.seconds
-    assert naive * (1 - 1e-9) <= found.total < 2 * naive
-    assert math.fsum(found.paths.tolist()) + found.travel == pytest.approx(found.total)
-    assert (found.paths > 0).all()
-    assert (found.links > 0).all()
-    assert math.fsum(found.links.tolist()) < found.travel  # the way home is of no path
-    assert report["time_s"] == pytest.approx(found.total, abs=0.06)
-    assert report["travel_s"] == pytest.approx(found.travel, abs=0.06)
+    cycle, report = result.cycle, result.report
+    feed_time = result.motions.seconds
+    assert feed_time * (1 - 1e-9) <= cycle.total < 2 * feed_time
+    assert math.fsum(cycle.paths.tolist()) + cycle.travel == pytest.approx(cycle.total)
+    assert (cycle.paths > 0).all()
+    assert (cycle.links > 0).all()
+    assert math.fsum(cycle.links.tolist()) < cycle.travel  # the link to home belongs to no path
+    assert report["time_s"] == pytest.approx(cycle.total, abs=0.06)
+    assert report["travel_s"] == pytest.approx(cycle.travel, abs=0.06)
     assert [path["time_s"] for path in report["paths"]] == pytest.approx(
-        found.paths.tolist(), abs=0.006
+        cycle.paths.tolist(), abs=0.006
     )  # type: ignore[attr-defined]
 
 
@@ -127,20 +122,20 @@ def test_each_path_takes_at_least_its_length_at_its_feed() -> None:
         assert path["time_s"] >= path["length_mm"] / path["feed"] - 0.006
 
 
-def test_the_acceleration_of_the_job_changes_the_time_and_not_a_byte_of_the_motion() -> None:
+def test_the_acceleration_of_the_job_changes_the_time_and_no_motion() -> None:
     slow, fast = (
         camgen.build(BRACKET, post="gcode", job={"process": {"acceleration": a}})
         for a in (50.0, 50_000.0)
     )
     assert slow.cycle.total > 1.2 * fast.cycle.total
     assert fast.cycle.total == pytest.approx(fast.motions.seconds, rel=0.01)
-    lines = [
-        [line for line in one.text.splitlines() if not line.startswith("(")] for one in (slow, fast)
-    ]
+    lines = []
+    for result in (slow, fast):
+        lines.append([line for line in result.text.splitlines() if not line.startswith("(")])
     assert lines[0] == lines[1]
 
 
-def test_percent_of_acceleration_counts_in_pacscript() -> None:
+def test_the_acceleration_in_percent_changes_the_time_of_pacscript() -> None:
     slow, fast = (
         camgen.build(BRACKET, post="pacscript", job={"post": {"accel": a}}).cycle.total
         for a in (1.0, 100.0)
@@ -148,7 +143,7 @@ def test_percent_of_acceleration_counts_in_pacscript() -> None:
     assert slow > fast
 
 
-def test_edges_with_an_arm_count_its_joints() -> None:
+def test_the_time_of_edges_includes_the_joints_of_the_arm() -> None:
     part = BRACKET.with_name("rfa1.stl")
     result = camgen.build(part, post="rapid")
     assert result.reach is not None
@@ -156,7 +151,7 @@ def test_edges_with_an_arm_count_its_joints() -> None:
     assert (result.cycle.paths > 0).all()
 
 
-def test_the_summary_says_time_and_travel(
+def test_the_summary_states_time_and_travel(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["build", str(BRACKET), "--post", "gcode", "-o", str(tmp_path / "b.ngc")]) == 0

@@ -1,4 +1,4 @@
-"""The scene of a job: where its boxes stand, how long the tool is, what is taken for granted."""
+"""The scene of a job: positions of its boxes, length of the tool, assumptions."""
 
 import math
 from pathlib import Path
@@ -35,15 +35,17 @@ def solid() -> Solid:
     return mesh.read(source(PARTS / "rfa1.stl"))
 
 
-def made(tool: dict[str, object], cell: dict[str, object], solid: Solid | None) -> CellScene:
+def make_scene_of_job(
+    tool: dict[str, object], cell: dict[str, object], solid: Solid | None
+) -> CellScene:
+    """The scene of an IRB 1200 with these tables of a job."""
     job = from_mapping({"tool": tool, "cell": {"robot": "IRB 1200", **cell}})
-    return make_cell_scene(
-        job, equip_cell(Rapid.cell(), job, ARM, read_fixtures(job, Files())), solid
-    )
+    workcell = equip_cell(Rapid.cell(), job, ARM, read_fixtures(job, Files()))
+    return make_cell_scene(job, workcell, solid)
 
 
-def boxes(scene: Scene, name: str) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Centre, axes and half lengths of the boxes of a body, in the frame that carries it."""
+def list_boxes(scene: Scene, name: str) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Centre, axes and half lengths of the boxes of a body, in the frame of its link."""
     sides = [
         (box, scene.pairs[pair][0]) for box, pair in zip(scene.first, scene.of_pair, strict=True)
     ]
@@ -54,67 +56,78 @@ def boxes(scene: Scene, name: str) -> list[tuple[FloatArray, FloatArray, FloatAr
     return [(scene.origin[k], scene.rotation[k], scene.half[k]) for k in sorted(rows)]
 
 
-def test_the_tool_goes_from_its_tip_to_the_flange() -> None:
-    where = made({"length": 120, "diameter": 8}, {"fixtures": [[500, 0, 0, 510, 10, 10]]}, None)
-    (centre, axes, half) = boxes(where.scene, "tool")[0]
+def test_the_box_of_a_tool_is_from_its_tip_to_the_flange() -> None:
+    cell_scene = make_scene_of_job(
+        {"length": 120, "diameter": 8}, {"fixtures": [[500, 0, 0, 510, 10, 10]]}, None
+    )
+    (centre, axes, half) = list_boxes(cell_scene.scene, "tool")[0]
     flange = ARM.flange
-    back = np.linalg.inv(flange.rotation) @ (centre - np.asarray(flange.origin))
-    assert np.allclose(back, (0, 0, 60))
+    in_flange = np.linalg.inv(flange.rotation) @ (centre - np.asarray(flange.origin))
+    assert np.allclose(in_flange, (0, 0, 60))
     assert np.allclose(np.abs(np.linalg.inv(flange.rotation) @ axes @ half), (4, 4, 60))
 
 
-def test_with_a_holder_it_goes_to_the_holder() -> None:
-    """A tip 200 mm out and a holder of 90 mm leave 110 mm of shaft."""
+def test_the_box_of_a_tool_with_a_holder_ends_at_the_holder() -> None:
+    """The tip is 200 mm from the flange and the holder is 90 mm long: the shaft has 110 mm."""
     tool = {"length": 200, "holder": [[-30, -20, 0, 30, 20, 90]]}
-    where = made(tool, {"fixtures": [[500, 0, 0, 510, 10, 10]]}, None)
-    assert boxes(where.scene, "tool")[0][2][2] == pytest.approx(55)
-    assert sorted(boxes(where.scene, "holder")[0][2].tolist()) == pytest.approx([20, 30, 45])
+    cell_scene = make_scene_of_job(tool, {"fixtures": [[500, 0, 0, 510, 10, 10]]}, None)
+    assert list_boxes(cell_scene.scene, "tool")[0][2][2] == pytest.approx(55)
+    assert sorted(list_boxes(cell_scene.scene, "holder")[0][2].tolist()) == pytest.approx(
+        [20, 30, 45]
+    )
 
 
-def test_a_leaning_shaft_stops_where_its_axis_meets_the_holder() -> None:
-    """At 45 deg from a tip 100 mm beside and 200 mm out it meets the top at z = 100 after 100 sqrt 2 mm."""
+def test_an_oblique_shaft_ends_where_its_axis_meets_the_holder() -> None:
+    """The tip is at x = -100 and z = 200 mm, the top of the holder at z = 100 mm.
+
+    At 45 deg the shaft meets it after 100 sqrt 2 mm.
+    """
     tool = {"holder": [[-40, -40, 0, 40, 40, 100]]}
     cell = {"flange_from_tool": [-100, 0, 200, 0, -45, 0], "fixtures": [[500, 0, 0, 510, 10, 10]]}
-    where = made(tool, cell, None)
-    assert 2 * boxes(where.scene, "tool")[0][2][2] == pytest.approx(100 * math.sqrt(2))
+    cell_scene = make_scene_of_job(tool, cell, None)
+    assert 2 * list_boxes(cell_scene.scene, "tool")[0][2][2] == pytest.approx(100 * math.sqrt(2))
 
 
-def test_fixtures_stand_in_the_work_frame() -> None:
+def test_fixtures_are_placed_in_the_work_frame() -> None:
     frame = [400.0, 50.0, 30.0, 0.0, 0.0, 30.0]
-    where = made({}, {"base_from_work": frame, "fixtures": [[10, 20, 0, 30, 60, 8]]}, None)
-    centre, axes, half = boxes(where.scene, "fixture 1")[0]
+    cell_scene = make_scene_of_job(
+        {}, {"base_from_work": frame, "fixtures": [[10, 20, 0, 30, 60, 8]]}, None
+    )
+    centre, axes, half = list_boxes(cell_scene.scene, "fixture 1")[0]
     assert np.allclose(centre, pose_from_values(frame).apply((20, 40, 4)))
     assert np.allclose(axes, pose_from_values(frame).rotation)
     assert np.allclose(half, (10, 20, 4))
 
 
-def test_a_part_stands_on_a_table_unless_the_job_says_otherwise(solid: Solid) -> None:
-    assumed = made({}, {}, solid)
-    assert any(note.what == "the part stands on a table" for note in assumed.notes)
-    assert any("table" in pair for pair in assumed.scene.pairs)
+def test_a_table_is_assumed_below_a_solid_part_without_fixtures(solid: Solid) -> None:
+    default = make_scene_of_job({}, {}, solid)
+    assert any(note.what == "the part stands on a table" for note in default.notes)
+    assert any("table" in pair for pair in default.scene.pairs)
     for fixtures in ([], [[0, 0, -50, 1, 1, -40]]):
-        own = made({}, {"fixtures": fixtures}, solid)
-        assert not any("table" in pair for pair in own.scene.pairs)
-    flat = made({}, {}, None)
+        with_fixtures = make_scene_of_job({}, {"fixtures": fixtures}, solid)
+        assert not any("table" in pair for pair in with_fixtures.scene.pairs)
+    flat = make_scene_of_job({}, {}, None)
     assert not any("table" in pair for pair in flat.scene.pairs)
 
 
 @pytest.mark.parametrize("normal", [(0, 0, -1), (0, 0, 2), (-1, 0, 0), (0.6, 0, 0.8)])
-def test_the_table_lies_under_the_face_on_which_the_part_rests(
+def test_the_table_is_below_the_face_on_which_the_part_rests(
     solid: Solid, normal: tuple[float, float, float]
 ) -> None:
-    """Along the normal it begins 0.5 mm beyond the part and is 20 mm thick."""
+    """Along the normal the table begins 0.5 mm beyond the part; it is 20 mm thick."""
     frame = [400.0, 50.0, 30.0, 0.0, 0.0, 30.0]
-    where = made({}, {"base_from_work": frame, "rests_on": list(normal)}, solid)
-    centre, axes, half = boxes(where.scene, "table")[0]
+    cell_scene = make_scene_of_job({}, {"base_from_work": frame, "rests_on": list(normal)}, solid)
+    centre, axes, half = list_boxes(cell_scene.scene, "table")[0]
     down = pose_from_values(frame).rotation @ np.array(normal) / np.linalg.norm(normal)
-    placed = np.array([pose_from_values(frame).apply(v) for v in solid.vertices.tolist()])
+    placed = np.array([pose_from_values(frame).apply(vertex) for vertex in solid.vertices.tolist()])
     lowest = float((placed @ down).max())
-    middle, reach = float(down @ centre), float(np.abs(down @ axes) @ half)
-    assert (middle - reach, middle + reach) == pytest.approx((lowest + 0.5, lowest + 20.5))
-    # It reaches 200 mm beyond the part on all sides.
-    level = np.abs(down @ axes) < 0.5
-    assert np.allclose((half - np.abs((placed - centre) @ axes).max(axis=0))[level], 200)
+    middle, half_thickness = float(down @ centre), float(np.abs(down @ axes) @ half)
+    assert (middle - half_thickness, middle + half_thickness) == pytest.approx(
+        (lowest + 0.5, lowest + 20.5)
+    )
+    # The table extends 200 mm beyond the part on all sides.
+    is_horizontal = np.abs(down @ axes) < 0.5
+    assert np.allclose((half - np.abs((placed - centre) @ axes).max(axis=0))[is_horizontal], 200)
 
 
 @pytest.mark.parametrize(
@@ -125,45 +138,43 @@ def test_the_table_lies_under_the_face_on_which_the_part_rests(
         ({"rests_on": [0, 0, 1], "fixtures": []}, "has no effect with cell.fixtures"),
     ],
 )
-def test_a_face_that_says_nothing_is_refused(
+def test_a_direction_of_rest_that_is_invalid_or_unused_is_refused(
     solid: Solid, cell: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(JobError, match=message):
-        made({}, cell, solid)
+        make_scene_of_job({}, cell, solid)
     with pytest.raises(JobError, match=r"has no effect without a 3-D part \(cell.rests_on\)"):
-        made({}, {"rests_on": [0, 0, 1]}, None)
+        make_scene_of_job({}, {"rests_on": [0, 0, 1]}, None)
 
 
-def test_high_fixtures_raise_the_level(solid: Solid) -> None:
-    low = made({}, {"fixtures": []}, solid)
-    high = made({}, {"fixtures": [[-50, 0, 0, -40, 10, 300]]}, solid)
-    as_mesh = made({}, {"fixtures": [str(PARTS / "rfa2.stl")]}, solid)
+def test_high_fixtures_raise_the_safety_height(solid: Solid) -> None:
+    low = make_scene_of_job({}, {"fixtures": []}, solid)
+    high = make_scene_of_job({}, {"fixtures": [[-50, 0, 0, -40, 10, 300]]}, solid)
+    as_mesh = make_scene_of_job({}, {"fixtures": [str(PARTS / "rfa2.stl")]}, solid)
     assert high.level - low.level == pytest.approx(300 - 70)
     assert as_mesh.level - low.level == pytest.approx(100 - 70)
 
 
-def test_only_the_tool_may_touch_the_part(solid: Solid) -> None:
-    """The tip 0.05 mm in the part's top is no collision, but it is one 1 mm deeper."""
-    where = made({"length": 100}, {"base_from_work": [450, -45, 200, 0, 0, 0]}, solid)
+def test_a_tool_may_touch_the_part_by_its_contact_only(solid: Solid) -> None:
+    """The tip may be 0.05 mm below the top of the part, but not 1.05 mm."""
+    cell_scene = make_scene_of_job(
+        {"length": 100}, {"base_from_work": [450, -45, 200, 0, 0, 0]}, solid
+    )
     down = np.diag([1.0, -1.0, -1.0])
-    at = [np.array([450 + 60, -45 + 60, 200 + 70 + 100 - deep]) for deep in (0.05, 1.05)]
-    found = []
-    for place in at:
-        every = compute_solutions(ARM, down[None], place[None])[0]
-        every = every[np.isfinite(every).all(axis=1)]
-        found.append(
-            {
-                name_pair(where.scene, int(k)) if k >= 0 else ""
-                for k in find_collisions(where.scene, every)
-            }
-        )
-    assert "" in found[0]
-    assert "" not in found[1]
-    assert "tool against part" in found[1]
+    flanges = [np.array([450 + 60, -45 + 60, 200 + 70 + 100 - depth]) for depth in (0.05, 1.05)]
+    pairs = []
+    for flange in flanges:
+        solutions = compute_solutions(ARM, down[None], flange[None])[0]
+        solutions = solutions[np.isfinite(solutions).all(axis=1)]
+        hits = find_collisions(cell_scene.scene, solutions).tolist()
+        pairs.append({name_pair(cell_scene.scene, k) if k >= 0 else "" for k in hits})
+    assert "" in pairs[0]
+    assert "" not in pairs[1]
+    assert "tool against part" in pairs[1]
 
 
-def test_wrist_boxes_that_reach_past_the_flange_are_said() -> None:
-    """Link 4 of an IRB 2400 has a box around its fork that meets what is at the flange when the wrist is straight."""
+def test_boxes_that_overlap_at_home_are_noted_as_untested() -> None:
+    """The box around the fork of link 4 of an IRB 2400 overlaps the tool of a straight wrist."""
     arm = find_robot("IRB 2400")
     cell = Cell(
         "cell",
@@ -171,13 +182,13 @@ def test_wrist_boxes_that_reach_past_the_flange_are_said() -> None:
         pose_from_values([0.0, 0, 100, 0, 0, 0]),
         Joints(()),
     )
-    where = make_cell_scene(Job(), equip_cell(cell, Job(), arm), None)
+    cell_scene = make_cell_scene(Job(), equip_cell(cell, Job(), arm), None)
     untested = [("link 4", "link 6"), ("link 4", "tool")]
-    assert [pair.bodies for pair in where.untested] == untested
-    assert [str(note) for note in where.notes] == [
+    assert [pair.bodies for pair in cell_scene.untested] == untested
+    assert [str(note) for note in cell_scene.notes] == [
         f"assumed: {a} against {b} is not tested (their boxes overlap at home)" for a, b in untested
     ]
-    assert find_collisions(where.scene, arm.home[None])[0] < 0
+    assert find_collisions(cell_scene.scene, arm.home[None])[0] < 0
     plain = make_cell_scene(Job(), equip_cell(cell, Job(), ARM), None)
     assert [pair.bodies for pair in plain.untested] == untested[:1]
 
@@ -194,17 +205,17 @@ def test_wrist_boxes_that_reach_past_the_flange_are_said() -> None:
         ),
     ],
 )
-def test_boxes_that_are_none(
+def test_an_invalid_box_is_refused(
     tool: dict[str, object], cell: dict[str, object], message: str
 ) -> None:
     with pytest.raises(JobError, match=message):
-        made(tool, cell, None)
+        make_scene_of_job(tool, cell, None)
 
 
-def test_a_fixture_that_is_no_mesh_is_told_by_its_name(tmp_path: Path) -> None:
+def test_an_invalid_mesh_of_a_fixture_is_refused_with_its_name(tmp_path: Path) -> None:
     (tmp_path / "clamp.stl").write_text("solid\n")
     with pytest.raises(InputError, match=r"clamp\.stl"):
-        made({}, {"fixtures": [str(tmp_path / "clamp.stl")]}, None)
+        make_scene_of_job({}, {"fixtures": [str(tmp_path / "clamp.stl")]}, None)
 
 
 def test_the_job_is_not_changed(solid: Solid) -> None:
@@ -238,10 +249,10 @@ def test_the_job_is_not_changed(solid: Solid) -> None:
     ],
     ids=["length", "frame", "holder"],
 )
-def test_a_tool_shorter_than_its_contact_names_the_setting(
+def test_a_tool_shorter_than_its_contact_is_refused_with_the_setting(
     tool: dict[str, object], cell: dict[str, object], line: str
 ) -> None:
     """An upright tool enters the part by 0.1 mm from each end of its box."""
     with pytest.raises(JobError) as refused:
-        made(tool, cell, None)
+        make_scene_of_job(tool, cell, None)
     assert str(refused.value) == line

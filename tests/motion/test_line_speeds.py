@@ -1,4 +1,4 @@
-"""Speeds of straight links: no joint is faster than it can be, between samples either."""
+"""Speeds of straight links: no joint exceeds its speed, also between samples."""
 
 import math
 
@@ -13,11 +13,11 @@ from camgen.motion.setup import JUMP, compute_flange_poses, count_samples
 from camgen.robots.kinematics.continuity import Choice, follow
 from tests.motion.test_reach import CELL
 
-#: Joints alone limit these links, and not the way on which a speed is reached.
+#: Limits so large that the joints alone limit the speed of a link.
 FAST = LinkSpeeds(part=1e6, free=1e6, share=1.0, acceleration=1e9)
 
 
-def run(path: PosePath) -> FloatArray:
+def follow_path(path: PosePath) -> FloatArray:
     """The joint values at the rows of a path."""
     poses = compute_flange_poses(CELL, path.position, path.rotation)
     followed = follow(CELL.robot, poses, CELL.robot.home, 0.0, JUMP)
@@ -25,15 +25,15 @@ def run(path: PosePath) -> FloatArray:
     return followed.joints
 
 
-#: Links on which a joint was up to 20 % too fast between two samples; lean of the tool, deg.
-FOUND = [
+#: Start, end and tilt, deg, of links on which a joint was up to 20 % too fast between two samples.
+FAST_LINKS = [
     ((-63, 487, 310), (35, -448, 34), 30),
     ((32, 443, 20), (139, -147, 136), 0),
     ((268, 297, 336), (192, 439, 11), 0),
     ((-37, -374, 3), (157, 411, 36), 0),
 ]
 DRAW = np.random.default_rng(7)
-DRAWN = [
+RANDOM_LINKS = [
     (tuple(start), tuple(end), lean)
     for start, end, lean in zip(
         DRAW.uniform([-100, -200, 20], [100, 200, 250], (12, 3)).tolist(),
@@ -44,36 +44,38 @@ DRAWN = [
 ]
 
 
-@pytest.mark.parametrize(("start", "end", "lean"), [*FOUND, *DRAWN])
+@pytest.mark.parametrize(("start", "end", "tilt"), [*FAST_LINKS, *RANDOM_LINKS])
 def test_no_joint_is_too_fast_between_two_samples(
-    start: tuple[float, ...], end: tuple[float, ...], lean: float
+    start: tuple[float, ...], end: tuple[float, ...], tilt: float
 ) -> None:
-    """The rates of the joints by differences over half a millimetre."""
-    angle = math.radians(lean)
+    """The rates of the joints are computed by differences over 0.5 mm."""
+    angle = math.radians(tilt)
     cos, sin = math.cos(angle), math.sin(angle)
     down = np.array([[cos, 0, sin], [0, -1, 0], [sin, 0, -cos]])
     rotation = frozen(np.stack([down, down]))
     path = PosePath(np.array([start, end], dtype=float), np.full((2, 3), np.nan), rotation)
     parts = count_samples(path)
-    looks = divide(path, parts)
-    (speed,) = compute_line_speeds(CELL, FAST, looks, run(looks), compute_offsets(parts))
+    samples = divide(path, parts)
+    (speed,) = compute_line_speeds(
+        CELL, FAST, samples, follow_path(samples), compute_offsets(parts)
+    )
     fine = divide(path, np.array([math.ceil(2 * float(path.length.sum()))]))
-    rates = np.abs(np.diff(run(fine), axis=0)) / fine.length[:, None]
-    share = float((rates * speed / CELL.robot.fastest).max())
-    assert 0.9 < share <= 1.0 + 1e-6
+    rates = np.abs(np.diff(follow_path(fine), axis=0)) / fine.length[:, None]
+    fraction = float((rates * speed / CELL.robot.fastest).max())
+    assert 0.9 < fraction <= 1.0 + 1e-6
 
 
-def test_a_corner_of_a_link_slows_neither_of_its_segments() -> None:
-    """Each segment has the speed that it has alone: at the corner the rates of joints jump."""
+def test_a_corner_of_a_link_does_not_slow_its_segments() -> None:
+    """Each segment has the same speed as alone, though the rates of joints jump at the corner."""
     corners = np.array([(100.0, -150.0, 60.0), (-40.0, 60.0, 200.0), (80.0, 180.0, 60.0)])
     down = frozen(np.stack([np.diag([1.0, -1.0, -1.0])] * 3))
     path = PosePath(corners, np.full((3, 3), np.nan), down)
     parts = count_samples(path)
-    samples, at = divide(path, parts), compute_offsets(parts)
-    joints = run(samples)
-    together = compute_line_speeds(CELL, FAST, samples, joints, at)
+    samples, offsets = divide(path, parts), compute_offsets(parts)
+    joints = follow_path(samples)
+    together = compute_line_speeds(CELL, FAST, samples, joints, offsets)
     for k in range(2):
-        low, high = int(at[k]), int(at[k + 1])
+        low, high = int(offsets[k]), int(offsets[k + 1])
         alone = PosePath(corners[k : k + 2], path.via[k : k + 2], down[:2])
         (speed,) = compute_line_speeds(
             CELL,
@@ -84,6 +86,6 @@ def test_a_corner_of_a_link_slows_neither_of_its_segments() -> None:
         )
         assert together[k] == speed
     jump = np.abs(np.diff(joints, axis=0) / samples.length[:, None])[
-        int(at[1]) - 1 : int(at[1]) + 1
+        int(offsets[1]) - 1 : int(offsets[1]) + 1
     ]
     assert float(np.abs(np.diff(jump, axis=0)).max()) > 1e-3

@@ -29,8 +29,8 @@ PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 #: Corners of the holder in the flange frame, mm.
 LOW, HIGH = (-60.0, -60.0, 0.0), (60.0, 60.0, 120.0)
 LIMIT = 250.0
-#: (speed, mm/s; share) of joint motions and the joints at their ends.
-Swing = tuple[float, float, FloatArray, FloatArray]
+#: Speed, mm/s, speed fraction, and joint values at the start and the end of a joint motion.
+JointMotion = tuple[float, float, FloatArray, FloatArray]
 
 
 def build(post: str, tool: Mapping[str, object], **process: object) -> camgen.Result:
@@ -47,18 +47,18 @@ def build(post: str, tool: Mapping[str, object], **process: object) -> camgen.Re
     return camgen.build(PARTS / "bracket.dxf", post=post, job=job)
 
 
-def list_swings(result: camgen.Result) -> Iterator[Swing]:
-    """The joint motions of a program whose ends have joints."""
-    motions = [item for item in result.program.body if hasattr(item, "target")]
+def list_joint_motions(result: camgen.Result) -> Iterator[JointMotion]:
+    """The joint motions of a program between known joint values."""
+    motions = [instruction for instruction in result.program.body if hasattr(instruction, "target")]
     for before, motion in pairwise(motions):
-        ends = [item.joints or item.target for item in (before, motion)]
+        ends = [instruction.joints or instruction.target for instruction in (before, motion)]
         if isinstance(motion, MoveJ):
             start, end = (np.array(joints.values) for joints in ends)
             yield motion.speed, motion.share, start, end
 
 
-def points_at(arm: Robot, joints: FloatArray) -> FloatArray:
-    """(R, P, 3) mm: the joints, the flange, the TCP and the corners of the holder."""
+def place_points(arm: Robot, joints: FloatArray) -> FloatArray:
+    """Positions (R, P, 3), mm, of the joints, the flange, the TCP and the corners of the holder."""
     rotation, origin = compute_flange(arm, joints)
     tip = np.array([0.0, 0.0, 150.0])
     corners = np.array(np.meshgrid(*zip(LOW, HIGH, strict=True))).reshape(3, -1).T
@@ -67,23 +67,25 @@ def points_at(arm: Robot, joints: FloatArray) -> FloatArray:
     return np.concatenate([compute_link_frames(arm, joints)[1], tool], axis=1)
 
 
-def fastest_point(arm: Robot, swing: Swing, post: str = "") -> float:
-    """mm/s, in a motion that takes as long as its share and its speed of the TCP say.
+def measure_fastest_point(arm: Robot, motion: JointMotion, post: str = "") -> float:
+    """Speed of the fastest point of the arm, mm/s, from speed fraction and TCP speed of a motion.
 
-    RAPID states no share: there the joints may run at their full speeds.
+    RAPID has no speed fraction: its joints may run at their full speeds.
     """
-    speed, share, start, end = swing
+    speed, fraction, start, end = motion
     joints = start + np.linspace(0, 1, 2001)[:, None] * (end - start)
-    places = points_at(arm, joints)
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=2)
-    at_share = float((np.abs(end - start) / arm.speeds).max()) / (1.0 if post == "rapid" else share)
-    # The TCP, the second point of the tool, has the speed of the motion in the mean.
-    at_speed = float(steps[:, -9].sum()) / speed
-    return float(steps.max()) * len(steps) / max(at_share, at_speed)
+    positions = place_points(arm, joints)
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=2)
+    joint_seconds = float((np.abs(end - start) / arm.speeds).max()) / (
+        1.0 if post == "rapid" else fraction
+    )
+    # The TCP, the second point of the tool, has the speed of the motion on average.
+    tcp_seconds = float(steps[:, -9].sum()) / speed
+    return float(steps.max()) * len(steps) / max(joint_seconds, tcp_seconds)
 
 
-def test_a_tool_that_turns_about_its_tip_turns_no_faster_than_its_holder_may_move() -> None:
-    """Axis 6 turns by 170 deg with the TCP on it: only a speed of turning slows the holder down."""
+def test_a_reorientation_is_limited_by_the_speed_of_the_holder() -> None:
+    """Axis 6 rotates by 170 deg with the TCP on it, so only a rotation speed limits the holder."""
     arm = find_robot("IRB 2400")
     start = np.radians([0.0, 20.0, 10.0, 0.0, 60.0, -80.0])
     end = start + np.radians([0.0, 0.0, 0.0, 0.0, 0.0, 170.0])
@@ -94,17 +96,17 @@ def test_a_tool_that_turns_about_its_tip_turns_no_faster_than_its_holder_may_mov
     program = Program("part", translation(0, 0, 0), tool, body)
 
     def distance(before: FloatArray, after: FloatArray) -> FloatArray:
-        moved = points_at(arm, after) - points_at(arm, before)
-        return np.linalg.norm(moved, axis=2).max(axis=1)
+        shift = place_points(arm, after) - place_points(arm, before)
+        return np.linalg.norm(shift, axis=2).max(axis=1)
 
     reach = check_reach(program, arm, "part")
     limited = share_joints(reach, cell, distance, LIMIT)
-    swing = limited.body[1]
+    motion = limited.body[1]
     # The corners of the holder are sqrt(2) 60 mm from the axis.
-    assert swing.turn == pytest.approx(LIMIT / (60 * math.sqrt(2)), rel=0.02)
-    assert swing.turn * 60 * math.sqrt(2) <= 1.001 * LIMIT
-    unhurried = share_joints(reach, cell, distance, math.inf).body[1]
-    assert unhurried.turn == 0.0
+    assert motion.turn == pytest.approx(LIMIT / (60 * math.sqrt(2)), rel=0.02)
+    assert motion.turn * 60 * math.sqrt(2) <= 1.001 * LIMIT
+    unlimited = share_joints(reach, cell, distance, math.inf).body[1]
+    assert unlimited.turn == 0.0
     # The text states it, and the comparison with the plan finds another value.
     post, options = Rapid(), {}
     files = post.render(post.prepare(limited, 0.01))
@@ -112,7 +114,7 @@ def test_a_tool_that_turns_about_its_tip_turns_no_faster_than_its_holder_may_mov
     reading = find_readback("rapid")({files[0].name: text}, options)
     same = compare(limited, reading, post.tolerance(), post.list_verified(), "part.mod")
     assert same.instructions == 2
-    degrees = f",{math.degrees(swing.turn):.3f}".rstrip("0")
+    degrees = f",{math.degrees(motion.turn):.3f}".rstrip("0")
     assert text.count(degrees) == 1
     changed = find_readback("rapid")({"a": text.replace(degrees, ",500")}, options)
     with pytest.raises(VerifyError, match="speed of turning"):
@@ -121,17 +123,19 @@ def test_a_tool_that_turns_about_its_tip_turns_no_faster_than_its_holder_may_mov
 
 @pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus"])
 @pytest.mark.parametrize("tool", [{}, {"symmetric": True}, {"turn": [-90.0, 90.0, 30.0]}])
-def test_no_point_is_faster(post: str, tool: dict[str, object]) -> None:
+def test_no_point_of_the_arm_exceeds_the_limit(post: str, tool: dict[str, object]) -> None:
     arm = find_robot("IRB 2400")
-    speeds = [fastest_point(arm, swing, post) for swing in list_swings(build(post, tool))]
+    speeds = [
+        measure_fastest_point(arm, motion, post) for motion in list_joint_motions(build(post, tool))
+    ]
     assert speeds
-    # Speeds are rounded, and a motion within a thousandth of its time is left.
+    # Speeds are rounded, and a motion that exceeds the limit by up to 0.1 % is not changed.
     assert max(speeds) <= 1.001 * LIMIT
 
 
-def test_a_travel_speed_is_kept_to_instead() -> None:
+def test_a_given_travel_speed_replaces_the_limit() -> None:
     arm, tool = find_robot("IRB 2400"), {"symmetric": True}
-    slow = list_swings(build("pacscript", tool))
-    fast = list_swings(build("pacscript", tool, travel=700.0))
-    assert max(fastest_point(arm, swing) for swing in slow) > 0.8 * LIMIT
-    assert max(fastest_point(arm, swing) for swing in fast) > 1.5 * LIMIT
+    slow = list_joint_motions(build("pacscript", tool))
+    fast = list_joint_motions(build("pacscript", tool, travel=700.0))
+    assert max(measure_fastest_point(arm, motion) for motion in slow) > 0.8 * LIMIT
+    assert max(measure_fastest_point(arm, motion) for motion in fast) > 1.5 * LIMIT

@@ -41,7 +41,7 @@ INSTANCE = '<instance_geometry url="#plate"/>'
 PLAIN = f"<node>{INSTANCE}</node>"
 
 
-def read(
+def read_document(
     nodes: str = PLAIN, polygons: str = TRIANGLES, asset: str = "", points: str = POINTS
 ) -> tuple[np.ndarray, np.ndarray]:
     text = DOCUMENT.format(nodes=nodes, polygons=polygons, asset=asset, points=points)
@@ -49,50 +49,50 @@ def read(
     return vertices, triangles.faces
 
 
-def area(vertices: np.ndarray, faces: np.ndarray) -> float:
+def measure_area(vertices: np.ndarray, faces: np.ndarray) -> float:
     a, b, c = vertices[faces].transpose(1, 0, 2)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 @pytest.mark.parametrize(
-    ("polygons", "true", "count"), [(TRIANGLES, 6.0, 2), (POLYLIST, 7.0, 3), (POLYGONS, 7.0, 3)]
+    ("polygons", "expected", "count"), [(TRIANGLES, 6.0, 2), (POLYLIST, 7.0, 3), (POLYGONS, 7.0, 3)]
 )
-def test_polygons_are_cut_into_triangles(polygons: str, true: float, count: int) -> None:
-    vertices, faces = read(polygons=polygons)
+def test_polygons_are_divided_into_triangles(polygons: str, expected: float, count: int) -> None:
+    vertices, faces = read_document(polygons=polygons)
     assert len(faces) == count
-    assert area(vertices, faces) == pytest.approx(true)
+    assert measure_area(vertices, faces) == pytest.approx(expected)
 
 
 def test_lengths_are_metres_by_the_unit_of_the_file() -> None:
-    plain, _ = read()
-    inches, _ = read(asset='<unit name="inch" meter="0.0254"/>')
+    plain, _ = read_document()
+    inches, _ = read_document(asset='<unit name="inch" meter="0.0254"/>')
     assert inches == pytest.approx(0.0254 * plain)
 
 
-def test_nodes_move_what_they_hold_the_outer_ones_last() -> None:
-    """First scaled by 2, then turned by 90 deg about z, then moved; a matrix lifts the whole."""
+def test_outer_nodes_are_applied_after_inner_ones() -> None:
+    """The mesh is scaled by 2, rotated by 90 deg about z, shifted, and then raised by a matrix."""
     nodes = (
         "<node><matrix>1 0 0 0  0 1 0 0  0 0 1 7  0 0 0 1</matrix>"
         "<node><translate>10 20 30</translate>"
         f"<rotate>0 0 2 90</rotate><scale>2 2 2</scale>{INSTANCE}</node></node>"
     )
-    vertices, _ = read(nodes)
+    vertices, _ = read_document(nodes)
     assert vertices[1] == pytest.approx([10, 20 + 4, 37])
     assert vertices[3] == pytest.approx([10 - 6, 20, 37])
 
 
-def test_the_up_axis_leaves_a_mesh_as_it_is_in_the_frame_of_its_link() -> None:
-    plain, _ = read()
-    upright, _ = read(asset="<up_axis>Y_UP</up_axis>")
+def test_the_up_axis_does_not_rotate_a_mesh() -> None:
+    plain, _ = read_document()
+    upright, _ = read_document(asset="<up_axis>Y_UP</up_axis>")
     assert upright.tolist() == plain.tolist()
 
 
-def test_a_node_of_the_library_is_shown_where_it_is_named() -> None:
+def test_a_node_that_is_instantiated_again_is_read_twice() -> None:
     nodes = (
         f'<node id="kept">{INSTANCE}</node><node><translate>5 0 0</translate>'
         '<instance_node url="#kept"/></node>'
     )
-    vertices, faces = read(nodes)
+    vertices, faces = read_document(nodes)
     assert len(faces) == 4
     assert vertices[:, 0].max() == pytest.approx(7.0)
 
@@ -122,6 +122,6 @@ def test_a_node_of_the_library_is_shown_where_it_is_named() -> None:
         ),
     ],
 )  # fmt: skip
-def test_a_file_that_is_damaged_or_not_read_is_refused(text: str, message: str) -> None:
+def test_a_damaged_or_unsupported_file_is_refused(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_dae(Source(Path("arm.dae"), text.encode()))

@@ -1,4 +1,4 @@
-"""Arms from URDF files: the same frames, limits and joints as an independent reading of the text gives."""
+"""Arms from URDF files have the frames, limits and joints that an independent reader finds."""
 
 import math
 from pathlib import Path
@@ -30,7 +30,7 @@ KINDS = {
     "vs060": "spherical-wrist", "cobras600": "scara", "mill": "cartesian", "cobotta": "serial",
 }  # fmt: skip
 UP, LEFT, RIGHT = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)
-#: Seven axes as a cobot with a turning elbow has them.
+#: The seven axes of a cobot whose elbow can swivel.
 SEVEN = Arm(
     tuple(step((0, 0, z)) for z in (0.3, 0, 0.35, 0, 0.35, 0, 0.1)),
     tuple(np.array(axis) for axis in (UP, LEFT, UP, RIGHT, UP, LEFT, UP)),
@@ -41,20 +41,23 @@ SEVEN = Arm(
 )  # fmt: skip
 
 
-def written(folder: Path, text: str, name: str = "arm.urdf") -> str:
+def write_urdf(folder: Path, text: str, name: str = "arm.urdf") -> str:
+    """The name of a file with this text."""
     file = folder / name
     file.write_text(text)
     return str(file)
 
 
-def some(of: Robot, count: int) -> np.ndarray:
+def draw_joint_values(robot: Robot, count: int) -> np.ndarray:
+    """Random joint values (count, J) within the limits of each joint."""
     return np.random.default_rng(3).uniform(
-        of.limits[:, 0], of.limits[:, 1], (count, len(of.joints))
+        robot.limits[:, 0], robot.limits[:, 1], (count, len(robot.joints))
     )
 
 
-def metres(of: Robot) -> np.ndarray:
-    return np.array([1e-3 if joint.sliding else 1.0 for joint in of.joints])
+def metre_scale(robot: Robot) -> np.ndarray:
+    """The factors (J,) from the units of camgen to those of a URDF, which has m and rad."""
+    return np.array([1e-3 if joint.sliding else 1.0 for joint in robot.joints])
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -62,55 +65,57 @@ def metres(of: Robot) -> np.ndarray:
 def test_frames_limits_and_joints_are_those_of_the_text(
     stem: str, seed: int, tmp_path: Path
 ) -> None:
-    """Seeds above 0: the same arm in frames that lie any way, with other zeros."""
+    """A seed above 0 gives the same arm with rotated joint frames and other zeros."""
     arm = disguised(built_in(stem), seed) if seed else built_in(stem)
-    of = find_robot(written(tmp_path, urdf(arm)))
-    assert of.limits * metres(of)[:, None] == pytest.approx(np.array(arm.limits), abs=1e-12)
-    assert of.speeds * metres(of) == pytest.approx(np.array(arm.speeds), abs=1e-12)
-    joints = some(of, 100)
-    rotations, origins = compute_flange(of, joints)
-    for row, values in enumerate(joints * metres(of)):
+    robot = find_robot(write_urdf(tmp_path, urdf(arm)))
+    assert robot.limits * metre_scale(robot)[:, None] == pytest.approx(
+        np.array(arm.limits), abs=1e-12
+    )
+    assert robot.speeds * metre_scale(robot) == pytest.approx(np.array(arm.speeds), abs=1e-12)
+    joints = draw_joint_values(robot, 100)
+    rotations, origins = compute_flange(robot, joints)
+    for row, values in enumerate(joints * metre_scale(robot)):
         expected = tip(arm, values)
         assert np.abs(origins[row] - 1000 * expected[:3, 3]).max() < 1e-9
         assert np.abs(rotations[row] - expected[:3, :3]).max() < 1e-12
-    assert of.kind == KINDS[stem]
-    if of.arm is None:
+    assert robot.kind == KINDS[stem]
+    if robot.arm is None:
         return
-    found = compute_solutions(of, rotations, origins)
-    count = {"spherical-wrist": {4, 8}, "scara": {2}, "cartesian": {1}}[of.kind]
-    assert set(np.isfinite(found[:, :, 0]).sum(axis=1).tolist()) <= count
-    sliding = np.array([joint.sliding for joint in of.joints])
-    apart = found - joints[:, None]
-    apart = np.abs(np.where(sliding, apart, np.remainder(apart + math.pi, math.tau) - math.pi)).max(
-        axis=2
-    )
-    assert np.nanmin(apart, axis=1).max() < 1e-6
-    for row, column in np.argwhere(np.isfinite(found[:, :, 0])):
-        reached = tip(arm, found[row, column] * metres(of))
+    solutions = compute_solutions(robot, rotations, origins)
+    counts = {"spherical-wrist": {4, 8}, "scara": {2}, "cartesian": {1}}[robot.kind]
+    assert set(np.isfinite(solutions[:, :, 0]).sum(axis=1).tolist()) <= counts
+    sliding = np.array([joint.sliding for joint in robot.joints])
+    differences = solutions - joints[:, None]
+    differences = np.abs(
+        np.where(sliding, differences, np.remainder(differences + math.pi, math.tau) - math.pi)
+    ).max(axis=2)
+    assert np.nanmin(differences, axis=1).max() < 1e-6
+    for row, column in np.argwhere(np.isfinite(solutions[:, :, 0])):
+        reached = tip(arm, solutions[row, column] * metre_scale(robot))
         assert np.abs(1000 * reached[:3, 3] - origins[row]).max() < 1e-6
         assert np.abs(reached[:3, :3] - rotations[row]).max() < 1e-9
 
 
 def test_a_built_in_robot_written_as_urdf_is_that_robot(tmp_path: Path) -> None:
-    """IRB 120 by its data sheet: 374 mm ahead at 630 mm with all joints at 0, and the same home as the built-in one."""
-    of, same = (
-        find_robot(written(tmp_path, urdf(built_in("irb120"), "my arm"))),
-        find_robot("IRB 120"),
-    )
-    assert compute_flange(of, np.zeros((1, 6)))[1][0] == pytest.approx([374, 0, 630], abs=1e-9)
-    assert of.name == "my arm"
-    assert of.limits == pytest.approx(same.limits)
-    assert of.home == pytest.approx(same.home)
-    assert of.links[0].name == "base_link"
-    assert [link.name for link in of.links[1:]] == [f"link_{k}" for k in range(1, 7)]
+    """With all joints at 0 the flange of the IRB 120 is 374 mm ahead at 630 mm (data sheet)."""
+    robot = find_robot(write_urdf(tmp_path, urdf(built_in("irb120"), "my arm")))
+    built = find_robot("IRB 120")
+    assert compute_flange(robot, np.zeros((1, 6)))[1][0] == pytest.approx([374, 0, 630], abs=1e-9)
+    assert robot.name == "my arm"
+    assert robot.limits == pytest.approx(built.limits)
+    assert robot.home == pytest.approx(built.home)
+    assert robot.links[0].name == "base_link"
+    assert [link.name for link in robot.links[1:]] == [f"link_{k}" for k in range(1, 7)]
 
 
-def test_an_arm_on_a_rail_and_one_on_a_column(tmp_path: Path) -> None:
-    """Slides where no closed form has them: before six axes, and before the three of a SCARA."""
+def test_a_rail_before_six_axes_and_a_column_before_a_scara_are_solved_by_iteration(
+    tmp_path: Path,
+) -> None:
+    """No closed form covers a slide before six axes, or before the three axes of a SCARA."""
     six, scara = built_in("irb120"), built_in("cobras600")
     rail = Arm(
-        (step((0, 0, 0)), *six.steps), (np.array(UP)[[2, 1, 0]], *six.axes), ("prismatic", *six.kinds),
-        ((-1.5, 1.5), *six.limits), (1.0, *six.speeds), six.flange,
+        (step((0, 0, 0)), *six.steps), (np.array(UP)[[2, 1, 0]], *six.axes),
+        ("prismatic", *six.kinds), ((-1.5, 1.5), *six.limits), (1.0, *six.speeds), six.flange,
     )  # fmt: skip
     order = [2, 0, 1, 3]
     column = Arm(
@@ -119,76 +124,82 @@ def test_an_arm_on_a_rail_and_one_on_a_column(tmp_path: Path) -> None:
         tuple(scara.limits[k] for k in order), tuple(scara.speeds[k] for k in order), scara.flange,
     )  # fmt: skip
     for arm in (rail, column):
-        of = find_robot(written(tmp_path, urdf(arm)))
-        assert of.kind == "serial"
-        joints = some(of, 20)
-        rotations, origins = compute_flange(of, joints)
-        found = compute_solutions(of, rotations, origins)
-        assert np.isfinite(found[:, 0, 0]).all()
-        for row, way in np.argwhere(np.isfinite(found[:, :, 0])):
-            reached = tip(arm, found[row, way] * metres(of))
+        robot = find_robot(write_urdf(tmp_path, urdf(arm)))
+        assert robot.kind == "serial"
+        joints = draw_joint_values(robot, 20)
+        rotations, origins = compute_flange(robot, joints)
+        solutions = compute_solutions(robot, rotations, origins)
+        assert np.isfinite(solutions[:, 0, 0]).all()
+        for row, branch in np.argwhere(np.isfinite(solutions[:, :, 0])):
+            reached = tip(arm, solutions[row, branch] * metre_scale(robot))
             assert np.abs(1000 * reached[:3, 3] - origins[row]).max() < 1e-6
-        aside = joints + 120.0 * np.array([joint.sliding for joint in of.joints])
-        assert np.isfinite(damped.refine(of, rotations, origins, aside)).all()
+        shifted = joints + 120.0 * np.array([joint.sliding for joint in robot.joints])
+        assert np.isfinite(damped.refine(robot, rotations, origins, shifted)).all()
 
 
 @pytest.mark.parametrize("arm", [SEVEN, disguised(SEVEN, 4)], ids=["plain", "disguised"])
-def test_seven_joints_by_iteration(arm: Arm, tmp_path: Path) -> None:
-    of = find_robot(written(tmp_path, urdf(arm)))
-    assert of.kind == "serial"
-    joints = some(of, 20)
-    rotations, origins = compute_flange(of, joints)
+def test_an_arm_with_seven_joints_is_solved_by_iteration(arm: Arm, tmp_path: Path) -> None:
+    robot = find_robot(write_urdf(tmp_path, urdf(arm)))
+    assert robot.kind == "serial"
+    joints = draw_joint_values(robot, 20)
+    rotations, origins = compute_flange(robot, joints)
     for row, values in enumerate(joints):
         assert np.abs(origins[row] - 1000 * tip(arm, values)[:3, 3]).max() < 1e-9
-    found = compute_solutions(of, rotations, origins)
-    assert np.isfinite(found[:, 0, 0]).all()
-    for row, column in np.argwhere(np.isfinite(found[:, :, 0])):
-        reached = tip(arm, found[row, column])
+    solutions = compute_solutions(robot, rotations, origins)
+    assert np.isfinite(solutions[:, 0, 0]).all()
+    for row, column in np.argwhere(np.isfinite(solutions[:, :, 0])):
+        reached = tip(arm, solutions[row, column])
         assert np.abs(1000 * reached[:3, 3] - origins[row]).max() < 1e-6
         assert np.abs(reached[:3, :3] - rotations[row]).max() < 1e-9
 
 
-def test_the_jacobian_holds_for_axes_that_lie_any_way(tmp_path: Path) -> None:
-    of = find_robot(written(tmp_path, urdf(disguised(built_in("cobotta"), 7))))
-    joints = some(of, 1)
-    moved, _, origin = compute_jacobian(of, joints)
+def test_the_jacobian_holds_for_rotated_joint_frames(tmp_path: Path) -> None:
+    robot = find_robot(write_urdf(tmp_path, urdf(disguised(built_in("cobotta"), 7))))
+    joints = draw_joint_values(robot, 1)
+    jacobian, _, origin = compute_jacobian(robot, joints)
     for k in range(6):
         other = joints.copy()
         other[0, k] += 1e-6
-        assert moved[0, :3, k] == pytest.approx(
-            (compute_flange(of, other)[1] - origin)[0] / 1e-6, abs=2e-3
+        assert jacobian[0, :3, k] == pytest.approx(
+            (compute_flange(robot, other)[1] - origin)[0] / 1e-6, abs=2e-3
         )
 
 
 def cobot_by_hand(q: np.ndarray) -> np.ndarray:
-    """What fixtures/robots/cobot.urdf says, typed once more, m."""
+    """The flange of fixtures/robots/cobot.urdf, typed in again: base_from_flange (4, 4), m."""
     quarter = math.pi / 2
-    at = np.eye(4)
+    base_from_link = np.eye(4)
     rows = [
         ((0, 0, 0.15), 0.0), ((0, 0, 0), quarter), ((-0.41, 0, 0), 0.0), ((-0.38, 0, 0.12), 0.0),
         ((0, -0.1, 0), quarter), ((0, 0.09, 0), -quarter),
     ]  # fmt: skip
     for (xyz, roll), value in zip(rows, q.tolist(), strict=True):
-        at = at @ step(xyz, rpy(roll, 0, 0)) @ step((0, 0, 0), turn((0, 0, 1), value))
-    return at
+        base_from_link = (
+            base_from_link @ step(xyz, rpy(roll, 0, 0)) @ step((0, 0, 0), turn((0, 0, 1), value))
+        )
+    return base_from_link
 
 
-def test_a_cobot_with_three_parallel_axes() -> None:
-    of = find_robot(str(COBOT))
-    assert of.kind == "three-parallel"
-    assert of.convention == "The joints of the URDF, from link world to link tool0."
+def test_a_cobot_with_three_parallel_axes_is_solved_in_closed_form() -> None:
+    robot = find_robot(str(COBOT))
+    assert robot.kind == "three-parallel"
+    assert robot.convention == "The joints of the URDF, from link world to link tool0."
     joints = np.random.default_rng(0).uniform(-math.pi, math.pi, (60, 6))
-    rotations, origins = compute_flange(of, joints)
+    rotations, origins = compute_flange(robot, joints)
     for row, values in enumerate(joints):
         assert np.abs(origins[row] - 1000 * cobot_by_hand(values)[:3, 3]).max() < 1e-9
-    found = compute_solutions(of, rotations, origins)
-    apart = np.abs(np.remainder(found - joints[:, None] + math.pi, math.tau) - math.pi).max(axis=2)
-    assert np.nanmin(apart, axis=1).max() < 1e-6
-    for row, column in np.argwhere(np.isfinite(found[:, :, 0])):
-        assert np.abs(1000 * cobot_by_hand(found[row, column])[:3, 3] - origins[row]).max() < 1e-6
+    solutions = compute_solutions(robot, rotations, origins)
+    differences = np.abs(
+        np.remainder(solutions - joints[:, None] + math.pi, math.tau) - math.pi
+    ).max(axis=2)
+    assert np.nanmin(differences, axis=1).max() < 1e-6
+    for row, column in np.argwhere(np.isfinite(solutions[:, :, 0])):
+        assert (
+            np.abs(1000 * cobot_by_hand(solutions[row, column])[:3, 3] - origins[row]).max() < 1e-6
+        )
 
 
-def test_what_is_assumed_is_said() -> None:
+def test_assumptions_about_a_urdf_are_noted() -> None:
     assert find_robot(str(COBOT)).notes == (
         "wrist_3_joint has no limits: -360 to 360 deg are assumed",
         "link finger is not part of the arm: it is left out",
@@ -200,43 +211,46 @@ def test_what_is_assumed_is_said() -> None:
 @pytest.mark.parametrize(
     ("text", "angle"),
     [
-        ("1.5708", math.pi / 2), ("-1.57", -math.pi / 2), ("3.1415", math.pi), ("3.14159265", math.pi),
-        ("1.5707963267948966", math.pi / 2), ("6.2832", math.tau), ("1.571e0", math.pi / 2), ("157.08e-2", math.pi / 2),
-        ("1.58", 1.58), ("1.6", 1.6), ("1.5718", 1.5718), ("1.57080", math.pi / 2), ("0.001", 0.001), ("-0", 0.0),
-        ("1", 1.0), ("2", 2.0),
+        ("1.5708", math.pi / 2), ("-1.57", -math.pi / 2), ("3.1415", math.pi),
+        ("3.14159265", math.pi), ("1.5707963267948966", math.pi / 2), ("6.2832", math.tau),
+        ("1.571e0", math.pi / 2), ("157.08e-2", math.pi / 2), ("1.58", 1.58), ("1.6", 1.6),
+        ("1.5718", 1.5718), ("1.57080", math.pi / 2), ("0.001", 0.001), ("-0", 0.0), ("1", 1.0),
+        ("2", 2.0),
     ],
 )  # fmt: skip
-def test_angles_rounded_from_multiples_of_90_deg(text: str, angle: float, tmp_path: Path) -> None:
-    """1.57080 has one digit more than 1.5708 and is a rounding too; 1.5718 is 0.06 deg away, and meant."""
+def test_a_rounded_multiple_of_90_deg_is_restored(text: str, angle: float, tmp_path: Path) -> None:
+    """1.5708 and 1.57080 are both roundings of pi / 2; 1.5718 is 0.06 deg away and stays."""
     arm = urdf(SEVEN).replace('rpy="0 -0 0"', f'rpy="{text} 0 0"', 1)
     assert text in arm
-    of = find_robot(written(tmp_path, arm))
-    difference = of.joints[0].previous_from_joint.rotation - turn((1, 0, 0), angle)
+    robot = find_robot(write_urdf(tmp_path, arm))
+    difference = robot.joints[0].previous_from_joint.rotation - turn((1, 0, 0), angle)
     assert np.abs(difference).max() < rounding_bound(operations=10, functions=8)
 
 
-def test_rounded_angles_leave_the_closed_form(tmp_path: Path) -> None:
+def test_an_arm_with_rounded_angles_keeps_its_closed_form(tmp_path: Path) -> None:
     text = SIX.read_text().replace("1.57079632679", "1.5708")
     assert "1.5708" in text
-    assert find_robot(written(tmp_path, text)).kind == "spherical-wrist"
+    assert find_robot(write_urdf(tmp_path, text)).kind == "spherical-wrist"
 
 
-def test_rpy_turns_about_fixed_axes_and_the_axis_is_x_where_none_is_stated(tmp_path: Path) -> None:
+def test_rpy_rotates_about_fixed_axes_and_the_default_axis_is_x(tmp_path: Path) -> None:
     text = (
-        '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="revolute"><parent link="b"/>'
-        '<child link="c"/><origin rpy="0.1 0.2 0.3" xyz="1 2 3"/><limit lower="-1" upper="1" velocity="2"/></joint>'
+        '<robot name="a"><link name="b"/><link name="c"/>'
+        '<joint name="j" type="revolute"><parent link="b"/>'
+        '<child link="c"/><origin rpy="0.1 0.2 0.3" xyz="1 2 3"/>'
+        '<limit lower="-1" upper="1" velocity="2"/></joint>'
         "</robot>"
     )
-    of = find_robot(written(tmp_path, text))
-    assert of.joints[0].previous_from_joint.origin == (1000, 2000, 3000)
-    assert of.joints[0].axis == (1, 0, 0)
-    # y of the child under Rz(0.3) Ry(0.2) Rx(0.1): written out.
+    robot = find_robot(write_urdf(tmp_path, text))
+    assert robot.joints[0].previous_from_joint.origin == (1000, 2000, 3000)
+    assert robot.joints[0].axis == (1, 0, 0)
+    # The y axis of the child under Rz(0.3) Ry(0.2) Rx(0.1), written out.
     sx, cx, sy, sz, cz = math.sin(0.1), math.cos(0.1), math.sin(0.2), math.sin(0.3), math.cos(0.3)
     expected = [cz * sy * sx - sz * cx, sz * sy * sx + cz * cx, math.cos(0.2) * sx]
-    assert of.joints[0].previous_from_joint.rotation[:, 1] == pytest.approx(expected, abs=1e-15)
+    assert robot.joints[0].previous_from_joint.rotation[:, 1] == pytest.approx(expected, abs=1e-15)
 
 
-def joint(name: str, parent: str, child: str, kind: str = "fixed", more: str = "") -> str:
+def joint_xml(name: str, parent: str, child: str, kind: str = "fixed", more: str = "") -> str:
     limit = '<limit lower="-1" upper="1" velocity="1"/>' if kind == "revolute" else ""
     ends = f'<parent link="{parent}"/><child link="{child}"/>'
     return f'<joint name="{name}" type="{kind}">{ends}{limit}{more}</joint>'
@@ -252,79 +266,85 @@ def tree(*joints: str, links: str = "abcdef") -> str:
 
 
 FORK = (
-    joint("j1", "root", "a", "revolute"),
-    joint("j2", "a", "left", "revolute"),
-    joint("j3", "a", "right", "revolute"),
+    joint_xml("j1", "root", "a", "revolute"),
+    joint_xml("j2", "a", "left", "revolute"),
+    joint_xml("j3", "a", "right", "revolute"),
 )
 
 
-def test_the_tip_is_the_flange_the_longest_or_the_one_that_is_named(tmp_path: Path) -> None:
-    fork = written(tmp_path, tree(*FORK, links="root a left right"))
+def test_the_tip_is_the_named_link_or_the_flange_or_the_farthest_link(tmp_path: Path) -> None:
+    fork = write_urdf(tmp_path, tree(*FORK, links="root a left right"))
     with pytest.raises(CamgenError, match="it is not clear which link is the flange: left, right"):
         find_robot(fork)
     assert find_robot(f"{fork}#right").joints[1].name == "j3"
     assert find_robot(f"{fork}#a").convention == "The joints of the URDF, from link root to link a."
-    longer = written(
+    longer = write_urdf(
         tmp_path,
-        tree(*FORK, joint("j4", "left", "hand", "revolute"), links="root a left right hand"),
+        tree(*FORK, joint_xml("j4", "left", "hand", "revolute"), links="root a left right hand"),
     )
-    of = find_robot(longer)
-    assert [one.name for one in of.joints] == ["j1", "j2", "j4"]
-    assert "the tip is hand, farthest from root, not right" in of.notes
-    flanged = written(
-        tmp_path, tree(*FORK, joint("f", "right", "my_tool0"), links="root a left right my_tool0")
+    robot = find_robot(longer)
+    assert [joint.name for joint in robot.joints] == ["j1", "j2", "j4"]
+    assert "the tip is hand, farthest from root, not right" in robot.notes
+    flanged = write_urdf(
+        tmp_path,
+        tree(*FORK, joint_xml("f", "right", "my_tool0"), links="root a left right my_tool0"),
     )
-    assert [one.name for one in find_robot(flanged).joints] == ["j1", "j3"]
+    assert [joint.name for joint in find_robot(flanged).joints] == ["j1", "j3"]
 
 
-def test_the_controllers_base_is_the_base(tmp_path: Path) -> None:
-    """REP 199: a link named base is the frame in which the controller counts, wherever the root is."""
-    lift = joint("stand", "world", "base_link", more='<origin xyz="0 0 0.5"/>')
-    seat = joint(
+def test_a_link_named_base_is_the_base_of_the_robot(tmp_path: Path) -> None:
+    """REP 199: a link named base is the base frame of the controller, not the root."""
+    lift = joint_xml("stand", "world", "base_link", more='<origin xyz="0 0 0.5"/>')
+    seat = joint_xml(
         "seat", "base_link", "base", more='<origin xyz="0 0 0.1" rpy="0 0 3.14159265359"/>'
     )
-    arm = joint(
+    arm = joint_xml(
         "j1", "base_link", "tip", "revolute", more='<origin xyz="0.2 0 0.3"/><axis xyz="0 0 1"/>'
     )
-    of = find_robot(written(tmp_path, tree(lift, seat, arm, links="world base_link base tip")))
-    assert compute_flange(of, np.zeros((1, 1)))[1][0] == pytest.approx([-200, 0, 200], abs=1e-9)
-    assert of.convention == "The joints of the URDF, from link base to link tip."
-    of = find_robot(written(tmp_path, tree(lift, arm, links="world base_link tip")))
-    assert compute_flange(of, np.zeros((1, 1)))[1][0] == pytest.approx([200, 0, 800], abs=1e-9)
+    robot = find_robot(
+        write_urdf(tmp_path, tree(lift, seat, arm, links="world base_link base tip"))
+    )
+    assert compute_flange(robot, np.zeros((1, 1)))[1][0] == pytest.approx([-200, 0, 200], abs=1e-9)
+    assert robot.convention == "The joints of the URDF, from link base to link tip."
+    robot = find_robot(write_urdf(tmp_path, tree(lift, arm, links="world base_link tip")))
+    assert compute_flange(robot, np.zeros((1, 1)))[1][0] == pytest.approx([200, 0, 800], abs=1e-9)
 
 
-def test_fixed_joints_are_folded_in_and_keep_their_boxes() -> None:
-    of = find_robot(str(COBOT))
-    assert [len(link.boxes) for link in of.links] == [2, 2, 2, 2, 1, 1, 3]
-    gripper = of.links[6].boxes[2]
+def test_boxes_past_fixed_joints_belong_to_the_moving_link() -> None:
+    robot = find_robot(str(COBOT))
+    assert [len(link.boxes) for link in robot.links] == [2, 2, 2, 2, 1, 1, 3]
+    gripper = robot.links[6].boxes[2]
     assert gripper.link_from_box.origin == pytest.approx((0, 0, 30))
     assert gripper.half == pytest.approx((30, 50, 30))
 
 
 def test_home_is_not_singular() -> None:
     for name in (SIX, COBOT):
-        of = find_robot(str(name))
-        assert are_within_limits(of, of.home)
-        moved = compute_jacobian(of, of.home[None])[0][0]
-        moved[:3] /= of.lever
-        assert np.linalg.svd(moved, compute_uv=False)[-1] > 0.05
+        robot = find_robot(str(name))
+        assert are_within_limits(robot, robot.home)
+        jacobian = compute_jacobian(robot, robot.home[None])[0][0]
+        jacobian[:3] /= robot.lever
+        assert np.linalg.svd(jacobian, compute_uv=False)[-1] > 0.05
 
 
-def test_the_recognised_arm_is_the_chain(tmp_path: Path) -> None:
-    """A wrist whose axes miss each other by a hundredth of a millimetre is none, and is solved by iteration."""
+def test_a_wrist_whose_axes_do_not_meet_is_solved_by_iteration(tmp_path: Path) -> None:
+    """The wrist axes miss each other by 0.01 mm, so the wrist is not spherical."""
     arm = built_in("irb120")
-    off = list(arm.steps)
-    off[5] = off[5] @ step((0, 0, 1e-5))
-    of = find_robot(written(tmp_path, urdf(arm._replace(steps=tuple(off)))))
-    assert recognise_arm(of.joints, of.flange) is None
-    joints = some(of, 10)
-    rotations, origins = compute_flange(of, joints)
-    found = compute_solutions(of, rotations, origins)
-    apart = np.abs(np.remainder(found - joints[:, None] + math.pi, math.tau) - math.pi).max(axis=2)
-    assert np.nanmin(apart, axis=1).max() < 1e-6
+    steps = list(arm.steps)
+    steps[5] = steps[5] @ step((0, 0, 1e-5))
+    robot = find_robot(write_urdf(tmp_path, urdf(arm._replace(steps=tuple(steps)))))
+    assert recognise_arm(robot.joints, robot.flange) is None
+    joints = draw_joint_values(robot, 10)
+    rotations, origins = compute_flange(robot, joints)
+    solutions = compute_solutions(robot, rotations, origins)
+    differences = np.abs(
+        np.remainder(solutions - joints[:, None] + math.pi, math.tau) - math.pi
+    ).max(axis=2)
+    assert np.nanmin(differences, axis=1).max() < 1e-6
 
 
-def bracket(name: str, home: list[float], **more: object) -> camgen.Result:
+def build_bracket(name: str, home: list[float], **more: object) -> camgen.Result:
+    """Build the bracket for a robot. more: further keys of the cell."""
     cell = {
         "robot": name,
         "base_from_work": [300, -60, -50, 0, 0, 0],
@@ -340,17 +360,18 @@ def bracket(name: str, home: list[float], **more: object) -> camgen.Result:
 @pytest.mark.parametrize(
     ("name", "home"), [(SIX, [0, -100, 0, 0, 30, 0]), (COBOT, [180, -90, 100, -100, -90, 0])]
 )
-def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
-    made = bracket(str(name), home)
-    assert made.reach is not None
-    assert made.reach.robot == name.stem
-    of = find_robot(str(name))
-    assert np.all(are_within_limits(of, made.reach.joints))
-    said = [str(note) for note in made.notes if name.name in note.what]
-    assert said[1:] == [f"assumed: {name.name}: {note}" for note in of.notes]
-    assert said[0] == (
+def test_a_program_is_built_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
+    result = build_bracket(str(name), home)
+    assert result.reach is not None
+    assert result.reach.robot == name.stem
+    robot = find_robot(str(name))
+    assert np.all(are_within_limits(robot, result.reach.joints))
+    notes = [str(note) for note in result.notes if name.name in note.what]
+    assert notes[1:] == [f"assumed: {name.name}: {note}" for note in robot.notes]
+    assert notes[0] == (
         f"warning: {name.name}: home and posture are in the joint values of the URDF "
-        "(the zeros and signs of the controller may differ: compare one pose with the teach pendant)"
+        "(the zeros and signs of the controller may differ: "
+        "compare one pose with the teach pendant)"
     )
 
 
@@ -358,29 +379,28 @@ def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
     ("name", "is_abb"),
     [("abb_irb120_3_58", True), ("irb 120", True), ("my arm", False), ("abb_irb2400", False)],
 )
-def test_an_abb_arm_by_name_and_axes_gets_its_confdata(
+def test_an_arm_with_the_name_and_the_axes_of_an_abb_robot_gets_its_confdata(
     tmp_path: Path, name: str, is_abb: bool
 ) -> None:
-    """The postures are those of the built-in arm. With an axis reversed it is not one of ABB's."""
-    arm, rows = built_in("irb120"), np.radians([[-10, 20, 10, 100, -30, 200], [0, 0, 0, 0, 30, 0]])
+    """The postures are those of the built-in arm. With a reversed axis it is not an ABB robot."""
+    arm = built_in("irb120")
+    rows = np.radians([[-10, 20, 10, 100, -30, 200], [0, 0, 0, 0, 30, 0]])
     straight = np.zeros(2, dtype=np.bool_)
-    of = find_robot(written(tmp_path, urdf(arm, name)))
-    built = compute_postures(find_robot("IRB 120"), rows, straight)
-    assert compute_postures(of, rows, straight) == (built if is_abb else [None, None])
-    assert any("ABB" in note for note in of.notes) == is_abb
-    turned = arm._replace(axes=(*arm.axes[:3], -arm.axes[3], *arm.axes[4:]))
-    assert compute_postures(find_robot(written(tmp_path, urdf(turned, name))), rows, straight) == [
-        None,
-        None,
-    ]
+    robot = find_robot(write_urdf(tmp_path, urdf(arm, name)))
+    expected = compute_postures(find_robot("IRB 120"), rows, straight)
+    assert compute_postures(robot, rows, straight) == (expected if is_abb else [None, None])
+    assert any("ABB" in note for note in robot.notes) == is_abb
+    reversed_arm = arm._replace(axes=(*arm.axes[:3], -arm.axes[3], *arm.axes[4:]))
+    other = find_robot(write_urdf(tmp_path, urdf(reversed_arm, name)))
+    assert compute_postures(other, rows, straight) == [None, None]
 
 
-def test_what_the_arm_cannot_reach_is_refused() -> None:
+def test_a_part_out_of_reach_is_refused() -> None:
     with pytest.raises(NoSafeProgram, match=r"six cannot run path c\d+ at .* mm: out of reach by"):
-        bracket(str(SIX), [0, -100, 0, 0, 30, 0], base_from_work=[900, 0, 0, 0, 0, 0])
+        build_bracket(str(SIX), [0, -100, 0, 0, 30, 0], base_from_work=[900, 0, 0, 0, 0, 0])
 
 
-def test_a_job_file_names_the_arm_beside_it(
+def test_a_job_file_names_an_arm_relative_to_its_own_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cell = tmp_path / "cell"
@@ -393,12 +413,13 @@ def test_a_job_file_names_the_arm_beside_it(
     )
     monkeypatch.chdir(tmp_path)
     assert main(["build", "cell/part.dxf", "--post", "rapid"]) == 0
-    said = capsys.readouterr().err
-    assert "arm.urdf: wrist_3_joint has no limits: -360 to 360 deg are assumed" in said
+    messages = capsys.readouterr().err
+    assert "arm.urdf: wrist_3_joint has no limits: -360 to 360 deg are assumed" in messages
     assert (tmp_path / "part.mod").is_file()
 
 
-def hashed(folder: Path, text: str, mesh: bytes) -> str:
+def build_job_line(folder: Path, text: str, mesh: bytes) -> str:
+    """Build for an arm with this URDF and mesh; return the line with the job hash."""
     meshes = folder / "six_description" / "meshes"
     meshes.mkdir(parents=True, exist_ok=True)
     (meshes / "turn.stl").write_bytes(mesh)
@@ -406,22 +427,19 @@ def hashed(folder: Path, text: str, mesh: bytes) -> str:
         (SIX.parent / "six_description" / "meshes" / "upper.stl").read_bytes()
     )
     (folder / "six.urdf").write_text(text)
-    return next(
-        line
-        for line in bracket(str(folder / "six.urdf"), [0, -100, 0, 0, 30, 0]).text.split("\n")
-        if "job" in line
-    )
+    result = build_bracket(str(folder / "six.urdf"), [0, -100, 0, 0, 30, 0])
+    return next(line for line in result.text.split("\n") if "job" in line)
 
 
-def test_the_job_hash_covers_the_urdf_and_its_meshes_wherever_they_lie(tmp_path: Path) -> None:
-    text, mesh = (
-        SIX.read_text(),
-        (SIX.parent / "six_description" / "meshes" / "turn.stl").read_bytes(),
+def test_the_job_hash_covers_the_urdf_and_its_meshes_but_not_their_folder(tmp_path: Path) -> None:
+    text = SIX.read_text()
+    mesh = (SIX.parent / "six_description" / "meshes" / "turn.stl").read_bytes()
+    first = build_job_line(tmp_path / "a", text, mesh)
+    assert build_job_line(tmp_path / "b", text, mesh) == first
+    assert (
+        build_job_line(tmp_path / "c", text.replace('velocity="3', 'velocity="4', 1), mesh) != first
     )
-    first = hashed(tmp_path / "a", text, mesh)
-    assert hashed(tmp_path / "b", text, mesh) == first
-    assert hashed(tmp_path / "c", text.replace('velocity="3', 'velocity="4', 1), mesh) != first
-    assert hashed(tmp_path / "d", text, b"other".ljust(80) + mesh[80:]) != first
+    assert build_job_line(tmp_path / "d", text, b"other".ljust(80) + mesh[80:]) != first
     assert [path.name for path in list_urdf_files(str(SIX), Files())] == [
         "six.urdf",
         "turn.stl",
@@ -429,7 +447,9 @@ def test_the_job_hash_covers_the_urdf_and_its_meshes_wherever_they_lie(tmp_path:
     ]
 
 
-def test_camgen_robots_says_what_was_understood(capsys: pytest.CaptureFixture[str]) -> None:
+def test_camgen_robots_prints_its_interpretation_of_a_urdf(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["robots", str(COBOT)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[:3] == [
@@ -437,28 +457,18 @@ def test_camgen_robots_says_what_was_understood(capsys: pytest.CaptureFixture[st
         "The joints of the URDF, from link world to link tool0.",
         "joints in closed form: three parallel axes, 8 branches",
     ]
-    assert lines[6].split() == [
-        "elbow",
-        "forearm",
-        "-180",
-        "deg",
-        "180",
-        "deg",
-        "179.909/s",
-        "-30",
-        "2",
-    ]
+    assert " ".join(lines[6].split()) == "elbow forearm -180 deg 180 deg 179.909/s -30 2"
     assert "note: wrist_3_joint has no limits: -360 to 360 deg are assumed" in lines
     assert main(["robots", "IRB 120"]) == 0
     assert "spherical wrist, 8 branches" in capsys.readouterr().out
 
 
-def test_every_link_has_its_frame(tmp_path: Path) -> None:
-    """Link frames, which carry the boxes, are those of the URDF's links."""
+def test_the_frames_of_links_are_those_of_the_urdf(tmp_path: Path) -> None:
+    """The boxes of a link are given in its frame."""
     arm = disguised(built_in("irb120"), 2)
-    of = find_robot(written(tmp_path, urdf(arm)))
-    joints = some(of, 5)
-    rotations, origins = compute_link_frames(of, joints)
+    robot = find_robot(write_urdf(tmp_path, urdf(arm)))
+    joints = draw_joint_values(robot, 5)
+    rotations, origins = compute_link_frames(robot, joints)
     for row, values in enumerate(joints):
         for k in range(1, 7):
             shorter = Arm(*(column[:k] for column in arm[:5]), np.eye(4))
@@ -472,7 +482,7 @@ def test_an_arm_in_millimetres_is_refused(tmp_path: Path) -> None:
     steps = tuple(step((0, 0, z)) for z in (300, 0, 350, 0, 350, 0, 100))
     large = SEVEN._replace(steps=steps, flange=step((0, 0, 120)))
     with pytest.raises(CamgenError) as error:
-        find_robot(written(tmp_path, urdf(large, "large")))
+        find_robot(write_urdf(tmp_path, urdf(large, "large")))
     assert str(error.value).endswith(
         "arm.urdf: is an arm of 1220 m; lengths in mm, where URDF has metres? (origin); "
         "divide its lengths by 1000"

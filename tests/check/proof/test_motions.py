@@ -1,4 +1,4 @@
-"""Mistakes of the motions around a contour: each ends a build with its own sentence."""
+"""Mistakes of the motions around a contour: each one is refused with its own message."""
 
 import math
 import re
@@ -13,6 +13,7 @@ import camgen
 from camgen.model.body import Body
 from camgen.model.errors import VerifyError
 from camgen.model.program import Output, Wait
+from tests.check.proof.test_saboteurs import against, change_paths, swapped_side
 from tests.support.built import build
 from tests.support.sabotage import (
     PARTS,
@@ -30,22 +31,23 @@ MILL: dict[str, Any] = {
 }
 
 
-def milled(**operation: Any) -> dict[str, Any]:
+def make_mill_job(**operation: Any) -> dict[str, Any]:
+    """The job of a mill with further keys of the operation."""
     return {**MILL, "operation": {**MILL["operation"], **operation}}
 
 
-def goes_down(body: Body) -> Any:
-    """(M,) motions straight down."""
+def find_plunges(body: Body) -> Any:
+    """Whether each motion (M,) is straight down."""
     end = body.packed.end
     step = np.diff(end, axis=0, prepend=end[:1])
     return (np.abs(step[:, :2]).max(axis=1) < 1e-6) & (step[:, 2] < 0)
 
 
 def fast_plunge(patch: Patch) -> None:
-    """The tool goes down to the part three times as fast."""
+    """The tool plunges to the part three times as fast."""
 
     def change(body: Body) -> Body:
-        low = goes_down(body) & (body.packed.end[:, 2] < 1.0)
+        low = find_plunges(body) & (body.packed.end[:, 2] < 1.0)
         return with_columns(body, speed=np.where(low, 3.0, 1.0) * body.packed.speed)
 
     change_program(patch, change)
@@ -55,7 +57,7 @@ def without_approach(patch: Patch) -> None:
     """The tool does not stop above the part."""
 
     def change(body: Body) -> Body:
-        at_approach = goes_down(body) & (np.abs(body.packed.end[:, 2] - 2.0) < 1e-6)
+        at_approach = find_plunges(body) & (np.abs(body.packed.end[:, 2] - 2.0) < 1e-6)
         dropped = body.at[np.flatnonzero(at_approach)]
         return body.take(np.setdiff1d(np.arange(len(body)), dropped))
 
@@ -63,7 +65,7 @@ def without_approach(patch: Patch) -> None:
 
 
 def low_retract(patch: Patch) -> None:
-    """The tool goes up to a quarter of the clearance height after a path."""
+    """The tool retracts to a quarter of the clearance height after a path."""
 
     def change(body: Body) -> Body:
         end = body.packed.end.copy()
@@ -73,9 +75,9 @@ def low_retract(patch: Patch) -> None:
     change_program(patch, change)
 
 
-def keep(body: Body, wanted: Callable[[Any], bool]) -> Body:
-    """The instructions that are `wanted`."""
-    return module("model.body").pack([item for item in body if wanted(item)])
+def keep(body: Body, is_wanted: Callable[[Any], bool]) -> Body:
+    """The instructions for which `is_wanted` is true."""
+    return module("model.body").pack([item for item in body if is_wanted(item)])
 
 
 def without_wait(patch: Patch) -> None:
@@ -104,18 +106,18 @@ def straight_leads(patch: Patch) -> None:
 
 
 def fast_leads(patch: Patch) -> None:
-    """Leads are run half as fast again as the job asks for."""
+    """Leads are run at 1.5 times the feed of the job."""
     original = module("order.leads")._make_lead
 
-    def changed(path: Any, length: float, end: int, ring: bool, feed: float) -> Any:
+    def changed(path: Any, length: float, end: int, make_polygon: bool, feed: float) -> Any:
         faster = path.with_columns(feed=path.feed * 1.5)
-        return original(faster, length, end, ring, feed * 1.5)
+        return original(faster, length, end, make_polygon, feed * 1.5)
 
     patch.setattr(module("order.leads"), "_make_lead", changed)
 
 
 def no_place_for_leads(patch: Patch) -> None:
-    """Leads are left out, with a note that there is no room for them."""
+    """Leads are left out, with a note that they do not fit."""
     patch.setattr(module("order.leads"), "_is_clear", lambda *_: False)
 
 
@@ -125,18 +127,18 @@ def without_overlap(patch: Patch) -> None:
 
 
 def run_twice(patch: Patch) -> None:
-    """Closed paths are run twice around."""
+    """Closed paths are run twice."""
     original = module("order.leads")._add_overlap
     patch.setattr(module("order.leads"), "_add_overlap", lambda path, _length: original(path, 1e6))
 
 
 def without_tabs(patch: Patch) -> None:
-    """Tabs are placed, but no path goes over them."""
+    """Tabs are placed, but no path is raised over them."""
     patch.setattr(module("order.tabs"), "_raise_floor", lambda loop, *_: loop.path)
 
 
 def no_place_for_tabs(patch: Patch) -> None:
-    """Tabs are left out, with a note that there is no room for them."""
+    """Tabs are left out, with a note that they do not fit."""
     patch.setattr(module("order.tabs"), "_choose_places", lambda *_: ([], False))
 
 
@@ -146,7 +148,7 @@ def narrow_tabs(patch: Patch) -> None:
 
 
 def descend(patch: Patch, slope: float, plunge: float) -> None:
-    """Ramps with another slope and another speed, as factors."""
+    """Change the slope and the speed of ramps by factors."""
     original = module("lower.runs")._Descent
 
     def changed(tangent: float, chord: float, speed: float, limit: float) -> Any:
@@ -176,23 +178,9 @@ def plunge_for_ramps(patch: Patch) -> None:
     patch.setattr(module("lower.runs"), "_plan_passes", changed)
 
 
-def change_paths(patch: Patch, change: Callable[[Any], Any]) -> None:
-    """Changes each path of the tour."""
-
-    def changed(tour: Any) -> Any:
-        return replace(tour, paths=tuple(change(path) for path in tour.paths))
-
-    change_result(patch, "pipeline", "order", changed)
-
-
 def deepest_first(patch: Patch) -> None:
-    """The passes are run from the deepest up."""
+    """The passes are run from the deepest one to the highest."""
     change_paths(patch, lambda path: replace(path, depths=path.depths[::-1]))
-
-
-def against(patch: Patch) -> None:
-    """The paths are run against their direction."""
-    change_paths(patch, lambda path: path.reversed())
 
 
 def around_first(patch: Patch) -> None:
@@ -201,18 +189,18 @@ def around_first(patch: Patch) -> None:
 
 
 def wide_zones(patch: Patch) -> None:
-    """Every corner is rounded, from 5 mm on."""
+    """Every corner has a blend radius of 5 mm."""
 
     def change(body: Body) -> Body:
-        after = np.append(body.packed.work[1:], False)
-        blend = np.where(body.packed.work & after, 5.0, body.packed.blend)
+        next_works = np.append(body.packed.work[1:], False)
+        blend = np.where(body.packed.work & next_works, 5.0, body.packed.blend)
         return with_columns(body, blend=blend)
 
     change_program(patch, change)
 
 
 def fixed_tool(patch: Patch) -> None:
-    """The tool does not turn with the contour."""
+    """The tool keeps its orientation along the contour."""
     rows = module("lower.columns")
     patch.setattr(rows, "orient_along", rows.orient_fixed)
 
@@ -240,16 +228,10 @@ def one_peck(patch: Patch) -> None:
     change_result(patch, "plan.drill", "_plan_pecks", lambda levels: levels[-1:])
 
 
-def swapped_side(patch: Patch) -> None:
-    """Outer contours are followed on their inside."""
-    backwards = module("geometry.segments").reverse_segments
-    change_result(patch, "plan.follow", "reverse_loops", lambda drawn: backwards(drawn)[0])
-
-
-LEADS = milled(lead_in=3.0, lead_out=2.0)
+LEADS = make_mill_job(lead_in=3.0, lead_out=2.0)
 LEADS_IN_AIR = {"operation": {"lead_in": 3.0, "lead_out": 2.0}}
-RAMPS = milled(entry="ramp", entry_angle=10.0)
-TABS = milled(entry="ramp", entry_angle=10.0, tabs=3, tab_width=4.0, tab_height=1.0)
+RAMPS = make_mill_job(entry="ramp", entry_angle=10.0)
+TABS = make_mill_job(entry="ramp", entry_angle=10.0, tabs=3, tab_width=4.0, tab_height=1.0)
 FORCE = {
     "process": {"force": 5.0},
     "tool": {"orient": "follow"},
@@ -260,9 +242,9 @@ DRILL = {
     "tool": {"diameter": 3.3},
     "process": {"feed": 3.0, "switch": "contact"},
 }
-POCKET = milled(kind="pocket")
-#: Without loops, whose returns the stock proof would refuse if they are run backwards.
-LEVEL_POCKET = milled(kind="pocket", engagement=1.0)
+POCKET = make_mill_job(kind="pocket")
+#: A pocket without trochoidal loops: reversed, their returns would be refused by the stock proof.
+LEVEL_POCKET = make_mill_job(kind="pocket", engagement=1.0)
 
 Case = tuple[Callable[[Patch], None], str, str, Mapping[str, Any], str]
 CASES: list[Case] = [
@@ -280,8 +262,14 @@ CASES: list[Case] = [
     (fast_leads, "bracket.dxf", "rapid", LEADS_IN_AIR, "mm/s on a lead, the job asks for"),
     (straight_leads, "plate.dxf", "gcode", LEADS, "differs from a quarter circle|lead_in of 0.000"),
     (no_place_for_leads, "bracket.dxf", "gcode", LEADS, "although there is room for it"),
-    (without_overlap, "bracket.dxf", "gcode", milled(overlap=2.0), "2 mm beyond the seam|again"),
-    (run_twice, "bracket.dxf", "gcode", milled(overlap=2.0), "is run again|beyond the seam"),
+    (
+        without_overlap,
+        "bracket.dxf",
+        "gcode",
+        make_mill_job(overlap=2.0),
+        "2 mm beyond the seam|again",
+    ),
+    (run_twice, "bracket.dxf", "gcode", make_mill_job(overlap=2.0), "is run again|beyond the seam"),
     (without_tabs, "bracket.dxf", "gcode", TABS, "with 0 tabs, the job asks for 3"),
     (no_place_for_tabs, "bracket.dxf", "vplus", TABS, "with 0 tabs, the job asks for 3"),
     (narrow_tabs, "bracket.dxf", "grbl", TABS, r"a tab of [67]\.\d+ mm, the job asks for 8.000"),
@@ -323,7 +311,7 @@ CASES: list[Case] = [
     CASES,
     ids=[f"{case[0].__name__}-{case[1]}-{case[2]}" for case in CASES],
 )
-def test_a_mistake_is_told_by_its_sentence(
+def test_a_mistake_is_refused_with_its_message(
     saboteur: Callable[[Patch], None],
     part: str,
     post: str,
@@ -333,15 +321,15 @@ def test_a_mistake_is_told_by_its_sentence(
 ) -> None:
     if post == "vplus":
         job = {**job, "post": {"spindle": "on-off", "signals": {"spindle": 7}}}
-    build(PARTS / part, post=post, job=job)  # without the saboteur it builds
+    build(PARTS / part, post=post, job=job)  # the build succeeds without the saboteur
     saboteur(monkeypatch)
     with pytest.raises(VerifyError) as caught:
         camgen.build(PARTS / part, post=post, job=dict(job))
     assert re.search(sentence, str(caught.value)), str(caught.value)
 
 
-def ring(count: int) -> Any:
-    """A circle of 10 mm as a polygon; its edges are shorter than half a millimetre from 130 on."""
+def make_polygon(count: int) -> Any:
+    """A circle with a radius of 10 mm as a polygon; 130 edges or more are shorter than 0.5 mm."""
     angle = np.linspace(0.0, 2 * math.pi, count + 1)
     points = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle)])
     points[-1] = points[0]
@@ -354,25 +342,25 @@ def test_the_side_and_the_direction_of_short_motions_are_examined(
     saboteur: Callable[[Patch], None], count: int, monkeypatch: Patch
 ) -> None:
     job = {"tolerance": {"arc_fit": 0.0}, "tool": {"diameter": 3.0}}
-    camgen.build(ring(count), post="gcode", job=job)
+    camgen.build(make_polygon(count), post="gcode", job=job)
     saboteur(monkeypatch)
     with pytest.raises(VerifyError, match=r"wrong side|against operation\.direction"):
-        camgen.build(ring(count), post="gcode", job=job)
+        camgen.build(make_polygon(count), post="gcode", job=job)
 
 
-def test_tolerances_as_large_as_the_tool_are_named_and_prove_nothing() -> None:
+def test_a_tolerance_as_large_as_the_tool_is_named_as_unproven() -> None:
     job = {"tolerance": {"chord": 2.0, "arc_fit": 2.0}, "tool": {"diameter": 3.0}}
     result = camgen.build(PARTS / "bracket.dxf", post="gcode", job=job)
     (reason,) = result.motion.unproven
     assert reason.startswith("follow: the tolerances of the job are larger than half")
 
 
-@pytest.mark.parametrize(("post", "named"), [("gcode", True), ("rapid", False)])
-def test_a_text_without_orientations_does_not_prove_where_tool_x_points(
-    post: str, named: bool
+@pytest.mark.parametrize(("post", "is_named"), [("gcode", True), ("rapid", False)])
+def test_the_direction_of_tool_x_is_unproven_in_a_text_without_orientations(
+    post: str, is_named: bool
 ) -> None:
     result = camgen.build(
         PARTS / "bracket.dxf", post=post, job={"tool": {"orient": "follow", "diameter": 4.0}}
     )
-    what = "that tool x points at the contour: the text states no orientation"
-    assert (what in result.motion.unproven) == named
+    claim = "that tool x points at the contour: the text states no orientation"
+    assert (claim in result.motion.unproven) == is_named

@@ -1,4 +1,4 @@
-"""The proof of edges that are worked in pieces: notes must name each bare stretch."""
+"""The proof of edges that are worked in pieces: notes have to name each stretch left out."""
 
 import tomllib
 from collections.abc import Sequence
@@ -34,18 +34,19 @@ JOB = {
 @pytest.fixture(scope="module")
 def proven() -> tuple[Result, dict[str, Any]]:
     """A build, and the arguments of its proof."""
-    given: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
 
-    def remember(part: Any, job: Any, programs: Any, notes: Any, *others: Any) -> Any:
-        given.update(part=part, job=job, programs=programs, notes=notes, others=others)
+    def record(part: Any, job: Any, programs: Any, notes: Any, *others: Any) -> Any:
+        arguments.update(part=part, job=job, programs=programs, notes=notes, others=others)
         return prove_motion(part, job, programs, notes, *others)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module("check.proof"), "prove_motion", remember)
-        return camgen.build(PARTS / "rfa2.stl", post="rapid", job=JOB), given
+        patch.setattr(module("check.proof"), "prove_motion", record)
+        return camgen.build(PARTS / "rfa2.stl", post="rapid", job=JOB), arguments
 
 
-def skipped(notes: Sequence[Note]) -> Note:
+def find_skipped(notes: Sequence[Note]) -> Note:
+    """The only note about a skipped stretch."""
     (note,) = (note for note in notes if note.kind == "skipped")
     return note
 
@@ -53,7 +54,7 @@ def skipped(notes: Sequence[Note]) -> Note:
 def test_the_proven_length_is_that_of_the_pieces(proven: tuple[Result, dict[str, Any]]) -> None:
     """Edge e1 is 200 mm long and e24 is 55 mm long."""
     result, given = proven
-    motion, note = result.motion, skipped(given["notes"])
+    motion, note = result.motion, find_skipped(given["notes"])
     assert motion is not None
     assert (motion.findings, motion.contours) == ((), 2)
     assert note.ids == ("e24",)
@@ -65,12 +66,12 @@ def test_the_proven_length_is_that_of_the_pieces(proven: tuple[Result, dict[str,
     ("length", "expected"),
     [(1.0, "mm are left out, notes say 1.0 mm"), (0.0, "e24 is not worked at"), (100.0, "")],
 )
-def test_a_gap_that_no_note_names_is_found(
+def test_a_gap_that_is_not_noted_is_found(
     proven: tuple[Result, dict[str, Any]], length: float, expected: str
 ) -> None:
-    """The text stays as it is; the note gets another length."""
+    """The text is unchanged, and the note gets another length."""
     _, given = proven
-    note = skipped(given["notes"])
+    note = find_skipped(given["notes"])
     notes = [replace(item, length=length) if item is note else item for item in given["notes"]]
     motion = prove_motion(given["part"], given["job"], given["programs"], notes, *given["others"])
     findings = "; ".join(finding.text for _, finding in motion.findings)
@@ -78,8 +79,8 @@ def test_a_gap_that_no_note_names_is_found(
     assert bool(findings) is bool(expected)
 
 
-def test_an_edge_whose_start_is_given_by_joint_values_may_be_shorter_than_the_trim() -> None:
-    """A trim of 100 mm at either end leaves nothing of an edge to be examined."""
+def test_an_edge_that_starts_at_joint_values_may_be_shorter_than_the_trim() -> None:
+    """After a trim of 100 mm at both ends nothing of the edge is left to examine."""
     job = tomllib.loads((PARTS / "rfa1_nominal.toml").read_text())
     job["operation"] = {**job["operation"], "trim": 100.0}
     motion = camgen.build(PARTS / "rfa1.stl", post="rapid", job=job).motion

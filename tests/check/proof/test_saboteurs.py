@@ -1,4 +1,4 @@
-"""Mistakes between the drawing and the text: each is made on purpose, and each ends a build.
+"""Deliberate mistakes between the drawing and the text: each one is refused.
 
 A saboteur changes one function of planning, ordering, lowering, a pass or a post. The build has to
 end with exit code 4, or 3 if the stock proof comes first, and with a line that names a place.
@@ -31,17 +31,17 @@ MILL: dict[str, Any] = {
     "process": {"spindle": 9000.0, "feed": 15.0},
     "tool": {"diameter": 4.0},
 }
-#: mm.
+#: Shift of all targets, mm.
 SHIFT = np.array([0.1, 0.0, 0.0])
 
 
 def shift(patch: Patch) -> None:
-    """All targets 0.1 mm beside their places."""
+    """All targets are shifted by 0.1 mm."""
     change_program(patch, lambda body: with_columns(body, end=body.packed.end + SHIFT))
 
 
 def mirror(patch: Patch) -> None:
-    """The part mirrored."""
+    """The part is mirrored."""
     flip = np.array([-1.0, 1.0, 1.0])
     change_program(
         patch,
@@ -50,7 +50,7 @@ def mirror(patch: Patch) -> None:
 
 
 def faster(patch: Patch) -> None:
-    """All speeds three times as high."""
+    """All speeds are three times as high."""
     change_program(patch, lambda body: with_columns(body, speed=body.packed.speed * 3))
 
 
@@ -66,7 +66,7 @@ def deeper(patch: Patch) -> None:
 
 
 def low_travel(patch: Patch) -> None:
-    """Travel at a quarter of the clearance height."""
+    """Travel is at a quarter of the clearance height."""
 
     def change(body: Body) -> Body:
         end = body.packed.end.copy()
@@ -76,19 +76,30 @@ def low_travel(patch: Patch) -> None:
     change_program(patch, change)
 
 
+def change_instructions(patch: Patch, change: Callable[[Any], Any]) -> None:
+    """Change each instruction of the program."""
+    pack = module("model.body").pack
+    change_program(patch, lambda body: pack([change(item) for item in body]))
+
+
+def change_paths(patch: Patch, change: Callable[[Any], Any]) -> None:
+    """Change each path of the tour."""
+
+    def changed(tour: Any) -> Any:
+        return replace(tour, paths=tuple(change(path) for path in tour.paths))
+
+    change_result(patch, "pipeline", "order", changed)
+
+
 def chords_as_lines(patch: Patch) -> None:
     """Each arc becomes one straight line."""
 
-    def change(body: Body) -> Body:
-        items = []
-        for item in body:
-            if hasattr(item, "via"):
-                items.append(MoveL(item.target, item.speed, path=item.path, work=item.work))
-            else:
-                items.append(item)
-        return module("model.body").pack(items)
+    def change(item: Any) -> Any:
+        if not hasattr(item, "via"):
+            return item
+        return MoveL(item.target, item.speed, path=item.path, work=item.work)
 
-    change_program(patch, change)
+    change_instructions(patch, change)
 
 
 def half(patch: Patch) -> None:
@@ -103,30 +114,22 @@ def half(patch: Patch) -> None:
 
 
 def without_last_path(patch: Patch) -> None:
-    """The last path of the tour is missing, and no note says so."""
+    """The last path of the tour is missing without a note."""
     change_result(patch, "pipeline", "order", lambda tour: replace(tour, paths=tour.paths[:-1]))
 
 
 def one_pass(patch: Patch) -> None:
     """The last pass in depth is missing."""
-
-    def change(tour: Any) -> Any:
-        paths = [replace(path, depths=path.depths[:-1]) for path in tour.paths]
-        return replace(tour, paths=tuple(paths))
-
-    change_result(patch, "pipeline", "order", change)
+    change_paths(patch, lambda path: replace(path, depths=path.depths[:-1]))
 
 
 def against(patch: Patch) -> None:
     """The paths are run against their direction."""
-
-    def change(tour: Any) -> Any:
-        return replace(tour, paths=tuple(path.reversed() for path in tour.paths))
-
-    change_result(patch, "pipeline", "order", change)
+    change_paths(patch, lambda path: path.reversed())
 
 
 def backwards(drawn: Any) -> Any:
+    """The segments of contours in reverse."""
     return module("geometry.segments").reverse_segments(drawn)[0]
 
 
@@ -153,7 +156,7 @@ def half_depth(patch: Patch) -> None:
 
 
 def lead_to_the_other_side(patch: Patch) -> None:
-    """Leads come from within the part."""
+    """Leads are inside the part."""
     change_result(patch, "order.leads", "_travel_sign", lambda sign: -sign)
     patch.setattr(module("order.leads"), "_is_clear", lambda *_: True)
 
@@ -180,32 +183,22 @@ def signal_stays_on(patch: Patch) -> None:
 
 
 def slow_spindle(patch: Patch) -> None:
-    """The spindle turns at a tenth of its speed."""
+    """The spindle rotates at a tenth of its speed."""
 
-    def change(body: Body) -> Body:
-        items = []
-        for item in body:
-            if isinstance(item, Output) and item.signal == "spindle":
-                items.append(Output("spindle", item.value / 10))
-            else:
-                items.append(item)
-        return module("model.body").pack(items)
+    def change(item: Any) -> Any:
+        is_spindle = isinstance(item, Output) and item.signal == "spindle"
+        return Output("spindle", item.value / 10) if is_spindle else item
 
-    change_program(patch, change)
+    change_instructions(patch, change)
 
 
 def without_force(patch: Patch) -> None:
-    """The force is half of what the job asks for."""
-
-    def change(tour: Any) -> Any:
-        paths = [path.with_columns(force=path.force / 2) for path in tour.paths]
-        return replace(tour, paths=tuple(paths))
-
-    change_result(patch, "pipeline", "order", change)
+    """The force is half the force of the job."""
+    change_paths(patch, lambda path: path.with_columns(force=path.force / 2))
 
 
 def neighbours_gouged(patch: Patch) -> None:
-    """Other contours are not kept clear of."""
+    """Offset curves keep no distance from other contours."""
     original = module("plan.follow").make_offset_curve
 
     def changed(source: Any, following: Any, closed: Any, *given: Any) -> Any:
@@ -214,8 +207,8 @@ def neighbours_gouged(patch: Patch) -> None:
     patch.setattr(module("plan.follow"), "make_offset_curve", changed)
 
 
-def drilled_beside(patch: Patch) -> None:
-    """Holes are drilled 0.2 mm beside their centres."""
+def drilled_off_centre(patch: Patch) -> None:
+    """Holes are drilled 0.2 mm off their centres."""
     original = module("plan.drill")._make_path
 
     def changed(hole: Any, job: Any) -> Any:
@@ -225,7 +218,7 @@ def drilled_beside(patch: Patch) -> None:
 
 
 def shallow_holes(patch: Patch) -> None:
-    """Holes end 1 mm too early."""
+    """Holes are 1 mm too shallow."""
     change_result(patch, "plan.drill", "_plan_pecks", lambda levels: [z + 1.0 for z in levels])
 
 
@@ -240,11 +233,11 @@ def narrow_bores(patch: Patch) -> None:
 def half_cleared(patch: Patch) -> None:
     """The second half of the only path of a pocket is missing."""
 
-    def cut(tour: Any) -> Any:
+    def change(tour: Any) -> Any:
         (path,) = tour.paths
         return replace(tour, paths=(path.rows(0, len(path) // 2),))
 
-    change_result(patch, "pipeline", "order", cut)
+    change_result(patch, "pipeline", "order", change)
 
 
 FORCE = {
@@ -286,7 +279,7 @@ CASES: list[Case] = [
     (signal_stays_on, "bracket.dxf", "gcode", {}),
     (slow_spindle, "bracket.dxf", "gcode", MILL),
     (without_force, "bracket.dxf", "rapid", FORCE),
-    (drilled_beside, "plate.dxf", "gcode", DRILL),
+    (drilled_off_centre, "plate.dxf", "gcode", DRILL),
     (shallow_holes, "plate.dxf", "gcode", DRILL),
     (narrow_bores, "bracket.dxf", "gcode", BORE),
     (half_cleared, "bracket.dxf", "gcode", POCKET),
@@ -298,14 +291,14 @@ CASES: list[Case] = [
     CASES,
     ids=[f"{case[0].__name__}-{case[1]}-{case[2]}" for case in CASES],
 )
-def test_a_saboteur_is_found(
+def test_a_mistake_is_refused_with_its_place(
     saboteur: Callable[[Patch], None],
     part: str,
     post: str,
     job: Mapping[str, Any],
     monkeypatch: Patch,
 ) -> None:
-    build(PARTS / part, post=post, job=job)  # without the saboteur it builds
+    build(PARTS / part, post=post, job=job)  # the build succeeds without the saboteur
     saboteur(monkeypatch)
     with pytest.raises((VerifyError, NoSafeProgram)) as caught:
         camgen.build(PARTS / part, post=post, job=dict(job))

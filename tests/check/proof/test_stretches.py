@@ -22,11 +22,13 @@ WHOLE, SHORT = 10**9, 1
 
 
 def prove(patch: Patch, stretch: int, post: str, job: dict[str, Any] = JOB) -> Any:
+    """The proof of a build that is examined in stretches of at least this many motions."""
     patch.setattr(travel, "_STRETCH", stretch)
     return camgen.build(PARTS / "motor.dxf", post=post, job=job).motion
 
 
 def count_stretches(patch: Patch, post: str) -> int:
+    """The number of stretches of a build."""
     counts = []
     original = travel.cut_at_clearance
 
@@ -40,7 +42,7 @@ def count_stretches(patch: Patch, post: str) -> int:
 
 
 @pytest.mark.parametrize("post", ["gcode", "grbl"])
-def test_stretches_prove_what_the_whole_proves(post: str, monkeypatch: Patch) -> None:
+def test_a_proof_in_stretches_equals_that_of_the_whole(post: str, monkeypatch: Patch) -> None:
     whole = prove(monkeypatch, WHOLE, post)
     assert prove(monkeypatch, SHORT, post) == whole
     # One stretch for each path, one before the first path and one after the last.
@@ -55,11 +57,11 @@ def test_a_fault_in_the_last_stretch_is_found_at_its_line(monkeypatch: Patch) ->
         return with_columns(body, speed=speed)
 
     change_program(monkeypatch, change)
-    plain = {"process": {"feed": 15.0}, "tool": {"diameter": 3.0}}
+    job = {"process": {"feed": 15.0}, "tool": {"diameter": 3.0}}
     errors = []
     for stretch in (WHOLE, SHORT):
         with pytest.raises(VerifyError, match="has a feed of") as caught:
-            prove(monkeypatch, stretch, "gcode", plain)
+            prove(monkeypatch, stretch, "gcode", job)
         errors.append(str(caught.value))
     assert errors[0] == errors[1]
 
@@ -83,8 +85,8 @@ def test_a_path_that_is_visited_twice_is_in_one_stretch(monkeypatch: Patch) -> N
     assert stretches == [(0, 1), (1, 3), (3, 8), (8, 9), (9, 10)]
 
 
-def test_arcs_are_the_same_in_blocks() -> None:
-    # More arcs than are worked on at a time: each has its own radius.
+def test_arcs_in_several_blocks_keep_their_values() -> None:
+    # There are more arcs than in one block, and each has its own radius.
     count = BLOCK + 100
     radius = np.linspace(1.0, 2.0, count)
     start, end = np.column_stack([radius, 0 * radius]), np.column_stack([0 * radius, radius])
@@ -97,8 +99,8 @@ def test_arcs_are_the_same_in_blocks() -> None:
     assert (pieces.turn == 1).all()
 
 
-def test_the_table_of_a_drawing_is_that_of_its_contours() -> None:
+def test_the_table_of_a_drawing_equals_that_of_its_contours() -> None:
     part = camgen.read(PARTS / "motor.dxf")
     joined: ContourColumns = tabulate_contours(list(part.contours))
-    for kept, column in zip(tabulate_contours(part.contours), joined, strict=True):
-        assert np.array_equal(kept, column)
+    for expected, column in zip(tabulate_contours(part.contours), joined, strict=True):
+        assert np.array_equal(expected, column)

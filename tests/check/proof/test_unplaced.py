@@ -9,17 +9,17 @@ from camgen.model.pose import IDENTITY, Pose
 from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Output
 
 HOME = Joints((0.0, 0.5, 0.0))
-#: rad: half of the last of four digits of a degree.
+#: rad: half of the last digit of an angle with four decimals in deg.
 ERROR = math.radians(0.00005)
 
 
-def at(*values: float) -> MoveJ:
+def move_joints(*values: float) -> MoveJ:
     return MoveJ(Joints(values), 0.5)
 
 
-PLACE = Pose(IDENTITY, (10.0, 0.0, 20.0))
-POSED, LINE = MoveJ(PLACE, 0.5), MoveL(PLACE, 10.0)
-AT_HOME, AWAY = at(*HOME.values), at(0.1, 0.5, 0.0)
+POSE = Pose(IDENTITY, (10.0, 0.0, 20.0))
+POSED, LINE = MoveJ(POSE, 0.5), MoveL(POSE, 10.0)
+AT_HOME, AWAY = move_joints(*HOME.values), move_joints(0.1, 0.5, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -27,12 +27,12 @@ AT_HOME, AWAY = at(*HOME.values), at(0.1, 0.5, 0.0)
     [
         # To home, from home to a pose, and back.
         ([AT_HOME, POSED, LINE, AT_HOME], Unplaced(at_home=3)),
-        # The text states a pose at once: only where the robot stands is not known.
+        # The text begins with a pose; the position of the robot before it is unknown.
         ([POSED, LINE, LINE], Unplaced(begins=1)),
         ([LINE, AT_HOME], Unplaced(at_home=1, begins=1)),
-        # A way by other joint values, there and back to the line.
+        # A link passes other joint values, and a motion leads from them to the line.
         ([AT_HOME, POSED, AWAY, LINE], Unplaced(at_home=2, elsewhere=2)),
-        # From home to other values, and home again: both are motions to or from these.
+        # From home to other joint values and back: both are motions to or from these.
         ([AT_HOME, AWAY, AT_HOME], Unplaced(at_home=1, elsewhere=2)),
         ([Output("glue", 1.0)], Unplaced()),
     ],
@@ -44,12 +44,12 @@ def test_motions_to_and_from_joint_values_are_counted(
 
 
 def test_home_is_compared_within_the_rounding_of_the_text() -> None:
-    near = at(0.9 * ERROR, 0.5, 0.0)
-    far = at(1.1 * ERROR, 0.5, 0.0)
+    near = move_joints(0.9 * ERROR, 0.5, 0.0)
+    far = move_joints(1.1 * ERROR, 0.5, 0.0)
     assert count_unplaced([near], HOME, ERROR).elsewhere == 0
     assert count_unplaced([far], HOME, ERROR).elsewhere == 1
 
 
 @pytest.mark.parametrize("home", [None, Joints((0.0, 0.5))])
-def test_without_the_joint_values_of_home_nothing_is_compared(home: Joints | None) -> None:
+def test_nothing_is_compared_if_the_joint_values_of_home_are_unknown(home: Joints | None) -> None:
     assert count_unplaced([AT_HOME, POSED], home, ERROR) == Unplaced(elsewhere=2)

@@ -20,7 +20,14 @@ from camgen.model.part import Contour
 from camgen.model.program import Instruction, MoveL
 from camgen.post import Post
 from camgen.post.plugins import find_post
-from tests.check.stock.test_stock import MILL, at, part, rapid, square, task
+from tests.check.stock.test_stock import (
+    MILL,
+    make_part,
+    make_pose,
+    make_square,
+    make_task,
+    rapid_to,
+)
 from tests.support.rounded_paths import trace
 
 PLATE = Path(__file__).parents[3] / "fixtures" / "parts" / "plate.dxf"
@@ -31,16 +38,18 @@ CORNERS = ((-3.0, -3.0), (43.0, -3.0), (43.0, 43.0), (-3.0, 43.0), (-3.0, -3.0))
 
 
 def mill_around(zone: float) -> list[Instruction]:
-    moves: list[Instruction] = [rapid(-3.0, -3.0, 5.0)]
-    moves += [MoveL(at(x, y, -5.0), 10.0, blend=zone) for x, y in CORNERS]
-    return [*moves, rapid(-3.0, -3.0, 5.0)]
+    """Mill around a square with this blend radius, mm, at its corners."""
+    motions: list[Instruction] = [rapid_to(-3.0, -3.0, 5.0)]
+    motions += [MoveL(make_pose(x, y, -5.0), 10.0, blend=zone) for x, y in CORNERS]
+    return [*motions, rapid_to(-3.0, -3.0, 5.0)]
 
 
 def prove_corners(
     body: Sequence[Instruction], dynamics: Dynamics | None, corner: float = 0.01
 ) -> StockProof:
+    """The stock proof of a program around a square on a controller with these dynamics."""
     cut = Cut(body, range(1, len(body) + 1), MILL, "p.mod", corner=corner)
-    tasks = [task(part(square("c1", 0, 40)))]
+    tasks = [make_task(make_part(make_square("c1", 0, 40)))]
     stock = StockTable(thickness=5.0, held="tape")
     return prove([cut], design(tasks, stock), dynamics, stock)
 
@@ -53,10 +62,10 @@ def test_a_zone_at_a_sharp_corner_cuts_as_deep_as_its_parabola(zone: float) -> N
     gap = RADIUS * math.sqrt(2) - rounded
     depth = min(max(RADIUS - gap, 0.0), 5.0)
     proof = prove_corners(mill_around(zone), ZONES)
-    # Eight chords of a parabola leave it by a 64th, towards the part.
+    # Eight chords deviate from a parabola by a 64th of its height, towards the part.
     assert depth - 1e-9 <= proof.bite <= depth + rounded / 64 + 1e-9
     faults = proof.corners
-    # The second line leads down, and nothing follows the last one.
+    # Line 2 is the plunge, and the path ends with line 6.
     assert [fault.line for fault in faults] == [3, 4, 5]
     assert all(fault.mm == pytest.approx(proof.bite) for fault in faults)
     assert proof.refused
@@ -68,13 +77,13 @@ def test_a_small_zone_at_a_sharp_corner_stays_off_the_part() -> None:
     assert proof.refused == ()
 
 
-def test_without_a_model_nothing_is_said_of_corners() -> None:
+def test_corners_are_not_examined_without_dynamics() -> None:
     proof = prove_corners(mill_around(20.0), None)
     assert proof.bite is None
     assert proof.refused == ()
 
 
-def test_a_stop_and_a_controller_that_keeps_to_the_lines_cut_nothing() -> None:
+def test_a_corner_with_a_stop_or_on_a_controller_without_blends_cuts_nothing() -> None:
     assert prove_corners(mill_around(0.0), ZONES).bite == 0.0
     assert prove_corners(mill_around(20.0), Dynamics(corner="junction")).bite == 0.0
 
@@ -87,7 +96,7 @@ def test_linuxcnc_cuts_no_deeper_than_its_tolerance(corner: float, faults: int) 
 
 
 @pytest.mark.parametrize("number", [0, 7, 18])
-def test_a_part_of_the_bench_is_cut_as_deep_as_its_judge_finds(number: int) -> None:
+def test_the_depth_agrees_with_the_measurement_of_the_bench(number: int) -> None:
     drawn = tangent_part(number)
     result = mill(drawn)
     depth = measure_depth(drawn, trace(drawn.language, result.text).executed)
@@ -95,7 +104,7 @@ def test_a_part_of_the_bench_is_cut_as_deep_as_its_judge_finds(number: int) -> N
     assert depth - DIGITS <= result.proof.bite <= drawn.tolerance
 
 
-def test_a_zone_that_is_too_large_is_a_gouge_for_verify(
+def test_verify_refuses_a_zone_that_is_too_large_as_a_gouge(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job, program = tmp_path / "job.toml", tmp_path / "plate.mod"
@@ -113,7 +122,7 @@ def test_a_zone_that_is_too_large_is_a_gouge_for_verify(
     assert re.search(r"line \d+: the corner at .* is rounded and cuts", capsys.readouterr().out)
 
 
-def test_a_traced_line_may_be_left_by_the_tolerance_of_corners() -> None:
+def test_a_traced_line_may_deviate_by_the_tolerance_of_corners() -> None:
     """A groove runs in material that stays; its rounded corners do not count as cuts into it."""
     contour = Contour([(0, 0), (40, 0), (40, 40)], [0, 0, 0], False, "0")
     job = {
@@ -126,7 +135,7 @@ def test_a_traced_line_may_be_left_by_the_tolerance_of_corners() -> None:
     assert result.proof.bite == 0.0
 
 
-def test_a_post_that_states_no_rounding_has_a_proof_of_the_programmed_path_only(
+def test_a_post_without_dynamics_has_a_proof_of_the_programmed_path_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(find_post("gcode"), "dynamics", Post.dynamics)

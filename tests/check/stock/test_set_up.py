@@ -1,4 +1,4 @@
-"""Limits of tools and stock: each is exceeded by a known amount, or kept."""
+"""Limits of tools and stock, which jobs exceed by a known amount or keep."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SOUND: Mapping[str, Mapping[str, Any]] = {
 
 
 def build(changes: Mapping[str, object], strict: bool = False) -> Result:
-    """The plate with its slot, milled for LinuxCNC. changes: values by `table.key`."""
+    """Build the bracket for LinuxCNC with changes of the sound job, by `table.key`."""
     job = {name: dict(keys) for name, keys in SOUND.items()}
     for name, value in changes.items():
         table, key = name.split(".")
@@ -32,14 +32,14 @@ def build(changes: Mapping[str, object], strict: bool = False) -> Result:
     return camgen.build(PARTS / "bracket.dxf", post="gcode", job=job, strict=strict)
 
 
-def exceeded(changes: Mapping[str, object]) -> list[str]:
-    """The limits that a job exceeds, in words."""
+def list_exceeded(changes: Mapping[str, object]) -> list[str]:
+    """The texts of the limits that a job exceeds."""
     proof = build(changes).proof
     assert proof is not None
     return [breach.what for breach in proof.set_up.breaches]
 
 
-def test_a_sound_job_has_no_line_and_all_is_examined() -> None:
+def test_a_sound_job_exceeds_no_limit_and_all_limits_are_examined() -> None:
     result = build({}, strict=True)
     assert result.proof is not None
     assert result.proof.set_up.breaches == ()
@@ -47,9 +47,10 @@ def test_a_sound_job_has_no_line_and_all_is_examined() -> None:
     assert len(result.proof.set_up.examined) == 6
 
 
-#: HIT's chart for 6061: 0.0018 inch a tooth at 3/16 inch, 0.0022 at 1/4 inch, 2200 feet a minute.
+#: Feed per tooth, mm, and rpm of a mill of 6 mm by HIT's chart for 6061: 0.0018 inch at 3/16 inch,
+#: 0.0022 inch at 1/4 inch, 2200 feet per minute.
 TOOTH_MM = 25.4 * (0.0018 + 0.0004 * (6 / 25.4 - 3 / 16) * 16)
-TURNS = 2200 * 304.8 / (6 * math.pi)
+MAX_RPM = 2200 * 304.8 / (6 * math.pi)
 
 
 @pytest.mark.parametrize(
@@ -81,20 +82,20 @@ TURNS = 2200 * 304.8 / (6 * math.pi)
         (
             {"process.spindle": 40_000.0, "tool.max_speed": 50_000.0},
             "turns at 40000 rpm",
-            f"{TURNS:.0f}",
+            f"{MAX_RPM:.0f}",
         ),
     ],
 )
 def test_a_limit_is_exceeded_or_kept(changes: Mapping[str, object], value: str, limit: str) -> None:
-    lines = exceeded(changes)
+    lines = list_exceeded(changes)
     assert len(lines) == bool(value)
     for line in lines:
         assert value in line
         assert limit in line
 
 
-def test_a_pass_is_as_deep_as_the_material_left_by_the_pass_before() -> None:
-    """Two operations, 3 mm each: the second takes what the first leaves."""
+def test_the_depth_of_a_pass_is_that_of_the_remaining_material() -> None:
+    """The first operation removes 2.4 mm, and the second one the next 2.4 mm."""
     tool = {"name": "mill", "diameter": 2.5, "speed": 12_000.0, "feed": 3.0}
     steps = [
         {"kind": "follow", "tool": "mill", "depth": depth, "entry": "ramp"} for depth in (2.4, 4.8)
@@ -128,7 +129,7 @@ def test_the_tip_of_a_drill_may_go_below_the_stock() -> None:
         assert len(proof.set_up.breaches) == lines
 
 
-def test_a_plunge_into_a_drilled_hole_is_none() -> None:
+def test_a_plunge_into_a_drilled_hole_is_not_into_material() -> None:
     tools = [
         {"name": "drill", "number": 1, "kind": "drill", "diameter": 8.0, "speed": 1500.0},
         {"name": "mill", "number": 2, "diameter": 4.0, "speed": 9000.0, "feed": 5.0},
@@ -147,10 +148,10 @@ def test_a_plunge_into_a_drilled_hole_is_none() -> None:
     assert not any("straight down" in line for line in lines["drilled"])
 
 
-def test_a_tool_that_only_drills_is_a_drill_and_is_fed_only_where_it_cuts() -> None:
-    """HIT: a drill of 8 mm in aluminium bears 0.0074 inch a turn, 0.188 mm; at 1200 rpm 3.76 mm/s.
+def test_a_tool_that_only_drills_has_the_feed_limit_of_a_drill() -> None:
+    """HIT: a drill of 8 mm in aluminium has at most 0.0074 inch per turn, 3.76 mm/s at 1200 rpm.
 
-    The second peck begins above the face, as the first one is shorter than the approach.
+    The second peck begins above the face, since the first one is shorter than the approach.
     """
     job = {
         "stock": {"thickness": 9.0, "material": "aluminium", "held": "tape"},
@@ -168,7 +169,7 @@ def test_a_tool_that_only_drills_is_a_drill_and_is_fed_only_where_it_cuts() -> N
 
 
 @pytest.mark.parametrize(("kind", "lines"), [("end mill", 1), ("drill", 0)])
-def test_an_end_mill_that_only_drills_is_an_assumption(kind: str, lines: int) -> None:
+def test_an_end_mill_that_only_drills_is_noted_as_an_assumption(kind: str, lines: int) -> None:
     job = {
         "tool": {"kind": kind, "diameter": 8.0},
         "operation": {"kind": "drill", "depth": 3.0},
@@ -179,15 +180,15 @@ def test_an_end_mill_that_only_drills_is_an_assumption(kind: str, lines: int) ->
     assert [note.kind for note in assumed] == ["assumed"] * lines
 
 
-def test_strict_refuses_an_exceeded_limit() -> None:
+def test_an_exceeded_limit_is_an_error_with_strict() -> None:
     with pytest.raises(NoSafeProgram, match="goes 30 mm deep"):
         build({"operation.depth": 30.0, "operation.passes": 9}, strict=True)
 
 
-def test_without_a_material_the_limit_is_that_of_all_materials() -> None:
-    """AST: MDF bears 0.012 to 0.015 inch at 1/4 inch, more than all others."""
+def test_without_a_material_the_largest_limit_of_all_materials_holds() -> None:
+    """AST: MDF has 0.012 to 0.015 inch per tooth at 1/4 inch, more than all others."""
     limit = 25.4 * (0.007 + 0.008 * (6 / 25.4 - 1 / 8) * 8)
-    lines = exceeded({"stock.material": None, "process.feed": 150.0})
+    lines = list_exceeded({"stock.material": None, "process.feed": 150.0})
     assert len(lines) == 1
     assert f"in no material more than {limit:.3f} mm" in lines[0]
 
@@ -211,7 +212,7 @@ def test_without_a_material_the_limit_is_that_of_all_materials() -> None:
         ),
     ],
 )
-def test_a_turning_mill_without_a_depth_is_a_warning(
+def test_a_rotating_mill_without_a_depth_is_warned_about(
     post: str, job: Mapping[str, object], lines: int
 ) -> None:
     notes = camgen.build(PARTS / "bracket.dxf", post=post, job=job).notes

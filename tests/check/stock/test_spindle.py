@@ -1,4 +1,4 @@
-"""Whether the spindle turns as it must wherever a tool is in material."""
+"""The spindle has to rotate in the right direction and speed while a tool is in material."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from camgen.check.stock import Cut, StockProof, design, prove
 from camgen.cli import main
 from camgen.model.job import StockTable, ToolTable
 from camgen.model.program import Instruction, Output
-from tests.check.stock.test_stock import MILL, around, part, square, task
+from tests.check.stock.test_stock import MILL, cut_around, make_part, make_square, make_task
 
 PLATE = Path(__file__).parents[3] / "fixtures" / "parts" / "plate.dxf"
-NOT_JUDGED = "the text sets no spindle: whether the tool rotates is not judged"
-ROUND = around(0, 40, 3.0, -5.0)
+NOT_EXAMINED = "the text sets no spindle: whether the tool rotates is not judged"
+AROUND_SQUARE = cut_around(0, 40, 3.0, -5.0)
 
 
 def prove_round(*bodies: Sequence[Instruction], tool: ToolTable = MILL) -> StockProof:
@@ -26,7 +26,7 @@ def prove_round(*bodies: Sequence[Instruction], tool: ToolTable = MILL) -> Stock
     for body in bodies:
         cuts.append(Cut(body, range(line, line + len(body)), tool, "p.ngc"))
         line += len(body)
-    tasks = [task(part(square("c1", 0, 40)), tool=tool)]
+    tasks = [make_task(make_part(make_square("c1", 0, 40)), tool=tool)]
     stock = StockTable(thickness=5.0, held="tape")
     return prove(cuts, design(tasks, stock), stock=stock)
 
@@ -40,51 +40,58 @@ def prove_round(*bodies: Sequence[Instruction], tool: ToolTable = MILL) -> Stock
         (9500.0, "at 9500 rpm, more than tool.max_speed"),
     ],
 )
-def test_the_spindle_turns_right_and_no_faster_than_the_tool_allows(
+def test_the_spindle_rotates_clockwise_at_no_more_than_the_maximum_speed(
     speed: float, text: str
 ) -> None:
     tool = replace(MILL, max_speed=9000.0)
-    proof = prove_round([Output("spindle", speed), *ROUND], tool=tool)
+    proof = prove_round([Output("spindle", speed), *AROUND_SQUARE], tool=tool)
     assert len(proof.spindles) == bool(text)
     # The plunge is the third instruction, and the first one in material.
     assert all(fault.line == 3 and text in fault.text for fault in proof.spindles)
     assert proof.refused == proof.spindles
-    assert NOT_JUDGED not in proof.notes
+    assert NOT_EXAMINED not in proof.notes
 
 
-def test_each_run_of_motions_is_one_fault() -> None:
-    body = [Output("spindle", 9000.0), *ROUND]
+def test_consecutive_motions_without_a_spindle_are_one_fault() -> None:
+    body = [Output("spindle", 9000.0), *AROUND_SQUARE]
     body[4:4] = [Output("spindle", 0.0)]
     body[7:7] = [Output("spindle", 9000.0)]
     body[9:9] = [Output("spindle", 0.0)]
     assert [fault.line for fault in prove_round(body).spindles] == [6, 11]
 
 
-def test_the_spindle_stays_on_from_cut_to_cut_of_a_file() -> None:
-    proof = prove_round([Output("spindle", 9000.0), *ROUND], ROUND)
+def test_the_spindle_stays_on_between_the_cuts_of_a_file() -> None:
+    proof = prove_round([Output("spindle", 9000.0), *AROUND_SQUARE], AROUND_SQUARE)
     assert proof.spindles == ()
-    assert NOT_JUDGED not in proof.notes
+    assert NOT_EXAMINED not in proof.notes
 
 
-def test_on_the_way_up_the_spindle_may_rest() -> None:
-    body = [Output("spindle", 9000.0), *ROUND[:-1], Output("spindle", 0.0), ROUND[-1]]
+def test_the_spindle_may_stop_before_the_retract() -> None:
+    body = [
+        Output("spindle", 9000.0),
+        *AROUND_SQUARE[:-1],
+        Output("spindle", 0.0),
+        AROUND_SQUARE[-1],
+    ]
     assert prove_round(body).spindles == ()
 
 
-def test_a_text_without_a_spindle_is_not_judged() -> None:
-    proof = prove_round([Output("process", 0.0), *ROUND])
+def test_a_text_without_a_spindle_is_not_examined() -> None:
+    proof = prove_round([Output("process", 0.0), *AROUND_SQUARE])
     assert proof.spindles == ()
-    assert NOT_JUDGED in proof.notes
+    assert NOT_EXAMINED in proof.notes
 
 
 def test_a_laser_has_no_spindle() -> None:
     laser = replace(MILL, kind="laser")
-    proof = prove_round([Output("process", 1.0), *ROUND], tool=laser)
+    proof = prove_round([Output("process", 1.0), *AROUND_SQUARE], tool=laser)
     assert proof.spindles == ()
-    assert NOT_JUDGED not in proof.notes
+    assert NOT_EXAMINED not in proof.notes
 
 
-def test_verify_refuses_a_mill_at_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_verify_refuses_a_mill_that_does_not_rotate_clockwise(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     job, program = tmp_path / "job.toml", tmp_path / "plate.ngc"
     job.write_text("[operation]\ndepth = 5.0\n[tool]\ndiameter = 3.0\n[process]\nspindle = 9000\n")
     common = ["--post", "gcode", "--job", str(job)]
