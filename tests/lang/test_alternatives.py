@@ -37,7 +37,7 @@ def test_a_refusal_in_the_other_branch_is_possible_and_names_its_condition() -> 
     assert format_alternatives(result) == [("branches", "1 choice left open, 2 runs")]
 
 
-def test_a_refusal_in_the_usual_branch_is_possible_too_and_one_behind_it_is_refused() -> None:
+def test_a_refusal_in_the_default_branch_is_possible_and_one_after_it_is_refused() -> None:
     result = rapid("IF diReady=1 THEN", BAD, "ELSE", GOOD, "ENDIF", BAD)
     assert listed(result) == [("possible", 4), ("refused", 8)]
 
@@ -75,8 +75,8 @@ class Played(Language, frozen=True):
 
 
 def play(*runs: Executed) -> Alternatives:
-    def run(_files: object, ask: Ask) -> Executed:
-        return runs[ask.shifts.get(2, 0)]
+    def run(_files: object, options: Ask) -> Executed:
+        return runs[options.shifts.get(2, 0)]
 
     language = Played("played", "runs that are given", (), lambda _: True, run)
     return run_alternatives(language, {"a": "1\n2\n3\n"}, Ask())

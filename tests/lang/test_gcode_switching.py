@@ -10,12 +10,12 @@ from camgen.lang.programs import Ask
 from camgen.model.errors import InputError
 from camgen.model.program import MoveJ, Output, Wait
 
-#: The height of travel from home, mm.
+#: The clearance height of the motion from home, mm.
 HIGH = 20.0
 
 
 def events(tmp_path, text, kind="laser", dialect=""):
-    """The motions, outputs and waits of the program for an ABB, behind its motion to home.
+    """The motions, outputs and waits of the program for an ABB after its motion to home.
 
     A motion is (x, y, z), an output its value, a wait a text in seconds.
     """
@@ -49,9 +49,19 @@ def test_a_torch_without_heights_goes_on_at_its_hole(tmp_path):
     )
     result, steps = events(tmp_path, text, kind="plasma")
     assert steps == [
-        (10, 10, HIGH), (10, 10, 0), 1, "0.8 s", (30, 10, 0), 0,
-        (50, 10, 0), 1, "0.8 s", (70, 10, 0), 0, (70, 10, HIGH),
-    ]  # fmt: skip
+        (10, 10, HIGH),
+        (10, 10, 0),
+        1,
+        "0.8 s",
+        (30, 10, 0),
+        0,
+        (50, 10, 0),
+        1,
+        "0.8 s",
+        (70, 10, 0),
+        0,
+        (70, 10, HIGH),
+    ]
     assert "assumed: line 2: the program begins at Z0 (it does not say where)" in map(
         str, result.notes
     )
@@ -118,9 +128,19 @@ def test_laser_mode_has_the_beam_off_in_rapid_motions(tmp_path, mode, at_rest):
     is_named = any("M4 lowers the power" in note.what for note in result.notes)
     assert is_named == (mode == "M4")
     assert steps == [
-        (10, 10, HIGH), (10, 10, 0), 300, (30, 10, 0), (30, 30, 0), 0,
-        (60, 30, 0), "1 s", 250, (80, 30, 0), *at_rest, (80, 30, HIGH),
-    ]  # fmt: skip
+        (10, 10, HIGH),
+        (10, 10, 0),
+        300,
+        (30, 10, 0),
+        (30, 30, 0),
+        0,
+        (60, 30, 0),
+        "1 s",
+        250,
+        (80, 30, 0),
+        *at_rest,
+        (80, 30, HIGH),
+    ]
 
 
 def test_a_setting_in_the_text_switches_laser_mode_on():

@@ -17,7 +17,7 @@ DOWN, TILTED = "[0,0,1,0]", "[0,0.7071068,0.7071068,0]"
 
 
 def run_rapid(*statements: str) -> Executed:
-    """The run of statements behind a joint motion to the origin of the work object."""
+    """The run of statements after a joint motion to the origin of the work object."""
     text = f"""MODULE m
   PERS tooldata tA:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,50],[1,0,0,0],0,0,0]];
   PERS wobjdata wA:=[FALSE,TRUE,"",[[350,0,150],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
@@ -125,7 +125,7 @@ def test_a_time_of_joint_values_is_left_out_with_its_line():
 
 
 def run_vplus(*lines: str) -> Executed:
-    """The run of lines behind a motion to x 350."""
+    """The run of lines after a motion to x 350."""
     text = "\n".join([".PROGRAM a()", "MOVES TRANS(350,0,250,0,180,0)", *lines, ".END", ""])
     return find_language("vplus").run({"a.v2": text}, Ask())
 
