@@ -44,7 +44,7 @@ def last_target(executed: Executed) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(
-    ("body", "place"),
+    ("body", "position"),
     [
         (
             "p:=CRobT(\\Tool:=tG\\WObj:=wT);\nMoveL Offs(p,0,0,5),v100,fine,tG\\WObj:=wT;",
@@ -67,13 +67,13 @@ def last_target(executed: Executed) -> tuple[float, float, float]:
     ],
 )
 def test_rapid_computes_the_pose_after_joint_values(
-    body: str, place: tuple[float, float, float]
+    body: str, position: tuple[float, float, float]
 ) -> None:
     executed = run_program("rapid", RAPID.format(body))
-    assert last_target(executed) == place
+    assert last_target(executed) == position
     assert not executed.assumed
     without_arm = run_program("rapid", RAPID.format(body), is_known=False)
-    # Without the arm no build takes the line.
+    # Without the arm no build accepts the line.
     assert without_arm.lost
     if ":=CRobT(" in body:
         # The line is in a frame that the text does not state.
@@ -87,12 +87,13 @@ def test_rapid_does_not_guess_a_displaced_position() -> None:
     executed = run_program(
         "rapid", RAPID.format("PDispSet [[1,0,0],[1,0,0,0]];\np:=CalcRobT(j1,tG);")
     )
-    (assumption,) = executed.assumed
-    assert assumption.what == "calcrobt needs the arm: what it gives is not known"
+    assert [assumption.what for assumption in executed.assumed] == [
+        "calcrobt needs the arm: what it gives is not known"
+    ]
 
 
 @pytest.mark.parametrize(
-    ("lines", "place"),
+    ("lines", "position"),
     [
         ("HERE p\nMOVES SHIFT(p BY 0,0,-5)", (10, 20, 25)),
         ("TOOL TRANS(0,0,100)\nMOVES SHIFT(HERE BY 1,0,0)", (11, 20, 130)),
@@ -102,17 +103,17 @@ def test_rapid_does_not_guess_a_displaced_position() -> None:
     ],
 )
 def test_vplus_computes_the_pose_after_joint_values(
-    lines: str, place: tuple[float, float, float]
+    lines: str, position: tuple[float, float, float]
 ) -> None:
     text = f".PROGRAM main()\nMOVE #PPOINT(10,20,30,0,0,0)\n{lines}\n.END\n"
     executed = run_program("vplus", text)
-    assert last_target(executed) == place
+    assert last_target(executed) == position
     assert len(executed.frames) <= 2
     assert any(frame.work for frame in run_program("vplus", text, is_known=False).frames)
 
 
 @pytest.mark.parametrize(
-    ("lines", "place"),
+    ("lines", "position"),
     [
         ("p1 = CurPos\nMove L, @0 p1 + P(0, 0, 5)", (10, 20, 35)),
         ("Depart L, @0 5", (10, 20, 25)),
@@ -127,11 +128,11 @@ def test_vplus_computes_the_pose_after_joint_values(
     ],
 )
 def test_pacscript_computes_the_pose_after_joint_values(
-    lines: str, place: tuple[float, float, float]
+    lines: str, position: tuple[float, float, float]
 ) -> None:
     text = f"Sub Main\nTakeArm\nMove P, @0 J(10, 20, 30, 0, 0, 0)\n{lines}\nEnd Sub\n"
     executed = run_program("pacscript", text)
-    assert last_target(executed) == place
+    assert last_target(executed) == position
     assert {frame.work for frame in executed.frames} <= {"0", "1"}
     assert not {frame.work for frame in run_program("pacscript", text, is_known=False).frames} <= {
         "0",

@@ -168,8 +168,12 @@ def test_a_program_has_the_motions_of_linuxcnc(program):
 
 def make_axes(chance, letters="XYZ"):
     """Words of some of the axes, at least of one."""
-    words = [f"{axis}{chance.uniform(-20, 20):.3f}" for axis in letters if chance.random() < 0.6]
-    return " ".join(words) or letters[0] + "1"
+    return (
+        " ".join(
+            f"{axis}{chance.uniform(-20, 20):.3f}" for axis in letters if chance.random() < 0.6
+        )
+        or letters[0] + "1"
+    )
 
 
 def make_stored_position(chance):
@@ -179,10 +183,11 @@ def make_stored_position(chance):
     ]
 
 
+MODES = "M70 M72 M71 G92.1 G92.2 G92.3 G28.1 G91 G90 G98 G99 M0 G43 G49".split()  # noqa: SIM905
+
+
 def make_mode(chance):
-    codes = "M70 M72 M71 G92.1 G92.2 G92.3 G28.1 G91 G90 G98 G99 M0 G43 G49"
-    line = chance.choice(codes.split())
-    return [line, "G1 " + make_axes(chance)]
+    return [chance.choice(MODES), "G1 " + make_axes(chance)]
 
 
 def make_tap(chance):
@@ -226,9 +231,9 @@ def make_compensated_path(chance):
             line = f"G{chance.choice('011')} X{next_x:.3f} Y{next_y:.3f}"
             lines.append(line + (" Z3" if chance.random() < 0.2 else ""))
         else:
-            code = chance.choice("23")
+            line = f"G{chance.choice('23')} X{next_x:.3f} Y{next_y:.3f}"
             radius = chance.uniform(0.6, 3) * abs(complex(next_x - x, next_y - y))
-            lines.append(f"G{code} X{next_x:.3f} Y{next_y:.3f} R{radius:.3f}")
+            lines.append(f"{line} R{radius:.3f}")
         x, y = next_x, next_y
     return [*lines, "G40 G0 X-30 Y-30"]
 

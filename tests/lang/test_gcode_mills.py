@@ -68,8 +68,8 @@ def test_an_angle_that_only_the_machine_knows_is_a_loss_unless_it_is_given():
 
 
 def test_linuxcnc_refuses_a_rotation():
-    findings = run("G68 X0 Y0 R9", "linuxcnc").findings
-    assert findings[0].what == "G68 is not a code of linuxcnc"
+    executed = run("G68 X0 Y0 R9", "linuxcnc")
+    assert executed.findings[0].what == "G68 is not a code of linuxcnc"
 
 
 def test_a_modal_macro_runs_after_each_motion():

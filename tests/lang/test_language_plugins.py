@@ -1,4 +1,4 @@
-"""Languages of other packages: a fault of one, or of its result, is an error."""
+"""Languages of other packages: a fault of a language or of its result is an error."""
 
 import importlib
 import sys
@@ -22,7 +22,7 @@ RESULT = "Executed((Wait(1.0),), (1,))"
 
 
 def install(tmp_path, monkeypatch, language=GOOD, result=RESULT):
-    """A distribution in a folder of its own, which is found through its metadata."""
+    """Install a package in a separate folder, in which it is found by its metadata."""
     (tmp_path / "strange_language.py").write_text(MODULE.format(language=language, result=result))
     info = tmp_path / "strange-3.1.dist-info"
     info.mkdir()

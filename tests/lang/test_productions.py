@@ -35,8 +35,7 @@ def test_a_line_that_is_jumped_over_is_refused_like_one_that_runs() -> None:
     for form in read_forms("vplus"):
         is_statement = form.whole.startswith(f".PROGRAM a()\n{form.text}\n7\n")
         if is_statement and not form.text.startswith("GLOBAL"):
-            whole = form.whole.replace(".PROGRAM a()\n", ".PROGRAM a()\nGOTO 7\n", 1)
-            skipped = replace(form, whole=whole)
+            skipped = replace(form, whole=form.whole.replace("a()\n", "a()\nGOTO 7\n", 1))
             assert bool(find_refusals("vplus", skipped)) is not form.taken, form.text
             count += 1
     assert count > 250

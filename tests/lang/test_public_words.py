@@ -118,7 +118,7 @@ def test_linuxcnc_ignores_blanks_in_numbers():
 
 
 @pytest.mark.parametrize(
-    ("line", "dialect", "finding", "place"),
+    ("line", "dialect", "finding", "position"),
     [
         # rs274, see above.
         ("G1 X10 Y5 600", "linuxcnc", "Y5 600 is read as Y5600: blanks are ignored", (10, 5600, 5)),
@@ -134,10 +134,10 @@ def test_linuxcnc_ignores_blanks_in_numbers():
         ),
     ],
 )
-def test_a_blank_in_a_number_is_dangerous(line, dialect, finding, place):
+def test_a_blank_in_a_number_is_dangerous(line, dialect, finding, position):
     executed = run_gcode("G21 G90 G94", "G0 X0 Y0 Z5", "F300", line, "M2", dialect=dialect)
     assert list_findings(executed) == [f"4: dangerous: {finding}"]
-    assert Columns(executed.body).ends[-1].tolist() == list(place)
+    assert Columns(executed.body).ends[-1].tolist() == list(position)
 
 
 @pytest.mark.parametrize(
@@ -505,7 +505,7 @@ def test_reltool_moves_along_the_unknown_axes_of_the_tool():
 )
 def test_a_target_that_needs_the_unknown_pose_itself_is_left_out(statement):
     executed = run_rapid("now:=CRobT();", statement, "PDispOff;")
-    assert [place for _, place in list_positions(executed)] == [[500, 0, 500]]
+    assert [position for _, position in list_positions(executed)] == [[500, 0, 500]]
     assert any("motions there are left out" in what for _, what in executed.lost)
 
 

@@ -106,30 +106,21 @@ def test_a_fault_outside_of_a_procedure_is_refused(text: str, line: int, what: s
 
 
 def test_a_procedure_that_is_not_called_is_checked_too() -> None:
-    executed = LANGUAGE.run({"part.pcs": "Sub Main\nEnd Sub\nSub Other\nx = (\nEnd Sub\n"}, Ask())
-    assert list_refusals(executed) == [(4, "a value is missing")]
+    files = {"part.pcs": "Sub Main\nEnd Sub\nSub Other\nx = (\nEnd Sub\n"}
+    assert list_refusals(LANGUAGE.run(files, Ask())) == [(4, "a value is missing")]
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "is_pacscript"),
     [
-        '\'!TITLE "part"\nSub Main\nEnd Sub\n',
-        "Sub Main\n  TakeArm Keep = 0\n  Move P, @0 P1\nEnd Sub\n",
-        "PROGRAM PRO1\nTAKEARM\nMOVE P, P1\nEND\n",
+        ('\'!TITLE "part"\nSub Main\nEnd Sub\n', True),
+        ("Sub Main\n  TakeArm Keep = 0\n  Move P, @0 P1\nEnd Sub\n", True),
+        ("PROGRAM PRO1\nTAKEARM\nMOVE P, P1\nEND\n", True),
+        ("MODULE a\nPROC main()\nENDPROC\nENDMODULE\n", False),
+        (".PROGRAM a()\nMOVE b\n.END\n", False),
+        ("G21\nG0 X1\n", False),
+        ("", False),
     ],
 )
-def test_the_language_is_recognised(text: str) -> None:
-    assert LANGUAGE.recognise(text)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "MODULE a\nPROC main()\nENDPROC\nENDMODULE\n",
-        ".PROGRAM a()\nMOVE b\n.END\n",
-        "G21\nG0 X1\n",
-        "",
-    ],
-)
-def test_a_program_of_another_language_is_not_recognised(text: str) -> None:
-    assert not LANGUAGE.recognise(text)
+def test_a_text_is_recognised_as_pacscript(text: str, is_pacscript: bool) -> None:
+    assert LANGUAGE.recognise(text) is is_pacscript

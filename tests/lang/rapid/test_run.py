@@ -43,14 +43,13 @@ def run_without_assumptions(body: str, more: str = "", **assume: float) -> list[
     return list(executed.body)
 
 
-def positions(items: list[Instruction] | Executed) -> list[tuple[float, float, float]]:
+def positions(items: list[Instruction] | Executed) -> list[tuple[float, ...]]:
     """The target positions of all motions to a pose, mm."""
-    result = []
-    for item in items.body if isinstance(items, Executed) else items:
-        if isinstance(item, (MoveJ, MoveL, MoveC)) and isinstance(item.target, Pose):
-            x, y, z = item.target.origin
-            result.append((round(x, 6) + 0.0, round(y, 6) + 0.0, round(z, 6) + 0.0))
-    return result
+    return [
+        tuple(np.round(item.target.origin, 6) + 0.0)
+        for item in (items.body if isinstance(items, Executed) else items)
+        if isinstance(item, (MoveJ, MoveL, MoveC)) and isinstance(item.target, Pose)
+    ]
 
 
 def compute_num(expression: str, head: str = "") -> float:
@@ -98,7 +97,7 @@ def test_motions_have_their_joint_values_in_rad_their_line_and_their_frames() ->
 
 
 @pytest.mark.parametrize(
-    ("target", "place"),
+    ("target", "position"),
     [
         ("Offs(p1,1,2,3)", (101, 2, 3)),
         # The tool points down: its y and z axes are opposite to those of the work object.
@@ -106,8 +105,8 @@ def test_motions_have_their_joint_values_in_rad_their_line_and_their_frames() ->
         ("[[1,2,3],p1.rot,p1.robconf,p1.extax]", (1, 2, 3)),
     ],
 )
-def test_a_target_is_computed(target: str, place: tuple[float, float, float]) -> None:
-    assert positions(run_without_assumptions(f"MoveL {target},{TAIL}")) == [place]
+def test_a_target_is_computed(target: str, position: tuple[float, float, float]) -> None:
+    assert positions(run_without_assumptions(f"MoveL {target},{TAIL}")) == [position]
 
 
 def test_reltool_turns_about_the_axes_of_the_tool() -> None:
@@ -344,17 +343,17 @@ def test_a_condition_holds(condition: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("origin", "place"),
+    ("origin", "position"),
     [("", (0, 0, 0)), ("\\Origin:=2", (100, 0, 0)), ("\\Origin:=3", (30, 0, 0))],
 )
 def test_defframe_makes_a_frame_of_three_points(
-    origin: str, place: tuple[float, float, float]
+    origin: str, position: tuple[float, float, float]
 ) -> None:
     body = (
         f"VAR pose f;\nf:=DefFrame(p0,p1,Offs(p0,30,40,0){origin});\n"
         f"MoveL [f.trans,f.rot,p1.robconf,p1.extax],{TAIL}"
     )
-    assert positions(run_without_assumptions(body)) == [place]
+    assert positions(run_without_assumptions(body)) == [position]
 
 
 def test_elements_and_components_are_assigned() -> None:
@@ -551,14 +550,14 @@ BRANCH = f"IF di1=1 THEN\nMoveL p1,{TAIL}\nELSE\nMoveL p2,{TAIL}\nENDIF"
 
 
 @pytest.mark.parametrize(
-    ("assume", "place"),
+    ("assume", "position"),
     [({}, (100, 0, 0)), ({"di1": 1.0}, (100, 0, 0)), ({"di1": 0.0}, (100, 50, 0))],
 )
 def test_an_input_is_assumed_unless_the_user_gives_it(
-    assume: Mapping[str, float], place: tuple[float, float, float]
+    assume: Mapping[str, float], position: tuple[float, float, float]
 ) -> None:
     executed = run_main(BRANCH, **assume)
-    assert positions(executed) == [place]
+    assert positions(executed) == [position]
     assumptions = [(entry.line, entry.key, entry.value) for entry in executed.assumed]
     assert assumptions == ([] if assume else [(13, "di1", 1.0)])
 
@@ -726,8 +725,8 @@ def test_a_line_that_changes_the_configuration_is_dangerous(
 
 def test_a_value_is_unknown_after_its_assignment_was_refused() -> None:
     """The controller stops there and does not reach the lines that use the value."""
-    executed = run_main("n:=0;\nn:=1/n;\nn:=1/n;\nn:=a{n};")
-    assert [finding.what for finding in executed.findings] == ["a division by 0"]
+    findings = run_main("n:=0;\nn:=1/n;\nn:=1/n;\nn:=a{n};").findings
+    assert [finding.what for finding in findings] == ["a division by 0"]
 
 
 @pytest.mark.parametrize(

@@ -130,9 +130,9 @@ def test_decode_splits_a_string_at_a_delimiter():
 
 def evaluate_location(expression, *before):
     """The target of a motion to a location expression."""
-    body = execute(*before, f"MOVE {expression}").body
-    (motion,) = [item for item in body if isinstance(item, MoveJ | MoveL)]
-    return motion.target
+    executed = execute(*before, f"MOVE {expression}")
+    (target,) = [item.target for item in executed.body if isinstance(item, MoveJ | MoveL)]
+    return target
 
 
 def test_a_compound_location_is_given_in_the_frame_of_its_first_component():

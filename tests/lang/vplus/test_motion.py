@@ -71,8 +71,7 @@ def test_a_corner_is_rounded_unless_a_break_or_the_cp_switch_stops_there():
         "MOVES TRANS(9)",
     )
     # The last motion stops because the program ends.
-    blends = [motion.blend for motion in list_motions(executed)]
-    assert blends == [1, 0, 1, 0, 0, 1, 0, 1, 0]
+    assert tuple(motion.blend for motion in list_motions(executed)) == (1, 0, 1, 0, 0, 1, 0, 1, 0)
 
 
 def test_approach_and_depart_move_along_the_tool_axis():
@@ -80,8 +79,7 @@ def test_approach_and_depart_move_along_the_tool_axis():
     executed = execute(
         "SET p = TRANS(1,2,3,0,180,0)", "APPRO p, 50", "MOVES p", "DEPARTS 20", "APPROS p, -5"
     )
-    expected = [(1, 2, 53), (1, 2, 3), (1, 2, 23), (1, 2, -2)]
-    assert np.allclose(list_origins(executed), expected)
+    assert np.allclose(list_origins(executed), [(1, 2, 53), (1, 2, 3), (1, 2, 23), (1, 2, -2)])
     assert [type(motion) for motion in list_motions(executed)] == [MoveJ, MoveL, MoveL, MoveL]
 
 
@@ -280,8 +278,11 @@ def test_external_values_are_assumed_or_given_by_the_user(lines, assume, expecte
 
 def test_assumptions_have_keys():
     executed = execute("WAIT SIG(1001)", "x = count+1", "READ (5) y")
-    assumptions = [(entry.line, entry.key, entry.value) for entry in executed.assumed]
-    assert assumptions == [(2, "sig1001", 1), (3, "count", 1), (4, "y", 1)]
+    assert [(entry.line, entry.key, entry.value) for entry in executed.assumed] == [
+        (2, "sig1001", 1),
+        (3, "count", 1),
+        (4, "y", 1),
+    ]
 
 
 def test_a_reorientation_has_a_speed_in_rad_per_second():
