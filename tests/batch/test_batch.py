@@ -23,8 +23,8 @@ PLATE = (
     "0\nLINE\n8\noutline\n10\n0\n20\n50\n11\n0\n21\n0\n"
     "0\nENDSEC\n0\nEOF\n"
 )
-#: A post that dies, hangs or faults where the program's name says so, with G-code's text and read-back.
-FATAL = """
+#: A post that dies, hangs or faults for parts of certain names; for others it writes G-code.
+FATAL_POST = """
 import os
 import time
 from dataclasses import dataclass
@@ -54,8 +54,8 @@ class Fatal(GCode):
                 time.sleep(0.02)
         return super().begin(program)
 """
-#: One builder: each is a process that imports all of camgen.
-ONE = ("--jobs", "1")
+#: A single builder, as each one is a process that imports all of camgen.
+ONE_BUILDER = ("--jobs", "1")
 Captured = pytest.CaptureFixture[str]
 
 
@@ -76,7 +76,7 @@ def ready_builders(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def work_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with three plates of different holes; commands run in it."""
     (tmp_path / "parts").mkdir()
     for name, radius in (("a", 8), ("b", 9), ("c", 10)):
@@ -85,117 +85,124 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def files(folder: Path) -> dict[str, bytes]:
+def read_files(folder: Path) -> dict[str, bytes]:
     return {
-        p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
     }
 
 
-def table(capsys: Captured) -> tuple[dict[str, list[str]], str]:
-    """The rows of the table by file, and what was said besides."""
-    said = capsys.readouterr()
-    lines = said.out.splitlines()
+def read_table(capsys: Captured) -> tuple[dict[str, list[str]], str]:
+    """The rows of the table by file, and the text of the error stream."""
+    captured = capsys.readouterr()
+    lines = captured.out.splitlines()
     assert lines[0].split() == ["file", "status", "paths", "time", "notes"]
     end = lines.index("") if "" in lines else len(lines)
     rows = {line.split()[0]: line.split()[1:] for line in lines[1:end]}
-    # A long reason stands below the table, with the name of its part.
+    # A long reason is below the table, with the name of its part.
     for line in lines[end + 1 :]:
         name, _, why = line.partition(": ")
         assert rows[name][-1] == "below"
         rows[name][-1:] = why.split()
-    return rows, said.err
+    return rows, captured.err
 
 
-def error_of(capsys: Captured) -> str:
-    said = capsys.readouterr()
-    assert (said.out, said.err.count("\n")) == ("", 1)
-    return said.err.removeprefix("camgen: error: ").rstrip("\n")
+def read_error(capsys: Captured) -> str:
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err.count("\n")) == ("", 1)
+    return captured.err.removeprefix("camgen: error: ").rstrip("\n")
 
 
-def one_by_one(post: str, folder: Path, *sources: str) -> dict[str, bytes]:
+def build_one_by_one(post: str, folder: Path, *sources: str) -> dict[str, bytes]:
     folder.mkdir()
     for source in sources:
         assert main(["build", source, "--post", post, "-o", str(folder), "-q"]) == 0
-    return files(folder)
+    return read_files(folder)
 
 
 @pytest.mark.parametrize("post", ["rapid", "pacscript"])
-def test_same_bytes_as_one_by_one(post: str, here: Path, capsys: Captured) -> None:
+def test_a_batch_writes_the_bytes_of_single_builds(
+    post: str, work_folder: Path, capsys: Captured
+) -> None:
     Path("parts/b.toml").write_text("[tool]\ndiameter = 4.0\n")
-    alone = one_by_one(post, here / "alone", "parts/a.dxf", "parts/b.dxf", "parts/c.dxf")
+    alone = build_one_by_one(
+        post, work_folder / "alone", "parts/a.dxf", "parts/b.dxf", "parts/c.dxf"
+    )
     capsys.readouterr()
     assert main(["batch", "parts/*", "--post", post, "--jobs", "2", "-o", "out"]) == 0
-    rows, said = table(capsys)
-    assert list(rows) == [
-        "parts/a.dxf",
-        "parts/b.dxf",
-        "parts/c.dxf",
-    ]  # the job file b.toml is none of the inputs
+    rows, errors = read_table(capsys)
+    # The job file b.toml is not an input.
+    assert list(rows) == ["parts/a.dxf", "parts/b.dxf", "parts/c.dxf"]
     assert [row[:2] for row in rows.values()] == [["built", "2"]] * 3
-    made = files(here / "out")
-    assert made.pop(state.NAME).count(b"\n") == 3
-    assert made == alone
-    assert said.splitlines()[-1].split(maxsplit=1) == ["batch", "3 parts: 3 built"]
-    assert sorted(line.split()[0] for line in said.splitlines()[:-1]) == ["built"] * 3
+    built_files = read_files(work_folder / "out")
+    assert built_files.pop(state.NAME).count(b"\n") == 3
+    assert built_files == alone
+    assert errors.splitlines()[-1].split(maxsplit=1) == ["batch", "3 parts: 3 built"]
+    assert sorted(line.split()[0] for line in errors.splitlines()[:-1]) == ["built"] * 3
 
 
 @pytest.mark.usefixtures("ready_builders")
-def test_a_second_run_builds_only_what_changed(here: Path, capsys: Captured) -> None:
+def test_a_second_run_builds_only_changed_parts(work_folder: Path, capsys: Captured) -> None:
     command = ["batch", "parts/*.dxf", "--post", "gcode", "--jobs", "1", "-o", "out"]
 
     def again(*more: str) -> list[str]:
         capsys.readouterr()
         assert main([*command, *more]) == 0
-        return [row[0] for row in table(capsys)[0].values()]
+        return [row[0] for row in read_table(capsys)[0].values()]
 
     assert again() == ["built"] * 3
-    first = files(here / "out")
+    first = read_files(work_folder / "out")
     assert again() == ["unchanged"] * 3
-    assert files(here / "out") == first
-    (here / "parts/a.dxf").write_text(PLATE.format(radius=7))
-    (here / "out/b.ngc").unlink()
-    (here / "out/c.ngc").write_bytes(first["c.ngc"] + b"\n")
+    assert read_files(work_folder / "out") == first
+    (work_folder / "parts/a.dxf").write_text(PLATE.format(radius=7))
+    (work_folder / "out/b.ngc").unlink()
+    (work_folder / "out/c.ngc").write_bytes(first["c.ngc"] + b"\n")
     assert again() == ["built"] * 3
-    assert {**files(here / "out"), "a.ngc": b"", state.NAME: b""} == {
+    assert {**read_files(work_folder / "out"), "a.ngc": b"", state.NAME: b""} == {
         **first,
         "a.ngc": b"",
         state.NAME: b"",
     }
-    (here / "parts/b.toml").write_text("[tool]\ndiameter = 4.0\n")
+    (work_folder / "parts/b.toml").write_text("[tool]\ndiameter = 4.0\n")
     assert again() == ["unchanged", "built", "unchanged"]
     assert again("--set", "process.feed=11") == ["built"] * 3
     assert again("--set", "process.feed=11") == ["unchanged"] * 3
     job = '[tool]\nfile = "../shop.toml"\n[[operations]]\ntool = "mill"\n'
-    (here / "parts/b.toml").write_text(job)
-    (here / "shop.toml").write_text('[[tools]]\nname = "mill"\ndiameter = 5.0\n')
+    (work_folder / "parts/b.toml").write_text(job)
+    (work_folder / "shop.toml").write_text('[[tools]]\nname = "mill"\ndiameter = 5.0\n')
     again()
     assert again() == ["unchanged"] * 3
-    (here / "shop.toml").write_text('[[tools]]\nname = "mill"\ndiameter = 6.0\n')
+    (work_folder / "shop.toml").write_text('[[tools]]\nname = "mill"\ndiameter = 6.0\n')
     assert again() == ["unchanged", "built", "unchanged"]
 
 
 @pytest.mark.usefixtures("ready_builders")
-def test_a_cut_off_state_costs_its_last_part_only(here: Path, capsys: Captured) -> None:
+def test_a_damaged_state_builds_only_its_last_part_again(
+    work_folder: Path, capsys: Captured
+) -> None:
     command = ["batch", "parts/*.dxf", "--post", "gcode", "--jobs", "1", "-o", "out"]
     assert main(command) == 0
-    file = here / "out" / state.NAME
+    file = work_folder / "out" / state.NAME
     file.write_bytes(file.read_bytes()[:-9])
     capsys.readouterr()
     assert main(command) == 0
-    assert [row[0] for row in table(capsys)[0].values()] == ["unchanged", "unchanged", "built"]
+    assert [row[0] for row in read_table(capsys)[0].values()] == ["unchanged", "unchanged", "built"]
 
 
 @pytest.mark.usefixtures("ready_builders")
-def test_failures_are_listed_and_stop_no_other(here: Path, capsys: Captured) -> None:
-    (here / "parts/bad.dxf").write_text("no drawing")
-    (here / "parts/b.toml").write_text("[tool]\ndiametre = 4\n")
-    line = PLATE.format(radius=1).replace("CIRCLE", "POINT")  # an outline alone
-    (here / "parts/open.dxf").write_text(
-        line.replace("11\n0\n21\n0\n0\nENDSEC", "11\n0\n21\n30\n0\nENDSEC")
+def test_a_part_that_fails_is_listed_and_stops_no_other_part(
+    work_folder: Path, capsys: Captured
+) -> None:
+    (work_folder / "parts/bad.dxf").write_text("no drawing")
+    (work_folder / "parts/b.toml").write_text("[tool]\ndiametre = 4\n")
+    outline = PLATE.format(radius=1).replace("CIRCLE", "POINT")
+    (work_folder / "parts/open.dxf").write_text(
+        outline.replace("11\n0\n21\n0\n0\nENDSEC", "11\n0\n21\n30\n0\nENDSEC")
     )
-    words = ["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out"]
+    words = ["batch", "parts/*.dxf", "--post", "gcode", *ONE_BUILDER, "-o", "out"]
     assert main([*words, "--report", "r.json"]) == 3
-    rows, said = table(capsys)
+    rows, errors = read_table(capsys)
     assert [row[:2] for row in rows.values()] == [
         ["built", "2"],
         ["failed", "2"],
@@ -203,25 +210,29 @@ def test_failures_are_listed_and_stop_no_other(here: Path, capsys: Captured) -> 
         ["built", "2"],
         ["failed", "3"],
     ]
-    assert 'parts/b.dxf: parts/b.toml: unknown key "diametre" ([tool]); nearest is diameter' in said
-    assert "5 parts: 2 built, 3 failed" in said
-    report = json.loads((here / "r.json").read_text())
+    assert (
+        'parts/b.dxf: parts/b.toml: unknown key "diametre" ([tool]); nearest is diameter' in errors
+    )
+    assert "5 parts: 2 built, 3 failed" in errors
+    report = json.loads((work_folder / "r.json").read_text())
     assert [part["exit_code"] for part in report["parts"]] == [0, 2, 2, 0, 3]
     assert report["parts"][0]["files"] == ["out/a.ngc"]
     assert report["parts"][0]["work_mm"] == pytest.approx(
         300 + 6 * 3.14159265 + 2 * 3.14159265 * 5, abs=1e-3
     )
     assert report["parts"][4]["error"].startswith("open.dxf: no path is left")
-    assert set(files(here / "out")) == {"a.ngc", "c.ngc", state.NAME}
+    assert set(read_files(work_folder / "out")) == {"a.ngc", "c.ngc", state.NAME}
 
 
 @pytest.mark.parametrize("jobs", ["1", "3"])
-def test_a_part_that_kills_its_process_fails_alone(jobs: str, here: Path, capsys: Captured) -> None:
-    (here / "fatal.py").write_text(FATAL)
+def test_a_part_that_kills_its_process_fails_alone(
+    jobs: str, work_folder: Path, capsys: Captured
+) -> None:
+    (work_folder / "fatal.py").write_text(FATAL_POST)
     for name in ("killed", "segfault", "leaves", "memory"):
         shutil.copy("parts/a.dxf", f"parts/{name}.dxf")
     assert main(["batch", "parts/*.dxf", "--post", "./fatal.py", "--jobs", jobs, "-o", "out"]) == 1
-    rows, said = table(capsys)
+    rows, errors = read_table(capsys)
     status = {Path(name).stem: " ".join(row[:2]) for name, row in rows.items()}
     good = dict.fromkeys("abc", "built 2")
     assert status == good | dict.fromkeys(["killed", "segfault", "leaves", "memory"], "failed 1")
@@ -231,15 +242,15 @@ def test_a_part_that_kills_its_process_fails_alone(jobs: str, here: Path, capsys
         ("leaves", "the process that built it died (exit code 7)"),
         ("memory", "fault: MemoryError: no more"),
     ):
-        assert f"failed    parts/{name}.dxf: {why}\n" in said
-    assert set(files(here / "out")) == {"a.ngc", "b.ngc", "c.ngc", state.NAME}
+        assert f"failed    parts/{name}.dxf: {why}\n" in errors
+    assert set(read_files(work_folder / "out")) == {"a.ngc", "b.ngc", "c.ngc", state.NAME}
 
 
-def test_a_part_that_hangs_is_stopped_and_no_other(
-    here: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+def test_only_a_part_that_hangs_is_stopped(
+    work_folder: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The clock of the batch stands still until the part hangs, and later again: nothing else is late."""
-    (here / "fatal.py").write_text(FATAL)
+    """The clock of the batch is at 0 s until the part hangs, then at 100 s: only it is late."""
+    (work_folder / "fatal.py").write_text(FATAL_POST)
     shutil.copy("parts/a.dxf", "parts/hangs.dxf")
     monkeypatch.setattr(
         "camgen.batch.pool.monotonic", lambda: 100.0 if Path("hangs").exists() else 0.0
@@ -255,25 +266,38 @@ def test_a_part_that_hangs_is_stopped_and_no_other(
         "1",
     ]
     assert main([*words, "--timeout", "0.1", "-o", "out"]) == 1
-    rows, said = table(capsys)
+    rows, errors = read_table(capsys)
     assert {Path(name).stem: row[0] for name, row in rows.items()} == {
-        "a": "built", "b": "built", "c": "built", "hangs": "failed",
-    }  # fmt: skip
-    assert "failed    parts/hangs.dxf: was stopped, it took longer than --timeout\n" in said
-    assert set(files(here / "out")) == {"a.ngc", "b.ngc", "c.ngc", state.NAME}
+        "a": "built",
+        "b": "built",
+        "c": "built",
+        "hangs": "failed",
+    }
+    assert "failed    parts/hangs.dxf: was stopped, it took longer than --timeout\n" in errors
+    assert set(read_files(work_folder / "out")) == {"a.ngc", "b.ngc", "c.ngc", state.NAME}
 
 
 @pytest.mark.usefixtures("ready_builders")
-def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Captured) -> None:
+def test_programs_keep_their_folders_from_the_first_wildcard_on(
+    work_folder: Path, capsys: Captured
+) -> None:
     for name in ("parts/left", "parts/right/deep"):
         Path(name).mkdir(parents=True)
         shutil.copy("parts/a.dxf", f"{name}/a.dxf")
     assert (
-        main(["batch", "parts/**/*.dxf", "parts/a.dxf", "--post", "gcode", *ONE, "-o", "out"]) == 0
+        main(
+            ["batch", "parts/**/*.dxf", "parts/a.dxf", "--post", "gcode", *ONE_BUILDER, "-o", "out"]
+        )
+        == 0
     )
-    assert set(files(here / "out")) == {
-        "a.ngc", "b.ngc", "c.ngc", "left/a.ngc", "right/deep/a.ngc", state.NAME,
-    }  # fmt: skip
+    assert set(read_files(work_folder / "out")) == {
+        "a.ngc",
+        "b.ngc",
+        "c.ngc",
+        "left/a.ngc",
+        "right/deep/a.ngc",
+        state.NAME,
+    }
     capsys.readouterr()
     assert (
         main(
@@ -283,18 +307,18 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
                 "parts/right/deep/a.dxf",
                 "--post",
                 "gcode",
-                *ONE,
+                *ONE_BUILDER,
                 "-o",
                 "two",
             ]
         )
         == 0
     )
-    assert set(files(here / "two")) == {"a.ngc", "left/a.ngc", state.NAME}
+    assert set(read_files(work_folder / "two")) == {"a.ngc", "left/a.ngc", state.NAME}
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (["nothing/*.dxf"], "nothing/*.dxf: no file matches; "),
         (["parts/none.dxf"], "parts/none.dxf: no such file; "),
@@ -325,145 +349,165 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
         ),
     ],
 )
-def test_what_is_wrong_for_all_is_said_at_once(
-    words: list[str], says: str, here: Path, capsys: Captured
+def test_a_fault_of_the_whole_batch_is_reported_before_any_build(
+    words: list[str], message: str, work_folder: Path, capsys: Captured
 ) -> None:
-    (here / "other").mkdir()
-    (here / "other/A.dxf").write_text(PLATE.format(radius=8))
-    (here / "old").mkdir()
-    (here / "old/x.ngc").write_text("G21 G90\nG1 X1 F100\nM2\n")
-    before = files(here)
+    (work_folder / "other").mkdir()
+    (work_folder / "other/A.dxf").write_text(PLATE.format(radius=8))
+    (work_folder / "old").mkdir()
+    (work_folder / "old/x.ngc").write_text("G21 G90\nG1 X1 F100\nM2\n")
+    before = read_files(work_folder)
     assert main(["batch", *words, "--post", "gcode"]) == 2
-    assert error_of(capsys).startswith(says)
-    assert files(here) == before
+    assert read_error(capsys).startswith(message)
+    assert read_files(work_folder) == before
 
 
 @pytest.mark.usefixtures("ready_builders")
-def test_a_program_of_several_files_never_takes_anothers_name(here: Path, capsys: Captured) -> None:
+def test_a_program_of_several_files_does_not_overwrite_another_program(
+    work_folder: Path, capsys: Captured
+) -> None:
     shutil.copy("parts/a.dxf", "parts/a_part1.dxf")
     Path("parts/a.toml").write_text("[post]\nmax_lines = 10\n")
-    assert main(["batch", "parts/a*.dxf", "--post", "rapid", *ONE, "-o", "out"]) == 2
-    rows, said = table(capsys)
+    assert main(["batch", "parts/a*.dxf", "--post", "rapid", *ONE_BUILDER, "-o", "out"]) == 2
+    rows, errors = read_table(capsys)
     assert [row[:2] for row in rows.values()] == [["failed", "2"], ["built", "2"]]
-    assert "its program would overwrite that of parts/a_part1.dxf" in said
-    assert set(files(here / "out")) == {"a_part1.mod", state.NAME}
+    assert "its program would overwrite that of parts/a_part1.dxf" in errors
+    assert set(read_files(work_folder / "out")) == {"a_part1.mod", state.NAME}
 
 
-@pytest.mark.usefixtures("here", "ready_builders")
-def test_a_later_batch_replaces_no_program_of_another_part(capsys: Captured) -> None:
-    words = ["--post", "pacscript", *ONE, "-o", "out"]
+@pytest.mark.usefixtures("work_folder", "ready_builders")
+def test_a_later_batch_does_not_overwrite_the_program_of_another_part(capsys: Captured) -> None:
+    words = ["--post", "pacscript", *ONE_BUILDER, "-o", "out"]
     for name in ("日本", "中国"):
         Path(f"{name}.dxf").write_text(PLATE.format(radius=8))
     assert main(["batch", "日本.dxf", *words]) == 0
-    before = files(Path("out"))
+    before = read_files(Path("out"))
     assert main(["batch", "中国.dxf", *words]) == 2
     assert "job___.pcs: is the program of another part" in capsys.readouterr().out
-    assert files(Path("out"))["job___.pcs"] == before["job___.pcs"]
+    assert read_files(Path("out"))["job___.pcs"] == before["job___.pcs"]
     assert main(["batch", "日本.dxf", *words, "--set", "process.feed=10"]) == 0
-    assert files(Path("out"))["job___.pcs"] != before["job___.pcs"]
+    assert read_files(Path("out"))["job___.pcs"] != before["job___.pcs"]
 
 
 @pytest.mark.usefixtures("ready_builders")
-def test_a_fault_tells_its_trace_when_asked(here: Path, capsys: Captured) -> None:
-    (here / "fatal.py").write_text(FATAL)
+def test_a_fault_is_printed_with_its_trace_on_demand(work_folder: Path, capsys: Captured) -> None:
+    (work_folder / "fatal.py").write_text(FATAL_POST)
     shutil.copy("parts/a.dxf", "parts/memory.dxf")
-    command = ["batch", "parts/memory.dxf", "--post", "./fatal.py", *ONE, "-o", "out"]
+    command = ["batch", "parts/memory.dxf", "--post", "./fatal.py", *ONE_BUILDER, "-o", "out"]
     assert main(command) == 1
     assert "Traceback" not in capsys.readouterr().err
     assert main([*command, "-vv"]) == 1
-    said = capsys.readouterr().err
-    assert "trace     Traceback (most recent call last):\n" in said
-    assert "trace     MemoryError: no more\n" in said
+    errors = capsys.readouterr().err
+    assert "trace     Traceback (most recent call last):\n" in errors
+    assert "trace     MemoryError: no more\n" in errors
 
 
-@pytest.mark.usefixtures("here", "ready_builders")
-def test_a_terminal_gets_a_bar(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = Terminal(sys.stdout, is_interactive=True)
+@pytest.mark.usefixtures("work_folder", "ready_builders")
+def test_a_terminal_shows_a_progress_bar(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal(sys.stdout, terminal=True)
     monkeypatch.setattr("camgen.cli.make_terminal", lambda *_, **__: terminal)
-    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out"]) == 0
-    said = capsys.readouterr().err
-    assert "\r\x1b[2K[########----------------] 1 of 3, 0 failed, about " in said
-    assert f"\r\x1b[2K[{'#' * 24}] 3 of 3, 0 failed, about 0.0 s left" in said
-    assert said.endswith("\r\x1b[2Kbatch     3 parts: 3 built\n")
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE_BUILDER, "-o", "out"]) == 0
+    errors = capsys.readouterr().err
+    assert "\r\x1b[2K[########----------------] 1 of 3, 0 failed, about " in errors
+    assert f"\r\x1b[2K[{'#' * 24}] 3 of 3, 0 failed, about 0.0 s left" in errors
+    assert errors.endswith("\r\x1b[2Kbatch     3 parts: 3 built\n")
 
 
 @pytest.mark.usefixtures("ready_builders")
-def test_quiet_says_only_what_failed(here: Path, capsys: Captured) -> None:
-    (here / "parts/bad.dxf").write_text("no drawing")
-    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out", "-q"]) == 2
-    assert error_of(capsys).startswith("parts/bad.dxf: ")
+def test_a_quiet_batch_reports_only_failures(work_folder: Path, capsys: Captured) -> None:
+    (work_folder / "parts/bad.dxf").write_text("no drawing")
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE_BUILDER, "-o", "out", "-q"]) == 2
+    assert read_error(capsys).startswith("parts/bad.dxf: ")
 
 
 @pytest.mark.usefixtures("ready_builders")
-def test_strict(here: Path, capsys: Captured) -> None:
-    narrow = PLATE.format(radius=2)  # a hole that the tool does not fit
-    (here / "parts/b.dxf").write_text(narrow)
+def test_a_strict_batch_fails_a_part_with_a_warning(work_folder: Path, capsys: Captured) -> None:
+    # The tool does not fit into this hole.
+    (work_folder / "parts/b.dxf").write_text(PLATE.format(radius=2))
     options = ["--set", "tool.kind=pen", "--strict"]
-    assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE, "-o", "out", *options]) == 3
-    rows, _ = table(capsys)
+    assert (
+        main(["batch", "parts/*.dxf", "--post", "gcode", *ONE_BUILDER, "-o", "out", *options]) == 3
+    )
+    rows, _ = read_table(capsys)
     assert [row[0] for row in rows.values()] == ["built", "failed", "built"]
 
 
-def _hear_interrupts() -> None:
-    """Tests that a shell runs in the background inherit that Ctrl-C is not heard."""
+def restore_interrupts() -> None:
+    """Let Ctrl-C end a process, which background jobs of a shell inherit as ignored."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="sends signals of POSIX")
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_a_batch_that_is_ended_goes_on_where_it_was(
-    how: signal.Signals, here: Path, capsys: Captured
+@pytest.mark.parametrize("end_signal", [signal.SIGINT, signal.SIGKILL])
+def test_a_batch_that_is_ended_continues_in_the_next_run(
+    end_signal: signal.Signals, work_folder: Path, capsys: Captured
 ) -> None:
-    """One of its two processes hangs until the batch is run again, so it cannot be done before it is ended."""
-    (here / "fatal.py").write_text(FATAL)
+    """The batch cannot finish before it is ended, as a part hangs in one of its two builders."""
+    (work_folder / "fatal.py").write_text(FATAL_POST)
     for name in ("d", "e", "f", "g", "hangs", "i", "j"):
-        (here / f"parts/{name}.dxf").write_text(PLATE.format(radius=8 + ord(name[0]) % 10 / 10))
+        (work_folder / f"parts/{name}.dxf").write_text(
+            PLATE.format(radius=8 + ord(name[0]) % 10 / 10)
+        )
     command = ["batch", "parts/*.dxf", "--post", "./fatal.py", "--jobs", "2", "-o", "out"]
     with subprocess.Popen(
         [sys.executable, "-m", "camgen", *command],
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=_hear_interrupts,  # noqa: PLW1509 (nothing else runs in this process but what starts it)
+        # The new process runs nothing else before it starts the command.
+        preexec_fn=restore_interrupts,  # noqa: PLW1509
     ) as process:
         wait_for(
             "programs",
-            lambda: len(list((here / "out").glob("*.ngc"))) >= 5 and (here / "hangs").exists(),
+            lambda: (
+                len(list((work_folder / "out").glob("*.ngc"))) >= 5
+                and (work_folder / "hangs").exists()
+            ),
         )
-        if how == signal.SIGINT:
-            os.killpg(process.pid, how)  # as a terminal does: to the workers, too
+        if end_signal == signal.SIGINT:
+            # A terminal sends Ctrl-C to the builders too.
+            os.killpg(process.pid, end_signal)
         else:
             process.kill()
         process.wait(LONG)
-        (here / "goes on").touch()
-        said = process.communicate(timeout=LONG)[1]
-    done = files(here / "out")
-    if how == signal.SIGINT:
+        (work_folder / "goes on").touch()
+        errors = process.communicate(timeout=LONG)[1]
+    files_at_end = read_files(work_folder / "out")
+    if end_signal == signal.SIGINT:
         assert process.returncode == 130
-        assert "of 10 not built; the same command continues from here" in said.splitlines()[-1]
-        assert "Traceback" not in said
-        assert not [name for name in done if name.startswith(".")]
-    times = {
-        name: (here / "out" / name).stat().st_mtime_ns for name in done if name.endswith(".ngc")
+        assert "of 10 not built; the same command continues from here" in errors.splitlines()[-1]
+        assert "Traceback" not in errors
+        assert not [name for name in files_at_end if name.startswith(".")]
+    written_at = {
+        name: (work_folder / "out" / name).stat().st_mtime_ns
+        for name in files_at_end
+        if name.endswith(".ngc")
     }
-    assert 5 <= len(times) < 10
+    assert 5 <= len(written_at) < 10
     assert main(command) == 0
-    rows, _ = table(capsys)
+    rows, _ = read_table(capsys)
     unchanged = [name for name, row in rows.items() if row[0] == "unchanged"]
-    assert len(unchanged) >= len(times) - 1  # one may have been written and not yet recorded
+    # The last program may have been written but not yet recorded.
+    assert len(unchanged) >= len(written_at) - 1
     for name in unchanged:
         program = f"{Path(name).stem}.ngc"
-        assert (here / "out" / program).stat().st_mtime_ns == times[program]
-    alone = one_by_one(
-        "./fatal.py", here / "alone", *sorted(str(p) for p in Path("parts").glob("*.dxf"))
+        assert (work_folder / "out" / program).stat().st_mtime_ns == written_at[program]
+    alone = build_one_by_one(
+        "./fatal.py",
+        work_folder / "alone",
+        *sorted(str(path) for path in Path("parts").glob("*.dxf")),
     )
-    made = {name: data for name, data in files(here / "out").items() if name.endswith(".ngc")}
-    assert made == alone
+    built_files = {
+        name: data
+        for name, data in read_files(work_folder / "out").items()
+        if name.endswith(".ngc")
+    }
+    assert built_files == alone
 
 
-@pytest.mark.skipif(os.name == "nt", reason="looks at processes as POSIX has them")
-def test_workers_end_with_a_batch_that_is_killed(here: Path) -> None:
-    (here / "fatal.py").write_text(FATAL)
+@pytest.mark.skipif(os.name == "nt", reason="reads the processes of POSIX")
+def test_workers_end_with_a_batch_that_is_killed(work_folder: Path) -> None:
+    (work_folder / "fatal.py").write_text(FATAL_POST)
     shutil.copy("parts/a.dxf", "parts/hangs.dxf")
     command = ["batch", "parts/hangs.dxf", "--post", "./fatal.py", "--jobs", "1", "-o", "out"]
     with subprocess.Popen(
@@ -471,17 +515,18 @@ def test_workers_end_with_a_batch_that_is_killed(here: Path) -> None:
     ) as process:
         wait_for(
             "the worker's number",
-            lambda: (here / "hangs").exists() and (here / "hangs").read_text(),
+            lambda: (work_folder / "hangs").exists() and (work_folder / "hangs").read_text(),
         )
         process.kill()
-    (here / "goes on").touch()
-    wait_for("the worker's end", lambda: _ended(int((here / "hangs").read_text())))
+    (work_folder / "goes on").touch()
+    wait_for("the worker's end", lambda: has_ended(int((work_folder / "hangs").read_text())))
 
 
-def _ended(process: int) -> bool:
+def has_ended(process: int) -> bool:
     try:
         os.kill(process, 0)
     except ProcessLookupError:
         return True
     stat = Path(f"/proc/{process}/stat")
-    return stat.exists() and ") Z " in stat.read_text()  # ended, and nobody asked yet
+    # Z: the process has ended, and its parent has not read its exit code.
+    return stat.exists() and ") Z " in stat.read_text()

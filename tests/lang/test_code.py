@@ -37,8 +37,8 @@ def list_targets(compiler: Compiler) -> list[int]:
     return [step.to for step in compiler.finish().steps]
 
 
-def test_branches_end_behind_their_block() -> None:
-    """If a: 1, else if b: 3, else: 6."""
+def test_branches_lead_to_the_step_after_their_block() -> None:
+    """If a, step 1 runs, else if b, step 4, else step 6."""
     compiler = Compiler()
     block = compiler.open_branch("if", Condition("a"))
     compiler.add(act(1))
@@ -73,7 +73,7 @@ def test_the_alternative_of_a_branch_ends_before_the_end_of_its_block() -> None:
     assert compiler.finish().list_branches(0) == (range(1, 2), range(3, 5))
 
 
-def test_loops_lead_back_to_their_start_and_behind_their_end() -> None:
+def test_a_loop_leads_back_to_its_start_and_an_exit_to_the_step_after_it() -> None:
     compiler = Compiler()
     outer = compiler.open("for", CountStart(1, count="i"))
     inner = compiler.open("do", LoopStart(2))
@@ -87,7 +87,7 @@ def test_loops_lead_back_to_their_start_and_behind_their_end() -> None:
     assert list_targets(compiler) == [6, 5, 6, 5, 1, 0]
 
 
-def test_a_round_ends_at_the_end_of_its_loop() -> None:
+def test_the_end_of_a_round_leads_to_the_end_of_its_loop() -> None:
     compiler = Compiler()
     outer = compiler.open("while", LoopStart(0, condition=Condition("a")))
     inner = compiler.open("do", LoopStart(0))
@@ -101,7 +101,7 @@ def test_a_round_ends_at_the_end_of_its_loop() -> None:
     assert [step.to for step in steps] == [6, 5, 5, 4, 1, 0]
 
 
-def test_each_case_leads_behind_the_block() -> None:
+def test_each_case_leads_to_the_step_after_its_block() -> None:
     compiler = Compiler()
     block = compiler.open("select", Select(1, value="a", cases=[]))
     for tests in ([1], [2, 3], None):
@@ -115,7 +115,7 @@ def test_each_case_leads_behind_the_block() -> None:
     assert list_targets(compiler) == [6, -1, 6, -1, 6, -1]
 
 
-def test_labels_are_found_ahead_and_the_first_of_two_counts() -> None:
+def test_a_label_may_follow_its_jump_and_the_first_of_two_labels_counts() -> None:
     compiler = Compiler()
     compiler.jump("end")
     assert compiler.mark("start")
@@ -142,11 +142,11 @@ def test_labels_are_found_ahead_and_the_first_of_two_counts() -> None:
         (Branch(1, 5, condition=Condition("a")), False),
     ],
 )
-def test_steps_that_leave_for_good(step: Step, is_leaving: bool) -> None:
+def test_a_step_leaves_if_it_ends_the_routine_or_jumps_out(step: Step, is_leaving: bool) -> None:
     assert leaves(step) == is_leaving
 
 
-def test_spans_that_act_and_that_leave() -> None:
+def test_a_span_acts_or_leaves_if_a_step_of_it_does() -> None:
     compiler = Compiler()
     for effect in (Effect.NONE, Effect.ACTS, Effect.NONE, Effect.MOVES, Effect.LEAVES):
         compiler.add(act(1, effect))
@@ -176,7 +176,7 @@ def test_a_span_leaves_by_a_step_outside_of_its_inner_blocks(
     assert branch.is_leaving == is_leaving
 
 
-def test_an_empty_case_leads_behind_the_block() -> None:
+def test_empty_cases_lead_to_the_step_after_their_block() -> None:
     compiler = Compiler()
     block = compiler.open("select", Select(1, value="a", cases=[]))
     for tests in ([1], [2]):
@@ -188,18 +188,18 @@ def test_an_empty_case_leads_behind_the_block() -> None:
     assert list_targets(compiler) == [3, 3, -1]
 
 
-@pytest.mark.parametrize("way_out", ["condition", "exit", "return", "jump", "none"])
-def test_a_loop_is_endless_if_no_step_leads_out_of_it(way_out: str) -> None:
+@pytest.mark.parametrize("exit_kind", ["condition", "exit", "return", "jump", "none"])
+def test_a_loop_is_endless_if_no_step_leads_out_of_it(exit_kind: str) -> None:
     compiler = Compiler()
-    condition = Condition("a") if way_out == "condition" else None
+    condition = Condition("a") if exit_kind == "condition" else None
     block = compiler.open("do", LoopStart(1, condition=condition))
-    if way_out == "exit":
+    if exit_kind == "exit":
         compiler.exit(["do"])
-    elif way_out == "return":
+    elif exit_kind == "return":
         compiler.add(Return(2))
-    elif way_out == "jump":
+    elif exit_kind == "jump":
         compiler.jump("end")
     compiler.close_loop(compiler.blocks.pop())
     compiler.mark("end")
     code = compiler.finish()
-    assert code.is_endless(range(block.start, len(code.steps))) == (way_out == "none")
+    assert code.is_endless(range(block.start, len(code.steps))) == (exit_kind == "none")

@@ -1,4 +1,4 @@
-"""Lines in the usual spelling: cut from any text, and decoded as they are one by one."""
+"""The fast path cuts lines in the usual spelling out of a text and decodes them by column."""
 
 import re
 from collections import Counter
@@ -40,7 +40,7 @@ def list_runs(text: str, template: Template = MOTIONS) -> list[Run]:
     return [piece for piece in template.cut(text) if isinstance(piece, Run)]
 
 
-def test_columns_of_a_run() -> None:
+def test_each_column_of_a_run_has_a_value_per_line() -> None:
     (run,) = list_runs(f"RUN 1.0,2.0,3.0 AT 5\n{ARC}\r\n{ARC} AT 20\n")
     assert len(run) == 3
     assert run["verb"] == ["RUN"] * 3
@@ -54,7 +54,7 @@ def test_a_sign_of_zero_is_kept() -> None:
     assert repr(run["end"]) == "[(1.0, 0.0, -0.0)]"
 
 
-def test_other_lines_stand_between_runs() -> None:
+def test_other_lines_separate_runs() -> None:
     text = f"% head\n\n{USUAL}\n{USUAL}\nSTOP\n{ARC}\n{USUAL}\nEND"
     pieces = list(MOTIONS.cut(text))
     assert [piece if isinstance(piece, str) else len(piece) for piece in pieces] == [
@@ -62,12 +62,12 @@ def test_other_lines_stand_between_runs() -> None:
     ]  # fmt: skip
 
 
-def test_a_line_with_more_behind_it_is_none_in_the_usual_spelling() -> None:
+def test_a_line_with_more_characters_is_not_in_the_usual_spelling() -> None:
     for line in (f"{USUAL} AT 3", f"x{USUAL}", f"{USUAL};", f"{USUAL}\r\r", USUAL.lower()):
         assert list(MOTIONS.cut(f"{line}\n")) == [f"{line}\n"]
 
 
-def test_a_word_that_its_decoder_refuses() -> None:
+def test_a_line_with_a_word_that_its_decoder_refuses_stays_a_text() -> None:
     text = f"{USUAL}\nGO 1.0,2.0,3.0 AT fast\n{USUAL}\n"
     pieces = list(MOTIONS.cut(text))
     assert [isinstance(piece, Run) for piece in pieces] == [True, False, True]
@@ -88,12 +88,12 @@ def test_a_decoder_is_called_once_for_each_text() -> None:
     assert calls == {"0": 1, "1": 1, "2": 1}
 
 
-def test_runs_end_where_a_reader_counts_lines() -> None:
+def test_a_run_has_at_most_256_lines() -> None:
     runs = list_runs(f"{USUAL}\n" * 600)
     assert [len(run) for run in runs] == [256, 256, 88]
 
 
-def test_empty_texts() -> None:
+def test_an_empty_text_has_no_runs() -> None:
     assert list(MOTIONS.cut("")) == []
     assert list(MOTIONS.cut("\n")) == ["\n"]
 
@@ -108,7 +108,9 @@ PIECES = [
     st.lists(st.tuples(st.sampled_from(PIECES), st.sampled_from(["\n", "\r\n", "\r", "", " "]))),
     st.sampled_from([1, 30, 1 << 16]),
 )
-def test_any_text_is_cut_as_line_by_line(rows: list[tuple[str, str]], block: int) -> None:
+def test_a_text_is_cut_into_the_lines_that_match_one_by_one(
+    rows: list[tuple[str, str]], block: int
+) -> None:
     text = "".join(row + end for row, end in rows)
     usual = re.compile(LINE)
     expected = []
@@ -133,7 +135,7 @@ def test_any_text_is_cut_as_line_by_line(rows: list[tuple[str, str]], block: int
 
 
 @given(st.lists(st.sampled_from(["a", "b", "", "c "])))
-def test_distinct_texts_and_their_indices(texts: list[str]) -> None:
+def test_each_text_has_the_index_of_its_distinct_text(texts: list[str]) -> None:
     distinct, number = find_distinct(texts)
     assert [distinct[index] for index in number.tolist()] == texts
     assert len(distinct) == len(set(texts))
@@ -146,6 +148,6 @@ def test_numbers_are_those_of_float(texts: list[str]) -> None:
     assert [number.hex() for number in numbers.tolist()] == [float(text).hex() for text in texts]
 
 
-def test_other_spellings_of_numbers() -> None:
+def test_other_spellings_of_numbers_are_not_read() -> None:
     for text in (b"1,", b"01", b".5", b"1.", b"+1", b"1 2", b"[1]", b"nan", b"1e400", b"?"):
         assert read_numbers(text) is None

@@ -1,4 +1,4 @@
-"""The statements of a program that its runs came to."""
+"""Coverage: the statements of a program, and those that its runs executed."""
 
 from textwrap import dedent
 
@@ -101,7 +101,7 @@ def measure(language: str, text: str) -> Coverage:
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_statements_that_run_are_told_from_those_that_do_not(name: str) -> None:
+def test_coverage_has_all_statements_and_those_that_ran(name: str) -> None:
     language, marked = PROGRAMS[name]
     rows = dedent(marked).strip("\n").split("\n")
     coverage = measure(language, "\n".join(row[2:] for row in rows) + "\n")
@@ -110,7 +110,7 @@ def test_statements_that_run_are_told_from_those_that_do_not(name: str) -> None:
     assert coverage.lines[coverage.ran].tolist() == [line for line, mark in numbered if mark == "+"]
 
 
-def test_lines_after_the_end_of_a_long_run_of_lines_are_not_run() -> None:
+def test_lines_after_the_end_of_a_program_are_a_gap() -> None:
     lines = [
         "G21 G90 F100",
         "G0 X0 Y0 Z5",
@@ -124,13 +124,13 @@ def test_lines_after_the_end_of_a_long_run_of_lines_are_not_run() -> None:
     assert coverage.as_data() == {"statements": 55, "run": 53}
 
 
-def test_lines_of_a_loop_have_run_though_its_last_round_is_cut() -> None:
+def test_lines_of_an_endless_loop_have_run() -> None:
     loop = "o1 while [1 EQ 1]\nG1 X[#1]\nF200\n#1=[#1+1]\no1 endwhile\n"
     text = f"G21 G90 F100\nG0 X0 Y0 Z5\n#1=0\n{loop}"
     assert measure("gcode", text).list_gaps() == []
 
 
-def test_the_coverage_of_several_runs_is_that_of_all() -> None:
+def test_the_coverage_of_several_runs_is_their_union() -> None:
     lines = np.array([3, 4, 7])
     first = Coverage(lines, np.array([True, False, False]))
     second = Coverage(lines, np.array([False, False, True]))

@@ -1,4 +1,4 @@
-"""The engine has the only log, budget, code and flow: no language has its own."""
+"""Only the engine has a log, a budget, code and flow: no language defines its own."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tests.support.syntax import list_nodes
 
 ENGINE = Path(__file__).parents[2] / "camgen" / "lang"
 LANGUAGES = ("gcode", "pacscript", "rapid", "vplus")
-#: Modules of the engine. What they define, no language defines.
+#: Modules of the engine, whose classes no language defines.
 MODULES = ("log", "run")
 FLOW_MODULES = ("code", "flow", "values")
-#: What only the log makes.
+#: Entries of a log, which only the log makes.
 ENTRIES = {"Finding", "Assumption"}
-#: All that a language on the engine needs of the end of a run. `Flow` watches the loops.
+#: The classes of `run` that a language may import. `Flow` watches the loops.
 ENDS = {"Budget", "Ended", "LimitReached", "Stopped"}
-#: Depth of calls, choice of branches, and watch of loops.
+#: Methods for the depth of calls, the choice of branches and the watch of loops.
 METHODS = {"check_depth", "_choose_branch", "_choose_case", "_repeat", "_is_repeated"}
 
 
@@ -66,7 +66,7 @@ def test_a_language_defines_nothing_of_the_engine(language: str) -> None:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_a_language_on_the_engine_has_no_flow_of_its_own(language: str) -> None:
+def test_a_language_has_exactly_one_flow_and_it_is_that_of_the_engine(language: str) -> None:
     engine = list_engine(*MODULES, *FLOW_MODULES)
     assert {"Step", "Compiler", "Flow", "CallFrame", "Counter", "Raised", "Unknown"} <= engine
     assert set(vars(Flow)) >= METHODS

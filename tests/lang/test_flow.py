@@ -1,4 +1,4 @@
-"""The run of steps, with a toy language: its expressions are Python, its variables a dictionary."""
+"""The run of steps with a toy language, whose expressions are Python and variables a dictionary."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from camgen.lang.values import Unknown
 
 
 class Toy:
-    """A language.
+    """A toy language.
 
     A name that starts with x is unknown. It is guessed to hold if it starts with xt, and not to
     hold if it starts with xf.
@@ -98,7 +98,7 @@ class Toy:
     # A program of the toy.
 
     def do(self, code: str, effect: Effect = Effect.NONE) -> None:
-        """Add an action: a Python statement, or "done" if it only is carried out."""
+        """Add an action: a Python assignment, or a name that is only recorded."""
         self.compiler.line += 1
         self.compiler.add(Act(self.compiler.line, do=Toy.act, operand=code, effect=effect))
 
@@ -203,7 +203,7 @@ def test_a_value_selects_its_case_and_an_unknown_one_a_case_that_acts(
 
 @pytest.mark.parametrize(("value", "done"), [("1", ["a"]), ("9", ["c"]), ("5", ["c"])])
 def test_an_unknown_case_leaves_the_choice_open(value: str, done: list[str]) -> None:
-    """Another case counts if it is selected. No case acts, and the first two leave."""
+    """A later case that is selected counts. No case acts, and the first two leave."""
     toy = Toy()
     block = toy.compiler.open("select", Select(1, value=value, cases=[]))
     for tests, action in (([1], "a"), (["x"], "b"), ([9], "c")):
@@ -232,13 +232,13 @@ def test_a_counted_loop_runs_for_each_value(count: str, rounds: int) -> None:
     assert toy.choices == ([(Choice.LOOP_RUN_ONCE, 1)] if "x" in count else [])
 
 
-@pytest.mark.parametrize("is_behind", [False, True])
-def test_a_loop_runs_while_its_condition_holds(is_behind: bool) -> None:
+@pytest.mark.parametrize("is_at_end", [False, True])
+def test_a_loop_runs_while_its_condition_holds(is_at_end: bool) -> None:
     toy = Toy()
     toy.do("n = 0")
-    open_loop(toy, "" if is_behind else "n < 3")
+    open_loop(toy, "" if is_at_end else "n < 3")
     toy.do("n = n + 1")
-    close_loop(toy, Condition("n >= 3", wanted=False) if is_behind else None)
+    close_loop(toy, Condition("n >= 3", wanted=False) if is_at_end else None)
     assert toy.run().done == ["n = 0"] + ["n = n + 1"] * 3
 
 
@@ -295,7 +295,7 @@ def ask_in_a_loop(toy: Toy) -> None:
 
 
 def test_a_loop_that_asks_for_the_same_value_again_takes_the_other_branch() -> None:
-    """An answer of the operator ends such a loop, so that it is not the same in each round."""
+    """An answer of the operator ends such a loop, so it differs between rounds."""
     toy = Toy()
     toy.names["count"] = 0
     open_loop(toy, "count < 3")
@@ -342,8 +342,8 @@ def test_a_loop_without_an_exit_ends_the_program_after_one_round(
     assert toy.choices == [(Choice.LOOP_ENDLESS, 1)]
 
 
-def test_a_loop_is_left_where_an_unknown_branch_could_have_left_it() -> None:
-    """The longer one of two such branches is run."""
+def test_a_loop_is_left_by_an_unknown_branch_that_has_an_exit() -> None:
+    """The longer of two such branches is run."""
     toy = Toy()
     open_loop(toy)
     for actions in (["a"], ["b", "c"]):
@@ -363,7 +363,7 @@ def test_a_loop_is_left_where_an_unknown_branch_could_have_left_it() -> None:
 def test_a_loop_without_a_condition_has_a_limit_of_rounds(
     limit: int | None, choice: Choice | None
 ) -> None:
-    """Its state is another one after each round. The toy keeps the actions of the first round."""
+    """Its state changes in each round. The toy keeps the actions of the first round."""
     toy = Toy(limit=200, rules=Rules(depth_limit=3, round_limit=limit))
     toy.do("n = 0")
     open_loop(toy)
@@ -406,7 +406,7 @@ GUESSING = Rules(depth_limit=3, rounds=2, skips_blocks=True)
         ("xt", Effect.LEAVES, True, ["b"]),
     ],
 )
-def test_a_guess_counts_unless_the_branch_leaves_and_need_not(
+def test_a_guess_decides_unless_its_branch_leaves_and_another_value_is_allowed(
     condition: str, effect: Effect, settable: bool, done: list[str]
 ) -> None:
     toy = Toy(rules=GUESSING)
@@ -419,7 +419,7 @@ def test_a_guess_counts_unless_the_branch_leaves_and_need_not(
 
 
 @pytest.mark.parametrize(
-    ("condition", "is_behind", "settable", "rounds"),
+    ("condition", "is_at_end", "settable", "rounds"),
     [
         ("xt", False, False, 2),
         ("xf", False, False, 0),
@@ -428,24 +428,24 @@ def test_a_guess_counts_unless_the_branch_leaves_and_need_not(
         ("xf", True, True, 1),
     ],
 )
-def test_a_loop_that_is_guessed_to_go_on_has_its_rounds(
-    condition: str, is_behind: bool, settable: bool, rounds: int
+def test_a_loop_with_a_guessed_condition_has_the_rounds_of_the_rules(
+    condition: str, is_at_end: bool, settable: bool, rounds: int
 ) -> None:
     """A condition at the end of the loop ends it if it holds."""
     toy = Toy(rules=GUESSING)
     toy.settable = {condition} if settable else set()
-    open_loop(toy, "" if is_behind else condition)
+    open_loop(toy, "" if is_at_end else condition)
     toy.do("a")
-    close_loop(toy, Condition(condition, wanted=False) if is_behind else None)
+    close_loop(toy, Condition(condition, wanted=False) if is_at_end else None)
     toy.do("b")
     assert toy.run().done == ["a"] * rounds + ["b"]
 
 
 @pytest.mark.parametrize("has_condition", [False, True])
-def test_a_program_with_guesses_goes_on_after_a_loop_that_repeats_itself(
+def test_a_program_with_guesses_continues_after_a_loop_that_repeats_itself(
     has_condition: bool,
 ) -> None:
-    """The program has one round."""
+    """Only one round of the loop is in the program."""
     toy = Toy(rules=GUESSING)
     open_loop(toy, "1 < 2" if has_condition else "")
     toy.do("a")
@@ -455,7 +455,7 @@ def test_a_program_with_guesses_goes_on_after_a_loop_that_repeats_itself(
     assert toy.choices == [(Choice.LOOP_REPEATS, 1)]
 
 
-def test_a_block_whose_first_step_cannot_be_carried_out_is_passed() -> None:
+def test_a_block_is_skipped_if_its_condition_cannot_be_evaluated() -> None:
     for rules, done in ((GUESSING, ["b"]), (None, ["a", "b"])):
         toy = Toy(rules=rules)
         open_branch(toy, Condition("1 / 0"))
@@ -465,8 +465,8 @@ def test_a_block_whose_first_step_cannot_be_carried_out_is_passed() -> None:
         assert toy.run().done == done
 
 
-@pytest.mark.parametrize("is_behind", [False, True])
-def test_a_loop_that_is_entered_again_is_watched_anew(is_behind: bool) -> None:
+@pytest.mark.parametrize("is_at_end", [False, True])
+def test_a_loop_that_is_entered_again_has_no_earlier_states(is_at_end: bool) -> None:
     """Both calls leave the same states after the rounds of the loop."""
     toy = Toy()
     for _ in range(2):
@@ -474,17 +474,17 @@ def test_a_loop_that_is_entered_again_is_watched_anew(is_behind: bool) -> None:
     toy.compiler.add(End(2))
     toy.compiler.mark("sub")
     toy.do("n = 0")
-    open_loop(toy, "" if is_behind else "n < 1")
+    open_loop(toy, "" if is_at_end else "n < 1")
     toy.do("n = n + 1")
-    close_loop(toy, Condition("n >= 2", wanted=False) if is_behind else None)
+    close_loop(toy, Condition("n >= 2", wanted=False) if is_at_end else None)
     toy.compiler.add(Return(3, is_to_call=True))
-    rounds = 2 if is_behind else 1
+    rounds = 2 if is_at_end else 1
     assert toy.run().done == (["n = 0"] + ["n = n + 1"] * rounds) * 2 + ["ended"]
     assert not toy.choices
 
 
 @pytest.mark.parametrize("condition", ["n < 9", ""])
-def test_a_loop_that_an_exit_leaves_is_watched_anew(condition: str) -> None:
+def test_a_loop_that_was_left_by_an_exit_has_no_earlier_states(condition: str) -> None:
     toy = Toy()
     for _ in range(2):
         toy.compiler.add(Call(1, label="sub"))
@@ -514,7 +514,7 @@ def test_a_jump_that_repeats_itself_is_found_each_time_that_it_is_reached() -> N
     assert toy.choices == [(Choice.LOOP_REPEATS, 1)] * 20
 
 
-def test_a_jump_into_a_counted_loop_that_has_ended_counts_no_more() -> None:
+def test_a_jump_into_a_counted_loop_that_has_ended_does_not_count() -> None:
     toy = Toy()
     toy.do("n = 0")
     block = toy.compiler.open("for", CountStart(1, count="i 1 2 1"))
@@ -538,7 +538,7 @@ def test_a_missing_label_stops_the_run() -> None:
         toy.run()
 
 
-def test_a_call_of_a_label_comes_back() -> None:
+def test_a_call_of_a_label_returns() -> None:
     toy = Toy()
     toy.compiler.add(Call(1, label="sub"))
     toy.compiler.add(Call(2, label="missing"))
@@ -615,7 +615,7 @@ def test_a_handler_ends_with_the_step_that_failed_or_the_one_after_it(
     assert toy.run().done == ["n = 0", *["n = n + 1"] * count, "a"]
 
 
-def test_an_error_that_comes_again_and_again_stops_the_run() -> None:
+def test_an_error_that_its_handler_repeats_stops_the_run() -> None:
     toy = Toy()
     add_handled(toy, "b", is_again=True)
     with pytest.raises(Stopped, match="an error comes again after 5 tries"):
@@ -636,7 +636,7 @@ def test_a_handler_raises_its_error_again_or_another_one(is_again: bool, line: i
     assert raised.value.line == line
 
 
-def test_a_step_that_cannot_be_carried_out_is_reported_and_passed() -> None:
+def test_a_step_that_fails_is_reported_and_skipped() -> None:
     toy = Toy()
     toy.do("n = 1 / 0")
     toy.do("b")
@@ -660,7 +660,7 @@ def test_the_budget_counts_each_step() -> None:
         assert len(toy.done) == limit
 
 
-def test_routines_that_call_each_other_are_too_deep() -> None:
+def test_nested_calls_have_a_limit_of_depth() -> None:
     toy = Toy()
     depth = 0
 
@@ -681,7 +681,7 @@ def test_routines_that_call_each_other_are_too_deep() -> None:
     assert depth == 3
 
 
-def test_an_action_may_name_the_step_that_runs_in_its_place() -> None:
+def test_an_action_may_return_the_step_that_replaces_it() -> None:
     toy = Toy()
     toy.do("a")
     toy.compiler.add(Act(2, do=lambda _toy, at: Jump(2, at), operand=3))
@@ -692,7 +692,7 @@ def test_an_action_may_name_the_step_that_runs_in_its_place() -> None:
     assert toy.run().done == ["a", "b"]
 
 
-def test_a_routine_may_begin_inside_the_steps_of_another_and_end_before_their_end() -> None:
+def test_a_run_may_start_and_end_within_the_steps_of_a_routine() -> None:
     toy = Toy()
     for name in "abcde":
         toy.do(name)

@@ -1,4 +1,7 @@
-"""What programs of others do, against LinuxCNC's own interpreter: threads, taps, stored places, subprograms, tools."""
+"""Compares G-code programs with the interpreter of LinuxCNC.
+
+The programs have threads, taps, stored positions, subprograms and tools.
+"""
 
 import random
 
@@ -13,14 +16,18 @@ from tests.support.rs274 import needs_rs274
 
 #: Two tools without a length, diameters of 0.1 and 0.05 inches: the unit of rs274's machine.
 TOOLS = "T1 P1 Z0 D0.1 ;a\nT2 P2 Z0 D0.05 ;b\n"
-#: Where the machine of rs274 stores its places: all at its zero, which is that of the program.
-ZERO = {f"{name}.{axis}": 0.0 for name in ("g28", "g30", "machine") for axis in "xyz"} | {
-    "t1.diameter": 2.54, "t2.diameter": 1.27,
-}  # fmt: skip
+#: The stored positions of the machine of rs274, at its zero, which is that of the program.
+ASSUMED = {
+    **dict.fromkeys(("g28.x", "g28.y", "g28.z"), 0.0),
+    **dict.fromkeys(("g30.x", "g30.y", "g30.z"), 0.0),
+    **dict.fromkeys(("machine.x", "machine.y", "machine.z"), 0.0),
+    "t1.diameter": 2.54,
+    "t2.diameter": 1.27,
+}
 LEAD = ("G21 G90 G64 G17", "F100 S100 M3", "G0 X0 Y0 Z30")
 
-#: Programs, their lines by "|".
-WORDS = """
+#: Programs, one per row, with "|" between their lines.
+PROGRAMS = """
 G28
 G28 X5
 G91 G28 Z3 | G90 G1 X1 Z2
@@ -142,88 +149,72 @@ G41 D1 G1 X10 | X20 Y10 | X30 Y0 | G2 X40 Y0 I5 J0 Z5 | G1 X50 | G40 X55
 """.strip().split("\n")
 
 
-def executed(lines, **assume):
-    found = run_gcode({"a.ngc": "\n".join(lines) + "\n"}, RunRequest("linuxcnc", ZERO | assume))
-    assert found.stopped is None
-    return found
-
-
-def differ(lines):
-    """Where the motions differ from LinuxCNC's, "" if nowhere; what either refuses must be refused by both."""
-    found, judge = executed(lines), canon.run("\n".join(lines) + "\n", TOOLS)
-    refused = [one.what for one in found.findings if one.level == "refused"]
-    if refused or judge.error:
-        return "" if refused and judge.error else f"here {refused}, there {judge.error!r}"
-    run = ProgramRun(tuple(found.body), found.lines, (), 0, 0.0, None, True, "mm")
-    return compare_motions(run, judge).fault
+def describe_difference(lines):
+    """The first difference to the motions of LinuxCNC, "" without one; refusals must agree."""
+    text = "\n".join(lines) + "\n"
+    executed, reference = (
+        run_gcode({"a.ngc": text}, Ask("linuxcnc", ASSUMED)),
+        canon.run(text, TOOLS),
+    )
+    assert executed.stopped is None
+    refused = [finding.what for finding in executed.findings if finding.level == "refused"]
+    if refused or reference.error:
+        return "" if refused and reference.error else f"here {refused}, there {reference.error!r}"
+    run = ProgramRun(tuple(executed.body), executed.lines, (), 0, 0.0, None, True, "mm")
+    return compare_motions(run, reference).fault
 
 
 @needs_rs274
-@pytest.mark.parametrize("program", WORDS)
-def test_each_word_does_what_linuxcnc_says(program):
-    assert differ([*LEAD, *program.split(" | "), "M2"]) == ""
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_a_program_has_the_motions_of_linuxcnc(program):
+    assert describe_difference([*LEAD, *program.split(" | "), "M2"]) == ""
 
 
-def _axes(chance, letters="XYZ"):
+def make_axes(chance, letters="XYZ"):
+    """Words of some of the axes, at least of one."""
     return (
-        " ".join(f"{a}{chance.uniform(-20, 20):.3f}" for a in letters if chance.random() < 0.6)
+        " ".join(
+            f"{axis}{chance.uniform(-20, 20):.3f}" for axis in letters if chance.random() < 0.6
+        )
         or letters[0] + "1"
     )
 
 
-def _stored(chance):
+def make_stored_position(chance):
     return [
         chance.choice(["G28 ", "G30 ", "G53 G0 ", "G53 G1 ", "G52 ", "G10 L2 P1 ", "G92 "])
-        + _axes(chance)
+        + make_axes(chance)
     ]
 
 
-def _modes(chance):
-    line = chance.choice(
-        [
-            "M70",
-            "M72",
-            "M71",
-            "G92.1",
-            "G92.2",
-            "G92.3",
-            "G28.1",
-            "G91",
-            "G90",
-            "G98",
-            "G99",
-            "M0",
-            "G43",
-            "G49",
-        ]
-    )
-    return [line, "G1 " + _axes(chance)]
+MODES = "M70 M72 M71 G92.1 G92.2 G92.3 G28.1 G91 G90 G98 G99 M0 G43 G49".split()  # noqa: SIM905
 
 
-def _tap(chance):
+def make_mode(chance):
+    return [chance.choice(MODES), "G1 " + make_axes(chance)]
+
+
+def make_tap(chance):
     high, pause = chance.uniform(-5, 30), chance.choice(["", " P0.5"])
     return [
         "G90",
-        f"G84 {_axes(chance, 'XY')} Z{high - 5:.3f} R{high:.3f}{pause}",
-        _axes(chance, "XY"),
+        f"G84 {make_axes(chance, 'XY')} Z{high - 5:.3f} R{high:.3f}{pause}",
+        make_axes(chance, "XY"),
         "G80",
     ]
 
 
-def _thread(chance):
+def make_thread(chance):
     code, pitch = chance.choice(["G33", "G33"]), chance.uniform(0.2, 2)
-    return [f"{code} {_axes(chance, 'XZ')} K{pitch:.3f}"]
+    return [f"{code} {make_axes(chance, 'XZ')} K{pitch:.3f}"]
 
 
-def _passes(chance):
+def make_thread_passes(chance):
     taper = (
         f" L{chance.randint(0, 3)} E{chance.uniform(0.1, 2):.2f}" if chance.random() < 0.6 else ""
     )
-    peak, first, last = (
-        chance.choice([-1, 1]) * chance.uniform(0.5, 2),
-        chance.uniform(0.2, 0.5),
-        chance.uniform(0.6, 2),
-    )
+    peak = chance.choice([-1, 1]) * chance.uniform(0.5, 2)
+    first, last = chance.uniform(0.2, 0.5), chance.uniform(0.6, 2)
     depths = f"I{peak:.3f} J{first:.3f} K{last:.3f}"
     more = f"R{chance.uniform(1, 2.5):.2f} Q{chance.uniform(0, 30):.1f} H{chance.randint(0, 2)}"
     return [
@@ -233,30 +224,36 @@ def _passes(chance):
     ]
 
 
-def _beside(chance):
-    """A path of lines and arcs with G41 or G42: corners of all kinds, also such that the tool does not reach."""
+def make_compensated_path(chance):
+    """A path of lines and arcs with G41 or G42, with corners that the tool may not reach."""
     entry = chance.choice(["G1 X10 Y0", "G2 X10 Y0 I5 J0", "G3 X10 Y0 R7", "G0 X10 Y0"])
     lines = ["G90 G40 G0 X0 Y0", f"{chance.choice(['G41', 'G42'])} D{chance.randint(1, 2)} {entry}"]
     x, y = 10.0, 0.0
     for _ in range(chance.randint(2, 8)):
-        u, v = x + chance.uniform(-15, 15), y + chance.uniform(-15, 15)
+        next_x, next_y = x + chance.uniform(-15, 15), y + chance.uniform(-15, 15)
         if chance.random() < 0.6:
-            lines.append(
-                f"G{chance.choice('011')} X{u:.3f} Y{v:.3f}"
-                + (" Z3" if chance.random() < 0.2 else "")
-            )
+            line = f"G{chance.choice('011')} X{next_x:.3f} Y{next_y:.3f}"
+            lines.append(line + (" Z3" if chance.random() < 0.2 else ""))
         else:
-            lines.append(
-                f"G{chance.choice('23')} X{u:.3f} Y{v:.3f} R{chance.uniform(0.6, 3) * abs(complex(u - x, v - y)):.3f}"
-            )
-        x, y = u, v
+            line = f"G{chance.choice('23')} X{next_x:.3f} Y{next_y:.3f}"
+            radius = chance.uniform(0.6, 3) * abs(complex(next_x - x, next_y - y))
+            lines.append(f"{line} R{radius:.3f}")
+        x, y = next_x, next_y
     return [*lines, "G40 G0 X-30 Y-30"]
+
+
+#: Makers of random lines. Paths with compensation are chosen twice as often as the others.
+MAKERS = (
+    *(make_stored_position, make_mode, make_tap, make_thread, make_thread_passes),
+    *(make_compensated_path, make_compensated_path),
+)
 
 
 @needs_rs274
 @pytest.mark.parametrize("seed", range(60))
-def test_random_programs_do_what_linuxcnc_says(seed):
+def test_a_random_program_has_the_motions_of_linuxcnc(seed):
     chance = random.Random(seed)
-    makers = [_stored, _modes, _tap, _thread, _passes, _beside, _beside]
-    lines = [line for _ in range(chance.randint(1, 5)) for line in chance.choice(makers)(chance)]
-    assert differ([*LEAD, "M70", *lines, "M2"]) == "", lines
+    lines = []
+    for _ in range(chance.randint(1, 5)):
+        lines += chance.choice(MAKERS)(chance)
+    assert describe_difference([*LEAD, "M70", *lines, "M2"]) == "", lines

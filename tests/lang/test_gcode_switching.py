@@ -1,4 +1,4 @@
-"""Outputs of old G-code: where the tool is when they go on, and beams in rapid motions."""
+"""Outputs of old G-code: the position of the tool when they go on, and beams in rapid motions."""
 
 import random
 
@@ -10,12 +10,12 @@ from camgen.lang.programs import RunRequest
 from camgen.model.errors import InputError
 from camgen.model.program import MoveJ, Output, Wait
 
-#: The height of travel from home, mm.
-HIGH = 20.0
+#: The clearance height of the motion from home, mm.
+CLEARANCE = 20.0
 
 
-def events(tmp_path, text, kind="laser", dialect=""):
-    """The motions, outputs and waits of the program for an ABB, behind its motion to home.
+def build_events(tmp_path, text, kind="laser", dialect=""):
+    """The motions, outputs and waits of the program for an ABB after its motion to home.
 
     A motion is (x, y, z), an output its value, a wait a text in seconds.
     """
@@ -42,15 +42,15 @@ def event(item):
     return (round(x, 3), round(y, 3), round(z, 3))
 
 
-def test_a_torch_without_heights_goes_on_at_its_hole(tmp_path):
-    """The program never says Z, so that all of it runs at one height, Z0."""
+def test_a_torch_in_a_program_without_heights_goes_on_at_its_hole(tmp_path):
+    """The program has no Z, so all of it runs at Z0."""
     text = (
         "G21 G90\nG0 X10 Y10\nM3\nG4 P0.8\nG1 X30 F1500\nM5\nG0 X50\nM3\nG4 P0.8\nG1 X70\nM5\nM2\n"
     )
-    result, steps = events(tmp_path, text, kind="plasma")
+    result, steps = build_events(tmp_path, text, kind="plasma")
     assert steps == [
-        (10, 10, HIGH), (10, 10, 0), 1, "0.8 s", (30, 10, 0), 0,
-        (50, 10, 0), 1, "0.8 s", (70, 10, 0), 0, (70, 10, HIGH),
+        (10, 10, CLEARANCE), (10, 10, 0), 1, "0.8 s", (30, 10, 0), 0,
+        (50, 10, 0), 1, "0.8 s", (70, 10, 0), 0, (70, 10, CLEARANCE),
     ]  # fmt: skip
     assert "assumed: line 2: the program begins at Z0 (it does not say where)" in map(
         str, result.notes
@@ -59,34 +59,34 @@ def test_a_torch_without_heights_goes_on_at_its_hole(tmp_path):
 
 def test_a_program_without_heights_may_choose_its_work_offset(tmp_path):
     text = "G21 G90 G55\nG0 X10 Y10\nM3\nG4 P0.8\nG1 X30 F1500\nM5\nM2\n"
-    _, steps = events(tmp_path, text, kind="plasma")
-    assert steps[:4] == [(10, 10, HIGH), (10, 10, 0), 1, "0.8 s"]
+    _, steps = build_events(tmp_path, text, kind="plasma")
+    assert steps[:4] == [(10, 10, CLEARANCE), (10, 10, 0), 1, "0.8 s"]
 
 
-def test_holes_without_a_cut_between_them_are_pierced_where_they_are(tmp_path):
+def test_holes_without_a_cut_between_them_are_pierced_at_their_positions(tmp_path):
     text = "G21 G90\nG0 X1 Y2\nM3\nG4 P1\nM5\nG0 X3\nM3\nG4 P1\nG1 X9 F600\nM5\nM2\n"
-    _, steps = events(tmp_path, text, kind="plasma")
+    _, steps = build_events(tmp_path, text, kind="plasma")
     assert steps[1:8] == [(1, 2, 0), 1, "1 s", 0, (3, 2, 0), 1, "1 s"]
 
 
 @pytest.mark.parametrize(
     ("kind", "leading"),
     [
-        # A tool that turns is switched on above the part, any other one on it.
-        ("end mill", [(10, 10, HIGH), 900.0, "2 s", (10, 10, 5)]),
-        ("plasma", [(10, 10, HIGH), (10, 10, 5), 900.0, "2 s"]),
+        # A spindle is switched on above the part, any other tool on it.
+        ("end mill", [(10, 10, CLEARANCE), 900.0, "2 s", (10, 10, 5)]),
+        ("plasma", [(10, 10, CLEARANCE), (10, 10, 5), 900.0, "2 s"]),
     ],
 )
-def test_nothing_is_on_before_the_first_place_that_is_known(tmp_path, kind, leading):
+def test_no_output_is_on_before_the_first_known_position(tmp_path, kind, leading):
     text = "G21 G90\nM3 S900\nG4 P2\nG0 Z5\nG0 X10 Y10\nG1 Z-1 F600\nX20\nG0 Z5\nM5\nM2\n"
-    _, steps = events(tmp_path, text, kind=kind)
+    _, steps = build_events(tmp_path, text, kind=kind)
     assert steps[:4] == leading
 
 
-def test_a_hole_at_a_height_that_comes_later_is_refused(tmp_path):
+def test_a_hole_before_the_first_height_is_refused(tmp_path):
     text = "G21 G90\nG0 X1 Y2\nM3\nG4 P1\nM5\nG0 X3\nG0 Z5\nG1 Z0 F600\nX9\nM2\n"
     with pytest.raises(InputError) as error:
-        events(tmp_path, text, kind="plasma")
+        build_events(tmp_path, text, kind="plasma")
     assert str(error.value).endswith(
         "process is on and off again where Z is not known (line 5); "
         "begin the program with its height (G0 Z5)"
@@ -110,16 +110,16 @@ M2
 
 @pytest.mark.parametrize(
     ("mode", "at_rest"),
-    # GRBL 1.1, laser mode: at rest M3 burns on in the mode of G1, M4 does not; G0 has the beam off.
+    # Laser mode of GRBL 1.1: at rest in G1 the beam is on with M3 and off with M4; it is off in G0.
     [("M3", ["2 s", 0]), ("M4", [0, "2 s"])],
 )
-def test_laser_mode_has_the_beam_off_in_rapid_motions(tmp_path, mode, at_rest):
-    result, steps = events(tmp_path, SQUARES.format(mode=mode), dialect="grbl")
+def test_laser_mode_switches_the_beam_off_in_rapid_motions(tmp_path, mode, at_rest):
+    result, steps = build_events(tmp_path, SQUARES.format(mode=mode), dialect="grbl")
     is_named = any("M4 lowers the power" in note.what for note in result.notes)
     assert is_named == (mode == "M4")
     assert steps == [
-        (10, 10, HIGH), (10, 10, 0), 300, (30, 10, 0), (30, 30, 0), 0,
-        (60, 30, 0), "1 s", 250, (80, 30, 0), *at_rest, (80, 30, HIGH),
+        (10, 10, CLEARANCE), (10, 10, 0), 300, (30, 10, 0), (30, 30, 0), 0,
+        (60, 30, 0), "1 s", 250, (80, 30, 0), *at_rest, (80, 30, CLEARANCE),
     ]  # fmt: skip
 
 
@@ -132,9 +132,9 @@ def test_a_setting_in_the_text_switches_laser_mode_on():
 
 
 @pytest.mark.parametrize("kind", ["laser", "end mill"])
-def test_a_beam_that_stays_on_in_rapid_motions_is_told(tmp_path, kind):
-    """Without a dialect nothing says whether the controller switches it off."""
-    result, steps = events(tmp_path, SQUARES.format(mode="M3"), kind=kind)
+def test_a_beam_that_stays_on_in_rapid_motions_is_a_note(tmp_path, kind):
+    """Without a dialect it is unknown whether the controller switches the beam off."""
+    result, steps = build_events(tmp_path, SQUARES.format(mode="M3"), kind=kind)
     assert steps[steps.index((60, 30, 0)) - 1] == (30, 30, 0)
     notes = [note for note in result.notes if "in laser mode" in str(note)]
     assert [note.kind for note in notes] == ["warning" if kind == "laser" else "assumed"]
@@ -142,12 +142,12 @@ def test_a_beam_that_stays_on_in_rapid_motions_is_told(tmp_path, kind):
 
 
 def test_a_laser_does_not_turn_backwards(tmp_path):
-    _, steps = events(tmp_path, SQUARES.format(mode="M4"), dialect="linuxcnc")
+    _, steps = build_events(tmp_path, SQUARES.format(mode="M4"), dialect="linuxcnc")
     assert [value for value in steps if isinstance(value, float)] == [0, 300, 250, 0]
 
 
 def write_random(rng):
-    """A program of a laser; its motions and waits with the level of the beam by GRBL's rules."""
+    """A program of a laser, and its motions and waits with the power of the beam in GRBL."""
     mode, power = rng.choice(["M3", "M4"]), 0
     lines, expected = ["G21 G90", f"{mode} S0"], []
     work, x, y = False, 0, 0
@@ -168,16 +168,16 @@ def write_random(rng):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_every_motion_has_the_beam_of_its_line(tmp_path, seed):
+def test_each_motion_has_the_beam_of_its_line(tmp_path, seed):
     text, expected = write_random(random.Random(seed))
-    _, steps = events(tmp_path, text, dialect="grbl")
+    _, steps = build_events(tmp_path, text, dialect="grbl")
     level, levels = 0, []
     for step in steps[1:-1]:
         if isinstance(step, int | float):
             level = step
             continue
-        place = step[:2] if isinstance(step, tuple) else step
-        levels.append((place, level))
+        position = step[:2] if isinstance(step, tuple) else step
+        levels.append((position, level))
     assert levels == expected
 
 
@@ -197,7 +197,7 @@ ENDMODULE
 """
 
 
-def test_a_robot_program_switches_nothing_on_where_the_robot_happens_to_stand(tmp_path):
+def test_a_robot_program_sets_no_output_before_its_first_motion(tmp_path):
     path = tmp_path / "old.mod"
     path.write_text(RAPID)
     job = {"post": {"signals": {"doTorch": "doTorch"}}}

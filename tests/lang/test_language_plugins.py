@@ -1,4 +1,4 @@
-"""Languages of other packages: a fault of one, or of its result, is an error."""
+"""Languages of other packages: a fault of a language or of its result is an error."""
 
 import importlib
 import sys
@@ -22,7 +22,7 @@ RESULT = "Executed((Wait(1.0),), (1,))"
 
 
 def install(tmp_path, monkeypatch, language=GOOD, result=RESULT):
-    """A distribution in a folder of its own, which is found through its metadata."""
+    """Install a package in a separate folder, in which it is found by its metadata."""
     (tmp_path / "strange_language.py").write_text(MODULE.format(language=language, result=result))
     info = tmp_path / "strange-3.1.dist-info"
     info.mkdir()
@@ -46,7 +46,7 @@ def test_the_built_in_languages_have_all_members(name):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         (GOOD, "None", "the entry point is None, not a Language"),
         ('"strange"', '""', "has name that is '', not a name"),
@@ -60,19 +60,19 @@ def test_the_built_in_languages_have_all_members(name):
         (", run)", ", run, (), ('entri',))", "has takes that has the unknown word 'entri'"),
     ],
 )
-def test_a_wrong_member_is_named(tmp_path, monkeypatch, old, new, says):
+def test_a_wrong_member_is_named(tmp_path, monkeypatch, old, new, message):
     install(tmp_path, monkeypatch, GOOD.replace(old, new))
     with pytest.raises(JobError) as caught:
         find_language("strange")
     assert str(caught.value).startswith("language strange: ")
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert str(caught.value).endswith("; correct or remove its package")
     with pytest.raises(JobError):
         list_languages()
 
 
 @pytest.mark.parametrize(
-    ("result", "says"),
+    ("result", "message"),
     [
         ("None", "run() is None, not an Executed"),
         ("Executed(('x',), (1,))", "body that has an element of the type str"),
@@ -92,9 +92,9 @@ def test_a_wrong_member_is_named(tmp_path, monkeypatch, old, new, says):
         ("Executed((), (), lost=['x'])", "lost that is ['x'], not a tuple"),
     ],
 )
-def test_a_wrong_result_is_named(tmp_path, monkeypatch, result, says):
+def test_a_wrong_result_is_named(tmp_path, monkeypatch, result, message):
     install(tmp_path, monkeypatch, result=result)
     with pytest.raises(JobError) as caught:
-        find_language("strange").run({"a": ""}, RunRequest())
-    assert says in str(caught.value)
+        find_language("strange").run({"a": ""}, Ask())
+    assert message in str(caught.value)
     assert caught.value.exit_code == 2

@@ -17,7 +17,7 @@ class Lines:
         self.log = Log(lambda: self.line)
 
 
-def test_each_finding_is_noted_once_a_line() -> None:
+def test_a_finding_is_noted_once_per_line() -> None:
     run = Lines()
     for line in (3, 3, 2):
         run.line = line
@@ -31,7 +31,7 @@ def test_each_finding_is_noted_once_a_line() -> None:
     )
 
 
-def test_a_kind_of_finding_is_noted_once_a_program() -> None:
+def test_a_kind_of_finding_is_noted_once_per_program() -> None:
     run = Lines()
     run.log.find("unusual", "an arc in G19", once="plane")
     run.line = 2
@@ -39,7 +39,7 @@ def test_a_kind_of_finding_is_noted_once_a_program() -> None:
     assert run.log.list_findings() == (Finding("unusual", 1, "an arc in G19"),)
 
 
-def test_a_refusal_on_a_way_that_was_chosen_is_possible() -> None:
+def test_a_refusal_in_a_chosen_branch_is_possible() -> None:
     run = Lines()
     run.log.find("refused", "no tool")
     run.line = 2
@@ -72,7 +72,7 @@ def test_losses_and_omissions_have_their_first_line() -> None:
     assert run.log.list_assumed() == (Assumption(4, "Grip is in no file"),)
 
 
-def test_facts_are_counted_beyond_those_that_are_shown() -> None:
+def test_facts_beyond_the_limit_are_counted() -> None:
     log = Log()
     for name in ("a", "b", "b", "c", "d"):
         log.fact("programs not run", name)
@@ -88,22 +88,22 @@ def test_a_text_is_one_short_line() -> None:
     assert len(finding.what) == 400
 
 
-def test_what_is_run_aside_leaves_nothing() -> None:
+def test_entries_of_a_copy_are_not_in_the_log() -> None:
     log = Log()
     log.fact("tools", "T1")
-    aside = log.copy()
-    aside.fact("tools", "T2")
-    aside.find("refused", "no tool")
-    aside.lose("a motion")
+    copied = log.copy()
+    copied.fact("tools", "T2")
+    copied.find("refused", "no tool")
+    copied.lose("a motion")
     assert log.list_facts(", ", 9) == (("tools", "T1"),)
     assert not log.list_findings()
     assert not log.list_lost()
-    assert aside.has(Finding("unusual", 1, "no tool"))
+    assert copied.has(Finding("unusual", 1, "no tool"))
     assert not log.has(Finding("unusual", 1, "no tool"))
 
 
-def test_entries_beyond_a_limit_are_never_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Too many findings are a refusal, and too many assumptions a loss."""
+def test_entries_beyond_a_limit_are_a_refusal_or_a_loss(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Further findings become a refusal, and further assumptions become a loss."""
     monkeypatch.setattr(log_module, "_FINDING_LIMIT", 3)
     monkeypatch.setattr(log_module, "_ENTRY_LIMIT", 3)
     log = Log()

@@ -1,4 +1,4 @@
-"""What a program does and its motions do not say: told by a field, so that no other machine runs what is left."""
+"""An effect that the motions do not contain is a loss: no other machine may run the program."""
 
 import pytest
 
@@ -6,15 +6,15 @@ from camgen.lang.programs import RunRequest, find_language
 from tests.support.old_programs import PACSCRIPT, RAPID, VPLUS
 
 
-def lost(language: str, text: str) -> list[tuple[str, str]]:
-    """What is lost, each with the text of its line."""
+def list_losses(language: str, text: str) -> list[tuple[str, str]]:
+    """The losses of a program, each with the text of its line."""
     lines = text.split("\n")
     executed = find_language(language).run({"a": text}, RunRequest())
     return [(lines[line - 1].strip(), what) for line, what in executed.lost]
 
 
 @pytest.mark.parametrize(
-    ("language", "text", "old", "new", "said"),
+    ("language", "text", "old", "new", "expected"),
     [
         (
             "rapid",
@@ -56,10 +56,10 @@ def lost(language: str, text: str) -> list[tuple[str, str]]:
         ("pacscript", PACSCRIPT, "    Next i\n", "        PrintDbg i\n    Next i\n", None),
     ],
 )
-def test_what_is_missing_in_the_motions_is_told_by_a_field(language, text, old, new, said):
-    assert lost(language, text) == []
+def test_an_effect_that_is_missing_in_the_motions_is_a_loss(language, text, old, new, expected):
+    assert list_losses(language, text) == []
     assert old in text
-    found = lost(language, text.replace(old, new))
-    assert [what.lower() for _, what in found] == ([] if said is None else [said])
-    if said is not None and "external" not in said:
-        assert found[0][0] == new.strip().split("\n")[0].strip()
+    losses = list_losses(language, text.replace(old, new))
+    assert [what.lower() for _, what in losses] == ([] if expected is None else [expected])
+    if expected is not None and "external" not in expected:
+        assert losses[0][0] == new.strip().split("\n")[0].strip()

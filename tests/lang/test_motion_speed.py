@@ -1,4 +1,4 @@
-"""Speeds that a time or a speed of turning limits: formulas and the three languages."""
+"""Speeds of motions that a time or a rotational speed limits: formulas and three languages."""
 
 import math
 from pathlib import Path
@@ -17,7 +17,7 @@ DOWN, TILTED = "[0,0,1,0]", "[0,0.7071068,0.7071068,0]"
 
 
 def run_rapid(*statements: str) -> Executed:
-    """The run of statements behind a joint motion to the origin of the work object."""
+    """The run of statements after a joint motion to the origin of the work object."""
     text = f"""MODULE m
   PERS tooldata tA:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,50],[1,0,0,0],0,0,0]];
   PERS wobjdata wA:=[FALSE,TRUE,"",[[350,0,150],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
@@ -69,7 +69,7 @@ def test_the_slower_of_two_speeds_sets_the_time(extent, limit, expected):
     assert limit_speed(extent, limit) == pytest.approx(expected)
 
 
-def test_extents_of_lines_and_arcs():
+def test_the_extent_of_a_motion_is_its_length_and_its_rotation():
     start, end = translation(0, -30, 0), Pose(rotation_about(0, 0.5), (0, 30, 0))
     assert measure_line(start, end) == Extent(60.0, pytest.approx(0.5))
     assert measure_arc(start, translation(30, 0, 0), end).length == pytest.approx(30 * math.pi)
@@ -79,7 +79,7 @@ def test_extents_of_lines_and_arcs():
 @pytest.mark.parametrize(
     ("statements", "speed", "turn"),
     [
-        # The speed of turning in place, as it stands and in a time: 90 deg in 12 s.
+        # A reorientation at a given speed, and in a time: 90 deg in 12 s.
         ([line(0, "[100,9,5000,1000]")], 100, 9),
         ([line(0, "v100\\T:=12")], 100, 7.5),
         # A motion of 30 mm that turns by 90 deg: 10 s, 12 s, and as fast as the TCP.
@@ -103,20 +103,20 @@ def test_extents_of_lines_and_arcs():
         ),
     ],
 )
-def test_rapid_states_speeds_of_turning_and_times(statements, speed, turn):
+def test_rapid_limits_motions_by_rotational_speeds_and_times(statements, speed, turn):
     motion = last_motion(run_rapid(*statements))
     assert motion.speed == pytest.approx(speed, rel=1e-6)
     assert math.degrees(getattr(motion, "turn", 0.0)) == pytest.approx(turn, rel=1e-6)
 
 
-def test_a_time_of_nothing_is_refused():
+def test_a_time_of_0_s_is_refused():
     executed = run_rapid(line(30, "v100\\T:=0"))
     assert [(finding.level, finding.what) for finding in executed.findings] == [
         ("refused", "movel in \\T:=0 s")
     ]
 
 
-def test_a_time_of_joint_values_is_left_out_with_its_line():
+def test_the_time_of_a_motion_to_joint_values_is_omitted():
     home = "[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
     executed = run_rapid(f"MoveAbsJ {home},v100\\T:=5,fine,tA\\WObj:=wA;")
     assert executed.omitted == (
@@ -125,7 +125,7 @@ def test_a_time_of_joint_values_is_left_out_with_its_line():
 
 
 def run_vplus(*lines: str) -> Executed:
-    """The run of lines behind a motion to x 350."""
+    """The run of lines after a motion to x 350."""
     text = "\n".join([".PROGRAM a()", "MOVES TRANS(350,0,250,0,180,0)", *lines, ".END", ""])
     return find_language("vplus").run({"a.v2": text}, RunRequest())
 
@@ -160,14 +160,14 @@ def run_vplus(*lines: str) -> Executed:
         (["SPEED 100, 1 MMPS", "MOVES TRANS(430,0,250,0,90,0)"], (80 / 7.5,), 0),
     ],
 )
-def test_vplus_states_durations_and_rotational_speeds(lines, speeds, turn):
+def test_vplus_limits_motions_by_durations_and_rotational_speeds(lines, speeds, turn):
     executed = run_vplus("SPEED 100 MMPS ALWAYS", *lines)
     moves = Columns(executed.body).moves[1:]
     assert [move.speed for move in moves] == pytest.approx(speeds)
     assert math.degrees(moves[-1].turn) == pytest.approx(turn)
 
 
-def test_vplus_says_a_duration_that_cannot_be_kept():
+def test_the_duration_of_a_motion_to_joint_values_is_omitted():
     executed = run_vplus("DURATION 9", "MOVE #PPOINT(0,0,0,0,30,0)")
     assert [(number, what[:11]) for number, what in executed.omitted] == [(4, "DURATION 9:")]
 
@@ -182,14 +182,14 @@ def test_vplus_says_a_duration_that_cannot_be_kept():
         ("Move L, @0 P(318, 0, 250, 90, 0, 0), Speed = Mps(20)", 20, 0),
     ],
 )
-def test_pacscript_turns_at_its_share(statement, speed, turn):
+def test_pacscript_limits_a_rotation_by_its_share_of_the_speed(statement, speed, turn):
     text = f"Sub Main\n  TakeArm\n  Move P, @0 P(300, 0, 250, 180, 0, 0)\n  {statement}\nEnd Sub\n"
     motion = last_motion(find_language("pacscript").run({"a.pcs": text}, RunRequest()))
     assert motion.speed == pytest.approx(speed)
     assert math.degrees(motion.turn) == pytest.approx(turn)
 
 
-def test_verify_counts_turns():
+def test_the_summary_counts_the_time_of_a_reorientation():
     executed = run_rapid(line(0, "[100,9,5000,1000]"))
     assert sum_up(Columns(executed.body)).seconds == pytest.approx(10)
 
@@ -202,8 +202,10 @@ def test_verify_counts_turns():
         ("pacscript", "Speed = 1.5"),
     ],
 )
-def test_each_post_states_a_turn_in_a_time(tmp_path: Path, post: str, words: str) -> None:
-    """90 deg in 12 s: 7.5 deg/s, of 1200 and of 500 deg/s."""
+def test_each_post_prints_the_speed_of_a_reorientation(
+    tmp_path: Path, post: str, words: str
+) -> None:
+    """90 deg in 12 s are 7.5 deg/s, out of 1200 deg/s in V+ and 500 deg/s in PacScript."""
     home = "[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
     file = tmp_path / "turn.mod"
     yaw = "[0,-0.7071068,0.7071068,0]"
@@ -224,7 +226,7 @@ ENDMODULE
     assert result.cycle.total > 12
 
 
-def test_a_value_that_the_text_does_not_hold_changes_no_speed_in_silence():
+def test_an_unknown_value_of_a_speed_or_a_time_is_reported():
     statements = [
         "VelSet nOverride,500;",
         "MoveL " + point(30) + ",v100,z10\\Z:=nZone,tA\\WObj:=wA;",
@@ -240,13 +242,13 @@ def test_a_value_that_the_text_does_not_hold_changes_no_speed_in_silence():
 
 
 @pytest.mark.parametrize("values", ["0,500", "50,0", "-10,500"])
-def test_speeds_of_nothing_are_refused(values: str) -> None:
+def test_a_speed_of_0_or_less_is_refused(values: str) -> None:
     executed = run_rapid(f"VelSet {values};")
     assert [finding.level for finding in executed.findings] == ["refused"]
 
 
-def test_a_turn_without_a_speed_is_a_note(tmp_path: Path) -> None:
-    """Mps is a speed of the TCP, and says nothing of a turn on the spot."""
+def test_a_reorientation_without_a_speed_is_a_note(tmp_path: Path) -> None:
+    """Mps is a speed of the TCP, which does not limit a reorientation."""
     file = tmp_path / "turn.pcs"
     file.write_text(
         "Sub Main\n  TakeArm Keep = 1\n  Tool 1, P(0, 0, 100)\n  ChangeTool 1\n"
@@ -259,7 +261,7 @@ def test_a_turn_without_a_speed_is_a_note(tmp_path: Path) -> None:
     assert "t60:=[20,60,5000,1000]" in result.files[0].text
 
 
-def test_joint_values_at_a_slow_speed_of_turning_keep_it():
+def test_a_motion_to_joint_values_keeps_a_slow_rotational_speed():
     home = "[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
     executed = run_rapid(f"MoveAbsJ {home},[100,9,5000,1000],fine,tA\\WObj:=wA;")
     assert math.degrees(last_motion(executed).turn) == pytest.approx(9)
@@ -267,7 +269,7 @@ def test_joint_values_at_a_slow_speed_of_turning_keep_it():
     assert last_motion(executed).turn == 0
 
 
-def test_a_slow_turn_from_an_unknown_place_is_reported():
+def test_a_slow_rotation_from_an_unknown_pose_is_reported():
     home = "[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
     joints = f"MoveAbsJ {home},v100,fine,tA\\WObj:=wA;"
     executed = run_rapid(joints, line(30, "[100,9,5000,1000]"))
@@ -285,7 +287,7 @@ def test_a_slow_turn_from_an_unknown_place_is_reported():
 
 
 def track(x: float, at: str) -> str:
-    """A straight motion along x of an arm on a track, whose place is `at`, mm."""
+    """A straight motion along x of an arm on a track at the position `at`, mm."""
     axes = f"[{at},9E9,9E9,9E9,9E9,9E9]"
     return f"MoveL [[{x},0,0],{DOWN},[0,0,0,0],{axes}],v100,fine,tA\\WObj:=wA;"
 
@@ -303,5 +305,5 @@ def test_motions_of_external_axes_of_rapid_are_counted(lines: list[str], untimed
     assert run_rapid(*lines).untimed == untimed
 
 
-def test_an_axis_of_its_own_has_no_known_time() -> None:
+def test_an_independent_axis_has_an_unknown_time() -> None:
     assert run_rapid("IndAMove STN_1,1\\ToAbsPos:=90,20;").untimed == 1

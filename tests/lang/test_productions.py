@@ -1,4 +1,4 @@
-"""The productions of the languages that are read, form by form: what controllers take, and what they turn down."""
+"""The reader accepts and refuses each form of the productions of a language as controllers do."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ for language in LANGUAGES:
 
 
 @pytest.mark.parametrize("production", PRODUCTIONS)
-def test_the_reader_takes_and_turns_down_what_controllers_do(production: str) -> None:
+def test_the_reader_refuses_a_form_exactly_in_the_dialects_that_do(production: str) -> None:
     language = production.partition(":")[0]
     for form in PRODUCTIONS[production]:
         expected = () if form.taken else form.dialects
@@ -29,16 +29,13 @@ def test_each_language_has_forms_of_both_kinds(language: str) -> None:
     assert sum(not form.taken for form in forms) > len(forms) // 5
 
 
-def test_lines_that_do_not_run_are_judged_as_those_that_do() -> None:
-    """V+, behind a jump over them."""
+def test_a_line_that_is_jumped_over_is_refused_like_one_that_runs() -> None:
+    """Forms of V+ after a jump over them."""
     count = 0
     for form in read_forms("vplus"):
-        if form.whole.startswith(f".PROGRAM a()\n{form.text}\n7\n") and not form.text.startswith(
-            "GLOBAL"
-        ):
-            skipped = replace(
-                form, whole=form.whole.replace(".PROGRAM a()\n", ".PROGRAM a()\nGOTO 7\n", 1)
-            )
+        is_statement = form.whole.startswith(f".PROGRAM a()\n{form.text}\n7\n")
+        if is_statement and not form.text.startswith("GLOBAL"):
+            skipped = replace(form, whole=form.whole.replace("a()\n", "a()\nGOTO 7\n", 1))
             assert bool(find_refusals("vplus", skipped)) is not form.taken, form.text
             count += 1
     assert count > 250

@@ -1,4 +1,4 @@
-"""Words of real programs, one small program each: what it does, with the source of the answer."""
+"""Words of real programs, each in a small program, with the source of the expected motions."""
 
 import pytest
 
@@ -18,13 +18,13 @@ def run_gcode(*lines: str, dialect: str = "linuxcnc") -> Executed:
     return find_language("gcode").run({"a.ngc": text}, RunRequest(dialect))
 
 
-def tell(executed: Executed) -> list[str]:
+def list_findings(executed: Executed) -> list[str]:
     """The findings with line and level."""
     return [f"{item.line}: {item.level}: {item.what}" for item in executed.findings]
 
 
 def list_ends(executed: Executed) -> list[list[float]]:
-    """The places at the ends of all motions, mm."""
+    """The positions at the ends of all motions, mm."""
     return Columns(executed.body).ends.tolist()
 
 
@@ -41,7 +41,7 @@ UNSHOWN = "motions and extents do not show"
 @pytest.mark.parametrize(
     ("lines", "findings"),
     [
-        # rs274 traverses to X5000 at the height where the machine stands.
+        # rs274 moves to X5000 at the height of the machine.
         (
             ("G0 X0 Y0", "G0 X5000 Y0", "G0 X0 Y0", "G0 Z5", "G1 X10 Z-1 F100"),
             [
@@ -51,7 +51,7 @@ UNSHOWN = "motions and extents do not show"
                 f"{UNSHOWN} X5000 Y0",
             ],
         ),
-        # The place is left by the motion that makes the height known.
+        # The motion from this position makes the height known.
         (
             ("G0 X5000 Y0", "G0 X0 Y0 Z5", "G1 X10 Z-1 F100"),
             [
@@ -63,13 +63,13 @@ UNSHOWN = "motions and extents do not show"
             ("G20 G0 Z5", "G0 Z1", "G0 X1 Y0", "G1 Z-1 F4"),
             [f"3: unusual: a rapid motion from Z5 to Z1 while X and Y are not known: {UNSHOWN} Z5"],
         ),
-        # The first place that is known in all axes is X5000 Y0 Z5: nothing is missing.
+        # The first position that is known in all axes is X5000 Y0 Z5: no motion is missing.
         (("G0 X5000 Y0", "G0 Z5", "G1 X10 Z-1 F100"), []),
         (("G0 Z5", "G0 X5000 Y0", "G1 X10 Z-1 F100"), []),
     ],
 )
 def test_a_rapid_motion_at_an_unknown_height_is_named(lines, findings):
-    assert tell(run_gcode("G21 G90 G94", *lines, "M2")) == findings
+    assert list_findings(run_gcode("G21 G90 G94", *lines, "M2")) == findings
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_a_rapid_motion_at_an_unknown_height_is_named(lines, findings):
 )
 def test_an_axis_that_no_line_names_is_at_0(lines, axis, extents):
     executed = run_gcode("G21 G90", *lines, "M2")
-    assert tell(executed) == []
+    assert list_findings(executed) == []
     (assumption,) = executed.assumed
     assert assumption.line == 2
     assert assumption.what == f"the program begins at {axis}0 (it does not say where)"
@@ -112,17 +112,17 @@ def test_a_replay_names_the_rapid_motions_that_it_lacks():
 
 @needs_rs274
 def test_linuxcnc_ignores_blanks_in_numbers():
-    judge = canon.run("G21 G90 G94\nG0 X0 Y0 Z5\nG1 F300 X10 Y5 600\nM2\n")
-    assert judge.error == ""
-    assert judge.moves[-1].end == (10.0, 5600.0, 5.0)
+    reference = canon.run("G21 G90 G94\nG0 X0 Y0 Z5\nG1 F300 X10 Y5 600\nM2\n")
+    assert reference.error == ""
+    assert reference.moves[-1].end == (10.0, 5600.0, 5.0)
 
 
 @pytest.mark.parametrize(
-    ("line", "dialect", "finding", "place"),
+    ("line", "dialect", "finding", "position"),
     [
         # rs274, see above.
         ("G1 X10 Y5 600", "linuxcnc", "Y5 600 is read as Y5600: blanks are ignored", (10, 5600, 5)),
-        # GRBL 1.1, protocol.c: blanks are thrown away before the line is read.
+        # GRBL 1.1, protocol.c: blanks are removed before the line is read.
         ("G1 X1 0.5", "grbl", "X1 0.5 is read as X10.5: blanks are ignored", (10.5, 0, 5)),
         ("G1 X - 1 0", "linuxcnc", "X - 1 0 is read as X-10: blanks are ignored", (-10, 0, 5)),
         # Marlin, gcode/parser.cpp: a value ends at a blank, the rest is ignored.
@@ -134,10 +134,10 @@ def test_linuxcnc_ignores_blanks_in_numbers():
         ),
     ],
 )
-def test_a_blank_in_a_number_is_dangerous(line, dialect, finding, place):
+def test_a_blank_in_a_number_is_dangerous(line, dialect, finding, position):
     executed = run_gcode("G21 G90 G94", "G0 X0 Y0 Z5", "F300", line, "M2", dialect=dialect)
-    assert tell(executed) == [f"4: dangerous: {finding}"]
-    assert Columns(executed.body).ends[-1].tolist() == list(place)
+    assert list_findings(executed) == [f"4: dangerous: {finding}"]
+    assert Columns(executed.body).ends[-1].tolist() == list(position)
 
 
 @pytest.mark.parametrize(
@@ -151,13 +151,13 @@ def test_a_blank_in_a_number_is_dangerous(line, dialect, finding, place):
         "o1 if [#1 LT 2]\no1 endif",
     ],
 )
-def test_other_blanks_are_fine(line):
-    assert tell(run_gcode("G21 G90 G94", "G0 X0 Y0 Z5", "F300", line, "M2")) == []
+def test_a_blank_outside_of_a_number_is_not_a_finding(line):
+    assert list_findings(run_gcode("G21 G90 G94", "G0 X0 Y0 Z5", "F300", line, "M2")) == []
 
 
 # -- the predefined names of LinuxCNC --------------------------------------------------------------
 
-#: States before a name is asked for.
+#: Lines before a name is used.
 STATES = [
     "G21 | G0 X1 Y2 Z3",
     "G20 F10 G18 | M7 M3 S500 | G0 X1 Y2 Z3 | G1 X2 | G21",
@@ -168,12 +168,12 @@ STATES = [
     "G21 G10 L2 P1 X0 Y0 Z0 | G0 X1 Y2 Z3 | F200 G2 X5 Y2 I2 J0 | G92 X3 | G92.1 | M48",
     "G21 | G0 X1 Y2 Z3 | G7 | F30 G1 X4",
 ]
-#: Values that the test gives as those of the machine of rs274.
-ZEROS = {f"machine.{axis}": 0.0 for axis in "xyz"}
+#: Values of the machine of rs274.
+MACHINE = {"machine.x": 0.0, "machine.y": 0.0, "machine.z": 0.0}
 TOOLS = "T1 P1 Z0 D0.1 ;a\nT2 P2 Z0 D0.05 ;b\n"
-#: Values of a controller: its version, its pockets, and where its other axes are.
+#: Values of a controller: its version, its pockets and the positions of its other axes.
 NOT_COMPARED = {"_task", *predefined._OF_THE_MACHINE, *predefined._OTHERS} - {"_a", "_b"}
-NAMES = sorted(
+COMPARED_NAMES = sorted(
     {
         *predefined._MODES,
         *predefined._STARTS,
@@ -186,8 +186,8 @@ NAMES = sorted(
 )
 
 
-def ask_names(names: list[str], state: str) -> str:
-    """A program that asks for names in a state, and moves X to each value."""
+def make_name_program(names: list[str], state: str) -> str:
+    """A program that stores the values of names in a state, and then moves X to each value."""
     shown = [name if name.isdigit() else f"<{name}>" for name in names]
     kept = [f"#{2000 + number}=#{name}" for number, name in enumerate(shown)]
     motions = [f"G1 F100 X#{2000 + number}" for number in range(len(names))]
@@ -198,14 +198,14 @@ def ask_names(names: list[str], state: str) -> str:
 @needs_rs274
 @pytest.mark.parametrize("state", STATES)
 def test_predefined_names_have_the_values_of_linuxcnc(state):
-    # rs274 refuses numbers of positions beside the path.
-    names = [name for name in NAMES if not (name.isdigit() and "G41" in state)]
-    text = ask_names(names, state)
-    judge = canon.run(text, TOOLS)
-    assert judge.error == ""
-    executed = find_language("gcode").run({"a.ngc": text}, RunRequest("linuxcnc", ZEROS))
-    assert [line for line in tell(executed) if "refused" in line] == []
-    expected = [call.end[0] for call in judge.moves[-len(names) :]]
+    # With G41 rs274 refuses the numbered parameters of the position.
+    names = [name for name in COMPARED_NAMES if not (name.isdigit() and "G41" in state)]
+    text = make_name_program(names, state)
+    reference = canon.run(text, TOOLS)
+    assert reference.error == ""
+    executed = find_language("gcode").run({"a.ngc": text}, Ask("linuxcnc", MACHINE))
+    assert [line for line in list_findings(executed) if "refused" in line] == []
+    expected = [call.end[0] for call in reference.moves[-len(names) :]]
     # The first of several equal values makes a motion of length 0, which both have.
     values = Columns(executed.body).ends[-len(names) :, 0].tolist()
     assert dict(zip(names, values, strict=True)) == pytest.approx(
@@ -226,7 +226,7 @@ def test_predefined_names_have_the_values_of_linuxcnc(state):
 )
 def test_a_value_that_the_machine_knows_is_assumed(name, value, key):
     executed = run_gcode("G21 G90", "G0 X1", f"G0 Y[#<{name}>]", "G0 Z1", "M2")
-    assert tell(executed) == []
+    assert list_findings(executed) == []
     assert [(item.line, item.key) for item in executed.assumed] == [(3, key)]
     assert Columns(executed.body).ends[0].tolist() == [1.0, value, 1.0]
 
@@ -234,14 +234,14 @@ def test_a_value_that_the_machine_knows_is_assumed(name, value, key):
 def test_a_program_runs_on_the_machine():
     # Manual: 1 if the interpreter is part of the task that runs the machine. rs274 is not.
     executed = run_gcode("G21 G90", "G0 X0 Y0 Z#<_task>", "M2")
-    assert (tell(executed), executed.assumed) == ([], ())
+    assert (list_findings(executed), executed.assumed) == ([], ())
     assert Columns(executed.body).ends[0].tolist() == [0.0, 0.0, 1.0]
 
 
 def test_a_predefined_name_cannot_be_set():
-    # rs274: Cannot assign to read-only parameter #<_x>
+    # rs274: Cannot assign to read-only parameter #<_x>.
     executed = run_gcode("G21 G90", "G0 X0 Y0 Z0", "#<_x>=4", "#<_mine>=4", "G0 X#<_mine>", "M2")
-    assert tell(executed) == ["3: refused: #<_x> cannot be set"]
+    assert list_findings(executed) == ["3: refused: #<_x> cannot be set"]
 
 
 # -- subroutines without a program -----------------------------------------------------------------
@@ -260,33 +260,35 @@ o100 endsub
 
 def run_entry(entry: str, *arguments: float) -> Executed:
     """The run of a subroutine."""
-    given = {f"args[{number}]": value for number, value in enumerate(arguments, 1)}
-    return find_language("gcode").run({"a.ngc": DRILL}, RunRequest("linuxcnc", given, entry=entry))
+    arguments_by_name = {f"args[{number}]": value for number, value in enumerate(arguments, 1)}
+    return find_language("gcode").run(
+        {"a.ngc": DRILL}, Ask("linuxcnc", arguments_by_name, entry=entry)
+    )
 
 
 @needs_rs274
 def test_a_subroutine_runs_as_linuxcnc_calls_it():
-    judge = canon.run(f"G21 G90\n{DRILL}o<drill> call [10] [20] [3]\nM2\n")
+    reference = canon.run(f"G21 G90\n{DRILL}o<drill> call [10] [20] [3]\nM2\n")
     executed = run_entry("drill", 10, 20, 3)
-    assert tell(executed) == []
-    assert list_ends(executed) == [list(call.end) for call in judge.moves[1:]]
+    assert list_findings(executed) == []
+    assert list_ends(executed) == [list(call.end) for call in reference.moves[1:]]
     assert ("not called", "o100 (line 7)") in executed.facts
 
 
 @pytest.mark.parametrize("entry", ["100", "O100", "o100"])
-def test_a_subroutine_has_a_number(entry):
+def test_a_subroutine_can_be_named_by_its_number(entry):
     assert list_ends(run_entry(entry, 7)) == [[1, 1, 7]]
 
 
-def test_a_subroutine_without_arguments():
+def test_the_arguments_and_units_of_a_subroutine_are_assumed():
     executed = run_entry("o<drill>")
     assert [item.key for item in executed.assumed] == ["args", "inch"]
     assert list_ends(executed)[-1] == [0, 0, 5]
 
 
-def test_a_subroutine_that_is_not_there():
+def test_a_missing_subroutine_is_refused():
     what = "there is no subroutine mill, which is asked for; the text has <drill>, 100"
-    assert f"1: refused: {what}" in tell(run_entry("mill"))
+    assert f"1: refused: {what}" in list_findings(run_entry("mill"))
 
 
 def test_a_text_of_subroutines_lists_them():
@@ -302,31 +304,31 @@ def test_g64_may_choose_a_planner():
     # Manual of LinuxCNC's development version, G64: R is the planner. rs274 2.9: R word with no g
     # code that uses it.
     executed = run_gcode("G21 G90 G17", "G64 P0.01 R0.5", "G0 X0 Y0 Z0", "F100 G1 X10", "M2")
-    assert tell(executed) == [
+    assert list_findings(executed) == [
         "2: unusual: R of G64 chooses the planner of a newer LinuxCNC; version 2.9 refuses it"
     ]
     assert list_ends(executed) == [[0, 0, 0], [10, 0, 0]]
 
 
-def test_lines_with_checksums_are_those_of_a_printer():
-    # By hand: the exclusive or of the bytes before the star, as Marlin computes it.
+def test_lines_with_checksums_are_of_a_printer_and_checked():
+    # Computed by hand: the exclusive or of the bytes before the star, as Marlin computes it.
     lines = ("N1 G28*18", "N2 G21*24", "N3 G90*16", "N4 G1 X10 Y10 F1000*88")
     executed = run_gcode(*lines, dialect="")
     assert ("dialect", "marlin (N1 G28*18)") in executed.facts
     text = "checksum {}, and that of the line is {}: the line was changed; {}"
     again = "a printer asks the host for it again"
-    assert tell(executed) == [
+    assert list_findings(executed) == [
         f"3: unusual: {text.format(16, 19, again)}",
         f"4: unusual: {text.format(88, 74, again)}",
     ]
     assert list_ends(executed) == [[0, 0, 0], [10, 10, 0]]
-    sound = run_gcode(*lines[:2], "N3 G90*19", "N4 G1 X10 Y10 F1000*74", dialect="")
-    assert tell(sound) == []
+    correct = run_gcode(*lines[:2], "N3 G90*19", "N4 G1 X10 Y10 F1000*74", dialect="")
+    assert list_findings(correct) == []
 
 
-def test_a_product_is_no_checksum():
+def test_a_product_is_not_a_checksum():
     executed = run_gcode("N1 G21 G90", "N2 #1=[2*3]", "N3 G0 X0 Y0 Z#1", "M2", dialect="")
-    assert tell(executed) == []
+    assert list_findings(executed) == []
     assert list_ends(executed) == [[0, 0, 6]]
 
 
@@ -339,13 +341,13 @@ def run_pac(*lines: str) -> Executed:
     return find_language("pacscript").run({"a.pac": text}, RunRequest())
 
 
-def test_a_range_of_positions_is_each_of_them():
+def test_a_range_of_positions_is_a_motion_to_each_of_them():
     # PAC: MOVE P, P[1 TO 3] goes through P1, P2 and P3.
     lines = [f"P{number} = (300, {number}, 300, 180, 0, 180, 5)" for number in (1, 2, 3)]
     executed = run_pac(*lines, "MOVE P, @P P[1 TO 3]", "MOVE L, @0 P[2 TO I1]", "MOVE L, P[3 TO 1]")
     assert list_ends(executed)[:3] == [[300, 1, 300], [300, 2, 300], [300, 3, 300]]
     assert [item.blend for item in executed.body[:3]] == [1.0, 1.0, 1.0]
-    # The bounds of the other two are not understood: they lead to where no text says.
+    # The bounds of the other two ranges are not understood, so their targets are unknown.
     reasons = {(item.line, item.what) for item in executed.assumed}
     assert (6, "the pass mark of a range of positions holds for each of them") in reasons
     assert (8, "the range from 3 to 1 runs backwards: left out") in reasons
@@ -363,12 +365,12 @@ def test_a_free_curve_goes_through_the_points_of_its_path():
         "MOVE S, 1",
     )
     assert [end[1] for end in list_ends(executed)] == [0, 10, 20, 5]
-    # No text says how the controller curves: another machine must not run the lines.
+    # The curve is known only to the controller: another machine must not run the lines.
     curve = "the free curve of line {} is shown as lines through its points"
     assert executed.lost == ((6, curve.format(6)), (9, curve.format(9)))
 
 
-def test_the_path_of_a_free_curve_has_the_same_words_in_rc8():
+def test_rc8_has_the_same_words_for_the_path_of_a_free_curve():
     text = """Sub Main
   TakeArm
   Move P, P(300,0,300,180,0,180)
@@ -385,7 +387,7 @@ End Sub
 
 
 def test_lists_of_values_add_up_to_a_position():
-    # By hand: 200 mm above, as P13 + (0, 0, 200, 0, 0, 0) is.
+    # Computed by hand: 200 mm above, as P13 + (0, 0, 200, 0, 0, 0) is.
     executed = run_pac(
         "P12 = (450, -570, 450, 90, 0, 0) + (0, 0, 200, 0, 0, 0)",
         "P13 = (450, -570, 450, 90, 0, 0)",
@@ -393,9 +395,9 @@ def test_lists_of_values_add_up_to_a_position():
         "P15 = (0, 0, 200, 0, 0, 0) + P13",
         *(f"MOVE P, P{number}" for number in (12, 13, 14, 15)),
     )
-    tops, (low,) = list_ends(executed)[::2], list_ends(executed)[1:2]
-    assert tops == [pytest.approx([450, -570, 650])] * 2
-    assert low == [450, -570, 450]
+    upper, (lower,) = list_ends(executed)[::2], list_ends(executed)[1:2]
+    assert upper == [pytest.approx([450, -570, 650])] * 2
+    assert lower == [450, -570, 450]
     # The first list has no orientation: the shift is in the work frame as well.
     assert list_ends(executed)[3] == pytest.approx([450, -570, 650])
 
@@ -441,19 +443,20 @@ def run_rapid(*statements: str) -> Executed:
     return find_language("rapid").run({"m.mod": text}, RunRequest())
 
 
-def list_places(executed: Executed) -> list[tuple[str, list[float]]]:
-    """The end of each motion, mm, with its frame."""
-    places = Columns(executed.body).ends.round(6).tolist()
-    numbers = executed.frame or (0,) * len(places)
+def list_positions(executed: Executed) -> list[tuple[str, list[float]]]:
+    """The end of each motion with its frame, mm."""
+    positions = Columns(executed.body).ends.round(6).tolist()
+    numbers = executed.frame or (0,) * len(positions)
     works = [executed.frames[number].work for number in numbers]
-    return list(zip(works, places, strict=True))
+    return list(zip(works, positions, strict=True))
 
 
-HERE = "where the arm is in line 8"
+#: The frame of the position of the arm.
+ARM_FRAME = "where the arm is in line 8"
 
 
-def test_places_relative_to_an_unknown_pose_are_in_a_frame_of_their_own():
-    # By hand: Offs moves along the axes of the work object, from wherever the arm is.
+def test_positions_relative_to_an_unknown_pose_are_in_their_own_frame():
+    # Computed by hand: Offs moves along the axes of the work object, from wherever the arm is.
     executed = run_rapid(
         "now:=CRobT();",
         "MoveL Offs(now,0,0,50),v100,fine,tool0;",
@@ -461,13 +464,13 @@ def test_places_relative_to_an_unknown_pose_are_in_a_frame_of_their_own():
         "MoveC Offs(now,20,40,50),Offs(now,20,20,50),v100,fine,tool0;",
         "MoveJ now,v100,fine,tool0;",
     )
-    assert tell(executed) == []
+    assert list_findings(executed) == []
     ends = [(0, 0, 50), (0, 40, 50), (20, 20, 50), (0, 0, 0)]
-    assert list_places(executed)[:4] == [(HERE, list(end)) for end in ends]
-    assert list_places(executed)[4] == ("", [500, 0, 500])
-    assert [frame.base_from_work for frame in executed.frames if frame.work == HERE] == [None]
+    assert list_positions(executed)[:4] == [(ARM_FRAME, list(end)) for end in ends]
+    assert list_positions(executed)[4] == ("", [500, 0, 500])
+    assert [frame.base_from_work for frame in executed.frames if frame.work == ARM_FRAME] == [None]
     # Another machine must not run them in a frame that it knows.
-    what = f"{HERE} is not in the text: motions from there are shown in a frame of that name"
+    what = f"{ARM_FRAME} is not in the text: motions from there are shown in a frame of that name"
     assert (9, what) in executed.lost
 
 
@@ -479,12 +482,12 @@ def test_reltool_moves_along_the_unknown_axes_of_the_tool():
         "MoveL RelTool(CRobT(),10,0,0),v100,fine,tool0;",
         "MoveL Offs(CRobT(),1,0,0),v100,fine,tool0;",
     )
-    along = f"{HERE}, along the tool"
-    # By hand: after a quarter turn about z the x of the tool is the y of before.
+    along = f"{ARM_FRAME}, along the tool"
+    # Computed by hand: after a quarter turn about z the x of the tool is the y of before.
     ends = [(0, 0, -30), (10, 0, -30), (10, 10, -30)]
-    assert list_places(executed)[:3] == [(along, list(end)) for end in ends]
-    # How the tool lies to the work object is unknown: the last one is left out.
-    assert len(list_places(executed)) == 4
+    assert list_positions(executed)[:3] == [(along, list(end)) for end in ends]
+    # The orientation of the tool in the work object is unknown: the last motion is left out.
+    assert len(list_positions(executed)) == 4
     assert "a target is not known (where the arm is): motions there are left out" in [
         item.what for item in executed.assumed
     ]
@@ -500,9 +503,9 @@ def test_reltool_moves_along_the_unknown_axes_of_the_tool():
         "PDispSet [[0,0,9],[1,0,0,0]]; MoveL now,v100,fine,tool0;",
     ],
 )
-def test_other_places_of_an_unknown_pose_are_left_out(statement):
+def test_a_target_that_needs_the_unknown_pose_itself_is_left_out(statement):
     executed = run_rapid("now:=CRobT();", statement, "PDispOff;")
-    assert [place for _, place in list_places(executed)] == [[500, 0, 500]]
+    assert [position for _, position in list_positions(executed)] == [[500, 0, 500]]
     assert any("motions there are left out" in what for _, what in executed.lost)
 
 
@@ -516,7 +519,7 @@ def test_lengths_and_extents_do_not_mix_frames():
     )
     carried = as_far_as_known(executed)
     sums = sum_up(Columns(carried.body), carried.works)
-    # By hand: 30 mm across and 40 mm down. The way into the frame and out of it is unknown.
+    # Computed by hand: 30 mm across and 40 mm down. The motions to and from the frame are unknown.
     assert sums.straight == pytest.approx(50)
     assert sorted(sums.extents_by_work.values()) == [
         ((0, 0, 10), (0, 30, 50)),

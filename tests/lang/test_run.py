@@ -11,7 +11,7 @@ import pytest
 from camgen.lang.run import Budget, LoopRounds, Stopped
 
 
-def test_a_budget_is_the_text_and_its_limit() -> None:
+def test_a_budget_is_the_length_of_the_text_and_the_limit() -> None:
     budget = Budget(7, 1000.0, "rapid_steps")
     for _ in range(7 + 900):
         budget.spend()
@@ -40,7 +40,7 @@ def test_a_loop_whose_period_is_a_power_of_two_is_found(before: int, period: int
     assert 0 < number <= 4 * max(before, period) + 8
 
 
-def test_a_loop_that_counts_is_none() -> None:
+def test_a_loop_with_new_states_does_not_repeat_itself() -> None:
     assert not find_repetition(iter(range(5000)))
     assert not find_repetition(None for _ in range(5000))
 
@@ -58,7 +58,7 @@ def test_few_states_of_a_long_loop_are_read() -> None:
     assert reads < 50
 
 
-def test_the_kept_round_tells_where_the_repetition_begins() -> None:
+def test_the_kept_length_is_that_before_the_repetition() -> None:
     rounds = LoopRounds()
     states, lengths = ["a", "b", "b"], [5, 9, 9]
     pairs = zip(states, lengths, strict=True)

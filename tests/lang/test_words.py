@@ -58,7 +58,7 @@ def test_a_word_has_the_effect_of_its_table(language, kind, word):
 
 
 @pytest.mark.parametrize("language", TABLES)
-def test_no_word_stands_in_two_tables(language):
+def test_no_word_is_in_two_tables(language):
     table = TABLES[language]
     words = [*table.SILENT, *table.OMITTED, *table.LOST]
     assert [word for word, count in Counter(words).items() if count > 1] == []
@@ -168,7 +168,7 @@ TRIGGERS = {
 
 
 @pytest.mark.parametrize("name", TRIGGERS)
-def test_what_a_trigger_does_is_read_reported_or_refused(name: str) -> None:
+def test_a_trigger_is_read_reported_or_refused(name: str) -> None:
     statement, lost, omitted = TRIGGERS[name]
     motion = LINE.replace("MoveL", "TriggL").replace("v80,", "v80,trOld,")
     executed = run("rapid", f"{statement} {motion}tOld\\WObj:=wOld;")
@@ -176,7 +176,7 @@ def test_what_a_trigger_does_is_read_reported_or_refused(name: str) -> None:
     assert [what for _, what in executed.omitted] == omitted
 
 
-def test_outputs_on_the_way_of_a_joint_motion_are_reported():
+def test_outputs_along_a_joint_motion_are_reported():
     joint = LINE.replace("MoveL", "TriggJ").replace("v80,", "v80,trOld,")
     executed = run("rapid", f"TriggIO trOld,5\\DOp:=doOld,1; {joint}tOld\\WObj:=wOld;")
     what = "triggj: the place of its triggers on the way; here they act at its end"
@@ -184,10 +184,10 @@ def test_outputs_on_the_way_of_a_joint_motion_are_reported():
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_build_refuses_what_another_machine_would_run_differently(
+def test_a_build_refuses_a_word_that_another_machine_runs_differently(
     tmp_path: Path, name: str
 ) -> None:
-    """One line: the file, the word, the remedy, and the line."""
+    """The error is one line with the file, the word, the remedy and the line number."""
     statement, what = CASES[name]
     file = tmp_path / "old.mod"
     text = write_program("rapid", 0, 1, statement)
@@ -200,7 +200,7 @@ def test_a_build_refuses_what_another_machine_would_run_differently(
     assert "\n" not in str(error.value)
 
 
-def test_a_build_prints_what_verify_prints(tmp_path: Path) -> None:
+def test_a_build_prints_the_assumptions_and_omissions_of_verify(tmp_path: Path) -> None:
     file = tmp_path / "old.mod"
     file.write_text(write_program("rapid", 0, 1, "AccSet 20,30; WaitDI di1,1; PulseDO doGlue;"))
     result = camgen.build(file, post="rapid", job={"post": {"signals": {"doGlue": "doGlue"}}})

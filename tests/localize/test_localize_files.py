@@ -1,4 +1,4 @@
-"""camgen localize from files to a job file; scans that cannot be used; formats of point clouds."""
+"""camgen localize from files to a job file, unusable scans, and formats of point clouds."""
 
 import struct
 import tomllib
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("localize_once")
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "cloud"
 PART = trimesh.load_mesh(PARTS / "rfa1.stl")
-#: Angles that R = Rz Ry Rx does not forgive when the order is another.
+#: Angles whose rotation differs clearly if the order is not R = Rz Ry Rx.
 TRUTH = (120.0, -40.0, 25.0, 10.0, -20.0, 130.0)
 
 
@@ -31,19 +31,19 @@ def cloud():
     return scan(PART, 6000, 1, ROUND, 0.05, 0.1) @ turn.T + np.array(TRUTH[:3])
 
 
-def run(*words):
+def run_localize(*words):
     return cli.main(["localize", *map(str, words)])
 
 
-def test_from_files_to_a_job_file_and_a_build(cloud, tmp_path, capsys):
+def test_the_job_file_of_a_scan_is_accepted_by_a_build(cloud, tmp_path, capsys):
     np.savetxt(tmp_path / "bench.xyz", cloud, fmt="%.5f")
     target = tmp_path / "frame.toml"
-    assert run(PARTS / "rfa1.stl", tmp_path / "bench.xyz", "-o", target) == 0
-    said = capsys.readouterr()
+    assert run_localize(PARTS / "rfa1.stl", tmp_path / "bench.xyz", "-o", target) == 0
+    captured = capsys.readouterr()
     text = target.read_text()
     values = tomllib.loads(text)["cell"]["base_from_work"]
     assert values == pytest.approx(TRUTH, abs=0.05)
-    assert said.out.strip() == text.splitlines()[-1]
+    assert captured.out.strip() == text.splitlines()[-1]
     for word in (
         "# overlap: 100.0 % of the scan without the bench",
         "# residual: 0.0",
@@ -52,187 +52,217 @@ def test_from_files_to_a_job_file_and_a_build(cloud, tmp_path, capsys):
         "where rfa1.stl stands in bench.xyz",
     ):
         assert word in text
-    assert "model     rfa1.stl: 125 x 95 x 70 mm, 396 triangles" in said.err
-    assert "scan      bench.xyz: 6 000 points" in said.err
-    assert run("-q", PARTS / "rfa1.stl", tmp_path / "bench.xyz", "-o", tmp_path / "again.toml") == 0
+    assert "model     rfa1.stl: 125 x 95 x 70 mm, 396 triangles" in captured.err
+    assert "scan      bench.xyz: 6 000 points" in captured.err
+    assert (
+        run_localize(
+            "-q", PARTS / "rfa1.stl", tmp_path / "bench.xyz", "-o", tmp_path / "again.toml"
+        )
+        == 0
+    )
     assert capsys.readouterr() == ("", "")
     assert (tmp_path / "again.toml").read_bytes() == target.read_bytes()
-    # The job file is taken by a build.
-    table = tomllib.loads(text)
-    built = camgen.build(PARTS / "bracket.dxf", post="rapid", job=table)
-    frame = built.program.base_from_work
+    job = tomllib.loads(text)
+    result = camgen.build(PARTS / "bracket.dxf", post="rapid", job=job)
+    frame = result.program.base_from_work
     assert np.allclose(frame.rotation, pose_from_values(TRUTH).rotation, atol=1e-3)
     assert np.allclose(frame.origin, TRUTH[:3], atol=0.05)
 
 
-def test_metres_and_a_symmetric_part(tmp_path, capsys):
+def test_a_unit_is_advised_and_a_start_chooses_among_symmetric_poses(tmp_path, capsys):
     box = trimesh.creation.box((80, 80, 30))
     box.export(tmp_path / "box.stl")
     np.savetxt(
         tmp_path / "box.csv", scan(box, 4000, 2) / 1000, fmt="%.8f", delimiter=",", header="x,y,z"
     )
     words = (tmp_path / "box.stl", tmp_path / "box.csv", "-o", tmp_path / "frame.toml")
-    assert run(*words) == 2
+    assert run_localize(*words) == 2
     assert "it is found with --units m (a part of 80 x 80 x 30 mm)\n" in capsys.readouterr().err
     assert not (tmp_path / "frame.toml").exists()
-    assert run(*words, "--units", "m", "--start=0,0,0,0,0,180") == 0
+    assert run_localize(*words, "--units", "m", "--start=0,0,0,0,0,180") == 0
     text = (tmp_path / "frame.toml").read_text()
     assert "# ambiguous: other poses that fit as well: 7" in text
     assert "# units: 1 unit = 1 mm in the model, 1 unit = 1000 mm in the scan\n" in text
     assert abs(tomllib.loads(text)["cell"]["base_from_work"][5]) == pytest.approx(180, abs=0.1)
 
 
-def test_a_step_model(cloud, tmp_path):
+def test_a_step_model_is_located(cloud, tmp_path):
     pytest.importorskip("OCP", reason="the extra step is not installed")
     np.savetxt(tmp_path / "bench.xyz", cloud, fmt="%.5f")
     assert (
-        run("-q", PARTS / "rfa1.step", tmp_path / "bench.xyz", "-o", tmp_path / "frame.toml") == 0
+        run_localize(
+            "-q", PARTS / "rfa1.step", tmp_path / "bench.xyz", "-o", tmp_path / "frame.toml"
+        )
+        == 0
     )
     values = tomllib.loads((tmp_path / "frame.toml").read_text())["cell"]["base_from_work"]
     assert values == pytest.approx(TRUTH, abs=0.05)
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (("--units", "furlong"), "--units: unknown unit 'furlong'; give mm, cm, m, inch"),
         (("--start", "1,2,3"), "--start: '1,2,3' is not a pose; give x,y,z,rx,ry,rz"),
         (("--start", "1,2,3,4,5,nan"), "--start: '1,2,3,4,5,nan' is not a pose"),
     ],
 )
-def test_options_that_cannot_be(words, says, tmp_path, capsys):
-    assert run(PARTS / "rfa1.stl", tmp_path / "none.xyz", "-o", tmp_path / "f.toml", *words) == 2
-    assert says in capsys.readouterr().err
+def test_an_invalid_option_is_refused(words, message, tmp_path, capsys):
+    assert (
+        run_localize(PARTS / "rfa1.stl", tmp_path / "none.xyz", "-o", tmp_path / "f.toml", *words)
+        == 2
+    )
+    assert message in capsys.readouterr().err
 
 
 def test_neither_model_nor_scan_is_overwritten(tmp_path, capsys):
     (tmp_path / "a.xyz").write_text("0 0 0\n")
-    assert run(PARTS / "rfa1.stl", tmp_path / "a.xyz", "-o", tmp_path / "a.xyz") == 2
+    assert run_localize(PARTS / "rfa1.stl", tmp_path / "a.xyz", "-o", tmp_path / "a.xyz") == 2
     assert "would overwrite" in capsys.readouterr().err
 
 
 # -- formats
 
 
-def a_cloud():
+def make_cloud():
     return np.random.default_rng(0).uniform(-100, 100, (200, 3)).astype(np.float32)
 
 
-def pcd(points, way, body):
-    head = "# .PCD v0.7\nVERSION 0.7\nFIELDS intensity x y z\nSIZE 2 4 4 4\nTYPE U F F F\nCOUNT 1 1 1 1\n"
-    head += f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {way}\n"
+def make_pcd(points, encoding, body):
+    head = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS intensity x y z\nSIZE 2 4 4 4\nTYPE U F F F\n"
+        "COUNT 1 1 1 1\n"
+    )
+    head += (
+        f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\n"
+        f"DATA {encoding}\n"
+    )
     return head.encode() + body
 
 
-def ply(points, way, body):
-    head = f"ply\nformat {way} 1.0\ncomment x\nelement vertex {len(points)}\nproperty uchar q\n"
-    head += "property double x\nproperty float y\nproperty float z\nelement face 0\nproperty list uchar int i\n"
+def make_ply(points, encoding, body):
+    head = (
+        f"ply\nformat {encoding} 1.0\ncomment x\nelement vertex {len(points)}\nproperty uchar q\n"
+    )
+    head += (
+        "property double x\nproperty float y\nproperty float z\nelement face 0\n"
+        "property list uchar int i\n"
+    )
     return head.encode() + b"end_header\n" + body
 
 
-def texts(points, between=" ", first="9"):
-    return "".join(
-        between.join([*([first] if first else []), *(f"{v:.9g}" for v in p)]) + "\n" for p in points
-    )
+def make_rows(points, separator=" ", first="9"):
+    """A text line for each point, which begins with `first` unless it is empty."""
+    lines = []
+    for point in points:
+        words = ([first] if first else []) + [f"{value:.9g}" for value in point]
+        lines.append(separator.join(words) + "\n")
+    return "".join(lines)
 
 
-def literal(data):
-    """LZF that copies nothing: runs of up to 32 bytes."""
+def compress_by_copying(data):
+    """LZF without back references, in runs of up to 32 bytes."""
     parts = (data[i : i + 32] for i in range(0, len(data), 32))
     return b"".join(bytes([len(part) - 1]) + part for part in parts)
 
 
-def written(kind, points):
+def make_file(kind, points):
     rows = points.tolist()
     columns = struct.pack(f"<{len(rows)}H", *[9] * len(rows)) + points.T.astype("<f4").tobytes()
-    packed = literal(columns)
+    packed = compress_by_copying(columns)
     return {
-        "a.xyz": texts(points, first="").encode(),
+        "a.xyz": make_rows(points, first="").encode(),
         "b.csv": b"x;y;z;i\n" + "".join(f"{x};{y};{z};7\n" for x, y, z in rows).encode(),
-        "c.txt": b"# head\r\n" + texts(points, "\t", "").replace("\n", "\t1\t2\r\n").encode(),
-        "d.pcd": pcd(points, "ascii", texts(points).encode()),
-        "e.pcd": pcd(points, "binary", b"".join(struct.pack("<H3f", 9, *p) for p in rows)),
-        "f.pcd": pcd(
+        "c.txt": b"# head\r\n" + make_rows(points, "\t", "").replace("\n", "\t1\t2\r\n").encode(),
+        "d.pcd": make_pcd(points, "ascii", make_rows(points).encode()),
+        "e.pcd": make_pcd(
+            points, "binary", b"".join(struct.pack("<H3f", 9, *point) for point in rows)
+        ),
+        "f.pcd": make_pcd(
             points, "binary_compressed", struct.pack("<II", len(packed), len(columns)) + packed
         ),
-        "g.ply": ply(points, "ascii", texts(points).encode()),
-        "h.ply": ply(
-            points, "binary_little_endian", b"".join(struct.pack("<Bdff", 9, *p) for p in rows)
+        "g.ply": make_ply(points, "ascii", make_rows(points).encode()),
+        "h.ply": make_ply(
+            points,
+            "binary_little_endian",
+            b"".join(struct.pack("<Bdff", 9, *point) for point in rows),
         ),
-        "i.ply": ply(
-            points, "binary_big_endian", b"".join(struct.pack(">Bdff", 9, *p) for p in rows)
+        "i.ply": make_ply(
+            points, "binary_big_endian", b"".join(struct.pack(">Bdff", 9, *point) for point in rows)
         ),
         "j.obj": b"# points\n" + "".join(f"v {x} {y} {z}\n" for x, y, z in rows).encode(),
     }[kind]
 
 
-KINDS = ["a.xyz", "b.csv", "c.txt", "d.pcd", "e.pcd", "f.pcd", "g.ply", "h.ply", "i.ply", "j.obj"]
+FORMATS = ["a.xyz", "b.csv", "c.txt", "d.pcd", "e.pcd", "f.pcd", "g.ply", "h.ply", "i.ply", "j.obj"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_format_holds_the_same_points(kind, tmp_path):
-    (tmp_path / kind).write_bytes(written(kind, a_cloud()))
-    found = read_scan(source(tmp_path / kind), "cm")
-    assert found.points == pytest.approx(a_cloud() * 10.0, rel=1e-6)
-    assert found.notes == ()
+@pytest.mark.parametrize("kind", FORMATS)
+def test_each_format_gives_the_same_points(kind, tmp_path):
+    (tmp_path / kind).write_bytes(make_file(kind, make_cloud()))
+    read_cloud = read_scan(source(tmp_path / kind), "cm")
+    assert read_cloud.points == pytest.approx(make_cloud() * 10.0, rel=1e-6)
+    assert read_cloud.notes == ()
 
 
 @pytest.mark.parametrize("kind", ["d.pcd", "e.pcd"])
 def test_points_beyond_the_count_of_a_pcd_are_named(kind, tmp_path):
-    data = written(kind, a_cloud()).replace(b"POINTS 200", b"POINTS 150")
+    data = make_file(kind, make_cloud()).replace(b"POINTS 200", b"POINTS 150")
     (tmp_path / kind).write_bytes(data)
     cloud = read_scan(source(tmp_path / kind))
-    assert cloud.points == pytest.approx(a_cloud()[:150], rel=1e-6)
+    assert cloud.points == pytest.approx(make_cloud()[:150], rel=1e-6)
     assert [str(note) for note in cloud.notes] == [
         "repaired: 50 points were left out (POINTS of the head says 150)"
     ]
 
 
 @pytest.mark.parametrize(
-    ("fields", "says"),
+    ("fields", "fault"),
     [("intensity X Y Z", ""), ("x X y z", "more than one is x"), ("a b y z", "none is x")],
 )
-def test_fields_in_capital_letters(fields, says, tmp_path):
-    data = written("e.pcd", a_cloud()).replace(b"intensity x y z", fields.encode())
+def test_fields_may_have_upper_case_letters_but_not_twice_the_same_name(fields, fault, tmp_path):
+    data = make_file("e.pcd", make_cloud()).replace(b"intensity x y z", fields.encode())
     (tmp_path / "a.pcd").write_bytes(data)
-    if says:
-        with pytest.raises(InputError, match=f"of its fields '{fields.replace(' ', ', ')}' {says}"):
+    if fault:
+        with pytest.raises(
+            InputError, match=f"of its fields '{fields.replace(' ', ', ')}' {fault}"
+        ):
             read_scan(source(tmp_path / "a.pcd"))
     else:
-        assert read_scan(source(tmp_path / "a.pcd")).points == pytest.approx(a_cloud(), rel=1e-6)
+        assert read_scan(source(tmp_path / "a.pcd")).points == pytest.approx(make_cloud(), rel=1e-6)
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj"])
-def test_a_scan_that_is_a_mesh_is_spread_over_its_faces(suffix, tmp_path):
+def test_a_mesh_becomes_points_spread_over_its_faces(suffix, tmp_path):
     trimesh.creation.box((10, 20, 30)).export(tmp_path / f"box{suffix}")
-    found = read_scan(source(tmp_path / f"box{suffix}"))
-    assert np.abs(np.abs(found.points) / [5, 10, 15]).max(axis=1) == pytest.approx(
-        np.ones(len(found.points))
+    read_cloud = read_scan(source(tmp_path / f"box{suffix}"))
+    assert np.abs(np.abs(read_cloud.points) / [5, 10, 15]).max(axis=1) == pytest.approx(
+        np.ones(len(read_cloud.points))
     )
-    assert "were spread over the 12 faces" in str(found.notes[-1])
+    assert "were spread over the 12 faces" in str(read_cloud.notes[-1])
 
 
-def test_what_a_scanner_did_not_see_is_left_out_and_counted(tmp_path):
-    points = a_cloud()
+def test_points_without_a_measurement_are_left_out_and_counted(tmp_path):
+    points = make_cloud()
     points[3] = np.nan
     points[5, 1] = np.inf
     points[10:14] = 0
-    (tmp_path / "a.ply").write_bytes(written("h.ply", points))
-    found = read_scan(source(tmp_path / "a.ply"))
-    assert len(found.points) == 194
-    assert [note.what.split()[0] for note in found.notes] == ["2", "4"]
+    (tmp_path / "a.ply").write_bytes(make_file("h.ply", points))
+    read_cloud = read_scan(source(tmp_path / "a.ply"))
+    assert len(read_cloud.points) == 194
+    assert [note.what.split()[0] for note in read_cloud.notes] == ["2", "4"]
 
 
-@pytest.mark.parametrize("kind", KINDS[3:9])
-def test_a_cloud_that_breaks_off_is_damaged(kind, tmp_path):
-    data = written(kind, a_cloud())
+@pytest.mark.parametrize("kind", FORMATS[3:9])
+def test_a_truncated_cloud_is_damaged(kind, tmp_path):
+    data = make_file(kind, make_cloud())
     (tmp_path / kind).write_bytes(data[: len(data) - 900])
     with pytest.raises(InputError, match=f"{kind}: is damaged or no "):
         read_scan(source(tmp_path / kind))
 
 
 @pytest.mark.parametrize(
-    ("name", "data", "says"),
+    ("name", "data", "message"),
     [
         ("none.xyz", None, "there is no such file"),
         ("a.xyz", b"", "the file is empty"),
@@ -255,26 +285,29 @@ def test_a_cloud_that_breaks_off_is_damaged(kind, tmp_path):
         ("a.stl", b"solid x\nendsolid x\n", "a.stl: "),
     ],
 )
-def test_what_is_no_scan_is_refused_in_one_line(name, data, says, tmp_path, capsys):
+def test_a_file_that_is_not_a_scan_is_refused_in_one_line(name, data, message, tmp_path, capsys):
     if data is not None:
         (tmp_path / name).write_bytes(data)
-    assert run(PARTS / "rfa1.stl", tmp_path / name, "-o", tmp_path / "frame.toml") == 2
-    said = capsys.readouterr().err
-    assert says in said
-    assert said.count("\n") == 1
+    assert run_localize(PARTS / "rfa1.stl", tmp_path / name, "-o", tmp_path / "frame.toml") == 2
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert errors.count("\n") == 1
     assert not (tmp_path / "frame.toml").exists()
 
 
 def test_a_model_without_faces_is_refused(tmp_path, capsys):
-    (tmp_path / "points.ply").write_bytes(written("g.ply", a_cloud()))
-    (tmp_path / "a.xyz").write_bytes(written("a.xyz", a_cloud()))
-    assert run(tmp_path / "points.ply", tmp_path / "a.xyz", "-o", tmp_path / "frame.toml") == 2
+    (tmp_path / "points.ply").write_bytes(make_file("g.ply", make_cloud()))
+    (tmp_path / "a.xyz").write_bytes(make_file("a.xyz", make_cloud()))
+    assert (
+        run_localize(tmp_path / "points.ply", tmp_path / "a.xyz", "-o", tmp_path / "frame.toml")
+        == 2
+    )
     assert "has no faces" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data is not beside the repository")
 def test_real_clouds_are_read():
-    """Bounds and counts as the list of the data states them, measured with other software."""
+    """The expected bounds and counts were measured with other software."""
     milk = read_scan(source(SHARED / "data" / "milk.pcd")).points
     assert milk.shape == (12575, 3)
     assert milk.min(axis=0) == pytest.approx([0.17866, -0.21077, -0.82682], abs=1e-5)

@@ -28,10 +28,8 @@ def open_scan(name: str, data: bytes, unit: str = "") -> Any:
     return read_scan(Source(Path(name), data), unit)
 
 
-def insist_on_one_line(
-    folder: Path, name: str, data: bytes, capsys: pytest.CaptureFixture[str]
-) -> str:
-    """The line that `localize` refuses a scan with."""
+def read_refusal(folder: Path, name: str, data: bytes, capsys: pytest.CaptureFixture[str]) -> str:
+    """The line in which `localize` refuses a scan."""
     (folder / name).write_bytes(data)
     model = str(PARTS / "rfa1.stl")
     target = str(folder / "frame.toml")
@@ -56,7 +54,7 @@ def ptx(head: str, points: list[tuple[float, float, float]] = POINTS) -> str:
     )
 
 
-def test_a_ptx_by_a_worked_example() -> None:
+def test_a_ptx_has_the_points_of_a_published_example() -> None:
     """The file and the points of https://rapidlasso.de/matrix-transformation-in-lastools/."""
     head = """3\n3\n0 0 0\n1 0 0\n0 1 0\n0 0 1
 -0.955179 0.296021 -0.002106 0.000000
@@ -82,11 +80,11 @@ def test_a_ptx_by_a_worked_example() -> None:
     assert len(cloud.points) == 6
     wanted = "repaired: 3 rows without a point were left out (the scanner saw nothing there)"
     assert [str(note) for note in cloud.notes] == [wanted]
-    # The place of the scanner and its axes say nothing, the matrix another place.
+    # The head has default values for the scanner, which differ from the position in the matrix.
     assert cloud.viewpoint is None
 
 
-def test_a_ptx_in_its_frame_and_unit() -> None:
+def test_a_ptx_has_a_frame_and_a_unit() -> None:
     scan = open_scan("a.ptx", ptx(QUARTER).encode())
     assert scan.points == pytest.approx(1000 * np.array(TURNED))
     assert scan.viewpoint.tolist() == [10_000, 20_000, 30_000]
@@ -134,9 +132,11 @@ DAMAGED_PTX = {
 
 
 @pytest.mark.parametrize("kind", DAMAGED_PTX)
-def test_a_damaged_ptx(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text, says = DAMAGED_PTX[kind]
-    assert says in insist_on_one_line(tmp_path, "a.ptx", text.encode("latin-1"), capsys)
+def test_a_damaged_ptx_is_refused(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, message = DAMAGED_PTX[kind]
+    assert message in read_refusal(tmp_path, "a.ptx", text.encode("latin-1"), capsys)
 
 
 # E57, written by pye57
@@ -162,7 +162,7 @@ COLOUR = {f"color{name}": np.full(120, 7, np.uint8) for name in ("Red", "Green",
 METRES = "E57 is in m by its standard (ASTM E2807)"
 
 
-def test_an_e57_in_its_frame_and_unit(tmp_path: Path) -> None:
+def test_an_e57_has_a_frame_and_a_unit(tmp_path: Path) -> None:
     data = e57(tmp_path, {**POSE, "fields": COLOUR})
     scan = open_scan("a.e57", data)
     assert scan.points == pytest.approx(1000 * np.array(TURNED))
@@ -192,11 +192,11 @@ def test_scans_of_an_e57_are_joined_without_invalid_points(tmp_path: Path) -> No
     ]
 
 
-def test_a_damaged_e57(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_e57_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data = e57(tmp_path, POSE)
     flipped = data[:200] + bytes([data[200] ^ 1]) + data[201:]
     for damaged in (data[:1500], data[:40], b"ASTM-E57" + bytes(100), flipped, b"<xml/>"):
-        printed = insist_on_one_line(tmp_path, "a.e57", damaged, capsys)
+        printed = read_refusal(tmp_path, "a.e57", damaged, capsys)
         assert "a.e57: is damaged or not an E57 file: " in printed
     with pytest.raises(InputError, match="has no scan"):
         read_e57("a.e57", e57(tmp_path))
@@ -258,7 +258,7 @@ FEET = {"m": 1000.0, "ft": 304.8, "us-ft": 1200 / 3937 * 1000}
 
 
 @pytest.mark.parametrize("kind", UNITS)
-def test_units_of_las(kind: str, tmp_path: Path) -> None:
+def test_a_las_has_the_unit_of_its_coordinate_system(kind: str, tmp_path: Path) -> None:
     change, unit, stated = UNITS[kind]
     data = las(tmp_path, change)
     scan = open_scan("a.las", data)
@@ -280,7 +280,7 @@ def test_units_of_las(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         (with_keys(k1024=2), "its coordinates are longitude and latitude"),
         (with_wkt(DEGREE), "its coordinates are longitude and latitude"),
@@ -288,10 +288,10 @@ def test_units_of_las(kind: str, tmp_path: Path) -> None:
         (with_wkt(projected('"metre",1', '"foot",0.3048')), "in different units: ft and m"),
     ],
 )
-def test_systems_that_are_no_space(
-    change: Callable[[Any, Any], None], says: str, tmp_path: Path
+def test_a_coordinate_system_in_degrees_or_mixed_units_is_refused(
+    change: Callable[[Any, Any], None], message: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=message):
         open_scan("a.las", las(tmp_path, change))
 
 
@@ -306,22 +306,22 @@ def test_withheld_points_are_left_out(tmp_path: Path) -> None:
     ]
 
 
-def test_a_damaged_las(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_las_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data = las(tmp_path)
     count = data[:107] + b"\xff\xff\xff\x7f" + data[111:]
     # laspy makes up records that are missing, which took all memory.
     records = data[:100] + b"\xff\xff\xff\x7f" + data[104:]
     for damaged in (data[:2000], data[:100], b"LASF", b"LASX" + data[4:], records, count):
-        printed = insist_on_one_line(tmp_path, "a.las", damaged, capsys)
+        printed = read_refusal(tmp_path, "a.las", damaged, capsys)
         assert "a.las: is damaged or not a LAS file: " in printed
     assert "claims 2,147,483,647 points" in printed
     packed = data[:104] + bytes([data[104] | 0x80]) + data[105:]
-    printed = insist_on_one_line(tmp_path, "a.laz", packed, capsys)
+    printed = read_refusal(tmp_path, "a.laz", packed, capsys)
     assert printed == "camgen: error: a.laz: is packed (LAZ); export it as LAS\n"
 
 
 @pytest.mark.parametrize(("suffix", "package"), [("e57", "pye57"), ("las", "laspy")])
-def test_a_package_that_is_missing(
+def test_a_missing_package_is_an_error_in_one_line(
     suffix: str,
     package: str,
     tmp_path: Path,
@@ -329,13 +329,13 @@ def test_a_package_that_is_missing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    printed = insist_on_one_line(tmp_path, f"a.{suffix}", b"LASF", capsys)
+    printed = read_refusal(tmp_path, f"a.{suffix}", b"LASF", capsys)
     remedy = "pip install '.[scan]' in the folder of camgen, or export it as PLY"
     assert f"{suffix.upper()} needs the package {package}; {remedy}" in printed
 
 
-def test_an_e57_from_file_to_frame(tmp_path: Path) -> None:
-    """A scan in metres whose part stands at 500, 0, 0 mm, found without any option."""
+def test_an_e57_in_metres_is_located_without_options(tmp_path: Path) -> None:
+    """The true position of the part is 500, 0, 0 mm."""
     trimesh = pytest.importorskip("trimesh")
     pye57 = pytest.importorskip("pye57", reason="the extra scan is not installed")
     corners = trimesh.load_mesh(PARTS / "rfa1.stl")

@@ -1,6 +1,6 @@
-"""Scans with a bench, strays and other parts, and scans of parts that are nearly the model.
+"""Scans with a bench, stray points and other parts, and scans of parts that resemble the model.
 
-The scenes of tests/support/scenes.py share no code with camgen. Poses are known from their making.
+The scenes of tests/support/scenes.py share no code with camgen. Their true poses are known.
 """
 
 import re
@@ -34,8 +34,8 @@ def plate(length=100.0, hole=(30.0, 30.0), diameter=10.0, thickness=3.0):
     return scenes.stack([outline - Point(*hole).buffer(diameter / 2, 24)], [0, thickness])
 
 
-def cast(mesh, seed=0, step=0.7, margin=25.0, strays=0.0):
-    """A scan from one place above: the mesh, the bench at z = 0 around it, and stray points.
+def cast_scan(mesh, seed=0, step=0.7, margin=25.0, strays=0.0):
+    """A scan of the mesh on a bench at z = 0 from a viewpoint above, with stray points.
 
     strays: share of stray points in the scan, 0 to 1.
     """
@@ -50,50 +50,50 @@ def cast(mesh, seed=0, step=0.7, margin=25.0, strays=0.0):
     return np.vstack([points, rng.uniform(low, high, (count, 3))]) + middle
 
 
-def shape(mesh):
+def arrays_of(mesh):
     return np.array(mesh.vertices), np.array(mesh.faces)
 
 
-def farthest(mesh, pose, turn=None, place=(0.0, 0.0, 0.0)):
+def largest_error(mesh, pose, turn=None, place=(0.0, 0.0, 0.0)):
     """The largest distance of a vertex of the mesh from its true position, mm."""
     truth = mesh.vertices @ (np.eye(3) if turn is None else turn).T + np.array(place)
     located = mesh.vertices @ np.array(pose.rotation).T + np.array(pose.origin)
     return np.linalg.norm(located - truth, axis=1).max()
 
 
-# -- bench and strays
+# -- bench and stray points
 
 
 @pytest.mark.parametrize("is_viewpoint_given", [False, True])
-def test_a_thin_plate_on_a_bench_is_not_off_by_its_thickness(is_viewpoint_given):
+def test_a_thin_plate_on_a_bench_is_located_without_an_error_of_its_thickness(is_viewpoint_given):
     mesh = plate()
     eye = EYE + np.append(mesh.bounds.mean(axis=0)[:2], 0)
     location = localize(
-        "scan", shape(mesh), cast(mesh), viewpoint=eye if is_viewpoint_given else None
+        "scan", arrays_of(mesh), cast_scan(mesh), viewpoint=eye if is_viewpoint_given else None
     )
-    assert farthest(mesh, location.base_from_work) < 0.1
+    assert largest_error(mesh, location.base_from_work) < 0.1
     assert location.bench > 1000
 
 
 def test_stray_points_do_not_hide_a_part():
     mesh = plate()
-    scan = cast(mesh, strays=0.2)
-    location = localize("scan", shape(mesh), scan)
-    assert farthest(mesh, location.base_from_work) < 0.1
-    # A fifth is stray; a few of these lie beside others by chance.
+    scan = cast_scan(mesh, strays=0.2)
+    location = localize("scan", arrays_of(mesh), scan)
+    assert largest_error(mesh, location.base_from_work) < 0.1
+    # A fifth of the points are strays, of which a few are close to others by chance.
     assert location.isolated == pytest.approx(0.2 * len(scan), rel=0.15)
 
 
 def test_a_bench_far_larger_than_the_part_is_left_out():
     mesh = plate(thickness=20.0)
-    location = localize("scan", shape(mesh), cast(mesh, step=1.2, margin=120.0))
-    assert farthest(mesh, location.base_from_work) < 0.1
+    location = localize("scan", arrays_of(mesh), cast_scan(mesh, step=1.2, margin=120.0))
+    assert largest_error(mesh, location.base_from_work) < 0.1
 
 
 def test_the_bench_is_the_plane_with_the_scene_on_one_side():
     mesh = plate(thickness=20.0)
-    scan = cast(mesh, margin=60.0)
-    bench = find_benches(make_model(*shape(mesh)), scan)[0]
+    scan = cast_scan(mesh, margin=60.0)
+    bench = find_benches(make_model(*arrays_of(mesh)), scan)[0]
     assert bench.normal @ [0, 0, 1] == pytest.approx(1, abs=1e-4)
     assert bench.height == pytest.approx(0, abs=0.02)
     assert bench.certain  # 220 x 180 mm of bench, 100 x 60 mm of plate
@@ -108,15 +108,15 @@ def test_the_noise_is_that_of_the_planes():
 
 
 def test_a_sparse_surface_is_not_stray():
-    """A bench with one point in 36 mm2 beside a part with four in 1 mm2."""
+    """The bench has one point in 36 mm2, the part on it has four in 1 mm2."""
     rng = np.random.default_rng(2)
     part = np.column_stack([rng.uniform(0, 50, (10_000, 2)), rng.normal(20, 0.02, 10_000)])
     bench = np.column_stack([rng.uniform(-100, 200, (2_500, 2)), rng.normal(0, 0.02, 2_500)])
     strays = rng.uniform([-100, -100, 30], [200, 200, 200], (200, 3))
-    alone = find_isolated(np.vstack([part, bench, strays]))
-    assert alone[:10_000].mean() < 0.001
-    assert alone[10_000:12_500].mean() < 0.01
-    assert alone[12_500:].mean() > 0.95
+    is_isolated = find_isolated(np.vstack([part, bench, strays]))
+    assert is_isolated[:10_000].mean() < 0.001
+    assert is_isolated[10_000:12_500].mean() < 0.01
+    assert is_isolated[12_500:].mean() > 0.95
 
 
 # -- another part, and the part twice
@@ -131,33 +131,35 @@ def test_a_sparse_surface_is_not_stray():
         ({"length": 94.0}, (97, 22)),
     ],
 )
-def test_a_part_that_is_nearly_the_model_is_refused_with_the_place(other, place):
-    with pytest.raises(NoSafeProgram, match=ANOTHER) as caught:
-        localize("scan", shape(plate()), cast(plate(**other), step=0.6))
-    places = re.findall(r"at (-?[\d.]+), (-?[\d.]+), (?:-?[\d.]+) of the model", caught.value.where)
+def test_a_part_that_resembles_the_model_is_refused_with_the_position(other, place):
+    with pytest.raises(NoSafeProgram, match=ANOTHER) as error:
+        localize("scan", arrays_of(plate()), cast_scan(plate(**other), step=0.6))
+    places = re.findall(r"at (-?[\d.]+), (-?[\d.]+), (?:-?[\d.]+) of the model", error.value.where)
     assert min(np.hypot(float(x) - place[0], float(y) - place[1]) for x, y in places) < 15
 
 
-def test_the_other_hand_of_a_plate_with_a_counterbore_is_refused():
+def test_the_mirror_image_of_a_plate_with_a_counterbore_is_refused():
     outline = box(0, 0, 100, 60) - box(85, 45, 100, 60) - Point(30, 30).buffer(5, 24)
     mesh = scenes.stack([outline, outline - Point(70, 20).buffer(8, 24)], [0, 2, 4])
-    hand = scenes.stack([outline - Point(70, 20).buffer(8, 24), outline], [0, 2, 4])
+    mirrored = scenes.stack([outline - Point(70, 20).buffer(8, 24), outline], [0, 2, 4])
     with pytest.raises(NoSafeProgram, match=ANOTHER):
-        localize("scan", shape(mesh), cast(hand))
+        localize("scan", arrays_of(mesh), cast_scan(mirrored))
 
 
 def test_a_second_part_in_the_scan_is_named():
     mesh = plate(thickness=12.0)
-    first, second = cast(mesh, 1, margin=0.0), cast(mesh, 2, margin=0.0)
-    location = localize("scan", shape(mesh), np.vstack([first, second + np.array([200, 30, 0])]))
+    first, second = cast_scan(mesh, 1, margin=0.0), cast_scan(mesh, 2, margin=0.0)
+    location = localize(
+        "scan", arrays_of(mesh), np.vstack([first, second + np.array([200, 30, 0])])
+    )
     places = [location.base_from_work, *location.again]
     assert len(places) == 2
     places.sort(key=lambda pose: pose.origin[0])
-    assert farthest(mesh, places[0]) < 0.1
-    assert farthest(mesh, places[1], place=(200, 30, 0)) < 0.1
+    assert largest_error(mesh, places[0]) < 0.1
+    assert largest_error(mesh, places[1], place=(200, 30, 0)) < 0.1
 
 
-# -- cases of others
+# -- shared cases
 
 TILTED = (220.0, -75.0, 40.0, 12.0, -18.0, 140.0)
 ON_BENCH = (120.0, 60.0, 0.0, 0.0, 0.0, 35.0)
@@ -173,7 +175,7 @@ ON_BENCH = (120.0, 60.0, 0.0, 0.0, 0.0, 35.0)
         ("loc_part.stl", "loc_bench_flying0.005.ply", ON_BENCH),
     ],
 )
-def test_a_case_is_where_it_was_put(model, scan, truth, tmp_path, capsys):
+def test_a_case_is_located_at_its_true_pose(model, scan, truth, tmp_path, capsys):
     target = tmp_path / "frame.toml"
     assert cli.main(["localize", str(CASES / model), str(CASES / scan), "-o", str(target)]) == 0
     values = capsys.readouterr().out.split("[")[1].split("]")[0].split(",")
@@ -181,7 +183,7 @@ def test_a_case_is_where_it_was_put(model, scan, truth, tmp_path, capsys):
 
 
 @needs_cases
-def test_of_two_equal_parts_the_second_is_named(tmp_path, capsys):
+def test_the_second_of_two_equal_parts_is_named(tmp_path, capsys):
     names = [str(CASES / "loc_part.stl"), str(CASES / "loc_two.xyz")]
     assert cli.main(["localize", *names, "-o", str(tmp_path / "frame.toml")]) == 0
     assert "the scan shows the part once more: base_from_work = [" in capsys.readouterr().err

@@ -18,7 +18,7 @@ def scan_of(text: str, unit: str = "", name: str = "scan.csv") -> Scan:
 
 
 def rows(form: str) -> str:
-    """A line for each point. `form` names x, y, z and k, the number of the point."""
+    """A line per point. `form` has fields for x, y, z and k, the number of the point."""
     lines = [form.format(x=x, y=y, z=z, k=k + 1) for k, (x, y, z) in enumerate(POINTS)]
     return "".join(line + "\n" for line in lines)
 
@@ -49,14 +49,14 @@ HEADS = {
 
 
 @pytest.mark.parametrize("kind", HEADS)
-def test_columns_by_their_names(kind: str) -> None:
+def test_columns_are_found_by_their_names(kind: str) -> None:
     head, form = HEADS[kind]
     scan = scan_of(f"{head}\n{rows(form)}")
     assert scan.points.tolist() == [list(point) for point in POINTS]
     assert (scan.notes, scan.unit) == ((), "mm")
 
 
-def test_columns_named_after_directions() -> None:
+def test_columns_may_have_names_of_directions() -> None:
     scan = scan_of("Northing,Easting,Elevation\n" + rows("{y},{x},{z}"))
     assert scan.points.tolist() == [list(point) for point in POINTS]
     note = "assumed: the columns Easting, Northing, Elevation are x, y and z"
@@ -75,7 +75,7 @@ def test_columns_named_after_directions() -> None:
         ("X;Y;Z\nmm;mm;mm", "mm"),
     ],
 )
-def test_a_unit_in_the_head_counts(head: str, unit: str) -> None:
+def test_a_unit_in_the_head_is_used(head: str, unit: str) -> None:
     mm = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}[unit]
     text = f"{head}\n{rows('{x};{y};{z}')}"
     for option in ("", unit):
@@ -87,11 +87,11 @@ def test_a_unit_in_the_head_counts(head: str, unit: str) -> None:
     other = "m" if unit == "mm" else "mm"
     with pytest.raises(JobError) as error:
         scan_of(text, other)
-    says = f"says {other}, and scan.csv is in {unit}: its head says so"
-    assert str(error.value) == f"--units: {says}; leave it out, or correct the file"
+    message = f"says {other}, and scan.csv is in {unit}: its head says so"
+    assert str(error.value) == f"--units: {message}; leave it out, or correct the file"
 
 
-def test_blanks_before_a_unit() -> None:
+def test_a_unit_may_follow_blanks() -> None:
     scan = scan_of("X [m]  Y [m]  Z [m]\n" + rows("{x} {y} {z}"), name="scan.txt")
     assert scan.points[1].tolist() == [250.0, 99_000.0, 3500.0]
 
@@ -105,7 +105,7 @@ COMMAS = {
 
 
 @pytest.mark.parametrize("kind", COMMAS)
-def test_decimal_commas(kind: str) -> None:
+def test_decimal_commas_are_read(kind: str) -> None:
     text = rows(COMMAS[kind]).replace(".", ",")
     scan = scan_of(text)
     assert scan.points.tolist() == [list(point) for point in POINTS]
@@ -184,14 +184,14 @@ REFUSED = {
 
 @pytest.mark.parametrize("kind", REFUSED)
 def test_a_text_with_two_meanings_or_none_is_refused(kind: str) -> None:
-    text, says = REFUSED[kind]
+    text, message = REFUSED[kind]
     with pytest.raises(InputError) as error:
         scan_of(text)
-    assert says in str(error.value)
+    assert message in str(error.value)
     assert error.value.exit_code == 2
 
 
-def test_the_first_three_columns_without_a_head() -> None:
+def test_without_a_head_the_first_three_columns_are_read() -> None:
     wanted = [list(point) for point in POINTS]
     plain = scan_of(rows("{x},{y},{z},0.5,200"))
     assert (plain.points.tolist(), plain.notes) == (wanted, ())
@@ -205,7 +205,7 @@ def test_the_first_three_columns_without_a_head() -> None:
     assert whole.points[:2].tolist() == [[3, 66, -1063], [7, 34, -1090]]
 
 
-def test_counts_of_pts_files() -> None:
+def test_the_counts_of_a_pts_file_are_checked() -> None:
     block = rows("{x} {y} {z} -900 10 20 30")
     scan = scan_of(f"120\n{block}", name="scan.pts")
     assert scan.points.tolist() == [list(point) for point in POINTS]
@@ -214,7 +214,7 @@ def test_counts_of_pts_files() -> None:
     assert (scan.notes, twice.notes) == ((), ())
 
 
-def test_every_error_is_one_line(tmp_path: Path) -> None:
+def test_an_error_is_a_single_line(tmp_path: Path) -> None:
     for text, _ in REFUSED.values():
         path = tmp_path / "scan.txt"
         path.write_text(text)

@@ -60,7 +60,7 @@ def pose_in(path: Path) -> list[float]:
     return values
 
 
-def test_a_model_in_metres(folder: Path, capsys: Captured) -> None:
+def test_a_model_in_metres_is_converted(folder: Path, capsys: Captured) -> None:
     assert run("metre.stl", "mm.xyz", "-o", "frame.toml") == 2
     size = "a part of 125 x 95 x 70 mm"
     assert capsys.readouterr().err.endswith(f"it is found with --model-units m ({size})\n")
@@ -74,25 +74,27 @@ def test_a_model_in_metres(folder: Path, capsys: Captured) -> None:
     assert comment in (folder / "frame.toml").read_text()
 
 
-def test_a_scan_in_another_unit(folder: Path, cloud: FloatArray, capsys: Captured) -> None:
+def test_a_scan_in_another_unit_is_converted(
+    folder: Path, cloud: FloatArray, capsys: Captured
+) -> None:
     np.savetxt(folder / "scan.xyz", cloud * 1000, fmt="%.3f")
     assert run("mm.stl", "scan.xyz", "-o", "frame.toml") == 2
     size = "a part of 125 x 95 x 70 mm"
     assert capsys.readouterr().err.endswith(f"it is found with --units um ({size})\n")
 
 
-def test_a_model_that_states_its_unit(folder: Path, capsys: Captured) -> None:
+def test_the_unit_of_a_model_file_is_used(folder: Path, capsys: Captured) -> None:
     assert run("metre.glb", "mm.xyz", "-o", "frame.toml", "--model-units", "m") == 0
     assert pose_in(folder / "frame.toml") == pytest.approx(TRUTH, abs=0.05)
     capsys.readouterr()
     assert run("metre.glb", "mm.xyz", "-o", "other.toml", "--model-units", "mm") == 2
-    says = "--model-units: says mm, and metre.glb states its unit: m; leave it out"
-    assert capsys.readouterr().err == f"camgen: error: {says}\n"
+    message = "--model-units: says mm, and metre.glb states its unit: m; leave it out"
+    assert capsys.readouterr().err == f"camgen: error: {message}\n"
     assert run("mm.stl", "mm.xyz", "-o", "other.toml", "--model-units", "ell") == 2
     assert "--model-units: unknown unit 'ell'; give mm, cm" in capsys.readouterr().err
 
 
-def test_a_scan_that_states_its_unit(folder: Path, cloud: FloatArray, capsys: Captured) -> None:
+def test_the_unit_of_a_scan_file_is_used(folder: Path, cloud: FloatArray, capsys: Captured) -> None:
     np.savetxt(
         folder / "head.csv", cloud / 1000, fmt="%.8f", delimiter=";", header="X [m];Y [m];Z [m]"
     )
@@ -100,12 +102,12 @@ def test_a_scan_that_states_its_unit(folder: Path, cloud: FloatArray, capsys: Ca
     assert pose_in(folder / "frame.toml") == pytest.approx(TRUTH, abs=0.05)
     assert "assumed   1 unit of the scan = 1 m (its head)" in capsys.readouterr().err
     assert run("mm.stl", "head.csv", "-o", "other.toml", "--units", "mm") == 2
-    says = "--units: says mm, and head.csv is in m: its head says so"
-    assert says in capsys.readouterr().err
+    message = "--units: says mm, and head.csv is in m: its head says so"
+    assert message in capsys.readouterr().err
 
 
 def test_coordinates_far_from_the_origin_are_exact(folder: Path, cloud: FloatArray) -> None:
-    """483 km east and 5456 km north: half a million and five billion mm, to 0.1 um."""
+    """The scan is 483 km east and 5456 km north of the origin; the pose is exact to 2 um."""
     far = np.array([483_000.0, 5_456_000.0, 312.0])
     np.savetxt(folder / "far.xyz", cloud / 1000 + far, fmt="%.9f")
     assert run("mm.stl", "mm.xyz", "-o", "near.toml") == 0
@@ -113,7 +115,7 @@ def test_coordinates_far_from_the_origin_are_exact(folder: Path, cloud: FloatArr
     near, far_pose = pose_in(folder / "near.toml"), pose_in(folder / "far.toml")
     moved = [near[0] + 483e6, near[1] + 5456e6, near[2] + 312e3]
     assert far_pose == pytest.approx([*moved, *near[3:]], abs=2e-3)
-    # All digits are there: 13 or 14 of them, without an exponent.
+    # The file has all 13 or 14 digits, without an exponent.
     assert "base_from_work = [4830002" in (folder / "far.toml").read_text()
 
 
@@ -136,7 +138,7 @@ def test_points_that_are_not_used_are_counted(
     assert note in capsys.readouterr().err
 
 
-def test_points_beyond_all_measure_are_named() -> None:
+def test_points_too_far_away_are_counted_in_the_refusal() -> None:
     good = "".join(f"{k}.5 {k % 7}.5 {k % 3}\n" for k in range(120))
     seen = read_scan(Source(Path("a.xyz"), (good + "2e11 1 1\n1e308 1 1\nnan 1 1\n").encode()))
     assert len(seen.points) == 120
@@ -146,8 +148,8 @@ def test_points_beyond_all_measure_are_named() -> None:
     ]
     with pytest.raises(InputError) as error:
         read_scan(Source(Path("a.xyz"), b"2e11 1 1\n" * 120))
-    says = "a.xyz: has 0 usable points (120 more are beyond 1e+11 mm); a scan needs 100 or more"
-    assert str(error.value) == says
+    message = "a.xyz: has 0 usable points (120 more are beyond 1e+11 mm); a scan needs 100 or more"
+    assert str(error.value) == message
 
 
 # Which units are tried, with a search that finds the part at one size only.
@@ -178,7 +180,7 @@ def search_for(answer: Callable[[float], None]) -> Search:
     return search
 
 
-def insist_on_one(ratio: float) -> None:
+def check_true_size(ratio: float) -> None:
     if not 0.99 < ratio < 1.01:
         raise InputError("scan", "not found", "", "check it")
 
@@ -202,16 +204,16 @@ ADVICE = {
 
 
 @pytest.mark.parametrize("kind", ADVICE)
-def test_units_in_which_the_part_is_found_are_advised(kind: str) -> None:
+def test_a_unit_in_which_the_part_is_found_is_advised(kind: str) -> None:
     factor, unit, advice = ADVICE[kind]
     cloud = cloud_of(factor * np.array(SIDES))
     with pytest.raises(InputError) as error:
-        localize_or_advise(search_for(insist_on_one), block(unit), cloud, block)
+        localize_or_advise(search_for(check_true_size), block(unit), cloud, block)
     assert str(error.value) == f"scan: not found; it is found with {advice}"
 
 
 @pytest.mark.parametrize("factor", [0.001, 0.1, 1 / 25.4, 1000.0, 1.0])
-def test_no_unit_is_advised_where_the_part_is_in_none(factor: float) -> None:
+def test_no_unit_is_advised_if_the_part_is_not_found_in_any(factor: float) -> None:
     ratios = []
 
     def never(ratio: float) -> None:
@@ -229,10 +231,10 @@ def test_no_unit_is_advised_where_the_part_is_in_none(factor: float) -> None:
 def test_a_unit_that_a_file_states_is_not_advised() -> None:
     cloud = cloud_of(0.001 * np.array(SIDES), stated=True)
     with pytest.raises(InputError, match="check it"):
-        localize_or_advise(search_for(insist_on_one), block(), cloud, block)
+        localize_or_advise(search_for(check_true_size), block(), cloud, block)
     cloud = cloud_of(1000 * np.array(SIDES), stated=True)
     with pytest.raises(InputError, match="check it"):
-        localize_or_advise(search_for(insist_on_one), block("mm", stated=True), cloud, block)
+        localize_or_advise(search_for(check_true_size), block("mm", stated=True), cloud, block)
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason="the shared data is not beside the repository")
@@ -246,7 +248,7 @@ def test_a_unit_that_a_file_states_is_not_advised() -> None:
         ("loc_plate.stl", "loc_utm.xyz", ("--units", "m"), (483e6, 5456e6, 312e3)),
     ],
 )
-def test_the_cases(
+def test_a_case_with_units_is_located_at_its_pose(
     model: str, cloud_name: str, options: tuple[str, ...], moved: FloatArray, tmp_path: Path
 ) -> None:
     target = tmp_path / "frame.toml"

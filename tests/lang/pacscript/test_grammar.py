@@ -1,4 +1,7 @@
-"""What the grammar of PacScript has not, by line and reason; its productions are in productions.txt."""
+"""Statements that the grammar of PacScript refuses, with line and reason.
+
+productions.txt has the statements that it accepts.
+"""
 
 import pytest
 
@@ -7,17 +10,19 @@ from camgen.lang.programs import Executed, RunRequest
 
 
 def run(*lines: str, head: str = "", **assume: float) -> Executed:
-    """What a Main of these lines does; they begin at line 3 + the lines of ``head``."""
+    """Run a Main with these lines, of which the first is line 3 after the lines of `head`."""
     body = "\n".join(lines)
     text = f"{head}Sub Main\nTakeArm Keep = 0\n{body}\nEnd Sub\n"
     return LANGUAGE.run({"part.pcs": text}, RunRequest(assume=assume))
 
 
-def refused(found: Executed) -> list[tuple[int, str]]:
-    return [(one.line, one.what) for one in found.findings if one.level == "refused"]
+def list_refusals(executed: Executed) -> list[tuple[int, str]]:
+    return [
+        (finding.line, finding.what) for finding in executed.findings if finding.level == "refused"
+    ]
 
 
-REFUSED = [
+REFUSED_STATEMENTS = [
     ("x = (1 + 2", 3, ") is missing"),
     ("x = 1 + ", 3, "a value is missing"),
     ("x = 1 2", 3, "2 is not understood in 1 2"),
@@ -70,12 +75,12 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "what"), REFUSED)
-def test_what_the_language_has_not_is_refused(text: str, line: int, what: str) -> None:
-    assert (line, what) in refused(run(*text.split("\n")))
+@pytest.mark.parametrize(("text", "line", "what"), REFUSED_STATEMENTS)
+def test_a_statement_that_is_not_in_the_grammar_is_refused(text: str, line: int, what: str) -> None:
+    assert (line, what) in list_refusals(run(*text.split("\n")))
 
 
-OUTSIDE = [
+OUTSIDE_OF_PROCEDURES = [
     ("x = 1\nSub Main\nEnd Sub\n", 1, "a statement outside a procedure"),
     ("Sub Main\n", 1, "the procedure has no end"),
     ("End Sub\nSub Main\nEnd Sub\n", 1, "End Sub closes nothing"),
@@ -95,38 +100,27 @@ OUTSIDE = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "what"), OUTSIDE)
-def test_what_stands_around_procedures_is_judged(text: str, line: int, what: str) -> None:
-    assert (line, what) in refused(LANGUAGE.run({"part.pcs": text}, RunRequest()))
+@pytest.mark.parametrize(("text", "line", "what"), OUTSIDE_OF_PROCEDURES)
+def test_a_fault_outside_of_a_procedure_is_refused(text: str, line: int, what: str) -> None:
+    assert (line, what) in list_refusals(LANGUAGE.run({"part.pcs": text}, Ask()))
 
 
-def test_procedures_that_do_not_run_are_judged_too() -> None:
-    found = LANGUAGE.run(
-        {"part.pcs": "Sub Main\nEnd Sub\nSub Other\nx = (\nEnd Sub\n"}, RunRequest()
-    )
-    assert refused(found) == [(4, "a value is missing")]
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        '\'!TITLE "part"\nSub Main\nEnd Sub\n',
-        "Sub Main\n  TakeArm Keep = 0\n  Move P, @0 P1\nEnd Sub\n",
-        "PROGRAM PRO1\nTAKEARM\nMOVE P, P1\nEND\n",
-    ],
-)
-def test_the_language_is_recognised(text: str) -> None:
-    assert LANGUAGE.recognise(text)
+def test_a_procedure_that_is_not_called_is_checked_too() -> None:
+    files = {"part.pcs": "Sub Main\nEnd Sub\nSub Other\nx = (\nEnd Sub\n"}
+    assert list_refusals(LANGUAGE.run(files, Ask())) == [(4, "a value is missing")]
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "is_pacscript"),
     [
-        "MODULE a\nPROC main()\nENDPROC\nENDMODULE\n",
-        ".PROGRAM a()\nMOVE b\n.END\n",
-        "G21\nG0 X1\n",
-        "",
+        ('\'!TITLE "part"\nSub Main\nEnd Sub\n', True),
+        ("Sub Main\n  TakeArm Keep = 0\n  Move P, @0 P1\nEnd Sub\n", True),
+        ("PROGRAM PRO1\nTAKEARM\nMOVE P, P1\nEND\n", True),
+        ("MODULE a\nPROC main()\nENDPROC\nENDMODULE\n", False),
+        (".PROGRAM a()\nMOVE b\n.END\n", False),
+        ("G21\nG0 X1\n", False),
+        ("", False),
     ],
 )
-def test_other_languages_are_not(text: str) -> None:
-    assert not LANGUAGE.recognise(text)
+def test_a_text_is_recognised_as_pacscript(text: str, is_pacscript: bool) -> None:
+    assert LANGUAGE.recognise(text) is is_pacscript

@@ -1,4 +1,4 @@
-"""Whatever stands in a text, the run of it ends soon and says what is wrong; nothing is raised."""
+"""No text makes the interpreter of PacScript raise an error or take long."""
 
 import random
 from collections.abc import Callable
@@ -16,9 +16,10 @@ from tests.support.examples import fewer, is_night
 from tests.support.steps import CALLS_OF_A_STEP, assert_linear, count_calls
 
 _WORDS = """
-    Sub Main End If Then Else For i = 1 To 3 Step Next Do While Loop Until Select Case Move P , @P L C ( ) [ ] P1 IO
-    [24] Set Reset Wait Delay 5 " & _ : ' * label GoTo Call Dim As Integer #Define #If #EndIf #Include + - / ^ Mod .
-    1e9"""
+    Sub Main End If Then Else For i = 1 To 3 Step Next Do While Loop Until Select Case Move P ,
+    @P L C ( ) [ ] P1 IO [24] Set Reset Wait Delay 5 " & _ : ' * label GoTo Call Dim As Integer
+    #Define #If #EndIf #Include + - / ^ Mod . 1e9
+"""
 WORDS = st.sampled_from([*_WORDS.split(), "\n"])
 
 
@@ -28,32 +29,32 @@ DEFAULT = Limits()
 
 
 def run(text: str, limits: Limits = DEFAULT) -> Executed:
-    found = LANGUAGE.run({"part.pcs": text}, RunRequest(limits=limits))
+    executed = LANGUAGE.run({"part.pcs": text}, Ask(limits=limits))
     LANGUAGE.recognise(text)
-    assert len(found.body) == len(found.lines)
-    assert len(found.frame) in (0, len(found.body))
-    assert list(found.findings) == sorted(found.findings, key=lambda one: one.line)
-    return found
+    assert len(executed.body) == len(executed.lines)
+    assert len(executed.frame) in (0, len(executed.body))
+    assert list(executed.findings) == sorted(executed.findings, key=lambda finding: finding.line)
+    return executed
 
 
 @fewer(12)
 @given(st.text(max_size=300))
-def test_any_text(text: str) -> None:
+def test_any_text_is_run(text: str) -> None:
     run(text)
 
 
 @given(st.lists(WORDS, max_size=60))
-def test_words_in_any_order(words: list[str]) -> None:
+def test_words_in_any_order_are_run(words: list[str]) -> None:
     run("Sub Main\nTakeArm\n" + " ".join(words) + "\nEnd Sub\n")
 
 
 @given(st.binary(max_size=200))
-def test_bytes(data: bytes) -> None:
+def test_any_bytes_are_run(data: bytes) -> None:
     run(data.decode("latin-1"))
 
 
 @given(st.binary(max_size=200))
-def test_files_of_points(data: bytes) -> None:
+def test_any_bytes_are_read_as_a_file_of_points(data: bytes) -> None:
     points = {"P_Var.csv": data.decode("latin-1")}
     LANGUAGE.run(
         {"a.pcs": "Sub Main\nTakeArm\nMove P, P[1]\nMove P, J[1]\nEnd Sub\n"},
@@ -64,35 +65,37 @@ def test_files_of_points(data: bytes) -> None:
 ACCEPTED = [
     form.text for form in read_forms("pacscript") if form.taken and form.production != "procedures"
 ]
-WHOLE = (
+ACCEPTED_TEXT = (
     "Sub Main\nTakeArm\n" + "\n".join(text for text in ACCEPTED if "#" not in text) + "\nEnd Sub\n"
 )
 
 
-@pytest.mark.parametrize("text", [WHOLE, PAC, MAIN + NAMES + OTHER], ids=["whole", "pac", "files"])
-def test_lines_left_out_doubled_and_damaged(text: str) -> None:
+@pytest.mark.parametrize(
+    "text", [ACCEPTED_TEXT, PAC, MAIN + NAMES + OTHER], ids=["whole", "pac", "files"]
+)
+def test_a_program_with_lines_deleted_doubled_and_damaged_is_run(text: str) -> None:
     lines = text.split("\n")
     rng = random.Random(7)
     for _ in range(150 if is_night() else 60):
-        some = list(lines)
+        damaged = list(lines)
         for _ in range(rng.randint(1, 6)):
-            at = rng.randrange(len(some))
-            kind = rng.randrange(3)
-            if kind == 0 and len(some) > 1:
-                del some[at]
-            elif kind == 1:
-                some.insert(at, some[rng.randrange(len(some))])
+            index = rng.randrange(len(damaged))
+            change = rng.randrange(3)
+            if change == 0 and len(damaged) > 1:
+                del damaged[index]
+            elif change == 1:
+                damaged.insert(index, damaged[rng.randrange(len(damaged))])
             else:
-                cut = rng.randint(0, len(some[at]))
-                some[at] = (
-                    some[at][:cut]
+                cut = rng.randint(0, len(damaged[index]))
+                damaged[index] = (
+                    damaged[index][:cut]
                     + rng.choice("()[],\"'=@_:.&*-\x00")
-                    + some[at][cut + rng.randint(0, 2) :]
+                    + damaged[index][cut + rng.randint(0, 2) :]
                 )
-        run("\n".join(some))
+        run("\n".join(damaged))
 
 
-LONG: dict[str, Callable[[int], str]] = {
+LONG_TEXTS: dict[str, Callable[[int], str]] = {
     "faulty": lambda count: "Moove (L, +* ]\n" * count,
     "open blocks": lambda count: "If a Then\n" * count,
     "labels": lambda count: (
@@ -108,9 +111,9 @@ LONG: dict[str, Callable[[int], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("name", LONG_TEXTS)
 def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
-    assert_linear(lambda count: run(f"Sub Main\n{LONG[name](count)}End Sub\n"), 4000)
+    assert_linear(lambda count: run(f"Sub Main\n{LONG_TEXTS[name](count)}End Sub\n"), 4000)
 
 
 @pytest.mark.parametrize(

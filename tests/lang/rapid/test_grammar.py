@@ -1,4 +1,7 @@
-"""The grammar of RAPID, production by production (kernel manual): what a controller takes, and what it turns down."""
+"""The grammar of RAPID, production by production, as in the kernel manual.
+
+A controller accepts or refuses each text.
+"""
 
 import pytest
 
@@ -31,32 +34,32 @@ from camgen.lang.rapid.tree import (
 )
 
 
-def module(text: str) -> str:
+def make_module(text: str) -> str:
     return f"MODULE m\n{text}\nENDMODULE\n"
 
 
-def routine(body: str, head: str = "PROC main()", end: str = "ENDPROC") -> str:
-    return module(f"{head}\n{body}\n{end}")
+def make_routine(body: str, head: str = "PROC main()", end: str = "ENDPROC") -> str:
+    return make_module(f"{head}\n{body}\n{end}")
 
 
-def notes(text: str) -> list[str]:
+def list_faults(text: str) -> list[str]:
     return [note.what for note in parse(text, 1)[1] if not note.odd]
 
 
-def statements(body: str) -> tuple[object, ...]:
-    modules, said = parse(routine(body), 1)
-    assert said == []
+def parse_statements(body: str) -> tuple[object, ...]:
+    modules, notes = parse(make_routine(body), 1)
+    assert notes == []
     return tuple(list_statements(modules[0].routines[0].body))
 
 
-def value(text: str) -> Expr:
+def parse_expression(text: str) -> Expr:
     parser = Calls(text, 1)
-    found = parser.expression()
+    expression = parser.expression()
     assert parser.token[0] == "end"
-    return found
+    return expression
 
 
-# Modules and declarations ---------------------------------------------------------------------------------------
+# Modules and declarations -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -70,27 +73,39 @@ def value(text: str) -> Expr:
         "%%%\n  VERSION:1\n  LANGUAGE:ENGLISH\n%%%\nMODULE m\nENDMODULE\n",
         "MODULE a\nENDMODULE\nMODULE b\nENDMODULE\n",
         "! a comment\nMODULE m\n! a comment\nENDMODULE\n! a comment\n",
-        module("RECORD point\nnum x;\nnum y;\nENDRECORD"),
-        module("LOCAL RECORD point\nnum x;\nENDRECORD\nALIAS num level;\nLOCAL ALIAS num depth;"),
-        module("VAR num a;\nVAR num b:=1;\nVAR num c{3};\nVAR num d{2,3}:=[[1,2,3],[4,5,6]];"),
-        module("CONST num a:=2*3;\nCONST num b{a}:=[1,2,3,4,5,6];\nLOCAL CONST string s:=\"a\"\"b\\\\c\\07\";"),
-        module("PERS num a:=-1;\nTASK PERS num b:=1;\nLOCAL PERS bool c:=TRUE;\nPERS num d;\nTASK VAR num e;"),
-        module("PERS num a{2}:=[1,-2];\nPERS pos p:=[1,2,3];"),
-        module("VAR num a:=.5;\nVAR num b:=5.;\nVAR num c:=1E3;\nVAR num d:=9E+09;\nVAR num e:=0x1F;"),
-        routine("", "PROC p(num a, VAR num b, PERS tooldata c, INOUT num d, num e{*}, num f{*,*})"),
-        routine("", "PROC p(\\num a \\switch b | switch c, num d \\VAR num e)"),
-        routine("", "PROC p(switch on)"),
-        routine("RETURN 1;", "FUNC num f(num a)", "ENDFUNC"),
-        routine("RETURN;", "TRAP t", "ENDTRAP"),
-        routine("", "LOCAL PROC p()"),
-        routine("VAR num a;\nCONST num b:=1;\na:=b;"),
-        routine("a;\nBACKWARD\nb;\nERROR\nTRYNEXT;\nUNDO\nc;"),
-        routine("a;\nERROR (ERR_ONE, 7)\nIF ERRNO=ERR_ONE RETRY;\nRAISE;"),
-        module("<DDN>\n<RDN>"),
+        make_module("RECORD point\nnum x;\nnum y;\nENDRECORD"),
+        make_module(
+            "LOCAL RECORD point\nnum x;\nENDRECORD\nALIAS num level;\nLOCAL ALIAS num depth;"
+        ),
+        make_module("VAR num a;\nVAR num b:=1;\nVAR num c{3};\nVAR num d{2,3}:=[[1,2,3],[4,5,6]];"),
+        make_module(
+            "CONST num a:=2*3;\nCONST num b{a}:=[1,2,3,4,5,6];\n"
+            'LOCAL CONST string s:="a""b\\\\c\\07";'
+        ),
+        make_module(
+            "PERS num a:=-1;\nTASK PERS num b:=1;\nLOCAL PERS bool c:=TRUE;\nPERS num d;\n"
+            "TASK VAR num e;"
+        ),
+        make_module("PERS num a{2}:=[1,-2];\nPERS pos p:=[1,2,3];"),
+        make_module(
+            "VAR num a:=.5;\nVAR num b:=5.;\nVAR num c:=1E3;\nVAR num d:=9E+09;\nVAR num e:=0x1F;"
+        ),
+        make_routine(
+            "", "PROC p(num a, VAR num b, PERS tooldata c, INOUT num d, num e{*}, num f{*,*})"
+        ),
+        make_routine("", "PROC p(\\num a \\switch b | switch c, num d \\VAR num e)"),
+        make_routine("", "PROC p(switch on)"),
+        make_routine("RETURN 1;", "FUNC num f(num a)", "ENDFUNC"),
+        make_routine("RETURN;", "TRAP t", "ENDTRAP"),
+        make_routine("", "LOCAL PROC p()"),
+        make_routine("VAR num a;\nCONST num b:=1;\na:=b;"),
+        make_routine("a;\nBACKWARD\nb;\nERROR\nTRYNEXT;\nUNDO\nc;"),
+        make_routine("a;\nERROR (ERR_ONE, 7)\nIF ERRNO=ERR_ONE RETRY;\nRAISE;"),
+        make_module("<DDN>\n<RDN>"),
     ],
-)  # fmt: skip
-def test_declarations_that_controllers_take(text: str) -> None:
-    assert notes(text) == []
+)
+def test_a_declaration_that_controllers_accept_has_no_fault(text: str) -> None:
+    assert list_faults(text) == []
 
 
 @pytest.mark.parametrize(
@@ -102,53 +117,68 @@ def test_declarations_that_controllers_take(text: str) -> None:
         ("MODULE m(FAST)\nENDMODULE", "FAST is not an attribute of a module"),
         ("MODULE m(NOVIEW,NOVIEW)\nENDMODULE", "the attribute NOVIEW is given twice"),
         ("MODULE m(NOVIEW\nENDMODULE", ") of the module's attributes is missing"),
-        (module("RECORD r\nnum;\nENDRECORD"), "the name of a num expected, found ';'"),
-        (module("ALIAS num;"), "the name of an ALIAS expected, found ';'"),
-        (module("CONST num a;"), "a has no value"),
-        (module("LOCAL PERS num a;"), "a has no value"),
-        (module("PERS num a:=b;"), "PERS a must have a literal value"),
-        (module("VAR num a{};"), "a value expected, found '}'"),
-        (module("VAR num a"), "; expected, found 'ENDMODULE'"),
-        (module("VAR a;"), "the name of a a expected, found ';'"),
-        (module("num a;"), "a declaration expected, found 'num'"),
-        (module("VAR num while;"), "the name of a num expected, found 'while'"),
-        (module('VAR string s:="abc;'), "a value expected, found '\"'"),
-        (module(f'VAR string s:="{"a" * 81}";'), "a string of 81 characters; a controller takes 80"),
-        (module("VAR num a:=1E99;"), "1E99 is larger than a num can be"),
-        (routine("", "PROC p"), "( expected, found 'ENDPROC'"),
-        (routine("", "PROC p(num)"), "the name of a parameter expected, found ')'"),
-        (routine("", "PROC p(num a num b)"), ", or ) expected, found 'num'"),
-        (routine("", "FUNC f()", "ENDFUNC"), "the name of a FUNC expected, found '('"),
-        (routine("", "PROC main()", ""), "ENDPROC of main is missing"),
-        (routine("PERS num a:=1;"), "PERS inside a routine"),
-        (routine("a;\nVAR num b;"), "VAR after the first statement of a routine"),
+        (make_module("RECORD r\nnum;\nENDRECORD"), "the name of a num expected, found ';'"),
+        (make_module("ALIAS num;"), "the name of an ALIAS expected, found ';'"),
+        (make_module("CONST num a;"), "a has no value"),
+        (make_module("LOCAL PERS num a;"), "a has no value"),
+        (make_module("PERS num a:=b;"), "PERS a must have a literal value"),
+        (make_module("VAR num a{};"), "a value expected, found '}'"),
+        (make_module("VAR num a"), "; expected, found 'ENDMODULE'"),
+        (make_module("VAR a;"), "the name of a a expected, found ';'"),
+        (make_module("num a;"), "a declaration expected, found 'num'"),
+        (make_module("VAR num while;"), "the name of a num expected, found 'while'"),
+        (make_module('VAR string s:="abc;'), "a value expected, found '\"'"),
+        (
+            make_module(f'VAR string s:="{"a" * 81}";'),
+            "a string of 81 characters; a controller takes 80",
+        ),
+        (make_module("VAR num a:=1E99;"), "1E99 is larger than a num can be"),
+        (make_routine("", "PROC p"), "( expected, found 'ENDPROC'"),
+        (make_routine("", "PROC p(num)"), "the name of a parameter expected, found ')'"),
+        (make_routine("", "PROC p(num a num b)"), ", or ) expected, found 'num'"),
+        (make_routine("", "FUNC f()", "ENDFUNC"), "the name of a FUNC expected, found '('"),
+        (make_routine("", "PROC main()", ""), "ENDPROC of main is missing"),
+        (make_routine("PERS num a:=1;"), "PERS inside a routine"),
+        (make_routine("a;\nVAR num b;"), "VAR after the first statement of a routine"),
     ],
-)  # fmt: skip
-def test_declarations_that_controllers_refuse(text: str, what: str) -> None:
-    assert what in notes(text)
+)
+def test_a_declaration_that_controllers_refuse_has_a_fault(text: str, what: str) -> None:
+    assert what in list_faults(text)
 
 
 def test_a_parameter_has_its_mode_and_its_alternatives() -> None:
-    text = routine(
+    text = make_routine(
         "", "FUNC num f(\\switch on | switch off, PERS num a{*} \\INOUT num b)", "ENDFUNC"
     )
-    found = parse(text, 1)[0][0].routines[0]
-    assert isinstance(found, Routine)
-    assert (found.kind, found.gives, found.last) == ("func", "num", 4)
-    said = [(p.mode, p.type, p.name, p.dims, p.optional, p.group) for p in found.parameters]
-    assert said == [
-        ("", "switch", "on", 0, True, 1), ("", "switch", "off", 0, True, 1), ("pers", "num", "a", 1, False, 2),
+    parsed = parse(text, 1)[0][0].routines[0]
+    assert isinstance(parsed, Routine)
+    assert (parsed.kind, parsed.gives, parsed.last) == ("func", "num", 4)
+    notes = [
+        (
+            parameter.mode,
+            parameter.type,
+            parameter.name,
+            parameter.dims,
+            parameter.optional,
+            parameter.group,
+        )
+        for parameter in parsed.parameters
+    ]
+    assert notes == [
+        ("", "switch", "on", 0, True, 1),
+        ("", "switch", "off", 0, True, 1),
+        ("pers", "num", "a", 1, False, 2),
         ("inout", "num", "b", 0, True, 3),
-    ]  # fmt: skip
+    ]
 
 
-def test_data_behind_a_routine_is_odd_and_read() -> None:
-    modules, said = parse(module("PROC p()\nENDPROC\nVAR num a;"), 1)
-    assert [(note.line, note.odd) for note in said] == [(4, True)]
+def test_data_after_a_routine_are_unusual_and_read() -> None:
+    modules, notes = parse(make_module("PROC p()\nENDPROC\nVAR num a;"), 1)
+    assert [(note.line, note.odd) for note in notes] == [(4, True)]
     assert [data.name for data in modules[0].data] == ["a"]
 
 
-# Statements -----------------------------------------------------------------------------------------------------
+# Statements ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -170,16 +200,22 @@ def test_data_behind_a_routine_is_odd_and_read() -> None:
         ("IF a THEN\np;\nELSEIF b THEN\np;\nELSEIF c THEN\nELSE\np;\nENDIF", [If]),
         ("FOR i FROM 1 TO 3 DO\np;\nENDFOR\nFOR i FROM 3 TO 1 STEP -1 DO\nENDFOR", [For, For]),
         ("WHILE TRUE DO\np;\nENDWHILE", [While]),
-        ("TEST a\nCASE 1:\np;\nCASE 2,3:\nDEFAULT:\nENDTEST\nTEST a\nENDTEST", [tree.Test, tree.Test]),
+        (
+            "TEST a\nCASE 1:\np;\nCASE 2,3:\nDEFAULT:\nENDTEST\nTEST a\nENDTEST",
+            [tree.Test, tree.Test],
+        ),
         ("<SMT>\n<VAR>:=1;", [Empty, Empty]),
         ("MoveL *,v100,z10,tool0;", [Calling]),
-        ("MoveL [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,z1,t\\WObj:=w;", [Inline]),
+        (
+            "MoveL [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,z1,t\\WObj:=w;",
+            [Inline],
+        ),
         ("MoveL [[1, 2, 3],[1,0,0,0],[0,0,0,0],\n[9E9,9E9,9E9,9E9,9E9,9E9]],v5,z1,t;", [Calling]),
         ("! a comment\np; ! a comment", [Calling]),
     ],
-)  # fmt: skip
-def test_statements_that_controllers_take(body: str, kinds: list[type]) -> None:
-    assert [type(one) for one in statements(body)] == kinds
+)
+def test_a_statement_that_controllers_accept_is_parsed(body: str, kinds: list[type]) -> None:
+    assert [type(statement) for statement in parse_statements(body)] == kinds
 
 
 @pytest.mark.parametrize(
@@ -212,26 +248,28 @@ def test_statements_that_controllers_take(body: str, kinds: list[type]) -> None:
         ("5;", "a statement expected, found '5'"),
         ("TO;", "a statement expected, found 'TO'"),
     ],
-)  # fmt: skip
-def test_statements_that_controllers_refuse(body: str, what: str) -> None:
-    assert what in notes(routine(body))
+)
+def test_a_statement_that_controllers_refuse_has_a_fault(body: str, what: str) -> None:
+    assert what in list_faults(make_routine(body))
 
 
-def test_a_fault_in_a_condition_does_not_hide_the_statements_behind_it() -> None:
-    modules, said = parse(routine("WHILE a = = b DO\np;\nENDWHILE\nq;"), 1)
-    assert [note.line for note in said] == [3]
-    assert [type(one) for one in modules[0].routines[0].body] == [While, Calling]
+def test_a_fault_in_a_condition_does_not_hide_the_next_statements() -> None:
+    modules, notes = parse(make_routine("WHILE a = = b DO\np;\nENDWHILE\nq;"), 1)
+    assert [note.line for note in notes] == [3]
+    assert [type(statement) for statement in modules[0].routines[0].body] == [While, Calling]
 
 
-def test_statements_within_each_other_have_an_end() -> None:
-    assert "statements nested too deeply" in notes(routine("IF a THEN\n" * 200 + "ENDIF\n" * 200))
+def test_nested_statements_have_a_limit_of_depth() -> None:
+    assert "statements nested too deeply" in list_faults(
+        make_routine("IF a THEN\n" * 200 + "ENDIF\n" * 200)
+    )
 
 
-# Expressions ----------------------------------------------------------------------------------------------------
+# Expressions --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "expected"),
     [
         ("1", 1.0),
         ("-1", -1.0),
@@ -249,23 +287,26 @@ def test_statements_within_each_other_have_an_end() -> None:
         ("a<>1", Operation("<>", Ref("a"), 1.0)),
         ("a OR b AND c", Operation("or", Ref("a"), Operation("and", Ref("b"), Ref("c")))),
         ("a XOR b", Operation("xor", Ref("a"), Ref("b"))),
-        ("a=1 AND b<2", Operation("and", Operation("=", Ref("a"), 1.0), Operation("<", Ref("b"), 2.0))),
-        # NOT stands before a whole logical term in the kernel manual: it negates both here.
+        (
+            "a=1 AND b<2",
+            Operation("and", Operation("=", Ref("a"), 1.0), Operation("<", Ref("b"), 2.0)),
+        ),
+        # In the kernel manual NOT precedes a whole logical term: it negates both operands here.
         ("NOT a AND b", Negation("not", Operation("and", Ref("a"), Ref("b")))),
         ("a AND NOT b", Operation("and", Ref("a"), Negation("not", Ref("b")))),
         ("-a*2", Operation("*", Negation("-", Ref("a")), 2.0)),
         ("1*-2", Operation("*", 1.0, -2.0)),
     ],
-)  # fmt: skip
-def test_expressions(text: str, found: Expr) -> None:
-    assert value(text) == found
+)
+def test_an_expression_is_parsed_by_its_precedence(text: str, expected: Expr) -> None:
+    assert parse_expression(text) == expected
 
 
-def test_arguments_of_a_function() -> None:
-    call = value("f(1\\x:=2\\y?z,\\w)")
+def test_a_function_has_arguments_and_options() -> None:
+    call = parse_expression("f(1\\x:=2\\y?z,\\w)")
     assert isinstance(call, Calling)
     assert (call.name, call.args) == ("f", (1.0,))
     assert call.options == (("x", 2.0), ("y", Maybe("z")), ("w", None))
-    empty = value("f()")
+    empty = parse_expression("f()")
     assert isinstance(empty, Calling)
     assert empty.args == ()

@@ -1,36 +1,37 @@
-"""TRAPs of RAPID: what comes where the user says so, and what is told of one that does not."""
+"""TRAPs of RAPID: a TRAP that the user assumes is run; the others are listed with their effects."""
 
 import pytest
 
 from camgen.lang.programs import Executed
 from camgen.model.program import MoveL, Output, Stop, Wait
-from tests.lang.rapid.test_run import TAIL, done, places
+from tests.lang.rapid.test_run import TAIL, positions, run_main
 
 HEAD = "VAR intnum i1;\nCONNECT i1 WITH T_stop;\n"
 TRAP = "TRAP t_stop\n{}\nENDTRAP"
 
 
-def traps(body: str, trap: str = "SetDO do1,1;", **assume: float) -> Executed:
-    return done(HEAD + body, TRAP.format(trap), **assume)
+def run_with_trap(body: str, trap: str = "SetDO do1,1;", **assume: float) -> Executed:
+    return run_main(HEAD + body, TRAP.format(trap), **assume)
 
 
-def kinds(found: Executed) -> list[object]:
-    return [item.value if isinstance(item, Output) else type(item) for item in found.body]
+def list_kinds(executed: Executed) -> list[object]:
+    return [item.value if isinstance(item, Output) else type(item) for item in executed.body]
 
 
-def test_an_interrupt_does_not_come_and_is_told() -> None:
-    found = traps(
+def test_an_interrupt_is_not_run_and_is_listed() -> None:
+    executed = run_with_trap(
         f"ISignalDI di1,1,i1;\nMoveL p1,{TAIL}",
         "SetDO do1,1;\nWaitTime 1;\nStop;\nMoveL p0,v10,fine,tG;",
     )
-    assert kinds(found) == [MoveL]
-    assert [(one.line, one.what, one.key, one.value) for one in found.assumed] == [
+    assert list_kinds(executed) == [MoveL]
+    assert [(entry.line, entry.what, entry.key, entry.value) for entry in executed.assumed] == [
         (14, "the interrupt T_stop does not come", "t_stop", 0.0)
     ]
     assert (
-        dict(found.facts)["interrupts"] == "t_stop (line 18): sets do1 to 1, stops, waits, 1 motion"
+        dict(executed.facts)["interrupts"]
+        == "t_stop (line 18): sets do1 to 1, stops, waits, 1 motion"
     )
-    assert not found.findings
+    assert not executed.findings
 
 
 @pytest.mark.parametrize(
@@ -43,92 +44,81 @@ def test_an_interrupt_does_not_come_and_is_told() -> None:
         "IError 1,2,i1;",
     ],
 )
-def test_an_interrupt_comes_once_where_it_first_may(arm: str) -> None:
-    found = traps(f"MoveL p0,{TAIL}\n{arm}\nMoveL p1,{TAIL}\nMoveL p2,{TAIL}", t_stop=1)
-    assert kinds(found) == [MoveL, 1.0, MoveL, MoveL]
-    assert found.assumed[0].what == "the interrupt T_stop comes once, where it first may"
-    assert "interrupts" not in dict(found.facts)
+def test_an_interrupt_that_the_user_assumes_runs_once_at_its_first_chance(arm: str) -> None:
+    executed = run_with_trap(f"MoveL p0,{TAIL}\n{arm}\nMoveL p1,{TAIL}\nMoveL p2,{TAIL}", t_stop=1)
+    assert list_kinds(executed) == [MoveL, 1.0, MoveL, MoveL]
+    assert executed.assumed[0].what == "the interrupt T_stop comes once, where it first may"
+    assert "interrupts" not in dict(executed.facts)
 
 
-def test_interrupts_that_are_off_or_held_do_not_come() -> None:
-    assert kinds(traps(f"ISleep i1;\nISignalDI di1,1,i1;\nMoveL p1,{TAIL}", t_stop=1)) == [MoveL]
-    assert kinds(traps(f"IDelete i1;\nISignalDI di1,1,i1;\nMoveL p1,{TAIL}", t_stop=1)) == [MoveL]
-    held = f"IDisable;\nISignalDI di1,1,i1;\nMoveL p1,{TAIL}\nIEnable;\nMoveL p2,{TAIL}"
-    assert kinds(traps(held, t_stop=1)) == [MoveL, 1.0, MoveL]
-    watched = f"ISleep i1;\nISignalDI di1,1,i1;\nMoveL p1,{TAIL}\nIWatch i1;\nMoveL p2,{TAIL}"
-    assert kinds(traps(watched, t_stop=1)) == [MoveL, 1.0, MoveL]
+def test_an_interrupt_that_is_asleep_deleted_or_disabled_does_not_run() -> None:
+    armed = f"ISignalDI di1,1,i1;\nMoveL p1,{TAIL}"
+    assert list_kinds(run_with_trap(f"ISleep i1;\n{armed}", t_stop=1)) == [MoveL]
+    assert list_kinds(run_with_trap(f"IDelete i1;\n{armed}", t_stop=1)) == [MoveL]
+    disabled = f"IDisable;\n{armed}\nIEnable;\nMoveL p2,{TAIL}"
+    assert list_kinds(run_with_trap(disabled, t_stop=1)) == [MoveL, 1.0, MoveL]
+    sleeping = f"ISleep i1;\n{armed}\nIWatch i1;\nMoveL p2,{TAIL}"
+    assert list_kinds(run_with_trap(sleeping, t_stop=1)) == [MoveL, 1.0, MoveL]
 
 
-def test_an_interrupt_at_a_place_of_a_motion() -> None:
-    body = f"VAR triggdata tr;\n{HEAD}TriggInt tr,25\\Start,i1;\nMoveL p0,{TAIL}\nTriggL p1,v100,tr,fine,tG;"
-    found = done(body, TRAP.format("SetDO do1,1;"), t_stop=1)
-    assert kinds(found) == [MoveL, MoveL, 1.0, MoveL]
-    assert places(found) == [(0, 0, 0), (25, 0, 0), (100, 0, 0)]
-    behind = done(body, TRAP.format(f"MoveL p2,{TAIL}"), t_stop=1)
-    assert places(behind) == [(0, 0, 0), (25, 0, 0), (100, 0, 0), (100, 50, 0)]
+def test_an_interrupt_runs_at_its_distance_along_a_motion() -> None:
+    body = (
+        f"VAR triggdata tr;\n{HEAD}TriggInt tr,25\\Start,i1;\nMoveL p0,{TAIL}\n"
+        "TriggL p1,v100,tr,fine,tG;"
+    )
+    executed = run_main(body, TRAP.format("SetDO do1,1;"), t_stop=1)
+    assert list_kinds(executed) == [MoveL, MoveL, 1.0, MoveL]
+    assert positions(executed) == [(0, 0, 0), (25, 0, 0), (100, 0, 0)]
+    with_motion = run_main(body, TRAP.format(f"MoveL p2,{TAIL}"), t_stop=1)
+    assert positions(with_motion) == [(0, 0, 0), (25, 0, 0), (100, 0, 0), (100, 50, 0)]
 
 
-def test_a_trap_switches_in_a_corner_without_harm_and_the_program_does_not() -> None:
+def test_an_output_in_a_corner_is_dangerous_in_the_program_and_not_in_a_trap() -> None:
     body = "MoveL p1,v100,z50,tG;\nISignalDI di1,1,i1;\nSetDO do2,1;\nMoveL p2,v100,fine,tG;"
-    levels = [(one.level, one.line) for one in traps(body, t_stop=1).findings]
-    assert levels == [("dangerous", 17)]
+    (finding,) = run_with_trap(body, t_stop=1).findings
+    assert (finding.level, finding.line) == ("dangerous", 17)
 
 
-def test_what_is_wrong_in_a_trap_is_told_with_its_line() -> None:
-    found = traps(f"ISignalDI di1,1,i1;\nMoveL p1,{TAIL}", "SetDO do1,1;\nn:=1/0;\nWaitTime -1;")
-    assert [(one.level, one.line, one.what) for one in found.findings] == [
+def test_a_fault_in_a_trap_is_unusual_at_its_line() -> None:
+    executed = run_with_trap(
+        f"ISignalDI di1,1,i1;\nMoveL p1,{TAIL}", "SetDO do1,1;\nn:=1/0;\nWaitTime -1;"
+    )
+    assert [(finding.level, finding.line, finding.what) for finding in executed.findings] == [
         ("unusual", 20, "in the TRAP t_stop, where it comes: a division by 0"),
         ("unusual", 21, "in the TRAP t_stop, where it comes: a wait must not be negative"),
     ]
 
 
-#: Two targets between which axis 6 turns by more than a straight motion allows.
-FLIP = (
-    "MoveJ [[0,0,0],[1,0,0,0],[0,0,-2,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v10,fine,tG;\n"
-    "MoveL [[9,0,0],[1,0,0,0],[0,0,1,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v10,fine,tG;"
-)
+def test_a_fault_of_unknown_data_in_a_trap_is_not_found() -> None:
+    assert not run_with_trap(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "a{n}:=1;").findings
 
 
-def test_harm_in_a_trap_that_does_not_come_is_possible() -> None:
-    found = traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", FLIP)
-    (finding,) = found.findings
-    assert (finding.level, finding.line) == ("possible", 20)
-    assert finding.what.startswith("in the TRAP t_stop, where it comes: the configuration of ")
-
-
-def test_settings_of_a_trap_that_does_not_come_end_with_it() -> None:
-    body = f"VAR intnum i2;\n{HEAD}CONNECT i2 WITH T_next;\nMoveL p1,{TAIL}"
-    both = TRAP.format("ConfL\\Off;") + f"\nTRAP T_next\n{FLIP}\nENDTRAP"
-    assert [finding.level for finding in done(body, both).findings] == ["possible"]
-
-
-def test_what_depends_on_data_that_are_not_there_is_no_fault_of_a_trap() -> None:
-    assert not traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "a{n}:=1;").findings
-
-
-def test_nothing_that_a_trap_does_aside_is_kept() -> None:
+def test_a_trap_that_does_not_run_leaves_motions_and_frames_unchanged() -> None:
     trap = (
         "SetDO do1,1;\nMoveL p2,v100,z50,tG\\WObj:=wT;\nFCPress1LStart "
         "p2,v10\\Fz:=9,50,z5,tG;\nWHILE TRUE DO\nENDWHILE"
     )
-    found, alone = traps(f"MoveL p1,{TAIL}", trap), done(f"MoveL p1,{TAIL}")
-    assert (places(found), len(found.body), len(found.frames)) == (places(alone), 1, 1)
-    assert not found.findings
-    assert [one.what for one in found.assumed] == ["the interrupt T_stop does not come"]
+    executed, without_trap = run_with_trap(f"MoveL p1,{TAIL}", trap), run_main(f"MoveL p1,{TAIL}")
+    assert positions(executed) == positions(without_trap)
+    assert (len(executed.body), len(executed.frames)) == (1, 1)
+    assert not executed.findings
+    assert [assumption.what for assumption in executed.assumed] == [
+        "the interrupt T_stop does not come"
+    ]
 
 
-def test_what_a_trap_would_leave_out_is_not_lost() -> None:
-    assert traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "elsewhere;").lost == ()
-    assert traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "elsewhere;", t_stop=1).lost != ()
+def test_a_trap_has_losses_only_if_it_runs() -> None:
+    assert run_with_trap(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "elsewhere;").lost == ()
+    assert run_with_trap(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "elsewhere;", t_stop=1).lost != ()
 
 
-def test_a_stop_and_a_wait_are_told() -> None:
-    found = traps(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "Stop;\nWaitTime 2;", t_stop=1)
-    assert kinds(found) == [Stop, Wait, MoveL]
+def test_a_trap_that_runs_may_stop_and_wait() -> None:
+    executed = run_with_trap(f"ITimer 1,i1;\nMoveL p1,{TAIL}", "Stop;\nWaitTime 2;", t_stop=1)
+    assert list_kinds(executed) == [Stop, Wait, MoveL]
 
 
-def test_a_trap_that_is_in_no_file_is_named() -> None:
-    found = done("VAR intnum i1;\nCONNECT i1 WITH nobody;")
-    assert [one.what for one in found.assumed] == [
+def test_a_trap_that_is_in_none_of_the_files_is_an_assumption() -> None:
+    executed = run_main("VAR intnum i1;\nCONNECT i1 WITH nobody;")
+    assert [assumption.what for assumption in executed.assumed] == [
         "the TRAP nobody is in none of the files: it is left out"
     ]

@@ -1,4 +1,4 @@
-"""What a RAPID program does when it is run: by the manual, with what no text holds assumed and said."""
+"""Runs RAPID programs as the manual describes them, with assumptions for unknown values."""
 
 import math
 from collections.abc import Mapping
@@ -28,43 +28,42 @@ VAR string s;
 TAIL = "v100,fine,tG;"
 
 
-def text(body: str, more: str = "") -> str:
+def make_module(body: str, more: str = "") -> str:
     return f"{HEAD}PROC main()\n{body}\nENDPROC\n{more}\nENDMODULE\n"
 
 
-def done(body: str, more: str = "", **assume: float) -> Executed:
-    return run({"m.mod": text(body, more)}, RunRequest(assume=assume))
+def run_main(body: str, more: str = "", **assume: float) -> Executed:
+    return run({"m.mod": make_module(body, more)}, Ask(assume=assume))
 
 
-def sound(body: str, more: str = "", **assume: float) -> list[Instruction]:
-    """What a program does that nothing is assumed of and found in."""
-    executed = done(body, more, **assume)
+def run_without_assumptions(body: str, more: str = "", **assume: float) -> list[Instruction]:
+    """The instructions of a main that has no findings and needs no assumptions."""
+    executed = run_main(body, more, **assume)
     assert (executed.findings, executed.assumed, executed.stopped) == ((), (), None)
     return list(executed.body)
 
 
-def places(items: list[Instruction] | Executed) -> list[tuple[float, float, float]]:
-    body = items.body if isinstance(items, Executed) else items
-    found = []
-    for item in body:
-        if isinstance(item, (MoveJ, MoveL, MoveC)) and isinstance(item.target, Pose):
-            x, y, z = item.target.origin
-            found.append((round(x, 6) + 0.0, round(y, 6) + 0.0, round(z, 6) + 0.0))
-    return found
+def positions(items: list[Instruction] | Executed) -> list[tuple[float, ...]]:
+    """The target positions of all motions to a pose, mm."""
+    return [
+        tuple(np.round(item.target.origin, 6) + 0.0)
+        for item in (items.body if isinstance(items, Executed) else items)
+        if isinstance(item, (MoveJ, MoveL, MoveC)) and isinstance(item.target, Pose)
+    ]
 
 
-def computed(expression: str, head: str = "") -> float:
-    """What a num is worth, told by a wait."""
-    (item,) = sound(f"{head}\nWaitTime {expression};")
+def compute_num(expression: str, head: str = "") -> float:
+    """The value of a num expression, taken from the seconds of a wait."""
+    (item,) = run_without_assumptions(f"{head}\nWaitTime {expression};")
     assert isinstance(item, Wait)
     return item.seconds
 
 
-def waits(executed: Executed) -> list[float]:
+def wait_seconds(executed: Executed) -> list[float]:
     return [item.seconds for item in executed.body if isinstance(item, Wait)]
 
 
-# Motions --------------------------------------------------------------------------------------------------------
+# Motions ------------------------------------------------------------------------------------------
 
 
 def test_a_language_is_found_by_the_name_of_its_post() -> None:
@@ -73,19 +72,22 @@ def test_a_language_is_found_by_the_name_of_its_post() -> None:
     assert not recognise("G0 X1\nMODULE a\n")
 
 
-def test_joints_in_rad_lines_and_frames() -> None:
-    executed = done(
-        f"MoveAbsJ [[90,0,0,0,45,0],{E9}],v200,z10,tG;\nMoveJ p1,v50,z5,tG\\WObj:=wT;\nMoveL p2,{TAIL}"
+def test_motions_have_their_joint_values_in_rad_their_line_and_their_frames() -> None:
+    executed = run_main(
+        f"MoveAbsJ [[90,0,0,0,45,0],{E9}],v200,z10,tG;\nMoveJ p1,v50,z5,tG\\WObj:=wT;\n"
+        f"MoveL p2,{TAIL}"
     )
-    swing, jump, line = executed.body
-    assert isinstance(swing, MoveJ)
-    assert isinstance(jump, MoveJ)
+    to_joints, to_pose, line = executed.body
+    assert isinstance(to_joints, MoveJ)
+    assert isinstance(to_pose, MoveJ)
     assert isinstance(line, MoveL)
-    assert isinstance(swing.target, Joints)
-    assert swing.target.values == pytest.approx((math.pi / 2, 0, 0, 0, math.pi / 4, 0))
-    assert [(one.speed, one.blend) for one in (swing, jump, line)] == [(200, 10), (50, 5), (100, 0)]
+    assert isinstance(to_joints.target, Joints)
+    assert to_joints.target.values == pytest.approx((math.pi / 2, 0, 0, 0, math.pi / 4, 0))
+    assert (to_joints.speed, to_joints.blend) == (200, 10)
+    assert (to_pose.speed, to_pose.blend) == (50, 5)
+    assert (line.speed, line.blend) == (100, 0)
     assert executed.lines == (13, 14, 15)
-    assert [(f.tool, f.work) for f in executed.frames] == [("tG", ""), ("tG", "wT")]
+    assert [(frame.tool, frame.work) for frame in executed.frames] == [("tG", ""), ("tG", "wT")]
     assert executed.frame == (0, 1, 0)
     tool, work = executed.frames[1].flange_from_tool, executed.frames[1].base_from_work
     assert tool is not None
@@ -95,96 +97,101 @@ def test_joints_in_rad_lines_and_frames() -> None:
 
 
 @pytest.mark.parametrize(
-    ("target", "place"),
+    ("target", "position"),
     [
         ("Offs(p1,1,2,3)", (101, 2, 3)),
-        # The tool looks down: z and y of the tool are those of the work object the other way round.
+        # The tool points down: its y and z axes are opposite to those of the work object.
         ("RelTool(p1,1,2,3)", (101, -2, -3)),
         ("[[1,2,3],p1.rot,p1.robconf,p1.extax]", (1, 2, 3)),
     ],
 )
-def test_targets_that_are_worked_out(target: str, place: tuple[float, float, float]) -> None:
-    assert places(sound(f"MoveL {target},{TAIL}")) == [place]
+def test_a_target_is_computed(target: str, position: tuple[float, float, float]) -> None:
+    assert positions(run_without_assumptions(f"MoveL {target},{TAIL}")) == [position]
 
 
 def test_reltool_turns_about_the_axes_of_the_tool() -> None:
-    (item,) = sound(f"MoveL RelTool(p1,0,0,0\\Rz:=90),{TAIL}")
-    assert isinstance(item, MoveL)
-    assert item.target.rotation == pytest.approx(
+    (motion,) = run_without_assumptions(f"MoveL RelTool(p1,0,0,0\\Rz:=90),{TAIL}")
+    assert isinstance(motion, MoveL)
+    assert motion.target.rotation == pytest.approx(
         np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]]), abs=1e-7
     )
 
 
-def test_an_arc_has_its_point_half_way_and_is_halved_beyond_half_a_circle() -> None:
-    """About 0, 0 from 100, 0: to 0, -100 by 0, 100 are 270 deg, too much; by 210 deg it is two pieces."""
+def test_an_arc_of_more_than_half_a_circle_is_halved() -> None:
+    """An arc of 210 deg about (0, 0) from (100, 0) over (0, 100) becomes two arcs of 105 deg."""
     x, y = 100 * math.cos(math.radians(210)), 100 * math.sin(math.radians(210))
     via = "[[0,100,0],[0,1,0,0],[0,0,0,0],p1.extax]"
-    _, first, second = sound(
+    _, first, second = run_without_assumptions(
         f"MoveL p1,{TAIL}\nMoveC {via},[[{x:.6f},{y:.6f},0],[0,1,0,0],[0,0,0,0],p1.extax],{TAIL}"
     )
     assert isinstance(first, MoveC)
     assert isinstance(second, MoveC)
     for arc, angle in ((first, 52.5), (second, 157.5)):
-        at = (100 * math.cos(math.radians(angle)), 100 * math.sin(math.radians(angle)), 0)
-        assert arc.via.origin == pytest.approx(at, abs=1e-4)
+        via_point = (100 * math.cos(math.radians(angle)), 100 * math.sin(math.radians(angle)), 0)
+        assert arc.via.origin == pytest.approx(via_point, abs=1e-4)
     assert first.target.origin == pytest.approx(
         (100 * math.cos(math.radians(105)), 100 * math.sin(math.radians(105)), 0), abs=1e-4
     )
     assert second.target.origin == pytest.approx((x, y, 0), abs=1e-4)
 
 
-def test_options_of_a_motion() -> None:
-    body = sound(
-        "MoveL p0,v100\\V:=30,z10\\Z:=3,tG;\nMoveL p1,v100\\T:=5,fine,tG;\nMoveL p2,v100,z10\\Inpos:=inpos50,tG;"
+def test_options_of_a_motion_replace_its_speed_and_zone() -> None:
+    body = run_without_assumptions(
+        "MoveL p0,v100\\V:=30,z10\\Z:=3,tG;\nMoveL p1,v100\\T:=5,fine,tG;\n"
+        "MoveL p2,v100,z10\\Inpos:=inpos50,tG;"
     )
-    assert [(m.speed, m.blend) for m in body if isinstance(m, MoveL)] == [
+    assert [(motion.speed, motion.blend) for motion in body if isinstance(motion, MoveL)] == [
         (30, 3),
         (20, 0),
         (100, 0),
     ]
 
 
-def test_speed_override_and_limit() -> None:
-    body = sound(
-        "VelSet 50,40;\nMoveL p0,v60,fine,tG;\nMoveL p1,v1000,fine,tG;\nVelSet 100,5000;\nMoveL p0,vmax,fine,tG;"
+def test_velset_scales_and_limits_the_speed() -> None:
+    body = run_without_assumptions(
+        "VelSet 50,40;\nMoveL p0,v60,fine,tG;\nMoveL p1,v1000,fine,tG;\nVelSet 100,5000;\n"
+        "MoveL p0,vmax,fine,tG;"
     )
-    assert [m.speed for m in body if isinstance(m, MoveL)] == [30, 40, 5000]
+    assert [motion.speed for motion in body if isinstance(motion, MoveL)] == [30, 40, 5000]
 
 
-def test_a_displacement_of_the_program_moves_the_targets() -> None:
-    body = f"PDispSet [[0,0,7],[0.7071068,0,0,0.7071068]];\nMoveL p1,{TAIL}\nPDispOff;\nMoveL p1,{TAIL}"
-    assert places(sound(body)) == [(0, 100, 7), (100, 0, 0)]
+def test_a_program_displacement_moves_the_targets() -> None:
+    body = (
+        f"PDispSet [[0,0,7],[0.7071068,0,0,0.7071068]];\nMoveL p1,{TAIL}\nPDispOff;\n"
+        f"MoveL p1,{TAIL}"
+    )
+    assert positions(run_without_assumptions(body)) == [(0, 100, 7), (100, 0, 0)]
     body = f"MoveL p1,{TAIL}\nPDispOn p0,tG;\nMoveL p2,{TAIL}"
-    assert places(sound(body)) == [(100, 0, 0), (200, 50, 0)]
+    assert positions(run_without_assumptions(body)) == [(100, 0, 0), (200, 50, 0)]
     body = f"PDispOn\\Rot\\ExeP:=RelTool(p1,0,0,0\\Rz:=-90),p0,tG;\nMoveL p1,{TAIL}"
-    assert places(sound(body)) == [(100, 100, 0)]
+    assert positions(run_without_assumptions(body)) == [(100, 100, 0)]
 
 
-def test_where_the_arm_is_is_known_after_a_motion_to_a_pose() -> None:
-    assert places(
-        sound(
+def test_crobt_is_known_after_a_motion_to_a_pose_and_unknown_after_joint_values() -> None:
+    assert positions(
+        run_without_assumptions(
             "MoveL p1,v100,fine,tG\\WObj:=wT;\np:=CRobT(\\Tool:=tG\\WObj:=wT);\n"
             "MoveL Offs(p,0,0,9),v5,fine,tG\\WObj:=wT;"
         )
     )[1] == (100, 0, 9)
-    # In the world: 1000 and 50 further.
-    assert places(
-        sound(
+    # The work object is at 1000, 0, 50 of the world.
+    assert positions(
+        run_without_assumptions(
             f"MoveL p1,v100,fine,tG\\WObj:=wT;\np:=CRobT(\\Tool:=tG\\WObj:=wobj0);\nMoveL p,{TAIL}"
         )
     )[1] == (1100, 0, 50)
-    unknown = done(f"MoveAbsJ [[0,0,0,0,9,0],{E9}],{TAIL}\nMoveL Offs(CRobT(),0,0,9),{TAIL}")
-    assert places(unknown) == [(0, 0, 9)]
+    unknown = run_main(f"MoveAbsJ [[0,0,0,0,9,0],{E9}],{TAIL}\nMoveL Offs(CRobT(),0,0,9),{TAIL}")
+    assert positions(unknown) == [(0, 0, 9)]
     assert unknown.frames[unknown.frame[1]].work == "where the arm is in line 14"
     assert "where the arm is is not known" in unknown.assumed[0].what
 
 
-def test_outputs_along_a_motion() -> None:
+def test_a_trigger_sets_its_output_along_a_motion_and_moveldo_at_its_end() -> None:
     trigger = "VAR triggdata t;\n"
     body = f"{trigger}TriggIO t,30\\DOp:=doGlue,1;\nMoveL p0,{TAIL}\n"
     body += "TriggL p1,v100,t,fine,tG;\nMoveLDO p2,v10,z10,tG,doGlue,0;"
-    items = sound(body)
-    assert places(items) == [(0, 0, 0), (70, 0, 0), (100, 0, 0), (100, 50, 0)]
+    items = run_without_assumptions(body)
+    assert positions(items) == [(0, 0, 0), (70, 0, 0), (100, 0, 0), (100, 50, 0)]
     assert [(k, item.value) for k, item in enumerate(items) if isinstance(item, Output)] == [
         (2, 1.0),
         (5, 0.0),
@@ -192,11 +199,11 @@ def test_outputs_along_a_motion() -> None:
 
 
 def test_a_search_runs_to_its_end() -> None:
-    executed = done(
+    executed = run_main(
         f"MoveL p0,{TAIL}\nSearchL\\Stop,diHit,p,p1,v10,tG;\nMoveL Offs(p,0,0,5),{TAIL}"
     )
-    assert places(executed) == [(0, 0, 0), (100, 0, 0), (100, 0, 5)]
-    assert [one.what for one in executed.assumed] == [
+    assert positions(executed) == [(0, 0, 0), (100, 0, 0), (100, 0, 5)]
+    assert [assumption.what for assumption in executed.assumed] == [
         "diHit: a search does not stop before its end point"
     ]
 
@@ -204,34 +211,37 @@ def test_a_search_runs_to_its_end() -> None:
 def test_welds_move_at_the_speed_of_their_data() -> None:
     data = f"MoveL p0,{TAIL}\nArcLStart p1,v100,sm,wd,fine,tG;\nArcL p2,v100,sm,wd,z1,tG;\n"
     data += "ArcLEnd p0,v100,sm,wd,fine,tG;"
-    more = "PERS welddata wd:=[8,0,[0,0,0,0,0,0,0,0,0],[0,0,0,0,0,0,0,0,0]];\nPERS seamdata sm:=[0,0];\n"
-    executed = run({"m.mod": text(data).replace("PROC main", f"{more}PROC main")}, RunRequest())
+    more = (
+        "PERS welddata wd:=[8,0,[0,0,0,0,0,0,0,0,0],[0,0,0,0,0,0,0,0,0]];\n"
+        "PERS seamdata sm:=[0,0];\n"
+    )
+    executed = run({"m.mod": make_module(data).replace("PROC main", f"{more}PROC main")}, Ask())
     assert [m.speed for m in executed.body if isinstance(m, MoveL)] == [100, 100, 8, 8]
     assert dict(executed.facts)["process"] == "arc welding"
     assert executed.findings == ()
 
 
-def test_pressing() -> None:
+def test_force_control_presses_along_the_tool_axis_until_it_ends() -> None:
     body = (
         f"MoveL p0,{TAIL}\nFCPress1LStart p1,v10,\\Fz:=5,50,fine,tG;\n"
         "FCPressL p2,v10,5,z1,tG;\nFCPressEnd p1,v10,tG;"
     )
-    items = sound(body)
+    items = run_without_assumptions(body)
     assert [type(item) for item in items] == [MoveL, Force, MoveL, MoveL, Force, MoveL]
     assert items[3].force == 5  # type: ignore[union-attr]
     assert items[1].force_direction == pytest.approx((0, 0, -1))  # type: ignore[union-attr]
 
 
-# Outputs and waits ----------------------------------------------------------------------------------------------
+# Outputs and waits --------------------------------------------------------------------------------
 
 
-def test_outputs_and_stops() -> None:
-    items = sound(
-        "SetDO do1,1;\nSet do2;\nReset do2;\nSetDO do1,low;\nInvertDO do1;\nSetAO ao1,2.5;\nSetGO go1,7;\n"
+def test_outputs_are_set_pulsed_and_inverted_in_order() -> None:
+    items = run_without_assumptions(
+        "SetDO do1,1;\nSet do2;\nReset do2;\nSetDO do1,low;\nInvertDO do1;\nSetAO ao1,2.5;\n"
+        "SetGO go1,7;\n"
         "PulseDO\\PLength:=0.5,do3;\nStop;"
     )
-    said = [(item.signal, item.value) for item in items if isinstance(item, Output)]
-    assert said == [
+    assert [(item.signal, item.value) for item in items if isinstance(item, Output)] == [
         ("do1", 1),
         ("do2", 1),
         ("do2", 0),
@@ -246,78 +256,115 @@ def test_outputs_and_stops() -> None:
 
 
 def test_an_output_in_a_corner_is_dangerous() -> None:
-    executed = done(
+    executed = run_main(
         "MoveL p1,v100,z10,tG;\nSetDO do1,1;\nMoveL p0,v100,z10,tG;\nWaitTime 1;\nSetDO do1,0;"
     )
-    assert [(one.level, one.line) for one in executed.findings] == [("dangerous", 14)]
+    assert [(finding.level, finding.line) for finding in executed.findings] == [("dangerous", 14)]
 
 
-def test_a_wait_is_over_at_once_and_said() -> None:
-    executed = done("WaitDI di1,1;\nWaitUntil n=5;\nWaitTime\\InPos,0;\nWaitTime 2;")
-    assert waits(executed) == [2]
-    assert [one.what for one in executed.assumed] == [
-        "di1: the wait for 1 is over at once", "a condition: the wait for it is over at once",
-    ]  # fmt: skip
+def test_a_wait_for_an_unknown_value_ends_at_once_with_an_assumption() -> None:
+    executed = run_main("WaitDI di1,1;\nWaitUntil n=5;\nWaitTime\\InPos,0;\nWaitTime 2;")
+    assert wait_seconds(executed) == [2]
+    assert [assumption.what for assumption in executed.assumed] == [
+        "di1: the wait for 1 is over at once",
+        "a condition: the wait for it is over at once",
+    ]
 
 
-# Values ---------------------------------------------------------------------------------------------------------
+# Values -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("expression", "worth"),
+    ("expression", "value"),
     [
-        ("7 DIV 2", 3), ("7 MOD 2", 1), ("2+3*4", 14), ("(2+3)*4", 20), ("10-4-3", 3), ("Abs(-3)", 3), ("Pow(2,3)", 8),
-        ("Sqrt(9)", 3), ("Sin(30)", 0.5), ("ATan2(1,1)", 45), ("Round(2.567\\Dec:=1)", 2.6), ("Round(2.5)", 3),
-        ("Trunc(2.9)", 2), ("a{2}", 20), ("Dim(a,1)", 3), ("p1.trans.x", 100), ("Distance(p0.trans,p1.trans)", 100),
-        ("VectMagn([3,4,0])", 5), ("DotProd([1,2,3],[1,1,1])", 6), ("StrLen(\"abc\")", 3),
-        ("StrFind(\"abc\",1,\"c\")", 3),
-        ("StrMatch(\"abcabc\",2,\"ab\")", 4), ("BitAnd(6,3)", 2),
-        ("BitNeg(5)", 250), ("BitLShDnum(3,8)", 768), ("BitRShDnum(768,8)", 3),
+        ("7 DIV 2", 3),
+        ("7 MOD 2", 1),
+        ("2+3*4", 14),
+        ("(2+3)*4", 20),
+        ("10-4-3", 3),
+        ("Abs(-3)", 3),
+        ("Pow(2,3)", 8),
+        ("Sqrt(9)", 3),
+        ("Sin(30)", 0.5),
+        ("ATan2(1,1)", 45),
+        ("Round(2.567\\Dec:=1)", 2.6),
+        ("Round(2.5)", 3),
+        ("Trunc(2.9)", 2),
+        ("a{2}", 20),
+        ("Dim(a,1)", 3),
+        ("p1.trans.x", 100),
+        ("Distance(p0.trans,p1.trans)", 100),
+        ("VectMagn([3,4,0])", 5),
+        ("DotProd([1,2,3],[1,1,1])", 6),
+        ('StrLen("abc")', 3),
+        ('StrFind("abc",1,"c")', 3),
+        ('StrMatch("abcabc",2,"ab")', 4),
+        ("BitAnd(6,3)", 2),
+        ("BitNeg(5)", 250),
+        ("BitLShDnum(3,8)", 768),
+        ("BitRShDnum(768,8)", 3),
         ("EulerZYX(\\X,OrientZYX(10,20,30))", 30),
-        ("EulerZYX(\\Z,OrientZYX(10,20,30))", 10), ("StrFind(\"aab\",1,\"a\"\\NotInSet)", 3),
-        ("ATan(1)", 45), ("-(7 DIV -2)", 3),
+        ("EulerZYX(\\Z,OrientZYX(10,20,30))", 10),
+        ('StrFind("aab",1,"a"\\NotInSet)', 3),
+        ("ATan(1)", 45),
+        ("-(7 DIV -2)", 3),
         ("StrLen(NumToStr(12345,1\\Exp))", 7),
     ],
-)  # fmt: skip
-def test_numbers(expression: str, worth: float) -> None:
-    assert computed(expression) == pytest.approx(worth)
+)
+def test_an_expression_has_the_value_of_the_manual(expression: str, value: float) -> None:
+    assert compute_num(expression) == pytest.approx(value)
 
 
 @pytest.mark.parametrize(
     "condition",
     [
-        "1<2", "2>=2", "1<>2", "TRUE OR b", "NOT b", "TRUE XOR b", "NOT b AND NOT b", "\"a\"+\"b\"=\"ab\"",
-        "StrPart(\"abcd\",2,2)=\"bc\"", "NumToStr(1.26,1)=\"1.3\"", "ValToStr([1,2])=\"[1,2]\"", "p1.trans=[100,0,0]",
-        "StrToVal(\"7.5\",n) AND n=7.5", "NOT StrToVal(\"x\",n)",
+        "1<2",
+        "2>=2",
+        "1<>2",
+        "TRUE OR b",
+        "NOT b",
+        "TRUE XOR b",
+        "NOT b AND NOT b",
+        '"a"+"b"="ab"',
+        'StrPart("abcd",2,2)="bc"',
+        'NumToStr(1.26,1)="1.3"',
+        'ValToStr([1,2])="[1,2]"',
+        "p1.trans=[100,0,0]",
+        'StrToVal("7.5",n) AND n=7.5',
+        'NOT StrToVal("x",n)',
         "PoseMult([[1,0,0],[1,0,0,0]],[[2,0,0],[1,0,0,0]])=[[3,0,0],[1,0,0,0]]",
-        "p1.trans+[0,0,1]=[100,0,1]", "[1,0,0]*[0,1,0]=[0,0,1]", "StrMap(\"abc\",\"ab\",\"xy\")=\"xyc\"",
+        "p1.trans+[0,0,1]=[100,0,1]",
+        "[1,0,0]*[0,1,0]=[0,0,1]",
+        'StrMap("abc","ab","xy")="xyc"',
     ],
-)  # fmt: skip
-def test_conditions(condition: str) -> None:
-    assert waits(done(f"IF {condition} WaitTime 1;")) == [1]
+)
+def test_a_condition_holds(condition: str) -> None:
+    assert wait_seconds(run_main(f"IF {condition} WaitTime 1;")) == [1]
 
 
 @pytest.mark.parametrize(
-    ("origin", "place"),
+    ("origin", "position"),
     [("", (0, 0, 0)), ("\\Origin:=2", (100, 0, 0)), ("\\Origin:=3", (30, 0, 0))],
 )
-def test_a_frame_through_three_points(origin: str, place: tuple[float, float, float]) -> None:
+def test_defframe_makes_a_frame_of_three_points(
+    origin: str, position: tuple[float, float, float]
+) -> None:
     body = (
         f"VAR pose f;\nf:=DefFrame(p0,p1,Offs(p0,30,40,0){origin});\n"
         f"MoveL [f.trans,f.rot,p1.robconf,p1.extax],{TAIL}"
     )
-    assert places(sound(body)) == [place]
+    assert positions(run_without_assumptions(body)) == [position]
 
 
-def test_parts_of_data_are_assigned() -> None:
-    assert computed("a{3}", "a{3}:=a{1}+1;") == 11
+def test_elements_and_components_are_assigned() -> None:
+    assert compute_num("a{3}", "a{3}:=a{1}+1;") == 11
     body = f"p:=p1;\np.trans.z:=9;\np.trans:=p.trans+[0,1,0];\nMoveL p,{TAIL}"
-    assert places(sound(body)) == [(100, 1, 9)]
-    assert computed("n", "Incr n;\nAdd n,4;\nDecr n;") == 4
+    assert positions(run_without_assumptions(body)) == [(100, 1, 9)]
+    assert compute_num("n", "Incr n;\nAdd n,4;\nDecr n;") == 4
 
 
-def test_records_and_aliases_of_the_text() -> None:
-    text_of = f"""MODULE m
+def test_records_and_aliases_of_a_module_are_used() -> None:
+    module = f"""MODULE m
 RECORD part
   num height;
   robtarget at;
@@ -333,10 +380,10 @@ PROC main()
 ENDPROC
 ENDMODULE
 """
-    assert places(run({"m.mod": text_of}, RunRequest())) == [(1, 2, 10)]
+    assert positions(run({"m.mod": module}, Ask())) == [(1, 2, 10)]
 
 
-# Control --------------------------------------------------------------------------------------------------------
+# Control ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -347,8 +394,14 @@ ENDMODULE
         ("FOR i FROM 1 TO 2 STEP 0.5 DO\nWaitTime i;\nENDFOR", [1, 1.5, 2]),
         ("FOR i FROM 1 TO 2 STEP -1 DO\nWaitTime i;\nENDFOR", []),
         ("WHILE n<3 DO\nIncr n;\nWaitTime n;\nENDWHILE", [1, 2, 3]),
-        ("n:=2;\nTEST n\nCASE 1:\nWaitTime 1;\nCASE 2,3:\nWaitTime 2;\nDEFAULT:\nWaitTime 9;\nENDTEST", [2]),
-        ("TEST s\nCASE \"x\":\nWaitTime 1;\nDEFAULT:\nWaitTime 9;\nENDTEST", [9]),
+        (
+            (
+                "n:=2;\nTEST n\nCASE 1:\nWaitTime 1;\nCASE 2,3:\nWaitTime 2;\nDEFAULT:\n"
+                "WaitTime 9;\nENDTEST"
+            ),
+            [2],
+        ),
+        ('TEST s\nCASE "x":\nWaitTime 1;\nDEFAULT:\nWaitTime 9;\nENDTEST', [9]),
         ("IF n=1 THEN\nWaitTime 1;\nELSEIF n=0 THEN\nWaitTime 2;\nELSE\nWaitTime 3;\nENDIF", [2]),
         ("again:\nIncr n;\nWaitTime n;\nIF n<3 GOTO again;", [1, 2, 3]),
         ("IF TRUE GOTO out;\nWaitTime 1;\nout:\nWaitTime 2;", [2]),
@@ -356,15 +409,15 @@ ENDMODULE
         ("WaitTime 1;\nRETURN;\nWaitTime 2;", [1]),
         ("sub 2;\nWaitTime n;", [2, 4]),
         ("WaitTime twice(3);", [6]),
-        ("%\"s\"+\"ub\"% 2;", [2]),
-        ("CallByVar \"path\",1;", [7]),
+        ('%"s"+"ub"% 2;', [2]),
+        ('CallByVar "path",1;', [7]),
         ("change n;\nWaitTime n;", [5]),
         ("keep a{1};\nWaitTime a{1};", [10]),
         ("change a{1};\nWaitTime a{1};", [5]),
         ("opt;\nopt\\x:=2;\nopt\\y;\nouter\\x:=3;\nouter;", [0, 2, 1, 3, 0]),
     ],
-)  # fmt: skip
-def test_control(body: str, seconds: list[float]) -> None:
+)
+def test_control_flow_runs_the_statements_in_order(body: str, seconds: list[float]) -> None:
     more = """PROC sub(num k)
 WaitTime k;
 n:=2*k;
@@ -393,26 +446,30 @@ ENDPROC
 PROC outer(\\num x)
 opt\\x?x;
 ENDPROC"""
-    executed = done(body, more)
-    assert waits(executed) == seconds
+    executed = run_main(body, more)
+    assert wait_seconds(executed) == seconds
     assert (executed.findings, executed.assumed, executed.stopped) == ((), (), None)
 
 
 def test_an_error_that_is_raised_is_handled() -> None:
     more = "PROC sub()\nIF n<2 RAISE 7;\nWaitTime n;\nERROR\nRAISE;\nENDPROC"
     body = "sub;\nWaitTime 9;\nERROR\nIncr n;\nRETRY;"
-    assert waits(done(body, more)) == [2, 9]
-    assert waits(done(body.replace("RETRY", "TRYNEXT"), more)) == [9]
-    assert waits(done(body.replace("RETRY", "RETURN"), more)) == []
-    assert done("RAISE 7;").stopped == (13, "an error is raised that no handler takes")
+    assert wait_seconds(run_main(body, more)) == [2, 9]
+    assert wait_seconds(run_main(body.replace("RETRY", "TRYNEXT"), more)) == [9]
+    assert wait_seconds(run_main(body.replace("RETRY", "RETURN"), more)) == []
+    assert run_main("RAISE 7;").stopped == (13, "an error is raised that no handler takes")
 
 
 def test_a_loop_without_end_is_shown_once() -> None:
-    for body in (f"WHILE TRUE DO\nMoveL p1,{TAIL}\nENDWHILE\nWaitTime 9;", f"x:\nMoveL p1,{TAIL}\nGOTO x;",
-                 f"MoveL p1,{TAIL}\nmain;", f"WHILE TRUE DO\nMoveL p1,{TAIL}\nIF b RETURN;\nENDWHILE"):  # fmt: skip
-        executed = done(body)
-        assert places(executed) == [(100, 0, 0)]
-        assert waits(executed) == []
+    for body in (
+        f"WHILE TRUE DO\nMoveL p1,{TAIL}\nENDWHILE\nWaitTime 9;",
+        f"x:\nMoveL p1,{TAIL}\nGOTO x;",
+        f"MoveL p1,{TAIL}\nmain;",
+        f"WHILE TRUE DO\nMoveL p1,{TAIL}\nIF b RETURN;\nENDWHILE",
+    ):
+        executed = run_main(body)
+        assert positions(executed) == [(100, 0, 0)]
+        assert wait_seconds(executed) == []
         assert "shown once" in executed.assumed[0].what
         assert executed.stopped is None
 
@@ -424,10 +481,10 @@ def test_a_loop_without_end_is_shown_once() -> None:
         "again:\nWaitTime 1;\nIF di1=1 GOTO out;\nGOTO again;\nout:",
     ],
 )
-def test_a_loop_is_left_where_an_input_could_end_it(loop: str) -> None:
-    """Not behind ENDWHILE: no program comes there."""
-    executed = done("sub;\nWaitTime 9;", f"PROC sub()\n{loop}\nENDPROC")
-    assert (waits(executed), executed.stopped) == ([1, 9], None)
+def test_a_loop_is_left_at_the_statement_that_an_input_could_take(loop: str) -> None:
+    """The run does not continue after ENDWHILE, which the program never reaches."""
+    executed = run_main("sub;\nWaitTime 9;", f"PROC sub()\n{loop}\nENDPROC")
+    assert (wait_seconds(executed), executed.stopped) == ([1, 9], None)
     assert "a loop repeats: it is shown once" in [item.what for item in executed.assumed]
 
 
@@ -443,63 +500,66 @@ def test_a_loop_is_left_where_an_input_could_end_it(loop: str) -> None:
         ("GOTO x;\nIF TRUE THEN\nx:\nENDIF\nx:\nWaitTime 1;", [1]),
         ("TEST n\nCASE 0:\nCASE 1:\nWaitTime 1;\nENDTEST\nWaitTime 2;", [2]),
         ("n:=3;\nFOR i FROM 1 TO 2 STEP 0 DO\nWaitTime 1;\nENDFOR\nWaitTime n;", [3]),
-        # An assignment to the variable of a FOR changes no round.
+        # An assignment to the variable of a FOR does not change its iterations.
         ("FOR i FROM 1 TO 3 DO\nWaitTime i;\ni:=7;\nENDFOR", [1, 2, 3]),
         # A handler runs once for an error, however deep the blocks are.
         ("IF TRUE THEN\nIF TRUE THEN\nRAISE 7;\nENDIF\nENDIF\nERROR\nWaitTime 1;\nRETURN;", [1]),
     ],
-)  # fmt: skip
-def test_control_across_blocks(body: str, seconds: list[float]) -> None:
+)
+def test_jumps_and_handlers_leave_their_blocks(body: str, seconds: list[float]) -> None:
     more = "FUNC num f()\nRAISE 8;\nENDFUNC\nPROC sub(num k)\nWaitTime k;\nENDPROC"
-    executed = done(body, more)
-    assert waits(executed) == seconds
+    executed = run_main(body, more)
+    assert wait_seconds(executed) == seconds
     assert (executed.findings, executed.assumed, executed.stopped) == ((), (), None)
 
 
 def test_a_loop_that_alternates_between_two_values_ends() -> None:
-    executed = done("WHILE n<5 DO\nn:=1-n;\nENDWHILE\nWaitTime 9;")
-    assert waits(executed) == [9]
+    executed = run_main("WHILE n<5 DO\nn:=1-n;\nENDWHILE\nWaitTime 9;")
+    assert wait_seconds(executed) == [9]
     assert executed.stopped is None
     assert [item.what for item in executed.assumed] == [
         "a loop waits for what nothing in it changes: it ends at once"
     ]
 
 
-def test_a_loop_that_waits_for_somebody_else_ends() -> None:
-    executed = done(
-        "WHILE b=FALSE DO\nWaitTime 0;\nENDWHILE\nWHILE di1=0 DO\nWaitTime 0.1;\nENDWHILE\nWaitTime 9;"
+def test_a_loop_that_waits_for_an_external_change_ends() -> None:
+    executed = run_main(
+        "WHILE b=FALSE DO\nWaitTime 0;\nENDWHILE\nWHILE di1=0 DO\nWaitTime 0.1;\nENDWHILE\n"
+        "WaitTime 9;"
     )
-    assert waits(executed) == [0, 9]
-    assert [(one.key, one.value) for one in executed.assumed] == [("", 0), ("di1", 1)]
+    assert wait_seconds(executed) == [0, 9]
+    assert [(assumption.key, assumption.value) for assumption in executed.assumed] == [
+        ("", 0),
+        ("di1", 1),
+    ]
 
 
-def test_a_run_has_a_bound() -> None:
-    executed = done("WHILE n>=0 DO\nn:=n+1;\nENDWHILE")
+def test_a_run_stops_at_the_limit_of_steps_and_of_nested_calls() -> None:
+    executed = run_main("WHILE n>=0 DO\nn:=n+1;\nENDWHILE")
     assert executed.stopped is not None
     assert "limits.rapid_steps" in executed.stopped[1]
-    assert done("sub;", "PROC sub()\nsub;\nENDPROC").stopped == (
+    assert run_main("sub;", "PROC sub()\nsub;\nENDPROC").stopped == (
         16,
         "routines call each other more than 70 deep",
     )
 
 
-# What no text holds ---------------------------------------------------------------------------------------------
+# Unknown values -----------------------------------------------------------------------------------
 
 BRANCH = f"IF di1=1 THEN\nMoveL p1,{TAIL}\nELSE\nMoveL p2,{TAIL}\nENDIF"
 
 
 @pytest.mark.parametrize(
-    ("assume", "place"),
+    ("assume", "position"),
     [({}, (100, 0, 0)), ({"di1": 1.0}, (100, 0, 0)), ({"di1": 0.0}, (100, 50, 0))],
 )
-def test_an_input_is_assumed_or_said(
-    assume: Mapping[str, float], place: tuple[float, float, float]
+def test_an_input_is_assumed_unless_the_user_gives_it(
+    assume: Mapping[str, float], position: tuple[float, float, float]
 ) -> None:
-    executed = done(BRANCH, **assume)
-    assert places(executed) == [place]
-    assert [(one.line, one.key, one.value) for one in executed.assumed] == (
-        [] if assume else [(13, "di1", 1.0)]
-    )
+    executed = run_main(BRANCH, **assume)
+    assert positions(executed) == [position]
+    assumptions = [(entry.line, entry.key, entry.value) for entry in executed.assumed]
+    assert assumptions == ([] if assume else [(13, "di1", 1.0)])
 
 
 @pytest.mark.parametrize(
@@ -509,25 +569,28 @@ def test_an_input_is_assumed_or_said(
         f"IF diFault=1 RETURN;\nMoveL p1,{TAIL}",
         f'IF diOk=0 THEN\nTPWrite "no";\nEXIT;\nELSE\nMoveL p1,{TAIL}\nENDIF',
         f'TEST giPart\nCASE 0:\nTPWrite "no";\nCASE 4:\nMoveL p1,{TAIL}\nDEFAULT:\nStop;\nENDTEST',
-        f'TPReadFK n,"?","a","b",stEmpty,stEmpty,stEmpty;\nIF n=1 THEN\nMoveL p1,{TAIL}\nELSE\nStop;\nENDIF',
+        (
+            f'TPReadFK n,"?","a","b",stEmpty,stEmpty,stEmpty;\nIF n=1 THEN\nMoveL p1,{TAIL}\n'
+            "ELSE\nStop;\nENDIF"
+        ),
     ],
 )
-def test_the_way_that_leads_on_is_taken(branch: str) -> None:
-    executed = done(branch)
-    assert places(executed) == [(100, 0, 0)]
+def test_an_unknown_condition_takes_the_branch_that_continues(branch: str) -> None:
+    executed = run_main(branch)
+    assert positions(executed) == [(100, 0, 0)]
     assert executed.assumed
 
 
-def test_the_operator_answers_what_the_user_says() -> None:
+def test_the_answer_of_the_operator_is_the_value_that_the_user_gives() -> None:
     body = 'TPReadNum n,"how many";\nFOR i FROM 1 TO n DO\nWaitTime i;\nENDFOR'
-    assert waits(done(body, n=2)) == [1, 2]
-    assert waits(done(body)) == [1]
+    assert wait_seconds(run_main(body, n=2)) == [1, 2]
+    assert wait_seconds(run_main(body)) == [1]
 
 
-def test_what_an_unknown_routine_is_given_is_not_known_after_it() -> None:
-    """A VAR parameter gives its value back. The zeros before the call were refused as a pose."""
+def test_a_variable_is_unknown_after_it_is_passed_to_an_unknown_routine() -> None:
+    """The routine may change it. A pose of the zeros from before the call would be refused."""
     data = "VAR robtarget pIn;\nVAR num nIn:=1;\nCONST num nFixed:=2;\n"
-    executed = done(
+    executed = run_main(
         f"{data}GetItem pIn,nIn,nFixed,zOwn;\nMoveL RelTool(pIn,0,0,10),{TAIL}\n"
         "WaitTime nFixed;\nMoveL p1,v100,fine,tool0;"
     )
@@ -535,52 +598,64 @@ def test_what_an_unknown_routine_is_given_is_not_known_after_it() -> None:
     assert "a target is not known (what getitem gives to pIn): motions there are left out" in [
         assumption.what for assumption in executed.assumed
     ]
-    assert places(executed) == [(100, 0, 0)]
-    assert [item.seconds for item in executed.body if isinstance(item, Wait)] == [2.0]
+    assert positions(executed) == [(100, 0, 0)]
+    assert wait_seconds(executed) == [2.0]
 
 
 def test_a_loop_that_the_operator_ends_is_run_until_the_other_answer() -> None:
     loop = "WHILE n>=0 DO\nMoveL Offs(p1,n,0,0),v100,fine,tool0;\nTPReadFK a,{texts};\n"
     loop += "IF a=1 THEN\nn:=n+1;\nELSEIF a=2 THEN\nn:=-1;\nENDIF\nENDWHILE"
     texts = ",".join(['"again?"', '"yes"', '"no"', *["stEmpty"] * 3])
-    executed = done("VAR num n:=0;\nVAR num a;\n" + loop.replace("{texts}", texts))
+    executed = run_main("VAR num n:=0;\nVAR num a;\n" + loop.replace("{texts}", texts))
     assert executed.stopped is None
-    assert places(executed) == [(100, 0, 0), (101, 0, 0)]
+    assert positions(executed) == [(100, 0, 0), (101, 0, 0)]
 
 
-def test_what_is_in_other_files_is_named() -> None:
-    executed = done(
+def test_names_of_files_that_are_missing_are_listed() -> None:
+    executed = run_main(
         f"gripOpen 5;\nMoveL pThere,{TAIL}\nMoveL p1,vOwn,zOwn,tOwn\\WObj:=wOwn;\nWaitTime f(1);"
     )
-    assert places(executed) == [(100, 0, 0)]
-    said = [one.what for one in executed.assumed]
-    assert said[0] == "gripopen is in none of the files: it is left out"
-    assert said[1] == "a target is not known (pThere): motions there are left out"
-    assert {"the tool tOwn is in none of the files: its frame is not known",
-            "f is in none of the files: what it gives is not known"} <= set(said)  # fmt: skip
+    assert positions(executed) == [(100, 0, 0)]
+    assumptions = [assumption.what for assumption in executed.assumed]
+    assert assumptions[0] == "gripopen is in none of the files: it is left out"
+    assert assumptions[1] == "a target is not known (pThere): motions there are left out"
+    assert {
+        "the tool tOwn is in none of the files: its frame is not known",
+        "f is in none of the files: what it gives is not known",
+    } <= set(assumptions)
     assert executed.frames[-1].flange_from_tool is None
     assert executed.findings == ()
 
 
-def test_modules_together_see_what_is_global() -> None:
-    other = f"MODULE o\nLOCAL CONST num k:=3;\nPROC sub()\nWaitTime k;\nMoveL p1,{TAIL}\nENDPROC\nENDMODULE\n"
-    executed = run({"m.mod": text("sub;"), "o.mod": other}, RunRequest())
-    assert (waits(executed), places(executed), executed.assumed) == ([3], [(100, 0, 0)], ())
+def test_modules_share_their_global_names() -> None:
+    other = (
+        f"MODULE o\nLOCAL CONST num k:=3;\nPROC sub()\nWaitTime k;\nMoveL p1,{TAIL}\nENDPROC\n"
+        "ENDMODULE\n"
+    )
+    executed = run({"m.mod": make_module("sub;"), "o.mod": other}, Ask())
+    assert (wait_seconds(executed), positions(executed), executed.assumed) == (
+        [3],
+        [(100, 0, 0)],
+        (),
+    )
     assert executed.lines == (20, 21)
 
 
-def test_the_entry() -> None:
+def test_the_entry_is_main_or_the_routine_without_parameters_or_the_one_of_the_user() -> None:
     more = "PROC other()\nWaitTime 3;\nENDPROC"
-    assert waits(run({"m.mod": text("WaitTime 1;", more)}, RunRequest(entry="Other"))) == [3]
-    alone = text("", more).replace("PROC main()\n\nENDPROC\n", "PROC help(num k)\nENDPROC\n")
-    executed = run({"m.mod": alone}, RunRequest())
-    assert (waits(executed), dict(executed.facts)["entry"]) == ([3], "other, as there is no main")
-    assert dict(run({"m.mod": "MODULE d\nENDMODULE\n"}, RunRequest()).facts)["entry"].startswith(
-        "none"
+    assert wait_seconds(run({"m.mod": make_module("WaitTime 1;", more)}, Ask(entry="Other"))) == [3]
+    without_main = make_module("", more).replace(
+        "PROC main()\n\nENDPROC\n", "PROC help(num k)\nENDPROC\n"
     )
+    executed = run({"m.mod": without_main}, Ask())
+    assert (wait_seconds(executed), dict(executed.facts)["entry"]) == (
+        [3],
+        "other, as there is no main",
+    )
+    assert dict(run({"m.mod": "MODULE d\nENDMODULE\n"}, Ask()).facts)["entry"].startswith("none")
 
 
-# What a controller turns down -----------------------------------------------------------------------------------
+# Refusals of a controller -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -588,7 +663,7 @@ def test_the_entry() -> None:
     [
         ("n:=1/0;", "a division by 0"),
         ("n:=a{4};", "element 4 of a, which has 3"),
-        ("n:=1+\"a\";", "a num + a string: there is no such operation"),
+        ('n:=1+"a";', "a num + a string: there is no such operation"),
         ("p0:=p1;", "p0 is a constant"),
         ("n:=p1.trans.q;", "pos has no component q"),
         ("IF n RETURN;", "the condition of IF is not a bool"),
@@ -604,39 +679,43 @@ def test_the_entry() -> None:
         ("WaitTime -1;", "a wait must not be negative"),
         ("f;", "f is a FUNC, no statement"),
         ("RETRY;", "RETRY outside of an error handler"),
-        (f"MoveL p0,{TAIL}\nMoveC p1,Offs(p1,9,0,0),{TAIL}", "the points of an arc are on one line"),
+        (
+            f"MoveL p0,{TAIL}\nMoveC p1,Offs(p1,9,0,0),{TAIL}",
+            "the points of an arc are on one line",
+        ),
         (f"MoveL p0,{TAIL}\nFCPressL p1,v10,5,fine,tG;", "fcpressl without FCPress1LStart"),
         ("<SMT>", "<SMT>: a place that is not filled in; the controller stops there"),
     ],
-)  # fmt: skip
-def test_what_a_controller_turns_down(body: str, what: str) -> None:
-    executed = done(body, "FUNC num f()\nRETURN 1;\nENDFUNC\nPROC g()\nENDPROC")
-    assert [(one.level, one.what) for one in executed.findings] == [("refused", what)]
+)
+def test_a_statement_that_a_controller_refuses_is_refused(body: str, what: str) -> None:
+    executed = run_main(body, "FUNC num f()\nRETURN 1;\nENDFUNC\nPROC g()\nENDPROC")
+    assert [(finding.level, finding.what) for finding in executed.findings] == [("refused", what)]
 
 
-CONF = "[[500,0,500],[0,0,1,0],[{}],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+#: A target, without its configuration.
+TARGET = "[[500,0,500],[0,0,1,0],[{}],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 
 
 @pytest.mark.parametrize(
     ("before", "switch", "move", "after", "is_found"),
     [
-        # Another shoulder, elbow or wrist.
+        # Shoulder, elbow or wrist changes.
         ("0,0,0,0", "", "MoveL", "0,0,0,1", True),
-        # Axis 6 from between -180 and -90 deg to between 90 and 180 deg.
+        # Axis 6 moves from the quadrant -180 to -90 deg to the quadrant 90 to 180 deg.
         ("0,0,-2,0", "", "MoveL", "0,0,1,0", True),
         ("0,0,-2,0", "ConfL\\On;", "MoveL", "0,0,1,0", True),
         ("0,0,-2,0", "ConfL\\Off;", "MoveL", "0,0,1,0", False),
-        # A joint motion goes anywhere; an axis may pass a quarter turn on a line.
+        # A joint motion may change it, and a line may cross into the next quadrant.
         ("0,0,-2,0", "", "MoveJ", "0,0,1,1", False),
         ("0,0,0,0", "", "MoveL", "-1,0,1,0", False),
     ],
 )
-def test_a_configuration_that_no_line_leads_to_is_dangerous(
+def test_a_line_that_changes_the_configuration_is_dangerous(
     before: str, switch: str, move: str, after: str, is_found: bool
 ) -> None:
-    """Reference manual, ConfL: with it the program stops at another configuration."""
-    body = f"{switch}\nMoveJ {CONF.format(before)},v10,fine,tG;\n"
-    executed = done(body + f"{move} {CONF.format(after)},v10,fine,tG;")
+    """Reference manual, ConfL: when it is on, the program stops if the configuration changes."""
+    body = f"{switch}\nMoveJ {TARGET.format(before)},v10,fine,tG;\n"
+    executed = run_main(body + f"{move} {TARGET.format(after)},v10,fine,tG;")
     old, new = f"[{before}]", f"[{after}]"
     what = f"the configuration of the axes changes from {old} to {new} on the way: "
     expected = [("dangerous", what + "with ConfL the controller stops there")]
@@ -644,10 +723,10 @@ def test_a_configuration_that_no_line_leads_to_is_dangerous(
     assert listed == expected * is_found
 
 
-def test_a_value_that_is_refused_is_not_known_after_it() -> None:
-    """The controller stops there, and does not come to the lines that use the value."""
-    executed = done("n:=0;\nn:=1/n;\nn:=1/n;\nn:=a{n};")
-    assert [finding.what for finding in executed.findings] == ["a division by 0"]
+def test_a_value_is_unknown_after_its_assignment_was_refused() -> None:
+    """The controller stops there and does not reach the lines that use the value."""
+    findings = run_main("n:=0;\nn:=1/n;\nn:=1/n;\nn:=a{n};").findings
+    assert [finding.what for finding in findings] == ["a division by 0"]
 
 
 @pytest.mark.parametrize(
@@ -658,33 +737,31 @@ def test_a_value_that_is_refused_is_not_known_after_it() -> None:
         ("PROC q(num k)\nVAR num k;\nENDPROC", "k is declared twice in q"),
     ],
 )
-def test_names_that_a_controller_turns_down(module: str, what: str) -> None:
-    assert [
-        one.what
-        for one in run({"m.mod": f"MODULE m\n{module}\nENDMODULE\n"}, RunRequest()).findings
-    ] == [what]
+def test_a_name_that_a_controller_refuses_is_found(module: str, what: str) -> None:
+    (finding,) = run({"m.mod": f"MODULE m\n{module}\nENDMODULE\n"}, Ask()).findings
+    assert finding.what == what
 
 
 def test_a_tool_must_be_a_persistent() -> None:
-    executed = done("VAR tooldata t2;\nt2:=tG;\nMoveL p1,v100,fine,t2;")
-    assert [one.what for one in executed.findings] == [
+    executed = run_main("VAR tooldata t2;\nt2:=tG;\nMoveL p1,v100,fine,t2;")
+    assert [finding.what for finding in executed.findings] == [
         "t2 is VAR: the tooldata of a motion must be a persistent (PERS)"
     ]
 
 
 def test_a_burning_arc_at_the_end_is_dangerous() -> None:
-    executed = done("ArcLStart p1,v100,sm,wd,fine,tG;")
-    assert [(one.level, one.what) for one in executed.findings] == [
+    executed = run_main("ArcLStart p1,v100,sm,wd,fine,tG;")
+    assert [(finding.level, finding.what) for finding in executed.findings] == [
         ("dangerous", "the arc still burns at the end: ArcLEnd is missing")
     ]
 
 
-def test_what_changes_nothing_in_a_corner_is_not_dangerous() -> None:
-    executed = done(
+def test_an_output_in_a_corner_that_keeps_its_value_is_not_dangerous() -> None:
+    executed = run_main(
         "SetDO do1,0;\nMoveL p1,v100,z10,tG;\nReset do1;\nMoveL p0,v100,z0,tG;\nSet do1;\n"
         "MoveL p1,v100,z5,tG;\nSetGO go1,3;"
     )
-    assert [(one.level, one.line) for one in executed.findings] == [("unusual", 19)]
+    assert [(finding.level, finding.line) for finding in executed.findings] == [("unusual", 19)]
 
 
 @pytest.mark.parametrize(
@@ -700,57 +777,66 @@ def test_what_changes_nothing_in_a_corner_is_not_dangerous() -> None:
         ("f2()=3", {"f2": 3.0}),
     ],
 )
-def test_what_was_assumed_can_be_given(condition: str, assume: Mapping[str, float]) -> None:
+def test_an_assumed_value_can_be_given_by_its_key(
+    condition: str, assume: Mapping[str, float]
+) -> None:
     body = f"IF {condition} THEN\nMoveL p1,{TAIL}\nELSE\nStop;\nENDIF"
-    executed = done(body)
-    assert [(one.key, one.value) for one in executed.assumed if " depends on " in one.what] == list(
-        assume.items()
-    )
-    given = done(body, **assume)
-    assert (places(given), given.assumed[1:], given.findings) == ([(100, 0, 0)], (), ())
+    executed = run_main(body)
+    decisions = [entry for entry in executed.assumed if "asks" in entry.what]
+    assert [(entry.key, entry.value) for entry in decisions] == list(assume.items())
+    given = run_main(body, **assume)
+    assert (positions(given), given.assumed[1:], given.findings) == ([(100, 0, 0)], (), ())
 
 
-def test_what_is_left_on_is_a_fact() -> None:
-    assert dict(done("Set do1;\nSet do2;\nReset DO1;").facts)["on at the end"] == "do2"
+def test_outputs_that_stay_on_are_a_fact() -> None:
+    assert dict(run_main("Set do1;\nSet do2;\nReset DO1;").facts)["on at the end"] == "do2"
 
 
 def test_an_error_that_is_raised_to_the_user_is_handled() -> None:
-    handler = "PROC two()\nRaiseToUser \\Continue \\ErrorNumber:=7;\nERROR\nWaitTime 3;\nTRYNEXT;\nENDPROC"
-    found = done("two;\nWaitTime 1;", handler)
-    assert waits(found) == [3.0, 1.0]
-    assert found.lost == ()
+    handler = (
+        "PROC two()\nRaiseToUser \\Continue \\ErrorNumber:=7;\nERROR\nWaitTime 3;\nTRYNEXT;\n"
+        "ENDPROC"
+    )
+    executed = run_main("two;\nWaitTime 1;", handler)
+    assert wait_seconds(executed) == [3.0, 1.0]
+    assert executed.lost == ()
 
 
-def test_what_instructions_of_newer_controllers_give_is_not_known() -> None:
-    found = done("GetJointData 1\\Position:=n;\nSocketReceiveFrom s1\\Str:=s;\nStepBwdPath 30,1;")
-    assert not found.findings
-    assert [what for _, what in found.lost] == [
-        "stepbwdpath moves the arm on a path that is not in the text: it is not shown"
+def test_instructions_of_newer_controllers_give_unknown_values() -> None:
+    executed = run_main(
+        "GetJointData 1\\Position:=n;\nSocketReceiveFrom s1\\Str:=s;\nStepBwdPath 30,1;"
+    )
+    assert not executed.findings
+    assert [what for _, what in executed.lost] == [
+        "stepbwdpath moves the arm as no text says: it is not shown"
     ]
 
 
-def test_a_handler_asks_for_the_error() -> None:
-    more = "PROC sub(num k)\nIF k=1 RAISE mine;\nIF k=2 RAISE ERR_DIVZERO;\nRAISE ERR_OTHER;\nERROR\nRAISE;\nENDPROC"
+def test_a_handler_distinguishes_errors_by_errno() -> None:
+    more = (
+        "PROC sub(num k)\nIF k=1 RAISE mine;\nIF k=2 RAISE ERR_DIVZERO;\nRAISE ERR_OTHER;\n"
+        "ERROR\nRAISE;\nENDPROC"
+    )
     handler = (
         "ERROR\nIF ERRNO=mine THEN\nWaitTime 7;\nTRYNEXT;\nELSEIF "
         "ERRNO=ERR_DIVZERO THEN\nWaitTime 8;\nTRYNEXT;\nENDIF"
     )
-    text_of = text(
+    module = make_module(
         f"VAR errnum mine;\nBookErrNo mine;\nsub 1;\nsub 2;\nWaitTime 9;\nsub 3;\n{handler}", more
     )
-    text_of = text_of.replace("PROC main()\nVAR errnum mine;", "VAR errnum mine;\nPROC main()")
-    executed = run({"m.mod": text_of}, RunRequest())
-    assert waits(executed) == [7, 8, 9]
+    module = module.replace("PROC main()\nVAR errnum mine;", "VAR errnum mine;\nPROC main()")
+    executed = run({"m.mod": module}, Ask())
+    assert wait_seconds(executed) == [7, 8, 9]
     assert executed.assumed == ()
-    line = text_of.split("\n").index("RAISE ERR_OTHER;") + 1
+    line = module.split("\n").index("RAISE ERR_OTHER;") + 1
     assert executed.stopped == (line, "an error is raised that no handler takes")
 
 
-def test_a_motion_that_no_text_tells_is_said() -> None:
-    executed = done(
+def test_a_motion_without_a_target_in_the_text_is_an_assumption() -> None:
+    executed = run_main(
         f"MoveL p1,{TAIL}\nEGMRunPose id,EGM_STOP_HOLD\\X;\nMoveL Offs(CRobT(),0,0,9),{TAIL}"
     )
-    assert places(executed) == [(100, 0, 0), (0, 0, 9)]
+    assert positions(executed) == [(100, 0, 0), (0, 0, 9)]
     assert executed.frames[executed.frame[1]].base_from_work is None
     assert (
         executed.assumed[0].what
@@ -759,11 +845,11 @@ def test_a_motion_that_no_text_tells_is_said() -> None:
 
 
 def test_a_main_that_does_nothing_is_not_the_entry() -> None:
-    executed = done(
+    executed = run_main(
         "! nothing yet",
         "PROC Path_10()\nWaitTime 3;\nENDPROC\nPROC other()\nPath_10;\nWaitTime 4;\nENDPROC",
     )
-    assert waits(executed) == [3, 4]
+    assert wait_seconds(executed) == [3, 4]
     assert dict(executed.facts) == {"entry": "other, as main does nothing", "not run": "main"}
 
 
@@ -773,21 +859,28 @@ def test_a_main_that_does_nothing_is_not_the_entry() -> None:
         ("MoveL p1,v37,fine,tG;", "v37 is not a predefined speed or zone, and no file defines it"),
         ("MoveL p1,v100,z3,tG;", "z3 is not a predefined speed or zone, and no file defines it"),
         ("MoveL p1,[0,500,5000,1000],fine,tG;", "a speed of 0 mm/s: the arm hardly moves"),
-        ("MoveL [[0,0,0],[0,0.98,0,0],p1.robconf,p1.extax],v10,fine,tG;",
-         "an orientation that is not normalised (the sum of its squares is off by 0.04)"),
-        (f"MoveL p1,{TAIL}\nMoveL RelTool(p1,0,0,9\\Rx:=180),{TAIL}",
-         "the tool turns by 180 deg in one straight motion; its sense is open"),
-        ("tG.tload.mass:=0;\nMoveL p1,v10,fine,tG;",
-         "the mass of the tool tG is 0 kg; the manual asks for more than 0"),
+        (
+            "MoveL [[0,0,0],[0,0.98,0,0],p1.robconf,p1.extax],v10,fine,tG;",
+            "an orientation that is not normalised (the sum of its squares is off by 0.04)",
+        ),
+        (
+            f"MoveL p1,{TAIL}\nMoveL RelTool(p1,0,0,9\\Rx:=180),{TAIL}",
+            "the tool turns by 180 deg in one straight motion; its sense is open",
+        ),
+        (
+            "tG.tload.mass:=0;\nMoveL p1,v10,fine,tG;",
+            "the mass of the tool tG is 0 kg; the manual asks for more than 0",
+        ),
         (";", "an empty statement, which the kernel manual does not have"),
     ],
-)  # fmt: skip
-def test_what_an_expert_would_look_at_twice(body: str, what: str) -> None:
-    assert [(one.level, one.what) for one in done(body).findings] == [("unusual", what)]
+)
+def test_a_statement_that_is_probably_a_mistake_is_unusual(body: str, what: str) -> None:
+    (finding,) = run_main(body).findings
+    assert (finding.level, finding.what) == ("unusual", what)
 
 
-def test_what_is_shown_otherwise_is_a_fact() -> None:
-    executed = done(
+def test_effects_that_are_simplified_are_facts_or_losses() -> None:
+    executed = run_main(
         "SetDO\\SDelay:=0.5,do1,0;\nMoveL\\Conc,p1,v100,fine,tG\\Corr;\n"
         "MoveExtJ [p1.extax,p1.extax],v9,fine;"
     )
@@ -800,71 +893,70 @@ def test_what_is_shown_otherwise_is_a_fact() -> None:
     assert facts["external axes"] == "move on their own and are not shown"
 
 
-ASKED = "WHILE n<3 DO\nIF place>0 THEN\nfound:=place;\nENDIF\nn:=n+1;\nENDWHILE\nn:=100/found;"
+#: A loop polls `place`, which no statement sets; the division fails while `place` is 0.
+POLLING_LOOP = (
+    "WHILE n<3 DO\nIF place>0 THEN\nfound:=place;\nENDIF\nn:=n+1;\nENDWHILE\nn:=100/found;"
+)
 DATA = "PERS num place:=0;\nVAR num found;\n"
 
 
-def make_polled(body: str, more: str = "") -> str:
-    return text(body, more).replace("PROC main", f"{DATA}PROC main")
+def make_polling_module(body: str, more: str = "") -> str:
+    return make_module(body, more).replace("PROC main", f"{DATA}PROC main")
 
 
-def run_polled(body: str, request: RunRequest, more: str = "") -> Executed:
-    return run({"m.mod": make_polled(body, more)}, request)
+def run_polled(body: str, more: str = "", **assume: float) -> Executed:
+    return run({"m.mod": make_polling_module(body, more)}, Ask(assume=assume))
 
 
-def polled(body: str, more: str = "", **assume: float) -> Executed:
-    return run_polled(body, RunRequest(assume=assume), more)
-
-
-def test_data_that_a_loop_asks_and_nothing_sets_are_set_outside_of_the_program() -> None:
-    executed = polled(ASKED)
+def test_data_that_a_loop_polls_and_no_statement_sets_are_set_outside_of_the_program() -> None:
+    executed = run_polled(POLLING_LOOP)
     assert [finding.what for finding in executed.findings] == ["a division by 0"]
     assert executed.assumed == ()
     assert ("set outside", "place: the run has the values of the text") in executed.facts
     (choice,) = executed.choices
-    other = run_polled(ASKED, RunRequest(shifts={choice.line: 1}))
+    other = run({"m.mod": make_polling_module(POLLING_LOOP)}, Ask(shifts={choice.line: 1}))
     assert other.findings == ()
     assert other.assumed[0].what.startswith(
         "an IF depends on place, which is set outside of this program"
     )
     assert (other.assumed[0].key, choice.options) == ("place", 2)
     # A value of the user counts in each run, and no choice is left.
-    given = polled(ASKED, place=5.0)
+    given = run_polled(POLLING_LOOP, place=5.0)
     assert (given.findings, given.choices) == ((), ())
 
 
 def test_the_fault_of_a_value_that_is_set_outside_is_possible() -> None:
-    files = {"m.mod": make_polled(ASKED)}
-    (finding,) = run_alternatives(LANGUAGE, files, RunRequest()).executed.findings
+    files = {"m.mod": make_polling_module(POLLING_LOOP)}
+    (finding,) = run_alternatives(LANGUAGE, files, Ask()).executed.findings
     assert finding.level == "possible"
     assert finding.what.startswith(
         "a division by 0; it depends on place, set outside of this program"
     )
 
 
-def test_a_motion_that_the_text_switches_off_is_not_run_on_a_guess() -> None:
-    """A program that is translated has the motions of the text's own values."""
+def test_a_motion_that_the_values_of_the_text_skip_is_not_run() -> None:
+    """A translated program has the motions that result from the values of the text."""
     body = "WHILE n<3 DO\nIF place>0 THEN\nMoveJ p2,v100,fine,tG;\nENDIF\nn:=n+1;\nENDWHILE"
-    assert places(polled(f"MoveJ p1,v100,fine,tG;\n{body}")) == [(100.0, 0.0, 0.0)]
+    assert positions(run_polled(f"MoveJ p1,v100,fine,tG;\n{body}")) == [(100.0, 0.0, 0.0)]
 
 
 @pytest.mark.parametrize(
     ("body", "more"),
     [
-        # Asked once, outside of a loop.
+        # Read once, outside of a loop.
         ("IF place>0 THEN\nfound:=place;\nENDIF\nn:=100/found;", ""),
         # Another routine sets it.
-        (ASKED, "PROC other()\nplace:=1;\nENDPROC"),
+        (POLLING_LOOP, "PROC other()\nplace:=1;\nENDPROC"),
         # An instruction may set it.
-        (ASKED, "PROC other()\nIncr place;\nENDPROC"),
+        (POLLING_LOOP, "PROC other()\nIncr place;\nENDPROC"),
     ],
 )
 def test_other_data_have_the_value_of_the_text(body: str, more: str) -> None:
-    executed = polled(body, more)
+    executed = run_polled(body, more)
     assert [finding.what for finding in executed.findings] == ["a division by 0"]
 
 
-def test_a_variable_is_seen_by_its_program_alone() -> None:
-    program = make_polled(ASKED).replace("PERS num", "VAR num")
-    executed = run({"m.mod": program}, RunRequest())
+def test_a_variable_is_not_set_outside_of_its_program() -> None:
+    program = make_polling_module(POLLING_LOOP).replace("PERS num", "VAR num")
+    executed = run({"m.mod": program}, Ask())
     assert [finding.what for finding in executed.findings] == ["a division by 0"]

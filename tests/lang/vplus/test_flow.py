@@ -1,4 +1,4 @@
-"""What a V+ program does: tests, loops, jumps, calls and their arguments, and what its lines may not be."""
+"""Runs V+ programs: conditions, loops, jumps, calls with arguments, and lines that are refused."""
 
 import pytest
 
@@ -8,28 +8,22 @@ from camgen.model.limits import Limits
 from camgen.model.program import Joints, MoveJ, MoveL, Output, Stop, Wait
 
 
-def execute(*lines, request=None, **more):
-    return run(
-        {"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, request or RunRequest(**more)
-    )
+def execute(*lines, **options):
+    """Run a program a() with these lines, of which the first is line 2."""
+    return run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, Ask(**options))
 
 
-def told(found, level):
-    return [(finding.line, finding.what) for finding in found.findings if finding.level == level]
+def list_findings(executed, level):
+    return [(finding.line, finding.what) for finding in executed.findings if finding.level == level]
 
 
-def places(found):
-    """x of the motions."""
-    assert not told(found, "refused")
-    return [item.target.origin[0] for item in found.body if isinstance(item, MoveJ | MoveL)]
+def x_of_motions(executed):
+    """The x of the targets of a program without refusals, mm."""
+    assert not list_findings(executed, "refused")
+    return [item.target.origin[0] for item in executed.body if isinstance(item, MoveJ | MoveL)]
 
 
-def value(expression, *before):
-    """What a real expression is, by the place of a motion."""
-    return places(execute(*before, f"x = {expression}", "MOVE TRANS(x)"))[0]
-
-
-def test_the_language_is_found():
+def test_the_language_is_found_by_its_name():
     assert find_language("vplus").about == VPLUS.about
     assert ".v2" in VPLUS.suffixes
 
@@ -37,8 +31,14 @@ def test_the_language_is_found():
 @pytest.mark.parametrize(
     ("lines", "expected"),
     [
-        (["IF 1 < 2 THEN", "MOVE TRANS(1)", "ELSE", "MOVE TRANS(2)", "END", "MOVE TRANS(3)"], [1, 3]),
-        (["IF 1 > 2 THEN", "MOVE TRANS(1)", "ELSE", "MOVE TRANS(2)", "END", "MOVE TRANS(3)"], [2, 3]),
+        (
+            ["IF 1 < 2 THEN", "MOVE TRANS(1)", "ELSE", "MOVE TRANS(2)", "END", "MOVE TRANS(3)"],
+            [1, 3],
+        ),
+        (
+            ["IF 1 > 2 THEN", "MOVE TRANS(1)", "ELSE", "MOVE TRANS(2)", "END", "MOVE TRANS(3)"],
+            [2, 3],
+        ),
         (["IF 1 > 2 THEN", "MOVE TRANS(1)", "END", "MOVE TRANS(3)"], [3]),
         (["IF 1 < 2 GOTO 10", "MOVE TRANS(1)", "10 MOVE TRANS(2)"], [2]),
         (["IF 1 > 2 GOTO 10", "MOVE TRANS(1)", "10", "MOVE TRANS(2)"], [1, 2]),
@@ -47,24 +47,70 @@ def test_the_language_is_found():
         (["FOR i = 3 TO 1 STEP -1", "MOVE TRANS(i)", "END"], [3, 2, 1]),
         (["FOR i = 1 TO 0", "MOVE TRANS(i)", "END", "MOVE TRANS(9)"], [9]),
         (["FOR p[1] = 1 TO 2", "MOVE TRANS(p[1])", "END"], [1, 2]),
-        (["FOR i = 1 TO 5", "IF i == 2 THEN", "NEXT", "END", "IF i == 4 THEN", "EXIT", "END", "MOVE TRANS(i)", "END"],
-         [1, 3]),
-        (["FOR i = 1 TO 3", "FOR j = 1 TO 3", "IF j == 2 THEN", "EXIT 2", "END", "MOVE TRANS(10*i+j)", "END", "END"],
-         [11]),
+        (
+            [
+                "FOR i = 1 TO 5",
+                "IF i == 2 THEN",
+                "NEXT",
+                "END",
+                "IF i == 4 THEN",
+                "EXIT",
+                "END",
+                "MOVE TRANS(i)",
+                "END",
+            ],
+            [1, 3],
+        ),
+        (
+            [
+                "FOR i = 1 TO 3",
+                "FOR j = 1 TO 3",
+                "IF j == 2 THEN",
+                "EXIT 2",
+                "END",
+                "MOVE TRANS(10*i+j)",
+                "END",
+                "END",
+            ],
+            [11],
+        ),
         (["i = 0", "WHILE i < 3 DO", "i = i+1", "MOVE TRANS(i)", "END"], [1, 2, 3]),
         (["i = 0", "DO", "i = i+1", "MOVE TRANS(i)", "UNTIL i >= 2"], [1, 2]),
-        (["CASE 2 OF", "VALUE 1, 3:", "MOVE TRANS(1)", "VALUE 2:", "MOVE TRANS(2)", "ANY", "HALT", "END"], [2]),
+        (
+            [
+                "CASE 2 OF",
+                "VALUE 1, 3:",
+                "MOVE TRANS(1)",
+                "VALUE 2:",
+                "MOVE TRANS(2)",
+                "ANY",
+                "HALT",
+                "END",
+            ],
+            [2],
+        ),
         (["CASE 5 OF", "VALUE 1, 3:", "MOVE TRANS(1)", "ANY", "MOVE TRANS(3)", "END"], [3]),
         (["CASE 5 OF", "VALUE 1:", "MOVE TRANS(1)", "END", "MOVE TRANS(9)"], [9]),
-        (['$s = "b"', "CASE $s OF", 'VALUE "a":', "MOVE TRANS(1)", 'VALUE "b":', "MOVE TRANS(2)", "END"], [2]),
+        (
+            [
+                '$s = "b"',
+                "CASE $s OF",
+                'VALUE "a":',
+                "MOVE TRANS(1)",
+                'VALUE "b":',
+                "MOVE TRANS(2)",
+                "END",
+            ],
+            [2],
+        ),
         (["i = 0", "10 i = i+1", "MOVE TRANS(i)", "IF i < 3 GOTO 10"], [1, 2, 3]),
         (["MOVE TRANS(1)", "RETURN", "MOVE TRANS(2)"], [1]),
         (["MOVE TRANS(1)", "STOP", "MOVE TRANS(2)"], [1]),
         (["MOVE TRANS(1)", "HALT", "MOVE TRANS(2)"], [1]),
     ],
-)  # fmt: skip
-def test_control(lines, expected):
-    assert places(execute(*lines)) == expected
+)
+def test_control_flow_runs_the_motions_in_order(lines, expected):
+    assert x_of_motions(execute(*lines)) == expected
 
 
 CALLS = """\
@@ -99,22 +145,24 @@ from[1] = 8
 """
 
 
-def test_arguments_are_names_for_variables_and_values_in_brackets_are_not():
-    # a names n (1 + 10), b is a value, loc names p (11 + 50), list[1] is q[1]; from q[2] on, [1] is q[3].
-    assert places(run({"a": CALLS}, RunRequest())) == [11, 61, 5, 77, 8]
+def test_an_argument_refers_to_its_variable_unless_it_is_in_brackets():
+    """In sub, a refers to n (1 + 10), b is a value, loc refers to p (11 + 50), list[1] to q[1].
+
+    In twice, from[1] refers to q[3], as its list starts at q[2].
+    """
+    assert x_of_motions(run({"a": CALLS}, Ask())) == [11, 61, 5, 77, 8]
 
 
-def test_what_local_keeps_and_auto_does_not():
+def test_a_local_variable_keeps_its_value_between_calls_and_an_auto_variable_does_not():
     main = ".PROGRAM main()\nCALL one()\nCALL one()\n.END\n"
-    counted = (
-        main
-        + ".PROGRAM one()\n{} n\nIF DEFINED(n) THEN\nn = n+1\nELSE\nn = 1\nEND\nMOVE TRANS(n)\n.END\n"
+    text = main + (
+        ".PROGRAM one()\n{} n\nIF DEFINED(n) THEN\nn = n+1\nELSE\nn = 1\nEND\nMOVE TRANS(n)\n.END\n"
     )
-    assert places(run({"a": counted.format("LOCAL")}, RunRequest())) == [1, 2]
-    assert places(run({"a": counted.format("AUTO")}, RunRequest())) == [1, 1]
+    assert x_of_motions(run({"a": text.format("LOCAL")}, Ask())) == [1, 2]
+    assert x_of_motions(run({"a": text.format("AUTO")}, Ask())) == [1, 1]
 
 
-def test_recursion_and_what_is_left_out_of_a_list():
+def test_a_recursive_program_has_undefined_parameters_if_arguments_are_omitted():
     down = [
         "MOVE TRANS(n)",
         "IF DEFINED(m) THEN",
@@ -127,86 +175,96 @@ def test_recursion_and_what_is_left_out_of_a_list():
     text = "\n".join(
         [".PROGRAM main()", "CALL down(3)", ".END", ".PROGRAM down(n, m)", *down, ".END"]
     )
-    assert places(run({"a": text}, RunRequest())) == [3, 2, 1]
+    assert x_of_motions(run({"a": text}, Ask())) == [3, 2, 1]
 
 
-def test_a_name_in_a_string_is_called():
-    assert places(
-        run(
-            {
-                "a": '.PROGRAM main()\n$p = "su"\nCALLS $p+"b"(4)\n.END\n.PROGRAM sub(x)\nMOVE TRANS(x)\n.END\n'
-            },
-            RunRequest(),
-        )
-    ) == [4]
+def test_calls_runs_the_program_that_a_string_names():
+    text = (
+        '.PROGRAM main()\n$p = "su"\nCALLS $p+"b"(4)\n.END\n.PROGRAM sub(x)\nMOVE TRANS(x)\n.END\n'
+    )
+    assert x_of_motions(run({"a": text}, Ask())) == [4]
 
 
-def test_programs_that_are_not_there_are_named():
-    found = execute("CALL other(1)", "MOVE TRANS(1)")
-    assert places(found) == [1]
-    assert [a.what for a in found.assumed] == ["program other is not in these files: left out"]
+def test_a_missing_program_is_left_out_with_an_assumption():
+    executed = execute("CALL other(1)", "MOVE TRANS(1)")
+    assert x_of_motions(executed) == [1]
+    assert [assumption.what for assumption in executed.assumed] == [
+        "program other is not in these files: left out"
+    ]
 
 
-def test_the_program_that_is_run():
+def test_the_program_that_runs_is_the_entry_or_main_or_the_first_uncalled_one():
     text = ".PROGRAM sub()\nMOVE TRANS(2)\n.END\n.PROGRAM first()\nCALL sub()\n.END\n"
     text += ".PROGRAM other()\nMOVE TRANS(3)\n.END\n"
-    found = run({"a": text}, RunRequest())
-    assert places(found) == [2]
-    assert ("programs not run", "other") in found.facts
-    assert places(run({"a": text}, RunRequest(entry="OTHER"))) == [3]
-    assert run({"a": text}, RunRequest(entry="nobody")).stopped == (1, "there is no program nobody")
-    assert places(run({"a": text + ".PROGRAM main()\nMOVE TRANS(4)\n.END\n"}, RunRequest())) == [4]
+    executed = run({"a": text}, Ask())
+    assert x_of_motions(executed) == [2]
+    assert ("programs not run", "other") in executed.facts
+    assert x_of_motions(run({"a": text}, Ask(entry="OTHER"))) == [3]
+    assert run({"a": text}, Ask(entry="nobody")).stopped == (1, "there is no program nobody")
+    assert x_of_motions(run({"a": text + ".PROGRAM main()\nMOVE TRANS(4)\n.END\n"}, Ask())) == [4]
 
 
-def test_programs_of_several_files_and_their_lines():
-    found = run(
+def test_lines_are_counted_through_several_files():
+    executed = run(
         {"a": ".PROGRAM main()\nCALL b()\n.END\n", "b": ".PROGRAM b()\nMOVE TRANS(1)\n.END\n"},
         RunRequest(),
     )
-    assert (places(found), found.lines) == ([1], (5,))
+    assert (x_of_motions(executed), executed.lines) == ([1], (5,))
 
 
 def test_a_second_task_is_named():
-    text = ".PROGRAM main()\nEXECUTE 2 watch(), 0\nMOVE TRANS(1)\n.END\n.PROGRAM watch()\nSIGNAL 5\n.END\n"
-    found = run({"a": text}, RunRequest())
-    assert [type(i) for i in found.body] == [MoveJ]
-    assert ("tasks beside it, not run", "watch (task 2): sets 5 to 1") in found.facts
+    text = (
+        ".PROGRAM main()\nEXECUTE 2 watch(), 0\nMOVE TRANS(1)\n.END\n.PROGRAM watch()\nSIGNAL 5\n"
+        ".END\n"
+    )
+    executed = run({"a": text}, Ask())
+    assert [type(item) for item in executed.body] == [MoveJ]
+    assert ("tasks beside it, not run", "watch (task 2): sets 5 to 1") in executed.facts
 
 
-def test_another_task_is_looked_at_by_itself():
-    text = ".PROGRAM main()\nx = 5\nEXECUTE 2 watch(), 0\nMOVE TRANS(1)\n.END\n.PROGRAM watch()\n{}\n.END\n"
-    task = "MOVE TRANS(9)\nSIGNAL 5\nWAIT SIG(1001)\nWAIT.EVENT , 2\nPAUSE\nSPEED -1\nWHILE TRUE DO\nSIGNAL -6\nEND"
-    found = run({"a": text.format(task)}, RunRequest())
-    assert places(found) == [1]
-    assert dict(found.facts)["tasks beside it, not run"] == (
+def test_a_concurrent_task_is_checked_on_its_own():
+    text = (
+        ".PROGRAM main()\nx = 5\nEXECUTE 2 watch(), 0\nMOVE TRANS(1)\n.END\n.PROGRAM watch()\n"
+        "{}\n.END\n"
+    )
+    task = (
+        "MOVE TRANS(9)\nSIGNAL 5\nWAIT SIG(1001)\nWAIT.EVENT , 2\nPAUSE\nSPEED -1\n"
+        "WHILE TRUE DO\nSIGNAL -6\nEND"
+    )
+    executed = run({"a": text.format(task)}, Ask())
+    assert x_of_motions(executed) == [1]
+    assert dict(executed.facts)["tasks beside it, not run"] == (
         "watch (task 2): sets 5 to 1, sets 6 to 0, stops, waits, 1 motion"
     )
-    assert found.lost[0][0] == 3
-    assert found.lost[0][1].startswith("another task, watch (task 2), is not shown: sets 5 to 1")
-    assert [(one.level, one.line) for one in found.findings] == [("dangerous", 8), ("unusual", 12)]
-    assert found.findings[1].what.startswith("in watch: ")
-    assert not [one for one in found.assumed if "round" in one.what]
+    assert executed.lost[0][0] == 3
+    assert executed.lost[0][1].startswith("another task, watch (task 2), is not shown: sets 5 to 1")
+    assert [(finding.level, finding.line) for finding in executed.findings] == [
+        ("dangerous", 8),
+        ("unusual", 12),
+    ]
+    assert executed.findings[1].what.startswith("in watch: ")
+    assert not [entry for entry in executed.assumed if "round" in entry.what]
 
 
 @pytest.mark.parametrize(
     ("line", "name"),
     [("REACT 1001, halt.it(2), 5", "halt.it"), ("REACTI -1002, halt.it(2)", "halt.it")],
 )
-def test_a_reaction_comes_where_the_user_says_so(line, name):
+def test_a_reaction_runs_if_the_user_assumes_it(line, name):
     text = f".PROGRAM main()\nMOVE TRANS(1)\n{line}\nMOVE TRANS(2)\n{line}\n.END\n"
     text += ".PROGRAM halt.it(x)\nMOVE TRANS(x*10)\n.END\n"
-    calm = run({"a": text}, RunRequest())
-    assert places(calm) == [1, 2]
-    assert [(one.line, one.key, one.value) for one in calm.assumed] == [(3, name, 0.0)]
-    assert dict(calm.facts)["reactions that do not come"].startswith("halt.it (REACT")
-    assert places(run({"a": text}, RunRequest(assume={name: 1.0}))) == [1, 20, 2]
+    executed = run({"a": text}, Ask())
+    assert x_of_motions(executed) == [1, 2]
+    assert [(entry.line, entry.key, entry.value) for entry in executed.assumed] == [(3, name, 0.0)]
+    assert dict(executed.facts)["reactions that do not come"].startswith("halt.it (REACT")
+    assert x_of_motions(run({"a": text}, Ask(assume={name: 1.0}))) == [1, 20, 2]
 
 
-def test_reactions_without_a_program_and_with_one_of_another_file():
-    found = run({"a": ".PROGRAM main()\nREACT 1001\nREACTE other\n.END\n"}, RunRequest())
-    assert dict(found.facts)["reactions"] == "REACT 1001"
+def test_a_reaction_without_a_program_and_one_with_a_missing_program_are_facts():
+    executed = run({"a": ".PROGRAM main()\nREACT 1001\nREACTE other\n.END\n"}, Ask())
+    assert dict(executed.facts)["reactions"] == "REACT 1001"
     assert (
-        dict(found.facts)["reactions that do not come"]
+        dict(executed.facts)["reactions that do not come"]
         == "other (REACTE, line 3): in none of the files"
     )
 
@@ -222,23 +280,20 @@ def test_reactions_without_a_program_and_with_one_of_another_file():
         ["WHILE x DO", "MOVE TRANS(1)", "END"],
     ],
 )
-def test_a_loop_that_nothing_ends_is_told_for_one_round(lines):
-    found = execute(*lines, "MOVE TRANS(2)")
-    assert places(found) == [1, 2]
-    assert found.stopped is None
-    assert found.assumed
+def test_an_endless_loop_is_run_once_with_an_assumption(lines):
+    executed = execute(*lines, "MOVE TRANS(2)")
+    assert x_of_motions(executed) == [1, 2]
+    assert executed.stopped is None
+    assert executed.assumed
 
 
-def test_more_rounds():
-    assert places(execute("WHILE TRUE DO", "MOVE TRANS(1)", "END", assume={"rounds": 3})) == [
-        1,
-        1,
-        1,
-    ]
+def test_an_endless_loop_is_run_as_often_as_the_user_assumes():
+    loop = ["WHILE TRUE DO", "MOVE TRANS(1)", "END"]
+    assert x_of_motions(execute(*loop, assume={"rounds": 3})) == [1, 1, 1]
 
 
-def test_the_bound_of_a_run():
-    found = execute(
+def test_a_run_stops_at_the_limit_of_steps_and_of_nested_calls():
+    executed = execute(
         "i = 0",
         "WHILE i < 1E6 DO",
         "i = i+1",
@@ -246,13 +301,14 @@ def test_the_bound_of_a_run():
         "END",
         limits=Limits(vplus_steps=300),
     )
-    assert found.stopped is not None
-    assert found.stopped[1] == (
+    assert executed.stopped is not None
+    assert executed.stopped[1] == (
         "the program has not ended after 300 steps in loops and calls (limits.vplus_steps)"
     )
-    assert 70 < len(found.body) < 80  # four instructions a round
-    deep = run({"a": ".PROGRAM a()\nCALL a()\n.END\n"}, RunRequest())
-    assert deep.stopped == (2, "more than 60 programs call each other")
+    # The loop has four instructions.
+    assert 70 < len(executed.body) < 80
+    recursive = run({"a": ".PROGRAM a()\nCALL a()\n.END\n"}, Ask())
+    assert recursive.stopped == (2, "more than 60 programs call each other")
 
 
 @pytest.mark.parametrize(
@@ -285,44 +341,84 @@ def test_the_bound_of_a_run():
         ("x = 1\nAUTO y", "AUTO after the first instruction"),
     ],
 )
-def test_what_the_controller_would_not_take(line, what):
-    for before in ([], ["GOTO 7"]):  # whether it is carried out or not
-        found = execute(*before, *line.split("\n"), "7")
-        if before and (
-            "division" in what or "root" in what or "an output" in what or "positive" in what
-        ):
+def test_a_line_that_the_controller_refuses_is_refused(line, what):
+    """A line that is jumped over is refused too, unless its fault is a value."""
+    for before in ([], ["GOTO 7"]):
+        executed = execute(*before, *line.split("\n"), "7")
+        if before and any(fault in what for fault in ("division", "root", "no output", "positive")):
             continue
-        assert what in [text for _, text in told(found, "refused")], (line, before)
+        assert what in [text for _, text in list_findings(executed, "refused")], (line, before)
 
 
 @pytest.mark.parametrize(
     "line",
     [
-        'TYPE "x", /S', "WAIT", "WAIT.EVENT , 1", "BREAK", "ENABLE CP, POWER", "PARAMETER HAND.TIME = 0.3",
-        "REACTI 1001, stop.it, 5", "IGNORE 1001", 'ATTACH (lun, 4) "TCP"', "DETACH (lun)", "FCLOSE (lun)",
-        'FOPENR (lun) "a.dat"', "CALIBRATE", "MC SPEED 50", "PRIORITY 5", "LOCK 10", "ABORT 2", "SET.EVENT 1, 2",
-        "COARSE 200 ALWAYS", "FINE 50", "NULL", "NONULL ALWAYS", "ACCEL (1) 50, 60", "DURATION 0.5 ALWAYS",
-        "RIGHTY", "FLIP ALWAYS", "TIMER 1 = 0", "SELECT ROBOT = 1", "RESET", "CPOFF", "SWITCH POWER = TRUE",
-        "WRITE (lun) $a, /N", "x = GETC(lun, 1)", "x = TASK(1, 3)", "x = SWITCH(DRY.RUN)", "x = BITS(1, 4)",
-        "x = STATE(2)", "x = RANDOM", "x = TIME", "x = INRANGE(p)", "MOVE p:TRANS(1)", "HERE p", "x = DX(HERE)",
-        "SET p = p:q:INVERSE(r)", "SET #q = #p", "MOVE #p[1,2]", "x = ^HFF BAND ^B101", "$s = $TIME()", "READY",
+        'TYPE "x", /S',
+        "WAIT",
+        "WAIT.EVENT , 1",
+        "BREAK",
+        "ENABLE CP, POWER",
+        "PARAMETER HAND.TIME = 0.3",
+        "REACTI 1001, stop.it, 5",
+        "IGNORE 1001",
+        'ATTACH (lun, 4) "TCP"',
+        "DETACH (lun)",
+        "FCLOSE (lun)",
+        'FOPENR (lun) "a.dat"',
+        "CALIBRATE",
+        "MC SPEED 50",
+        "PRIORITY 5",
+        "LOCK 10",
+        "ABORT 2",
+        "SET.EVENT 1, 2",
+        "COARSE 200 ALWAYS",
+        "FINE 50",
+        "NULL",
+        "NONULL ALWAYS",
+        "ACCEL (1) 50, 60",
+        "DURATION 0.5 ALWAYS",
+        "RIGHTY",
+        "FLIP ALWAYS",
+        "TIMER 1 = 0",
+        "SELECT ROBOT = 1",
+        "RESET",
+        "CPOFF",
+        "SWITCH POWER = TRUE",
+        "WRITE (lun) $a, /N",
+        "x = GETC(lun, 1)",
+        "x = TASK(1, 3)",
+        "x = SWITCH(DRY.RUN)",
+        "x = BITS(1, 4)",
+        "x = STATE(2)",
+        "x = RANDOM",
+        "x = TIME",
+        "x = INRANGE(p)",
+        "MOVE p:TRANS(1)",
+        "HERE p",
+        "x = DX(HERE)",
+        "SET p = p:q:INVERSE(r)",
+        "SET #q = #p",
+        "MOVE #p[1,2]",
+        "x = ^HFF BAND ^B101",
+        "$s = $TIME()",
+        "READY",
     ],
-)  # fmt: skip
-def test_what_the_controller_takes(line):
-    assert not told(execute(line), "refused")
-    assert not told(execute("GOTO 7", line, "7"), "refused")
+)
+def test_a_line_that_the_controller_accepts_is_not_refused(line):
+    assert not list_findings(execute(line), "refused")
+    assert not list_findings(execute("GOTO 7", line, "7"), "refused")
 
 
-def test_every_line_is_judged_but_each_once():
-    found = execute("FOR i = 1 TO 5", "FROB", "END", "IF FALSE THEN", "FROB 2", "END")
-    assert told(found, "refused") == [
-        (3, "FROB is not an instruction of V+"),
-        (6, "FROB is not an instruction of V+"),
+def test_each_line_is_checked_once_whether_it_is_run_or_not():
+    executed = execute("FOR i = 1 TO 5", "FROB", "END", "IF FALSE THEN", "FROB 2", "END")
+    assert list_findings(executed, "refused") == [
+        (3, "FROB is no instruction of V+"),
+        (6, "FROB is no instruction of V+"),
     ]
 
 
-def test_stops_waits_and_the_hand():
-    found = execute(
+def test_stops_waits_and_the_hand_are_instructions():
+    executed = execute(
         "PARAMETER HAND.TIME = 0.5",
         "MOVE TRANS(1)",
         "PAUSE",
@@ -331,56 +427,63 @@ def test_stops_waits_and_the_hand():
         "OPEN",
         "MOVE TRANS(2)",
     )
-    assert [type(i) for i in found.body] == [MoveJ, Stop, Wait, Output, Wait, Output, MoveJ]
-    assert [i.seconds for i in found.body if isinstance(i, Wait)] == [2, 0.5]
-    assert [(i.signal, i.value) for i in found.body if isinstance(i, Output)] == [
+    kinds = [MoveJ, Stop, Wait, Output, Wait, Output, MoveJ]
+    assert [type(item) for item in executed.body] == kinds
+    assert [item.seconds for item in executed.body if isinstance(item, Wait)] == [2, 0.5]
+    assert [(item.signal, item.value) for item in executed.body if isinstance(item, Output)] == [
         ("hand.open", 0),
         ("hand.open", 1),
     ]
 
 
-def test_a_program_without_brackets_without_end_and_with_the_marks_of_a_disk():
-    found = run(
+def test_a_program_without_brackets_or_end_and_with_control_characters_is_read():
+    executed = run(
         {
-            "a": ".PROGRAM a ; comment\nMOVE TRANS(1)\n.END\n\f\n.PROGRAM b\nMOVE TRANS(2)\n.END\n\x1a"
+            "a": (
+                ".PROGRAM a ; comment\nMOVE TRANS(1)\n.END\n\f\n.PROGRAM b\nMOVE TRANS(2)\n.END\n"
+                "\x1a"
+            )
         },
         RunRequest(),
     )
-    assert places(found) == [1]
-    open_ended = run({"a": ".PROGRAM a()\nMOVE TRANS(1)\n"}, RunRequest())
-    assert (places(open_ended), told(open_ended, "unusual")) == ([1], [(2, "a has no .END")])
+    assert x_of_motions(executed) == [1]
+    unclosed = run({"a": ".PROGRAM a()\nMOVE TRANS(1)\n"}, Ask())
+    assert x_of_motions(unclosed) == [1]
+    assert list_findings(unclosed, "unusual") == [(2, "a has no .END")]
 
 
 def test_a_text_without_a_program_line_is_refused_and_run():
-    found = run({"pick.v2": "MOVE TRANS(1)\nBREAK\n"}, RunRequest())
-    assert told(found, "refused") == [
+    executed = run({"pick.v2": "MOVE TRANS(1)\nBREAK\n"}, Ask())
+    assert list_findings(executed, "refused") == [
         (1, "the text has no .PROGRAM line: taken for a program pick")
     ]
-    assert len(found.body) == 1
+    assert len(executed.body) == 1
 
 
-def test_joints_and_names_with_dollar_signs():
-    found = execute("SET #p = #PPOINT(10,20,30,40)", "MOVE #p")
-    assert found.body[0].target == Joints(pytest.approx((0.17453293, 0.34906585, 30.0, 0.6981317)))
+def test_a_precision_point_is_joint_values_in_rad():
+    executed = execute("SET #p = #PPOINT(10,20,30,40)", "MOVE #p")
+    assert executed.body[0].target == Joints(
+        pytest.approx((0.17453293, 0.34906585, 30.0, 0.6981317))
+    )
 
 
-def test_more_behind_an_end_is_odd():
-    assert told(execute("IF TRUE THEN", "END l5"), "unusual") == [
+def test_a_word_after_end_is_unusual():
+    assert list_findings(execute("IF TRUE THEN", "END l5"), "unusual") == [
         (3, "END stands alone, without l5")
     ]
 
 
-# -- loops that repeat themselves --------------------------------------------------------------
+# -- loops at a fixed point --------------------------------------------------------------------
 
 
-def test_one_round_of_a_loop_is_shown_if_it_ends_where_the_robot_stood():
-    program = execute(
+def test_a_loop_that_ends_at_its_start_position_is_run_once():
+    executed = execute(
         "MOVE TRANS(2)", "n = 0", "WHILE n < 1 DO", "MOVE TRANS(1)", "MOVE TRANS(2)", "END"
     )
-    assert places(program) == [2, 1, 2]
-    assert [item.line for item in program.assumed if "shown for one round" in item.what] == [4]
+    assert x_of_motions(executed) == [2, 1, 2]
+    assert [item.line for item in executed.assumed if "repeats itself" in item.what] == [4]
 
 
-def test_exit_leaves_as_many_loops_as_its_expression_says():
+def test_exit_leaves_as_many_loops_as_the_value_of_its_expression():
     lines = ["n = 2", "FOR i = 1 TO 3", "FOR j = 1 TO 3", "MOVE TRANS(10*i+j)", "EXIT n", "END"]
-    assert places(execute(*lines, "END")) == [11]
+    assert x_of_motions(execute(*lines, "END")) == [11]

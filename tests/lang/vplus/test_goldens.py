@@ -1,4 +1,4 @@
-"""What the post writes: the interpreter of the language and the strict read-back tell the same of it."""
+"""The interpreter and the strict read-back give the same instructions for programs of the post."""
 
 from pathlib import Path
 
@@ -15,27 +15,28 @@ GOLDENS = sorted((ROOT / "fixtures/cases").glob("*/expected/*.v2"))
 
 
 @pytest.mark.parametrize("path", GOLDENS, ids=[f"{path.parts[-3]}/{path.stem}" for path in GOLDENS])
-def test_both_tell_the_same(path: Path) -> None:
+def test_interpreter_and_read_back_give_the_same_instructions(path: Path) -> None:
     text = path.read_bytes().decode("ascii").replace("\r\n", "\n")
     assert recognise(text)
-    found, strict = run({path.name: text}, RunRequest()), read({path.name: text}, {})
-    assert (found.findings, found.assumed, found.stopped) == ((), (), None)
+    executed, strict = run({path.name: text}, Ask()), read({path.name: text}, {})
+    assert (executed.findings, executed.assumed, executed.stopped) == ((), (), None)
     assert strict.work is not None
     assert strict.tool is not None
-    (frames,) = found.frames
+    (frames,) = executed.frames
     assert frames.base_from_work is not None
     assert frames.flange_from_tool is not None
     assert (frames.work, frames.base_from_work.origin) == ("cg.work", strict.work.origin)
     assert (frames.tool, frames.flange_from_tool.origin) == ("cg.tool", strict.tool.origin)
-    assert list(found.lines) == list(strict.lines)
-    for one, other in zip(found.body, strict.body, strict=True):
-        assert type(one) is type(other)
-        if isinstance(one, MoveJ | MoveL) and isinstance(other, MoveJ | MoveL):
-            assert (one.speed, one.blend) == (other.speed, other.blend)
-            if isinstance(one.target, Joints) or isinstance(other.target, Joints):
-                assert one.target == other.target
+    assert list(executed.lines) == list(strict.lines)
+    for instruction, expected in zip(executed.body, strict.body, strict=True):
+        assert type(instruction) is type(expected)
+        if isinstance(instruction, MoveJ | MoveL) and isinstance(expected, MoveJ | MoveL):
+            assert (instruction.speed, instruction.blend) == (expected.speed, expected.blend)
+            if isinstance(instruction.target, Joints) or isinstance(expected.target, Joints):
+                assert instruction.target == expected.target
             else:
-                assert one.target.origin == other.target.origin
-                assert np.array_equal(one.target.rotation, other.target.rotation)
-        elif not isinstance(one, Output):  # whose name is an option of the post
-            assert one == other
+                assert instruction.target.origin == expected.target.origin
+                assert np.array_equal(instruction.target.rotation, expected.target.rotation)
+        elif not isinstance(instruction, Output):
+            # The name of an output is an option of the post.
+            assert instruction == expected

@@ -1,4 +1,4 @@
-"""No text makes the interpreter of V+ fail, or take long."""
+"""No text makes the interpreter of V+ raise an error or take long."""
 
 import random
 from collections.abc import Callable
@@ -13,8 +13,8 @@ from camgen.model.limits import Limits
 from camgen.model.program import MoveC, MoveJ, MoveL
 from tests.support.steps import CALLS_OF_A_STEP, assert_linear, count_calls
 
-#: A bit of everything.
-WHOLE = """\
+#: A program with instructions of every kind.
+SAMPLE = """\
 .PROGRAM main()
 AUTO i, p[4], $s
 LOCAL REAL total
@@ -72,79 +72,84 @@ GLOBAL pick
 pick 1 2 3 0 180 0
 .END
 """
-SMALL = RunRequest(limits=Limits(vplus_steps=2000))
-PIECES = sorted(set(WHOLE.replace("(", " ( ").replace(")", " ) ").replace(",", " , ").split()))
+FEW_STEPS = Ask(limits=Limits(vplus_steps=2000))
+PIECES = sorted(set(SAMPLE.replace("(", " ( ").replace(")", " ) ").replace(",", " , ").split()))
 
 
-def sound(found: Executed, lines: int) -> None:
-    """What holds of every result."""
-    count = len(found.body)
-    assert len(found.lines) == count
-    assert found.frame == () or (len(found.frame) == count and max(found.frame) < len(found.frames))
-    assert list(found.findings) == sorted(found.findings, key=lambda one: one.line)
-    assert all(
-        "\n" not in one.what and len(one.what) <= 160 and one.line >= 1 for one in found.findings
+def check_result(executed: Executed, lines: int) -> None:
+    """Check that a result is consistent: its lines, frames, findings, speeds and blends."""
+    count = len(executed.body)
+    assert len(executed.lines) == count
+    assert executed.frame == () or (
+        len(executed.frame) == count and max(executed.frame) < len(executed.frames)
     )
-    assert all(one.line <= lines for one in found.findings)
-    for item in found.body:
+    assert list(executed.findings) == sorted(executed.findings, key=lambda finding: finding.line)
+    assert all(
+        "\n" not in finding.what and len(finding.what) <= 160 and finding.line >= 1
+        for finding in executed.findings
+    )
+    assert all(finding.line <= lines for finding in executed.findings)
+    for item in executed.body:
         if isinstance(item, MoveJ | MoveL | MoveC):
             assert item.speed > 0
             assert item.blend >= 0
 
 
-def check(text: str) -> None:
+def check_text(text: str) -> None:
     recognise(text)
     # A single carriage return ends a line too.
-    sound(run({"a.v2": text}, SMALL), text.count("\n") + text.count("\r") + 2)
+    check_result(run({"a.v2": text}, FEW_STEPS), text.count("\n") + text.count("\r") + 2)
 
 
-def test_the_whole_is_carried_out():
-    found = run({"a.v2": WHOLE}, RunRequest())
-    assert not [one for one in found.findings if one.level == "refused"]
-    assert len(found.body) == 26
+def test_the_sample_is_run_to_its_end():
+    executed = run({"a.v2": SAMPLE}, Ask())
+    assert not [finding for finding in executed.findings if finding.level == "refused"]
+    assert len(executed.body) == 26
 
 
 @given(st.text(max_size=300))
 @example("\r\r0")
-def test_any_text(text: str) -> None:
-    check(text)
-    check(f".PROGRAM a()\n{text}\n.END\n")
+def test_any_text_is_run(text: str) -> None:
+    check_text(text)
+    check_text(f".PROGRAM a()\n{text}\n.END\n")
 
 
 @given(st.lists(st.lists(st.sampled_from(PIECES), max_size=9).map(" ".join), max_size=30))
-def test_any_words(lines: list[str]) -> None:
-    check("\n".join([".PROGRAM a()", *lines, ".END", ""]))
+def test_words_in_any_order_are_run(lines: list[str]) -> None:
+    check_text("\n".join([".PROGRAM a()", *lines, ".END", ""]))
 
 
 @given(st.randoms(use_true_random=False))
-def test_damaged_lines(chance: random.Random) -> None:
-    lines = WHOLE.splitlines()
+def test_a_program_with_damaged_lines_is_run(chance: random.Random) -> None:
+    lines = SAMPLE.splitlines()
     for _ in range(chance.randint(1, 6)):
-        at = chance.randrange(len(lines))
-        kind = chance.randrange(5)
-        if kind == 0:
-            del lines[at]
-        elif kind == 1:
-            lines.insert(at, lines[chance.randrange(len(lines))])
-        elif kind == 2:
-            lines[at] = lines[at][: chance.randrange(len(lines[at]) + 1)]
-        elif kind == 3:
-            place = chance.randrange(len(lines[at]) + 1)
-            lines[at] = (
-                lines[at][:place] + chance.choice('()[]",:#$^-+.;\\x1a=<>0') + lines[at][place:]
+        index = chance.randrange(len(lines))
+        change = chance.randrange(5)
+        if change == 0:
+            del lines[index]
+        elif change == 1:
+            lines.insert(index, lines[chance.randrange(len(lines))])
+        elif change == 2:
+            lines[index] = lines[index][: chance.randrange(len(lines[index]) + 1)]
+        elif change == 3:
+            column = chance.randrange(len(lines[index]) + 1)
+            lines[index] = (
+                lines[index][:column]
+                + chance.choice('()[]",:#$^-+.;\\x1a=<>0')
+                + lines[index][column:]
             )
         else:
-            lines[at] = lines[at].replace(
+            lines[index] = lines[index].replace(
                 chance.choice(["1", "2", "3", "0", "i", "p", "s", "pick", "SET ", "("]),
                 chance.choice(["", "99", "-1", "1e30", "x", "i", "#p", "$s"]),
             )
-    check("\n".join(lines) + "\n")
+    check_text("\n".join(lines) + "\n")
 
 
 #: Statements that a loop may run in these tests: enough to be far above the lines of a text.
 STEPS = 20_000
 
-LONG: dict[str, Callable[[int], str]] = {
+LONG_TEXTS: dict[str, Callable[[int], str]] = {
     "brackets": lambda count: "x = " + "(" * count + "\n",
     "not": lambda count: "x = " + "NOT " * count + "1\n",
     "complements": lambda count: "x = " + "COM " * count + "1\n",
@@ -162,11 +167,11 @@ LONG: dict[str, Callable[[int], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("name", LONG_TEXTS)
 def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
     def execute(count: int) -> None:
-        text = f".PROGRAM a()\n{LONG[name](count)}.END\n"
-        sound(run({"a.v2": text}, RunRequest()), text.count("\n") + 2)
+        text = f".PROGRAM a()\n{LONG_TEXTS[name](count)}.END\n"
+        check_result(run({"a.v2": text}, Ask()), text.count("\n") + 2)
 
     assert_linear(execute, 1600)
 
@@ -174,28 +179,41 @@ def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        ".PROGRAM a()\nSPEED 1E-300 ALWAYS\nSPEED 1E29 MMPS\nMOVE TRANS(1)\nSPEED 1, 1E-300 MMPS\nMOVE NULL\n.END\n",
+        (
+            ".PROGRAM a()\nSPEED 1E-300 ALWAYS\nSPEED 1E29 MMPS\nMOVE TRANS(1)\n"
+            "SPEED 1, 1E-300 MMPS\nMOVE NULL\n.END\n"
+        ),
         ".PROGRAM a()\nCALL a()\nCALL a()\n.END\n",
         ".PROGRAM a()\nFOR i = 1 TO 1E6\nBITS 1,32 = i\nEND\n.END\n",
         ".PROGRAM a()\nFOR i = 1 TO 1E6\n x[i] = LAST(x[])\nEND\n.END\n",
         ".PROGRAM a()\nFOR i = 1 TO 1E6\nCASE i OF\n" + "VALUE 0:\n" * 3000 + "END\nEND\n.END\n",
-        ".PROGRAM a()\n$s = \"a\"\nWHILE LEN($s) > 0 DO\n$s = $s+$s\nx = x+1\nEND\n.END\n",
-        ".PROGRAM a()\nSET w = NULL\nFOR i = 1 TO 1E6\n" + "MOVES w:TRANS(1,2,3,0,180,180)\n" * 300 + "END\n.END\n",
+        '.PROGRAM a()\n$s = "a"\nWHILE LEN($s) > 0 DO\n$s = $s+$s\nx = x+1\nEND\n.END\n',
+        ".PROGRAM a()\nSET w = NULL\nFOR i = 1 TO 1E6\n"
+        + "MOVES w:TRANS(1,2,3,0,180,180)\n" * 300
+        + "END\n.END\n",
     ],
-)  # fmt: skip
+)
 def test_loops_end_at_the_limit_of_steps(text: str) -> None:
     def execute() -> None:
-        options = RunRequest(limits=Limits(vplus_steps=STEPS))
-        sound(run({"a.v2": text}, options), text.count("\n") + 2)
+        options = Ask(limits=Limits(vplus_steps=STEPS))
+        check_result(run({"a.v2": text}, options), text.count("\n") + 2)
 
     assert count_calls(execute) < CALLS_OF_A_STEP * STEPS
 
 
 def test_each_line_of_a_long_program_costs_the_same() -> None:
     block = [
-        "SET p[{0}] = SHIFT(wf BY x,0,{0})", "APPRO p[{0}], 50", "SPEED 20", "MOVES p[{0}]", "BREAK", "SIGNAL 5, -6",
-        "x = {0}*2+SIN(30)", "IF x > 5 THEN", "DEPARTS 50", "END",
-    ]  # fmt: skip
+        "SET p[{0}] = SHIFT(wf BY x,0,{0})",
+        "APPRO p[{0}], 50",
+        "SPEED 20",
+        "MOVES p[{0}]",
+        "BREAK",
+        "SIGNAL 5, -6",
+        "x = {0}*2+SIN(30)",
+        "IF x > 5 THEN",
+        "DEPARTS 50",
+        "END",
+    ]
 
     def execute(count: int) -> None:
         lines: list[str] = []
@@ -211,6 +229,6 @@ def test_each_line_of_a_long_program_costs_the_same() -> None:
 
 def test_the_message_of_a_statement_of_escapes_stays_short() -> None:
     text = ".PROGRAM main()\n" + "\U00018cd6" * 40 + "\n.END\n"
-    executed = run({"a.v2": text}, SMALL)
-    sound(executed, 3)
+    executed = run({"a.v2": text}, FEW_STEPS)
+    check_result(executed, 3)
     assert [finding.what[:17] for finding in executed.findings] == ["unknown statement"]
