@@ -404,7 +404,7 @@ def test_a_fault_is_printed_with_its_trace_on_demand(work_folder: Path, capsys: 
 
 @pytest.mark.usefixtures("work_folder", "ready_builders")
 def test_a_terminal_shows_a_progress_bar(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = Terminal(sys.stdout, terminal=True)
+    terminal = Terminal(sys.stdout, is_interactive=True)
     monkeypatch.setattr("camgen.cli.make_terminal", lambda *_, **__: terminal)
     assert main(["batch", "parts/*.dxf", "--post", "gcode", *ONE_BUILDER, "-o", "out"]) == 0
     errors = capsys.readouterr().err

@@ -312,7 +312,7 @@ shared = pytest.mark.skipif(
 def find_all(language: str, name: str) -> list[Finding]:
     """The findings of a language and the harm in a shared program."""
     text = (FAULTS / language / name).read_text(encoding="utf-8")
-    options = Ask(dialect="grbl" if language == "grbl" else "")
+    options = RunRequest(dialect="grbl" if language == "grbl" else "")
     executed = find_language("gcode" if language == "grbl" else language).run({name: text}, options)
     return [*executed.findings, *find_harm(executed)]
 

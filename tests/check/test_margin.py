@@ -125,7 +125,10 @@ def test_the_retraction_with_the_most_clearance_is_chosen_if_none_keeps_the_marg
     setup, free_space, motions = _make_problem(result)
     no_via = np.full((1, 3), np.nan)
     ends = [
-        (PosePath(motion.way.position[[0]], no_via, motion.way.rotation[[0]]), motion.joints[0])
+        (
+            PosePath(motion.pose_path.position[[0]], no_via, motion.pose_path.rotation[[0]]),
+            motion.joints[0],
+        )
         for motion in motions[:4]
     ]
     names = [
@@ -163,7 +166,11 @@ def test_a_link_within_the_margin_is_used_only_if_no_other_exists() -> None:
         results = free_space.look(sampled)
         for k, motion in enumerate(sampled):
             passes_home = np.isclose(motion.joints, home).all(axis=1).any()
-            if motion.way is None and not passes_home and not isinstance(results[k], Blockage):
+            if (
+                motion.pose_path is None
+                and not passes_home
+                and not isinstance(results[k], Blockage)
+            ):
                 results[k] = 0.1
         return results
 

@@ -77,11 +77,11 @@ class RecordedLanguage(Language, frozen=True):
 
 
 def run_recorded(*runs: Executed) -> Alternatives:
-    def run(_files: object, options: Ask) -> Executed:
+    def run(_files: object, options: RunRequest) -> Executed:
         return runs[options.shifts.get(2, 0)]
 
     language = RecordedLanguage("played", "runs that are given", (), lambda _: True, run)
-    return run_alternatives(language, {"a": "1\n2\n3\n"}, Ask())
+    return run_alternatives(language, {"a": "1\n2\n3\n"}, RunRequest())
 
 
 def test_a_run_to_the_end_is_preferred() -> None:

@@ -32,7 +32,7 @@ def reach(values: Sequence[float]) -> Pose | None:
 
 
 def run_program(language: str, text: str, is_known: bool = True) -> Executed:
-    return find_language(language).run({"a": text}, Ask(flange=reach if is_known else None))
+    return find_language(language).run({"a": text}, RunRequest(flange=reach if is_known else None))
 
 
 def last_target(executed: Executed) -> tuple[float, float, float]:

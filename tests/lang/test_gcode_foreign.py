@@ -19,7 +19,7 @@ LEAD = ("G21 G90 G17", "G0 X0 Y0 Z5", "F600 S1000 M3")
 def run(*lines, dialect="linuxcnc", lead=LEAD, end=("M2",), files=None, **assume):
     text = "\n".join([*lead, *lines, *end]) + "\n"
     assumed = {key.replace("_", "."): value for key, value in assume.items()}
-    return run_gcode({"main.ngc": text} | (files or {}), Ask(dialect, assumed))
+    return run_gcode({"main.ngc": text} | (files or {}), RunRequest(dialect, assumed))
 
 
 def end_points(executed):
@@ -85,15 +85,15 @@ def test_a_text_shows_its_dialect(text, dialect):
 
 
 def test_an_ngc_file_without_other_signs_is_of_linuxcnc():
-    assert dict(run_gcode({"a.ngc": "G0 X1\n"}, Ask()).facts)["dialect"] == "linuxcnc (.ngc)"
+    assert dict(run_gcode({"a.ngc": "G0 X1\n"}, RunRequest()).facts)["dialect"] == "linuxcnc (.ngc)"
 
 
 def test_an_ngc_file_with_a_probe_that_linuxcnc_lacks_is_of_another_controller():
     """gcodetools names all its files .ngc. For G31 rs274 reports: unknown g code used."""
-    executed = run_gcode({"a.ngc": "G21\nG31 Z-10 F500\nG1 X1\n"}, Ask())
+    executed = run_gcode({"a.ngc": "G21\nG31 Z-10 F500\nG1 X1\n"}, RunRequest())
     assert dict(executed.facts)["dialect"] == "iso (G31)"
     assert not list_findings(executed, "refused")
-    executed = run_gcode({"a.ngc": "G21\nG64 P0.1\nG31 Z-10 F500\nM2\n"}, Ask())
+    executed = run_gcode({"a.ngc": "G21\nG64 P0.1\nG31 Z-10 F500\nM2\n"}, RunRequest())
     assert list_findings(executed, "refused") == [(3, "G31 is not a code of linuxcnc")]
 
 
@@ -218,7 +218,7 @@ def test_an_input_has_the_value_that_the_user_assumes():
 def test_values_of_the_machine_are_zero_or_given():
     assert end_points(run("G1 X[#5221+1] Y#<_hal[a.b]>")) == [(1, 0, 5)]
     executed = run_gcode(
-        {"a.ngc": "G21 G90\nG0 X0 Y0 Z0\nG1 X#5221 F60\nM2\n"}, Ask("", {"#5221": 7.0})
+        {"a.ngc": "G21 G90\nG0 X0 Y0 Z0\nG1 X#5221 F60\nM2\n"}, RunRequest("", {"#5221": 7.0})
     )
     assert executed.body[-1].target.origin == (7, 0, 0)
 
@@ -232,7 +232,8 @@ def test_a_probe_motion_runs_to_its_end_point():
 def test_lines_with_a_slash_depend_on_a_switch():
     assert end_points(run("/G1 X1", "G1 Y1")) == [(1, 0, 5), (1, 1, 5)]
     executed = run_gcode(
-        {"a.ngc": "\n".join([*LEAD, "/G1 X1", "G1 Y1", "M2"])}, Ask("", {"block_delete": 1.0})
+        {"a.ngc": "\n".join([*LEAD, "/G1 X1", "G1 Y1", "M2"])},
+        RunRequest("", {"block_delete": 1.0}),
     )
     assert end_points(executed) == [(0, 1, 5)]
 
@@ -327,7 +328,7 @@ def test_a_finding_has_the_level_of_its_consequence():
 
 def test_a_code_that_may_move_something_stops_the_run():
     executed = run("G1 X1", "G51 X0 Y0 P2", "G1 X2", dialect="fanuc")
-    assert executed.stopped == (5, "G51 is not known, and what follows depends on where it leads")
+    assert executed.stopped == (5, "G51 is not known, and later lines depend on where it ends")
     assert executed.lines[-1] == 4
 
 
@@ -340,7 +341,7 @@ def test_a_run_continues_after_a_refused_line():
 
 def test_an_endless_program_stops_at_the_limit_of_steps():
     executed = run_gcode(
-        {"a.ngc": "o1 while [1]\n#1=2\no1 endwhile\n"}, Ask(limits=Limits(gcode_steps=1000))
+        {"a.ngc": "o1 while [1]\n#1=2\no1 endwhile\n"}, RunRequest(limits=Limits(gcode_steps=1000))
     )
     assert executed.stopped is not None
     assert (
@@ -447,7 +448,9 @@ def test_a_jump_to_another_file_ends_the_run_and_m99_returns_to_its_line():
 def test_a_macro_with_block_delete_is_skipped():
     lines = ("#1=0", "/IF[#1 EQ 0]GOTO 20", "G1 X1", "N20 G1 X2")
     assert end_points(run(*lines, dialect="fanuc")) == [(2, 0, 5)]
-    executed = run_gcode({"a.nc": "\n".join([*LEAD, *lines])}, Ask("fanuc", {"block_delete": 1.0}))
+    executed = run_gcode(
+        {"a.nc": "\n".join([*LEAD, *lines])}, RunRequest("fanuc", {"block_delete": 1.0})
+    )
     assert end_points(executed) == [(1, 0, 5), (2, 0, 5)]
 
 

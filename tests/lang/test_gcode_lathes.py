@@ -60,7 +60,7 @@ def test_the_passes_of_a_cycle_are_those_of_linuxcnc(cycle, profile):
     expected = skip_repeats(
         (kinds.get(call.kind, "MoveL"), call.end[0], call.end[2]) for call in reference.moves
     )
-    assert list_moves(run_gcode({"a.ngc": text}, Ask("linuxcnc"))) == expected
+    assert list_moves(run_gcode({"a.ngc": text}, RunRequest("linuxcnc"))) == expected
 
 
 FANUC = """\
@@ -85,7 +85,7 @@ def test_fanuc_roughs_the_profile_between_two_numbers_and_continues_after_it():
 
     Words X are diameters, motions have radii.
     """
-    executed = run_gcode({"a.nc": FANUC}, Ask("fanuc-lathe"))
+    executed = run_gcode({"a.nc": FANUC}, RunRequest("fanuc-lathe"))
     start = ("MoveJ", 20.0, 2.0)
     passes = []
     for x in (18.0, 16.0, 14.0, 12.0):
@@ -107,17 +107,19 @@ def test_fanuc_roughs_the_profile_between_two_numbers_and_continues_after_it():
 
 
 def test_a_cycle_of_a_lathe_is_a_loss():
-    assert run_gcode({"a.nc": FANUC}, Ask("fanuc-lathe")).lost[0][1] == (
+    assert run_gcode({"a.nc": FANUC}, RunRequest("fanuc-lathe")).lost[0][1] == (
         "a program of a lathe: the part turns, which no machine here does"
     )
-    lost = run_gcode({"a.nc": make_linuxcnc_program("G71 Q100", STEPS)}, Ask("linuxcnc")).lost
+    lost = run_gcode(
+        {"a.nc": make_linuxcnc_program("G71 Q100", STEPS)}, RunRequest("linuxcnc")
+    ).lost
     assert lost == ((11, "G71 is of a lathe: the part turns"),)
 
 
 def test_compensation_along_a_profile_is_an_assumption():
     """LinuxCNC accepts it; here the profile is run as programmed."""
     text = make_linuxcnc_program("G42.1 D1 L3\nG1 X30 Z5\nG70 Q100 X20 Z2\nG40", STEPS)
-    executed = run_gcode({"a.ngc": text}, Ask("linuxcnc"))
+    executed = run_gcode({"a.ngc": text}, RunRequest("linuxcnc"))
     assert [finding for finding in executed.findings if finding.level == "refused"] == []
     assert list_moves(executed)[-4:] == [
         ("MoveL", 10, -10),
@@ -132,7 +134,7 @@ def test_compensation_along_a_profile_is_an_assumption():
 
 def test_haas_has_the_depth_of_a_pass_in_d():
     text = FANUC.replace("G71 U2. R0.5\n", "").replace("W0.1 F120.", "W0.1 D2. F120.")
-    moves = list_moves(run_gcode({"a.nc": text}, Ask("fanuc-lathe")))
+    moves = list_moves(run_gcode({"a.nc": text}, RunRequest("fanuc-lathe")))
     radii = [x for kind, x, z in moves if kind == "MoveL" and z == -9.9]
     assert radii == [18, 16, 14, 12, 10.2, 20.2]
 
@@ -149,5 +151,5 @@ def test_haas_has_the_depth_of_a_pass_in_d():
     ],
 )
 def test_a_cycle_without_a_profile_is_refused(text, what):
-    executed = run_gcode({"a.ngc": text}, Ask("linuxcnc"))
+    executed = run_gcode({"a.ngc": text}, RunRequest("linuxcnc"))
     assert [(finding.level, finding.what) for finding in executed.findings] == [("refused", what)]

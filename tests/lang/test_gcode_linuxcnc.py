@@ -153,7 +153,7 @@ def describe_difference(lines):
     """The first difference to the motions of LinuxCNC, "" without one; refusals must agree."""
     text = "\n".join(lines) + "\n"
     executed, reference = (
-        run_gcode({"a.ngc": text}, Ask("linuxcnc", ASSUMED)),
+        run_gcode({"a.ngc": text}, RunRequest("linuxcnc", ASSUMED)),
         canon.run(text, TOOLS),
     )
     assert executed.stopped is None

@@ -13,7 +13,7 @@ LEAD = "G21 G90 G17 G94 G0 X0 Y0 Z5\nF600.\n"
 
 
 def run(text: str, dialect: str = "fanuc", **assumed: float) -> Executed:
-    return run_gcode({"a.nc": LEAD + text + "\nM30\n"}, Ask(dialect, assumed))
+    return run_gcode({"a.nc": LEAD + text + "\nM30\n"}, RunRequest(dialect, assumed))
 
 
 def end_points(executed: Executed) -> list[tuple[float, ...]]:

@@ -95,6 +95,6 @@ def test_a_wrong_member_is_named(tmp_path, monkeypatch, old, new, message):
 def test_a_wrong_result_is_named(tmp_path, monkeypatch, result, message):
     install(tmp_path, monkeypatch, result=result)
     with pytest.raises(JobError) as caught:
-        find_language("strange").run({"a": ""}, Ask())
+        find_language("strange").run({"a": ""}, RunRequest())
     assert message in str(caught.value)
     assert caught.value.exit_code == 2

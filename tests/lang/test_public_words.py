@@ -203,7 +203,7 @@ def test_predefined_names_have_the_values_of_linuxcnc(state):
     text = make_name_program(names, state)
     reference = canon.run(text, TOOLS)
     assert reference.error == ""
-    executed = find_language("gcode").run({"a.ngc": text}, Ask("linuxcnc", MACHINE))
+    executed = find_language("gcode").run({"a.ngc": text}, RunRequest("linuxcnc", MACHINE))
     assert [line for line in list_findings(executed) if "refused" in line] == []
     expected = [call.end[0] for call in reference.moves[-len(names) :]]
     # The first of several equal values makes a motion of length 0, which both have.
@@ -262,7 +262,7 @@ def run_entry(entry: str, *arguments: float) -> Executed:
     """The run of a subroutine."""
     arguments_by_name = {f"args[{number}]": value for number, value in enumerate(arguments, 1)}
     return find_language("gcode").run(
-        {"a.ngc": DRILL}, Ask("linuxcnc", arguments_by_name, entry=entry)
+        {"a.ngc": DRILL}, RunRequest("linuxcnc", arguments_by_name, entry=entry)
     )
 
 

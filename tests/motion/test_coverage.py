@@ -79,7 +79,7 @@ def test_a_clamp_over_the_middle_of_an_edge_costs_its_own_width(low: float, high
     assert high <= restart <= high + 0.5 + 1e-9
     for piece, (begin, stop) in zip(pieces, list_stretches(TOP, pieces), strict=True):
         check_edge_motion(cell, piece)
-        assert piece.way.position[[0, -1], 0] == pytest.approx([begin, stop])
+        assert piece.pose_path.position[[0, -1], 0] == pytest.approx([begin, stop])
 
 
 @pytest.mark.parametrize(("feed", "fraction"), [(20.0, 0.0), (1e5, 1.0)])
@@ -126,10 +126,10 @@ def test_a_piece_of_a_closed_edge_runs_over_its_start() -> None:
     assert stretch[0] > RIM.length / 2 > stretch[1] - RIM.length
     length = RIM.length - sum(piece.trimmed)
     # The circle of the TCP is larger than the rim, and its free part is in proportion.
-    radius = np.hypot(*(piece.way.position[0, :2] - [60, 60]))
+    radius = np.hypot(*(piece.pose_path.position[0, :2] - [60, 60]))
     free_length = RIM.length * (1 - math.acos(30 / radius) / math.pi)
     assert free_length - 0.6 <= length <= free_length
-    assert np.abs(piece.way.position[[0, -1], 0] - 30).max() < 1.0
+    assert np.abs(piece.pose_path.position[[0, -1], 0] - 30).max() < 1.0
     assert piece.reversed().trimmed == piece.trimmed[::-1]
 
 
@@ -139,7 +139,7 @@ def test_pieces_of_a_closed_edge_do_not_overlap() -> None:
     assert len(pieces) == 4
     ends = sorted(list_stretches(RIM, pieces))
     assert all(end <= start for (_, end), (start, _) in pairwise(ends))
-    radius = float(np.hypot(*(pieces[0].way.position[0, :2] - [60, 60])))
+    radius = float(np.hypot(*(pieces[0].pose_path.position[0, :2] - [60, 60])))
     quarter = RIM.length / 4 - 2 * RIM.length * math.asin(4 / radius) / math.tau
     for low, high in ends:
         assert quarter - 1.2 <= high - low <= quarter
@@ -159,7 +159,7 @@ def test_a_rotated_graph_of_a_closed_edge_agrees_with_a_rebuilt_one(
         pytest.approx(stretch) for stretch in list_stretches(edge, rebuilt)
     ]
     for piece, other in zip(rotated, rebuilt, strict=True):
-        assert piece.dense == pytest.approx(other.dense, abs=1e-6)
+        assert piece.sampled_joints == pytest.approx(other.sampled_joints, abs=1e-6)
 
 
 def test_a_tilt_avoids_a_wall_that_blocks_the_nominal_orientation() -> None:
@@ -216,12 +216,14 @@ def test_no_joint_exceeds_its_speed_along_a_piece(edge: Edge, feed: float) -> No
     cell, pieces = find_pieces(edge, lambda tcp: tcp[:, 0] < edge.points[:, 0].min() + 6, feed=feed)
     assert pieces
     for piece in pieces:
-        joint_seconds = np.abs(np.diff(piece.dense, axis=0)) / cell.robot.speeds
-        tcp_length = piece.looks.length.sum()
-        seconds = piece.looks.length / tcp_length * (edge.length - sum(piece.trimmed)) / feed
+        joint_seconds = np.abs(np.diff(piece.sampled_joints, axis=0)) / cell.robot.speeds
+        tcp_length = piece.sampled_path.length.sum()
+        seconds = piece.sampled_path.length / tcp_length * (edge.length - sum(piece.trimmed)) / feed
         assert (joint_seconds.max(axis=1) <= seconds * 1.05 + 1e-9).all()
         # In the bore the joints would be too slow if the TCP itself ran at the feed.
-        assert (joint_seconds.max(axis=1) > piece.looks.length / feed).any() == (edge is BORE)
+        assert (joint_seconds.max(axis=1) > piece.sampled_path.length / feed).any() == (
+            edge is BORE
+        )
 
 
 def test_the_roll_counters_the_rotation_along_the_rim_of_a_small_hole(

@@ -64,16 +64,19 @@ def check_edge_motion(cell: Setup, motion: EdgeMotion) -> FloatArray:
     Returns the frames of the TCP (N, 4, 4) at the dense joint values.
     """
     for frame, position, rotation in zip(
-        compute_tcp(cell, motion.joints), motion.way.position, motion.way.rotation, strict=True
+        compute_tcp(cell, motion.joints),
+        motion.pose_path.position,
+        motion.pose_path.rotation,
+        strict=True,
     ):
         assert np.allclose(frame[:3, 3], position, atol=1e-6)
         assert np.allclose(frame[:3, :3], rotation, atol=1e-9)
-    assert np.array_equal(motion.dense[motion.at], motion.joints)
-    assert are_within_limits(cell.robot, motion.dense).all()
-    assert np.abs(np.diff(motion.dense, axis=0)).max() <= math.radians(15) + 1e-9
-    dense = compute_tcp(cell, motion.dense)
+    assert np.array_equal(motion.sampled_joints[motion.at], motion.joints)
+    assert are_within_limits(cell.robot, motion.sampled_joints).all()
+    assert np.abs(np.diff(motion.sampled_joints, axis=0)).max() <= math.radians(15) + 1e-9
+    dense = compute_tcp(cell, motion.sampled_joints)
     assert np.linalg.norm(np.diff(dense[:, :3, 3], axis=0), axis=1).max() <= 5 + 1e-6
-    assert cell.clear(motion.dense).all()
+    assert cell.clear(motion.sampled_joints).all()
     return dense
 
 
@@ -86,7 +89,7 @@ def find_nominal_rotation(edge: Edge) -> FloatArray:
 
 def test_a_straight_edge_has_two_poses_and_one_orientation() -> None:
     motion = expect_motion(CELL, TOP)
-    assert len(motion.way) == 2
+    assert len(motion.pose_path) == 2
     dense = check_edge_motion(CELL, motion)
     h = 5 / math.sqrt(2)
     assert np.allclose(dense[:, 1:3, 3], [-h, 50 + h], atol=1e-6)
@@ -98,14 +101,14 @@ def test_a_straight_edge_has_two_poses_and_one_orientation() -> None:
 def test_freedom_is_not_used_if_the_nominal_orientation_is_possible() -> None:
     nominal, with_freedom = expect_motion(CELL, TOP), expect_motion(CELL, TOP, BOTH)
     assert with_freedom.freed is None
-    assert np.array_equal(nominal.dense, with_freedom.dense)
+    assert np.array_equal(nominal.sampled_joints, with_freedom.sampled_joints)
 
 
 def test_a_reversed_motion_has_the_joint_values_in_reverse_order() -> None:
     motion = expect_motion(CELL, rim((60, 60, 40), 40, outer=True))
     backward = motion.reversed()
     assert (motion.backwards, backward.backwards) == (False, True)
-    assert np.array_equal(backward.dense, motion.dense[::-1])
+    assert np.array_equal(backward.sampled_joints, motion.sampled_joints[::-1])
     check_edge_motion(CELL, backward)
     assert np.array_equal(backward.reversed().at, motion.at)
 
@@ -147,7 +150,7 @@ def test_with_freedom_an_edge_is_run_past_a_singularity() -> None:
     motion = expect_motion(cell, edge, BOTH)
     check_edge_motion(cell, motion)
     assert motion.freed
-    assert np.abs(motion.dense[:, 4]).min() >= math.radians(2)
+    assert np.abs(motion.sampled_joints[:, 4]).min() >= math.radians(2)
 
 
 def test_a_limit_is_named_with_its_amount() -> None:
@@ -185,8 +188,8 @@ def test_a_collision_is_avoided_by_the_smallest_sufficient_tilt() -> None:
     assert motion.freed
     assert motion.freed[0] == pytest.approx(10)  # tilts of 10 and 20 deg are tried
     assert motion.freed[1] == pytest.approx(0, abs=1e-9)
-    assert len(motion.way) == 2
-    dense = compute_tcp(cell, motion.dense)
+    assert len(motion.pose_path) == 2
+    dense = compute_tcp(cell, motion.sampled_joints)
     assert np.allclose(np.degrees(np.arccos(dense[:, :3, 2] @ axis)), 10)
     assert np.allclose(np.degrees(motion.tilt), 10)
 
@@ -219,7 +222,7 @@ def test_another_branch_is_preferred_to_any_freedom() -> None:
     check_edge_motion(cell, motion)
     assert motion.freed is None
     # The result without freedom is equal, since the nominal orientation is enough.
-    assert np.array_equal(expect_motion(cell, TOP).dense, motion.dense)
+    assert np.array_equal(expect_motion(cell, TOP).sampled_joints, motion.sampled_joints)
 
 
 def test_an_obstacle_half_way_is_avoided_by_a_tilt_at_the_obstacle_only() -> None:
@@ -237,7 +240,7 @@ def test_an_obstacle_half_way_is_avoided_by_a_tilt_at_the_obstacle_only() -> Non
     assert np.allclose(dense[:, 1:3, 3], [-5 / math.sqrt(2), 50 + 5 / math.sqrt(2)], atol=1e-6)
     assert np.degrees(motion.tilt).max() == pytest.approx(10, abs=0.01)
     assert np.allclose(motion.tilt[[0, -1]], 0, atol=1e-9)
-    assert len(motion.way) == 4  # 120 mm in stretches of 40: nominal, tilted, tilted, nominal
+    assert len(motion.pose_path) == 4  # 120 mm in stretches of 40: nominal, tilted, tilted, nominal
 
 
 @pytest.mark.parametrize("name", ["e6", "e11"])
@@ -255,7 +258,7 @@ def test_a_rim_that_no_wrist_can_follow_is_run_by_rolling_along_it(name: str) ->
     assert (
         motion.freed[0] < 2
     )  # deg: poses are 30 deg apart, and the axis between two leaves its cone
-    assert len(motion.way) <= 13
+    assert len(motion.pose_path) <= 13
     # The TCP stays on a circle around the bore of radius 20, which is perpendicular to its face.
     # Half of the offset direction is along the axis of the bore and half towards it.
     middle = edge.points[:2].mean(axis=0)
@@ -284,10 +287,10 @@ def test_an_arm_without_a_closed_form_uses_freedom() -> None:
     assert motion.freed == pytest.approx((5, 0), abs=1e-6) or motion.freed == pytest.approx(
         (10, 0), abs=1e-6
     )
-    rotations, origins = compute_flange(arm, motion.dense)
+    rotations, origins = compute_flange(arm, motion.sampled_joints)
     line = origins + rotations @ [0, 0, 60] - [200, 60, 100]
     assert np.allclose(line[:, 1:], [-5 / math.sqrt(2), 5 / math.sqrt(2)], atol=1e-6)
-    assert clear(motion.dense).all()
+    assert clear(motion.sampled_joints).all()
 
 
 @pytest.mark.parametrize("name", ["IRB 2400", "COBOTTA", "Cobra s600", "3-axis mill"])

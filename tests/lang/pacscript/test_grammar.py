@@ -102,12 +102,12 @@ OUTSIDE_OF_PROCEDURES = [
 
 @pytest.mark.parametrize(("text", "line", "what"), OUTSIDE_OF_PROCEDURES)
 def test_a_fault_outside_of_a_procedure_is_refused(text: str, line: int, what: str) -> None:
-    assert (line, what) in list_refusals(LANGUAGE.run({"part.pcs": text}, Ask()))
+    assert (line, what) in list_refusals(LANGUAGE.run({"part.pcs": text}, RunRequest()))
 
 
 def test_a_procedure_that_is_not_called_is_checked_too() -> None:
     files = {"part.pcs": "Sub Main\nEnd Sub\nSub Other\nx = (\nEnd Sub\n"}
-    assert list_refusals(LANGUAGE.run(files, Ask())) == [(4, "a value is missing")]
+    assert list_refusals(LANGUAGE.run(files, RunRequest())) == [(4, "a value is missing")]
 
 
 @pytest.mark.parametrize(

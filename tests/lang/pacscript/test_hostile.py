@@ -29,7 +29,7 @@ DEFAULT = Limits()
 
 
 def run(text: str, limits: Limits = DEFAULT) -> Executed:
-    executed = LANGUAGE.run({"part.pcs": text}, Ask(limits=limits))
+    executed = LANGUAGE.run({"part.pcs": text}, RunRequest(limits=limits))
     LANGUAGE.recognise(text)
     assert len(executed.body) == len(executed.lines)
     assert len(executed.frame) in (0, len(executed.body))

@@ -405,7 +405,7 @@ def test_too_many_arguments_are_refused_and_endless_recursion_stops() -> None:
     )
 
 
-ENDLESS_FACT = ("goes round for ever", "from line 4: shown once")
+ENDLESS_FACT = ("runs forever", "from line 4: shown once")
 
 
 def test_an_endless_loop_is_shown_once() -> None:
@@ -439,7 +439,7 @@ def test_a_wait_ends_at_once_and_its_condition_holds_after_it() -> None:
 
 def test_a_wait_for_another_value_than_the_user_assumes_stops_the_run() -> None:
     lines = ("Wait IO[8] = On", "Set IO[1]")
-    assert run(*lines, io8=0.0).stopped == (3, "waits for ever: io[8] is given otherwise")
+    assert run(*lines, io8=0.0).stopped == (3, "waits forever: io[8] is given otherwise")
     assert run(*lines, **{"io[8]": 1.0}).body == (Output("1", 1),)
 
 
@@ -492,7 +492,7 @@ def test_an_unknown_position_is_the_origin_of_a_frame_with_its_name() -> None:
     ]
     assert [frame.base_from_work is None for frame in executed.frames] == [True, True, False]
     assert executed.frame == (0, 0, 0, 1, 2, 2)
-    assert "P[1] is not in the text: motions to it are told in a frame of that name" in [
+    assert "P[1] is not in the text: motions to it are given in a frame of that name" in [
         assumption.what for assumption in executed.assumed
     ]
 
@@ -567,7 +567,9 @@ def test_a_concurrent_task_is_checked_on_its_own() -> None:
     task = (
         "Sub Watch\nTakeArm\nMove P, @P P(9, 9, 9)\nSet IO[30]\nDelay 5\nDelay -5\nHold\nEnd Sub\n"
     )
-    executed = LANGUAGE.run({"a.pcs": f"Sub Main\nRun Watch\nRun Watch\nEnd Sub\n{task}"}, Ask())
+    executed = LANGUAGE.run(
+        {"a.pcs": f"Sub Main\nRun Watch\nRun Watch\nEnd Sub\n{task}"}, RunRequest()
+    )
     assert not executed.body
     assert (
         dict(executed.facts)["other tasks"]
@@ -580,7 +582,7 @@ def test_a_concurrent_task_is_checked_on_its_own() -> None:
 def test_a_task_can_be_the_main_of_another_file() -> None:
     other = "Sub Main\nSet IO[30]\nRun Main\nEnd Sub\n"
     executed = LANGUAGE.run(
-        {"a.pcs": "Sub Main\nRun Watch\nEnd Sub\n", "Watch.pcs": other}, Ask(entry="a")
+        {"a.pcs": "Sub Main\nRun Watch\nEnd Sub\n", "Watch.pcs": other}, RunRequest(entry="a")
     )
     assert dict(executed.facts)["other tasks"] == "watch: sets 30 to 1, not shown"
     assert executed.lost == ((2, "another task, watch, is not shown: sets 30 to 1"),)
@@ -597,14 +599,16 @@ OTHER = "Sub Main(ByVal n As Integer)\nReset IO[n]\nEnd Sub\n"
 
 
 def test_files_include_and_call_each_other_and_their_lines_are_counted_on() -> None:
-    executed = LANGUAGE.run({"a/Main1.pcs": MAIN, "lib/Names.h": NAMES, "Other.pcs": OTHER}, Ask())
+    executed = LANGUAGE.run(
+        {"a/Main1.pcs": MAIN, "lib/Names.h": NAMES, "Other.pcs": OTHER}, RunRequest()
+    )
     assert executed.body == (Output("24", 1), Output("3", 0))
     assert executed.lines == (12, 16)
     assert not executed.findings
 
 
 def test_files_that_are_missing_are_named() -> None:
-    executed = LANGUAGE.run({"main1.pcs": MAIN}, Ask())
+    executed = LANGUAGE.run({"main1.pcs": MAIN}, RunRequest())
     assert ("files that are not given", "names.h") in executed.facts
     assert "names.h is not given: what it holds is not known" in [
         assumption.what for assumption in executed.assumed
@@ -642,7 +646,9 @@ def test_a_predefined_name_can_be_given() -> None:
 
 def test_all_kinds_of_line_ends_are_read() -> None:
     for end in ("\n", "\r\n", "\r"):
-        executed = LANGUAGE.run({"a.pcs": end.join(("Sub Main", "Set IO[1]", "End Sub"))}, Ask())
+        executed = LANGUAGE.run(
+            {"a.pcs": end.join(("Sub Main", "Set IO[1]", "End Sub"))}, RunRequest()
+        )
         assert (executed.body, executed.lines) == ((Output("1", 1),), (2,))
 
 
@@ -675,7 +681,7 @@ RETURN
 
 
 def test_a_program_of_the_older_dialect_is_run() -> None:
-    executed = LANGUAGE.run({"old.pac": PAC}, Ask())
+    executed = LANGUAGE.run({"old.pac": PAC}, RunRequest())
     assert origins(executed) == [(400, 0, 300), (400, 0, 250), (400, 0, 250)]
     assert signals(executed) == ["2", "3", "7"]
     assert executed.stopped is None
@@ -707,7 +713,7 @@ RETURN
 
 
 def test_the_spellings_of_the_older_dialect_are_read() -> None:
-    executed = LANGUAGE.run({"old.pac": PAC_SPELLINGS}, Ask())
+    executed = LANGUAGE.run({"old.pac": PAC_SPELLINGS}, RunRequest())
     assert signals(executed) == ["1", "2", "4"]
     assert not executed.findings
     assert "data from fill is not known: the branch is gone into" in [

@@ -43,7 +43,7 @@ DEFAULT = Limits()
 
 
 def run_module(text: str, limits: Limits = DEFAULT) -> Executed:
-    return run({"m.mod": text}, Ask(limits=limits))
+    return run({"m.mod": text}, RunRequest(limits=limits))
 
 
 @given(st.text())
@@ -65,7 +65,7 @@ def test_a_damaged_program_is_run(seed: int) -> None:
         for _ in range(chance.choice([1, 3, 9])):
             index = chance.randrange(len(texts))
             texts[index] = changed(chance, texts[index])
-        executed = run({f"{index}.mod": text for index, text in enumerate(texts)}, Ask())
+        executed = run({f"{index}.mod": text for index, text in enumerate(texts)}, RunRequest())
         assert len(executed.lines) == len(executed.body)
         assert not executed.frame or len(executed.frame) == len(executed.body)
 

@@ -33,7 +33,7 @@ def make_module(body: str, more: str = "") -> str:
 
 
 def run_main(body: str, more: str = "", **assume: float) -> Executed:
-    return run({"m.mod": make_module(body, more)}, Ask(assume=assume))
+    return run({"m.mod": make_module(body, more)}, RunRequest(assume=assume))
 
 
 def run_without_assumptions(body: str, more: str = "", **assume: float) -> list[Instruction]:
@@ -215,7 +215,9 @@ def test_welds_move_at_the_speed_of_their_data() -> None:
         "PERS welddata wd:=[8,0,[0,0,0,0,0,0,0,0,0],[0,0,0,0,0,0,0,0,0]];\n"
         "PERS seamdata sm:=[0,0];\n"
     )
-    executed = run({"m.mod": make_module(data).replace("PROC main", f"{more}PROC main")}, Ask())
+    executed = run(
+        {"m.mod": make_module(data).replace("PROC main", f"{more}PROC main")}, RunRequest()
+    )
     assert [m.speed for m in executed.body if isinstance(m, MoveL)] == [100, 100, 8, 8]
     assert dict(executed.facts)["process"] == "arc welding"
     assert executed.findings == ()
@@ -380,7 +382,7 @@ PROC main()
 ENDPROC
 ENDMODULE
 """
-    assert positions(run({"m.mod": module}, Ask())) == [(1, 2, 10)]
+    assert positions(run({"m.mod": module}, RunRequest())) == [(1, 2, 10)]
 
 
 # Control ------------------------------------------------------------------------------------------
@@ -632,7 +634,7 @@ def test_modules_share_their_global_names() -> None:
         f"MODULE o\nLOCAL CONST num k:=3;\nPROC sub()\nWaitTime k;\nMoveL p1,{TAIL}\nENDPROC\n"
         "ENDMODULE\n"
     )
-    executed = run({"m.mod": make_module("sub;"), "o.mod": other}, Ask())
+    executed = run({"m.mod": make_module("sub;"), "o.mod": other}, RunRequest())
     assert (wait_seconds(executed), positions(executed), executed.assumed) == (
         [3],
         [(100, 0, 0)],
@@ -643,16 +645,20 @@ def test_modules_share_their_global_names() -> None:
 
 def test_the_entry_is_main_or_the_routine_without_parameters_or_the_one_of_the_user() -> None:
     more = "PROC other()\nWaitTime 3;\nENDPROC"
-    assert wait_seconds(run({"m.mod": make_module("WaitTime 1;", more)}, Ask(entry="Other"))) == [3]
+    assert wait_seconds(
+        run({"m.mod": make_module("WaitTime 1;", more)}, RunRequest(entry="Other"))
+    ) == [3]
     without_main = make_module("", more).replace(
         "PROC main()\n\nENDPROC\n", "PROC help(num k)\nENDPROC\n"
     )
-    executed = run({"m.mod": without_main}, Ask())
+    executed = run({"m.mod": without_main}, RunRequest())
     assert (wait_seconds(executed), dict(executed.facts)["entry"]) == (
         [3],
         "other, as there is no main",
     )
-    assert dict(run({"m.mod": "MODULE d\nENDMODULE\n"}, Ask()).facts)["entry"].startswith("none")
+    assert dict(run({"m.mod": "MODULE d\nENDMODULE\n"}, RunRequest()).facts)["entry"].startswith(
+        "none"
+    )
 
 
 # Refusals of a controller -------------------------------------------------------------------------
@@ -738,7 +744,7 @@ def test_a_value_is_unknown_after_its_assignment_was_refused() -> None:
     ],
 )
 def test_a_name_that_a_controller_refuses_is_found(module: str, what: str) -> None:
-    (finding,) = run({"m.mod": f"MODULE m\n{module}\nENDMODULE\n"}, Ask()).findings
+    (finding,) = run({"m.mod": f"MODULE m\n{module}\nENDMODULE\n"}, RunRequest()).findings
     assert finding.what == what
 
 
@@ -808,7 +814,7 @@ def test_instructions_of_newer_controllers_give_unknown_values() -> None:
     )
     assert not executed.findings
     assert [what for _, what in executed.lost] == [
-        "stepbwdpath moves the arm as no text says: it is not shown"
+        "stepbwdpath moves the arm on a path that is not in the text: it is not shown"
     ]
 
 
@@ -825,7 +831,7 @@ def test_a_handler_distinguishes_errors_by_errno() -> None:
         f"VAR errnum mine;\nBookErrNo mine;\nsub 1;\nsub 2;\nWaitTime 9;\nsub 3;\n{handler}", more
     )
     module = module.replace("PROC main()\nVAR errnum mine;", "VAR errnum mine;\nPROC main()")
-    executed = run({"m.mod": module}, Ask())
+    executed = run({"m.mod": module}, RunRequest())
     assert wait_seconds(executed) == [7, 8, 9]
     assert executed.assumed == ()
     line = module.split("\n").index("RAISE ERR_OTHER;") + 1
@@ -905,7 +911,7 @@ def make_polling_module(body: str, more: str = "") -> str:
 
 
 def run_polled(body: str, more: str = "", **assume: float) -> Executed:
-    return run({"m.mod": make_polling_module(body, more)}, Ask(assume=assume))
+    return run({"m.mod": make_polling_module(body, more)}, RunRequest(assume=assume))
 
 
 def test_data_that_a_loop_polls_and_no_statement_sets_are_set_outside_of_the_program() -> None:
@@ -914,7 +920,7 @@ def test_data_that_a_loop_polls_and_no_statement_sets_are_set_outside_of_the_pro
     assert executed.assumed == ()
     assert ("set outside", "place: the run has the values of the text") in executed.facts
     (choice,) = executed.choices
-    other = run({"m.mod": make_polling_module(POLLING_LOOP)}, Ask(shifts={choice.line: 1}))
+    other = run({"m.mod": make_polling_module(POLLING_LOOP)}, RunRequest(shifts={choice.line: 1}))
     assert other.findings == ()
     assert other.assumed[0].what.startswith(
         "an IF depends on place, which is set outside of this program"
@@ -927,7 +933,7 @@ def test_data_that_a_loop_polls_and_no_statement_sets_are_set_outside_of_the_pro
 
 def test_the_fault_of_a_value_that_is_set_outside_is_possible() -> None:
     files = {"m.mod": make_polling_module(POLLING_LOOP)}
-    (finding,) = run_alternatives(LANGUAGE, files, Ask()).executed.findings
+    (finding,) = run_alternatives(LANGUAGE, files, RunRequest()).executed.findings
     assert finding.level == "possible"
     assert finding.what.startswith(
         "a division by 0; it depends on place, set outside of this program"
@@ -958,5 +964,5 @@ def test_other_data_have_the_value_of_the_text(body: str, more: str) -> None:
 
 def test_a_variable_is_not_set_outside_of_its_program() -> None:
     program = make_polling_module(POLLING_LOOP).replace("PERS num", "VAR num")
-    executed = run({"m.mod": program}, Ask())
+    executed = run({"m.mod": program}, RunRequest())
     assert [finding.what for finding in executed.findings] == ["a division by 0"]

@@ -12,7 +12,7 @@ from camgen.model.program import MoveJ, MoveL
 
 
 def execute(*lines):
-    executed = run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, Ask())
+    executed = run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, RunRequest())
     assert not [finding for finding in executed.findings if finding.level == "refused"]
     return executed
 

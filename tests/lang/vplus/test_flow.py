@@ -10,7 +10,7 @@ from camgen.model.program import Joints, MoveJ, MoveL, Output, Stop, Wait
 
 def execute(*lines, **options):
     """Run a program a() with these lines, of which the first is line 2."""
-    return run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, Ask(**options))
+    return run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, RunRequest(**options))
 
 
 def list_findings(executed, level):
@@ -150,7 +150,7 @@ def test_an_argument_refers_to_its_variable_unless_it_is_in_brackets():
 
     In twice, from[1] refers to q[3], as its list starts at q[2].
     """
-    assert x_of_motions(run({"a": CALLS}, Ask())) == [11, 61, 5, 77, 8]
+    assert x_of_motions(run({"a": CALLS}, RunRequest())) == [11, 61, 5, 77, 8]
 
 
 def test_a_local_variable_keeps_its_value_between_calls_and_an_auto_variable_does_not():
@@ -158,8 +158,8 @@ def test_a_local_variable_keeps_its_value_between_calls_and_an_auto_variable_doe
     text = main + (
         ".PROGRAM one()\n{} n\nIF DEFINED(n) THEN\nn = n+1\nELSE\nn = 1\nEND\nMOVE TRANS(n)\n.END\n"
     )
-    assert x_of_motions(run({"a": text.format("LOCAL")}, Ask())) == [1, 2]
-    assert x_of_motions(run({"a": text.format("AUTO")}, Ask())) == [1, 1]
+    assert x_of_motions(run({"a": text.format("LOCAL")}, RunRequest())) == [1, 2]
+    assert x_of_motions(run({"a": text.format("AUTO")}, RunRequest())) == [1, 1]
 
 
 def test_a_recursive_program_has_undefined_parameters_if_arguments_are_omitted():
@@ -175,14 +175,14 @@ def test_a_recursive_program_has_undefined_parameters_if_arguments_are_omitted()
     text = "\n".join(
         [".PROGRAM main()", "CALL down(3)", ".END", ".PROGRAM down(n, m)", *down, ".END"]
     )
-    assert x_of_motions(run({"a": text}, Ask())) == [3, 2, 1]
+    assert x_of_motions(run({"a": text}, RunRequest())) == [3, 2, 1]
 
 
 def test_calls_runs_the_program_that_a_string_names():
     text = (
         '.PROGRAM main()\n$p = "su"\nCALLS $p+"b"(4)\n.END\n.PROGRAM sub(x)\nMOVE TRANS(x)\n.END\n'
     )
-    assert x_of_motions(run({"a": text}, Ask())) == [4]
+    assert x_of_motions(run({"a": text}, RunRequest())) == [4]
 
 
 def test_a_missing_program_is_left_out_with_an_assumption():
@@ -196,12 +196,14 @@ def test_a_missing_program_is_left_out_with_an_assumption():
 def test_the_program_that_runs_is_the_entry_or_main_or_the_first_uncalled_one():
     text = ".PROGRAM sub()\nMOVE TRANS(2)\n.END\n.PROGRAM first()\nCALL sub()\n.END\n"
     text += ".PROGRAM other()\nMOVE TRANS(3)\n.END\n"
-    executed = run({"a": text}, Ask())
+    executed = run({"a": text}, RunRequest())
     assert x_of_motions(executed) == [2]
     assert ("programs not run", "other") in executed.facts
-    assert x_of_motions(run({"a": text}, Ask(entry="OTHER"))) == [3]
-    assert run({"a": text}, Ask(entry="nobody")).stopped == (1, "there is no program nobody")
-    assert x_of_motions(run({"a": text + ".PROGRAM main()\nMOVE TRANS(4)\n.END\n"}, Ask())) == [4]
+    assert x_of_motions(run({"a": text}, RunRequest(entry="OTHER"))) == [3]
+    assert run({"a": text}, RunRequest(entry="nobody")).stopped == (1, "there is no program nobody")
+    assert x_of_motions(
+        run({"a": text + ".PROGRAM main()\nMOVE TRANS(4)\n.END\n"}, RunRequest())
+    ) == [4]
 
 
 def test_lines_are_counted_through_several_files():
@@ -217,7 +219,7 @@ def test_a_second_task_is_named():
         ".PROGRAM main()\nEXECUTE 2 watch(), 0\nMOVE TRANS(1)\n.END\n.PROGRAM watch()\nSIGNAL 5\n"
         ".END\n"
     )
-    executed = run({"a": text}, Ask())
+    executed = run({"a": text}, RunRequest())
     assert [type(item) for item in executed.body] == [MoveJ]
     assert ("tasks beside it, not run", "watch (task 2): sets 5 to 1") in executed.facts
 
@@ -231,7 +233,7 @@ def test_a_concurrent_task_is_checked_on_its_own():
         "MOVE TRANS(9)\nSIGNAL 5\nWAIT SIG(1001)\nWAIT.EVENT , 2\nPAUSE\nSPEED -1\n"
         "WHILE TRUE DO\nSIGNAL -6\nEND"
     )
-    executed = run({"a": text.format(task)}, Ask())
+    executed = run({"a": text.format(task)}, RunRequest())
     assert x_of_motions(executed) == [1]
     assert dict(executed.facts)["tasks beside it, not run"] == (
         "watch (task 2): sets 5 to 1, sets 6 to 0, stops, waits, 1 motion"
@@ -253,15 +255,15 @@ def test_a_concurrent_task_is_checked_on_its_own():
 def test_a_reaction_runs_if_the_user_assumes_it(line, name):
     text = f".PROGRAM main()\nMOVE TRANS(1)\n{line}\nMOVE TRANS(2)\n{line}\n.END\n"
     text += ".PROGRAM halt.it(x)\nMOVE TRANS(x*10)\n.END\n"
-    executed = run({"a": text}, Ask())
+    executed = run({"a": text}, RunRequest())
     assert x_of_motions(executed) == [1, 2]
     assert [(entry.line, entry.key, entry.value) for entry in executed.assumed] == [(3, name, 0.0)]
     assert dict(executed.facts)["reactions that do not come"].startswith("halt.it (REACT")
-    assert x_of_motions(run({"a": text}, Ask(assume={name: 1.0}))) == [1, 20, 2]
+    assert x_of_motions(run({"a": text}, RunRequest(assume={name: 1.0}))) == [1, 20, 2]
 
 
 def test_a_reaction_without_a_program_and_one_with_a_missing_program_are_facts():
-    executed = run({"a": ".PROGRAM main()\nREACT 1001\nREACTE other\n.END\n"}, Ask())
+    executed = run({"a": ".PROGRAM main()\nREACT 1001\nREACTE other\n.END\n"}, RunRequest())
     assert dict(executed.facts)["reactions"] == "REACT 1001"
     assert (
         dict(executed.facts)["reactions that do not come"]
@@ -307,7 +309,7 @@ def test_a_run_stops_at_the_limit_of_steps_and_of_nested_calls():
     )
     # The loop has four instructions.
     assert 70 < len(executed.body) < 80
-    recursive = run({"a": ".PROGRAM a()\nCALL a()\n.END\n"}, Ask())
+    recursive = run({"a": ".PROGRAM a()\nCALL a()\n.END\n"}, RunRequest())
     assert recursive.stopped == (2, "more than 60 programs call each other")
 
 
@@ -412,8 +414,8 @@ def test_a_line_that_the_controller_accepts_is_not_refused(line):
 def test_each_line_is_checked_once_whether_it_is_run_or_not():
     executed = execute("FOR i = 1 TO 5", "FROB", "END", "IF FALSE THEN", "FROB 2", "END")
     assert list_findings(executed, "refused") == [
-        (3, "FROB is no instruction of V+"),
-        (6, "FROB is no instruction of V+"),
+        (3, "FROB is not an instruction of V+"),
+        (6, "FROB is not an instruction of V+"),
     ]
 
 
@@ -447,13 +449,13 @@ def test_a_program_without_brackets_or_end_and_with_control_characters_is_read()
         RunRequest(),
     )
     assert x_of_motions(executed) == [1]
-    unclosed = run({"a": ".PROGRAM a()\nMOVE TRANS(1)\n"}, Ask())
+    unclosed = run({"a": ".PROGRAM a()\nMOVE TRANS(1)\n"}, RunRequest())
     assert x_of_motions(unclosed) == [1]
     assert list_findings(unclosed, "unusual") == [(2, "a has no .END")]
 
 
 def test_a_text_without_a_program_line_is_refused_and_run():
-    executed = run({"pick.v2": "MOVE TRANS(1)\nBREAK\n"}, Ask())
+    executed = run({"pick.v2": "MOVE TRANS(1)\nBREAK\n"}, RunRequest())
     assert list_findings(executed, "refused") == [
         (1, "the text has no .PROGRAM line: taken for a program pick")
     ]
@@ -481,7 +483,7 @@ def test_a_loop_that_ends_at_its_start_position_is_run_once():
         "MOVE TRANS(2)", "n = 0", "WHILE n < 1 DO", "MOVE TRANS(1)", "MOVE TRANS(2)", "END"
     )
     assert x_of_motions(executed) == [2, 1, 2]
-    assert [item.line for item in executed.assumed if "repeats itself" in item.what] == [4]
+    assert [item.line for item in executed.assumed if "shown for one round" in item.what] == [4]
 
 
 def test_exit_leaves_as_many_loops_as_the_value_of_its_expression():

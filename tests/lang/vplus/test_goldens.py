@@ -18,7 +18,7 @@ GOLDENS = sorted((ROOT / "fixtures/cases").glob("*/expected/*.v2"))
 def test_interpreter_and_read_back_give_the_same_instructions(path: Path) -> None:
     text = path.read_bytes().decode("ascii").replace("\r\n", "\n")
     assert recognise(text)
-    executed, strict = run({path.name: text}, Ask()), read({path.name: text}, {})
+    executed, strict = run({path.name: text}, RunRequest()), read({path.name: text}, {})
     assert (executed.findings, executed.assumed, executed.stopped) == ((), (), None)
     assert strict.work is not None
     assert strict.tool is not None

@@ -72,7 +72,7 @@ GLOBAL pick
 pick 1 2 3 0 180 0
 .END
 """
-FEW_STEPS = Ask(limits=Limits(vplus_steps=2000))
+FEW_STEPS = RunRequest(limits=Limits(vplus_steps=2000))
 PIECES = sorted(set(SAMPLE.replace("(", " ( ").replace(")", " ) ").replace(",", " , ").split()))
 
 
@@ -102,7 +102,7 @@ def check_text(text: str) -> None:
 
 
 def test_the_sample_is_run_to_its_end():
-    executed = run({"a.v2": SAMPLE}, Ask())
+    executed = run({"a.v2": SAMPLE}, RunRequest())
     assert not [finding for finding in executed.findings if finding.level == "refused"]
     assert len(executed.body) == 26
 
@@ -171,7 +171,7 @@ LONG_TEXTS: dict[str, Callable[[int], str]] = {
 def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
     def execute(count: int) -> None:
         text = f".PROGRAM a()\n{LONG_TEXTS[name](count)}.END\n"
-        check_result(run({"a.v2": text}, Ask()), text.count("\n") + 2)
+        check_result(run({"a.v2": text}, RunRequest()), text.count("\n") + 2)
 
     assert_linear(execute, 1600)
 
@@ -195,7 +195,7 @@ def test_each_line_of_a_long_text_costs_the_same(name: str) -> None:
 )
 def test_loops_end_at_the_limit_of_steps(text: str) -> None:
     def execute() -> None:
-        options = Ask(limits=Limits(vplus_steps=STEPS))
+        options = RunRequest(limits=Limits(vplus_steps=STEPS))
         check_result(run({"a.v2": text}, options), text.count("\n") + 2)
 
     assert count_calls(execute) < CALLS_OF_A_STEP * STEPS

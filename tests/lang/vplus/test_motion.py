@@ -15,7 +15,7 @@ from tests.support.whole import whole
 
 
 def execute(*lines, **options):
-    return run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, Ask(**options))
+    return run({"a.v2": "\n".join([".PROGRAM a()", *lines, ".END", ""])}, RunRequest(**options))
 
 
 def list_motions(executed):
@@ -49,7 +49,7 @@ def test_a_speed_holds_for_one_motion_or_always_and_the_monitor_speed_scales_it(
         [7500, 3750, 7500, 20, 25.4, 20, 2]
     )
     assert [motion.share for motion in list_motions(executed)[:3]] == [1, 0.5, 1]
-    assert ("speed", "100 % is taken for 7500 mm/s of the TCP") in executed.facts
+    assert ("speed", "100 % is assumed to be 7500 mm/s of the TCP") in executed.facts
 
 
 def test_a_corner_is_rounded_unless_a_break_or_the_cp_switch_stops_there():
@@ -156,9 +156,9 @@ def test_points_are_read_from_a_file_or_from_sections_of_the_text(source):
     ]
     text = "\n".join([".PROGRAM a()", *lines, ".END", ""])
     executed = (
-        run({"a": text}, Ask(points={"p.lc": POINTS}))
+        run({"a": text}, RunRequest(points={"p.lc": POINTS}))
         if source == "file"
-        else run({"a": text + POINTS}, Ask())
+        else run({"a": text + POINTS}, RunRequest())
     )
     assert not executed.findings
     assert not executed.assumed
@@ -173,7 +173,7 @@ def test_points_are_read_from_a_file_or_from_sections_of_the_text(source):
 def test_a_file_of_points_may_have_assignments_and_other_lines_are_counted():
     executed = execute("MOVE p", points={"p.txt": "SET p = TRANS(1,2,3)\nwhat is this\n"})
     assert list_motions(executed)[0].target.origin == (1, 2, 3)
-    assert ("of p.txt", "1 line is no locations") in executed.facts
+    assert ("of p.txt", "1 line without a location") in executed.facts
 
 
 def test_each_motion_has_the_tool_and_frame_that_the_program_names():
@@ -356,11 +356,11 @@ DETACH (lun)
 
 
 def test_a_program_reads_a_data_file_that_is_given_with_it():
-    executed = run({"a.v2": READER, "way.dat": "2\n1.5, 2\n 3 4\nthe end\n"}, Ask())
+    executed = run({"a.v2": READER, "way.dat": "2\n1.5, 2\n 3 4\nthe end\n"}, RunRequest())
     assert not executed.findings
     assert not executed.assumed
     assert [origin[:2] for origin in list_origins(executed)] == [(1.5, 2), (3, 4), (7, 0), (8, 0)]
-    without_file = run({"a.v2": READER}, Ask())
+    without_file = run({"a.v2": READER}, RunRequest())
     assert [entry.key for entry in without_file.assumed] == ["iostat", "n", "x", "y", ""]
     assert [origin[:2] for origin in list_origins(without_file)] == [(1, 1)]
 
@@ -373,7 +373,7 @@ def test_the_motions_of_a_data_file_of_the_post_are_read():
     body = (home, start, *work, Output("process", 1.0), Wait(0.5), home)
     plan = Program("part", VPlus.cell().base_from_work, VPlus.cell().flange_from_tool, whole(body))
     files = {file.name: file.text for file in post.render(post.prepare(plan, 0.01))}
-    executed = run(files, Ask())
+    executed = run(files, RunRequest())
     assert not list_findings(executed, "refused")
     assert executed.stopped is None
     kinds = [MoveJ, MoveJ, MoveL, MoveL, MoveL, MoveL, Output, Wait, MoveJ]
