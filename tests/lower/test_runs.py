@@ -425,14 +425,10 @@ def test_a_drill_ignores_the_entry_of_all_operations_but_refuses_one_of_its_row(
     plate = part(rounded(60, 40, 8), circle(30, 20, 3, "c2"))
     result = build(plate, post="gcode", job=job)
     kinds = [path.operation for path in result.tour.paths]
-    drilled = [cut for cut in cuts_of_paths(result.program) if kinds[cut.path] == "drill"]
-    assert all(cut.run < 1e-9 for cut in drilled)
-    assert (
-        measure_steepest(
-            [cut for cut in cuts_of_paths(result.program) if kinds[cut.path] == "follow"]
-        )
-        <= 45.0
-    )
+    cutting = cuts_of_paths(result.program)
+    assert all(cut.run < 1e-9 for cut in cutting if kinds[cut.path] == "drill")
+    followed = [cut for cut in cutting if kinds[cut.path] == "follow"]
+    assert measure_steepest(followed) <= 45.0
     assert [note.what for note in result.notes if "tab" in note.what] == [
         "3 tabs of 5 x 1 mm on 1:c1"
     ]

@@ -282,9 +282,6 @@ def test_conformance(case: Case, force):
     check_case(post, find_language("gcode"), case, options, lacks, MEANINGLESS)
 
 
-# The outside judge.
-
-
 def test_a_half_circle_of_two_decimals_stays_one_arc():
     """Its digits are those of an arc of half a circle and 0.01 rad that starts at X1.17 Y1.73."""
     plan = program(

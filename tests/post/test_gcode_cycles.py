@@ -9,16 +9,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from camgen.model.program import Comment, Instruction, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.post.plugins import find_post, find_readback, make_post
+from tests.support.gcode_programs import gcode, read
 from tests.support.rs274 import assert_moves, at, difference, needs_rs274, posted, program, run
-
-
-def gcode(**options):
-    return make_post(find_post("gcode"), options)
-
-
-def read(text, **options):
-    return find_readback("gcode")({"part.ngc": text}, options)
 
 
 def hole(x, y, *levels, top=20.0, near=2.0, feed=5.0, between: tuple[Instruction, ...] = ()):

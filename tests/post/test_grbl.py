@@ -15,6 +15,7 @@ from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
 from tests.post.changes.grbl import TEXT
 from tests.support.examples import fewer
+from tests.support.gcode_programs import UNSAID, S
 from tests.support.rs274 import (
     assert_moves,
     at,
@@ -27,8 +28,6 @@ from tests.support.rs274 import (
 )
 
 SLOW = settings(suppress_health_check=[HealthCheck.too_slow])
-#: Coordinates of a point at 45 deg on a circle of radius 10.
-S = 10 / math.sqrt(2)
 #: Lines that the parser of GRBL 1.1 takes, by the list of supported codes in its documentation.
 KNOWN = re.compile(
     r"(?:(?:G(?:0|1|2|3|4|17|18|19|20|21|40|49|5[3-9]|61|80|90|91|91\.1|93|94)|M(?:"
@@ -341,10 +340,6 @@ def test_the_radii_of_an_arc_agree_in_32_bits(plan):
 )
 def test_a_wrong_line_is_a_fault(line, message):
     assert (1, message) in list_faults(line)
-
-
-#: End of a remark about modes that a program does not set before it moves.
-UNSAID = "not said before the first motion: the program before may have left it otherwise"
 
 
 @pytest.mark.parametrize("word", ["G17", "G40", "G54", "G80", "G90", "G91.1", "G94"])

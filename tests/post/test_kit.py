@@ -1,8 +1,8 @@
-"""The conformance kit: the example post of the tutorial conforms, and posts with known faults do not."""
+"""The conformance kit passes the example post of the tutorial and finds the faults of others."""
 
 import math
 import re
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 
 import pytest
@@ -20,7 +20,7 @@ from tests.support.modules import load_module
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs" / "example_post"
 LACKS = {"force", "spindle", "signals", "stops", "tool changes", "split"}
-#: The same as in the example: remarks, the sign of 180 deg, the last digit of an auxiliary point.
+#: As in the example: comments, the sign of 180 deg, and the last digit of an auxiliary point.
 MEANINGLESS = (
     r";.*",
     r"[ABC]( |-)180\.0+",
@@ -48,7 +48,7 @@ def test_options_go_to_post_and_language():
     assert conformance(KRL, LANGUAGE, options, lacks, MEANINGLESS) == []
 
 
-# What a post may not do: each of these is a post with one fault, and what the kit says about it.
+# Each of these posts has one fault. `FINDINGS` has the finding of the kit about it.
 
 
 class Drops(KRL):
@@ -212,7 +212,7 @@ class Mute(KRL):
         raise Refused(self.name, 0, " ")
 
 
-class Lost(KRL):
+class NamesNoInstruction(KRL):
     def prepare(self, _program, _chord):
         raise Refused(self.name, 10_000, "something is wrong")
 
@@ -231,7 +231,7 @@ class NoReadings(KRL):
     verified_fields = frozenset({"orientation", "spede"})
 
 
-class Loose(KRL):
+class InfiniteTolerance(KRL):
     def tolerance(self):
         return replace(super().tolerance(), speed=math.inf)
 
@@ -271,9 +271,9 @@ class StaysUpright(KRL):
         return super().movel(straight if motion.turn else motion)
 
 
-SAYS = {
+FINDINGS = {
     NoReadings: "verified_fields has the unknown word 'spede'",
-    Loose: "tolerance() speed = inf is not finite",
+    InfiniteTolerance: "tolerance() speed = inf is not finite",
     Coarse: "coordinates are printed to 0.05 mm, but tolerance.chord = 0.01",
     Halves: "instruction 2: the preparation changes the speed",
     NoProgram: "prepare() is ",
@@ -308,57 +308,56 @@ SAYS = {
     Nothing: "no file",
     Shy: "refused a MoveL that uses nothing the controller is said to lack",
     Mute: "refused without a reason",
-    Lost: "refused instruction 10000, which is not there",
+    NamesNoInstruction: "refused instruction 10000, which is not there",
     Broken: "JobError: [post]: no such thing",
 }
 
 
-def is_found(post, read, lacks, says, cases):
-    """Whether a case has the finding. The cases after it are not run."""
+def has_finding(post, read, lacks, message, cases):
+    """Whether the kit reports the finding in a case. The cases after it are not run."""
     for case in cases:
         try:
             check_case(post, read, case, FAST, lacks, MEANINGLESS)
         except AssertionError as error:
-            if says in str(error):
+            if message in str(error):
                 return True
     return False
 
 
-@pytest.mark.parametrize("post", SAYS, ids=lambda post: post.__name__)
-def test_a_fault_is_found(post):
+@pytest.mark.parametrize("post", FINDINGS, ids=lambda post: post.__name__)
+def test_a_fault_of_a_post_is_found(post):
     lacks = LACKS - {"stops", "tool changes"}
-    # Changed numbers try the read-back, which is right here. They take most of the time.
+    # Changed numbers test the read-back, which is right here, and take most of the time.
     plain = [replace(case, altered="") for case in cases()]
-    assert is_found(post, LANGUAGE, lacks, SAYS[post], plain)
+    assert has_finding(post, LANGUAGE, lacks, FINDINGS[post], plain)
 
 
-# Read-backs that pass over a number of the text. The text of the post is right.
+# Read-backs that ignore a number of a right text
 
 
 def spoil(pattern, replacement):
     """A read-back that reads the text after `pattern` is replaced."""
 
-    def run(files, ask):
-        return LANGUAGE.run(
-            {name: re.sub(pattern, replacement, text) for name, text in files.items()}, ask
-        )
+    def run(files, options):
+        changed = {name: re.sub(pattern, replacement, text) for name, text in files.items()}
+        return LANGUAGE.run(changed, options)
 
     return replace(LANGUAGE, run=run)
 
 
 @pytest.mark.parametrize(
-    ("pattern", "replacement", "says"),
+    ("pattern", "replacement", "message"),
     [
         (r"\$VEL_AXIS\[(\d)\]=.*", r"$VEL_AXIS[\1]=10", "$VEL_AXIS[1]=60"),
         (r"\$APO\.CDIS=.*", "$APO.CDIS=5.000", "blend reads"),
         (r"WAIT SEC .*", "WAIT SEC 0.250", "WAIT SEC 5.250"),
     ],
 )
-def test_a_number_that_the_language_passes_over_is_found(pattern, replacement, says):
-    assert is_found(KRL, spoil(pattern, replacement), LACKS, says, cases())
+def test_a_number_that_the_language_ignores_is_found(pattern, replacement, message):
+    assert has_finding(KRL, spoil(pattern, replacement), LACKS, message, cases())
 
 
-def test_each_change_of_a_number_is_made_and_excused_by_its_place():
+def test_each_number_is_changed_in_several_ways_and_excused_by_its_place():
     text = "A1 -2.50\nB 0.00\nA1 3.75\n"
     changes = list(alter_numbers(text))
     assert [change.text.split("\n")[0] for change in changes if change.line == 1] == [
@@ -376,37 +375,42 @@ def test_each_change_of_a_number_is_made_and_excused_by_its_place():
 
 
 def test_a_change_that_no_pattern_names_is_a_finding():
-    found = conformance(KRL, LANGUAGE, FAST, LACKS)
-    assert found
-    assert all("a changed number is not seen: line" in line for line in found)
+    findings = conformance(KRL, LANGUAGE, FAST, LACKS)
+    assert findings
+    assert all("a changed number is not seen: line" in line for line in findings)
 
 
 def test_a_post_may_not_refuse_everything_at_once():
-    assert any(
-        "refused as a whole" in line
-        for line in conformance(Sweeping, LANGUAGE, FAST, LACKS - {"split"}, MEANINGLESS)
-    )
+    findings = conformance(Sweeping, LANGUAGE, FAST, LACKS - {"split"}, MEANINGLESS)
+    assert any("refused as a whole" in line for line in findings)
 
 
-def test_what_is_not_declared_may_not_be_refused():
-    found = conformance(KRL, LANGUAGE, meaningless=MEANINGLESS)
-    assert {line.partition(":")[0] for line in found} == {
-        "speeds", "force", "force along an arc", "force twice", "spindle", "signals", "several files",
-        "stops", "optional stops", "tool changes",
-    }  # fmt: skip
+def test_a_feature_that_is_not_declared_as_missing_may_not_be_refused():
+    findings = conformance(KRL, LANGUAGE, meaningless=MEANINGLESS)
+    assert {line.partition(":")[0] for line in findings} == {
+        "speeds",
+        "force",
+        "force along an arc",
+        "force twice",
+        "spindle",
+        "signals",
+        "several files",
+        "stops",
+        "optional stops",
+        "tool changes",
+    }
 
 
-def test_features_are_known_by_name():
+def test_an_unknown_feature_is_refused():
     with pytest.raises(ValueError, match="no such feature"):
         conformance(KRL, LANGUAGE, lacks={"wings"})
 
 
 def test_a_language_that_reports_nothing_is_found():
-    def run(files, ask):
-        return replace(LANGUAGE.run(files, ask), body=(), lines=())
+    def run(files, options):
+        return replace(LANGUAGE.run(files, options), body=(), lines=())
 
     blind = replace(LANGUAGE, run=run)
-
     assert len(conformance(KRL, blind, FAST, LACKS)) >= len(cases()) - 9
 
 
@@ -417,7 +421,7 @@ def test_check_case_raises_all_findings_of_a_case():
 
 
 def test_the_cases_use_every_instruction_and_every_feature():
-    items = [item for case in cases() for item in case.body]
+    items = list(chain.from_iterable(case.body for case in cases()))
     assert {type(item).__name__ for item in items} == {
         "MoveJ",
         "MoveL",

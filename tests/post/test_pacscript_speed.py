@@ -14,19 +14,15 @@ from camgen.lang.pacscript.strict import read
 from camgen.lang.programs import Executed
 from camgen.model.errors import Refused, VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
-from camgen.model.program import Comment, Instruction, Joints, MoveJ, MoveL, Program
+from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Program
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
 from tests.post.changes.pacscript import PRESSING, TEMPLATE
+from tests.support.pacscript_programs import HOME, TOOL, down, print_text
 from tests.support.whole import whole
 
-HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
-WORK, TOOL = translation(300, -75, 150), translation(0, 0, 100)
+WORK = translation(300, -75, 150)
 SPEEDS = (100.0, 60.0, 12.5, 20.0)
-
-
-def down(x: float, y: float = 0.0, z: float = 0.0) -> Pose:
-    return Pose(TOOL_DOWN, (x, y, z))
 
 
 def program(*body: Instruction) -> Program:
@@ -35,12 +31,6 @@ def program(*body: Instruction) -> Program:
 
 def small_program() -> Program:
     return program(MoveJ(down(0, 0, 20), 60.0), MoveL(down(0), 12.5), MoveL(down(20), 20.0))
-
-
-def print_text(plan: Program, **options: object) -> str:
-    post = make_post(PacScript, options)
-    (file,) = post.render(post.prepare(plan, 0.01))
-    return file.text
 
 
 def verify(plan: Program, text: str, **options: object) -> None:
@@ -201,8 +191,8 @@ def script(*lines: str, head: str = "Move P, @0 P(0, 0, 50, 180, 0, 0), Speed = 
 
 ASSIGNED = "a variable gets a value, outside the question of the post for Mps"
 NOT_ASKED = (
-    "a speed that depends on the unit of Mps, and the questions of the post for it are not asked"
-    " before"
+    "a speed that depends on the unit of Mps, "
+    "and the questions of the post for it are not asked before"
 )
 OTHERWISE = "Mps is asked otherwise than by the programs of the post"
 
@@ -330,10 +320,8 @@ def test_a_reorientation_has_a_percentage_of_the_rated_turn(
 ) -> None:
     text = print_text(reorientation(60.0), **options)
     before, turn, after = (row.strip() for row in text.splitlines() if "Move L" in row)
-    assert (
-        turn
-        == f"Move L, @0 P(0.000, 0.000, 0.000, 180.0000, 0.0000, 90.0000, -1), Speed = {percent}"
-    )
+    target = "P(0.000, 0.000, 0.000, 180.0000, 0.0000, 90.0000, -1)"
+    assert turn == f"Move L, @0 {target}, Speed = {percent}"
     if "speed" not in options:
         assert "Mps(" in before
         assert "Mps(" in after

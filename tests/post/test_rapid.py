@@ -251,9 +251,9 @@ def test_a_module_gets_a_legal_name(text: str, name: str) -> None:
 
 TWISTED = MoveL(on_disc(0.1), 20.0, 0.0, 25.0, inward(0.2))
 FOLLOW = (
-    'on a drawing set tool.orient = "follow", so that the tool turns with the surface; of '
-    "a part leave that edge out "
-    '(input.select), or all pressing (post.force = "ignore")'
+    'on a drawing set tool.orient = "follow", so that the tool turns with the surface; '
+    "of a part leave that edge out (input.select), "
+    'or all pressing (post.force = "ignore")'
 )
 
 
@@ -497,11 +497,9 @@ def test_a_fixture_is_the_user_frame_and_the_object_frame_is_relative_to_it() ->
     prepared, files = print_program(plan, fixture=[1000, 0, 500, 0, 0, 90])
     user = "[[1000.000,0.000,500.000],[0.7071068,0.0000000,0.0000000,0.7071068]]"
     work_object = "[[200.0000,100.0000,10.0000],[0.7071068,0.0000000,0.0000000,-0.7071068]]"
-    assert (
-        f'TASK PERS wobjdata wCamgen:=[FALSE,TRUE,"",{user},{work_object}];' in files["plate.mod"]
-    )
-    reading = read(files, {})
-    verify(prepared, reading)
+    data = f'[FALSE,TRUE,"",{user},{work_object}]'
+    assert f"TASK PERS wobjdata wCamgen:={data};" in files["plate.mod"]
+    verify(prepared, read(files, {}))
 
 
 @given(

@@ -200,7 +200,7 @@ def sections(*between: Instruction) -> list[str]:
 
 
 def test_the_sensor_is_set_to_zero_at_a_stop_at_clearance_height() -> None:
-    """The planned blend of 5 mm there becomes a stop. The point 3 mm above the start is too low."""
+    """The planned blend of 5 mm becomes a stop. The next point is only 3 mm above the start."""
     got = sections()
     assert got[0] == "IF FCIsForceMode() FCDeact;"
     assert got[2].startswith("MoveL [[20.000,0.000,30.000]")
@@ -234,14 +234,11 @@ def test_a_first_section_without_a_motion_in_the_air_before_it_is_refused() -> N
 
 
 def test_a_program_with_force_states_its_assumptions() -> None:
-    text = print_program(pressing_program(pressed(0)), force_sign=-1, force_threshold=30.0)[1][
-        "plate.mod"
-    ]
-    assert (
-        "! force: Machining FC is installed; a positive force pushes against the axis of the tool"
-        in text
-    )
+    plan = pressing_program(pressed(0))
+    text = print_program(plan, force_sign=-1, force_threshold=30.0)[1]["plate.mod"]
+    sign = "a positive force pushes against the axis of the tool"
+    assert f"! force: Machining FC is installed; {sign}" in text
     assert "! force: travel begins when 30 % of the force is felt" in text
     assert "! force: the sensor is set to zero by the cell, before this program" in text
-    zeroed = print_program(pressing_program(pressed(0)), force_load="lTool")[1]["plate.mod"]
+    zeroed = print_program(plan, force_load="lTool")[1]["plate.mod"]
     assert "! force: the sensor is set to zero by FCCalib lTool in the air" in zeroed

@@ -139,8 +139,8 @@ def test_a_reorientation_states_its_rotational_speed(rated: float, percent: str)
         ),
         (
             0.1,
-            "0.1 deg/s is 0.00833 % of post.rated_turn = 1200 deg/s, below the least that "
-            "prints exactly, 0.05 %; "
+            "0.1 deg/s is 0.00833 % of post.rated_turn = 1200 deg/s, "
+            "below the least that prints exactly, 0.05 %; "
             "raise process.turn or lower post.rated_turn (instruction 2)",
         ),
     ],
@@ -266,8 +266,8 @@ REFUSED: list[tuple[dict[str, object], tuple[Instruction, ...], str]] = [
         {},
         (HOME, TILTED),
         (
-            "a SCARA cannot tilt its tool, and this pose is 0.1 deg from straight down; check "
-            "cell.base"
+            "a SCARA cannot tilt its tool, and this pose is 0.1 deg from straight down; "
+            "check cell.base"
         ),
     ),
     (

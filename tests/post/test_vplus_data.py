@@ -36,12 +36,11 @@ from camgen.model.program import (
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
+from tests.support.vplus_programs import CELL, HOME6
 from tests.support.whole import whole
 
 ROOT = Path(__file__).parents[2]
-CELL = VPlus.cell()
 FILE: dict[str, object] = {"points": "file"}
-HOME6 = MoveJ(Joints((0.1, -0.2, 0.3, -0.4, 0.5, -0.6)), 100.0)
 
 
 def down(x: float, y: float, z: float, turn: float = 0.0) -> Pose:

@@ -354,8 +354,8 @@ def test_speed_and_posture_have_to_be_stated_again_after_a_call() -> None:
     assert list_remarks(main.format("") + sub.format(again), {}) == []
     speed = "no SPEED since a CALL or its RETURN: whether that keeps the speed is not confirmed"
     posture = (
-        "RIGHTY not said since a CALL or its RETURN: whether that keeps the posture is not "
-        "confirmed"
+        "RIGHTY not said since a CALL or its RETURN: "
+        "whether that keeps the posture is not confirmed"
     )
     assert list_remarks(main.format("") + sub.format(""), {}) == [(16, speed), (16, posture)]
     after = main.format("MOVES TRANS(1)\nBREAK\n") + sub.format(again)
@@ -447,9 +447,8 @@ def test_each_kind_of_line_end_counts_as_one_line() -> None:
 
 def test_a_program_with_too_many_iterations_is_a_fault() -> None:
     loop = ["FOR i = 1 TO 900000", "FOR j = 1 TO 900000", "a = i*j", "END", "END"]
-    assert (
-        list_faults(read_lines(*loop))[-1][1] == "the loops of this program do not come to an end"
-    )
+    _, what = list_faults(read_lines(*loop))[-1]
+    assert what == "the loops of this program do not come to an end"
 
 
 def test_the_fast_path_and_the_general_parser_read_the_same() -> None:

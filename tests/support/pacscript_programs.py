@@ -28,7 +28,7 @@ WORK = pose_from_values((300.0, -75.0, 150.0, 0.0, 0.0, 90.0))
 TOOL = translation(0.0, 0.0, 100.0)
 
 
-def down(x: float, y: float, z: float = 0.0) -> Pose:
+def down(x: float, y: float = 0.0, z: float = 0.0) -> Pose:
     return Pose(TOOL_DOWN, (x, y, z))
 
 

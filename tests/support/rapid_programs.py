@@ -39,7 +39,7 @@ E9 = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 DOWN = f"[0.0000000,1.0000000,0.0000000,0.0000000],[0,0,0,0],{E9}]"
 
 
-def at(x: float, y: float, z: float) -> Pose:
+def at(x: float, y: float, z: float = 0.0) -> Pose:
     return Pose(TOOL_DOWN, (x, y, z))
 
 
