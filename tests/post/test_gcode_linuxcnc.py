@@ -25,8 +25,6 @@ from tests.support.rs274 import (
 )
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
-
-
 #: A program that ends at a low height with the tool length, 30 mm, still applied.
 BEFORE = "G21 G90 G40\nT1 M6\nG43\nG0 X70 Y80 Z2\n"
 LONG_TOOL = "T1 P1 Z30 D3.0 ;cutter\n"

@@ -20,8 +20,6 @@ from tests.support.gcode_programs import PART, SAFE, UNSAID, gcode, list_faults,
 from tests.support.rs274 import difference, posted, programs
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
-
-
 SLOW = settings(suppress_health_check=[HealthCheck.too_slow])
 
 

@@ -51,7 +51,7 @@ def test_options_go_to_post_and_language():
 # Each of these posts has one fault. `FINDINGS` has the finding of the kit about it.
 
 
-class Drops(KRL):
+class DropsWaits(KRL):
     def wait(self, _item):
         return ()
 
@@ -61,13 +61,13 @@ class DropsArcs(KRL):
         return ()
 
 
-class Swaps(KRL):
+class SwapsXAndY(KRL):
     def movel(self, motion):
         x, y, z = motion.target.origin
         return super().movel(replace(motion, target=Pose(motion.target.rotation, (y, x, z))))
 
 
-class Radians(KRL):
+class PrintsRadians(KRL):
     def movej(self, motion):
         if isinstance(motion.target, Pose):
             return super().movej(motion)
@@ -75,7 +75,7 @@ class Radians(KRL):
         return (f"PTP {{{axes}}}",)
 
 
-class Metres(KRL):
+class PrintsMetres(KRL):
     def movel(self, motion):
         x, y, z = motion.target.origin
         return super().movel(
@@ -83,38 +83,38 @@ class Metres(KRL):
         )
 
 
-class Milliseconds(KRL):
+class PrintsMilliseconds(KRL):
     def wait(self, item):
         return super().wait(Wait(item.seconds * 1000))
 
 
-class MetresPerMinute(KRL):
+class PrintsMetresPerMinute(KRL):
     def movel(self, motion):
         return super().movel(replace(motion, speed=motion.speed * 0.06))
 
 
-class ViaTwice(KRL):
+class EndsAtTheViaPoint(KRL):
     def movec(self, motion):
         return super().movec(replace(motion, target=motion.via))
 
 
-class EndTwice(KRL):
+class PassesThroughTheEnd(KRL):
     def movec(self, motion):
         return super().movec(replace(motion, via=motion.target))
 
 
-class OtherWayRound(KRL):
+class MirrorsArcs(KRL):
     def movec(self, motion):
         x, y, z = motion.via.origin
         return super().movec(replace(motion, via=Pose(motion.via.rotation, (x, -y, z))))
 
 
-class Clamps(KRL):
+class ClampsSpeeds(KRL):
     def movel(self, motion):
         return super().movel(replace(motion, speed=min(motion.speed, 250.0)))
 
 
-class Stops(KRL):
+class StopsAtEachTarget(KRL):
     def movel(self, motion):
         return super().movel(replace(motion, blend=0.0))
 
@@ -126,7 +126,7 @@ class TransposesRotations(KRL):
         )
 
 
-class FewDigits(KRL):
+class PrintsTwoDigits(KRL):
     def movel(self, motion):
         x, y, z = (round(v, 2) for v in motion.target.origin)
         return super().movel(replace(motion, target=Pose(motion.target.rotation, (x, y, z))))
@@ -142,24 +142,24 @@ class InvertsOutputs(KRL):
         return super().output(Output(item.signal, 1 - item.value))
 
 
-class RawComments(KRL):
+class PrintsRawComments(KRL):
     def note(self, text):
         return self.comment(text)
 
 
-class MinusZero(KRL):
+class PrintsMinusZero(KRL):
     def movel(self, motion):
         return [line.replace(" 0.000,", " -0.000,") for line in super().movel(motion)]
 
 
-class Exponents(KRL):
+class PrintsExponents(KRL):
     def wait(self, item):
         return (
             f"WAIT SEC {item.seconds}" if item.seconds > 0.01 else f"WAIT SEC {item.seconds:.1e}",
         )
 
 
-class NotANumber(KRL):
+class PrintsNaN(KRL):
     def end(self, _program):
         return ("; X nan", "END")
 
@@ -167,19 +167,19 @@ class NotANumber(KRL):
 _ticks = count()
 
 
-class Restless(KRL):
+class PrintsAnotherTextEachTime(KRL):
     def end(self, _program):
         return (f"; {next(_ticks)}", "END")
 
 
-class NoNewline(KRL):
+class EndsWithoutNewline(KRL):
     def assemble(self, program, parts):
         return tuple(
             OutputFile(f.name, f.text.rstrip("\n")) for f in super().assemble(program, parts)
         )
 
 
-class CarriageReturns(KRL):
+class PrintsCarriageReturns(KRL):
     def assemble(self, program, parts):
         return tuple(
             OutputFile(f.name, f.text.replace("\n", "\r\n"))
@@ -187,129 +187,129 @@ class CarriageReturns(KRL):
         )
 
 
-class Elsewhere(KRL):
+class WritesOutsideOfTheFolder(KRL):
     def assemble(self, program, parts):
         return tuple(OutputFile("../" + f.name, f.text) for f in super().assemble(program, parts))
 
 
-class TwoWithOneName(KRL):
+class WritesTwoFilesOfOneName(KRL):
     def assemble(self, program, parts):
         return super().assemble(program, parts) * 2
 
 
-class Nothing(KRL):
+class WritesNoFile(KRL):
     def assemble(self, _program, _parts):
         return ()
 
 
-class Shy(KRL):
+class RefusesStraightMotions(KRL):
     def why_not(self, item, before, after):
         return "not today" if isinstance(item, MoveL) else super().why_not(item, before, after)
 
 
-class Mute(KRL):
+class RefusesWithoutReason(KRL):
     def prepare(self, _program, _chord):
         raise Refused(self.name, 0, " ")
 
 
-class NamesNoInstruction(KRL):
+class RefusesAnUnknownInstruction(KRL):
     def prepare(self, _program, _chord):
         raise Refused(self.name, 10_000, "something is wrong")
 
 
-class Sweeping(KRL):
+class RefusesAsAWhole(KRL):
     def prepare(self, _program, _chord):
         raise Refused(self.name, -1, "something is wrong")
 
 
-class Broken(KRL):
+class RaisesJobError(KRL):
     def end(self, _program):
         raise JobError("[post]", "no such thing")
 
 
-class NoReadings(KRL):
+class VerifiesAnUnknownField(KRL):
     verified_fields = frozenset({"orientation", "spede"})
 
 
-class InfiniteTolerance(KRL):
+class HasAnInfiniteTolerance(KRL):
     def tolerance(self):
         return replace(super().tolerance(), speed=math.inf)
 
 
-class Coarse(KRL):
+class HasACoarseTolerance(KRL):
     def tolerance(self):
         return replace(super().tolerance(), mm=0.05)
 
 
-class Halves(KRL):
+class HalvesSpeeds(KRL):
     def prepare(self, program, chord):
         program = super().prepare(program, chord)
         slow = [replace(x, speed=x.speed / 2) if isinstance(x, MoveL) else x for x in program.body]
         return program.with_body(tuple(slow))
 
 
-class NoProgram(KRL):
+class PreparesABody(KRL):
     def prepare(self, program, chord):
         return super().prepare(program, chord).body
 
 
-class StopsNever(KRL):
+class DropsStops(KRL):
     def stop(self, _item):
         return ()
 
 
-class ChangesNoTool(KRL):
+class DropsToolChanges(KRL):
     changes_tools = True
 
     def change_tool(self, _item):
         return ()
 
 
-class StaysUpright(KRL):
+class DropsReorientations(KRL):
     def movel(self, motion):
         straight = replace(motion, target=Pose(TOOL_DOWN, motion.target.origin))
         return super().movel(straight if motion.turn else motion)
 
 
 FINDINGS = {
-    NoReadings: "verified_fields has the unknown word 'spede'",
-    InfiniteTolerance: "tolerance() speed = inf is not finite",
-    Coarse: "coordinates are printed to 0.05 mm, but tolerance.chord = 0.01",
-    Halves: "instruction 2: the preparation changes the speed",
-    NoProgram: "prepare() is ",
-    StopsNever: "stops: kit.src: instruction 6: instruction reads MoveL",
-    ChangesNoTool: "tool changes: kit.src: instruction 0: instruction reads MoveJ",
-    StaysUpright: "turns on the spot: kit.src: instruction 3: orientation reads",
-    Drops: "planned is wait",
+    VerifiesAnUnknownField: "verified_fields has the unknown word 'spede'",
+    HasAnInfiniteTolerance: "tolerance() speed = inf is not finite",
+    HasACoarseTolerance: "coordinates are printed to 0.05 mm, but tolerance.chord = 0.01",
+    HalvesSpeeds: "instruction 2: the preparation changes the speed",
+    PreparesABody: "prepare() is ",
+    DropsStops: "stops: kit.src: instruction 6: instruction reads MoveL",
+    DropsToolChanges: "tool changes: kit.src: instruction 0: instruction reads MoveJ",
+    DropsReorientations: "turns on the spot: kit.src: instruction 3: orientation reads",
+    DropsWaits: "planned is wait",
     DropsArcs: "planned is MoveC",
-    Swaps: "target reads",
-    Radians: "joint values reads",
-    Metres: "target reads",
-    Milliseconds: "wait reads",
-    MetresPerMinute: "speed reads",
-    ViaTwice: "target reads",
-    EndTwice: "middle of the arc reads",
-    OtherWayRound: "middle of the arc reads",
-    Clamps: "speed reads 250, planned is 1000",
-    Stops: "blend reads 0",
+    SwapsXAndY: "target reads",
+    PrintsRadians: "joint values reads",
+    PrintsMetres: "target reads",
+    PrintsMilliseconds: "wait reads",
+    PrintsMetresPerMinute: "speed reads",
+    EndsAtTheViaPoint: "target reads",
+    PassesThroughTheEnd: "middle of the arc reads",
+    MirrorsArcs: "middle of the arc reads",
+    ClampsSpeeds: "speed reads 250, planned is 1000",
+    StopsAtEachTarget: "blend reads 0",
     TransposesRotations: "orientation reads",
-    FewDigits: "target reads",
+    PrintsTwoDigits: "target reads",
     ForgetsTheFrame: "the work frame reads",
     InvertsOutputs: "output reads",
-    RawComments: "not a statement that is known: G0 Z-50",
-    MinusZero: "has a minus zero in line",
-    Exponents: "has an exponent in line",
-    NotANumber: "has NaN or infinity in line",
-    Restless: "the same program gives two texts",
-    NoNewline: "does not end with a newline",
-    CarriageReturns: "has a control character",
-    Elsewhere: "is not a file name",
-    TwoWithOneName: "two with one name",
-    Nothing: "no file",
-    Shy: "refused a MoveL that uses nothing the controller is said to lack",
-    Mute: "refused without a reason",
-    NamesNoInstruction: "refused instruction 10000, which is not there",
-    Broken: "JobError: [post]: no such thing",
+    PrintsRawComments: "not a statement that is known: G0 Z-50",
+    PrintsMinusZero: "has a minus zero in line",
+    PrintsExponents: "has an exponent in line",
+    PrintsNaN: "has NaN or infinity in line",
+    PrintsAnotherTextEachTime: "the same program gives two texts",
+    EndsWithoutNewline: "does not end with a newline",
+    PrintsCarriageReturns: "has a control character",
+    WritesOutsideOfTheFolder: "is not a file name",
+    WritesTwoFilesOfOneName: "two with one name",
+    WritesNoFile: "no file",
+    RefusesStraightMotions: "refused a MoveL that uses nothing the controller is said to lack",
+    RefusesWithoutReason: "refused without a reason",
+    RefusesAnUnknownInstruction: "refused instruction 10000, which is not there",
+    RaisesJobError: "JobError: [post]: no such thing",
 }
 
 
@@ -381,7 +381,7 @@ def test_a_change_that_no_pattern_names_is_a_finding():
 
 
 def test_a_post_may_not_refuse_everything_at_once():
-    findings = conformance(Sweeping, LANGUAGE, FAST, LACKS - {"split"}, MEANINGLESS)
+    findings = conformance(RefusesAsAWhole, LANGUAGE, FAST, LACKS - {"split"}, MEANINGLESS)
     assert any("refused as a whole" in line for line in findings)
 
 
@@ -417,7 +417,7 @@ def test_a_language_that_reports_nothing_is_found():
 def test_check_case_raises_all_findings_of_a_case():
     case = next(case for case in cases() if case.name == "waits")
     with pytest.raises(AssertionError, match="waits: "):
-        check_case(Milliseconds, LANGUAGE, case, lacks=LACKS)
+        check_case(PrintsMilliseconds, LANGUAGE, case, lacks=LACKS)
 
 
 def test_the_cases_use_every_instruction_and_every_feature():

@@ -22,8 +22,6 @@ from tests.support.rapid_programs import (
 )
 
 SHARED = Path(__file__).parents[2].parent / "shared"
-
-
 FRAMES = """TASK PERS tooldata t1:=[TRUE,[[0,0,9],[1,0,0,0]],[0.001,[0,0,0.001],[1,0,0,0],0,0,0]];
 TASK PERS wobjdata w1:=[FALSE,TRUE,"",[[100,0,0],[0.70710678,0,0,0.70710678]],[[10,0,0],[1,0,0,0]]];
 """

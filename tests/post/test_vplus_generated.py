@@ -133,8 +133,6 @@ def test_a_name_that_is_taken_gets_a_prefix(name: str, expected: str) -> None:
 
 
 NUMBERS = st.floats(-400, 400)
-
-
 ANY = st.builds(zyz_degrees, ANGLES, st.floats(0, 180) | DEGENERATE, ANGLES)
 STRAIGHT = st.builds(lambda roll: zyz_degrees(0, 180, roll), ANGLES)
 

@@ -8,12 +8,8 @@ from tests.support.rs274 import at, program
 
 #: End of a remark about modes that a program does not set before it moves.
 UNSAID = "not said before the first motion: the program before may have left it otherwise"
-
-
 #: Coordinates of a point at 45 deg on a circle of radius 10.
 S = 10 / math.sqrt(2)
-
-
 #: The modes that a program sets before it moves.
 SAFE = "G17 G21 G40 G54 G80 G90 G91.1 G94"
 
