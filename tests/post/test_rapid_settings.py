@@ -1,16 +1,23 @@
-"""RAPID: speeds of reorientations, and speeddata with and without a name."""
+"""RAPID: speeds, frames, loads and settings of the arm."""
 
 import math
 import re
 
 import pytest
+from camgen_posts.rapid import Rapid
+from hypothesis import given
+from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.lang.rapid.strict import read
 from camgen.model.errors import VerifyError
+from camgen.model.pose import translation
 from camgen.model.program import Instruction, MoveL
+from camgen.post.plugins import make_post
+from camgen.post.verify import compare
 from tests.support.rapid_programs import (
     HOME,
+    TWO_PATHS,
     at,
     print_program,
     program,
@@ -95,3 +102,57 @@ def test_the_most_used_and_the_slowest_speeds_have_a_name() -> None:
     assert text.count(",[11.125,500,5000,1000],fine,") == 1
     reading = read(files, {})
     verify(prepared, reading)
+
+
+def test_a_fixture_is_the_user_frame_and_the_object_frame_is_relative_to_it() -> None:
+    """A work frame at 900, 200, 510 is at 200, 100, 10 in a fixture at 1000, 0, 500.
+
+    The fixture is turned by 90 deg about z.
+    """
+    plan = replace(
+        program(HOME, MoveL(at(0, 0, 0), 20.0)), base_from_work=translation(900, 200, 510)
+    )
+    prepared, files = print_program(plan, fixture=[1000, 0, 500, 0, 0, 90])
+    user = "[[1000.000,0.000,500.000],[0.7071068,0.0000000,0.0000000,0.7071068]]"
+    work_object = "[[200.0000,100.0000,10.0000],[0.7071068,0.0000000,0.0000000,-0.7071068]]"
+    data = f'[FALSE,TRUE,"",{user},{work_object}]'
+    assert f"TASK PERS wobjdata wCamgen:={data};" in files["plate.mod"]
+    verify(prepared, read(files, {}))
+
+
+@given(
+    st.lists(st.floats(-1500, 1500), min_size=3, max_size=3),
+    st.lists(st.floats(-180, 180), min_size=3, max_size=3),
+    st.integers(0, 6),
+)
+def test_a_fixture_anywhere_does_not_move_the_work(
+    position: list[float], angles: list[float], decimals: int
+) -> None:
+    options: dict[str, object] = {"fixture": [*position, *angles], "decimals": decimals}
+    prepared, files = print_program(program(HOME, MoveL(at(1, 2, 3), 20.0)), **options)
+    post = make_post(Rapid, options)
+    compare(prepared, read(files, options), post.tolerance(), post.list_verified(), "plate.mod")
+
+
+def test_a_placeholder_of_the_tool_load_is_remarked_in_the_text() -> None:
+    remark = "! load: tool mass 0.001 kg is a placeholder - loading this module overwrites tCamgen"
+    assert remark in print_program(TWO_PATHS)[1]["plate.mod"]
+    for options in (
+        {"mass": 1.8, "cog": [0, 0, 55]},
+        {"declare": False, "tool": "tMine", "work": "wMine"},
+    ):
+        assert "! load:" not in print_program(TWO_PATHS, **options)[1]["plate.mod"]
+
+
+def test_settings_of_the_arm_precede_the_first_motion() -> None:
+    text = print_program(TWO_PATHS, sing_area="wrist", acc_set=[50, 40])[1]["plate.mod"]
+    set_up = "        ConfL\\Off;\n        SingArea\\Wrist;\n        AccSet 50,40;\n"
+    assert f"{set_up}        SetDO doProcess,0;\n        MoveAbsJ " in text
+    options: dict[str, object] = {"sing_area": "wrist", "acc_set": [50, 40]}
+    assert read({"a": text}, options).findings == ()
+    assert "SingArea\\Off;" in print_program(TWO_PATHS, sing_area="off")[1]["plate.mod"]
+    wrong = text.replace("SingArea\\Wrist", "SingArea\\Hand").replace(
+        "AccSet 50,40", "AccSet 50,140"
+    )
+    faults = [item.what for item in read({"a": wrong}, options).findings if item.level != "unusual"]
+    assert faults == ["singarea needs \\Wrist or \\Off", "accset is in %, up to 100"]
