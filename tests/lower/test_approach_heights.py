@@ -1,4 +1,4 @@
-"""The height at which the feed begins, over passes that do not start at the plan's height."""
+"""Height at which the feed begins, above passes that start below the top face."""
 
 from __future__ import annotations
 
@@ -16,14 +16,19 @@ APPROACH, CLEARANCE = 1.5, 12.0
 @pytest.mark.parametrize("entry", ["plunge", "ramp"])
 @pytest.mark.parametrize("shape", ["closed", "open"])
 def test_every_pass_is_approached_above_the_top_of_the_material(entry: str, shape: str) -> None:
-    """A ramp begins at the pass above it, and the rapid motion ends above the top all the same."""
+    """A ramp begins at the previous pass. The rapid motion still ends above the top face."""
     drawn = rectangle(0, 0, 60, 40)
     side = "auto"
     if shape == "open":
         drawn, side = contour([(0, 0), (60, 0)], closed=False), "left"
     operation = {
-        "kind": "follow", "side": side, "depth": 6.0, "passes": 3, "entry": entry, "lead_in": 4.0,
-    }  # fmt: skip
+        "kind": "follow",
+        "side": side,
+        "depth": 6.0,
+        "passes": 3,
+        "entry": entry,
+        "lead_in": 4.0,
+    }
     process = {"spindle": 9000, "approach": APPROACH, "clearance": CLEARANCE, "plunge": 5}
     result = build(part(drawn), post="gcode", job={"operation": operation, "process": process})
     heights = []
@@ -35,6 +40,6 @@ def test_every_pass_is_approached_above_the_top_of_the_material(entry: str, shap
     assert set(heights) <= {APPROACH, CLEARANCE, 50.0}
 
 
-def test_a_tool_goes_down_at_a_third_of_the_feed_unless_it_is_set() -> None:
+def test_the_plunge_is_a_third_of_the_feed_unless_it_is_set() -> None:
     assert plunge(ProcessTable(feed=9.0)) == pytest.approx(3.0)
     assert plunge(ProcessTable(feed=9.0, plunge=2.0)) == 2.0

@@ -1,6 +1,8 @@
-"""Instructions that are put at places, a kind at a time, against lists of lists of them."""
+"""A draft, into whose slots instructions are inserted by kind, against lists of lists."""
 
 from __future__ import annotations
+
+from itertools import chain
 
 import numpy as np
 from hypothesis import given
@@ -17,7 +19,7 @@ def line(x: float, **more: float) -> MoveL:
     return MoveL(Pose(TOOL_DOWN, (x, 0.0, 0.0)), 20.0, **more)
 
 
-#: Of every kind that a draft gets, each told from all others.
+#: Instructions of every kind that a draft gets, all different.
 KINDS: tuple[Instruction, ...] = (
     Comment("path c1"),
     MoveJ(Pose(IDENTITY, (9.0, 8.0, 7.0)), 100.0),
@@ -28,7 +30,7 @@ KINDS: tuple[Instruction, ...] = (
     Output("process", 1.0),
     Force(0.0),
 )
-#: What is done with a draft: places are opened, items put at some of those opened last, or added behind all.
+#: Slots are opened, items are inserted into the slots that were opened last, or added at the end.
 Step = tuple[str, int, list[tuple[int, int]]]
 STEPS = st.lists(
     st.tuples(
@@ -41,7 +43,7 @@ STEPS = st.lists(
 
 
 def run(steps: list[Step], packed: bool) -> tuple[list[Instruction], list[Instruction]]:
-    """What a draft makes of some steps, and what lists do: one of the items of each place, in the order of the puts."""
+    """The body of a draft after `steps`, and the same from one list of items per slot."""
     draft, begin = Draft(), 0
     slots: list[list[Instruction]] = []
     draft.add(KINDS[0])
@@ -61,27 +63,27 @@ def run(steps: list[Step], packed: bool) -> tuple[list[Instruction], list[Instru
             draft.insert(np.array(places, np.intp), pack(items) if packed else items)
             for place, item in zip(places, items, strict=True):
                 slots[begin + place].append(item)
-    return list(draft.body()), [item for slot in slots for item in slot]
+    return list(draft.body()), list(chain.from_iterable(slots))
 
 
 @given(STEPS, st.booleans())
-def test_a_draft_is_lists_of_what_stands_at_each_place(steps: list[Step], packed: bool) -> None:
-    made, wanted = run(steps, packed)
-    assert same(made, wanted)
+def test_the_body_of_a_draft_has_the_items_of_each_slot(steps: list[Step], packed: bool) -> None:
+    body, expected = run(steps, packed)
+    assert same(body, expected)
 
 
-def test_what_is_put_first_comes_first_at_a_place_and_places_come_before_that() -> None:
+def test_items_are_ordered_by_slot_and_within_a_slot_by_insertion() -> None:
     draft = Draft()
     draft.add(Comment("begin"))
     draft.open(3)
     draft.insert(np.array([2, 0]), [Comment("c first"), Comment("a first")])
     draft.insert(np.array([0, 1, 2]), [Comment("a second"), Comment("b"), Comment("c second")])
     draft.add(Comment("end"), Comment("of all"))
-    found = [item.text for item in draft.body() if isinstance(item, Comment)]
-    assert found == ["begin", "a first", "a second", "b", "c first", "c second", "end", "of all"]
+    texts = [item.text for item in draft.body() if isinstance(item, Comment)]
+    assert texts == ["begin", "a first", "a second", "b", "c first", "c second", "end", "of all"]
 
 
-def test_a_draft_is_used_up_by_its_body() -> None:
+def test_a_draft_is_empty_after_its_body_was_made() -> None:
     draft = Draft()
     draft.add(Comment("one"))
     assert len(draft.body()) == 1

@@ -1,4 +1,4 @@
-"""Tour -> Program: sequence, heights, blends, orientations and forces, against written text and other geometry."""
+"""From a tour to a program: sequence, heights, blends, orientations and forces."""
 
 import math
 from itertools import pairwise
@@ -37,7 +37,11 @@ FOLLOW = ToolTable(orient="follow")
 
 
 def path(points, bulges=None, force_direction=None, force=None, feed=20.0, **more):
-    """A tool path through 2-D points; bulges (DXF) by segment; press by segment as (start, end) pairs."""
+    """A tool path through points in the plane.
+
+    bulges: one per segment, as in DXF.
+    force_direction: pairs for start and end, one per segment.
+    """
     points = np.asarray(points, dtype=float)
     n = len(points)
     position = np.column_stack([points, np.zeros(n)])
@@ -46,7 +50,8 @@ def path(points, bulges=None, force_direction=None, force=None, feed=20.0, **mor
         if b:
             a, c = points[i - 1], points[i]
             chord = c - a
-            # A bulge is the sagitta over half the chord; counter-clockwise arcs bow to the right of their chord.
+            # A bulge is the sagitta over half the chord. A counter-clockwise arc is to the right of
+            # its chord.
             via[i, :2] = (a + c) / 2 + b / 2 * np.array([chord[1], -chord[0]])
             via[i, 2] = 0
     pressed = np.zeros((n, 2, 3))
@@ -57,10 +62,10 @@ def path(points, bulges=None, force_direction=None, force=None, feed=20.0, **mor
     if force is not None:
         forces[1:] = force
         forces[0] = forces[1]
-    settings_ = {"id": "c1", "layer": "cut", "closed": False, **more}
+    settings = {"id": "c1", "layer": "cut", "closed": False, **more}
     return ToolPath(
         table=make_waypoints(position, via, feed, force_direction=pressed, force=forces),
-        **settings_,
+        **settings,
     )
 
 
@@ -82,7 +87,7 @@ def kinds(body):
 SQUARE = path([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)], closed=True)
 
 
-def test_a_square_becomes_the_written_sequence():
+def test_a_square_becomes_the_expected_sequence():
     job = Job(process=ProcessTable(dwell=0.25), tool=ToolTable(length=80.0))
     assert dump(program(SQUARE, job=job)) == (
         "camgen-ir 1\nname part\nwork 100 0 0 q 1 0 0 0\ntool 0 0 80 q 1 0 0 0\n# made for a test\n"
@@ -136,51 +141,46 @@ def test_a_mill_travels_by_rapid_motions_only():
         (ProcessTable(signal="glue"), "glue"),
     ],
 )
-def test_the_signal(process, signal):
-    names = {
-        i.signal for i in program(SQUARE, job=Job(process=process)).body if isinstance(i, Output)
-    }
+def test_the_process_switches_its_signal(process, signal):
+    body = program(SQUARE, job=Job(process=process)).body
+    names = {item.signal for item in body if isinstance(item, Output)}
     assert names - {"spindle"} == ({signal} if signal else set())
     assert ("spindle" in names) == (process.spindle > 0)
 
 
-def test_the_spindle_is_no_signal():
+def test_a_signal_named_spindle_is_refused():
     with pytest.raises(JobError, match=r"process\.signal"):
         program(SQUARE, job=Job(process=ProcessTable(signal="spindle")))
 
 
-def test_travel_between_paths_is_high_and_rounds_its_two_upper_corners():
+def test_a_link_is_at_clearance_height_and_its_two_upper_corners_are_blended():
     body = program(path([(0, 0), (9, 0)]), path([(50, 0), (60, 0)], id="c2")).body
-    up, comment, over, down = body[9:13]
+    up, comment, across, down = body[9:13]
     assert (up.target.origin, up.blend) == ((9, 0, 20), 5.0)
     assert comment == Comment("path c2 layer cut")
-    assert (over.target.origin, over.blend, over.speed) == ((50, 0, 20), 5.0, 100.0)
+    assert (across.target.origin, across.blend, across.speed) == ((50, 0, 20), 5.0, 100.0)
     assert (down.target.origin, down.blend, down.speed) == ((50, 0, 2), 0.0, 100.0)
 
 
 @pytest.mark.parametrize(("gap", "zone"), [(9.99, 1.0), (1.9, 0.3), (0.5, 0.0), (10.0, 5.0)])
-def test_travel_corners_stay_in_half_of_a_short_way(gap, zone):
+def test_the_corners_of_a_short_link_are_blended_within_half_of_it(gap, zone):
     body = program(path([(0, 0), (9, 0)]), path([(9 + gap, 0), (60, 0)], id="c2")).body
     assert [body[9].blend, body[11].blend] == [zone, zone]
 
 
-def test_a_path_that_starts_where_the_last_ended_needs_no_travel():
+def test_a_path_that_starts_at_the_end_of_the_previous_one_has_no_link():
     body = program(path([(0, 0), (9, 0)]), path([(9, 0), (9, 9)], id="c2")).body
     ends = [i.target.origin for i in body[9:13] if not isinstance(i, Comment)]
     assert ends == [(9, 0, 20), (9, 0, 2), (9, 0, 0)]
     assert body[9].blend == 0.0
 
 
-def test_the_feed_begins_above_the_uncut_top_whatever_the_depth():
+def test_the_feed_begins_above_the_top_face_at_any_depth():
     body = program(
         path([(0, 0), (9, 0)], depths=(6.0,)), job=Job(process=ProcessTable(approach=1.5))
     ).body
-    travelled = [
-        i.target.origin[2]
-        for i in body
-        if isinstance(i, (MoveL, MoveJ)) and i.speed == 100 and i.target != ROBOT.home
-    ]
-    assert travelled == [20, 1.5, 20]
+    moves = [i for i in body if isinstance(i, (MoveL, MoveJ)) and i.target != ROBOT.home]
+    assert [i.target.origin[2] for i in moves if i.speed == 100] == [20, 1.5, 20]
     assert {i.target.origin[2] for i in body if isinstance(i, MoveL) and i.speed == 20} == {-6.0}
 
 
@@ -201,17 +201,15 @@ def test_a_closed_path_plunges_from_pass_to_pass():
         (ProcessTable(), "drill", 20.0),
     ],
 )
-def test_the_tool_goes_down_at_a_speed_of_its_own(process, operation, speed):
-    """A third of the feed unless it is set, and never faster than the path goes on; a drill does nothing else."""
+def test_a_plunge_has_its_own_speed(process, operation, speed):
+    """It is a third of the feed by default, and not faster than the path. A drill has the feed."""
     fast = SQUARE.with_columns(feed=np.array([40.0, 40.0, 20.0, 20.0, 20.0]))
     fast = replace(fast, depths=(1.0, 2.0), operation=operation)
-    body = [
-        i for i in program(fast, job=Job(process=process)).body if isinstance(i, (MoveJ, MoveL))
-    ]
+    body = program(fast, job=Job(process=process)).body
+    body = [item for item in body if isinstance(item, (MoveJ, MoveL))]
     down = [b for a, b in pairwise(body) if isinstance(b, MoveL) and sinks(a, b)]
-    assert [(i.target.origin[2], i.speed) for i in down] == [
-        *((2, 100), (-1, pytest.approx(speed)), (-2, pytest.approx(speed))),
-    ]
+    plunges = [(-1, pytest.approx(speed)), (-2, pytest.approx(speed))]
+    assert [(i.target.origin[2], i.speed) for i in down] == [(2, 100), *plunges]
     assert [i.speed for i in body if isinstance(i, MoveL)][2] == 40
 
 
@@ -222,20 +220,34 @@ def sinks(before, motion) -> bool:
 
 def test_an_open_path_runs_back_and_forth():
     body = program(path([(0, 0), (9, 0), (9, 5)], depths=(1.0, 2.0, 3.0))).body
-    ways = [i.target.origin for i in body if isinstance(i, MoveL) and i.speed < 100]
-    assert ways == [
-        (0, 0, -1), (9, 0, -1), (9, 5, -1),
-        (9, 5, -2), (9, 0, -2), (0, 0, -2),
-        (0, 0, -3), (9, 0, -3), (9, 5, -3),
-    ]  # fmt: skip
+    cuts = [i.target.origin for i in body if isinstance(i, MoveL) and i.speed < 100]
+    assert cuts == [
+        (0, 0, -1),
+        (9, 0, -1),
+        (9, 5, -1),
+        (9, 5, -2),
+        (9, 0, -2),
+        (0, 0, -2),
+        (0, 0, -3),
+        (9, 0, -3),
+        (9, 5, -3),
+    ]
     assert sum(isinstance(i, MoveL) and i.target.origin[2] == 20 for i in body) == 1
 
 
 def test_an_open_path_that_keeps_its_direction_retracts_between_passes():
     body = program(path([(0, 0), (9, 0)], depths=(1.0, 2.0), reversible=False)).body
     assert [i.target.origin for i in body if isinstance(i, MoveL)] == [
-        (0, 0, 2), (0, 0, -1), (9, 0, -1), (9, 0, 20), (0, 0, 20), (0, 0, 2), (0, 0, -2), (9, 0, -2), (9, 0, 20),
-    ]  # fmt: skip
+        (0, 0, 2),
+        (0, 0, -1),
+        (9, 0, -1),
+        (9, 0, 20),
+        (0, 0, 20),
+        (0, 0, 2),
+        (0, 0, -2),
+        (9, 0, -2),
+        (9, 0, 20),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -246,20 +258,20 @@ def test_an_open_path_that_keeps_its_direction_retracts_between_passes():
         (ProcessTable(approach=2.0), [(0, 0, 20, 100), (0, 0, 2, 100), (0, 0, 0, 20 / 3)]),
     ],
 )
-def test_no_motion_without_a_way(process, expected):
+def test_a_motion_of_length_0_is_left_out(process, expected):
     body = program(path([(0, 0), (9, 0)]), job=Job(process=process)).body
     first = body.index(Output("process", 1.0))
     assert [(*i.target.origin, i.speed) for i in body[3:first]] == expected
 
 
-def test_an_approach_above_the_clearance_is_an_error():
+def test_an_approach_above_the_clearance_height_is_refused():
     with pytest.raises(JobError, match=r"path c1.*process\.clearance"):
         program(SQUARE, job=Job(process=ProcessTable(approach=21.0)))
 
 
 @pytest.mark.parametrize("depth", [0.0, 6.0])
-def test_a_tilted_tool_goes_back_along_its_own_axis(depth):
-    """All heights count from the plan, whatever the depth."""
+def test_a_tilted_tool_approaches_and_retracts_along_its_axis(depth):
+    """Heights are measured from the top face at any depth."""
     axis = np.array([math.sin(0.5), 0.0, -math.cos(0.5)])
     tilted = path([(0, 0), (0, 9)], depths=(depth,)).with_columns(axis=np.array(axis))
     body = program(tilted, job=Job(process=ProcessTable(switch="contact"))).body
@@ -282,25 +294,25 @@ def test_rotations_are_shared():
     assert rotations == {id(TOOL_DOWN)}
 
 
-def test_a_tour_without_paths_is_no_program():
+def test_a_tour_without_paths_is_refused():
     with pytest.raises(NoSafeProgram):
         program()
 
 
-def test_a_single_point_is_touched():
+def test_a_path_of_one_point_is_touched():
     assert kinds(program(path([(3, 4)])).body) == (
         "Output MoveJ Comment MoveJ MoveL MoveL Output Output MoveL MoveJ"
     )
 
 
-# Blends.
+# Blends
 
 
 @given(
     st.lists(st.tuples(st.floats(-3.1, 3.1), st.floats(0.05, 40.0)), min_size=2, max_size=8),
     st.sampled_from([0.001, 0.01, 0.3]),
 )
-def test_blends_of_a_polyline_are_those_of_its_corners(steps, tolerance):
+def test_the_blends_of_a_polyline_are_those_of_its_corners(steps, tolerance):
     points, heading = [(0.0, 0.0)], 0.0
     for turn, length in steps:
         heading += turn
@@ -313,39 +325,31 @@ def test_blends_of_a_polyline_are_those_of_its_corners(steps, tolerance):
     for i, cut in enumerate(cuts[:-1]):
         at_corner = corner_blend(steps[i + 1][0], tolerance)
         half = min(steps[i][1], steps[i + 1][1]) / 2
-        # A turn within 1e-9 of where a zone just fits may fall on either side of it.
-        if (
-            abs(
-                corner_blend(steps[i + 1][0] + 1e-9, tolerance)
-                - corner_blend(steps[i + 1][0] - 1e-9, tolerance)
-            )
-            == 0
-        ):
-            zones = [
-                z for z in (5.0, 1.0, 0.3) if z <= at_corner and (z <= half + 1e-9 or z == 0.3)
-            ]
-            assert (
-                cut.blend == pytest.approx(max(zones, default=0.0)) or abs(cut.blend - half) < 1e-6
-            )
+        # A corner angle within 1e-9 rad of the limit of a zone may have this zone or the next one.
+        above, below = (corner_blend(steps[i + 1][0] + d, tolerance) for d in (1e-9, -1e-9))
+        if above == below:
+            zones = [z for z in (5.0, 1.0, 0.3) if z <= min(at_corner, max(half + 1e-9, 0.3))]
+            largest = pytest.approx(max(zones, default=0.0))
+            assert cut.blend == largest or abs(cut.blend - half) < 1e-6
     assert cuts[-1].blend == 0.0
 
 
-def test_an_arc_that_leaves_a_line_along_its_tangent_is_not_stopped_at():
+def test_the_corner_between_a_line_and_a_tangent_arc_is_blended():
     quarter = math.tan(math.pi / 8)
     smooth = path([(0, 0), (20, 0), (30, 10), (30, 40)], bulges=[0, quarter, 0])
     cuts = [i for i in program(smooth).body if isinstance(i, (MoveL, MoveC)) and i.work]
-    # A zone of b mm leaves an arc of 10 mm by 3/32 b^2 / 10: 0.01 mm with b = 1.03.
+    # A zone of b mm leaves an arc of 10 mm by 3/32 b^2 / 10, which is 0.01 mm with b = 1.03.
     assert [c.blend for c in cuts] == [1.0, 1.0, 0.0]
     kinked = path([(0, 0), (20, 0), (30, 10), (30, 40)], bulges=[0, -quarter, 0])
     cuts = [i for i in program(kinked).body if isinstance(i, (MoveL, MoveC)) and i.work]
     assert [c.blend for c in cuts] == [0.0, 0.0, 0.0]
 
 
-# Orientation along the contour.
+# Orientation along the contour
 
 
 def slot(force=0.0):
-    """Outside a slot: two lines and two half circles, run clockwise, the surface on the right."""
+    """Two lines and two half circles around a slot, clockwise, with the surface on the right."""
     points = [(0, 10), (40, 10), (40, -10), (0, -10), (0, 10)]
     down, up = (0, -1), (0, 1)
     press = [(down, down), (down, up), (up, up), (up, down)]
@@ -368,7 +372,7 @@ def test_follow_keeps_tool_x_on_the_surface():
             assert cut.via.rotation[:, 0] == pytest.approx((centre - (x, y, 0.0)) / 10.0, abs=1e-12)
 
 
-def test_half_circles_are_halved_where_the_tool_turns_with_them():
+def test_a_half_circle_is_halved_if_the_tool_turns_with_it():
     body = program(slot(force=5.0), job=Job(tool=FOLLOW)).body
     arcs = [(start.target, arc) for start, arc in pairwise(body) if isinstance(arc, MoveC)]
     assert len(arcs) == 4
@@ -389,7 +393,7 @@ def test_half_circles_are_halved_where_the_tool_turns_with_them():
     assert sum(isinstance(i, MoveC) for i in program(slot()).body) == 2
 
 
-def test_the_tool_turns_where_it_stands_at_an_inner_corner():
+def test_the_tool_turns_at_a_fixed_tcp_in_an_inner_corner():
     inner = path(
         [(0, 0), (20, 0), (20, 20)],
         force_direction=[((0, 1), (0, 1)), ((1, 0), (1, 0))],
@@ -410,26 +414,24 @@ def test_the_tool_turns_where_it_stands_at_an_inner_corner():
     )
 
 
-def test_a_turn_of_less_than_half_a_degree_is_made_on_the_way():
+def test_a_rotation_of_less_than_half_a_degree_has_no_reorientation():
     a = math.radians(0.4)
     slight = path(
         [(0, 0), (20, 0), (40, 0)],
         force_direction=[((0, 1), (0, 1)), ((-math.sin(a), math.cos(a)),) * 2],
     )
-    cuts = [
-        i for i in program(slight, job=Job(tool=FOLLOW)).body if isinstance(i, MoveL) and i.work
-    ]
+    body = program(slight, job=Job(tool=FOLLOW)).body
+    cuts = [i for i in body if isinstance(i, MoveL) and i.work]
     assert len(cuts) == 2
     assert not any(cut.turn for cut in cuts)
 
 
-def test_the_tool_turns_on_the_spot_at_a_speed_of_its_own():
+def test_a_reorientation_has_its_own_speed():
     inner = path([(0, 0), (20, 0), (20, 20)], force_direction=[((0, 1), (0, 1)), ((1, 0), (1, 0))])
     for table, speed in ((ProcessTable(), 60.0), (ProcessTable(turn=25.0), 25.0)):
         body = program(inner, job=Job(tool=FOLLOW, process=table)).body
-        assert [
-            math.degrees(i.turn) for i in body if isinstance(i, MoveL) and i.work
-        ] == pytest.approx([0, speed, 0])
+        turns = [math.degrees(i.turn) for i in body if isinstance(i, MoveL) and i.work]
+        assert turns == pytest.approx([0, speed, 0])
         assert not any(i.turn for i in body if isinstance(i, MoveL) and not i.work)
 
 
@@ -438,10 +440,10 @@ def test_follow_needs_a_surface():
         program(slot(), path([(0, 0), (9, 0)]), job=Job(tool=FOLLOW))
 
 
-# Force.
+# Force
 
 
-def test_force_is_on_only_along_sections_that_ask_for_it():
+def test_force_is_on_only_along_sections_with_a_force():
     press = [((0, 1), (0, 1))] * 5
     partly = path(
         [(0, 0), (9, 0), (19, 0), (29, 0), (39, 0), (49, 0)],
@@ -451,18 +453,21 @@ def test_force_is_on_only_along_sections_that_ask_for_it():
     body = program(partly).body
     first = body.index(Output("process", 1.0))
     assert kinds(body[first:]) == (
-        "Output MoveL Force MoveL MoveL Force MoveL MoveL MoveL Force MoveL Output Force MoveL MoveJ"
+        "Output MoveL Force MoveL MoveL Force MoveL MoveL MoveL Force MoveL Output Force "
+        "MoveL MoveJ"
     )
     assert [i.newtons for i in body if isinstance(i, Force)] == [0.0, 7.0, 0.0, 9.0, 0.0]
     cuts = [i for i in body[first:] if isinstance(i, MoveL)]
     assert [c.force for c in cuts] == [0, 7, 8, 0, 0, 0, 9, 0]
-    # The section from 7 N to 8 N goes on, all other corners stop: force begins or ends there.
+    # The corner from 7 N to 8 N is blended. At all other corners a force begins or ends.
     assert [c.blend for c in cuts] == [0, 5, 0, 0, 0, 0, 0, 0]
-    # Pressing has ended: up, the section without force above the part, down to the next one that presses.
+    # After a section under force: up, the section without force above the part, and down.
     assert [(c.target.origin, c.speed) for c in cuts[3:6]] == [
-        *(((29, 0, 5), 20.0), ((39, 0, 5), 20.0), ((39, 0, 0), pytest.approx(20 / 3))),
+        ((29, 0, 5), 20.0),
+        ((39, 0, 5), 20.0),
+        ((39, 0, 0), pytest.approx(20 / 3)),
     ]
-    # The first section presses not yet: it is run where it was planned.
+    # The first section, before any force, is run at its planned height.
     assert cuts[0].target.origin == (9, 0, 0)
 
 
@@ -470,28 +475,29 @@ def test_force_is_on_only_along_sections_that_ask_for_it():
     ("table", "depth", "height"),
     [
         (ProcessTable(), 0.0, 5.0),
-        (ProcessTable(), 2.0, 5.0),  # above the top face, however deep it pressed
+        (ProcessTable(), 2.0, 5.0),  # above the top face at any depth
         (ProcessTable(retract=8.5), 2.0, 8.5),
-        (ProcessTable(retract=50.0), 0.0, 20.0),  # no higher than it travels
+        (ProcessTable(retract=50.0), 0.0, 20.0),  # not above the clearance height
     ],
 )
-def test_what_follows_pressing_is_run_above_the_part(table, depth, height):
-    """A lead-out on a quarter circle after a pressed line: force off where it ends, then straight up."""
+def test_a_section_after_one_under_force_is_run_above_the_part(table, depth, height):
+    """The section is a lead-out on a quarter circle, before which the tool rises."""
     quarter = math.tan(math.pi / 8)
     press = [((0, -1), (0, -1))] * 2
     left = path([(0, 0), (20, 0), (30, 10)], [0, quarter], press, [7.0, 0.0], depths=(depth,))
     body = program(left, job=Job(process=table)).body
-    down, on, _, pressed, off, up, arc, _, *away = body[-10:] if height < 20 else body[-9:]
-    assert (down.target.origin, on.newtons) == ((0, 0, -depth), 7.0)
+    tail = body[-10:] if height < 20 else body[-9:]
+    down, start, _, pressed, end, up, arc, _, *rest = tail
+    assert (down.target.origin, start.newtons) == ((0, 0, -depth), 7.0)
     assert (pressed.target.origin, pressed.force, pressed.blend) == ((20, 0, -depth), 7.0, 0.0)
-    assert off == Force(0.0)
+    assert end == Force(0.0)
     assert (up.target.origin, up.force, up.speed) == ((20, 0, height), 0.0, 20.0)
     assert isinstance(arc, MoveC)
     assert (arc.target.origin, arc.force, arc.work) == ((30, 10, height), 0.0, True)
     assert arc.via.origin == pytest.approx(
         (20 + 10 * math.sqrt(0.5), 10 - 10 * math.sqrt(0.5), height)
     )
-    ends = [i.target.origin for i in away if isinstance(i, MoveL)]
+    ends = [i.target.origin for i in rest if isinstance(i, MoveL)]
     assert ends == ([(30, 10, 20)] if height < 20 else [])
 
 
@@ -504,7 +510,7 @@ def test_force_is_on_before_the_process_and_off_after_it():
 
 
 def test_the_force_along_an_arc_begins_in_the_direction_at_its_start():
-    """A quarter circle about (0, 10), pressed to its centre: up at the start, left at the end."""
+    """The force on a quarter circle about (0, 10) is towards its centre."""
     quarter = math.tan(math.pi / 8)
     arc = path([(0, 0), (10, 10)], [quarter], [((0, 1), (-1, 0))], [7])
     body = program(arc).body
@@ -513,7 +519,7 @@ def test_the_force_along_an_arc_begins_in_the_direction_at_its_start():
     assert motion.force_direction == (-1.0, 0.0, 0.0)
 
 
-# Where the signal is switched.
+# Places at which the signal is switched
 
 UP, DOWN = "Output MoveJ Comment MoveJ MoveL", "MoveL MoveL MoveL MoveL"
 
@@ -530,18 +536,15 @@ UP, DOWN = "Output MoveJ Comment MoveJ MoveL", "MoveL MoveL MoveL MoveL"
     ],
 )
 @pytest.mark.parametrize("dwell", [0.0, 0.5])
-def test_a_tool_that_turns_is_switched_above_the_part_and_a_torch_at_the_contact(
+def test_a_rotating_tool_is_switched_above_the_part_and_a_torch_at_contact(
     operation, table, air, dwell
 ):
     job = Job(operation=OperationTable(**operation), process=ProcessTable(dwell=dwell, **table))
     cut = replace(SQUARE, depths=(operation.get("depth", 0.0),))
     body = program(cut, job=job).body
     on = "Output Wait" if dwell else "Output"
-    assert (
-        kinds(body) == f"{UP} {on} MoveL {DOWN} MoveL Output MoveJ"
-        if air
-        else f"{UP} MoveL {on} {DOWN} Output MoveL MoveJ"
-    )
+    in_air = f"{UP} {on} MoveL {DOWN} MoveL Output MoveJ"
+    assert kinds(body) == (in_air if air else f"{UP} MoveL {on} {DOWN} Output MoveL MoveJ")
     first = body.index(Output("process", 1.0))
     last = len(body) - 1 - body[::-1].index(Output("process", 0.0))
     depth = operation.get("depth", 0.0)
@@ -551,32 +554,30 @@ def test_a_tool_that_turns_is_switched_above_the_part_and_a_torch_at_the_contact
         assert body[first + 1] == Wait(0.5)
 
 
-def test_a_tool_that_turns_stays_on_between_passes_that_need_no_lift():
+def test_a_rotating_tool_stays_on_between_passes_without_a_lift():
     job = Job(operation=OperationTable(depth=3.0, passes=3))
     body = program(replace(SQUARE, depths=(1.0, 2.0, 3.0)), job=job).body
     assert [i.value for i in body if isinstance(i, Output)] == [0.0, 1.0, 0.0]
 
 
-def test_where_a_tool_is_switched_in_the_air_it_stops():
-    """The approach begins at the height of travel: the corner up there is where it is switched on, too."""
+def test_a_tool_that_is_switched_in_the_air_stops_there():
+    """The approach begins at the clearance height, so the tool is switched on at that corner."""
     job = Job(process=ProcessTable(switch="air", approach=20.0))
     body = program(path([(0, 0), (9, 0)]), path([(50, 0), (60, 0)], id="c2"), job=job).body
-    stops = [
-        before
-        for before, item in pairwise(body)
-        if isinstance(item, Output) and not isinstance(before, Comment)
-    ]
+    before_outputs = [before for before, item in pairwise(body) if isinstance(item, Output)]
+    stops = [item for item in before_outputs if not isinstance(item, Comment)]
     assert [i.target.origin for i in stops] == [(0, 0, 20), (9, 0, 20), (50, 0, 20), (60, 0, 20)]
     assert not any(i.blend for i in stops)
 
 
-def test_a_cut_with_the_spindle_at_rest_is_an_error_of_the_job():
-    """A machine with three axes and a depth is a mill, unless the job says that it is not."""
+def test_a_cut_with_the_spindle_at_rest_is_refused():
+    """A machine with three axes and a depth is a mill unless `process.switch` is set."""
     job = Job(operation=OperationTable(depth=3.0))
     with pytest.raises(JobError) as caught:
         program(SQUARE, cell=MILL, job=job)
     assert str(caught.value) == (
-        "job: a cut of 3 mm with the spindle at rest (process.spindle); set it to the speed in rpm, or process.switch "
+        "job: a cut of 3 mm with the spindle at rest (process.spindle); set it to the "
+        "speed in rpm, or process.switch "
         'to "contact" for a laser or a plasma torch'
     )
     program(SQUARE, cell=ROBOT, job=job)
@@ -590,30 +591,26 @@ def test_a_cut_with_the_spindle_at_rest_is_an_error_of_the_job():
 
 
 def ring(**more):
-    """Around a square of 40 mm from its middle, pressing inwards: a tool that follows turns once around."""
-    press = [(way, way) for way in ((0, 1), (-1, 0), (0, -1), (1, 0))]
+    """A path around a square of 40 mm with inward forces, along which the tool turns once."""
+    inward = [(0, 1), (-1, 0), (0, -1), (1, 0)]
+    press = [(direction, direction) for direction in inward]
     points = [(0, 0), (40, 0), (40, 40), (0, 40), (0, 0)]
     return path(points, force_direction=press, closed=True, depths=(1.0, 2.0, 3.0), **more)
 
 
 @pytest.mark.parametrize("switch", ["contact", "air"])
 @pytest.mark.parametrize("approach", [0.5, 2.0])
-def test_a_tool_that_is_turned_back_between_passes_goes_up_to_the_approach_alone(switch, approach):
+def test_a_tool_turns_back_between_passes_at_the_approach_height(switch, approach):
     job = Job(tool=FOLLOW, process=ProcessTable(switch=switch, approach=approach))
     body = program(ring(), job=job).body
     moves = [i for i in body if isinstance(i, (MoveJ, MoveL)) and isinstance(i.target, Pose)]
     heights = [i.target.origin[2] for i in moves if not i.work]
-    lifted = [
-        z for a, z in zip((None, *heights), heights, strict=False) if z != a
-    ]  # turns on the spot are one height
-    assert lifted == [20, approach, -1, approach, -2, approach, -3, 20]
-    wait = [
-        (i.target.origin[:2], i.speed)
-        for i in moves
-        if not i.work and i.target.origin[2] == approach
-    ]
-    assert {place for place, _ in wait} == {(0, 0)}
-    # On only along each pass, with the way down and up where it turns; never while it is turned back.
+    # Reorientations do not change the height.
+    changes = [z for a, z in zip((None, *heights), heights, strict=False) if z != a]
+    assert changes == [20, approach, -1, approach, -2, approach, -3, 20]
+    links = [item for item in moves if not item.work]
+    assert {i.target.origin[:2] for i in links if i.target.origin[2] == approach} == {(0, 0)}
+    # The process is on along each pass, and off while the tool turns back.
     on = False
     for item in body:
         if isinstance(item, Output):
@@ -623,13 +620,13 @@ def test_a_tool_that_is_turned_back_between_passes_goes_up_to_the_approach_alone
             assert not (on and item.turn and not item.work)
 
 
-def test_a_mill_goes_down_on_the_spot_between_passes():
+def test_a_mill_goes_down_between_passes_without_a_lift():
     body = program(ring(), cell=MILL, job=Job(tool=FOLLOW, process=ProcessTable(spindle=9000))).body
     heights = [i.target.origin[2] for i in body if isinstance(i, (MoveJ, MoveL)) and not i.work]
     assert heights == [50, 20, 2, -1, -2, -3, 20, 50]
 
 
-# Properties of whole programs.
+# Properties of whole programs
 
 
 @st.composite
@@ -638,27 +635,14 @@ def tours(draw):
     paths = []
     for k in range(count):
         n = draw(st.integers(2, 5))
-        spots = st.tuples(st.integers(-50, 50), st.integers(-50, 50))
-        points = draw(st.lists(spots, min_size=n, max_size=n, unique=True))
+        positions = st.tuples(st.integers(-50, 50), st.integers(-50, 50))
+        points = draw(st.lists(positions, min_size=n, max_size=n, unique=True))
         closed = draw(st.booleans())
         points += [points[0]] * closed
-        bulges = draw(
-            st.lists(
-                st.sampled_from([0, 0, 1.0, -0.4]),
-                min_size=len(points) - 1,
-                max_size=len(points) - 1,
-            )
-        )
-        force = draw(
-            st.lists(
-                st.sampled_from([0, 0, 5.0, 9.0]),
-                min_size=len(points) - 1,
-                max_size=len(points) - 1,
-            )
-        )
-        angles = draw(
-            st.lists(st.floats(0, 6.28), min_size=len(points) - 1, max_size=len(points) - 1)
-        )
+        size = {"min_size": len(points) - 1, "max_size": len(points) - 1}
+        bulges = draw(st.lists(st.sampled_from([0, 0, 1.0, -0.4]), **size))
+        force = draw(st.lists(st.sampled_from([0, 0, 5.0, 9.0]), **size))
+        angles = draw(st.lists(st.floats(0, 6.28), **size))
         press = [
             ((math.cos(a), math.sin(a)), (math.cos(a + 0.2), math.sin(a + 0.2))) for a in angles
         ]
@@ -681,52 +665,63 @@ def tours(draw):
     st.sampled_from([0.0, 8000.0]),
     st.sampled_from(["auto", "air"]),
 )
-def test_any_program(paths, cell, orient, spindle, switch):
+def test_a_generated_tour_switches_the_process_on_along_its_paths_only(
+    paths, cell, orient, spindle, switch
+):
     job = Job(
         tool=ToolTable(orient=orient),
         process=ProcessTable(spindle=spindle, signal="on", switch=switch),
     )
     body = program(*paths, cell=cell, job=job).body
     on = pressing = False
-    seen: list[str] = []
+    names: list[str] = []
     cut: dict[int, list] = {}
-    here = None
+    position = None
     for before, item in zip((None, *body), body, strict=False):
         if isinstance(item, Comment):
-            seen.append(item.text.split()[1])
-        elif isinstance(item, Output) and item.signal == "on" and here is not None:
+            names.append(item.text.split()[1])
+        elif isinstance(item, Output) and item.signal == "on" and position is not None:
             assert on != bool(item.value)
             assert not getattr(before, "blend", 0.0)
-            assert (here[2] >= job.process.approach) == (switch == "air") or lifted(paths)
+            in_air = position[2] >= job.process.approach
+            assert in_air == (switch == "air") or may_end_lifted(paths)
             on = bool(item.value)
         elif isinstance(item, Force):
             pressing = item.newtons > 0
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
             travel = item.speed == job.process.travel_speed
             assert not (travel and pressing)
-            # A tool that turns is on while it goes straight up; else nothing is on between paths.
-            assert not (travel and on) or (switch == "air" and here[:2] == item.target.origin[:2])
+            # A rotating tool is on while it goes straight up. On links nothing else is on.
+            if travel and on:
+                assert switch == "air"
+                assert position[:2] == item.target.origin[:2]
             assert isinstance(item, MoveJ) <= travel
             assert item.work <= on
             if item.work:
-                cut.setdefault(len(seen) - 1, []).extend([here, item.target.origin])
-            here = item.target.origin if isinstance(item.target, Pose) else None
+                cut.setdefault(len(names) - 1, []).extend([position, item.target.origin])
+            position = item.target.origin if isinstance(item.target, Pose) else None
     assert not on
-    assert seen == [p.id for p in paths for _ in p.depths]
-    runs = [(p, k, depth) for p in paths for k, depth in enumerate(p.depths)]
-    for k, (p, number, depth) in enumerate(runs):
-        want = ends_of(p, number, depth)
-        assert want <= set(cut[k])
-        assert {z for _, _, z in cut[k]} == {z for _, _, z in want}
+    k = 0
+    for p in paths:
+        for number, depth in enumerate(p.depths):
+            assert names[k] == p.id
+            expected = section_ends(p, number, depth)
+            assert expected <= set(cut[k])
+            assert {z for _, _, z in cut[k]} == {z for _, _, z in expected}
+            k += 1
+    assert len(names) == k
 
 
-def lifted(paths) -> bool:
-    """Whether a path may end above the part: after pressing comes a section without force."""
+def may_end_lifted(paths) -> bool:
+    """Whether a path may end above the part, as after a section under force."""
     return any((p.force[1:] > 0).any() and not (p.force[1:] > 0).all() for p in paths)
 
 
-def ends_of(p, number, depth) -> set[tuple[float, float, float]]:
-    """Where the sections of a pass begin and end: at its depth, but 5 mm above the part after it has pressed."""
+def section_ends(p, number, depth) -> set[tuple[float, float, float]]:
+    """Start and end of each section of a pass, mm.
+
+    They are at its depth, and after a section under force 5 mm above the part.
+    """
     meets = p.position[0].tolist() == p.position[-1].tolist()
     run = p.reversed() if number % 2 and p.reversible and not meets else p
     pressed, ends = False, set()
@@ -738,10 +733,10 @@ def ends_of(p, number, depth) -> set[tuple[float, float, float]]:
     return ends
 
 
-# Frames.
+# Frames
 
 
-def test_the_job_goes_before_the_cell():
+def test_frames_of_the_job_replace_those_of_the_cell():
     table = CellTable(
         base_from_work=[1, 2, 3, 0, 0, 90], flange_from_tool=[0, 0, 9, 0, 180, 0], home=[90, 0, -90]
     )
@@ -755,14 +750,14 @@ def test_the_job_goes_before_the_cell():
     assert again.flange_from_tool.origin == pose_from_values([0, 0, 9, 0, 180, 0]).origin
 
 
-def test_without_a_cell_the_tool_is_as_long_as_it_is():
+def test_the_tool_frame_has_the_length_of_the_tool_by_default():
     cell = equip_cell(ROBOT, Job(tool=ToolTable(length=42.0)))
     assert cell.flange_from_tool.origin == (0, 0, 42)
     assert cell.home is ROBOT.home
     assert cell.base_from_work is ROBOT.base_from_work
 
 
-def test_the_home_of_a_mill_is_a_place():
+def test_the_home_of_a_mill_is_a_position():
     home = equip_cell(MILL, Job(cell=CellTable(home=[1, 2, 30]))).home
     assert home.origin == (1, 2, 30)
     assert home.rotation is TOOL_DOWN
@@ -779,7 +774,7 @@ def test_the_home_of_a_mill_is_a_place():
         (MILL, {"home": [0] * 6}),
     ],
 )
-def test_wrong_numbers_in_the_cell_are_named(cell, table):
+def test_an_invalid_number_of_a_frame_is_refused_with_its_key(cell, table):
     (key,) = table
     with pytest.raises(JobError, match=f"cell.{key}"):
         equip_cell(cell, Job(cell=CellTable(**table)))
@@ -798,7 +793,7 @@ def test_a_sliding_joint_of_the_home_is_in_mm() -> None:
     assert home.values == pytest.approx((0.0, math.pi / 2, 40.0, math.pi))
 
 
-def test_with_force_every_pass_leaves_the_surface_before_the_next() -> None:
+def test_the_tool_leaves_the_surface_between_passes_under_force() -> None:
     def lifts(force: float) -> int:
         loop = path(
             [(0, 0), (40, 0), (40, 30), (0, 0)],

@@ -1,4 +1,4 @@
-"""The pen never marks on the way between two lines: judged on what every controller's text says, read back."""
+"""A pen never marks on a link. The readings of the texts of all controllers are tested."""
 
 from pathlib import Path
 
@@ -22,8 +22,8 @@ from camgen.read.job_file import from_mapping
 from camgen.robots.workcell import equip_cell
 
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
-#: By signal and height, by height alone, with pressure, by signal alone on a clearance of a hair.
-WAYS = (
+#: A pen works by signal and height, by height alone, by force, or at a clearance of 0.5 mm.
+PROCESSES = (
     {"signal": "process", "dwell": 0.1},
     {"signal": ""},
     {"force": 2.0},
@@ -44,50 +44,44 @@ def part_of(drawing: list[tuple[list[tuple[int, int]], bool, bool]]) -> Part:
     return Part("drawing", "drawing.svg", "mm", tuple(contours), ())
 
 
-#: Nearer to the paper than this (mm) the pen touches it; the finest text has three digits.
+#: Distance from the paper at which the pen touches it, mm. Coordinates are printed to 0.001 mm.
 TOUCH = 2e-3
 
 
 def lengths_of(body: tuple[object, ...], signal: str | None, air: bool) -> tuple[float, float]:
-    """The length that the pen draws, and the number of times it travels; fails where it might mark elsewhere.
+    """The length that the pen draws, mm, and the number of links. Fails if the pen may mark a link.
 
-    signal: its name, None where height alone decides. air: it is switched above the paper, as with pressure.
+    signal: name of the signal, None if the pen works by height alone.
+    air: the signal is switched above the paper, as with a force.
     """
     drawn, travels, on, at = 0.0, 0, signal is None, None
-    motions = [one for one in body if isinstance(one, (MoveJ, MoveL, MoveC, Output))]
-    for k, one in enumerate(motions):
-        if isinstance(one, Output):
-            if one.signal == signal and at is None:
-                assert one.value == 0, "the signal is on before the first motion"
-            elif one.signal == signal:
-                on = one.value > 0
+    motions = [item for item in body if isinstance(item, (MoveJ, MoveL, MoveC, Output))]
+    for k, item in enumerate(motions):
+        if isinstance(item, Output):
+            if item.signal == signal and at is None:
+                assert item.value == 0, "the signal is on before the first motion"
+            elif item.signal == signal:
+                on = item.value > 0
                 assert (abs(at[2]) < TOUCH) != air, (
                     "the signal changes in the air, or with pressure on the paper"
                 )
             continue
-        place = np.array(one.target.origin) if isinstance(one.target, Pose) else None
+        place = np.array(item.target.origin) if isinstance(item.target, Pose) else None
         if at is not None and place is not None:
             across = float(np.hypot(*(place - at)[:2]))
             down = min(at[2], place[2])
             if across > TOUCH and down < TOUCH:
                 assert on, "the pen is on the paper with its signal off"
                 assert max(at[2], place[2]) < TOUCH, "the pen slides up or down"
-                drawn += (
-                    arc_length(at, one)
-                    if isinstance(one, MoveC)
-                    else float(np.hypot(*(place - at)[:2]))
-                )
+                drawn += arc_length(at, item) if isinstance(item, MoveC) else across
             elif across > TOUCH:
                 assert signal is None or not on, "the signal is on in the air"
                 travels += 1
             following = next((m for m in motions[k + 1 :] if not isinstance(m, Output)), None)
-            leaves = (
-                following is not None
-                and isinstance(following.target, Pose)
-                and following.target.origin[2] > TOUCH
-            )
+            to_pose = following is not None and isinstance(following.target, Pose)
+            leaves = to_pose and following.target.origin[2] > TOUCH
             if place[2] < TOUCH and (at[2] > TOUCH or leaves):
-                assert one.blend == 0, "a corner between paper and air is rounded"
+                assert item.blend == 0, "a corner between paper and air is rounded"
         else:
             assert signal is None or not on
         at = place
@@ -96,6 +90,7 @@ def lengths_of(body: tuple[object, ...], signal: str | None, air: bool) -> tuple
 
 
 def arc_length(start: np.ndarray, arc: MoveC) -> float:
+    """Length of an arc from its chord and the chord of its half, mm."""
     chord = np.linalg.norm(np.array(arc.target.origin) - start)
     half = np.linalg.norm(np.array(arc.via.origin) - start)
     quarter = np.arccos(min(1.0, float(chord / (2 * half))))
@@ -104,17 +99,14 @@ def arc_length(start: np.ndarray, arc: MoveC) -> float:
 
 @pytest.mark.parametrize("name", POSTS)
 @settings(max_examples=20)
-@given(drawing=drawings, way=st.sampled_from(WAYS))
-def test_the_pen_is_up_on_the_way_between_lines(
-    name: str, drawing: list[tuple[list[tuple[int, int]], bool, bool]], way: dict[str, object]
+@given(drawing=drawings, process=st.sampled_from(PROCESSES))
+def test_the_pen_does_not_mark_on_links(
+    name: str, drawing: list[tuple[list[tuple[int, int]], bool, bool]], process: dict[str, object]
 ) -> None:
-    # Controllers that have no force, or say it in their own words, are asked to leave it out.
-    options = (
-        {"force": "ignore"}
-        if "force" in way and "force" in vars(make_post(find_post(name), {}))
-        else {}
-    )
-    job = from_mapping({"operation": {"kind": "trace"}, "process": way, "post": options})
+    # Posts that print no force, or by a template only, leave it out by an option.
+    has_option = "force" in vars(make_post(find_post(name), {}))
+    options = {"force": "ignore"} if "force" in process and has_option else {}
+    job = from_mapping({"operation": {"kind": "trace"}, "process": process, "post": options})
     part = part_of(drawing)
     post = make_post(find_post(name), job.post)
     tour = order_paths(trace(part, job), TourSettings("nearest", None, False))
@@ -124,22 +116,21 @@ def test_the_pen_is_up_on_the_way_between_lines(
     files = post.render(program)
     reading = find_readback(name)({file.name: file.text for file in files}, job.post)
     compare(program, reading, post.tolerance(), post.list_verified(), files[0].name)
-    drawn, travelled = lengths_of(
-        reading.body, None if way.get("signal") == "" else "process", "force" in way
-    )
-    assert drawn == pytest.approx(
-        sum(measure_path(path) for path in tour.paths), rel=1e-3, abs=0.05
-    )
-    assert travelled >= len(tour.paths) - 1 or way.get("clearance") == 0.5
+    signal = None if process.get("signal") == "" else "process"
+    drawn, travels = lengths_of(reading.body, signal, "force" in process)
+    planned = sum(measure_path(path) for path in tour.paths)
+    assert drawn == pytest.approx(planned, rel=1e-3, abs=0.05)
+    assert travels >= len(tour.paths) - 1 or process.get("clearance") == 0.5
 
 
-def test_a_drawing_out_of_the_reach_of_the_scara_is_refused_with_path_and_place(
+def test_a_drawing_out_of_reach_is_refused_with_its_path(
     tmp_path: Path,
 ) -> None:
     source = tmp_path / "line.svg"
     line = '<path d="M10 10H190V190H10Z"/>'
     source.write_text(
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="200mm" height="200mm" viewBox="0 0 200 200">{line}</svg>'
+        '<svg xmlns="http://www.w3.org/2000/svg" width="200mm" height="200mm" viewBox="0 '
+        f'0 200 200">{line}</svg>'
     )
     job = {"page": {"size": "A4"}, "cell": {"robot": "Cobra s600"}}
     built = build(source, post="vplus", job=job)

@@ -1,4 +1,4 @@
-"""Replay: G-code in, a program for another machine out; LinuxCNC's interpreter judges what the G-code says."""
+"""Replay of G-code on another machine. LinuxCNC decides which motions the G-code has."""
 
 import math
 import random
@@ -37,20 +37,28 @@ M5
 """
 
 
-def built(tmp_path, text=OLD, post="gcode", name="old.nc", options=None, **tables):
+def replay(tmp_path, text=OLD, post="gcode", name="old.nc", options=None, **tables):
     path = tmp_path / name
     path.write_text(text, encoding="latin-1")
     return camgen.build(path, post=post, job={**tables, "post": options or {}})
 
 
 def test_a_mill_moves_between_its_home_positions(tmp_path):
-    """From home to above the first position, the program as it stands, up, home."""
-    result = built(tmp_path)
+    """The order is home, above the first position, the motions of the program, up, home."""
+    result = replay(tmp_path)
     moves = [i for i in result.program.body if isinstance(i, MoveJ | MoveL | MoveC)]
     assert [(type(i).__name__, *i.target.origin) for i in moves] == [
-        ("MoveJ", 0, 0, 50), ("MoveJ", 10, 10, 20), ("MoveJ", 10, 10, 5), ("MoveL", 10, 10, -1), ("MoveL", 20, 10, -1),
-        ("MoveL", 20, 20, -1), ("MoveC", 10, 30, -1), ("MoveJ", 10, 30, 5), ("MoveJ", 10, 30, 20), ("MoveJ", 0, 0, 50),
-    ]  # fmt: skip
+        ("MoveJ", 0, 0, 50),
+        ("MoveJ", 10, 10, 20),
+        ("MoveJ", 10, 10, 5),
+        ("MoveL", 10, 10, -1),
+        ("MoveL", 20, 10, -1),
+        ("MoveL", 20, 20, -1),
+        ("MoveC", 10, 30, -1),
+        ("MoveJ", 10, 30, 5),
+        ("MoveJ", 10, 30, 20),
+        ("MoveJ", 0, 0, 50),
+    ]
     assert moves[6].via.origin == pytest.approx(
         (10 + 10 * math.sqrt(0.5), 20 + 10 * math.sqrt(0.5), -1)
     )
@@ -65,30 +73,26 @@ def test_a_mill_moves_between_its_home_positions(tmp_path):
     assert result.deviation.max_mm < 1e-3
 
 
-def test_what_a_program_leaves_on_is_off_before_it_goes_home(tmp_path):
-    """Its end stops spindle and coolant (LinuxCNC, M2), but no digital output: that one is off once the tool is up."""
+def test_an_output_that_the_program_leaves_on_is_switched_off_before_home(tmp_path):
+    """M2 of LinuxCNC stops spindle and coolant. A digital output is off after the retract."""
     text = OLD.replace("M5\n%", "%").replace("S1000 M3", "S1000 M3\nM64 P3\nM8")
     options = {"signals": {"flood": "M8", "dout3": "P3"}}
-    body = built(tmp_path, text, options=options).program.body
+    body = replay(tmp_path, text, options=options).program.body
     used = ["spindle", "dout3", "flood"]
     assert body[:3] == tuple(Output(name, 0.0) for name in used)
     up, last, home = body[-3:]
     assert last == Output("dout3", 0.0)
-    assert {item.signal: item.value for item in body[:-3] if isinstance(item, Output)} == {
-        **{"spindle": 0.0, "dout3": 1.0, "flood": 0.0},
-    }
+    outputs = [item for item in body if isinstance(item, Output)]
+    values = {item.signal: item.value for item in body[:-3] if isinstance(item, Output)}
+    assert values == {"spindle": 0.0, "dout3": 1.0, "flood": 0.0}
     assert (up.target.origin, home.target.origin) == ((10, 30, 20), (0, 0, 50))
-    assert [i.value for i in body if isinstance(i, Output) and i.signal == "dout3"] == [
-        0.0,
-        1.0,
-        0.0,
-    ]
+    assert [item.value for item in outputs if item.signal == "dout3"] == [0.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize("post", ["rapid", "vplus", "pacscript"])
-def test_a_robot_travels_along_straight_lines(tmp_path, post):
+def test_the_links_of_a_robot_are_straight_lines(tmp_path, post):
     text = OLD.replace("S1000 M3", "").replace("M5", "")
-    result = built(tmp_path, text, post, process={"travel": 80.0})
+    result = replay(tmp_path, text, post, process={"travel": 80.0})
     moves = [i for i in result.program.body if isinstance(i, MoveJ | MoveL | MoveC)]
     assert isinstance(moves[0].target, Joints)
     assert isinstance(moves[-1].target, Joints)
@@ -103,20 +107,20 @@ def test_a_robot_travels_along_straight_lines(tmp_path, post):
     }
 
 
-def test_corners_are_rounded_where_the_program_allows_it(tmp_path):
+def test_corners_are_blended_if_the_program_allows_it(tmp_path):
     text = OLD.replace("X20\nX20", "X15\nX20\nX20")
-    result = built(tmp_path, text, "rapid", options={"signals": {"spindle": "aoSpindle"}})
+    result = replay(tmp_path, text, "rapid", options={"signals": {"spindle": "aoSpindle"}})
     moves = [i for i in result.program.body if isinstance(i, MoveL | MoveC)]
     cut = [m for m in moves if m.target.origin[2] == -1]
-    # the plunge stops, the two halves of a line do not, a right angle stops, the arc leaves the line as its tangent
+    # Two halves of a line and a tangent arc are blended. The plunge and a right angle stop.
     assert [m.blend > 0 for m in cut] == [False, True, False, True, False]
     exact = OLD.replace("G64", "G61")
-    stops = [i for i in built(tmp_path, exact).program.body if isinstance(i, MoveL | MoveC)]
+    stops = [i for i in replay(tmp_path, exact).program.body if isinstance(i, MoveL | MoveC)]
     assert not any(m.blend for m in stops)
 
 
-def test_an_assumed_start_is_reached_at_its_feed(tmp_path):
-    result = built(tmp_path, "G21\nG0 X5 Y5\nG1 Z-1 F120\nX9\nM2\n", "rapid")
+def test_an_assumed_start_is_reached_at_the_feed(tmp_path):
+    result = replay(tmp_path, "G21\nG0 X5 Y5\nG1 Z-1 F120\nX9\nM2\n", "rapid")
     moves = [i for i in result.program.body if isinstance(i, MoveJ | MoveL)]
     assert [(*m.target.origin, m.speed) for m in moves[1:4]] == [
         (5, 5, 20, 100),
@@ -127,16 +131,15 @@ def test_an_assumed_start_is_reached_at_its_feed(tmp_path):
     assert notes == ["assumed: line 3: the program begins at Z0 (it does not say where)"]
 
 
-def test_a_motion_to_where_the_tool_is_is_none(tmp_path):
-    once = built(tmp_path, OLD)
-    assert built(
-        tmp_path, OLD.replace("X20 Y20", "X20 Y20\nX20 Y20")
-    ).program.columns.ends.tolist() == (once.program.columns.ends.tolist())
+def test_a_motion_of_length_0_is_left_out(tmp_path):
+    once = replay(tmp_path, OLD)
+    twice = replay(tmp_path, OLD.replace("X20 Y20", "X20 Y20\nX20 Y20"))
+    assert twice.program.columns.ends.tolist() == once.program.columns.ends.tolist()
 
 
 def test_a_skipped_word_is_an_error_with_strict(tmp_path):
     text = OLD.replace("S1000 M3", "M1")
-    notes = built(tmp_path, text.replace("M5\n", "")).notes
+    notes = replay(tmp_path, text.replace("M5\n", "")).notes
     # The acceleration of the mill is assumed.
     assert [note.kind for note in notes] == ["skipped", "assumed"]
     with pytest.raises(NoSafeProgram, match="M1 stops where the operator wants it"):
@@ -144,7 +147,7 @@ def test_a_skipped_word_is_an_error_with_strict(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("tables", "where"),
+    ("tables", "key"),
     [
         ({"operation": {"depth": 2.0}}, "operation.depth"),
         ({"process": {"feed": 5.0}}, "process.feed"),
@@ -155,18 +158,18 @@ def test_a_skipped_word_is_an_error_with_strict(tmp_path):
         ({"tool": {"orient": "follow"}}, "tool.orient"),
     ],
 )
-def test_settings_that_mean_nothing_here(tmp_path, tables, where):
+def test_a_setting_without_effect_on_a_replay_is_refused(tmp_path, tables, key):
     with pytest.raises(JobError) as error:
-        built(tmp_path, **tables)
-    assert str(error.value) == f"job: has no effect on a replay ({where}); leave it out"
+        replay(tmp_path, **tables)
+    assert str(error.value) == f"job: has no effect on a replay ({key}); leave it out"
 
 
-def test_another_operation_than_a_replay(tmp_path):
+def test_another_operation_than_a_replay_is_refused(tmp_path):
     with pytest.raises(JobError, match="G-code is replayed, it cannot be used to trace"):
-        built(tmp_path, operation={"kind": "trace"})
+        replay(tmp_path, operation={"kind": "trace"})
 
 
-def test_replay_is_for_programs_alone(tmp_path):
+def test_a_replay_of_a_drawing_is_refused(tmp_path):
     drawing = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
     with pytest.raises(JobError, match='"replay" is for G-code'):
         camgen.build(drawing, post="gcode", job={"operation": {"kind": "replay"}})
@@ -176,30 +179,30 @@ def test_replay_is_for_programs_alone(tmp_path):
         camgen.build([path, drawing], post="gcode")
 
 
-def test_a_program_of_our_own_replays_as_itself(tmp_path):
+def test_a_program_of_camgen_is_replayed_with_the_same_motions(tmp_path):
     drawing = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
     first = camgen.build(drawing, post="gcode")
     signals = {"signals": {"process": "P1", "dout0": "P0"}}
-    again = built(tmp_path, first.text, "gcode", "again.ngc", signals)
+    again = replay(tmp_path, first.text, "gcode", "again.ngc", signals)
     old, new = (r.program.columns for r in (first, again))
     work = [~c.moves_are(MoveJ) for c in (old, new)]
     assert new.ends[work[1]] == pytest.approx(old.ends[work[0]], abs=1e-3)
     assert new.speed[work[1]] == pytest.approx(old.speed[work[0]], rel=1e-3)
 
 
-def test_a_stop_for_the_operator_is_one_on_the_new_machine(tmp_path):
-    text = built(tmp_path, "G21 G90\nG0 X0 Y0 Z5\nG1 X9 F60\nM0\nG1 X5\nM2\n", "gcode").text
+def test_a_stop_for_the_operator_is_kept(tmp_path):
+    text = replay(tmp_path, "G21 G90\nG0 X0 Y0 Z5\nG1 X9 F60\nM0\nG1 X5\nM2\n", "gcode").text
     lines = text.split("\n")
     assert lines[lines.index("M0") - 1].startswith("G1 X9")
     assert lines[lines.index("M0") + 1].startswith("G1 X5")
 
 
-def test_stored_places_are_left_upwards(tmp_path):
-    """G28 between two cuts: up to the highest place so far, not along the low line."""
+def test_a_stored_position_becomes_a_motion_to_the_highest_z(tmp_path):
+    """G28 between two cuts lifts the tool to the highest z so far."""
     old = "G21 G90\nG0 X0 Y0 Z9\nG1 Z-1 F60\nX9\nG91 G28 Z0\nG90 G0 X20 Y5\nZ2\nG1 Z-1\nX25\nM2\n"
-    found = built(tmp_path, old, "gcode")
-    assert "G0 Z9\nG0 X20 Y5\nG0 Z2\n" in found.text
-    assert any("G28: Z goes up" in note.what for note in found.notes)
+    result = replay(tmp_path, old, "gcode")
+    assert "G0 Z9\nG0 X20 Y5\nG0 Z2\n" in result.text
+    assert any("G28: Z goes up" in note.what for note in result.notes)
 
 
 @needs_rs274
@@ -207,20 +210,20 @@ def test_stored_places_are_left_upwards(tmp_path):
 @pytest.mark.parametrize(
     "path", sorted([*SHARED.rglob("*.ngc"), *SHARED.rglob("*.gcode")]), ids=lambda p: p.name
 )
-def test_samples_do_what_linuxcnc_says_or_are_refused_with_it(path):
+def test_a_shared_program_moves_as_in_linuxcnc_or_is_refused_by_both(path):
     text = path.read_text(encoding="latin-1").replace("\r\n", "\n")
-    run, judge = interpret(text.split("\n")), canon.run(text, timeout=20.0)
+    run, reference = interpret(text.split("\n")), canon.run(text, timeout=20.0)
     if run.stopped:
-        assert judge.error
+        assert reference.error
         return
-    found = compare_motions(run, judge)
-    assert found.fault == ""
-    assert found.deviation <= 0.001 + 2 * judge.hidden
-    assert found.moves == len(judge.moves) - run.held or found.moves > 0
+    comparison = compare_motions(run, reference)
+    assert comparison.fault == ""
+    assert comparison.deviation <= 0.001 + 2 * reference.hidden
+    assert comparison.moves == len(reference.moves) - run.held or comparison.moves > 0
 
 
 def program(chance: random.Random) -> list[str]:
-    """A random program of motions, arcs and helices in all planes, cycles, and shifts of the origin."""
+    """A random program of motions, arcs and helices in all planes, cycles, and origin shifts."""
     lines = [chance.choice(["G21", "G20"]) + " G90 G64", "F100 S100 M3", "G0 X0 Y0 Z30"]
     for _ in range(chance.randint(3, 12)):
         lines += chance.choice([_line, _polar, _arc, _holes, _holes, _shift])(chance)
@@ -265,16 +268,13 @@ def _shift(chance):
 def _arc(chance):
     plane, (a, i, up) = chance.choice([("G17", "XIZ"), ("G18", "ZKY"), ("G19", "YJX")])
     size = chance.uniform(1, 9)
-    way = f"{plane} {chance.choice(['G2', 'G3'])} "
+    line = f"{plane} {chance.choice(['G2', 'G3'])} "
     if chance.random() < 0.5:
-        way += f"{i}{size:.3f}" + (f" P{chance.randint(1, 3)}" if chance.random() < 0.4 else "")
+        line += f"{i}{size:.3f}" + (f" P{chance.randint(1, 3)}" if chance.random() < 0.4 else "")
     else:
-        way = (
-            "G91 "
-            + way
-            + f"{a}{chance.uniform(0.1, 1.9) * size:.3f} R{chance.choice([-1, 1]) * size:.3f}"
-        )
-    return [way + (f" {up}{chance.uniform(-9, 9):.3f}" if chance.random() < 0.5 else ""), "G17"]
+        distance, radius = chance.uniform(0.1, 1.9) * size, chance.choice([-1, 1]) * size
+        line = f"G91 {line}{a}{distance:.3f} R{radius:.3f}"
+    return [line + (f" {up}{chance.uniform(-9, 9):.3f}" if chance.random() < 0.5 else ""), "G17"]
 
 
 def _holes(chance):
@@ -298,21 +298,19 @@ def _holes(chance):
 
 @needs_rs274
 @pytest.mark.parametrize("seed", range(40))
-def test_random_programs_do_what_linuxcnc_says(seed):
+def test_a_random_program_moves_as_in_linuxcnc(seed):
     lines = program(random.Random(seed))
-    run, judge = interpret(lines), canon.run("\n".join(lines) + "\n")
-    assert (run.stopped, judge.error) == (None, "")
-    found = compare_motions(run, judge)
-    assert found.fault == "", lines
-    assert found.moves > 2
+    run, reference = interpret(lines), canon.run("\n".join(lines) + "\n")
+    assert (run.stopped, reference.error) == (None, "")
+    comparison = compare_motions(run, reference)
+    assert comparison.fault == "", lines
+    assert comparison.moves > 2
 
 
-def test_poses_point_the_tool_down(tmp_path):
-    rotations = {
-        i.target.rotation.tobytes() for i in built(tmp_path).program.body if isinstance(i, MoveL)
-    }
-    assert len(rotations) == 1
-    (item,) = [i for i in built(tmp_path).program.body if isinstance(i, MoveC)]
+def test_the_tool_points_down(tmp_path):
+    body = replay(tmp_path).program.body
+    assert len({i.target.rotation.tobytes() for i in body if isinstance(i, MoveL)}) == 1
+    (item,) = [i for i in body if isinstance(i, MoveC)]
     assert isinstance(item.target, Pose)
     assert item.target.rotation @ [0, 0, 1] == pytest.approx([0, 0, -1])
 
@@ -323,22 +321,25 @@ FAST = OLD.replace("X20 Y20", "X20 Y20 F1000000")
 def test_a_feed_that_no_machine_runs_is_refused_with_its_line(tmp_path):
     for post in ("rapid", "vplus", "pacscript", "gcode", "grbl"):
         with pytest.raises(InputError) as caught:
-            built(tmp_path, FAST, post)
+            replay(tmp_path, FAST, post)
         assert str(caught.value) == (
-            "old.nc: asks for a feed of 16667 mm/s, and no machine here runs above 7000 (line 8); fix this line, or "
-            "set process.max_feed, mm/s: feeds above it become that"
+            "old.nc: asks for a feed of 16667 mm/s, and no machine here runs above 7000 (line 8); "
+            "fix this line, or set process.max_feed, mm/s: feeds above it become that"
         )
 
 
-def test_a_feed_is_capped_where_that_is_asked_for(tmp_path):
-    result = built(tmp_path, FAST, process={"max_feed": 50.0})
+def test_a_feed_above_max_feed_is_lowered_with_a_note(tmp_path):
+    result = replay(tmp_path, FAST, process={"max_feed": 50.0})
     lines = [item.speed for item in result.program.body if isinstance(item, MoveL | MoveC)]
     assert lines == [5.0, 5.0, 50.0, 50.0]
     assert [str(note) for note in result.notes if "max_feed" in note.why] == [
-        "assumed: 2 motions run at 50 mm/s instead of up to 16667 (process.max_feed; the first is line 8)"
+        (
+            "assumed: 2 motions run at 50 mm/s instead of up to 16667 (process.max_feed; the "
+            "first is line 8)"
+        )
     ]
-    # What is below it stays, without a note.
-    slow = built(tmp_path, OLD, process={"max_feed": 50.0})
+    # A feed below the limit stays, without a note.
+    slow = replay(tmp_path, OLD, process={"max_feed": 50.0})
     assert slow.program.columns.speed.max() == 100
     assert not any("max_feed" in note.why for note in slow.notes)
     with pytest.raises(JobError, match=r"has no effect on a drawing \(process\.max_feed\)"):
@@ -348,7 +349,7 @@ def test_a_feed_is_capped_where_that_is_asked_for(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("post", "options", "place", "says"),
+    ("post", "options", "index", "message"),
     [
         (
             "gcode",
@@ -376,22 +377,22 @@ def test_a_feed_is_capped_where_that_is_asked_for(tmp_path):
         ),
     ],
 )
-def test_a_spindle_that_turns_backwards_is_told_with_its_line(tmp_path, post, options, place, says):
+def test_a_spindle_that_turns_backwards_is_refused_with_its_line(
+    tmp_path, post, options, index, message
+):
     with pytest.raises(NoSafeProgram) as caught:
-        built(tmp_path, OLD.replace("M3", "M4"), post, options=options)
-    assert (
-        str(caught.value)
-        == f"old.nc: {post} refuses line 4: {says} (instruction {place}); correct this line"
-    )
+        replay(tmp_path, OLD.replace("M3", "M4"), post, options=options)
+    reason = f"{message} (instruction {index})"
+    assert str(caught.value) == f"old.nc: {post} refuses line 4: {reason}; correct this line"
 
 
-def test_what_a_setting_can_mend_is_told_so(tmp_path):
+def test_a_refusal_names_the_setting_that_would_help_or_the_line(tmp_path):
     with pytest.raises(
         NoSafeProgram,
         match=r"old\.nc: rapid refuses line 4: no output .*; set post\.signals, e\.g\. spin",
     ):
-        built(tmp_path, OLD, "rapid")
+        replay(tmp_path, OLD, "rapid")
     with pytest.raises(
         NoSafeProgram, match=r"refuses line 6: a feed of 0\.006 mm/min .*\); correct this line$"
     ):
-        built(tmp_path, OLD.replace("F300", "F.006"))
+        replay(tmp_path, OLD.replace("F300", "F.006"))

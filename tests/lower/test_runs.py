@@ -1,4 +1,4 @@
-"""How a mill goes into the material: slopes, depths, what is left uncut, from the motions alone."""
+"""Entries of a mill, tested on the motions alone: slopes, depths and uncut stretches."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ SHAPES = {
 }
 
 
-def milled(
+def mill(
     shapes: list[Contour],
     post: str = "gcode",
     tool: float = 6.0,
     spindle: float = 9000,
     **operation: object,
 ) -> Result:
-    """A build, which reads its own text back. Feed 20, plunge 5 mm/s."""
+    """A build with feed 20 and plunge 5 mm/s. It also verifies its text."""
     job = {
         "operation": {"entry": "ramp", **operation},
         "process": {"spindle": spindle, "feed": 20, "plunge": 5},
@@ -54,46 +54,46 @@ def milled(
     return build(part(*shapes), post=post, job=job)
 
 
-def work(program: Program) -> list[Cut]:
+def cuts_of_paths(program: Program) -> list[Cut]:
+    """The cuts along paths, without approaches and retracts."""
     return [cut for cut in cuts(program) if cut.work]
 
 
-def steepest(found: list[Cut]) -> float:
-    """deg against the level, of all that goes down along a path."""
-    return max(
-        (math.degrees(math.atan2(cut.drop, cut.run)) for cut in found if cut.drop > 1e-9),
-        default=0.0,
-    )
+def measure_steepest(path_cuts: list[Cut]) -> float:
+    """The largest angle between a descending cut and the horizontal, deg; 0 if none descends."""
+    descending = [cut for cut in path_cuts if cut.drop > 1e-9]
+    return max((math.degrees(math.atan2(cut.drop, cut.run)) for cut in descending), default=0.0)
 
 
-def assert_nothing_is_drilled(found: list[Cut], radius: float) -> None:
-    """What goes straight down does so through what has been cut before it."""
-    for k, cut in enumerate(found):
+def assert_nothing_is_drilled(all_cuts: list[Cut], radius: float) -> None:
+    """Each vertical cut goes through material that earlier cuts have removed."""
+    for k, cut in enumerate(all_cuts):
         if cut.run < 1e-6 and cut.drop > 1e-9 and cut.end[2] < -1e-9:
             tool = shapely.Point(cut.end[:2]).buffer(radius - 2e-3)
-            assert swept(found[:k], cut.end[2] + 1e-9, radius).covers(tool), cut
+            assert swept(all_cuts[:k], cut.end[2] + 1e-9, radius).covers(tool), cut
 
 
-def assert_covered(found: list[Cut], path: ToolPath, depth: float) -> None:
-    """Every stretch of the path is run at the depth."""
-    level = [
-        (a[:2], b[:2]) for a, b in below(found, -depth + 1e-9) if math.dist(a[:2], b[:2]) > 1e-9
-    ]
-    lines = shapely.union_all([shapely.LineString(pair) for pair in level])
+def assert_covered(path_cuts: list[Cut], path: ToolPath, depth: float) -> None:
+    """The cuts at `depth` cover the whole path, and nothing else."""
+    flat = [(a[:2], b[:2]) for a, b in below(path_cuts, -depth + 1e-9)]
+    lines = shapely.union_all(
+        [shapely.LineString(ends) for ends in flat if math.dist(*ends) > 1e-9]
+    )
     points = np.concatenate([path.position[:, :2], path.via[1:, :2]])
     points = points[~np.isnan(points[:, 0])]
     assert float(shapely.distance(shapely.points(points), lines).max()) < 1e-3
     pieces = shapely.union_all([shapely.buffer(line, 1e-3, quad_segs=2) for line in lines.geoms])
-    own = measure_path(path)
-    # A band 2e-3 mm wide about the whole path, with round ends.
-    assert pieces.area == pytest.approx(own * 2e-3, rel=2e-2)
+    # A band about the whole path, 2e-3 mm wide, with round ends.
+    assert pieces.area == pytest.approx(measure_path(path) * 2e-3, rel=2e-2)
 
 
-def distances_from(shapes: list[Contour], found: list[Cut]) -> np.ndarray:
-    """mm from each straight cut to the nearest of all that is drawn."""
-    start, end = (np.array([getattr(cut, name)[:2] for cut in found]) for name in ("start", "end"))
+def measure_distances(shapes: list[Contour], path_cuts: list[Cut]) -> np.ndarray:
+    """Distance from each straight cut to the nearest contour, mm."""
+    count = len(path_cuts)
+    start = np.array([cut.start[:2] for cut in path_cuts])
+    end = np.array([cut.end[:2] for cut in path_cuts])
     return measure_gaps(
-        make_segments(start, end, np.zeros(len(found)), np.arange(len(found))),
+        make_segments(start, end, np.zeros(count), np.arange(count)),
         make_contour_segments(shapes),
         20.0,
     )
@@ -101,57 +101,55 @@ def distances_from(shapes: list[Contour], found: list[Cut]) -> np.ndarray:
 
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize(("angle", "passes"), [(3.0, 1), (3.0, 3), (20.0, 2)])
-def test_a_ramp_is_no_steeper_than_asked_and_the_path_is_run_at_each_depth(
+def test_a_ramp_keeps_the_entry_angle_and_the_path_is_cut_at_each_depth(
     name, angle, passes
 ) -> None:
     kind = "trace" if name == "lines in a row" else "follow"
-    result = milled(SHAPES[name], kind=kind, depth=6.0, passes=passes, entry_angle=angle)
-    found = cuts(result.program)
-    cutting = work(result.program)
-    assert angle * 0.95 < steepest(cutting) <= angle + 1e-6
+    result = mill(SHAPES[name], kind=kind, depth=6.0, passes=passes, entry_angle=angle)
+    all_cuts = cuts(result.program)
+    cutting = cuts_of_paths(result.program)
+    assert angle * 0.95 < measure_steepest(cutting) <= angle + 1e-6
     assert max(cut.speed for cut in cutting if cut.drop > 1e-9) == 5.0
-    assert_nothing_is_drilled(found, 3.0)
+    assert_nothing_is_drilled(all_cuts, 3.0)
     for number, path in enumerate(result.tour.paths):
-        own = [cut for cut in cutting if cut.path == number]
-        assert min(cut.end[2] for cut in own) == -6.0
+        path_cuts = [cut for cut in cutting if cut.path == number]
+        assert min(cut.end[2] for cut in path_cuts) == -6.0
         for k in range(passes):
             depth = 6.0 * (k + 1) / passes
-            at = [
-                cut
-                for cut in own
-                if abs(cut.start[2] + depth) < 1e-9 and abs(cut.end[2] + depth) < 1e-9
-            ]
-            assert_covered(at, path, depth)
+            starting = [cut for cut in path_cuts if abs(cut.start[2] + depth) < 1e-9]
+            at_depth = [cut for cut in starting if abs(cut.end[2] + depth) < 1e-9]
+            assert_covered(at_depth, path, depth)
 
 
 @pytest.mark.parametrize("name", ["square corners", "round corners", "a disc with a hole"])
-def test_the_chords_of_a_ramp_keep_the_tools_radius_from_the_part(name) -> None:
-    result = milled(SHAPES[name], depth=8.0, entry_angle=5.0)
-    apart = distances_from(SHAPES[name], [cut for cut in work(result.program) if cut.drop > 1e-9])
-    assert float(apart.min()) > 3.0 - 1e-5
-    assert float(apart.max()) < 3.0 + 0.0101  # tolerance.chord
+def test_the_chords_of_a_ramp_keep_the_tool_radius_from_the_part(name) -> None:
+    result = mill(SHAPES[name], depth=8.0, entry_angle=5.0)
+    ramp = [cut for cut in cuts_of_paths(result.program) if cut.drop > 1e-9]
+    distances = measure_distances(SHAPES[name], ramp)
+    assert float(distances.min()) > 3.0 - 1e-5
+    assert float(distances.max()) < 3.0 + 0.0101  # tolerance.chord
 
 
-def test_a_ramp_longer_than_the_path_goes_round_more_than_once() -> None:
-    result = milled([circle(0, 0, 5)], side="inside", depth=4.0, entry_angle=3.0)
-    cutting = work(result.program)
+def test_a_ramp_longer_than_a_closed_path_runs_along_it_more_than_once() -> None:
+    result = mill([circle(0, 0, 5)], side="inside", depth=4.0, entry_angle=3.0)
+    cutting = cuts_of_paths(result.program)
     descending = math.fsum(cut.run for cut in cutting if cut.drop > 1e-9)
-    # 4 mm at 3 deg are 76.3 mm, about six rounds of 2 mm radius.
+    # 4 mm at 3 deg are 76.3 mm, about six circles of 2 mm radius.
     assert descending == pytest.approx(4 / math.tan(math.radians(3)), rel=1e-2)
     assert descending > 6 * 2 * math.pi * 2
     centre = max(abs(math.hypot(*cut.end[:2]) - 2.0) for cut in cutting)
     assert centre < 0.0101
 
 
-def test_passes_of_a_closed_path_follow_each_other_without_a_lift_and_end_where_it_starts() -> None:
-    result = milled([rectangle(0, 0, 60, 40)], depth=6.0, passes=3, entry_angle=10.0)
+def test_passes_of_a_closed_path_are_cut_without_a_lift_and_end_at_its_start() -> None:
+    result = mill([rectangle(0, 0, 60, 40)], depth=6.0, passes=3, entry_angle=10.0)
     (path,) = result.tour.paths
-    cutting = work(result.program)
-    for one, two in pairwise(cutting):
-        assert math.dist(one.end, two.start) < 1e-9
+    cutting = cuts_of_paths(result.program)
+    for cut, following in pairwise(cutting):
+        assert math.dist(cut.end, following.start) < 1e-9
     assert cutting[-1].end == (*path.position[0, :2].tolist(), -6.0)
     assert sum(isinstance(item, MoveJ) for item in result.program.body) <= 7
-    # The first ramp begins so much before that as the three ramps take.
+    # The first ramp starts ahead of the start point by the length of the three ramps.
     before = 6 / math.tan(math.radians(10))
     begin = shapely.LineString(path.position[::-1, :2]).interpolate(before)
     first = cutting[0].start
@@ -160,10 +158,10 @@ def test_passes_of_a_closed_path_follow_each_other_without_a_lift_and_end_where_
     assert math.dist(first[:2], (begin.x, begin.y)) < 3 + arcs
 
 
-def test_an_open_path_goes_to_and_fro_before_it_is_run() -> None:
+def test_an_open_path_is_entered_back_and_forth() -> None:
     line = contour([(0, 0), (80, 0)], closed=False)
-    result = milled([line], kind="trace", depth=2.0, entry_angle=5.0)
-    cutting = work(result.program)
+    result = mill([line], kind="trace", depth=2.0, entry_angle=5.0)
+    cutting = cuts_of_paths(result.program)
     x = [cut.end[0] for cut in cutting]
     half = 2 / math.tan(math.radians(5)) / 2
     first = cutting[0].start[0]
@@ -171,47 +169,40 @@ def test_an_open_path_goes_to_and_fro_before_it_is_run() -> None:
     assert [cut.end[2] for cut in cutting] == pytest.approx([-1, -2, -2])
 
 
-def test_a_short_open_path_is_run_to_and_fro_as_often_as_it_takes() -> None:
+def test_a_short_open_path_is_entered_back_and_forth_several_times() -> None:
     line = contour([(0, 0), (5, 0)], closed=False)
-    result = milled([line], kind="trace", depth=2.0, entry_angle=5.0)
-    cutting = work(result.program)
-    # 22.9 mm down, three times there and back within 5 mm.
+    result = mill([line], kind="trace", depth=2.0, entry_angle=5.0)
+    cutting = cuts_of_paths(result.program)
+    # The ramp of 22.9 mm fits into 5 mm if it runs back and forth three times.
     assert len([cut for cut in cutting if cut.drop > 1e-9]) == 6
-    assert steepest(cutting) == pytest.approx(
+    assert measure_steepest(cutting) == pytest.approx(
         math.degrees(math.atan(2 / 6 / (22.86 / 6))), abs=0.01
     )
     assert max(cut.run for cut in cutting) == pytest.approx(5)
 
 
-def test_leads_are_run_to_and_fro_too() -> None:
-    result = milled(
-        [rounded(60, 40, 8)], depth=4.0, passes=2, lead_in=4.0, lead_out=4.0, overlap=2.0
-    )
-    found = cuts(result.program)
-    assert steepest(work(result.program)) <= 3.0 + 1e-6
-    assert_nothing_is_drilled(found, 3.0)
+def test_leads_are_entered_back_and_forth_too() -> None:
+    result = mill([rounded(60, 40, 8)], depth=4.0, passes=2, lead_in=4.0, lead_out=4.0, overlap=2.0)
+    assert measure_steepest(cuts_of_paths(result.program)) <= 3.0 + 1e-6
+    assert_nothing_is_drilled(cuts(result.program), 3.0)
     (path,) = result.tour.paths
-    last = [cut for cut in work(result.program) if cut.start[2] == cut.end[2] == -4.0]
+    last = [cut for cut in cuts_of_paths(result.program) if cut.start[2] == cut.end[2] == -4.0]
     points = [last[0].start[:2], *(cut.end[:2] for cut in last)]
     assert shapely.LineString(points).length == pytest.approx(measure_path(path), rel=1e-4)
 
 
 LEADS = st.one_of(st.just(0.0), st.floats(0.5, 6))
 sizes = st.tuples(st.floats(25, 90), st.floats(25, 60), st.floats(0.5, 12))
+cut_depths = st.tuples(st.floats(0.5, 9), st.integers(1, 3))
 
 
 @fewer(8)
-@given(
-    sizes,
-    st.floats(1, 8),
-    st.floats(0.5, 9),
-    st.integers(1, 3),
-    st.floats(1, 45),
-    LEADS,
-    st.integers(0, 3),
-)
-def test_ramps_of_any_size(size, tool, depth, passes, angle, lead, tabs) -> None:
-    """What must be so whatever the numbers are: slopes, depths, and nothing drilled. The build reads its text back."""
+@given(sizes, st.floats(1, 8), cut_depths, st.floats(1, 45), LEADS, st.integers(0, 3))
+def test_a_ramp_of_any_size_keeps_its_slope_and_depth(
+    size, tool, depth_and_passes, angle, lead, tabs
+) -> None:
+    """Nothing is drilled either."""
+    depth, passes = depth_and_passes
     holds = {"tabs": tabs, "tab_width": 3.0, "tab_height": depth / 3} if tabs else {}
     more = {
         "depth": depth,
@@ -221,25 +212,25 @@ def test_ramps_of_any_size(size, tool, depth, passes, angle, lead, tabs) -> None
         "overlap": lead / 2,
         **holds,
     }
-    result = milled([rounded(*size)], tool=tool, **more)
-    cutting = work(result.program)
+    result = mill([rounded(*size)], tool=tool, **more)
+    cutting = cuts_of_paths(result.program)
     slanted = [cut for cut in cutting if abs(cut.drop) > 1e-9]
-    assert float(distances_from([rounded(*size)], slanted).min()) > tool / 2 - 1e-5
-    most = max(angle, 45.0) if tabs else angle
-    assert steepest(cutting) <= most + 1e-6
+    assert float(measure_distances([rounded(*size)], slanted).min()) > tool / 2 - 1e-5
+    limit = max(angle, 45.0) if tabs else angle
+    assert measure_steepest(cutting) <= limit + 1e-6
     assert min(cut.end[2] for cut in cutting) == pytest.approx(-depth, abs=1e-12)
     assert_nothing_is_drilled(cuts(result.program), tool / 2)
     down = [cut for cut in cutting if cut.drop > 1e-9]
     assert max(cut.speed * cut.drop / math.hypot(cut.run, cut.drop) for cut in down) <= 5.0 + 1e-9
 
 
-# Helices.
+# Helices
 
 
 def pocket(
     radius: float, passes: int = 1, direction: str = "climb"
 ) -> tuple[Program, camgen.plan.Plan]:
-    """A ring in a pocket with room for a helix about its first point, as its planner marks it."""
+    """A pass in a pocket with room for a helix about its first point, and its path."""
     job = {
         "operation": {
             "entry": "helix",
@@ -250,11 +241,10 @@ def pocket(
         },
         "process": {"spindle": 9000, "feed": 20, "plunge": 5},
     }
-    made = camgen.plan(
-        part(circle(0, 0, 20)), {**job, "operation": {**job["operation"], "side": "inside"}}
-    )
-    marked = [replace(path, operation="pocket", entry_radius=radius) for path in made.paths]
-    tour = camgen.order(replace(made, paths=tuple(marked)), job, "gcode")
+    inside = {**job, "operation": {**job["operation"], "side": "inside"}}
+    plan = camgen.plan(part(circle(0, 0, 20)), inside)
+    marked = [replace(path, operation="pocket", entry_radius=radius) for path in plan.paths]
+    tour = camgen.order(replace(plan, paths=tuple(marked)), job, "gcode")
     program = camgen.lower(tour, job, "gcode")
     camgen.verify(camgen.post(program, "gcode", job), program, "gcode", job)
     return program, tour.paths[0]
@@ -264,7 +254,7 @@ def pocket(
 @pytest.mark.parametrize("passes", [1, 2])
 def test_a_pocket_is_entered_on_a_helix(direction, sense, passes) -> None:
     program, path = pocket(2.7, passes, direction)
-    cutting = work(program)
+    cutting = cuts_of_paths(program)
     down = [cut for cut in cutting if cut.drop > 1e-9]
     centre = np.array(path.position[0, :2])
     for cut in down:
@@ -274,53 +264,52 @@ def test_a_pocket_is_entered_on_a_helix(direction, sense, passes) -> None:
         assert 2.7 - math.dist(middle, centre) <= 0.01 + 1e-9
         a, b = np.array(cut.start[:2]) - centre, np.array(cut.end[:2]) - centre
         assert (a[0] * b[1] - a[1] * b[0]) * sense > 0
-    assert 3.9 < steepest(cutting) <= 4.0 + 1e-9
+    assert 3.9 < measure_steepest(cutting) <= 4.0 + 1e-9
     assert {cut.speed for cut in down} == {5.0}
-    # The foot of the helix is run all round, at the feed, before the path is.
-    flat = [
-        cut
-        for cut in cutting
-        if cut.start[2] == cut.end[2] == -4.0 and abs(math.dist(cut.end[:2], centre) - 2.7) < 1e-6
-    ]
+    # A full circle at the foot of the helix is cut at the feed before the path is.
+    flat = [cut for cut in cutting if cut.start[2] == cut.end[2] == -4.0]
+    flat = [cut for cut in flat if abs(math.dist(cut.end[:2], centre) - 2.7) < 1e-6]
     assert math.fsum(cut.run for cut in flat) == pytest.approx(2 * math.pi * 2.7, rel=1e-3)
     assert_nothing_is_drilled(cuts(program), 3.0)
     assert_covered(cutting[cutting.index(flat[-1]) + 2 :], path, 4.0)
 
 
-def test_without_room_for_a_helix_there_is_a_ramp() -> None:
-    ramp = milled([circle(0, 0, 20)], depth=4.0, side="inside").program
-    helix = milled([circle(0, 0, 20)], depth=4.0, side="inside", entry="helix").program
+def test_a_path_without_room_for_a_helix_has_a_ramp() -> None:
+    ramp = mill([circle(0, 0, 20)], depth=4.0, side="inside").program
+    helix = mill([circle(0, 0, 20)], depth=4.0, side="inside", entry="helix").program
     assert [cut.end for cut in cuts(helix)] == [cut.end for cut in cuts(ramp)]
 
 
 @fewer(8)
 @given(st.floats(0.05, 20), st.floats(0.3, 45), st.floats(0.01, 5), st.floats(1e-3, 0.2))
-def test_a_helix_of_any_size(radius, angle, depth, chord) -> None:
+def test_a_helix_of_any_size_keeps_its_radius_slope_and_chord_error(
+    radius, angle, depth, chord
+) -> None:
     _, path = pocket(2.7)
-    made = make_helix_entry(path, -1.0, -1.0 - depth, radius, math.radians(angle), chord)
-    away = np.linalg.norm(made.position[:-1, :2] - path.position[0, :2], axis=1)
-    assert away == pytest.approx(radius)
-    drop = -np.diff(made.position[:, 2])
-    run = np.linalg.norm(np.diff(made.position[:, :2], axis=0), axis=1)
+    entry = make_helix_entry(path, -1.0, -1.0 - depth, radius, math.radians(angle), chord)
+    distances = np.linalg.norm(entry.position[:-1, :2] - path.position[0, :2], axis=1)
+    assert distances == pytest.approx(radius)
+    drop = -np.diff(entry.position[:, 2])
+    run = np.linalg.norm(np.diff(entry.position[:, :2], axis=0), axis=1)
     assert (drop[:-3] <= math.tan(math.radians(angle)) * run[:-3] * (1 + 1e-9)).all()
-    assert made.position[0, 2] == -1.0
-    assert (made.position[-4:, 2] == -1.0 - depth).all()
+    assert entry.position[0, 2] == -1.0
+    assert (entry.position[-4:, 2] == -1.0 - depth).all()
     sagitta = radius - np.sqrt(np.maximum(radius**2 - (run[:-3] / 2) ** 2, 0.0))
     assert (sagitta <= chord * (1 + 1e-9)).all()
-    assert made.position[-1, :2].tolist() == path.position[0, :2].tolist()
+    assert entry.position[-1, :2].tolist() == path.position[0, :2].tolist()
 
 
-# Other machines, and what is refused.
+# Other machines, and refusals
 
 
 @pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus", "grbl"])
 def test_every_controller_runs_ramps_and_tabs(post) -> None:
-    spindle = 9000 if post == "grbl" else 0  # of robots it is a signal
-    result = milled(
+    spindle = 9000 if post == "grbl" else 0  # on robots it is a signal
+    result = mill(
         [rounded(60, 40, 8)], post, spindle=spindle, depth=4.0, passes=2, entry_angle=10.0, tabs=3
     )
     assert result.deviation.max_mm < 0.01
-    assert min(cut.end[2] for cut in work(result.program)) == pytest.approx(-4.0)
+    assert min(cut.end[2] for cut in cuts_of_paths(result.program)) == pytest.approx(-4.0)
 
 
 @needs_rs274
@@ -341,7 +330,7 @@ def test_linuxcnc_runs_entries_and_tabs_as_planned(operation) -> None:
 
 
 @pytest.mark.parametrize(
-    ("tables", "said"),
+    ("tables", "message"),
     [
         ({"operation": {"entry": "ramp"}}, "job: has no effect without a depth (operation.entry)"),
         (
@@ -371,7 +360,10 @@ def test_linuxcnc_runs_entries_and_tabs_as_planned(operation) -> None:
         ),
         (
             {"operation": {"entry": "helix", "depth": 2.0}, "tool": {"orient": "follow"}},
-            "job: a tool that turns with the contour goes straight down, not on a helix (tool.orient)",
+            (
+                "job: a tool that turns with the contour goes straight down, not on a helix "
+                "(tool.orient)"
+            ),
         ),
         (
             {"operation": {"entry": "ramp", "depth": 2.0, "entry_angle": 1e-4}},
@@ -379,13 +371,13 @@ def test_linuxcnc_runs_entries_and_tabs_as_planned(operation) -> None:
         ),
     ],
 )
-def test_what_has_no_effect_or_no_room_is_refused(tables, said) -> None:
+def test_a_setting_that_has_no_effect_or_no_room_is_refused(tables, message) -> None:
     with pytest.raises(JobError) as error:
         build(BRACKET, post="rapid", job=tables)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
-def test_a_way_at_working_height_has_no_ramp() -> None:
+def test_a_link_at_working_height_has_no_ramp() -> None:
     job = {
         "operation": {"entry": "ramp", "depth": 2.0},
         "process": {"stay_down": True, "spindle": 9000},
@@ -408,13 +400,13 @@ def test_a_torch_pierces_at_the_start_of_its_lead_outside_the_part(kind) -> None
     }
     shapes = [circle(0, 0, 30), circle(0, 0, 9, "c2")]
     result = build(part(*shapes), post="gcode", job=job)
-    here, pierced = None, []
+    position, pierced = None, []
     for item in result.program.body:
         if isinstance(item, (MoveJ, MoveL, MoveC)) and isinstance(item.target, Pose):
-            here = item.target.origin
+            position = item.target.origin
         if isinstance(item, Output) and item.value == 1.0:
-            pierced.append(here)
-    # A quarter of a circle 5 mm long ends its radius behind and beside its other end.
+            pierced.append(position)
+    # The lead is a quarter of a circle, 5 mm long. Its ends differ by the radius in x and in y.
     quarter = 5 / (math.pi / 2)
     hole, outline = sorted(pierced, key=lambda point: math.hypot(*point[:2]))
     assert math.hypot(*hole[:2]) == pytest.approx(math.hypot(9 - 0.2 - quarter, quarter))
@@ -422,8 +414,8 @@ def test_a_torch_pierces_at_the_start_of_its_lead_outside_the_part(kind) -> None
     assert hole[2] == outline[2] == 0.0
 
 
-def test_a_row_that_has_no_entry_may_stand_below_an_operation_that_says_one() -> None:
-    """[operation] speaks for all rows: what a drill does not read is no fault of its row, but said there it is one."""
+def test_a_drill_ignores_the_entry_of_all_operations_but_refuses_one_of_its_row() -> None:
+    """A key in `operation` holds for all rows, so a row may have no use for it."""
     drill: dict[str, object] = {"kind": "drill", "ids": ["c2"]}
     job = {
         "operation": {"depth": 4.0, "entry": "ramp", "entry_angle": 8.0, "tab_height": 1.0},
@@ -433,9 +425,10 @@ def test_a_row_that_has_no_entry_may_stand_below_an_operation_that_says_one() ->
     plate = part(rounded(60, 40, 8), circle(30, 20, 3, "c2"))
     result = build(plate, post="gcode", job=job)
     kinds = [path.operation for path in result.tour.paths]
-    drilled = [cut for cut in work(result.program) if kinds[cut.path] == "drill"]
-    assert all(cut.run < 1e-9 for cut in drilled)
-    assert steepest([cut for cut in work(result.program) if kinds[cut.path] == "follow"]) <= 45.0
+    cutting = cuts_of_paths(result.program)
+    assert all(cut.run < 1e-9 for cut in cutting if kinds[cut.path] == "drill")
+    followed = [cut for cut in cutting if kinds[cut.path] == "follow"]
+    assert measure_steepest(followed) <= 45.0
     assert [note.what for note in result.notes if "tab" in note.what] == [
         "3 tabs of 5 x 1 mm on 1:c1"
     ]

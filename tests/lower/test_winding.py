@@ -1,4 +1,7 @@
-"""A controller that takes the shorter way between two orientations never winds the tool up by more than a turn."""
+"""A tool that follows contours never winds up its cable by more than one turn.
+
+The controller takes the shorter rotation between two orientations.
+"""
 
 import itertools
 import math
@@ -25,27 +28,26 @@ def program(*contours: Contour, post: str = "rapid", **operation: Any) -> tuple[
         operation=OperationTable(**operation),
         process=ProcessTable(clearance=30),
     )
-    found = plan(Part("part", "part.dxf", "mm", contours, ()), job)
-    return lower(Tour(found.paths, 0.0, ""), find_post(post).cell(), job, "part", ()).body
+    planned = plan(Part("part", "part.dxf", "mm", contours, ()), job)
+    return lower(Tour(planned.paths, 0.0, ""), find_post(post).cell(), job, "part", ()).body
 
 
 def headings(body: tuple[Instruction, ...]) -> list[float]:
-    """Where tool x points, seen from above, deg: one after the other as the tool gets there, from home on."""
-    found = [0.0]
+    """Directions of tool x, seen from above, deg, in order of time. The first one is at home."""
+    angles = [0.0]
     for item in body:
         if isinstance(item, (MoveJ, MoveL, MoveC)) and not isinstance(item.target, Joints):
             poses: list[Pose] = (
                 [item.via, item.target] if isinstance(item, MoveC) else [item.target]
             )
-            found += [math.degrees(math.atan2(p.rotation[1, 0], p.rotation[0, 0])) for p in poses]
-    return found
+            angles += [math.degrees(math.atan2(p.rotation[1, 0], p.rotation[0, 0])) for p in poses]
+    return angles
 
 
 def wound(body: tuple[Instruction, ...]) -> list[float]:
-    """How far the tool has turned since home, deg, by the shorter way from each orientation to the next."""
+    """Angles by which the tool has turned since home, deg, by the shorter rotation at each step."""
     total, turns = 0.0, [0.0]
-    places = headings(body)
-    for before, after in itertools.pairwise(places):
+    for before, after in itertools.pairwise(headings(body)):
         step = (after - before + 180) % 360 - 180
         assert abs(step) < 155, "no sense of its own"
         total += step
@@ -59,12 +61,12 @@ def row(count: int) -> list[Contour]:
 
 @pytest.mark.parametrize("direction", ["climb", "conventional"])
 @pytest.mark.parametrize("operation", [{}, {"passes": 4, "depth": 8.0}], ids=["once", "passes"])
-def test_one_contour_after_the_other_does_not_wind_the_tool_up(
+def test_contours_in_a_row_do_not_wind_the_tool_up(
     direction: str, operation: dict[str, Any]
 ) -> None:
     turns = wound(program(*row(6), direction=direction, **operation))
     assert max(map(abs, turns)) <= 360 + 1e-6
-    assert max(turns) - min(turns) >= 360 - 1e-6  # once round each
+    assert max(turns) - min(turns) >= 360 - 1e-6  # each contour is one turn
 
 
 def test_holes_and_outline_undo_each_other() -> None:
@@ -72,7 +74,7 @@ def test_holes_and_outline_undo_each_other() -> None:
     assert max(map(abs, wound(body))) <= 360 + 1e-6
 
 
-def test_back_turns_are_made_in_the_air() -> None:
+def test_the_tool_turns_back_in_the_air() -> None:
     body = program(*row(3))
     cartesian = [i for i in body if isinstance(i, (MoveL, MoveC))]
     for before, after in itertools.pairwise(cartesian):
@@ -82,13 +84,13 @@ def test_back_turns_are_made_in_the_air() -> None:
     assert any(a.target.origin == b.target.origin for a, b in itertools.pairwise(cartesian))
 
 
-def test_a_mill_has_nothing_to_wind_up() -> None:
+def test_a_mill_does_not_turn_back() -> None:
     fixed = program(*row(3), post="gcode")
     assert [i for i in fixed if isinstance(i, MoveJ)]
     assert len(fixed) < len(program(*row(3)))
 
 
-def test_the_program_is_read_back_with_its_turns() -> None:
+def test_a_program_with_turns_is_built_and_read_back() -> None:
     job = {"tool": {"orient": "follow"}}
     part = Path(__file__).parents[2] / "fixtures" / "parts" / "gaps.dxf"
     result = camgen.build(part, post="rapid", job=job)

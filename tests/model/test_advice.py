@@ -1,4 +1,4 @@
-"""The advice to run `camgen place` is taken out of all texts that give it."""
+"""The advice to run `camgen place` is removed from the texts that give it."""
 
 import pytest
 

@@ -1,7 +1,8 @@
-"""A body that is packed says the same as its instructions one by one."""
+"""A packed body has the instructions that it was packed from."""
 
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import itemgetter
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ from camgen.model.program import (
 )
 
 HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
-#: One of each kind, and motions that are more than end, speed and blend.
+#: Each kind of instruction, and motions with more than target, speed and blend.
 ITEMS: tuple[Instruction, ...] = (
     Output("process", 0.0),
     Force(0.0),
@@ -62,16 +63,16 @@ ITEMS: tuple[Instruction, ...] = (
 
 
 def parts(item: Instruction) -> tuple[object, ...]:
-    """All that an instruction says; a rotation by which object it is, as programs share them."""
+    """All fields of an instruction. A rotation is compared as an object, as programs share them."""
 
-    def said(value: object) -> object:
+    def field(value: object) -> object:
         return ("pose", id(value.rotation), value.origin) if isinstance(value, Pose) else value
 
-    return type(item), *(said(getattr(item, name)) for name in item.__struct_fields__)
+    return type(item), *(field(getattr(item, name)) for name in item.__struct_fields__)
 
 
-def same(one: object, other: object) -> bool:
-    return list(map(parts, one)) == list(map(parts, other))  # type: ignore[call-overload]
+def same(body: object, other: object) -> bool:
+    return list(map(parts, body)) == list(map(parts, other))  # type: ignore[call-overload]
 
 
 def take_motions(items: Sequence[object]) -> list[object]:
@@ -80,12 +81,12 @@ def take_motions(items: Sequence[object]) -> list[object]:
 
 @pytest.fixture(params=[1, 2, 5, 8192])
 def block(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """So many instructions are packed at a time."""
+    """The number of instructions that are packed at a time."""
     monkeypatch.setattr(packed_body, "_BLOCK", request.param)
 
 
 @pytest.mark.usefixtures("block")
-def test_what_was_packed_comes_out_again() -> None:
+def test_a_packed_body_has_its_instructions() -> None:
     body = pack(ITEMS)
     assert len(body) == len(ITEMS)
     assert same(body, ITEMS)
@@ -99,29 +100,28 @@ def test_what_was_packed_comes_out_again() -> None:
 @pytest.mark.parametrize(
     "cut", [slice(0, 4), slice(3, None), slice(-5, -1), slice(4, 2), slice(None, None, 3)]
 )
-def test_slices_are_those_of_a_tuple(cut: slice) -> None:
+def test_a_slice_of_a_body_is_the_one_of_a_tuple(cut: slice) -> None:
     assert same(pack(ITEMS)[cut], ITEMS[cut])
 
 
 @pytest.mark.usefixtures("block")
-def test_a_plain_motion_is_no_object_and_any_other_one_is_kept() -> None:
+def test_a_plain_motion_is_not_kept_as_an_object_and_others_are() -> None:
     kept = pack(ITEMS).objects
-    assert {id(item) for item in kept} == {id(item) for item in ITEMS} - {
-        id(ITEMS[k]) for k in (4, 6, 10)
-    }
+    others = [item for k, item in enumerate(ITEMS) if k not in (4, 6, 10)]
+    assert {id(item) for item in kept} == {id(item) for item in others}
 
 
 @pytest.mark.usefixtures("block")
-def test_a_body_in_the_making_is_like_a_list() -> None:
-    made = BodyBuilder()
+def test_a_builder_is_like_a_list() -> None:
+    builder = BodyBuilder()
     for k, item in enumerate(ITEMS):
-        assert len(made) == k
-        made.append(item)
-    made.extend(ITEMS)
-    assert same(made, ITEMS * 2)
-    made.append(ITEMS[6])
-    assert same(made.body(), (*ITEMS, *ITEMS, ITEMS[6]))
-    assert same(made[-2:], (ITEMS[-1], ITEMS[6]))
+        assert len(builder) == k
+        builder.append(item)
+    builder.extend(ITEMS)
+    assert same(builder, ITEMS * 2)
+    builder.append(ITEMS[6])
+    assert same(builder.body(), (*ITEMS, *ITEMS, ITEMS[6]))
+    assert same(builder[-2:], (ITEMS[-1], ITEMS[6]))
     assert len(BodyBuilder().body()) == 0
 
 
@@ -131,27 +131,27 @@ def test_bodies_that_share_no_rotations_are_joined() -> None:
 
 
 @pytest.mark.usefixtures("block")
-def test_some_of_a_body_in_any_order() -> None:
+def test_instructions_are_taken_from_a_body_in_any_order() -> None:
     wanted = np.array([10, 3, 3, 12, 0, 6, 17])
     assert same(pack(ITEMS).take(wanted), [ITEMS[k] for k in wanted.tolist()])
-    rising = np.unique(wanted)
-    assert same(pack(ITEMS).pick(rising), [ITEMS[k] for k in rising.tolist()])
+    increasing = np.unique(wanted)
+    assert same(pack(ITEMS).pick(increasing), [ITEMS[k] for k in increasing.tolist()])
 
 
 @pytest.mark.parametrize(
     "changed", [{}, {0: ()}, {6: (ITEMS[10], ITEMS[3]), 10: (), 17: (ITEMS[5],)}]
 )
-def test_a_packed_body_is_spliced_as_a_tuple_is(
+def test_a_packed_body_is_spliced_like_a_tuple(
     changed: dict[int, tuple[Instruction, ...]],
 ) -> None:
     assert same(splice(pack(ITEMS), changed), splice(ITEMS, changed))
 
 
-def test_all_is_off_first_in_a_packed_body_too() -> None:
+def test_a_packed_body_switches_its_outputs_off_first() -> None:
     assert same(switch_off_first(pack(ITEMS)), switch_off_first(ITEMS))
 
 
-def test_columns_are_those_of_the_objects() -> None:
+def test_the_columns_of_a_packed_body_are_those_of_its_instructions() -> None:
     plain, packed = Columns(ITEMS), Columns(pack(ITEMS))
     moves = [item for item in ITEMS if isinstance(item, (MoveJ, MoveL, MoveC))]
     assert same(plain.moves, moves)
@@ -170,10 +170,8 @@ def test_columns_are_those_of_the_objects() -> None:
         ends = [list(move.target.origin) for move in moves if isinstance(move.target, Pose)]
         assert columns.ends[columns.posed].tolist() == ends
         assert columns.vias[columns.moves_are(MoveC)].tolist() == [[1.0, 1.0, 0.0], [3.0, 1.0, 0.0]]
-        assert same(
-            columns.list_kinds(Output, Wait),
-            [item for item in ITEMS if isinstance(item, (Output, Wait))],
-        )
+        others = [item for item in ITEMS if isinstance(item, (Output, Wait))]
+        assert same(columns.of(Output, Wait), others)
         assert columns.turned_as(TOOL_DOWN).tolist() == [
             isinstance(move.target, Pose) and move.target.rotation is TOOL_DOWN for move in moves
         ]
@@ -186,59 +184,63 @@ def test_columns_are_those_of_the_objects() -> None:
                 assert motion is None or same([motion], [neighbour])
 
 
-def test_the_speed_of_a_joint_alone_is_kept() -> None:
+def test_a_joint_speed_without_other_fields_is_kept() -> None:
     (move,) = pack([MoveJ(HERE, 50.0, rate=0.5)])
     assert move.rate == 0.5
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])
-@pytest.mark.parametrize("where", ["end", "via", "rotation", "via rotation", "speed"])
-def test_a_number_that_is_not_finite_is_found_in_a_packed_body(number: float, where: str) -> None:
+@pytest.mark.parametrize("field", ["end", "via", "rotation", "via rotation", "speed"])
+def test_a_number_that_is_not_finite_is_found_in_a_packed_body(number: float, field: str) -> None:
     bad, turned = (number, 0.0, 0.0), np.full((3, 3), number)
-    via = Pose(
-        turned if where == "via rotation" else TOOL_DOWN, bad if where == "via" else (1.0, 1.0, 0.0)
-    )
-    end = Pose(
-        turned if where == "rotation" else TOOL_DOWN, bad if where == "end" else (2.0, 0.0, 0.0)
-    )
-    arc = MoveC(via, end, number if where == "speed" else 5.0)
+    values = {
+        "end": (2.0, 0.0, 0.0),
+        "via": (1.0, 1.0, 0.0),
+        "rotation": TOOL_DOWN,
+        "via rotation": TOOL_DOWN,
+        "speed": 5.0,
+    }
+    wrong = {"end": bad, "via": bad, "rotation": turned, "via rotation": turned, "speed": number}
+    values[field] = wrong[field]
+    via, end = Pose(values["via rotation"], values["via"]), Pose(values["rotation"], values["end"])
+    arc = MoveC(via, end, values["speed"])
     body = pack([MoveJ(HERE, 50.0), MoveL(HERE, 5.0), arc, MoveJ(HERE, 50.0)])
     with pytest.raises(Refused) as error:
         Program("bad", HERE, HERE, body)
     assert error.value.index == 2
 
 
-def test_rotations_that_are_one_object_are_one_in_the_table() -> None:
+def test_a_shared_rotation_is_once_in_the_table() -> None:
     body = pack([MoveL(Pose(TOOL_DOWN, (float(k), 0.0, 0.0)), 1.0) for k in range(5)])
-    assert [one is TOOL_DOWN for one in body.rotations] == [True]
+    assert [rotation is TOOL_DOWN for rotation in body.rotations] == [True]
     targets = [item.target for item in body if isinstance(item, MoveL)]
     assert all(a.rotation is b.rotation for a, b in pairwise(targets))
 
 
-def test_a_body_is_added_to_one_in_the_making() -> None:
+def test_a_body_is_added_to_a_builder() -> None:
     shared = Pose(TOOL_DOWN, (1.0, 2.0, 3.0))
     more = pack([MoveL(shared, 5.0), Output("process", 0.0)])
-    made = BodyBuilder([MoveJ(shared, 10.0)])
-    made.extend_body(more)
-    made.append(MoveL(shared, 7.0))
-    body = made.body()
-    assert len(made) == len(body) == 4
+    builder = BodyBuilder([MoveJ(shared, 10.0)])
+    builder.extend_body(more)
+    builder.append(MoveL(shared, 7.0))
+    body = builder.body()
+    assert len(builder) == len(body) == 4
     assert [type(item) for item in body] == [MoveJ, MoveL, Output, MoveL]
     assert [item.speed for item in body if not isinstance(item, Output)] == [10.0, 5.0, 7.0]
     assert len(body.rotations) == 1
-    assert len(made.objects) == 1
+    assert len(builder.objects) == 1
 
 
-def test_what_is_added_later_leaves_what_was_made_before() -> None:
-    packing = BodyBuilder(ITEMS[:8])
-    before = packing.body()
-    packing.extend(ITEMS[8:])
-    packing.extend_body(pack(ITEMS))
+def test_later_instructions_do_not_change_a_body_that_was_built_before() -> None:
+    builder = BodyBuilder(ITEMS[:8])
+    before = builder.body()
+    builder.extend(ITEMS[8:])
+    builder.extend_body(pack(ITEMS))
     assert list(map(parts, before)) == list(map(parts, ITEMS[:8]))
-    assert list(map(parts, packing.body())) == list(map(parts, [*ITEMS, *ITEMS]))
+    assert list(map(parts, builder.body())) == list(map(parts, [*ITEMS, *ITEMS]))
 
 
-def test_a_stretch_says_what_stands_there() -> None:
+def test_a_stretch_of_a_body_has_its_instructions() -> None:
     body = pack(ITEMS)
     for low in range(len(ITEMS) + 1):
         for high in range(low, len(ITEMS) + 1):
@@ -248,7 +250,7 @@ def test_a_stretch_says_what_stands_there() -> None:
             )
 
 
-def test_a_column_that_says_nothing_takes_no_room() -> None:
+def test_a_column_of_zeros_takes_no_memory() -> None:
     plain, pressing = (Columns(pack(items)) for items in (ITEMS[:7], ITEMS))
     assert (plain.force_direction.strides, plain.force_direction.shape) == ((0, 0), (4, 3))
     assert not plain.force_direction.any()
@@ -259,19 +261,16 @@ def test_a_column_that_says_nothing_takes_no_room() -> None:
     assert np.isnan(np.delete(pressing.vias, arcs, axis=0)).all()
 
 
-# Bodies that are made by column.
+# Bodies that are made by column
 
 
-def line_by_line(pieces: list[tuple[list[int], list[Instruction]]]) -> list[Instruction]:
-    """What ``merge`` makes of some pieces, by a loop over places, pieces and what stands in them."""
-    places = sorted({place for own, _ in pieces for place in own})
-    return [
-        item
-        for place in places
-        for own, items in pieces
-        for at, item in zip(own, items, strict=True)
-        if at == place
-    ]
+def merge_singly(pieces: list[tuple[list[int], list[Instruction]]]) -> list[Instruction]:
+    """The instructions of merged pieces, in order of place and then of piece."""
+    placed: list[tuple[int, Instruction]] = []
+    for places, items in pieces:
+        placed += zip(places, items, strict=True)
+    # The sort is stable.
+    return [item for _, item in sorted(placed, key=itemgetter(0))]
 
 
 PIECES = st.lists(
@@ -285,17 +284,19 @@ PIECES = st.lists(
 def test_merged_pieces_are_sorted_by_place_and_then_by_piece(
     drawn: list[list[tuple[int, int]]],
 ) -> None:
-    pieces = [([place for place, _ in piece], [ITEMS[k] for _, k in piece]) for piece in drawn]
+    pieces = []
+    for piece in drawn:
+        pieces.append(([place for place, _ in piece], [ITEMS[k] for _, k in piece]))
     given_up = [(np.array(places, np.intp), pack(items)) for places, items in pieces]
     body = merge(given_up)
     assert given_up == []
-    wanted = line_by_line(pieces)
+    wanted = merge_singly(pieces)
     assert same(body, wanted)
     assert same([body[k] for k in range(len(body))], wanted)
     assert len({id(rotation) for rotation in body.rotations}) == len(body.rotations)
 
 
-def test_merging_shares_rotations_and_leaves_out_those_that_are_not_used() -> None:
+def test_a_merged_body_shares_rotations_and_has_no_unused_ones() -> None:
     turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     table = [TOOL_DOWN, turned, IDENTITY]
     origin = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
@@ -309,7 +310,7 @@ def test_merging_shares_rotations_and_leaves_out_those_that_are_not_used() -> No
         id(TOOL_DOWN),
         id(IDENTITY),
     ]  # type: ignore[union-attr]
-    assert [id(one) for one in body.rotations] == [id(IDENTITY), id(TOOL_DOWN)]
+    assert [id(rotation) for rotation in body.rotations] == [id(IDENTITY), id(TOOL_DOWN)]
 
 
 def lines(origin: np.ndarray, rotation: list[int], table: list[np.ndarray]) -> Body:
@@ -322,22 +323,27 @@ def lines(origin: np.ndarray, rotation: list[int], table: list[np.ndarray]) -> B
 NUMBERS = st.floats(-1e4, 1e4)
 ROWS = st.lists(
     st.tuples(
-        st.tuples(NUMBERS, NUMBERS, NUMBERS), st.integers(0, 1), st.floats(0.1, 500.0), st.floats(0.0, 5.0),
-        st.integers(-1, 9), st.none() | st.tuples(NUMBERS, NUMBERS, NUMBERS), st.integers(0, 1),
+        st.tuples(NUMBERS, NUMBERS, NUMBERS),
+        st.integers(0, 1),
+        st.floats(0.1, 500.0),
+        st.floats(0.0, 5.0),
+        st.integers(-1, 9),
+        st.none() | st.tuples(NUMBERS, NUMBERS, NUMBERS),
+        st.integers(0, 1),
     ),
     max_size=12,
-)  # fmt: skip
+)
 
 
 @given(ROWS, st.sampled_from([MoveJ, MoveL]), st.booleans())
-def test_plain_motions_are_those_made_one_by_one(
+def test_plain_motions_by_column_are_those_made_singly(
     rows: list, kind: type[MoveJ | MoveL], work: bool
 ) -> None:
     table = [IDENTITY, TOOL_DOWN]
     nowhere = (np.nan,) * 3
     columns = list(zip(*rows, strict=True)) if rows else [()] * 7
     end, turned, speed, blend, path, via, via_turned = columns
-    middles = np.array([nowhere if one is None else one for one in via]).reshape(-1, 3)
+    middles = np.array([nowhere if point is None else point for point in via]).reshape(-1, 3)
     body = make_plain_motions(
         kind,
         Targets(
@@ -353,11 +359,11 @@ def test_plain_motions_are_those_made_one_by_one(
         work=work,
     )
     wanted = []
-    for at, way, fast, zone, number, middle, half in rows:
-        target = Pose(table[way], at)
+    for origin, rotation, fast, zone, number, middle, via_rotation in rows:
+        target = Pose(table[rotation], origin)
         if middle is not None:
-            over = Pose(table[half], middle)
-            wanted.append(MoveC(over, target, fast, zone, path=number, work=work))
+            via_pose = Pose(table[via_rotation], middle)
+            wanted.append(MoveC(via_pose, target, fast, zone, path=number, work=work))
         else:
             wanted.append(kind(target, fast, zone, path=number, work=work))
     assert same(body, wanted)

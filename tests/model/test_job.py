@@ -33,7 +33,7 @@ PLATE = (
 
 @pytest.fixture
 def plate(tmp_path: Path) -> Path:
-    """A plate of 100 x 50 mm with a hole of 20 mm, R12, no unit."""
+    """A DXF (R12, no unit) of a plate of 100 x 50 mm with a hole of 20 mm."""
     file = tmp_path / "plate.dxf"
     file.write_text(PLATE)
     return file
@@ -43,10 +43,10 @@ def message(error: pytest.ExceptionInfo[JobError]) -> str:
     return str(error.value)
 
 
-# -- job files
+# Job files
 
 
-def test_a_job_file_sets_what_it_names_and_keeps_the_rest(tmp_path: Path) -> None:
+def test_a_job_file_sets_its_keys_and_keeps_the_other_defaults(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text("[tool]\ndiameter = 8\n[post]\nwork = 'G55'\n")
     job = load_job(file)
@@ -61,7 +61,7 @@ def test_an_empty_job_is_the_default_job(tmp_path: Path) -> None:
     assert load_job(file) == load_job(None) == from_mapping({}) == Job()
 
 
-def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_bytes(b"\xef\xbb\xbf[tool]\r\ndiameter = 8\r\n")
     assert load_job(file).tool.diameter == 8.0
@@ -87,14 +87,17 @@ BAD_FILES = {
     "[operation]\ninside_first = 1": "inside_first must be true or false, not 1 ([operation])",
     "[tool]\ndiameter = 2021-01-01": 'diameter must be a number > 0, not "2021-01-01" ([tool])',
     "[tool]\ndiameter =\n": "is not TOML: Invalid value (line 2, column 11); correct this line",
-    "[tool\n": "is not TOML: Expected ']' at the end of a table declaration (line 1, column 6); correct this line",
+    "[tool\n": (
+        "is not TOML: Expected ']' at the end of a table declaration (line 1, column 6); "
+        "correct this line"
+    ),
     "[tool]\ndiameter = 1\ndiameter = 2\n": "is not TOML: Cannot overwrite a value "
     "(line 3, column 13); correct this line",
 }
 
 
 @pytest.mark.parametrize("text", BAD_FILES, ids=range(len(BAD_FILES)))
-def test_what_is_wrong_in_a_job_file_is_named_with_its_place(text: str, tmp_path: Path) -> None:
+def test_a_fault_of_a_job_file_is_reported_with_its_key_or_line(text: str, tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text(text)
     with pytest.raises(JobError) as error:
@@ -109,7 +112,7 @@ def test_what_is_wrong_in_a_job_file_is_named_with_its_place(text: str, tmp_path
         (b"a = " + b"[" * 100_000, "is nested too deeply"),
     ],
 )
-def test_a_file_that_is_no_toml_text(data: bytes, what: str, tmp_path: Path) -> None:
+def test_a_file_that_is_not_toml_is_refused(data: bytes, what: str, tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_bytes(data)
     with pytest.raises(JobError) as error:
@@ -117,15 +120,15 @@ def test_a_file_that_is_no_toml_text(data: bytes, what: str, tmp_path: Path) -> 
     assert message(error) == f"{file}: {what}"
 
 
-def test_a_job_file_that_does_not_exist(tmp_path: Path) -> None:
+def test_a_missing_job_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(JobError, match=r"none\.toml: cannot be read: No such file"):
         load_job(tmp_path / "none.toml")
 
 
-# -- --set
+# Settings of --set
 
 
-def test_set_wins_over_the_file_and_the_last_one_wins(tmp_path: Path) -> None:
+def test_set_replaces_the_value_of_the_file_and_the_last_set_counts(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text("[tool]\ndiameter = 8\nlength = 50\n")
     job = load_job(file, ["tool.diameter=3", "tool.diameter=4", "tour.method=nearest"])
@@ -149,7 +152,7 @@ def test_set_wins_over_the_file_and_the_last_one_wins(tmp_path: Path) -> None:
         ("2021-01-01", datetime.date(2021, 1, 1)),
     ],
 )
-def test_a_set_value_is_toml_or_else_text(raw: str, value: object) -> None:
+def test_a_value_of_set_is_toml_or_else_a_text(raw: str, value: object) -> None:
     assert load_job(None, [f"post.x={raw}"]).post == {"x": value}
 
 
@@ -174,7 +177,7 @@ def test_a_set_value_is_toml_or_else_text(raw: str, value: object) -> None:
         ("", "is not table.key=value; write tool.diameter=5"),
     ],
 )
-def test_a_wrong_set_is_named(text: str, what: str) -> None:
+def test_a_wrong_set_is_refused_with_its_text(text: str, what: str) -> None:
     with pytest.raises(JobError) as error:
         load_job(None, [text])
     assert message(error).startswith(f"--set {text}: {what}")
@@ -200,14 +203,14 @@ def test_a_speed_may_have_its_unit(text: str, mm_s: float, tmp_path: Path) -> No
     assert (process.feed, process.travel) == pytest.approx((mm_s, mm_s), rel=1e-12)
 
 
-def test_a_wrong_set_is_named_even_beside_a_job_file(tmp_path: Path) -> None:
+def test_a_wrong_set_is_reported_as_such_if_there_is_a_job_file(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text("[tool]\nlength = 8\n")
     with pytest.raises(JobError, match=r"^--set tool\.length=x: length must be"):
         load_job(file, ["tool.length=x"])
 
 
-# -- the written job file and the page of the documents
+# The template and the page of the documents
 
 
 def test_the_template_is_the_default_job(tmp_path: Path) -> None:
@@ -221,13 +224,9 @@ def test_the_template_is_the_default_job(tmp_path: Path) -> None:
         assert setting.about.split()[0] in text
 
 
-def test_text_of_the_file_stays_in_its_comment() -> None:
-    assert (
-        tomllib.loads(write_template("a\n[tool]\ndiameter = 1\r.dxf", "mm\u2028x\x85[x]"))["tool"][
-            "diameter"
-        ]
-        == 6.0
-    )
+def test_a_name_or_unit_in_the_template_stays_in_its_comment() -> None:
+    template = write_template("a\n[tool]\ndiameter = 1\r.dxf", "mm\u2028x\x85[x]")
+    assert tomllib.loads(template)["tool"]["diameter"] == 6.0
 
 
 @given(
@@ -239,7 +238,7 @@ def test_text_of_the_file_stays_in_its_comment() -> None:
         lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
     )
 )
-def test_values_written_as_toml_read_back(value: object) -> None:
+def test_a_value_that_is_written_as_toml_is_read_back(value: object) -> None:
     assert tomllib.loads(f"x = {format_toml(value)}")["x"] == value
 
 
@@ -247,7 +246,7 @@ def test_the_page_of_the_documents_is_current() -> None:
     assert (ROOT / "docs" / "job.md").read_text(encoding="utf-8") == write_reference()
 
 
-def test_the_job_file_beside_the_input(tmp_path: Path) -> None:
+def test_the_job_file_has_the_name_of_the_input_unless_it_is_given(tmp_path: Path) -> None:
     drawing, job = tmp_path / "a b.dxf", tmp_path / "a b.toml"
     assert find_job_file(None, drawing) is None
     job.write_text("")
@@ -259,30 +258,31 @@ def test_the_job_file_beside_the_input(tmp_path: Path) -> None:
     assert find_job_file(None, Path("a\0b")) is None
 
 
-# -- build
+# Builds
 
 
-def test_build_from_python(plate: Path) -> None:
+def test_a_build_in_python_returns_its_files(plate: Path) -> None:
     result = camgen.build(plate, post="gcode", job={"operation": {"kind": "trace"}})
     assert [file.name for file in result.files] == ["plate.ngc"]
     assert result.text == result.files[0].text
-    # The lengths of the drawing: 300 mm around the plate and 20 pi of the hole.
-    assert result.report["tour"]["work_mm"] == pytest.approx(300 + 62.832, abs=1e-3)  # type: ignore[index]
+    # The plate has a border of 300 mm, and the hole one of 20 pi.
+    tour = result.report["tour"]
+    assert tour["work_mm"] == pytest.approx(300 + 62.832, abs=1e-3)  # type: ignore[index]
     assert result.deviation.max_mm < 0.001
     assert not list(plate.parent.glob("*.ngc"))
 
 
-def test_the_same_job_gives_the_same_text_and_another_one_another_hash(plate: Path) -> None:
-    one = camgen.build(plate, post="rapid", job={"tool": {"diameter": 4}})
-    assert camgen.build(str(plate), post="rapid", job=Job()).text != one.text
-    assert camgen.build([plate], post="rapid", job={"tool": {"diameter": 4.0}}).text == one.text
+def test_a_job_always_gives_one_text_and_another_job_another_hash(plate: Path) -> None:
+    first = camgen.build(plate, post="rapid", job={"tool": {"diameter": 4}})
+    assert camgen.build(str(plate), post="rapid", job=Job()).text != first.text
+    assert camgen.build([plate], post="rapid", job={"tool": {"diameter": 4.0}}).text == first.text
     plate.write_text(PLATE.replace("EOF\n", "EOF\n\n"))
     other = camgen.build(plate, post="rapid", job={"tool": {"diameter": 4}})
-    assert other.program.header[0] != one.program.header[0]
-    assert other.program.header[1:] == one.program.header[1:]
+    assert other.program.header[0] != first.program.header[0]
+    assert other.program.header[1:] == first.program.header[1:]
 
 
-def test_the_header_says_what_the_contract_asks_for(plate: Path) -> None:
+def test_the_header_states_part_post_units_tool_and_frame(plate: Path) -> None:
     text = camgen.build(plate, post="gcode", job={"tool": {"diameter": 4.5}}).text
     for part in (
         "part: plate.dxf",
@@ -295,7 +295,7 @@ def test_the_header_says_what_the_contract_asks_for(plate: Path) -> None:
     assert f"camgen {camgen.__version__} - job " in text
 
 
-def test_build_reads_no_job_file_that_is_not_named(plate: Path) -> None:
+def test_a_build_in_python_reads_a_job_file_only_if_it_is_given(plate: Path) -> None:
     plate.with_suffix(".toml").write_text("[tool]\ndiameter = 'x'\n")
     camgen.build(plate, post="gcode")
     with pytest.raises(JobError, match="diameter must be a number"):
@@ -321,7 +321,7 @@ def test_several_inputs_are_one_program_with_distinct_ids(plate: Path) -> None:
     assert result.motions.extents[1][0] == pytest.approx(300)
 
 
-def test_joined_parts_say_where_a_note_comes_from() -> None:
+def test_notes_of_joined_parts_name_their_file() -> None:
     contour = Contour(frozen([[0, 0], [1, 1]]), frozen([0, 0]), False, "", "c1")
     parts = [
         Part(n, f"{n}.dxf", u, (contour,), (Note("joined", "2 ends"),))
@@ -334,19 +334,19 @@ def test_joined_parts_say_where_a_note_comes_from() -> None:
     assert join_parts(parts[:1]) is parts[0]
 
 
-def test_an_input_twice_is_refused(plate: Path) -> None:
+def test_an_input_that_is_given_twice_is_refused(plate: Path) -> None:
     link = plate.with_name("link.dxf")
     link.symlink_to(plate)
     with pytest.raises(InputError, match=r"link\.dxf: is given twice"):
         camgen.build([plate, link], post="gcode")
 
 
-def test_no_input_is_refused() -> None:
+def test_a_build_without_an_input_is_refused() -> None:
     with pytest.raises(InputError, match="none is given"):
         camgen.build([], post="gcode")
 
 
-def test_strict_refuses_what_was_left_out(plate: Path) -> None:
+def test_strict_refuses_a_program_that_leaves_out_a_contour(plate: Path) -> None:
     job = {"tool": {"diameter": 30}}  # wider than the hole
     assert any(n.kind == "skipped" for n in camgen.build(plate, post="gcode", job=job).notes)
     with pytest.raises(
@@ -356,7 +356,7 @@ def test_strict_refuses_what_was_left_out(plate: Path) -> None:
     assert error.value.exit_code == 3
 
 
-def test_nothing_left_to_do_is_refused_with_the_reason(plate: Path) -> None:
+def test_a_program_without_paths_is_refused_with_the_reason(plate: Path) -> None:
     plate.write_text(PLATE[: PLATE.index("0\nLINE")] + "0\nENDSEC\n0\nEOF\n")
     with pytest.raises(NoSafeProgram, match=r"plate\.dxf: no path is left: .*does not fit"):
         camgen.build(
@@ -364,7 +364,7 @@ def test_nothing_left_to_do_is_refused_with_the_reason(plate: Path) -> None:
         )
 
 
-def test_a_wrong_post_or_option_is_named(plate: Path) -> None:
+def test_an_unknown_post_or_option_is_refused_with_the_nearest_one(plate: Path) -> None:
     with pytest.raises(JobError, match="post rapd: is not installed; nearest is rapid"):
         camgen.build(plate, post="rapd")
     with pytest.raises(
@@ -373,14 +373,17 @@ def test_a_wrong_post_or_option_is_named(plate: Path) -> None:
         camgen.build(plate, post="gcode", job={"post": {"wrk": "G55"}})
 
 
-def test_stages_are_told_in_order(plate: Path) -> None:
-    told: list[str] = []
-    camgen.build(plate, post="gcode", watch=told.append)
-    assert told == ["reading", "planning", "ordering", "programming", "verifying"]
+def test_stages_are_reported_in_order(plate: Path) -> None:
+    stages: list[str] = []
+    camgen.build(plate, post="gcode", watch=stages.append)
+    assert stages == ["reading", "planning", "ordering", "programming", "verifying"]
 
 
 def test_importing_camgen_imports_no_numpy() -> None:
-    code = "import sys, camgen, camgen.cli; camgen.__version__; print('numpy' in sys.modules, camgen.build.__name__)"
+    code = (
+        "import sys, camgen, camgen.cli; camgen.__version__; print('numpy' in sys.modules, "
+        "camgen.build.__name__)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False build\n"
 
@@ -390,7 +393,7 @@ def test_an_unknown_name_of_the_package_is_an_attribute_error() -> None:
         _ = camgen.bild  # type: ignore[attr-defined]
 
 
-def test_all_errors_are_camgen_errors(plate: Path) -> None:
+def test_an_input_that_cannot_be_read_is_a_camgen_error(plate: Path) -> None:
     for source in (
         plate.parent,
         plate.with_name("none.dxf"),

@@ -1,4 +1,4 @@
-"""The charts of materials: their figures in mm, between diameters, and the recommendations."""
+"""Charts of materials: their values in mm, interpolation, and recommendations."""
 
 import math
 from typing import get_args
@@ -16,15 +16,15 @@ def test_each_name_of_the_job_is_a_material() -> None:
 
 
 def test_a_feed_of_the_chart_is_in_mm() -> None:
-    """HIT: 6061 at 1/4 inch 0.0010 to 0.0022 inch a tooth."""
+    """HIT: 6061 at 1/4 inch has 0.0010 to 0.0022 inch per tooth."""
     chart, speeds = find_charts(MATERIALS["aluminium"], MILL)
     assert chart
     assert speeds
     assert chart.lowest(6.35) == pytest.approx(0.0254)
     assert chart.highest(6.35) == pytest.approx(0.05588)
-    # 800 to 2200 feet a minute around a circle of 6.35 mm.
-    around = math.pi * 6.35 / 304.8
-    assert speeds.turns(6.35) == pytest.approx((800 / around, 2200 / around))
+    # 800 to 2200 feet per minute on a circle of 6.35 mm.
+    circumference = math.pi * 6.35 / 304.8
+    assert speeds.turns(6.35) == pytest.approx((800 / circumference, 2200 / circumference))
 
 
 def test_feeds_are_linear_between_diameters_and_below_the_first() -> None:
@@ -53,8 +53,8 @@ def test_recommendations_keep_the_charts(name: str) -> None:
         assert cutting.plunge == pytest.approx(cutting.feed / 3)
 
 
-def test_drills_are_of_high_speed_steel_unless_said_otherwise() -> None:
-    """HIT, steel at 1/4 inch: HSS 125 feet a minute, carbide 290; both 0.006 inch a turn."""
+def test_a_drill_is_of_high_speed_steel_by_default() -> None:
+    """HIT, steel at 1/4 inch: HSS 125 feet per minute, carbide 290; both 0.006 inch per turn."""
     steel = MATERIALS["steel"]
     hss = recommend(steel, ToolTable(kind="drill", diameter=6.35), 24_000)
     carbide = recommend(steel, ToolTable(kind="drill", diameter=6.35, material="carbide"), 24_000)
@@ -65,12 +65,12 @@ def test_drills_are_of_high_speed_steel_unless_said_otherwise() -> None:
     assert hss.plunge == hss.feed
 
 
-def test_tools_that_do_not_turn_and_drills_in_wood_have_no_chart() -> None:
+def test_a_tool_that_does_not_rotate_and_a_drill_in_wood_have_no_chart() -> None:
     assert recommend(MATERIALS["steel"], ToolTable(kind="laser"), 24_000) is None
     assert recommend(MATERIALS["mdf"], ToolTable(kind="drill"), 24_000) is None
 
 
-def test_the_spindle_turns_no_faster_than_the_tool_may() -> None:
+def test_the_spindle_keeps_the_maximum_speed_of_the_tool() -> None:
     cutting = recommend(MATERIALS["mdf"], ToolTable(max_speed=9000.0), 24_000)
     assert cutting
     assert cutting.speed == 9000

@@ -13,7 +13,10 @@ from camgen.model.path import ToolPath, make_waypoints
 
 @st.composite
 def paths(draw):
-    """Arcs and lines in space with press, force and feed by segment; and the length from the arcs' own numbers."""
+    """A path of arcs and lines with force and feed per segment, and its length.
+
+    The length is computed from the radii and sweeps of the arcs.
+    """
     n = draw(st.integers(2, 7))
     random = np.random.default_rng(draw(st.integers(0, 10_000)))
     position = [random.uniform(-50, 50, 3)]
@@ -56,7 +59,7 @@ COLUMNS = ("position", "via", "axis", "force_direction", "force", "feed")
 
 
 @given(paths())
-def test_twice_reversed_is_the_same(drawn):
+def test_a_path_that_is_reversed_twice_is_the_same(drawn):
     path, _ = drawn
     again = path.reversed().reversed()
     for name in COLUMNS:
@@ -65,14 +68,14 @@ def test_twice_reversed_is_the_same(drawn):
 
 
 @given(paths())
-def test_length_is_that_of_lines_and_arcs_either_way(drawn):
+def test_the_length_of_a_path_is_the_same_in_both_directions(drawn):
     path, length = drawn
     assert measure_path(path) == pytest.approx(length, rel=1e-9)
     assert measure_path(path.reversed()) == pytest.approx(length, rel=1e-9)
 
 
 @given(paths())
-def test_reversal_keeps_what_belongs_to_a_segment_with_it(drawn):
+def test_a_reversed_path_keeps_the_values_of_each_segment(drawn):
     path, _ = drawn
     back = path.reversed()
     n = len(path.position)
@@ -87,7 +90,7 @@ def test_reversal_keeps_what_belongs_to_a_segment_with_it(drawn):
     np.testing.assert_array_equal(back.force_direction[0], back.force_direction[1])
 
 
-def test_very_flat_arcs_are_as_long_as_their_chord():
+def test_a_very_flat_arc_is_as_long_as_its_chord():
     position = np.array([[0.0, 0, 0], [10, 0, 0], [10, 0, 0]])
     via = np.array([[np.nan] * 3, [5.0, 1e-9, 0], [np.nan] * 3])
     assert measure_spans(position, via[1:]) == pytest.approx([10.0, 0.0])

@@ -1,4 +1,4 @@
-"""Rotations and frames: forms against each other, against products of plain matrices, and at their poles."""
+"""Rotations and frames: their forms against each other and against matrices, and at their poles."""
 
 import math
 
@@ -31,7 +31,7 @@ from camgen.model.pose import (
 )
 from tests.support.rounding import rounding_bound
 
-#: Angles with their poles, and what lies close to one.
+#: Angles at poles, near poles, and any others.
 ANGLES = st.one_of(
     st.sampled_from([k * math.pi / 4 for k in range(-4, 5)]),
     st.builds(
@@ -46,7 +46,7 @@ POSES = st.builds(lambda r, *p: Pose(r, p), ROTATIONS, *[st.floats(-1e4, 1e4)] *
 
 
 def matrix(axis, angle):
-    """A turn about a coordinate axis, written out."""
+    """A rotation about a coordinate axis, written out."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array(
         {
@@ -58,15 +58,15 @@ def matrix(axis, angle):
 
 
 @given(ROTATIONS)
-def test_forms_say_the_same_rotation(rotation):
-    # Near a pole an angle keeps its sine only to 1e-9 (the sine below which it counts as the pole).
+def test_each_form_gives_the_rotation_again(rotation):
+    # Below a sine of 1e-9 an angle counts as a pole.
     assert angle_between(rotation_from_fixed_xyz(*compute_fixed_xyz(rotation)), rotation) < 4e-9
     assert angle_between(rotation_from_zyz(*compute_zyz(rotation)), rotation) < 4e-9
     assert angle_between(rotation_from_quaternion(compute_quaternion(rotation)), rotation) < 1e-14
 
 
 @given(ROTATIONS)
-def test_forms_are_in_their_ranges(rotation):
+def test_each_form_is_in_its_range(rotation):
     rx, ry, rz = compute_fixed_xyz(rotation)
     assert abs(ry) <= math.pi / 2
     assert max(abs(rx), abs(rz)) <= math.pi
@@ -79,9 +79,9 @@ def test_forms_are_in_their_ranges(rotation):
 
 
 @given(ANGLES, ANGLES, ANGLES)
-def test_angles_are_products_of_turns(a, b, c):
+def test_angles_are_products_of_rotations(a, b, c):
     fixed = matrix("z", c) @ matrix("y", b) @ matrix("x", a)
-    # Two products of matrices, five operations each, beside the five of the closed form.
+    # Two products of matrices have five operations each, and the closed form has five.
     rounding = rounding_bound(operations=15, functions=6)
     assert rotation_from_fixed_xyz(a, b, c) == pytest.approx(fixed, abs=rounding)
     assert rotation_from_zyz(a, b, c) == pytest.approx(
@@ -92,11 +92,11 @@ def test_angles_are_products_of_turns(a, b, c):
 @pytest.mark.parametrize(
     ("rotation", "angles"), [(TOOL_DOWN, (math.pi, 0, 0)), (IDENTITY, (0, 0, 0))]
 )
-def test_fixed_angles_of_usual_tools(rotation, angles):
+def test_usual_tools_have_their_fixed_angles(rotation, angles):
     assert compute_fixed_xyz(rotation) == pytest.approx(angles)
 
 
-def test_the_tool_straight_down_in_the_other_forms():
+def test_a_tool_straight_down_has_its_other_forms():
     assert compute_zyz(TOOL_DOWN) == pytest.approx((0, math.pi, math.pi))
     assert compute_zyz(frozen(np.diag([-1.0, 1.0, -1.0]))) == pytest.approx((0, math.pi, 0))
     assert compute_quaternion(TOOL_DOWN) == (0, 1, 0, 0)
@@ -113,7 +113,7 @@ def test_the_free_angle_is_zero_at_a_pole(turn, ry):
 
 
 @given(ROTATIONS, st.floats(1e-9, 3.1), ANGLES, ANGLES)
-def test_the_angle_between_is_the_turn(rotation, angle, a, b):
+def test_the_angle_between_two_rotations_is_the_one_that_was_turned(rotation, angle, a, b):
     axis = frozen([math.cos(a) * math.cos(b), math.sin(a) * math.cos(b), math.sin(b)])
     other = frozen(rotation @ rotation_about_axis(axis, angle))
     assert angle_between(rotation, other) == pytest.approx(angle, rel=1e-6, abs=1e-14)
@@ -137,14 +137,14 @@ def test_a_rotation_from_a_vector_is_the_exponential_of_its_cross_product(vector
 
 
 @given(ROTATIONS)
-def test_the_vector_of_a_rotation_gives_it_again(rotation):
+def test_the_vector_of_a_rotation_gives_the_rotation_again(rotation):
     vector = rotation_vector(rotation)
     assert math.hypot(*vector) <= math.pi + 1e-12
     assert angle_between(rotation, rotation_from_vector(vector)) < 1e-7
 
 
-def test_vectors_of_usual_tools():
-    """The values that the pendant of a UR shows for a tool straight down: pi about x."""
+def test_usual_tools_have_their_vectors():
+    """The pendant of a UR shows pi about x for a tool straight down."""
     assert rotation_vector(TOOL_DOWN) == pytest.approx((math.pi, 0.0, 0.0))
     assert rotation_vector(IDENTITY) == (0.0, 0.0, 0.0)
     quarter = rotation_vector(rotation_about(2, -math.pi / 2))
@@ -153,13 +153,13 @@ def test_vectors_of_usual_tools():
     assert tiny == pytest.approx((0.0, 1e-9, 0.0), abs=1e-15)
 
 
-def test_the_angle_of_half_a_turn():
+def test_the_angle_of_half_a_turn_is_pi():
     assert angle_between(IDENTITY, TOOL_DOWN) == pytest.approx(math.pi)
     assert angle_between(IDENTITY, IDENTITY) == 0.0
 
 
 @given(ROTATIONS, st.integers(0, 2), ANGLES)
-def test_turns_about_axes_agree(rotation, axis, angle):
+def test_rotations_about_axes_agree(rotation, axis, angle):
     rounding = rounding_bound(operations=10, functions=4)
     assert rotation_about(axis, angle) == pytest.approx(matrix("xyz"[axis], angle), abs=rounding)
     assert rotation_about_axis(frozen(np.eye(3)[axis]), angle) == pytest.approx(
@@ -169,7 +169,7 @@ def test_turns_about_axes_agree(rotation, axis, angle):
 
 
 @given(POSES, POSES, st.tuples(*[st.floats(-1e3, 1e3)] * 3))
-def test_frames_compose_as_points_go_through_them(a, b, point):
+def test_a_product_of_frames_maps_points_as_both_in_turn(a, b, point):
     assert (a @ b).apply(point) == pytest.approx(a.apply(b.apply(point)), abs=1e-7)
     assert a.inverse().apply(a.apply(point)) == pytest.approx(point, abs=1e-7)
     same = a @ a.inverse()
@@ -183,14 +183,14 @@ def test_a_rotation_from_axes_has_them(rotation, noise):
     assert rotation_from_axes(z, x) == pytest.approx(rotation, abs=1e-12)
 
 
-def test_values_are_millimetres_and_degrees():
+def test_the_values_of_a_pose_are_in_mm_and_deg():
     pose = pose_from_values([1, 2, 3, 90, 0, 90])
     assert pose.origin == (1, 2, 3)
     assert pose.rotation == pytest.approx(matrix("z", math.pi / 2) @ matrix("x", math.pi / 2))
     assert translation(1, 2, 3).apply((1, 1, 1)) == (2, 3, 4)
 
 
-def test_rotations_cannot_be_changed():
+def test_a_rotation_is_read_only():
     for rotation in (
         IDENTITY,
         TOOL_DOWN,

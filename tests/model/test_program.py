@@ -1,6 +1,7 @@
-"""The program's own rules, and its text form."""
+"""Rules of a program, and its text form."""
 
 import math
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -44,13 +45,14 @@ def program(*body):
 
 
 @pytest.mark.parametrize("file", PROGRAMS, ids=lambda file: file.stem)
-def test_a_written_program_is_read_and_written_as_it_stands(file):
+def test_a_program_of_the_fixtures_is_parsed_and_written_the_same(file):
     text = file.read_text()
     assert dump(parse(text)) == text
 
 
-def test_there_is_a_written_program_for_every_instruction():
-    items = [item for file in PROGRAMS for item in parse(file.read_text()).body]
+def test_the_programs_of_the_fixtures_have_every_instruction():
+    bodies = [parse(file.read_text()).body for file in PROGRAMS]
+    items = list(chain.from_iterable(bodies))
     assert {type(item) for item in items} == {MoveJ, MoveL, MoveC, Output, Wait, Force, Comment}
     assert {type(item.target) for item in items if isinstance(item, MoveJ)} == {Joints, Pose}
     assert any(item.joints for item in items if isinstance(item, MoveJ))
@@ -107,7 +109,7 @@ def test_there_is_a_written_program_for_every_instruction():
         ),
     ],
 )
-def test_a_program_that_breaks_a_rule_is_not_made(body, index, what):
+def test_a_program_that_breaks_a_rule_is_refused(body, index, what):
     with pytest.raises(Refused, match=what) as caught:
         program(*body)
     assert caught.value.index == index
@@ -117,20 +119,20 @@ def test_a_program_that_breaks_a_rule_is_not_made(body, index, what):
     "body",
     [
         (A_OFF, OFF, HOME, A_ON, ON, LINE, OFF, A_OFF),
-        (A_ON, A_OFF, HOME),  # what is on for a while before the first motion
+        (A_ON, A_OFF, HOME),  # on for a while before the first motion
         (A_OFF,),
         (HOME, THERE, LINE),  # neither travels nor turns
         (HOME, THERE, replace(LINE, target=TURNED, turn=1.0)),
-        (HOME, replace(LINE, target=TURNED)),  # where the joint values are is not known
+        (HOME, replace(LINE, target=TURNED)),  # the pose at the joint values is not known
         (HOME, THERE, replace(THERE, target=TURNED)),  # joints have their own speeds
         (HOME, THERE, MoveL(Pose(TURNED.rotation, (1.0, 2.0, 3.1)), 20.0)),
     ],
 )
-def test_what_the_rules_allow(body):
+def test_a_program_that_keeps_the_rules_is_made(body):
     assert program(*body).body == body
 
 
-def test_what_a_program_uses_is_put_off_first():
+def test_the_outputs_of_a_program_are_switched_off_first():
     assert switch_off_first((HOME, LINE)) == (HOME, LINE)
     body = [HOME, Output("b", 1.0), ON, A_ON, LINE, OFF, A_OFF, Output("b", 0.0)]
     assert switch_off_first(body) == (Output("b", 0.0), A_OFF, OFF, *body)
@@ -155,7 +157,7 @@ BAD = (math.nan, math.inf, -math.inf)
         lambda bad: Force(1.0, (bad, 0.0, 0.0)),
     ],
 )
-def test_a_number_that_is_none_is_not_let_in(make, bad):
+def test_a_number_that_is_not_finite_is_refused(make, bad):
     with pytest.raises(Refused, match="a number is not finite"):
         program(*whole((HOME, make(bad), HOME)))
 
@@ -172,31 +174,32 @@ def test_a_number_that_is_none_is_not_let_in(make, bad):
         lambda bad: MoveL(DOWN, 1.0, turn=bad),
     ],
 )
-def test_a_number_that_is_none_is_not_let_in_by_a_side_door(make, bad):
+def test_a_number_that_is_not_finite_is_refused_in_less_usual_fields(make, bad):
     with pytest.raises(Refused, match="a number is not finite"):
         program(OFF, HOME, ON, make(bad), OFF)
 
 
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("frame", ["base_from_work", "flange_from_tool"])
-def test_frames_are_finite(bad, frame):
+def test_a_frame_that_is_not_finite_is_refused(bad, frame):
     with pytest.raises(Refused):
         replace(program(HOME), **{frame: translation(0, bad, 0)})
 
 
-def test_motions_are_those_with_their_place():
+def test_motions_are_listed_with_their_index():
     body = (Comment("x"), HOME, Wait(1.0), LINE)
     assert list(motions(body)) == [(1, HOME), (3, LINE)]
 
 
-def test_another_body_keeps_the_rest():
-    one = Program("p", translation(1, 2, 3), translation(0, 0, 9), (HOME,), ("h",))
-    other = one.with_body((HOME, LINE))
-    assert other.body == (HOME, LINE)
-    assert (other.name, other.header, other.base_from_work) == ("p", ("h",), one.base_from_work)
+def test_a_program_with_another_body_keeps_its_other_fields():
+    first = Program("p", translation(1, 2, 3), translation(0, 0, 9), (HOME,), ("h",))
+    second = first.with_body((HOME, LINE))
+    assert second.body == (HOME, LINE)
+    assert (second.name, second.header) == ("p", ("h",))
+    assert second.base_from_work == first.base_from_work
 
 
-# The text form.
+# The text form
 
 NUMBERS = st.floats(-1e5, 1e5) | st.sampled_from([0.0, -0.0, 1e-7, -1e-7, 0.1, 123456.123456])
 ANGLES = st.sampled_from([0.0, math.pi / 2, math.pi, -math.pi / 2, 1e-8]) | st.floats(-3.2, 3.2)
@@ -213,7 +216,7 @@ MAYBE = st.none() | JOINTS
 CONF = st.tuples(*[st.integers(-5, 7)] * 4)
 SWITCHES = st.sampled_from([(), ("RIGHTY",), ("LEFTY", "ABOVE", "NOFLIP", "SINGLE")])
 NAMED = st.builds(Posture, st.none() | CONF, st.none() | st.integers(-1, 31), SWITCHES)
-KNOWN = st.none() | NAMED.filter(lambda one: one != Posture())
+KNOWN = st.none() | NAMED.filter(lambda posture: posture != Posture())
 WORDS = st.text("abcXYZ 019_.+-=/:#@*", max_size=30).map(str.strip)
 CUTS = st.one_of(
     st.builds(
@@ -240,15 +243,19 @@ ITEMS = st.one_of(
         st.lists(CUTS, max_size=2),
     ),
 )
-BODIES = st.lists(ITEMS, max_size=6).map(
-    lambda items: whole(
-        [HOME, *(one for item in items for one in (item if isinstance(item, list) else [item]))]
-    )
-)
+
+
+def make_body(items):
+    """A whole body from items that are instructions or lists of them."""
+    lists = [item if isinstance(item, list) else [item] for item in items]
+    return whole([HOME, *chain.from_iterable(lists)])
+
+
+BODIES = st.lists(ITEMS, max_size=6).map(make_body)
 
 
 def same(a, b):
-    """Equal to the digits of the text: 1e-6, poses by their angle."""
+    """Whether two values are equal to the digits of the text, 1e-6, and rotations by angle."""
     if isinstance(a, Pose):
         return same(a.origin, b.origin) and angle_between(a.rotation, b.rotation) < 5e-9
     if isinstance(a, float):
@@ -263,15 +270,15 @@ def same(a, b):
 
 
 @given(BODIES, POSES, POSES, st.lists(WORDS, max_size=3))
-def test_parse_is_the_inverse_of_dump(body, work, tool, header):
-    one = Program("a name", work, tool, body, tuple(header))
-    again = parse(dump(one))
-    assert same(one, again)
-    # Once read from text, a program keeps its text up to the last digit of a quaternion.
+def test_a_dumped_program_is_parsed_as_the_program(body, work, tool, header):
+    program = Program("a name", work, tool, body, tuple(header))
+    again = parse(dump(program))
+    assert same(program, again)
+    # Parsing again changes at most the last digit of a quaternion.
     assert same(again, parse(dump(again)))
 
 
-def test_the_speed_of_a_turn_stands_in_the_text_where_there_is_one():
+def test_the_text_has_the_speed_of_a_reorientation():
     body = (
         HOME,
         THERE,
@@ -286,7 +293,7 @@ def test_the_speed_of_a_turn_stands_in_the_text_where_there_is_one():
     ]
 
 
-def test_comments_cannot_become_instructions():
+def test_a_comment_never_becomes_an_instruction():
     text = dump(
         Program(
             "p",
@@ -300,7 +307,7 @@ def test_comments_cannot_become_instructions():
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("", "line 1"),
         ("camgen-ir 2\n", "line 1"),
@@ -315,11 +322,11 @@ def test_comments_cannot_become_instructions():
         ("camgen-ir 1\nwork 1 2 3 q 0 0 0 0\nbody\n", "line 2"),
     ],
 )
-def test_what_cannot_be_read_is_named_by_its_line(text, says):
-    with pytest.raises(ValueError, match=says):
+def test_an_invalid_line_is_refused_with_its_number(text, message):
+    with pytest.raises(ValueError, match=message):
         parse(text)
 
 
-def test_the_rules_hold_for_text_too():
+def test_a_text_that_breaks_a_rule_is_refused():
     with pytest.raises(Refused, match="first motion"):
         parse("camgen-ir 1\nbody\nmovel 1 2 3 q 1 0 0 0 speed 4\n")

@@ -14,7 +14,7 @@ NUMBERS = st.floats(-1e9, 1e9) | st.sampled_from([0.0, -0.0, -1e-12, 5e-324, -5e
 
 
 @given(NUMBERS, st.integers(0, 9))
-def test_fixed_is_the_nearest_number_of_so_many_digits(value, decimals):
+def test_fixed_is_the_nearest_number_with_its_digits(value, decimals):
     text = fixed(value, decimals)
     assert re.fullmatch(r"-?\d+" + (rf"\.\d{{{decimals}}}" if decimals else ""), text)
     assert not re.fullmatch(r"-0(\.0*)?", text)
@@ -22,7 +22,7 @@ def test_fixed_is_the_nearest_number_of_so_many_digits(value, decimals):
 
 
 @given(NUMBERS, st.integers(0, 9))
-def test_short_is_fixed_without_what_says_nothing(value, decimals):
+def test_short_is_fixed_without_trailing_zeros(value, decimals):
     text = short(value, decimals)
     assert Decimal(text) == Decimal(fixed(value, decimals))
     assert re.fullmatch(r"-?\d+(\.\d*[1-9])?", text)
@@ -36,12 +36,12 @@ def test_short_keeps_the_zeros_of_whole_numbers(value, text):
     assert short(value, 0) == text
 
 
-def test_numbers_that_are_none_are_not_made_to_look_like_some():
+def test_a_number_that_is_not_finite_has_no_digits():
     assert not re.search(r"\d", fixed(math.nan, 3) + fixed(math.inf, 3))
 
 
 @given(st.text(max_size=200), st.integers(1, 100))
-def test_harmless_text_has_nothing_that_any_dialect_acts_on(text, limit):
+def test_a_harmless_text_has_no_character_that_a_dialect_acts_on(text, limit):
     cleaned = harmless(text, limit)
     assert cleaned.isascii()
     assert len(cleaned) <= limit
@@ -49,11 +49,9 @@ def test_harmless_text_has_nothing_that_any_dialect_acts_on(text, limit):
     assert harmless(cleaned, limit) == cleaned
 
 
-def test_harmless_keeps_what_names_are_made_of():
-    assert (
-        harmless("Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4")
-        == "Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4"
-    )
+def test_a_harmless_text_keeps_the_characters_of_names():
+    name = "Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4"
+    assert harmless(name) == name
 
 
 def test_a_number_and_its_noun_agree() -> None:

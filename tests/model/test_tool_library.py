@@ -1,4 +1,4 @@
-"""`tool.file` names a library of tools; the tools of a job lie over it by name."""
+"""`tool.file` names a library of tools. The rows of a job change its tools by name."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def library_of(job_file: Path) -> Path:
     return job_file.parent / "lib" / "shop.toml"
 
 
-def test_the_library_comes_first_and_the_job_lies_over_it_key_by_key(job_file: Path) -> None:
+def test_a_row_of_the_job_replaces_single_keys_of_a_tool_of_the_library(job_file: Path) -> None:
     job = load_job(job_file)
     assert [(tool.name, tool.number) for tool in job.tools] == [
         ("drill 8", 1),
@@ -109,7 +109,7 @@ def test_a_library_may_be_named_by_set_and_in_python(job_file: Path) -> None:
     assert [(tool.name, tool.number, tool.diameter) for tool in job.tools][2] == ("mill 3", 9, 3.0)
 
 
-def test_the_library_is_read_once_and_known_to_those_that_watch_files(job_file: Path) -> None:
+def test_the_library_is_among_the_files_that_were_opened(job_file: Path) -> None:
     files = Files()
     load_job(job_file, (), files)
     assert library_of(job_file).resolve() in [path.resolve() for path in files.opened.values()]
@@ -117,7 +117,7 @@ def test_the_library_is_read_once_and_known_to_those_that_watch_files(job_file: 
 
 @pytest.mark.parametrize("operation", ['kind = "follow"\ntool = 2', ""], ids=["cut", "replayed"])
 def test_the_digest_covers_the_library(job_file: Path, operation: str) -> None:
-    """A job without operations is that of a program whose tools are changed by their numbers."""
+    """A job without operations replays a program, which selects tools by their numbers."""
     rows = f"[[operations]]\n{operation}\n" if operation else ""
     job_file.write_text(f'[tool]\nfile = "lib/shop.toml"\n{rows}', encoding="utf-8")
     part = make_part([[(0, 0), (10, 0), (10, 10), (0, 0)]])
@@ -175,7 +175,7 @@ def test_a_library_without_tools_is_refused(job_file: Path) -> None:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        # Row 0 of the job lies over "mill 6": with the number of "mill 3" it is the job's fault.
+        # Row 0 of the job changes "mill 6". The number of "mill 3" there is a fault of the job.
         (
             "tools.0.number=3",
             "number 3 is also that of another tool ([[tools]] 0); give each its own",
@@ -197,7 +197,7 @@ def test_a_fault_of_the_job_names_the_row_of_the_job(
     assert str(error.value) == f"--set {setting}: {message}"
 
 
-def test_a_library_that_is_not_there_is_named_with_its_setting(job_file: Path) -> None:
+def test_a_missing_library_is_refused_with_its_setting(job_file: Path) -> None:
     library_of(job_file).unlink()
     with pytest.raises(
         JobError, match=r"shop\.toml: cannot be read: .* \(tool\.file\); give a file"
@@ -205,7 +205,7 @@ def test_a_library_that_is_not_there_is_named_with_its_setting(job_file: Path) -
         load_job(job_file)
 
 
-def test_limits_of_the_job_hold_for_its_library(job_file: Path) -> None:
+def test_the_limits_of_a_job_hold_for_its_library(job_file: Path) -> None:
     library = library_of(job_file)
     library.write_text(LIBRARY.replace("diameter = 3.0", "length = 20000.0"), encoding="utf-8")
     assert load_job(job_file).tools[2].length == 20000.0
@@ -214,5 +214,5 @@ def test_limits_of_the_job_hold_for_its_library(job_file: Path) -> None:
     assert str(error.value).startswith(f"{library}: length cannot be beyond 18,000: 20000.0")
 
 
-def test_a_job_without_a_library_is_as_before() -> None:
+def test_an_empty_file_of_a_library_is_the_default() -> None:
     assert from_mapping({"tool": {"file": ""}}) == Job()

@@ -1,4 +1,4 @@
-"""What a post accepts by column it accepts one by one too, and hardly anything of a usual program is left to that."""
+"""Motions that a post accepts by column: it accepts them singly too, and most usual ones."""
 
 import math
 
@@ -35,7 +35,7 @@ motion = st.one_of(
 @pytest.mark.parametrize("name", POSTS)
 @fewer(12)
 @given(motions=st.lists(motion, max_size=6))
-def test_whatever_is_accepted_by_column_is_not_refused(
+def test_a_motion_that_is_accepted_by_column_is_not_refused_singly(
     name: str, motions: list[MoveJ | MoveL]
 ) -> None:
     post = make_post(find_post(name), {})
@@ -62,7 +62,7 @@ def test_usual_straight_motions_and_outputs_are_accepted_by_column(name: str) ->
 
 
 @given(st.floats(0.1, 400.0), st.floats(-6.2, 6.2), st.floats(0.05, 0.95))
-def test_what_rapid_refuses_by_column_it_refuses_one_by_one_too(
+def test_an_arc_that_rapid_refuses_by_column_is_refused_singly(
     radius: float, sweep: float, part: float
 ) -> None:
     post = make_post(find_post("rapid"), {})

@@ -1,4 +1,4 @@
-"""The read-backs take no more than a controller does, and report what no post writes."""
+"""Tables of changed programs: each change has its finding or deviation."""
 
 import pytest
 

@@ -31,7 +31,7 @@ for name, language in LANGUAGES.items():
 
 
 @pytest.mark.parametrize(("path", "text", "options"), TEXTS)
-def test_texts_as_they_are(path: FastPath, text: str, options: Options) -> None:
+def test_a_text_is_read_the_same(path: FastPath, text: str, options: Options) -> None:
     motions = [item for item in path.check(text, options).body if isinstance(item, MOTIONS)]
     assert path.count_fast(text) > 4
     assert len(motions) > 4
@@ -51,7 +51,7 @@ def test_the_pieces_are_the_whole_text(path: FastPath) -> None:
 
 @EACH_PATH
 @given(st.lists(st.from_regex(r"\A-?[0-9]{1,9}(\.[0-9]{1,9})?\Z"), min_size=12, max_size=12))
-def test_numbers_to_the_last_bit(path: FastPath, numbers: list[str]) -> None:
+def test_numbers_are_read_to_the_last_bit(path: FastPath, numbers: list[str]) -> None:
     text, firsts = path.numbers
     reading = path.check(text.format(*numbers), {"rated": 2000.0})
     origins = [item.target.origin for item in reading.body if isinstance(item, MOTIONS)]
@@ -113,7 +113,7 @@ def test_a_difference_of_the_paths_is_found(path: FastPath) -> None:
 @EACH_PATH
 @fewer(12)
 @given(st.randoms(use_true_random=True), st.data())
-def test_damaged_texts_are_read_alike(
+def test_a_damaged_text_is_read_the_same(
     path: FastPath, chance: random.Random, data: st.DataObject
 ) -> None:
     text, options = data.draw(st.sampled_from(path.texts))
@@ -125,13 +125,13 @@ def test_damaged_texts_are_read_alike(
 
 
 @pytest.mark.parametrize(("language", "statement"), STATEMENTS)
-def test_every_statement_among_motions(language, statement: str) -> None:
+def test_a_statement_among_motions_is_read_the_same(language, statement: str) -> None:
     for text, options in language.list_around_motions(statement):
         assert text != language.BY_HAND
         language.PATH.check(text, options)
 
 
 @pytest.mark.parametrize(("language", "spelling"), SPELLINGS)
-def test_every_spelling_within_a_motion(language, spelling: str) -> None:
+def test_a_spelling_within_a_motion_is_read_the_same(language, spelling: str) -> None:
     for text, options in language.list_within_motions(spelling):
         language.PATH.check(text, options)

@@ -1,4 +1,4 @@
-"""The read-backs refuse whole classes of texts that no post writes, each class by many members."""
+"""Classes of texts that no post writes: the read-backs find many members of each class."""
 
 import math
 from itertools import combinations
@@ -71,7 +71,7 @@ PRESSING = Sample("pacscript", PRESSED, {"force": "template"})
 VPLUS = Sample("vplus", PLAIN, {})
 TOOLS = Sample("gcode", (*_drill(1), *_drill(2)), {})
 GCODE = Sample("gcode", MILLED, {})
-#: One tool that the option gives, and a spindle that stops last.
+#: A program with the tool of an option, and one whose spindle stops last.
 NUMBERED = Sample("gcode", MILLED, {"tool": 3})
 SPUN = Sample(
     "grbl", (Output("spindle", 0.0), PARKED, *_drill(0)[2:]), {"signals": {"process": "M8"}}
@@ -154,7 +154,7 @@ def test_a_word_of_the_language_gets_no_value(word: str) -> None:
         ("Dim unit", "If Mps(0.1)", "unit =", "End If"),
     ],
 )
-def test_settings_of_the_header_are_missed_in_every_combination(lines: tuple[str, ...]) -> None:
+def test_a_header_without_some_of_its_settings_has_findings(lines: tuple[str, ...]) -> None:
     text = PACSCRIPT.text.splitlines(keepends=True)
     row = row_of(PACSCRIPT.text, lines[0])
     for start in lines:
@@ -206,7 +206,7 @@ HEADERS = [("    TakeArm Keep = 0\n", "TakeArm"), ("    Reset IO[24]\n", "an out
 
 
 @pytest.mark.parametrize(("line", "what"), HEADERS)
-def test_the_questions_come_after_the_arm_and_the_outputs(line: str, what: str) -> None:
+def test_the_test_of_mps_before_the_arm_or_an_output_is_a_fault(line: str, what: str) -> None:
     text = PACSCRIPT.change(line, "").replace("    Speed 10\n", f"{line}    Speed 10\n")
     assert any(fault.what.startswith(what) for fault in PACSCRIPT.list_faults(text))
 
@@ -214,7 +214,7 @@ def test_the_questions_come_after_the_arm_and_the_outputs(line: str, what: str) 
 # G-code
 
 
-def test_every_pair_of_lines_before_the_first_tool_change_is_missed() -> None:
+def test_a_text_without_two_lines_before_the_first_tool_change_is_refused() -> None:
     lines = TOOLS.text.splitlines(keepends=True)
     change = row_of(TOOLS.text, "T1 M6")
     header = [row for row in range(change) if not lines[row].startswith("(")]
@@ -225,17 +225,19 @@ def test_every_pair_of_lines_before_the_first_tool_change_is_missed() -> None:
 
 
 @pytest.mark.parametrize("number", [1, 2])
-def test_the_length_of_a_tool_is_asked_for_by_its_number(number: int) -> None:
+def test_the_length_of_a_tool_without_its_number_is_a_fault(number: int) -> None:
     what = f"G43 without H: the length of tool {number} is asked for by H{number}"
     assert what in TOOLS.faults_after(f"G43 H{number}\n", "G43\n")
 
 
-LEFT_BEHIND = [("G20", "G21"), ("G91", "G90"), ("G18", "G17"), ("G19", "G17"), ("G90.1", "G91.1")]
+INHERITED = [("G20", "G21"), ("G91", "G90"), ("G18", "G17"), ("G19", "G17"), ("G90.1", "G91.1")]
 
 
-@pytest.mark.parametrize(("code", "usual"), LEFT_BEHIND)
+@pytest.mark.parametrize(("code", "usual"), INHERITED)
 @pytest.mark.parametrize("line", ["{}\nM2\n", "M2 {}\n"])
-def test_a_mode_that_is_left_to_the_next_program(code: str, usual: str, line: str) -> None:
+def test_a_mode_that_the_next_program_inherits_is_a_remark(
+    code: str, usual: str, line: str
+) -> None:
     faults = GCODE.faults_after("M2\n", line.format(code))
     assert f"{code} where posts write in {usual}" in faults
 
@@ -249,7 +251,7 @@ IDLE = [
 
 
 @pytest.mark.parametrize(("sample", "before", "after", "what"), IDLE)
-def test_a_word_whose_code_does_not_come(
+def test_a_word_without_its_code_is_a_remark(
     sample: Sample, before: str, after: str, what: str
 ) -> None:
     assert what in sample.faults_after(before, after)
@@ -261,11 +263,15 @@ def test_the_lift_is_alone_in_its_line(code: str) -> None:
     assert "a code in the line of G53 G0 Z0, which posts write alone" in faults
 
 
-#: Whole numbers of G-code words: another tool, output or line number is never rounded to one.
+#: Fractions of numbers that have to be whole.
 GCODE_FRACTIONS = [
-    (NUMBERED, "T3 M6", "T3.5 M6"), (NUMBERED, "T3 M6", "T2.9999 M6"), (TOOLS, "T1 M6", "T1.5 M6"),
-    (TOOLS, "G43 H1", "G43 H1.5"), (GCODE, "M64 P0", "M64 P0.5"), (GCODE, "M65 P0", "M65 P0.9"),
-]  # fmt: skip
+    (NUMBERED, "T3 M6", "T3.5 M6"),
+    (NUMBERED, "T3 M6", "T2.9999 M6"),
+    (TOOLS, "T1 M6", "T1.5 M6"),
+    (TOOLS, "G43 H1", "G43 H1.5"),
+    (GCODE, "M64 P0", "M64 P0.5"),
+    (GCODE, "M65 P0", "M65 P0.9"),
+]
 
 
 @pytest.mark.parametrize(("sample", "before", "after"), GCODE_FRACTIONS)
@@ -281,7 +287,7 @@ def test_a_slash_is_ignored_by_grbl_and_written_by_no_post(line: str) -> None:
 
 # V+
 
-BEHIND = [
+AFTER_RETURN = [
     "MOVES cg.work:TRANS(1,2,3,0,180,180)",
     "MOVE #PPOINT(0, 0, 0, 0, 30, 0)",
     "SPEED 5, 100 MMPS ALWAYS",
@@ -292,7 +298,7 @@ BEHIND = [
 ]
 
 
-@pytest.mark.parametrize("line", BEHIND)
+@pytest.mark.parametrize("line", AFTER_RETURN)
 def test_a_statement_after_return_never_runs(line: str) -> None:
     row = row_of(VPLUS.text, ".END")
     faults = VPLUS.list_faults(VPLUS.insert(row, line))
@@ -320,14 +326,14 @@ def test_a_variable_that_no_post_sets_is_noted(statement: str) -> None:
 
 
 @pytest.mark.parametrize("sample", [RAPID, PACSCRIPT, PRESSING, VPLUS, TOOLS, GCODE, GRBL])
-def test_two_lines_of_the_header_are_missed(sample: Sample) -> None:
+def test_a_text_without_two_lines_of_its_header_is_refused(sample: Sample) -> None:
     lines = sample.text.splitlines(keepends=True)
     marks = ("'", "!", "(", ";", "MODULE", "TASK PERS")
-    still = [
+    header = [
         row
         for row, line in enumerate(lines)
         if line.strip() and not line.strip().startswith((*marks, "Move", "MOVE", "G0", "G1"))
     ]
-    for pair in combinations(still[:12], 2):
+    for pair in combinations(header[:12], 2):
         text = "".join(line for row, line in enumerate(lines) if row not in pair)
         assert sample.is_refused(text), [lines[row] for row in pair]

@@ -1,7 +1,7 @@
-"""LinuxCNC leaves some arcs at their ends by more than `G64 P`: no such end is in a text.
+"""G-code: LinuxCNC deviates by at most `G64 P` at the ends of arcs.
 
 The planner of LinuxCNC 2.9 executed 3,000 joints of arcs and lines (docs/posts/gcode.md). The rule
-is computed here from the text, by formulas of its own.
+is computed here from the text, independently of the post.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ WORD = re.compile(r"([XYZIJF])(-?[\d.]+)")
 
 
 def rate_overlap(arc: float, line: float, feed: float) -> float:
-    """The most that LinuxCNC may rate the overlap of an arc and a line, mm/s.
+    """The maximum at which LinuxCNC may rate the overlap of an arc and a line, mm/s.
 
     Each has half of 500 mm/s2, the arc half of that along its path. From rest to rest over its
-    length a motion comes to sqrt(a s). The rate is half of the mean of both.
+    length a motion reaches sqrt(a s). The rate is half of the mean of both.
     """
     speeds = min(feed, math.sqrt(125 * arc)), min(feed, math.sqrt(250 * line))
     seconds = min(arc / speeds[0], line / speeds[1])
@@ -75,7 +75,7 @@ def list_bad_ends(text: str) -> list[int]:
 @pytest.mark.parametrize(
     "file", sorted(CASES.glob("*/expected/part.ngc")), ids=lambda f: f.parts[-3]
 )
-def test_no_golden_has_such_an_end(file: Path) -> None:
+def test_no_golden_has_a_bad_arc_end(file: Path) -> None:
     assert list_bad_ends(file.read_text()) == []
 
 
@@ -107,14 +107,14 @@ def turn_inward(radius: float, degrees: float, tolerance: float = 0.01, feed: fl
 
 @pytest.mark.parametrize("radius", [0.5, 2.0, 7.2, 20.0, 200.0])
 @pytest.mark.parametrize("degrees", [0.3, 1.0, 3.0])
-def test_the_end_of_such_an_arc_is_a_chord(radius: float, degrees: float) -> None:
+def test_an_arc_before_an_inward_line_ends_in_a_chord(radius: float, degrees: float) -> None:
     plain, text = turn_inward(radius, degrees, 0.0), turn_inward(radius, degrees)
     assert list_bad_ends(text) == []
     assert text.count("\nG1 ") == plain.count("\nG1 ") + 1
     assert text.count("\nG3 ") == 1
 
 
-def test_a_motion_to_the_same_place_is_not_the_line_after_the_arc() -> None:
+def test_a_motion_of_length_0_is_not_the_line_after_the_arc() -> None:
     end = place_at(20 - 20 * math.sin(0.01), 20 * math.cos(0.01))
     half = 20 * math.sqrt(0.5)
     body = (
@@ -122,12 +122,12 @@ def test_a_motion_to_the_same_place_is_not_the_line_after_the_arc() -> None:
         MoveL(place_at(20, 0), 20.0, 1.0, work=True),
         MoveL(end, 20.0, work=True),
     )
-    # The chord comes on top of both lines.
+    # These are the chord and both lines.
     assert text_of(body, place_at(0, -20)).count("\nG1 ") == 3
 
 
-def test_an_arc_that_gets_too_flat_becomes_lines() -> None:
-    """It leaves its chord by 200 x 0.0065^2 / 8 = 1.06 um, without its end by less than a digit."""
+def test_an_arc_that_is_too_flat_without_its_end_becomes_lines() -> None:
+    """Its sagitta is 200 x 0.0065^2 / 8 = 1.06 um, and less than a digit without its end."""
     turns = -0.0065, -0.00325, 0.0
     start, via, end = (place_at(200 * math.cos(turn) - 200, 200 * math.sin(turn)) for turn in turns)
     line = MoveL(place_at(-0.35, 20.0), 20.0, work=True)
@@ -138,12 +138,12 @@ def test_an_arc_that_gets_too_flat_becomes_lines() -> None:
 
 
 @pytest.mark.parametrize("degrees", [-1.0, 0.0, 0.02, 9.0, 90.0])
-def test_other_ends_stay_arcs(degrees: float) -> None:
+def test_another_arc_end_stays_an_arc(degrees: float) -> None:
     assert turn_inward(7.2, degrees).count("\nG1 ") == turn_inward(7.2, degrees, 0.0).count("\nG1 ")
 
 
-def test_fast_motions_get_chords_at_smaller_turns() -> None:
-    """The line takes 0.283 s to 70.7 mm/s, the arc comes to 35.4 mm/s meanwhile: 26.5 mm/s."""
+def test_a_fast_motion_gets_a_chord_at_a_smaller_angle() -> None:
+    """In 0.283 s the line reaches 70.7 mm/s and the arc 35.4 mm/s: the rate is 26.5 mm/s."""
     assert rate_overlap(20 * math.pi / 2, 20.0, 100.0) == pytest.approx(26.5, abs=0.1)
     assert math.degrees(0.025 / 26.5) < 0.07
     assert list_bad_ends(turn_inward(20.0, 0.07, 0.0, 100.0)) != []
@@ -177,8 +177,8 @@ def run_on_tangent(degrees: float, tolerance: float) -> str:
     return text_of(body, start, tolerance, 2)
 
 
-def test_a_joint_that_the_digits_turn_ends_in_a_chord() -> None:
-    """Half a digit of 10 um turns 2 mm by 0.14 degrees. Overlap is rated 8 mm/s: 0.17 degrees."""
+def test_an_arc_end_that_is_turned_by_rounding_ends_in_a_chord() -> None:
+    """Half a digit turns a line of 2 mm by 0.14 deg. At a rate of 8 mm/s the limit is 0.17 deg."""
     plain = [run_on_tangent(degrees, 0.0) for degrees in range(0, 90, 5)]
     assert any(list_bad_ends(text) for text in plain)
     texts = [run_on_tangent(degrees, 0.01) for degrees in range(0, 90, 5)]
@@ -187,7 +187,7 @@ def test_a_joint_that_the_digits_turn_ends_in_a_chord() -> None:
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="shared/controllers is not beside the repository")
 @pytest.mark.parametrize("name", ["arcline.ngc", "arcsmall.ngc"])
-def test_programs_with_such_ends_get_chords(name: str) -> None:
+def test_a_program_with_bad_arc_ends_gets_chords(name: str) -> None:
     source = SHARED / name
     assert len(list_bad_ends(source.read_text())) > 2
     assert list_bad_ends(camgen.build(source, post="gcode").text) == []

@@ -1,4 +1,4 @@
-"""The two ways in which our own G-code is read back, by column and line by line, say the same."""
+"""G-code: the fast path by column and the reader of single lines read the same."""
 
 import random
 from itertools import pairwise
@@ -15,60 +15,103 @@ from camgen.lang.programs import Executed
 from camgen.model.body import Body
 from camgen.model.program import MoveC, MoveJ, MoveL
 
-HEAD = "(a program)\nG17 G21 G40 G54 G80 G90 G94\nG91.1\nG64 P0.01 Q0\nM65 P0\nG53 G0 Z0\nG49\nG0 X0 Y0\nG0 Z50\n"
+HEAD = (
+    "(a program)\nG17 G21 G40 G54 G80 G90 G94\nG91.1\nG64 P0.01 Q0\nM65 P0\n"
+    "G53 G0 Z0\nG49\nG0 X0 Y0\nG0 Z50\n"
+)
 GRBL_HEAD = "G17 G21 G40 G54 G80 G90 G94\nG91.1\nM5\nG49\nG0 Z50\nG0 X0 Y0\n"
 END = "M65 P0\nM2\n"
 
 number = st.integers(-99_999, 99_999).map(lambda n: f"{n / 1000:g}")
 usual = st.one_of(
-    st.builds("G0 X{} Y{}".format, number, number), st.builds("G0 Z{}".format, st.sampled_from(["20", "2"])),
-    st.builds("G1 X{} Y{} F480".format, number, number), st.sampled_from(["G1 Z0 F100.5", "G1 Z-1"]),
-    st.builds("G1 Y{}".format, number), st.sampled_from(["M64 P0", "M65 P0", "(path c1 layer 0)", "(x)", "M65 P3"]),
-)  # fmt: skip
+    st.builds("G0 X{} Y{}".format, number, number),
+    st.builds("G0 Z{}".format, st.sampled_from(["20", "2"])),
+    st.builds("G1 X{} Y{} F480".format, number, number),
+    st.sampled_from(["G1 Z0 F100.5", "G1 Z-1"]),
+    st.builds("G1 Y{}".format, number),
+    st.sampled_from(["M64 P0", "M65 P0", "(path c1 layer 0)", "(x)", "M65 P3"]),
+)
 arc = st.builds("G1 X{0} Y0 F300\nG{1} X{0} Y4 I0 J2".format, number, st.sampled_from([2, 3]))
 odd = st.sampled_from(
-    ["G1 X1", "G0", "G2 X1 Y1", "G1 X1 I2", "G3 X0 Y0 I1 J1", "G2 X1 Y2 Z3 I1", "G1 X1 F0", "M64 P9", "M64 P00", "G91",
-     "G0 X1 Y1 F100", "G4 P0.5", "M3 S100", "g1 x1", "G1  X1", "X5", "G90", "G20", "G18", "", "(MSG, x)", "; x", "M2",
-     "G1 X1\r", "G1 X1 (x)", "M67 E0 Q1", "G2 X5 Y5 I100 J0", "G1 X1234567", "G1 X0.123456789", "%", "G3 X5 I1 J0 P2",
-     "G81 Z-1 R1", "O5 call"]
-)  # fmt: skip
+    [
+        "G1 X1",
+        "G0",
+        "G2 X1 Y1",
+        "G1 X1 I2",
+        "G3 X0 Y0 I1 J1",
+        "G2 X1 Y2 Z3 I1",
+        "G1 X1 F0",
+        "M64 P9",
+        "M64 P00",
+        "G91",
+        "G0 X1 Y1 F100",
+        "G4 P0.5",
+        "M3 S100",
+        "g1 x1",
+        "G1  X1",
+        "X5",
+        "G90",
+        "G20",
+        "G18",
+        "",
+        "(MSG, x)",
+        "; x",
+        "M2",
+        "G1 X1\r",
+        "G1 X1 (x)",
+        "M67 E0 Q1",
+        "G2 X5 Y5 I100 J0",
+        "G1 X1234567",
+        "G1 X0.123456789",
+        "%",
+        "G3 X5 I1 J0 P2",
+        "G81 Z-1 R1",
+        "O5 call",
+    ]
+)
 
 
-def said(reading: Executed) -> list[object]:
+def list_results(reading: Executed) -> list[object]:
+    """Instructions, lines and findings, in a form that shows each bit."""
     return [list(map(repr, reading.body)), list(reading.lines), reading.findings]
 
 
-def both(text: str, grbl: bool = False, **options: object) -> Executed:
-    """The reading, which is the same either way, to the last bit; by column from the second line in a row on."""
+def read_both(text: str, grbl: bool = False, **options: object) -> Executed:
+    """Reads a text by column and line by line, compares the readings bit by bit, and returns one.
+
+    Two usual lines in a row are enough for the fast path.
+    """
     read = read_grbl if grbl else readback.read
     with patch.object(motion, "SHORTEST_RUN", 2):
         by_column = read({"a.ngc": text}, options)
     with patch.object(motion, "SHORTEST_RUN", 10**9):
         line_by_line = read({"a.ngc": text}, options)
-    assert said(by_column) == said(line_by_line)
+    assert list_results(by_column) == list_results(line_by_line)
     return by_column
 
 
 @given(st.lists(st.one_of(usual, usual, arc), max_size=30))
-def test_usual_lines_are_read_the_same_either_way(lines: list[str]) -> None:
-    both("\n".join([HEAD[:-1], "G1 X1 F100", *lines, END]))
+def test_usual_lines_are_read_the_same(lines: list[str]) -> None:
+    read_both("\n".join([HEAD[:-1], "G1 X1 F100", *lines, END]))
 
 
 @given(st.lists(st.one_of(usual, usual, arc, odd), max_size=25), st.booleans())
-def test_odd_lines_among_them_too(lines: list[str], grbl: bool) -> None:
-    both("\n".join([GRBL_HEAD[:-1] if grbl else HEAD[:-1], *lines, END]), grbl)
+def test_usual_lines_with_odd_ones_among_them_are_read_the_same(
+    lines: list[str], grbl: bool
+) -> None:
+    read_both("\n".join([GRBL_HEAD[:-1] if grbl else HEAD[:-1], *lines, END]), grbl)
 
 
 @pytest.mark.parametrize("size", [3, 5])
-def test_wherever_the_text_is_cut(size: int) -> None:
+def test_a_text_is_read_the_same_in_chunks_of_any_size(size: int) -> None:
     chance = random.Random(size)
+    kinds = ["G1 X{} Y1 F100", "G0 Z{}", "M64 P0", "(x)", "G1 Y{}", "G4 P1"]
     with patch.object(columns, "CHUNK_LINES", size):
         for _ in range(20):
-            rows = [
-                chance.choice(["G1 X{} Y1 F100", "G0 Z{}", "M64 P0", "(x)", "G1 Y{}", "G4 P1"])
-                for _ in range(30)
-            ]
-            both(HEAD + "\n".join(row.format(k / 8) for k, row in enumerate(rows)) + "\n" + END)
+            rows = [chance.choice(kinds) for _ in range(30)]
+            read_both(
+                HEAD + "\n".join(row.format(k / 8) for k, row in enumerate(rows)) + "\n" + END
+            )
 
 
 def test_a_long_program_is_read_by_column() -> None:
@@ -76,21 +119,21 @@ def test_a_long_program_is_read_by_column() -> None:
     done = []
     perform = motion.perform
 
-    def watch(*found: object) -> object:
-        done.append(perform(*found))  # type: ignore[arg-type]
+    def watch(*arguments: object) -> object:
+        done.append(perform(*arguments))  # type: ignore[arg-type]
         return done[-1]
 
     with patch.object(motion, "perform", watch):
         reading = readback.read({"a.ngc": HEAD + "G1 Z0 F60\n" + "\n".join(rows) + "\n" + END}, {})
-    assert sum(len(one.body) for one in done if one is not None) >= 800
+    assert sum(len(result.body) for result in done if result is not None) >= 800
     assert isinstance(reading.body, Body)
     assert reading.findings == ()
     moves = [item for item in reading.body if isinstance(item, MoveJ | MoveL | MoveC)]
-    arcs = [(start, one) for start, one in pairwise(moves) if isinstance(one, MoveC)]
+    arcs = [(start, arc) for start, arc in pairwise(moves) if isinstance(arc, MoveC)]
     assert len(arcs) == 200
-    # Each a quarter of a circle with a radius of 0.5 mm about a point above its start.
-    for start, one in arcs:
-        (x, y, _), (u, v, _) = start.target.origin, one.via.origin
+    # Each arc is a quarter of a circle with a radius of 0.5 mm about a point above its start.
+    for start, arc in arcs:
+        (x, y, _), (u, v, _) = start.target.origin, arc.via.origin
         assert (u - x) ** 2 + (v - y - 0.5) ** 2 == pytest.approx(0.25)
         assert u > x
 
@@ -108,5 +151,5 @@ def test_a_long_program_is_read_by_column() -> None:
         (["a", ""], ["a", ""]),
     ],
 )
-def test_lines_of_texts(texts: list[str], lines: list[str]) -> None:
+def test_each_text_is_cut_into_lines(texts: list[str], lines: list[str]) -> None:
     assert readback.list_lines({str(k): text for k, text in enumerate(texts)}) == lines

@@ -15,6 +15,7 @@ from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
 from tests.post.changes.grbl import TEXT
 from tests.support.examples import fewer
+from tests.support.gcode_programs import UNSAID, S
 from tests.support.rs274 import (
     assert_moves,
     at,
@@ -27,10 +28,10 @@ from tests.support.rs274 import (
 )
 
 SLOW = settings(suppress_health_check=[HealthCheck.too_slow])
-S = 10 / math.sqrt(2)
-#: The letters and codes of GRBL 1.1 that the firmware's parser takes, from its documentation of supported G-code.
+#: Lines that the parser of GRBL 1.1 takes, by the list of supported codes in its documentation.
 KNOWN = re.compile(
-    r"(?:(?:G(?:0|1|2|3|4|17|18|19|20|21|40|49|5[3-9]|61|80|90|91|91\.1|93|94)|M(?:0|2|3|4|5|7|8|9|30))(?=[A-Z]|$)"
+    r"(?:(?:G(?:0|1|2|3|4|17|18|19|20|21|40|49|5[3-9]|61|80|90|91|91\.1|93|94)|M(?:"
+    r"0|2|3|4|5|7|8|9|30))(?=[A-Z]|$)"
     r"|[XYZIJKRFSPTN][+-]?[0-9.]+)*"
 )
 
@@ -43,15 +44,18 @@ def read(text, **options):
     return find_readback("grbl")({"part.nc": text}, options)
 
 
-def faults(*lines, **options):
-    text = "\n".join(
-        ["G17 G21 G40 G49 G54 G80 G90 G91.1 G94", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""]
-    )
+def list_faults(*lines, **options):
+    """Line and message of each finding; the first of `lines` is line 1."""
+    modes = "G17 G21 G40 G49 G54 G80 G90 G91.1 G94"
+    text = "\n".join([modes, "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
     return [(fault.line - 3, fault.what) for fault in read(text, **options).findings]
 
 
-def assert_takes(text):
-    """What the firmware's line buffer and parser ask of every line, by a check that shares nothing with the reader."""
+def assert_firmware_takes(text):
+    """Every line fits into the line buffer of the firmware and suits its parser.
+
+    This check shares no code with the reader.
+    """
     assert text.isascii()
     assert text.endswith("M2\n")
     for line in text.splitlines():
@@ -91,27 +95,27 @@ PART = program(
 )
 
 
-def test_the_page_of_the_post_shows_this_text():
+def test_the_page_of_the_post_shows_the_expected_text():
     page = Path(__file__).parents[2] / "docs" / "posts" / "grbl.md"
     assert f"```\n{TEXT}```" in page.read_text()
 
 
-def test_text_of_a_part():
+def test_the_text_of_a_part_is_the_expected_one():
     assert posted(grbl(), PART)[1] == TEXT
-    assert_takes(TEXT)
+    assert_firmware_takes(TEXT)
     assert difference(PART, read(TEXT), grbl().tolerance()) == ""
 
 
-def test_a_machine_that_has_its_zero_at_the_top_may_go_there_first():
+def test_the_option_lift_moves_to_the_zero_of_the_machine_first():
     ready, text = posted(grbl(lift=True), PART)
     assert text.splitlines()[4:9] == ["M5", "G53 G0 Z0", "G49", "G0 X0 Y0", "G0 Z50"]
-    assert_takes(text)
+    assert_firmware_takes(text)
     assert difference(ready, read(text, lift=True), grbl().tolerance()) == ""
     assert "post.lift is false" in read(text).findings[0].what
 
 
 @pytest.mark.parametrize(
-    ("options", "on", "off"),
+    ("options", "switched_on", "switched_off"),
     [
         ({"power": 250.5}, "M3 S250.5", "M5"),
         ({"signals": {"process": "M4"}}, "M4 S1000", "M5"),
@@ -119,10 +123,10 @@ def test_a_machine_that_has_its_zero_at_the_top_may_go_there_first():
         ({"signals": {"process": "M8"}}, "M8", "M9"),
     ],
 )
-def test_outputs_of_the_process(options, on, off):
+def test_the_process_may_be_a_laser_or_a_coolant_output(options, switched_on, switched_off):
     _, text = posted(grbl(**options), PART)
-    assert text == TEXT.replace("M3 S1000", on).replace("M5", off)
-    assert_takes(text)
+    assert text == TEXT.replace("M3 S1000", switched_on).replace("M5", switched_off)
+    assert_firmware_takes(text)
     assert difference(PART, read(text, **options), grbl(**options).tolerance()) == ""
     assert difference(PART, read(text, signals={"glue": "M3"}, power=7), grbl().tolerance())
 
@@ -130,21 +134,20 @@ def test_outputs_of_the_process(options, on, off):
 SPINNING = program(Output("spindle", 8000.0), MoveL(at(1, 0, 0), 10.0), Output("spindle", 0.0))
 
 
-def test_a_spindle_is_not_a_signal():
+def test_a_spindle_has_its_speed():
     _, text = posted(grbl(), SPINNING)
     assert text.splitlines()[-4:] == ["M3 S8000", "G1 X1 Z0 F600", "M5", "M2"]
     assert difference(SPINNING, read(text), grbl().tolerance()) == ""
 
 
-def test_a_line_of_another_power_is_no_signal():
+def test_a_power_that_is_not_the_one_of_the_option_is_a_spindle_speed():
     twice = TEXT.replace("G1 X5 Y5 F2000", "M3 S999\nG1 X5 Y5 F2000")
-    assert [
-        i.value for i in read(twice).body if isinstance(i, Output) and i.signal == "spindle"
-    ] == [0, 1000, 999, 0]
+    outputs = [item for item in read(twice).body if isinstance(item, Output)]
+    assert [i.value for i in outputs if i.signal == "spindle"] == [0, 1000, 999, 0]
 
 
 @pytest.mark.parametrize(
-    ("plan", "options", "says"),
+    ("plan", "options", "message"),
     [
         (
             program(Output("spindle", 8000.0), Output("process", 1.0)),
@@ -156,22 +159,26 @@ def test_a_line_of_another_power_is_no_signal():
             program(Output("spindle", 1000.0)),
             {},
             "grbl: a spindle at 1000 rpm reads like signal process at post.power (instruction 0); "
-            'change post.power or put the signal on a coolant line, e.g. post.signals = {process = "M8"}',
+            "change post.power or put the signal on a coolant line, e.g. post.signals = "
+            '{process = "M8"}',
         ),
         (
             program(Force(5.0, (1.0, 0.0, 0.0)), MoveL(at(1, 0, 0), 10.0), Force(0.0)),
             {},
-            'grbl: G-code has no force control; set process.force = 0 or post.force = "ignore" (instruction 0)',
+            (
+                "grbl: G-code has no force control; set process.force = 0 or post.force = "
+                '"ignore" (instruction 0)'
+            ),
         ),
     ],
 )
-def test_refusals(plan, options, says):
+def test_a_refusal_names_index_and_remedy(plan, options, message):
     with pytest.raises(Refused) as caught:
         grbl(**options).prepare(plan, 0.01)
-    assert str(caught.value) == says
+    assert str(caught.value) == message
 
 
-def test_spindle_and_coolant_go_together():
+def test_a_spindle_may_run_with_a_coolant_output():
     plan = program(
         Output("spindle", 1000.0),
         Output("process", 1.0),
@@ -184,7 +191,7 @@ def test_spindle_and_coolant_go_together():
     assert difference(plan, read(text, **options), grbl(**options).tolerance()) == ""
 
 
-def test_force_left_out_by_the_user():
+def test_the_option_ignore_leaves_the_force_out():
     plan = program(
         Force(5.0, (1.0, 0.0, 0.0)),
         MoveL(at(1, 0, 0), 10.0, 0.0, 5.0, (1.0, 0.0, 0.0)),
@@ -196,7 +203,7 @@ def test_force_left_out_by_the_user():
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("options", "message"),
     [
         ({"work": "G59.1"}, "is not a work offset; one of G54, G55, G56, G57, G58, G59"),
         (
@@ -213,17 +220,17 @@ def test_force_left_out_by_the_user():
         ({"max_lines": -1}, "must be 0 or more, not -1; 0: the program is not split"),
     ],
 )
-def test_options_that_cannot_be_meant(options, says):
+def test_an_invalid_option_is_refused(options, message):
     with pytest.raises(JobError) as caught:
         grbl(**options)
-    assert says in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("case", cases(), ids=str)
 def test_conformance(case: Case):
     lacks = {"joints", "tilt", "signals", "large", "force", "split"}
     lacks |= {"tool changes", "optional stops"}
-    # Remarks; and the last digit of a centre, since an arc may be off by six times half a digit.
+    # Comments, and the last digit of a centre: an arc may deviate by six times half a digit.
     meaningless = (r"\(.*\)", r"[IJ]-?\d+\.\d\d(\d)")
     check_case(find_post("grbl"), find_language("grbl"), case, {}, lacks, meaningless)
 
@@ -244,12 +251,12 @@ HOSTILE = [
 ]
 
 
-def test_hostile_comments_reach_no_interrupt():
+def test_a_comment_has_no_character_that_acts_at_once():
     plan = program(
         *(Comment(text) for text in HOSTILE), MoveL(at(1, 0, 0), 10.0), name="a!b", header=("?",)
     )
     ready, text = posted(grbl(), plan)
-    assert_takes(text)
+    assert_firmware_takes(text)
     assert difference(ready, read(text), grbl().tolerance()) == ""
 
 
@@ -262,15 +269,15 @@ def test_the_longest_lines_fit():
     )
     _, text = posted(grbl(decimals=6), plan)
     assert "G3" in text
-    assert_takes(text)
+    assert_firmware_takes(text)
 
 
 @needs_rs274
 @fewer(12, [HealthCheck.too_slow])
 @given(programs())
-def test_interpreter_readback_and_program_agree(plan):
+def test_linuxcnc_and_the_read_back_run_a_generated_program_as_planned(plan):
     ready, text = posted(grbl(), plan)
-    assert_takes(text)
+    assert_firmware_takes(text)
     assert difference(ready, read(text), grbl().tolerance()) == ""
     canon = run(text)
     assert canon.error == ""
@@ -279,16 +286,14 @@ def test_interpreter_readback_and_program_agree(plan):
 
 @SLOW
 @given(programs())
-def test_arcs_hold_in_32_bits(plan):
-    """GRBL computes in 32-bit floats: its two radii still agree (error 33: 0.5 mm, or 0.005 mm and 0.1 %)."""
+def test_the_radii_of_an_arc_agree_in_32_bits(plan):
+    """GRBL computes in 32-bit floats. Its error 33 is at 0.5 mm, or at 0.005 mm and 0.1 %."""
     _, text = posted(grbl(), plan)
     x = y = np.float32(0)
     for line in text.splitlines():
-        words = {
-            w[0]: np.float32(w[1:])
-            for w in line.split()
-            if w[0] in "XYIJ" and not line.startswith("(")
-        }
+        if line.startswith("("):
+            continue
+        words = {word[0]: np.float32(word[1:]) for word in line.split() if word[0] in "XYIJ"}
         nx, ny = words.get("X", x), words.get("Y", y)
         if line.startswith(("G2 ", "G3 ")):
             i, j = words["I"], words["J"]
@@ -299,7 +304,7 @@ def test_arcs_hold_in_32_bits(plan):
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "message"),
     [
         ("G64 P0.01", "G64 is not read: not a code of GRBL"),
         ("G43 H1", "G43 is not read: not a code of GRBL"),
@@ -333,48 +338,45 @@ def test_arcs_hold_in_32_bits(plan):
         ("G1 X1", "G1 without a feed (F)"),
     ],
 )
-def test_faults_name_line_and_word(line, says):
-    assert (1, says) in faults(line)
-
-
-UNSAID = "not set before the first motion: the program before may have left it otherwise"
+def test_a_wrong_line_is_a_fault(line, message):
+    assert (1, message) in list_faults(line)
 
 
 @pytest.mark.parametrize("word", ["G17", "G40", "G54", "G80", "G90", "G91.1", "G94"])
-def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word):
-    left = (
-        TEXT.replace(f"{word} ", "", 1) if f"{word} " in TEXT else TEXT.replace(f"{word}\n", "\n")
-    )
-    assert read(left).findings == (Finding("unusual", 7, f"{word} {UNSAID}"),)
-    assert f"{word} not set" in difference(PART, read(left), grbl().tolerance())
+def test_a_mode_that_is_not_set_is_a_remark_and_does_not_verify(word):
+    if f"{word} " in TEXT:
+        reading = read(TEXT.replace(f"{word} ", "", 1))
+    else:
+        reading = read(TEXT.replace(f"{word}\n", "\n"))
+    assert reading.findings == (Finding("unusual", 7, f"{word} {UNSAID}"),)
+    assert f"{word} not said" in difference(PART, reading, grbl().tolerance())
 
 
-def test_tools_and_numbers_within_the_firmware():
+def test_a_tool_number_without_a_change_is_a_remark():
     idle = (1, "T255 selects a tool that no M6 changes to")
-    assert faults("T255", "N10000000 G0 X1", "N9999999.5 G0 X2") == [idle]
+    assert list_faults("T255", "N10000000 G0 X1", "N9999999.5 G0 X2") == [idle]
 
 
-def test_what_grbl_takes():
-    assert faults(
-        "/G0 X1", "(a (b)", "; x ( y", "N7 g1 x 1 0 f1 00", "T1", "(" + "c" * 200 + ") G0 X1"
-    ) == [
+def test_a_line_that_grbl_takes_is_read():
+    comment = "(" + "c" * 200 + ") G0 X1"
+    assert list_faults("/G0 X1", "(a (b)", "; x ( y", "N7 g1 x 1 0 f1 00", "T1", comment) == [
         (1, "a slash before a line, which GRBL ignores and no post writes"),
         (2, "a comment that is not closed, or closed twice"),
         (5, "T1 selects a tool that no M6 changes to"),
     ]
-    assert faults("G1 F100 X" + "0" * 71 + "1") == []
+    assert list_faults("G1 F100 X" + "0" * 71 + "1") == []
 
 
-def test_every_line_matters():
+def test_a_text_without_one_of_its_lines_is_not_the_program():
     lines = TEXT.splitlines()
     for k, line in enumerate(lines):
         if not line.startswith("("):
-            left = read("\n".join(lines[:k] + lines[k + 1 :]) + "\n")
-            assert difference(PART, left, grbl().tolerance()), line
+            reading = read("\n".join(lines[:k] + lines[k + 1 :]) + "\n")
+            assert difference(PART, reading, grbl().tolerance()), line
 
 
 @given(st.randoms(use_true_random=False))
-def test_changed_texts_never_raise(chance: random.Random):
+def test_a_changed_program_is_read_without_an_exception(chance: random.Random):
     text = list(TEXT)
     for _ in range(chance.randint(1, 12)):
         text[chance.randrange(len(text))] = chance.choice(
@@ -385,9 +387,9 @@ def test_changed_texts_never_raise(chance: random.Random):
 
 
 @given(st.one_of(st.text(), st.text("GMXYZIJKRFSTPQ0123456789.-+ \n%()/;", max_size=200)))
-def test_any_text_gives_a_reading(text):
+def test_any_text_is_read_without_an_exception(text):
     reading = read(text)
-    # Only a text that ends as a program does can be without a fault.
+    # A text without an end always has a finding.
     assert reading.findings or any(
         end in text.upper().replace(" ", "") for end in ("M2", "M02", "M30")
     )

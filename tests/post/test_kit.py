@@ -1,8 +1,8 @@
-"""The conformance kit: the example post of the tutorial conforms, and posts with known faults do not."""
+"""The conformance kit passes the example post of the tutorial and finds the faults of others."""
 
 import math
 import re
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 
 import pytest
@@ -20,7 +20,7 @@ from tests.support.modules import load_module
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs" / "example_post"
 LACKS = {"force", "spindle", "signals", "stops", "tool changes", "split"}
-#: The same as in the example: remarks, the sign of 180 deg, the last digit of an auxiliary point.
+#: As in the example: comments, the sign of 180 deg, and the last digit of an auxiliary point.
 MEANINGLESS = (
     r";.*",
     r"[ABC]( |-)180\.0+",
@@ -48,10 +48,10 @@ def test_options_go_to_post_and_language():
     assert conformance(KRL, LANGUAGE, options, lacks, MEANINGLESS) == []
 
 
-# What a post may not do: each of these is a post with one fault, and what the kit says about it.
+# Each of these posts has one fault. `FINDINGS` has the finding of the kit about it.
 
 
-class Drops(KRL):
+class DropsWaits(KRL):
     def wait(self, _item):
         return ()
 
@@ -61,13 +61,13 @@ class DropsArcs(KRL):
         return ()
 
 
-class Swaps(KRL):
+class SwapsXAndY(KRL):
     def movel(self, motion):
         x, y, z = motion.target.origin
         return super().movel(replace(motion, target=Pose(motion.target.rotation, (y, x, z))))
 
 
-class Radians(KRL):
+class PrintsRadians(KRL):
     def movej(self, motion):
         if isinstance(motion.target, Pose):
             return super().movej(motion)
@@ -75,7 +75,7 @@ class Radians(KRL):
         return (f"PTP {{{axes}}}",)
 
 
-class Metres(KRL):
+class PrintsMetres(KRL):
     def movel(self, motion):
         x, y, z = motion.target.origin
         return super().movel(
@@ -83,38 +83,38 @@ class Metres(KRL):
         )
 
 
-class Milliseconds(KRL):
+class PrintsMilliseconds(KRL):
     def wait(self, item):
         return super().wait(Wait(item.seconds * 1000))
 
 
-class MetresPerMinute(KRL):
+class PrintsMetresPerMinute(KRL):
     def movel(self, motion):
         return super().movel(replace(motion, speed=motion.speed * 0.06))
 
 
-class ViaTwice(KRL):
+class EndsAtTheViaPoint(KRL):
     def movec(self, motion):
         return super().movec(replace(motion, target=motion.via))
 
 
-class EndTwice(KRL):
+class PassesThroughTheEnd(KRL):
     def movec(self, motion):
         return super().movec(replace(motion, via=motion.target))
 
 
-class OtherWayRound(KRL):
+class MirrorsArcs(KRL):
     def movec(self, motion):
         x, y, z = motion.via.origin
         return super().movec(replace(motion, via=Pose(motion.via.rotation, (x, -y, z))))
 
 
-class Clamps(KRL):
+class ClampsSpeeds(KRL):
     def movel(self, motion):
         return super().movel(replace(motion, speed=min(motion.speed, 250.0)))
 
 
-class Stops(KRL):
+class StopsAtEachTarget(KRL):
     def movel(self, motion):
         return super().movel(replace(motion, blend=0.0))
 
@@ -126,7 +126,7 @@ class TransposesRotations(KRL):
         )
 
 
-class FewDigits(KRL):
+class PrintsTwoDigits(KRL):
     def movel(self, motion):
         x, y, z = (round(v, 2) for v in motion.target.origin)
         return super().movel(replace(motion, target=Pose(motion.target.rotation, (x, y, z))))
@@ -142,24 +142,24 @@ class InvertsOutputs(KRL):
         return super().output(Output(item.signal, 1 - item.value))
 
 
-class RawComments(KRL):
+class PrintsRawComments(KRL):
     def note(self, text):
         return self.comment(text)
 
 
-class MinusZero(KRL):
+class PrintsMinusZero(KRL):
     def movel(self, motion):
         return [line.replace(" 0.000,", " -0.000,") for line in super().movel(motion)]
 
 
-class Exponents(KRL):
+class PrintsExponents(KRL):
     def wait(self, item):
         return (
             f"WAIT SEC {item.seconds}" if item.seconds > 0.01 else f"WAIT SEC {item.seconds:.1e}",
         )
 
 
-class NotANumber(KRL):
+class PrintsNaN(KRL):
     def end(self, _program):
         return ("; X nan", "END")
 
@@ -167,19 +167,19 @@ class NotANumber(KRL):
 _ticks = count()
 
 
-class Restless(KRL):
+class PrintsAnotherTextEachTime(KRL):
     def end(self, _program):
         return (f"; {next(_ticks)}", "END")
 
 
-class NoNewline(KRL):
+class EndsWithoutNewline(KRL):
     def assemble(self, program, parts):
         return tuple(
             OutputFile(f.name, f.text.rstrip("\n")) for f in super().assemble(program, parts)
         )
 
 
-class CarriageReturns(KRL):
+class PrintsCarriageReturns(KRL):
     def assemble(self, program, parts):
         return tuple(
             OutputFile(f.name, f.text.replace("\n", "\r\n"))
@@ -187,178 +187,177 @@ class CarriageReturns(KRL):
         )
 
 
-class Elsewhere(KRL):
+class WritesOutsideOfTheFolder(KRL):
     def assemble(self, program, parts):
         return tuple(OutputFile("../" + f.name, f.text) for f in super().assemble(program, parts))
 
 
-class TwoWithOneName(KRL):
+class WritesTwoFilesOfOneName(KRL):
     def assemble(self, program, parts):
         return super().assemble(program, parts) * 2
 
 
-class Nothing(KRL):
+class WritesNoFile(KRL):
     def assemble(self, _program, _parts):
         return ()
 
 
-class Shy(KRL):
+class RefusesStraightMotions(KRL):
     def why_not(self, item, before, after):
         return "not today" if isinstance(item, MoveL) else super().why_not(item, before, after)
 
 
-class Mute(KRL):
+class RefusesWithoutReason(KRL):
     def prepare(self, _program, _chord):
         raise Refused(self.name, 0, " ")
 
 
-class Lost(KRL):
+class RefusesAnUnknownInstruction(KRL):
     def prepare(self, _program, _chord):
         raise Refused(self.name, 10_000, "something is wrong")
 
 
-class Sweeping(KRL):
+class RefusesAsAWhole(KRL):
     def prepare(self, _program, _chord):
         raise Refused(self.name, -1, "something is wrong")
 
 
-class Broken(KRL):
+class RaisesJobError(KRL):
     def end(self, _program):
         raise JobError("[post]", "no such thing")
 
 
-class NoReadings(KRL):
+class VerifiesAnUnknownField(KRL):
     verified_fields = frozenset({"orientation", "spede"})
 
 
-class Loose(KRL):
+class HasAnInfiniteTolerance(KRL):
     def tolerance(self):
         return replace(super().tolerance(), speed=math.inf)
 
 
-class Coarse(KRL):
+class HasACoarseTolerance(KRL):
     def tolerance(self):
         return replace(super().tolerance(), mm=0.05)
 
 
-class Halves(KRL):
+class HalvesSpeeds(KRL):
     def prepare(self, program, chord):
         program = super().prepare(program, chord)
         slow = [replace(x, speed=x.speed / 2) if isinstance(x, MoveL) else x for x in program.body]
         return program.with_body(tuple(slow))
 
 
-class NoProgram(KRL):
+class PreparesABody(KRL):
     def prepare(self, program, chord):
         return super().prepare(program, chord).body
 
 
-class StopsNever(KRL):
+class DropsStops(KRL):
     def stop(self, _item):
         return ()
 
 
-class ChangesNoTool(KRL):
+class DropsToolChanges(KRL):
     changes_tools = True
 
     def change_tool(self, _item):
         return ()
 
 
-class StaysUpright(KRL):
+class DropsReorientations(KRL):
     def movel(self, motion):
         straight = replace(motion, target=Pose(TOOL_DOWN, motion.target.origin))
         return super().movel(straight if motion.turn else motion)
 
 
-SAYS = {
-    NoReadings: "verified_fields has the unknown word 'spede'",
-    Loose: "tolerance() speed = inf is not finite",
-    Coarse: "coordinates are printed to 0.05 mm, but tolerance.chord = 0.01",
-    Halves: "instruction 2: the preparation changes the speed",
-    NoProgram: "prepare() is ",
-    StopsNever: "stops: kit.src: instruction 6: instruction reads MoveL",
-    ChangesNoTool: "tool changes: kit.src: instruction 0: instruction reads MoveJ",
-    StaysUpright: "turns on the spot: kit.src: instruction 3: orientation reads",
-    Drops: "planned is wait",
+FINDINGS = {
+    VerifiesAnUnknownField: "verified_fields has the unknown word 'spede'",
+    HasAnInfiniteTolerance: "tolerance() speed = inf is not finite",
+    HasACoarseTolerance: "coordinates are printed to 0.05 mm, but tolerance.chord = 0.01",
+    HalvesSpeeds: "instruction 2: the preparation changes the speed",
+    PreparesABody: "prepare() is ",
+    DropsStops: "stops: kit.src: instruction 6: instruction reads MoveL",
+    DropsToolChanges: "tool changes: kit.src: instruction 0: instruction reads MoveJ",
+    DropsReorientations: "turns on the spot: kit.src: instruction 3: orientation reads",
+    DropsWaits: "planned is wait",
     DropsArcs: "planned is MoveC",
-    Swaps: "target reads",
-    Radians: "joint values reads",
-    Metres: "target reads",
-    Milliseconds: "wait reads",
-    MetresPerMinute: "speed reads",
-    ViaTwice: "target reads",
-    EndTwice: "middle of the arc reads",
-    OtherWayRound: "middle of the arc reads",
-    Clamps: "speed reads 250, planned is 1000",
-    Stops: "blend reads 0",
+    SwapsXAndY: "target reads",
+    PrintsRadians: "joint values reads",
+    PrintsMetres: "target reads",
+    PrintsMilliseconds: "wait reads",
+    PrintsMetresPerMinute: "speed reads",
+    EndsAtTheViaPoint: "target reads",
+    PassesThroughTheEnd: "middle of the arc reads",
+    MirrorsArcs: "middle of the arc reads",
+    ClampsSpeeds: "speed reads 250, planned is 1000",
+    StopsAtEachTarget: "blend reads 0",
     TransposesRotations: "orientation reads",
-    FewDigits: "target reads",
+    PrintsTwoDigits: "target reads",
     ForgetsTheFrame: "the work frame reads",
     InvertsOutputs: "output reads",
-    RawComments: "not a statement that is known: G0 Z-50",
-    MinusZero: "has a minus zero in line",
-    Exponents: "has an exponent in line",
-    NotANumber: "has NaN or infinity in line",
-    Restless: "the same program gives two texts",
-    NoNewline: "does not end with a newline",
-    CarriageReturns: "has a control character",
-    Elsewhere: "is not a file name",
-    TwoWithOneName: "two with one name",
-    Nothing: "no file",
-    Shy: "refused a MoveL that uses nothing the controller is said to lack",
-    Mute: "refused without a reason",
-    Lost: "refused instruction 10000, which is not there",
-    Broken: "JobError: [post]: no such thing",
+    PrintsRawComments: "not a statement that is known: G0 Z-50",
+    PrintsMinusZero: "has a minus zero in line",
+    PrintsExponents: "has an exponent in line",
+    PrintsNaN: "has NaN or infinity in line",
+    PrintsAnotherTextEachTime: "the same program gives two texts",
+    EndsWithoutNewline: "does not end with a newline",
+    PrintsCarriageReturns: "has a control character",
+    WritesOutsideOfTheFolder: "is not a file name",
+    WritesTwoFilesOfOneName: "two with one name",
+    WritesNoFile: "no file",
+    RefusesStraightMotions: "refused a MoveL that uses nothing the controller is said to lack",
+    RefusesWithoutReason: "refused without a reason",
+    RefusesAnUnknownInstruction: "refused instruction 10000, which is not there",
+    RaisesJobError: "JobError: [post]: no such thing",
 }
 
 
-def is_found(post, read, lacks, says, cases):
-    """Whether a case has the finding. The cases after it are not run."""
+def has_finding(post, read, lacks, message, cases):
+    """Whether the kit reports the finding in a case. The cases after it are not run."""
     for case in cases:
         try:
             check_case(post, read, case, FAST, lacks, MEANINGLESS)
         except AssertionError as error:
-            if says in str(error):
+            if message in str(error):
                 return True
     return False
 
 
-@pytest.mark.parametrize("post", SAYS, ids=lambda post: post.__name__)
-def test_a_fault_is_found(post):
+@pytest.mark.parametrize("post", FINDINGS, ids=lambda post: post.__name__)
+def test_a_fault_of_a_post_is_found(post):
     lacks = LACKS - {"stops", "tool changes"}
-    # Changed numbers try the read-back, which is right here. They take most of the time.
+    # Changed numbers test the read-back, which is right here, and take most of the time.
     plain = [replace(case, altered="") for case in cases()]
-    assert is_found(post, LANGUAGE, lacks, SAYS[post], plain)
+    assert has_finding(post, LANGUAGE, lacks, FINDINGS[post], plain)
 
 
-# Read-backs that pass over a number of the text. The text of the post is right.
+# Read-backs that ignore a number of a right text
 
 
 def spoil(pattern, replacement):
     """A read-back that reads the text after `pattern` is replaced."""
 
-    def run(files, ask):
-        return LANGUAGE.run(
-            {name: re.sub(pattern, replacement, text) for name, text in files.items()}, ask
-        )
+    def run(files, options):
+        changed = {name: re.sub(pattern, replacement, text) for name, text in files.items()}
+        return LANGUAGE.run(changed, options)
 
     return replace(LANGUAGE, run=run)
 
 
 @pytest.mark.parametrize(
-    ("pattern", "replacement", "says"),
+    ("pattern", "replacement", "message"),
     [
         (r"\$VEL_AXIS\[(\d)\]=.*", r"$VEL_AXIS[\1]=10", "$VEL_AXIS[1]=60"),
         (r"\$APO\.CDIS=.*", "$APO.CDIS=5.000", "blend reads"),
         (r"WAIT SEC .*", "WAIT SEC 0.250", "WAIT SEC 5.250"),
     ],
 )
-def test_a_number_that_the_language_passes_over_is_found(pattern, replacement, says):
-    assert is_found(KRL, spoil(pattern, replacement), LACKS, says, cases())
+def test_a_number_that_the_language_ignores_is_found(pattern, replacement, message):
+    assert has_finding(KRL, spoil(pattern, replacement), LACKS, message, cases())
 
 
-def test_each_change_of_a_number_is_made_and_excused_by_its_place():
+def test_each_number_is_changed_in_several_ways_and_excused_by_its_place():
     text = "A1 -2.50\nB 0.00\nA1 3.75\n"
     changes = list(alter_numbers(text))
     assert [change.text.split("\n")[0] for change in changes if change.line == 1] == [
@@ -376,48 +375,53 @@ def test_each_change_of_a_number_is_made_and_excused_by_its_place():
 
 
 def test_a_change_that_no_pattern_names_is_a_finding():
-    found = conformance(KRL, LANGUAGE, FAST, LACKS)
-    assert found
-    assert all("a changed number is not seen: line" in line for line in found)
+    findings = conformance(KRL, LANGUAGE, FAST, LACKS)
+    assert findings
+    assert all("a changed number is not seen: line" in line for line in findings)
 
 
 def test_a_post_may_not_refuse_everything_at_once():
-    assert any(
-        "refused as a whole" in line
-        for line in conformance(Sweeping, LANGUAGE, FAST, LACKS - {"split"}, MEANINGLESS)
-    )
+    findings = conformance(RefusesAsAWhole, LANGUAGE, FAST, LACKS - {"split"}, MEANINGLESS)
+    assert any("refused as a whole" in line for line in findings)
 
 
-def test_what_is_not_declared_may_not_be_refused():
-    found = conformance(KRL, LANGUAGE, meaningless=MEANINGLESS)
-    assert {line.partition(":")[0] for line in found} == {
-        "speeds", "force", "force along an arc", "force twice", "spindle", "signals", "several files",
-        "stops", "optional stops", "tool changes",
-    }  # fmt: skip
+def test_a_feature_that_is_not_declared_as_missing_may_not_be_refused():
+    findings = conformance(KRL, LANGUAGE, meaningless=MEANINGLESS)
+    assert {line.partition(":")[0] for line in findings} == {
+        "speeds",
+        "force",
+        "force along an arc",
+        "force twice",
+        "spindle",
+        "signals",
+        "several files",
+        "stops",
+        "optional stops",
+        "tool changes",
+    }
 
 
-def test_features_are_known_by_name():
+def test_an_unknown_feature_is_refused():
     with pytest.raises(ValueError, match="no such feature"):
         conformance(KRL, LANGUAGE, lacks={"wings"})
 
 
 def test_a_language_that_reports_nothing_is_found():
-    def run(files, ask):
-        return replace(LANGUAGE.run(files, ask), body=(), lines=())
+    def run(files, options):
+        return replace(LANGUAGE.run(files, options), body=(), lines=())
 
     blind = replace(LANGUAGE, run=run)
-
     assert len(conformance(KRL, blind, FAST, LACKS)) >= len(cases()) - 9
 
 
 def test_check_case_raises_all_findings_of_a_case():
     case = next(case for case in cases() if case.name == "waits")
     with pytest.raises(AssertionError, match="waits: "):
-        check_case(Milliseconds, LANGUAGE, case, lacks=LACKS)
+        check_case(PrintsMilliseconds, LANGUAGE, case, lacks=LACKS)
 
 
 def test_the_cases_use_every_instruction_and_every_feature():
-    items = [item for case in cases() for item in case.body]
+    items = list(chain.from_iterable(case.body for case in cases()))
     assert {type(item).__name__ for item in items} == {
         "MoveJ",
         "MoveL",

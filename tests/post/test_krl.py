@@ -1,4 +1,4 @@
-"""KRL, the example of docs/writing-a-post.md: what its text says, what it refuses, what its read-back finds."""
+"""KRL, the example of docs/writing-a-post.md: its text, its refusals and its read-back."""
 
 import math
 from pathlib import Path
@@ -34,11 +34,12 @@ def text(*body, name="part", **options):
 
 def lines(*body, **options):
     """The lines of the body after the first PTP."""
-    found = text(*body, **options).text.splitlines()
-    return found[next(k for k, line in enumerate(found) if line.startswith("PTP")) + 1 : -1]
+    rows = text(*body, **options).text.splitlines()
+    first = next(k for k, row in enumerate(rows) if row.startswith("PTP"))
+    return rows[first + 1 : -1]
 
 
-def test_everything_a_motion_depends_on_stands_before_the_first():
+def test_the_settings_of_motions_precede_the_first_one():
     assert text(name="a b").text.splitlines() == [
         "DEF a_b()",
         "; - FOLD the rest",
@@ -54,7 +55,7 @@ def test_everything_a_motion_depends_on_stands_before_the_first():
     ]
 
 
-def test_speeds_are_metres_a_second_and_said_when_they_change():
+def test_a_speed_is_in_metres_per_second_and_printed_when_it_changes():
     moves = [MoveL(at(x, 0), speed) for x, speed in ((0, 20.0), (1, 20.0), (2, 1500.0))]
     assert [line for line in lines(*moves) if "VEL" in line] == [
         "$VEL.CP=0.020000",
@@ -62,16 +63,14 @@ def test_speeds_are_metres_a_second_and_said_when_they_change():
     ]
 
 
-def test_angles_turn_about_z_then_y_then_x():
-    # The tool's x along the work's y: a quarter turn about z. Its x down: a quarter turn about y.
+def test_angles_are_about_z_then_y_then_x():
+    # A rotation by 90 deg about z turns tool x to work y, one about y to -z.
     turned = [
         MoveL(at(0, 0, k, rotation_about(axis, math.pi / 2)), 10.0)
         for k, axis in ((0, 2), (1, 1), (2, 0))
     ]
-    said = [
-        line.partition("A ")[2].rstrip("}") for line in lines(*turned) if line.startswith("LIN")
-    ]
-    assert said == [
+    targets = [line for line in lines(*turned) if line.startswith("LIN")]
+    assert [line.partition("A ")[2].rstrip("}") for line in targets] == [
         "90.0000, B 0.0000, C 0.0000",
         "0.0000, B 90.0000, C 0.0000",
         "0.0000, B 0.0000, C 90.0000",
@@ -89,7 +88,7 @@ def test_a_blend_is_a_distance_and_a_flag():
     ]
 
 
-def test_ptp_stops():
+def test_a_ptp_motion_has_no_blend():
     assert not any(
         "C_" in line for line in lines(MoveJ(at(0, 0), 10.0, 5.0), MoveJ(at(9, 0), 10.0))
     )
@@ -102,13 +101,13 @@ def test_an_arc_is_its_auxiliary_point_and_its_end():
     assert ", {X 20.000, Y 0.000, " in circ
 
 
-def test_an_arc_that_is_nearly_a_line_is_one():
+def test_an_arc_that_is_nearly_a_line_becomes_lines():
     rise = 1e5 - math.sqrt(1e10 - 25**2)
-    said = lines(MoveL(at(-25, 0), 10.0), MoveC(at(0, rise), at(25, 0), 10.0))
-    assert [line.split()[0] for line in said if line[0] != "$"] == ["LIN", "LIN"]
+    rows = lines(MoveL(at(-25, 0), 10.0), MoveC(at(0, rise), at(25, 0), 10.0))
+    assert [row.split()[0] for row in rows if row[0] != "$"] == ["LIN", "LIN"]
 
 
-def test_outputs_and_the_spindle():
+def test_outputs_and_the_spindle_are_signals():
     body = (
         Output("process", 1.0),
         Output("spindle", 9000.0),
@@ -116,29 +115,24 @@ def test_outputs_and_the_spindle():
         Output("spindle", 0.0),
         Output("process", 0.0),
     )
-    said = text(*body, signals={"process": 3, "spindle": 4}, spindle_rpm=9000.0).text.splitlines()[
-        -10:
+    signals = {"process": 3, "spindle": 4}
+    rows = text(*body, signals=signals, spindle_rpm=9000.0).text.splitlines()[-10:]
+    assert [row for row in rows if not row.startswith("PTP")] == [
+        "$TOOL={X 0.000, Y 0.000, Z 100.000, A 0.0000, B 0.0000, C 0.0000}",
+        "$OUT[3]=FALSE",
+        "$OUT[4]=FALSE",
+        "$OUT[3]=TRUE",
+        "$OUT[4]=TRUE",
+        "WAIT SEC 1.500",
+        "$OUT[4]=FALSE",
+        "$OUT[3]=FALSE",
+        "END",
     ]
-    assert [line for line in said if not line.startswith("PTP")] == [
-        *(
-            "$TOOL={X 0.000, Y 0.000, Z 100.000, A 0.0000, B 0.0000, C 0.0000}",
-            "$OUT[3]=FALSE",
-            "$OUT[4]=FALSE",
-        ),
-        *(
-            "$OUT[3]=TRUE",
-            "$OUT[4]=TRUE",
-            "WAIT SEC 1.500",
-            "$OUT[4]=FALSE",
-            "$OUT[3]=FALSE",
-            "END",
-        ),
-    ]
-    assert said[3].startswith("PTP {A1 ")
+    assert rows[3].startswith("PTP {A1 ")
 
 
 @pytest.mark.parametrize(
-    ("body", "index", "says"),
+    ("body", "index", "message"),
     [
         ([MoveL(at(0, 0), 2500.0)], 1, "max_speed"),
         ([MoveL(at(0, 0), 0.001)], 1, "0.001 mm/s"),
@@ -150,13 +144,13 @@ def test_outputs_and_the_spindle():
         ([MoveJ(Joints((0.0,) * 7), 10.0)], 1, "six axes"),
     ],
 )
-def test_what_the_controller_lacks_is_refused(body, index, says):
-    with pytest.raises(Refused, match=says) as refusal:
+def test_an_instruction_that_the_controller_lacks_is_refused(body, index, message):
+    with pytest.raises(Refused, match=message) as refusal:
         text(*body, signals={"process": 1, "spindle": 2}, spindle_rpm=9000.0)
     assert refusal.value.index == index
 
 
-def test_the_first_ptp_says_how_the_arm_stands():
+def test_a_first_motion_to_a_pose_is_refused():
     cell, post = KRL.cell(), make_post(KRL, {})
     body = (Output("process", 0.0), MoveJ(at(0, 0, 50), 10.0))
     with pytest.raises(Refused, match=r"set cell\.home to joints") as refusal:
@@ -170,14 +164,14 @@ def test_the_first_ptp_says_how_the_arm_stands():
         ("End", "p_End"),
         ("lin_rel", "p_lin_rel"),
         ("E6POS", "p_E6POS"),
-        ("ends", "p_ends"),  # what begins with a word of declarations is not trusted
+        ("ends", "p_ends"),  # begins like a declaration
         ("linear", "linear"),
         ("9 holes", "p_9_holes"),
         ("", "p_"),
         ("a" * 30, "a" * 24),
     ],
 )
-def test_a_name_that_krl_takes(name, called):
+def test_a_program_gets_a_name_that_krl_takes(name, called):
     file = text(name=name)
     assert (file.name, file.text.splitlines()[0]) == (f"{called}.src", f"DEF {called}()")
 
@@ -195,12 +189,12 @@ def test_a_name_that_krl_takes(name, called):
         {"joint_speed": 10.5},
     ],
 )
-def test_options_that_cannot_be_meant(options):
+def test_an_invalid_option_is_refused(options):
     with pytest.raises(JobError):
         make_post(KRL, options)
 
 
-# What the read-back finds in a text that was changed.
+# Read-back
 
 BODY = (
     MoveL(at(0, 0), 20.0, 1.0),
@@ -210,12 +204,12 @@ BODY = (
 )
 
 
-def test_what_is_read_back_by_hand():
-    """One program, its values worked out from the manual's words."""
+def test_a_program_is_read_back():
+    """The expected values follow from the manual of the language."""
     reading = READ({"part.src": text(*BODY).text}, {})
-    off, home, line, arc, output, wait, last = reading.body
+    first, home, line, arc, output, wait, last = reading.body
     assert reading.findings == ()
-    assert off == last == Output("process", 0.0)
+    assert first == last == Output("process", 0.0)
     assert home.target.values == pytest.approx(HOME.target.values, abs=1e-9)
     assert (line.target.origin, line.speed, line.blend) == ((0, 0, 0), pytest.approx(20), 1)
     assert np.allclose(line.target.rotation, TOOL_DOWN, atol=1e-12)
@@ -223,11 +217,9 @@ def test_what_is_read_back_by_hand():
     assert (output, wait) == (Output("process", 1.0), Wait(0.5))
     assert reading.work.origin == (500, 0, 0)
     assert reading.tool.origin == (0, 0, 100)
-    assert [
-        text(*BODY).text.splitlines()[number - 1].split()[0] for number in reading.lines[:3]
-    ] == [
-        *("$OUT[1]=FALSE", "PTP", "LIN"),
-    ]
+    rows = text(*BODY).text.splitlines()
+    starts = [rows[number - 1].split()[0] for number in reading.lines[:3]]
+    assert starts == ["$OUT[1]=FALSE", "PTP", "LIN"]
 
 
 def test_an_empty_file_is_a_fault():

@@ -17,16 +17,16 @@ from camgen.post.verify import COMPARED, list_uncompared
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
-#: mm, mm/s, ... A tolerance of some post.
-OWN = Tolerance(0.0005, 1e-6, 1e-6, 0.01, 0.01, 0.001)
+#: The tolerance of some post.
+TOLERANCE = Tolerance(0.0005, 1e-6, 1e-6, 0.01, 0.01, 0.001)
 
 
 @pytest.mark.parametrize(
     ("mm", "chord", "limit"),
     [(0.0005, 0.01, 0.0005), (0.005, 0.01, 0.005), (0.01, 0.01, 0.01), (0.0501, 0.05, 0.05)],
 )
-def test_the_smaller_one_is_the_limit(mm, chord, limit):
-    tolerance = replace(OWN, mm=mm)
+def test_the_tolerance_of_a_text_is_at_most_the_chord_error(mm, chord, limit):
+    tolerance = replace(TOLERANCE, mm=mm)
     assert limit_tolerance(tolerance, chord) == replace(tolerance, mm=limit)
 
 
@@ -35,13 +35,13 @@ def test_the_smaller_one_is_the_limit(mm, chord, limit):
 )
 def test_a_coarser_text_than_the_job_allows_is_refused(mm, chord):
     with pytest.raises(JobError, match=f"printed to {mm:g} mm, but tolerance.chord = ") as caught:
-        limit_tolerance(replace(OWN, mm=mm), chord)
+        limit_tolerance(replace(TOLERANCE, mm=mm), chord)
     assert caught.value.remedy == f"raise post.decimals, or set tolerance.chord = {mm:g}"
 
 
 @pytest.mark.parametrize("name", ["arc_fit", "simplify", "corner"])
-def test_what_may_change_a_shape_says_nothing_about_digits(name):
-    """0 switches such a change off. It asks for no more digits."""
+def test_a_tolerance_of_shapes_does_not_limit_the_digits(name):
+    """0 switches the change of the shape off. It does not require more digits."""
     square = part([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)])
     assert build(square, post="rapid", job={"tolerance": {name: 0.0}}).deviation.max_mm <= 0.0005
 
@@ -53,12 +53,12 @@ def test_few_digits_need_a_wide_tolerance(post):
         build(BRACKET, post=post, job={"post": {"decimals": 1}})
     assert caught.value.exit_code == 2
     wide = {"post": {"decimals": 1}, "tolerance": {"chord": 0.05}}
-    # A distance is of three coordinates, and of the middle of an arc six times as much (ARC_SLACK).
+    # The middle of an arc may deviate by six times as much as a coordinate (ARC_SLACK).
     assert build(BRACKET, post=post, job=wide).deviation.max_mm <= 6 * 0.0501
 
 
 @pytest.mark.parametrize("post", POSTS)
-def test_two_digits_are_within_the_default(post):
+def test_a_text_with_two_digits_is_within_the_default_tolerance(post):
     assert build(BRACKET, post=post, job={"post": {"decimals": 2}}).deviation.max_mm < 6 * 0.006
 
 
@@ -80,15 +80,15 @@ def test_no_built_in_post_is_beyond_a_bound(post):
         assert 0 <= getattr(tolerance, name) <= bound
 
 
-# The words that select the compared properties.
+# The words that select the compared properties
 
 
-def test_the_base_compares_by_words_of_the_table():
+def test_the_verified_fields_of_the_base_are_words_of_the_table():
     assert Post.verified_fields <= set(COMPARED)
 
 
 @pytest.mark.parametrize("name", POSTS)
-def test_what_no_word_covers_is_not_compared(name):
+def test_an_aspect_without_a_word_is_listed_as_not_compared(name):
     post = make_post(find_post(name), {})
     missing = set(list_uncompared(post))
     for word in post.list_verified():
@@ -101,7 +101,7 @@ def test_what_no_word_covers_is_not_compared(name):
     assert missing == aspects - covered
 
 
-def test_a_post_that_leaves_words_out_says_what_is_not_compared():
+def test_a_post_with_few_words_lists_the_aspects_that_are_not_compared():
     class Mute(find_post("rapid")):
         verified_fields = frozenset({"orientation", "blend"})
 
@@ -117,8 +117,8 @@ def test_a_post_that_leaves_words_out_says_what_is_not_compared():
     ]
 
 
-def test_the_bounds_are_those_of_their_reasons():
-    """A bound is what its reason says: 100 mm and 1 m away, 1 % of 10 mm/s, 10 N and 6 deg/s."""
+def test_each_bound_is_the_one_of_its_reason():
+    """The reasons are 100 mm and 1 m of distance, and 1 % of 10 mm/s, 10 N and 6 deg/s."""
     assert 100 * BOUNDS["angle"] == pytest.approx(0.0087, abs=1e-4)
     assert 1000 * BOUNDS["joint"] == pytest.approx(0.0175, abs=1e-4)
     assert BOUNDS["speed"] == pytest.approx(0.01 * 10)

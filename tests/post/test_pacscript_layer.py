@@ -1,4 +1,4 @@
-"""The read-back and the interpreter of the language say the same of the programs of the post."""
+"""PacScript: the read-back and the language run a program of the post the same."""
 
 from pathlib import Path
 
@@ -16,14 +16,14 @@ GOLDEN = sorted((Path(__file__).parents[2] / "fixtures").rglob("*.pcs"))
 
 
 @pytest.mark.parametrize("path", GOLDEN, ids=lambda path: str(path.parent.name))
-def test_goldens_are_run_as_they_are_read_back(path: Path) -> None:
+def test_a_golden_program_is_run_as_it_is_read_back(path: Path) -> None:
     text = path.read_text("ascii").replace("\r\n", "\n")
     options = {"signals": {}, "rated": 1000.0, "mps": "mm/s"}
     reading = read({path.name: text}, options)
-    found = LANGUAGE.run({path.name: text}, RunRequest())
-    assert found.stopped is None
-    assert not found.findings
-    run = Executed(found.body, found.lines)
+    executed = LANGUAGE.run({path.name: text}, Ask())
+    assert executed.stopped is None
+    assert not executed.findings
+    run = Executed(executed.body, executed.lines)
     assert list_values(rounded(run), True) == list_values(rounded(reading), True)
 
 
@@ -44,7 +44,7 @@ def rounded(reading: Executed) -> Executed:
     return Executed(body, reading.lines)
 
 
-def test_procedures_that_call_each_other_twice_end_at_once() -> None:
+def test_a_procedure_that_calls_itself_twice_is_a_fault_without_a_long_run() -> None:
     def execute() -> None:
         reading = read({"part.pcs": "Sub Main\nCall Main\nCall Main\nEnd Sub\n"}, {})
         faults = [(fault.line, fault.what) for fault in reading.findings]

@@ -1,4 +1,4 @@
-"""The fast path of the PacScript read-back: lines, turns and templates of force."""
+"""PacScript: the fast path of the read-back for lines, reorientations and templates of force."""
 
 import pytest
 
@@ -7,14 +7,14 @@ from camgen.model.program import Force, MoveL
 from tests.post.fast_paths.pacscript import BY_HAND, PATH, TURNING, list_within_motions
 
 
-def test_the_fast_path_is_open_beside_each_spelling() -> None:
+def test_the_fast_path_takes_the_motions_around_another_spelling() -> None:
     text, _ = next(list_within_motions("1.0"))
     assert text.endswith("\nEnd Sub")
     assert PATH.count_fast(text) >= 4
 
 
-def test_turns_on_the_spot_take_the_fast_path() -> None:
-    """Two at the start of each of the five pieces, of 1 and 0.5 rad/s, 11.4592 and 5.7296 % of 500 deg/s."""
+def test_the_fast_path_takes_reorientations() -> None:
+    """Each of the five pieces starts with two: 1 and 0.5 rad/s are 11.4592 and 5.7296 %."""
     turns = (", Speed = 11.4592\n", ", Speed = 5.7296\n")
     assert TURNING.count(turns[0]) == TURNING.count(turns[1]) == 5
     lines = [item for item in PATH.check(TURNING, {}).body if isinstance(item, MoveL)]
@@ -37,7 +37,7 @@ def test_turns_on_the_spot_take_the_fast_path() -> None:
         ("{n} {x} {y} {z}", "٢ 3.0 4.0 0"),
     ],
 )
-def test_lines_of_a_template_are_found_by_their_first_sign(template: str, line: str) -> None:
+def test_a_line_of_a_template_is_found_by_its_first_character(template: str, line: str) -> None:
     text = BY_HAND.replace("    ForceCtrl True, 1\n", f"    {line}\n")
     assert text != BY_HAND
     reading = PATH.check(text, {"force_on": [template]})

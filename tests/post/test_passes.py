@@ -1,4 +1,4 @@
-"""Passes: what replaces an arc stays where the arc is."""
+"""Passes: the motions that replace an arc stay on it."""
 
 import math
 
@@ -30,7 +30,7 @@ SWEEPS = st.floats(0.05, math.pi)
 
 @st.composite
 def arcs(draw):
-    """Start, arc, and the arc as functions of the fraction: point, tangent, and its plane."""
+    """Start, arc, the circle of the arc with its sweep, and the angle by which the tool turns."""
     plane = rotation_from_fixed_xyz(draw(ANGLES), draw(ANGLES), draw(ANGLES))
     radius, sweep = draw(RADII), draw(SWEEPS)
     centre = np.array([draw(st.floats(-100, 100)) for _ in range(3)])
@@ -52,22 +52,22 @@ def arcs(draw):
 
 
 @given(arcs())
-def test_a_circle_through_three_points(drawn):
+def test_three_points_of_an_arc_give_its_circle(drawn):
     start, arc, (centre, radius, axis, sweep), _ = drawn
-    found = compute_circle(start.origin, arc.via.origin, arc.target.origin)
-    # A short arc says little about its centre: rounding grows with the square of its sweep.
+    circle = compute_circle(start.origin, arc.via.origin, arc.target.origin)
+    # The centre of a short arc is uncertain: rounding errors grow with 1 / sweep^2.
     slack = 1e-9 * max(1.0, radius) / sweep**2 + 1e-9 / sweep**2
-    assert found[0] == pytest.approx(centre, abs=slack)
-    assert found[1] == pytest.approx(radius, abs=slack)
-    assert found[2] == pytest.approx(axis, abs=1e-6)
-    assert found[3] == pytest.approx(sweep, abs=1e-6)
+    assert circle[0] == pytest.approx(centre, abs=slack)
+    assert circle[1] == pytest.approx(radius, abs=slack)
+    assert circle[2] == pytest.approx(axis, abs=1e-6)
+    assert circle[3] == pytest.approx(sweep, abs=1e-6)
 
 
 @pytest.mark.parametrize(
     "points",
     [((0, 0, 0), (1, 0, 0), (2, 0, 0)), ((0, 0, 0),) * 3, ((0, 0, 0), (1, 1, 1), (1, 1, 1))],
 )
-def test_three_points_on_a_line_are_no_circle(points):
+def test_three_points_on_a_line_are_refused_as_a_circle(points):
     with pytest.raises(ValueError, match="on one line"):
         compute_circle(*points)
 
@@ -85,29 +85,28 @@ def test_chords_stay_within_the_tolerance_and_reach_the_end(drawn, tolerance):
     assert [type(line) for line in lines] == [MoveL] * len(lines)
     assert lines[-1].blend == arc.blend
     assert {(line.speed, line.force) for line in lines} == {(10.0, 7.0)}
-    # Not more lines than needed: with one less the sagitta would be beyond the tolerance.
+    # With one line less the sagitta would exceed the tolerance.
     if len(lines) > 1 and tolerance < radius * (1 - 1e-9):
         assert radius * (1 - math.cos(sweep / (len(lines) - 1) / 2)) > tolerance * (1 - 1e-6)
-    # Between two lines the tool flies by, and the corner is left by no more than the tolerance as well: a zone reaches
-    # at most half-way to the next corner.
+    # Corners between lines are blended, within the tolerance too. A zone reaches at most half-way
+    # to the next corner.
     for line in lines[:-1]:
         zone = min(line.blend, radius * math.sin(sweep / len(lines) / 2))
         assert line.blend > 0
         assert zone * math.sin(sweep / len(lines) / 2) / 2 <= tolerance * (1 + 1e-9)
     turns = [angle_between(start.rotation, line.target.rotation) for line in lines]
-    assert turns == pytest.approx(
-        [turn * (i + 1) / len(lines) for i in range(len(lines))], abs=1e-6
-    )
+    fractions = np.arange(1, len(lines) + 1) / len(lines)
+    assert turns == pytest.approx(turn * fractions, abs=1e-6)
 
 
 @given(arcs())
-def test_halves_are_the_same_arc(drawn):
+def test_the_halves_of_an_arc_are_on_it(drawn):
     start, arc, (centre, radius, axis, sweep), turn = drawn
     pieces = halves(start, arc, 0.01)
     assert [type(piece) for piece in pieces] == [MoveC, MoveC]
-    here = start
+    pose = start
     for piece in pieces:
-        begin, middle, end = here.origin, piece.via.origin, piece.target.origin
+        begin, middle, end = pose.origin, piece.via.origin, piece.target.origin
         for point in (begin, middle, end):
             arm = np.array(point) - centre
             assert np.linalg.norm(arm) == pytest.approx(
@@ -116,10 +115,9 @@ def test_halves_are_the_same_arc(drawn):
             assert float(arm @ axis) == pytest.approx(0, abs=1e-8 * max(1, radius))
         assert math.dist(begin, middle) == pytest.approx(2 * radius * math.sin(sweep / 8), abs=1e-7)
         assert math.dist(middle, end) == pytest.approx(2 * radius * math.sin(sweep / 8), abs=1e-7)
-        assert angle_between(here.rotation, piece.target.rotation) == pytest.approx(
-            turn / 2, abs=1e-6
-        )
-        here = piece.target
+        angle = angle_between(pose.rotation, piece.target.rotation)
+        assert angle == pytest.approx(turn / 2, abs=1e-6)
+        pose = piece.target
     assert pieces[0].target.origin == pytest.approx(arc.via.origin, abs=1e-7)
     assert pieces[0].blend > 0
     assert (pieces[1].target, pieces[1].blend, pieces[1].force_direction) == (
@@ -133,13 +131,11 @@ LEVEL = st.tuples(*[st.floats(-300, 300)] * 2, RADII, ANGLES, st.floats(-math.pi
 
 
 @given(st.lists(LEVEL, max_size=4), st.sampled_from([0.0, 5.0]), st.sampled_from([0.0, -0.5]))
-def test_halves_by_column_are_the_same_to_the_last_bit(drawn, blend, z):
+def test_arcs_halved_by_column_are_those_halved_singly_to_the_last_bit(drawn, blend, z):
     body = [MoveJ(Joints((0.0,) * 6), 50.0)]
     for x, y, radius, begin, sweep in drawn:
-        points = [
-            (x + radius * math.cos(a), y + radius * math.sin(a), z)
-            for a in np.linspace(begin, begin + sweep, 3)
-        ]
+        angles = np.linspace(begin, begin + sweep, 3)
+        points = [(x + radius * math.cos(a), y + radius * math.sin(a), z) for a in angles]
         try:
             compute_circle(*points)
         except ValueError:
@@ -149,22 +145,24 @@ def test_halves_by_column_are_the_same_to_the_last_bit(drawn, blend, z):
             MoveL(Pose(TOOL_DOWN, points[0]), 40.0),
             MoveC(via, end, 20.0, blend, path=3, work=True),
         ]
-    found, made = halve_each(Columns(body), np.arange(2, len(body), 2), 0.01)
-    assert found.tolist() == list(range(2, len(body), 2))
-    planned = [piece for k in found for piece in halves(body[k - 1].target, body[k], 0.01)]
-    pieces = [item for item in made if isinstance(item, MoveC)]
-    assert [item.target.origin for item in made if isinstance(item, MoveJ)] == [
-        body[k - 1].target.origin for k in found
+    rows, items = halve_each(Columns(body), np.arange(2, len(body), 2), 0.01)
+    assert rows.tolist() == list(range(2, len(body), 2))
+    planned = []
+    for k in rows:
+        planned += halves(body[k - 1].target, body[k], 0.01)
+    pieces = [item for item in items if isinstance(item, MoveC)]
+    assert [item.target.origin for item in items if isinstance(item, MoveJ)] == [
+        body[k - 1].target.origin for k in rows
     ]
-    assert list(map(_say, pieces)) == list(map(_say, planned))
+    assert list(map(list_fields, pieces)) == list(map(list_fields, planned))
 
 
-def _say(arc):
+def list_fields(arc):
     ends = [(pose.origin, id(pose.rotation)) for pose in (arc.via, arc.target)]
     return (*ends, arc.speed, arc.blend, arc.path, arc.work, arc.force, arc.posture, arc.joints)
 
 
-def test_arcs_that_say_more_or_lean_are_not_halved_by_column():
+def test_an_arc_with_force_or_tilt_is_not_halved_by_column():
     turned = frozen(TOOL_DOWN @ rotation_about_axis(frozen([0.0, 0.0, 1.0]), 0.5))
     start, via, end = (0.0, 0.0, 0.0), (5.0, 5.0, 0.0), (10.0, 0.0, 0.0)
     line = MoveL(Pose(TOOL_DOWN, start), 10.0)
@@ -174,38 +172,38 @@ def test_arcs_that_say_more_or_lean_are_not_halved_by_column():
         MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 1.0)), Pose(TOOL_DOWN, end), 10.0),
     ]
     for arc in cases:
-        found, made = halve_each(Columns([line, arc]), np.array([1]), 0.01)
-        assert (len(found), len(made)) == (0, 0)
+        rows, items = halve_each(Columns([line, arc]), np.array([1]), 0.01)
+        assert (len(rows), len(items)) == (0, 0)
 
 
 @pytest.mark.parametrize("name", sorted(PASSES))
 @given(drawn=arcs())
-def test_the_press_turns_with_the_arc(name, drawn):
+def test_the_force_turns_with_the_arc(name, drawn):
     start, arc, (centre, radius, _, _), _ = drawn
     for piece in PASSES[name](start, arc, 0.05):
         inwards = (centre - np.array(piece.target.origin)) / radius
         assert piece.force_direction == pytest.approx(tuple(inwards), abs=1e-5)
 
 
-def test_a_press_of_nothing_stays_nothing():
+def test_an_arc_without_force_has_pieces_without_force():
     arc = MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 0.0)), Pose(TOOL_DOWN, (0.0, 10.0, 0.0)), 10.0)
-    pieces = [
-        p for one in PASSES.values() for p in one(Pose(TOOL_DOWN, (0.0, 0.0, 0.0)), arc, 0.05)
-    ]
-    assert {piece.force_direction for piece in pieces} == {(0.0, 0.0, 0.0)}
+    for replace_arc in PASSES.values():
+        pieces = replace_arc(Pose(TOOL_DOWN, (0.0, 0.0, 0.0)), arc, 0.05)
+        assert {piece.force_direction for piece in pieces} == {(0.0, 0.0, 0.0)}
 
 
-def test_rotations_are_shared_where_the_tool_does_not_turn():
+def test_poses_along_an_arc_share_a_rotation_that_does_not_change():
     arc = MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 0.0)), Pose(TOOL_DOWN, (0.0, 10.0, 0.0)), 10.0)
     start = Pose(TOOL_DOWN, (0.0, 0.0, 0.0))
     assert all(pose.rotation is TOOL_DOWN for pose in along(start, arc, np.array([0.1, 0.9])))
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(0.001, 1.0))
-def test_a_blend_leaves_its_corner_by_no_more_than_the_tolerance(turn, tolerance):
+def test_a_blend_stays_within_the_tolerance_of_its_corner(turn, tolerance):
     blend = corner_blend(turn, tolerance)
     assert blend in (0.0, 0.3, 1.0, 5.0)
-    # The parabola from b before to b after the corner passes half-way between the corner and the middle of its chord.
+    # The parabola from b before to b after the corner halves the distance from the corner to the
+    # middle of its chord.
     before, after = np.array([-1.0, 0.0]), np.array([math.cos(turn), math.sin(turn)])
     assert np.linalg.norm(blend * (before + after)) / 4 <= tolerance * (1 + 1e-9)
     larger = {0.0: 0.3, 0.3: 1.0, 1.0: 5.0}.get(blend)
@@ -213,26 +211,25 @@ def test_a_blend_leaves_its_corner_by_no_more_than_the_tolerance(turn, tolerance
         assert np.linalg.norm(larger * (before + after)) / 4 > tolerance * (1 - 1e-9)
 
 
-def test_a_replacement_that_is_turned_down_says_why() -> None:
-    """V+ has no arc; where it will not take the chords either, the reason is that of the chords."""
+def test_a_refusal_of_chords_has_their_reason() -> None:
+    """V+ has no arc. If it refuses the chords too, it gives their reason."""
 
     class Fussy(VPlus):
         def why_not(self, item, before, after):  # type: ignore[no-untyped-def]
-            return super().why_not(item, before, after) or (
-                "this line is too short" if isinstance(item, MoveL) else ""
-            )
+            reason = "this line is too short" if isinstance(item, MoveL) else ""
+            return super().why_not(item, before, after) or reason
 
     home = MoveJ(Joints((0.0,) * 4), 100.0)
     start = Pose(TOOL_DOWN, (0.0, 0.0, 0.0))
     arc = MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 0.0)), Pose(TOOL_DOWN, (10.0, 0.0, 0.0)), 10.0)
-    here = Pose(IDENTITY, (0.0, 0.0, 0.0))
-    program = Program("p", here, here, (home, MoveJ(start, 100.0), arc))
+    frame = Pose(IDENTITY, (0.0, 0.0, 0.0))
+    program = Program("p", frame, frame, (home, MoveJ(start, 100.0), arc))
     with pytest.raises(Refused, match="this line is too short"):
         Fussy().prepare(program, 0.01)
 
 
-def test_a_post_sees_the_motions_before_and_after() -> None:
-    """A controller that skips a line between two blends that overlap: its post refuses the line."""
+def test_a_post_tests_a_motion_with_its_neighbours() -> None:
+    """The post refuses a line on which two blends overlap, which its controller would skip."""
 
     class Skipping(VPlus):
         def why_not(self, item, before, after):  # type: ignore[no-untyped-def]
@@ -257,11 +254,11 @@ def test_a_post_sees_the_motions_before_and_after() -> None:
     assert refusal.value.index == 3
 
 
-def test_a_tool_that_presses_along_itself_does_so_on_all_pieces_of_an_arc() -> None:
-    """The tool leans and does not turn, the arc does: its pieces press as it does, not turned with the arc."""
+def test_a_force_along_the_tool_axis_is_the_same_on_all_pieces_of_an_arc() -> None:
+    """The tilted tool does not turn with the arc, so the force does not turn either."""
     rotation = frozen([[1, 0, 0], [0, -0.8, -0.6], [0, 0.6, -0.8]])
     start, via, end = (
-        Pose(rotation, place) for place in ((10.0, 0.0, 0.0), (0.0, 10.0, 0.0), (-10.0, 0.0, 0.0))
+        Pose(rotation, point) for point in ((10.0, 0.0, 0.0), (0.0, 10.0, 0.0), (-10.0, 0.0, 0.0))
     )
     press = (0.0, -0.6, -0.8)
     arc = MoveC(via, end, 20.0, 0.0, 5.0, press)

@@ -77,13 +77,13 @@ def test_a_post_is_found_by_path(tmp_path):
 
 
 def test_a_post_file_may_postpone_its_annotations(tmp_path):
-    """A dataclass looks its module up by name; a file loaded by path must be there."""
+    """A dataclass looks up its module by name, also the module of a file that is loaded by path."""
     path = write(tmp_path, "from __future__ import annotations\n" + POST.format(name="Mini"))
     assert make_post(find_post(path), {"count": 3}).count == 3
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("x = 1\n", "defines 0 posts"),
         (POST.format(name="One") + POST.format(name="Two"), "defines 2 posts"),
@@ -92,33 +92,33 @@ def test_a_post_file_may_postpone_its_annotations(tmp_path):
         ("1 / 0\n", "cannot be loaded: ZeroDivisionError"),
     ],
 )
-def test_a_file_that_is_no_post_is_named(tmp_path, text, says):
+def test_a_file_that_is_not_a_post_is_refused_by_name(tmp_path, text, message):
     path = write(tmp_path, text)
-    with pytest.raises(JobError, match=says) as caught:
+    with pytest.raises(JobError, match=message) as caught:
         find_post(path)
     assert caught.value.file == path
     assert "\n" not in str(caught.value)
 
 
-def test_a_post_file_without_a_readback_is_no_post(tmp_path):
+def test_a_post_file_without_a_readback_is_refused(tmp_path):
     path = write(tmp_path, POST.format(name="Mini"))
     with pytest.raises(JobError, match=r"has no function run\(files, ask\)"):
         find_readback(path)
 
 
-def test_a_file_that_is_not_there():
+def test_a_missing_file_is_refused():
     with pytest.raises(JobError, match="no such file"):
         find_post("nowhere/post.py")
 
 
 @pytest.mark.parametrize("find", [find_post, find_readback])
-def test_a_name_that_is_not_installed_has_a_nearest_one(find):
+def test_a_name_that_is_not_installed_is_refused_with_the_nearest_one(find):
     with pytest.raises(JobError, match="is not installed; nearest is rapid"):
         find("rapidd")
 
 
 def install(tmp_path, monkeypatch, module, languages=("strange=strange_post:MINI",), old=()):
-    """A distribution in a folder of its own, found through its metadata as an installed one is."""
+    """Installs a distribution by its metadata in a folder. Returns all installed posts by name."""
     (tmp_path / "strange_post.py").write_text(module)
     info = tmp_path / "strange-3.1.dist-info"
     info.mkdir()
@@ -132,9 +132,9 @@ def install(tmp_path, monkeypatch, module, languages=("strange=strange_post:MINI
     return {entry.name: entry for entry in list_installed()}
 
 
-def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch):
-    found = install(tmp_path, monkeypatch, POST.format(name="Mini") + LANGUAGE)
-    entry = found["strange"]
+def test_a_third_party_post_is_listed_with_its_distribution(tmp_path, monkeypatch):
+    installed = install(tmp_path, monkeypatch, POST.format(name="Mini") + LANGUAGE)
+    entry = installed["strange"]
     assert (entry.origin, entry.suffix, entry.about, entry.broken) == (
         "strange 3.1",
         ".min",
@@ -144,7 +144,7 @@ def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("module", "says"),
+    ("module", "message"),
     [
         ("import no_such_module\n", "No module named 'no_such_module'"),
         ("raise RuntimeError('dongle')\n", "RuntimeError: dongle"),
@@ -156,51 +156,54 @@ def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch)
     ],
 )
 def test_a_broken_plug_in_is_listed_with_its_reason_and_stops_no_other(
-    tmp_path, monkeypatch, module, says
+    tmp_path, monkeypatch, module, message
 ):
     monkeypatch.setattr(plugins, "SECONDS", 1)
-    found = install(tmp_path, monkeypatch, module)
-    assert says in found["strange"].broken
-    assert found["strange"].origin == "strange 3.1"
-    assert {"gcode", "rapid"} <= set(found)
+    installed = install(tmp_path, monkeypatch, module)
+    assert message in installed["strange"].broken
+    assert installed["strange"].origin == "strange 3.1"
+    assert {"gcode", "rapid"} <= set(installed)
 
 
-def test_what_a_plug_in_prints_is_no_result(tmp_path, monkeypatch, capsys):
-    """Standard output is what scripts read."""
+def test_a_plug_in_prints_to_standard_error(tmp_path, monkeypatch, capsys):
+    """Scripts read standard output."""
     install(tmp_path, monkeypatch, "print('welcome')\n" + POST.format(name="Mini") + LANGUAGE)
     monkeypatch.delitem(sys.modules, "strange_post", raising=False)
     capsys.readouterr()
     assert main(["posts"]) == 0
-    told = capsys.readouterr()
-    assert (told.out.count("welcome"), told.err) == (0, "welcome\n")
-    assert "strange" in told.out
+    printed = capsys.readouterr()
+    assert (printed.out.count("welcome"), printed.err) == (0, "welcome\n")
+    assert "strange" in printed.out
 
 
 @pytest.mark.parametrize("does", ["raise SystemExit(0)", "raise RuntimeError('dongle')"])
-def test_a_post_that_fails_at_its_work_is_told_and_leaves_nothing(
+def test_an_exception_in_a_post_is_reported_and_no_file_is_written(
     tmp_path, monkeypatch, capsys, does
 ):
-    """An end with 0 and without a program would be taken for one."""
-    text = f"from camgen_posts.gcode import GCode\nclass Own(GCode):\n    def end(self, program): {does}\n"
+    """The build of a post that raises SystemExit(0) does not end with 0."""
+    text = (
+        "from camgen_posts.gcode import GCode\nclass Own(GCode):\n"
+        f"    def end(self, program): {does}\n"
+    )
     path = write(tmp_path, text + "def run(files, ask): return None\n")
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.iterdir())
     bracket = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
     assert main(["build", str(bracket), "--post", path, "-q"]) == 1
     assert does.split("(")[0].removeprefix("raise ") in capsys.readouterr().err
-    assert [one for one in sorted(tmp_path.iterdir()) if one.name != "__pycache__"] == before
+    assert [path for path in sorted(tmp_path.iterdir()) if path.name != "__pycache__"] == before
 
 
 def test_a_post_without_a_language_is_listed_as_broken(tmp_path, monkeypatch):
-    found = install(tmp_path, monkeypatch, POST.format(name="Mini"), languages=())
-    assert found["strange"].broken == "has no language (entry point camgen.languages)"
+    installed = install(tmp_path, monkeypatch, POST.format(name="Mini"), languages=())
+    assert installed["strange"].broken == "has no language (entry point camgen.languages)"
 
 
 def test_a_post_with_the_old_entry_point_is_listed_with_the_one_to_use(tmp_path, monkeypatch):
     module = POST.format(name="Mini") + "def read(files, options): return None\n"
     old = ["strange=strange_post:read"]
-    found = install(tmp_path, monkeypatch, module, languages=(), old=old)
-    assert found["strange"].broken == (
+    installed = install(tmp_path, monkeypatch, module, languages=(), old=old)
+    assert installed["strange"].broken == (
         "has no language (entry point camgen.languages); "
         "camgen.readbacks is not read any more, see docs/writing-a-post.md"
     )
@@ -208,15 +211,15 @@ def test_a_post_with_the_old_entry_point_is_listed_with_the_one_to_use(tmp_path,
 
 def test_the_post_of_a_broken_language_is_listed_with_its_reason(tmp_path, monkeypatch):
     module = POST.format(name="Mini") + "MINI = 3\n"
-    found = install(tmp_path, monkeypatch, module)
-    assert "the entry point is 3, not a Language" in found["strange"].broken
+    installed = install(tmp_path, monkeypatch, module)
+    assert "the entry point is 3, not a Language" in installed["strange"].broken
 
 
-# Each member of a plug-in is checked by one table. A line is put into the class of a post.
+# Members of a plug-in. Each line becomes a part of the class of a post.
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "message"),
     [
         ("wait = Post.wait", "__abstractmethods__ must be defined: wait"),
         ("name = 'a b'", "name is 'a b', not a name of letters, digits and _"),
@@ -238,11 +241,11 @@ def test_the_post_of_a_broken_language_is_listed_with_its_reason(tmp_path, monke
         ("verified_fields = 'speed'", "verified_fields is 'speed', not a set of words"),
     ],
 )
-def test_a_class_with_a_wrong_member_is_no_post(tmp_path, line, says):
+def test_a_class_with_a_wrong_member_is_refused(tmp_path, line, message):
     path = write(tmp_path, POST.format(name="Mini") + f"    {line}\n")
     with pytest.raises(JobError) as caught:
         find_post(path)
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert str(caught.value).startswith(f"post {path}: ")
     assert str(caught.value).endswith("; correct the post")
     assert caught.value.exit_code == 2
@@ -254,7 +257,7 @@ def tolerance(**fields):
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "message"),
     [
         ("decimals: int = -2", "decimals is -2, not a whole number from 0 to 9"),
         ("decimals: int = 10", "decimals is 10, not a whole number from 0 to 9"),
@@ -298,20 +301,20 @@ def tolerance(**fields):
         ("def dynamics(self): return Dynamics(pause=-1)", "pause = -1, which is not above 0"),
     ],
 )
-def test_a_post_with_a_wrong_member_is_not_made(tmp_path, line, says):
+def test_a_post_object_with_a_wrong_member_is_refused(tmp_path, line, message):
     head = (
         "import math\nfrom msgspec.structs import replace\nfrom camgen.model.cell import Dynamics\n"
     )
     path = write(tmp_path, head + POST.format(name="Mini") + f"    {line}\n")
     with pytest.raises(JobError) as caught:
         make_post(find_post(path), {})
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2
 
 
 @pytest.mark.parametrize("decimals", [-1, 10, 400])
-def test_an_option_has_the_bounds_of_a_member(tmp_path, decimals):
+def test_an_option_beyond_the_bounds_of_its_member_is_refused(tmp_path, decimals):
     path = write(tmp_path, POST.format(name="Mini"))
     with pytest.raises(JobError, match=f"decimals is {decimals}, not a whole number from 0 to 9"):
         make_post(find_post(path), {"decimals": decimals})
@@ -336,7 +339,7 @@ PROPER = "return run_gcode(files, ask)"
 
 
 @pytest.mark.parametrize(
-    ("post", "run", "says"),
+    ("post", "run", "message"),
     [
         ("def prepare(self, *_): return None", PROPER, "prepare() is None, not a Program"),
         ("def render(self, _): return None", PROPER, "render() is None, not a tuple"),
@@ -376,13 +379,13 @@ PROPER = "return run_gcode(files, ask)"
         ),
     ],
 )
-def test_a_wrong_result_ends_a_build(tmp_path, monkeypatch, capsys, post, run, says):
+def test_a_wrong_result_ends_a_build(tmp_path, monkeypatch, capsys, post, run, message):
     path = write(tmp_path, GCODE.format(post=post or "pass", run=run))
     bracket = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
     monkeypatch.chdir(tmp_path)
     assert main(["build", str(bracket), "--post", path, "-q"]) == 2
     error = capsys.readouterr().err
-    assert says in error
+    assert message in error
     assert error.count("\n") == 1
     assert {file.name for file in tmp_path.iterdir()} <= {"mini_post.py", "__pycache__"}
 
@@ -398,7 +401,7 @@ class Options(Post):
     begin = end = movej = movel = output = wait = comment = lambda *_: ()
 
 
-def test_options_are_those_of_the_post():
+def test_the_options_of_a_post_are_its_fields():
     post = make_post(Options, {"count": 3, "ratio": 1, "numbers": {"a": 1}, "decimals": 4})
     assert (post.count, post.ratio, post.numbers, post.decimals, post.program) == (
         3,
@@ -410,7 +413,7 @@ def test_options_are_those_of_the_post():
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("options", "message"),
     [
         ({"cuont": 3}, r"\[post\] cuont: options has no such option; nearest is count"),
         ({"_state": 3}, "no such option"),
@@ -420,8 +423,8 @@ def test_options_are_those_of_the_post():
         ({"decimals": None}, "Expected `int`"),
     ],
 )
-def test_options_that_cannot_be_meant_are_named(options, says):
-    with pytest.raises(JobError, match=says):
+def test_an_invalid_option_is_refused_by_name(options, message):
+    with pytest.raises(JobError, match=message):
         make_post(Options, options)
 
 
@@ -435,14 +438,14 @@ def test_options_that_cannot_be_meant_are_named(options, says):
         ("vplus", 33, 40),
     ],
 )
-def test_a_signal_that_is_given_leaves_the_default_ones(name, process, other):
+def test_a_signal_of_the_user_is_added_to_the_default_ones(name, process, other):
     post = find_post(name)
     assert make_post(post, {"signals": {"flood": other}}).signals == {
         "process": process,
         "flood": other,
     }
     assert make_post(post, {"signals": {"process": other}}).signals == {"process": other}
-    # The output of the default is given to another signal.
+    # Another signal takes the output of the default.
     assert make_post(post, {"signals": {"dout0": process}}).signals == {"dout0": process}
     assert make_post(post, {}).signals == {"process": process}
     assert fill_tables(post, {"signals": 3, "decimals": 4}) == {"signals": 3, "decimals": 4}
@@ -451,7 +454,7 @@ def test_a_signal_that_is_given_leaves_the_default_ones(name, process, other):
 @pytest.mark.parametrize(
     ("name", "flood"), [("rapid", "doFlood"), ("pacscript", 30), ("vplus", 40), ("gcode", "M8")]
 )
-def test_a_build_with_one_more_signal_is_read_back_with_it(name, flood):
+def test_a_build_with_another_unused_signal_prints_the_same_text(name, flood):
     square = part([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)])
     plain, more = (
         build(square, post=name, job={"post": post}) for post in ({}, {"signals": {"flood": flood}})

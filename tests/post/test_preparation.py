@@ -1,4 +1,4 @@
-"""Rules for a preparation: each has a program that breaks it, and allowed changes pass."""
+"""Rules for a preparation: allowed changes pass, and each rule has a program that breaks it."""
 
 import math
 from pathlib import Path
@@ -87,8 +87,8 @@ def changed(index, **fields):
     return (*BODY[:index], replace(BODY[index], **fields), *BODY[index + 1 :])
 
 
-def put(index, *items):
-    """The body with other instructions in the place of one."""
+def replaced(index, *items):
+    """The body with other instructions instead of the one at `index`."""
     return (*BODY[:index], *items, *BODY[index + 1 :])
 
 
@@ -106,7 +106,7 @@ def test_the_same_instructions_are_the_same_program():
 
 @pytest.mark.parametrize("name", PASSES)
 def test_each_pass_is_allowed(name):
-    check(put(ARC, *PASSES[name](ARC_START, PRESSED, CHORD)))
+    check(replaced(ARC, *PASSES[name](ARC_START, PRESSED, CHORD)))
 
 
 def test_a_pass_that_turns_the_tool_with_the_arc_is_allowed():
@@ -133,12 +133,12 @@ def test_comments_and_smaller_blends_are_allowed():
 def test_a_line_may_become_several_on_it():
     line = BODY[ARC + 1]
     first = replace(line, target=at(-10, 10))
-    check(put(ARC + 1, first, line))
+    check(replaced(ARC + 1, first, line))
     for target in (at(-10, 10.001), at(5, 10), at(-31, 10)):
         with pytest.raises(
             VerifyError, match=f"instruction {ARC + 1}: the preparation leaves a line"
         ):
-            check(put(ARC + 1, replace(line, target=target), line))
+            check(replaced(ARC + 1, replace(line, target=target), line))
 
 
 POSTURE = Posture(figure=1)
@@ -151,7 +151,7 @@ LOST = "changes, moves or loses"
 
 
 @pytest.mark.parametrize(
-    ("body", "index", "says"),
+    ("body", "index", "message"),
     [
         (changed(4, target=at(10, 0, 21)), 4, "loses this motion"),
         (changed(5, target=TURNED), 5, "changes the orientation"),
@@ -159,7 +159,7 @@ LOST = "changes, moves or loses"
         (changed(ARC, blend=0.5), ARC, "blends wider"),
         (changed(5, path=1), 5, "changes the path"),
         (changed(5, work=True), 5, "changes whether the motion works"),
-        (put(5, MoveJ(at(10, 0), 20.0, path=0)), 5, "changes the kind"),
+        (replaced(5, MoveJ(at(10, 0), 20.0, path=0)), 5, "changes the kind"),
         (changed(4, share=0.6), 4, "changes the share"),
         (changed(4, rate=0.6), 4, "changes the speed of a joint"),
         (changed(4, joints=None), 4, "changes joint values or the posture"),
@@ -171,30 +171,30 @@ LOST = "changes, moves or loses"
         (changed(ARC, via=at(6, 8)), None, ""),
         (changed(ARC, via=at(6, 8.1)), ARC, "leaves an arc by more"),
         (changed(ARC, via=at(-6, -8)), ARC, "leaves an arc by more"),
-        (put(ARC, CHORD_OF_ARC), ARC, "leaves an arc by more"),
-        (put(5), 5, "loses this motion"),
-        (put(4, BODY[4], replace(BODY[4], target=at(50, 0, 20))), 5, "changes the kind"),
+        (replaced(ARC, CHORD_OF_ARC), ARC, "leaves an arc by more"),
+        (replaced(5), 5, "loses this motion"),
+        (replaced(4, BODY[4], replace(BODY[4], target=at(50, 0, 20))), 5, "changes the kind"),
         ((*BODY, HOME), 20, "adds motions after this one"),
-        (put(6), 6, f"{LOST} the output process = 1"),
+        (replaced(6), 6, f"{LOST} the output process = 1"),
         (changed(6, value=0.5), 6, f"{LOST} the output process = 1"),
         ((*BODY[:5], ON, BODY[5], *BODY[7:]), 6, f"{LOST} the output process = 1"),
         ((*BODY[:6], BODY[7], BODY[6], *BODY[8:]), 6, f"{LOST} the output process = 1"),
-        (put(7), 7, f"{LOST} the output spindle = 9000"),
-        (put(INDEX[Wait]), INDEX[Wait], f"{LOST} a Wait"),
+        (replaced(7), 7, f"{LOST} the output spindle = 9000"),
+        (replaced(INDEX[Wait]), INDEX[Wait], f"{LOST} a Wait"),
         (changed(INDEX[Wait], seconds=0.5), INDEX[Wait], f"{LOST} a Wait"),
-        (put(INDEX[Stop]), INDEX[Stop], f"{LOST} a Stop"),
+        (replaced(INDEX[Stop]), INDEX[Stop], f"{LOST} a Stop"),
         (changed(INDEX[Stop], optional=True), INDEX[Stop], f"{LOST} a Stop"),
         (changed(INDEX[ToolChange], number=3), INDEX[ToolChange], f"{LOST} a ToolChange"),
         (changed(FORCE, newtons=6.0), ARC, "changes the force control of this motion"),
         ((*BODY, Wait(1.0)), len(BODY), "adds a Wait"),
     ],
-)  # fmt: skip
-def test_a_change_is_found_at_the_first_instruction(body, index, says):
+)
+def test_a_change_is_found_at_the_first_instruction(body, index, message):
     if index is None:
         check(body)
         return
     with pytest.raises(
-        VerifyError, match=rf"instruction {index}: the preparation {says}"
+        VerifyError, match=rf"instruction {index}: the preparation {message}"
     ) as caught:
         check(body)
     assert caught.value.exit_code == 4
@@ -217,49 +217,47 @@ def test_name_and_paths_are_kept(more):
         check(BODY, **more)
 
 
-def test_pieces_of_an_arc_lead_on_along_it():
+def test_the_pieces_of_an_arc_run_forward_along_it():
     pieces = chords(ARC_START, PRESSED, CHORD)
     back = [*pieces[:3], pieces[1], *pieces[2:]]
     with pytest.raises(VerifyError, match=f"instruction {ARC}: the preparation runs back"):
-        check(put(ARC, *back))
+        check(replaced(ARC, *back))
     outside = replace(pieces[2], target=at(*(1.002 * x for x in pieces[2].target.origin)))
     with pytest.raises(VerifyError, match="leaves an arc by more"):
-        check(put(ARC, *pieces[:2], outside, *pieces[3:]))
+        check(replaced(ARC, *pieces[:2], outside, *pieces[3:]))
     other = replace(pieces[2], force_direction=(0.0, 1.0, 0.0))
     with pytest.raises(VerifyError, match="direction of the force inside an arc"):
-        check(put(ARC, *pieces[:2], other, *pieces[3:]))
+        check(replaced(ARC, *pieces[:2], other, *pieces[3:]))
     stated = replace(pieces[2], joints=Joints((0.1, 0.2, 0.3)))
     with pytest.raises(VerifyError, match="states joint values"):
-        check(put(ARC, *pieces[:2], stated, *pieces[3:]))
+        check(replaced(ARC, *pieces[:2], stated, *pieces[3:]))
 
 
 @pytest.mark.parametrize("share", [1.0, 4.0])
-def test_the_limit_of_a_chord_is_that_of_the_job(share):
+def test_the_chord_error_has_the_limit_of_the_job(share):
     """Chords of n equal pieces leave a circle of radius R by R (1 - cos(sweep / 2 n))."""
     pieces = chords(ARC_START, PRESSED, share * CHORD)
     count = len(pieces)
     assert 10 * (1 - math.cos(math.pi / 4 / count)) == pytest.approx(share * CHORD, rel=0.2)
     if share <= 1:
-        check(put(ARC, *pieces))
+        check(replaced(ARC, *pieces))
         return
     with pytest.raises(VerifyError, match="leaves an arc by more than tolerance"):
-        check(put(ARC, *pieces))
+        check(replaced(ARC, *pieces))
 
 
-# What an option may change beyond that.
+# Changes that an option allows
 
 
 def without_forces(body=BODY):
-    left = [item for item in body if not isinstance(item, Force)]
-    return [
-        replace(item, force=0.0, force_direction=(0.0, 0.0, 0.0))
-        if getattr(item, "force", 0)
-        else item
-        for item in left
-    ]
+    items = [item for item in body if not isinstance(item, Force)]
+    for k, item in enumerate(items):
+        if getattr(item, "force", 0):
+            items[k] = replace(item, force=0.0, force_direction=(0.0, 0.0, 0.0))
+    return items
 
 
-def test_forces_are_left_out_only_where_the_post_says_so():
+def test_forces_may_be_left_out_only_if_the_post_declares_it():
     check(without_forces(), {"force"})
     with pytest.raises(
         VerifyError, match="instruction 3: the preparation changes the force control"
@@ -267,7 +265,7 @@ def test_forces_are_left_out_only_where_the_post_says_so():
         check(without_forces())
 
 
-def test_a_spindle_is_only_switched_where_the_post_says_so():
+def test_a_spindle_speed_may_become_on_only_if_the_post_declares_it():
     check(changed(7, value=1.0), {"spindle"})
     with pytest.raises(VerifyError, match="the output spindle"):
         check(changed(7, value=0.0), {"spindle"})
@@ -283,16 +281,16 @@ STROKES = (
     MoveL(at(5, 5, -4), 3.0, path=0, work=True),
     MoveL(at(5, 5, 2), 90.0, path=0),
     MoveL(at(5, 5, 20), 90.0, path=0),
-)  # fmt: skip
+)
 CYCLE = (
     ABOVE,
     MoveJ(at(5, 5, 2), 90.0, path=0),
     MoveL(at(5, 5, -4), 3.0, path=0, work=True),
     MoveJ(at(5, 5, 20), 90.0, path=0),
-)  # fmt: skip
+)
 
 
-def test_strokes_are_joined_only_for_cycles():
+def test_strokes_may_be_joined_only_if_the_post_declares_cycles():
     before, after = (HOME, *STROKES, HOME), (HOME, *CYCLE, HOME)
     check(after, {"cycles"}, before)
     with pytest.raises(VerifyError, match="instruction 2: the preparation changes the kind"):
@@ -316,14 +314,14 @@ def test_strokes_are_joined_only_for_cycles():
         ("vplus", {}, set()),
     ],
 )
-def test_what_an_option_changes_is_listed_as_not_compared(name, options, words):
+def test_a_change_by_an_option_is_listed_as_not_compared(name, options, words):
     post = make_post(find_post(name), options)
     assert post.list_changed() == words
     texts = {CHANGES[word] for word in words} - {""}
     assert texts <= set(list_uncompared(post))
 
 
-# Whole builds with a preparation that breaks the program.
+# Builds with a preparation that breaks the program
 
 BREAKS = {
     "drops half of the body": """program.with_body(tuple(
@@ -355,7 +353,9 @@ POSTS = {"gcode": "GCode", "rapid": "Rapid", "pacscript": "PacScript"}
 
 @pytest.mark.parametrize("what", BREAKS)
 @pytest.mark.parametrize("name", POSTS)
-def test_a_build_ends_where_its_post_changes_the_program(tmp_path, monkeypatch, capsys, name, what):
+def test_a_build_is_refused_if_its_post_changes_the_program(
+    tmp_path, monkeypatch, capsys, name, what
+):
     post = tmp_path / "broken.py"
     post.write_text(
         MODULE.format(
@@ -375,7 +375,7 @@ def test_a_build_ends_where_its_post_changes_the_program(tmp_path, monkeypatch, 
 
 
 def straight(_start, arc, _chord):
-    """One line in the place of an arc."""
+    """A pass that replaces an arc by one line."""
     return [MoveL(arc.target, arc.speed, arc.blend, path=arc.path, work=arc.work)]
 
 

@@ -1,4 +1,4 @@
-"""Arcs of RAPID keep the angle of the manual, wherever their circle point lies."""
+"""RAPID: arcs keep the angle of the manual for any circle point."""
 
 import math
 import re
@@ -24,7 +24,7 @@ def point(angle: float) -> Point:
 
 
 def print_arc(sweep: float, share: float) -> str:
-    """The text of an arc with its circle point after a share of its sweep, rad."""
+    """The text of an arc of `sweep`, rad, with its circle point after `share` of it."""
     start, via, end = (Pose(TOOL_DOWN, point(part * sweep)) for part in (0.0, share, 1.0))
     body = (HOME, MoveJ(start, 50.0), MoveC(via, end, 20.0), MoveL(start, 20.0))
     program = Program("part", translation(300, -75, 100), translation(0, 0, 100), whole(body))
@@ -33,7 +33,7 @@ def print_arc(sweep: float, share: float) -> str:
 
 
 def measure_angles(text: str) -> list[float]:
-    """For each MoveC of a text: degrees between circle point and end, seen from its start."""
+    """The angle between circle point and end of each MoveC, seen from its start, deg."""
     place: Point = (0.0, 0.0, 0.0)
     angles = []
     for statement in text.split(";"):
@@ -48,7 +48,7 @@ def measure_angles(text: str) -> list[float]:
 
 @pytest.mark.parametrize("share", [0.26, 0.4, 0.5, 0.6, 0.74])
 @pytest.mark.parametrize("degrees", [3.0, 4.5, 4.9, 5.2, 6.0, 8.0, 9.5, 11.0, 30.0, 119.0])
-def test_circle_point_and_end_are_apart(degrees: float, share: float) -> None:
+def test_circle_point_and_end_keep_an_angle(degrees: float, share: float) -> None:
     angles = measure_angles(print_arc(math.radians(degrees), share))
     assert all(angle >= 1.1 for angle in angles)
     # An angle at a circle is half of the arc between its legs. The manual asks for it at the start,
@@ -77,7 +77,7 @@ def test_an_arc_below_the_angle_of_the_manual_is_found(
     assert bool(remarks) == bool(remark)
 
 
-def test_the_read_back_remarks_on_such_an_arc() -> None:
+def test_an_arc_below_the_angle_of_the_manual_is_a_remark_of_the_read_back() -> None:
     text = print_arc(math.radians(5.2), 0.5)
     assert text.count("MoveC") == 1
     assert read({"a": text}, {}).findings == ()

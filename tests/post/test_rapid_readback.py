@@ -1,8 +1,9 @@
-"""The two ways in which the RAPID read-back takes a statement, at once and by the general rules, say the same."""
+"""RAPID: the fast path of the read-back and the general parser read the same."""
 
 import random
 import re
 from collections.abc import Mapping
+from itertools import chain
 
 import pytest
 from camgen_posts.rapid import Rapid
@@ -15,8 +16,8 @@ from camgen.lang.programs import Executed
 from camgen.lang.rapid.rows import Rows, Spellings, read_positions
 from camgen.lang.rapid.strict import read, read_with
 from camgen.lang.rapid.strict.syntax import Written, calls_of, parse
-from camgen.lang.rapid.tree import Calling, Inline, Run
-from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.lang.rapid.tree import Calling, Inline, Routine, Run
+from camgen.model.pose import translation
 from camgen.model.program import (
     Force,
     Instruction,
@@ -32,12 +33,13 @@ from camgen.model.program import (
 from camgen.post.plugins import make_post
 from tests.support.examples import is_night
 from tests.support.fast_paths import list_values
+from tests.support.rapid_programs import at
 from tests.support.rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, changed, program
 from tests.support.whole import whole
 
 
-def both(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
-    """The reading, which is the same either way."""
+def read_both(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
+    """Reads a program with and without the fast path, compares the readings, and returns one."""
     reading = read(files, options)
     general = read_with(files, options, plain=False)
     assert list_values(reading, False) == list_values(general, False)
@@ -55,19 +57,19 @@ def module(body: str, data: str = "") -> str:
 
 
 def kinds(text: str) -> list[tuple[str, str]]:
-    """How each statement of a text was taken, and its name."""
-    modules, *_ = parse(text, 1, Spellings(Written), Log())
-    calls: list[Calling | Inline] = [
-        call for m in modules for r in m.routines for call in calls_of(r.body)
-    ]
+    """Whether the fast path took each statement of a text, and its name."""
+    calls: list[Calling | Inline] = []
+    for routine in list_routines(text):
+        calls += calls_of(routine.body)
     return [("inline", c.shape.name) if isinstance(c, Inline) else ("call", c.name) for c in calls]
 
 
-# What is read at once -------------------------------------------------------------------------------------------
+def list_routines(text: str) -> list[Routine]:
+    modules, *_ = parse(text, 1, Spellings(Written), Log())
+    return list(chain.from_iterable(module.routines for module in modules))
 
 
-def at(x: float, y: float, z: float = 0.0) -> Pose:
-    return Pose(TOOL_DOWN, (x, y, z))
+# Statements of the fast path
 
 
 def posted(*body: Instruction, **options: object) -> str:
@@ -79,7 +81,7 @@ def posted(*body: Instruction, **options: object) -> str:
     return post.render(prepared)[0].text
 
 
-def test_every_motion_that_the_post_writes_with_points_is_a_small_record() -> None:
+def test_the_fast_path_takes_every_motion_that_the_post_writes_with_points() -> None:
     """The arc of 87 deg is short enough not to be halved."""
     down = (0.0, 0.0, -1.0)
     text = posted(
@@ -98,23 +100,28 @@ def test_every_motion_that_the_post_writes_with_points_is_a_small_record() -> No
     )
     assert kinds(text) == [
         *(("call", name) for name in ("confj", "confl", "setdo", "if fcdeact", "moveabsj")),
-        ("inline", "movej"), ("inline", "movel"), ("call", "setdo"), ("inline", "movec"), ("inline", "movel"),
+        ("inline", "movej"),
+        ("inline", "movel"),
+        ("call", "setdo"),
+        ("inline", "movec"),
+        ("inline", "movel"),
         *(("inline", name) for name in ("fcpress1lstart", "fcpressl", "fcpressc", "fcpressend")),
         ("call", "setdo"),  # at the end of main
         ("call", "setdo"),  # of camSafe
-    ]  # fmt: skip
-    assert both({"part.mod": text}, {}).findings == ()
+    ]
+    assert read_both({"part.mod": text}, {}).findings == ()
 
 
-def test_numbers_stand_in_their_places() -> None:
+def test_the_numbers_of_a_motion_are_read_at_their_places() -> None:
     turned = "[0.6,0,-.8,0],[0,-1,0,0]"
     text = module(
         f"MoveL [[-1.25,.5,3.],[0,1,0,0],[0,0,0,0],{E9}],v100,z5,{TAIL}"
         f"MoveC [[4,5,6],[0,0,1,0],[0,-1,0,0],{E9}],\n  [[7,8,-0.001],{turned},{E9}],v5,fine,{TAIL}"
         f"MoveL [[-9,.5,3.],[0.6,0,-.8,0],[0,0,0,0],{E9}],v100,z5,{TAIL}"
-        f"! a remark; [[1,2,3]\n\nMoveC [[1,5,7],[0,0,1,0],[0,-1,0,0],{E9}],\n  [[8,8,8],{turned},{E9}],v5,fine,{TAIL}"
+        f"! a remark; [[1,2,3]\n\nMoveC [[1,5,7],[0,0,1,0],[0,-1,0,0],{E9}],\n"
+        f"  [[8,8,8],{turned},{E9}],v5,fine,{TAIL}"
     )
-    reading = both({"m.mod": text}, NAMES)
+    reading = read_both({"m.mod": text}, NAMES)
     assert reading.findings == ()
     assert tuple(reading.lines) == (5, 6, 7, 9, 12)
     line, arc, again, last = reading.body[1:]
@@ -131,24 +138,29 @@ def test_numbers_stand_in_their_places() -> None:
     )
     assert (again.target.origin, again.speed, again.blend) == ((-9, 0.5, 3), 100.0, 5.0)
     assert (last.via.origin, last.target.origin) == ((1, 5, 7), (8, 8, 8))
-    # q = (0.6, 0, -0.8, 0) turns about -y by 2 acos(0.6): cos = 0.36 - 0.64, sin = 2 * 0.6 * 0.8
+    # q = (0.6, 0, -0.8, 0) is a rotation about -y by 2 acos(0.6), whose cosine is 0.36 - 0.64
+    # and whose sine is 2 * 0.6 * 0.8.
     assert last.target.rotation.ravel().tolist() == pytest.approx(
         [-0.28, 0, -0.96, 0, 1, 0, 0.96, 0, -0.28]
     )
     assert last.via.rotation.tolist() == [[-1, 0, 0], [0, 1, 0], [0, 0, -1]]
 
 
-def test_one_text_means_what_its_routine_sees() -> None:
+def test_equal_statements_use_the_data_of_their_scope() -> None:
     move = f"MoveL {POINT},vOwn,zOwn,{TAIL}"
-    own = "LOCAL CONST speeddata vOwn:=[{},500,5000,1000];\nLOCAL CONST zonedata zOwn:=[FALSE,{},1,1,1,1,1];\n"
+    data = (
+        "LOCAL CONST speeddata vOwn:=[{},500,5000,1000];\n"
+        "LOCAL CONST zonedata zOwn:=[FALSE,{},1,1,1,1,1];\n"
+    )
     files = {
         "a.mod": module(
-            f"{move}{move}sub;\n{move}other;\nMoveL {POINT},v5,fine,{TAIL}", own.format(11, 2)
+            f"{move}{move}sub;\n{move}other;\nMoveL {POINT},v5,fine,{TAIL}", data.format(11, 2)
         ),
-        "b.mod": f"MODULE b\n{own.format(22, 3)}PROC sub()\nCONST speeddata vOwn:=[33,500,5000,1000];\n{move}ENDPROC\n"
+        "b.mod": f"MODULE b\n{data.format(22, 3)}PROC sub()\n"
+        f"CONST speeddata vOwn:=[33,500,5000,1000];\n{move}ENDPROC\n"
         f"PROC other()\n{move}ENDPROC\nENDMODULE\n",
     }
-    reading = both(files, NAMES)
+    reading = read_both(files, NAMES)
     assert reading.findings == ()
     moves = [item for item in reading.body if isinstance(item, MoveL)]
     assert [(m.speed, m.blend) for m in moves] == [
@@ -161,10 +173,10 @@ def test_one_text_means_what_its_routine_sees() -> None:
     ]
 
 
-def test_an_arc_with_one_point_by_name() -> None:
+def test_an_arc_may_have_a_point_by_name() -> None:
     arc = f"MoveC [[{{}},5,1],[0,1,0,0],[0,0,0,0],{E9}],p1,v5,fine,{TAIL}"
     text = module("".join(arc.format(x) for x in (4, 5, 6)), f"CONST robtarget p1:={POINT};\n")
-    arcs = both({"m.mod": text}, NAMES).body[1:]
+    arcs = read_both({"m.mod": text}, NAMES).body[1:]
     assert [item.via.origin for item in arcs if isinstance(item, MoveC)] == [
         (4, 5, 1),
         (5, 5, 1),
@@ -173,66 +185,125 @@ def test_an_arc_with_one_point_by_name() -> None:
     assert [item.target.origin for item in arcs if isinstance(item, MoveC)] == [(1, 2, 3)] * 3
 
 
+#: A quaternion with a number that is larger than a num can be.
 NINES = f"0,{'9' * 50},0,0]"
 
-# What is not ----------------------------------------------------------------------------------------------------
+# Statements of the general parser
 
 
 @pytest.mark.parametrize(
     ("body", "faults"),
     [
-        (f"MoveC [[1E1,2,3],[0,1,0,0],[0,0,0,0],{E9}],[[4,5,7],[0,1,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}", []),
-        (f"MoveL {POINT},v5,fine,{TAIL}%%%\nVERSION:1\n%%%\nMoveL {POINT},v5,fine,{TAIL}",
-         [(7, "a statement expected, found '%'")]),
-        (f'MoveL {POINT},v5,fine,{TAIL}TPWrite "a;MoveL {POINT[:9]},v5,fine,{TAIL[:-1]}";\n',
-         [(7, "a backslash in a string is written twice, or before two hexadecimal digits")]),
+        (
+            (
+                f"MoveC [[1E1,2,3],[0,1,0,0],[0,0,0,0],{E9}],"
+                f"[[4,5,7],[0,1,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}"
+            ),
+            [],
+        ),
+        (
+            f"MoveL {POINT},v5,fine,{TAIL}%%%\nVERSION:1\n%%%\nMoveL {POINT},v5,fine,{TAIL}",
+            [(7, "a statement expected, found '%'")],
+        ),
+        (
+            f'MoveL {POINT},v5,fine,{TAIL}TPWrite "a;MoveL {POINT[:9]},v5,fine,{TAIL[:-1]}";\n',
+            [(7, "a backslash in a string is written twice, or before two hexadecimal digits")],
+        ),
         ('TPWrite "a;b";\n', [(6, "tpwrite is a statement that is not read")]),
         (f"MoveL {POINT},v5,fine,t1 ! ; \\WObj:=w1;\n\\WObj:=w1;\n", []),
-        (f"MoveL Offs(p1,1,\n2),v5,fine,{TAIL}" * 2,
-         [(6, "offs has 4 arguments, not 3"), (8, "offs has 4 arguments, not 3")]),
-        (f"MoveL {POINT},v5,fine,{TAIL}" * 2 + f"MoveL {POINT},v5,fine,t2\\WObj:=w1;\n" * 2,
-         [(8, "t2 is not declared"), (9, "t2 is not declared")]),
-        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('0,1,0,0]', '0,1,.1,0]', 1)},v5,fine,{TAIL}",
-         [(7, "a quaternion is not normalised (its square differs from 1 by 0.01)")]),
-        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('0,1,0,0]', NINES, 1)},v5,fine,{TAIL}",
-         [(7, "a number of a robtarget is larger than a num can be")]),
-        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('1,2,3', '1,2,3,4')},v5,fine,{TAIL}",
-         [(7, "pos has 3 components, not 4")]),
-        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('1,2,3', '1,2-,3')},v5,fine,{TAIL}",
-         [(7, "] expected, found '-'")]),
-        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('1,2,3', '1,2_0,3')},v5,fine,{TAIL}",
-         [(7, "] expected, found '_'")]),
-        (f"MoveC {POINT},{POINT},v5,fine,{TAIL}" * 3, [(7, "the points of an arc are on one line"),
-                                                       (8, "the points of an arc are on one line")]),
-        (f"FCPressL {POINT},v5,9,fine,{TAIL}" * 2, [(6, "fcpressl without FCPress1LStart"),
-                                                    (7, "fcpressl without FCPress1LStart")]),
-        (f"MoveL {POINT},v5,fine,{TAIL}FCPress1LStart {POINT},v5,\\Fx:=5,50,fine,{TAIL}"
-         + f"FCPressL {POINT},v5,5,fine,{TAIL}FCPressL {POINT},v5,-5,fine,{TAIL}MoveL {POINT},v5,fine,{TAIL}"
-         + f"FCPressEnd {POINT},v5,{TAIL}FCPressEnd {POINT},v5,{TAIL}",
-         [(9, "fcpressl does not press in the direction of FCPress1LStart"),
-          (10, "movel while pressing, before FCPressEnd"), (12, "fcpressend without FCPress1LStart")]),
-        (f"SetDO do1,1;SetDO do1,1;SetDO {POINT},1;\nsub {POINT};\n", [(6, "setdo needs the name of a signal"),
-                                                                      (7, "sub is a statement that is not read")]),
+        (
+            f"MoveL Offs(p1,1,\n2),v5,fine,{TAIL}" * 2,
+            [(6, "offs has 4 arguments, not 3"), (8, "offs has 4 arguments, not 3")],
+        ),
+        (
+            f"MoveL {POINT},v5,fine,{TAIL}" * 2 + f"MoveL {POINT},v5,fine,t2\\WObj:=w1;\n" * 2,
+            [(8, "t2 is not declared"), (9, "t2 is not declared")],
+        ),
+        (
+            (
+                f"MoveL {POINT},v5,fine,{TAIL}"
+                f"MoveL {POINT.replace('0,1,0,0]', '0,1,.1,0]', 1)},v5,fine,{TAIL}"
+            ),
+            [(7, "a quaternion is not normalised (its square differs from 1 by 0.01)")],
+        ),
+        (
+            (
+                f"MoveL {POINT},v5,fine,{TAIL}"
+                f"MoveL {POINT.replace('0,1,0,0]', NINES, 1)},v5,fine,{TAIL}"
+            ),
+            [(7, "a number of a robtarget is larger than a num can be")],
+        ),
+        (
+            f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('1,2,3', '1,2,3,4')},v5,fine,{TAIL}",
+            [(7, "pos has 3 components, not 4")],
+        ),
+        (
+            f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('1,2,3', '1,2-,3')},v5,fine,{TAIL}",
+            [(7, "] expected, found '-'")],
+        ),
+        (
+            f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('1,2,3', '1,2_0,3')},v5,fine,{TAIL}",
+            [(7, "] expected, found '_'")],
+        ),
+        (
+            f"MoveC {POINT},{POINT},v5,fine,{TAIL}" * 3,
+            [
+                (7, "the points of an arc are on one line"),
+                (8, "the points of an arc are on one line"),
+            ],
+        ),
+        (
+            f"FCPressL {POINT},v5,9,fine,{TAIL}" * 2,
+            [(6, "fcpressl without FCPress1LStart"), (7, "fcpressl without FCPress1LStart")],
+        ),
+        (
+            f"MoveL {POINT},v5,fine,{TAIL}FCPress1LStart {POINT},v5,\\Fx:=5,50,fine,{TAIL}"
+            + (
+                f"FCPressL {POINT},v5,5,fine,{TAIL}FCPressL {POINT},v5,-5,fine,{TAIL}"
+                f"MoveL {POINT},v5,fine,{TAIL}"
+            )
+            + f"FCPressEnd {POINT},v5,{TAIL}FCPressEnd {POINT},v5,{TAIL}",
+            [
+                (9, "fcpressl does not press in the direction of FCPress1LStart"),
+                (10, "movel while pressing, before FCPressEnd"),
+                (12, "fcpressend without FCPress1LStart"),
+            ],
+        ),
+        (
+            f"SetDO do1,1;SetDO do1,1;SetDO {POINT},1;\nsub {POINT};\n",
+            [(6, "setdo needs the name of a signal"), (7, "sub is a statement that is not read")],
+        ),
     ],
-)  # fmt: skip
-def test_what_is_not_usual_is_read_by_the_general_rules(
+)
+def test_an_unusual_statement_is_read_by_the_general_parser(
     body: str, faults: list[tuple[int, str]]
 ) -> None:
-    reading = both({"m.mod": module(body)}, NAMES | {"on_error": "none"})
+    reading = read_both({"m.mod": module(body)}, NAMES | {"on_error": "none"})
     assert [(fault.line, fault.what) for fault in reading.findings] == faults
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "ENDPROC", "IF a THEN b;", "CONST num n:=1;", ";", "SetDO do1,1", 'TPWrite "a";', 'TPWrite "a;', "x:=1;",
-        "MoveL Offs(p1,0,0,1),v5,fine,t1;", "SetDO ! a remark\ndo1,1;", "! a remark", f"MoveL [ {POINT[1:]},v5,fine,t1",
-        f"MoveL {POINT.replace('1,2', '1,2E0')},v5,fine,t1;", f"MoveC {POINT},{POINT},{POINT},v5,fine,t1;",
+        "ENDPROC",
+        "IF a THEN b;",
+        "CONST num n:=1;",
+        ";",
+        "SetDO do1,1",
+        'TPWrite "a";',
+        'TPWrite "a;',
+        "x:=1;",
+        "MoveL Offs(p1,0,0,1),v5,fine,t1;",
+        "SetDO ! a remark\ndo1,1;",
+        "! a remark",
+        f"MoveL [ {POINT[1:]},v5,fine,t1",
+        f"MoveL {POINT.replace('1,2', '1,2E0')},v5,fine,t1;",
+        f"MoveC {POINT},{POINT},{POINT},v5,fine,t1;",
         f"SetDO do1,{POINT};",
     ],
-)  # fmt: skip
-def test_what_is_left_to_the_general_rules(text: str) -> None:
-    """Two outputs between two motions are read with them, unless something else is there too."""
+)
+def test_the_fast_path_ends_at_an_unusual_statement(text: str) -> None:
+    """The fast path reads two outputs between two motions."""
     motion, outputs = f"MoveL {POINT},v5,fine,t1;", "\n  SetDO do1,1;\nSetDO do1,1;"
 
     def count_rows(between: str) -> int:
@@ -244,13 +315,13 @@ def test_what_is_left_to_the_general_rules(text: str) -> None:
     assert count_rows(outputs + text) == 1
 
 
-def test_a_routine_that_is_never_called_is_read_but_not_run() -> None:
+def test_a_routine_that_is_never_called_is_parsed_but_not_run() -> None:
     spare = (
-        f"PROC spare()\nMoveL {POINT},v37,fine,{TAIL}MoveL "
-        f"[[1,2,3],[{'9' * 40},0,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}"
+        f"PROC spare()\nMoveL {POINT},v37,fine,{TAIL}"
+        f"MoveL [[1,2,3],[{'9' * 40},0,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}"
     )
     text = module(f"MoveL {POINT},v5,fine,{TAIL}", f"{spare}ENDPROC\n")
-    reading = both({"m.mod": text}, NAMES)
+    reading = read_both({"m.mod": text}, NAMES)
     assert len(reading.body) == 2
     assert [(f.line, f.what) for f in reading.findings] == [
         (4, "spare is declared and never used"),
@@ -258,25 +329,30 @@ def test_a_routine_that_is_never_called_is_read_but_not_run() -> None:
     ]
 
 
-@given(st.lists(st.one_of(
-    st.lists(st.decimals(-10**7, 10**7, places=3).map(str), min_size=3, max_size=3).map(",".join),
-    st.sampled_from(["1,2,3", "-0.5,.5,3.", "1e2,2,3", "1,2", "1,2,3,4", "1, 2,3", "1,2_0,3", "007,0,0", ",,"]),
+POSITIONS = st.one_of(
+    st.lists(st.decimals(-(10**7), 10**7, places=3).map(str), min_size=3, max_size=3).map(",".join),
+    st.sampled_from(
+        ["1,2,3", "-0.5,.5,3.", "1e2,2,3", "1,2", "1,2,3,4", "1, 2,3", "1,2_0,3", "007,0,0", ",,"]
+    ),
     st.text("0123456789.,-", max_size=12),
-), min_size=1, max_size=4))  # fmt: skip
-def test_positions_are_what_float_says(texts: list[str]) -> None:
-    points, is_usual = read_positions(texts)
-    for text, point, one in zip(texts, points.tolist(), is_usual.tolist(), strict=True):
-        if one:
+)
+
+
+@given(st.lists(POSITIONS, min_size=1, max_size=4))
+def test_the_numbers_of_a_position_are_those_of_float(texts: list[str]) -> None:
+    points, usual = read_positions(texts)
+    for text, point, is_usual in zip(texts, points.tolist(), usual.tolist(), strict=True):
+        if is_usual:
             assert point == [float(word) for word in text.split(",")]
         else:
             assert not re.fullmatch(r"-?\d{1,7}\.\d{3},-?\d{1,7}\.\d{3},-?\d{1,7}\.\d{3}", text)
 
 
-# Texts by chance ------------------------------------------------------------------------------------------------
+# Random texts
 
 
 @pytest.mark.parametrize("seed", range(30 if is_night() else 12))
-def test_texts_by_chance(seed: int) -> None:
+def test_a_random_text_is_read_the_same(seed: int) -> None:
     chance = random.Random(seed)
     at_once = motions = 0
     for _ in range(20):
@@ -285,14 +361,15 @@ def test_texts_by_chance(seed: int) -> None:
             k = chance.randrange(len(texts))
             texts[k] = changed(chance, texts[k])
         options = chance.choice([{}, {}, {"declare": False}, {"s4": True}, {"force_sign": -1}])
-        reading = both({f"{k}.mod": text for k, text in enumerate(texts)}, options)
+        reading = read_both({f"{k}.mod": text for k, text in enumerate(texts)}, options)
         motions += len(reading.body)
-        at_once += sum(how == "inline" for text in texts for how, _ in kinds(text))
+        for text in texts:
+            at_once += sum(how == "inline" for how, _ in kinds(text))
     assert motions > 50
     assert at_once > 50
 
 
-# Runs of statements ---------------------------------------------------------------------------------------------
+# Runs of statements
 
 
 #: The tool straight down, as the post prints it.
@@ -300,19 +377,13 @@ DOWN = "0.0000000,1.0000000,0.0000000,0.0000000"
 
 
 def rows_of(text: str) -> list[int]:
-    """How many statements each run of a text has."""
-    modules, *_ = parse(text, 1, Spellings(Written), Log())
-    return [
-        item.last - item.first
-        for m in modules
-        for r in m.routines
-        for item in r.body
-        if isinstance(item, Run)
-    ]
+    """The number of statements of each run of a text."""
+    items = chain.from_iterable(routine.body for routine in list_routines(text))
+    return [item.last - item.first for item in items if isinstance(item, Run)]
 
 
 def plate(paths: int) -> str:
-    """A posted program: on each path down, lines and arcs with the signal on, and up."""
+    """A printed program: on each path down, a line and an arc with the signal on, and up."""
     body: list[Instruction] = [MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.5, 0.0)), 100.0)]
     for k in range(paths):
         x, up = 40.0 * k, MoveL(at(40.0 * k, 0.0, 20.0), 100.0, path=k)
@@ -335,10 +406,10 @@ def plate(paths: int) -> str:
     return post.render(post.prepare(program, 0.01))[0].text
 
 
-def test_the_routines_of_a_posted_program_are_one_run_each() -> None:
+def test_each_routine_of_a_printed_program_is_one_run() -> None:
     text = plate(5)
     assert rows_of(text) == [7] * 5
-    reading = both({"plate.mod": text}, {"mass": 1.0})
+    reading = read_both({"plate.mod": text}, {"mass": 1.0})
     assert (len(reading.body), reading.findings) == (2 + 7 * 5, ())
 
 
@@ -346,53 +417,74 @@ def test_the_routines_of_a_posted_program_are_one_run_each() -> None:
     ("old", "new", "faults"),
     [
         ("vCam15_5,fine", "vCam15_5,z1", ["a motion that blends before setdo"]),
-        ("vCam15_5,fine", "vNone,fine", ["a motion that blends before setdo", "vNone is not declared"]),
-        ("4.000,4.000,0.000]", "44.000,4.000,0.000]",
-         ["the circle point of an arc is at an end of it, or nearly on its chord"]),
+        (
+            "vCam15_5,fine",
+            "vNone,fine",
+            ["a motion that blends before setdo", "vNone is not declared"],
+        ),
+        (
+            "4.000,4.000,0.000]",
+            "44.000,4.000,0.000]",
+            ["the circle point of an arc is at an end of it, or nearly on its chord"],
+        ),
         ("3.000,1.200,0.000]", "2.000,2.000,0.000]", ["the points of an arc are on one line"]),
         ("SetDO doProcess,1;", "SetDO doProcess,2;", ["a digital output is 0 or 1"]),
-        (f"[{DOWN}],[0,0,0,0]", f"[{DOWN.replace('1.0', '1.1')}],[0,0,0,0]",
-         ["a quaternion is not normalised (its square differs from 1 by 0.21)"]),
+        (
+            f"[{DOWN}],[0,0,0,0]",
+            f"[{DOWN.replace('1.0', '1.1')}],[0,0,0,0]",
+            ["a quaternion is not normalised (its square differs from 1 by 0.21)"],
+        ),
         (f"[{DOWN}],[0,0,0,0]", "[0.0000000,0.0000000,1.0000000,0.0000000],[0,0,0,0]", []),
         ("tCamgen\\WObj:=wCamgen;", "tCamgen;", ["wobj0 is a second work object"]),
         ("[0,0,0,0]", "[0,0,0,9]", ["cfx is 9, not 0 to 7"]),
-        ("RAISE;", "EXIT;", None), ("    ERROR", "ERROR ! x\n    ", []), ("PROC c2()", "PROC  c2 ()", []),
-        ("PROC c2()", "PROC c2()\n! path c2", []), ("        SetDO doProcess,0;", "! SetDO doProcess,0;", None),
-        ("MoveL [[", "moveL [[", []), ("MoveC [[", "MoveL [[", ["movel has 4 arguments, not 5"]),
-        ("        MoveL", "\n\n   MoveL", []), ("fine,tCamgen", "fine ,tCamgen", []), ("0.000]", "0.]", []),
-        ("0.000],", "1E-3],", []), ("MoveL [[", "FCPressL [[", None), ("MoveL [[", "MoveJ [[", None),
-        ("MoveL [[", "PROC [[", None), (" SetDO doProcess,1;", " SetDO doProcess,1;SetDO doProcess,1;", []),
-        (" SetDO doProcess,1;", " WaitTime 1;", []), (" SetDO doProcess,1;", " c1;", None),
+        ("RAISE;", "EXIT;", None),
+        ("    ERROR", "ERROR ! x\n    ", []),
+        ("PROC c2()", "PROC  c2 ()", []),
+        ("PROC c2()", "PROC c2()\n! path c2", []),
+        ("        SetDO doProcess,0;", "! SetDO doProcess,0;", None),
+        ("MoveL [[", "moveL [[", []),
+        ("MoveC [[", "MoveL [[", ["movel has 4 arguments, not 5"]),
+        ("        MoveL", "\n\n   MoveL", []),
+        ("fine,tCamgen", "fine ,tCamgen", []),
+        ("0.000]", "0.]", []),
+        ("0.000],", "1E-3],", []),
+        ("MoveL [[", "FCPressL [[", None),
+        ("MoveL [[", "MoveJ [[", None),
+        ("MoveL [[", "PROC [[", None),
+        (" SetDO doProcess,1;", " SetDO doProcess,1;SetDO doProcess,1;", []),
+        (" SetDO doProcess,1;", " WaitTime 1;", []),
+        (" SetDO doProcess,1;", " c1;", None),
     ],
-)  # fmt: skip
-@pytest.mark.parametrize("where", [0, 2, -1])
-def test_a_posted_program_that_is_changed_is_read_the_same_either_way(
-    old: str, new: str, faults: list[str] | None, where: int
+)
+@pytest.mark.parametrize("occurrence", [0, 2, -1])
+def test_a_changed_program_is_read_the_same(
+    old: str, new: str, faults: list[str] | None, occurrence: int
 ) -> None:
-    """In the first place of the text behind main, in the third, in the last."""
+    """The change is at the first, third or last occurrence after main."""
     text = plate(4)
     begin = text.index("PROC c0")
-    places = [found.start() for found in re.finditer(re.escape(old), text) if found.start() > begin]
-    place = places[where] if len(places) > 2 else places[-1]
-    reading = both({"plate.mod": text[:place] + new + text[place + len(old) :]}, {"mass": 1.0})
-    if faults is not None and where == 2:
+    matches = re.finditer(re.escape(old), text)
+    places = [match.start() for match in matches if match.start() > begin]
+    place = places[occurrence] if len(places) > 2 else places[-1]
+    reading = read_both({"plate.mod": text[:place] + new + text[place + len(old) :]}, {"mass": 1.0})
+    if faults is not None and occurrence == 2:
         assert [fault.what for fault in reading.findings if fault.level == "refused"] == faults
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_posted_programs_with_damage_by_chance(seed: int) -> None:
+def test_a_randomly_damaged_program_is_read_the_same(seed: int) -> None:
     chance = random.Random(seed)
     for _ in range(8):
         text = plate(chance.choice([1, 3]))
         for _ in range(chance.choice([1, 1, 3])):
             text = changed(chance, text)
-        both({"plate.mod": text}, {"mass": 1.0})
+        read_both({"plate.mod": text}, {"mass": 1.0})
 
 
-def test_a_program_without_end_is_told_in_the_statement_that_is_one_too_many(
+def test_a_program_with_too_many_statements_is_a_fault_at_the_first_beyond_the_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(readback, "_MOST_STATEMENTS", 20)
-    reading = both({"plate.mod": plate(4)}, {"mass": 1.0})
+    reading = read_both({"plate.mod": plate(4)}, {"mass": 1.0})
     assert [fault.what for fault in reading.findings][:1] == ["more than 20 statements are run"]
     assert len(reading.body) < 20

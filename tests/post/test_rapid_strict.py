@@ -19,7 +19,7 @@ def test_an_arc_that_is_a_point_to_the_controller_is_a_remark() -> None:
     assert remarks == ["the points of an arc are less than 0.1 mm apart"]
 
 
-def test_a_routine_that_hands_no_error_on_is_a_remark() -> None:
+def test_a_routine_that_does_not_raise_an_error_again_is_a_remark() -> None:
     cut = PROGRAMS["cut"]
     routine = "\n    PROC sub()\n        WaitTime 1;\n    ENDPROC\nENDMODULE"
     text = cut.change("        MoveJ ", "        sub;\n        MoveJ ")
@@ -37,15 +37,15 @@ def test_a_calibration_has_the_load_of_the_options(load: str, heavier: str) -> N
     assert pressed.faults_after(f"FCCalib {load};", f"FCCalib {heavier};")
 
 
-def test_strings_count_what_they_stand_for() -> None:
-    """Two quotes, two backslashes or a backslash and two digits are one character (kernel manual, strings)."""
+def test_the_length_of_a_string_counts_an_escape_as_one_character() -> None:
+    """Escapes are two quotes, two backslashes, or a backslash with two digits (kernel manual)."""
     for sign in ('""', "\\\\", "\\0A"):
         for count, is_long in ((80, False), (81, True)):
             faults = PROGRAMS["cut"].faults_after('TRUE,"",', f'TRUE,"{sign * count}",')
             assert any("characters; a controller takes 80" in what for what in faults) == is_long
 
 
-def test_the_post_refuses_a_turn_whose_sense_is_open() -> None:
+def test_the_post_refuses_a_rotation_whose_sense_is_open() -> None:
     flip = (MoveJ(at(0, 0, 20), 100.0), MoveL(Pose(IDENTITY, (9, 0, 20)), 20.0))
     with pytest.raises(
         Refused, match="the tool turns by 180 deg in one straight motion and its sense is open"
@@ -56,15 +56,15 @@ def test_the_post_refuses_a_turn_whose_sense_is_open() -> None:
     assert sample((flip[0], MoveL(nearly, 20.0), MoveJ(at(9, 0, 20), 20.0))).text
 
 
-def test_the_post_refuses_joints_that_no_arm_has() -> None:
+def test_the_post_refuses_joint_values_beyond_any_arm() -> None:
     with pytest.raises(
         Refused, match="an axis at 630 deg, which arms do not turn to; give 450 at most"
     ):
         _ = sample((MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.0, math.radians(630))), 50.0),)).text
 
 
-def test_an_arc_that_its_digits_make_flat_becomes_lines() -> None:
-    """Circle point and end are 1.26 deg apart as planned, and 0.98 deg as printed."""
+def test_an_arc_that_is_flat_by_its_digits_becomes_lines() -> None:
+    """The angle between circle point and end is 1.26 deg as planned, and 0.98 deg as printed."""
     start, via, end = (
         at(3.18159, -1.3925, -3.4127),
         at(3.25727, -1.19126, -3.41748),
@@ -75,8 +75,8 @@ def test_an_arc_that_its_digits_make_flat_becomes_lines() -> None:
     assert "MoveC" in sample(body, {"decimals": 5}).text
 
 
-def test_each_section_that_was_planned_with_a_calibration_has_it() -> None:
-    """Also the one before the second section, after the way up; where the tool stays down there is none."""
+def test_each_planned_calibration_is_required() -> None:
+    """A second section has one too, unless the tool stays low before it."""
     twice = PROGRAMS["twice"]
     assert twice.text.count("FCCalib lTool;") == 2
     start, _, end = twice.text.rpartition(CALIBRATE)
@@ -93,13 +93,13 @@ def test_each_section_that_was_planned_with_a_calibration_has_it() -> None:
 
 
 def test_an_arc_whose_circle_point_is_near_an_end_is_split() -> None:
-    """The read-back remarks on what the manual advises against, so the post does not write it."""
+    """The manual advises against it, so it would be a remark of the read-back."""
     start, via, end = at(0, 0), at(377, 0, 58), at(451, 0, 121)
     halved = sample((MoveJ(start, 50.0), MoveC(via, end, 20.0)), {"decimals": 0})
     assert halved.text.count("MoveC") == 2
 
 
-def test_arcs_that_are_legal_by_column_are_so_one_by_one() -> None:
+def test_an_arc_that_is_legal_by_column_is_legal_singly() -> None:
     rng = np.random.default_rng(5)
     start = rng.normal(size=(4000, 3)) * 10.0 ** rng.uniform(-2, 3, (4000, 1))
     along, across = rng.normal(size=(2, 4000, 3))
@@ -113,6 +113,6 @@ def test_arcs_that_are_legal_by_column_are_so_one_by_one() -> None:
     )
     points = [list(map(tuple, column.tolist())) for column in (start, via, end)]
     legal = np.array([not arc_fault(*arc, 3) for arc in zip(*points, strict=True)])
-    found = find_round(start, via, end, 3)
-    assert not (found & ~legal).any()
-    assert np.count_nonzero(found) > 0.99 * np.count_nonzero(legal) > 500
+    by_column = find_round(start, via, end, 3)
+    assert not (by_column & ~legal).any()
+    assert np.count_nonzero(by_column) > 0.99 * np.count_nonzero(legal) > 500

@@ -1,4 +1,4 @@
-"""Lines that are read by column have the words that the reader of single lines finds, to the last bit."""
+"""G-code: the fast path by column finds the words of the reader of single lines, bit by bit."""
 
 import re
 
@@ -13,29 +13,38 @@ from camgen.lang.gcode.words import LineError, Parameters, bare, words_of
 from camgen.model.program import Output
 
 LETTERS = "NGXYZIJF"
-#: A motion that has to be read by column: one code, then words in their order, with short numbers.
+#: A motion that has to be read by column: a code and words in their order, with short numbers.
 USUAL = re.compile(
     r"(?:N[0-9]{1,5} )?G[0-3]"
     + "".join(rf"(?: {letter}-?[0-9]{{1,6}}(?:\.[0-9]{{1,8}})?)?" for letter in "XYZIJ")
     + r"(?: F[0-9]{1,6}(?:\.[0-9]{1,8})?)?"
 )
 
-usual = st.builds("{}{}{}".format, st.sampled_from(["", "-"]), st.from_regex(r"\A[0-9]{1,6}\Z"),
-                  st.from_regex(r"\A(\.[0-9]{1,8})?\Z"))  # fmt: skip
+usual = st.builds(
+    "{}{}{}".format,
+    st.sampled_from(["", "-"]),
+    st.from_regex(r"\A[0-9]{1,6}\Z"),
+    st.from_regex(r"\A(\.[0-9]{1,8})?\Z"),
+)
 odd = st.one_of(
     st.text("0123456789.-", max_size=18), st.text("0 9.-+eE_\u0663\u00e9/:", max_size=6)
 )
 words = st.builds("{}{}".format, st.sampled_from("XYZIJFXYZGMn"), st.one_of(usual, usual, odd))
 rows = st.one_of(
-    st.builds("{} {}".format, st.sampled_from(["G0", "G1", "G3", "G4", "g1", "G01", "X1", "N5G2"]),
-              st.lists(words, max_size=4).map(sorted).map(" ".join)),
+    st.builds(
+        "{} {}".format,
+        st.sampled_from(["G0", "G1", "G3", "G4", "g1", "G01", "X1", "N5G2"]),
+        st.lists(words, max_size=4).map(sorted).map(" ".join),
+    ),
     st.builds("G{} X{} Y{} F{}".format, st.integers(0, 3), usual, usual, usual),
     st.builds("G{}X{}Y{}".format, st.integers(0, 4), usual, odd),
     st.builds("G1 X1 {}Y2".format, st.sampled_from([" ", "\t", "\r", "", "Z"])),
     st.builds("({})".format, st.text("ab (,)%\x00\u00e9\r=", max_size=6)),
     st.builds("G1 X{}".format, st.sampled_from(["0" * 64, "1" * 65, "1.5 " * 16])),
-    st.sampled_from(["", " ", "G0", "G1 ", "G1 X1\r", "M64 P0", "M63 P1", "(", ")", "()", "5 X1", "G1 X1 (a)"]),
-)  # fmt: skip
+    st.sampled_from(
+        ["", " ", "G0", "G1 ", "G1 X1\r", "M64 P0", "M63 P1", "(", ")", "()", "5 X1", "G1 X1 (a)"]
+    ),
+)
 
 
 def read_line(text: str) -> dict[str, float] | None:
@@ -57,31 +66,32 @@ def read_line(text: str) -> dict[str, float] | None:
 def check_lines(texts: list[str]) -> Chunk:
     chunk = cut(texts, 0, lambda text: Output(text, 1.0) if text.startswith("M64") else None)
     for row, text in enumerate(texts):
-        found = read_line(text)
+        words_of_line = read_line(text)
         if chunk.is_motion[row]:
-            assert found is not None
+            assert words_of_line is not None
             columns = zip(LETTERS, chunk.words[row].tolist(), strict=True)
             read = {letter: value.hex() for letter, value in columns if not np.isnan(value)}
-            assert read == {letter: value.hex() for letter, value in found.items()}
+            assert read == {letter: value.hex() for letter, value in words_of_line.items()}
             assert row not in chunk.others
         elif USUAL.fullmatch(text) and len(text) <= 70:
             # A line in the usual spelling is left to the other reader if it has no target.
-            assert found is None or not found.keys() & set("XYZ") or found.get("F", 0.0) >= 1e6
+            line = words_of_line or {}
+            assert not line.keys() & set("XYZ") or line.get("F", 0.0) >= 1e6
         elif not chunk.outputs.get(row):
             assert (row in chunk.others) == bool(text)
     return chunk
 
 
 @given(st.lists(rows, min_size=1, max_size=12))
-def test_lines_have_the_words_of_the_other_reader(texts: list[str]) -> None:
+def test_a_line_has_the_words_of_the_other_reader(texts: list[str]) -> None:
     together = check_lines(texts)
     for row, text in enumerate(texts):
-        # The lines beside it change nothing.
+        # Neighbouring lines change nothing.
         assert check_lines([text]).is_motion[0] == together.is_motion[row]
 
 
 @given(st.lists(st.one_of(usual, odd), min_size=1, max_size=12))
-def test_numbers_are_what_float_says(texts: list[str]) -> None:
+def test_a_number_is_the_one_of_float(texts: list[str]) -> None:
     chunk = check_lines([f"G1 X{text}" for text in texts])
     for row, text in enumerate(texts):
         if re.fullmatch(r"-?[0-9]{1,6}(\.[0-9]{1,8})?", text):
@@ -93,18 +103,18 @@ def test_outputs_are_found() -> None:
 
 
 @pytest.mark.parametrize("line", ["G1 X1 (a)", "G1X1;a", "x1 (a b)", "N1 G1 X1 ; a"])
-def test_a_comment_behind_a_motion_has_no_effect(line: str) -> None:
+def test_a_comment_after_a_motion_has_no_effect(line: str) -> None:
     assert cut([line], 0, None).is_motion[0]
     assert not cut([line], 0, lambda _: None).is_motion[0]
 
 
 @pytest.mark.parametrize("line", ["G1 X1 (a,b)", "G1 X1 ; py,1", "G1 X1 (a", "(a) (b)"])
-def test_other_comments_are_left_to_the_other_reader(line: str) -> None:
+def test_an_unusual_comment_is_left_to_the_other_reader(line: str) -> None:
     assert not cut([line], 0, None).is_motion[0]
 
 
-def test_comments_of_posts() -> None:
-    """Short ones without a comma and without characters that a controller may act on."""
+def test_a_comment_of_a_post_is_short_and_inactive() -> None:
+    """It has neither a comma nor a character that a controller may act on."""
     for comment, is_usual in (("(path c1 layer 0)", True), ("(x,y)", False), ("(a!)", False)):
         assert (REMARK.fullmatch(comment) is not None) == is_usual
     lengths = [REMARK.fullmatch(f"({'a' * length})") is not None for length in (68, 69, 70)]

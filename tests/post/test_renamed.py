@@ -1,4 +1,4 @@
-"""Inputs that are called like a word of the controller: another name, and a note."""
+"""Inputs with the name of a word of the controller: they get another name and a note."""
 
 import shutil
 from pathlib import Path
@@ -50,18 +50,18 @@ def test_another_name_stays(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["Abs", "WaitRob", "err_frame", "listitem", "if", "v100", "reg1"])
-def test_rapid_has_such_a_name_already(name: str) -> None:
+def test_a_predefined_name_of_rapid_gets_a_prefix(name: str) -> None:
     assert is_predefined(name)
     assert legal_name(name, 32) == f"m{name}"
 
 
 @pytest.mark.parametrize("name", ["latch", "Window", "pos", "duration", "wait.event"])
-def test_vplus_has_such_a_word(name: str) -> None:
+def test_a_word_of_vplus_gets_a_prefix(name: str) -> None:
     assert program_name(name, 0, ()) == f"p_{name.lower()}"
 
 
-def test_no_word_of_a_reader_is_given() -> None:
-    """The lists of the posts are their own, and hold what the readers know."""
+def test_the_lists_of_the_posts_have_all_words_of_the_readers() -> None:
+    """The posts do not import the readers."""
     names = INSTALLED | EFFECTS.keys() | FORMS.keys()
     assert [name for name in names if not is_predefined(name)] == []
     words = {word for word in DOES.keys() | TAKEN if word[:1].isalpha()}

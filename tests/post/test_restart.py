@@ -1,5 +1,6 @@
-"""A program that is aborted anywhere and run again from its first line never moves with the tool on where it should
-not: seen by running what the read-backs make of the text, with every output on at the start, as an abort left it.
+"""A program that is run again after an abort never moves with the tool on where it should be off.
+
+The readings of the texts are executed with every output on at the start, as after an abort.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from camgen.post.plugins import find_post
 
 PART = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
 ROBOTS, MILLS = ("rapid", "pacscript", "vplus"), ("gcode", "grbl")
-#: What the posts need besides their defaults to press.
+#: Options that each post needs for forces.
 PRESSES = {
     "rapid": {"force_load": "lTool"},
     "pacscript": {"force": "template"},
@@ -40,17 +41,17 @@ PRESSES = {
 
 
 def simulate(post: str, job: dict[str, object]) -> list[tuple[Motion, Motion, set[str]]]:
-    """The motions that the text of a program makes, as planned and as read, each with what is on meanwhile, where
-    everything was left on before.
+    """The motions of a text, as planned and as read, each with the outputs that are on.
+
+    All outputs are on before the first instruction.
     """
-    made = camgen.build(PART, post=post, job=job)
-    reading = camgen.read_back(made.files, post, job)
+    result = camgen.build(PART, post=post, job=job)
+    reading = camgen.read_back(result.files, post, job)
     assert not reading.findings
     chord = 0.01
     poster = find_post(post)(**job.get("post", {}))
-    planned = [
-        item for item in poster.prepare(made.program, chord).body if not isinstance(item, Comment)
-    ]
+    prepared = poster.prepare(result.program, chord)
+    planned = [item for item in prepared.body if not isinstance(item, Comment)]
     assert len(planned) == len(reading.body)
     used = {item.signal for item in reading.body if isinstance(item, Output)}
     on = used | ({"force"} if any(isinstance(item, Force) for item in reading.body) else set())
@@ -69,13 +70,13 @@ def simulate(post: str, job: dict[str, object]) -> list[tuple[Motion, Motion, se
 
 
 @pytest.mark.parametrize("post", [*ROBOTS, *MILLS])
-def test_what_is_switched_at_the_contact_is_on_along_the_paths_alone(post: str) -> None:
+def test_a_process_that_is_switched_at_contact_is_on_along_paths_only(post: str) -> None:
     moves = simulate(post, {"process": {"switch": "contact", "feed": 20.0}})
     assert [plan.work for plan, _, _ in moves] == ["process" in on for _, _, on in moves]
 
 
 @pytest.mark.parametrize("post", ROBOTS)
-def test_a_tool_that_turns_is_on_from_above_its_path_until_it_is_above_again(post: str) -> None:
+def test_a_rotating_tool_is_on_from_above_its_path_until_it_is_above_again(post: str) -> None:
     moves = simulate(post, {"operation": {"depth": 3.0}})
     for (before, _, _), (plan, _, on) in pairwise(moves):
         assert plan.work <= ("process" in on)
@@ -86,7 +87,7 @@ def test_a_tool_that_turns_is_on_from_above_its_path_until_it_is_above_again(pos
 
 
 @pytest.mark.parametrize("post", MILLS)
-def test_a_spindle_turns_before_the_cutter_is_in_the_material_and_until_it_is_out(
+def test_a_spindle_runs_whenever_the_cutter_is_in_the_material(
     post: str,
 ) -> None:
     job = {"operation": {"depth": 3.0}, "process": {"spindle": 9000.0}}
@@ -112,7 +113,7 @@ def test_a_cut_with_the_spindle_at_rest_is_refused(post: str) -> None:
 
 
 @pytest.mark.parametrize("post", PRESSES)
-def test_force_presses_along_the_paths_alone_and_a_driven_tool_is_off_after_the_retract(
+def test_a_force_acts_along_paths_only_and_the_process_is_off_after_the_retract(
     post: str,
 ) -> None:
     job = {
@@ -120,9 +121,8 @@ def test_force_presses_along_the_paths_alone_and_a_driven_tool_is_off_after_the_
         "process": {"force": 5.0},
         "post": PRESSES[post],
     }
-    if (
-        post == "vplus"
-    ):  # a SCARA takes no tool that turns on and on about its axis with its built-in cell
+    # With its built-in cell a SCARA cannot turn its tool further and further about its axis.
+    if post == "vplus":
         job["tool"] = {}
     moves = simulate(post, job)
     assert not moves[0][2]
@@ -134,8 +134,8 @@ def test_force_presses_along_the_paths_alone_and_a_driven_tool_is_off_after_the_
 
 
 def program(*body: object) -> Program:
-    here = Pose(np.eye(3), (0.0, 0.0, 0.0))
-    return Program("part", here, here, (*body,))  # type: ignore[arg-type]  # instructions, all of them
+    frame = Pose(np.eye(3), (0.0, 0.0, 0.0))
+    return Program("part", frame, frame, (*body,))  # type: ignore[arg-type]
 
 
 HOME = MoveJ(Joints((0.0,) * 6), 100.0)
@@ -164,14 +164,14 @@ HOME = MoveJ(Joints((0.0,) * 6), 100.0)
         ((Force(0.0), HOME, Force(1.0, (0.0, 0.0, -1.0))), "force control must be off at the end"),
     ],
 )
-def test_a_program_that_does_not_know_its_outputs_off_is_none(
+def test_a_program_that_does_not_switch_its_outputs_off_is_refused(
     body: tuple[object, ...], why: str
 ) -> None:
     with pytest.raises(Refused, match=why):
         program(*body)
 
 
-def test_outputs_are_put_off_before_all_else() -> None:
+def test_outputs_are_switched_off_first() -> None:
     body = (
         HOME,
         Output("a", 1.0),
@@ -185,10 +185,10 @@ def test_outputs_are_put_off_before_all_else() -> None:
     assert switch_off_first((HOME,)) == (HOME,)
 
 
-def test_a_turn_on_the_spot_without_its_speed_is_refused() -> None:
+def test_a_reorientation_without_a_speed_is_refused() -> None:
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     turn = MoveL(Pose(TOOL_DOWN @ quarter, (1.0, 2.0, 3.0)), 20.0)
-    there = MoveJ(Pose(TOOL_DOWN, (1.0, 2.0, 3.0)), 20.0)
+    start = MoveJ(Pose(TOOL_DOWN, (1.0, 2.0, 3.0)), 20.0)
     with pytest.raises(Refused, match="a motion that only turns the tool has no speed of turning"):
-        program(HOME, there, turn)
-    program(HOME, there, replace(turn, turn=1.0))
+        program(HOME, start, turn)
+    program(HOME, start, replace(turn, turn=1.0))

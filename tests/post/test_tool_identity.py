@@ -35,7 +35,7 @@ def build(post: str, numbers: tuple[int, int] = (4, 7), **options: object) -> ca
     return camgen.build(BRACKET, post=post, job=job)
 
 
-def test_each_pacscript_program_changes_to_its_own_tool() -> None:
+def test_each_pacscript_program_changes_to_its_tool() -> None:
     texts = [file.text for file in build("pacscript").files]
     assert [re.findall(r"ChangeTool (\d+)", text) for text in texts] == [["4"], ["7"]]
     for text, number, length in zip(texts, (4, 7), (120, 80), strict=True):
@@ -44,7 +44,7 @@ def test_each_pacscript_program_changes_to_its_own_tool() -> None:
         assert text.count("' tool: ") == 1
 
 
-def test_each_program_states_its_place_among_all() -> None:
+def test_each_program_states_its_number_among_all() -> None:
     for post in SWITCHED:
         heads = [file.text for file in build(post).files]
         assert ["program 1 of 2" in head for head in heads] == [True, False]
@@ -65,7 +65,7 @@ def test_a_number_that_the_controller_does_not_have_is_refused() -> None:
         build("pacscript", (4, 64))
 
 
-def test_rapid_declares_each_tool_under_its_own_name() -> None:
+def test_rapid_declares_each_tool_under_a_name_with_its_number() -> None:
     texts = [file.text for file in build("rapid").files]
     for text, name, length in zip(texts, ("tCamgen4", "tCamgen7"), (120, 80), strict=True):
         assert f"tooldata {name}:=[TRUE,[[0.000,0.000,{length}.000]" in text

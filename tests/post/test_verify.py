@@ -1,4 +1,4 @@
-"""What ``compare`` finds, what it forgives, and that its bounds follow from rounding."""
+"""Differences that `compare` finds or accepts, and its bounds, which follow from rounding."""
 
 import math
 
@@ -22,7 +22,7 @@ from camgen.model.pose import (
 )
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Tolerance
-from camgen.post import verify as judge
+from camgen.post import verify as verification
 from camgen.post.passes import along
 from camgen.post.verify import ARC_SLACK, compare
 
@@ -32,11 +32,11 @@ HOME = MoveJ(Joints((0.1, 0.2, 0.3)), 100.0)
 
 
 @pytest.fixture(autouse=True, scope="module", params=[None, 1], ids=["at once", "bit by bit"])
-def _stretches(request):
-    """A long program is compared bit by bit: where it is cut makes no difference."""
+def _batches(request):
+    """A long program is compared in batches. Their size makes no difference."""
     with pytest.MonkeyPatch.context() as patch:
         if request.param:
-            patch.setattr(judge, "_BATCH", request.param)
+            patch.setattr(verification, "_BATCH", request.param)
         yield
 
 
@@ -79,18 +79,18 @@ def verify(read, carries=ALL, body=BODY, tolerance=TOLERANCE):
     return compare(program(body), read, tolerance, carries, "part.txt")
 
 
-def test_the_same_is_the_same():
+def test_equal_programs_have_no_deviation():
     deviation = verify(reading())
     assert (deviation.max_mm, deviation.max_angle, deviation.instructions) == (0.0, 0.0, 12)
 
 
-def test_comments_do_not_count():
+def test_comments_are_not_compared():
     without = [item for item in BODY if not isinstance(item, Comment)]
     for body in (without, [Comment("x"), *BODY, Comment("y")]):
         assert verify(reading(body)).max_mm == 0.0
 
 
-def test_a_fault_goes_before_everything():
+def test_a_fault_of_the_text_is_reported_before_a_difference():
     read = reading(
         findings=(Finding("refused", 7, "unknown word"), Finding("refused", 9, "another"))
     )
@@ -100,7 +100,7 @@ def test_a_fault_goes_before_everything():
 
 
 @pytest.mark.parametrize(
-    ("index", "fields", "says"),
+    ("index", "fields", "message"),
     [
         (
             2,
@@ -146,11 +146,11 @@ def test_a_fault_goes_before_everything():
         ),
     ],
 )
-def test_a_difference_is_named(index, fields, says):
+def test_a_difference_is_reported_with_its_values(index, fields, message):
     with pytest.raises(VerifyError) as caught:
         verify(changed(index, **fields))
     assert f"instruction {index}: " in caught.value.what
-    assert says in caught.value.what
+    assert message in caught.value.what
     assert caught.value.line == 10 * index + 1
 
 
@@ -163,7 +163,7 @@ TURNS = (
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.49, 0.51, 8.7])
-def test_the_speed_of_a_turn_on_the_spot_is_compared_where_the_text_carries_it(turn):
+def test_the_speed_of_a_reorientation_is_compared_if_the_text_has_it(turn):
     read = reading([*TURNS[:2], replace(TURNS[2], turn=turn), TURNS[3]])
     verify(read, body=TURNS)
     near = replace(TOLERANCE, turn=0.001)
@@ -176,7 +176,7 @@ def test_the_speed_of_a_turn_on_the_spot_is_compared_where_the_text_carries_it(t
     verify(reading(TURNS), carries=ALL | {"turn"}, body=TURNS, tolerance=near)
 
 
-def test_a_turn_that_the_text_rounds_away_has_no_speed_there():
+def test_a_reorientation_that_is_lost_by_rounding_has_no_speed_to_compare():
     slight = (
         *TURNS[:2],
         replace(TURNS[2], target=at(0, 0, 20, frozen(TOOL_DOWN @ rotation_about(2, 1e-7)))),
@@ -185,7 +185,7 @@ def test_a_turn_that_the_text_rounds_away_has_no_speed_there():
     verify(read, carries=ALL | {"turn"}, body=slight)
 
 
-def test_the_first_of_several_differences_is_named():
+def test_the_first_of_several_differences_is_reported():
     body = [
         *BODY[:4],
         replace(BODY[4], speed=1.0),
@@ -203,7 +203,7 @@ def test_a_missing_instruction_is_found(index):
         verify(reading([*BODY[:index], *BODY[index + 1 :]]))
 
 
-def test_too_much_and_too_little_at_the_end_are_found():
+def test_an_additional_and_a_missing_last_instruction_are_found():
     with pytest.raises(
         VerifyError,
         match=r"instruction 13: instruction reads wait 1 s, planned is nothing \(line 131\)",
@@ -225,14 +225,14 @@ def test_too_much_and_too_little_at_the_end_are_found():
         ("blend", 4, {"blend": 5.0}),
     ],
 )
-def test_what_the_text_does_not_carry_is_not_compared(name, index, fields):
+def test_a_field_that_the_text_does_not_have_is_not_compared(name, index, fields):
     verify(changed(index, **fields), carries=ALL - {name})
     with pytest.raises(VerifyError):
         verify(changed(index, **fields), carries=frozenset({name}))
 
 
-def test_the_speed_of_a_joint_stands_in_for_the_speed_of_the_tool():
-    """The speed of the TCP counts for motions without a rate."""
+def test_the_speed_of_a_joint_replaces_the_tcp_speed():
+    """The TCP speed is compared for motions without a joint speed."""
     carries = ALL | {"joint-rate"}
     rated = [*BODY[:2], replace(HOME, rate=0.5), *BODY[3:]]
     verify(reading(rated), carries, rated)
@@ -245,14 +245,14 @@ def test_the_speed_of_a_joint_stands_in_for_the_speed_of_the_tool():
         verify(changed(2, speed=77.0), carries)
 
 
-def test_a_stop_is_compared_even_where_the_radius_is_not():
+def test_a_stop_is_compared_even_if_the_blend_radius_is_not():
     verify(changed(4, blend=0.0), carries=ALL - {"blend", "stop"})
     with pytest.raises(VerifyError, match="instruction 4: blend"):
         verify(changed(4, blend=0.0), carries=ALL - {"blend"})
 
 
 @pytest.mark.parametrize("name", ["work", "tool"])
-def test_a_frame_that_the_text_should_state_is_missed(name):
+def test_a_frame_that_the_text_has_to_state_is_required(name):
     verify(reading())
     with pytest.raises(VerifyError, match=f"the {name} frame is not in the text"):
         verify(reading(), carries=ALL | {name})
@@ -266,48 +266,49 @@ def test_a_frame_that_the_text_should_state_is_missed(name):
         ({"tool": translation(0, 0, 99)}, "tool"),
     ],
 )
-def test_frames_are_compared_where_the_text_has_them(frames, name):
+def test_a_frame_of_the_text_is_compared(frames, name):
     verify(reading(work=translation(1, 2, 3.0005), tool=translation(0, 0, 100)))
     with pytest.raises(VerifyError, match=f"the {name} frame reads"):
         verify(reading(**frames))
 
 
-def test_half_a_digit_is_forgiven_and_measured_straight():
-    off = 0.0005
-    deviation = verify(changed(9, target=at(20 + off, -off, off)))
-    assert deviation.max_mm == pytest.approx(math.sqrt(3) * off)
+def test_half_a_digit_is_accepted_and_measured_as_a_distance():
+    half = 0.0005
+    deviation = verify(changed(9, target=at(20 + half, -half, half)))
+    assert deviation.max_mm == pytest.approx(math.sqrt(3) * half)
     with pytest.raises(VerifyError):
         verify(changed(9, target=at(20.00051, 0)))
 
 
-def test_the_deviation_of_an_arc_is_that_of_its_middle():
+def test_the_deviation_of_an_arc_is_the_one_of_its_middle():
     via = at(*(np.array([20, 10]) + 10.002 * np.array([math.cos(0.4), math.sin(0.4)])))
     deviation = verify(changed(10, via=via), tolerance=replace(TOLERANCE, mm=0.01))
-    # A circle through (0, -10), (0, 10) and a point 10.002 from the origin at the angle 0.4: x^2 + y^2 - 2 k x = 100.
+    # x^2 + y^2 - 2 k x = 100 is a circle through (0, -10) and (0, 10). It passes through a point
+    # at the distance 10.002 from the origin and the angle 0.4.
     k = (10.002**2 - 100) / (2 * 10.002 * math.cos(0.4))
     assert deviation.max_mm == pytest.approx(k + math.hypot(10, k) - 10, rel=1e-6)
 
 
 @pytest.mark.parametrize("angle", [1e-9, 1e-7, 3e-6, 9.9e-6])
-def test_a_small_angle_is_measured_as_it_is(angle):
+def test_a_small_angle_is_measured_exactly(angle):
     rotation = frozen(TOOL_DOWN @ rotation_about_axis(np.array([0.6, 0.0, 0.8]), angle))
     assert verify(changed(5, target=at(10, 0, 0, rotation))).max_angle == pytest.approx(
         angle, rel=1e-6
     )
 
 
-def test_a_half_turn_is_not_mistaken_for_none():
+def test_a_rotation_by_180_deg_is_a_difference():
     with pytest.raises(VerifyError, match="orientation"):
         verify(changed(5, target=at(10, 0, 0, frozen(TOOL_DOWN @ rotation_about(2, math.pi)))))
 
 
-def test_arcs_may_have_their_via_anywhere_on_the_circle():
+def test_the_via_point_may_be_anywhere_on_the_arc():
     for angle in (-1.3, -0.2, 0.9, 1.5):
         via = at(20 + 10 * math.cos(angle), 10 + 10 * math.sin(angle))
         assert verify(changed(10, via=via)).max_mm < 1e-12
 
 
-def test_an_arc_from_joints_is_compared_by_its_points():
+def test_an_arc_from_joint_values_is_compared_by_its_points():
     body = (HOME, MoveC(at(30, 10), at(20, 20), 15.0))
     verify(reading(body), body=body)
     other = (HOME, MoveC(at(30, 11), at(20, 20), 15.0))
@@ -315,12 +316,12 @@ def test_an_arc_from_joints_is_compared_by_its_points():
         verify(reading(other), body=body)
 
 
-def test_lines_must_belong_to_instructions():
+def test_a_reading_needs_a_line_for_each_instruction():
     with pytest.raises(ValueError, match="13 instructions with 12 lines"):
         verify(Executed(BODY, tuple(range(12))))
 
 
-def test_degenerate_arcs_have_a_middle():
+def test_a_degenerate_arc_has_a_middle():
     start, end = [[0.0, 0, 0]] * 4, [[2.0, 0, 0]] * 3 + [[0.0, 0, 0]]
     via = [[0.5, 0, 0], [3.0, 0, 0], [1.0, 1, 0], [0.0, 2, 0]]
     middles = find_arc_middles(*(np.array(v, dtype=float) for v in (start, via, end)))
@@ -333,7 +334,7 @@ def test_degenerate_arcs_have_a_middle():
     st.sampled_from([1e-2, 1.0, 1e3, 1e6]),
     st.integers(0, 999),
 )
-def test_the_middle_of_an_arc_agrees_with_turning_about_its_centre(sweep, fraction, radius, seed):
+def test_the_middle_of_an_arc_is_half_its_rotation_about_the_centre(sweep, fraction, radius, seed):
     random = np.random.default_rng(seed)
     normal = random.normal(size=3)
     turn = rotation_about_axis(normal / np.linalg.norm(normal), 2.0)
@@ -342,7 +343,7 @@ def test_the_middle_of_an_arc_agrees_with_turning_about_its_centre(sweep, fracti
         for a in (0, sweep * fraction, sweep, sweep / 2)
     )
     start, via, end, middle = points
-    # What the points themselves lose in double precision is magnified where the circle hangs on a short sweep.
+    # A short sweep magnifies the rounding errors of the points.
     slack = 1e-14 * radius / (sweep * min(fraction, 1 - fraction)) ** 2 + 1e-12
     assert find_arc_middles(start[None], via[None], end[None])[0] == pytest.approx(
         middle, abs=slack
@@ -353,8 +354,8 @@ def _rounded(values, unit):
     return np.round(np.asarray(values) / unit) * unit
 
 
-def test_the_bound_of_arcs_holds_for_texts_with_a_via_and_for_texts_with_a_centre():
-    """A million-fold in small: random arcs rounded as a post would, against ARC_SLACK, and not far below it."""
+def test_the_bound_of_arcs_holds_for_texts_with_a_via_point_and_with_a_centre():
+    """Random arcs, rounded as by a post, stay below ARC_SLACK, and some are not far below."""
     random = np.random.default_rng(7)
     count, unit = 200_000, 0.001
     radius = 10 ** random.uniform(-2, 4, count)
@@ -374,14 +375,14 @@ def test_the_bound_of_arcs_holds_for_texts_with_a_via_and_for_texts_with_a_centr
     with_via = find_arc_middles(*(_rounded(v, unit) for v in turned))
     worst_via = np.linalg.norm(with_via - turned[1], axis=1).max() / (unit / 2)
     start, end = _rounded(p, unit), _rounded(q, unit)
-    heart = start[:, :2] + _rounded(centre - start[:, :2], unit)
-    # What an interpreter of I and J does: radius from the start, half-way between the two directions.
-    a, b = start[:, :2] - heart, end[:, :2] - heart
+    printed_centre = start[:, :2] + _rounded(centre - start[:, :2], unit)
+    # A controller with I and J takes the radius at the start and halves the angle to the end.
+    a, b = start[:, :2] - printed_centre, end[:, :2] - printed_centre
     angle = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ni,ni->n", a, b)) % (
         2 * math.pi
     )
     half = np.arctan2(a[:, 1], a[:, 0]) + angle / 2
-    with_centre = heart + np.linalg.norm(a, axis=1)[:, None] * np.column_stack(
+    with_centre = printed_centre + np.linalg.norm(a, axis=1)[:, None] * np.column_stack(
         [np.cos(half), np.sin(half)]
     )
     worst_centre = np.linalg.norm(with_centre - m[:, :2], axis=1).max() / (unit / 2)
@@ -389,9 +390,13 @@ def test_the_bound_of_arcs_holds_for_texts_with_a_via_and_for_texts_with_a_centr
     assert 2.0 < worst_centre < ARC_SLACK
 
 
+def round_pose(pose):
+    return Pose(TOOL_DOWN, tuple(round(v, 3) for v in pose.origin))
+
+
 @given(st.integers(0, 10_000), st.floats(0.5, 3.1))
-def test_rounded_programs_are_accepted(seed, sweep):
-    """Lines and arcs anywhere, each number rounded to three digits: never a false alarm."""
+def test_a_rounded_program_is_accepted(seed, sweep):
+    """The numbers of lines and arcs are rounded to three digits."""
     random = np.random.default_rng(seed)
     points = random.uniform(-100, 100, (4, 3))
     body = [HOME, MoveJ(at(*points[0]), 50.0)]
@@ -413,12 +418,8 @@ def test_rounded_programs_are_accepted(seed, sweep):
     body.append(arc)
 
     def rounded(item):
-        poses = {
-            name: Pose(TOOL_DOWN, tuple(round(v, 3) for v in getattr(item, name).origin))
-            for name in ("target", "via")
-            if isinstance(getattr(item, name, None), Pose)
-        }
-        return replace(item, **poses)
+        names = [name for name in ("target", "via") if isinstance(getattr(item, name, None), Pose)]
+        return replace(item, **{name: round_pose(getattr(item, name)) for name in names})
 
     deviation = verify(reading([rounded(item) for item in body]), body=body)
     assert 0 < deviation.max_mm <= ARC_SLACK * TOLERANCE.mm

@@ -1,4 +1,4 @@
-"""``camgen verify`` on programs that camgen did not write: what they do, what is wrong in which line, no guess."""
+"""`camgen verify` on third-party programs: its summary and its findings by line."""
 
 from pathlib import Path
 
@@ -12,24 +12,18 @@ needs_shared = pytest.mark.skipif(
 )
 
 
-def verified(capsys, path, post):
-    """Exit code, the page by its labels, the lines about lines, and the error."""
+def verify(capsys, path, post):
+    """Returns the exit code, the summary by its labels, the findings, and the error."""
     code = main(["verify", str(path), "--post", post])
     shown = capsys.readouterr()
-    page = {
-        line[:10].strip(): line[10:].strip()
-        for line in shown.out.splitlines()
-        if " line " not in line[:60]
-    }
-    told = [
-        line.removeprefix(f"{path.name} ")
-        for line in shown.out.splitlines()
-        if line.startswith(f"{path.name} line")
-    ]
-    return code, page, told, shown.err
+    lines = shown.out.splitlines()
+    summary = {line[:10].strip(): line[10:].strip() for line in lines if " line " not in line[:60]}
+    start = f"{path.name} "
+    findings = [line.removeprefix(start) for line in lines if line.startswith(f"{start}line")]
+    return code, summary, findings, shown.err
 
 
-def written(tmp_path, name, text):
+def write(tmp_path, name, text):
     path = tmp_path / name
     path.write_text(text, encoding="latin-1")
     return path
@@ -55,43 +49,52 @@ ENDMODULE
 """
 
 
-def test_faults_of_a_rapid_program_have_their_lines(capsys, tmp_path):
-    code, page, told, error = verified(capsys, written(tmp_path, "a.mod", RAPID), "rapid")
+def test_the_faults_of_a_rapid_program_have_their_lines(capsys, tmp_path):
+    code, summary, findings, error = verify(capsys, write(tmp_path, "a.mod", RAPID), "rapid")
     assert code == 2
-    assert told == [
+    assert findings == [
         "line 6: refused: a_name_that_is_longer_than_thirty_two_ch is longer than 32 characters",
-        "line 10: dangerous: doGrip is switched while the robot is still in a corner: the motion in line 9 blends",
+        (
+            "line 10: dangerous: doGrip is switched while the robot is still in a corner: the "
+            "motion in line 9 blends"
+        ),
         "line 15: dangerous: the arc still burns at the end: ArcLEnd is missing",
     ]
     assert "1 line is refused, first: a_name_that_is" in error
-    assert page["extents"] == "x 100 to 300, y 0 to 0, z 50 to 50 mm"
-    # To p9, which nobody knows, nothing leads; the arc from there has its length from where the arm was before.
-    assert page["straight"] == "600.0 mm"
+    assert summary["extents"] == "x 100 to 300, y 0 to 0, z 50 to 50 mm"
+    # The motion to p9, which is not declared, is left out. The arc after it starts at p3.
+    assert summary["straight"] == "600.0 mm"
 
 
-def test_a_sound_foreign_program_says_what_it_does(capsys, tmp_path):
+def test_a_third_party_program_without_faults_has_a_summary(capsys, tmp_path):
     lines = RAPID.splitlines()
     kept = [line for k, line in enumerate(lines, 1) if k not in (4, 6, 9, 11, 12, 13, 14)]
     text = "\n".join(kept).replace(
         "SetDO doGrip,1;", "MoveL p3,v50,fine,tA;\n        SetDO doGrip,1;"
     )
-    code, page, told, error = verified(capsys, written(tmp_path, "good.mod", text), "rapid")
+    code, summary, findings, error = verify(capsys, write(tmp_path, "good.mod", text), "rapid")
     assert (code, error) == (0, "")
-    assert told == []
-    assert page["straight"] == "200.0 mm"
-    assert page["output"] == "doGrip: 1"
-    assert page["speed"] == "50 to 100 mm/s"
+    assert findings == []
+    assert summary["straight"] == "200.0 mm"
+    assert summary["output"] == "doGrip: 1"
+    assert summary["speed"] == "50 to 100 mm/s"
 
 
 @pytest.mark.parametrize(
-    ("post", "name", "text", "said"),
+    ("post", "name", "text", "expected"),
     [
         (
             "vplus",
             "a.v2",
-            ".PROGRAM main()\n    SPEED 100 MMPS ALWAYS\n    MOVES p2\n    SIGNAL 5\n    CLOSEI\n.END\n",
+            (
+                ".PROGRAM main()\n    SPEED 100 MMPS ALWAYS\n    MOVES p2\n    SIGNAL 5\n"
+                "    CLOSEI\n.END\n"
+            ),
             {
-                "line 4: dangerous: signal 5 switches while the motion before it still runs: BREAK is missing"
+                (
+                    "line 4: dangerous: signal 5 switches while the motion before it still "
+                    "runs: BREAK is missing"
+                )
             },
         ),
         (
@@ -108,77 +111,86 @@ def test_a_sound_foreign_program_says_what_it_does(capsys, tmp_path):
         ),
     ],
 )
-def test_what_is_not_known_is_named(capsys, tmp_path, post, name, text, said):
-    code, _, told, _ = verified(capsys, written(tmp_path, name, text), post)
-    assert all(any(line.startswith(one) for line in told) for one in said)
+def test_an_unknown_statement_is_reported(capsys, tmp_path, post, name, text, expected):
+    code, _, findings, _ = verify(capsys, write(tmp_path, name, text), post)
+    for start in expected:
+        assert any(line.startswith(start) for line in findings)
     assert code == (3 if post == "vplus" else 2)
 
 
 def test_g_code_with_words_that_no_post_writes_is_run(capsys, tmp_path):
-    """Three holes on a square of 10 mm, 8 mm down each: 3 times 7 mm at feed."""
+    """Three holes at corners of a square of 10 mm, each of 7 mm at the feed."""
     text = (
         "G21 G90 G64 P0.01\n#1=10\nG0 Z20\nG0 X0 Y0\nG98 G81 X0 Y0 Z-5 R2 F60\nX#1\nY#1\nG80\nM2\n"
     )
-    code, page, told, error = verified(capsys, written(tmp_path, "holes.ngc", text), "gcode")
+    code, summary, findings, error = verify(capsys, write(tmp_path, "holes.ngc", text), "gcode")
     assert (code, error) == (0, "")
-    assert told == []
-    assert page["straight"] == "21.0 mm"
-    assert page["extents"] == "x 0 to 10, y 0 to 10, z -5 to 20 mm"
+    assert findings == []
+    assert summary["straight"] == "21.0 mm"
+    assert summary["extents"] == "x 0 to 10, y 0 to 10, z -5 to 20 mm"
 
 
-def test_a_remark_is_a_fault_in_a_program_of_our_own(capsys, tmp_path, monkeypatch):
+def test_a_remark_is_a_fault_in_a_program_of_camgen(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    old = written(tmp_path, "old.nc", "G21\nG0 X0 Y0 Z5\nG1 Z0 F60\nX9\nM2\n")
-    assert (
-        main(["build", str(old), "--post", "gcode", "-o", "new.ngc", "--plan", "plan.json", "-q"])
-        == 0
-    )
-    assert main(["verify", "new.ngc", "--post", "gcode", "--plan", "plan.json"]) == 0
+    old = write(tmp_path, "old.nc", "G21\nG0 X0 Y0 Z5\nG1 Z0 F60\nX9\nM2\n")
+    outputs = ["-o", "new.ngc", "--plan", "plan.json"]
+    with_plan = ["verify", "new.ngc", "--post", "gcode", "--plan", "plan.json"]
+    assert main(["build", str(old), "--post", "gcode", *outputs, "-q"]) == 0
+    assert main(with_plan) == 0
     text = (tmp_path / "new.ngc").read_text()
     (tmp_path / "new.ngc").write_text(text.replace("M2", "#1=2\nM2"))
     capsys.readouterr()
     assert main(["verify", "new.ngc", "--post", "gcode"]) == 0
-    assert main(["verify", "new.ngc", "--post", "gcode", "--plan", "plan.json"]) == 2
+    assert main(with_plan) == 2
     (tmp_path / "new.ngc").write_text(text.replace("X9", "X8"))
-    assert main(["verify", "new.ngc", "--post", "gcode", "--plan", "plan.json"]) == 4
+    assert main(with_plan) == 4
 
 
-#: What the shared programs are found to be: exit code, and a line that must be told.
-FOUND = {
+#: Language, exit code, and a finding of each shared program.
+EXPECTED = {
     "Program.mod": (
-        "rapid", 3,
-        "line 33: dangerous: D_OUT_5 is switched while the robot is still in a corner: the motion in line 31 blends",
+        "rapid",
+        3,
+        (
+            "line 33: dangerous: D_OUT_5 is switched while the robot is still in a corner: the "
+            "motion in line 31 blends"
+        ),
     ),
     "Prog1.pg": ("vplus", 2, "line 6: refused: LMOVE is not an instruction of V+"),
     "Kawasaki.pg": ("vplus", 2, "line 7: refused: C1MOVE is not an instruction of V+"),
     "flowsnake.ngc": ("gcode", 0, ""),
     "g17-g98-g81.ngc": ("gcode", 0, ""),
     "bad-arc.small.metric.center-format.ngc": (
-        "gcode", 2,
+        "gcode",
+        2,
         "line 6: refused: the radii of the arc differ by 0.0286 mm (start 24.9857, end 25.0143)",
     ),
     "tball-engrave.gcode": ("gcode", 0, ""),
     "helical-thread-milling.gcode": ("gcode", 0, ""),
     "full-circle-without-xyz.gcode": (
-        "gcode", 2, "line 11: refused: arc without a centre or radius (I, J, K or R) in its plane",
+        "gcode",
+        2,
+        "line 11: refused: arc without a centre or radius (I, J, K or R) in its plane",
     ),
     "Circle_Diamond_Square_Calibration.gcode": (
-        "gcode", 2, "line 624: refused: the radii of the arc differ by 1.4138 mm (start 29.0000, end 27.5862)",
+        "gcode",
+        2,
+        "line 624: refused: the radii of the arc differ by 1.4138 mm (start 29.0000, end 27.5862)",
     ),
-}  # fmt: skip
+}
 
 
 @needs_shared
-@pytest.mark.parametrize("name", FOUND)
-def test_shared_programs(capsys, name):
-    post, expected, line = FOUND[name]
+@pytest.mark.parametrize("name", EXPECTED)
+def test_a_shared_program_has_its_exit_code_and_finding(capsys, name):
+    post, exit_code, line = EXPECTED[name]
     (path,) = SHARED.rglob(name)
-    code, _, told, _ = verified(capsys, path, post)
-    assert code == expected
-    assert line in told or not (line or told)
+    code, _, findings, _ = verify(capsys, path, post)
+    assert code == exit_code
+    assert line in findings or not (line or findings)
 
 
-#: Measured with LinuxCNC's interpreter (shared/data/README.md): mm at feed, straight and in arcs.
+#: Lengths at the feed as LinuxCNC runs them, straight and in arcs, mm (shared/data/README.md).
 MEASURED = {
     "flowsnake.ngc": (25.556, 0.0),
     "g17-g98-g81.ngc": (419.1, 0.0),
@@ -191,8 +203,8 @@ MEASURED = {
 
 @needs_shared
 @pytest.mark.parametrize("name", MEASURED)
-def test_lengths_are_those_that_linuxcnc_measures(capsys, name):
+def test_the_lengths_are_those_of_linuxcnc(capsys, name):
     (path,) = SHARED.rglob(name)
-    _, page, _, _ = verified(capsys, path, "gcode")
-    lengths = [float(page[kind].removesuffix(" mm")) for kind in ("straight", "arcs")]
+    _, summary, _, _ = verify(capsys, path, "gcode")
+    lengths = [float(summary[kind].removesuffix(" mm")) for kind in ("straight", "arcs")]
     assert lengths == pytest.approx(MEASURED[name], abs=0.06)

@@ -1,5 +1,6 @@
-"""Points of a V+ program in a data file: what is written, that a run of it does what was planned and nothing else
-where the data are not its own, and what the read-back refuses.
+"""V+: points in a data file, the run of its reader, and the read-back of both.
+
+A run moves as planned. It moves nothing if the data belong to another program.
 """
 
 import itertools
@@ -35,12 +36,11 @@ from camgen.model.program import (
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
+from tests.support.vplus_programs import CELL, HOME6
 from tests.support.whole import whole
 
 ROOT = Path(__file__).parents[2]
-CELL = VPlus.cell()
 FILE: dict[str, object] = {"points": "file"}
-HOME6 = MoveJ(Joints((0.1, -0.2, 0.3, -0.4, 0.5, -0.6)), 100.0)
 
 
 def down(x: float, y: float, z: float, turn: float = 0.0) -> Pose:
@@ -65,66 +65,68 @@ def program(*body: Instruction, name: str = "part") -> Program:
     return Program(name, CELL.base_from_work, CELL.flange_from_tool, whole(body), ("bracket.dxf",))
 
 
-def made(source: Program, **options: object) -> tuple[Program, dict[str, str]]:
-    """The program as prepared, and its files, the reader before its data."""
+def render(source: Program, **options: object) -> tuple[Program, dict[str, str]]:
+    """The program as the post prepares it, and its files: the reader, then the data."""
     post = make_post(VPlus, {**FILE, **options})
     prepared = post.prepare(source, 0.01)
     return prepared, {file.name: file.text for file in post.render(prepared)}
 
 
-def agree(prepared: Program, reading: Executed, **options: object) -> None:
+def verify(prepared: Program, reading: Executed, **options: object) -> None:
+    """Compares a reading with the program, as a build does. Raises VerifyError."""
     post = make_post(VPlus, {**FILE, **options})
     compare(prepared, reading, post.tolerance(), post.list_verified(), "part.v2")
 
 
-# What is written.
+# Texts
 
 
 def test_the_page_shows_a_reader_and_its_data() -> None:
     page = (ROOT / "docs" / "posts" / "vplus.md").read_text(encoding="utf-8")
-    _, files = made(program(*BODY))
+    _, files = render(program(*BODY))
     blocks = page.partition("### Points in a data file")[2].split("```\n")
     rest = files["part.v2"]
-    for piece in blocks[1].split("...\n"):  # in order; the page leaves out repetitions
+    # The page leaves out repetitions.
+    for piece in blocks[1].split("...\n"):
         assert piece in rest
         rest = rest.partition(piece)[2]
     assert rest == ""
     assert blocks[3] == files["part.dat"]
 
 
-def test_the_lines_of_the_reading_are_those_of_the_data() -> None:
-    prepared, files = made(program(*BODY))
+def test_each_instruction_has_the_line_of_its_record() -> None:
+    prepared, files = render(program(*BODY))
     reading = read(files, FILE)
     assert reading.findings == ()
-    agree(prepared, reading)
+    verify(prepared, reading)
     lines = "".join(files.values()).splitlines()
     kinds = {MoveL: "1", MoveJ: "234", Output: "7", Wait: "8"}
     for item, line in zip(reading.body, reading.lines, strict=True):
         assert lines[line - 1].partition(",")[0] in kinds[type(item)]
 
 
-def test_the_same_program_in_both_ways_reads_alike() -> None:
+def test_a_program_with_and_without_a_data_file_reads_the_same() -> None:
     source = program(*BODY)
-    _, files = made(source)
+    _, files = render(source)
     post = make_post(VPlus, {})
-    plain = read({file.name: file.text for file in post.render(post.prepare(source, 0.01))}, {})
-    other = read(files, FILE)
-    assert [type(item) for item in plain.body] == [type(item) for item in other.body]
-    agree(source.with_body(plain.body), other)
+    without = read({file.name: file.text for file in post.render(post.prepare(source, 0.01))}, {})
+    with_file = read(files, FILE)
+    assert [type(i) for i in without.body] == [type(i) for i in with_file.body]
+    verify(source.with_body(without.body), with_file)
 
 
-def test_postures_and_six_axes_are_records_too() -> None:
+def test_a_record_may_hold_a_posture_or_six_joint_values() -> None:
     words = Posture(switches=("LEFTY", "ABOVE", "NOFLIP", "SINGLE"))
     body = (
         HOME6,
         MoveJ(down(1, 2, 3), 100, posture=words),
         MoveL(down(4, 5, 6), 20, posture=words),
     )
-    prepared, files = made(program(*body))
+    prepared, files = render(program(*body))
     reading = read(files, FILE)
     assert reading.findings == ()
-    agree(prepared, reading)
-    _, given = made(program(HOME6, MoveJ(down(1, 2, 3), 100)), posture=["LEFTY", "FLIP"])
+    verify(prepared, reading)
+    _, given = render(program(HOME6, MoveJ(down(1, 2, 3), 100)), posture=["LEFTY", "FLIP"])
     assert read(given, {**FILE, "posture": ["LEFTY", "FLIP"]}).findings == ()
     assert read(given, {**FILE, "posture": ["RIGHTY"]}).findings
 
@@ -142,7 +144,7 @@ def test_conformance(case: Case, points: str) -> None:
     lacks = {"short waits", "tilt", "large", "tool changes", "optional stops"}
     if points == "file":
         lacks.add("stops")
-    # Remarks, and the sign of 180 deg.
+    # Comments, and the sign of 180 deg.
     meaningless = (r";.*", r"([,(])180\b", r"[,(](-)180\b")
     check_case(VPlus, VPLUS, case, {**KIT, "points": points}, lacks, meaningless)
 
@@ -151,22 +153,20 @@ def test_conformance(case: Case, points: str) -> None:
     ("name", "file"),
     [("part", "part.dat"), ("plate_12", "plate_12.dat"), ("9", "9.dat")],
 )
-def test_a_name_that_a_disk_takes_stays(name: str, file: str) -> None:
+def test_a_data_file_has_the_name_of_its_program_if_a_disk_takes_it(name: str, file: str) -> None:
     assert data_name(name) == file
 
 
-def test_names_that_a_disk_does_not_take_stay_apart() -> None:
+def test_names_that_a_disk_does_not_take_become_different_ones() -> None:
     names = ["bracket_left", "bracket_right", "PART", "Part", "a b", "a_b ", "ü", ""]
     files = {data_name(name) for name in names}
     assert len(files) == len(names)
-    assert all(
-        len(file) <= 12 and file.isascii() and " " not in file and file == file.lower()
-        for file in files
-    )
+    assert all(len(file) <= 12 and file.isascii() and " " not in file for file in files)
+    assert all(file == file.lower() for file in files)
 
 
 @pytest.mark.parametrize(
-    ("options", "where"),
+    ("options", "option"),
     [
         ({"decimals": 4}, "decimals"),
         ({"tool": "cg.sum"}, "tool"),
@@ -174,63 +174,63 @@ def test_names_that_a_disk_does_not_take_stay_apart() -> None:
         ({"program": "cg.n"}, "program"),
     ],
 )
-def test_options_that_do_not_go_with_a_data_file(options: dict[str, object], where: str) -> None:
+def test_an_option_that_a_data_file_excludes_is_refused(
+    options: dict[str, object], option: str
+) -> None:
     make_post(VPlus, {**options, "points": "program"})
-    with pytest.raises(JobError, match=rf"\[post\] {where}"):
+    with pytest.raises(JobError, match=rf"\[post\] {option}"):
         make_post(VPlus, {**options, **FILE})
 
 
 @pytest.mark.parametrize(
     "item",
     [MoveJ(Joints((0, 0, 8388.7, 0)), 100), MoveJ(Joints((15.0, 0, 0, 0)), 100), Wait(9e6)],
-)  # fmt: skip
-def test_what_has_no_room_in_a_record_is_refused(item: Instruction) -> None:
+)
+def test_an_instruction_that_no_record_can_hold_is_refused(item: Instruction) -> None:
     source = program(MoveJ(CELL.home, 100), item)
     make_post(VPlus, {}).prepare(source, 0.01)
     with pytest.raises(Refused, match=r"has no room in a record; set post\.points"):
-        made(source)
+        render(source)
 
 
-# What a run does. The simulation of the bench calculates in single precision, as the controller.
+# Runs. The simulation of the bench calculates in single precision, as the controller does.
 
 NUMBER = st.floats(-8191, 8191)
-MOTION = st.builds(lambda x, y, z, a, v: MoveL(down(x, y, z, a), v), NUMBER, NUMBER, NUMBER, st.floats(-3, 3),
-                   st.floats(0.1, 20000))  # fmt: skip
+TARGET = st.builds(down, NUMBER, NUMBER, NUMBER, st.floats(-3, 3))
+MOTION = st.builds(MoveL, TARGET, st.floats(0.1, 20000))
 
 
 @given(st.lists(MOTION, min_size=1, max_size=8), st.floats(-6, 6), st.floats(-8000, 8000))
-def test_a_run_does_what_was_planned(motions: list[MoveL], angle: float, slide: float) -> None:
+def test_a_run_moves_as_planned(motions: list[MoveL], angle: float, slide: float) -> None:
     ends = [motion.target.origin for motion in motions]
-    assume(
-        all(math.dist(a, b) > 1 for a, b in itertools.pairwise(ends))
-    )  # a turn on the spot has a speed of its own
-    prepared, files = made(program(MoveJ(Joints((angle, 0.5, slide, 0)), 100), *motions))
-    agree(prepared, read(files, FILE))
+    # A reorientation at a fixed TCP would have a rotational speed.
+    assume(all(math.dist(a, b) > 1 for a, b in itertools.pairwise(ends)))
+    prepared, files = render(program(MoveJ(Joints((angle, 0.5, slide, 0)), 100), *motions))
+    verify(prepared, read(files, FILE))
     run = carry_out(*files.values())
     assert run[-2:] == ["return", ".end"]
-    # What has been carried out is a program itself; its reals are singles, which camgen's are not.
+    # The executed statements are a program too, with reals in single precision.
     text = "\n".join(line for line in run if "auto real" not in line) + "\n"
     done = read({"a": text.replace(" ( ", "(").replace("- ", "-").replace("auto", "AUTO")}, {})
     assert [f for f in done.findings if "AUTO" not in f.what] == []
-    for one, other in zip(
-        prepared.columns.moves, [i for i in done.body if isinstance(i, (MoveJ, MoveL))], strict=True
-    ):
+    moves = [item for item in done.body if isinstance(item, (MoveJ, MoveL))]
+    for planned, executed in zip(prepared.columns.moves, moves, strict=True):
         a, b = (
-            m.target.values if isinstance(m.target, Joints) else m.target.origin
-            for m in (one, other)
+            move.target.values if isinstance(move.target, Joints) else move.target.origin
+            for move in (planned, executed)
         )
         assert np.abs(np.subtract(a, b)).max() < 1.1e-3  # half a digit and the step of a single
-        assert one.speed == pytest.approx(
-            other.speed, abs=0.004 * (1 if isinstance(one, MoveJ) else 0.5)
-        )
+        tolerance = 0.004 if isinstance(planned, MoveJ) else 0.002
+        assert planned.speed == pytest.approx(executed.speed, abs=tolerance)
 
 
-def motions(lines: list[str]) -> list[str]:
+def list_motions(lines: list[str]) -> list[str]:
     return [line for line in lines if line.startswith("move")]
 
 
-def of_another(data: str) -> str:
-    _, files = made(program(*BODY[:-1], MoveJ(CELL.home, 700)))
+def take_other_data(data: str) -> str:
+    """The data of another program with as many records."""
+    _, files = render(program(*BODY[:-1], MoveJ(CELL.home, 700)))
     assert files["part.dat"].count("\n") == data.count("\n")
     return files["part.dat"]
 
@@ -245,30 +245,30 @@ WRONG: dict[str, Callable[[str], str | None]] = {
     "missing": lambda _: None,
     "empty": lambda _: "",
     "cut": lambda data: data[: len(data) // 2],
-    "cut behind a record": lambda data: data[: data.index("\n", 100) + 1],
+    "cut after a record": lambda data: data[: data.index("\n", 100) + 1],
     "one record less": lambda data: data[: data[:-1].rindex("\n") + 1],
-    "of another job": of_another,
+    "of another job": take_other_data,
     "a digit": lambda data: data.replace("20500", "20600", 1),
     "a sign": lambda data: data.replace(",-33,", ",33,", 1),
     "two records swapped": swap_records,
     "a record twice": lambda data: data + data.splitlines()[-1] + "\n",
     "letters": lambda data: data.replace(",", ";"),
 }
-#: A record too many is not read by a run, and nothing of it is done.
-DONE_ALL_THE_SAME = {"a record twice"}
+#: A run does not read a record beyond the last one, so it moves as planned.
+MOVES_AS_PLANNED = {"a record twice"}
 
 
 @pytest.mark.parametrize("kind", WRONG)
-def test_data_that_are_not_its_own_move_nothing(kind: str) -> None:
-    _, files = made(program(*BODY))
+def test_a_run_with_wrong_data_moves_nothing(kind: str) -> None:
+    _, files = render(program(*BODY))
     program_text, data = files.values()
     wrong = WRONG[kind](data)
     assert wrong != data
     run = carry_out(program_text, wrong)
-    if kind in DONE_ALL_THE_SAME:
+    if kind in MOVES_AS_PLANNED:
         assert run == carry_out(program_text, data)
     else:
-        assert motions(run) == []
+        assert list_motions(run) == []
         assert run[-2:] == ["stop", ".end"]
         assert run.index("break") < run.index("signal - 33") < run.index("detach ( )")
     given = {"part.v2": program_text} | ({} if wrong is None else {"part.dat": wrong})
@@ -277,25 +277,20 @@ def test_data_that_are_not_its_own_move_nothing(kind: str) -> None:
     assert reading.body == ()
 
 
-def test_a_file_that_is_changed_between_the_two_passes_stops_at_once() -> None:
-    """The second time it is looked at record by record as well: what is wrong there is not done."""
-    _, files = made(program(*BODY))
+def test_a_data_file_that_changes_between_the_two_passes_stops_the_run() -> None:
+    """The second pass checks each record too and does not execute a wrong one."""
+    _, files = render(program(*BODY))
     program_text, data = files.values()
     # As if the first pass had seen other data.
     second = program_text.replace("cg.pass = 1\n", "cg.pass = 2\n")
-    assert len(motions(carry_out(second, data))) == 6
+    assert len(list_motions(carry_out(second, data))) == 6
     run = carry_out(second, data.replace("1,0,-1,", "1,0,-2,", 1))
-    assert len(motions(run)) == 3
-    assert run[-5:] == [
-        "signal - 33",
-        next(x for x in run if x.startswith("type")),
-        "detach ( )",
-        "stop",
-        ".end",
-    ]
+    assert len(list_motions(run)) == 3
+    message = next(line for line in run if line.startswith("type"))
+    assert run[-5:] == ["signal - 33", message, "detach ( )", "stop", ".end"]
 
 
-# What the read-back refuses.
+# Refusals of the read-back
 
 
 @pytest.mark.parametrize(
@@ -315,13 +310,13 @@ def test_a_file_that_is_changed_between_the_two_passes_stops_at_once() -> None:
         (".PROGRAM part()", ".PROGRAM move()", "a word of V+"),
     ],
 )
-def test_a_program_that_is_not_the_reader(was: str, now: str, what: str) -> None:
-    prepared, files = made(program(*BODY))
+def test_a_changed_reader_is_a_fault(was: str, now: str, what: str) -> None:
+    prepared, files = render(program(*BODY))
     assert was in files["part.v2"]
     reading = read({**files, "part.v2": files["part.v2"].replace(was, now, 1)}, FILE)
     assert what in reading.findings[0].what
     with pytest.raises(VerifyError):
-        agree(prepared, reading)
+        verify(prepared, reading)
 
 
 @pytest.mark.parametrize(
@@ -339,8 +334,8 @@ def test_a_program_that_is_not_the_reader(was: str, now: str, what: str) -> None
         ("8,0,0,0,0,0,0,0", "a dwell must be positive"),
     ],
 )
-def test_a_record_that_is_none_though_its_check_is_right(record: str, what: str) -> None:
-    _, files = made(program(*BODY))
+def test_an_invalid_record_with_a_right_check_sum_is_a_fault(record: str, what: str) -> None:
+    _, files = render(program(*BODY))
     first, *lines = files["part.dat"].splitlines()
     lines[0] = record + ","
     total = int(first.split(",")[1]) % 65521
@@ -355,8 +350,8 @@ def test_a_record_that_is_none_though_its_check_is_right(record: str, what: str)
     assert faults[0].line == files["part.v2"].count("\n") + 2
 
 
-def test_comments_blanks_and_case_do_not_count() -> None:
-    prepared, files = made(program(*BODY))
+def test_comments_blanks_and_case_of_the_reader_may_differ() -> None:
+    prepared, files = render(program(*BODY))
     text = (
         files["part.v2"]
         .replace("WHILE", "while")
@@ -365,19 +360,21 @@ def test_comments_blanks_and_case_do_not_count() -> None:
     )
     reading = read({**files, "part.v2": text}, FILE)
     assert reading.findings == ()
-    agree(prepared, reading)
+    verify(prepared, reading)
 
 
-def test_a_reader_without_its_option_is_a_fault() -> None:
-    _, files = made(program(*BODY))
+def test_a_reader_without_its_option_and_an_option_without_its_reader_are_faults() -> None:
+    _, files = render(program(*BODY))
     assert read(files, {}).findings
     assert read({}, FILE).findings
 
 
-# From a drawing to the two files, and back.
+# From a drawing to the two files, and back
 
 
-def test_build_and_verify(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_drawing_becomes_two_files_that_verify_reads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     part = ROOT / "fixtures" / "parts" / "bracket.dxf"
     job = tmp_path / "bracket.toml"
     job.write_text('[post]\npoints = "file"\n', encoding="utf-8")
@@ -393,6 +390,6 @@ def test_build_and_verify(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "bracket.dat line" in capsys.readouterr().out
 
 
-def test_a_refusal_is_camgens_own() -> None:
+def test_a_refusal_is_a_camgen_error() -> None:
     with pytest.raises(CamgenError):
-        made(program(MoveJ(CELL.home, 100), Wait(9e6)))
+        render(program(MoveJ(CELL.home, 100), Wait(9e6)))

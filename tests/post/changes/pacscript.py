@@ -36,13 +36,13 @@ CUT = (
     Output("process", 0.0),
     MoveL(at(30, 0, 20), 20.0, posture=LEFTY),
 )
-#: Each speed once, at which Mps is asked for.
+#: Motions of three speeds, which depend on the unit of Mps.
 SPEEDS = (
     MoveJ(at(0, 0, 20), 60.0),
     MoveL(at(0, 0), 12.5),
     MoveL(at(20, 0), 20.0),
 )
-#: Two outputs and a force, which are put off before the first motion.
+#: Two outputs and a force, which are switched off before the first motion.
 PRESSING = (
     MoveL(at(1, 0), 20.0),
     Output("process", 1.0),
@@ -54,9 +54,9 @@ PRESSING = (
     MoveL(at(2, 0, 20), 20.0),
 )
 TEMPLATE = {"force": "template", "signals": {"process": 24, "coolant": 7}}
-#: 0.123456 of the speeds of the joints.
+#: A joint motion with the speed fraction 0.123456.
 SHARED = (MoveJ(at(0, 0, 20), 60.0, share=0.123456), MoveL(at(0, 0), 12.5))
-#: A quarter turn at 60 deg/s: 12 % of the 500 deg/s that are 100 %.
+#: The target of a reorientation at 60 deg/s, which is 12 % of 500 deg/s.
 TURNED = Pose(frozen(rotation_about(2, math.pi / 2) @ TOOL_DOWN), (0.0, 0.0, 0.0))
 QUARTER = (MoveL(at(0, 0), 12.5), MoveL(TURNED, 20.0, turn=math.radians(60.0)))
 BLENDED = (MoveJ(at(0, 0, 20), 100.0), MoveL(at(9, 0, 20), 20.0, 2.0), MoveL(at(9, 9, 20), 20.0))

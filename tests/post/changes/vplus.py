@@ -3,7 +3,7 @@
 from tests.support.changes import fault, remark
 from tests.support.samples import Sample
 
-#: Its first motion is in line 16.
+#: A program whose first motion is in line 16.
 BRACKET = """\
 .PROGRAM bracket_top()
 ; bracket.dxf_ layer holes

@@ -166,9 +166,9 @@ PATH = FastPath(
 
 
 def list_around_motions(statement: str) -> Iterator[tuple[str, Options]]:
-    """Texts with a statement at each place without options, at each fourth with each options.
+    """Texts with a statement at each place without options, at every fourth with options.
 
-    At night they are at each place with each options.
+    In the nightly tests the statement is at each place with all options.
     """
     rows = BY_HAND.split("\n")
     places = (0, 3, 8, 11, 15, 23, 26, 28, 33)
