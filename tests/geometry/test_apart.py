@@ -1,7 +1,5 @@
 """Loops that are independent at a distance are found, by the pairs of boxes that overlap."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -24,32 +22,24 @@ _BOX = st.tuples(st.integers(0, 9), st.integers(0, 9), st.integers(0, 4), st.int
 )
 def test_all_pairs_of_boxes_that_meet_are_found(
     first: list[tuple[int, int, int, int]],
-    second_with_owners: list[tuple[tuple[int, int, int, int], int]],
+    second: list[tuple[tuple[int, int, int, int], int]],
 ) -> None:
-    second = [box for box, _ in second_with_owners]
-    owner = np.array([loop for _, loop in second_with_owners], dtype=np.int64)
+    owner = np.array([loop for _, loop in second], dtype=np.int64)
+    low, high = list_corners(first)
+    other_low, other_high = list_corners([box for box, _ in second])
     with pytest.MonkeyPatch.context() as patch:
         # Some loops are small with this limit, and others large.
         patch.setattr(apart, "FEW", 3)
-        chunks = [*find_box_pairs(list_bounds(first), list_bounds(second), owner)]
-    pairs: list[tuple[int, int]] = []
-    for first_rows, second_rows in chunks:
-        pairs += zip(first_rows.tolist(), second_rows.tolist(), strict=True)
-    rows = product(range(len(first)), range(len(second)))
-    assert sorted(pairs) == [(a, b) for a, b in rows if boxes_meet(first[a], second[b])]
+        boxes = np.hstack([low, high]), np.hstack([other_low, other_high])
+        chunks = [np.empty((0, 2), int), *map(np.column_stack, find_box_pairs(*boxes, owner))]
+    meets = (low[:, None] <= other_high) & (other_low <= high[:, None])
+    assert sorted(np.concatenate(chunks).tolist()) == np.argwhere(meets.all(axis=2)).tolist()
 
 
-def list_bounds(boxes: list[tuple[int, int, int, int]]) -> np.ndarray:
-    """Left, lower, right and upper sides (N, 4) of boxes."""
+def list_corners(boxes: list[tuple[int, int, int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left and upper right corners (N, 2) of boxes."""
     table = np.array(boxes, dtype=float).reshape(-1, 4)
-    return np.hstack([table[:, :2], table[:, :2] + table[:, 2:]])
-
-
-def boxes_meet(first: tuple[int, int, int, int], second: tuple[int, int, int, int]) -> bool:
-    x, y, width, height = first
-    left, low, other_width, other_height = second
-    overlaps_in_x = x <= left + other_width and left <= x + width
-    return overlaps_in_x and y <= low + other_height and low <= y + height
+    return table[:, :2], table[:, :2] + table[:, 2:]
 
 
 def labels(drawn: list[Contour], distance: float) -> list[int]:

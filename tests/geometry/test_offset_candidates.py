@@ -1,7 +1,5 @@
 """Candidates of the offset, one by one, against formulas of circles and lines."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

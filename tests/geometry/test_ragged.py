@@ -1,6 +1,6 @@
 """Ragged arrays have the values of lists of lists."""
 
-from itertools import chain, pairwise, product
+from itertools import accumulate, chain, pairwise, product
 
 import numpy as np
 import pytest
@@ -34,18 +34,14 @@ COUNTS = st.lists(st.integers(0, 4), max_size=8)
 
 @given(COUNTS)
 def test_rows_of_groups_are_those_of_lists(counts: list[int]) -> None:
-    first_rows = [sum(counts[:k]) for k in range(len(counts))]
-    assert compute_first_rows(counts).tolist() == first_rows
-    assert compute_offsets(counts).tolist() == [*first_rows, sum(counts)]
-    owners, numbers, following = [], [], []
-    for k, (first, count) in enumerate(zip(first_rows, counts, strict=True)):
-        group = list(range(first, first + count))
-        owners += [k] * count
-        numbers += range(count)
-        following += group[1:] + group[:1]
-    assert list_owners(counts).tolist() == owners
-    assert number_rows(counts).tolist() == numbers
-    assert find_following_rows(counts).tolist() == following
+    ends = list(accumulate(counts, initial=0))
+    assert compute_first_rows(counts).tolist() == ends[:-1]
+    assert compute_offsets(counts).tolist() == ends
+    assert list_owners(counts).tolist() == [*chain(*([k] * n for k, n in enumerate(counts)))]
+    assert number_rows(counts).tolist() == [*chain(*(range(count) for count in counts))]
+    groups = [list(range(first, end)) for first, end in pairwise(ends)]
+    following = [group[1:] + group[:1] for group in groups]
+    assert find_following_rows(counts).tolist() == [*chain(*following)]
 
 
 @given(st.lists(st.tuples(st.integers(0, 50), st.integers(0, 4)), max_size=8))

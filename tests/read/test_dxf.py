@@ -61,28 +61,27 @@ def notes(part: Part) -> list[str]:
 
 
 def length(contour: Contour) -> float:
-    """Length of the lines and arcs of a contour, mm. The length of an arc is radius times sweep."""
-    total = 0.0
-    for i, (p, b) in enumerate(zip(contour.points, contour.bulges, strict=True)):
-        if i + 1 == len(contour.points) and not contour.closed:
-            break
-        q = contour.points[(i + 1) % len(contour.points)]
-        chord, sweep = math.dist(p, q), 4 * math.atan(abs(b))
-        total += chord if b == 0 else chord / (2 * math.sin(sweep / 2)) * sweep
-    return total
+    """Length of the lines and arcs of a contour, mm."""
+    chords, sweeps = measure_segments(contour)
+    # The chord of an arc is its length times sin(sweep / 2) / (sweep / 2).
+    lengths = chords / np.sinc(sweeps / (2 * math.pi))
+    return float(lengths.sum() if contour.closed else lengths[:-1].sum())
 
 
 def area(contour: Contour) -> float:
     """Signed area, mm2, by the shoelace formula plus the segments of the arcs."""
-    total = 0.0
-    following = np.roll(contour.points, -1, axis=0)
-    for p, q, b in zip(contour.points, following, contour.bulges, strict=True):
-        total += (p[0] * q[1] - p[1] * q[0]) / 2
-        if b:
-            sweep = 4 * math.atan(b)
-            radius = math.dist(p, q) / (2 * math.sin(abs(sweep) / 2))
-            total += radius * radius * (sweep - math.sin(sweep)) / 2
-    return float(total)
+    chords, sweeps = measure_segments(contour)
+    x, y = contour.points.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        segments = (chords / (2 * np.sin(sweeps / 2))) ** 2 * (sweeps - np.sin(sweeps))
+    twice = x @ np.roll(y, -1) - y @ np.roll(x, -1) + np.where(sweeps == 0, 0, segments).sum()
+    return float(twice / 2)
+
+
+def measure_segments(contour: Contour) -> tuple[np.ndarray, np.ndarray]:
+    """Chords, mm, and signed sweeps, rad, of the lines and arcs, and from the last point back."""
+    chords = np.hypot(*(np.roll(contour.points, -1, axis=0) - contour.points).T)
+    return chords, 4 * np.arctan(contour.bulges)
 
 
 # -- drawings of the fixtures

@@ -6,15 +6,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import pytest
 
 from camgen.model.errors import InputError
 from camgen.model.job import Job
-from camgen.model.part import Contour, Part
+from camgen.model.part import Part
 from camgen.read import dxf
 from camgen.read.files import Files
 from camgen.read.units import INSUNITS, MM
+from tests.read.test_dxf import length
 from tests.support.files import source
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
@@ -92,14 +92,6 @@ def truth() -> dict[str, Any]:
 
 
 TRUTH = truth()
-
-
-def length(contour: Contour) -> float:
-    """Length of the lines and arcs of a contour, mm."""
-    chords = np.hypot(*(np.roll(contour.points, -1, axis=0) - contour.points).T)
-    sweeps = 4 * np.arctan(np.abs(contour.bulges))
-    lengths = chords / np.sinc(sweeps / (2 * math.pi))
-    return float(lengths.sum() if contour.closed else lengths[:-1].sum())
 
 
 def scale(entry: dict[str, Any]) -> float:

@@ -3,12 +3,12 @@
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import camgen
 from camgen.model.errors import CamgenError
 from camgen.pipeline import Result
+from tests.read.test_dxf import area
 
 IMAGES = Path(__file__).parents[2].parent / "shared" / "data" / "image"
 SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".bmp"}
@@ -56,7 +56,8 @@ def test_a_picture_gives_a_program_or_a_message_of_one_line(path: Path) -> None:
         assert len(result) < 300
         assert path.name not in PARTS
     elif path.name in PARTS:
-        assert sum(area(c.points, c.bulges) > 0 for c in result.part.contours) == PARTS[path.name]
+        # An outer outline runs counter-clockwise, so that its area is positive.
+        assert sum(area(contour) > 0 for contour in result.part.contours) == PARTS[path.name]
 
 
 @needs_shared
@@ -67,16 +68,3 @@ def test_an_outline_is_noted_where_no_line_or_arc_fits() -> None:
     kept = next(note for note in blade.notes if "kept as lines" in note.what)
     assert kept.places
     assert sum(len(c.points) for c in blade.part.contours) < 600
-
-
-def area(points: np.ndarray, bulges: np.ndarray) -> float:
-    """Twice the signed area of an outline, with the segments of its arcs, mm2.
-
-    It is positive for an outer outline, which runs counter-clockwise.
-    """
-    x, y = points.T
-    chord = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
-    sweep, curved = 4 * np.arctan(bulges), bulges != 0
-    radius = np.divide(chord, 2 * np.sin(sweep / 2), out=np.zeros_like(chord), where=curved)
-    segments = radius**2 * (sweep - np.sin(sweep))
-    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1) + segments.sum())

@@ -13,6 +13,7 @@ from camgen.model.errors import InputError
 from camgen.model.part import describe_bodies
 from camgen.read.solid import glb
 from camgen.read.solid.polygons import triangulate_polygons
+from tests.read.test_solids_mesh import binary_stl
 
 BODIES = meshes.make_bodies(1)
 
@@ -153,15 +154,6 @@ def test_instances_of_a_glb_are_refused_though_they_are_optional(tmp_path):
         read(tmp_path / "a.glb", data)
 
 
-def write_triangles(corners):
-    """A binary STL of triangles (F, 3, 3)."""
-    rows = b"".join(
-        np.concatenate([np.zeros(3), corner.ravel()]).astype("<f4").tobytes() + b"\0\0"
-        for corner in corners
-    )
-    return b"\0" * 80 + len(corners).to_bytes(4, "little") + rows
-
-
 def turn(seed):
     """A random rotation (3, 3)."""
     rotation, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
@@ -179,7 +171,7 @@ def test_t_junctions_are_closed(seed, tmp_path):
         a, b, c, d = [(low, 0, 30), (high, 0, 30), (high, 20, 30), (low, 20, 30)]
         strips += [(a, b, c), (a, c, d)]
     triangles = np.concatenate([corners[~is_top], np.array(strips, dtype=float)])
-    solid = read(tmp_path / "box.stl", write_triangles(triangles @ turn(seed)))
+    solid = read(tmp_path / "box.stl", binary_stl(triangles @ turn(seed)))
     assert len(solid.edges) == 12
     assert not solid.borders
     notes = [str(note) for note in solid.notes if note.kind == "repaired"]
@@ -196,7 +188,7 @@ def test_walls_at_30_degrees_are_alike(seed, tmp_path):
     points, faces = meshes.make_prism(outline, 8.0)
     body = BOX._replace(corners=points, faces=faces)
     triangles = points[np.array(meshes.cut(body))] @ turn(seed)
-    solid = read(tmp_path / "prism.stl", write_triangles(triangles))
+    solid = read(tmp_path / "prism.stl", binary_stl(triangles))
     assert [edge.kind for edge in solid.edges] == ["circle", "circle"]
 
 

@@ -1,7 +1,5 @@
 """An outline with a gap is recognised by its gap, its length and the contours in it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

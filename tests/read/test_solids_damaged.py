@@ -4,7 +4,6 @@ import struct
 from collections import Counter
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import Solid
 from camgen.read.solid import mesh
+from tests.read.test_solids_mesh import binary_stl, list_notes, read
 from tests.support.files import source
 
 Array = NDArray[np.float64]
@@ -27,23 +27,8 @@ FACES = np.array(
 )
 
 
-def binary_stl(triangles: Array) -> bytes:
-    rows = np.zeros(len(triangles), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
-    rows["v"] = triangles
-    return bytes(80) + struct.pack("<I", len(rows)) + rows.tobytes()
-
-
-def read(tmp_path: Path, triangles: Array, **options: Any) -> Solid:
-    (tmp_path / "part.stl").write_bytes(binary_stl(triangles))
-    return mesh.read(source(tmp_path / "part.stl"), **options)
-
-
 def block() -> Array:
     return CORNERS[FACES]
-
-
-def list_notes(solid: Solid) -> str:
-    return "; ".join(map(str, solid.notes))
 
 
 def assert_is_the_block(solid: Solid) -> None:

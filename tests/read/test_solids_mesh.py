@@ -57,15 +57,15 @@ def block() -> Array:
     return extruded([(0, 0), (30, 0), (30, 20), (0, 20)], 10)
 
 
-def stl(path: Path, triangles: Array) -> Path:
+def binary_stl(triangles: Array) -> bytes:
     rows = np.zeros(len(triangles), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
     rows["v"] = triangles
-    path.write_bytes(bytes(80) + struct.pack("<I", len(rows)) + rows.tobytes())
-    return path
+    return bytes(80) + struct.pack("<I", len(rows)) + rows.tobytes()
 
 
 def read(tmp_path: Path, triangles: Array, **options: Any) -> Solid:
-    return mesh.read(source(stl(tmp_path / "part.stl", triangles)), **options)
+    (tmp_path / "part.stl").write_bytes(binary_stl(triangles))
+    return mesh.read(source(tmp_path / "part.stl"), **options)
 
 
 def kinds(solid: Solid) -> Counter[tuple[str, bool]]:

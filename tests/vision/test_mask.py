@@ -88,6 +88,18 @@ def part_mask(
     return masked(view, msgspec.convert(settings, ImageTable), background, name)
 
 
+def refuse(
+    error: type[CamgenError],
+    view: ScaledView,
+    background: ScaledView | None = None,
+    **settings: object,
+) -> str:
+    """The message with which a picture is refused by this kind of error."""
+    with pytest.raises(error) as refused:
+        part_mask(view, background, "part.png", **settings)
+    return str(refused.value)
+
+
 def overlap(mask: Mask, shape: np.ndarray = SHAPE) -> float:
     """Intersection of the mask and the shape over their union, 0 to 1."""
     pixels, wanted = mask.pixels > 0, shape > 0.5
@@ -477,17 +489,13 @@ OUTSIDE = "; leave bench around the whole part, crop or cover what is not the pa
     ],
 )
 def test_a_picture_without_a_whole_part_is_refused(picture: object, line: str) -> None:
-    with pytest.raises(InputError) as refused:
-        part_mask(seen(picture()), name="part.png")
-    assert str(refused.value) == line
+    assert refuse(InputError, seen(picture())) == line
 
 
 def test_a_frame_or_a_part_that_fills_the_picture_is_refused() -> None:
     pixels = scene(60, 200)
     pixels[:8], pixels[-8:], pixels[:, :8], pixels[:, -8:] = 60, 60, 60, 60
-    with pytest.raises(InputError) as refused:
-        part_mask(seen(pixels), threshold=130, invert=True, name="part.png")
-    assert str(refused.value) == (
+    assert refuse(InputError, seen(pixels), threshold=130, invert=True) == (
         "part.png: the part fills the picture, or a frame surrounds it; "
         "leave bench around the whole part, crop what is not bench"
     )
@@ -518,17 +526,12 @@ def test_a_frame_or_a_part_that_fills_the_picture_is_refused() -> None:
     ],
 )
 def test_an_invalid_setting_is_refused(settings: dict, line: str) -> None:
-    with pytest.raises(JobError) as refused:
-        part_mask(seen(scene(60, 200)), **settings)
-    assert str(refused.value) == line
+    assert refuse(JobError, seen(scene(60, 200)), **settings) == line
 
 
 def test_a_grey_picture_is_refused_by_the_method_color() -> None:
-    with pytest.raises(InputError) as refused:
-        part_mask(seen(scene(60, 200)), mask="color", name="part.png")
-    assert (
-        str(refused.value) == 'part.png: is grey; [image] mask = "color" needs a picture in colour'
-    )
+    line = 'part.png: is grey; [image] mask = "color" needs a picture in colour'
+    assert refuse(InputError, seen(scene(60, 200)), mask="color") == line
 
 
 def test_a_large_part_on_a_bench_of_one_tone_is_found_by_the_empty_bench() -> None:
@@ -584,11 +587,9 @@ def test_a_photo_of_another_bench_is_refused() -> None:
     for _ in range(2):
         grain = cv2.GaussianBlur(rng.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 8)
         pictures.append(np.clip(128 + 50 * grain / grain.std(), 0, 255).astype(np.uint8))
-    with pytest.raises(InputError) as refused:
-        part_mask(seen(pictures[0]), seen(pictures[1]), name="part.png")
     with pytest.raises(InputError, match=r"^lamp.png: the photo with the lamp moved shows another"):
         remove_shadows(pictures[0], pictures[1], "lamp.png")
-    assert str(refused.value) == (
+    assert refuse(InputError, seen(pictures[0]), seen(pictures[1])) == (
         "part.png: the photo of the empty bench shows another place, or the camera was moved; "
         "take both with the camera fixed, or choose another [image] mask"
     )
