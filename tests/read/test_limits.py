@@ -9,6 +9,7 @@ import struct
 import zipfile
 from collections.abc import Callable
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -142,10 +143,7 @@ POSTS = {".stl": "rapid", ".step": "rapid"}
 
 
 def set_words(*settings: str) -> list[str]:
-    words = []
-    for setting in settings:
-        words += ["--set", setting]
-    return words
+    return list(chain(*(("--set", setting) for setting in settings)))
 
 
 def run_refused(words: list[str], capsys: Captured) -> str:

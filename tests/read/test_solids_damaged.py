@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import Solid
 from camgen.read.solid import mesh
-from tests.read.test_solids_mesh import binary_stl, list_notes, read
+from tests.read.test_solids_mesh import binary_stl, kinds, list_notes, read
 from tests.support.files import source
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ def block() -> Array:
 
 
 def assert_is_the_block(solid: Solid) -> None:
-    assert Counter((edge.kind, edge.convex) for edge in solid.edges) == {("line", True): 12}
+    assert kinds(solid) == {("line", True): 12}
     assert sum(edge.length for edge in solid.edges) == pytest.approx(240)
     middle = solid.vertices[solid.faces].mean(axis=1) - [15, 10, 5]
     assert (np.einsum("fi,fi->f", middle, solid.normals) > 0).all()
@@ -93,7 +93,7 @@ def test_a_body_inside_out_is_corrected_with_its_void(tmp_path: Path) -> None:
 
 def test_an_open_border_is_not_an_edge(tmp_path: Path) -> None:
     solid = read(tmp_path, np.delete(block(), [2, 3], axis=0))
-    assert Counter((edge.kind, edge.convex) for edge in solid.edges) == {("line", True): 8}
+    assert kinds(solid) == {("line", True): 8}
     (border,) = solid.borders
     assert np.allclose(border[0], border[-1])
     assert np.linalg.norm(np.diff(border, axis=0), axis=1).sum() == pytest.approx(100)
@@ -105,7 +105,7 @@ def test_borders_that_nearly_meet_are_welded(tmp_path: Path) -> None:
     triangles = block()
     triangles[2:4] += [1e-4, -1e-4, 1e-4]
     solid = read(tmp_path, triangles)
-    assert Counter((edge.kind, edge.convex) for edge in solid.edges) == {("line", True): 12}
+    assert kinds(solid) == {("line", True): 12}
     assert "4 vertices of rims" in list_notes(solid)
     is_top = np.arange(12)[:, None, None] // 2 == 1
     separate = read(tmp_path, triangles + np.where(is_top, 0.1, 0.0))

@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,9 @@ import pytest
 
 from camgen.geometry.arcs import find_circle
 from camgen.model.errors import InputError
-from camgen.model.part import Edge, Solid
+from camgen.model.part import Edge
 from camgen.read.solid import kernel, mesh, step, step_file
+from tests.read.test_solids_mesh import kinds
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -44,11 +44,6 @@ def cylinder(radius: float, height: float) -> Any:
 def box(low: tuple[float, ...], high: tuple[float, ...]) -> Any:
     gp = occ("gp")
     return occ("BRepPrimAPI").BRepPrimAPI_MakeBox(gp.gp_Pnt(*low), gp.gp_Pnt(*high)).Shape()
-
-
-def kinds(solid: Solid) -> Counter[tuple[str, bool]]:
-    """Number of edges of each kind, with whether they are convex."""
-    return Counter((edge.kind, edge.convex) for edge in solid.edges)
 
 
 def sampled(edge: Edge) -> Any:
