@@ -14,7 +14,8 @@ from camgen.model.files import Source
 from camgen.read import READERS, find_reader, find_suffix, list_installed, read
 
 BUILT_IN = ["dxf", "gcode", "image", "solid", "svg", "xyz"]
-LINE = """
+LINE = (
+    """
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.read import Reader
@@ -22,15 +23,17 @@ from camgen.read import Reader
 def read(source, job, files):
     other = files.read(source.path.with_suffix(".other")).data
     flat = frozen([[0.0, 0.0], [float(other), 0.0]])
-    contour = Contour(flat, frozen([0.0, 0.0]), False, "0", "c1")
-    return Part(source.stem, source.name, "mm", (contour,), ())
-
+"""
+    '    return Part(source.stem, source.name, "mm", '
+    '(Contour(flat, frozen([0.0, 0.0]), False, "0", "c1"),), ())\n'
+    """
 def inspect(source, job, files):
     return "a line"
 
-is_line = lambda head: head.startswith(b"LINE")
-LINE = Reader("line", "a line", (".line", ".lin"), "drawing", read, inspect, is_line)
 """
+    'LINE = Reader("line", "a line", (".line", ".lin"), "drawing", read, inspect, '
+    'lambda head: head.startswith(b"LINE"))\n'
+)
 
 
 def register(folder: Path, monkeypatch: pytest.MonkeyPatch, entry: str, module: str) -> None:
