@@ -1,4 +1,4 @@
-"""Loops that are apart from all others at some distance, and the pairs of boxes that tell it."""
+"""Loops that are independent at a distance are found, by the pairs of boxes that overlap."""
 
 import numpy as np
 import pytest
@@ -12,60 +12,56 @@ from camgen.geometry.segments import find_following, make_contour_segments
 from camgen.model.part import Contour
 from tests.support.drawn import circle, clockwise, rectangle
 
-_PLACE = st.tuples(st.integers(0, 9), st.integers(0, 9), st.integers(0, 4), st.integers(0, 4))
+#: Lower left corner, width and height of a box.
+_BOX = st.tuples(st.integers(0, 9), st.integers(0, 9), st.integers(0, 4), st.integers(0, 4))
 
 
 @given(
-    st.lists(_PLACE, max_size=8),
-    st.lists(st.tuples(_PLACE, st.integers(0, 5)), min_size=1, max_size=20),
+    st.lists(_BOX, max_size=8),
+    st.lists(st.tuples(_BOX, st.integers(0, 5)), min_size=1, max_size=20),
 )
-def test_pairs_of_boxes(
-    asked: list[tuple[int, int, int, int]], others: list[tuple[tuple[int, int, int, int], int]]
+def test_all_pairs_of_boxes_that_meet_are_found(
+    first: list[tuple[int, int, int, int]],
+    second: list[tuple[tuple[int, int, int, int], int]],
 ) -> None:
-    def boxes(places: list[tuple[int, int, int, int]]) -> list[list[float]]:
-        return [[x, y, x + w, y + h] for x, y, w, h in places]
-
-    one, two = boxes(asked), boxes([place for place, _ in others])
-    owner = np.array([of for _, of in others], dtype=np.int64)
+    owner = np.array([loop for _, loop in second], dtype=np.int64)
+    low, high = list_corners(first)
+    other_low, other_high = list_corners([box for box, _ in second])
     with pytest.MonkeyPatch.context() as patch:
-        # Small loops and larger ones.
+        # Some loops are small with this limit, and others large.
         patch.setattr(apart, "FEW", 3)
-        chunks = [
-            *find_box_pairs(
-                np.array(one, dtype=float).reshape(-1, 4), np.array(two, dtype=float), owner
-            )
-        ]
-    found = [
-        (a, b) for which, row in chunks for a, b in zip(which.tolist(), row.tolist(), strict=True)
-    ]
-    met = [
-        (a, b)
-        for a, (x, y, right, top) in enumerate(one)
-        for b, (left, low, end, high) in enumerate(two)
-        if x <= end and left <= right and y <= high and low <= top
-    ]
-    assert sorted(found) == met
+        boxes = np.hstack([low, high]), np.hstack([other_low, other_high])
+        chunks = [np.empty((0, 2), int), *map(np.column_stack, find_box_pairs(*boxes, owner))]
+    meets = (low[:, None] <= other_high) & (other_low <= high[:, None])
+    assert sorted(np.concatenate(chunks).tolist()) == np.argwhere(meets.all(axis=2)).tolist()
+
+
+def list_corners(boxes: list[tuple[int, int, int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    """Lower left and upper right corners (N, 2) of boxes."""
+    table = np.array(boxes, dtype=float).reshape(-1, 4)
+    return table[:, :2], table[:, :2] + table[:, 2:]
 
 
 def labels(drawn: list[Contour], distance: float) -> list[int]:
-    """Of each loop the label at this distance, all of them in one group before."""
+    """The label of each loop at this distance. All loops are in one group before."""
     source, closed = make_contour_segments(drawn), np.ones(len(drawn), dtype=np.bool_)
-    one = np.zeros(len(source), dtype=np.int64)
-    curve = make_offset(source, find_following(source, closed), one, distance, 0.001)
-    found = set_apart(source, one, curve.segments, curve.source, distance)
-    assert all(len(set(found[source.owner == k].tolist())) == 1 for k in range(len(drawn)))
-    return [int(found[source.owner == k][0]) for k in range(len(drawn))]
+    group = np.zeros(len(source), dtype=np.int64)
+    curve = make_offset(source, find_following(source, closed), group, distance, 0.001)
+    label = set_apart(source, group, curve.segments, curve.source, distance)
+    assert all(len(set(label[source.owner == k].tolist())) == 1 for k in range(len(drawn)))
+    return [int(label[source.owner == k][0]) for k in range(len(drawn))]
 
 
-def test_holes_are_apart_however_thin_the_wall_and_parts_are_where_the_tool_goes_between() -> None:
-    # Around all of it a plate, 0.5 mm between holes of 10 mm: the tool of 6 mm is in one or in the other.
+def test_holes_and_parts_are_independent_if_the_tool_does_not_touch_two_at_once() -> None:
+    # A plate has holes of 10 mm with walls of 0.5 mm. The tool of 6 mm is in one hole at a time.
     plate = rectangle(-20, -20, 200, 40)
     holes = [clockwise(circle(10.5 * k, 0, 5)) for k in range(12)]
-    found = labels([plate, *holes], 3.0)
-    assert found[0] not in found[1:]
-    assert len(set(found)) == 13
+    label = labels([plate, *holes], 3.0)
+    assert label[0] not in label[1:]
+    assert len(set(label)) == 13
     parts = [circle(x, 0, 5) for x in (0, 16.1, 32.0, 60, 90, 120, 150, 180, 210)]
-    found = labels(parts, 3.0)
-    # 6.1 mm from the first to the second part, 5.9 from there to the third: one curve about these two.
-    assert found[1] == found[2]
-    assert len(set(found)) == 8
+    label = labels(parts, 3.0)
+    # The gap is 6.1 mm after the first part and 5.9 mm after the second. The second and the third
+    # part have one curve around both.
+    assert label[1] == label[2]
+    assert len(set(label)) == 8

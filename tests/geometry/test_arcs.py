@@ -1,4 +1,4 @@
-"""Arcs in space, judged by arcs whose centre, axis, radius and sweep are known beforehand."""
+"""Arcs in space are compared with arcs of known centre, axis, radius and sweep."""
 
 import math
 
@@ -32,15 +32,18 @@ HALF_CIRCLES = st.floats(0.01, math.pi)
 FRACTIONS = st.floats(0.0, 1.0)
 
 
-class Known:
-    """An arc about ``centre``: ``point`` and ``tangent`` by sine and cosine in its plane, turned into space."""
+class KnownArc:
+    """An arc around (12, -7, 3) mm in any plane.
+
+    plane: (3, 3) rotation. Its columns are the direction from the centre to the start, the tangent
+        at the start, and the axis.
+    radius: mm.
+    sweep: rad.
+    """
 
     def __init__(self, angles: tuple[float, float, float], radius: float, sweep: float) -> None:
-        self.plane, self.radius, self.sweep = (
-            np.array(rotation_from_fixed_xyz(*angles)),
-            radius,
-            sweep,
-        )
+        self.plane = np.array(rotation_from_fixed_xyz(*angles))
+        self.radius, self.sweep = radius, sweep
         self.centre = np.array([12.0, -7.0, 3.0])
 
     def point(self, fraction: float) -> np.ndarray:
@@ -52,71 +55,74 @@ class Known:
         return self.plane @ np.array([-math.sin(a), math.cos(a), 0.0])
 
     def points(self, *fractions: float) -> tuple[np.ndarray, ...]:
-        return tuple(self.point(f)[None] for f in fractions)
+        return tuple(self.point(fraction)[None] for fraction in fractions)
 
 
-known = st.builds(Known, st.tuples(ANGLES, ANGLES, ANGLES), st.floats(0.1, 500.0), HALF_CIRCLES)
-#: Up to nearly a whole circle.
-wide = st.builds(
-    Known, st.tuples(ANGLES, ANGLES, ANGLES), st.floats(0.1, 500.0), st.floats(0.05, 6.2)
-)
+RADII, PLANES = st.floats(0.1, 500.0), st.tuples(ANGLES, ANGLES, ANGLES)
+#: Arcs of up to half a circle, and of nearly a whole circle.
+half_arcs = st.builds(KnownArc, PLANES, RADII, HALF_CIRCLES)
+wide_arcs = st.builds(KnownArc, PLANES, RADII, st.floats(0.05, 6.2))
 
 
-def slack(arc: Known) -> float:
-    """What rounding of the points leaves: what they say of the centre gets worse with the square of the sweep."""
+def slack(arc: KnownArc) -> float:
+    """Error from rounding of the points, mm. It is inverse to the square of a small sweep."""
     return 1e-13 * (arc.radius + 20.0) / min(arc.sweep, 1.0) ** 2 + 1e-12
 
 
-@given(known, FRACTIONS)
-def test_a_span_knows_length_radius_points_and_tangents(arc: Known, fraction: float) -> None:
-    found = make_spans(*arc.points(0.0, 0.5, 1.0))
-    assert found.length[0] == pytest.approx(arc.radius * arc.sweep, rel=1e-9)
-    assert found.sweep[0] == pytest.approx(arc.sweep, abs=1e-9)
-    assert found.radius[0] == pytest.approx(arc.radius, abs=100 * slack(arc))
-    assert np.allclose(
-        found.point(np.array([fraction]))[0], arc.point(fraction), rtol=0, atol=slack(arc)
-    )
-    leaves, arrives = found.tangents()
-    assert np.allclose(leaves[0], arc.tangent(0.0), rtol=0, atol=1e-10 / arc.sweep)
-    assert np.allclose(arrives[0], arc.tangent(1.0), rtol=0, atol=1e-10 / arc.sweep)
-
-
-@given(known, st.tuples(ANGLES, ANGLES, ANGLES))
-def test_a_vector_turns_with_the_arc_to_its_middle(
-    arc: Known, vector: tuple[float, float, float]
+@given(half_arcs, FRACTIONS)
+def test_a_span_has_the_length_radius_points_and_tangents_of_its_arc(
+    arc: KnownArc, fraction: float
 ) -> None:
-    turn = rotation_about_axis(arc.plane[:, 2], arc.sweep / 2)
-    found = make_spans(*arc.points(0.0, 0.5, 1.0)).to_middle(np.array([vector]))
-    assert np.allclose(found[0], turn @ np.array(vector), rtol=0, atol=1e-9 / arc.sweep)
+    span = make_spans(*arc.points(0.0, 0.5, 1.0))
+    assert span.length[0] == pytest.approx(arc.radius * arc.sweep, rel=1e-9)
+    assert span.sweep[0] == pytest.approx(arc.sweep, abs=1e-9)
+    assert span.radius[0] == pytest.approx(arc.radius, abs=100 * slack(arc))
+    assert np.allclose(
+        span.point(np.array([fraction]))[0], arc.point(fraction), rtol=0, atol=slack(arc)
+    )
+    at_start, at_end = span.tangents()
+    assert np.allclose(at_start[0], arc.tangent(0.0), rtol=0, atol=1e-10 / arc.sweep)
+    assert np.allclose(at_end[0], arc.tangent(1.0), rtol=0, atol=1e-10 / arc.sweep)
 
 
-@given(wide, st.floats(0.1, 0.9))
-def test_via_may_lie_anywhere_on_the_arc(arc: Known, at: float) -> None:
-    points = arc.points(0.0, at, 1.0)
-    near = 1e3 * slack(arc) + 1e-9 * arc.radius / (2 * math.pi - arc.sweep)
-    assert np.allclose(find_arc_middles(*points)[0], arc.point(0.5), rtol=0, atol=near)
+@given(half_arcs, st.tuples(ANGLES, ANGLES, ANGLES))
+def test_a_vector_is_rotated_with_the_arc_to_its_middle(
+    arc: KnownArc, vector: tuple[float, float, float]
+) -> None:
+    rotation = rotation_about_axis(arc.plane[:, 2], arc.sweep / 2)
+    rotated = make_spans(*arc.points(0.0, 0.5, 1.0)).to_middle(np.array([vector]))
+    assert np.allclose(rotated[0], rotation @ np.array(vector), rtol=0, atol=1e-9 / arc.sweep)
+
+
+@given(wide_arcs, st.floats(0.1, 0.9))
+def test_the_via_point_may_lie_anywhere_on_the_arc(arc: KnownArc, fraction: float) -> None:
+    points = arc.points(0.0, fraction, 1.0)
+    allowed = 1e3 * slack(arc) + 1e-9 * arc.radius / (2 * math.pi - arc.sweep)
+    assert np.allclose(find_arc_middles(*points)[0], arc.point(0.5), rtol=0, atol=allowed)
     assert measure_arcs(*points)[0] == pytest.approx(arc.radius * arc.sweep, rel=1e-7)
-    found = make_spans_through(*points)
-    assert np.allclose(found.point(np.array([0.25]))[0], arc.point(0.25), rtol=0, atol=near)
-    assert np.allclose(found.tangents()[0][0], arc.tangent(0.0), rtol=0, atol=1e-6)
+    span = make_spans_through(*points)
+    assert np.allclose(span.point(np.array([0.25]))[0], arc.point(0.25), rtol=0, atol=allowed)
+    assert np.allclose(span.tangents()[0][0], arc.tangent(0.0), rtol=0, atol=1e-6)
 
 
-@given(wide, st.floats(0.1, 0.9))
-def test_one_arc_alone_is_the_same_arc(arc: Known, at: float) -> None:
-    start, via, end = (tuple(arc.point(f).tolist()) for f in (0.0, at, 1.0))
+@given(wide_arcs, st.floats(0.1, 0.9))
+def test_functions_for_a_single_arc_give_the_same_arc(arc: KnownArc, fraction: float) -> None:
+    start, via, end = (tuple(arc.point(f).tolist()) for f in (0.0, fraction, 1.0))
     centre, radius, axis, sweep = compute_circle(start, via, end)
-    near = 1e3 * slack(arc) + 1e-9 * arc.radius / (2 * math.pi - arc.sweep) ** 2
-    assert np.allclose(centre, arc.centre, rtol=0, atol=near)
-    assert radius == pytest.approx(arc.radius, abs=near)
+    allowed = 1e3 * slack(arc) + 1e-9 * arc.radius / (2 * math.pi - arc.sweep) ** 2
+    assert np.allclose(centre, arc.centre, rtol=0, atol=allowed)
+    assert radius == pytest.approx(arc.radius, abs=allowed)
     assert np.allclose(axis, arc.plane[:, 2], rtol=0, atol=1e-6)
     assert sweep == pytest.approx(arc.sweep, abs=1e-6)
     assert is_arc(start, via, end)
     assert measure_sweep(start, via, end)[0] == pytest.approx(arc.sweep, abs=1e-6)
     arm = tuple((arc.point(0.0) - arc.centre).tolist())
-    assert np.allclose(turn_about(arm, axis, sweep), arc.point(1.0) - arc.centre, rtol=0, atol=near)
-    found = find_circle(*(arc.point(f) for f in (0.0, at, 1.0)))
-    assert found is not None
-    assert np.allclose(found.center, arc.centre, rtol=0, atol=near)
+    assert np.allclose(
+        turn_about(arm, axis, sweep), arc.point(1.0) - arc.centre, rtol=0, atol=allowed
+    )
+    circle = find_circle(*(arc.point(f) for f in (0.0, fraction, 1.0)))
+    assert circle is not None
+    assert np.allclose(circle.center, arc.centre, rtol=0, atol=allowed)
 
 
 @given(st.floats(-1.0, 1.0).filter(lambda b: abs(b) > 1e-3), st.floats(0.1, 100.0), ANGLES)
@@ -129,7 +135,7 @@ def test_a_bulge_is_the_tangent_of_a_quarter_of_the_sweep(
     assert measure_spans(np.vstack([start, end]), middle)[0] == pytest.approx(
         4 * math.atan(abs(bulge)) * chord * (1 + bulge * bulge) / (4 * abs(bulge))
     )
-    # Counter-clockwise is positive: the centre is on the left of the travel.
+    # A positive bulge runs counter-clockwise, so that the centre is on the left of the travel.
     arm, sweep, left = level_arms(start, middle, end)
     assert left[0] == (bulge > 0)
     assert sweep[0] == pytest.approx(4 * math.atan(abs(bulge)))
@@ -137,65 +143,56 @@ def test_a_bulge_is_the_tangent_of_a_quarter_of_the_sweep(
     assert (ahead[0] * arm[0, 1] - ahead[1] * arm[0, 0]) * bulge >= -1e-9
 
 
-def test_a_line_is_a_span_without_via() -> None:
+def test_a_line_is_a_span_without_a_via_point() -> None:
     start, end = np.array([[0.0, 0, 0], [1, 1, 1]]), np.array([[3.0, 4, 0], [1, 1, 1]])
-    found = make_spans(start, np.full((2, 3), np.nan), end)
-    assert found.length.tolist() == [5.0, 0.0]
-    assert found.sweep.tolist() == [0.0, 0.0]
-    assert found.point(np.array([0.2, 0.5])).tolist() == [[3 * 0.2, 4 * 0.2, 0.0], [1.0, 1.0, 1.0]]
-    assert found.tangents()[0].tolist() == [[0.6, 0.8, 0.0], [0.0, 0.0, 0.0]]
+    lines = make_spans(start, np.full((2, 3), np.nan), end)
+    assert lines.length.tolist() == [5.0, 0.0]
+    assert lines.sweep.tolist() == [0.0, 0.0]
+    assert lines.point(np.array([0.2, 0.5])).tolist() == [[3 * 0.2, 4 * 0.2, 0.0], [1.0, 1.0, 1.0]]
+    assert lines.tangents()[0].tolist() == [[0.6, 0.8, 0.0], [0.0, 0.0, 0.0]]
 
 
 @pytest.mark.parametrize("height", [0.0, 1e-12, 1e-9, 1e-6])
 def test_a_flat_arc_is_as_long_as_its_chord(height: float) -> None:
-    start, via, end = (
-        np.zeros((1, 3)),
-        np.array([[50.0, height, 0.0]]),
-        np.array([[100.0, 0.0, 0.0]]),
-    )
+    start, end = np.zeros((1, 3)), np.array([[100.0, 0.0, 0.0]])
+    via = np.array([[50.0, height, 0.0]])
     assert are_bent(start, via, end)[0] == (height > 1e-7)
     assert make_spans(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
     assert make_spans_through(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
     assert measure_arcs(start, via, end)[0] == pytest.approx(100.0, rel=1e-12)
-    assert np.allclose(
-        make_spans(start, via, end).point(np.array([0.25])),
-        [[25.0, 0.75 * height, 0.0]],
-        rtol=0,
-        atol=1e-9,
-    )
+    quarter = make_spans(start, via, end).point(np.array([0.25]))
+    assert np.allclose(quarter, [[25.0, 0.75 * height, 0.0]], rtol=0, atol=1e-9)
 
 
-def test_three_points_on_one_line_in_another_order_are_no_arc() -> None:
+def test_points_on_a_line_with_the_via_point_outside_are_not_an_arc() -> None:
     start, via, end = np.zeros((1, 3)), np.array([[30.0, 0.0, 0.0]]), np.array([[10.0, 0.0, 0.0]])
-    assert measure_arcs(start, via, end)[0] == pytest.approx(50.0)  # there and back
+    assert measure_arcs(start, via, end)[0] == pytest.approx(50.0)  # 30 mm forward, 20 mm back
     assert not make_spans_through(start, via, end).curved[0]
     assert not is_arc((0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (10.0, 0.0, 0.0))
 
 
-@given(wide, st.integers(4, 30))
-def test_a_circle_is_fitted_to_its_points(arc: Known, count: int) -> None:
-    found = fit_circle(np.array([arc.point(k / (count - 1)) for k in range(count)]))
-    assert found is not None
-    near = 1e4 * slack(arc)
-    assert np.allclose(found.center, arc.centre, rtol=0, atol=near)
-    assert found.radius == pytest.approx(arc.radius, abs=near)
-    assert np.allclose(found.axis, arc.plane[:, 2], rtol=0, atol=1e-5)
+@given(wide_arcs, st.integers(4, 30))
+def test_a_circle_is_fitted_to_its_points(arc: KnownArc, count: int) -> None:
+    circle = fit_circle(np.array([arc.point(k / (count - 1)) for k in range(count)]))
+    assert circle is not None
+    allowed = 1e4 * slack(arc)
+    assert np.allclose(circle.center, arc.centre, rtol=0, atol=allowed)
+    assert circle.radius == pytest.approx(arc.radius, abs=allowed)
+    assert np.allclose(circle.axis, arc.plane[:, 2], rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("size", [1.0, 100.0, 10_000.0])
-def test_points_in_space_that_leave_a_line_by_a_rounding_are_no_arc_at_any_size(
-    size: float,
-) -> None:
-    # The sine of the angle between both chords is 4e-10, less than the 1e-9 of a line.
+def test_points_on_a_line_with_rounding_are_not_an_arc_at_any_size(size: float) -> None:
+    # The sine of the angle between both chords is 4e-10. Below 1e-9, the points are on a line.
     start, end = (0.0, 0.0, 0.0), (size, 0.0, size)
     via = (size / 2, math.sqrt(2) * size / 2 * 4e-10, size / 2)
     with pytest.raises(ValueError, match="on one line"):
         compute_circle(start, via, end)
-    clear = (size / 2, math.sqrt(2) * size / 2 * 4e-9, size / 2)
-    assert compute_circle(start, clear, end)[1] > 1e6 * size
+    bent_via = (size / 2, math.sqrt(2) * size / 2 * 4e-9, size / 2)
+    assert compute_circle(start, bent_via, end)[1] > 1e6 * size
 
 
-def test_a_chain_goes_from_each_point_to_the_next() -> None:
+def test_a_chain_has_a_span_from_each_point_to_the_next() -> None:
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 4.0]])
     spans_between = make_span_chain(points, np.full((3, 3), np.nan))
     assert spans_between.start.tolist() == points[:3].tolist()

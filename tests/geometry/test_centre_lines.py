@@ -1,4 +1,4 @@
-"""Centre lines of channels as wide as the tool, against lines and arcs known by construction."""
+"""Channels as wide as the tool have centre lines, which are known by construction."""
 
 import math
 
@@ -56,12 +56,12 @@ def test_a_channel_of_another_width_has_none(width: float) -> None:
     assert not len(lines.holes)
 
 
-def test_a_square_end_is_kept_clear_of() -> None:
+def test_a_centre_line_keeps_the_tool_radius_from_a_square_end() -> None:
     lines = lines_in(rectangle(0, 0, 30, 6))
     assert ends(lines) == [[3, 3], [27, 3]]
 
 
-def test_a_bent_slot_keeps_its_arc() -> None:
+def test_the_centre_line_of_a_bent_slot_is_an_arc() -> None:
     inner, outer, quarter = 17.0, 23.0, math.tan(math.pi / 8)
     corners = [(0, inner), (inner, 0), (outer, 0), (0, outer)]
     lines = lines_in(contour(corners, [-quarter, 1.0, quarter, 1.0]))
@@ -79,36 +79,36 @@ def test_a_ring_between_two_circles_is_closed() -> None:
     assert not set(lines.source // 2) & set(lines.other // 2)
 
 
-def test_a_line_goes_round_the_corner_of_an_l() -> None:
+def test_a_centre_line_turns_at_the_corner_of_an_l() -> None:
     corners = [(0, 0), (30, 0), (30, 30), (24, 30), (24, 6), (0, 6)]
     lines = lines_in(contour(corners))
     assert ends(lines) == [[3, 3], [27, 27]]
-    assert sum(abs(turn) for turn in lines.turn) == pytest.approx(math.pi / 2)
+    assert sum(abs(angle) for angle in lines.turn) == pytest.approx(math.pi / 2)
 
 
 def test_the_arms_of_a_t_are_run_once() -> None:
     corners = [(0, 0), (30, 0), (30, 6), (18, 6), (18, 30), (12, 30), (12, 6), (0, 6)]
     lines = lines_in(contour(corners))
     # Two arms of 9 mm, the stem of 21 mm, and a quarter of a circle between them.
-    whole = 9 + 9 + 21 + 3 * math.pi / 2
-    assert lines.segments.length.sum() == pytest.approx(whole, abs=0.05)
-    for place in ([4.0, 3.0], [15.0, 26.0], [26.0, 3.0]):
-        assert measure_nearest(np.array([place]), lines.segments, 1.0)[0] < 1e-3
+    expected = 9 + 9 + 21 + 3 * math.pi / 2
+    assert lines.segments.length.sum() == pytest.approx(expected, abs=0.05)
+    points = np.array([[4.0, 3.0], [15.0, 26.0], [26.0, 3.0]])
+    assert measure_nearest(points, lines.segments, 1.0).max() < 1e-3
 
 
-def test_a_neck_between_two_rooms_is_lines_in() -> None:
-    corners = [(0, 0), (20, 0), (20, 7), (40, 7), (40, 0), (60, 0), (60, 20), (40, 20), (40, 13),
-               (20, 13), (20, 20), (0, 20)]  # fmt: skip
-    assert ends(lines_in(contour(corners))) == [[20, 10], [40, 10]]
+def test_a_neck_between_two_wide_areas_has_a_centre_line() -> None:
+    lower = [(0, 0), (20, 0), (20, 7), (40, 7), (40, 0), (60, 0)]
+    upper = [(60, 20), (40, 20), (40, 13), (20, 13), (20, 20), (0, 20)]
+    assert ends(lines_in(contour(lower + upper))) == [[20, 10], [40, 10]]
 
 
-def test_a_round_hole_has_a_middle() -> None:
+def test_a_round_hole_as_wide_as_the_tool_is_a_point() -> None:
     lines = lines_in(circle(7, -2, 3))
     assert not len(lines.segments)
     assert lines.holes.tolist() == [pytest.approx([7, -2])]
 
 
-def test_what_is_run_already_is_left_out() -> None:
+def test_a_line_that_is_known_already_is_left_out() -> None:
     source = make_contour_segments([clockwise(slot(30, 6))])
     following = find_following(source, np.ones(1, dtype=np.bool_))
     known = make_contour_segments([contour([(-5, 0), (18, 0)], closed=False)])
@@ -125,13 +125,13 @@ def test_what_is_run_already_is_left_out() -> None:
     st.integers(30, 90),
 )
 def test_a_wavy_slot_is_followed_and_never_cut_deeper_than_the_slack(
-    turns: float, height: float, off: float, count: int
+    turns: float, height: float, excess: float, count: int
 ) -> None:
-    """A slot around a wave, of chords: both walls at half of the width, measured by GEOS."""
+    """A slot around a wave of chords. GEOS makes its walls, at half of the width on both sides."""
     t = np.linspace(0, 1, count)
     wave = np.column_stack([60 * t, height * np.sin(2 * np.pi * turns * t)])
     middle = shapely.LineString(wave)
-    walls = middle.buffer(RADIUS + off, quad_segs=64, cap_style="flat", join_style="round")
+    walls = middle.buffer(RADIUS + excess, quad_segs=64, cap_style="flat", join_style="round")
     if walls.geom_type != "Polygon" or len(walls.interiors):
         return
     corners = np.array(walls.exterior.coords)[:-1]
@@ -144,7 +144,9 @@ def test_a_wavy_slot_is_followed_and_never_cut_deeper_than_the_slack(
     assert (gaps >= RADIUS - SLACK - 1e-6).all()
 
 
-def test_long_walls_of_a_room_are_looked_at_in_few_places(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_walls_of_a_wide_area_are_measured_at_few_points(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     measured = 0
     nearest = Obstacles.nearest
 
@@ -156,12 +158,12 @@ def test_long_walls_of_a_room_are_looked_at_in_few_places(monkeypatch: pytest.Mo
     monkeypatch.setattr(Obstacles, "nearest", count)
     assert not len(lines_in(rectangle(0, 0, 80_000, 80_000)).segments)
     assert 0 < measured < 20_000
-    # A slot as long has its line.
+    # A slot of 8 m has its centre line.
     assert ends(lines_in(slot(8_000, 6.0))) == [[0, 0], [8_000, 0]]
 
 
 @pytest.mark.parametrize("shape", [circle(0, 0, 5), circle(0, 0, 9), slot(22, 8)])
-def test_no_place_of_a_hole_that_is_wider_is_measured(
+def test_a_hole_that_is_wider_than_the_tool_is_not_measured(
     monkeypatch: pytest.MonkeyPatch, shape: Contour
 ) -> None:
     measured: list[int] = []
@@ -176,7 +178,7 @@ def test_no_place_of_a_hole_that_is_wider_is_measured(
     assert sum(measured) == 0
 
 
-def test_an_arc_about_a_centre_that_is_near_has_its_places_measured() -> None:
+def test_an_arc_near_its_centre_is_measured() -> None:
     # The parallel arc beyond the centre of a round end of 3 mm touches the wall on the other side.
     assert ends(lines_in(slot(30, 6.0))) == [[0, 0], [30, 0]]
     # A parallel arc at its own centre is a point.

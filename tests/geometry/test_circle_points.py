@@ -1,7 +1,5 @@
 """Points of a circle in space from their angles, and back."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Fixtures as layers against the heights of their shapes, found triangle by triangle."""
+"""Fixtures become layers, as high as their shapes triangle by triangle."""
 
 import itertools
 import math
@@ -29,15 +29,13 @@ def make_wedge(length: float, width: float, height: float) -> Solid:
 
 
 def make_dome(radius: float, count: int) -> Solid:
-    """The upper half of a sphere about the origin as rings of triangles."""
+    """The upper half of a sphere around the origin, with `count` rings of triangles."""
     rows = []
+    angle = np.arange(4 * count) * 2 * math.pi / (4 * count)
     for k in range(count + 1):
-        z, r = (
-            radius * math.sin(k * math.pi / 2 / count),
-            radius * math.cos(k * math.pi / 2 / count),
-        )
-        turn = np.arange(4 * count) * 2 * math.pi / (4 * count)
-        rows.append(np.column_stack([r * np.cos(turn), r * np.sin(turn), np.full(len(turn), z)]))
+        latitude = k * math.pi / 2 / count
+        z, r = np.full(len(angle), radius * math.sin(latitude)), radius * math.cos(latitude)
+        rows.append(np.column_stack([r * np.cos(angle), r * np.sin(angle), z]))
     faces = []
     for k in range(count):
         for j in range(4 * count):
@@ -67,11 +65,11 @@ def read(*given: object, meshes: tuple[Solid, ...] = ()) -> Fixtures:
     return fixtures
 
 
-def test_no_fixtures_are_none() -> None:
+def test_a_job_without_fixtures_has_none() -> None:
     assert list_fixtures(Job(), ()) is None
 
 
-def test_a_box_is_one_layer_whichever_corners_it_is_given_by() -> None:
+def test_a_box_by_any_two_opposite_corners_is_one_layer() -> None:
     (fixture,) = read([30, 20, -5, 10, -10, 12]).listed
     (layer,) = fixture.layers
     assert layer.outline.bounds == (10, -10, 30, 20)
@@ -92,7 +90,7 @@ def test_a_mesh_among_boxes_keeps_its_number() -> None:
 @pytest.mark.parametrize(
     "solid", [make_wedge(30, 10, 12), make_dome(20, 24)], ids=["wedge", "dome"]
 )
-def test_layers_are_as_high_as_the_mesh_and_no_more_than_a_band_higher(solid: Solid) -> None:
+def test_layers_are_at_least_as_high_as_the_mesh_and_at_most_a_band_higher(solid: Solid) -> None:
     (fixture,) = read("clamp.stl", meshes=(solid,)).listed
     low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
     assert len(fixture.layers) <= 64
@@ -102,25 +100,24 @@ def test_layers_are_as_high_as_the_mesh_and_no_more_than_a_band_higher(solid: So
     for x, y in places.tolist():
         true = height_at(solid, x, y)
         point = shapely.Point(x, y)
-        over = [layer.top for layer in fixture.layers if layer.outline.contains(point)]
-        stated = max(over, default=-math.inf)
+        tops = [layer.top for layer in fixture.layers if layer.outline.contains(point)]
+        stated = max(tops, default=-math.inf)
         inside += math.isfinite(true)
         assert stated >= true - 1e-6
         if math.isfinite(true) and true > 0.01:
-            # Bands are 1 mm high, and so is a step of the outline at most.
+            # A band is 1 mm high, and so is a step of its outline, at most.
             assert stated <= true + 1.0 + 1e-6
     assert 100 < inside < 300
 
 
-def test_layers_hold_one_another() -> None:
+def test_a_layer_contains_the_layers_above_it() -> None:
     (fixture,) = read("dome.stl", meshes=(make_dome(20, 24),)).listed
     for upper, lower in zip(fixture.layers, fixture.layers[1:], strict=False):
         assert upper.top > lower.top
         assert lower.outline.buffer(1e-4).contains(upper.outline)
 
 
-def test_upright_walls_are_exact() -> None:
-    """A mesh of a box is one layer, as the box is."""
+def test_a_mesh_with_upright_walls_is_one_exact_layer() -> None:
     wedge = make_wedge(10, 4, 8)
     box = np.array(list(itertools.product((0, 10), (0, 4), (0, 8))), dtype=np.float64)
     faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6)]
@@ -139,12 +136,12 @@ def test_upright_walls_are_exact() -> None:
         ([0, 0, 0, 1, 1, math.inf], "no size"),
     ],
 )
-def test_what_is_no_box_is_refused(box: list[float], what: str) -> None:
+def test_an_invalid_box_is_refused(box: list[float], what: str) -> None:
     with pytest.raises(JobError, match=what):
         read(box)
 
 
-def test_bodies_of_a_tool() -> None:
+def test_a_tool_and_its_holder_are_bodies_with_height_and_radius() -> None:
     tool = ToolTable(
         diameter=6, length=50, holder=[[-10, -8, 0, 10, 8, 20], [-3, -3, 20, 3, 3, 30]]
     )

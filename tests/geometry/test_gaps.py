@@ -1,4 +1,4 @@
-"""Distances of lines and arcs from each other, against distances of many points of both."""
+"""Distances between lines and arcs agree with those between many of their points."""
 
 import numpy as np
 import pytest
@@ -13,13 +13,13 @@ NUMBERS = st.floats(-10, 10).map(lambda value: round(value, 2))
 BULGES = st.sampled_from([0.0, 0.1, -0.4, 0.7, 1.0, -1.0])
 
 
-def one(start: tuple[float, float], end: tuple[float, float], bulge: float) -> Segments:
+def make_segment(start: tuple[float, float], end: tuple[float, float], bulge: float) -> Segments:
     return make_segments(
         np.array([start]), np.array([end]), np.array([bulge]), np.zeros(1, dtype=np.int64)
     )
 
 
-def places(segment: Segments, count: int = 1500) -> FloatArray:
+def sample(segment: Segments, count: int = 1500) -> FloatArray:
     return points_at(segment.take(np.zeros(count, dtype=np.int64)), np.linspace(0, 1, count))
 
 
@@ -30,33 +30,36 @@ def places(segment: Segments, count: int = 1500) -> FloatArray:
     st.tuples(NUMBERS, NUMBERS),
     BULGES,
 )
-def test_the_gap_is_that_of_the_nearest_points(
+def test_the_gap_is_the_distance_of_the_nearest_points(
     start: tuple[float, float],
     end: tuple[float, float],
     bulge: float,
     other: tuple[float, float],
-    turn: float,
+    other_bulge: float,
 ) -> None:
     if np.hypot(start[0] - end[0], start[1] - end[1]) < 0.1 or np.hypot(*other) < 0.1:
         return
-    first, second = one(start, end, bulge), one(other, (0.0, 0.0), turn)
-    a, b = places(first), places(second)
+    first, second = make_segment(start, end, bulge), make_segment(other, (0.0, 0.0), other_bulge)
+    a, b = sample(first), sample(second)
     nearest = float(np.hypot(*(a[:, None] - b[None]).reshape(-1, 2).T).min())
-    found = float(measure_gaps(first, second, 100.0)[0])
-    # Steps of the points are at most a length of 40 mm in 1500.
-    assert found <= nearest + 1e-9
-    assert found == pytest.approx(nearest, abs=0.03)
+    gap = float(measure_gaps(first, second, 100.0)[0])
+    # The points are at most 40 mm / 1500 from each other.
+    assert gap <= nearest + 1e-9
+    assert gap == pytest.approx(nearest, abs=0.03)
 
 
-def test_arcs_about_one_centre_are_apart_by_their_radii() -> None:
-    inner, outer = one((3, 0), (0, 3), np.tan(np.pi / 8)), one((5, 0), (-5, 0), 1.0)
+def test_the_gap_of_concentric_arcs_is_the_difference_of_their_radii() -> None:
+    inner, outer = (
+        make_segment((3, 0), (0, 3), np.tan(np.pi / 8)),
+        make_segment((5, 0), (-5, 0), 1.0),
+    )
     assert measure_gaps(inner, outer, 10.0) == pytest.approx([2.0])
-    away = one((-5, 0), (0, -5), np.tan(np.pi / 8))
-    assert measure_gaps(inner, away, 10.0) == pytest.approx([np.hypot(5, 3)])
+    opposite = make_segment((-5, 0), (0, -5), np.tan(np.pi / 8))
+    assert measure_gaps(inner, opposite, 10.0) == pytest.approx([np.hypot(5, 3)])
 
 
 def test_the_nearest_of_several_segments_counts_within_reach() -> None:
-    # A line along y = 0 and a half circle about (20, 0) with the radius 5, above it.
+    # A line along y = 0, and the upper half circle around (20, 0) with a radius of 5 mm.
     start, end = np.array([[0.0, 0.0], [25.0, 0.0]]), np.array([[10.0, 0.0], [15.0, 0.0]])
     segments = make_segments(start, end, np.array([0.0, 1.0]), np.array([0, 1]))
     points = np.array([[4.0, 3.0], [20.0, 8.0], [13.0, 0.0], [4.0, 30.0]])
@@ -64,23 +67,23 @@ def test_the_nearest_of_several_segments_counts_within_reach() -> None:
 
 
 @pytest.mark.parametrize("step", [0.02, 0.6, 7.0])
-def test_points_in_a_row_have_the_distances_that_each_has_by_itself(step: float) -> None:
-    """Points near each other are looked up together, whatever their groups are."""
+def test_points_along_a_path_have_the_distances_that_each_has_alone(step: float) -> None:
+    """Neighbouring points are searched together, in spite of different groups."""
     random = np.random.default_rng(4)
     start = random.uniform(0, 60, (50, 2))
     bulge = random.uniform(-1, 1, 50) * (random.random(50) < 0.5)
-    none = np.zeros(50, dtype=np.int64)
-    segments = make_segments(start, start + random.normal(0, 6, (50, 2)), bulge, none)
+    owner = np.zeros(50, dtype=np.int64)
+    segments = make_segments(start, start + random.normal(0, 6, (50, 2)), bulge, owner)
     points = np.cumsum(random.normal(0, step, (700, 2)), axis=0) % 60
-    groups, chosen = random.integers(0, 2, 50), random.integers(0, 2, 700)
-    gaps_of = np.array(
+    groups, point_groups = random.integers(0, 2, 50), random.integers(0, 2, 700)
+    gaps = np.array(
         [measure_distances(np.full((50, 2), point), segments, np.arange(50)) for point in points]
     )
-    gaps_of[chosen[:, None] != groups] = np.inf
-    gaps_of[gaps_of > 2.5] = np.inf
+    gaps[point_groups[:, None] != groups] = np.inf
+    gaps[gaps > 2.5] = np.inf
     obstacles = Obstacles(segments, groups)
-    assert obstacles.nearest(points, chosen, 2.5).tolist() == gaps_of.min(axis=1).tolist()
-    rows = np.where(np.isfinite(gaps_of.min(axis=1)), gaps_of.argmin(axis=1), -1)
-    assert obstacles.nearest_rows(points, chosen, 2.5).tolist() == rows.tolist()
+    assert obstacles.nearest(points, point_groups, 2.5).tolist() == gaps.min(axis=1).tolist()
+    rows = np.where(np.isfinite(gaps.min(axis=1)), gaps.argmin(axis=1), -1)
+    assert obstacles.nearest_rows(points, point_groups, 2.5).tolist() == rows.tolist()
     assert (rows >= 0).any()
     assert (rows < 0).any()

@@ -1,3 +1,5 @@
+"""Loops are nested by their depth, and loops that cross are named."""
+
 import numpy as np
 
 from camgen.geometry.nesting import find_nesting
@@ -11,7 +13,7 @@ def nested(*loops: Contour) -> tuple[list[int], list[int], list[int]]:
     return result.depth.tolist(), result.parent.tolist(), result.crossed.tolist()
 
 
-def test_an_island_in_a_hole_in_a_plate() -> None:
+def test_an_island_in_a_hole_of_a_plate_has_depth_2() -> None:
     depth, parent, crossed = nested(
         circle(50, 50, 5), rectangle(0, 0, 100, 100), circle(50, 50, 20)
     )
@@ -45,12 +47,12 @@ def test_loops_that_touch_do_not_cross() -> None:
     assert parent == [2, 2, -1]
 
 
-def test_a_line_there_and_back_is_empty() -> None:
+def test_a_loop_of_a_line_back_and_forth_is_empty() -> None:
     result = find_nesting(make_contour_segments([contour([(0, 0), (10, 0)]), circle(0, 0, 1)]), 2)
     assert result.empty.tolist() == [True, False]
 
 
-def test_area_is_exact_for_polygons_and_close_for_circles() -> None:
+def test_the_area_is_exact_for_polygons_and_close_for_circles() -> None:
     result = find_nesting(
         make_contour_segments([rectangle(1, 2, 10, 5), clockwise(circle(0, 0, 10))]), 2
     )

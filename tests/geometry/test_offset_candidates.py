@@ -1,6 +1,4 @@
-"""Candidates of the offset, one by one, against formulas of circles and lines."""
-
-from __future__ import annotations
+"""Each candidate of an offset curve agrees with the formulas of circles and lines."""
 
 import math
 
@@ -18,8 +16,8 @@ QUARTER = math.tan(math.pi / 8)
     [(1.0, 13.0), (-1.0, 7.0)],
     ids=["outside, counter-clockwise", "inside, clockwise"],
 )
-def test_a_moved_arc_runs_on_along_its_circle(sense: float, radius: float) -> None:
-    """A quarter of a circle of 10 mm about the origin moves by 3 mm to its right."""
+def test_a_moved_arc_is_extended_along_its_circle(sense: float, radius: float) -> None:
+    """A quarter of a circle with a radius of 10 mm around the origin moves by 3 mm to its right."""
     ends = np.array([[10.0, 0.0], [0.0, 10.0]])[:: int(sense)]
     source = make_segments(
         ends[:1], ends[1:], np.array([sense * QUARTER]), np.zeros(1, dtype=np.int64)
@@ -35,41 +33,41 @@ def test_a_moved_arc_runs_on_along_its_circle(sense: float, radius: float) -> No
     assert bulge[0] == pytest.approx(math.tan((last - first) / 4))
 
 
-def test_a_moved_line_runs_on_along_itself() -> None:
+def test_a_moved_line_is_extended_in_its_direction() -> None:
     source = make_segments(
         np.array([[0.0, 0.0]]), np.array([[3.0, 4.0]]), np.zeros(1), np.zeros(1, dtype=np.int64)
     )
     start, end, bulge = _move_sideways(
         source, 5.0, np.array([np.inf]), np.array([10.0]), np.array([20.0])
     )
-    # Its direction is (0.6, 0.8), its right side (0.8, -0.6).
+    # The direction is (0.6, 0.8), and its right side is (0.8, -0.6).
     assert start[0] == pytest.approx([4.0 - 6.0, -3.0 - 8.0])
     assert end[0] == pytest.approx([3.0 + 4.0 + 12.0, 4.0 - 3.0 + 16.0])
     assert bulge[0] == 0.0
 
 
 @pytest.mark.parametrize(("before", "after"), [(1.0, 1.0), (1.0, 8.0), (8.0, 1.0), (0.4, math.inf)])
-def test_a_plain_corner_joins_curves_that_all_but_meet(before: float, after: float) -> None:
-    """Each curve leaves its tangent by its sagitta, and both sagittas add up at the corner."""
+def test_a_plain_corner_joins_curves_that_nearly_meet(before: float, after: float) -> None:
+    """Each curve deviates from its tangent by its sagitta. At the corner, both sagittas add up."""
     distance = 3.0
     for fraction, is_plain in ((0.9, True), (1.1, False)):
-        # The sagitta of a run r on a radius R is r^2 / 2R, and the run is half the turn's arc.
-        run_on = math.sqrt(2.0 * fraction * _MISS / (1.0 / before + 1.0 / after))
-        turn = np.array([2.0 * run_on / distance])
-        plain = _plain_corners(turn, np.array([before]), np.array([after]), distance, 1.0)
+        # An extension e on a radius R has a sagitta of e^2 / 2R. The arc of the corner is 2 e long.
+        extension = math.sqrt(2.0 * fraction * _MISS / (1.0 / before + 1.0 / after))
+        angle = np.array([2.0 * extension / distance])
+        plain = _plain_corners(angle, np.array([before]), np.array([after]), distance, 1.0)
         assert plain.tolist() == [is_plain]
 
 
 def test_a_plain_corner_is_flat_and_outer() -> None:
     straight = np.full(4, np.inf)
-    turn = np.array([0.0, -0.01, 0.01, 0.49])
-    # A corner of turn t is t^2 d / 8 outside of the arc about it: 0.01 rad leaves it by 0.04 um.
-    plain = _plain_corners(turn, straight, straight, 3.0, 0.001)
+    angles = np.array([0.0, -0.01, 0.01, 0.49])
+    # A corner with the angle t is t^2 d / 8 outside of the arc around it: 0.04 um for 0.01 rad.
+    plain = _plain_corners(angles, straight, straight, 3.0, 0.001)
     assert plain.tolist() == [False, False, True, False]
 
 
-def test_pieces_end_where_lines_cross_but_not_next_to_an_end() -> None:
-    """Three lines cross the first one: in its middle, and 1e-7 mm from both of its ends."""
+def test_a_candidate_is_cut_at_crossings_but_not_next_to_its_ends() -> None:
+    """Three lines cross the first one, in its middle and 1e-7 mm from both of its ends."""
     x = np.array([5.0, 1e-7, 10.0 - 1e-7])
     start = np.vstack([[0.0, 0.0], np.column_stack([x, np.full(3, -1.0)])])
     end = np.vstack([[10.0, 0.0], np.column_stack([x, np.full(3, 1.0)])])

@@ -1,4 +1,4 @@
-"""Parts of segments that lie on each other, against lengths worked out by hand and by shapely."""
+"""Parts of segments that lie on others are found, as calculated by hand and by shapely."""
 
 import math
 from itertools import chain, pairwise
@@ -17,7 +17,7 @@ Row = tuple[float, ...]
 
 
 def segments(rows: list[Row], owners: list[int] | None = None) -> Segments:
-    """Segments of rows x, y, x, y and perhaps a bulge; each a piece of its own without owners."""
+    """Segments of rows x, y, x, y and perhaps a bulge. Without owners, each is a piece."""
     table = np.array([(*row, 0.0)[:5] for row in rows])
     owner = np.arange(len(rows)) if owners is None else np.array(owners)
     return make_segments(table[:, :2], table[:, 2:4], table[:, 4], owner)
@@ -45,14 +45,16 @@ def covered(rows: list[Row], owners: list[int] | None = None) -> dict[int, list[
         ([(0, 0, 30, 0), (0, 0.04, 30, 0.04)], {1: [[0, 1]]}),
         ([(0, 0, 30, 0), (0, 0.06, 30, 0.06)], {}),
         ([(0, 0, 30, 0), (0, 0, 30, 0.3)], {}),
-        # A short line may be off by less than a long one: 2 % of its length.
+        # A short line may deviate less than a long one, by 2 % of its length.
         ([(0, 0, 0.5, 0), (0, 0.04, 0.5, 0.04)], {}),
-        # A bulged line beside a straight one.
+        # An arc over a line.
         ([(0, 0, 30, 0), (0, 0, 30, 0, 0.02)], {}),
-        # Far from the origin, at an angle without exact numbers.
-        ([(1e5, 1e5, 1e5 + 70, 1e5 + 30), (1e5 + 35, 1e5 + 15, 1e5 + 140, 1e5 + 60)],
-         {1: [[0, 0.333333]]}),
-        # Arcs: a quarter on a half, also over the direction 0, and on a concentric one.
+        # Lines far from the origin, at an angle without exact numbers.
+        (
+            [(1e5, 1e5, 1e5 + 70, 1e5 + 30), (1e5 + 35, 1e5 + 15, 1e5 + 140, 1e5 + 60)],
+            {1: [[0, 0.333333]]},
+        ),
+        # A quarter circle on a half circle, also over the direction 0, and on a concentric one.
         ([(5, 0, -5, 0, 1.0), (0, 5, -5, 0, QUARTER)], {1: [[0, 1]]}),
         ([(0, -5, 0, 5, 1.0), (5, 0, 0, 5, QUARTER)], {1: [[0, 1]]}),
         ([(0, -5, 0, 5, 1.0), (5, 0, -5, 0, 1.0)], {1: [[0, 0.5]]}),
@@ -60,8 +62,10 @@ def covered(rows: list[Row], owners: list[int] | None = None) -> dict[int, list[
         ([(5, 0, -5, 0, 1.0), (5.1, 0, -5.1, 0, 1.0)], {}),
         ([(5, 0, -5, 0, 1.0), (5.3, 0, -4.7, 0, 1.0)], {}),
     ],
-)  # fmt: skip
-def test_covered_parts(rows: list[Row], expected: dict[int, list[list[float]]]) -> None:
+)
+def test_the_parts_that_other_segments_cover_are_found(
+    rows: list[Row], expected: dict[int, list[list[float]]]
+) -> None:
     assert covered(rows) == expected
 
 
@@ -77,16 +81,18 @@ def test_segments_of_the_lowest_rank_and_of_other_labels_are_not_covered() -> No
     assert find_covered(table, np.array([0, 1]), np.array([0, 1]), 0.05) == {}
 
 
-def test_a_pattern_of_close_lines_stays() -> None:
-    """Each is within the tolerance of the next one, and the second row repeats the first."""
+def test_lines_of_a_close_pattern_do_not_cover_each_other() -> None:
+    """Each line is within the tolerance of the next one. A repeated pattern is covered."""
     rows: list[Row] = [(0.0, 0.04 * k, 10.0, 0.04 * k) for k in range(100)]
     assert covered(rows) == {}
     assert covered([*rows, *rows]) == {k: [[0, 1]] for k in range(100, 200)}
 
 
 @given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20), st.integers(0, 2)), max_size=25))
-def test_the_rest_is_the_union(lines: list[tuple[int, int, int]]) -> None:
-    """Lines on three slanted supports: the free parts are as long as their union."""
+def test_the_parts_that_are_not_covered_are_as_long_as_the_union(
+    lines: list[tuple[int, int, int]],
+) -> None:
+    """The lines lie on three parallel slanted lines."""
     rows = [(4.0 * a, 3.0 * a + s, 4.0 * b, 3.0 * b + s) for a, b, s in lines if a != b]
     if not rows:
         return
@@ -118,7 +124,7 @@ def ring(points: list[tuple[float, float]]) -> list[Row]:
     return [(*a, *b) for a, b in pairwise([*points, points[0]])]
 
 
-def test_loops_are_equal_by_shape() -> None:
+def test_loops_of_the_same_shape_are_equal() -> None:
     square = ring([(0, 0), (40, 0), (40, 40), (0, 40)])
     halves = ring([(40, 20), (40, 40), (20, 40), (0, 40), (0, 0), (20, 0), (40, 0)])
     chamfered = ring([(0, 0), (40, 0), (40, 39), (39, 40), (0, 40)])
@@ -132,24 +138,24 @@ def test_loops_are_equal_by_shape() -> None:
     assert find_equal_loops(table, 5, np.arange(5), 0.05) == []
 
 
-def test_shapely_agrees_on_the_length_of_a_union() -> None:
-    """A hundred lines by chance on ten supports of random directions."""
+def test_the_length_of_the_union_is_that_of_shapely() -> None:
+    """A hundred random lines lie on ten lines of random directions."""
     rng = np.random.default_rng(5)
     angle, offset = rng.uniform(0, math.pi, 10), rng.uniform(-50, 50, 10)
     rows = []
     for k in range(100):
-        along = np.array([math.cos(angle[k % 10]), math.sin(angle[k % 10])])
-        base = offset[k % 10] * np.array([-along[1], along[0]])
+        direction = np.array([math.cos(angle[k % 10]), math.sin(angle[k % 10])])
+        base = offset[k % 10] * np.array([-direction[1], direction[0]])
         low, high = np.sort(rng.uniform(-80, 80, 2))
-        rows.append((*(base + low * along), *(base + high * along)))
+        rows.append((*(base + low * direction), *(base + high * direction)))
     table = segments(rows)
     parts = find_covered(table, table.owner + 1, np.zeros(100, np.int64), 0.01)
     rest = float(table.length.sum()) - measure_covered(table, parts)
     lines = [shapely.LineString([row[:2], row[2:4]]) for row in rows]
     union = 0.0
     for k in range(10):
-        # On one support, as intervals: union of the lines turned into the x axis.
-        turned = [shapely.affinity.rotate(line, -angle[k], (0, 0), True) for line in lines[k::10]]
-        intervals = [shapely.box(line.bounds[0], 0, line.bounds[2], 1) for line in turned]
+        # The lines of one direction are rotated into the x axis, where they are intervals.
+        rotated = [shapely.affinity.rotate(line, -angle[k], (0, 0), True) for line in lines[k::10]]
+        intervals = [shapely.box(line.bounds[0], 0, line.bounds[2], 1) for line in rotated]
         union += shapely.union_all(intervals).area
     assert rest == pytest.approx(union, abs=0.01 * 100)

@@ -1,4 +1,4 @@
-"""Loops that need no test against others: told apart rightly, and nothing changes by it."""
+"""Loops that need no test against others are found, and the nesting stays the same."""
 
 import math
 
@@ -14,44 +14,40 @@ from camgen.model.part import Contour
 from tests.support.drawn import circle, clockwise, contour, rectangle, rounded
 
 ELL = contour([(0, 0), (20, 0), (20, 5), (5, 5), (5, 20), (0, 20)])
-#: A circle with a bite: its outline turns inward along the arc of the bite.
+#: A circle with a bite. The outline is concave along the arc of the bite.
 BITTEN = contour([(10, 0), (-10, 0), (0, -4)], [1.0, 0.0, -0.4])
 
 
-def found(*loops: Contour) -> list[bool]:
+def are_plain(*loops: Contour) -> list[bool]:
     return find_plain(make_contour_segments(loops), len(loops)).tolist()
 
 
 @pytest.mark.parametrize("shape", [circle(0, 0, 5), rectangle(0, 0, 9, 4), rounded(30, 20, 5)])
 def test_convex_loops_are_plain_in_both_directions(shape: Contour) -> None:
-    assert found(shape) == [True]
-    assert found(clockwise(shape)) == [True]
+    assert are_plain(shape) == [True]
+    assert are_plain(clockwise(shape)) == [True]
 
 
-def test_loops_that_turn_back_twice_round_or_there_and_back_are_not() -> None:
+def test_concave_loops_double_loops_and_lines_back_and_forth_are_not_plain() -> None:
     twice = contour([(5, 0), (-5, 0), (5, 0), (-5, 0)], [1.0] * 4)
     star = contour(
         [(math.cos(4 * math.pi * k / 5), math.sin(4 * math.pi * k / 5)) for k in range(5)]
     )
     for shape in (ELL, clockwise(ELL), BITTEN, twice, star, contour([(0, 0), (10, 0)])):
-        assert found(shape) == [False]
+        assert are_plain(shape) == [False]
 
 
-def test_a_loop_with_anything_in_its_box_is_not_alone() -> None:
+def test_a_loop_with_another_one_in_its_box_is_not_plain() -> None:
     plate, hole, corner = rectangle(0, 0, 50, 50), circle(20, 20, 5), circle(26.5, 26.5, 1)
-    assert found(plate, hole) == [False, True]
-    assert found(plate, hole, corner) == [False, True, True]
-    assert found(plate, hole, circle(24.5, 24.5, 1)) == [False, False, False]
-    assert found(hole, hole) == [False, False]
+    assert are_plain(plate, hole) == [False, True]
+    assert are_plain(plate, hole, corner) == [False, True, True]
+    assert are_plain(plate, hole, circle(24.5, 24.5, 1)) == [False, False, False]
+    assert are_plain(hole, hole) == [False, False]
 
 
-def test_areas_are_exact() -> None:
-    areas = measure_loop_areas(
-        make_contour_segments(
-            [circle(3, 4, 5), clockwise(rectangle(0, 0, 9, 4)), rounded(30, 20, 5)]
-        ),
-        3,
-    )
+def test_the_areas_of_loops_are_exact() -> None:
+    shapes = [circle(3, 4, 5), clockwise(rectangle(0, 0, 9, 4)), rounded(30, 20, 5)]
+    areas = measure_loop_areas(make_contour_segments(shapes), 3)
     assert areas == pytest.approx([math.pi * 25, -36, 600 - (4 - math.pi) * 25], rel=1e-12)
 
 
@@ -65,11 +61,11 @@ def loops(draw: st.DrawFn) -> Contour:
 
 
 @given(st.lists(loops(), min_size=1, max_size=12))
-def test_nesting_is_the_same_without_the_short_way(drawn: list[Contour]) -> None:
+def test_the_nesting_is_the_same_if_no_loop_counts_as_plain(drawn: list[Contour]) -> None:
     segments = make_contour_segments(drawn)
-    short = nesting.find_nesting(segments, len(drawn))
+    with_plain = nesting.find_nesting(segments, len(drawn))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(nesting, "find_plain", lambda _, count: np.zeros(count, dtype=np.bool_))
-        long = nesting.find_nesting(segments, len(drawn))
+        without_plain = nesting.find_nesting(segments, len(drawn))
     for name in ("depth", "parent", "crossed", "empty"):
-        assert getattr(short, name).tolist() == getattr(long, name).tolist()
+        assert getattr(with_plain, name).tolist() == getattr(without_plain, name).tolist()

@@ -1,4 +1,4 @@
-"""Resting faces: known by counting on plain bodies, and turned along with the body."""
+"""The faces on which a body rests are known for simple bodies, and rotate with the body."""
 
 import math
 from itertools import product
@@ -18,7 +18,7 @@ from camgen.model.pose import FloatArray, rotation_from_fixed_xyz
 
 _BOX = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
 TETRAHEDRON = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], dtype=float)
-#: Each as seen from outside.
+#: Vertices of the faces, counter-clockwise as seen from outside.
 TETRAHEDRON_FACES = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)])
 ROTATION = rotation_from_fixed_xyz(0.7, -1.1, 2.3)
 
@@ -42,7 +42,7 @@ def test_a_box_rests_on_six_faces_the_largest_first() -> None:
     first = resting[0]
     assert first.size == pytest.approx((60, 40))
     assert first.middle.tolist() == pytest.approx([30, 20, 0 if first.normal[2] < 0 else 30])
-    # It falls over the nearer side, 20 mm away, with its centre 15 mm up.
+    # The box tips over the nearer side, at 20 mm. Its centre is 15 mm high.
     assert first.tipping == pytest.approx(math.atan2(20, 15))
 
 
@@ -58,7 +58,7 @@ def test_a_regular_tetrahedron_rests_on_four_faces() -> None:
     side = 2 * math.sqrt(2)
     for face in resting:
         assert face.area == pytest.approx(math.sqrt(3) / 4 * side**2)
-        # The radius of the inner circle of the face over that of the inner ball.
+        # The tangent is the radius of the inner circle of the face over that of the inner ball.
         assert face.tipping == pytest.approx(math.atan2(side / math.sqrt(12), side / math.sqrt(24)))
 
 
@@ -66,7 +66,7 @@ def test_a_regular_tetrahedron_rests_on_four_faces() -> None:
 def test_a_leaning_prism_rests_on_its_base_while_its_centre_is_above_it(
     shear: float, rests: bool
 ) -> None:
-    """The centre is half of the displacement away from the middle of a base that is 40 mm long."""
+    """The centre is displaced by half of the shear from the middle of a base of 40 mm."""
     resting = find_resting_faces(*make_box((40, 40, 60), shear), stable=0.0)
     assert any(np.allclose(face.normal, (0, 0, -1)) for face in resting) == rests
 
@@ -80,34 +80,34 @@ def test_a_part_on_three_feet_rests_on_the_feet() -> None:
         vertices.append(foot + np.array([x, y, 0]))
     resting = find_resting_faces(np.concatenate(vertices), np.concatenate(triangles))
     down = next(face for face in resting if face.normal[2] < -0.999)
-    # Around the feet: 10 mm of full width, then a trapezium from 100 to 10 mm.
+    # The hull of the feet is 100 mm wide for 10 mm, and then a trapezium from 100 to 10 mm.
     assert down.area == pytest.approx(100 * 10 + (100 + 10) / 2 * 90)
     assert down.middle[2] == pytest.approx(0)
 
 
-def test_the_answer_turns_along_with_the_part() -> None:
+def test_the_resting_faces_rotate_with_the_part() -> None:
     vertices, faces = make_box((60, 40, 30), 12.0)
     plain = find_resting_faces(vertices, faces)
-    turned = find_resting_faces(vertices @ ROTATION.T + (5, -80, 300), faces)
-    assert len(plain) == len(turned) > 3
+    rotated = find_resting_faces(vertices @ ROTATION.T + (5, -80, 300), faces)
+    assert len(plain) == len(rotated) > 3
     for face in plain:
         normal = ROTATION @ face.normal
-        (same,) = (other for other in turned if np.allclose(other.normal, normal, atol=1e-6))
+        (same,) = (other for other in rotated if np.allclose(other.normal, normal, atol=1e-6))
         assert same.area == pytest.approx(face.area)
         assert same.tipping == pytest.approx(face.tipping)
         assert np.allclose(same.middle, ROTATION @ face.middle + (5, -80, 300))
 
 
 def test_an_open_mesh_has_the_centre_of_its_hull() -> None:
-    """A box of which all but three corners of one side are heavy would not rest there."""
+    """The box lacks a triangle. The centre of its remaining faces would be displaced."""
     vertices, faces = make_box((60, 40, 30))
     whole, opened = find_resting_faces(vertices, faces), find_resting_faces(vertices, faces[1:])
     assert [face.tipping for face in opened] == pytest.approx([face.tipping for face in whole])
     assert find_resting_faces(vertices[:4], np.array([(0, 1, 2), (1, 3, 2)])) == []
 
 
-def test_the_centre_of_mass_is_that_of_the_parts() -> None:
-    """The mean of the centres of two boxes, by their volumes."""
+def test_the_centre_of_mass_of_two_bodies_is_their_weighted_mean() -> None:
+    """The weights of two boxes are their volumes."""
     (first, faces), (second, _) = make_box((60, 40, 30)), make_box((10, 20, 50))
     vertices = np.concatenate([first, second + np.array([100, 0, 0])])
     centre = find_centre_of_mass(vertices, np.concatenate([faces, faces + 8]))
@@ -117,7 +117,7 @@ def test_the_centre_of_mass_is_that_of_the_parts() -> None:
 
 
 @pytest.mark.parametrize("normal", [(0, 0, -1), (0, 0, 1), (1, 0, 0), (0.36, -0.48, 0.8)])
-def test_the_rotation_turns_the_face_down(normal: tuple[float, float, float]) -> None:
+def test_the_rotation_makes_the_face_point_down(normal: tuple[float, float, float]) -> None:
     rotation = turn_down(np.array(normal, dtype=float))
     assert np.allclose(rotation @ normal, (0, 0, -1))
     assert np.allclose(rotation @ rotation.T, np.eye(3))
@@ -126,8 +126,8 @@ def test_the_rotation_turns_the_face_down(normal: tuple[float, float, float]) ->
     assert axis[2] == pytest.approx(0)
 
 
-def test_no_point_is_outside_the_hull_and_its_volume_is_known() -> None:
-    """The points of a grid in a box, and points on a ball."""
+def test_a_hull_contains_all_points_and_has_the_known_volume() -> None:
+    """The points are a grid in a box, and random points on a ball."""
     rng = np.random.default_rng(5)
     grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 6)] * 3), axis=-1).reshape(-1, 3)
     ball = rng.normal(size=(300, 3))
@@ -140,7 +140,7 @@ def test_no_point_is_outside_the_hull_and_its_volume_is_known() -> None:
         ends = np.roll(hull, -1, axis=1)
         sides = set(zip(hull.ravel().tolist(), ends.ravel().tolist(), strict=True))
         assert all((end, start) in sides for start, end in sides)
-        # Euler: a closed surface of triangles around one body.
+        # A closed surface has two vertices more than half of its triangles (Euler).
         assert len(np.unique(hull)) - len(hull) / 2 == 2
         if points is not ball:
             assert np.einsum("fk,fk->", a, np.cross(b, c)) / 6 == pytest.approx(6)

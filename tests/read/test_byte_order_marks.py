@@ -1,4 +1,4 @@
-"""Byte order marks: UTF-8 is read with one, UTF-16 is refused in one line."""
+"""Programs in UTF-8 may have a byte order mark. Programs in UTF-16 are refused."""
 
 from pathlib import Path
 
@@ -23,19 +23,19 @@ SUFFIXES = {"rapid": "mod", "vplus": "v2", "pacscript": "pcs"}
 
 @pytest.mark.parametrize("mark", ["\ufeff", "\xef\xbb\xbf"])
 @pytest.mark.parametrize("language", TEXTS)
-def test_the_mark_of_utf_8_is_read(language: str, mark: str) -> None:
-    """As a character, and as the three bytes of a file that is read as Latin-1."""
-    spoken, text = find_language(language), TEXTS[language]
-    with_mark = spoken.run({"a": mark + text, "b": mark + "\n"}, RunRequest())
-    without = spoken.run({"a": text, "b": "\n"}, RunRequest())
+def test_a_byte_order_mark_of_utf_8_changes_nothing(language: str, mark: str) -> None:
+    """The mark is a character, or three characters if the file is read as Latin-1."""
+    rules, text = find_language(language), TEXTS[language]
+    with_mark = rules.run({"a": mark + text, "b": mark + "\n"}, Ask())
+    without = rules.run({"a": text, "b": "\n"}, Ask())
     assert with_mark.lines == without.lines
     assert with_mark.findings == without.findings
     assert list(map(repr, with_mark.body)) == list(map(repr, without.body))
-    assert spoken.recognise(mark + text) == spoken.recognise(text)
+    assert rules.recognise(mark + text) == rules.recognise(text)
 
 
 @pytest.mark.parametrize("language", TEXTS)
-def test_utf_16_is_refused_in_one_line(tmp_path: Path, language: str) -> None:
+def test_a_program_in_utf_16_is_refused_in_one_line(tmp_path: Path, language: str) -> None:
     file = tmp_path / f"a.{SUFFIXES[language]}"
     file.write_bytes(TEXTS[language].encode("utf-16"))
     with pytest.raises(camgen.InputError, match="is UTF-16, which no controller reads") as error:

@@ -1,4 +1,4 @@
-"""Clamps that are drawn: read with the part, apart from it, and as high as the job says."""
+"""Drawn clamps are read besides the part, and have the height that the job gives them."""
 
 import math
 from pathlib import Path
@@ -18,13 +18,13 @@ from camgen.read import read
 from camgen.read.clamps import make_prism
 from camgen.read.files import Files
 
-#: A plate of lines, two sides of which clamps touch.
+#: A plate of lines. Clamps touch two of its sides.
 PLATE = [(0, 0), (60, 0), (60, 40), (0, 40)]
 #: A clamp inside the plate, with a side on the lower side of the plate.
 ON_SIDE = [(10, 0), (30, 0), (30, 8), (10, 8)]
-#: An L, of 10 x 20 and 8 x 6 mm.
+#: An L of two rectangles, 10 x 20 and 8 x 6 mm.
 ANGLE = [(70, 0), (80, 0), (80, 14), (88, 14), (88, 20), (70, 20)]
-#: Two triangles of 10 x 10 / 2 mm2 that meet in one point.
+#: Two triangles of 50 mm2 together, which meet in one point.
 EIGHT = [(100, 0), (110, 10), (110, 0), (100, 10)]
 
 
@@ -34,7 +34,10 @@ def make_job(layer: str = "CLAMPS", top: float = 9.0, bottom: float = 0.0, **tab
 
 
 def draw(folder: Path, *clamps: Any, unit: int = 4, layer: str = "Clamps") -> Path:
-    """The plate with a hole, and clamps: chains of points of closed lines, or (x, y, radius)."""
+    """A drawing of the plate with a hole, and of clamps.
+
+    clamps: the corners of a closed chain of lines, or x, y and radius of a circle.
+    """
     document = ezdxf.new("R2010")
     document.header["$INSUNITS"] = unit
     space = document.modelspace()
@@ -63,7 +66,7 @@ def list_shapes(part: Part) -> list[tuple[str, str, bool, list[list[float]]]]:
     return [(c.id, c.layer, c.closed, c.points.tolist()) for c in part.contours]
 
 
-def test_the_part_is_that_of_the_drawing_without_clamps(tmp_path: Path) -> None:
+def test_the_part_is_the_same_as_without_clamps(tmp_path: Path) -> None:
     alone = read(draw(tmp_path))
     part = read(draw(tmp_path, ON_SIDE, (58, 40, 6)), make_job())
     assert list_shapes(part) == list_shapes(alone)
@@ -81,8 +84,8 @@ def test_input_layers_need_not_name_the_clamps(tmp_path: Path) -> None:
         assert ([c.id for c in part.contours], len(part.clamps)) == (["c1"], 1)
 
 
-def test_clamps_have_unit_and_place_of_the_part(tmp_path: Path) -> None:
-    """The drawing is in inches. A corner of the plate is moved to the origin, not of the clamps."""
+def test_clamps_are_scaled_and_moved_with_the_part(tmp_path: Path) -> None:
+    """The drawing is in inches. A corner of the plate, not of a clamp, is moved to the origin."""
     drawing = draw(tmp_path, [(-4, -2), (1, -2), (1, 3), (-4, 3)], unit=1)
     part = read(drawing, make_job(input=InputTable(origin="lower-right")))
     (clamp,) = part.clamps
@@ -101,7 +104,9 @@ def test_clamps_have_unit_and_place_of_the_part(tmp_path: Path) -> None:
     ],
     ids=["angle", "circle", "crosses itself", "two", "with a screw hole"],
 )
-def test_outlines_become_prisms(tmp_path: Path, clamps: list[Any], area: float) -> None:
+def test_the_outline_of_a_clamp_becomes_a_prism(
+    tmp_path: Path, clamps: list[Any], area: float
+) -> None:
     part = read(draw(tmp_path, *clamps), make_job())
     solid = make_prism(DrawnFixture("clamps", 9.0, -2.5), part)
     mesh = make_mesh(solid)
@@ -134,7 +139,9 @@ def test_clamps_that_form_a_frame_leave_its_middle(tmp_path: Path) -> None:
     ],
     ids=["unknown layer", "no height", "open", "page"],
 )
-def test_what_is_refused(tmp_path: Path, clamp: Any, job: Job, message: str) -> None:
+def test_clamps_that_cannot_be_used_are_refused(
+    tmp_path: Path, clamp: Any, job: Job, message: str
+) -> None:
     drawing = draw(tmp_path, clamp)
     with pytest.raises((InputError, JobError)) as error:
         camgen.build(drawing, post="gcode", job=job)

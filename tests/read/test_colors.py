@@ -1,6 +1,4 @@
-"""The color of a contour is the one that is seen: of its entity, its layer, its block, or its style."""
-
-from __future__ import annotations
+"""A contour has the color that is visible, from its entity, layer, block or style."""
 
 import io
 from pathlib import Path
@@ -41,20 +39,20 @@ def _source(document: Any) -> Source:
 @pytest.mark.parametrize(
     ("attributes", "color"),
     [
-        ({}, "#ffffff"),  # BYLAYER on layer 0, whose color is 7
+        ({}, "#ffffff"),  # BYLAYER on layer 0, which has the color 7
         ({"color": 7}, "#ffffff"),
         ({"layer": "RED"}, "#ff0000"),
-        ({"layer": "red"}, "#ff0000"),  # CAD ignores case
+        ({"layer": "red"}, "#ff0000"),  # Names of layers ignore case.
         ({"layer": "SKY"}, "#87ceeb"),
         ({"layer": "NOT IN THE TABLE"}, "#ffffff"),
         ({"layer": "RED", "color": 5}, "#0000ff"),
         ({"layer": "RED", "color": 256}, "#ff0000"),
         ({"layer": "RED", "color": 30}, "#ff7f00"),
-        ({"layer": "RED", "color": 0}, "#ffffff"),  # BYBLOCK in no block
+        ({"layer": "RED", "color": 0}, "#ffffff"),  # BYBLOCK outside of a block
         ({"color": 5, "true_color": 0x102030}, "#102030"),
     ],
 )
-def test_an_entity_of_a_drawing_has_its_own_color_or_that_of_its_layer(
+def test_an_entity_of_a_drawing_has_its_color_or_that_of_its_layer(
     attributes: dict[str, Any], color: str
 ) -> None:
     document, space = new()
@@ -63,7 +61,7 @@ def test_an_entity_of_a_drawing_has_its_own_color_or_that_of_its_layer(
     assert [c.color for c in part_of(document).contours] == [color, color]
 
 
-def test_in_a_block_a_color_may_be_that_of_the_reference_or_of_its_layer() -> None:
+def test_an_entity_of_a_block_may_have_the_color_of_the_reference_or_of_its_layer() -> None:
     document, space = new()
     inner = document.blocks.new("INNER")
     inner.add_circle((0, 0), 1, dxfattribs={"color": 0})  # BYBLOCK
@@ -73,24 +71,23 @@ def test_in_a_block_a_color_may_be_that_of_the_reference_or_of_its_layer() -> No
     outer.add_blockref("INNER", (0, 0), dxfattribs={"color": 0})
     space.add_blockref("INNER", (0, 0), dxfattribs={"color": 6, "layer": "RED"})
     space.add_blockref("OUTER", (0, 20), dxfattribs={"true_color": 0x445566, "layer": "SKY"})
-    found = {
-        tuple(np.round(c.points.mean(axis=0)).tolist()): c.color for c in part_of(document).contours
-    }
-    assert found == {
+    contours = part_of(document).contours
+    centres = [tuple(np.round(contour.points.mean(axis=0)).tolist()) for contour in contours]
+    assert dict(zip(centres, [contour.color for contour in contours], strict=True)) == {
         **{(0, 0): "#ff00ff", (4, 0): "#ff0000", (8, 0): "#00ff00"},
         **{(0, 20): "#445566", (4, 20): "#87ceeb", (8, 20): "#00ff00"},
     }
 
 
-def test_pieces_of_one_color_meet_before_others() -> None:
-    """A red and a blue square share a corner: both are closed, though straight on would be into the other one."""
+def test_pieces_of_one_color_are_joined_first() -> None:
+    """A red and a blue square share a corner, at which the sides of both continue straight."""
     document, space = new()
     for color, sign in ((1, 1), (5, -1)):
         corners = [(0, 0), (10 * sign, 0), (10 * sign, 10 * sign), (0, 10 * sign)]
         for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
             space.add_line(a, b, dxfattribs={"color": color})
-    found = part_of(document).contours
-    assert sorted((c.color, c.closed, len(c.points)) for c in found) == [
+    contours = part_of(document).contours
+    assert sorted((c.color, c.closed, len(c.points)) for c in contours) == [
         ("#0000ff", True, 4),
         ("#ff0000", True, 4),
     ]
@@ -102,10 +99,10 @@ def test_a_contour_has_the_color_of_its_first_piece() -> None:
     space.add_line((10, 0), (10, 90), dxfattribs={"color": 5})
     part = part_of(document)
     assert [c.color for c in part.contours] == ["#ff0000"]
-    told = "joined: contours of more than one color: 1 (each has the color of its first piece)"
-    assert told not in map(str, part.notes)
+    note = "joined: contours of more than one color: 1 (each has the color of its first piece)"
+    assert note not in map(str, part.notes)
     chosen = from_mapping({"operations": [{"kind": "trace", "colors": ["red"]}]})
-    assert told in map(str, part_of(document, chosen).notes)
+    assert note in map(str, part_of(document, chosen).notes)
 
 
 @pytest.mark.parametrize(
@@ -121,10 +118,7 @@ def test_a_contour_has_the_color_of_its_first_piece() -> None:
         ('<rect width="9" height="9" fill="teal" stroke="lime" stroke-opacity="0"/>', "#008080"),
         ('<rect width="9" height="9" stroke="none"/>', "#000000"),
         ('<g color="orange"><path d="M0 0H9" stroke="currentColor"/></g>', "#ffa500"),
-        (
-            '<linearGradient id="shine"/><path d="M0 0H9" stroke="url(#shine)"/>',
-            "",
-        ),
+        ('<linearGradient id="shine"/><path d="M0 0H9" stroke="url(#shine)"/>', ""),
         ('<path d="M0 0H9" stroke="url(#shine) red"/>', "#ff0000"),
         ('<path d="M0 0H9" stroke="hsl(120, 100%, 25%)"/>', "#008000"),
         ('<path d="M0 0H9" stroke="reddish"/>', ""),
@@ -140,7 +134,7 @@ def test_a_shape_of_an_svg_has_the_color_of_its_stroke_or_its_fill(
     assert [c.color for c in read(file, Job()).contours] == [color]
 
 
-def test_colors_are_counted_where_there_are_several(tmp_path: Path) -> None:
+def test_inspect_counts_the_colors_if_there_are_several(tmp_path: Path) -> None:
     document, space = new()
     for k, color in enumerate((1, 1, 7)):
         space.add_circle((20 * k, 0), 5, dxfattribs={"color": color})
@@ -152,10 +146,10 @@ def test_colors_are_counted_where_there_are_several(tmp_path: Path) -> None:
     assert "colors" not in str(inspect(file))
 
 
-def test_what_has_many_colors_is_summed_up() -> None:
-    told = colors.count_colors([f"#0000{k:02x}" for k in range(20)])
-    assert told.count("#") == 12
-    assert told.endswith(" and 8 more")
+def test_twelve_colors_are_listed_and_the_rest_counted() -> None:
+    text = colors.count_colors([f"#0000{k:02x}" for k in range(20)])
+    assert text.count("#") == 12
+    assert text.endswith(" and 8 more")
 
 
 def test_a_contour_made_in_code_keeps_its_color() -> None:
@@ -163,29 +157,29 @@ def test_a_contour_made_in_code_keeps_its_color() -> None:
     assert [c.color for c in make_part([contour]).contours] == ["#ff0000"]
 
 
-def test_a_color_is_kept_on_a_page_and_by_what_thins_out_and_joins() -> None:
+def test_a_contour_keeps_its_color_on_a_page_and_when_it_is_simplified() -> None:
     lines = [[(0, 0), (10, 0), (20, 0.01), (30, 0)], [(30, 0), (30, 30)]]
-    made = [
-        Contour(np.array(p, dtype=float), np.zeros(len(p)), False, "0", color="#ff0000")
-        for p in lines
+    contours = [
+        Contour(np.array(points, dtype=float), np.zeros(len(points)), False, "0", color="#ff0000")
+        for points in lines
     ]
     tables = {
         "operation": {"kind": "trace"},
         "page": {"size": "A4"},
         "tolerance": {"simplify": 0.1},
     }
-    planned = camgen.plan(make_part(made), tables)
+    planned = camgen.plan(make_part(contours), tables)
     assert [c.color for c in planned.part.contours] == ["#ff0000", "#ff0000"]
     assert [len(c.points) for c in planned.part.contours] == [2, 2]
 
 
 @pytest.mark.parametrize("number", [0, 256, 1000])
-def test_a_number_that_is_no_color_is_none(number: int) -> None:
+def test_a_number_out_of_range_has_no_color(number: int) -> None:
     assert not colors.resolve_named(str(number))
 
 
-def test_the_table_of_css_is_whole() -> None:
-    """148 names; spot checks by the table of the standard."""
+def test_the_table_of_css_colors_is_complete() -> None:
+    """The standard has 148 names. Six of their colors are compared."""
     assert len(colors.CSS) == 148
     named = ("rebeccapurple", "darkseagreen", "gray", "grey", "papayawhip", "green")
     assert [colors.CSS[name] for name in named] == [

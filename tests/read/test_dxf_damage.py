@@ -1,4 +1,4 @@
-"""Damaged numbers of a DXF drawing: each is named with its place, and none is guessed."""
+"""Damaged numbers of a DXF drawing are named with their line and never guessed."""
 
 import re
 from pathlib import Path
@@ -54,7 +54,7 @@ def with_commas(text: str) -> str:
 
 
 @pytest.mark.parametrize("kind", ["auto", "trace"])
-def test_decimal_commas_throughout_are_read(kind: Any) -> None:
+def test_decimal_commas_in_a_whole_drawing_are_read(kind: Any) -> None:
     text = with_commas(written(plate()))
     assert "40,5" not in text
     assert "3,75" in text
@@ -69,7 +69,7 @@ def test_decimal_commas_throughout_are_read(kind: Any) -> None:
 
 
 def test_decimal_commas_of_a_section_are_read() -> None:
-    """The header has points, as where a program has a template for it."""
+    """The header has decimal points, as if a program copies it from a template."""
     head, name, rest = written(plate()).partition("ENTITIES")
     part = read(head + name + with_commas(rest))
     assert np.ptp(part.contours[0].points, axis=0).tolist() == [40.5, 20.25]
@@ -96,9 +96,11 @@ def test_a_comma_among_points_is_not_read() -> None:
 @pytest.mark.parametrize("group", [10, 20, 30, 40])
 @pytest.mark.parametrize(
     "value",
-    ["-1.#IND", "1.#INF", "nan", "inf", "1e999", "1D+3", "12.5mm", "0x1A", "1_000.5", "1,234.5",
-     "1 234.5", "1.2.3", "--5", "1e", "", "-", "."],
-)  # fmt: skip
+    [
+        *("-1.#IND", "1.#INF", "nan", "inf", "1e999", "1D+3", "12.5mm", "0x1A", "1_000.5"),
+        *("1,234.5", "1 234.5", "1.2.3", "--5", "1e", "", "-", "."),
+    ],
+)
 def test_a_circle_with_a_damaged_number_is_left_out(group: int, value: str) -> None:
     text, line, handle = spoil(written(plate()), "CIRCLE", group, value)
     part = read(text)
@@ -133,7 +135,7 @@ def test_a_damaged_integer_is_named(value: str) -> None:
     assert f"line {head + 3}: group 62 is '{value}', which is not a number" in note.why
 
 
-def test_a_vertex_takes_its_polyline_with_it() -> None:
+def test_a_polyline_with_a_damaged_vertex_is_left_out() -> None:
     document, space = new(version="R12")
     space.add_polyline2d([(0, 0), (40, 0), (40, 20)], close=True)
     space.add_circle((10, 10), 2)
@@ -174,7 +176,7 @@ def test_a_missing_group_is_not_replaced_by_a_default(entity: str, group: int) -
     assert f"group {group} is missing" in note.why
 
 
-def test_a_group_that_is_there_twice_is_not_chosen_from() -> None:
+def test_an_entity_with_a_repeated_group_is_left_out() -> None:
     text, line, handle = spoil(written(plate()), "CIRCLE", 40, "3.75")
     lines = text.splitlines()
     lines[line:line] = [" 40", "5.0"]
@@ -183,12 +185,12 @@ def test_a_group_that_is_there_twice_is_not_chosen_from() -> None:
     assert notes(part) == [f"skipped: CIRCLE #{handle} on layer 0 ({cause}; {SAVE})"]
 
 
-@pytest.mark.parametrize("lost", [0, 1])
-def test_a_lost_line_costs_its_entity(lost: int) -> None:
-    """Lost: the line of a group code, or that of a value."""
+@pytest.mark.parametrize("missing", [0, 1])
+def test_an_entity_with_a_missing_line_is_left_out(missing: int) -> None:
+    """The line of a group code is missing, or the line of its value."""
     text, line, handle = spoil(written(plate()), "CIRCLE", 40, "3.75")
     lines = text.splitlines()
-    del lines[line - 2 + lost]
+    del lines[line - 2 + missing]
     part = read("\n".join(lines) + "\n")
     assert [contour.closed for contour in part.contours] == [True]
     (note,) = part.notes
@@ -196,7 +198,7 @@ def test_a_lost_line_costs_its_entity(lost: int) -> None:
     assert re.match(r"line \d+: '.*' is out of step, a line before it is lost", note.why)
 
 
-def test_a_lost_line_of_the_header_is_refused() -> None:
+def test_a_header_with_a_missing_line_is_refused() -> None:
     lines = written(plate()).splitlines()
     del lines[lines.index("$INSUNITS") + 1]
     with pytest.raises(InputError, match=r"damaged beyond repair: line .* is out of step"):
@@ -237,8 +239,8 @@ def test_a_reference_without_its_block_is_named_after_a_repair() -> None:
     assert part.notes[1].why == "its block 'GONE' is missing"
 
 
-def test_what_the_tolerant_reader_removes_is_named() -> None:
-    """A handle that is not hexadecimal makes ezdxf read tolerantly, and remove the reference."""
+def test_entities_that_the_tolerant_reader_removes_are_named() -> None:
+    """If a handle is not hexadecimal, ezdxf reads tolerantly and removes the reference."""
     document = plate()
     document.modelspace().add_blockref("GONE", (0, 0))
     lines = written(document).splitlines()
@@ -248,7 +250,7 @@ def test_what_the_tolerant_reader_removes_is_named() -> None:
     assert any(note.startswith(f"skipped: INSERT #{insert} (Deleted entity") for note in listed)
 
 
-def test_a_cut_polyline_is_not_used_in_part(tmp_path: Path) -> None:
+def test_a_polyline_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
     file = tmp_path / "cut.dxf"
     with r12writer(file) as writer:
         writer.add_circle((5, 5), 2)
@@ -260,7 +262,7 @@ def test_a_cut_polyline_is_not_used_in_part(tmp_path: Path) -> None:
     assert "skipped: the file ends before its end mark (what would follow is lost)" in notes(part)
 
 
-def test_sound_text_is_left_alone() -> None:
+def test_a_sound_text_is_not_repaired() -> None:
     text = written(plate()).encode()
     assert repair("test.dxf", text) is None
     assert repair("test.dxf", text.replace(b"\n", b"\r\n")) is None

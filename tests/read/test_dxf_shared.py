@@ -1,4 +1,4 @@
-"""Every drawing of the shared data: the length of what is used is the measured one, or the refusal is a good one."""
+"""Each drawing of the shared data has the measured length, or is refused as expected."""
 
 import json
 import math
@@ -6,15 +6,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import pytest
 
 from camgen.model.errors import InputError
 from camgen.model.job import Job
-from camgen.model.part import Contour, Part
+from camgen.model.part import Part
 from camgen.read import dxf
 from camgen.read.files import Files
 from camgen.read.units import INSUNITS, MM
+from tests.read.test_dxf import length
 from tests.support.files import source
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
@@ -23,10 +23,11 @@ pytestmark = pytest.mark.skipif(
     not FILES, reason="the folder shared/data beside the repository is absent"
 )
 
-#: Nothing in them can be machined; the start of the reason.
+#: Drawings without curves for machining, with the start of the refusal.
 REFUSED = {
-    "invisible-lwpolylines-in-block.dxf": "nothing to machine",  # its only curve is invisible (group 60)
-    "tables.dxf": "nothing to machine",  # no entity in it
+    # The only curve is invisible (group 60).
+    "invisible-lwpolylines-in-block.dxf": "nothing to machine",
+    "tables.dxf": "nothing to machine",  # without entities
     "bin_dxf_r2000.dxf": "nothing to machine (1 TEXT",
     "circle_radius_le_0.dxf": "nothing to machine (dropped: 2 CIRCLE",  # radius 0 and -1
     "BlockClippedBasicTransform.dxf": "nothing to machine (6 INSERT",  # all clipped
@@ -36,28 +37,33 @@ REFUSED = {
     "cc_dxflib.dxf": "nothing to machine (3-D POLYLINE #B",  # not flat
     "cycloidal.dxf": "damaged beyond repair: missing 'AcDbSpline'",
 }
-#: Length of the duplicates in drawing units: first that of LINEs with equal ends, measured from the
-#: LINEs alone; then that of partial overlaps, by the union of all curves that shapely makes on a
-#: grid of 0.02 mm for the states, of 0.001 mm for the others.
+#: Length of the duplicates, in drawing units. The first summand is the length of LINEs with equal
+#: ends. The second one is the length of partial overlaps, from the union of all curves by shapely,
+#: on a grid of 0.02 mm for the states and 0.001 mm for the others.
 TWICE = {
     "5_us_states.dxf": 111.642412 + 4.965,
-    # Its closed contours have 166 of common edges, which stay with both.
+    # Common edges of closed contours, 166 long, stay in both contours.
     "wipeout_door.dxf": 432.0 + 1268.0 - 166.0,
     "uncommon.dxf": 10.0,
     "broken_pair.dxf": 0.25,
 }
-#: Lengths that the measurement lacks, in drawing units, each worked out from the numbers in the file.
+#: Lengths that the measurement lacks, in drawing units, calculated from the numbers in the file.
 MISSING = {
-    # A block whose six lines were measured, but neither its three quarter rounds of radius 1/4 nor the array of 14
-    # circles of radius 0.13 in it.
+    # Six lines of a block were measured, but not its three quarter circles of radius 1/4 and its
+    # array of 14 circles of radius 0.13.
     "arrayed-holes.dxf": 3 * math.pi / 8 + 14 * 2 * math.pi * 0.13,
-    # 2 of its 111 lines, 8 long each, share a handle with another and were dropped before the measurement.
+    # 2 of the 111 lines, each 8 long, share a handle with another line and were not measured.
     "duplicate_handles.dxf": 16.0,
 }
 
 
-class Look(NamedTuple):
-    """A drawing read and inspected; error: the refusal of reading it."""
+class ReadDrawing(NamedTuple):
+    """A drawing that was read and inspected.
+
+    part: the part, None if reading is refused.
+    error: message of the refusal, or empty.
+    counts: number of entities of each kind.
+    """
 
     part: Part | None
     error: str
@@ -65,8 +71,8 @@ class Look(NamedTuple):
 
 
 @cache
-def look(path: Path) -> Look:
-    """Loading takes most of the time: a drawing is loaded once for both."""
+def read_drawing(path: Path) -> ReadDrawing:
+    """Reads and inspects a drawing, which is loaded once: loading takes most of the time."""
     opened = source(path)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(dxf, "load_document", cache(dxf.load_document))
@@ -75,9 +81,9 @@ def look(path: Path) -> Look:
         except InputError:
             counts = {}
         try:
-            return Look(dxf.read(opened, Job(), Files()), "", counts)
+            return ReadDrawing(dxf.read(opened, Job(), Files()), "", counts)
         except InputError as error:
-            return Look(None, str(error), counts)
+            return ReadDrawing(None, str(error), counts)
 
 
 def truth() -> dict[str, Any]:
@@ -88,52 +94,51 @@ def truth() -> dict[str, Any]:
 TRUTH = truth()
 
 
-def length(contour: Contour) -> float:
-    chords = np.hypot(*(np.roll(contour.points, -1, axis=0) - contour.points).T)
-    sweeps = 4 * np.arctan(np.abs(contour.bulges))
-    lengths = chords / np.sinc(sweeps / (2 * math.pi))
-    return float(lengths.sum() if contour.closed else lengths[:-1].sum())
-
-
 def scale(entry: dict[str, Any]) -> float:
-    """mm per unit. The measured unit of a text without $INSUNITS is the default of the measuring program."""
+    """Size of a drawing unit, mm.
+
+    The raw unit counts for a text: the measuring program replaces a missing $INSUNITS by a default.
+    """
     code = entry["insunits"] if entry["binary"] else entry["insunits_raw"]
     return MM[INSUNITS.get(code or 0, "mm")]
 
 
-def test_all_drawings_are_there() -> None:
+def test_each_measured_drawing_is_in_the_shared_data() -> None:
     assert len(FILES) == sum(name.startswith("dxf/") for name in TRUTH) > 50
 
 
-@pytest.mark.parametrize("path", [p for p in FILES if p.name not in REFUSED], ids=lambda p: p.name)
-def test_length_is_the_measured_one(path: Path) -> None:
+@pytest.mark.parametrize(
+    "path", [file for file in FILES if file.name not in REFUSED], ids=lambda path: path.name
+)
+def test_the_length_of_a_drawing_is_the_measured_length(path: Path) -> None:
     entry = TRUTH[str(path.relative_to(DATA))]
-    part = look(path).part
+    part = read_drawing(path).part
     assert part is not None
-    expected = (
-        entry["visible_exact"] - TWICE.get(path.name, 0) + MISSING.get(path.name, 0)
-    ) * scale(entry)
-    assert sum(map(length, part.contours)) == pytest.approx(expected, rel=0.005)
-    assert all(str(n).isprintable() for n in part.notes)
+    units = entry["visible_exact"] - TWICE.get(path.name, 0) + MISSING.get(path.name, 0)
+    assert sum(map(length, part.contours)) == pytest.approx(units * scale(entry), rel=0.005)
+    assert all(str(note).isprintable() for note in part.notes)
 
 
-@pytest.mark.parametrize("path", [p for p in FILES if p.name in REFUSED], ids=lambda p: p.name)
-def test_refused_in_one_line(path: Path) -> None:
-    error = look(path).error
+@pytest.mark.parametrize(
+    "path", [file for file in FILES if file.name in REFUSED], ids=lambda path: path.name
+)
+def test_a_drawing_without_curves_is_refused_in_one_line(path: Path) -> None:
+    error = read_drawing(path).error
     assert error.startswith(f"{path.name}: {REFUSED[path.name]}")
     assert error.isprintable()
 
 
-#: No reading at all, or measured with clipped references expanded, which are not used (see REFUSED).
+#: Drawings that cannot be loaded, or that were measured with their clipped references, which
+#: camgen does not use (see `REFUSED`).
 NOT_COUNTED = {"cycloidal.dxf", "BlockClippedBasicTransform.dxf", "TransformedBlockClipped.dxf"}
 
 
 @pytest.mark.parametrize(
-    "path", [p for p in FILES if p.name not in NOT_COUNTED], ids=lambda p: p.name
+    "path", [file for file in FILES if file.name not in NOT_COUNTED], ids=lambda path: path.name
 )
-def test_inspect_counts_at_least_what_was_measured(path: Path) -> None:
-    """At least: the measurement leaves out what is damaged and what it cannot expand."""
-    counts = look(path).counts
+def test_inspect_counts_at_least_the_measured_entities(path: Path) -> None:
+    """The measurement leaves out damaged entities and references that it cannot expand."""
+    counts = read_drawing(path).counts
     measured = TRUTH[str(path.relative_to(DATA))].get("curves", {})
     assert all(counts.get(kind, 0) >= count for kind, count in measured.items())
 
@@ -148,8 +153,8 @@ def test_inspect_counts_at_least_what_was_measured(path: Path) -> None:
         ("redox_rev1-brd.dxf", 41),
     ],
 )
-def test_loops(name: str, loops: int) -> None:
-    path = next(p for p in FILES if p.name == name)
-    part = look(path).part
+def test_all_contours_of_a_drawing_of_loops_are_closed(name: str, loops: int) -> None:
+    path = next(file for file in FILES if file.name == name)
+    part = read_drawing(path).part
     assert part is not None
     assert [c.closed for c in part.contours] == [True] * loops

@@ -1,4 +1,4 @@
-"""The example reader of docs/writing-a-reader.md: the page shows it as it is, and it works as an installed package."""
+"""The example reader is shown in docs/writing-a-reader.md and works as an installed package."""
 
 import re
 from pathlib import Path
@@ -18,7 +18,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return install(EXAMPLE, tmp_path_factory.mktemp("example"))
 
 
-def test_the_page_shows_the_package_as_it_is() -> None:
+def test_the_page_shows_the_files_of_the_package() -> None:
     text = (DOCS / "writing-a-reader.md").read_text()
     blocks = dict(re.findall(r'```\w+ title="(.+?)"\n(.*?)```', text, re.S))
     assert blocks == {
@@ -26,7 +26,7 @@ def test_the_page_shows_the_package_as_it_is() -> None:
     }
 
 
-def test_it_is_as_short_as_promised() -> None:
+def test_the_example_has_fewer_than_80_lines() -> None:
     assert len((EXAMPLE / "point_lists.py").read_text().splitlines()) < 80
 
 
@@ -40,21 +40,26 @@ def test_the_installed_reader_builds_a_program(site: Path, tmp_path: Path) -> No
     assert np.ptp(xs) == pytest.approx(80, abs=10)
 
 
-def test_it_is_asked_for_standard_input_by_name_and_by_suffix(site: Path, tmp_path: Path) -> None:
-    said = []
+def test_the_reader_is_chosen_for_standard_input_by_name_and_by_suffix(
+    site: Path, tmp_path: Path
+) -> None:
+    pages = []
     for name in ("points", "xy"):
-        done = run(
-            site, "-m", "camgen", "inspect", "-", "--format", name, data=SLOT, folder=tmp_path
-        )
+        words = ["-m", "camgen", "inspect", "-", "--format", name]
+        done = run(site, *words, data=SLOT, folder=tmp_path)
         assert done.returncode == 0, done.stderr
-        said.append(done.stdout.splitlines())
-    assert said[0] == said[1]
-    assert said[0][:3] == ["list of points, units mm", "c1: 4 points, closed", "c2: 2 points, open"]
+        pages.append(done.stdout.splitlines())
+    assert pages[0] == pages[1]
+    assert pages[0][:3] == [
+        "list of points, units mm",
+        "c1: 4 points, closed",
+        "c2: 2 points, open",
+    ]
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("1,2\n3,4\nx,5\n", "bad.xy: 'x,5' is no point (line 3)"),
         ("1,2\n3\n", "bad.xy: '3' is no point (line 2)"),
@@ -63,9 +68,9 @@ def test_it_is_asked_for_standard_input_by_name_and_by_suffix(site: Path, tmp_pa
         ("# nothing\n", "bad.xy: nothing to machine; give two or more lines x,y"),
     ],
 )
-def test_what_is_no_list_is_refused_in_one_line(
-    site: Path, tmp_path: Path, text: str, says: str
+def test_an_invalid_list_is_refused_in_one_line(
+    site: Path, tmp_path: Path, text: str, message: str
 ) -> None:
     (tmp_path / "bad.xy").write_text(text)
     done = run(site, "-m", "camgen", "build", "bad.xy", "--post", "gcode", folder=tmp_path)
-    assert (done.returncode, done.stderr) == (2, f"camgen: error: {says}\n")
+    assert (done.returncode, done.stderr) == (2, f"camgen: error: {message}\n")

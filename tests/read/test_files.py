@@ -1,4 +1,4 @@
-"""The door for input files: what is none, and that every build opens each of its files once."""
+"""Input files are opened through `Files`: each one once in a build, or refused with its reason."""
 
 import io
 import os
@@ -25,11 +25,11 @@ PARTS, ROBOTS = FIXTURES / "parts", FIXTURES / "robots"
 
 
 @pytest.fixture(autouse=True)
-def _there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_file_is_opened_once_whatever_it_is_called(tmp_path: Path) -> None:
+def test_a_file_with_two_names_is_opened_once(tmp_path: Path) -> None:
     Path("a.nc").write_bytes(b"first")
     Path("b.nc").symlink_to("a.nc")
     files = Files()
@@ -40,7 +40,7 @@ def test_a_file_is_opened_once_whatever_it_is_called(tmp_path: Path) -> None:
     assert Files().read("a.nc").data == b"second"
 
 
-def test_what_was_read_is_let_go_of_but_not_its_name() -> None:
+def test_released_files_are_read_again_and_keep_their_names() -> None:
     Path("a.nc").write_bytes(b"first")
     files = Files()
     assert files.read("a.nc").data == b"first"
@@ -50,7 +50,7 @@ def test_what_was_read_is_let_go_of_but_not_its_name() -> None:
     assert files.read("a.nc").data == b"second"
 
 
-def test_what_is_given_is_not_opened() -> None:
+def test_a_given_source_is_not_opened() -> None:
     files = Files([Source(Path("stdin.dxf"), b"0\nSECTION\n")])
     assert files.read("stdin.dxf").data == b"0\nSECTION\n"
 
@@ -62,7 +62,7 @@ def test_a_source_is_named_as_the_user_has_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "message"),
     [
         ("plat.dxf", "plat.dxf: no such file; nearest is plate.dxf"),
         ("none/plate.dxf", "none/plate.dxf: no such file; its folder does not exist"),
@@ -73,65 +73,71 @@ def test_a_source_is_named_as_the_user_has_it() -> None:
         ("loop", "loop: cannot be read: "),
     ],
 )
-def test_what_cannot_be_opened_is_told(name: str, says: str) -> None:
+def test_a_file_that_cannot_be_opened_is_refused_with_its_reason(name: str, message: str) -> None:
     Path("plate.dxf").touch()
     Path("folder").mkdir()
     os.mkfifo("pipe")
     Path("loop").symlink_to("loop")
-    for door in (Files().read, read, inspect):
+    for read_file in (Files().read, read, inspect):
         with pytest.raises(InputError) as caught:
-            door(name)
-        assert str(caught.value).startswith(says)
+            read_file(name)
+        assert str(caught.value).startswith(message)
 
 
-# Every file of a build is opened once. Opening is seen by Python's audit hooks, also that of os.open and of pathlib.
+# -- each file of a build is opened once
 
 
-class Watch:
-    """Counts the files below ``folder`` that are opened to be read; "": none is counted."""
+class OpenedFiles:
+    """Counts the files in a folder that are opened for reading.
+
+    folder: path of the folder with a separator at its end. Nothing is counted if it is empty.
+    counts: number of times that each file was opened.
+    """
 
     folder = ""
     counts: ClassVar[Counter[str]] = Counter()
 
 
-def _see(event: str, arguments: tuple[object, ...]) -> None:
-    if event != "open" or not Watch.folder:
+def _count_opened(event: str, arguments: tuple[object, ...]) -> None:
+    """A hook for audits of Python, which report `open`, `os.open` and `pathlib`."""
+    if event != "open" or not OpenedFiles.folder:
         return
     path, _, flags = arguments
     if not isinstance(path, (str, bytes, os.PathLike)) or not isinstance(flags, int):
         return
     name = os.path.realpath(os.fsdecode(path))
-    # ezdxf looks for settings of its own here, which are not there.
-    is_there = name.startswith(Watch.folder) and os.path.isfile(name)
-    if is_there and not flags & (os.O_WRONLY | os.O_RDWR):
-        Watch.counts[name.removeprefix(Watch.folder)] += 1
+    # ezdxf tries to open its settings in this folder, which do not exist.
+    is_in_folder = name.startswith(OpenedFiles.folder) and os.path.isfile(name)
+    if is_in_folder and not flags & (os.O_WRONLY | os.O_RDWR):
+        OpenedFiles.counts[name.removeprefix(OpenedFiles.folder)] += 1
 
 
-# A hook stays to the end of the process.
-sys.addaudithook(_see)
+# A hook cannot be removed: it stays until the process ends.
+sys.addaudithook(_count_opened)
 
 
 def opened(*words: str) -> dict[str, int]:
-    Watch.folder, Watch.counts = os.path.realpath(".") + os.sep, Counter()
+    OpenedFiles.folder, OpenedFiles.counts = os.path.realpath(".") + os.sep, Counter()
     try:
         assert main([*words, "-q"]) == 0
     finally:
-        Watch.folder = ""
-    return dict(Watch.counts)
+        OpenedFiles.folder = ""
+    return dict(OpenedFiles.counts)
 
 
-def put(*paths: Path) -> list[str]:
+def copy_here(*paths: Path) -> list[str]:
+    """Copies files into the working directory, and returns their names."""
     for path in paths:
         Path(path.name).write_bytes(path.read_bytes())
     return [path.name for path in paths]
 
 
 def test_drawings_and_their_job_are_opened_once() -> None:
-    names = put(PARTS / "bracket.dxf", PARTS / "blocks.dxf", PARTS / "logo.svg")
+    names = copy_here(PARTS / "bracket.dxf", PARTS / "blocks.dxf", PARTS / "logo.svg")
     Path("bracket.toml").write_text('[cell]\nfile = "cell.toml"\n')
     Path("cell.toml").write_text("[cell]\nbase_from_work = [400, 0, 0, 0, 0, 0]\n")
-    found = opened("build", *names, "--post", "gcode", "-o", ".")
-    assert found == dict.fromkeys([*names, "bracket.toml", "cell.toml"], 1)
+    counts = opened("build", *names, "--post", "gcode", "-o", ".")
+    assert counts == dict.fromkeys([*names, "bracket.toml", "cell.toml"], 1)
 
 
 def test_old_programs_are_opened_once() -> None:
@@ -149,10 +155,12 @@ def test_a_photo_its_camera_and_its_background_are_opened_once() -> None:
     matrix, lens = [900.0, 0, 250, 0, 900, 200, 0, 0, 1], [0.0] * 5
     Path("camera.yaml").write_text(
         "image_width: 500\nimage_height: 400\ndistortion_model: plumb_bob\n"
-        f"camera_matrix:\n  {rows.format(3, 3, matrix)}distortion_coefficients:\n  {rows.format(1, 5, lens)}"
+        f"camera_matrix:\n  {rows.format(3, 3, matrix)}"
+        f"distortion_coefficients:\n  {rows.format(1, 5, lens)}"
     )
     Path("part.toml").write_text(
-        '[camera]\nfile = "camera.yaml"\nplane_from = [0, 0, 450, 180, 0, 0]\n[image]\nbackground = "empty.png"\n'
+        '[camera]\nfile = "camera.yaml"\nplane_from = [0, 0, 450, 180, 0, 0]\n'
+        '[image]\nbackground = "empty.png"\n'
     )
     once = dict.fromkeys(["part.png", "part.toml", "camera.yaml", "empty.png"], 1)
     assert opened("build", "part.png", "--post", "gcode") == once
@@ -160,14 +168,15 @@ def test_a_photo_its_camera_and_its_background_are_opened_once() -> None:
 
 
 def test_an_arm_its_meshes_and_fixtures_that_are_meshes_are_opened_once() -> None:
-    put(PARTS / "bracket.dxf", ROBOTS / "six.urdf")
+    copy_here(PARTS / "bracket.dxf", ROBOTS / "six.urdf")
     meshes = Path("six_description/meshes")
     meshes.mkdir(parents=True)
-    for one in (ROBOTS / meshes).iterdir():
-        (meshes / one.name).write_bytes(one.read_bytes())
+    for mesh in (ROBOTS / meshes).iterdir():
+        (meshes / mesh.name).write_bytes(mesh.read_bytes())
     trimesh.creation.box((20, 20, 20)).apply_translation((200, 300, 0)).export("clamp.stl")
     Path("bracket.toml").write_text(
-        '[cell]\nrobot = "six.urdf"\nfixtures = ["clamp.stl"]\nbase_from_work = [300, -60, -50, 0, 0, 0]\n'
+        '[cell]\nrobot = "six.urdf"\nfixtures = ["clamp.stl"]\n'
+        "base_from_work = [300, -60, -50, 0, 0, 0]\n"
         "flange_from_tool = [0, 0, 100, 0, 0, 0]\nhome = [0, -100, 0, 0, 30, 0]\n"
     )
     named = [str(meshes / name) for name in ("turn.stl", "upper.stl")]
@@ -179,27 +188,26 @@ def test_an_arm_its_meshes_and_fixtures_that_are_meshes_are_opened_once() -> Non
 def test_a_part_in_space_is_opened_once(name: str) -> None:
     if name.endswith(".step"):
         pytest.importorskip("OCP", reason="the extra step is not installed")
-    put(PARTS / name)
+    copy_here(PARTS / name)
     assert opened("inspect", name) == {name: 1}
     assert opened("init", name) == {name: 1}
 
 
 def test_a_model_and_its_scan_are_opened_once() -> None:
-    put(PARTS / "rfa1.stl")
+    copy_here(PARTS / "rfa1.stl")
     np.savetxt("scan.xyz", scan(trimesh.load_mesh("rfa1.stl"), 3000, 1), fmt="%.4f")
-    found = opened("localize", "rfa1.stl", "scan.xyz", "-o", "frame.toml", "--start", "0,0,0,0,0,0")
-    assert found == {"rfa1.stl": 1, "scan.xyz": 1}
+    words = ["-o", "frame.toml", "--start", "0,0,0,0,0,0"]
+    assert opened("localize", "rfa1.stl", "scan.xyz", *words) == {"rfa1.stl": 1, "scan.xyz": 1}
 
 
 def test_verify_opens_program_and_plan_once() -> None:
-    put(PARTS / "bracket.dxf")
+    copy_here(PARTS / "bracket.dxf")
     opened("build", "bracket.dxf", "--post", "gcode", "--plan", "plan.json")
-    assert opened("verify", "bracket.ngc", "--post", "gcode", "--plan", "plan.json") == {
-        "bracket.ngc": 1, "plan.json": 1
-    }  # fmt: skip
+    counts = opened("verify", "bracket.ngc", "--post", "gcode", "--plan", "plan.json")
+    assert counts == {"bracket.ngc": 1, "plan.json": 1}
 
 
-def test_a_limit_beyond_the_memory_allocates_no_more_than_the_file(tmp_path: Path) -> None:
+def test_a_limit_above_the_memory_allocates_no_more_than_the_file(tmp_path: Path) -> None:
     """Python allocates as many bytes as a read may return."""
     (tmp_path / "small.txt").write_bytes(b"abc")
     files = Files(limits=Limits(file_bytes=1e18))

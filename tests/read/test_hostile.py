@@ -1,4 +1,7 @@
-"""Inputs that are made to break what reads them: one line, exit code 2, nothing written, no memory, few calls."""
+"""Inputs that are made to break a reader are refused.
+
+A refusal prints one line and exits with 2. It writes nothing and takes little memory and few calls.
+"""
 
 import json
 import os
@@ -29,30 +32,31 @@ CIRCLE = "0\nCIRCLE\n8\n0\n10\n50\n20\n25\n40\n10\n"
 LINE = "0\nLINE\n8\n0\n10\n0\n20\n0\n11\n1\n21\n1\n"
 TEXT = "0\nTEXT\n8\n0\n10\n0\n20\n0\n40\n1\n1\nx\n"
 STEP = Path(__file__).parents[2] / "fixtures" / "parts"
-#: Calls before a refusal: a hundred for each of the 100,000 elements that references of an SVG
-#: drawing may expand to. They are counted while they are made.
+#: Maximum number of calls before a refusal: a hundred for each of the 100,000 elements to which the
+#: references of an SVG drawing may expand. Elements are counted while they are made.
 MOST_CALLS = 10_000_000
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory of a test, with a drawing `plate.dxf`."""
     (tmp_path / "plate.dxf").write_text(ENTITIES + CIRCLE + END)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def refused(words: list[str], here: Path, capsys: Captured) -> str:
-    """The one line that a command is refused with, after few calls; nothing is written."""
-    before = sorted(here.rglob("*"))
+def run_refused(words: list[str], folder: Path, capsys: Captured) -> str:
+    """The message of a command that must be refused after few calls, with nothing written."""
+    before = sorted(folder.rglob("*"))
     codes = []
     assert count_calls(lambda: codes.append(main(words))) < MOST_CALLS
     assert codes == [2]
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("camgen: error: ")
-    assert said.err.count("\n") == 1
-    assert sorted(here.rglob("*")) == before
-    return said.err.removeprefix("camgen: error: ")
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("camgen: error: ")
+    assert printed.err.count("\n") == 1
+    assert sorted(folder.rglob("*")) == before
+    return printed.err.removeprefix("camgen: error: ")
 
 
 def block(name: str, body: str) -> str:
@@ -68,10 +72,12 @@ def drawing(blocks: str, entities: str) -> str:
 
 
 def nested(levels: int, each: int, inmost: str = LINE) -> str:
-    inner = (
-        block(f"b{k}", "".join(insert(f"b{k + 1}", i) for i in range(each))) for k in range(levels)
-    )
-    return drawing("".join(inner) + block(f"b{levels}", inmost), insert("b0"))
+    """A drawing whose blocks insert each other `levels` deep, `each` times on a level."""
+    blocks = []
+    for k in range(levels):
+        inserts = "".join(insert(f"b{k + 1}", i) for i in range(each))
+        blocks.append(block(f"b{k}", inserts))
+    return drawing("".join(blocks) + block(f"b{levels}", inmost), insert("b0"))
 
 
 def array(columns: int, rows: int, body: str = LINE) -> str:
@@ -115,15 +121,15 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_file_is_refused(name: str, here: Path, capsys: Captured) -> None:
-    text, says = HOSTILE[name]
-    (here / name).write_text(text)
-    assert says in refused(["build", name, "--post", "rapid"], here, capsys)
+def test_a_hostile_file_is_refused(name: str, folder: Path, capsys: Captured) -> None:
+    text, message = HOSTILE[name]
+    (folder / name).write_text(text)
+    assert message in run_refused(["build", name, "--post", "rapid"], folder, capsys)
 
 
-def test_nested_blocks_within_the_limits_are_read(here: Path) -> None:
-    (here / "nested.dxf").write_text(nested(3, 10))
-    (here / "deep.dxf").write_text(nested(60, 1))
+def test_nested_blocks_within_the_limits_are_read(folder: Path) -> None:
+    (folder / "nested.dxf").write_text(nested(3, 10))
+    (folder / "deep.dxf").write_text(nested(60, 1))
     for name in ("nested.dxf", "deep.dxf"):
         assert main(["inspect", name]) == 0
 
@@ -142,29 +148,32 @@ SETTINGS = {
 
 
 @pytest.mark.parametrize("setting", SETTINGS, ids=lambda text: text[:30])
-def test_a_hostile_setting_is_refused(setting: str, here: Path, capsys: Captured) -> None:
-    said = refused(["build", "plate.dxf", "--post", "gcode", "--set", setting], here, capsys)
-    assert SETTINGS[setting] in said
-    assert len(said) < 400
+def test_a_hostile_setting_is_refused(setting: str, folder: Path, capsys: Captured) -> None:
+    words = ["build", "plate.dxf", "--post", "gcode", "--set", setting]
+    message = run_refused(words, folder, capsys)
+    assert SETTINGS[setting] in message
+    assert len(message) < 400
 
 
-def test_a_number_of_5000_digits_in_a_job_file(here: Path, capsys: Captured) -> None:
-    (here / "plate.toml").write_text(f"[tour]\nseed = {DIGITS}\n")
-    assert "plate.toml: holds a number of too many digits" in refused(
-        ["build", "plate.dxf", "--post", "gcode"], here, capsys
+def test_a_number_of_5000_digits_in_a_job_file_is_refused(folder: Path, capsys: Captured) -> None:
+    (folder / "plate.toml").write_text(f"[tour]\nseed = {DIGITS}\n")
+    assert "plate.toml: holds a number of too many digits" in run_refused(
+        ["build", "plate.dxf", "--post", "gcode"], folder, capsys
     )
 
 
 @pytest.mark.parametrize("kind", ["[[1, 2]]", "{a = 1}", "3", "true"])
-def test_a_kind_of_another_type(kind: str, here: Path, capsys: Captured) -> None:
-    (here / "a.dxf").write_text(
+def test_a_kind_of_operation_that_is_not_a_text_is_refused(
+    kind: str, folder: Path, capsys: Captured
+) -> None:
+    (folder / "a.dxf").write_text(
         "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n10\n5\n20\n5\n40\n3\n0\nENDSEC\n0\nEOF\n"
     )
-    (here / "a.toml").write_text(f"[operation]\nkind = {kind}\n")
-    assert "kind" in refused(["build", "a.dxf", "--post", "gcode"], here, capsys)
+    (folder / "a.toml").write_text(f"[operation]\nkind = {kind}\n")
+    assert "kind" in run_refused(["build", "a.dxf", "--post", "gcode"], folder, capsys)
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("folder")
 def test_a_seed_may_be_large() -> None:
     assert main(["build", "plate.dxf", "--post", "gcode", "--set", "tour.seed=4000000000"]) == 0
 
@@ -181,52 +190,56 @@ def test_a_seed_may_be_large() -> None:
         ("[[1.0", "[[1e308"),
     ],
 )
-def test_a_plan_beyond_all_measure(old: str, new: str, here: Path, capsys: Captured) -> None:
+def test_a_plan_with_numbers_out_of_range_is_refused(
+    old: str, new: str, folder: Path, capsys: Captured
+) -> None:
     words = ["build", "plate.dxf", "--post", "gcode", "-o", "p.ngc", "--plan", "p.json", "-q"]
     assert main(words) == 0
-    plan = (here / "p.json").read_text()
+    plan = (folder / "p.json").read_text()
     assert old in plan
-    (here / "p.json").write_text(plan.replace(old, new))
-    said = refused(["verify", "p.ngc", "--post", "gcode", "--plan", "p.json"], here, capsys)
-    assert said.startswith("p.json: is not a plan: ")
+    (folder / "p.json").write_text(plan.replace(old, new))
+    message = run_refused(
+        ["verify", "p.ngc", "--post", "gcode", "--plan", "p.json"], folder, capsys
+    )
+    assert message.startswith("p.json: is not a plan: ")
 
 
-#: What Python takes for a digit, a space or the end of a line beyond ASCII, and what it does not.
-ODD = [0x80, 0x85, 0xA0, 0xAA, 0xB2, 0xB3, 0xB9, 0xBC, 0xDF, 0xFF]
+#: Bytes above ASCII. Python reads some of them as a digit, a space or the end of a line.
+HIGH_BYTES = [0x80, 0x85, 0xA0, 0xAA, 0xB2, 0xB3, 0xB9, 0xBC, 0xDF, 0xFF]
 
 
 @pytest.mark.parametrize("post", ["gcode", "grbl"])
 @pytest.mark.parametrize(
     "line", ["G1 X# F100", "N# G1 X1", "T# M6", "G#", "O# sub", "##=1", "G1 X1 #"]
 )
-def test_bytes_beyond_ascii_in_a_program(
-    post: str, line: str, here: Path, capsys: Captured
+def test_a_byte_beyond_ascii_in_a_program_is_refused(
+    post: str, line: str, folder: Path, capsys: Captured
 ) -> None:
-    for byte in ODD:
+    for byte in HIGH_BYTES:
         text = f"G21 G90\nG1 X9 F100\n{line}\nM2\n".encode().replace(b"#", bytes([byte]))
-        (here / "p.ngc").write_bytes(text)
+        (folder / "p.ngc").write_bytes(text)
         assert main(["verify", "p.ngc", "--post", post]) == 2, (post, line, hex(byte))
         assert capsys.readouterr().err.startswith("camgen: error: p.ngc: ")
 
 
-def test_a_name_that_is_no_text_in_a_batch(here: Path, capsys: Captured) -> None:
+def test_a_batch_reports_a_file_whose_name_is_not_text(folder: Path, capsys: Captured) -> None:
     name = os.fsdecode(b"p\xff.dxf")
     try:
-        (here / name).write_text(ENTITIES + CIRCLE + END)
+        (folder / name).write_text(ENTITIES + CIRCLE + END)
     except OSError:
         pytest.skip("this file system takes UTF-8 names only")
     assert main(["batch", "*.dxf", "--post", "gcode", "-o", "out", "--report", "report.json"]) == 2
-    said = capsys.readouterr()
-    assert "failed    p .dxf: its name is not UTF-8 text; rename it\n" in said.err
-    assert [
-        part["exit_code"] for part in json.loads((here / "report.json").read_text())["parts"]
-    ] == [0, 2]
-    assert (here / "out" / "plate.ngc").exists()
+    printed = capsys.readouterr()
+    assert "failed    p .dxf: its name is not UTF-8 text; rename it\n" in printed.err
+    report = json.loads((folder / "report.json").read_text())
+    assert [part["exit_code"] for part in report["parts"]] == [0, 2]
+    assert (folder / "out" / "plate.ngc").exists()
 
 
 # -- devices and pipes
 
-NO_FILES = {
+#: Commands by the use of the file `#`, which is replaced by a device or a pipe.
+COMMANDS = {
     "input": ["build", "#", "--post", "gcode"],
     "job": ["build", "plate.dxf", "--post", "gcode", "--job", "#"],
     "cell": ["build", "plate.dxf", "--post", "gcode", "--set", "cell.file=#"],
@@ -243,24 +256,30 @@ NO_FILES = {
 
 
 @pytest.mark.parametrize("kind", ["device", "pipe"])
-@pytest.mark.parametrize("what", NO_FILES)
-def test_what_has_no_end_is_no_input(what: str, kind: str, here: Path, capsys: Captured) -> None:
+@pytest.mark.parametrize("use", COMMANDS)
+def test_a_device_or_a_pipe_is_refused_as_input(
+    use: str, kind: str, folder: Path, capsys: Captured
+) -> None:
     corners = "".join(f"vertex {x} {y} 0\n" for x, y in ((0, 0), (9, 0), (0, 9)))
     facet = f"facet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\n"
-    (here / "cube.stl").write_text(f"solid m\n{facet}endsolid m\n")
+    (folder / "cube.stl").write_text(f"solid m\n{facet}endsolid m\n")
     for name in ("odd", "odd.urdf", "odd.py"):
         if kind == "pipe":
-            os.mkfifo(here / name)
+            os.mkfifo(folder / name)
         else:
-            (here / name).symlink_to("/dev/zero")
-    said = refused([word.replace("#", "odd") for word in NO_FILES[what]], here, capsys)
-    assert "is not a regular file" in said or "is not a file" in said or "no such file" in said
+            (folder / name).symlink_to("/dev/zero")
+    words = [word.replace("#", "odd") for word in COMMANDS[use]]
+    message = run_refused(words, folder, capsys)
+    reasons = ("is not a regular file", "is not a file", "no such file")
+    assert any(reason in message for reason in reasons)
 
 
-def test_the_state_of_a_batch_is_a_file(here: Path, capsys: Captured) -> None:
-    os.mkfifo(here / "camgen-batch.jsonl")
-    assert "camgen-batch.jsonl: is not a regular file" in refused(
-        ["batch", "plate.dxf", "--post", "gcode"], here, capsys
+def test_a_pipe_in_the_place_of_the_state_of_a_batch_is_refused(
+    folder: Path, capsys: Captured
+) -> None:
+    os.mkfifo(folder / "camgen-batch.jsonl")
+    assert "camgen-batch.jsonl: is not a regular file" in run_refused(
+        ["batch", "plate.dxf", "--post", "gcode"], folder, capsys
     )
 
 
@@ -268,43 +287,47 @@ def test_the_state_of_a_batch_is_a_file(here: Path, capsys: Captured) -> None:
 
 
 def png(side: int, bits: int, colour: int) -> bytes:
-    """The head of a PNG and no more: its size is told before anything is decoded."""
+    """The head of a square PNG alone. It states the size, which is read before any pixel.
+
+    side: pixels along a side
+    bits: bits of each channel
+    colour: kind of colour as PNG counts it, 0 for grey and 6 for RGB with alpha
+    """
 
     def chunk(name: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-        )
+        checksum = struct.pack(">I", zlib.crc32(name + data))
+        return struct.pack(">I", len(data)) + name + data + checksum
 
     head = struct.pack(">IIBBBBB", side, side, bits, colour, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
 
 
-def test_a_picture_is_bounded_by_its_bytes(here: Path, capsys: Captured) -> None:
-    (here / "deep.png").write_bytes(png(14_000, 16, 6))
-    (here / "wide.png").write_bytes(png(15_000, 8, 0))
+def test_a_picture_of_too_many_bytes_or_pixels_is_refused(folder: Path, capsys: Captured) -> None:
+    (folder / "deep.png").write_bytes(png(14_000, 16, 6))
+    (folder / "wide.png").write_bytes(png(15_000, 8, 0))
     words = ["--post", "gcode", "--set", "image.mm_per_px=0.1"]
-    said = refused(["build", "deep.png", *words], here, capsys)
-    assert "deep.png: its pixels take 1,568,000,000 bytes, more than 600,000,000" in said
-    said = refused(["build", "wide.png", *words], here, capsys)
-    assert "wide.png: has 15000 x 15000 pixels, more than 200,000,000" in said
+    message = run_refused(["build", "deep.png", *words], folder, capsys)
+    assert "deep.png: its pixels take 1,568,000,000 bytes, more than 600,000,000" in message
+    message = run_refused(["build", "wide.png", *words], folder, capsys)
+    assert "wide.png: has 15000 x 15000 pixels, more than 200,000,000" in message
 
 
-def test_an_accessor_with_nothing_behind_it(here: Path) -> None:
+def test_an_accessor_of_more_elements_than_the_file_can_hold_is_refused(folder: Path) -> None:
     accessors = [{"componentType": 5126, "count": 2_000_000_000, "type": "VEC3"}]
     text = json.dumps({"asset": {"version": "2.0"}, "accessors": accessors}).encode()
     text += b" " * (-len(text) % 4)
     head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON")
-    (here / "a.glb").write_bytes(head + text)
+    (folder / "a.glb").write_bytes(head + text)
     with pytest.raises(InputError, match="an accessor of 2,000,000,000 elements in a file of"):
-        mesh_file.read_mesh(source(here / "a.glb"))
+        mesh_file.read_mesh(source(folder / "a.glb"))
 
 
-def test_of_a_3mf_the_model_alone_is_unpacked(here: Path) -> None:
-    with zipfile.ZipFile(here / "a.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
+def test_the_model_of_a_3mf_is_unpacked_and_nothing_else(folder: Path) -> None:
+    with zipfile.ZipFile(folder / "a.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("3D/3dmodel.model", "<model/>")
         archive.writestr("Metadata/plate.png", bytes(10_000_000))
     with pytest.raises(InputError, match=r"a\.3mf: has no faces"):
-        mesh_file.read_mesh(replace(source(here / "a.3mf"), limits=Limits(model_bytes=1000)))
+        mesh_file.read_mesh(replace(source(folder / "a.3mf"), limits=Limits(model_bytes=1000)))
 
 
 @pytest.mark.parametrize(
@@ -319,27 +342,32 @@ def test_of_a_3mf_the_model_alone_is_unpacked(here: Path) -> None:
         ("#0000000000012=A();", ""),
     ],
 )
-def test_numbers_of_step_entities(text: str, wild: str) -> None:
+def test_numbers_of_step_entities_that_are_out_of_range_are_found(text: str, wild: str) -> None:
     assert find_wild_id(text.encode()) == wild
 
 
-# -- the whole process: what stands beside the line, and what it costs
+# -- the whole process: its output and its memory
 
 
-def test_no_warning_beside_the_line_and_little_memory(here: Path) -> None:
-    (here / "bomb.dxf").write_text(nested(10, 10))
-    (here / "page.svg").write_text(svg('<path d="M0 0h9"/><circle cx="1e308" cy="0" r="1e308"/>'))
+def test_a_refusal_prints_no_warning_and_takes_little_memory(folder: Path) -> None:
+    """The process may use 2 GB of address space."""
+    (folder / "bomb.dxf").write_text(nested(10, 10))
+    (folder / "page.svg").write_text(svg('<path d="M0 0h9"/><circle cx="1e308" cy="0" r="1e308"/>'))
     for name in ("bomb.dxf", "page.svg"):
+        words = ["build", name, "--post", "gcode", "-q", "--set", "operation.kind=trace"]
         done = subprocess.run(
-            [sys.executable, "-m", "camgen", "build", name, "--post", "gcode", "-q", "--set", "operation.kind=trace"],
-            capture_output=True, text=True, check=False, timeout=60,
+            [sys.executable, "-m", "camgen", *words],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (2_000_000_000,) * 2),
-        )  # fmt: skip
+        )
         assert "Warning" not in done.stderr
         assert done.returncode == (2 if name == "bomb.dxf" else 0)
         assert done.stderr.count("\n") == (1 if done.returncode else 0), done.stderr
 
 
-def test_the_table_of_limits_is_in_the_documents() -> None:
+def test_the_documents_hold_the_table_of_limits() -> None:
     page = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text(encoding="utf-8")
     assert format_limits() in page

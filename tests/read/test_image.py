@@ -1,4 +1,4 @@
-"""From a picture to a program: photos rendered with known truth, the four ways to a scale, and what is refused."""
+"""Programs are made of rendered photos whose true part is known, and of pictures to scale."""
 
 import json
 from dataclasses import replace
@@ -26,21 +26,21 @@ from camgen.read.image import read
 from camgen.read.job_file import from_mapping
 from camgen.vision.boards.sheet import DICTIONARY, make_sheet
 
-FEW = Lens(
+LENS = Lens(
     np.array([[1300.0, 0, 402], [0, 1300, 297], [0, 0, 1]]),
     (-0.12, 0.05, 8e-4, -5e-4, 0),
     (800, 600),
 )
 PART, BENCH = 0.25, 0.75
 PLATE = tuple(replace(loop, points=loop.points + (45 + 40j)) for loop in NAMED["plate"]())
-#: Where the corners of the part's box are in the work frame, and two points more.
+#: Corners of the part's box, and two further points, in the work frame, mm.
 MARKS = [(-10, -10), (90, -10), (90, 75), (-10, 75), (40, -5), (-5, 35)]
 
 
 def shot(tilt: float = 10.0, seed: int = 1, **more: Any) -> Shot:
-    """A photo with 0.2 mm pixels of what lies around (45, 40) mm."""
-    rotation, origin = looking(FEW, 45 + 40j, 402 + 297j, 0.2, tilt, 30, 15)
-    return Shot(FEW, rotation, origin, blur=0.7, read=1.5, seed=seed, **more)
+    """A photo of the surroundings of (45, 40) mm, with 0.2 mm per pixel."""
+    rotation, origin = looking(LENS, 45 + 40j, 402 + 297j, 0.2, tilt, 30, 15)
+    return Shot(LENS, rotation, origin, blur=0.7, read=1.5, seed=seed, **more)
 
 
 def photo(folder: Path, name: str, scene: Scene, seen: Shot) -> Path:
@@ -54,37 +54,38 @@ def scene(part: float = PART, bench: float = BENCH, *more: Layer) -> Scene:
 
 
 def camera_file(folder: Path) -> str:
-    k = FEW.matrix
-    rows = [f"data: [{', '.join(map(str, values))}]" for values in (k.ravel(), FEW.distortion)]
-    text = (
+    """Writes the file of the camera, and returns its name."""
+    matrix = ", ".join(map(str, LENS.matrix.ravel()))
+    distortion = ", ".join(map(str, LENS.distortion))
+    (folder / "camera.yaml").write_text(
         "image_width: 800\nimage_height: 600\ncamera_name: test\n"
-        f"camera_matrix:\n  rows: 3\n  cols: 3\n  {rows[0]}\n"
-        f"distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  {rows[1]}\n"
+        f"camera_matrix:\n  rows: 3\n  cols: 3\n  data: [{matrix}]\n"
+        "distortion_model: plumb_bob\n"
+        f"distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [{distortion}]\n"
     )
-    (folder / "camera.yaml").write_text(text)
     return str(folder / "camera.yaml")
 
 
 def pairs(seen: Shot) -> dict[str, Any]:
-    px = [
-        [float(v) for v in photo_from_work(seen, np.array(x, float), np.array(y, float))]
-        for x, y in MARKS
-    ]
-    return {"points_px": px, "points_mm": [[float(x), float(y)] for x, y in MARKS]}
+    """Settings of the camera: the points `MARKS` in the photo and in the work frame."""
+    mm = np.array(MARKS, float)
+    px = [photo_from_work(seen, np.array(x), np.array(y)) for x, y in mm]
+    return {"points_px": np.array(px, float).tolist(), "points_mm": mm.tolist()}
 
 
 def tool_path(result: Result) -> np.ndarray:
-    """Points of the tool centre while the signal is on, mm: the paths of the tour, arcs in between."""
-    found = []
+    """Start and middle of each line and arc of the tour as x + i y of the tool centre, mm."""
+    points = []
     for path in result.tour.paths:
         start, via, end = path.position[:-1], path.via[1:], path.position[1:]
-        arc = ~np.isnan(via[:, 0])
-        found += [start, np.where(arc[:, None], via, (start + end) / 2)]
-    points = np.concatenate(found)
-    return points[:, 0] + 1j * points[:, 1]
+        is_arc = ~np.isnan(via[:, 0])
+        points += [start, np.where(is_arc[:, None], via, (start + end) / 2)]
+    x, y = np.concatenate(points).T[:2]
+    return x + 1j * y
 
 
 def errors(result: Result, tool: float = 6.0) -> tuple[float, float]:
+    """Maximum and rms of the distances to the true path of a tool of this diameter, mm."""
     error = path_error(tool_path(result), offset_truth(PLATE, tool / 2))
     return error.largest, error.rms
 
@@ -96,55 +97,55 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def plain(folder: Path) -> tuple[Path, dict[str, Any]]:
-    """A photo with its point pairs, and the job."""
+    """A photo, and the job with its point pairs."""
     seen = shot()
-    return photo(folder, "plate.png", scene(), seen), {
-        "camera": {"file": camera_file(folder), **pairs(seen)}
-    }
+    job = {"camera": {"file": camera_file(folder), **pairs(seen)}}
+    return photo(folder, "plate.png", scene(), seen), job
 
 
 @pytest.mark.parametrize("planner", ["geometric", "image"])
-def test_the_path_is_where_it_should_be(plain: tuple[Path, dict[str, Any]], planner: str) -> None:
-    """At 0.2 mm a pixel: a quarter of a pixel at most, a sixteenth rms."""
+def test_the_path_is_exact_to_a_quarter_of_a_pixel(
+    plain: tuple[Path, dict[str, Any]], planner: str
+) -> None:
+    """A pixel is 0.2 mm wide. The rms error is a sixteenth of a pixel."""
     source, job = plain
     result = camgen.build(source, post="rapid", job={**job, "operation": {"planner": planner}})
-    most, rms = errors(result)
-    assert most < 0.05
+    largest, rms = errors(result)
+    assert largest < 0.05
     assert rms < 0.0125
     assert len(result.part.contours) == len(PLATE)
 
 
-def test_lines_and_arcs_are_found(plain: tuple[Path, dict[str, Any]]) -> None:
+def test_contours_have_about_as_many_lines_and_arcs_as_the_part(
+    plain: tuple[Path, dict[str, Any]],
+) -> None:
     result = camgen.build(plain[0], post="gcode", job=plain[1])
     pieces = sum(len(c.points) for c in result.part.contours)
     assert pieces <= 1.5 * sum(len(loop.points) for loop in PLATE)
 
 
-def test_markers_show_where_the_plane_is(folder: Path) -> None:
+def test_markers_give_the_work_plane(folder: Path) -> None:
     paper = make_sheet("A4", 20.0)
-    rotation, origin = looking(FEW, 110 + 62j, 402 + 297j, 0.38, 8, 40, 5)
-    seen = Shot(FEW, rotation, origin, blur=0.6, read=1.0, seed=3)
-    page = (
-        -paper.origin[0],
-        -paper.origin[1],
-        paper.page[0] - paper.origin[0],
-        paper.page[1] - paper.origin[1],
-    )
+    rotation, origin = looking(LENS, 110 + 62j, 402 + 297j, 0.38, 8, 40, 5)
+    seen = Shot(LENS, rotation, origin, blur=0.6, read=1.0, seed=3)
+    left, low = paper.origin
+    page = (-left, -low, paper.page[0] - left, paper.page[1] - low)
     layers = markers(page, paper.ids, paper.corners, DICTIONARY)
     file = photo(folder, "sheet.png", Scene(0.45, (*layers, Layer(PLATE, PART))), seen)
-    result = camgen.build(
-        file, post="rapid", job={"camera": {"file": camera_file(folder), "markers": "A4"}}
-    )
-    most, rms = errors(result)
-    assert most < 0.1
+    job = {"camera": {"file": camera_file(folder), "markers": "A4"}}
+    result = camgen.build(file, post="rapid", job=job)
+    largest, rms = errors(result)
+    assert largest < 0.1
     assert rms < 0.03
 
 
-def test_a_charuco_board_shows_where_the_plane_is(tmp_path: Path) -> None:
-    """Board of 7 x 5 squares of 20 mm, 10 px a mm; a square part of 40 mm stands to its right, 20 mm up."""
-    board = cv2.aruco.CharucoBoard(
-        (7, 5), 20.0, 15.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    )
+def test_a_charuco_board_gives_the_work_plane(tmp_path: Path) -> None:
+    """The board has 7 x 5 squares of 20 mm at 10 px/mm. To its right is a square part of 40 mm.
+
+    The part begins 160 mm to the right of the lower left corner of the board, and 20 mm above it.
+    """
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    board = cv2.aruco.CharucoBoard((7, 5), 20.0, 15.0, dictionary)
     pixels = np.full((1200, 2400), 205, np.uint8)
     pixels[100:1100, 100:1500] = board.generateImage((1400, 1000), marginSize=0)
     pixels[500:900, 1700:2100] = 50
@@ -158,7 +159,7 @@ def test_a_charuco_board_shows_where_the_plane_is(tmp_path: Path) -> None:
     assert contour.points.max(axis=0) == pytest.approx([200, 60], abs=0.02)
 
 
-def test_a_photo_of_the_empty_bench_tells_the_part(folder: Path) -> None:
+def test_a_photo_of_the_empty_bench_shows_the_part(folder: Path) -> None:
     seen, dim = shot(seed=5), shot(seed=6, exposure=0.85)
     file = photo(folder, "with.png", scene(PART, BENCH), seen)
     empty = photo(folder, "empty.png", Scene(BENCH), dim)
@@ -172,7 +173,7 @@ def test_a_photo_of_the_empty_bench_tells_the_part(folder: Path) -> None:
 
 
 def test_a_second_photo_with_the_lamp_moved_leaves_no_shadow(folder: Path) -> None:
-    """Shadows of 4 mm on opposite sides of a part without holes."""
+    """The shadows of 4 mm lie on opposite sides of a part without holes."""
     seen, outer = shot(), PLATE[:1]
     photos = []
     for name, shift in (("left", -4), ("right", 4)):
@@ -194,7 +195,7 @@ def test_a_second_photo_with_the_lamp_moved_leaves_no_shadow(folder: Path) -> No
 
 
 def test_coded_tones_are_turned_into_light(folder: Path) -> None:
-    """Halfway between two coded values is not halfway between two lights: the part would be seen too small."""
+    """The mean of two coded values is not the mean of their light: the part would shrink."""
     seen = shot(seed=9, coding="srgb")
     file = photo(folder, "srgb.png", scene(), seen)
     job = {"camera": {"file": camera_file(folder), **pairs(seen)}}
@@ -217,7 +218,7 @@ def square(file: Path, mm_per_px: float, grey: int = 60) -> None:
 @pytest.mark.parametrize(
     "scale", [{"mm_per_px": 0.1}, {"width_mm": 60.0}], ids=["mm_per_px", "width"]
 )
-def test_a_picture_to_scale_needs_only_that(tmp_path: Path, scale: dict[str, float]) -> None:
+def test_a_picture_to_scale_needs_no_other_setting(tmp_path: Path, scale: dict[str, float]) -> None:
     square(tmp_path / "square.png", 0.1)
     result = camgen.build(tmp_path / "square.png", post="gcode", job={"image": scale})
     (contour,) = result.part.contours
@@ -226,7 +227,7 @@ def test_a_picture_to_scale_needs_only_that(tmp_path: Path, scale: dict[str, flo
     assert len(contour.points) == 4
 
 
-def test_a_large_picture_is_looked_at_closely_only_around_the_part(
+def test_a_large_picture_is_examined_in_full_resolution_around_the_part_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plain: tuple[Path, dict[str, Any]]
 ) -> None:
     square(tmp_path / "square.png", 0.1)
@@ -234,29 +235,27 @@ def test_a_large_picture_is_looked_at_closely_only_around_the_part(
         whole = camgen.build(file, post="gcode", job=job)
         with monkeypatch.context() as patch:
             patch.setattr(image, "_LARGE", 1000)
-            near = camgen.build(file, post="gcode", job=job)
-        assert any("examined in full resolution" in note.what for note in near.notes)
+            cropped = camgen.build(file, post="gcode", job=job)
+        assert any("examined in full resolution" in note.what for note in cropped.notes)
         assert not any("examined in full resolution" in note.what for note in whole.notes)
-        assert near.part.raster is not None
+        assert cropped.part.raster is not None
         assert whole.part.raster is not None
-        assert near.part.raster.mask.size < 0.9 * whole.part.raster.mask.size
-        for a, b in zip(whole.part.contours, near.part.contours, strict=True):
+        assert cropped.part.raster.mask.size < 0.9 * whole.part.raster.mask.size
+        for a, b in zip(whole.part.contours, cropped.part.contours, strict=True):
             assert np.ptp(a.points, axis=0) == pytest.approx(np.ptp(b.points, axis=0), abs=0.02)
 
 
 def test_force_and_its_direction_reach_the_program(plain: tuple[Path, dict[str, Any]]) -> None:
     source, job = plain
-    more = {"process": {"force": 2.0, "feed": 5.0}, "tool": {"orient": "follow"}}
-    result = camgen.build(
-        source, post="rapid", job={**job, **more, "post": {"force_load": "lTool"}}
-    )
-    pressing = [m for m in result.program.body if isinstance(m, (MoveL, MoveC)) and m.force > 0]
-    assert pressing
-    assert all(not isinstance(m.target, Joints) for m in pressing)
-    for motion in pressing:
-        assert motion.force_direction == pytest.approx(
-            tuple(motion.target.rotation[:, 0]), abs=1e-9
-        )
+    settings = {"process": {"force": 2.0, "feed": 5.0}, "tool": {"orient": "follow"}}
+    job_with_force = {**job, **settings, "post": {"force_load": "lTool"}}
+    result = camgen.build(source, post="rapid", job=job_with_force)
+    motions = [m for m in result.program.body if isinstance(m, (MoveL, MoveC)) and m.force > 0]
+    assert motions
+    for motion in motions:
+        assert not isinstance(motion.target, Joints)
+        x_axis = tuple(motion.target.rotation[:, 0])
+        assert motion.force_direction == pytest.approx(x_axis, abs=1e-9)
     assert "FCPressL" in result.text
     template = {"process": {"force": 2.0}, "post": {"force": "template"}}
     assert "2.0" in camgen.build(source, post="pacscript", job={**job, **template}).text
@@ -268,48 +267,26 @@ def test_the_same_photo_gives_the_same_bytes_wherever_its_files_are(
     source, job = plain
     texts = []
     for name in ("a", "b"):
-        there = tmp_path / name
-        there.mkdir()
-        camera_file(there)
-        (there / "plate.png").write_bytes(source.read_bytes())
-        table = {k: v for k, v in job["camera"].items() if k != "file"}
-        lines = [f"{key} = {json.dumps(value)}" for key, value in table.items()]
-        (there / "plate.toml").write_text(
-            "\n".join(["[camera]", 'file = "camera.yaml"', *lines]) + "\n"
-        )
-        assert (
-            main(
-                [
-                    "build",
-                    str(there / "plate.png"),
-                    "--post",
-                    "rapid",
-                    "-q",
-                    "-o",
-                    str(there / "plate.mod"),
-                ]
-            )
-            == 0
-        )
-        texts.append((there / "plate.mod").read_text())
+        place = tmp_path / name
+        place.mkdir()
+        camera_file(place)
+        picture, program = place / "plate.png", place / "plate.mod"
+        picture.write_bytes(source.read_bytes())
+        camera = {**job["camera"], "file": "camera.yaml"}
+        lines = [f"{key} = {json.dumps(value)}" for key, value in camera.items()]
+        (place / "plate.toml").write_text("\n".join(["[camera]", *lines]) + "\n")
+        assert main(["build", str(picture), "--post", "rapid", "-q", "-o", str(program)]) == 0
+        texts.append(program.read_text())
     assert texts[0] == texts[1]
 
 
-def test_the_stages_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_preview_of_a_picture_shows_its_seven_stages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     square(tmp_path / "square.png", 0.1)
-    words = [
-        "build",
-        "square.png",
-        "--post",
-        "gcode",
-        "--set",
-        "image.mm_per_px=0.1",
-        "--preview",
-        "s.svg",
-        "-q",
-    ]
-    assert main(words) == 0
+    words = ["build", "square.png", "--post", "gcode", "--set", "image.mm_per_px=0.1"]
+    assert main([*words, "--preview", "s.svg", "-q"]) == 0
     root = ElementTree.parse("s.svg").getroot()
     space = "{http://www.w3.org/2000/svg}"
     texts = [text.text or "" for text in root.iter(f"{space}text")]
@@ -328,8 +305,8 @@ def test_an_unsharp_photo_is_a_warning(tmp_path: Path) -> None:
         assert any("unsharp" in note.what for note in part.notes) == is_warned
 
 
-def test_an_outline_without_an_edge_is_no_program(tmp_path: Path) -> None:
-    """A pool of light: the threshold draws a circle where nothing ends."""
+def test_an_outline_without_an_edge_is_refused_unless_accepted(tmp_path: Path) -> None:
+    """The threshold draws a circle in a spot of light that has no edge."""
     x, y = np.meshgrid(np.arange(400), np.arange(300))
     grey = 100 + 60 * np.exp(-((x - 200) ** 2 + (y - 150) ** 2) / (2 * 60**2))
     grey += np.random.default_rng(4).normal(0, 0.5, grey.shape)
@@ -343,8 +320,8 @@ def test_an_outline_without_an_edge_is_no_program(tmp_path: Path) -> None:
     assert any("taken from the mask alone" in note.what for note in part.notes)
 
 
-def test_a_shadow_without_its_part_is_no_program(tmp_path: Path) -> None:
-    """A plate in the tone of its bench, and a lamp that moves its outline by 2 mm."""
+def test_a_shadow_without_its_part_is_refused_unless_accepted(tmp_path: Path) -> None:
+    """The plate has the tone of its bench. Its shadow has the same outline, moved by 2 mm."""
     plate = np.zeros((300, 400), np.float32)
     plate[60:220, 80:300] = 1
     shadow = cv2.GaussianBlur(np.roll(plate, (20, 20), axis=(0, 1)), (0, 0), 6)
@@ -360,12 +337,14 @@ def test_a_shadow_without_its_part_is_no_program(tmp_path: Path) -> None:
     assert any("outlines are soft" in note.what for note in part.notes)
 
 
-def test_inspect_says_what_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect_lists_the_size_of_picture_and_part(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     square(tmp_path / "square.png", 0.1)
     assert main(["inspect", str(tmp_path / "square.png"), "--set", "image.mm_per_px=0.1"]) == 0
-    said = capsys.readouterr().out
-    assert "picture of 600 x 500 px, grey" in said
-    assert "part: 30 x 30 mm" in said
+    page = capsys.readouterr().out
+    assert "picture of 600 x 500 px, grey" in page
+    assert "part: 30 x 30 mm" in page
     assert main(["inspect", str(tmp_path / "square.png")]) == 0
     assert "has no scale" in capsys.readouterr().out
 
@@ -418,7 +397,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("job", "line"), REFUSED, ids=[line for _, line in REFUSED])
-def test_what_cannot_be_meant_is_refused_in_one_line(
+def test_a_job_that_cannot_be_run_is_refused_in_one_line(
     tmp_path: Path, job: dict[str, Any], line: str
 ) -> None:
     square(tmp_path / "square.png", 0.1)
@@ -432,7 +411,7 @@ def test_what_cannot_be_meant_is_refused_in_one_line(
     assert "\n" not in str(refused.value)
 
 
-def test_pictures_are_built_alone_and_drawings_not_in_image_space(tmp_path: Path) -> None:
+def test_a_picture_with_a_drawing_and_a_drawing_in_image_space_are_refused(tmp_path: Path) -> None:
     square(tmp_path / "square.png", 0.1)
     drawing = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
     with pytest.raises(CamgenError, match=r"square\.png: a picture makes a program by itself"):

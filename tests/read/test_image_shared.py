@@ -1,14 +1,14 @@
-"""Every picture of the shared data: a program or one plain line, never a traceback."""
+"""Each picture of the shared data gives a program or a message of one line."""
 
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import camgen
 from camgen.model.errors import CamgenError
 from camgen.pipeline import Result
+from tests.read.test_dxf import area
 
 IMAGES = Path(__file__).parents[2].parent / "shared" / "data" / "image"
 SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".bmp"}
@@ -21,7 +21,7 @@ needs_shared = pytest.mark.skipif(
     not FILES, reason="the shared pictures are not beside the repository"
 )
 
-#: Outer outlines that a person counts: coins, objects on a table, one gear, one saw blade.
+#: Number of outer outlines, counted by eye: coins, objects on a table, a gear, a saw blade.
 PARTS = {
     "coins.png": 24,
     "stuff.jpg": 7,
@@ -31,8 +31,7 @@ PARTS = {
     "3.jpg": 1,
 }
 
-
-#: The order of the paths is nothing that a picture could break.
+#: Job without a search for the order of the paths, which does not depend on the picture.
 JOB = {
     "image": {"mm_per_px": 0.1, "accept": ["specks"]},
     "tool": {"diameter": 0.4},
@@ -50,34 +49,22 @@ def built(path: Path) -> Result | str:
 
 @needs_shared
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_a_program_or_one_plain_line(path: Path) -> None:
-    found = built(path)
-    if isinstance(found, str):
-        assert len(found.splitlines()) == 1
-        assert len(found) < 300
+def test_a_picture_gives_a_program_or_a_message_of_one_line(path: Path) -> None:
+    result = built(path)
+    if isinstance(result, str):
+        assert len(result.splitlines()) == 1
+        assert len(result) < 300
         assert path.name not in PARTS
     elif path.name in PARTS:
-        assert sum(area(c.points, c.bulges) > 0 for c in found.part.contours) == PARTS[path.name]
+        # An outer outline runs counter-clockwise, so that its area is positive.
+        assert sum(area(contour) > 0 for contour in result.part.contours) == PARTS[path.name]
 
 
 @needs_shared
-def test_what_no_line_or_arc_follows_is_said_and_shown() -> None:
-    """The slits of the saw blade are a pixel wide: its outline touches itself there, and is fitted elsewhere."""
+def test_an_outline_is_noted_where_no_line_or_arc_fits() -> None:
+    """The outline of a saw blade touches itself at slits of one pixel. Its rest is fitted."""
     blade = built(next(path for path in FILES if path.name == "3.jpg"))
     assert not isinstance(blade, str)
     kept = next(note for note in blade.notes if "kept as lines" in note.what)
     assert kept.places
     assert sum(len(c.points) for c in blade.part.contours) < 600
-
-
-def area(points: np.ndarray, bulges: np.ndarray) -> float:
-    """Twice the area of an outline, positive counter-clockwise, as outer outlines run.
-
-    An arc adds the segment between it and its chord.
-    """
-    x, y = points.T
-    chord = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
-    sweep, curved = 4 * np.arctan(bulges), bulges != 0
-    radius = np.divide(chord, 2 * np.sin(sweep / 2), out=np.zeros_like(chord), where=curved)
-    segments = radius**2 * (sweep - np.sin(sweep))
-    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1) + segments.sum())

@@ -1,4 +1,7 @@
-"""Every limit is a setting of the job: lowered it refuses a real input and says so, raised it lets pass more."""
+"""Each limit is a setting of the job.
+
+A lowered limit refuses a real input and is named in the message. A raised limit lets more pass.
+"""
 
 import io
 import json
@@ -6,6 +9,7 @@ import struct
 import zipfile
 from collections.abc import Callable
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -58,13 +62,20 @@ def glb() -> bytes:
 
 
 class Case(NamedTuple):
-    """The file, the limit as lowered, what the line says, other settings."""
+    """An input that a lowered limit refuses.
+
+    name: file of the input.
+    data: its bytes.
+    lowered: value of the limit.
+    message: part of the refusal.
+    settings: other settings of the job, `key=value`.
+    """
 
     name: str
     data: bytes
     lowered: float
-    says: str
-    sets: tuple[str, ...] = ()
+    message: str
+    settings: tuple[str, ...] = ()
 
 
 ARM = f"cell.robot={FIXTURES / 'robots' / 'six.urdf'}"
@@ -131,25 +142,27 @@ CASES = {
 POSTS = {".stl": "rapid", ".step": "rapid"}
 
 
-def set_words(*sets: str) -> list[str]:
-    return [word for text in sets for word in ("--set", text)]
+def set_words(*settings: str) -> list[str]:
+    return list(chain(*(("--set", setting) for setting in settings)))
 
 
-def refused(words: list[str], capsys: Captured) -> str:
+def run_refused(words: list[str], capsys: Captured) -> str:
+    """The line that a command prints, which must be refused."""
     assert main(words) == 2
-    said = capsys.readouterr()
-    assert said.err.count("\n") == 1
-    return said.err
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    return printed.err
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory of a test, with a camera file."""
     (tmp_path / "camera.yaml").write_text("image_width: 9\n")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-#: Limits beyond which work is left out with a note; tests/plan/test_edges_pieces.py lowers it.
+#: Limits beyond which work is left out with a note. tests/plan/test_edges_pieces.py lowers them.
 LEAVES_OUT = {"stations"}
 
 
@@ -158,33 +171,36 @@ def test_every_limit_has_a_case() -> None:
 
 
 @pytest.mark.parametrize("limit", CASES)
-def test_a_limit_that_is_lowered_refuses(limit: str, here: Path, capsys: Captured) -> None:
+def test_a_lowered_limit_refuses_and_is_named(limit: str, folder: Path, capsys: Captured) -> None:
     case = CASES[limit]
     if case.name == "a.step" and find_spec("OCP") is None:
         pytest.skip("the extra step (the package OCP) is not installed")
-    (here / case.name).write_bytes(case.data)
+    (folder / case.name).write_bytes(case.data)
     post = POSTS.get(Path(case.name).suffix, "gcode")
-    before = sorted(here.iterdir())
-    sets = [*case.sets, f"limits.{limit}={case.lowered}"]
-    said = refused(["build", case.name, "--post", post, *set_words(*sets)], capsys)
-    assert case.says in said
-    assert f"limits.{limit}" in said
-    assert sorted(here.iterdir()) == before
-    if case.data not in (STEP, STL):  # which take their time, and other tests read
-        main(["build", case.name, "--post", post, *set_words(*case.sets)])
-        assert case.says not in capsys.readouterr().err
+    before = sorted(folder.iterdir())
+    words = ["build", case.name, "--post", post, *set_words(*case.settings)]
+    message = run_refused([*words, *set_words(f"limits.{limit}={case.lowered}")], capsys)
+    assert case.message in message
+    assert f"limits.{limit}" in message
+    assert sorted(folder.iterdir()) == before
+    if case.data not in (STEP, STL):  # These parts take long, and other tests read them.
+        main(words)
+        assert case.message not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("data", [HELIX, HOLES], ids=["pieces of an arc", "holes"])
-def test_repeats_of_old_programs(data: bytes, here: Path, capsys: Captured) -> None:
-    (here / "a.nc").write_bytes(data)
+def test_a_program_of_too_many_pieces_is_refused(
+    data: bytes, folder: Path, capsys: Captured
+) -> None:
+    (folder / "a.nc").write_bytes(data)
     words = ["build", "a.nc", "--post", "gcode"]
-    assert "refused (limits.gcode_pieces)" in refused(
-        [*words, "--set", "limits.gcode_pieces=5"], capsys
-    )
+    message = run_refused([*words, "--set", "limits.gcode_pieces=5"], capsys)
+    assert "refused (limits.gcode_pieces)" in message
     assert main(words) == 0
 
 
+#: File, its bytes, raised value and other settings for each limit. A limit with two cases has a
+#: space after its name in one of them.
 RAISED = {
     "number": ("a.dxf", DXF, "2e7", ("tool.length=1.5e7",)),
     "passes": (
@@ -207,40 +223,39 @@ RAISED = {
 
 
 @pytest.mark.parametrize("case", RAISED)
-def test_a_limit_that_is_raised_lets_pass(case: str, here: Path, capsys: Captured) -> None:
-    name, data, value, sets = RAISED[case]
+def test_a_raised_limit_lets_more_pass(case: str, folder: Path, capsys: Captured) -> None:
+    name, data, value, settings = RAISED[case]
     limit = case.strip()
-    (here / name).write_bytes(data)
-    words = ["build", name, "--post", "gcode", *set_words(*sets)]
-    assert f"limits.{limit}" in refused(words, capsys)
+    (folder / name).write_bytes(data)
+    words = ["build", name, "--post", "gcode", *set_words(*settings)]
+    assert f"limits.{limit}" in run_refused(words, capsys)
     assert main([*words, "--set", f"limits.{limit}={value}"]) == 0, capsys.readouterr().err
 
 
-def test_limits_in_the_job_file_hold_for_inspect_and_batch(here: Path, capsys: Captured) -> None:
-    (here / "a.dxf").write_bytes(DXF)
-    (here / "a.toml").write_text("[limits]\nfile_bytes = 100\n")
-    says = "a.dxf: has more than 100 bytes; split it, or raise limits.file_bytes"
-    assert says in refused(["inspect", "a.dxf"], capsys)
+def test_limits_in_the_job_file_hold_for_inspect_and_batch(folder: Path, capsys: Captured) -> None:
+    (folder / "a.dxf").write_bytes(DXF)
+    (folder / "a.toml").write_text("[limits]\nfile_bytes = 100\n")
+    message = "a.dxf: has more than 100 bytes; split it, or raise limits.file_bytes"
+    assert message in run_refused(["inspect", "a.dxf"], capsys)
     assert main(["inspect", "a.dxf", "--set", "limits.file_bytes=1e6"]) == 0
     capsys.readouterr()
     assert main(["batch", "a.dxf", "--post", "gcode", "-o", "out", "--jobs", "1"]) == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("folder")
 def test_limits_hold_for_standard_input(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["build", "-", "--format", "dxf", "--post", "gcode", "-o", "a.ngc"]
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(DXF)))
-    said = refused([*words, "--set", "limits.file_bytes=100"], capsys)
-    assert (
-        said == "camgen: error: -: has more than 100 bytes; split it, or raise limits.file_bytes\n"
-    )
+    message = run_refused([*words, "--set", "limits.file_bytes=100"], capsys)
+    problem = "has more than 100 bytes; split it, or raise limits.file_bytes"
+    assert message == f"camgen: error: -: {problem}\n"
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(DXF)))
     assert main(words) == 0
 
 
-def test_limits_hold_from_python(here: Path) -> None:
-    (here / "a.dxf").write_bytes(DXF)
+def test_limits_hold_for_calls_from_python(folder: Path) -> None:
+    (folder / "a.dxf").write_bytes(DXF)
     job = {"limits": {"dxf_entities": 2}}
     calls: tuple[Callable[[], object], ...] = (
         lambda: camgen.read("a.dxf", job),
@@ -253,22 +268,23 @@ def test_limits_hold_from_python(here: Path) -> None:
         camgen.job({"limits": {"edges": 0}})
 
 
-def test_files_under_other_limits_are_read_once(here: Path) -> None:
-    (here / "a.nc").write_text("G21")
+def test_files_under_other_limits_are_read_once(folder: Path) -> None:
+    (folder / "a.nc").write_text("G21")
     files = Files()
     other = files.within(Limits(file_bytes=2))
     assert files.read("a.nc").data == other.read("a.nc").data
     assert other.read("a.nc").limits.file_bytes == 2
     assert list(other.opened) == list(files.opened)
-    (here / "b.nc").write_text("G21")
+    (folder / "b.nc").write_text("G21")
     with pytest.raises(InputError, match="has more than 2 bytes"):
         other.read("b.nc")
 
 
-def test_a_noisy_mesh_is_told_what_to_do(here: Path, capsys: Captured) -> None:
+def test_the_refusal_of_a_noisy_mesh_suggests_to_smooth_it(folder: Path, capsys: Captured) -> None:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=40)
     noise = np.random.default_rng(1).normal(scale=1.2, size=ball.vertices.shape)
-    trimesh.Trimesh(ball.vertices + noise, ball.faces, process=False).export(here / "noisy.stl")
-    said = refused(["build", "noisy.stl", "--post", "rapid", "--set", "input.select=all"], capsys)
-    assert "edges are to be processed, more than 2,000 (input.select); smooth the mesh" in said
-    assert said.endswith("or raise limits.edges\n")
+    trimesh.Trimesh(ball.vertices + noise, ball.faces, process=False).export(folder / "noisy.stl")
+    words = ["build", "noisy.stl", "--post", "rapid", "--set", "input.select=all"]
+    message = run_refused(words, capsys)
+    assert "edges are to be processed, more than 2,000 (input.select); smooth the mesh" in message
+    assert message.endswith("or raise limits.edges\n")

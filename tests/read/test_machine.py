@@ -1,4 +1,4 @@
-"""The settings of a controller: listings of GRBL, INI files of LinuxCNC, and faults in them."""
+"""The settings of a controller are read from listings of GRBL and INI files of LinuxCNC."""
 
 import math
 from pathlib import Path
@@ -42,33 +42,27 @@ def changed(text: str, old: str, new: str) -> str:
     return text.replace(old, new)
 
 
-def test_a_listing_of_grbl() -> None:
+def test_a_listing_of_grbl_gives_limits_in_mm_and_s() -> None:
     router = machine(ROUTER)
     assert (router.controller, router.post, router.corner) == ("GRBL", "grbl", "junction")
-    # mm/min become mm/s
+    # The listing has mm/min.
     assert router.axes.rates == pytest.approx((5000 / 60, 3500 / 60, 10.0))
     assert router.axes.accelerations == (350.0, 180.0, 60.0)
     assert router.axes.steps == (80.0, 160.0, 400.0)
     assert (router.low, router.high) == ((-400.0, -300.0, -90.0), (0.0, 0.0, 0.0))
     assert (router.deviation, router.chord) == (0.02, 0.002)
-    # 255 keeps the motors on, so that the machine does not wait.
+    # An idle delay of 255 keeps the motors on, so that the machine does not pause.
     assert router.pause == 0.0
     assert router.notes == ()
 
 
-def test_the_same_listing_as_programs_save_it() -> None:
+def test_a_listing_with_the_remarks_of_other_programs_is_read() -> None:
     noted = [
         line + " (a remark, mm/min)" if line.startswith("$") else line
         for line in ROUTER.splitlines()
     ]
-    session = [
-        "\ufeff>>> $$",
-        "[VER:1.1h.20190830:]",
-        "[OPT:V,15,128]",
-        "",
-        *noted,
-        "<Idle|FS:0,0>",
-    ]
+    head = ["\ufeff>>> $$", "[VER:1.1h.20190830:]", "[OPT:V,15,128]", ""]
+    session = [*head, *noted, "<Idle|FS:0,0>"]
     assert machine("\r\n".join(session)) == machine(ROUTER)
     assert machine(ROUTER + ROUTER) == machine(ROUTER)
 
@@ -123,7 +117,7 @@ def test_a_fault_in_a_listing_names_its_line(old: str, new: str, message: str) -
     assert fault(changed(ROUTER, old, new)).startswith(f"machine.txt: {message}; ")
 
 
-def test_an_ini_file_of_linuxcnc_in_inches() -> None:
+def test_an_ini_file_of_linuxcnc_in_inches_gives_limits_in_mm() -> None:
     mill = machine(MILL)
     assert (mill.controller, mill.post, mill.corner) == ("LinuxCNC", "gcode", "arc")
     inch = 25.4
@@ -139,7 +133,7 @@ def test_an_ini_file_of_linuxcnc_in_inches() -> None:
 @pytest.mark.parametrize(
     ("unit", "mm"), [("mm", 1.0), ("metric", 1.0), ("in", 25.4), ("IMPERIAL", 25.4)]
 )
-def test_the_units_of_an_ini_file(unit: str, mm: float) -> None:
+def test_the_units_of_an_ini_file_are_used(unit: str, mm: float) -> None:
     mill = machine(changed(MILL, "LINEAR_UNITS = inch", f"LINEAR_UNITS = {unit}"))
     assert mill.axes.rates[0] == pytest.approx(3.0 * mm)
     assert mill.high[0] == pytest.approx(12.0 * mm)
@@ -158,7 +152,7 @@ def test_joints_of_trivial_kinematics_limit_their_axis() -> None:
         MILL, "JOINT_1]\nTYPE = LINEAR\nMAX_VELOCITY = 2.5", "JOINT_1]\nMAX_VELOCITY = 2"
     )
     assert machine(slow).axes.rates[1] == pytest.approx(2 * 25.4)
-    # With another kinematics a joint is not an axis.
+    # With another kinematics, a joint is not an axis.
     bent = changed(slow, "trivkins coordinates=XYZ", "genserkins")
     assert machine(bent).axes.rates[1] == pytest.approx(2.5 * 25.4)
     # Joints 1 and 2 both move Y.
@@ -168,7 +162,7 @@ def test_joints_of_trivial_kinematics_limit_their_axis() -> None:
     assert machine(joints).axes.rates[1] == pytest.approx(2.5 * 25.4)
 
 
-def test_the_first_of_two_values_counts_and_comments_do_not() -> None:
+def test_the_first_of_two_values_counts_and_comments_are_ignored() -> None:
     twice = changed(
         MILL, "MAX_LIMIT = 12.0", "MAX_LIMIT = 12.0\n# MAX_LIMIT = 1\n;x\nMAX_LIMIT = 2"
     )
@@ -194,13 +188,13 @@ def test_a_fault_in_an_ini_file_names_its_variable(old: str, new: str, message: 
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00\xff\x00", b"G21\nG0 X1\n", b"a = 1\n", b"<xml/>"])
-def test_another_file_is_neither(data: bytes) -> None:
+def test_a_file_that_is_neither_a_listing_nor_an_ini_file_is_refused(data: bytes) -> None:
     assert fault(data).startswith("machine.txt: is neither a listing of GRBL's settings nor an INI")
 
 
 @pytest.mark.parametrize("start", ["MAX_VELOCITY = ", "$120=", "[", "$", "#"])
-def test_a_long_line_takes_no_longer_than_its_length(start: str) -> None:
-    """Half a million blanks: a reading that goes back over them would take hours."""
+def test_the_time_for_a_long_line_is_proportional_to_its_length(start: str) -> None:
+    """A pattern that backtracks over half a million blanks would take hours."""
     line = start + " " * 500_000 + "x"
     assert fault("\n".join(["$1=25", "[TRAJ]", line])).count("\n") == 0
     assert fault("\n".join(["[TRAJ]", line])).count("\n") == 0
@@ -213,7 +207,9 @@ def test_a_long_line_takes_no_longer_than_its_length(start: str) -> None:
         max_size=6,
     ),
 )
-def test_a_damaged_file_is_a_machine_or_an_error(text: str, changes: list[tuple[int, str]]) -> None:
+def test_a_damaged_file_gives_valid_limits_or_is_refused(
+    text: str, changes: list[tuple[int, str]]
+) -> None:
     lines = text.splitlines()
     for place, line in changes:
         lines[place % len(lines)] = line

@@ -1,4 +1,4 @@
-"""POINTs of a drawing are places to drill, and nothing for other operations."""
+"""POINTs of a drawing are places to drill. Other operations skip them."""
 
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ def plate(*points: tuple[float, float]) -> Any:
     return document
 
 
-def test_points_are_holes_of_the_tool() -> None:
+def test_points_are_holes_with_the_diameter_of_the_tool() -> None:
     part = read(plate((10, 10), (20, 10), (30, 10)))
     assert [contour.is_mark for contour in part.contours] == [False, True, True, True]
     assert places(part) == [(10, 10), (20, 10), (30, 10)]
@@ -50,7 +50,7 @@ def test_points_are_holes_of_the_tool() -> None:
 
 
 @pytest.mark.parametrize("kind", ["auto", "follow", "trace", "pocket"])
-def test_other_operations_skip_them_with_a_note(kind: Any) -> None:
+def test_other_operations_skip_points_with_a_note(kind: Any) -> None:
     part = read(plate((10, 10)), Job(operation=OperationTable(kind=kind)))
     assert len(part.contours) == 1
     assert notes(part) == [
@@ -59,8 +59,8 @@ def test_other_operations_skip_them_with_a_note(kind: Any) -> None:
     ]
 
 
-def test_points_in_blocks_are_turned_scaled_and_repeated() -> None:
-    """A point at (1, 0) of a block at (5, 5), turned by 90 degrees and scaled by 3: at (5, 8)."""
+def test_points_in_blocks_are_rotated_scaled_and_repeated() -> None:
+    """The point (1, 0) of a block at (5, 5), rotated by 90 deg and scaled by 3, is at (5, 8)."""
     document, space = new()
     block = document.blocks.new("P", base_point=(0, 0))
     block.add_point((1, 0))
@@ -117,7 +117,7 @@ def test_each_point_has_the_tool_of_its_operation() -> None:
 
 
 def test_an_operation_that_chooses_diameters_drills_no_points() -> None:
-    """Points are often no more than marks of a construction."""
+    """Such a drawing has circles for its holes. Points are often marks of a construction."""
     document = plate((20, 10))
     document.modelspace().add_circle((10, 10), 2)
     holes = OperationTable(kind="drill", holes=[3.9, 4.1])
@@ -137,23 +137,18 @@ def test_points_do_not_count_for_the_size_and_the_origin() -> None:
     assert [side.tolist() for side in measure_box(part.contours)] == [[0, 0], [40, 20]]
 
 
-def test_a_build_is_proven(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_program_that_drills_points_is_proven(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "points.dxf"
     plate((10, 10), (30, 10)).saveas(path)
     program = tmp_path / "points.ngc"
     command = ["build", str(path), "--post", "gcode", "-o", str(program)]
-    settings = [
-        "operation.kind=drill",
-        "operation.depth=3",
-        "process.spindle=9000",
-        "tool.diameter=4",
-        "process.feed=10",
-    ]
-    for setting in settings:
+    for setting in ("operation.kind=drill", "operation.depth=3", "process.spindle=9000"):
         command += ["--set", setting]
+    command += ["--set", "tool.diameter=4", "--set", "process.feed=10"]
     assert main(command) == 0
-    shown = capsys.readouterr().err
-    assert "no gouge, no rapid motion in material" in shown
+    assert "no gouge, no rapid motion in material" in capsys.readouterr().err
     text = program.read_text()
     assert "X10 Y10 Z-3" in text
     assert "X30 Y10" in text

@@ -1,4 +1,4 @@
-"""Mesh files in all their spellings: bodies, edges and refusals, against formulas."""
+"""Mesh files in all their spellings have the bodies and edges of formulas, or are refused."""
 
 import json
 from itertools import pairwise
@@ -13,6 +13,7 @@ from camgen.model.errors import InputError
 from camgen.model.part import describe_bodies
 from camgen.read.solid import glb
 from camgen.read.solid.polygons import triangulate_polygons
+from tests.read.test_solids_mesh import binary_stl
 
 BODIES = meshes.make_bodies(1)
 
@@ -43,7 +44,7 @@ def test_every_spelling_has_the_edges_of_the_formula(number, tmp_path):
 
 
 def test_a_concave_polygon_keeps_its_area():
-    """An L of 3 squares; a fan from its first corner would cover 5."""
+    """The polygon is an L of 3 squares. A fan from its first corner would cover 5 squares."""
     outline = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
     for first in range(6):
         points = np.array([(x, y, 0.0) for x, y in outline[first:] + outline[:first]])
@@ -54,8 +55,8 @@ def test_a_concave_polygon_keeps_its_area():
         assert normals[:, 2].sum() == pytest.approx(3.0)
 
 
-def test_a_hole_behind_a_bridge_stays_open():
-    """A square of 4 with a hole of 2: the outline goes in along a bridge, round, and back."""
+def test_a_hole_that_a_bridge_connects_to_the_outline_stays_open():
+    """The outline of a square of 4 runs along a bridge, around a hole of 2, and back."""
     outline = [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1), (1, 1)]
     points = np.array([(x, y, 0.0) for x, y in outline])
     faces = triangulate_polygons(points, [np.arange(10)[None]]).faces
@@ -84,7 +85,7 @@ def test_a_polygon_that_crosses_itself_is_left_out_by_name():
         ("a.ply", meshes.write_ply(BODIES, "<")[:-3], "buffer is smaller than requested size"),
     ],
 )
-def test_damage_is_refused_in_one_line(name, data, message, tmp_path):
+def test_a_damaged_mesh_is_refused_in_one_line(name, data, message, tmp_path):
     with pytest.raises(InputError) as error:
         read(tmp_path / name, data)
     assert message in str(error.value)
@@ -112,7 +113,7 @@ def test_an_item_may_name_another_part_of_the_archive(tmp_path):
         "3D/A.model": write_model(meshes.write_object(BOX, 1) + meshes.write_object(BOX, 2), ""),
     }
     solid = read(tmp_path / "a.3mf", meshes.pack_3mf(files))
-    # The second box is mirrored from x 0 to 10 to x -15 to -5.
+    # The second box is mirrored, from x = 0 to 10 to x = -15 to -5.
     assert np.ptp(solid.vertices, axis=0).tolist() == [25.0, 20.0, 30.0]
     assert len(solid.edges) == 24
     assert all(edge.convex for edge in solid.edges)
@@ -153,16 +154,7 @@ def test_instances_of_a_glb_are_refused_though_they_are_optional(tmp_path):
         read(tmp_path / "a.glb", data)
 
 
-def write_triangles(corners):
-    """A binary STL of triangles (F, 3, 3)."""
-    rows = b"".join(
-        np.concatenate([np.zeros(3), corner.ravel()]).astype("<f4").tobytes() + b"\0\0"
-        for corner in corners
-    )
-    return b"\0" * 80 + len(corners).to_bytes(4, "little") + rows
-
-
-def turn(seed):
+def make_rotation(seed):
     """A random rotation (3, 3)."""
     rotation, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     return rotation * np.sign(np.linalg.det(rotation))
@@ -170,7 +162,7 @@ def turn(seed):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_t_junctions_are_closed(seed, tmp_path):
-    """A box whose top and front are cut at other places than their neighbours: 12 edges as ever."""
+    """The top of a box has vertices that its neighbours lack. The box has 12 edges all the same."""
     corners = BOX.corners[np.array(meshes.cut(BOX))]
     is_top = (corners[:, :, 2] == 30).all(axis=1)
     cuts = np.array([0.0, 2.5, 4.0, 10.0])
@@ -179,7 +171,7 @@ def test_t_junctions_are_closed(seed, tmp_path):
         a, b, c, d = [(low, 0, 30), (high, 0, 30), (high, 20, 30), (low, 20, 30)]
         strips += [(a, b, c), (a, c, d)]
     triangles = np.concatenate([corners[~is_top], np.array(strips, dtype=float)])
-    solid = read(tmp_path / "box.stl", write_triangles(triangles @ turn(seed)))
+    solid = read(tmp_path / "box.stl", binary_stl(triangles @ make_rotation(seed)))
     assert len(solid.edges) == 12
     assert not solid.borders
     notes = [str(note) for note in solid.notes if note.kind == "repaired"]
@@ -189,14 +181,14 @@ def test_t_junctions_are_closed(seed, tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_walls_at_30_degrees_are_alike(seed, tmp_path):
-    """A prism over a polygon of 12 corners, turned: its walls meet at 30.000 deg."""
+def test_walls_at_30_degrees_are_smooth_in_any_rotation(seed, tmp_path):
+    """The walls of a prism over a polygon of 12 corners meet at 30.000 deg."""
     angles = np.arange(12) * np.pi / 6
     outline = [(20 * np.cos(a), 20 * np.sin(a)) for a in angles]
     points, faces = meshes.make_prism(outline, 8.0)
     body = BOX._replace(corners=points, faces=faces)
-    triangles = points[np.array(meshes.cut(body))] @ turn(seed)
-    solid = read(tmp_path / "prism.stl", write_triangles(triangles))
+    triangles = points[np.array(meshes.cut(body))] @ make_rotation(seed)
+    solid = read(tmp_path / "prism.stl", binary_stl(triangles))
     assert [edge.kind for edge in solid.edges] == ["circle", "circle"]
 
 
@@ -205,7 +197,7 @@ BOXES = [BOX, BOX._replace(corners=BOX.corners + np.array([30.0, 0.0, 0.0]))]
 
 
 def write_named_obj(word="o", first="v"):
-    """Two boxes with the names of `NAMES`; all vertices come first, or each before its faces."""
+    """Two boxes with the names `NAMES`. All vertices come first, or those of each box before it."""
     vertices, faces = [], []
     for number, (name, body) in enumerate(zip(NAMES, BOXES, strict=True)):
         vertices.append("".join("v {:g} {:g} {:g}\n".format(*row) for row in body.corners))
@@ -231,7 +223,7 @@ def write_named_stl():
 
 
 def write_named_glb():
-    """The writer gives nodes no names: each `{"mesh"` is one."""
+    """Two boxes whose nodes get the names `NAMES`, which the writer of GLB lacks."""
     data = meshes.write_glb(BOXES)
     document, body = glb._split(data)
     for node, name in zip(document["nodes"], NAMES, strict=True):
@@ -259,8 +251,8 @@ def test_bodies_have_the_names_of_the_file(name, data, bodies, tmp_path):
     assert len(solid.edges) == 24
 
 
-def test_a_void_is_no_body_of_its_own(tmp_path):
-    """A box of 4 x 4 x 6 mm inside of one of 10 x 20 x 30 mm, its faces to the inside."""
+def test_a_void_belongs_to_its_body(tmp_path):
+    """A box of 10 x 20 x 30 mm has a void of 4 x 4 x 6 mm, whose faces point into the void."""
     inner = BOX._replace(
         corners=BOX.corners * [0.4, 0.2, 0.2] + [3.0, 3.0, 3.0],
         faces=[face[::-1] for face in BOX.faces],
@@ -284,7 +276,7 @@ def test_inspect_counts_bodies_and_edges_by_kind(tmp_path, capsys):
     assert facts["size"] == [40.0, 20.0, 30.0]
 
 
-def test_many_equal_names_are_listed_once():
+def test_equal_names_are_listed_once_with_their_number():
     assert describe_bodies(["foot", "lid", "foot", ""]) == "4 (2 x foot, lid)"
     assert describe_bodies(["", ""]) == "2"
     ribs = describe_bodies([f"rib{k}" for k in range(25)])

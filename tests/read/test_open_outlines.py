@@ -1,7 +1,5 @@
 """An outline with a gap is recognised by its gap, its length and the contours in it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +13,7 @@ from camgen.pipeline.inputs import join_parts
 from camgen.read.made import make_part
 
 Point = tuple[float, float]
-#: Points of a polyline with bulges: x, y, tan of a quarter of the arc's angle.
+#: A point of a polyline and the bulge after it: x, y, tan of a quarter of the sweep.
 Corner = tuple[float, float, float]
 
 
@@ -38,30 +36,30 @@ def halves(low: float, high: float) -> list[list[Corner]]:
 
 def arc(degrees: float) -> list[list[Corner]]:
     """An arc around (50, 30) with a radius of 25 mm."""
-    turn = math.radians(degrees) / 2
-    bulge = math.tan(turn / 4)
-    start, middle, end = (on_circle(k * turn) for k in range(3))
+    half_sweep = math.radians(degrees) / 2
+    bulge = math.tan(half_sweep / 4)
+    start, middle, end = (on_circle(k * half_sweep) for k in range(3))
     return [[(*start, bulge), (*middle, bulge), (*end, 0.0)]]
 
 
 def chord_middle(degrees: float) -> Point:
     """The middle of the line that closes the arc."""
-    (ax, ay), (bx, by) = on_circle(0), on_circle(math.radians(degrees))
-    return (ax + bx) / 2, (ay + by) / 2
+    start, end = on_circle(0), on_circle(math.radians(degrees))
+    return (start[0] + end[0]) / 2, (start[1] + end[1]) / 2
 
 
 def on_circle(angle: float) -> Point:
     return 50 + 25 * math.cos(angle), 30 + 25 * math.sin(angle)
 
 
-def dashes(count: int, share: float) -> list[list[Corner]]:
-    """A circle around (50, 30) of `count` arcs, each followed by a gap of `share` of its angle."""
+def dashes(count: int, fraction: float) -> list[list[Corner]]:
+    """A circle around (50, 30) of `count` arcs. A gap of `fraction` of its sweep follows each."""
     step = 2 * math.pi / count
-    turn = step / (1 + share)
+    sweep = step / (1 + fraction)
     pieces = []
     for k in range(count):
-        start, end = on_circle(k * step), on_circle(k * step + turn)
-        pieces.append([(*start, math.tan(turn / 4)), (*end, 0.0)])
+        start, end = on_circle(k * step), on_circle(k * step + sweep)
+        pieces.append([(*start, math.tan(sweep / 4)), (*end, 0.0)])
     return pieces
 
 
@@ -99,11 +97,7 @@ def closed_contours(part: Part) -> int:
         (plate(15.9), 15.9, (0.0, 7.95)),  # 5 % of 320 mm are 16 mm
         (halves(0.4, 0.7), 0.7, (50.35, 60.0)),
         # The chord of 15 degrees of a circle with a radius of 25 mm: 6.5 mm, 4.2 % of the length.
-        (
-            arc(345),
-            50 * math.sin(math.radians(7.5)),
-            chord_middle(345),
-        ),
+        (arc(345), 50 * math.sin(math.radians(7.5)), chord_middle(345)),
     ],
     ids=["plate", "wide", "halves", "arc"],
 )
@@ -135,11 +129,11 @@ def test_the_gap_is_measured_and_its_value_closes_the_outline(
         (
             [[(0, 0, 0.0), (100, 60, 0.0), (100, 0, 0.0), (0, 60, 0.0), (0, 0.5, 0.0)]],
             [WINDOW],
-        ),  # an 8
+        ),  # a figure of eight
     ],
     ids=["too wide", "arc", "dashes", "across", "beside", "twice", "crossing itself"],
 )
-def test_other_lines_are_meant_to_be_open(
+def test_other_open_lines_are_not_outlines(
     tmp_path: Path, pieces: list[list[Corner]], windows: list[list[Point]]
 ) -> None:
     assert outlines(draw(tmp_path / "part.dxf", pieces, windows)) == ()
@@ -170,14 +164,14 @@ def test_one_value_closes_all_outlines(tmp_path: Path) -> None:
         ({"operation": {"kind": "pocket"}}, 1),
         ({"operation": {"kind": "trace"}}, 0),
         ({"operation": {"kind": "drill"}}, 0),
-        ({"page": {"size": "A4"}}, 0),  # which is traced
+        ({"page": {"size": "A4"}}, 0),  # a page is traced
         ({"operations": [{"kind": "trace"}, {"kind": "follow"}]}, 1),
         ({"operations": [{"kind": "trace"}, {"kind": "drill"}]}, 0),
         ({"operations": [{"kind": "drill", "nesting": "inner"}]}, 1),
     ],
     ids=str,
 )
-def test_only_jobs_that_decide_sides_search(
+def test_outlines_are_searched_if_an_operation_has_sides(
     tmp_path: Path, job: dict[str, object], count: int
 ) -> None:
     file = draw(tmp_path / "part.dxf", plate(0.5), [WINDOW])

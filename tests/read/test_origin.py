@@ -1,4 +1,4 @@
-"""`input.origin` moves a drawing, and everything that is made of it."""
+"""The setting `input.origin` moves a drawing with its notes and programs."""
 
 import math
 from pathlib import Path
@@ -45,7 +45,7 @@ def drawing(tmp_path: Path) -> Path:
     ],
 )
 def test_a_corner_is_moved_to_the_origin(drawing: Path, origin: Any, corner: Any) -> None:
-    """The box is 70 mm wide: the arc counts."""
+    """With its arc, the drawing is 70 mm wide."""
     part = read(drawing, Job(input=InputTable(origin=origin)))
     low, high = measure_box(part.contours)
     assert low.tolist() == pytest.approx(corner, abs=1e-8)
@@ -58,13 +58,13 @@ def test_a_corner_is_moved_to_the_origin(drawing: Path, origin: Any, corner: Any
     assert np.array_equal(table.points[: len(part.contours[0].points)], part.contours[0].points)
 
 
-def test_without_a_key_nothing_is_moved(drawing: Path) -> None:
+def test_a_drawing_without_the_setting_is_not_moved(drawing: Path) -> None:
     part = read(drawing)
     assert part.moved is None
     assert part.contours[0].points[0].tolist() == [X, Y]
 
 
-def test_layers_that_are_not_used_do_not_count(tmp_path: Path) -> None:
+def test_layers_that_are_not_used_do_not_count_for_the_origin(tmp_path: Path) -> None:
     document = ezdxf.new(units=4)
     document.modelspace().add_circle((10, 10), 5, dxfattribs={"layer": "CUT"})
     document.modelspace().add_circle((-90, -90), 5, dxfattribs={"layer": "FRAME"})
@@ -110,12 +110,12 @@ def test_places_of_notes_are_moved(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("origin", [[1.0], [1.0, 2.0, 3.0], [math.inf, 0.0]])
-def test_a_point_is_two_numbers(drawing: Path, origin: Any) -> None:
+def test_an_origin_that_is_not_two_finite_numbers_is_refused(drawing: Path, origin: Any) -> None:
     with pytest.raises(JobError, match="is not a point"):
         read(drawing, Job(input=InputTable(origin=origin)))
 
 
-def test_a_page_places_the_drawing_itself(drawing: Path) -> None:
+def test_an_origin_on_a_page_is_refused(drawing: Path) -> None:
     job = Job(page=PageTable(size="A4"), input=InputTable(origin="center"))
     with pytest.raises(JobError, match="no effect on a page"):
         move_part(read(drawing), job)
@@ -125,7 +125,7 @@ def test_a_page_places_the_drawing_itself(drawing: Path) -> None:
     ("name", "post", "kind"),
     [("rfa1.stl", "rapid", "3-D part"), ("gear.png", "gcode", "picture")],
 )
-def test_a_key_without_effect_is_refused(
+def test_an_origin_for_a_3_d_part_or_a_picture_is_refused(
     name: str, post: str, kind: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     file = Path(__file__).parents[2] / "fixtures" / "parts" / name
@@ -160,7 +160,7 @@ def test_the_program_states_its_move_and_is_verified_with_it(
     assert "equal to what its job and far.dxf make" in capsys.readouterr().out
 
 
-def test_the_refusal_of_a_far_drawing_names_a_key_that_works(
+def test_the_refusal_of_a_far_drawing_suggests_a_setting_that_works(
     drawing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(drawing.parent)
@@ -175,6 +175,5 @@ def test_inspect_states_the_move(drawing: Path, capsys: pytest.CaptureFixture[st
     assert main(["inspect", str(drawing), "--set", 'input.origin="center"']) == 0
     assert "moved by x -500035, y 5399980 mm" in capsys.readouterr().out
     assert main(["inspect", str(drawing), "--json", "--set", 'input.origin="center"']) == 0
-    assert '"moved":[-500035.0,5399980.0]' in capsys.readouterr().out.replace(" ", "").replace(
-        "\n", ""
-    )
+    text = "".join(capsys.readouterr().out.split())
+    assert '"moved":[-500035.0,5399980.0]' in text

@@ -1,4 +1,4 @@
-"""Photos on camgen's sheet without a calibration file, rendered by bench.photo.lenses."""
+"""Rendered photos of a part on camgen's sheet are read without a calibration file."""
 
 import re
 import struct
@@ -31,7 +31,7 @@ def photo(name: str, k: int) -> Photo:
 
 @pytest.mark.parametrize(("name", "limit"), [("mild lens", 0.02), ("strong lens", 0.03)])
 def test_the_sheet_calibrates_the_lens(name: str, limit: float, tmp_path: Path) -> None:
-    """Without the fit it is 0.1 to 1 mm off, or refused."""
+    """Without the fit of the lens, the error is 0.1 to 1 mm, or the photo is refused."""
     shot = photo(name, 1)
     part = read_photo(tmp_path, shot, 0.0)
     lens, placed = note_of(part, "lens from the photo: k1 -"), note_of(part, "placed to within")
@@ -56,7 +56,7 @@ def test_a_height_needs_no_calibration_file(tmp_path: Path) -> None:
     assert "f from the tilt" in note_of(part, "lens from the photo").why
 
 
-def test_a_height_in_a_photo_without_a_lens(tmp_path: Path) -> None:
+def test_a_height_in_a_photo_without_distortion_is_a_warning(tmp_path: Path) -> None:
     shot = photo("no lens, 5 mm", 5)
     part = read_photo(tmp_path, shot, 5.0)
     assert errors(part, shot.part).max() < 0.1
@@ -68,7 +68,7 @@ def test_a_height_in_a_photo_without_a_lens(tmp_path: Path) -> None:
 def test_a_height_seen_from_straight_above_has_the_focal_length_of_an_ordinary_camera(
     tmp_path: Path,
 ) -> None:
-    """The bound is that of the whole range of focal lengths, and the warning has its figure."""
+    """The bound covers the whole range of focal lengths, and a warning states the movement."""
     shot = photo("mild lens, 5 mm", 0)
     part = read_photo(tmp_path, shot, 5.0)
     assert "among those of ordinary cameras" in note_of(part, "lens from the photo").why
@@ -80,7 +80,7 @@ def test_a_height_seen_from_straight_above_has_the_focal_length_of_an_ordinary_c
 
 
 def test_a_height_above_points_needs_no_calibration_file(tmp_path: Path) -> None:
-    """Eight pairs of a photo that is tilted by 28 deg, without noise."""
+    """The job has eight pairs without noise. The photo is tilted by 28 deg."""
     shot = photo("no lens, 5 mm", 6)
     file = tmp_path / "photo.png"
     written(file, render(shot.scene, shot.shot))
@@ -95,8 +95,8 @@ def test_a_height_above_points_needs_no_calibration_file(tmp_path: Path) -> None
     assert note_of(part, "the height may move the part by").strict
 
 
-def test_the_file_may_hold_the_focal_length(tmp_path: Path) -> None:
-    """Exif 2.3, tag 41989, a whole number of mm: the same photo from straight above is read."""
+def test_the_focal_length_in_the_file_is_used(tmp_path: Path) -> None:
+    """Tag 41989 of Exif 2.3 holds a whole number of mm. The photo is from straight above."""
     shot = photo("mild lens, 5 mm", 0)
     film = round(shot.shot.lens.matrix[0, 0] / np.hypot(*SIZE) * 43.267)
     entry = struct.pack("<HHHIHHI", 1, 41989, 3, 1, film, 0, 0)
@@ -108,27 +108,26 @@ def test_the_file_may_hold_the_focal_length(tmp_path: Path) -> None:
     assert "the 35 mm focal length in the file" in note_of(part, "lens from the photo").why
 
 
-def test_a_flat_photo_without_a_lens_says_nothing_of_one(tmp_path: Path) -> None:
+def test_a_flat_photo_without_distortion_has_no_note_about_a_lens(tmp_path: Path) -> None:
     part = read_photo(tmp_path, photo("no lens", 4), 0.0)
     assert not [note for note in part.notes if "lens" in note.what]
 
 
-def test_a_mark_in_a_wrong_place_is_left_out_behind_a_strong_lens(tmp_path: Path) -> None:
-    """Marker 3 is printed 1 mm too far to the right. Without the lens, all corners are 6 px off."""
+def test_a_marker_in_a_wrong_place_is_left_out_with_a_strong_lens(tmp_path: Path) -> None:
+    """Marker 3 is printed 1 mm too far to the right. The lens moves the corners by 6 px."""
     shot = photo("strong lens", 4)
     corners = PAPER.corners.copy()
     corners[3, :, 0] += 1.0
     _, ink = markers((0, 0, 1, 1), PAPER.ids, corners, DICTIONARY)
     page, _, top = shot.scene.layers
-    part = read_photo(
-        tmp_path, shot._replace(scene=replace(shot.scene, layers=(page, ink, top))), 0.0
-    )
+    scene = replace(shot.scene, layers=(page, ink, top))
+    part = read_photo(tmp_path, shot._replace(scene=scene), 0.0)
     assert note_of(part, "marker 3 left out").kind == "warning"
     assert errors(part, shot.part).max() < 0.03
 
 
-def test_a_cut_photo_of_a_flat_part(tmp_path: Path) -> None:
-    """The left sixth is missing. The corners show where the axis of a strong lens is."""
+def test_a_cropped_photo_of_a_flat_part_is_read(tmp_path: Path) -> None:
+    """The left sixth of the photo is missing. The corners show the axis of a strong lens."""
     shot = photo("strong lens", 2)
     file = tmp_path / "cut.png"
     written(file, np.ascontiguousarray(render(shot.scene, shot.shot)[:, 400:]))

@@ -1,4 +1,4 @@
-"""Lists of points in space: what is read, and what is refused with its line."""
+"""Lists of points in space are read, or refused with the line of the fault."""
 
 import math
 from pathlib import Path
@@ -24,18 +24,26 @@ def points(text: str | bytes, job: Job = MM) -> Part:
     return find_reader(source).read(source, job, Files())
 
 
-@pytest.mark.parametrize("text", [
-    "1,2,3\n4,5,6\n", "1;2;3\r\n4;5;6", "1 2 3\r4 5 6", "1\t2\t 3\n4, 5 ,6\n", "x,y,z\n1,2,3\n4,5,6",
-    "\ufeff# a path\nX; Y; Z\n\n1;2;3 # the first\n+4.;5e0;.6e1\n\n\n", "1,2,3\n# in between\n4,5,6",
-])  # fmt: skip
-def test_one_line_of_two_points_however_it_is_written(text: str) -> None:
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1,2,3\n4,5,6\n",
+        "1;2;3\r\n4;5;6",
+        "1 2 3\r4 5 6",
+        "1\t2\t 3\n4, 5 ,6\n",
+        "x,y,z\n1,2,3\n4,5,6",
+        "\ufeff# a path\nX; Y; Z\n\n1;2;3 # the first\n+4.;5e0;.6e1\n\n\n",
+        "1,2,3\n# in between\n4,5,6",
+    ],
+)
+def test_two_points_in_any_spelling_are_a_line(text: str) -> None:
     (curve,) = points(text).curves
     assert curve.points.tolist() == [[1, 2, 3], [4, 5, 6]]
     assert (curve.closed, curve.rotations, curve.curved.any()) == (False, None, False)
     assert curve.length == pytest.approx(math.sqrt(27))
 
 
-def test_a_blank_line_lifts_the_tool_and_a_chain_that_ends_where_it_began_is_closed() -> None:
+def test_a_blank_line_ends_a_curve_and_a_curve_that_returns_to_its_start_is_closed() -> None:
     part = points("0,0,0\n9,0,0\n9,9,5\n0,0,0\n\n1,1,1\n2,2,2\n  \n5,5,5\n\n7,7,7\n7,7,7\n8,8,8")
     assert [(c.id, len(c.points), c.closed) for c in part.curves] == [
         ("c1", 4, True),
@@ -48,7 +56,7 @@ def test_a_blank_line_lifts_the_tool_and_a_chain_that_ends_where_it_began_is_clo
     ]
 
 
-def test_angles_are_fixed_x_y_z_in_deg() -> None:
+def test_angles_are_rotations_about_the_fixed_axes_x_y_z_in_deg() -> None:
     (curve,) = points("0 0 0 180 0 0\n10 0 0 20 30 40").curves
     assert curve.rotations is not None
     assert curve.rotations[0] == pytest.approx(np.diag([1.0, -1.0, -1.0]))
@@ -59,12 +67,12 @@ def test_angles_are_fixed_x_y_z_in_deg() -> None:
     assert curve.rotations[1] == pytest.approx(about_z @ about_y @ about_x)
 
 
-def test_a_turn_on_the_spot_is_kept() -> None:
+def test_a_reorientation_is_kept() -> None:
     (curve,) = points("0 0 0 180 0 0\n9 0 0 180 0 0\n9 0 0 180 20 0\n9 9 0 180 20 0").curves
     assert len(curve.points) == 4
 
 
-def test_units_are_those_of_the_job_and_else_assumed() -> None:
+def test_units_come_from_the_job_or_are_assumed() -> None:
     part = points("0,0,0\n1,0,2", Job(input=InputTable(units="inch")))
     assert part.curves[0].points[1].tolist() == [25.4, 0, 50.8]
     assumed = points("0,0,0\n10,0,2", Job())
@@ -85,7 +93,7 @@ def test_units_are_those_of_the_job_and_else_assumed() -> None:
     ("G21 G90 G0\n", "'G21' is not a number (line 1)"),
     (b"1,2,3\n\xff\xfe\n", "is not a text (byte 6)"),
 ])  # fmt: skip
-def test_what_is_no_point_is_refused_with_its_line(text: str | bytes, line: str) -> None:
+def test_an_invalid_point_is_refused_with_its_line(text: str | bytes, line: str) -> None:
     with pytest.raises(InputError) as caught:
         points(text)
     remedy = "give x,y,z or x,y,z,rx,ry,rz by line, decimals with a point"
@@ -98,13 +106,13 @@ def test_a_list_without_a_curve_is_refused(text: str) -> None:
         points(text)
 
 
-def test_settings_that_a_list_has_no_use_for_are_refused() -> None:
+def test_settings_without_effect_on_a_list_are_refused() -> None:
     for table in (InputTable(layers=["A"]), InputTable(join=1.0)):
         with pytest.raises(JobError, match="has no effect on a list of points"):
             points("0,0,0\n1,1,1", Job(input=table))
 
 
-def test_every_suffix_and_standard_input_is_read(
+def test_each_suffix_is_read_and_a_list_inspected(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for suffix in (".xyz", ".pts", ".csv", ".txt"):
@@ -119,7 +127,7 @@ def test_every_suffix_and_standard_input_is_read(
     assert shown[1].endswith(" mm, closed")
 
 
-def test_other_formats_are_known_by_their_content_before_this_one_by_its_suffix(
+def test_a_drawing_with_the_suffix_of_a_list_is_read_as_a_drawing(
     tmp_path: Path,
 ) -> None:
     file = tmp_path / "a.txt"

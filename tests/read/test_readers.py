@@ -1,7 +1,8 @@
-"""The table of formats: by content, by suffix, from other packages, and broken ones."""
+"""Readers are found by content, by suffix and by name. Other packages add readers."""
 
 import importlib
 import sys
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,8 @@ from camgen.model.files import Source
 from camgen.read import READERS, find_reader, find_suffix, list_installed, read
 
 BUILT_IN = ["dxf", "gcode", "image", "solid", "svg", "xyz"]
-LINE = """
+LINE = (
+    """
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.read import Reader
@@ -21,17 +23,21 @@ from camgen.read import Reader
 def read(source, job, files):
     other = files.read(source.path.with_suffix(".other")).data
     flat = frozen([[0.0, 0.0], [float(other), 0.0]])
-    return Part(source.stem, source.name, "mm", (Contour(flat, frozen([0.0, 0.0]), False, "0", "c1"),), ())
-
+"""
+    '    return Part(source.stem, source.name, "mm", '
+    '(Contour(flat, frozen([0.0, 0.0]), False, "0", "c1"),), ())\n'
+    """
 def inspect(source, job, files):
     return "a line"
 
-LINE = Reader("line", "a line", (".line", ".lin"), "drawing", read, inspect, lambda head: head.startswith(b"LINE"))
 """
+    'LINE = Reader("line", "a line", (".line", ".lin"), "drawing", read, inspect, '
+    'lambda head: head.startswith(b"LINE"))\n'
+)
 
 
 def register(folder: Path, monkeypatch: pytest.MonkeyPatch, entry: str, module: str) -> None:
-    """A distribution in a folder of its own, found through its metadata as an installed one is."""
+    """Writes a package with a reader, which is found through its metadata like an installed one."""
     (folder / "strange_reader.py").write_text(module)
     info = folder / "strange-3.1.dist-info"
     info.mkdir()
@@ -48,16 +54,14 @@ def _line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_built_in_readers_are_registered_like_others() -> None:
-    table = {one.name: one for one in list_installed()}
+    table = {plugin.name: plugin for plugin in list_installed()}
     assert set(BUILT_IN) <= set(table)
     for name in BUILT_IN:
         reader = table[name].reader
         assert reader is not None
         assert (reader.name, table[name].broken) == (name, "")
         assert table[name].origin.startswith("camgen ")
-    suffixes = [
-        suffix for name in BUILT_IN for suffix in getattr(table[name].reader, "suffixes", ())
-    ]
+    suffixes = list(chain(*(getattr(table[name].reader, "suffixes", ()) for name in BUILT_IN)))
     assert len(suffixes) == len(set(suffixes))
 
 
@@ -83,33 +87,29 @@ def test_a_file_is_recognised_by_content_then_by_suffix(
 
 
 @pytest.mark.usefixtures("_line")
-def test_a_foreign_reader_is_found_by_content_by_suffix_and_by_name(
+def test_a_reader_of_another_package_is_found_by_content_suffix_and_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "a.other").write_text("30")
     for name in ("a.line", "a.bin", "a.LIN"):
         (tmp_path / name).write_text("LINE" if name == "a.bin" else "x")
         assert read(tmp_path / name).contours[0].points[1].tolist() == [30, 0]
-    assert find_suffix("line") == find_suffix("line") == ".line"
+    assert find_suffix("line") == ".line"
     assert find_suffix("lin") == ".lin"
     assert main(["inspect", str(tmp_path / "a.line")]) == 0
     assert capsys.readouterr().out == "a line\n"
-    (line,) = (one for one in list_installed() if one.name == "line")
+    (line,) = (plugin for plugin in list_installed() if plugin.name == "line")
     assert (line.origin, line.broken) == ("strange 3.1", "")
 
 
-@pytest.mark.parametrize("does", ["1 / 0", "exit(0)", "print(head) or None.x", "time.sleep(60)"])
-def test_a_reader_that_fails_at_files_of_others_spoils_none(
-    does: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("body", ["1 / 0", "exit(0)", "print(head) or None.x", "time.sleep(60)"])
+def test_a_reader_that_fails_at_files_of_other_readers_does_not_stop_them(
+    body: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(plugins, "SECONDS", 1)
-    module = LINE.replace('lambda head: head.startswith(b"LINE")', f"lambda head: {does}")
-    register(
-        tmp_path,
-        monkeypatch,
-        "line = strange_reader:LINE",
-        "import time\nexit = __import__('sys').exit\n" + module,
-    )
+    module = LINE.replace('lambda head: head.startswith(b"LINE")', f"lambda head: {body}")
+    module = "import time\nexit = __import__('sys').exit\n" + module
+    register(tmp_path, monkeypatch, "line = strange_reader:LINE", module)
     assert find_reader(Source(Path("a.svg"), b"<svg/>")).name == "svg"
     with pytest.raises(
         InputError, match=r"is not a kind of file.*plug-in line: cannot look at a file: "
@@ -118,14 +118,14 @@ def test_a_reader_that_fails_at_files_of_others_spoils_none(
 
 
 @pytest.mark.usefixtures("_line")
-def test_another_file_that_is_missing_is_told(tmp_path: Path) -> None:
+def test_a_missing_second_file_of_an_input_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.line").write_text("x")
     with pytest.raises(InputError, match=r"a\.other: no such file"):
         read(tmp_path / "a.line")
 
 
 @pytest.mark.parametrize(
-    ("entry", "module", "says"),
+    ("entry", "module", "reason"),
     [
         (
             "strange_reader:LINE",
@@ -151,11 +151,11 @@ def test_another_file_that_is_missing_is_told(tmp_path: Path) -> None:
     ],
 )
 def test_a_broken_reader_is_listed_with_its_reason_and_stops_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entry: str, module: str, says: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entry: str, module: str, reason: str
 ) -> None:
     register(tmp_path, monkeypatch, f"line = {entry}", module)
-    (line,) = (one for one in list_installed() if one.name == "line")
-    assert says in line.broken
+    (line,) = (plugin for plugin in list_installed() if plugin.name == "line")
+    assert reason in line.broken
     assert line.reader is None
     assert find_reader(Source(Path("a.dxf"), b"")).name == "dxf"
     with pytest.raises(
@@ -178,13 +178,13 @@ def test_a_suffix_that_two_readers_claim_is_refused(
         find_reader(Source(Path("a.nc"), b"G21"))
 
 
-def test_an_unknown_file_is_told_what_camgen_reads() -> None:
+def test_the_refusal_of_an_unknown_file_lists_the_formats() -> None:
     with pytest.raises(InputError) as caught:
         find_reader(Source(Path("a.doc"), b"x"))
     assert str(caught.value) == (
-        "a.doc: is not a kind of file that camgen reads; give a DXF drawing, G-code, a PNG, JPEG, TIFF, BMP or PGM "
-        "picture, a PacScript program, a RAPID module, a 3-D part, an SVG drawing, a V+ program, a list of points in "
-        "space"
+        "a.doc: is not a kind of file that camgen reads; give a DXF drawing, G-code, "
+        "a PNG, JPEG, TIFF, BMP or PGM picture, a PacScript program, a RAPID module, a 3-D part, "
+        "an SVG drawing, a V+ program, a list of points in space"
     )
 
 
@@ -194,10 +194,11 @@ def test_a_format_is_a_reader_or_a_suffix(name: str) -> None:
     assert reader.name == name or f".{name}" in reader.suffixes
 
 
-def test_an_unknown_format_is_told_those_there_are(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_refusal_of_an_unknown_format_lists_the_readers(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["build", "-", "--format", "dfx", "--post", "gcode"]) == 2
-    said = capsys.readouterr().err
-    assert said == (
-        "camgen: error: --format: no reader is called dfx; give one of dxf, gcode, image, pacscript, rapid, solid, "
-        "svg, vplus, xyz, or a suffix\n"
+    assert capsys.readouterr().err == (
+        "camgen: error: --format: no reader is called dfx; give one of "
+        "dxf, gcode, image, pacscript, rapid, solid, svg, vplus, xyz, or a suffix\n"
     )

@@ -1,4 +1,4 @@
-"""Side walls in photos of a part on the sheet: rendered parts that stand on it, and bevels."""
+"""The side walls of a thick part are recognised in rendered photos, and bevels are not."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ def walls(folder: Path, photo: Photo) -> list[Note]:
 
 
 def test_a_thick_part_is_a_warning_with_its_height(tmp_path: Path) -> None:
-    """6.3 mm, tilted by 19 deg: the focal length is from the tilt."""
+    """The part is 6.3 mm high. The focal length follows from a tilt of 19 deg."""
     photo, height = thick(draw("mild lens", 5, 10, 0), 5)
     (note,) = walls(tmp_path, photo)
     assert (note.kind, note.strict) == ("warning", True)
@@ -28,12 +28,12 @@ def test_a_thick_part_is_a_warning_with_its_height(tmp_path: Path) -> None:
     assert "give camera.height" in note.why
 
 
-def test_a_flat_part_is_none(tmp_path: Path) -> None:
+def test_a_flat_part_has_no_side_wall(tmp_path: Path) -> None:
     assert walls(tmp_path, draw("mild lens", 5, 10, 0)) == []
 
 
-def test_a_bevel_all_around_is_none(tmp_path: Path) -> None:
-    """A frame of 1.5 mm, as bright as a wall, on the near sides and on the far ones."""
+def test_a_bevel_all_around_is_not_a_side_wall(tmp_path: Path) -> None:
+    """A frame of 1.5 mm, as bright as a wall, lies on the near sides and on the far sides."""
     photo = draw("mild lens", 5, 10, 0)
     *paper, top = photo.scene.layers
     middle = complex(top.loops[0].points.mean())
@@ -44,7 +44,7 @@ def test_a_bevel_all_around_is_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("wall", [0.35, 0.8])
-def test_with_a_height_a_dark_wall_is_left_out(wall: float, tmp_path: Path) -> None:
+def test_a_dark_wall_is_left_out_if_the_height_is_given(wall: float, tmp_path: Path) -> None:
     """A dark wall belongs to the part in the picture, unless it is left out as a moved outline."""
     photo, _ = thick(draw("mild lens", 8, 10, 0), 8)
     layers = (photo.scene.layers[:2], photo.scene.layers[2:-1], photo.scene.layers[-1:])
@@ -56,11 +56,11 @@ def test_with_a_height_a_dark_wall_is_left_out(wall: float, tmp_path: Path) -> N
     assert not [note.what for note in part.notes if "runs along the foot" in note.what]
     left_out = [note.kind for note in part.notes if "a wall is left out" in note.what]
     assert left_out == ["warning"] * (wall < 0.5)
-    # It was more than 1 mm with the dark wall. The bound of the height is 0.44 mm.
+    # With the dark wall, the error would be more than 1 mm. The bound of the height is 0.44 mm.
     assert error < (0.5 if left_out else 0.3)
 
 
-#: A camera 400 mm above the place (30, 20), 10 px a mm at the sheet.
+#: A camera 400 mm above the point (30, 20), with 10 px/mm at the sheet.
 FOCAL, ABOVE, FOOT = 4000.0, 400.0, np.array([30.0, 20.0])
 CAMERA = Camera(
     matrix=frozen([[FOCAL, 0, 0], [0, FOCAL, 0], [0, 0, 1]]),
@@ -72,7 +72,7 @@ PLANE = Plane(
     frozen([[10.0, 0, -300], [0, -10, 200], [0, 0, 1]]),
     frozen(np.linalg.inv([[10.0, 0, -300], [0, -10, 200], [0, 0, 1]])),
 )
-#: A view of 10 px a mm, y upwards, from (0, 0) on.
+#: A view of 10 px/mm with y upwards, whose lower left corner is (0, 0).
 WORK_FROM_VIEW = np.array([[0.1, 0, 0.0], [0, -0.1, 80.0]])
 RECTANGLE = np.array([(70.0, 50), (105, 50), (105, 75), (70, 75)])
 
@@ -82,7 +82,7 @@ def corners(mm: np.ndarray) -> np.ndarray:
 
 
 def drawn(height: float, wall: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """View, mask and outline of a block of ``height`` mm; the mask is darker than 150."""
+    """View, mask and outline of a block of `height` mm. Pixels darker than 150 are the mask."""
     view = np.full((800, 1200), 220, np.uint8)
     for z in np.arange(0, height, 0.02):
         raised = FOOT + (RECTANGLE - FOOT) * ABOVE / (ABOVE - z)
@@ -96,28 +96,30 @@ def drawn(height: float, wall: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @pytest.mark.parametrize("wall", [110, 190])
 @pytest.mark.parametrize("height", [9.0, 20.0])
-def test_the_height_of_a_wall_that_is_part_or_bench(height: float, wall: int) -> None:
-    """A dark wall belongs to the part and its second edge is inside; a bright one is bench."""
+def test_the_height_of_a_wall_is_measured_in_the_part_and_beside_it(
+    height: float, wall: int
+) -> None:
+    """A dark wall belongs to the mask and has its second edge inside. A bright wall does not."""
     view, mask, outline = drawn(height, wall)
     seen = find_side_wall(view, mask, WORK_FROM_VIEW, [outline], PLANE, [CAMERA])
     assert seen is not None
     assert seen.lowest == seen.highest == pytest.approx(height, rel=0.15)
-    # The farthest corner, (105, 75), is 93 mm from the place below the camera.
     assert seen.is_part == (wall < 150)
-    # The nearest corner, (70, 50), is 50 mm from it.
+    # From the point below the camera, the nearest corner (70, 50) has a distance of 50 mm, and the
+    # farthest corner (105, 75) a distance of 93 mm.
     assert seen.width == pytest.approx(50 * height / (ABOVE - height), rel=0.15)
     assert seen.shift == pytest.approx(93 * height / (ABOVE - height), rel=0.15)
 
 
-def test_no_wall_where_the_step_is_missing_or_the_camera_unknown() -> None:
+def test_a_wall_without_contrast_or_without_a_camera_is_not_found() -> None:
     view, mask, outline = drawn(9.0, 60)
     assert find_side_wall(view, mask, WORK_FROM_VIEW, [outline], PLANE, [CAMERA]) is None
     view, mask, outline = drawn(9.0, 110)
     assert find_side_wall(view, mask, WORK_FROM_VIEW, [outline], PLANE, []) is None
 
 
-def test_a_band_on_the_sides_that_face_away_is_none() -> None:
-    """The camera is on the other side of the part: the same picture shows no wall for it."""
+def test_a_band_on_the_sides_away_from_the_camera_is_not_a_wall() -> None:
+    """The camera is on the other side of the part, which cannot show these walls from there."""
     view, mask, outline = drawn(9.0, 110)
     turned = frozen([[10.0, 0, -1200], [0, -10, 900], [0, 0, 1]])
     plane = Plane(turned, frozen(np.linalg.inv(turned)))

@@ -1,6 +1,7 @@
-"""Lines, arcs and curves are told from each other by the vertices of a chain, whatever meshed them."""
+"""Lines, arcs and curves are distinguished by the vertices of a chain, of any mesh."""
 
 import math
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -19,21 +20,23 @@ TIGHT = 1e-7
 def arc(
     radius: float, start: float, end: float, sides: int, center: tuple[float, float] = (0.0, 0.0)
 ) -> Array:
+    """Points of an arc from `start` to `end` (deg), at the ends of `sides` equal chords."""
     angle = np.radians(np.linspace(start, end, sides + 1))
-    x, y = center
-    return np.column_stack(
-        [x + radius * np.cos(angle), y + radius * np.sin(angle), np.zeros(sides + 1)]
-    )
+    x, y = center[0] + radius * np.cos(angle), center[1] + radius * np.sin(angle)
+    return np.column_stack([x, y, np.zeros(sides + 1)])
 
 
 def kinds(runs: list[SideRun]) -> list[str]:
-    return [r.kind for r in runs]
+    return [run.kind for run in runs]
 
 
 @given(
-    st.floats(0.5, 500), st.floats(20, 350), st.integers(10, 60), st.tuples(*[st.floats(-3, 3)] * 3),
+    st.floats(0.5, 500),
+    st.floats(20, 350),
+    st.integers(10, 60),
+    st.tuples(*[st.floats(-3, 3)] * 3),
     st.tuples(*[st.floats(-300, 300)] * 3),
-)  # fmt: skip
+)
 def test_an_arc_anywhere_in_space_is_one_arc(
     radius: float,
     sweep: float,
@@ -52,19 +55,20 @@ def test_an_arc_anywhere_in_space_is_one_arc(
 
 
 def test_a_line_between_two_fillets_stays_a_line() -> None:
-    # Last side of the one, line, first side of the other lie on one circle, whatever the length of the line.
+    # For any length of the line, a circle passes through the last side of the first fillet, the
+    # line, and the first side of the second fillet.
     for length in (0.7, 2.0, 60.0):
         left, right = arc(5, 180, 90, 10, (0, 0)), arc(5, 90, 0, 10, (length, 0))
         _, runs = recognise(np.concatenate([left, right]), False, 1e-3, TIGHT)
         assert kinds(runs) == ["arc", "line", "arc"], length
-        assert [r.pieces[0].high - r.pieces[0].low for r in runs] == [10, 1, 10]
+        assert [run.pieces[0].high - run.pieces[0].low for run in runs] == [10, 1, 10]
 
 
-def test_vertices_on_the_way_of_a_line_make_no_pieces() -> None:
+def test_vertices_on_a_line_or_a_chord_do_not_divide_it() -> None:
     along = np.array([0, 3, 3.5, 20, 21, 50.0])
     _, runs = recognise(np.outer(along, [0.6, 0.8, 0.0]), False, 1e-3, TIGHT)
     assert kinds(runs) == ["line"]
-    # A vertex that another face put on the chord of an arc does not spoil its radius.
+    # A vertex of another face on a chord does not change the radius of the arc.
     points = np.insert(arc(10, 0, 90, 6), 3, arc(10, 0, 90, 6)[2:4].mean(axis=0), axis=0)
     _, (run,) = recognise(points, False, 1e-3, TIGHT * 10)
     assert run.kind == "arc"
@@ -74,7 +78,7 @@ def test_vertices_on_the_way_of_a_line_make_no_pieces() -> None:
 
 
 def test_three_sides_of_a_polygon_with_corners_are_three_lines() -> None:
-    _, runs = recognise(arc(10, 0, 135, 3), False, 1e-3, TIGHT)  # turns of 45 deg
+    _, runs = recognise(arc(10, 0, 135, 3), False, 1e-3, TIGHT)  # The corners have 45 deg.
     assert kinds(runs) == ["line", "line", "line"]
 
 
@@ -87,17 +91,17 @@ def test_an_ellipse_is_a_curve() -> None:
     assert runs[0].pieces[-1].high - runs[0].pieces[0].low == 48
 
 
-@pytest.mark.parametrize("begin", range(0, 40, 7))
-def test_a_loop_may_begin_anywhere(begin: int) -> None:
+@pytest.mark.parametrize("start", range(0, 40, 7))
+def test_a_loop_may_start_at_any_vertex(start: int) -> None:
     loop = np.concatenate([arc(5, 180, 0, 18, (0, 30)), arc(5, 0, -180, 18, (0, 0))])
-    turned = np.roll(loop, -begin, axis=0)
-    _, runs = recognise(np.concatenate([turned, turned[:1]]), True, 1e-3, TIGHT)
+    rotated = np.roll(loop, -start, axis=0)
+    _, runs = recognise(np.concatenate([rotated, rotated[:1]]), True, 1e-3, TIGHT)
     assert sorted(kinds(runs)) == ["arc", "arc", "line", "line"]
-    radii = [p.circle.radius for r in runs for p in r.pieces if p.circle is not None]
-    assert np.allclose(radii, 5)
+    pieces = chain(*(run.pieces for run in runs))
+    assert np.allclose([piece.circle.radius for piece in pieces if piece.circle is not None], 5)
 
 
-def test_circles_by_three_points_and_by_many_agree_with_the_formula() -> None:
+def test_circles_through_three_points_and_through_many_are_exact() -> None:
     points = arc(7, 10, 200, 25, (3, -4)) + np.array([0, 0, 2])
     for circle in (find_circle(points[0], points[9], points[-1]), fit_circle(points)):
         assert circle is not None
@@ -108,9 +112,7 @@ def test_circles_by_three_points_and_by_many_agree_with_the_formula() -> None:
     assert find_circle(points[0], points[0] + [1, 1, 1], points[0] + [2, 2, 2]) is None
 
 
-def test_lengths_of_spans_are_exact() -> None:
-    ends, via = (
-        np.array([[1.0, 0, 0], [-1, 0, 0], [-1, 0, 5]]),
-        np.array([[0.0, 1, 0], [-1, 0, 2.5]]),
-    )
+def test_the_lengths_of_lines_and_arcs_are_exact() -> None:
+    ends = np.array([[1.0, 0, 0], [-1, 0, 0], [-1, 0, 5]])
+    via = np.array([[0.0, 1, 0], [-1, 0, 2.5]])
     assert np.allclose(measure_spans(ends, via), [math.pi, 5])

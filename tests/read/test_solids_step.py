@@ -1,8 +1,7 @@
-"""STEP: edges as exact as the file, in its units, with both faces beside them. What needs no kernel runs without it."""
+"""The edges of a STEP file are as exact as the file, in its units, with both of their faces."""
 
 import math
 import re
-from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,13 @@ import pytest
 
 from camgen.geometry.arcs import find_circle
 from camgen.model.errors import InputError
-from camgen.model.part import Edge, Solid
+from camgen.model.part import Edge
 from camgen.read.solid import kernel, mesh, step, step_file
+from tests.read.test_solids_mesh import kinds
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
-
 
 occ = kernel.import_ocp
 with_kernel = pytest.mark.skipif(
@@ -47,10 +46,6 @@ def box(low: tuple[float, ...], high: tuple[float, ...]) -> Any:
     return occ("BRepPrimAPI").BRepPrimAPI_MakeBox(gp.gp_Pnt(*low), gp.gp_Pnt(*high)).Shape()
 
 
-def kinds(solid: Solid) -> Counter[tuple[str, bool]]:
-    return Counter((e.kind, e.convex) for e in solid.edges)
-
-
 def sampled(edge: Edge) -> Any:
     """Points along the spans of an edge, 40 on each."""
     parts = []
@@ -61,7 +56,9 @@ def sampled(edge: Edge) -> Any:
     return np.concatenate(parts)
 
 
-def test_without_the_extra_one_line_says_which(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_refusal_without_the_cad_kernel_names_the_extra(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def missing(name: str) -> Any:
         raise ModuleNotFoundError(f"No module named OCP.{name}")
 
@@ -74,10 +71,8 @@ def test_without_the_extra_one_line_says_which(monkeypatch: pytest.MonkeyPatch) 
 @with_kernel
 @pytest.mark.parametrize("name", ["rfa1", "rfa2"])
 def test_exact_and_meshed_parts_have_the_same_edges(name: str) -> None:
-    exact, meshed = (
-        step.read(source(PARTS / f"{name}.step")),
-        mesh.read(source(PARTS / f"{name}.stl")),
-    )
+    exact = step.read(source(PARTS / f"{name}.step"))
+    meshed = mesh.read(source(PARTS / f"{name}.stl"))
     assert exact.units == "mm"
     assert len(exact.edges) == len(meshed.edges)
     for a, b in zip(exact.edges, meshed.edges, strict=True):
@@ -100,21 +95,21 @@ def test_the_unit_of_the_file_counts(tmp_path: Path) -> None:
     solid = step.read(source(path))
     assert solid.units == "cm"
     assert np.allclose(np.ptp(solid.vertices, axis=0), [1250, 950, 700])
-    assert max(e.radius for e in solid.edges) == pytest.approx(250)
+    assert max(edge.radius for edge in solid.edges) == pytest.approx(250)
 
 
 @with_kernel
 def test_an_ellipse_is_a_curve_within_the_tolerance(tmp_path: Path) -> None:
-    # A cylinder of radius 10 cut by the plane z = x + 30.
+    # The plane z = x + 30 cuts a cylinder of radius 10.
     gp, build = occ("gp"), occ("BRepBuilderAPI")
-    corners = [gp.gp_Pnt(*c) for c in ((-20, -20, 10), (30, -20, 60), (-20, -20, 60))]
+    corners = [gp.gp_Pnt(*corner) for corner in ((-20, -20, 10), (30, -20, 60), (-20, -20, 60))]
     wire = build.BRepBuilderAPI_MakePolygon(*corners, True).Wire()
     face = build.BRepBuilderAPI_MakeFace(wire, True).Face()
     wedge = occ("BRepPrimAPI").BRepPrimAPI_MakePrism(face, gp.gp_Vec(0, 40, 0)).Shape()
     cut = occ("BRepAlgoAPI").BRepAlgoAPI_Cut(cylinder(10, 60), wedge).Shape()
     solid = step.read(source(written(tmp_path / "cut.step", cut)), tolerance=0.005)
     assert kinds(solid) == {("curve", True): 1, ("circle", True): 1}
-    edge = next(e for e in solid.edges if e.kind == "curve")
+    edge = next(edge for edge in solid.edges if edge.kind == "curve")
     points = sampled(edge)
     assert np.abs(np.hypot(points[:, 0], points[:, 1]) - 10).max() < 0.006
     assert np.abs(points[:, 2] - points[:, 0] - 30).max() < 0.006
@@ -122,22 +117,17 @@ def test_an_ellipse_is_a_curve_within_the_tolerance(tmp_path: Path) -> None:
     perimeter = np.hypot(10 * np.cos(t), 10 * math.sqrt(2) * np.sin(t))[:-1].mean() * 2 * np.pi
     assert edge.length == pytest.approx(perimeter, rel=1e-5)
     slope = np.array([-1, 0, 1]) / math.sqrt(2)
-    for place, (a, b) in zip(edge.points, edge.normals, strict=True):
-        radial = place * [0.1, 0.1, 0]
-        assert (
-            min(
-                np.abs(a - slope).max() + np.abs(b - radial).max(),
-                np.abs(b - slope).max() + np.abs(a - radial).max(),
-            )
-            < 1e-6
-        )
+    for point, normals in zip(edge.points, edge.normals, strict=True):
+        radial = point * [0.1, 0.1, 0]
+        # The normals of the two faces may be in either order.
+        orders = ((slope, radial), (radial, slope))
+        assert min(np.abs(normals - order).max(axis=1).sum() for order in orders) < 1e-6
 
 
 @with_kernel
-def test_splines_that_are_lines_and_circles_are_found_out(tmp_path: Path) -> None:
-    ring = (
-        occ("BRepAlgoAPI").BRepAlgoAPI_Cut(box((-20, -20, 0), (20, 20, 8)), cylinder(9, 8)).Shape()
-    )
+def test_splines_that_are_lines_and_circles_are_recognised(tmp_path: Path) -> None:
+    block = box((-20, -20, 0), (20, 20, 8))
+    ring = occ("BRepAlgoAPI").BRepAlgoAPI_Cut(block, cylinder(9, 8)).Shape()
     splines = occ("BRepBuilderAPI").BRepBuilderAPI_NurbsConvert(ring, True).Shape()
     path = written(tmp_path / "splines.step", splines)
     assert b"=CIRCLE" not in path.read_bytes().replace(b" ", b"")
@@ -151,36 +141,28 @@ def test_splines_that_are_lines_and_circles_are_found_out(tmp_path: Path) -> Non
 
 @with_kernel
 def test_a_fillet_leaves_no_edge_and_a_step_a_concave_one(tmp_path: Path) -> None:
-    fuse = occ("BRepAlgoAPI").BRepAlgoAPI_Fuse(
-        box((0, 0, 0), (40, 30, 10)), box((0, 0, 10), (15, 30, 20))
-    )
+    lower, upper = box((0, 0, 0), (40, 30, 10)), box((0, 0, 10), (15, 30, 20))
+    fuse = occ("BRepAlgoAPI").BRepAlgoAPI_Fuse(lower, upper)
     fuse.SimplifyResult()
     solid = step.read(source(written(tmp_path / "step.step", fuse.Shape())))
     assert kinds(solid) == {("line", True): 17, ("line", False): 1}
     block = box((0, 0, 0), (40, 30, 10))
-    upright = next(
-        m.edge for m in kernel.list_edges(block) if abs(kernel.Curve(m.edge).tangent(0.0)[2]) > 0.5
-    )
+    edges = [member.edge for member in kernel.list_edges(block)]
+    upright = next(edge for edge in edges if abs(kernel.Curve(edge).tangent(0.0)[2]) > 0.5)
     fillet = occ("BRepFilletAPI").BRepFilletAPI_MakeFillet(block)
     fillet.Add(4.0, upright)
     rounded = step.read(source(written(tmp_path / "round.step", fillet.Shape())))
     assert kinds(rounded) == {("line", True): 11, ("arc", True): 2}
     assert "2 below 30.05 deg" in "; ".join(map(str, rounded.notes))
-    for edge in (e for e in rounded.edges if e.kind == "arc"):
+    for edge in (edge for edge in rounded.edges if edge.kind == "arc"):
         assert edge.length == pytest.approx(2 * math.pi)
 
 
 @with_kernel
 def test_an_open_shell_has_borders(tmp_path: Path) -> None:
-    build = occ("BRepBuilderAPI")
-    gp = occ("gp")
-    sewing = build.BRepBuilderAPI_Sewing()
-    for corners in (
-        ((0, 0, 0), (10, 0, 0), (10, 10, 0), (0, 10, 0)),
-        ((0, 0, 0), (0, 0, 10), (10, 0, 10), (10, 0, 0)),
-    ):
-        wire = build.BRepBuilderAPI_MakePolygon(*[gp.gp_Pnt(*c) for c in corners], True).Wire()
-        sewing.Add(build.BRepBuilderAPI_MakeFace(wire, True).Face())
+    sewing = occ("BRepBuilderAPI").BRepBuilderAPI_Sewing()
+    sewing.Add(polygon((0, 0, 0), (10, 0, 0), (10, 10, 0), (0, 10, 0)))
+    sewing.Add(polygon((0, 0, 0), (0, 0, 10), (10, 0, 10), (10, 0, 0)))
     sewing.Perform()
     solid = step.read(source(written(tmp_path / "shell.step", sewing.SewedShape())))
     assert len(solid.edges) == 1
@@ -204,7 +186,9 @@ def test_an_open_shell_has_borders(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_is_no_step_file_is_refused(tmp_path: Path, data: bytes, message: str) -> None:
+def test_a_file_that_is_not_a_step_file_is_refused(
+    tmp_path: Path, data: bytes, message: str
+) -> None:
     (tmp_path / "x.step").write_bytes(data)
     with pytest.raises(InputError, match=message) as caught:
         step.read(source(tmp_path / "x.step"))
@@ -222,7 +206,7 @@ def test_what_is_no_step_file_is_refused(tmp_path: Path, data: bytes, message: s
         ("0.,0.,1.)", "0.,0.,nan)", "entities cannot be read|no faces"),
     ],
 )
-def test_damage_is_refused_before_the_kernel_leaves_something_out(
+def test_damage_at_which_the_kernel_would_leave_out_entities_is_refused(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     text = (PARTS / "rfa1.step").read_text()
@@ -234,8 +218,9 @@ def test_damage_is_refused_before_the_kernel_leaves_something_out(
     assert "\n" not in str(caught.value)
 
 
-#: Faults in what no edge needs, as CAD programs write them: what stands in the text, what in its place, what is said.
-SPARED = [
+#: Faults of CAD programs in entities that no edge needs: a pattern in the sound text, the faulty
+#: text that replaces it, and a part of the note.
+HARMLESS_FAULTS = [
     (
         r"ADVANCED_FACE\('[^']*'",
         "ADVANCED_FACE($",
@@ -249,7 +234,8 @@ SPARED = [
     ),
     (
         r"(ENDSEC;\s*END-ISO)",
-        r"#9001=CURVE_STYLE('',$,POSITIVE_LENGTH_MEASURE(0.1),#9002);\n#9002=COLOUR_RGB('a;b #1=',1.,0.,0.);\n"
+        r"#9001=CURVE_STYLE('',$,POSITIVE_LENGTH_MEASURE(0.1),#9002);\n"
+        r"#9002=COLOUR_RGB('a;b #1=',1.,0.,0.);\n"
         r"#9003=PRESENTATION_STYLE_ASSIGNMENT((#9001));\n#9004=STYLED_ITEM('',(#9003),#15);\n\1",
         "1 entity that cannot be read was left out: 1 CURVE_STYLE",
     ),
@@ -260,7 +246,8 @@ SPARED = [
     ),
     (
         r"(ADVANCED_BREP_SHAPE_REPRESENTATION\('',\(#\d+,#15)\)(.*?)(ENDSEC;\s*END-ISO)",
-        r"\1,#9001)\2#9001=TEXT_LITERAL('','R1',#11,'left',.RIGHT.,#9002);\n#9002=COLOUR_RGB('',1.,0.,0.);\n\3",
+        r"\1,#9001)\2#9001=TEXT_LITERAL('','R1',#11,'left',.RIGHT.,#9002);\n"
+        r"#9002=COLOUR_RGB('',1.,0.,0.);\n\3",
         "1 TEXT_LITERAL",
     ),
     (
@@ -272,36 +259,37 @@ SPARED = [
 
 
 @with_kernel
-@pytest.mark.parametrize(("old", "new", "says"), SPARED)
-def test_what_no_edge_needs_need_not_be_sound(
-    tmp_path: Path, old: str, new: str, says: str
+@pytest.mark.parametrize(("old", "new", "message"), HARMLESS_FAULTS)
+def test_faulty_entities_that_no_edge_needs_are_noted_and_the_part_is_read(
+    tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     text = (PARTS / "rfa1.step").read_text()
-    spoiled, count = re.subn(old, new, text, flags=re.DOTALL)
+    damaged_text, count = re.subn(old, new, text, flags=re.DOTALL)
     assert count
-    (tmp_path / "rfa1.step").write_text(spoiled)
-    found, whole = step.read(source(tmp_path / "rfa1.step")), step.read(source(PARTS / "rfa1.step"))
-    mended = [str(note) for note in found.notes if note.kind in ("repaired", "assumed")]
-    assert says in "; ".join(mended)
-    assert len(found.edges) == len(whole.edges)
-    for a, b in zip(found.edges, whole.edges, strict=True):
+    (tmp_path / "rfa1.step").write_text(damaged_text)
+    damaged = step.read(source(tmp_path / "rfa1.step"))
+    sound = step.read(source(PARTS / "rfa1.step"))
+    notes = [str(note) for note in damaged.notes if note.kind in ("repaired", "assumed")]
+    assert message in "; ".join(notes)
+    assert len(damaged.edges) == len(sound.edges)
+    for a, b in zip(damaged.edges, sound.edges, strict=True):
         assert np.array_equal(a.points, b.points)
-    assert np.array_equal(found.vertices, whole.vertices)
+    assert np.array_equal(damaged.vertices, sound.vertices)
 
 
 @with_kernel
 @pytest.mark.parametrize(
     ("old", "new", "needed"),
     [
-        # The face, and what it is made of.
+        # The face and its parts.
         (r"ADVANCED_FACE\('([^']*)',\(#\d+\)", r"ADVANCED_FACE('\1',(#662)", "ADVANCED_FACE"),
-        # A body of a kind that the kernel does not know, beside the one that it does.
+        # A body of a kind that the kernel does not know, besides the body of a known kind.
         (
             r"(ADVANCED_BREP_SHAPE_REPRESENTATION\('',\(#\d+,#15)\)(.*?)(ENDSEC;\s*END-ISO)",
             r"\1,#9001)\2#9001=FOAM_BREP('',#16);\n\3",
             "ADVANCED_BREP_SHAPE_REPRESENTATION",
         ),
-        # The unit in which all lengths are.
+        # The unit of all lengths.
         (r"\(\(#662,#663,#664\)\)", "((#15,#663,#664))", "CONTEXT"),
         (
             r"SHAPE_DEFINITION_REPRESENTATION\(#(\d+),#(\d+)\)",
@@ -310,11 +298,13 @@ def test_what_no_edge_needs_need_not_be_sound(
         ),
     ],
 )
-def test_what_the_edges_need_must_be_sound(tmp_path: Path, old: str, new: str, needed: str) -> None:
+def test_a_faulty_entity_that_the_edges_need_is_refused(
+    tmp_path: Path, old: str, new: str, needed: str
+) -> None:
     text = (PARTS / "rfa1.step").read_text()
-    spoiled, count = re.subn(old, new, text, count=1, flags=re.DOTALL)
+    damaged_text, count = re.subn(old, new, text, count=1, flags=re.DOTALL)
     assert count
-    (tmp_path / "rfa1.step").write_text(spoiled)
+    (tmp_path / "rfa1.step").write_text(damaged_text)
     with pytest.raises(
         InputError, match=f"is damaged: .* and the part needs #.*{needed}|holds no shape"
     ) as caught:
@@ -323,7 +313,7 @@ def test_what_the_edges_need_must_be_sound(tmp_path: Path, old: str, new: str, n
 
 
 @with_kernel
-def test_a_wireframe_and_parts_in_other_files_have_their_own_reason(tmp_path: Path) -> None:
+def test_a_wireframe_and_parts_in_other_files_are_refused_with_their_reason(tmp_path: Path) -> None:
     gp, build = occ("gp"), occ("BRepBuilderAPI")
     wire = build.BRepBuilderAPI_MakePolygon(
         gp.gp_Pnt(0, 0, 0), gp.gp_Pnt(9, 0, 0), gp.gp_Pnt(9, 9, 0)
@@ -332,66 +322,58 @@ def test_a_wireframe_and_parts_in_other_files_have_their_own_reason(tmp_path: Pa
     with pytest.raises(InputError) as caught:
         step.read(source(path))
     assert str(caught.value) == (
-        "wire.step: is a wireframe: 2 curves and no faces (the edge of a solid lies between two faces); "
-        "export the part as a solid"
+        "wire.step: is a wireframe: 2 curves and no faces "
+        "(the edge of a solid lies between two faces); export the part as a solid"
     )
-    document = "#9001=DOCUMENT_FILE('a ''left''.stp','','',#9002,'',$);\n#9002=DOCUMENT_TYPE('geometry');\n"
-    both = path.read_text().replace("ENDSEC;\nEND-ISO", f"{document}ENDSEC;\nEND-ISO")
-    (tmp_path / "wire.step").write_text(both)
+    end = "ENDSEC;\nEND-ISO"
+    document = "#9001=DOCUMENT_FILE('a ''left''.stp','','',#9002,'',$);\n"
+    document += "#9002=DOCUMENT_TYPE('geometry');\n"
+    (tmp_path / "wire.step").write_text(path.read_text().replace(end, document + end))
     with pytest.raises(
         InputError,
         match=r"holds no shape: its parts are in another file \(a _left_\.stp\); build these",
     ):
         step.read(source(path))
-    whole = (
-        (PARTS / "rfa1.step").read_text().replace("ENDSEC;\nEND-ISO", f"{document}ENDSEC;\nEND-ISO")
-    )
-    (tmp_path / "more.step").write_text(whole)
-    notes = [
-        str(note)
-        for note in step.read(source(tmp_path / "more.step")).notes
-        if note.kind == "skipped"
-    ]
+    whole = (PARTS / "rfa1.step").read_text()
+    (tmp_path / "more.step").write_text(whole.replace(end, document + end))
+    solid = step.read(source(tmp_path / "more.step"))
+    notes = [str(note) for note in solid.notes if note.kind == "skipped"]
     assert notes == ["skipped: what is in other files: a _left_.stp (build them one by one)"]
 
 
 @with_kernel
-def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path) -> None:
-    for size, says, unit in (
+def test_an_implausible_size_is_a_warning(tmp_path: Path) -> None:
+    for size, message, unit in (
         (0.17, "0.17 x 0.17 x 0.17 mm, which is small", "m"),
         (9999.0, "which is large", "um"),
         (100.0, "", ""),
     ):
-        solid = step.read(
-            source(written(tmp_path / "cube.step", box((0, 0, 0), (size, size, size))))
-        )
-        doubts = [note for note in solid.notes if "which is" in note.what]
-        assert bool(doubts) == bool(says)
-        for note in doubts:
-            assert says in note.what
+        cube = box((0, 0, 0), (size, size, size))
+        solid = step.read(source(written(tmp_path / "cube.step", cube)))
+        notes = [note for note in solid.notes if "which is" in note.what]
+        assert bool(notes) == bool(message)
+        for note in notes:
+            assert message in note.what
             remedy = "export it again in another one if that is not meant"
             assert note.why == f"drawn in mm, likely in {unit}; {remedy}"
 
 
 @with_kernel
-def test_shared_twins_agree() -> None:
-    exact, meshed = (
-        SHARED / "step/trimesh/featuretype.STEP",
-        SHARED / "mesh/trimesh/featuretype.STL",
-    )
+def test_a_shared_part_has_the_circles_of_its_mesh() -> None:
+    exact = SHARED / "step/trimesh/featuretype.STEP"
+    meshed = SHARED / "mesh/trimesh/featuretype.STL"
     if not exact.exists():
         pytest.skip("shared/data/step/trimesh/featuretype.STEP is not beside the repository")
-    radii = [
-        sorted(e.radius for e in solid.edges if e.kind == "circle")
-        for solid in (step.read(source(exact)), mesh.read(source(meshed), mm=25.4))
-    ]
+    radii = []
+    for solid in (step.read(source(exact)), mesh.read(source(meshed), mm=25.4)):
+        radii.append(sorted(edge.radius for edge in solid.edges if edge.kind == "circle"))
     assert len(radii[0]) == 34
     assert np.allclose(*radii, atol=1e-4)
 
 
 @with_kernel
 @pytest.mark.parametrize(
-    ("was", "says", "why"),
+    ("old", "new", "message"),
     [
         (b"(200.,45.,100.)", b"(200.,45.100.)", "is damaged: it ends the CAD kernel"),
         (
@@ -401,18 +383,19 @@ def test_shared_twins_agree() -> None:
         ),
     ],
 )
-def test_a_file_that_ends_the_kernel_ends_nothing_else(
-    was: bytes, says: bytes, why: str, tmp_path: Path
+def test_a_file_that_ends_the_process_of_the_kernel_is_refused(
+    old: bytes, new: bytes, message: str, tmp_path: Path
 ) -> None:
-    """Found by bench.reliability.inputs: both end the process that gives them to OCCT."""
+    """Both faults, found by bench.reliability.inputs, end the process that calls OCCT."""
     sound = (PARTS / "rfa2.step").read_bytes()
-    assert was in sound
-    (tmp_path / "part.step").write_bytes(sound.replace(was, says, 1))
-    with pytest.raises(InputError, match=re.escape(why)):
+    assert old in sound
+    (tmp_path / "part.step").write_bytes(sound.replace(old, new, 1))
+    with pytest.raises(InputError, match=re.escape(message)):
         step_file.read_bodies(source(tmp_path / "part.step"))
 
 
 def polygon(*corners: tuple[float, float, float]) -> Any:
+    """A flat face with these corners."""
     build, gp = occ("BRepBuilderAPI"), occ("gp")
     wire = build.BRepBuilderAPI_MakePolygon()
     for corner in corners:
@@ -434,8 +417,8 @@ def enclose(faces: list[Any]) -> Any:
 
 
 @with_kernel
-def test_an_edge_beside_two_shorter_ones_is_cut_and_sewn(tmp_path: Path) -> None:
-    """A box whose top has a vertex in its front edge, at x = 25: 13 edges are sewn, 12 remain."""
+def test_an_edge_along_two_shorter_ones_is_divided_and_sewn(tmp_path: Path) -> None:
+    """The top of a box has a vertex in its front edge, at x = 25. The 13 sewn edges become 12."""
     a, b, c, d = (0, 0, 0), (60, 0, 0), (60, 40, 0), (0, 40, 0)
     e, f, g, h = (0, 0, 20), (60, 0, 20), (60, 40, 20), (0, 40, 20)
     sides = [(a, b, f, e), (b, c, g, f), (c, d, h, g), (d, a, e, h), (a, d, c, b)]
@@ -449,7 +432,7 @@ def test_an_edge_beside_two_shorter_ones_is_cut_and_sewn(tmp_path: Path) -> None
 @with_kernel
 @pytest.mark.parametrize("name", ["cone", "ball"])
 def test_a_plug_that_fills_a_block_leaves_no_seam(tmp_path: Path, name: str) -> None:
-    """A block with a conical or a spherical hollow, and the plug in it: 12 edges, two bodies."""
+    """A block with a conical or spherical hollow and its plug have 12 edges and are two bodies."""
     primitive, boolean = occ("BRepPrimAPI"), occ("BRepAlgoAPI")
     block = box((-20, -20, -20), (20, 20, 0))
     if name == "cone":

@@ -1,4 +1,4 @@
-"""Curves in space of a DXF drawing: where they run, judged by the formulas of what was drawn; how ends meet."""
+"""Curves in space of a DXF drawing agree with the formulas of the drawing, and are joined."""
 
 import math
 from pathlib import Path
@@ -40,7 +40,7 @@ def line(*ends: tuple[float, float, float], layer: str = "0") -> Piece:
     return Piece("LINE", layer, rows, np.full((len(rows) - 1, 3), np.nan))
 
 
-def test_polyline_and_line_are_one_curve(space: dict[str, Curve]) -> None:
+def test_a_polyline_and_a_line_that_meet_are_one_curve(space: dict[str, Curve]) -> None:
     corners = [[0, 0, 2], [30, 0, 2], [50, 0, 8], [70, 10, 8], [90, 10, 2]]
     assert space["c1"].points.tolist() == corners
     assert (space["c1"].layer, space["c1"].curved.any(), space["c1"].level) == ("SEAM", False, None)
@@ -59,39 +59,39 @@ def test_a_spline_is_followed_within_the_tolerance(space: dict[str, Curve]) -> N
     t = np.linspace(0, 1, 20001)[:, None]
     curve = np.hstack([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3]) @ control
     assert space["c3"].points[[0, -1]].tolist() == control[[0, -1]].tolist()
-    assert max(gap(curve, p) for p in space["c3"].points) < 2e-3
-    assert (
-        max(gap(curve, p) for p in (space["c3"].points[1:] + space["c3"].points[:-1]) / 2) <= 0.0101
-    )
+    points = space["c3"].points
+    assert measure_deviation(curve, points) < 2e-3
+    assert measure_deviation(curve, (points[1:] + points[:-1]) / 2) <= 0.0101
 
 
-def gap(curve: FloatArray, place: FloatArray) -> float:
-    return float(np.linalg.norm(curve - place, axis=1).min())
+def measure_deviation(curve: FloatArray, points: FloatArray) -> float:
+    """Largest distance of the points from the points of the curve, mm."""
+    return max(float(np.linalg.norm(curve - point, axis=1).min()) for point in points)
 
 
-def test_a_helix_runs_round_its_axis_and_rises_as_it_turns(space: dict[str, Curve]) -> None:
+def test_the_height_of_a_helix_is_proportional_to_its_angle(space: dict[str, Curve]) -> None:
     x, y, z = (space["c4"].points - (65, 40, 2)).T
     assert np.hypot(x, y) == pytest.approx(12, abs=1e-5)
-    turned = np.unwrap(np.arctan2(y, x))
-    assert turned[[0, -1]] == pytest.approx([0, 3 * math.pi], abs=1e-9)
-    assert z == pytest.approx(6 * turned / (2 * math.pi), abs=1e-3)
-    # A chord leaves the helix by its sagitta about the axis; the rise does not bend it.
-    sagitta = 12 * (1 - np.cos(np.diff(turned) / 2))
+    angle = np.unwrap(np.arctan2(y, x))
+    assert angle[[0, -1]] == pytest.approx([0, 3 * math.pi], abs=1e-9)
+    assert z == pytest.approx(6 * angle / (2 * math.pi), abs=1e-3)
+    # A chord deviates from the helix by its sagitta around the axis. The pitch adds nothing.
+    sagitta = 12 * (1 - np.cos(np.diff(angle) / 2))
     assert 0.003 < sagitta.max() <= 0.01
     assert space["c4"].length == pytest.approx(1.5 * math.hypot(2 * math.pi * 12, 6), rel=2e-3)
 
 
-def test_what_is_flat_is_told_with_its_height(space: dict[str, Curve]) -> None:
+def test_a_flat_curve_is_noted_with_its_height(space: dict[str, Curve]) -> None:
     assert {name for name, curve in space.items() if curve.level is not None} == {"c5"}
     ring = space["c5"]
     assert ring.closed
     assert ring.curved.all()
     assert np.linalg.norm(ring.points - (20, 45, 4), axis=1) == pytest.approx(6)
-    (told,) = [note for note in camgen.read(FIXTURE, TRACE).notes if "space" in note.what]
-    assert told.what == "4 curves in space: c1, c2, c3, c4; 1 flat one: c5 at z = 4 mm"
+    (note,) = [note for note in camgen.read(FIXTURE, TRACE).notes if "space" in note.what]
+    assert note.what == "4 curves in space: c1, c2, c3, c4; 1 flat one: c5 at z = 4 mm"
 
 
-def test_other_operations_leave_them_out_and_say_what_follows_them(
+def test_an_operation_in_the_plane_skips_curves_in_space_and_names_the_one_that_follows_them(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     part = camgen.read(FIXTURE, {"operation": {"kind": "follow"}})
@@ -104,13 +104,13 @@ def test_other_operations_leave_them_out_and_say_what_follows_them(
     assert "contours: 1 closed, 1 open; 5 curves in space" in capsys.readouterr().out
 
 
-def test_a_flat_drawing_is_traced_in_its_plane_as_ever() -> None:
+def test_a_flat_drawing_is_traced_in_its_plane() -> None:
     part = camgen.read(FIXTURE.with_name("plate.dxf"), TRACE)
     assert part.contours
     assert not part.curves
 
 
-def test_a_page_is_flat() -> None:
+def test_a_drawing_on_a_page_is_flat() -> None:
     part = camgen.read(FIXTURE, TRACE | {"page": {"size": "A4"}})
     assert part.contours
     assert not part.curves
@@ -137,72 +137,81 @@ def test_an_ellipse_with_equal_axes_is_a_circle_in_space(tmp_path: Path, sheet: 
     sheet.add_ellipse(
         (0, 0, 9), major_axis=(0, 6, 8), ratio=1.0, dxfattribs={"extrusion": (1, 0, 0)}
     )
-    (found,) = drawn(tmp_path, sheet).curves
-    assert found.closed
-    assert found.curved.all()
-    assert found.length == pytest.approx(20 * math.pi)
+    (curve,) = drawn(tmp_path, sheet).curves
+    assert curve.closed
+    assert curve.curved.all()
+    assert curve.length == pytest.approx(20 * math.pi)
 
 
 def test_a_bulge_of_more_than_half_a_circle_is_cut(tmp_path: Path, sheet: Modelspace) -> None:
     points = [(0, 0, 0, 0, math.tan(math.radians(300) / 4)), (10, 0, 0, 0, 0)]
     sheet.add_lwpolyline(points, dxfattribs={"extrusion": (0, -1, 0)})
-    (found,) = drawn(tmp_path, sheet).curves
-    assert found.curved.tolist() == [True, True]
-    assert found.length == pytest.approx(10 * math.radians(300))
-    assert np.concatenate([found.points, found.middles])[:, 1] == pytest.approx(0)
+    (curve,) = drawn(tmp_path, sheet).curves
+    assert curve.curved.tolist() == [True, True]
+    assert curve.length == pytest.approx(10 * math.radians(300))
+    assert np.concatenate([curve.points, curve.middles])[:, 1] == pytest.approx(0)
 
 
-def test_ends_meet_in_space_and_not_above_each_other() -> None:
-    found, notes = join_pieces(
+def test_ends_meet_in_space_and_not_if_one_is_above_the_other() -> None:
+    curves, notes = join_pieces(
         [line((0, 0, 0), (9, 0, 0)), line((9, 0, 5), (9, 9, 5)), line((9, 0, 0.02), (0, 5, 5))],
         0.05,
     )
-    assert [len(curve.points) for curve in found] == [4, 2]
-    assert found[0].points[[1, 2], 2].tolist() == [0, 0.02]
+    assert [len(curve.points) for curve in curves] == [4, 2]
+    assert curves[0].points[[1, 2], 2].tolist() == [0, 0.02]
     assert [str(note) for note in notes] == [
         "joined: 1 gap between ends, up to 0.02 mm (input.join)"
     ]
 
 
-def test_a_chain_goes_straight_on_where_four_ends_meet() -> None:
-    cross = [line((0, 0, 0), (5, 5, 5)), line((10, 0, 0), (5, 5, 5)), line((5, 5, 5), (10, 10, 10)),
-             line((5, 5, 5), (0, 10, 10))]  # fmt: skip
-    found, _ = join_pieces(cross, 0.05)
-    assert [curve.points.tolist() for curve in found] == [
+def test_a_chain_continues_straight_if_four_ends_meet() -> None:
+    cross = [
+        line((0, 0, 0), (5, 5, 5)),
+        line((10, 0, 0), (5, 5, 5)),
+        line((5, 5, 5), (10, 10, 10)),
+        line((5, 5, 5), (0, 10, 10)),
+    ]
+    curves, _ = join_pieces(cross, 0.05)
+    assert [curve.points.tolist() for curve in curves] == [
         [[0, 0, 0], [5, 5, 5], [10, 10, 10]],
         [[10, 0, 0], [5, 5, 5], [0, 10, 10]],
     ]
 
 
-def test_one_layer_comes_before_another() -> None:
+def test_an_end_is_joined_to_an_end_of_its_layer_first() -> None:
     pieces = [
         line((0, 0, 0), (5, 0, 0), layer="A"),
         line((5, 0, 0), (9, 0, 0), layer="B"),
         line((5, 0, 0), (5, 9, 9), layer="A"),
     ]
-    found, _ = join_pieces(pieces, 0.05)
-    assert [(curve.layer, len(curve.points)) for curve in found] == [("A", 3), ("B", 2)]
+    curves, _ = join_pieces(pieces, 0.05)
+    assert [(curve.layer, len(curve.points)) for curve in curves] == [("A", 3), ("B", 2)]
 
 
-def test_a_loop_closes_and_what_is_drawn_twice_is_kept_once() -> None:
-    sides = [line((0, 0, 0), (9, 0, 0)), line((9, 9, 9), (9, 0, 0)), line((9, 9, 9), (0, 0, 0)),
-             line((9, 0, 0), (0, 0, 0)), line((1, 1, 1), (1, 1, 1))]  # fmt: skip
-    (found,), notes = join_pieces(sides, 0.05)
-    assert found.closed
-    assert found.points.tolist() == [[0, 0, 0], [9, 0, 0], [9, 9, 9], [0, 0, 0]]
+def test_a_loop_is_closed_and_a_duplicate_dropped() -> None:
+    sides = [
+        line((0, 0, 0), (9, 0, 0)),
+        line((9, 9, 9), (9, 0, 0)),
+        line((9, 9, 9), (0, 0, 0)),
+        line((9, 0, 0), (0, 0, 0)),
+        line((1, 1, 1), (1, 1, 1)),
+    ]
+    (loop,), notes = join_pieces(sides, 0.05)
+    assert loop.closed
+    assert loop.points.tolist() == [[0, 0, 0], [9, 0, 0], [9, 9, 9], [0, 0, 0]]
     assert [str(note) for note in notes] == [
         "repaired: dropped: 1 LINE on layer 0 (without length)",
         "repaired: dropped: 1 LINE on layer 0 (drawn twice; each is used once)",
     ]
 
 
-def test_a_crowd_of_ends_is_no_quadratic_affair() -> None:
+def test_3000_ends_at_one_point_keep_all_their_lines() -> None:
     rays = [line((0, 0, 0), (k * math.cos(k), k * math.sin(k), k)) for k in range(1, 3001)]
-    found, _ = join_pieces(rays, 0.05)
-    assert sum(len(curve.points) - 1 for curve in found) == 3000
+    curves, _ = join_pieces(rays, 0.05)
+    assert sum(len(curve.points) - 1 for curve in curves) == 3000
 
 
-def test_damaged_numbers_are_told_and_too_many_spans_refused(
+def test_damaged_numbers_are_noted_and_too_many_spans_refused(
     tmp_path: Path, sheet: Modelspace
 ) -> None:
     sheet.add_line((0, 0, 0), (9, 9, 9))

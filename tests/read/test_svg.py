@@ -1,4 +1,4 @@
-"""SVG drawings: geometry by formulas, units and layers by hand, damage by name."""
+"""SVG drawings are read: curves as formulas give them, units, layers, and damage with its name."""
 
 import math
 from pathlib import Path
@@ -13,7 +13,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.part import Part
 from camgen.read import find_reader, inspect, read
 from camgen.read.job_file import from_mapping
-from camgen.read.svg.path import tracks
+from camgen.read.svg.path import Oval, Subpath, tracks
 from camgen.read.svg.transforms import read_transform
 from camgen.read.svg.values import Malformed, fit_viewport, view_box
 from tests.support.files import source
@@ -47,7 +47,7 @@ def notes(part: Part, kind: str) -> str:
     return "\n".join(str(note) for note in part.notes if note.kind == kind)
 
 
-#: Path data, the length of what it draws (mm, by hand), and whether it is closed.
+#: Path data, the length of its contour (mm, calculated by hand), and whether it is closed.
 PATHS = [
     ("M10 10L13 14", 5.0, False),
     ("m10,10 3,4", 5.0, False),
@@ -64,12 +64,12 @@ PATHS = [
     ("M10 10a5 5 0 1010 0", 5 * math.pi, False),
     ("M10 10a5 5 0 015 5", 5 * math.pi / 2, False),
     ("M10 10a5 5 0 115 5", 15 * math.pi / 2, False),
-    # Radii that do not reach are enlarged: a half circle over the chord.
+    # Radii that are too small are enlarged to a half circle over the chord.
     ("M10 10a1 1 0 0 1 10 0", 5 * math.pi, False),
-    # No radius is a line, no way is nothing.
+    # An arc with a radius of 0 is a line. An arc that ends at its start is left out.
     ("M10 10a0 5 0 0 1 3 4", 5.0, False),
     ("M10 10a5 5 0 0 1 0 0l3 4", 5.0, False),
-    # Bezier curves that are lines.
+    # These Bezier curves are lines.
     ("M10 10C11 11 12 12 13 13", 3 * math.sqrt(2), False),
     ("M10 10Q12 12 14 14", 4 * math.sqrt(2), False),
     ("M10 10c1 1 2 2 3 3s2 2 3 3", 6 * math.sqrt(2), False),
@@ -77,28 +77,31 @@ PATHS = [
 ]
 
 
-@pytest.mark.parametrize(("data", "length", "closed"), PATHS, ids=[p[0] for p in PATHS])
-def test_path_data(tmp_path: Path, data: str, length: float, closed: bool) -> None:
+@pytest.mark.parametrize(("data", "length", "closed"), PATHS, ids=[path[0] for path in PATHS])
+def test_path_data_gives_a_contour_of_its_length(
+    tmp_path: Path, data: str, length: float, closed: bool
+) -> None:
     part = drawn(tmp_path, f'<path d="{data}"/>')
     assert lengths(part) == pytest.approx([length], abs=1e-9)
     assert [c.closed for c in part.contours] == [closed]
 
 
 def test_a_smooth_curve_mirrors_only_a_control_point_of_its_own_kind(tmp_path: Path) -> None:
-    # After a line, or a curve of another degree, the first control point is where the pen is (SVG 1.1, 8.3.6).
-    for data, same in [
+    # After a line or a curve of another degree, the first control point is the current point (SVG
+    # 1.1, 8.3.6).
+    for data, without_smooth in [
         ("M10 10L20 10S30 20 30 10", "M10 10L20 10C20 10 30 20 30 10"),
         ("M10 10Q15 20 20 10S30 20 30 10", "M10 10Q15 20 20 10C20 10 30 20 30 10"),
         ("M10 10C10 20 20 20 20 10S30 0 30 10", "M10 10C10 20 20 20 20 10C20 0 30 0 30 10"),
         ("M10 10Q15 20 20 10T30 10T40 10", "M10 10Q15 20 20 10Q25 0 30 10Q35 20 40 10"),
         ("M10 10C10 20 20 20 20 10T30 10", "M10 10C10 20 20 20 20 10Q20 10 30 10"),
     ]:
-        a, b = (drawn(tmp_path, f'<path d="{d}"/>') for d in (data, same))
-        assert np.array_equal(a.contours[0].points, b.contours[0].points), data
+        smooth, plain = (drawn(tmp_path, f'<path d="{d}"/>') for d in (data, without_smooth))
+        assert np.array_equal(smooth.contours[0].points, plain.contours[0].points), data
 
 
 def test_a_parabola_has_the_length_of_the_formula(tmp_path: Path) -> None:
-    # y = x^2 / 10 from x = -10 to 10 is the curve with control point (0, -10).
+    # The curve is the parabola y = x^2 / 10 from x = -10 to 10. Its control point is (0, -10).
     part = drawn(tmp_path, '<path d="M20 40Q30 60 40 40"/>', job={"tolerance": {"chord": 1e-4}})
     slope = 2.0
     exact = 10 / slope * (slope * math.sqrt(1 + slope**2) + math.asinh(slope))
@@ -136,27 +139,30 @@ def test_relative_commands_draw_what_absolute_ones_do(
         offset = {"H": [x], "V": [y]}.get(letter, [x, y] * 3)
         absolute.append(letter + " ".join(str(a + b) for a, b in zip(w, offset, strict=False)))
         relative.append(letter.lower() + " ".join(map(str, w)))
-        x, y = (
-            (x + w[0], y)
-            if letter == "H"
-            else (x, y + w[0])
-            if letter == "V"
-            else (x + w[-2], y + w[-1])
-        )
-    (one, fault), (other, no_fault) = tracks("".join(absolute)), tracks("".join(relative))
-    assert (fault, no_fault) == ("", "")
-    flat = [[np.concatenate([[*getattr(r, "center", []), *getattr(r, "first", [])] if hasattr(r, "center")
-             else np.ravel(r) for r in t.runs]) for t in found] for found in (one, other)]  # fmt: skip
-    assert all(np.allclose(a, b) for a, b in zip(*flat, strict=True))
+        x, y = x + (w[-2:][0] if letter != "V" else 0), y + (w[-1] if letter != "H" else 0)
+    (first, fault), (second, other_fault) = tracks("".join(absolute)), tracks("".join(relative))
+    assert (fault, other_fault) == ("", "")
+    numbers = zip(list_numbers(first), list_numbers(second), strict=True)
+    assert all(np.allclose(a, b) for a, b in numbers)
 
 
-def test_many_lines_at_once_are_the_lines_one_by_one() -> None:
+def list_numbers(subpaths: list[Subpath]) -> list[np.ndarray]:
+    """Points of the lines, and centres and half diameters of the arcs, of each subpath."""
+    numbers = []
+    for subpath in subpaths:
+        arcs_and_lines = [
+            np.append(run.center, run.first) if isinstance(run, Oval) else np.ravel(run)
+            for run in subpath.runs
+        ]
+        numbers.append(np.concatenate(arcs_and_lines))
+    return numbers
+
+
+def test_many_lines_in_one_command_are_the_lines_of_single_commands() -> None:
     steps = [(k % 7 - 3, k % 5 - 2) for k in range(1, 40)]
-    together = "M1 2l" + " ".join(f"{a},{b}" for a, b in steps)
-    (one,), (other,) = (
-        tracks(d)[0] for d in (together, "M1 2" + "".join(f"l{a} {b}" for a, b in steps))
-    )
-    assert np.array_equal(one.runs[0], other.runs[0])
+    (joint,), _ = tracks("M1 2l" + " ".join(f"{a},{b}" for a, b in steps))
+    (single,), _ = tracks("M1 2" + "".join(f"l{a} {b}" for a, b in steps))
+    assert np.array_equal(joint.runs[0], single.runs[0])
 
 
 SHAPES = [
@@ -173,13 +179,14 @@ SHAPES = [
 ]
 
 
-@pytest.mark.parametrize(("body", "length"), SHAPES, ids=[s[0] for s in SHAPES])
-def test_shapes(tmp_path: Path, body: str, length: float) -> None:
+@pytest.mark.parametrize(("body", "length"), SHAPES, ids=[shape[0] for shape in SHAPES])
+def test_a_shape_gives_a_contour_of_its_length(tmp_path: Path, body: str, length: float) -> None:
     if 'ry="99"' in body:
-        # Both radii are 99, cut to half the width and half the height: the rectangle becomes an ellipse.
+        # Both radii of 99 are cut to half the width and half the height, so the rectangle is an
+        # ellipse. Ramanujan (1914) gives its length.
         a, b = 10.0, 5.0
         h = ((a - b) / (a + b)) ** 2
-        length = math.pi * (a + b) * (1 + 3 * h / (10 + math.sqrt(4 - 3 * h)))  # Ramanujan 1914
+        length = math.pi * (a + b) * (1 + 3 * h / (10 + math.sqrt(4 - 3 * h)))
         assert lengths(drawn(tmp_path, body)) == pytest.approx([length], rel=1e-3)
         return
     part = drawn(tmp_path, body)
@@ -187,18 +194,18 @@ def test_shapes(tmp_path: Path, body: str, length: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "how", ["rotate(33)", "scale(-2)", "scale(1,-1)", "rotate(10) translate(3 4) scale(.5)"]
+    "transform", ["rotate(33)", "scale(-2)", "scale(1,-1)", "rotate(10) translate(3 4) scale(.5)"]
 )
-def test_a_circle_that_stays_one_is_two_exact_arcs(tmp_path: Path, how: str) -> None:
-    part = drawn(tmp_path, f'<circle cx="20" cy="20" r="10" transform="{how}"/>')
+def test_a_circle_that_is_not_stretched_is_two_exact_arcs(tmp_path: Path, transform: str) -> None:
+    part = drawn(tmp_path, f'<circle cx="20" cy="20" r="10" transform="{transform}"/>')
     assert np.abs(part.contours[0].bulges).tolist() == [1.0, 1.0]
 
 
-def test_a_squeezed_circle_keeps_to_its_ellipse(tmp_path: Path) -> None:
+def test_a_stretched_circle_follows_its_ellipse(tmp_path: Path) -> None:
     part = drawn(tmp_path, '<circle cx="20" cy="40" r="10" transform="scale(2,1)"/>')
     points, _ = flatten(make_contour_segments(part.contours), 1e-4)
     x, y = (points[:, 0] - 40) / 20, (points[:, 1] - 60) / 10
-    # A relative deviation of the equation is at most twice the distance by the shorter half axis.
+    # The relative error of the equation is at most twice the distance over the shorter half axis.
     assert np.abs(np.hypot(x, y) - 1).max() <= 0.011 / 10
 
 
@@ -219,7 +226,9 @@ def test_a_squeezed_circle_keeps_to_its_ellipse(tmp_path: Path) -> None:
         ("", (1, 2), (1, 2)),
     ],
 )
-def test_transforms(text: str, point: tuple[float, float], expected: tuple[float, float]) -> None:
+def test_a_transform_moves_a_point(
+    text: str, point: tuple[float, float], expected: tuple[float, float]
+) -> None:
     matrix = read_transform(text)
     assert (matrix @ (*point, 1.0)).tolist() == pytest.approx(expected)
 
@@ -227,7 +236,7 @@ def test_transforms(text: str, point: tuple[float, float], expected: tuple[float
 @pytest.mark.parametrize(
     "text", ["turn(3)", "scale()", "matrix(1 2 3)", "rotate(1 2)", "scale(2) x"]
 )
-def test_a_transform_that_is_none_is_malformed(text: str) -> None:
+def test_an_invalid_transform_is_malformed(text: str) -> None:
     with pytest.raises(Malformed):
         read_transform(text)
 
@@ -235,7 +244,7 @@ def test_a_transform_that_is_none_is_malformed(text: str) -> None:
 @pytest.mark.parametrize(
     ("page", "line"),
     [
-        # A line of 10 units: its length in mm.
+        # The page, and the length of a line of 10 units, mm.
         ('width="100mm" height="50mm" viewBox="0 0 100 50"', 10.0),
         ('width="10cm" height="5cm" viewBox="0 0 200 100"', 5.0),
         ('width="2in" height="2in" viewBox="0 0 20 20"', 25.4),
@@ -250,16 +259,14 @@ def test_a_transform_that_is_none_is_malformed(text: str) -> None:
         ('width="100%" height="100%" viewBox="0 0 100 100"', 10 * 25.4 / 96),
     ],
 )
-def test_units(tmp_path: Path, page: str, line: float) -> None:
+def test_the_page_determines_the_unit(tmp_path: Path, page: str, line: float) -> None:
     part = drawn(tmp_path, '<line x1="0" y1="5" x2="10" y2="5"/>', page)
     assert lengths(part) == pytest.approx([line], rel=1e-12)
-    certain = (
-        "mm" in page or "cm" in page or "in" in page or "pt" in page or "pc" in page or "q" in page
-    )
-    assert bool(notes(part, "assumed")) != certain
+    is_stated = any(unit in page for unit in ("mm", "cm", "in", "pt", "pc", "q"))
+    assert bool(notes(part, "assumed")) != is_stated
 
 
-def test_input_units_win_and_take_px(tmp_path: Path) -> None:
+def test_input_units_replace_those_of_the_page_and_may_be_px(tmp_path: Path) -> None:
     line = '<line x1="0" y1="5" x2="10" y2="5"/>'
     for name, mm in [("mm", 10.0), ("inch", 254.0), ("px", 250 / 96 * 1.016), ("pt", 254 / 72)]:
         part = drawn(tmp_path, line, job={"input": {"units": name}})
@@ -271,7 +278,7 @@ def test_input_units_win_and_take_px(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("aspect", "point"),
     [
-        # A box of 10 x 10 in a viewport of 40 x 20: where its upper left corner and its scale come to lie.
+        # Upper left corner and scales of a box of 10 x 10 in a viewport of 40 x 20.
         ("", (10, 0, 2, 2)),
         ("xMidYMid meet", (10, 0, 2, 2)),
         ("xMinYMin", (0, 0, 2, 2)),
@@ -281,18 +288,22 @@ def test_input_units_win_and_take_px(tmp_path: Path) -> None:
         ("none", (0, 0, 4, 2)),
     ],
 )
-def test_preserve_aspect_ratio(aspect: str, point: tuple[float, ...]) -> None:
+def test_preserve_aspect_ratio_places_the_box_in_the_viewport(
+    aspect: str, point: tuple[float, ...]
+) -> None:
     box = view_box("5 6 10 10")
     assert box is not None
     matrix = fit_viewport(box, 40, 20, aspect)
     assert [*(matrix @ (5, 6, 1)), matrix[0, 0], matrix[1, 1]] == pytest.approx(point)
 
 
-def test_layers_are_inkscape_layers_then_groups_then_pens(tmp_path: Path) -> None:
+def test_a_layer_is_an_inkscape_layer_or_a_group_or_a_colour(tmp_path: Path) -> None:
     body = (
-        '<g inkscape:groupmode="layer" inkscape:label="Cut" id="x1"><g id="inner"><path d="M0 0h9"/></g></g>'
+        '<g inkscape:groupmode="layer" inkscape:label="Cut" id="x1">'
+        '<g id="inner"><path d="M0 0h9"/></g></g>'
         '<g id="engrave"><g id="deep"><path d="M0 5h9"/></g></g>'
-        '<path style="stroke:#FF0000" d="M0 10h9"/><path fill="blue" d="M0 15h9"/><path d="M0 20h9"/>'
+        '<path style="stroke:#FF0000" d="M0 10h9"/><path fill="blue" d="M0 15h9"/>'
+        '<path d="M0 20h9"/>'
     )
     part = drawn(tmp_path, body)
     assert [c.layer for c in part.contours] == ["Cut", "engrave", "#ff0000", "blue", "black"]
@@ -303,7 +314,7 @@ def test_layers_are_inkscape_layers_then_groups_then_pens(tmp_path: Path) -> Non
         drawn(tmp_path, body, job={"input": {"layers": ["green"]}})
 
 
-def test_what_is_not_shown_is_not_drawn_and_counted(tmp_path: Path) -> None:
+def test_elements_that_are_not_visible_are_skipped_with_a_note(tmp_path: Path) -> None:
     part = drawn(
         tmp_path,
         '<g display="none"><path d="M0 0h9"/><rect width="5" height="5"/></g>'
@@ -312,46 +323,51 @@ def test_what_is_not_shown_is_not_drawn_and_counted(tmp_path: Path) -> None:
         '<path fill="none" stroke="red" stroke-dasharray="1 2" d="M0 50h9"/>',
     )
     assert len(part.contours) == 2
-    told = notes(part, "skipped")
-    assert "1 path, 1 rect on layer black (display is none)" in told
-    assert "visibility is hidden" in told
-    assert "opacity is 0" in told
-    assert "neither stroke nor fill" in told
+    skipped = notes(part, "skipped")
+    assert "1 path, 1 rect on layer black (display is none)" in skipped
+    assert "visibility is hidden" in skipped
+    assert "opacity is 0" in skipped
+    assert "neither stroke nor fill" in skipped
     assert "with dashes: 1" in notes(part, "assumed")
 
 
-def test_what_is_no_curve_is_counted(tmp_path: Path) -> None:
+def test_elements_that_are_not_curves_are_skipped_with_a_note(tmp_path: Path) -> None:
     part = drawn(
         tmp_path,
-        '<text>a</text><image/><foreignObject/><blink/><g clip-path="url(#c)"><path d="M0 0h9"/></g>'
+        "<text>a</text><image/><foreignObject/><blink/>"
+        '<g clip-path="url(#c)"><path d="M0 0h9"/></g>'
         '<clipPath id="c"><circle r="1"/></clipPath><path marker-end="url(#m)" d="M0 9h9"/>',
     )
     assert len(part.contours) == 2
-    told = notes(part, "skipped")
-    assert "1 foreignObject, 1 image, 1 text" in told
-    assert "1 blink" in told
-    assert "1 path on layer black (its clip-path is not followed: drawn without it)" in told
-    assert "its markers: marker-end is not followed: drawn without it" in told
+    skipped = notes(part, "skipped")
+    assert "1 foreignObject, 1 image, 1 text" in skipped
+    assert "1 blink" in skipped
+    assert "1 path on layer black (its clip-path is not followed: drawn without it)" in skipped
+    assert "its markers: marker-end is not followed: drawn without it" in skipped
 
 
 def test_style_sheets_hide_by_element_class_and_id(tmp_path: Path) -> None:
     part = drawn(
         tmp_path,
-        "<style>/* .a{} */ .a, rect.b {display:none} #one{display:inline} circle{visibility:hidden !important}"
+        "<style>/* .a{} */ .a, rect.b {display:none} #one{display:inline} "
+        "circle{visibility:hidden !important}"
         "@media print {.d{display:none}} g > path {display:none}</style>"
-        '<path class="a" d="M0 0h9"/><path id="one" class="a" d="M0 9h9"/><rect class="b" width="5" height="5"/>'
-        '<path class="b" d="M0 20h9"/><circle r="5"/><path class="a" style="display:inline" d="M0 30h9"/>',
+        '<path class="a" d="M0 0h9"/><path id="one" class="a" d="M0 9h9"/>'
+        '<rect class="b" width="5" height="5"/>'
+        '<path class="b" d="M0 20h9"/><circle r="5"/>'
+        '<path class="a" style="display:inline" d="M0 30h9"/>',
     )
     assert [c.points[0, 1] for c in part.contours] == [91.0, 80.0, 70.0]
 
 
-def test_use_and_symbol(tmp_path: Path) -> None:
+def test_uses_symbols_and_inner_pages_are_placed(tmp_path: Path) -> None:
     part = drawn(
         tmp_path,
         '<defs><rect id="r" width="10" height="10"/>'
         '<symbol id="s" viewBox="0 0 2 2"><rect width="2" height="2"/></symbol></defs>'
         '<use href="#r" x="20" y="30"/><use xlink:href="#s" x="50" y="50" width="20" height="20"/>'
-        '<svg x="80" y="80" width="10" height="10" viewBox="0 0 1 1"><rect width="1" height="1"/></svg>',
+        '<svg x="80" y="80" width="10" height="10" viewBox="0 0 1 1">'
+        '<rect width="1" height="1"/></svg>',
     )
     boxes = [[*c.points.min(axis=0), *c.points.max(axis=0)] for c in part.contours]
     assert boxes == [[20, 60, 30, 70], [50, 30, 70, 50], [80, 10, 90, 20]]
@@ -363,14 +379,14 @@ def test_references_that_never_end_are_left_out(tmp_path: Path) -> None:
     assert "1 use on layer black: #gone (refers to nothing in this file" in notes(part, "skipped")
 
 
-def test_a_bomb_of_references_is_refused(tmp_path: Path) -> None:
+def test_references_that_draw_too_many_elements_are_refused(tmp_path: Path) -> None:
     levels = "".join(f'<g id="g{k}">' + f'<use href="#g{k + 1}"/>' * 10 + "</g>" for k in range(12))
     body = f'<defs>{levels}<path id="g12" d="M0 0h9"/></defs><use href="#g0"/>'
     with pytest.raises(InputError, match="its references draw more than 9,000 elements"):
         drawn(tmp_path, body, job={"limits": {"svg_uses": 9000.0}})
 
 
-def test_deep_nesting_is_no_problem(tmp_path: Path) -> None:
+def test_groups_may_be_nested_5000_deep(tmp_path: Path) -> None:
     part = drawn(tmp_path, "<g>" * 5000 + '<path d="M0 0h9"/>' + "</g>" * 5000)
     assert lengths(part) == [9.0]
 
@@ -396,7 +412,7 @@ def test_damaged_path_data_is_drawn_up_to_its_fault(
     assert "drawn up to there" in notes(part, "skipped")
 
 
-def test_numbers_beyond_all_measure_are_left_out(tmp_path: Path) -> None:
+def test_paths_with_numbers_out_of_range_are_left_out(tmp_path: Path) -> None:
     part = drawn(
         tmp_path, '<path d="M0 0L1e999 3"/><path d="M0 0C1e300 1 2 3 4 5"/><path d="M0 0h9"/>'
     )
@@ -423,24 +439,29 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("data", "what"), REFUSED, ids=[r[1] for r in REFUSED])
-def test_what_cannot_be_used_is_refused_in_one_line(tmp_path: Path, data: bytes, what: str) -> None:
+@pytest.mark.parametrize(("data", "message"), REFUSED, ids=[message for _, message in REFUSED])
+def test_a_file_that_cannot_be_used_is_refused_in_one_line(
+    tmp_path: Path, data: bytes, message: str
+) -> None:
     path = tmp_path / "bad.svg"
     path.write_bytes(data)
-    with pytest.raises(InputError, match=what) as error:
+    with pytest.raises(InputError, match=message) as error:
         read(path, from_mapping({}))
     assert "\n" not in str(error.value)
 
 
 def test_a_doctype_without_entities_is_read(tmp_path: Path) -> None:
     path = tmp_path / "plain.xyz"
-    doctype = '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
+    doctype = (
+        '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" '
+        '"http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
+    )
     path.write_text(f'<?xml version="1.0"?>{doctype}<svg {HEAD} {PAGE}><path d="M0 0h9"/></svg>')
     assert find_reader(source(path)).name == "svg"
     assert lengths(read(path, from_mapping({}))) == [9.0]
 
 
-def test_ends_that_meet_are_joined_and_what_is_drawn_twice_is_used_once(tmp_path: Path) -> None:
+def test_ends_that_meet_are_joined_and_duplicates_used_once(tmp_path: Path) -> None:
     part = drawn(
         tmp_path, '<path d="M0 0h9"/><path d="M9 0.01v9"/><path d="M0 50h9"/><path d="M9 50h-9"/>'
     )
@@ -449,10 +470,11 @@ def test_ends_that_meet_are_joined_and_what_is_drawn_twice_is_used_once(tmp_path
     assert "drawn twice" in notes(part, "repaired")
 
 
-def test_inspect_tells_page_layers_and_counts(tmp_path: Path) -> None:
+def test_inspect_lists_page_layers_and_counts(tmp_path: Path) -> None:
     path = tmp_path / "part.svg"
     path.write_text(
-        f'<svg {HEAD} {PAGE}><g id="cut"><circle cx="20" cy="20" r="10"/><path d="M0 0h9"/></g></svg>'
+        f'<svg {HEAD} {PAGE}><g id="cut"><circle cx="20" cy="20" r="10"/>'
+        '<path d="M0 0h9"/></g></svg>'
     )
     page = str(inspect(path, from_mapping({})))
     assert "units mm, page 100 x 100 mm" in page
@@ -461,17 +483,16 @@ def test_inspect_tells_page_layers_and_counts(tmp_path: Path) -> None:
     assert "layer cut: used; 1 circle, 1 path" in page
 
 
-def test_an_old_inkscape_is_named(tmp_path: Path) -> None:
-    for version, warned in [
+def test_a_drawing_of_an_old_inkscape_is_a_warning(tmp_path: Path) -> None:
+    for version, is_warned in [
         ("0.48.4 r9939", True),
         ("0.91 r13725", True),
         ("0.92.3", False),
         ("1.2", False),
     ]:
-        part = drawn(
-            tmp_path, '<path d="M0 0h9"/>', f'width="90" height="90" inkscape:version="{version}"'
-        )
-        assert ("90 px for an inch" in notes(part, "warning")) == warned
+        page = f'width="90" height="90" inkscape:version="{version}"'
+        part = drawn(tmp_path, '<path d="M0 0h9"/>', page)
+        assert ("90 px for an inch" in notes(part, "warning")) == is_warned
 
 
 def test_a_page_without_height_begins_at_the_drawing(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""SVG 2: transforms, geometry in CSS, clips, conditions and backgrounds, with places by hand."""
+"""Transforms, geometry in CSS, clips and conditions of SVG 2 give positions known by hand."""
 
 import math
 from pathlib import Path
@@ -43,7 +43,7 @@ def losses(part: Part) -> str:
 
 #: Transforms of the box, and its box in the work frame: left, lower, right and upper edge.
 TRANSFORMS = [
-    # A quarter turn about the middle: 10 x 30 around (35, 55).
+    # A quarter turn around the middle gives 10 x 30 mm around (35, 55).
     ('transform="rotate(90)" transform-origin="35 25"', (30, 40, 40, 70)),
     ('transform="rotate(90)" style="transform-origin:35px 25px"', (30, 40, 40, 70)),
     ('style="transform:rotate(90deg);transform-origin:35px 25px"', (30, 40, 40, 70)),
@@ -52,9 +52,9 @@ TRANSFORMS = [
     ('style="rotate:90deg;transform-origin:35px 25px"', (30, 40, 40, 70)),
     ('style="rotate:90deg;transform-box:fill-box;transform-origin:center"', (30, 40, 40, 70)),
     ('transform="rotate(90)" transform-box="fill-box" transform-origin="50%"', (30, 40, 40, 70)),
-    # About the upper left corner of the box, which is (20, 20): x from 10 to 20, y down to 50.
+    # Around the upper left corner (20, 20) of the box, x is 10 to 20 and y is 20 to 50.
     ('transform="rotate(90)" transform-box="fill-box"', (10, 30, 20, 60)),
-    # About the middle of the page: (x, y) goes to (50 - (y - 40), 40 + (x - 50)).
+    # Around the middle of the page, (x, y) moves to (50 - (y - 40), 40 + (x - 50)).
     ('transform="rotate(90)" transform-origin="center"', (60, 40, 70, 70)),
     ('style="transform:rotate(90deg);transform-origin:center"', (60, 40, 70, 70)),
     ('style="transform:rotate(90deg);transform-origin:bottom right"', (150, 50, 160, 80)),
@@ -65,7 +65,7 @@ TRANSFORMS = [
     ('style="translate:10px 5px;scale:200%"', (50, 15, 110, 35)),
     ('style="translate:10px;transform:translateY(5px) scaleX(2) scaleY(2)"', (50, 15, 110, 35)),
     ('style="transform:matrix(2, 0, 0, 2, 10, 5)"', (50, 15, 110, 35)),
-    # mm are those of CSS: 96 px of the drawing are an inch.
+    # In CSS, 96 px of the drawing are an inch.
     ('style="transform:translate(25.4mm)"', (116, 50, 146, 60)),
     ('style="translate:50%;transform-box:fill-box"', (35, 50, 65, 60)),
     # CSS replaces the attribute.
@@ -78,7 +78,9 @@ TRANSFORMS = [
 
 
 @pytest.mark.parametrize(("words", "expected"), TRANSFORMS, ids=[t[0] for t in TRANSFORMS])
-def test_transforms_of_css(tmp_path: Path, words: str, expected: tuple[float, ...]) -> None:
+def test_transforms_of_css_move_the_box(
+    tmp_path: Path, words: str, expected: tuple[float, ...]
+) -> None:
     part = drawn(tmp_path, f"{BOX} {words}/>")
     assert box(part) == pytest.approx(expected, abs=1e-9)
     assert not losses(part)
@@ -124,7 +126,7 @@ def test_a_group_that_is_not_read_names_the_shapes_in_it(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        # px of the page, about its middle (188.98, 151.18) if no origin is set.
+        # Without an origin, the transform is around the middle of the page, (188.98, 151.18) px.
         ('transform="translate(10 0)"', (20 + 10 * MM_PER_PX, 50, 50 + 10 * MM_PER_PX, 60)),
         ('style="transform:translate(10mm)"', (30, 50, 60, 60)),
         ('transform="scale(2)"', (-10, 60, 50, 80)),
@@ -150,7 +152,7 @@ def test_a_transform_of_the_outermost_svg_moves_the_page(
         ('<circle cx="20" cy="20" r="5" class="important" style="r:9px"', (20, 60), 4),
     ],
 )  # fmt: skip
-def test_circles_in_css(
+def test_circles_in_css_have_their_position_and_size(
     tmp_path: Path, shape: str, center: tuple[float, float], radius: float
 ) -> None:
     sheet = "<style>.five{r:5px} .important{r:4px !important}</style>"
@@ -161,13 +163,13 @@ def test_circles_in_css(
     assert np.ptp(contour.points, axis=0).max() == pytest.approx(2 * radius)
 
 
-def test_round_corners_and_paths_in_css(tmp_path: Path) -> None:
+def test_round_corners_and_paths_in_css_are_read(tmp_path: Path) -> None:
     part = drawn(
         tmp_path,
         f'<rect x="5" y="5" width="10" height="10" style="rx:2px" {LINE}/>'
         f'<path d="M0 0h5" style="d:path(\'M10 70h20\')" {LINE}/>',
     )
-    # Each corner is a quarter circle: its bulge is tan(90 / 4).
+    # Each corner is a quarter circle, with the bulge tan(90 deg / 4).
     bulges = part.contours[0].bulges
     assert bulges[bulges != 0].tolist() == pytest.approx([-math.tan(math.pi / 8)] * 4)
     assert part.contours[1].points.tolist() == [[10, 10], [30, 10]]
@@ -213,7 +215,7 @@ def test_a_link_directly_within_a_link_is_not_drawn(tmp_path: Path) -> None:
 
 
 INNER = f'<rect x="-5" y="5" width="50" height="10" {LINE}/>'
-#: Viewports of 20 x 20 at (10, 10), and the lines that are left of a rectangle of 50 x 10 in them.
+#: Viewports and clips of 20 x 20 at (10, 10), which cut a rectangle of 50 x 10 to two lines.
 VIEWPORTS = [
     f'<svg x="10" y="10" width="20" height="20" viewBox="0 0 20 20">{INNER}</svg>',
     f'<svg x="10" y="10" width="20" height="20">{INNER}</svg>',
@@ -226,8 +228,6 @@ VIEWPORTS = [
     '<clipPath id="c"><path d="M10 10V30H30V10z"/></clipPath>'
     f'<g style="clip-path:url(#c)"><g transform="translate(10 10)">{INNER}</g></g>',
 ]
-
-
 VIEWPORTS.append(
     '<defs><rect id="r" x="10" y="10" width="20" height="20"/></defs>'
     '<clipPath id="c"><use xlink:href="#r" style="overflow:visible"/></clipPath>'
@@ -266,12 +266,12 @@ def test_a_circle_is_cut_into_arcs() -> None:
     parts = cut_outline(circle, True, clip)
     assert parts is not None
     ((points, bulges),) = parts
-    # The right half from (0, -1) over (1, 0) to (0, 1): two quarter circles.
+    # The right half remains: two quarter circles from (0, -1) over (1, 0) to (0, 1).
     assert points == pytest.approx(np.array([[0, -1], [1, 0], [0, 1]]), abs=1e-12)
     assert bulges[:2] == pytest.approx(math.tan(math.pi / 8))
 
 
-def test_a_clip_that_is_not_convex_is_not_one() -> None:
+def test_a_clip_that_is_not_convex_is_not_used() -> None:
     arrow = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]])
     assert make_half_planes(arrow) is None
     assert make_half_planes(np.zeros((4, 2))) is None
@@ -281,20 +281,20 @@ def test_a_clip_that_is_not_convex_is_not_one() -> None:
     ("data", "expected"),
     [
         ("M1 2L5 9", (1, 2, 4, 7)),
-        # y = 4 t (1 - t) 10 / 2 of a parabola from (0, 0) over (5, 10) to (10, 0): 5 high.
+        # A parabola with the control point (5, 10): y = 4 t (1 - t) 10 / 2, which is 5 high.
         ("M0 0Q5 10 10 0", (0, 0, 10, 5)),
-        # 3 t (1 - t) 10 is 7.5 at its middle.
+        # In the middle, y = 3 t (1 - t) 10 is 7.5.
         ("M0 0C0 10 10 10 10 0", (0, 0, 10, 7.5)),
         ("M0 0A5 5 0 0 1 10 0", (0, -5, 10, 5)),
         ("M0 0A5 5 0 0 1 5 5", (0, 0, 5, 5)),
     ],
 )
-def test_bounds_of_paths(data: str, expected: tuple[float, ...]) -> None:
+def test_the_bounds_of_a_path_are_exact(data: str, expected: tuple[float, ...]) -> None:
     bounds = measure_bounds(tracks(data)[0])
     assert (bounds.x, bounds.y, bounds.width, bounds.height) == pytest.approx(expected)
 
 
-#: Style sheets, and whether a path of class a and id one in a group, second of its kind, is drawn.
+#: Style sheets, and whether they draw the second path of a group, with the class a and the id one.
 SHEETS = [
     (".a{display:none}", False),
     ("g > path{display:none}", False),
@@ -317,7 +317,9 @@ SHEETS = [
 
 
 @pytest.mark.parametrize(("sheet", "is_drawn"), SHEETS, ids=[s[0] for s in SHEETS])
-def test_style_sheets(tmp_path: Path, sheet: str, is_drawn: bool) -> None:
+def test_a_style_sheet_hides_the_paths_that_it_selects(
+    tmp_path: Path, sheet: str, is_drawn: bool
+) -> None:
     sheet = sheet.replace(">", "&gt;")
     group = '<g><path d="M0 0h9" visibility="hidden"/><path class="a" id="one" d="M0 5h9"/></g>'
     part = drawn(tmp_path, f'<style>{sheet}</style>{group}<rect width="5" height="5"/>')
@@ -364,7 +366,7 @@ def test_sheets_and_scripts_of_other_files_are_named(tmp_path: Path) -> None:
         ("print, (color)", None), ("screen, (color)", True), ("screen and (color)", None),
     ],
 )  # fmt: skip
-def test_media(query: str, holds: bool | None) -> None:
+def test_a_media_query_holds_or_is_not_read(query: str, holds: bool | None) -> None:
     assert evaluate_media(query) is holds
 
 
@@ -423,7 +425,7 @@ BACKGROUNDS = [
     (PAPER + '<circle cx="40" cy="35" r="8" fill="black"/>', True),
     ('<rect x="-10" y="-9" width="150" height="120" fill="white"/>' + PART, True),
     ('<g transform="rotate(180 50 40)"><path d="M0 0H100V80H0" fill="white"/></g>' + PART, True),
-    # It has a line, is not the lowest shape, is the only shape, or is not as large as the page.
+    # The rectangle has a line, is above another shape, is the only shape, or is smaller.
     (f'<rect width="100" height="80" {LINE}/>' + PART, False),
     ('<rect width="100" height="80" fill="white" stroke="black"/>' + PART, False),
     (PART + PAPER, False),
@@ -434,14 +436,14 @@ BACKGROUNDS = [
     ('<polygon points="0,0 100,0 100,80 1,80" fill="white"/>' + PART, False),
     ('<polygon points="0,0 100,80 100,0 0,80" fill="white"/>' + PART, False),
 
-    # A plate of an area alone, with holes of areas or of its own.
+    # A plate is an area without a line. Its holes are areas, or belong to its path.
     ('<rect width="100" height="80" fill="gray"/><circle cx="40" r="8" fill="white"/>', False),
     ('<path d="M0 0H100V80H0zM20 20V50H60V20z" fill="white"/>' + PART, False),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("body", "is_background"), BACKGROUNDS)
-def test_the_background_is_not_a_contour(tmp_path: Path, body: str, is_background: bool) -> None:
+def test_a_background_is_not_a_contour(tmp_path: Path, body: str, is_background: bool) -> None:
     part = drawn(tmp_path, body)
     widths = [float(np.ptp(contour.points[:, 0])) for contour in part.contours]
     assert any(width > 98 for width in widths) != is_background
@@ -449,7 +451,7 @@ def test_the_background_is_not_a_contour(tmp_path: Path, body: str, is_backgroun
     assert [note.kind for note in notes] == ["assumed"] * is_background
 
 
-def test_a_background_of_a_box_beside_the_page_is_one(tmp_path: Path) -> None:
+def test_a_rectangle_as_large_as_the_viewbox_is_a_background(tmp_path: Path) -> None:
     page = f'{HEAD} viewBox="0 0 50 50"'
     paper = '<rect id="paper" width="50" height="50" fill="white"/>'
     part = drawn(tmp_path, f'{paper}<circle cx="20" cy="20" r="8" {LINE}/>', page)
@@ -481,17 +483,17 @@ def test_path_data_ends_at_a_stray_comma(tmp_path: Path, data: str) -> None:
     assert "drawn up to there" in losses(part)
 
 
-def test_a_long_outline_in_a_clip_is_kept_as_it_is() -> None:
+def test_an_arc_within_a_clip_is_not_cut_and_a_larger_one_is() -> None:
     corners = np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]])
     clip = make_half_planes(corners)
     assert clip is not None
-    # Three quarters of a circle of radius 4 about (4.5, 4.5), from below to the left.
+    # Three quarters of a circle of radius 4 around (4.5, 4.5), which lies in the clip.
     arc = np.array([[4.5, 0.5], [0.5, 4.5]])
     three_quarters = math.tan(3 * math.pi / 8)
     assert cut_outline((arc, np.array([three_quarters, 0.0])), False, clip) is None
     wider = (arc - 4.5) * 1.2 + 4.5
     parts = cut_outline((wider, np.array([three_quarters, 0.0])), False, clip)
-    # A circle of radius 4.8 leaves a square of half width 4.5 at each of the four sides.
+    # A circle of radius 4.8 is outside of a square of half width 4.5 at each of the four sides.
     assert parts is not None
     assert len(parts) == 3
 
@@ -536,7 +538,7 @@ def test_any_other_clip_path_is_named(tmp_path: Path, clip: str) -> None:
         "<path d='M0 0h9' style='fill:" + "(;" * 3000 + "'/>",
     ],
 )
-def test_styles_with_deep_brackets_are_named(tmp_path: Path, body: str) -> None:
+def test_styles_with_brackets_nested_too_deep_are_named(tmp_path: Path, body: str) -> None:
     assert "brackets more than 32 deep" in losses(drawn(tmp_path, f"{body}{BOX}/>"))
 
 
@@ -553,7 +555,7 @@ def test_selectors_of_quadratic_time_are_left_out_of_large_drawings(
     assert "rules of the style sheet that are not read" in losses(drawn(tmp_path, sheet + lines))
 
 
-def test_a_hidden_group_that_is_drawn_by_many_references_is_counted_each_time(
+def test_a_hidden_group_is_counted_for_each_reference_to_it(
     tmp_path: Path,
 ) -> None:
     group = '<defs><g id="g" opacity="0">' + '<path stroke="red" d="M0 0h9"/>' * 500 + "</g></defs>"
@@ -571,7 +573,7 @@ def test_an_element_of_another_program_without_shapes_is_not_reported(tmp_path: 
 
 
 def test_one_outline_is_kept_for_each_operation_that_chooses_its_color(tmp_path):
-    """A square in red and again in blue: once for each operation, and once for both together."""
+    """A square is drawn in red and again in blue. Each operation has one of the two."""
     square = '<path d="M1 1h20v20h-20z" fill="none" stroke="{}"/>'
     shapes = square.format("red") + square.format("blue")
     path = tmp_path / "two.svg"

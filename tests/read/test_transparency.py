@@ -1,4 +1,4 @@
-"""Pictures with an alpha channel: transparency separates a cut-out from its surroundings."""
+"""Transparency separates a cut-out from its surroundings, in pictures with an alpha channel."""
 
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,10 @@ CASES = Path(__file__).parents[2].parent / "shared" / "data" / "cases"
 
 
 def cut_out(grey: int = 255) -> np.ndarray:
-    """60 x 40 mm at 0.1 mm/px: opaque in 10..50 x 10..30 mm, with a hole of 20..30 x 15..25 mm.
+    """A picture of 60 x 40 mm at 0.1 mm/px, opaque in 10..50 x 10..30 mm.
 
-    The column of pixels to its right is covered by a half: 128 of 255.
+    It has a hole of 20..30 x 15..25 mm. The column of pixels to the right of the opaque area has an
+    alpha of 128 of 255, which is half a pixel.
     """
     pixels = np.full((400, 600, 4), grey, np.uint8)
     pixels[..., 3] = 0
@@ -42,7 +43,7 @@ def method(result: Result) -> str:
 @pytest.mark.parametrize("grey", [0, 128, 255])
 @pytest.mark.parametrize("mask", ["auto", "alpha"])
 def test_a_cut_out_is_its_opaque_part(tmp_path: Path, grey: int, mask: str) -> None:
-    """Any grey value does, white too; half a pixel of alpha is half a pixel, 0.05 mm."""
+    """The grey value of the part does not matter. Half of alpha is half a pixel, 0.05 mm."""
     result = build(tmp_path, cut_out(grey), mask=mask)
     assert method(result) == "alpha"
     outer, inner = sorted(result.part.contours, key=lambda c: -np.ptp(c.points[:, 0]))
@@ -52,17 +53,17 @@ def test_a_cut_out_is_its_opaque_part(tmp_path: Path, grey: int, mask: str) -> N
     assert inner.points.max(axis=0) == pytest.approx([30, 25], abs=0.01)
 
 
-def test_another_mask_looks_at_the_blended_picture(tmp_path: Path) -> None:
+def test_another_method_uses_the_picture_on_white(tmp_path: Path) -> None:
     assert method(build(tmp_path, cut_out(60), mask="otsu")) == "otsu"
     with pytest.raises(InputError, match="shows no part"):
         build(tmp_path, cut_out(255), mask="otsu")
 
 
-def opaque_with(where: np.ndarray) -> np.ndarray:
-    """A dark part of x 10 to 50, y 10 to 30 mm on white, transparent ``where`` (400, 600)."""
+def opaque_with(is_clear: np.ndarray) -> np.ndarray:
+    """A dark part of 10..50 x 10..30 mm on white, transparent where `is_clear` (400, 600)."""
     pixels = np.full((400, 600, 4), 255, np.uint8)
     pixels[100:300, 100:500, :3] = 40
-    pixels[..., 3] = np.where(where, 0, 255)
+    pixels[..., 3] = np.where(is_clear, 0, 255)
     return pixels
 
 
@@ -71,9 +72,11 @@ CORNERS = np.zeros((400, 600), bool)
 CORNERS[:20, :20] = CORNERS[-20:, -20:] = True
 
 
-@pytest.mark.parametrize("where", [NOWHERE, CORNERS], ids=["opaque", "round corners"])
-def test_transparency_that_tells_no_part_is_no_mask(tmp_path: Path, where: np.ndarray) -> None:
-    result = build(tmp_path, opaque_with(where))
+@pytest.mark.parametrize("is_clear", [NOWHERE, CORNERS], ids=["opaque", "round corners"])
+def test_transparency_that_is_not_a_cut_out_is_not_used(
+    tmp_path: Path, is_clear: np.ndarray
+) -> None:
+    result = build(tmp_path, opaque_with(is_clear))
     assert method(result) == "otsu"
     (contour,) = result.part.contours
     assert contour.points.max(axis=0) == pytest.approx([50, 30], abs=0.01)
@@ -98,8 +101,8 @@ def test_a_cut_out_is_transparent_along_most_of_its_border() -> None:
     assert not is_cut_out(alpha)
 
 
-def test_the_shared_white_cut_out() -> None:
-    """An L of 5..65 x 5..45 mm with one hole, white on transparency."""
+def test_the_shared_white_cut_out_gives_its_size() -> None:
+    """The part is a white L of 5..65 x 5..45 mm with a hole."""
     file = CASES / "img_white_alpha.png"
     if not file.is_file():
         pytest.skip("img_white_alpha.png: the folder shared/data/cases is not there")

@@ -20,10 +20,10 @@ RECTANGLE = [(0, 0), (60, 0), (60, 40), (0, 40)]
 
 def add_halves(space: Any) -> None:
     """The rectangle in eight lines."""
-    for (ax, ay), (bx, by) in zip(RECTANGLE, RECTANGLE[1:] + RECTANGLE[:1], strict=True):
-        middle = ((ax + bx) / 2, (ay + by) / 2)
-        space.add_line((ax, ay), middle)
-        space.add_line(middle, (bx, by))
+    for start, end in zip(RECTANGLE, RECTANGLE[1:] + RECTANGLE[:1], strict=True):
+        middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
+        space.add_line(start, middle)
+        space.add_line(middle, end)
 
 
 def add_arcs(space: Any) -> None:
@@ -76,7 +76,7 @@ def test_lines_that_overlap_in_part_close_an_outline() -> None:
 
 
 def test_outlines_of_lines_with_a_common_edge_stay_closed() -> None:
-    """Two plates side by side, the second one higher, each of four lines of its own."""
+    """Each of two plates side by side has four lines. The second plate is higher."""
     document, space = new()
     for left, top in ((0, 30), (40, 50)):
         corners = [(left, 0), (left + 40, 0), (left + 40, top), (left, top)]
@@ -87,7 +87,7 @@ def test_outlines_of_lines_with_a_common_edge_stay_closed() -> None:
     assert [length(contour) for contour in part.contours] == pytest.approx([140, 180])
 
 
-def test_a_line_on_a_part_of_an_outline_is_left_out_there() -> None:
+def test_the_part_of_a_line_that_lies_on_an_outline_is_left_out() -> None:
     document, space = new()
     space.add_line((20, 0), (75, 0))
     space.add_lwpolyline(RECTANGLE, close=True)
@@ -110,7 +110,7 @@ def test_an_outline_repeated_with_a_small_shift_is_one() -> None:
 
 
 @pytest.mark.parametrize("join", [0.05, 0.5])
-def test_a_wide_tolerance_of_joints_swallows_no_curve(join: float) -> None:
+def test_a_wide_tolerance_for_joining_drops_no_curve(join: float) -> None:
     document, space = new()
     for radius in (10, 10.2, 10.4):
         space.add_circle((0, 0), radius)
@@ -129,7 +129,7 @@ def test_shared_edges_of_closed_parts_stay_with_both() -> None:
     assert part.notes == ()
 
 
-def test_the_middle_of_nine_squares_stays() -> None:
+def test_the_square_in_the_middle_of_nine_stays() -> None:
     """Its edges lie on edges of its neighbours, but none of them has its shape."""
     document, space = new()
     for k in (0, 1, 2, 3, 5, 6, 7, 8, 4):
@@ -159,7 +159,7 @@ def test_one_contour_may_be_drawn_for_each_operation() -> None:
     add_halves(space)
     both = read_for(document, step("pocket", "POCKET"), step("follow", "OUTLINE"))
     assert [contour.layer for contour in both.contours] == ["POCKET", "OUTLINE", "0"]
-    # One operation that chooses both layers works on one of them.
+    # An operation that chooses both layers works on one of them.
     alone = read_for(document, step("follow", "*"))
     assert [contour.layer for contour in alone.contours] == ["POCKET"]
     assert [contour.layer for contour in read(document).contours] == ["POCKET"]
@@ -167,7 +167,7 @@ def test_one_contour_may_be_drawn_for_each_operation() -> None:
 
 @pytest.mark.parametrize(("shared", "total"), [("once", 280), ("each", 320)])
 def test_shared_edges_are_traced_once(shared: Any, total: float) -> None:
-    """Two squares of 40 mm side by side: seven edges of 40 mm, one of them in both."""
+    """Two squares of 40 mm side by side have seven edges. One edge belongs to both."""
     document, space = new()
     space.add_lwpolyline([(0, 0), (40, 0), (40, 40), (0, 40)], close=True)
     space.add_lwpolyline([(40, 0), (80, 0), (80, 40), (40, 40)], close=True)
@@ -180,8 +180,8 @@ def test_shared_edges_are_traced_once(shared: Any, total: float) -> None:
     assert len(joined) == (shared == "once")
 
 
-def test_a_row_of_parts_is_traced_in_its_edges() -> None:
-    """Ten squares in a row have 31 edges; the note names nine of them."""
+def test_common_edges_of_a_row_of_parts_are_traced_once() -> None:
+    """Ten squares in a row have 31 edges. The note names the nine edges between them."""
     document, space = new()
     for k in range(10):
         x = 20 * k

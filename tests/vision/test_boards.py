@@ -1,4 +1,4 @@
-"""Boards in rendered photos with known truth: how exact their corners are, and what does not pass for a board."""
+"""Boards are found in rendered photos, whose true corners are known."""
 
 from functools import cache
 
@@ -35,58 +35,60 @@ def chess_photo(kind: str, index: int, fill: float = 0.6, columns: int = 9, rows
     return photo(CAMERA, chess(columns, rows, 25), pose, seed=index, **KINDS[kind])
 
 
-def off(found: SeenBoard | None, view: View, columns: int) -> np.ndarray:
-    """Distance of each corner from where the corner of its place truly is, px."""
-    assert found is not None
-    column, row = np.rint(found.places / 25).astype(int).T
-    return np.linalg.norm(found.corners - view.corners[row * columns + column], axis=1)
+def corner_errors(seen: SeenBoard | None, view: View, columns: int) -> np.ndarray:
+    """Distance (N,) px of each corner from its true position."""
+    assert seen is not None
+    column, row = np.rint(seen.places / 25).astype(int).T
+    return np.linalg.norm(seen.corners - view.corners[row * columns + column], axis=1)
 
 
 @pytest.mark.parametrize(
     ("kind", "fill", "limit"),
     [("sharp", 0.6, 0.02), ("sharp", 0.35, 0.02), ("blurred", 0.6, 0.05), ("shaded", 0.6, 0.02)],
 )
-def test_corners_are_exact_and_better_than_opencv(kind: str, fill: float, limit: float) -> None:
-    own, opencv = [], []
+def test_corners_are_more_exact_than_those_of_opencv(kind: str, fill: float, limit: float) -> None:
+    errors, opencv_errors = [], []
     for index in range(3):
         view = chess_photo(kind, index, fill)
-        found = find_board(view.pixels, CHESS)
-        assert found is not None
-        assert (len(found.corners), found.corner_count) == (54, 54)
-        own.append(off(found, view, 9))
+        seen = find_board(view.pixels, CHESS)
+        assert seen is not None
+        assert (len(seen.corners), seen.corner_count) == (54, 54)
+        errors.append(corner_errors(seen, view, 9))
         _, rough = cv2.findChessboardCorners(view.pixels, (9, 6))
         until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)
         for window in (5, 11):
-            fine = cv2.cornerSubPix(
-                view.pixels, rough.copy(), (window, window), (-1, -1), until
-            ).reshape(-1, 2)
-            opencv.append(
-                min(np.linalg.norm(fine[::s] - view.corners, axis=1).mean() for s in (1, -1))
+            size = (window, window)
+            fine = cv2.cornerSubPix(view.pixels, rough.copy(), size, (-1, -1), until)
+            # OpenCV may number the corners from either end.
+            orders = (fine.reshape(-1, 2), fine.reshape(-1, 2)[::-1])
+            opencv_errors.append(
+                min(np.linalg.norm(corners - view.corners, axis=1).mean() for corners in orders)
             )
-    rms = np.sqrt(np.mean(np.concatenate(own) ** 2))
-    assert rms < limit
-    assert np.mean(np.concatenate(own)) < 0.8 * np.mean(opencv)
+    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < limit
+    assert np.mean(np.concatenate(errors)) < 0.8 * np.mean(opencv_errors)
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(9, 6), (6, 9)])
-def test_a_corner_has_the_same_number_however_the_camera_is_held(columns: int, rows: int) -> None:
+def test_a_corner_has_the_same_place_in_a_photo_that_is_upside_down(
+    columns: int, rows: int
+) -> None:
     target = boards.make_chessboard(columns, rows, 25)
     view = chess_photo("sharp", 1, 0.6, columns, rows)
     upright = find_board(view.pixels, target)
     turned = find_board(np.ascontiguousarray(view.pixels[::-1, ::-1]), target)
     assert upright is not None
     assert turned is not None
-    # The drawing is black inside of its first corner: (0, 0) mm is that corner.
-    assert off(upright, view, columns).max() < 0.1
+    # The place (0, 0) mm is the first corner of the drawing, inside of which it is black.
+    assert corner_errors(upright, view, columns).max() < 0.1
     assert np.array_equal(turned.places, upright.places)
     assert np.abs(np.array([639, 479]) - turned.corners - upright.corners).max() < 0.02
 
 
-def test_colour_and_size_make_no_difference() -> None:
+def test_a_photo_in_colour_or_enlarged_gives_the_same_corners() -> None:
     view = chess_photo("sharp", 0)
     plain = find_board(view.pixels, CHESS)
     colour = find_board(np.dstack([view.pixels] * 3), CHESS)
-    # Four times as large: 4.9 megapixels, so that the board is sought in a reduced picture.
+    # With 4.9 megapixels, the board is searched in a reduced picture.
     large = find_board(cv2.resize(view.pixels, (2560, 1920), interpolation=cv2.INTER_CUBIC), CHESS)
     assert plain is not None
     assert colour is not None
@@ -95,7 +97,7 @@ def test_colour_and_size_make_no_difference() -> None:
     assert np.abs((large.corners + 0.5) / 4 - 0.5 - plain.corners).max() < 0.1
 
 
-def test_what_is_no_such_board() -> None:
+def test_another_board_or_half_a_board_is_not_found() -> None:
     view = chess_photo("sharp", 0)
     assert find_board(view.pixels, boards.make_chessboard(10, 7, 25)) is None
     assert find_board(np.full((480, 640), BENCH, np.uint8), CHESS) is None
@@ -107,19 +109,19 @@ def test_what_is_no_such_board() -> None:
 def test_a_corner_under_a_bright_spot_is_left_out() -> None:
     view = chess_photo("sharp", 2)
     spot = view.pixels.copy()
-    at = view.corners[31]
-    cv2.circle(spot, tuple(np.rint(at).astype(int).tolist()), 4, 235, -1)
-    found = find_board(spot, CHESS)
-    assert found is not None
-    assert len(found.corners) == 53
-    assert np.linalg.norm(found.corners - at, axis=1).min() > 5
-    assert off(found, view, 9).max() < 0.3
+    covered = view.corners[31]
+    cv2.circle(spot, tuple(np.rint(covered).astype(int).tolist()), 4, 235, -1)
+    seen = find_board(spot, CHESS)
+    assert seen is not None
+    assert len(seen.corners) == 53
+    assert np.linalg.norm(seen.corners - covered, axis=1).min() > 5
+    assert corner_errors(seen, view, 9).max() < 0.3
 
 
 @pytest.mark.parametrize(
     ("columns", "rows", "marker", "covered"), [(7, 5, 20.0, False), (6, 8, 17.5, True)]
 )
-def test_charuco_boards_may_be_partly_covered(
+def test_a_charuco_board_may_be_partly_covered(
     columns: int, rows: int, marker: float, covered: bool
 ) -> None:
     drawn = charuco(columns, rows, 25, marker, DICTIONARY)
@@ -128,32 +130,32 @@ def test_charuco_boards_may_be_partly_covered(
     pixels = view.pixels.copy()
     if covered:
         pixels[:, : int(np.median(view.corners[:, 0]))] = int(BENCH)
-    found = find_board(pixels, boards.make_charuco(columns, rows, 25, marker))
-    assert found is not None
+    seen = find_board(pixels, boards.make_charuco(columns, rows, 25, marker))
+    assert seen is not None
     corners = (columns - 1) * (rows - 1)
-    assert found.corner_count == corners
-    assert len(found.corners) == corners if not covered else 6 <= len(found.corners) < corners
-    column, row = (np.rint(found.places / 25).astype(int)).T
+    assert seen.corner_count == corners
+    assert len(seen.corners) == corners if not covered else 6 <= len(seen.corners) < corners
+    column, row = (np.rint(seen.places / 25).astype(int)).T
     truth = view.corners[row * (columns - 1) + column]
-    assert np.sqrt(np.mean(np.sum((found.corners - truth) ** 2, axis=1))) < 0.04
+    assert np.sqrt(np.mean(np.sum((seen.corners - truth) ** 2, axis=1))) < 0.04
 
 
-def test_charuco_boards_as_opencv_drew_them_before() -> None:
-    """With an even number of rows the colours were the other way round until OpenCV 4.6."""
+def test_a_charuco_board_in_the_pattern_before_opencv_4_6_is_found() -> None:
+    """Before OpenCV 4.6, the colours of a board with an even number of rows were exchanged."""
     drawn = cv2.aruco.CharucoBoard((5, 6), 25, 20, cv2.aruco.getPredefinedDictionary(DICTIONARY))
     drawn.setLegacyPattern(True)
     picture = cv2.copyMakeBorder(
         drawn.generateImage((400, 480)), 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=255
     )
-    found = find_board(cv2.GaussianBlur(picture, (0, 0), 0.8), boards.make_charuco(5, 6, 25, 20))
-    assert found is not None
-    # Squares of 80 px from (40, 40) on; the border of a pixel is half a pixel before its centre.
-    assert np.abs(found.corners - (found.places / 25 * 80 + 120 - 0.5)).max() < 0.02
-    assert len(found.corners) == 20
+    seen = find_board(cv2.GaussianBlur(picture, (0, 0), 0.8), boards.make_charuco(5, 6, 25, 20))
+    assert seen is not None
+    # The squares of 80 px begin at (40, 40). A pixel begins half a pixel before its centre.
+    assert np.abs(seen.corners - (seen.places / 25 * 80 + 120 - 0.5)).max() < 0.02
+    assert len(seen.corners) == 20
 
 
 @pytest.mark.parametrize(
-    ("make", "says"),
+    ("make", "message"),
     [
         (lambda: boards.make_chessboard(2, 6, 25), "--board: 2x6 inner corners cannot be found"),
         (lambda: boards.make_chessboard(9, 6, 0), "--square: must be a length above 0 mm, not 0"),
@@ -180,8 +182,8 @@ def test_charuco_boards_as_opencv_drew_them_before() -> None:
         (lambda: boards.make_charuco(2, 5, 25, 18), "--board: 2x5 squares cannot be used"),
     ],
 )
-def test_boards_that_cannot_be(make: object, says: str) -> None:
+def test_an_impossible_board_is_refused(make: object, message: str) -> None:
     assert callable(make)
     with pytest.raises(JobError) as caught:
         make()
-    assert says in str(caught.value)
+    assert message in str(caught.value)

@@ -1,7 +1,8 @@
-"""Calibrations against the camera that the photos were calculated with, and against OpenCV on real photos."""
+"""A calibration finds the camera of calculated photos, and agrees with OpenCV on real photos."""
 
 import xml.etree.ElementTree as ET
 from argparse import Namespace
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
@@ -14,7 +15,14 @@ from camgen.cli.say import make_terminal
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
 from camgen.vision.boards.corners import SeenBoard, make_chessboard
-from camgen.vision.camera.calibrate import Calibration, Photo, calibrate, fit_camera, read_photo
+from camgen.vision.camera.calibrate import (
+    LeftOut,
+    Photo,
+    UsedPhoto,
+    calibrate,
+    fit_camera,
+    read_photo,
+)
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.camera.residuals import draw_residuals
 from tests.support.board_photos import charuco, chess, photo, poses, projected
@@ -27,7 +35,7 @@ CAMERA = Camera(
     size=(640, 480),
     name="true",
 )
-#: The same with a quarter of the pixels, for photos that are rendered.
+#: `CAMERA` with a quarter of the pixels, for photos that are rendered.
 HALF = Camera(frozen(CAMERA.matrix * [[0.5], [0.5], [1]]), CAMERA.distortion, (320, 240), "half")
 BOARD = make_chessboard(9, 6, 25)
 SIZE = (200.0, 125.0)
@@ -38,54 +46,54 @@ NOISE = 0.05
 def taken(
     camera: Camera, pose: tuple[np.ndarray, np.ndarray], name: str, seed: int, noise: float = NOISE
 ) -> Photo:
-    """A photo whose corners are those of the camera, and noise."""
+    """The corners of the board as the camera sees them, each with an error of `noise` px (rms)."""
     errors = np.random.default_rng(seed).normal(0, noise, MM.shape)
     return Photo(
         name, camera.size, SeenBoard(frozen(projected(camera, pose, MM) + errors), frozen(MM), 54)
     )
 
 
-def photos(camera: Camera, count: int, tilt: float = 35, fill: float = 0.6) -> list[Photo]:
-    places = poses(camera, SIZE, count, seed=count, tilt=tilt, fill=fill)
-    return [taken(camera, pose, f"p{i}", i) for i, pose in enumerate(places)]
+def photos(
+    camera: Camera, count: int, tilt: float = 35, fill: float = 0.6, seed: int | None = None
+) -> list[Photo]:
+    """Photos p0, p1, ... of the board in random poses. The count seeds them unless `seed` does."""
+    board_poses = poses(camera, SIZE, count, count if seed is None else seed, tilt=tilt, fill=fill)
+    return [taken(camera, pose, f"p{i}", i) for i, pose in enumerate(board_poses)]
 
 
-def four(camera: Camera) -> np.ndarray:
+def pinhole(camera: Camera) -> np.ndarray:
+    """Focal lengths and principal point (4,), px."""
     return camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
 
 
-def names(found: Calibration) -> list[str]:
-    return [one.name for one in found.used]
+def list_names(photos: Iterable[UsedPhoto | LeftOut]) -> list[str]:
+    return [photo.name for photo in photos]
 
 
 # -- the fit
 
 
-def test_the_true_camera_comes_out_within_its_deviations() -> None:
-    found = fit_camera(photos(CAMERA, 12), BOARD, "camera")
-    # Two coordinates of 648 corners, less 9 numbers of the camera and 6 of each pose.
-    assert found.rms == pytest.approx(NOISE * np.sqrt(2 * (1296 - 81) / 1296), rel=0.06)
-    assert np.all(np.abs(four(found.camera) - four(CAMERA)) < 4 * found.deviations[:4])
-    assert found.deviations[:4].max() < 1
-    assert (found.camera.size, found.camera.name, len(found.camera.distortion)) == (
-        (640, 480),
-        "camera",
-        5,
-    )
-    assert found.left_out == ()
+def test_the_true_camera_is_found_within_the_stated_deviations() -> None:
+    calibration = fit_camera(photos(CAMERA, 12), BOARD, "camera")
+    # 648 corners have 1296 coordinates. The fit has 9 numbers of the camera and 6 of each pose.
+    assert calibration.rms == pytest.approx(NOISE * np.sqrt(2 * (1296 - 81) / 1296), rel=0.06)
+    camera, deviations = calibration.camera, calibration.deviations[:4]
+    assert np.all(np.abs(pinhole(camera) - pinhole(CAMERA)) < 4 * deviations)
+    assert deviations.max() < 1
+    assert (camera.size, camera.name, len(camera.distortion)) == ((640, 480), "camera", 5)
+    assert calibration.left_out == ()
 
 
-def test_the_deviations_are_those_of_many_calibrations() -> None:
-    places = poses(CAMERA, SIZE, 6, seed=8)
-    results, said = [], []
+def test_the_stated_deviations_are_those_of_many_calibrations() -> None:
+    board_poses = poses(CAMERA, SIZE, 6, seed=8)
+    results, stated = [], []
     for run in range(20):
-        one = fit_camera(
-            [taken(CAMERA, p, f"p{i}", 100 * run + i) for i, p in enumerate(places)], BOARD, "x"
-        )
-        results.append(np.concatenate([four(one.camera), one.camera.distortion]))
-        said.append(one.deviations)
-    # Twenty of them tell a deviation to 16 %.
-    assert np.all(np.abs(np.log(np.std(results, axis=0, ddof=1) / np.mean(said, axis=0))) < 0.5)
+        noisy = [taken(CAMERA, p, f"p{i}", 100 * run + i) for i, p in enumerate(board_poses)]
+        calibration = fit_camera(noisy, BOARD, "x")
+        results.append(np.append(pinhole(calibration.camera), calibration.camera.distortion))
+        stated.append(calibration.deviations)
+    # Twenty calibrations determine a deviation to 16 %.
+    assert np.all(np.abs(np.log(np.std(results, axis=0, ddof=1) / np.mean(stated, axis=0))) < 0.5)
 
 
 def test_a_photo_that_contradicts_the_others_is_left_out_and_named() -> None:
@@ -94,39 +102,35 @@ def test_a_photo_that_contradicts_the_others_is_left_out_and_named() -> None:
     )
     good = photos(CAMERA, 8)
     pose = poses(CAMERA, SIZE, 1, seed=3, fill=0.5)[0]
-    found = fit_camera([*good[:4], taken(zoomed, pose, "zoomed.jpg", 5), *good[4:]], BOARD, "x")
-    assert names(found) == [f"p{i}" for i in range(8)]
-    assert [one.name for one in found.left_out] == ["zoomed.jpg"]
-    assert "contradicts the others" in found.left_out[0].why
-    assert np.array_equal(found.camera.matrix, fit_camera(good, BOARD, "x").camera.matrix)
+    calibration = fit_camera(
+        [*good[:4], taken(zoomed, pose, "zoomed.jpg", 5), *good[4:]], BOARD, "x"
+    )
+    assert list_names(calibration.used) == [f"p{i}" for i in range(8)]
+    assert list_names(calibration.left_out) == ["zoomed.jpg"]
+    assert "contradicts the others" in calibration.left_out[0].why
+    assert np.array_equal(calibration.camera.matrix, fit_camera(good, BOARD, "x").camera.matrix)
 
 
-def test_a_board_that_was_bent_in_one_photo() -> None:
-    places = poses(CAMERA, SIZE, 6, seed=6)
+def test_a_photo_of_a_bent_board_is_left_out() -> None:
+    board_poses = poses(CAMERA, SIZE, 6, seed=6)
     bent = np.column_stack([MM, 3 * np.sin(np.pi * MM[:, 0] / SIZE[0])])
-    px = cv2.projectPoints(bent, *places[0], CAMERA.matrix, CAMERA.distortion)[0].reshape(-1, 2)
-    all_photos = [
-        Photo("bent", CAMERA.size, SeenBoard(frozen(px), frozen(MM), 54)),
-        *photos(CAMERA, 6)[1:],
-    ]
-    found = fit_camera(all_photos, BOARD, "x")
-    assert [one.name for one in found.left_out] == ["bent"]
+    px, _ = cv2.projectPoints(bent, *board_poses[0], CAMERA.matrix, CAMERA.distortion)
+    seen = SeenBoard(frozen(px.reshape(-1, 2)), frozen(MM), 54)
+    bent_photo = Photo("bent", CAMERA.size, seen)
+    calibration = fit_camera([bent_photo, *photos(CAMERA, 6)[1:]], BOARD, "x")
+    assert list_names(calibration.left_out) == ["bent"]
 
 
-def test_sound_photos_are_never_left_out() -> None:
-    """Not even the one that alone shows the corners of the view."""
+def test_a_photo_that_alone_shows_the_corners_of_the_view_is_used() -> None:
     alone = poses(CAMERA, SIZE, 1, seed=2, fill=0.95, tilt=15)[0]
     for count in (3, 5, 10):
-        middle = [
-            taken(CAMERA, p, f"m{i}", i)
-            for i, p in enumerate(poses(CAMERA, SIZE, count, seed=count, fill=0.4))
-        ]
-        found = fit_camera([*middle, taken(CAMERA, alone, "alone", 99)], BOARD, "x")
-        assert found.left_out == ()
+        middle = photos(CAMERA, count, fill=0.4)
+        calibration = fit_camera([*middle, taken(CAMERA, alone, "alone", 99)], BOARD, "x")
+        assert calibration.left_out == ()
 
 
-def test_a_wide_angle_lens_gets_more_coefficients_and_only_it() -> None:
-    """An equidistant fisheye: r = f theta, which five coefficients cannot follow to 65 deg."""
+def test_a_wide_angle_lens_gets_eight_coefficients() -> None:
+    """Five coefficients cannot follow an equidistant fisheye, r = f theta, up to 65 deg."""
     focal, size = 300.0, (640, 480)
     guide = Camera(
         frozen([[250, 0, 318], [0, 250, 243], [0, 0, 1]]),
@@ -136,38 +140,35 @@ def test_a_wide_angle_lens_gets_more_coefficients_and_only_it() -> None:
     )
     wide = []
     for i, pose in enumerate(poses(guide, SIZE, 25, seed=2, fill=0.35)):
-        at = np.column_stack([MM, np.zeros(len(MM))]) @ cv2.Rodrigues(pose[0])[0].T + pose[1]
-        radius = np.hypot(at[:, 0], at[:, 1])
-        px = at[:, :2] * (focal * np.arctan2(radius, at[:, 2]) / radius)[:, None] + [318, 243]
+        mm = np.column_stack([MM, np.zeros(len(MM))]) @ cv2.Rodrigues(pose[0])[0].T + pose[1]
+        radius = np.hypot(mm[:, 0], mm[:, 1])
+        px = mm[:, :2] * (focal * np.arctan2(radius, mm[:, 2]) / radius)[:, None] + [318, 243]
         noise = np.random.default_rng(i).normal(0, NOISE, px.shape)
         wide.append(Photo(f"p{i}", size, SeenBoard(frozen(px + noise), frozen(MM), 54)))
-    found = fit_camera(wide, BOARD, "x")
-    assert len(found.camera.distortion) == 8
-    assert found.left_out == ()
-    assert found.rms < 1.1 * NOISE * np.sqrt(2)
-    assert np.all(np.abs(four(found.camera) - [focal, focal, 318, 243]) < 0.8)
-    assert any("wide-angle lens of 8 coefficients" in note.what for note in found.notes)
+    calibration = fit_camera(wide, BOARD, "x")
+    assert len(calibration.camera.distortion) == 8
+    assert calibration.left_out == ()
+    assert calibration.rms < 1.1 * NOISE * np.sqrt(2)
+    assert np.all(np.abs(pinhole(calibration.camera) - [focal, focal, 318, 243]) < 0.8)
+    assert any("wide-angle lens of 8 coefficients" in note.what for note in calibration.notes)
 
 
-# -- what the user is told
+# -- notes and refusals
 
 
-def test_boards_that_were_not_tilted() -> None:
+def test_boards_that_are_not_tilted_do_not_determine_the_focal_length() -> None:
     for tilt in (0.01, 0.5):
         with pytest.raises(
             InputError,
             match=r"p0 and 5 more: the photos do not determine the focal length; .* tilted",
         ):
             fit_camera(photos(CAMERA, 6, tilt=tilt), BOARD, "x")
-    found = fit_camera(photos(CAMERA, 6, tilt=4), BOARD, "x")
-    assert any("focal length known to" in note.what for note in found.notes)
+    calibration = fit_camera(photos(CAMERA, 6, tilt=4), BOARD, "x")
+    assert any("focal length known to" in note.what for note in calibration.notes)
 
 
-def test_parts_of_the_view_without_a_board() -> None:
-    middle = [
-        taken(CAMERA, p, f"p{i}", i)
-        for i, p in enumerate(poses(CAMERA, SIZE, 6, seed=1, fill=0.25))
-    ]
+def test_parts_of_the_view_without_a_board_are_noted() -> None:
+    middle = photos(CAMERA, 6, fill=0.25, seed=1)
     near = [p for p in middle if p.seen and np.abs(p.seen.corners - [320, 240]).max() < 200]
     assert len(near) >= 3
     notes = fit_camera(near, BOARD, "x").notes
@@ -180,7 +181,7 @@ def test_parts_of_the_view_without_a_board() -> None:
     )
 
 
-def test_large_errors_are_said() -> None:
+def test_large_errors_are_noted() -> None:
     rough = [
         taken(CAMERA, p, f"p{i}", i, noise=1.5)
         for i, p in enumerate(poses(CAMERA, SIZE, 10, seed=1))
@@ -188,33 +189,32 @@ def test_large_errors_are_said() -> None:
     assert any(note.what.startswith("errors of ") for note in fit_camera(rough, BOARD, "x").notes)
 
 
-def test_photos_that_cannot_be_used_together() -> None:
+def test_photos_without_a_board_and_copies_are_left_out_with_their_reason() -> None:
     good = photos(CAMERA, 5)
-    none = Photo("bench.jpg", CAMERA.size, None)
-    found = fit_camera([none, *good, Photo("again.jpg", CAMERA.size, good[1].seen)], BOARD, "x")
-    assert [(one.name, one.why.split(":")[0]) for one in found.left_out] == [
+    bench = Photo("bench.jpg", CAMERA.size, None)
+    copy = Photo("again.jpg", CAMERA.size, good[1].seen)
+    calibration = fit_camera([bench, *good, copy], BOARD, "x")
+    assert [(photo.name, photo.why.split(":")[0]) for photo in calibration.left_out] == [
         ("bench.jpg", "chessboard 9x6 not found"),
         ("again.jpg", "the same picture as p1"),
     ]
     with pytest.raises(
         InputError, match="2 of 3 photos can be used with the chessboard 9x6, 3 are needed"
     ):
-        fit_camera([none, *good[:2]], BOARD, "x")
+        fit_camera([bench, *good[:2]], BOARD, "x")
 
 
 def test_photos_of_another_size_are_left_out_with_their_reason() -> None:
     good = photos(CAMERA, 5)
-    small = [
-        Photo(f"small{k}.jpg", (320, 240), board)
-        for k, board in enumerate([*(p.seen for p in good[:2]), None])
-    ]
-    found = fit_camera([*small, *good], BOARD, "x")
-    assert [(one.name, one.why) for one in found.left_out] == [
-        (one.name, "is 320 x 240 px, not 640 x 480: a calibration is for one size") for one in small
-    ]
-    assert names(found) == [f"p{i}" for i in range(5)]
-    assert np.array_equal(found.camera.matrix, fit_camera(good, BOARD, "x").camera.matrix)
-    # What shows no board does not decide which size is calibrated.
+    boards = (good[0].seen, good[1].seen, None)
+    small = [Photo(f"small{k}.jpg", (320, 240), board) for k, board in enumerate(boards)]
+    calibration = fit_camera([*small, *good], BOARD, "x")
+    reason = "is 320 x 240 px, not 640 x 480: a calibration is for one size"
+    left_out = [(photo.name, photo.why) for photo in calibration.left_out]
+    assert left_out == [(photo.name, reason) for photo in small]
+    assert list_names(calibration.used) == [f"p{i}" for i in range(5)]
+    assert np.array_equal(calibration.camera.matrix, fit_camera(good, BOARD, "x").camera.matrix)
+    # Photos without a board do not decide which size is calibrated.
     benches = [Photo(f"bench{k}.jpg", (320, 240), None) for k in range(9)]
     assert fit_camera([*benches, *good], BOARD, "x").camera.size == (640, 480)
     with pytest.raises(
@@ -230,7 +230,8 @@ def test_photos_of_another_size_are_left_out_with_their_reason() -> None:
 def rendered() -> tuple[np.ndarray, ...]:
     drawn = chess(9, 6, 25)
     return tuple(
-        photo(HALF, drawn, p, seed=i).pixels for i, p in enumerate(poses(HALF, SIZE, 6, seed=4))
+        photo(HALF, drawn, pose, seed=i).pixels
+        for i, pose in enumerate(poses(HALF, SIZE, 6, seed=4))
     )
 
 
@@ -246,17 +247,19 @@ def options(folder: Path, paths: list[str], **given: object) -> Namespace:
     return Namespace(photos=paths, output=str(folder / "camera.yaml"), **(usual | given))
 
 
-def test_from_files_to_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_calibration_of_files_writes_a_camera_and_a_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bench = np.full((240, 320), 120, np.uint8)
     paths = written(tmp_path, (*rendered(), bench))
     arguments = options(tmp_path, paths, preview=str(tmp_path / "residuals.svg"))
     assert cli_calibrate.run(arguments, make_terminal(quiet=False, verbose=0)) == 0
-    said = capsys.readouterr()
-    assert said.out.count("54 of 54") == 6
-    assert "left out  photo6.png: chessboard 9x6 not found" in said.err
-    assert "6 of 7 photos, 324 corners" in said.err
+    printed = capsys.readouterr()
+    assert printed.out.count("54 of 54") == 6
+    assert "left out  photo6.png: chessboard 9x6 not found" in printed.err
+    assert "6 of 7 photos, 324 corners" in printed.err
     camera = read_camera(source(tmp_path / "camera.yaml"))
-    assert np.all(np.abs(four(camera) / four(HALF) - 1) < 0.003)
+    assert np.all(np.abs(pinhole(camera) / pinhole(HALF) - 1) < 0.003)
     assert camera.name == "camera"
     first = (tmp_path / "camera.yaml").read_bytes()
     drawn = (tmp_path / "residuals.svg").read_bytes()
@@ -266,17 +269,18 @@ def test_from_files_to_files(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert (tmp_path / "residuals.svg").read_bytes() == drawn
 
 
-def test_from_charuco_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_with_a_charuco_board_are_calibrated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     drawn = charuco(7, 5, 25, 20, cv2.aruco.DICT_5X5_100)
-    places = poses(CAMERA, (175.0, 125.0), 4, seed=4, fill=0.7)
-    paths = written(
-        tmp_path, tuple(photo(CAMERA, drawn, p, seed=i).pixels for i, p in enumerate(places))
-    )
+    board_poses = poses(CAMERA, (175.0, 125.0), 4, seed=4, fill=0.7)
+    pictures = [photo(CAMERA, drawn, p, seed=i).pixels for i, p in enumerate(board_poses)]
+    paths = written(tmp_path, tuple(pictures))
     arguments = options(tmp_path, paths, board="7x5", marker=20.0, dictionary="5X5_100")
     assert cli_calibrate.run(arguments, make_terminal(quiet=False, verbose=0)) == 0
     assert "ChArUco board 7x5, squares of 25 mm" in capsys.readouterr().err
     assert np.all(
-        np.abs(four(read_camera(source(tmp_path / "camera.yaml"))) / four(CAMERA) - 1) < 0.005
+        np.abs(pinhole(read_camera(source(tmp_path / "camera.yaml"))) / pinhole(CAMERA) - 1) < 0.005
     )
 
 
@@ -292,8 +296,8 @@ def test_a_board_given_by_its_squares_is_recognised(tmp_path: Path) -> None:
         calibrate([source(tmp_path / "bench.png")], BOARD, "x", lambda _: None)
 
 
-def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
-    """A JPEG with an Exif orientation of 6, as phones write it: cameras that look down set it almost at random."""
+def test_a_photo_keeps_the_orientation_of_the_sensor(tmp_path: Path) -> None:
+    """An Exif orientation is ignored: a phone that looks down sets it almost at random."""
     plain = cv2.imencode(".jpg", rendered()[0])[1].tobytes()
     tag = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
     exif = b"\xff\xe1" + (len(tag) + 8).to_bytes(2, "big") + b"Exif\0\0" + tag
@@ -307,7 +311,7 @@ def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("given", "message"),
     [
         ({"board": "9 by 6"}, "--board: '9 by 6' is not the size of a board; give columns x rows"),
         ({"dictionary": "4X4_50"}, "--dictionary: a chessboard has no markers; give --marker"),
@@ -315,16 +319,18 @@ def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
         ({"square": -1.0}, "--square: must be a length above 0 mm, not -1.0"),
     ],
 )
-def test_options_that_cannot_be(tmp_path: Path, given: dict[str, object], says: str) -> None:
+def test_an_invalid_option_is_refused(
+    tmp_path: Path, given: dict[str, object], message: str
+) -> None:
     with pytest.raises(JobError) as caught:
         cli_calibrate.run(
             options(tmp_path, ["a.jpg"], **given), make_terminal(quiet=True, verbose=0)
         )
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert not (tmp_path / "camera.yaml").exists()
 
 
-def test_no_photo_is_overwritten(tmp_path: Path) -> None:
+def test_a_camera_file_that_would_overwrite_a_photo_is_refused(tmp_path: Path) -> None:
     with pytest.raises(JobError, match="would overwrite"):
         cli_calibrate.run(
             options(tmp_path, [str(tmp_path / "camera.yaml")]), make_terminal(quiet=True, verbose=0)
@@ -333,8 +339,8 @@ def test_no_photo_is_overwritten(tmp_path: Path) -> None:
 
 def test_the_picture_shows_every_corner_and_every_photo() -> None:
     blind = Photo('<b>"blind"&.jpg', CAMERA.size, None)
-    found = fit_camera([*photos(CAMERA, 5), blind], BOARD, "x")
-    root = ET.fromstring(draw_residuals(found, "a < b"))
+    calibration = fit_camera([*photos(CAMERA, 5), blind], BOARD, "x")
+    root = ET.fromstring(draw_residuals(calibration, "a < b"))
     kinds = [(element.get("class"), element) for element in root.iter()]
     strokes = "".join(element.get("d", "") for kind, element in kinds if kind == "arrow")
     assert strokes.count("M") == 5 * 54
@@ -342,24 +348,26 @@ def test_the_picture_shows_every_corner_and_every_photo() -> None:
     text = [element.text for _, element in kinds]
     assert '<b>"blind"&.jpg' in text
     assert "a < b" in text
-    assert any(f"{found.rms:.3f} px rms" in (line or "") for line in text)
+    assert any(f"{calibration.rms:.3f} px rms" in (line or "") for line in text)
 
 
 @pytest.mark.skipif(
     not SHARED.is_dir(), reason="the photo set opencv-left of the shared data is not there"
 )
-def test_real_photos_against_opencv() -> None:
-    """cornerSubPix with a window of 7 is the best that OpenCV does on these: 0.183 px."""
+def test_real_photos_are_fitted_as_well_as_by_opencv() -> None:
+    """OpenCV reaches 0.183 px (rms) here, at best: cornerSubPix with a window of 7 px."""
     paths = sorted(SHARED.glob("*.jpg"))
-    found = calibrate([source(path) for path in paths], BOARD, "left", lambda _: None)
-    assert len(found.used) == 13
+    calibration = calibrate([source(path) for path in paths], BOARD, "left", lambda _: None)
+    assert len(calibration.used) == 13
     greys = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
     until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)
     corners = [
         cv2.cornerSubPix(g, cv2.findChessboardCorners(g, (9, 6))[1], (7, 7), (-1, -1), until)
         for g in greys
     ]
-    places = np.column_stack([MM, np.zeros(54)]).astype(np.float32)
-    rms, matrix, *_ = cv2.calibrateCamera([places] * 13, corners, (640, 480), None, None)
-    assert found.rms < rms + 0.05
-    assert np.all(np.abs(four(found.camera) / matrix[[0, 1, 0, 1], [0, 1, 2, 2]] - 1) < 0.005)
+    board = np.column_stack([MM, np.zeros(54)]).astype(np.float32)
+    rms, matrix, *_ = cv2.calibrateCamera([board] * 13, corners, (640, 480), None, None)
+    assert calibration.rms < rms + 0.05
+    assert np.all(
+        np.abs(pinhole(calibration.camera) / matrix[[0, 1, 0, 1], [0, 1, 2, 2]] - 1) < 0.005
+    )

@@ -1,4 +1,4 @@
-"""Cameras: distortion against OpenCV's own formulas, files of three kinds, and files that cannot be meant."""
+"""Cameras distort points as OpenCV does. Files of three kinds are read, damaged ones refused."""
 
 from pathlib import Path
 
@@ -16,29 +16,15 @@ from camgen.vision.camera.lens import distort_ideal, find_fold, straighten
 from tests.support.files import source
 
 MATRIX = frozen([[800.0, 0, 321], [0, 802, 236], [0, 0, 1]])
+#: Distortion of a lens by the number of its coefficients, in the order of OpenCV.
 LENSES = {
     0: [],
     4: [-0.28, 0.1, 0.001, -0.0007],
     5: [-0.28, 0.1, 0.001, -0.0007, -0.02],
     8: [0.9, 0.15, 0.0005, -0.0003, 0.002, 1.25, 0.4, 0.02],
-    12: [0.9, 0.15, 0.0005, -0.0003, 0.002, 1.25, 0.4, 0.02, 0.001, -0.002, 0.0015, 0.0007],
-    14: [
-        0.9,
-        0.15,
-        0.0005,
-        -0.0003,
-        0.002,
-        1.25,
-        0.4,
-        0.02,
-        0.001,
-        -0.002,
-        0.0015,
-        0.0007,
-        0.03,
-        -0.02,
-    ],
 }
+LENSES[12] = [*LENSES[8], 0.001, -0.002, 0.0015, 0.0007]
+LENSES[14] = [*LENSES[12], 0.03, -0.02]
 
 
 def camera(count: int, name: str = "bench") -> Camera:
@@ -51,7 +37,7 @@ def grid() -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", LENSES)
-def test_distorted_is_what_opencv_projects(count: int) -> None:
+def test_distorted_points_are_those_that_opencv_projects(count: int) -> None:
     px = grid()
     rays = np.column_stack([(px - MATRIX[:2, 2]) / np.diag(MATRIX)[:2], np.ones(len(px))])
     lens = np.array(LENSES[count]) if count else None
@@ -60,15 +46,15 @@ def test_distorted_is_what_opencv_projects(count: int) -> None:
 
 
 @pytest.mark.parametrize("count", LENSES)
-def test_undistorted_is_the_inverse_to_1e_9_px(count: int) -> None:
+def test_undistorting_is_the_inverse_of_distorting_to_1e_9_px(count: int) -> None:
     px = grid()
     ideal = undistort(camera(count), px)
     assert np.abs(distort(camera(count), ideal) - px).max() < 1e-9
     if count:
-        assert np.abs(ideal - px).max() > 5  # the lenses do bend
+        assert np.abs(ideal - px).max() > 5  # The lenses do bend.
 
 
-def test_skew_is_part_of_the_matrix() -> None:
+def test_a_matrix_may_have_skew() -> None:
     skewed = Camera(
         frozen([[800.0, 3, 321], [0, 802, 236], [0, 0, 1]]), frozen(LENSES[5]), (640, 480), "skew"
     )
@@ -77,8 +63,8 @@ def test_skew_is_part_of_the_matrix() -> None:
     assert np.allclose(undistort(skewed, np.array([[321.0, 236]])), [[321, 236]])
 
 
-def test_beyond_the_turn_of_the_model_there_is_nothing() -> None:
-    """x (1 - x^2 / 2) rises to x = sqrt(2/3), where it is 0.5443."""
+def test_points_beyond_the_fold_of_the_lens_model_are_nan() -> None:
+    """x (1 - x^2 / 2) increases up to x = sqrt(2/3), where it is 0.5443."""
     lens = np.array([-0.5, 0, 0, 0])
     assert find_fold(lens) == pytest.approx(np.sqrt(2 / 3), abs=1e-12)
     near, far = np.array([[0.81, 0]]), np.array([[0.83, 0]])
@@ -96,18 +82,19 @@ def test_beyond_the_turn_of_the_model_there_is_nothing() -> None:
     st.floats(-0.01, 0.01),
     st.floats(-0.2, 0.2),
 )
-def test_what_is_answered_is_right(k1: float, k2: float, p1: float, p2: float, k3: float) -> None:
-    """Any lens: an ideal point that is returned is seen at the place asked for, and lies before the fold."""
+def test_straightened_points_distort_back_and_lie_before_the_fold(
+    k1: float, k2: float, p1: float, p2: float, k3: float
+) -> None:
     lens = np.array([k1, k2, p1, p2, k3])
     seen = np.column_stack([np.linspace(-1.5, 1.5, 31), np.linspace(0.9, -0.7, 31)])
     ideal = straighten(lens, seen)
-    known = np.isfinite(ideal).all(axis=1)
-    assert known[17]  # near the middle there is always an answer
-    assert np.allclose(distort_ideal(lens, ideal[known]), seen[known], rtol=0, atol=1e-11)
-    assert np.all(np.linalg.norm(ideal[known], axis=1) < find_fold(lens))
+    is_known = np.isfinite(ideal).all(axis=1)
+    assert is_known[17]  # A point near the middle can always be straightened.
+    assert np.allclose(distort_ideal(lens, ideal[is_known]), seen[is_known], rtol=0, atol=1e-11)
+    assert np.all(np.linalg.norm(ideal[is_known], axis=1) < find_fold(lens))
 
 
-def test_coefficients_that_are_next_to_nothing() -> None:
+def test_a_coefficient_of_nearly_zero_does_no_harm() -> None:
     lens = np.array([0.1, 0, 0, 0, 5e-324])
     assert np.allclose(distort_ideal(lens, np.array([[1.0, 0]])), [[1.1, 0]])
 
@@ -126,22 +113,22 @@ def test_camera_info_keeps_every_bit(tmp_path: Path, count: int) -> None:
     assert (after.size, after.name) == (before.size, before.name)
 
 
-def test_camera_info_is_what_ros_reads() -> None:
-    """Keys and shapes as camera_calibration_parsers writes them, read by an independent YAML reader."""
-    said = yaml.safe_load(format_camera_info(camera(5)))
-    assert (said["image_width"], said["image_height"], said["camera_name"]) == (640, 480, "bench")
-    assert said["distortion_model"] == "plumb_bob"
-    assert said["camera_matrix"] == {"rows": 3, "cols": 3, "data": MATRIX.ravel().tolist()}
-    assert said["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": LENSES[5]}
-    assert said["rectification_matrix"]["data"] == np.eye(3).ravel().tolist()
-    assert said["projection_matrix"]["rows"], said["projection_matrix"]["cols"] == (3, 4)
-    assert (
-        yaml.safe_load(format_camera_info(camera(8)))["distortion_model"] == "rational_polynomial"
-    )
+def test_camera_info_has_the_keys_and_shapes_of_ros() -> None:
+    """The file is read by another YAML reader and looks like one of camera_calibration_parsers."""
+    info = yaml.safe_load(format_camera_info(camera(5)))
+    assert (info["image_width"], info["image_height"], info["camera_name"]) == (640, 480, "bench")
+    assert info["distortion_model"] == "plumb_bob"
+    assert info["camera_matrix"] == {"rows": 3, "cols": 3, "data": MATRIX.ravel().tolist()}
+    assert info["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": LENSES[5]}
+    assert info["rectification_matrix"]["data"] == np.eye(3).ravel().tolist()
+    projection = info["projection_matrix"]
+    assert (projection["rows"], projection["cols"]) == (3, 4)
+    rational = yaml.safe_load(format_camera_info(camera(8)))
+    assert rational["distortion_model"] == "rational_polynomial"
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
-def test_what_opencv_stores_is_read(tmp_path: Path, suffix: str) -> None:
+def test_a_file_that_opencv_stores_is_read(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"stored{suffix}"
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("image_width", 640)
@@ -149,17 +136,17 @@ def test_what_opencv_stores_is_read(tmp_path: Path, suffix: str) -> None:
     storage.write("camera_matrix", np.array(MATRIX))
     storage.write("distortion_coefficients", np.array(LENSES[5])[:, None])
     storage.release()
-    found = read_camera(source(path))
-    assert np.allclose(found.matrix, MATRIX, rtol=1e-15)
-    assert np.allclose(found.distortion, LENSES[5], rtol=1e-15)
-    assert (found.size, found.name) == ((640, 480), "stored")
+    stored = read_camera(source(path))
+    assert np.allclose(stored.matrix, MATRIX, rtol=1e-15)
+    assert np.allclose(stored.distortion, LENSES[5], rtol=1e-15)
+    assert (stored.size, stored.name) == ((640, 480), "stored")
 
 
 GOOD = format_camera_info(camera(5))
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("", "is empty"),
         ("a: [1, 2", "is not YAML"),
@@ -179,31 +166,44 @@ GOOD = format_camera_info(camera(5))
         ("%YAML:1.0\n---\nD: 3\n", "has no camera matrix"),
         ("<opencv_storage></opencv_storage>", "holds no named values"),
         ("<opencv_storage><K>", "is not XML: no element found (line 1)"),
-        ('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage><K>&b;</K></opencv_storage>', "a document type or an entity"),
+        (
+            '<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage><K>&b;</K></opencv_storage>',
+            "a document type or an entity",
+        ),
         ("{", "is not JSON"),
         ('{"K": [[1, 0, 2], [0, 1]], "D": 3}', "K is not a matrix of numbers"),
         ('{"K": ' + "[" * 5000 + "]" * 5000 + "}", "nested too deep"),
         ("%YAML:1.0\n---\nK: [1, 2\n", "is not YAML: expected ',' or ']'"),
-        (f"%YAML:1.0\n---\nK: !!opencv-matrix\n  rows: 3\n  cols: 3\n  data: [{'1,' * 8}]\nD: 1\n",
-         "K says 3 x 3 and holds 8 numbers"),
-        ("%YAML:1.0\n---\nK: !!opencv-matrix\n  rows: 1e9\n  cols: 3\n  data: [1]\nD: 1\n",
-         "K: rows is not a number of rows or columns"),
+        (
+            "%YAML:1.0\n---\nK: !!opencv-matrix\n  rows: 3\n  cols: 3\n"
+            f"  data: [{'1,' * 8}]\nD: 1\n",
+            "K says 3 x 3 and holds 8 numbers",
+        ),
+        (
+            "%YAML:1.0\n---\nK: !!opencv-matrix\n  rows: 1e9\n  cols: 3\n  data: [1]\nD: 1\n",
+            "K: rows is not a number of rows or columns",
+        ),
         # OpenCV's own reader ends the process here.
-        ("%YAMLnull:1.0\n---\nimage_width: 640\nK: !!opencv-matrix\n  rows: 3\n  colsnull: 3\n  data: [1]\nD: 1\n",
-         "K is not a matrix of numbers"),
+        (
+            "%YAMLnull:1.0\n---\nimage_width: 640\n"
+            "K: !!opencv-matrix\n  rows: 3\n  colsnull: 3\n  data: [1]\nD: 1\n",
+            "K is not a matrix of numbers",
+        ),
     ],
-)  # fmt: skip
-def test_files_that_cannot_be_meant(tmp_path: Path, text: str, says: str) -> None:
+)
+def test_an_invalid_camera_file_is_refused_in_one_line(
+    tmp_path: Path, text: str, message: str
+) -> None:
     path = tmp_path / "bad.yaml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         read_camera(source(path))
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert str(caught.value).startswith("bad.yaml: ")
     assert "\n" not in str(caught.value)
 
 
-def test_files_that_are_no_text(tmp_path: Path) -> None:
+def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "photo.yaml").write_bytes(b"\xff\xd8\xff\xe0")
     with pytest.raises(InputError, match="not a text file"):
         read_camera(source(tmp_path / "photo.yaml"))

@@ -1,4 +1,4 @@
-"""The error bound of a part: against points whose errors are known."""
+"""The error bound of a part covers the known errors of points."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from camgen.vision.camera.camera import Camera
 from camgen.vision.error_bound import compute_error_bound
 from camgen.vision.plane import fit_plane, map_points
 
-#: 4 px a mm, the place (150, 100) in the middle of a photo with a half diagonal of 721.1 px.
+#: A photo with 4 px/mm, whose middle shows the point (150, 100). Its half diagonal is 721.1 px.
 SIZE, MIDDLE = (1201, 801), np.array([600.0, 400.0])
 CAMERA = Camera(
     matrix=frozen([[1000.0, 0, 600], [0, 1000, 400], [0, 0, 1]]),
@@ -25,15 +25,15 @@ def straight(mm: np.ndarray) -> np.ndarray:
 
 
 def bent(px: np.ndarray, k: float) -> np.ndarray:
-    """Through a lens with the distortion k: the corner of the photo moves by k half diagonals."""
-    share = np.linalg.norm(px - MIDDLE, axis=1) / np.hypot(600, 400)
-    moved: np.ndarray = px + k * share[:, None] ** 2 * (px - MIDDLE)
+    """Pixels as seen by a lens that moves the corner of the photo by k half diagonals."""
+    fraction = np.linalg.norm(px - MIDDLE, axis=1) / np.hypot(600, 400)
+    moved: np.ndarray = px + k * fraction[:, None] ** 2 * (px - MIDDLE)
     return moved
 
 
 @pytest.mark.parametrize("k", [-0.05, -0.01, 0.02])
-def test_a_lens_that_nothing_corrects_moves_a_part_by_what_the_bound_says(k: float) -> None:
-    """Points without noise give k: the bound is the true error up to terms of second order."""
+def test_the_bound_covers_the_error_of_an_uncorrected_lens(k: float) -> None:
+    """Points without noise determine k, so the bound is the error up to terms of second order."""
     plane = fit_plane(None, bent(straight(GRID), k), GRID)
     outline = map_points(plane.work_from_pixel, bent(straight(BESIDE), k))
     error = np.linalg.norm(outline - BESIDE, axis=1).max()
@@ -42,8 +42,8 @@ def test_a_lens_that_nothing_corrects_moves_a_part_by_what_the_bound_says(k: flo
     assert error < bound.total < 1.5 * error + 0.05
 
 
-def test_a_calibrated_lens_leaves_the_noise() -> None:
-    """0.1 px of noise at each point: two of 200 photos at most leave the bound."""
+def test_the_bound_of_a_calibrated_lens_covers_the_noise() -> None:
+    """With noise of 0.1 px at each point, the bound is exceeded in at most 2 of 200 photos."""
     rng = np.random.default_rng(4)
     errors, bounds = [], []
     for _ in range(200):
@@ -58,7 +58,7 @@ def test_a_calibrated_lens_leaves_the_noise() -> None:
     assert np.mean(bounds) < 4 * np.sqrt(np.mean(np.square(errors))) * 1.2
 
 
-def test_the_bound_grows_with_the_distance_and_not_among_the_points() -> None:
+def test_the_bound_grows_with_the_distance_from_the_points() -> None:
     px = straight(GRID) + np.random.default_rng(1).normal(0, 0.05, GRID.shape)
     plane = fit_plane(None, px, GRID)
     among, near, far = (
@@ -71,17 +71,17 @@ def test_the_bound_grows_with_the_distance_and_not_among_the_points() -> None:
 
 
 def test_a_height_is_judged_in_the_plane_of_the_points() -> None:
-    """The camera is 250 mm up: a place at 25 mm is seen 1/0.9 as far from (150, 100)."""
+    """From 250 mm, a point at a height of 25 mm appears 1 / 0.9 times as far from (150, 100)."""
     plane = fit_plane(CAMERA, straight(GRID), GRID, height=25.0)
-    # 150 - 0.9 * 50 = 105 is 5 mm to the left of the point at x = 100, seen from above.
+    # At this height, x = 150 - 0.9 * 50 = 105 appears where the plane of the points has x = 100.
     bound = compute_error_bound(plane, CAMERA, SIZE, np.array([(105.0, 100 - 0.9 * 40)]))
     assert bound.outside == pytest.approx(0, abs=1e-3)
     bound = compute_error_bound(plane, CAMERA, SIZE, np.array([(114.0, 100 - 0.9 * 40)]))
     assert bound.outside == pytest.approx(10, abs=1e-3)
 
 
-def test_five_points_tell_no_bound() -> None:
-    """Ten numbers for nine unknowns."""
+def test_five_points_determine_no_bound() -> None:
+    """Five points give ten numbers for nine unknowns."""
     plane = fit_plane(None, straight(GRID[[0, 4, 12, 20, 24]]), GRID[[0, 4, 12, 20, 24]])
     bound = compute_error_bound(plane, None, SIZE, BESIDE)
     assert not bound.known

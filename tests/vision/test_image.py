@@ -1,4 +1,7 @@
-"""Pictures: what is decoded, turned, blended, scaled and refused. Files are made byte by byte where OpenCV cannot."""
+"""Pictures are decoded, rotated, blended and scaled, or refused.
+
+Files that OpenCV cannot write are made byte by byte.
+"""
 
 import os
 import struct
@@ -22,11 +25,12 @@ shared = pytest.mark.skipif(
     not SHARED.is_dir(), reason="the developer data set is not beside the repository"
 )
 
-CORNER = (200, 100, 0)  # blue, green, red of the upper left corner in every picture below
+#: Blue, green and red of the upper left corner in each picture that a test makes.
+CORNER = (200, 100, 0)
 
 
 def drawn() -> np.ndarray:
-    """30 x 20 pixels, grey but for the upper left 8 x 5."""
+    """30 x 20 grey pixels, of which the upper left 8 x 5 have the colour `CORNER`."""
     picture = np.full((20, 30, 3), 90, np.uint8)
     picture[:5, :8] = CORNER
     return picture
@@ -54,7 +58,11 @@ def refusal(folder: Path, data: bytes, name: str = "p.png") -> str:
 def exif(
     entries: list[tuple[int, int, int | tuple[int, int]]], order: str = "<", camera: bool = False
 ) -> bytes:
-    """A TIFF structure with one directory; a pair is a ratio, put after it. camera: with a FocalLength."""
+    """A TIFF structure with one directory.
+
+    entries: tag, type and value. A pair of numbers is a ratio, which is stored after the directory.
+    camera: whether the structure has a FocalLength, as photos of a camera have.
+    """
     entries = [*entries, *([(0x8769, 4, 0)] if camera else [])]
     after = 8 + 2 + 12 * len(entries) + 4
     rows, tail = b"", b""
@@ -63,34 +71,24 @@ def exif(
             rows += struct.pack(order + "HHII", tag, kind, 1, after + len(tail))
             tail += struct.pack(order + "II", *value)
         else:
-            packed = struct.pack(
-                order + ("HH" if kind == 3 else "I"), *((value, 0) if kind == 3 else (value,))
-            )
-            rows += struct.pack(order + "HHI", tag, kind, 1) + packed
+            layout, values = ("HH", (value, 0)) if kind == 3 else ("I", (value,))
+            rows += struct.pack(order + "HHI" + layout, tag, kind, 1, *values)
     if camera:
         at = after + len(tail)
         rows = rows[:-4] + struct.pack(order + "I", at)
         tail += struct.pack(order + "H", 1) + struct.pack(order + "HHII", 0x920A, 5, 1, at + 18)
         tail += struct.pack(order + "I", 0) + struct.pack(order + "II", 85, 10)
-    magic = b"II*\0" if order == "<" else b"MM\0*"
-    return (
-        magic
-        + struct.pack(order + "I", 8)
-        + struct.pack(order + "H", len(entries))
-        + rows
-        + b"\0" * 4
-        + tail
-    )
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(order + "I", 8)
+    return head + struct.pack(order + "H", len(entries)) + rows + b"\0" * 4 + tail
 
 
 def jpeg(parts: list[tuple[int, bytes]], pixels: np.ndarray | None = None) -> bytes:
-    """A JPEG with these segments in front, and OpenCV's own JFIF segment taken out."""
+    """A JPEG that begins with these segments (marker, bytes) instead of OpenCV's JFIF segment."""
     data = encoded(".jpg", drawn() if pixels is None else pixels)
     assert data[2:4] == b"\xff\xe0"
     rest = data[4 + struct.unpack(">H", data[4:6])[0] :]
-    return (
-        b"\xff\xd8" + b"".join(struct.pack(">BBH", 255, m, len(b) + 2) + b for m, b in parts) + rest
-    )
+    segments = [struct.pack(">BBH", 255, marker, len(body) + 2) + body for marker, body in parts]
+    return b"\xff\xd8" + b"".join(segments) + rest
 
 
 def jfif(unit: int, x: int, y: int) -> tuple[int, bytes]:
@@ -102,13 +100,13 @@ def app1(data: bytes) -> tuple[int, bytes]:
 
 
 def png(chunks: list[tuple[bytes, bytes]], pixels: np.ndarray | None = None) -> bytes:
-    """A PNG with these chunks after its IHDR."""
+    """A PNG with these chunks (name, bytes) after its IHDR."""
     data = encoded(".png", drawn() if pixels is None else pixels)
-    made = b"".join(
+    packed = b"".join(
         struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
         for name, body in chunks
     )
-    return data[:33] + made + data[33:]
+    return data[:33] + packed + data[33:]
 
 
 def per_metre(x: int, y: int, unit: int = 1) -> list[tuple[bytes, bytes]]:
@@ -127,7 +125,7 @@ def test_pixels_are_those_that_were_saved(suffix: str, tmp_path: Path) -> None:
     assert (picture.name, picture.turned, picture.notes) == ("p" + suffix, False, ())
 
 
-def test_jpeg_and_grey(tmp_path: Path) -> None:
+def test_a_jpeg_and_a_grey_picture_are_decoded(tmp_path: Path) -> None:
     assert np.abs(loaded(tmp_path, jpeg([])).pixels[16:].astype(int) - 90).max() <= 3
     grey = np.arange(200, dtype=np.uint8).reshape(10, 20)
     assert np.array_equal(loaded(tmp_path, encoded(".png", grey)).pixels, grey)
@@ -135,11 +133,11 @@ def test_jpeg_and_grey(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
 def test_sixteen_bits_are_scaled_by_the_bits_in_use(bits: int, tmp_path: Path) -> None:
-    most = 2**bits - 1
-    deep = np.linspace(0, most, 600).astype(np.uint16).reshape(20, 30)
+    maximum = 2**bits - 1
+    deep = np.linspace(0, maximum, 600).astype(np.uint16).reshape(20, 30)
     picture = loaded(tmp_path, encoded(".tif", deep), "p.tif")
     assert picture.pixels.dtype == np.uint8
-    assert np.abs(picture.pixels - deep * (255 / most)).max() <= 0.5
+    assert np.abs(picture.pixels - deep * (255 / maximum)).max() <= 0.5
     assert f"{bits} bits are in use" in str(picture.notes[0])
 
 
@@ -149,41 +147,36 @@ def test_transparent_pixels_become_white(tmp_path: Path) -> None:
     clear[11, 3] = (0, 100, 200, 128)
     picture = loaded(tmp_path, encoded(".png", clear))
     assert picture.pixels[10, 3].tolist() == [255, 255, 255]
-    # value * alpha + white * (1 - alpha), alpha = 128 / 255
+    # A channel is value * alpha + white * (1 - alpha), with alpha = 128 / 255.
     assert picture.pixels[11, 3].tolist() == [127, 177, 227]
     assert np.array_equal(picture.pixels[:10], drawn()[:10])
-    assert [str(n) for n in picture.notes] == ["assumed: 2 transparent pixels blended onto white"]
+    assert [str(note) for note in picture.notes] == [
+        "assumed: 2 transparent pixels blended onto white"
+    ]
 
 
-def test_an_opaque_alpha_says_nothing(tmp_path: Path) -> None:
-    picture = loaded(
-        tmp_path, encoded(".png", np.dstack([drawn(), np.full((20, 30), 255, np.uint8)]))
-    )
+def test_an_opaque_picture_with_alpha_gives_no_note(tmp_path: Path) -> None:
+    opaque = np.dstack([drawn(), np.full((20, 30), 255, np.uint8)])
+    picture = loaded(tmp_path, encoded(".png", opaque))
     assert np.array_equal(picture.pixels, drawn())
     assert picture.notes == ()
 
 
-#: Exif 2.3, tag 274: where row 0 and column 0 of the stored picture are in the upright one.
-CORNERS = {
-    1: (0, 0),
-    2: (0, -1),
-    3: (-1, -1),
-    4: (-1, 0),
-    5: (0, 0),
-    6: (0, -1),
-    7: (-1, -1),
-    8: (-1, 0),
-}
+#: Row and column, in the upright picture, of the first pixel that is stored, for each orientation
+#: (tag 274 of Exif 2.3).
+CORNERS = dict(enumerate([(0, 0), (0, -1), (-1, -1), (-1, 0)] * 2, 1))
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 @pytest.mark.parametrize("kind", ["jpeg", "png", "tiff"])
-def test_orientation_is_honoured(orientation: int, kind: str, tmp_path: Path) -> None:
-    said = exif([(274, 3, orientation)], ">")
+def test_a_picture_is_rotated_as_its_orientation_states(
+    orientation: int, kind: str, tmp_path: Path
+) -> None:
+    block = exif([(274, 3, orientation)], ">")
     if kind == "tiff":
         data = tiff([(274, orientation)])
     else:
-        data = jpeg([app1(said)]) if kind == "jpeg" else png([(b"eXIf", said)])
+        data = jpeg([app1(block)]) if kind == "jpeg" else png([(b"eXIf", block)])
     picture = loaded(tmp_path, data)
     (tmp_path / "as-stored").write_bytes(data)
     stored = read_picture(source(tmp_path / "as-stored"), sensor=True)
@@ -192,10 +185,9 @@ def test_orientation_is_honoured(orientation: int, kind: str, tmp_path: Path) ->
     assert picture.pixels.shape[:2] == ((20, 30) if orientation < 5 else (30, 20))
     blue = picture.pixels[CORNERS[orientation]]
     assert np.abs(blue.astype(int) - CORNER).max() < 12
-    # A mirrored corner would be in the right place and still be 5 x 8 instead of 8 x 5.
-    assert np.count_nonzero(picture.pixels[CORNERS[orientation][0], :, 0] > 150) == (
-        8 if orientation < 5 else 5
-    )
+    # The corner is 8 x 5 pixels. In the wrong mirror image it would be in its place, but 5 x 8.
+    width = np.count_nonzero(picture.pixels[CORNERS[orientation][0], :, 0] > 150)
+    assert width == (8 if orientation < 5 else 5)
     assert picture.turned == (orientation != 1)
     assert bool(picture.notes) == picture.turned
 
@@ -205,38 +197,36 @@ def tiff(
     density: tuple[int, int] | None = None,
     pages: int = 1,
 ) -> bytes:
-    """An uncompressed RGB TIFF of the drawn picture, written by hand."""
+    """An uncompressed RGB TIFF of the drawn picture.
+
+    tags: further tags with their values.
+    density: dots per unit, and the unit as tag 296 counts it: 2 is an inch, 3 a cm.
+    pages: 2 for a file whose directory is followed by itself.
+    """
     rows = drawn()[..., ::-1].tobytes()
-    given = {
-        256: 30,
-        257: 20,
-        259: 1,
-        262: 2,
-        273: 8,
-        277: 3,
-        278: 20,
-        279: len(rows),
-        **dict(tags or []),
-    }
-    at = 8 + len(rows)
-    entries = [(tag, 3 if tag not in (273, 279) else 4, value) for tag, value in given.items()]
-    size = 2 + 12 * (len(entries) + 1 + (3 if density else 0)) + 4
+    values = {256: 30, 257: 20, 259: 1, 262: 2, 273: 8, 277: 3, 278: 20, 279: len(rows)}
+    values |= dict(tags or [])
+    start = 8 + len(rows)
+    end = start + 2 + 12 * (len(values) + 1 + (3 if density else 0)) + 4
     tail = struct.pack("<HHH", 8, 8, 8)
-    done = [struct.pack("<HHI", t, k, 1) + struct.pack("<I", v) for t, k, v in entries]
-    done.append(struct.pack("<HHII", 258, 3, 3, at + size))
+    entries = []
+    for tag, value in values.items():
+        kind = 4 if tag in (273, 279) else 3
+        entries.append(struct.pack("<HHII", tag, kind, 1, value))
+    entries.append(struct.pack("<HHII", 258, 3, 3, end))
     if density:
-        done += [struct.pack("<HHII", tag, 5, 1, at + size + 6) for tag in (282, 283)]
-        done.append(struct.pack("<HHII", 296, 3, 1, density[1]))
+        entries += [struct.pack("<HHII", tag, 5, 1, end + 6) for tag in (282, 283)]
+        entries.append(struct.pack("<HHII", 296, 3, 1, density[1]))
         tail += struct.pack("<II", density[0], 1)
-    done.sort(key=lambda e: struct.unpack("<H", e[:2])[0])
-    following = 8 + len(rows) if pages > 1 else 0  # the same directory once more
-    made = struct.pack("<H", len(done)) + b"".join(done) + struct.pack("<I", following)
-    return b"II*\0" + struct.pack("<I", at) + rows + made + tail
+    entries.sort(key=lambda entry: struct.unpack("<H", entry[:2])[0])
+    following = start if pages > 1 else 0
+    directory = struct.pack("<H", len(entries)) + b"".join(entries) + struct.pack("<I", following)
+    return b"II*\0" + struct.pack("<I", start) + rows + directory + tail
 
 
-def test_only_the_first_page_is_read_and_a_note_says_so(tmp_path: Path) -> None:
+def test_further_pages_are_skipped_with_a_note(tmp_path: Path) -> None:
     assert loaded(tmp_path, tiff()).notes == ()
-    assert [n.kind for n in loaded(tmp_path, tiff(pages=2)).notes] == ["skipped"]
+    assert [note.kind for note in loaded(tmp_path, tiff(pages=2)).notes] == ["skipped"]
 
 
 # -- density
@@ -261,13 +251,13 @@ def test_only_the_first_page_is_read_and_a_note_says_so(tmp_path: Path) -> None:
         (tiff(density=(100, 3)), 254),
     ],
 )
-def test_density_in_dots_per_inch(data: bytes, dpi: float, tmp_path: Path) -> None:
+def test_a_density_is_read_in_dots_per_inch(data: bytes, dpi: float, tmp_path: Path) -> None:
     picture = loaded(tmp_path, data)
     assert picture.dpi == pytest.approx(dpi, abs=1e-6)
     assert picture.notes == ()
 
 
-def test_density_of_a_bmp(tmp_path: Path) -> None:
+def test_the_density_of_a_bmp_is_read(tmp_path: Path) -> None:
     data = bytearray(encoded(".bmp", drawn()))
     data[38:46] = struct.pack("<ii", 11811, 11811)
     assert loaded(tmp_path, bytes(data)).dpi == pytest.approx(299.9994)
@@ -292,10 +282,10 @@ def test_a_file_without_density_has_none(data: bytes, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "why"),
     [
-        (png(per_metre(2835, 2835)), "programs write it"),  # 72
-        (png(per_metre(3780, 3780)), "programs write it"),  # 96
+        (png(per_metre(2835, 2835)), "programs write it"),  # 72 per inch
+        (png(per_metre(3780, 3780)), "programs write it"),  # 96 per inch
         (jpeg([jfif(1, 72, 72)]), "programs write it"),
-        (jpeg([jfif(2, 72, 72)]), "programs write it"),  # 72 per cm: the same slip, 182.88 per inch
+        (jpeg([jfif(2, 72, 72)]), "programs write it"),  # 72 per cm instead of per inch
         (jpeg([jfif(1, 1, 1)]), "no scanner has it"),
         (jpeg([jfif(1, 0, 0)]), "no scanner has it"),
         (png(per_metre(2**31, 2**31)), "no scanner has it"),
@@ -310,7 +300,7 @@ def test_a_file_without_density_has_none(data: bytes, tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_density_that_is_no_scale_is_named_and_not_used(
+def test_an_implausible_density_is_named_and_not_used(
     data: bytes, why: str, tmp_path: Path
 ) -> None:
     picture = loaded(tmp_path, data)
@@ -320,7 +310,7 @@ def test_a_density_that_is_no_scale_is_named_and_not_used(
     assert why in note.why
 
 
-def test_the_way_out_of_a_screen_default_is_in_the_note(tmp_path: Path) -> None:
+def test_the_note_on_a_screen_default_names_the_scale_to_set(tmp_path: Path) -> None:
     (note,) = loaded(tmp_path, jpeg([jfif(1, 72, 72)])).notes
     assert "[image] mm_per_px = 0.35278" in note.why  # 25.4 / 72
 
@@ -337,12 +327,11 @@ def test_a_file_that_is_cut_off_is_refused(
     data = encoded({"png": ".png", "jpeg": ".jpg", "tiff": ".tif", "bmp": ".bmp"}[kind], pixels)
     loaded(tmp_path, data)
     cuts = [1, 4, 10, 30, 60, len(data) // 3, len(data) - 40]
-    for cut in [
-        *cuts,
-        *([len(data) - 3] if kind != "tiff" else []),
-    ]:  # OpenCV's TIFF ends with a directory
+    if kind != "tiff":  # OpenCV ends a TIFF with a directory.
+        cuts.append(len(data) - 3)
+    for cut in cuts:
         refusal(tmp_path, data[:cut])
-    assert capfd.readouterr() == ("", "")  # libjpeg and libpng keep quiet
+    assert capfd.readouterr() == ("", "")  # The libraries print nothing either.
 
 
 def test_a_jpeg_that_the_decoder_would_fill_with_grey_is_refused(tmp_path: Path) -> None:
@@ -355,17 +344,16 @@ def test_a_jpeg_that_the_decoder_would_fill_with_grey_is_refused(tmp_path: Path)
         assert "is damaged: Corrupt JPEG data" in refusal(tmp_path, broken, "half.jpg")
 
 
-def test_bytes_before_the_end_mark_do_no_harm(tmp_path: Path) -> None:
+def test_bytes_before_the_end_mark_of_a_jpeg_are_warned_about(tmp_path: Path) -> None:
     data = jpeg([])
-    picture = loaded(
-        tmp_path, data[:-2] + b"\x12" * 7 + data[-2:]
-    )  # libjpeg has read the first few ahead
+    # libjpeg reads the first of these bytes ahead.
+    picture = loaded(tmp_path, data[:-2] + b"\x12" * 7 + data[-2:])
     assert np.array_equal(picture.pixels, loaded(tmp_path, data).pixels)
-    assert [n.kind for n in picture.notes] == ["warning"]
+    assert [note.kind for note in picture.notes] == ["warning"]
 
 
 @pytest.mark.parametrize(
-    ("data", "what"),
+    ("data", "message"),
     [
         (b"", "is empty"),
         (b"hello world, this is text", "is not a PNG, JPEG, TIFF, BMP or PGM image"),
@@ -373,8 +361,8 @@ def test_bytes_before_the_end_mark_do_no_harm(tmp_path: Path) -> None:
         (b"\x89PNG\r\n\x1a\n", "is not a PNG"),
     ],
 )
-def test_what_is_no_picture(data: bytes, what: str, tmp_path: Path) -> None:
-    assert what in refusal(tmp_path, data)
+def test_a_file_that_is_not_a_picture_is_refused(data: bytes, message: str, tmp_path: Path) -> None:
+    assert message in refusal(tmp_path, data)
 
 
 def test_a_huge_picture_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
@@ -388,15 +376,15 @@ def test_float_pixels_are_refused(tmp_path: Path) -> None:
     assert "float32" in refusal(tmp_path, encoded(".tif", np.zeros((9, 9), np.float32)), "f.tif")
 
 
-def test_without_a_standard_error_pictures_load_all_the_same(tmp_path: Path) -> None:
+def test_a_picture_is_read_by_a_process_without_standard_error(tmp_path: Path) -> None:
     (tmp_path / "p.png").write_bytes(encoded(".png", drawn()))
-    kept = os.dup(2)
+    standard_error = os.dup(2)
     os.close(2)
     try:
         picture = read_picture(source(tmp_path / "p.png"))
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(standard_error, 2)
+        os.close(standard_error)
     assert picture.pixels.shape == (20, 30, 3)
 
 
@@ -406,12 +394,12 @@ def test_without_a_standard_error_pictures_load_all_the_same(tmp_path: Path) -> 
     ),
     st.data(),
 )
-def test_the_head_of_a_spoilt_file_never_raises(data: bytes, draw: st.DataObject) -> None:
-    spoilt = bytearray(data[: draw.draw(st.integers(0, len(data)))])
-    for at in draw.draw(st.lists(st.integers(0, max(len(spoilt) - 1, 0)), max_size=6)):
-        if spoilt:
-            spoilt[at] = draw.draw(st.integers(0, 255))
-    assert isinstance(read_header(bytes(spoilt)), Header | None)
+def test_the_header_of_a_damaged_file_is_read_or_none(data: bytes, draw: st.DataObject) -> None:
+    damaged = bytearray(data[: draw.draw(st.integers(0, len(data)))])
+    for index in draw.draw(st.lists(st.integers(0, max(len(damaged) - 1, 0)), max_size=6)):
+        if damaged:
+            damaged[index] = draw.draw(st.integers(0, 255))
+    assert isinstance(read_header(bytes(damaged)), Header | None)
 
 
 # -- the developer data set
@@ -419,20 +407,20 @@ def test_the_head_of_a_spoilt_file_never_raises(data: bytes, draw: st.DataObject
 
 @shared
 @pytest.mark.parametrize(
-    "path", sorted(SHARED.glob("*/*")) if SHARED.is_dir() else [], ids=lambda p: p.name
+    "path", sorted(SHARED.glob("*/*")) if SHARED.is_dir() else [], ids=lambda path: path.name
 )
-def test_every_picture_of_the_data_set(path: Path) -> None:
+def test_every_picture_of_the_data_set_is_read(path: Path) -> None:
     if path.name == "truncated.jpg":
         with pytest.raises(InputError, match=r"^truncated.jpg: is "):
             read_picture(source(path))
         return
     picture = read_picture(source(path))
     assert picture.pixels.ndim == 2 or picture.pixels.shape[2] == 3
-    assert picture.dpi is None  # all of them say nothing or a screen default
+    assert picture.dpi is None  # Each file has no density, or the default of a screen.
 
 
 @shared
-def test_the_deep_board_of_the_data_set_keeps_its_contrast() -> None:
+def test_a_picture_of_16_bits_in_the_data_set_keeps_its_contrast() -> None:
     picture = read_picture(source(SHARED / "scikit-image" / "chessboard_GRAY_U16.tif"))
     assert (picture.pixels.min(), picture.pixels.max()) == (0, 255)
     assert "8 bits are in use" in str(picture.notes[0])
@@ -451,7 +439,9 @@ def test_the_deep_board_of_the_data_set_keeps_its_contrast() -> None:
         ),
     ],
 )
-def test_grey_maps_as_text_and_as_bytes(tmp_path: Path, data: bytes, values: list[int]) -> None:
+def test_a_grey_map_is_read_from_text_and_from_bytes(
+    tmp_path: Path, data: bytes, values: list[int]
+) -> None:
     assert read_header(data) is not None
     assert find_reader(Source(Path("photo.bin"), data)).name == "image"
     picture = loaded(tmp_path, data, "p.pgm")
@@ -467,13 +457,15 @@ def test_a_grey_map_that_is_cut_off_is_refused(tmp_path: Path, data: bytes) -> N
 
 
 @pytest.mark.parametrize(("focal", "kind"), [(26, "jpeg"), (50, "png"), (0, "jpeg")])
-def test_the_focal_length_in_35_mm_film(focal: int, kind: str, tmp_path: Path) -> None:
-    """Exif 2.3, tag 41989: the diagonal of that film is 43.267 mm, that of the picture 36.06 px."""
+def test_the_focal_length_is_read_in_pixels(focal: int, kind: str, tmp_path: Path) -> None:
+    """Tag 41989 of Exif 2.3 gives the focal length for 35 mm film, whose diagonal is 43.267 mm.
+
+    The diagonal of the picture is 36.0555 px.
+    """
     entry = struct.pack("<HHHIHHI", 1, 41989, 3, 1, focal, 0, 0)
     block = exif([(0x8769, 4, 26)]) + entry
     data = jpeg([app1(block)]) if kind == "jpeg" else png([(b"eXIf", block)])
     picture = loaded(tmp_path, data)
-    assert picture.focal_px == (
-        pytest.approx(focal * 36.0555 / 43.267, rel=1e-5) if focal else None
-    )
+    expected = pytest.approx(focal * 36.0555 / 43.267, rel=1e-5) if focal else None
+    assert picture.focal_px == expected
     assert loaded(tmp_path, png([])).focal_px is None

@@ -1,4 +1,4 @@
-"""The lens that one photo of a sheet shows, against corners by cv2.projectPoints."""
+"""A photo of a sheet shows its lens. The corners are those of cv2.projectPoints."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -25,19 +25,30 @@ MIDDLE = np.array([1199.5, 858.5])
 CORNERS = make_sheet("A4").corners.reshape(-1, 2)
 #: A rectangle in the free area, mm.
 PART = np.stack(np.meshgrid([20.0, 65, 110, 155, 200], [15.0, 60, 110]), axis=-1).reshape(-1, 2)
+#: Error of a corner along each axis, px (rms).
 NOISE = 0.05
 
 
-class Taken(NamedTuple):
-    """A photo of the sheet: its camera, the pose of the sheet, and the corners (N, 2), px."""
+class SheetPhoto(NamedTuple):
+    """A photo of the sheet.
+
+    camera: camera of the photo.
+    pose: pose of the sheet in the camera frame.
+    px: (N, 2) corners of the markers, px.
+    """
 
     camera: Camera
     pose: Pose
     px: np.ndarray
 
 
-def take(seed: int, k1: float, tilt: float = 15.0, decentred: float = 0.007) -> Taken:
-    """decentred: the usual distance of the principal point from the middle, in widths."""
+def take(seed: int, k1: float, tilt: float = 15.0, decentred: float = 0.007) -> SheetPhoto:
+    """A photo of the sheet by a random camera.
+
+    k1: coefficient of the distortion. Without distortion, it is 0.
+    tilt: deg.
+    decentred: standard deviation of the principal point from the middle, in widths of the photo.
+    """
     rng = np.random.default_rng(seed)
     focal = rng.uniform(0.8, 1.2) * SIZE[0]
     u, v = MIDDLE + rng.normal(0, decentred, 2) * SIZE[0]
@@ -46,7 +57,7 @@ def take(seed: int, k1: float, tilt: float = 15.0, decentred: float = 0.007) -> 
     camera = Camera(matrix=matrix, distortion=frozen(bent), size=SIZE, name="true")
     pose = looking(tilt, rng.uniform(0, 360), (110, 62), focal / SIZE[0] * 380)
     px = seen(camera, pose, CORNERS)
-    return Taken(camera, pose, px + rng.normal(0, NOISE, px.shape))
+    return SheetPhoto(camera, pose, px + rng.normal(0, NOISE, px.shape))
 
 
 @pytest.mark.parametrize("k1", [-0.25, -0.08, 0.04])
@@ -68,8 +79,8 @@ def test_the_fit_gives_the_true_lens(k1: float) -> None:
 
 
 @pytest.mark.parametrize("k1", [-0.25, -0.02])
-def test_the_lens_puts_places_where_they_are(k1: float) -> None:
-    """A lens of 3 to 40 px at the part: less than 0.03 mm is left, and the bound covers it."""
+def test_the_lens_places_a_part_within_the_bound(k1: float) -> None:
+    """The lens moves the part by 3 to 40 px. With the fit, the error is less than 0.03 mm."""
     for seed in range(10):
         photo = take(seed, k1)
         lens = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=False)
@@ -83,8 +94,8 @@ def test_the_lens_puts_places_where_they_are(k1: float) -> None:
         assert 0 < bound.lens < bound.total < 0.05
 
 
-def test_no_lens_is_claimed_without_one() -> None:
-    """300 photos by a camera without a lens: half of them with marks that are off as a whole."""
+def test_a_photo_without_distortion_shows_no_lens() -> None:
+    """Every second one of 300 photos has markers that are displaced as a whole."""
     for seed in range(300):
         photo = take(seed, 0.0, tilt=seed % 36)
         rng = np.random.default_rng([seed, 1])
@@ -94,22 +105,21 @@ def test_no_lens_is_claimed_without_one() -> None:
 
 
 def test_corners_without_any_noise_show_no_lens() -> None:
-    """The digits of a computation are not those of a measurement."""
+    """Rounding errors of a computation are not treated as measurements of a lens."""
     photo = take(3, 0.0)
     px = seen(photo.camera, photo.pose, CORNERS)
     assert fit_sheet_lens(px, CORNERS, SIZE, needs_focal=False) is None
 
 
-def test_the_test_is_an_f_test() -> None:
-    """Tables of the F distribution: with 6 and 20 degrees of freedom 1 % lie above 3.8714."""
+def test_the_chance_is_that_of_the_f_distribution() -> None:
+    """Tables give 3.8714 for 1 % with 6 and 20 degrees of freedom, and 2.1750 for 5 % with 120."""
     assert compute_chance(1.0, 1 + 6 * 3.8714 / 20, 20) == pytest.approx(0.01, rel=1e-4)
-    # With 6 and 120: 5 % above 2.1750.
     assert compute_chance(1.0, 1 + 6 * 2.1750 / 120, 120) == pytest.approx(0.05, rel=1e-3)
     assert compute_chance(2.0, 2.0, 100) == 1
 
 
 @pytest.mark.parametrize("k1", [0.0, -0.15])
-def test_the_tilt_tells_the_focal_length(k1: float) -> None:
+def test_a_tilt_determines_the_focal_length(k1: float) -> None:
     for seed in range(12):
         photo = take(seed, k1, 28.0)
         fitted = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=True)
@@ -123,8 +133,10 @@ def test_the_tilt_tells_the_focal_length(k1: float) -> None:
 
 @pytest.mark.parametrize("k1", [0.0, -0.15])
 def test_the_bound_of_a_height_covers_focal_length_and_principal_point(k1: float) -> None:
-    """A part 5 mm high. At the distance d, a principal point that is off by s px moves the place
-    below the camera by s d / f, and the outline by the share h / (d - h) of that.
+    """The part is h = 5 mm high, at the distance d.
+
+    An error of s px in the principal point moves the point below the camera by s d / f, and the
+    outline by h / (d - h) times as much.
     """
     for seed in range(8):
         photo = take(seed, k1, 28.0)
@@ -142,14 +154,13 @@ def test_the_bound_of_a_height_covers_focal_length_and_principal_point(k1: float
         alone = compute_error_bound(exact, lens.camera, SIZE, outline)
         assert 0.7 * shift < alone.height < 1.5 * shift
         assert bound.height > alone.height
-        each = [
-            compute_error_bound(plane, lens.camera, SIZE, place[None]).total for place in outline
-        ]
-        assert bound.total == pytest.approx(max(each), rel=1e-9)
+        bounds = [compute_error_bound(plane, lens.camera, SIZE, point[None]) for point in outline]
+        largest = max(point_bound.total for point_bound in bounds)
+        assert bound.total == pytest.approx(largest, rel=1e-9)
 
 
 @pytest.mark.parametrize("k1", [0.0, -0.15])
-def test_from_straight_above_the_focal_length_is_that_of_an_ordinary_camera(k1: float) -> None:
+def test_a_photo_from_straight_above_has_the_focal_length_of_an_ordinary_camera(k1: float) -> None:
     half = np.hypot(SIZE[0] - 1, SIZE[1] - 1) / 2
     for seed in range(6):
         photo = take(seed, k1, 1.0)
@@ -162,7 +173,7 @@ def test_from_straight_above_the_focal_length_is_that_of_an_ordinary_camera(k1: 
         assert "among those of ordinary cameras" in fitted.note.why
 
 
-def test_four_points_show_hardly_any_focal_length() -> None:
+def test_four_points_hardly_determine_the_focal_length() -> None:
     """The corners of one marker fit any homography, so that their noise does not show."""
     photo = take(0, 0.0, 30.0)
     four = [0, 1, 2, 3]
@@ -177,7 +188,7 @@ def test_four_points_show_hardly_any_focal_length() -> None:
 
 
 def test_the_focal_length_of_the_file_helps_from_straight_above() -> None:
-    """3 % off, as a whole number of mm may be."""
+    """The focal length in the file has an error of 3 %, as a whole number of mm may have."""
     for seed in range(6):
         photo = take(seed, -0.15, 1.0)
         focal = photo.camera.matrix[0, 0]
@@ -189,15 +200,15 @@ def test_the_focal_length_of_the_file_helps_from_straight_above() -> None:
         assert "the 35 mm focal length in the file" in fitted.note.why
 
 
-def test_a_focal_length_of_the_file_that_the_tilt_contradicts() -> None:
+def test_a_focal_length_that_contradicts_the_tilt_is_not_used() -> None:
     photo = take(2, 0.0, 35.0)
     fitted = fit_sheet_lens(photo.px, CORNERS, SIZE, True, 2 * photo.camera.matrix[0, 0])
     assert fitted is not None
     assert fitted.focal is None
 
 
-def test_a_photo_that_was_cut_has_a_lens_and_no_focal_length() -> None:
-    """The left fifth of the photo is missing: the principal point is 240 px off its middle."""
+def test_a_cropped_photo_has_a_lens_and_no_focal_length() -> None:
+    """The left fifth of the photo is missing, so its principal point is 240 px from the middle."""
     photo = take(5, -0.25)
     cut = photo.px - [480.0, 0]
     inside = cut[:, 0] > 0
@@ -209,8 +220,8 @@ def test_a_photo_that_was_cut_has_a_lens_and_no_focal_length() -> None:
     assert np.linalg.norm(map_points(plane.work_from_pixel, ideal) - PART, axis=1).max() < 0.03
 
 
-def test_a_lens_is_no_reason_to_measure_a_corner_again() -> None:
-    """Corners of a sheet that contradict each other were not measured by the user."""
+def test_contradicting_corners_of_a_sheet_suggest_to_give_the_lens() -> None:
+    """The user did not measure these corners, and is not asked to measure one again."""
     photo = take(5, -0.25)
     with pytest.raises(JobError) as caught:
         fit_plane(None, photo.px, CORNERS, source="photo.png: sheet")
@@ -219,10 +230,11 @@ def test_a_lens_is_no_reason_to_measure_a_corner_again() -> None:
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the developer data set is not beside the repository")
-def test_real_photos_of_a_cheap_camera() -> None:
-    """13 photos of a chessboard, principal point 3.6 % off. All of them together give f = 534 px.
+def test_real_photos_show_the_lens_of_a_cheap_camera() -> None:
+    """13 photos of a chessboard together give f = 534 px. The principal point is 3.6 % off.
 
-    Half of each board is fitted, and the other half predicted: without the lens 6 mm off or more.
+    Half of each board is fitted and predicts the other half. Without the lens, the error would be
+    6 mm or more.
     """
     for file in sorted(REAL.glob("*.jpg")):
         board = read_photo(source(file), make_chessboard(9, 6, 25.0))
@@ -247,8 +259,8 @@ def test_few_corners_show_no_lens() -> None:
     assert fit_sheet_lens(photo.px[rows], CORNERS[rows], SIZE, needs_focal=False) is None
 
 
-def test_the_camera_is_rounded() -> None:
-    """Processors differ in the last digits of a fit; the camera, and so the view, must not."""
+def test_last_digits_of_the_corners_do_not_change_the_camera() -> None:
+    """Processors differ in the last digits of a fit. The camera is rounded, so that views agree."""
     photo = take(7, -0.15)
     shift = 1e-9 * np.sin(np.arange(len(CORNERS) * 2)).reshape(-1, 2)
     both = [
@@ -261,8 +273,8 @@ def test_the_camera_is_rounded() -> None:
     assert both[0].note == both[1].note
 
 
-def test_the_camera_of_a_sheet_is_one_of_opencv() -> None:
-    """Its coefficients have OpenCV's order and units: they lead back to the corners."""
+def test_the_camera_of_a_sheet_has_the_coefficients_of_opencv() -> None:
+    """With the order and units of OpenCV, the coefficients give the corners again."""
     photo = take(8, -0.2)
     fitted = fit_sheet_lens(photo.px, CORNERS, SIZE, needs_focal=False)
     assert fitted is not None

@@ -1,6 +1,4 @@
-"""Centre lines of masks and the strokes made of them."""
-
-from __future__ import annotations
+"""Masks are thinned to centre lines, which are joined to strokes."""
 
 import cv2
 import numpy as np
@@ -15,7 +13,7 @@ def blobs(seed: int) -> np.ndarray:
     return (soft > 0.5).astype(np.uint8) * 255
 
 
-def found_in(mask: np.ndarray) -> list[Stroke]:
+def find_strokes(mask: np.ndarray) -> list[Stroke]:
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return join_strokes(make_graph(thin_mask(mask), None, depth))
 
@@ -35,63 +33,59 @@ def test_thinning_keeps_pieces_and_holes(seed: int) -> None:
     mask = blobs(seed)
     lines = thin_mask(mask)
     assert not (lines & ~mask).any()
-    # As many pieces, and as many holes: the pieces of what is outside, joined by direct neighbours only.
-    assert (
-        cv2.connectedComponents(lines, connectivity=8)[0]
-        == cv2.connectedComponents(mask, connectivity=8)[0]
-    )
-    outside = [np.pad(255 - m, 1, constant_values=255) for m in (lines, mask)]
-    assert len({cv2.connectedComponents(m, connectivity=4)[0] for m in outside}) == 1
+    pieces = [cv2.connectedComponents(pixels, connectivity=8)[0] for pixels in (lines, mask)]
+    assert pieces[0] == pieces[1]
+    # Holes are pieces of the background, in which diagonal neighbours are not connected.
+    outside = [np.pad(255 - pixels, 1, constant_values=255) for pixels in (lines, mask)]
+    holes = [cv2.connectedComponents(pixels, connectivity=4)[0] for pixels in outside]
+    assert holes[0] == holes[1]
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_thinned_lines_are_one_pixel_wide(seed: int) -> None:
     lines = thin_mask(blobs(seed)) > 0
     square = lines[1:, 1:] & lines[:-1, 1:] & lines[1:, :-1] & lines[:-1, :-1]
-    # Four lines may meet in a square; nothing is wider than that.
+    # Four lines may meet in a square of 2 x 2 pixels. No place is wider.
     wide = cv2.erode(lines.astype(np.uint8), np.ones((3, 3), np.uint8))
     assert not wide.any()
     assert square.sum() <= 0.01 * lines.sum() + 2
 
 
-def test_what_is_kept_stays_and_lines_end_at_it() -> None:
+def test_kept_pixels_stay_and_lines_end_at_them() -> None:
     mask = drawn(BAR, [(200, 30), (240, 30), (240, 80), (200, 80)])
     kept = drawn([(206, 36), (234, 36), (234, 74), (206, 74)])
     lines = thin_mask(mask, kept)
     assert (lines[kept > 0] == 255).all()
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    (line,) = [
-        s for s in join_strokes(make_graph(lines, kept, depth)) if np.ptp(s.points.real) > 60
-    ]
-    assert line.start != line.end  # one end is free, the other at what was kept
+    strokes = join_strokes(make_graph(lines, kept, depth))
+    (line,) = [stroke for stroke in strokes if np.ptp(stroke.points.real) > 60]
+    assert line.start != line.end  # One end is free, the other one lies at the kept pixels.
     ends = line.points[[0, -1]]
     assert min(ends.real) == pytest.approx(55, abs=2)
     assert max(ends.real) == pytest.approx(206, abs=1)
 
 
-def test_the_border_of_the_picture_is_no_neighbour() -> None:
+def test_the_border_of_the_picture_does_not_stop_the_thinning() -> None:
     assert cv2.countNonZero(thin_mask(np.full((20, 60), 255, dtype=np.uint8))) > 30
     assert not thin_mask(np.zeros((20, 60), dtype=np.uint8)).any()
 
 
 def test_a_bar_is_one_stroke_in_its_middle() -> None:
-    (stroke,) = found_in(drawn(BAR))
+    (stroke,) = find_strokes(drawn(BAR))
     assert np.abs(stroke.points.imag - 55).max() <= 1
     assert (stroke.start, stroke.end, stroke.closed) == (True, True, False)
     assert np.ptp(stroke.points.real) > 135
 
 
-def test_a_crossing_is_two_strokes_that_run_through() -> None:
-    found = found_in(drawn(BAR, [(120, 10), (130, 10), (130, 150), (120, 150)]))
-    assert sorted(round(max(np.ptp(s.points.real), np.ptp(s.points.imag)), -1) for s in found) == [
-        130,
-        140,
-    ]
+def test_a_crossing_is_two_strokes_that_continue_straight() -> None:
+    strokes = find_strokes(drawn(BAR, [(120, 10), (130, 10), (130, 150), (120, 150)]))
+    lengths = [max(np.ptp(stroke.points.real), np.ptp(stroke.points.imag)) for stroke in strokes]
+    assert sorted(round(length, -1) for length in lengths) == [130, 140]
 
 
-def test_a_branch_ends_in_the_line_that_runs_on() -> None:
-    found = found_in(drawn(BAR, [(120, 50), (130, 50), (130, 150), (120, 150)]))
-    through, branch = sorted(found, key=lambda s: -np.ptp(s.points.real))
+def test_a_branch_ends_in_the_line_that_continues() -> None:
+    strokes = find_strokes(drawn(BAR, [(120, 50), (130, 50), (130, 150), (120, 150)]))
+    through, branch = sorted(strokes, key=lambda stroke: -np.ptp(stroke.points.real))
     assert np.ptp(through.points.real) > 135
     assert branch.start != branch.end
     root = branch.points[0] if branch.end else branch.points[-1]
@@ -101,10 +95,10 @@ def test_a_branch_ends_in_the_line_that_runs_on() -> None:
 def test_a_ring_is_closed_and_a_disc_is_a_dot() -> None:
     ring = np.zeros((200, 300), dtype=np.uint8)
     cv2.circle(ring, (100, 100), 60, 255, 9)
-    (stroke,) = found_in(ring)
+    (stroke,) = find_strokes(ring)
     assert stroke.closed
     assert np.abs(np.abs(stroke.points - (100 + 100j)) - 60).max() < 1.5
-    (dot,) = found_in(drawn([(90, 90), (100, 90), (100, 100), (90, 100)]))
+    (dot,) = find_strokes(drawn([(90, 90), (100, 90), (100, 100), (90, 100)]))
     assert abs(dot.points.mean() - (95 + 95j)) < 1.5
     assert len(dot.points) < 4
 
