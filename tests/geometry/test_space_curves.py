@@ -95,8 +95,8 @@ def test_the_normal_of_a_meshed_cylinder_is_interpolated() -> None:
     # A flat face is 7.5 deg wide. Its normal would deviate by up to 3.75 deg.
     assert error_deg.max() < 0.3
     # A flat face lies up to 20 (1 - cos 3.75 deg) inside the cylinder.
-    assert nearest.apart.min() == pytest.approx(1, abs=1e-6)
-    assert nearest.apart.max() <= 1 + 20 * (1 - math.cos(math.radians(3.75))) + 1e-9
+    assert nearest.distance.min() == pytest.approx(1, abs=1e-6)
+    assert nearest.distance.max() <= 1 + 20 * (1 - math.cos(math.radians(3.75))) + 1e-9
 
 
 def test_the_nearest_point_is_on_a_face_an_edge_or_a_corner_of_a_box() -> None:
@@ -106,5 +106,5 @@ def test_the_nearest_point_is_on_a_face_an_edge_or_a_corner_of_a_box() -> None:
     nearest = find_nearest(part.solid, points)
     expected = [[1, 2, 3], [10, 1, 3], [10, 5, 3], [1, 1, 3], [-10, 0, 0]]
     assert nearest.place == pytest.approx(np.array(expected))
-    assert nearest.apart == pytest.approx([6, math.sqrt(8), math.sqrt(9 + 16 + 16), 1, 4])
+    assert nearest.distance == pytest.approx([6, math.sqrt(8), math.sqrt(9 + 16 + 16), 1, 4])
     assert nearest.normal[[0, 3, 4]] == pytest.approx(np.array([[0, 0, 1], [0, 0, 1], [-1, 0, 0]]))

@@ -452,7 +452,7 @@ def test_an_error_names_file_line_and_reason(tmp_path):
     with pytest.raises(InputError) as error:
         read(write_file(tmp_path, "G21\r\nG0 X0\r\nG38.2 Z0\r\n"), Job())
     assert str(error.value) == (
-        "old.ngc: G38.2 probes: how far it goes is not in the text (line 3); mend the line, "
+        "old.ngc: G38.2 probes: how far it goes is not in the text (line 3); correct the line, "
         "or build from the drawing"
     )
 

@@ -171,7 +171,7 @@ def test_the_columns_of_a_packed_body_are_those_of_its_instructions() -> None:
         assert columns.ends[columns.posed].tolist() == ends
         assert columns.vias[columns.moves_are(MoveC)].tolist() == [[1.0, 1.0, 0.0], [3.0, 1.0, 0.0]]
         others = [item for item in ITEMS if isinstance(item, (Output, Wait))]
-        assert same(columns.of(Output, Wait), others)
+        assert same(columns.list_kinds(Output, Wait), others)
         assert columns.turned_as(TOOL_DOWN).tolist() == [
             isinstance(move.target, Pose) and move.target.rotation is TOOL_DOWN for move in moves
         ]

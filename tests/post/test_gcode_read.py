@@ -90,7 +90,7 @@ def test_a_mode_that_is_not_set_is_a_remark_and_does_not_verify(word, options):
     first = next(k for k, line in enumerate(without.splitlines(), 1) if "G0 " in line)
     reading = read(without, **options)
     assert reading.findings == (Finding("unusual", first, f"{word} {UNSAID}"),)
-    assert f"{word} not said" in difference(PART, reading, gcode(**options).tolerance())
+    assert f"{word} not set" in difference(PART, reading, gcode(**options).tolerance())
 
 
 def test_the_option_outputs_states_how_many_outputs_the_machine_has():
@@ -206,7 +206,7 @@ FOREIGN = "a word that camgen does not write; the program is read as LinuxCNC ru
         ("F100 G2 X2 I1 K1", "word K1: nothing in the line uses it"),
         ("F100 G2 X2 I1.02", "the radii of the arc differ by 0.0400 mm (start 1.0200, end 0.9800)"),
         ("F100 G2 X2 I0", "arc of no radius"),
-        ("F100 G2 X0 I1 P1.5", "P1.5 is no number of turns"),
+        ("F100 G2 X0 I1 P1.5", "P1.5 is not a number of turns"),
         (
             "F100 G2 X0 I1 P99999",
             "an arc of more than 20,000 pieces is refused (limits.gcode_pieces)",

@@ -349,7 +349,7 @@ def test_a_mode_that_is_not_set_is_a_remark_and_does_not_verify(word):
     else:
         reading = read(TEXT.replace(f"{word}\n", "\n"))
     assert reading.findings == (Finding("unusual", 7, f"{word} {UNSAID}"),)
-    assert f"{word} not said" in difference(PART, reading, grbl().tolerance())
+    assert f"{word} not set" in difference(PART, reading, grbl().tolerance())
 
 
 def test_a_tool_number_without_a_change_is_a_remark():

@@ -20,7 +20,7 @@ def test_a_golden_program_is_run_as_it_is_read_back(path: Path) -> None:
     text = path.read_text("ascii").replace("\r\n", "\n")
     options = {"signals": {}, "rated": 1000.0, "mps": "mm/s"}
     reading = read({path.name: text}, options)
-    executed = LANGUAGE.run({path.name: text}, Ask())
+    executed = LANGUAGE.run({path.name: text}, RunRequest())
     assert executed.stopped is None
     assert not executed.findings
     run = Executed(executed.body, executed.lines)

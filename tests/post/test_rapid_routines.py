@@ -180,7 +180,7 @@ SWITCHES_ITSELF = "the ERROR handler of main switches an output itself, not in a
         ("Reset doProcess;\n        RAISE;", SWITCHES_ITSELF),
         ("RAISE;", "the ERROR handler of main leaves process on"),
         ("SetDO doOther,0;\n        RAISE;", "the ERROR handler of main leaves process on"),
-        ("camSafe;", "the ERROR handler of main goes on behind the error; end it with RAISE"),
+        ("camSafe;", "the ERROR handler of main continues after the error; end it with RAISE"),
         ("SetDO doProcess,1;\n        RAISE;", "an ERROR handler that switches something on"),
         ("camSafe;\n        RAISE;\n        SetDO doProcess,0;", "statements after RAISE"),
         (

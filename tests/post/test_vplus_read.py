@@ -292,9 +292,9 @@ def test_a_program_calls_others_of_its_text_or_of_another() -> None:
         (["FOR i = 1 TO 3 STEP 0", "MOVE NULL", "END"], (2, "a loop with step 0")),
         (["SPEED 0 ALWAYS"], (2, "a speed must be positive")),
         (["SPEED 10 MMPS IPS"], (2, "SPEED cannot end with MMPS IPS")),
-        (["SIGNAL 1001"], (2, "1001 is no output")),
-        (["SIGNAL 0"], (2, "0 is no output")),
-        (["SIGNAL 33.5"], (2, "33.5 is no output")),
+        (["SIGNAL 1001"], (2, "1001 is not an output")),
+        (["SIGNAL 0"], (2, "0 is not an output")),
+        (["SIGNAL 33.5"], (2, "33.5 is not an output")),
         (["BASE 0, 0, 10"], (2, "BASE moves the world frame, which is not evaluated")),
         (["CALL other()"], (2, "program other is not in this text")),
         (["CALL t()"], (2, "more than 20 programs call each other")),
@@ -354,8 +354,7 @@ def test_speed_and_posture_have_to_be_stated_again_after_a_call() -> None:
     assert list_remarks(main.format("") + sub.format(again), {}) == []
     speed = "no SPEED since a CALL or its RETURN: whether that keeps the speed is not confirmed"
     posture = (
-        "RIGHTY not said since a CALL or its RETURN: "
-        "whether that keeps the posture is not confirmed"
+        "RIGHTY not set since a CALL or its RETURN: whether that keeps the posture is not confirmed"
     )
     assert list_remarks(main.format("") + sub.format(""), {}) == [(16, speed), (16, posture)]
     after = main.format("MOVES TRANS(1)\nBREAK\n") + sub.format(again)

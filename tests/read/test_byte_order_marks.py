@@ -26,8 +26,8 @@ SUFFIXES = {"rapid": "mod", "vplus": "v2", "pacscript": "pcs"}
 def test_a_byte_order_mark_of_utf_8_changes_nothing(language: str, mark: str) -> None:
     """The mark is a character, or three characters if the file is read as Latin-1."""
     rules, text = find_language(language), TEXTS[language]
-    with_mark = rules.run({"a": mark + text, "b": mark + "\n"}, Ask())
-    without = rules.run({"a": text, "b": "\n"}, Ask())
+    with_mark = rules.run({"a": mark + text, "b": mark + "\n"}, RunRequest())
+    without = rules.run({"a": text, "b": "\n"}, RunRequest())
     assert with_mark.lines == without.lines
     assert with_mark.findings == without.findings
     assert list(map(repr, with_mark.body)) == list(map(repr, without.body))

@@ -7,7 +7,7 @@ from camgen.post.plugins import find_post, find_readback, make_post
 from tests.support.rs274 import at, program
 
 #: End of a remark about modes that a program does not set before it moves.
-UNSAID = "not said before the first motion: the program before may have left it otherwise"
+UNSAID = "not set before the first motion: the program before may have left it otherwise"
 #: Coordinates of a point at 45 deg on a circle of radius 10.
 S = 10 / math.sqrt(2)
 #: The modes that a program sets before it moves.

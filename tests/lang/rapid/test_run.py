@@ -788,7 +788,7 @@ def test_an_assumed_value_can_be_given_by_its_key(
 ) -> None:
     body = f"IF {condition} THEN\nMoveL p1,{TAIL}\nELSE\nStop;\nENDIF"
     executed = run_main(body)
-    decisions = [entry for entry in executed.assumed if "asks" in entry.what]
+    decisions = [entry for entry in executed.assumed if " depends on " in entry.what]
     assert [(entry.key, entry.value) for entry in decisions] == list(assume.items())
     given = run_main(body, **assume)
     assert (positions(given), given.assumed[1:], given.findings) == ([(100, 0, 0)], (), ())
