@@ -327,7 +327,10 @@ def _prove(
     drawing = request.drawing
     if drawing is None and proven.fixtures is None:
         return list(_UNEXAMINED), "", None
-    from camgen.cli.stock import check_fixtures, check_stock  # noqa: PLC0415 (shapely: only when needed)
+    from camgen.cli.stock import (  # noqa: PLC0415 (shapely: only when needed)
+        check_fixtures,
+        check_stock,
+    )
     from camgen.pipeline.motion import (  # noqa: PLC0415 (shapely: only when needed)
         compare_text,
         describe_controller,

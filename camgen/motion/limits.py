@@ -89,7 +89,7 @@ def make_limits(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
 
 
 def _choose_accelerations(robot: Robot, ramp: float) -> FloatArray:
-    """(J,) the stated accelerations, rad/s2 or mm/s2, else those that reach full speed in `ramp`."""
+    """(J,) the stated accelerations, rad/s2 or mm/s2, else those of full speed within `ramp`, s."""
     return robot.fastest / ramp if robot.accelerations is None else robot.accelerations
 
 
