@@ -142,8 +142,11 @@ def _find_drawing(named: Path) -> tuple[Path, Path | None]:
     drawings = [path for path in candidates if path.is_file()]
     if len(drawings) == 1:
         return drawings[0], named
-    which = ", ".join(path.name for path in drawings) or "no input of its name"
-    raise JobError(str(named), f"beside it is {which}", remedy="give the drawing to --against")
+    names = ", ".join(path.name for path in drawings)
+    what = (
+        f"has several inputs beside it: {names}" if names else "has no input of its name beside it"
+    )
+    raise JobError(str(named), what, remedy="give the drawing to --against")
 
 
 def _make_files(

@@ -51,7 +51,7 @@ def chains(source: Source) -> list[tuple[int, list[tuple[float, float, float]]]]
             x, y, z = (float(word) for word in [*words, "0"][: max(3, len(words))])
         except ValueError as error:
             raise InputError(
-                source.name, f"{line.strip()[:40]!r} is no point", f"line {number}"
+                source.name, f"{line.strip()[:40]!r} is not a point", f"line {number}"
             ) from error
         if not math.isfinite(x + y + z):
             raise InputError(source.name, "a coordinate is not finite", f"line {number}")

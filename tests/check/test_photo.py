@@ -544,7 +544,7 @@ def test_a_rework_of_a_job_without_contours_is_refused(
         (["good.png", "--against", "plate.dxf", "--least", "0"], "--least: cannot be 0 mm"),
         (["good.png", "--against", "plate.dxf", "--removal", "0"], "--removal: cannot be 0 mm"),
         (["good.png", "--against", "none.dxf"], "none.dxf: no such file"),
-        (["good.png", "--against", "other.toml"], "other.toml: beside it is no input of its name"),
+        (["good.png", "--against", "other.toml"], "other.toml: has no input of its name beside it"),
         (
             ["plate.dxf", "--against", "plate.dxf"],
             "plate.dxf: is not a PNG, JPEG, TIFF, BMP or PGM image",

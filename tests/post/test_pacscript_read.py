@@ -244,7 +244,7 @@ def test_a_second_file_is_called_by_its_name_and_its_lines_are_counted_on() -> N
         (("Set IO[-1]",), 4, "-1 is not an index"),
         (("Delay -5",), 4, "a negative delay"),
         (("GiveArm", "Move L, P(1)" + S), 5, "a motion without TakeArm"),
-        (("Call Nobody",), 4, "unknown procedure Nobody"),
+        (("Call Absent",), 4, "unknown procedure Absent"),
         (("ChangeTool 3",), 4, "the tool frame changes after the first motion"),
         (("Work 0, P(1)",), 4, "the work frame changes after the first motion"),
         (

@@ -61,9 +61,9 @@ def test_the_reader_is_chosen_for_standard_input_by_name_and_by_suffix(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("1,2\n3,4\nx,5\n", "bad.xy: 'x,5' is no point (line 3)"),
-        ("1,2\n3\n", "bad.xy: '3' is no point (line 2)"),
-        ("1,2,3,4\n", "bad.xy: '1,2,3,4' is no point (line 1)"),
+        ("1,2\n3,4\nx,5\n", "bad.xy: 'x,5' is not a point (line 3)"),
+        ("1,2\n3\n", "bad.xy: '3' is not a point (line 2)"),
+        ("1,2,3,4\n", "bad.xy: '1,2,3,4' is not a point (line 1)"),
         ("1,2\nnan,2\n", "bad.xy: a coordinate is not finite (line 2)"),
         ("# nothing\n", "bad.xy: nothing to machine; give two or more lines x,y"),
     ],

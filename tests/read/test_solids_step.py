@@ -224,13 +224,13 @@ HARMLESS_FAULTS = [
     (
         r"ADVANCED_FACE\('[^']*'",
         "ADVANCED_FACE($",
-        "10 texts that are not given were taken as empty",
+        "10 texts that are not given were read as empty",
     ),
-    (r"\bPRODUCT\('[^']*'", "PRODUCT($", "1 text that is not given was taken as empty"),
+    (r"\bPRODUCT\('[^']*'", "PRODUCT($", "1 text that is not given was read as empty"),
     (
         r"(UNCERTAINTY_MEASURE_WITH_UNIT\(LENGTH_MEASURE\([^)]*\),\s*#\d+),[^)]*\)",
         r"\1,$,$)",
-        "2 texts that are not given were taken as empty",
+        "2 texts that are not given were read as empty",
     ),
     (
         r"(ENDSEC;\s*END-ISO)",

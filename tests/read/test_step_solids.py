@@ -50,7 +50,7 @@ def test_missing_names_are_read_as_empty(tmp_path):
     assert len(solid.edges) == 24
     extent = solid.vertices.max(axis=0) - solid.vertices.min(axis=0)
     assert extent.tolist() == pytest.approx([160e3, 40e3, 20e3])
-    assert [note.kind for note in solid.notes if "taken as empty" in note.what] == ["assumed"]
+    assert [note.kind for note in solid.notes if "read as empty" in note.what] == ["assumed"]
 
 
 def arrange(*bodies):

@@ -1,11 +1,11 @@
-"""Counts what makes a file hard to read: wide lines, nested expressions, long signatures, vague prose.
+"""Finds what makes a file hard to read: wide lines, nested expressions, long signatures, vague prose.
 
-    python -m tests.support.texture            the counts of each folder
-    python -m tests.support.texture --lower    writes lower counts into the table, never higher ones
+    python -m tests.support.texture            each place of the repository
     python -m tests.support.texture FILE ...   each place of these files
 
 The rules of the prose are in `tests/texture/rules.tsv`. A pattern is searched in running text, in
 which a space also matches a line end. A pattern of the scope `identifier` matches a whole name.
+`tests/texture/exempt.tsv` lists the places that stay, with their reason.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import ast
 import csv
 import re
 import sys
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -24,14 +23,12 @@ from tests.support.syntax import list_children, list_comments, list_nodes
 
 ROOT = Path(__file__).parents[2]
 RULES = ROOT / "tests" / "texture" / "rules.tsv"
-TABLE = ROOT / "tests" / "texture" / "counts.tsv"
-#: Folders and files that are counted, relative to the root of the repository.
-COUNTED = ("camgen", "postprocessors", "fixtures", "bench", "tests", "docs", "README.md")
-#: Pages that are made from the code, whose texts are counted there.
+EXEMPT = ROOT / "tests" / "texture" / "exempt.tsv"
+#: Folders and files that are examined, relative to the root of the repository.
+EXAMINED = ("camgen", "postprocessors", "fixtures", "bench", "tests", "docs", "README.md")
+#: Pages that are made from the code, whose texts are examined there.
 GENERATED = ("api.md", "messages.md")
-#: What is counted, in the order of the columns of the table.
-KINDS = ("wide", "nested", "conditional", "parameters", "prose")
-#: Characters of a line, and parameters of a function, that are not counted.
+#: Characters of a line, and parameters of a function, that are allowed.
 MOST_CHARACTERS, MOST_PARAMETERS = 100, 6
 
 _COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
@@ -47,8 +44,24 @@ class Rule(NamedTuple):
     pattern: re.Pattern[str]
 
 
+class Exemption(NamedTuple):
+    """Places that stay as they are.
+
+    file: its name relative to the root of the repository.
+    """
+
+    file: str
+    kind: str
+    text: str
+
+
 class Place(NamedTuple):
-    """A line of a file that is counted. text: the rule, or what is wrong."""
+    """A line that is hard to read.
+
+    kind: "wide", "nested", "conditional", "parameters" or "prose".
+    line: its number, from 1.
+    text: the rule with the words that it forbids, or the reason.
+    """
 
     kind: str
     line: int
@@ -74,9 +87,9 @@ def rules_of(scope: str) -> tuple[Rule, ...]:
 
 @cache
 def list_files() -> tuple[Path, ...]:
-    """The files that are counted, in order of name. Generated pages are left out."""
+    """The files that are examined, in order of name. Generated pages are left out."""
     files: list[Path] = []
-    for name in COUNTED:
+    for name in EXAMINED:
         path = ROOT / name
         files += [path] if path.is_file() else path.rglob("*.py")
         files += [] if path.is_file() else path.rglob("*.md")
@@ -97,34 +110,11 @@ def list_places(file: Path) -> list[Place]:
     return sorted(places, key=lambda place: place.line)
 
 
-def count(file: Path) -> tuple[int, ...]:
-    """How many places of each of `KINDS` a file has."""
-    counted = Counter(place.kind for place in list_places(file))
-    return tuple(counted[kind] for kind in KINDS)
-
-
-def read_table() -> dict[str, tuple[int, ...]]:
-    """The counts that each file may have, by its name relative to the root; 0 for all others."""
-    rows = TABLE.read_text(encoding="utf-8").splitlines()[1:]
-    table = {}
-    for row in rows:
-        name, *numbers = row.split("\t")
-        table[name] = tuple(map(int, numbers))
-    return table
-
-
-def write_table(table: dict[str, tuple[int, ...]]) -> None:
-    """Writes the table, without the files that have nothing to count."""
-    rows = ["\t".join(("file", *KINDS))]
-    for name in sorted(table):
-        if any(table[name]):
-            rows.append("\t".join((name, *map(str, table[name]))))
-    TABLE.write_text("\n".join(rows) + "\n", encoding="utf-8")
-
-
-def folder_of(name: str) -> str:
-    """The folder in whose sum a file is counted, two levels deep at most."""
-    return "/".join(name.split("/")[:-1][:2]) or "."
+def read_exemptions() -> dict[Exemption, str]:
+    """The reason of each exemption. It holds for each place of its file with its kind and text."""
+    with EXEMPT.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream, delimiter="\t", quoting=csv.QUOTE_NONE))
+    return {Exemption(row["file"], row["kind"], row["text"]): row["reason"] for row in rows}
 
 
 # Python
@@ -260,38 +250,11 @@ def _paragraphs(source: str) -> Iterator[tuple[int, str]]:
 # The command
 
 
-def lower(table: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
-    """The table with the counts of today where they are lower."""
-    lowered = {}
-    for file in list_files():
-        name = file.relative_to(ROOT).as_posix()
-        allowed = table.get(name, (0,) * len(KINDS))
-        lowered[name] = tuple(map(min, count(file), allowed))
-    return lowered
-
-
-def sum_folders(table: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
-    """The sums of each folder."""
-    sums: dict[str, tuple[int, ...]] = {}
-    for name, counts in table.items():
-        before = sums.get(folder_of(name), (0,) * len(KINDS))
-        sums[folder_of(name)] = tuple(map(sum, zip(before, counts, strict=True)))
-    return sums
-
-
 def main(arguments: Iterable[str]) -> None:
     """Runs the command that the docstring of this module describes."""
-    names = list(arguments)
-    if names == ["--lower"]:
-        write_table(lower(read_table()))
-    elif names:
-        for name in names:
-            for place in list_places(Path(name)):
-                print(f"{name}:{place.line}: {place.kind}: {place.text}")
-    else:
-        print("\t".join(("folder", *KINDS)))
-        for folder, counts in sorted(sum_folders(read_table()).items()):
-            print("\t".join((folder, *map(str, counts))))
+    for file in list(map(Path, arguments)) or list_files():
+        for place in list_places(file):
+            print(f"{file}:{place.line}: {place.kind}: {place.text}")
 
 
 if __name__ == "__main__":

@@ -107,7 +107,7 @@ class ExternalState(Arm):
             raise Impossible(f"{name} is used as a {_kind(value)} and as a string")
         self.doubt = True
         base = canonical(name).partition("[")[0]
-        self.log.assume(f"string {base} is set outside of this text: taken as empty")
+        self.log.assume(f"string {base} is set outside of this text: read as empty")
         return ""
 
     def no_location(self, name: str, value: Value | None) -> Location:

@@ -174,7 +174,7 @@ class Statements(Robot):
         given = self._assume.get(key, self._assume.get(base))
         self.doubt = given is None
         if variable[0] == "$":
-            self.log.assume(f"string {base} comes from outside: taken as empty")
+            self.log.assume(f"string {base} comes from outside: read as empty")
             self.assign(variable, "")
         elif variable[0] == "#":
             self.assign(variable, self._taught(key, "precision point"))

@@ -321,7 +321,7 @@ def _note_repairs(damaged: Sequence[Sequence[bytes]], filled: int) -> tuple[Note
     if filled:
         what = counted(filled, "text that is not given was", "texts that are not given were")
         notes.append(
-            Note("assumed", f"{what} taken as empty", "a name says nothing about the edges")
+            Note("assumed", f"{what} read as empty", "a name says nothing about the edges")
         )
     return tuple(notes)
 

@@ -118,7 +118,7 @@ def test_a_trap_that_runs_may_stop_and_wait() -> None:
 
 
 def test_a_trap_that_is_in_none_of_the_files_is_an_assumption() -> None:
-    executed = run_main("VAR intnum i1;\nCONNECT i1 WITH nobody;")
+    executed = run_main("VAR intnum i1;\nCONNECT i1 WITH t_gone;")
     assert [assumption.what for assumption in executed.assumed] == [
-        "the TRAP nobody is in none of the files: it is left out"
+        "the TRAP t_gone is in none of the files: it is left out"
     ]

@@ -200,7 +200,7 @@ def test_the_program_that_runs_is_the_entry_or_main_or_the_first_uncalled_one():
     assert x_of_motions(executed) == [2]
     assert ("programs not run", "other") in executed.facts
     assert x_of_motions(run({"a": text}, RunRequest(entry="OTHER"))) == [3]
-    assert run({"a": text}, RunRequest(entry="nobody")).stopped == (1, "there is no program nobody")
+    assert run({"a": text}, RunRequest(entry="absent")).stopped == (1, "there is no program absent")
     assert x_of_motions(
         run({"a": text + ".PROGRAM main()\nMOVE TRANS(4)\n.END\n"}, RunRequest())
     ) == [4]
