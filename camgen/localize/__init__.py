@@ -298,12 +298,13 @@ def _measure_shown(
     model, within = prepared.model, prepared.within
     unseen = measure_unseen(model, view, final, gate)
     if unseen > MOST_HIDDEN:
+        verb = "give" if view.eye is None else "check"
         raise InputError(
             name,
             "the model was not found in the scan",
             f"where it fits best, it hides {100 * unseen:.0f} % of the points on it from the "
             "scanner",
-            "check --viewpoint: where the scanner stood",
+            f"{verb} --viewpoint: where the scanner stood",
         )
     seen = measure_seen(model, view, final, within)
     stray = measure_stray(model, view.points[:_DECIDING], final, within)

@@ -86,7 +86,9 @@ def compute_bevel(job: Job) -> Bevel:
     room = tool.radius - tip - width
     if room < _MIN_GAP - 1e-9:
         largest = tool.radius - tip - _MIN_GAP
-        remedy = f"{largest:.4g} mm at most" if largest > 0 else "take a larger tool"
+        # Rounded down: the width that the remedy names is accepted.
+        accepted = math.floor(largest * 1000 + 1e-6) / 1000
+        remedy = f"{accepted:g} mm at most" if accepted > 0 else "take a larger tool"
         raise JobError(
             "job",
             f"{width:g} mm is more than a V tool of {tool.diameter:g} "

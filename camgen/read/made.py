@@ -32,16 +32,9 @@ def make_part(shape: Any, name: str = "part", layer: str = "0") -> Part:
         return _make_solid(shape, name)
     contours: list[Contour] = []
     for contour in _list_contours(shape, name):
-        contours.append(
-            Contour(
-                frozen(contour.points),
-                frozen(contour.bulges),
-                contour.closed,
-                contour.layer or layer,
-                f"c{len(contours) + 1}",
-                color=contour.color,
-            )
-        )
+        points, bulges = frozen(contour.points), frozen(contour.bulges)
+        layered, number = contour.layer or layer, f"c{len(contours) + 1}"
+        contours.append(replace(contour, points=points, bulges=bulges, layer=layered, id=number))
     if not contours:
         raise InputError(name, "holds no shape", remedy=_REMEDY)
     outlines = find_open_outlines(contours, Job())

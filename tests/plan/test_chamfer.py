@@ -63,6 +63,13 @@ def test_the_gap_shrinks_where_the_tool_is_small() -> None:
         compute_bevel(job(1.21, small))
 
 
+def test_the_width_that_the_remedy_names_is_accepted() -> None:
+    tool = ToolTable(kind="v", diameter=2.4691)
+    with pytest.raises(JobError, match=r"1\.134 mm at most"):
+        compute_bevel(job(1.2, tool))
+    assert compute_bevel(job(1.134, tool)).offset == pytest.approx(0.10055)
+
+
 def test_outside_of_the_outline_and_inside_of_holes() -> None:
     shapes = (rectangle(0, 0, 60, 40), circle(20, 20, 8, "c2"))
     made = planned(*shapes)

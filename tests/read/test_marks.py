@@ -15,6 +15,7 @@ from camgen.model.part import Part
 from camgen.read import dxf
 from camgen.read.extent import measure_box
 from camgen.read.files import Files
+from camgen.read.made import make_part
 from camgen.read.move import move_part
 from tests.read.test_dxf import new, notes, written
 
@@ -47,6 +48,11 @@ def test_points_are_holes_with_the_diameter_of_the_tool() -> None:
         "assumed: 3 POINT on layer 0 taken as holes of 4 mm (a point has no diameter: that of the "
         "tool which drills it)"
     ]
+
+
+def test_a_mark_stays_a_mark_in_a_part_that_is_made_in_code() -> None:
+    part = read(plate((10, 10)))
+    assert [contour.is_mark for contour in make_part(part.contours).contours] == [False, True]
 
 
 @pytest.mark.parametrize("kind", ["auto", "follow", "trace", "pocket"])

@@ -120,8 +120,8 @@ def run_trap_aside(machine: Machine, routine: Routine, run: Callable[[], object]
         # An index that is out of range now may be in range when the interrupt comes.
         if not machine.log.has(finding) and not finding.what.startswith("element "):
             what = f"in the TRAP {routine.name}, where it comes: {finding.what}"
-            level = "possible" if finding.level == "dangerous" else "unusual"
-            machine.log.find(level, what, line=finding.line)
+            is_harm = finding.level == "dangerous"
+            machine.log.find("possible" if is_harm else "unusual", what, line=finding.line)
 
 
 @contextmanager
