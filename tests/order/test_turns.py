@@ -14,7 +14,7 @@ from camgen.order.edges.route import Route, find_route
 from camgen.order.edges.turns import MOST_TURNS, find_cheapest, list_turns, turn_motion
 from camgen.read.solid import mesh
 from camgen.robots.kinematics.joint_limits import are_within_limits
-from tests.order.test_rfa import ARM, PARTS, cell, no_turns
+from tests.order.test_rfa import ARM, PARTS, list_no_turns, load_cell
 from tests.support.files import source
 
 CALLERS = [
@@ -28,14 +28,14 @@ LAST = np.array([0, 0, 0, 0, 0, 1])
 def turned() -> list[EdgeMotion]:
     """The motions of rfa1 with the last joint as many turns lower as it can be."""
     motions = []
-    for motion in cell("rfa1")[2]:
+    for motion in load_cell("rfa1")[2]:
         lower = turn_motion(motion, -LAST)
         motions.append(lower if are_within_limits(ARM, lower.dense).all() else motion)
     return motions
 
 
 def link(motions: list[EdgeMotion]) -> Route:
-    setup, room, _ = cell("rfa1")
+    setup, room, _ = load_cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
     return find_route(
         RouteCell(setup, room, ARM.home), motions, edges, RouteOptions(FAST, best=True)
@@ -75,7 +75,7 @@ def test_motions_are_run_in_the_turns_that_take_least_time(monkeypatch: pytest.M
     assert sum(motion.dense[:, 5].min() < -math.pi for motion in motions) == 2
     chosen = link(motions)
     for module in CALLERS:
-        monkeypatch.setattr(module, "list_turns", no_turns)
+        monkeypatch.setattr(module, "list_turns", list_no_turns)
     kept = link(motions)
     assert chosen.seconds < kept.seconds - 0.1
     by_id = {motion.id: motion for motion in motions}
