@@ -24,17 +24,17 @@ def led(*contours: Contour, **operation: object) -> tuple[list[ToolPath], list[N
 
 
 def tangents(path: ToolPath) -> list[np.ndarray]:
-    """Directions at the start of each segment and at its end, from chord and via alone."""
-    found = []
+    """Directions at the start and at the end of each segment, from its ends and its via point."""
+    directions = []
     for a, v, b in zip(path.position[:-1], path.via[1:], path.position[1:], strict=True):
         if np.isnan(v[0]):
-            found += [(b - a) / np.linalg.norm(b - a)] * 2
+            directions += [(b - a) / np.linalg.norm(b - a)] * 2
         else:
-            # The tangent at an end of an arc mirrors the chord at the half-chord to the middle.
+            # The tangent at an end of an arc is the chord, mirrored at the chord to the via point.
             chord = (b - a) / np.linalg.norm(b - a)
             for half in ((v - a) / np.linalg.norm(v - a), (b - v) / np.linalg.norm(b - v)):
-                found.append(2 * (half @ chord) * half - chord)
-    return found
+                directions.append(2 * (half @ chord) * half - chord)
+    return directions
 
 
 def test_a_lead_is_a_quarter_circle_that_meets_the_path_smoothly() -> None:
@@ -65,9 +65,10 @@ def test_leads_never_come_nearer_to_the_part_than_the_tool() -> None:
             assert (gap >= 3.0 - 0.005).all()
 
 
-def test_a_lead_that_does_not_fit_is_shortened_and_said() -> None:
+def test_a_lead_that_does_not_fit_is_shortened_with_a_note() -> None:
     (path,), notes = led(circle(0, 0, 4), side="inside", lead_in=8.0)
-    # Inside a hole of 8 mm the centre of the 6 mm tool has a circle of 1 mm: a quarter circle of at most 1 mm radius.
+    # In a hole of 8 mm the centre of the 6 mm tool runs on a circle with a radius of 1 mm.
+    # So the lead is a quarter circle with a radius of 1 mm at most.
     assert measure_path(path) <= 2 * math.pi + math.pi / 2 + 1e-9
     assert len(notes) == 1
     assert notes[0].kind == "warning"

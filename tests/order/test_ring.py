@@ -23,11 +23,11 @@ def test_no_ring_of_few_places_is_shorter(seed: int) -> None:
     rng = random.Random(seed)
     count = rng.randint(5, 8)
     table = table_of(np.array([[rng.random(), rng.random()] for _ in range(count)]))
-    found = shorten_ring(table, range(count), 60)
+    ring = shorten_ring(table, range(count), 60)
     best = min(length(table, [0, *rest]) for rest in itertools.permutations(range(1, count)))
-    assert found[0] == 0
-    assert sorted(found) == list(range(count))
-    assert length(table, found) == pytest.approx(best)
+    assert ring[0] == 0
+    assert sorted(ring) == list(range(count))
+    assert length(table, ring) == pytest.approx(best)
 
 
 def test_a_circle_is_found_again() -> None:
