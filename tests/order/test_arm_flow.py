@@ -6,7 +6,6 @@ Corners of links are blended, and contacts with the part are exact stops.
 from itertools import pairwise, product
 from pathlib import Path
 
-import ezdxf
 import numpy as np
 import pytest
 
@@ -20,6 +19,7 @@ from camgen.pipeline import Result
 from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
+from tests.order.test_arm_margin import draw_holes
 from tests.support.built import build
 
 CELL = {
@@ -33,12 +33,7 @@ PLACES = list(product((0.0, 100.0), (0.0, 30.0, 60.0)))
 @pytest.fixture(scope="module")
 def holes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A drawing of six holes, three on each side of a wall."""
-    document = ezdxf.new("R2010", units=4)
-    for x, y in PLACES:
-        document.modelspace().add_circle((x, y), 2.0)
-    file = tmp_path_factory.mktemp("flow") / "holes.dxf"
-    document.saveas(file)
-    return file
+    return draw_holes(tmp_path_factory.mktemp("flow"), PLACES)
 
 
 def locate_tip(program: Program, arm: Robot, joints: FloatArray) -> FloatArray:

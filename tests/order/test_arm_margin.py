@@ -44,8 +44,8 @@ def list_near(result: Result) -> list[str]:
     return [note.what for note in result.notes if "cell.margin" in note.why]
 
 
-def find_path(paths: Sequence[ToolPath], place: tuple[float, float]) -> str:
-    return next(path.id for path in paths if np.allclose(path.position[0, :2], place))
+def find_path(paths: Sequence[ToolPath], point: tuple[float, float]) -> str:
+    return next(path.id for path in paths if np.allclose(path.position[0, :2], point))
 
 
 def test_a_panel_is_drilled_with_the_margin(tmp_path: Path) -> None:

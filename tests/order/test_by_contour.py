@@ -41,8 +41,8 @@ def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
     document = ezdxf.new("R2010", units=4)
     space = document.modelspace()
     space.add_lwpolyline([(0, 0), (100, 0), (100, 60), (0, 60)], close=True)
-    for place in HOLES:
-        space.add_circle(place, RADIUS)
+    for centre in HOLES:
+        space.add_circle(centre, RADIUS)
     space.add_line((0, 90), (100, 90))
     file = tmp_path_factory.mktemp("plate") / "plate.dxf"
     document.saveas(file)
@@ -174,12 +174,12 @@ def test_a_seam_is_the_nearest_point_of_the_nearest_path(seed: int, count: int) 
     if not paths:
         return
     on = rng.choice(paths)
-    place, _ = find_point_along(on, rng.random() * sum(map(measure_length, list_pieces(on))))
-    place += complex(rng.uniform(-1, 1), rng.uniform(-1, 1))
+    seam, _ = find_point_along(on, rng.random() * sum(map(measure_length, list_pieces(on))))
+    seam += complex(rng.uniform(-1, 1), rng.uniform(-1, 1))
     samples = [_sample(path) for path in paths]
-    distances = [float(np.abs(points - place).min()) for points in samples]
+    distances = [float(np.abs(points - seam).min()) for points in samples]
     empty = Part("p", "p.dxf", "mm", (), ())
-    job = Job(tour=TourTable(seams=[[place.real, place.imag]]))
+    job = Job(tour=TourTable(seams=[[seam.real, seam.imag]]))
     (moved,), notes = pin_seams([paths], empty, job)
     assert notes == ()
     for path, drawn, points, distance in zip(moved, paths, samples, distances, strict=True):
@@ -189,7 +189,7 @@ def test_a_seam_is_the_nearest_point_of_the_nearest_path(seed: int, count: int) 
         assert distance <= min(distances) + 0.1
         start = complex(path.position[0, 0], path.position[0, 1])
         # A seam less than 0.1 mm from a vertex is moved to it. The points are 0.1 mm apart at most.
-        assert abs(start - place) <= distance + 0.2
+        assert abs(start - seam) <= distance + 0.2
         assert float(np.abs(points - start).min()) <= 0.1
         assert sum(map(measure_length, list_pieces(path))) == pytest.approx(
             sum(map(measure_length, list_pieces(drawn)))

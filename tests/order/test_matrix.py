@@ -1,3 +1,5 @@
+"""Orders and directions of items from a table of costs, compared with a trial of all orders."""
+
 import itertools
 import math
 import random
@@ -152,10 +154,10 @@ def test_an_empty_table_has_an_empty_tour_and_invalid_tables_are_refused() -> No
 
 
 def keeps_rules(order: tuple[int, ...], rules: matrix.Rules) -> bool:
-    place = {item: k for k, item in enumerate(order)}
+    position = {item: k for k, item in enumerate(order)}
     ranks = [int(rules.rank[item]) for item in order]
     inside = all(
-        parent < 0 or place[item] < place[parent]
+        parent < 0 or position[item] < position[parent]
         for item, parent in enumerate(rules.parent.tolist())
     )
     return ranks == sorted(ranks) and inside

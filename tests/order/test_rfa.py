@@ -73,7 +73,7 @@ def load_cell(part: str) -> tuple[Setup, FreeSpace, tuple[EdgeMotion, ...]]:
 
 
 def list_no_turns(*_: object) -> IntArray:
-    """Turn counts to choose from: none but 0 for each joint."""
+    """The only choice of turn counts: 0 for each joint."""
     return np.zeros((1, 6), dtype=np.int64)
 
 
@@ -176,11 +176,11 @@ def test_a_retraction_leads_over_the_wrist_if_the_last_two_links_are_below_the_l
     setup, space, motions = load_cell("rfa1")
     calls: list[int] = []
 
-    def only_third(tracks: Sequence[SampledMotion]) -> list[Blockage | float]:
+    def block_first_call(tracks: Sequence[SampledMotion]) -> list[Blockage | float]:
         calls.append(len(tracks))
         return [WALL if len(calls) == 1 else space.margin] * len(tracks)
 
-    higher_space = replace(space, level=space.level + 600.0, look=only_third)
+    higher_space = replace(space, level=space.level + 600.0, look=block_first_call)
     chosen = list_ends(motions)
     over_wrist = [
         result

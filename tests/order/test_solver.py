@@ -99,12 +99,12 @@ def find_near(items: Items) -> object:
 def check_rules(items: Items, tour: Start) -> None:
     count = len(items.kind)
     assert sorted(tour.order.tolist()) == list(range(count))
-    place = np.argsort(tour.order)
+    position = np.argsort(tour.order)
     assert ((items.first[:-1] <= tour.enter) & (tour.enter < items.first[1:])).all()
     one_way = items.kind == ONE_WAY
     assert (tour.enter[one_way] == items.first[:-1][one_way]).all()
     waits = items.parent >= 0
-    assert (place[waits] < place[items.parent[waits]]).all()
+    assert (position[waits] < position[items.parent[waits]]).all()
     assert (np.diff(items.rank[tour.order]) >= 0).all()
 
 

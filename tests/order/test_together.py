@@ -13,6 +13,7 @@ from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED
 from camgen.order.solver.plane import Items, Problem, Start, make_discs
 from camgen.order.solver.together import shorten_together
+from tests.order.test_solver import measure_travel
 
 
 def make_items(rng: random.Random, count: int, rules: bool) -> Items:
@@ -35,18 +36,6 @@ def make_items(rng: random.Random, count: int, rules: bool) -> Items:
     return Items(
         first, np.concatenate(points), np.array(kinds), np.full(count, 6.0), np.array(parents), rank
     )
-
-
-def measure_travel(items: Items, tour: Start, home: np.ndarray | None) -> float:
-    leave = np.where(
-        items.kind == CLOSED, tour.enter, items.first[:-1] + items.first[1:] - 1 - tour.enter
-    )
-    begins, ends = items.points[tour.enter[tour.order]], items.points[leave[tour.order]]
-    if home is not None:
-        begins, ends = np.concatenate([begins, [home]]), np.concatenate([[home], ends])
-    else:
-        begins, ends = begins[1:], ends[:-1]
-    return float(np.hypot(*(begins - ends).T).sum())
 
 
 @given(st.integers(0, 10**6), st.integers(1, 60), st.booleans(), st.booleans())

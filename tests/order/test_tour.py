@@ -1,3 +1,5 @@
+"""Tours in the plane: nearest neighbour, the search and its rules, and moved starts of paths."""
+
 import cmath
 import importlib.util
 import itertools
@@ -185,9 +187,8 @@ def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_firs
     travel = 0.0
     for path in tour.paths:
         index = int(path.id[1:])
-        allowed = left
-        if inside_first:
-            allowed = [i for i in left if not contains_any(paths, i, left)]
+        inner = left if inside_first else []
+        allowed = [i for i in left if not contains_any(paths, i, inner)]
         assert index in allowed
         begin = complex(*path.position[0, :2])
         others = np.concatenate([starts[i] for i in allowed])
@@ -330,11 +331,12 @@ def test_a_greedy_tour_runs_every_item_after_the_items_inside_it(
     def place() -> float:
         return rng.choice([rng.uniform(0, 90), float(rng.randrange(4))])  # grids and crowds as well
 
-    paths = []
-    for _ in range(count):
-        pair = [circle(place(), place(), 2), line((place(), place()), (place(), 95.0))]
-        paths.append(rng.choice(pair))
-    paths = number_paths(paths)
+    paths = number_paths(
+        [
+            rng.choice([circle(place(), place(), 2), line((place(), place()), (place(), 95.0))])
+            for _ in range(count)
+        ]
+    )
     rank = [int(rules and k > count / 2) for k in range(count)]
     parent = [-1] * count
     for k in range(count - 1):
@@ -565,7 +567,5 @@ def test_the_work_for_thousands_of_paths_at_one_point_is_not_quadratic(
 
 def test_the_module_does_not_import_scipy_and_shapely() -> None:
     code = "import camgen.order, sys; print('scipy' in sys.modules, 'shapely' in sys.modules)"
-    command = [sys.executable, "-c", code]
-    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == (
-        "False False\n"
-    )
+    output = subprocess.check_output([sys.executable, "-c", code], text=True)
+    assert output == "False False\n"

@@ -280,10 +280,9 @@ def test_points_of_lines_are_thinned_out_on_demand_and_arcs_stay() -> None:
 
 
 def test_short_contours_are_left_out_and_counted() -> None:
-    points = frozen([[0.0, 0.0], [3.0, 4.0]])
-    short = frozen([[0.0, 0.0], [0.3, 0.4]])
     zeros = frozen([0.0, 0.0])
-    contours = (Contour(points, zeros, False, "0", "c1"), Contour(short, zeros, False, "0", "c2"))
+    long, short = frozen([[0.0, 0.0], [3.0, 4.0]]), frozen([[0.0, 0.0], [0.3, 0.4]])
+    contours = (Contour(long, zeros, False, "0", "c1"), Contour(short, zeros, False, "0", "c2"))
     part = Part("a", "a.dxf", "mm", contours, ())
     kept = simplify(part, from_mapping({"input": {"min_length": 0.6}}))
     assert [c.id for c in kept.contours] == ["c1"]
@@ -334,8 +333,10 @@ def test_inspect_lists_the_strokes_of_a_drawing(
     assert output.startswith(
         "picture of 30 x 20 px, taken as a drawing\nscale: 5 mm/px, drawing 50 x 50 mm\n"
     )
-    strokes = "strokes: 1, all closed, of 4 lines and 0 arcs; 200 mm in all, the shortest 200 mm\n"
-    assert strokes in output
+    assert (
+        "strokes: 1, all closed, of 4 lines and 0 arcs; 200 mm in all, the shortest 200 mm\n"
+        in output
+    )
     fill = ["--set", "operation.kind=fill", "--set", "tool.diameter=0.8"]
     assert main(["inspect", str(path), *on_page, *fill]) == 0
     output = capsys.readouterr().out
@@ -468,8 +469,8 @@ def test_the_tolerance_is_a_third_of_a_pixel_for_grey_borders_and_one_for_two_va
     for name, picture in (("grey", grey), ("two", np.where(grey < 128, 0, 255))):
         file = tmp_path / f"{name}.png"
         cv2.imwrite(str(file), picture.astype(np.uint8))
-        page = {"size": [120.0, 120.0], "margin": 0.0}
-        result = camgen.build(file, post="gcode", job={"page": page})
+        job = {"page": {"size": [120.0, 120.0], "margin": 0.0}}
+        result = camgen.build(file, post="gcode", job=job)
         (note,) = [note for note in result.notes if "thinned out" in note.what]
         tolerances[name] = float(note.why.split("= ")[1].split(" ")[0]) / (120 / 121)
     # The disc is 120 px wide and fills the page.

@@ -122,8 +122,8 @@ def test_rings_and_marks_of_a_picture_are_drilled() -> None:
     cv2.rectangle(copper, (99, 196), (101, 216), 255, -1)
     planned = plan_drill(part_of(copper))
     holes = [(u * MM, (299 - v) * MM) for u, v in ((100, 206), (60, 60), (150, 80), (250, 200))]
-    got = sorted(path.position[0, :2].tolist() for path in planned.paths)
-    assert np.array(got) == pytest.approx(np.array(sorted(holes)), abs=0.2 * MM)
+    centres = sorted(path.position[0, :2].tolist() for path in planned.paths)
+    assert np.array(centres) == pytest.approx(np.array(sorted(holes)), abs=0.2 * MM)
     assert [path.id for path in planned.paths].count("mark1") == 1
     assert "1 at a mark" in planned.notes[-2].what
 
@@ -165,8 +165,8 @@ def test_no_peck_is_deeper_than_its_share_of_the_depth(
 def test_a_program_drills_every_hole_once_and_travels_above(post: str, tmp_path: Path) -> None:
     drawing = ezdxf.new(units=4)
     holes = list(itertools.product((5.0, 12.0, 19.0, 26.0), (5.0, 11.0, 17.0)))
-    for place in holes:
-        drawing.modelspace().add_circle(place, 0.4)
+    for centre in holes:
+        drawing.modelspace().add_circle(centre, 0.4)
     drawing.saveas(tmp_path / "holes.dxf")
     job = {"operation": {"kind": "drill", "depth": 1.6, "passes": 2}, "tool": {"diameter": 0.8}}
     job["process"] = {"spindle": 9000.0 if post in ("gcode", "grbl") else 0.0}

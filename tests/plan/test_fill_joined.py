@@ -35,7 +35,7 @@ def write_picture(folder: Path, *boxes: tuple[int, int, int, int]) -> Path:
 
 
 def write_two_tracks(folder: Path, gap_px: int) -> Path:
-    """Two tracks of 3 px with a gap of `apart` px between them, and a pad far away."""
+    """Two tracks of 3 px with a gap of `gap_px` px between them, and a pad far away."""
     return write_picture(
         folder, (40, 43, 20, 180), (43 + gap_px, 46 + gap_px, 20, 180), (90, 110, 100, 160)
     )

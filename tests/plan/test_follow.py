@@ -24,8 +24,9 @@ SIX = ToolTable(diameter=6.0)
 
 
 def plan_follow(*contours: Contour, **operation: object) -> Plan:
-    table = OperationTable(**operation)  # type: ignore[arg-type]
-    job = Job(tool=SIX, operation=table, process=ProcessTable(feed=10.0, force=5.0))
+    job = Job(
+        tool=SIX, operation=OperationTable(**operation), process=ProcessTable(feed=10.0, force=5.0)
+    )
     return plan(part(*contours), job)
 
 
@@ -219,11 +220,10 @@ def test_a_cusp_that_crosses_itself_is_run_around(diameter: float) -> None:
         for c in (contour(*CUSP), neighbour)
     ]
     border = shapely.union_all(areas).buffer(diameter / 2, quad_segs=300).boundary
-    length = sum(measure_path(path) for path in result.paths)
-    assert length == pytest.approx(border.length, rel=1e-4)
+    assert sum(map(measure_path, result.paths)) == pytest.approx(border.length, rel=1e-4)
 
 
-def horn() -> Contour:
+def make_horn() -> Contour:
     """A hole between a line and an arc that is tangent to it, so that it ends in a tip of 0 deg."""
     end = (30 * math.sin(0.9), 30 - 30 * math.cos(0.9))
     return contour([(0, 0), (end[0], 0), end], [0, 0, -math.tan(0.9 / 4)])
@@ -232,24 +232,23 @@ def horn() -> Contour:
 @pytest.mark.parametrize("diameter", [0.5, 1.0, 2.0])
 def test_the_path_in_a_tip_between_tangent_sides_is_closed_and_shorter(diameter: float) -> None:
     job = Job(tool=ToolTable(diameter=diameter), operation=OperationTable(side="inside"))
-    result = plan(part(horn()), job)
+    result = plan(part(make_horn()), job)
     assert [path.closed for path in result.paths] == [True]
     assert not [note for note in result.notes if note.kind == "skipped"]
-    (outside,) = plan(part(horn()), Job(tool=ToolTable(diameter=diameter))).paths
+    (outside,) = plan(part(make_horn()), Job(tool=ToolTable(diameter=diameter))).paths
     assert measure_path(outside) > measure_path(result.paths[0])
 
 
-@pytest.mark.parametrize("room", [0.001, 0.005, 0.02, 0.15])
-def test_a_hole_that_the_tool_just_fits_has_its_path(room: float) -> None:
+@pytest.mark.parametrize("gap", [0.001, 0.005, 0.02, 0.15])
+def test_a_hole_that_the_tool_just_fits_has_its_path(gap: float) -> None:
     shapes = [
-        circle(20, 20, 3 + room / 2, "c2"),
-        rectangle(40, 20, 6 + room, 6 + room, "c3"),
-        contour([(60, 20), (70, 20), (70, 26 + room), (60, 26 + room)], [0, 1, 0, 1], name="c4"),
+        circle(20, 20, 3 + gap / 2, "c2"),
+        rectangle(40, 20, 6 + gap, 6 + gap, "c3"),
+        contour([(60, 20), (70, 20), (70, 26 + gap), (60, 26 + gap)], [0, 1, 0, 1], name="c4"),
     ]
     result = plan_follow(rectangle(0, 0, 100, 60), *shapes)
-    assert [p.id for p in result.paths if p.closed] == ["c1", "c2", "c3", "c4"]
-    assert len(result.paths) == 4
-    lengths = [math.pi * room, 4 * room, math.pi * room + 20]
+    assert {p.id: p.closed for p in result.paths} == dict.fromkeys(["c1", "c2", "c3", "c4"], True)
+    lengths = [math.pi * gap, 4 * gap, math.pi * gap + 20]
     assert [measure_path(p) for p in result.paths[1:]] == pytest.approx(lengths, rel=1e-6)
 
 
@@ -281,7 +280,7 @@ PAIRS: list[tuple[float, Corners, Corners]] = [
 ]  # fmt: skip
 
 
-def bent(corners: Corners, name: str) -> Contour:
+def make_bent(corners: Corners, name: str) -> Contour:
     return contour([row[:2] for row in corners], [row[2] for row in corners], name=name)
 
 
@@ -290,7 +289,7 @@ def test_neighbours_that_the_tool_can_just_not_pass_between_have_common_paths(
     diameter: float, first: Corners, second: Corners
 ) -> None:
     """At the narrowest place the offset curves meet a few micrometres before a corner."""
-    shapes = bent(first, "c1"), bent(second, "c2")
+    shapes = make_bent(first, "c1"), make_bent(second, "c2")
     result = plan(part(*shapes), Job(tool=ToolTable(diameter=diameter)))
     assert result.paths
     assert all(path.closed for path in result.paths)

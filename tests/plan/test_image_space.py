@@ -27,6 +27,7 @@ from camgen.plan.image_space.tool_path import (
     smooth,
 )
 from camgen.plan.unused import check_idle
+from tests.plan.test_follow import measure_signed_area
 
 SCALE = 0.143
 TOOL = 6.0
@@ -100,12 +101,6 @@ def list_positions(path: ToolPath) -> np.ndarray:
 def list_press_directions(path: ToolPath) -> np.ndarray:
     """Direction of the force at the end of each segment, as complex numbers."""
     return path.force_direction[1:, 1, 0] + 1j * path.force_direction[1:, 1, 1]
-
-
-def measure_signed_area(path: ToolPath) -> float:
-    """Signed area that the path encloses, positive if it runs counter-clockwise."""
-    x, y = path.position[:, 0], path.position[:, 1]
-    return float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) / 2
 
 
 @pytest.mark.parametrize("scale", [0.05, SCALE, 0.4])

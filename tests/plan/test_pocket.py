@@ -17,16 +17,13 @@ import camgen
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour
+from camgen.pipeline import Result
 from camgen.plan import Plan, plan
 from tests.support.drawn import circle, clockwise, contour, part, rectangle, rounded
 from tests.support.examples import fewer
 from tests.support.swept import centre_line, enclosed, outline, reachable, swept
 
 RADIUS = 3.0
-_STAR_POINTS: list[tuple[float, float]] = []
-for _angle, _size in zip(np.arange(14) * math.pi / 7, [50, 20] * 7, strict=True):
-    _STAR_POINTS.append((math.cos(_angle) * _size, math.sin(_angle) * _size))
-
 SHAPES = {
     "rectangle": (rectangle(0, 0, 100, 60),),
     "drawn clockwise": (clockwise(rectangle(0, 0, 100, 60)),),
@@ -34,7 +31,14 @@ SHAPES = {
     "rounded": (rounded(80, 50, 12),),
     "an L": (contour([(0, 0), (80, 0), (80, 25), (25, 25), (25, 70), (0, 70)]),),
     "a thin wedge": (contour([(0, 0), (100, 0), (10, 30)]),),
-    "a star": (contour(_STAR_POINTS),),
+    "a star": (
+        contour(
+            [
+                (math.cos(t) * size, math.sin(t) * size)
+                for t, size in zip(np.arange(14) * math.pi / 7, [50, 20] * 7, strict=True)
+            ]
+        ),
+    ),
     "two basins and a neck": (
         contour([(0, 0), (40, 0), (40, 16), (60, 16), (60, 0), (110, 0),
                  (110, 40), (60, 40), (60, 24), (40, 24), (40, 40), (0, 40)]),
@@ -52,7 +56,7 @@ SHAPES = {
 }  # fmt: skip
 
 
-def job(**operation: object) -> Job:
+def make_job(**operation: object) -> Job:
     table = OperationTable(kind="pocket", **operation)  # type: ignore[arg-type]
     return Job(
         tool=ToolTable(diameter=2 * RADIUS), operation=table, process=ProcessTable(feed=10.0)
@@ -60,10 +64,17 @@ def job(**operation: object) -> Job:
 
 
 def plan_pocket(*contours: Contour, **operation: object) -> Plan:
-    return plan(part(*contours), job(**operation))
+    return plan(part(*contours), make_job(**operation))
 
 
-def bare_and_gouged(contours: tuple[Contour, ...], planned: Plan) -> tuple[float, float]:
+def build_pocket(diameter: float, *contours: Contour, **operation: object) -> Result:
+    """A program of a pocket for a mill of this diameter."""
+    tables = {"operation": {"kind": "pocket", **operation}, "tool": {"diameter": diameter}}
+    tables["process"] = {"spindle": 9000.0}
+    return camgen.build(part(*contours), post="gcode", job=tables)
+
+
+def measure_faults(contours: tuple[Contour, ...], planned: Plan) -> tuple[float, float]:
     """Area that the tool can reach and did not clear, and area that it cut outside the walls, mm2.
 
     Strips narrower than 0.01 mm that are not cleared do not count.
@@ -78,14 +89,14 @@ def bare_and_gouged(contours: tuple[Contour, ...], planned: Plan) -> tuple[float
 @pytest.mark.parametrize("name", SHAPES)
 def test_all_that_the_tool_reaches_is_cut_and_nothing_else(name: str, stepover: float) -> None:
     planned = plan_pocket(*SHAPES[name], stepover=stepover)
-    assert bare_and_gouged(SHAPES[name], planned) == (0.0, 0.0)
+    assert measure_faults(SHAPES[name], planned) == (0.0, 0.0)
     assert not [note for note in planned.notes if note.kind == "skipped"]
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_roughing_and_finishing_passes_together_clear_the_pocket(name: str) -> None:
     planned = plan_pocket(*SHAPES[name], finish=0.4, depth=6.0, passes=3)
-    assert bare_and_gouged(SHAPES[name], planned) == (0.0, 0.0)
+    assert measure_faults(SHAPES[name], planned) == (0.0, 0.0)
     rough = [path for path in planned.paths if ".finish" not in path.id]
     region = enclosed(SHAPES[name])
     assert swept(rough, RADIUS).difference(region.buffer(-0.395)).area == 0.0
@@ -103,11 +114,11 @@ def test_a_finishing_pass_without_roughing_passes_goes_down_in_steps() -> None:
     (path,) = planned.paths
     assert path.id == "c1.finish"
     assert path.depths == (2.0, 4.0, 6.0)
-    assert bare_and_gouged(slot, planned) == (0.0, 0.0)
+    assert measure_faults(slot, planned) == (0.0, 0.0)
 
 
 @st.composite
-def pockets(draw: st.DrawFn) -> tuple[Contour, ...]:
+def draw_pockets(draw: st.DrawFn) -> tuple[Contour, ...]:
     """A polygon around the origin, some of its sides arcs, with up to three islands.
 
     An island may cross the wall or lie outside of it.
@@ -132,7 +143,7 @@ def pockets(draw: st.DrawFn) -> tuple[Contour, ...]:
 
 
 @fewer(8)
-@given(pockets(), st.floats(0.2, 0.95))
+@given(draw_pockets(), st.floats(0.2, 0.95))
 def test_random_pockets_with_islands_are_cleared_or_left_out_with_a_note(
     shapes: tuple[Contour, ...], stepover: float
 ) -> None:
@@ -155,7 +166,7 @@ def test_random_pockets_with_islands_are_cleared_or_left_out_with_a_note(
             island = outline(shape)
             overlap = outer.intersection(island).area
             assert overlap <= strip_width * min(outer.length, island.length)
-    assert bare_and_gouged(cut, planned) == (0.0, 0.0)
+    assert measure_faults(cut, planned) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -180,8 +191,7 @@ def test_passes_are_arcs_where_the_walls_are() -> None:
     (path,) = plan_pocket(circle(0, 0, 30), stepover=0.5, engagement=1.0).paths
     radii = np.hypot(*path.via[~np.isnan(path.via[:, 0]), :2].T)
     # The stepover is the tool radius, 3 mm. The first pass lies one tool radius inside the wall.
-    pass_radii = [3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0, 27.0]
-    assert np.unique(np.round(radii, 6)).tolist() == pass_radii
+    assert np.unique(np.round(radii, 6)).tolist() == np.arange(3.0, 28.0, 3.0).tolist()
     from_middle = np.hypot(*path.position[:, :2].T)
     assert (np.diff(from_middle) > -1e-6).all()
 
@@ -202,12 +212,14 @@ def test_each_basin_has_one_entry_and_the_larger_basin_comes_last() -> None:
     assert alone.id == "c1"
 
 
-@pytest.mark.parametrize(("radius", "room"), [(4.0, 1.0), (5.0, 2.0), (30.0, 2.7)])
-def test_the_helix_of_the_entry_stays_in_the_pocket(radius: float, room: float) -> None:
+@pytest.mark.parametrize(("radius", "entry_radius"), [(4.0, 1.0), (5.0, 2.0), (30.0, 2.7)])
+def test_the_helix_of_the_entry_stays_in_the_pocket(radius: float, entry_radius: float) -> None:
     (path,) = plan_pocket(circle(2, 1, radius)).paths
     # In a circle: its radius minus the radius of the tool, at most 0.45 tool diameters.
-    assert path.entry_radius == pytest.approx(room, abs=0.02)
-    assert math.dist(path.position[0, :2], (2, 1)) < max(0.02, radius - RADIUS - room + 0.02)
+    assert path.entry_radius == pytest.approx(entry_radius, abs=0.02)
+    assert math.dist(path.position[0, :2], (2, 1)) < max(
+        0.02, radius - RADIUS - entry_radius + 0.02
+    )
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -319,13 +331,13 @@ def test_only_selected_contours_are_walls() -> None:
         circle(50, 50, 10, "c3"),
     )
     chosen = camgen.Part("part", "part.dxf", "mm", shapes, (), worked=frozenset({"c2", "c3"}))
-    planned = plan(chosen, job())
+    planned = plan(chosen, make_job())
     assert {path.contours for path in planned.paths} == {("c2", "c3")}
-    assert bare_and_gouged(shapes[1:], planned) == (0.0, 0.0)
+    assert measure_faults(shapes[1:], planned) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("changed", "place"),
+    ("changed", "key"),
     [
         ({"tool": ToolTable(kind="drill")}, "tool.kind"),
         ({"process": ProcessTable(force=5.0)}, "process.force"),
@@ -341,12 +353,12 @@ def test_only_selected_contours_are_walls() -> None:
     ],
 )
 def test_a_setting_without_effect_on_the_operation_is_an_error(
-    changed: dict[str, object], place: str
+    changed: dict[str, object], key: str
 ) -> None:
-    job = Job(**{"operation": OperationTable(kind="pocket"), **changed})  # type: ignore[arg-type]
+    tables = {"operation": OperationTable(kind="pocket"), **changed}
     with pytest.raises(JobError) as error:
-        plan(part(*SHAPES["an L"]), job)
-    assert place in str(error.value)
+        plan(part(*SHAPES["an L"]), Job(**tables))  # type: ignore[arg-type]
+    assert key in str(error.value)
 
 
 def test_a_part_without_closed_contours_is_an_error() -> None:
@@ -378,9 +390,7 @@ def test_a_loop_of_the_wall_inside_the_pocket_does_not_stop_it() -> None:
     """The wall encloses a small square of the pocket a second time, which adds no area."""
     corners = [(0, 0), (200, 0), (200, 60), (50, 60), (50, 59.3), (50.7, 59.3), (50.7, 60.5),
                (0, 60.5)]  # fmt: skip
-    settings = {"kind": "pocket", "depth": 1.0}
-    tables = {"operation": settings, "tool": {"diameter": 0.5}, "process": {"spindle": 9000.0}}
-    result = camgen.build(part(contour(corners)), post="gcode", job=tables)
+    result = build_pocket(0.5, contour(corners), depth=1.0)
     assert not [note for note in result.notes if note.kind == "skipped"]
 
 
@@ -399,9 +409,7 @@ def test_a_pocket_is_planned_although_a_candidate_of_its_offset_curve_has_no_suc
         [0.0, 0.5195, 0.0, 0.0, -0.3122],
         name="c2",
     )
-    tables = {"operation": {"kind": "pocket", "depth": 2.0}, "tool": {"diameter": 3.0}}
-    tables |= {"process": {"spindle": 9000.0}}
-    result = camgen.build(part(wall, island), post="gcode", job=tables)
+    result = build_pocket(3.0, wall, island, depth=2.0)
     assert not [note for note in result.notes if note.kind == "skipped"]
 
 
@@ -411,9 +419,4 @@ def test_a_triangle_is_cleared_in_its_middle() -> None:
     The stock proof once treated a loop in the middle as a loop along that side.
     """
     wall = contour([(0, 0), (206.6254, 0), (0, 151.0303)])
-    tables = {
-        "operation": {"kind": "pocket", "depth": 2.0, "entry": "helix"},
-        "tool": {"diameter": 4.0},
-    }
-    tables |= {"process": {"spindle": 9000.0}}
-    assert camgen.build(part(wall), post="gcode", job=tables).proof is not None
+    assert build_pocket(4.0, wall, depth=2.0, entry="helix").proof is not None

@@ -20,6 +20,7 @@ from camgen.model.part import Part
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Force, MoveC, MoveJ, MoveL
 from camgen.pipeline import Result
+from tests.order.test_rfa import make_matrix
 from tests.support.arm_models import by_hand
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -173,12 +174,6 @@ def test_a_fixed_tool_has_its_angles_and_the_joint_values_agree() -> None:
             )
             compared += 1
     assert compared > 50
-
-
-def make_matrix(pose: Pose) -> FloatArray:
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = pose.rotation, pose.origin
-    return out
 
 
 def test_the_tool_has_the_angles_of_the_points(tmp_path: Path) -> None:

@@ -36,21 +36,16 @@ def make_job(*operations: Mapping[str, object], **tables: object) -> dict[str, o
     return {"tools": TOOLS, "operations": list(operations), **tables}
 
 
+#: The same tools for a robot, whose tool frames have these lengths, mm.
+TOOLS_OF_TWO_LENGTHS = [TOOLS[0] | {"length": 120.0}, TOOLS[1] | {"length": 90.0}]
+SIGNALS = {"signals": {"spindle": "aoSpindle", "process": "doProcess"}}
 DRILL = {"kind": "drill", "tool": 1, "depth": 7, "holes": [7.9, 8.1]}
 OUTER = {"kind": "follow", "tool": "mill 6", "nesting": "outer", "depth": 6, "passes": 2}
 INNER = {"kind": "follow", "tool": "mill 6", "ids": ["c4"], "depth": 6, "passes": 2}
 
 
-def make_job_of_two_lengths() -> dict[str, object]:
-    """A job for a robot with two tools, of the lengths 120 and 90 mm."""
-    tools = [TOOLS[0] | {"length": 120.0}, TOOLS[1] | {"length": 90.0}]
-    post = {"signals": {"spindle": "aoSpindle", "process": "doProcess"}}
-    return make_job(OUTER, DRILL, post=post) | {"tools": tools}
-
-
 def make_step(kind: str, tool: str) -> Step:
-    operation = OperationTable(kind=kind)  # type: ignore[arg-type]
-    return Step(ToolTable(name=tool), operation, ProcessTable(), Row())
+    return Step(ToolTable(name=tool), OperationTable(kind=kind), ProcessTable(), Row())
 
 
 @pytest.mark.parametrize(
@@ -201,7 +196,7 @@ def test_a_controller_without_tool_changes_gets_one_program_per_tool() -> None:
 
 
 def test_every_program_of_a_robot_has_the_frame_of_its_tool() -> None:
-    tables = make_job_of_two_lengths()
+    tables = make_job(OUTER, DRILL, post=SIGNALS, tools=TOOLS_OF_TWO_LENGTHS)
     result = camgen.build(BRACKET, post="rapid", job=tables | {"cell": {"robot": "IRB 120"}})
     assert [file.name for file in result.files] == ["bracket_1.mod", "bracket_2.mod"]
     readings = [
@@ -389,11 +384,10 @@ def test_the_outline_of_the_stock_is_not_machined() -> None:
 def test_a_robot_with_one_tool_has_its_frame_with_a_number_and_without(number: int) -> None:
     """The default length of [tool] is 100 mm. The tool of [[tools]] is 180 mm long and is used."""
     tools = [{"name": "long", "number": number, "diameter": 6.0, "length": 180.0, "speed": 9000.0}]
-    signals = {"signals": {"spindle": "aoSpindle", "process": "doProcess"}}
-    tables = {"tools": tools, "operations": [OUTER | {"tool": "long"}], "post": signals}
+    tables = {"tools": tools, "operations": [OUTER | {"tool": "long"}], "post": SIGNALS}
     result = camgen.build(BRACKET, post="rapid", job=tables)
     (file,) = result.files
-    reading = find_readback("rapid")({file.name: file.text}, signals)
+    reading = find_readback("rapid")({file.name: file.text}, SIGNALS)
     assert reading.tool is not None
     assert reading.tool.origin == (0.0, 0.0, 180.0)
     assert result.program.flange_from_tool.origin == (0.0, 0.0, 180.0)
@@ -449,6 +443,7 @@ def test_an_operation_refuses_a_setting_of_the_whole_program(key: str) -> None:
 
 
 def test_one_tool_frame_is_refused_for_tools_of_several_lengths() -> None:
-    tables = make_job_of_two_lengths() | {"cell": {"flange_from_tool": [0, 0, 150, 0, 0, 0]}}
+    cell = {"flange_from_tool": [0, 0, 150, 0, 0, 0]}
+    tables = make_job(OUTER, DRILL, post=SIGNALS, cell=cell, tools=TOOLS_OF_TWO_LENGTHS)
     with pytest.raises(JobError, match="is one frame, and the tools have several lengths"):
         camgen.build(BRACKET, post="rapid", job=tables)

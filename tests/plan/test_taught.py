@@ -50,13 +50,13 @@ def test_targets_keep_the_flange_where_it_was():
         MoveJ(make_pose(10, 20, 30, 0.5), 100.0),
         MoveL(make_pose(10, 80, 30, 0.5), 50.0),
     ]
-    places = (0, 0, 0, 3, 3)
-    converted = in_one_frame(Executed(body, (1, 2, 3, 4, 5), FRAMES, places), "a.mod", 0.02)
+    frame_indices = (0, 0, 0, 3, 3)
+    converted = in_one_frame(Executed(body, (1, 2, 3, 4, 5), FRAMES, frame_indices), "a.mod", 0.02)
     assert converted.frames is FRAMES[0]
     assert len(converted.body) == 5  # the tool does not turn along the line
-    for before, after, place in zip(body, converted.body, places, strict=True):
+    for before, after, index in zip(body, converted.body, frame_indices, strict=True):
         assert is_close(
-            find_flange(before.target, FRAMES[place]), find_flange(after.target, FRAMES[0])
+            find_flange(before.target, FRAMES[index]), find_flange(after.target, FRAMES[0])
         )
     assert (
         "motions with t1 are told with t0; motions in w1 are told in w0" in converted.notes[0].what

@@ -23,8 +23,9 @@ PLATE = (
 
 
 def plan_worked(shapes: tuple[Contour, ...], worked: set[str], **operation: object) -> Plan:
-    table = OperationTable(**{"kind": "follow", **operation})  # type: ignore[arg-type]
-    job = Job(tool=ToolTable(diameter=6.0), operation=table)
+    job = Job(
+        tool=ToolTable(diameter=6.0), operation=OperationTable(**{"kind": "follow", **operation})
+    )
     return plan(Part("p", "p.dxf", "mm", shapes, (), worked=frozenset(worked)), job)
 
 
@@ -72,8 +73,9 @@ def test_the_paths_are_the_same_if_all_contours_are_selected_or_none() -> None:
 def test_a_note_names_a_contour_that_crosses_itself_and_is_not_kept_clear_of() -> None:
     bow = contour([(120, 0), (140, 20), (140, 0), (120, 20)], name="c5")
     (note,) = plan_worked((PLATE[0], bow), {"c1"}).notes
-    text = "warning: 1 contour not kept clear of: c5 (no clear inside, and not worked on)"
-    assert str(note) == text
+    assert (
+        str(note) == "warning: 1 contour not kept clear of: c5 (no clear inside, and not worked on)"
+    )
 
 
 @pytest.mark.parametrize("side", ["left", "right", "inside", "outside"])
