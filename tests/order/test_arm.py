@@ -1,4 +1,4 @@
-"""An arm that chooses turns, postures and the order of a flat part by the time of its joints."""
+"""Arm tours of a flat part: the time of the joints decides rolls, postures and the order."""
 
 import math
 from itertools import pairwise
@@ -18,6 +18,7 @@ from camgen.pipeline import Result
 from camgen.plan.leave_out import leave_out_paths
 from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.forward import compute_flange
+from tests.order.test_arm_flow import locate_tip
 from tests.support.built import build
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -30,13 +31,13 @@ def panel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return robotsp.draw(robotsp.made_holes(), tmp_path_factory.mktemp("panel"))
 
 
-def drilled(panel: Path, post: str = "rapid", **tool: object) -> Result:
-    made = robotsp.job([])
-    made["tool"] = {**made["tool"], "symmetric": False, **tool}  # type: ignore[dict-item]
-    return build(panel, post=post, job=made)
+def drill_panel(panel: Path, post: str = "rapid", **tool: object) -> Result:
+    job = robotsp.job([])
+    job["tool"] = {**job["tool"], "symmetric": False, **tool}  # type: ignore[dict-item]
+    return build(panel, post=post, job=job)
 
 
-def traced(post: str = "rapid", **tables: dict[str, object]) -> Result:
+def trace_bracket(post: str = "rapid", **tables: dict[str, object]) -> Result:
     job: Tables = {
         "cell": CELL,
         "operation": {"kind": "trace"},
@@ -46,38 +47,32 @@ def traced(post: str = "rapid", **tables: dict[str, object]) -> Result:
     return build(PARTS / "bracket.dxf", post=post, job=job)
 
 
-def poses(result: Result) -> list[Pose]:
+def list_poses(result: Result) -> list[Pose]:
     return [m.target for m in result.program.columns.moves if isinstance(m, (MoveL, MoveC))]
 
 
-def turn_of(pose: Pose) -> float:
-    """deg about the tool's axis from straight down with x along the work's x."""
+def measure_roll(pose: Pose) -> float:
+    """Roll of a tool that points down, deg; 0 if its x axis is that of the work frame."""
     return math.degrees(math.atan2(-pose.rotation[1, 0], pose.rotation[0, 0])) * -1
 
 
 @pytest.mark.parametrize("tool", [{"symmetric": True}, {"turn": [-90, 90, 45]}])
-def test_turning_about_the_axis_leaves_the_tip_and_the_axis_where_they_are(
+def test_a_roll_changes_neither_the_path_of_the_tip_nor_the_tool_axis(
     tool: dict[str, object],
 ) -> None:
-    free, fixed = traced(tool=tool), traced(tool={})
+    free, fixed = trace_bracket(tool=tool), trace_bracket(tool={})
     assert isinstance(free.tour, ArmTour)
-    for pose in poses(free):
+    for pose in list_poses(free):
         np.testing.assert_allclose(pose.rotation[:, 2], [0, 0, -1], atol=1e-12)
-    lines = [
-        {(round(x, 6), round(y, 6)) for x, y, _ in (p.origin for p in poses(r))}
-        for r in (free, fixed)
-    ]
-    drawn = {
-        (round(x, 6), round(y, 6))
-        for x, y in np.concatenate([c.points for c in free.part.contours]).tolist()
-    }
-    assert drawn <= lines[0]
-    assert drawn <= lines[1]
+    drawn = np.concatenate([contour.points for contour in free.part.contours]).round(6)
+    for result in (free, fixed):
+        origins = np.array([pose.origin for pose in list_poses(result)]).round(6)
+        assert set(map(tuple, drawn.tolist())) <= set(map(tuple, origins[:, :2].tolist()))
 
 
 @pytest.mark.parametrize("post", ["rapid", "pacscript"])
-def test_the_joints_of_the_text_lead_to_its_poses_and_go_on_without_a_jump(post: str) -> None:
-    result = traced(post, process={"clearance": 15})
+def test_the_joint_values_of_the_text_give_its_poses_and_have_no_jump(post: str) -> None:
+    result = trace_bracket(post, process={"clearance": 15})
     arm, program = find_robot("IRB 1200"), result.program
     moves = [m for m in program.columns.moves if isinstance(m.target, Pose)]
     rotation, origin = compute_flange(arm, np.array([m.joints.values for m in moves]))
@@ -91,39 +86,38 @@ def test_the_joints_of_the_text_lead_to_its_poses_and_go_on_without_a_jump(post:
     assert np.abs(np.diff(result.reach.joints, axis=0)).max() <= math.radians(30) + 1e-9
 
 
-def test_only_turns_that_the_tool_has_are_chosen() -> None:
-    result = traced(tool={"turn": [-100, 190, 60]})
-    asked = {-60.0, 0.0, 60.0, 120.0, 180.0, -180.0}
-    assert {round(turn_of(pose), 6) for pose in poses(result)} <= asked
+def test_only_rolls_that_the_tool_has_are_chosen() -> None:
+    result = trace_bracket(tool={"turn": [-100, 190, 60]})
+    allowed = {-60.0, 0.0, 60.0, 120.0, 180.0, -180.0}
+    assert {round(measure_roll(pose), 6) for pose in list_poses(result)} <= allowed
     assert isinstance(result.tour, ArmTour)
-    assert {
-        round(math.degrees(turn), 6) for turns in result.tour.rolls for turn in turns.tolist()
-    } <= asked
+    rolls = np.degrees(np.concatenate(result.tour.rolls)).round(6)
+    assert set(rolls.tolist()) <= allowed
 
 
-def test_holes_out_of_reach_at_the_fixed_turn_are_reached_with_others(panel: Path) -> None:
+def test_holes_out_of_reach_with_the_fixed_roll_are_reached_with_others(panel: Path) -> None:
     with pytest.raises(NoSafeProgram):
-        drilled(panel)
-    free = drilled(panel, symmetric=True)
+        drill_panel(panel)
+    free = drill_panel(panel, symmetric=True)
     assert robotsp.find_missed(robotsp.joints_of(free), robotsp.made_holes()) == 0
     assert not [note for note in free.notes if note.kind == "skipped"]
 
 
 def test_the_drill_is_read_back_from_pacscript_too(panel: Path) -> None:
-    free = drilled(panel, "pacscript", symmetric=True)
+    free = drill_panel(panel, "pacscript", symmetric=True)
     assert robotsp.find_missed(robotsp.joints_of(free), robotsp.made_holes()) == 0
     assert free.deviation.max_mm < 0.01
 
 
-def test_seconds_of_the_ways_are_those_of_their_joints(panel: Path) -> None:
-    free = drilled(panel, symmetric=True)
+def test_the_seconds_of_the_links_are_those_of_their_joints(panel: Path) -> None:
+    free = drill_panel(panel, symmetric=True)
     assert isinstance(free.tour, ArmTour)
     _, execution = robotsp.measure(robotsp.joints_of(free))
     assert free.tour.seconds == pytest.approx(execution, rel=1e-6)
 
 
-def test_the_tip_keeps_above_the_part_between_the_paths() -> None:
-    result = traced(process={"clearance": 20, "approach": 2})
+def test_the_tip_stays_above_the_part_between_the_paths() -> None:
+    result = trace_bracket(process={"clearance": 20, "approach": 2})
     arm, program = find_robot("IRB 1200"), result.program
     moves = program.columns.moves
     for before, move in pairwise(moves):
@@ -136,28 +130,23 @@ def test_the_tip_keeps_above_the_part_between_the_paths() -> None:
             rows = (
                 np.array(before.joints.values) * (1 - share) + np.array(move.target.values) * share
             )
-            rotation, origin = compute_flange(arm, rows)
-            tip = (
-                origin
-                + rotation @ np.asarray(program.flange_from_tool.origin)
-                - program.base_from_work.origin
-            )
-            assert tip[:, 2].min() > 2 - 0.1 or move is moves[-1]
+            lowest = locate_tip(program, arm, rows)[:, 2].min()
+            assert lowest > 2 - 0.1 or move is moves[-1]
 
 
-def seconds_of(result: Result) -> float:
-    """The joints' time between the paths, from the program: all lines at the height of travel."""
+def measure_link_seconds(result: Result) -> float:
+    """Time of the joints on all links of a program, s."""
     arm = find_robot("VS-060")
     moves = result.program.columns.moves
-    ways = [(a, b) for a, b in pairwise(moves) if not b.work]
     total = 0.0
-    for a, b in ways:
-        one, other = ((m.joints or m.target).values for m in (a, b))
-        total += float((np.abs(np.subtract(one, other)) / arm.speeds).max())
+    for before, move in pairwise(moves):
+        if not move.work:
+            turns = np.subtract(*((m.joints or m.target).values for m in (before, move)))
+            total += float((np.abs(turns) / arm.speeds).max())
     return total
 
 
-def test_the_order_by_time_is_no_slower_than_the_order_by_length() -> None:
+def test_the_order_by_time_takes_at_most_the_time_of_the_order_by_length() -> None:
     cell = {"robot": "VS-060", "base_from_work": [330, -60, 150, 0, 0, 0]}
     job: Tables = {
         "cell": cell,
@@ -169,16 +158,16 @@ def test_the_order_by_time_is_no_slower_than_the_order_by_length() -> None:
     by_length = camgen.build(drawing, post="pacscript", job={**job, "tour": {"method": "nearest"}})
     assert by_time.tour.method == "joint time"
     assert {p.id for p in by_time.tour.paths} == {p.id for p in by_length.tour.paths}
-    assert seconds_of(by_time) <= seconds_of(by_length) + 1e-6
+    assert measure_link_seconds(by_time) <= measure_link_seconds(by_length) + 1e-6
 
 
-def test_without_a_robot_the_order_is_as_it_was() -> None:
+def test_without_a_robot_the_time_of_joints_does_not_decide_the_order() -> None:
     plain = camgen.build(PARTS / "bracket.dxf", post="rapid", job={"operation": {"kind": "trace"}})
     assert plain.tour.method != "joint time"
 
 
 def test_holes_come_before_their_outline() -> None:
-    result = traced(operation={"kind": "follow"})
+    result = trace_bracket(operation={"kind": "follow"})
     parents = {path.id: path.parent for path in result.planned}
     ids = [path.id for path in result.planned]
     order = [path.id for path in result.tour.paths]
@@ -187,14 +176,13 @@ def test_holes_come_before_their_outline() -> None:
             assert order.index(name) < order.index(ids[parent])
 
 
-def test_a_path_that_no_turn_reaches_costs_no_other_one() -> None:
+def test_a_path_that_no_roll_reaches_is_left_out_alone() -> None:
     cell = {**CELL, "fixtures": [[60, 5, -5, 75, 25, 60]]}
-    result = traced(cell=cell)
-    lost = [name for note in result.notes if note.kind == "skipped" for name in note.ids]
-    assert lost
-    assert {path.id for path in result.tour.paths} == {path.id for path in result.planned} - set(
-        lost
-    )
+    result = trace_bracket(cell=cell)
+    skipped = set().union(*(note.ids for note in result.notes if note.kind == "skipped"))
+    assert skipped
+    planned = {path.id for path in result.planned}
+    assert {path.id for path in result.tour.paths} == planned - skipped
 
 
 REFUSED = [
@@ -218,7 +206,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("post", "cell", "tool", "process", "where", "what"), REFUSED)
-def test_what_cannot_be_meant_is_refused(
+def test_settings_that_an_arm_tour_cannot_have_are_refused(
     post: str,
     cell: dict[str, object],
     tool: dict[str, object],
@@ -226,28 +214,27 @@ def test_what_cannot_be_meant_is_refused(
     where: str,
     what: str,
 ) -> None:
+    job = {"cell": cell, "tool": tool, "process": process}
     with pytest.raises(JobError) as error:
-        camgen.build(
-            PARTS / "bracket.dxf", post=post, job={"cell": cell, "tool": tool, "process": process}
-        )
+        camgen.build(PARTS / "bracket.dxf", post=post, job=job)
     assert error.value.where == where
     assert what in error.value.what
 
 
 @pytest.mark.parametrize("key", ["joint_speeds", "joint_accelerations"])
 @pytest.mark.parametrize("values", [[1.0], [1, 1, 1, 1, 1, 0]])
-def test_speeds_of_joints_are_one_for_each(key: str, values: list[float]) -> None:
+def test_limits_of_joints_need_one_positive_value_per_joint(key: str, values: list[float]) -> None:
     with pytest.raises(CamgenError, match="6 joints"):
-        traced(cell={**CELL, key: values})
+        trace_bracket(cell={**CELL, key: values})
 
 
-def test_joints_that_are_held_to_a_speed_take_longer() -> None:
-    slow = traced(cell={**CELL, "joint_speeds": [5.0] * 6}, process={"travel": 1000})
-    fast = traced(process={"travel": 1000})
+def test_links_take_longer_with_slower_joints() -> None:
+    slow = trace_bracket(cell={**CELL, "joint_speeds": [5.0] * 6}, process={"travel": 1000})
+    fast = trace_bracket(process={"travel": 1000})
     assert slow.cycle.travel > 1.5 * fast.cycle.travel
 
 
-def test_a_path_that_is_left_out_gives_its_holes_to_what_is_around_it() -> None:
+def test_holes_of_an_outline_that_is_left_out_are_planned_without_it() -> None:
     planned = camgen.plan(camgen.read(PARTS / "bracket.dxf"), {"operation": {"kind": "follow"}})
     outline = next(path.id for path in planned.paths if path.parent < 0)
     left = leave_out_paths(planned, {outline: "a reason"})

@@ -1,4 +1,4 @@
-"""Ways home where RFA has none: found by a search, proved like any link, tried last, and bounded."""
+"""Detours home if RFA finds no retraction: searched last and with a limit, proved like any link."""
 
 import importlib
 from itertools import pairwise
@@ -30,83 +30,91 @@ ARM = find_robot("IRB 120")
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ROUTE = importlib.import_module("camgen.order.edges.route")
 LEFT, RIGHT = np.radians([-60.0, 40, 10, 0, 40, 0]), np.radians([60.0, 40, 10, 0, 40, 0])
-#: A wall straight ahead of the arm, 500 mm high: the arm must be lifted to get from one side to the other.
+#: A wall straight ahead of the arm, 500 mm high.
+#: The arm must be lifted to get from one side to the other.
 WALL = [[250.0, -20.0, -290.0, 700.0, 20.0, 500.0]]
 
 
-def scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, FreeSpace]:
+def make_scene(fixtures: list[list[float]], margin: float = 2.0) -> tuple[Setup, FreeSpace]:
     job = Job(cell=CellTable(robot="IRB 120", fixtures=fixtures, margin=margin))
     home = Joints(tuple(ARM.home.tolist()))
     cell = equip_cell(Cell("arm", translation(0, 0, 0), translation(0, 0, 100), home), job, ARM)
-    where = make_cell_scene(job, cell, None)
-    setup = make_setup(ARM, cell, where)
-    return setup, make_free_space(where, setup)
+    cell_scene = make_cell_scene(job, cell, None)
+    setup = make_setup(ARM, cell, cell_scene)
+    return setup, make_free_space(cell_scene, setup)
 
 
-def even(way: FloatArray, parts: int = 400) -> FloatArray:
-    """Joint values on straight lines from row to row."""
+def interpolate(detour_joints: FloatArray, parts: int = 400) -> FloatArray:
+    """Joint values on straight lines from row to row, `parts` for each line."""
     return np.concatenate(
-        [a + np.linspace(0, 1, parts)[:, None] * (b - a) for a, b in pairwise(way)]
+        [a + np.linspace(0, 1, parts)[:, None] * (b - a) for a, b in pairwise(detour_joints)]
     )
 
 
 @pytest.mark.parametrize("margin", [0.0, 10.0])
-def test_a_wall_is_gone_round_with_the_margin(margin: float) -> None:
-    setup, room = scene(WALL, margin)
-    assert isinstance(room.look([SampledMotion(np.stack([LEFT, RIGHT]))])[0], Blockage)
-    way = find_detour(setup, room, LEFT, RIGHT)
-    assert way is not None
-    assert np.array_equal(way[[0, -1]], [LEFT, RIGHT])
-    rows = even(way)
+def test_a_detour_around_a_wall_keeps_the_margin(margin: float) -> None:
+    setup, space = make_scene(WALL, margin)
+    assert isinstance(space.look([SampledMotion(np.stack([LEFT, RIGHT]))])[0], Blockage)
+    detour_joints = find_detour(setup, space, LEFT, RIGHT)
+    assert detour_joints is not None
+    assert np.array_equal(detour_joints[[0, -1]], [LEFT, RIGHT])
+    rows = interpolate(detour_joints)
     assert are_within_limits(ARM, rows).all()
     assert setup.clear(rows).all()
-    # Between two looks a way may come nearer by a little.
-    where = scene(WALL, 0.8 * margin)[0]
-    assert where.roomy(rows).all()
+    # Between two samples a detour may come a little nearer.
+    assert make_scene(WALL, 0.8 * margin)[0].roomy(rows).all()
 
 
-def test_the_same_question_has_the_same_answer_and_a_short_one() -> None:
-    setup, room = scene(WALL)
-    one, two = (find_detour(setup, room, LEFT, RIGHT) for _ in range(2))
-    assert one is not None
-    assert two is not None
-    assert one.tolist() == two.tolist()
-    back = find_detour(setup, room, RIGHT, LEFT)
+def test_the_same_search_finds_the_same_short_detour() -> None:
+    setup, space = make_scene(WALL)
+    first, second = (find_detour(setup, space, LEFT, RIGHT) for _ in range(2))
+    assert first is not None
+    assert second is not None
+    assert first.tolist() == second.tolist()
+    back = find_detour(setup, space, RIGHT, LEFT)
     assert back is not None
-    for way in (one, back):
-        seconds = (np.abs(np.diff(way, axis=0)) / ARM.speeds).max(axis=1).sum()
+    for detour_joints in (first, back):
+        seconds = (np.abs(np.diff(detour_joints, axis=0)) / ARM.speeds).max(axis=1).sum()
         assert seconds < 3 * (np.abs(LEFT - RIGHT) / ARM.speeds).max()
 
 
-def test_what_is_shut_in_has_no_way_and_the_search_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both ends are free for 0.3 rad around them, and nothing else is."""
-    setup, room = scene([])
-    asked: list[int] = []
+def test_enclosed_joint_values_have_no_detour_and_the_search_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Both ends are free for 0.3 rad around them, and all else collides."""
+    setup, space = make_scene([])
+    tested: list[int] = []
 
-    def shut(joints: FloatArray) -> np.ndarray:
-        asked.append(len(joints))
+    def is_near_an_end(joints: FloatArray) -> np.ndarray:
+        tested.append(len(joints))
         return (np.abs(joints - LEFT).max(axis=1) < 0.3) | (
             np.abs(joints - RIGHT).max(axis=1) < 0.3
         )
 
     monkeypatch.setattr(detour, "MAX_SAMPLES", 5000)
-    assert find_detour(replace(setup, clear=shut, roomy=shut), room, RIGHT, LEFT) is None
-    # With the margin and without it, and what is asked together at the end.
-    assert 5000 < sum(asked) < 3 * 5000
+    assert (
+        find_detour(replace(setup, clear=is_near_an_end, roomy=is_near_an_end), space, RIGHT, LEFT)
+        is None
+    )
+    # One search with the margin and one without, and the last samples, which are tested together.
+    assert 5000 < sum(tested) < 3 * 5000
 
 
-def test_an_end_that_collides_has_no_way() -> None:
-    setup, room = scene(WALL)
+def test_an_end_that_collides_has_no_detour() -> None:
+    setup, space = make_scene(WALL)
     inside = np.radians([0.0, 60, 0, 0, 30, 0])
     assert not setup.clear(inside[None])[0]
-    assert find_detour(setup, room, inside, RIGHT) is None
+    assert find_detour(setup, space, inside, RIGHT) is None
 
 
-def roofed(tmp_path: Path) -> Result:
-    """A plate of 60 x 40 x 10 mm under a roof 100 mm above it, wider than the plate: no way leads up from its edges."""
-    made = trimesh.creation.box((60, 40, 10))
-    made.apply_translation((30, 20, 5))
-    made.export(tmp_path / "plate.stl")
+def build_under_a_roof(tmp_path: Path) -> Result:
+    """A plate of 60 x 40 x 10 mm under a roof, 100 mm above it.
+
+    The roof is wider than the plate, so no retraction leads up from the edges.
+    """
+    plate = trimesh.creation.box((60, 40, 10))
+    plate.apply_translation((30, 20, 5))
+    plate.export(tmp_path / "plate.stl")
     table = {
         "fixtures": [[-300, -300, -30, 300, 300, -1], [-60, -60, 110, 120, 100, 120]],
         "robot": "IRB 120",
@@ -127,25 +135,25 @@ def roofed(tmp_path: Path) -> Result:
     )
 
 
-def test_edges_under_a_roof_are_left_by_ways_that_are_searched_for(
+def test_edges_under_a_roof_are_left_by_detours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = roofed(tmp_path)
+    result = build_under_a_roof(tmp_path)
     assert len(result.tour.paths) >= 2
     assert result.report["checks"]["collision"] == "partly checked"
     assert any("found by search" in note.what for note in result.notes)
     assert result.reach is not None
     assert result.where is not None
     assert (find_collisions(result.where.scene, result.reach.joints) < 0).all()
-    # From edge to home and back by way of joint values that are neither.
-    swings = [one for one in result.program.body if isinstance(one, MoveJ)]
-    assert len(swings) > 2 * len(result.tour.paths) + 2
+    # Between an edge and home the arm passes through other joint values.
+    joint_motions = [item for item in result.program.body if isinstance(item, MoveJ)]
+    assert len(joint_motions) > 2 * len(result.tour.paths) + 2
     monkeypatch.setattr(ROUTE, "find_detour", lambda *_: None)
     with pytest.raises(NoSafeProgram, match="none of"):
-        roofed(tmp_path)
+        build_under_a_roof(tmp_path)
 
 
-def test_where_rfa_has_a_way_nothing_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_detour_is_searched_if_rfa_finds_a_retraction(monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*_: object) -> None:
         raise AssertionError
 
@@ -155,9 +163,11 @@ def test_where_rfa_has_a_way_nothing_is_searched(monkeypatch: pytest.MonkeyPatch
     assert not any("found by search" in note.what for note in result.notes)
 
 
-def test_after_some_searches_in_vain_no_more_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-    monkeypatch.setattr(ROUTE, "find_detour", lambda *found: asked.append(found))
-    detours = ROUTE._Detours(ROUTE.RouteCell(*scene(WALL), LEFT))
+def test_no_detour_is_searched_after_some_fruitless_searches(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    searches = []
+    monkeypatch.setattr(ROUTE, "find_detour", lambda *ends: searches.append(ends))
+    detours = ROUTE._Detours(ROUTE.RouteCell(*make_scene(WALL), LEFT))
     assert all(detours.find_home(RIGHT) is None for _ in range(40))
-    assert len(asked) == ROUTE._MAX_FRUITLESS
+    assert len(searches) == ROUTE._MAX_FRUITLESS

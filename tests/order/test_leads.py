@@ -1,4 +1,4 @@
-"""Run-in, run-out and overlap."""
+"""Lead-in, lead-out and overlap."""
 
 import math
 
@@ -17,33 +17,33 @@ from camgen.plan.starting import move_start
 from tests.support.drawn import circle, contour, part, rectangle
 
 
-def led(*contours: Contour, **operation: object) -> tuple[list[ToolPath], list[Note]]:
+def plan_with_leads(*contours: Contour, **operation: object) -> tuple[list[ToolPath], list[Note]]:
     job = Job(operation=OperationTable(**operation))  # type: ignore[arg-type]
     drawn = part(*contours)
     return add_leads(plan(drawn, job).paths, drawn, job)
 
 
-def tangents(path: ToolPath) -> list[np.ndarray]:
-    """Directions at the start of each segment and at its end, from chord and via alone."""
-    found = []
+def list_tangents(path: ToolPath) -> list[np.ndarray]:
+    """Directions at the start and at the end of each segment, from its ends and its via point."""
+    directions = []
     for a, v, b in zip(path.position[:-1], path.via[1:], path.position[1:], strict=True):
         if np.isnan(v[0]):
-            found += [(b - a) / np.linalg.norm(b - a)] * 2
+            directions += [(b - a) / np.linalg.norm(b - a)] * 2
         else:
-            # The tangent at an end of an arc mirrors the chord at the half-chord to the middle.
+            # The tangent at an end of an arc is the chord, mirrored at the chord to the via point.
             chord = (b - a) / np.linalg.norm(b - a)
             for half in ((v - a) / np.linalg.norm(v - a), (b - v) / np.linalg.norm(b - v)):
-                found.append(2 * (half @ chord) * half - chord)
-    return found
+                directions.append(2 * (half @ chord) * half - chord)
+    return directions
 
 
 def test_a_lead_is_a_quarter_circle_that_meets_the_path_smoothly() -> None:
-    (path,), notes = led(rectangle(0, 0, 100, 60), lead_in=4.0, lead_out=3.0)
+    (path,), notes = plan_with_leads(rectangle(0, 0, 100, 60), lead_in=4.0, lead_out=3.0)
     assert not notes
     lengths = measure_spans(path.position, path.via[1:])
     assert lengths[0] == pytest.approx(4.0)
     assert lengths[-1] == pytest.approx(3.0)
-    direction = tangents(path)
+    direction = list_tangents(path)
     assert direction[1] @ direction[2] == pytest.approx(1.0)
     assert direction[-3] @ direction[-2] == pytest.approx(1.0)
     assert abs(direction[0] @ direction[1]) == pytest.approx(0.0, abs=1e-9)
@@ -52,7 +52,7 @@ def test_a_lead_is_a_quarter_circle_that_meets_the_path_smoothly() -> None:
 
 def test_leads_never_come_nearer_to_the_part_than_the_tool() -> None:
     shapes = [rectangle(0, 0, 100, 60), circle(30, 30, 12, "c2"), rectangle(60, 20, 20, 9, "c3")]
-    paths, _ = led(*shapes, lead_in=5.0, lead_out=5.0)
+    paths, _ = plan_with_leads(*shapes, lead_in=5.0, lead_out=5.0)
     assert len(paths) == 3
     obstacles = Obstacles(
         drawn := make_contour_segments(shapes), np.zeros(len(drawn), dtype=np.int64)
@@ -65,26 +65,27 @@ def test_leads_never_come_nearer_to_the_part_than_the_tool() -> None:
             assert (gap >= 3.0 - 0.005).all()
 
 
-def test_a_lead_that_does_not_fit_is_shortened_and_said() -> None:
-    (path,), notes = led(circle(0, 0, 4), side="inside", lead_in=8.0)
-    # Inside a hole of 8 mm the centre of the 6 mm tool has a circle of 1 mm: a quarter circle of at most 1 mm radius.
+def test_a_lead_that_does_not_fit_is_shortened_with_a_note() -> None:
+    (path,), notes = plan_with_leads(circle(0, 0, 4), side="inside", lead_in=8.0)
+    # In a hole of 8 mm the centre of the 6 mm tool runs on a circle with a radius of 1 mm.
+    # So the lead is a quarter circle with a radius of 1 mm at most.
     assert measure_path(path) <= 2 * math.pi + math.pi / 2 + 1e-9
     assert len(notes) == 1
     assert notes[0].kind == "warning"
 
 
-def test_overlap_runs_on_beyond_the_seam() -> None:
-    (path,), _ = led(rectangle(0, 0, 100, 60), overlap=7.5)
-    (plain,), _ = led(rectangle(0, 0, 100, 60))
+def test_an_overlap_continues_beyond_the_seam() -> None:
+    (path,), _ = plan_with_leads(rectangle(0, 0, 100, 60), overlap=7.5)
+    (plain,), _ = plan_with_leads(rectangle(0, 0, 100, 60))
     assert measure_path(path) == pytest.approx(measure_path(plain) + 7.5)
     assert not path.closed
-    (long,), _ = led(rectangle(0, 0, 100, 60), overlap=130.0)
+    (long,), _ = plan_with_leads(rectangle(0, 0, 100, 60), overlap=130.0)
     assert measure_path(long) == pytest.approx(measure_path(plain) + 130.0)
-    (twice,), _ = led(circle(0, 0, 10), overlap=1000.0)
+    (twice,), _ = plan_with_leads(circle(0, 0, 10), overlap=1000.0)
     assert measure_path(twice) == pytest.approx(2 * 2 * math.pi * 13)
 
 
-def test_no_force_along_a_lead() -> None:
+def test_a_lead_has_no_force() -> None:
     job = Job(operation=OperationTable(lead_in=4.0, lead_out=4.0), process=ProcessTable(force=5.0))
     drawn = part(circle(0, 0, 20))
     ((path,), _) = add_leads(plan(drawn, job).paths, drawn, job)
@@ -93,7 +94,7 @@ def test_no_force_along_a_lead() -> None:
     assert (path.force[2:-1] == 5.0).all()
 
 
-def test_a_lead_beside_an_outer_corner_keeps_to_the_feed() -> None:
+def test_a_lead_at_an_outer_corner_keeps_the_feed() -> None:
     job = Job(operation=OperationTable(lead_in=4.0, lead_out=4.0), process=ProcessTable(feed=10.0))
     drawn = part(rectangle(0, 0, 60, 40))
     (planned,) = plan(drawn, job).paths
@@ -104,35 +105,34 @@ def test_a_lead_beside_an_outer_corner_keeps_to_the_feed() -> None:
     assert path.feed[[2, -2]].tolist() == [20.0, 20.0]
 
 
-def test_press_turns_with_the_lead_and_stays_square_to_the_travel() -> None:
-    (path,), _ = led(circle(0, 0, 20), lead_in=4.0, lead_out=4.0)
-    direction = tangents(path)
+def test_the_force_stays_perpendicular_to_the_travel_along_a_lead() -> None:
+    (path,), _ = plan_with_leads(circle(0, 0, 20), lead_in=4.0, lead_out=4.0)
+    direction = list_tangents(path)
     for row in range(1, len(path.position)):
         for end in (0, 1):
-            assert path.force_direction[row, end] @ direction[2 * (row - 1) + end] == pytest.approx(
-                0.0, abs=1e-6
-            )
+            travel = direction[2 * (row - 1) + end]
+            assert path.force_direction[row, end] @ travel == pytest.approx(0.0, abs=1e-6)
 
 
-def test_an_open_contour_is_led_along_its_tangent() -> None:
+def test_the_leads_of_an_open_contour_run_along_its_tangents() -> None:
     line = contour([(0, 0), (50, 0)], closed=False)
-    (path,), _ = led(line, side="left", lead_in=5.0, lead_out=2.0)
+    (path,), _ = plan_with_leads(line, side="left", lead_in=5.0, lead_out=2.0)
     assert path.position[0].tolist() == pytest.approx([-5, 3, 0])
     assert path.position[-1].tolist() == pytest.approx([52, 3, 0])
 
 
 def test_traced_lines_have_no_leads() -> None:
-    (path,), notes = led(circle(0, 0, 20), kind="trace", lead_in=5.0)
+    (path,), notes = plan_with_leads(circle(0, 0, 20), kind="trace", lead_in=5.0)
     assert measure_path(path) == pytest.approx(40 * math.pi)
     assert not notes
 
 
-def test_a_lead_without_room_at_the_seam_begins_in_the_middle_of_a_long_side() -> None:
+def test_a_lead_without_space_at_the_seam_is_moved_to_the_middle_of_a_long_side() -> None:
     # The seam is at the lower left corner, and the lead to it would come from the lower right.
     shapes = [rectangle(0, 0, 100, 60), circle(10, -9, 3, "c2")]
-    paths, notes = led(*shapes, lead_in=12.0)
+    paths, notes = plan_with_leads(*shapes, lead_in=12.0)
     (path,) = [path for path in paths if path.contours == ("c1",)]
     assert not notes
-    # The tool of 6 mm runs 3 mm beside the long sides, whose middle is at x = 50.
+    # The tool of 6 mm runs 3 mm from the long sides, whose middle is at x = 50.
     x, y, _ = path.position[1]
     assert (x, y) == pytest.approx((50.0, 63.0))

@@ -10,53 +10,54 @@ from camgen.order.solver.ring import make_ring, shorten_ring
 from camgen.order.solver.ring_moves import move_between
 
 
-def table_of(points: np.ndarray) -> np.ndarray:
+def make_distances(points: np.ndarray) -> np.ndarray:
     return np.linalg.norm(points[:, None] - points[None], axis=-1)
 
 
-def length(table: np.ndarray, ring: list[int]) -> float:
+def measure_length(table: np.ndarray, ring: list[int]) -> float:
     return float(sum(table[ring[k - 1], ring[k]] for k in range(len(ring))))
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_no_ring_of_few_places_is_shorter(seed: int) -> None:
+def test_the_ring_of_few_points_is_the_shortest(seed: int) -> None:
     rng = random.Random(seed)
     count = rng.randint(5, 8)
-    table = table_of(np.array([[rng.random(), rng.random()] for _ in range(count)]))
-    found = shorten_ring(table, range(count), 60)
-    best = min(length(table, [0, *rest]) for rest in itertools.permutations(range(1, count)))
-    assert found[0] == 0
-    assert sorted(found) == list(range(count))
-    assert length(table, found) == pytest.approx(best)
-
-
-def test_a_circle_is_found_again() -> None:
-    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    table = table_of(np.column_stack([np.cos(angle), np.sin(angle)]))
-    mixed = [0, *random.Random(3).sample(range(1, 60), 59)]
-    assert length(table, shorten_ring(table, mixed, 500)) == pytest.approx(
-        60 * 2 * np.sin(np.pi / 60)
+    table = make_distances(np.array([[rng.random(), rng.random()] for _ in range(count)]))
+    ring = shorten_ring(table, range(count), 60)
+    best = min(
+        measure_length(table, [0, *rest]) for rest in itertools.permutations(range(1, count))
     )
+    assert ring[0] == 0
+    assert sorted(ring) == list(range(count))
+    assert measure_length(table, ring) == pytest.approx(best)
 
 
-def test_the_change_of_moves_is_the_change_of_the_length() -> None:
-    table = table_of(np.random.default_rng(5).random((40, 2)))
+def test_the_shortest_ring_of_points_on_a_circle_is_the_circle() -> None:
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    table = make_distances(np.column_stack([np.cos(angle), np.sin(angle)]))
+    mixed = [0, *random.Random(3).sample(range(1, 60), 59)]
+    ring = shorten_ring(table, mixed, 500)
+    assert measure_length(table, ring) == pytest.approx(60 * 2 * np.sin(np.pi / 60))
+
+
+def test_moves_change_the_length_by_the_change_that_they_report() -> None:
+    table = make_distances(np.random.default_rng(5).random((40, 2)))
     scene, run = make_ring(table, range(40), 0, 1)
-    before = length(table, run.ring)
+    before = measure_length(table, run.ring)
     change = repair(scene, run)
-    assert before + change == pytest.approx(length(table, run.ring))
+    assert before + change == pytest.approx(measure_length(table, run.ring))
     run.marks[LOGS] = 1
     for _ in range(200):
-        before = length(table, run.ring)
+        before = measure_length(table, run.ring)
         change = try_shuffle(scene, run)
         assert change <= 0.0
-        assert before + change == pytest.approx(length(table, run.ring))
+        assert before + change == pytest.approx(measure_length(table, run.ring))
         assert [run.ring[run.place[k]] for k in range(40)] == list(range(40))
 
 
 @pytest.mark.parametrize("count", [6, 9, 14])
 def test_a_stretch_moves_between_neighbours_and_the_others_keep_their_order(count: int) -> None:
-    table = table_of(np.random.default_rng(count).random((count, 2)))
+    table = make_distances(np.random.default_rng(count).random((count, 2)))
     for start, step, size, side in itertools.product(range(count), (1, -1), (1, 2, 3), (1, -1)):
         stretch = [(start + step * k) % count for k in range(size)]
         others = [k for k in range(count) if k not in stretch]
@@ -70,24 +71,24 @@ def test_a_stretch_moves_between_neighbours_and_the_others_keep_their_order(coun
             begin = run.place[c]
             moved = [run.ring[(begin + side * k) % count] for k in range(size + 2)]
             assert moved == [c, *stretch, d]
-            assert turned_to(others[0], [k for k in run.ring if k not in stretch]) == others
+            assert rotate_to(others[0], [k for k in run.ring if k not in stretch]) == others
 
 
-def turned_to(first: int, ring: list[int]) -> list[int]:
+def rotate_to(first: int, ring: list[int]) -> list[int]:
     at = ring.index(first)
     return ring[at:] + ring[:at]
 
 
 def test_the_compiled_search_finds_the_same_ring() -> None:
     pytest.importorskip("numba", reason="the extra `fast` is not installed")
-    table = np.round(table_of(np.random.default_rng(9).random((60, 2))), 2)
+    table = np.round(make_distances(np.random.default_rng(9).random((60, 2))), 2)
     scene, run = make_ring(table, range(60), 1_200, 4)
     search(scene, run, ENDLESS, ENDLESS)
-    assert shorten_ring(table, range(60), 1_200, 4) == turned_to(0, run.ring)
+    assert shorten_ring(table, range(60), 1_200, 4) == rotate_to(0, run.ring)
 
 
 def test_costs_that_differ_by_direction_are_refused() -> None:
-    table = table_of(np.random.default_rng(0).random((6, 2)))
+    table = make_distances(np.random.default_rng(0).random((6, 2)))
     table[1, 2] += 0.1
     with pytest.raises(ValueError, match="the same both ways"):
         shorten_ring(table, range(6), 1)

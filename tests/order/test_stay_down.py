@@ -1,4 +1,4 @@
-"""Ways at working height: the distance of a way from what is drawn, and programs without a needless lift."""
+"""Links at working height: their distance from contours, and programs without needless lifts."""
 
 import itertools
 import math
@@ -15,14 +15,16 @@ from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToolT
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
+from camgen.order.arrange import TourSettings, order_paths
 from camgen.order.stay_down import stay_down
 from camgen.pipeline import build
+from camgen.plan.follow import follow
 from tests.support.examples import fewer
 
 
 @fewer(10)
 @given(st.integers(0, 10**6))
-def test_the_distance_of_a_way_is_that_of_its_points(seed: int) -> None:
+def test_the_distance_of_a_line_is_the_least_distance_of_its_points(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lines = make_segments(
         rng.uniform(0, 20, (6, 2)),
@@ -34,31 +36,30 @@ def test_the_distance_of_a_way_is_that_of_its_points(seed: int) -> None:
     drawn = make_segments(
         rng.uniform(0, 20, (8, 2)), rng.uniform(0, 20, (8, 2)), bulge, np.zeros(8, dtype=np.int64)
     )
-    fine = 150
-    t = np.linspace(0, 1, fine + 1)
-    found = measure_gaps(lines, drawn, 100.0)
+    intervals = 150
+    t = np.linspace(0, 1, intervals + 1)
+    gaps = measure_gaps(lines, drawn, 100.0)
     for k in range(6):
-        way = lines.start[k] + t[:, None] * (lines.end[k] - lines.start[k])
+        on_line = lines.start[k] + t[:, None] * (lines.end[k] - lines.start[k])
         least = math.inf
         for row in range(8):
-            one = drawn.take(np.full(len(t), row))
-            points = points_at(one, t)
-            least = min(least, np.linalg.norm(way[:, None] - points[None], axis=2).min())
-        # Points so close along both are no farther apart than the two together, and no nearer.
-        step = (float(lines.length[k]) + float(drawn.length.max())) / fine / 2
-        assert found[k] <= least + 1e-9
-        assert found[k] >= least - step - 1e-9
+            points = points_at(drawn.take(np.full(len(t), row)), t)
+            least = min(least, np.linalg.norm(on_line[:, None] - points[None], axis=2).min())
+        # The sampled distance is too large by half of the two steps at most, and never too small.
+        step = (float(lines.length[k]) + float(drawn.length.max())) / intervals / 2
+        assert gaps[k] <= least + 1e-9
+        assert gaps[k] >= least - step - 1e-9
     near = measure_gaps(lines, drawn, 2.0)
-    assert (near[found <= 2.0] == found[found <= 2.0]).all()
-    assert np.isinf(near[found > 2.0]).all()
+    assert (near[gaps <= 2.0] == gaps[gaps <= 2.0]).all()
+    assert np.isinf(near[gaps > 2.0]).all()
 
 
-def block(x: float, y: float, side: float, name: str) -> Contour:
+def make_block(x: float, y: float, side: float, name: str) -> Contour:
     points = [(x, y), (x + side, y), (x + side, y + side), (x, y + side)]
     return Contour(frozen(points), frozen(np.zeros(4)), True, "0", name)
 
 
-def drawing(tmp_path, contours: list[list[tuple[float, float]]]):
+def write_drawing(tmp_path, contours: list[list[tuple[float, float]]]):
     import ezdxf  # noqa: PLC0415
 
     document = ezdxf.new("R2010", units=4)
@@ -69,23 +70,27 @@ def drawing(tmp_path, contours: list[list[tuple[float, float]]]):
     return file
 
 
-def box(x: float, y: float, side: float) -> list[tuple[float, float]]:
+def list_corners(x: float, y: float, side: float) -> list[tuple[float, float]]:
     return [(x, y), (x + side, y), (x + side, y + side), (x, y + side)]
 
 
-def lifts(result) -> int:
-    """Ways at the height of travel between paths: rapid motions that end above."""
-    heights = [i.target.origin[2] for i in result.program.body if isinstance(i, (MoveL, MoveJ)) and
-               isinstance(i.target, Pose)]  # fmt: skip
+def count_lifts(result) -> int:
+    """Number of motions from the part or below up to free space."""
+    motions = [item for item in result.program.body if isinstance(item, (MoveL, MoveJ))]
+    heights = [motion.target.origin[2] for motion in motions if isinstance(motion.target, Pose)]
     return sum(1 for a, b in itertools.pairwise(heights) if a <= 0 < b)
 
 
-def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_not(
-    tmp_path,
-) -> None:
-    # Two blocks face each other; the third has a hole, which needs a lift on both of its ways.
-    file = drawing(
-        tmp_path, [box(0, 0, 20), box(50, 0, 20), box(1000, 1000, 20), box(1006, 1006, 8)]
+def test_a_link_between_facing_blocks_needs_no_lift_and_a_link_over_a_block_does(tmp_path) -> None:
+    # Two blocks face each other. The third has a hole, and both links of the hole need a lift.
+    file = write_drawing(
+        tmp_path,
+        [
+            list_corners(0, 0, 20),
+            list_corners(50, 0, 20),
+            list_corners(1000, 1000, 20),
+            list_corners(1006, 1006, 8),
+        ],
     )
     job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}, "process": {"switch": "contact"}}
     plain = build(file, post="gcode", job=job)
@@ -94,32 +99,43 @@ def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_n
     )
     assert [note.what for note in down.notes if "lifts" in note.what] == ["lifts saved: 1 of 3"]
     assert not [note for note in plain.notes if "lifts" in note.what]
-    assert lifts(plain) == 4
-    assert lifts(down) == 3
+    assert count_lifts(plain) == 4
+    assert count_lifts(down) == 3
     assert down.motions.seconds < plain.motions.seconds
-    # The process is off on every such way, and each keeps 2 mm from every block.
-    on, here, ways = False, None, []
+    # The process is off on such links, and they keep 2 mm from every block.
+    on, start, links = False, None, []
     for item in down.program.body:
         if isinstance(item, Output):
             on = bool(item.value)
         elif isinstance(item, (MoveL, MoveC, MoveJ)) and isinstance(item.target, Pose):
-            there = item.target.origin
-            if here is not None and here[2] == there[2] == -1.0 and not on:
-                ways.append((here, there))
-            here = there
-    assert len(ways) == 1
+            end = item.target.origin
+            if start is not None and start[2] == end[2] == -1.0 and not on:
+                links.append((start, end))
+            start = end
+    assert len(links) == 1
+    a, b = links[0]
     drawn = make_contour_segments(down.part.contours)
-    for a, b in ways:
-        t = np.linspace(0, 1, 2001)[:, None]
-        points = np.array(a[:2]) + t * (np.array(b[:2]) - np.array(a[:2]))
-        for row in range(len(drawn)):
-            sides = points_at(drawn.take(np.full(501, row)), np.linspace(0, 1, 501))
-            assert np.linalg.norm(points[:, None] - sides, axis=2).min() >= 2.0 - 0.005
+    t = np.linspace(0, 1, 2001)[:, None]
+    points = np.array(a[:2]) + t * (np.array(b[:2]) - np.array(a[:2]))
+    for row in range(len(drawn)):
+        sides = points_at(drawn.take(np.full(501, row)), np.linspace(0, 1, 501))
+        assert np.linalg.norm(points[:, None] - sides, axis=2).min() >= 2.0 - 0.005
 
 
-def test_a_tool_that_turns_stays_on_where_it_stays_down(tmp_path) -> None:
-    """Off only where it is up: between two blocks that face each other it is not. A block with a hole needs a lift."""
-    file = drawing(tmp_path, [box(0, 0, 20), box(50, 0, 20), box(100, 0, 40), box(110, 10, 20)])
+def test_a_rotating_tool_stays_on_while_it_stays_down(tmp_path) -> None:
+    """The spindle is off only above the part.
+
+    The tool stays down between two blocks that face each other. A block with a hole needs a lift.
+    """
+    file = write_drawing(
+        tmp_path,
+        [
+            list_corners(0, 0, 20),
+            list_corners(50, 0, 20),
+            list_corners(100, 0, 40),
+            list_corners(110, 10, 20),
+        ],
+    )
     job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}}
     for stay in (False, True):
         result = build(file, post="rapid", job={**job, "process": {"stay_down": stay}})
@@ -127,19 +143,19 @@ def test_a_tool_that_turns_stays_on_where_it_stays_down(tmp_path) -> None:
         assert (lifted < 4) == stay
         values = [item.value for item in result.program.body if isinstance(item, Output)]
         assert values == [0, *[1, 0] * lifted]
-        on, here = False, None
+        on, start = False, None
         for item in result.program.body:
             if isinstance(item, Output):
                 on = bool(item.value)
             elif isinstance(item, (MoveL, MoveC)):
-                there = item.target.origin
-                assert on or there[2] >= 2.0, "at depth with the tool off"
-                assert not on or here[:2] == there[:2] or here[2] == there[2] == -1.0, (
-                    "travels above the part with it on"
+                end = item.target.origin
+                assert on or end[2] >= 2.0, "at depth with the tool off"
+                assert not on or start[:2] == end[:2] or start[2] == end[2] == -1.0, (
+                    "travels above the part with the tool on"
                 )
-                here = there
+                start = end
             elif isinstance(item, MoveJ) and isinstance(item.target, Pose):
-                here = item.target.origin
+                start = item.target.origin
 
 
 @pytest.mark.parametrize(
@@ -151,7 +167,7 @@ def test_a_tool_that_turns_stays_on_where_it_stays_down(tmp_path) -> None:
         ("a clamp aside", {"cell": {"fixtures": [[30, 60, -5, 40, 80, 10]]}}, 1),
         (
             "a clamp that holds all of it",
-            # An arm is not held up by it: without a robot nothing is known to run into.
+            # The program has no robot, so the clamp is not tested for collisions.
             {
                 "cell": {"fixtures": [[-900, -900, -5, 900, 900, 10]]},
                 "post": {"signals": {"spindle": "ao"}},
@@ -163,8 +179,10 @@ def test_a_tool_that_turns_stays_on_where_it_stays_down(tmp_path) -> None:
         ("marks", {"operation": {"kind": "trace"}}, 0),
     ],
 )
-def test_what_keeps_a_lift(tmp_path, why, table, saved) -> None:
-    file = drawing(tmp_path, [box(0, 0, 20), box(50, 0, 20)])
+def test_a_lift_is_kept_for_an_obstacle_or_a_setting_that_needs_it(
+    tmp_path, why, table, saved
+) -> None:
+    file = write_drawing(tmp_path, [list_corners(0, 0, 20), list_corners(50, 0, 20)])
     job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}, **table}
     job["process"] = {
         "stay_down": True,
@@ -172,39 +190,42 @@ def test_what_keeps_a_lift(tmp_path, why, table, saved) -> None:
         **table.get("process", {}),
     }
     result = build(file, post="rapid" if "post" in table else "gcode", job=job)
-    assert [n.what for n in result.notes if "lifts" in n.what] == [f"lifts saved: {saved} of 1"], (
-        why
-    )
+    saved_lifts = [note.what for note in result.notes if "lifts" in note.what]
+    assert saved_lifts == [f"lifts saved: {saved} of 1"], why
 
 
-def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
+def test_a_link_near_a_block_is_lifted() -> None:
     rng = random.Random(5)
-    from camgen.order.arrange import TourSettings, order_paths  # noqa: PLC0415
-    from camgen.plan.follow import follow  # noqa: PLC0415
-
-    cells = rng.sample([(x, y) for x in range(8) for y in range(8)], 30)
+    cells = rng.sample(list(itertools.product(range(8), repeat=2)), 30)
     contours = tuple(
-        block(25.0 * x, 25.0 * y, rng.uniform(8, 20), f"c{k}") for k, (x, y) in enumerate(cells)
+        make_block(25.0 * x, 25.0 * y, rng.uniform(8, 20), f"c{k}")
+        for k, (x, y) in enumerate(cells)
     )
     part = Part("p", "p.dxf", "mm", contours, ())
-    job = Job(operation=OperationTable(depth=1.0), tool=ToolTable(diameter=3.0), process=ProcessTable(stay_down=True),
-              cell=CellTable())  # fmt: skip
+    job = Job(
+        operation=OperationTable(depth=1.0),
+        tool=ToolTable(diameter=3.0),
+        process=ProcessTable(stay_down=True),
+        cell=CellTable(),
+    )
     tour = order_paths(follow(part, job)[0], TourSettings("best", (0.0, 0.0), True))
-    led, _ = stay_down(tour, part, job)
-    assert 5 < len(led.down) < 30
+    lowered, _ = stay_down(tour, part, job)
+    assert 5 < len(lowered.down) < 30
     t = np.linspace(0, 1, 801)[:, None]
     for index in range(1, 30):
-        a, b = led.paths[index - 1].position[-1, :2], led.paths[index].position[0, :2]
+        a, b = lowered.paths[index - 1].position[-1, :2], lowered.paths[index].position[0, :2]
         points = a + t * (b - a)
-        room = math.inf
+        distance = math.inf
         for contour in contours:
             low, high = contour.points.min(axis=0), contour.points.max(axis=0)
             outside = np.maximum(np.maximum(low - points, points - high), 0.0)
-            room = min(room, float(np.hypot(*outside.T).min()))
+            distance = min(distance, float(np.hypot(*outside.T).min()))
         step = float(np.hypot(*(b - a))) / 800
-        assert (index in led.down) == (room >= 1.5 - 0.005) or abs(room - 1.5) < step + 0.01
-        if index in led.down:
-            assert room >= 1.5 - 0.006
+        assert (index in lowered.down) == (distance >= 1.5 - 0.005) or abs(
+            distance - 1.5
+        ) < step + 0.01
+        if index in lowered.down:
+            assert distance >= 1.5 - 0.006
 
 
 #: A block, and two stretches of its lower side for two operations, the second within the first.
@@ -216,8 +237,8 @@ STRETCHES = {"a": [(10, 0), (30, 0)], "b": [(12, 0), (28, 0)]}
     ("why", "below", "table", "row", "is_lifted"),
     [
         ("clear", -20.0, {}, {}, False),
-        # The tool of 4 mm returns 3 mm off the block, and its far edge is 7 mm off. A burr of 3 mm
-        # may stand on the other block.
+        # The tool of 4 mm returns 3 mm from the block, so its far edge is 7 mm from the block.
+        # The other block may have a burr of 3 mm.
         ("another block", -9.9, {}, {}, True),
         ("another block, farther", -10.1, {}, {}, False),
         ("a clamp", -20.0, {"cell": {"fixtures": [[15, -9.5, -5, 25, -8, 10]]}}, {}, True),
@@ -226,10 +247,10 @@ STRETCHES = {"a": [(10, 0), (30, 0)], "b": [(12, 0), (28, 0)]}
         ("another depth", -20.0, {}, {"depth": 1.2}, True),
         ("force", -20.0, {"post": {"force": "ignore"}}, {"force": 5.0}, True),
         ("a ramp", -20.0, {}, {"entry": "ramp"}, True),
-        ("not asked for", -20.0, {}, {"stay_down": False}, True),
+        ("not requested", -20.0, {}, {"stay_down": False}, True),
     ],
 )  # fmt: skip
-def test_the_way_to_the_next_operation_leads_beside_the_contour(
+def test_the_link_to_the_next_operation_leads_along_the_contour(
     tmp_path, why: str, below: float, table: dict, row: dict, is_lifted: bool
 ) -> None:
     import ezdxf  # noqa: PLC0415
@@ -252,9 +273,9 @@ def test_the_way_to_the_next_operation_leads_beside_the_contour(
     moves = [item for item in result.program.body if isinstance(item, (MoveJ, MoveL))]
     ends = np.array([move.target.origin for move in moves if isinstance(move.target, Pose)])
     low = ends[ends[:, 2] < 0]
-    assert lifts(result) == 1 + is_lifted, why
+    assert count_lifts(result) == 1 + is_lifted, why
     if not is_lifted:
-        # In, along the first stretch, out, back, in, and along the second one.
-        places = np.array([(30, -2), (10, -2), (10, -5), (28, -5), (28, -2), (12, -2)])
-        mirrored = places * (-1, 1) + (40, 0)
-        assert any(np.allclose(low[:, :2], expected) for expected in (places, mirrored))
+        # In, along the first stretch, out, back, in, and along the second stretch.
+        corners = np.array([(30, -2), (10, -2), (10, -5), (28, -5), (28, -2), (12, -2)])
+        mirrored = corners * (-1, 1) + (40, 0)
+        assert any(np.allclose(low[:, :2], expected) for expected in (corners, mirrored))

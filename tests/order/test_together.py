@@ -1,4 +1,4 @@
-"""Moves for all items at once, judged by the lengths of the tours that they make."""
+"""Local search moves for all items at once, checked by the lengths of the tours."""
 
 import random
 
@@ -13,10 +13,11 @@ from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED
 from camgen.order.solver.plane import Items, Problem, Start, make_discs
 from camgen.order.solver.together import shorten_together
+from tests.order.test_solver import measure_travel
 
 
-def scene(rng: random.Random, count: int, rules: bool) -> Items:
-    """Lines and rings of samples; with rules some wait for others, in two ranks."""
+def make_items(rng: random.Random, count: int, rules: bool) -> Items:
+    """Random lines and rings; with rules some come before others, and there are two ranks."""
     points, kinds, parents = [], [], []
     for k in range(count):
         middle = np.array(
@@ -37,102 +38,90 @@ def scene(rng: random.Random, count: int, rules: bool) -> Items:
     )
 
 
-def travel(items: Items, tour: Start, home: np.ndarray | None) -> float:
-    leave = np.where(
-        items.kind == CLOSED, tour.enter, items.first[:-1] + items.first[1:] - 1 - tour.enter
-    )
-    begins, ends = items.points[tour.enter[tour.order]], items.points[leave[tour.order]]
-    if home is not None:
-        begins, ends = np.concatenate([begins, [home]]), np.concatenate([[home], ends])
-    else:
-        begins, ends = begins[1:], ends[:-1]
-    return float(np.hypot(*(begins - ends).T).sum())
-
-
 @given(st.integers(0, 10**6), st.integers(1, 60), st.booleans(), st.booleans())
-def test_rules_are_kept_and_each_move_changes_what_it_says(
+def test_rules_are_kept_and_each_move_saves_the_length_that_it_reports(
     seed: int, count: int, at: bool, rules: bool
 ) -> None:
-    items, home = scene(random.Random(seed), count, rules), np.array([30.0, 0.0]) if at else None
+    items, home = (
+        make_items(random.Random(seed), count, rules),
+        np.array([30.0, 0.0]) if at else None,
+    )
     discs = make_discs(items)
-    begun = join_greedily(items, discs, home)
-    assert begun is not None
+    greedy = join_greedily(items, discs, home)
+    assert greedy is not None
     near = find_nearest_items(discs, count, 10)
-    # What a greedy tour leaves over and, without rules, what any order does.
-    random_order = Start(np.random.default_rng(seed).permutation(count), begun.enter)
-    for tour in (begun, begun if rules else random_order):
+    # The search starts from a greedy tour and, without rules, from a random order as well.
+    random_order = Start(np.random.default_rng(seed).permutation(count), greedy.enter)
+    for tour in (greedy, greedy if rules else random_order):
         saved: list[float] = []
         with pytest.MonkeyPatch.context() as patch:
-            watch(patch, saved)
-            found = shorten_together(Problem(items, near, home), tour)
-        order = found.order.tolist()
+            check_moves(patch, saved)
+            shortened = shorten_together(Problem(items, near, home), tour)
+        order = shortened.order.tolist()
         assert sorted(order) == list(range(count))
         assert all(
             p < 0 or order.index(k) < order.index(p) for k, p in enumerate(items.parent.tolist())
         )
-        assert (np.diff(items.rank[found.order]) >= 0).all()
-        assert ((items.first[:-1] <= found.enter) & (found.enter < items.first[1:])).all()
-        # Closed items that are begun anew save the rest.
-        assert travel(items, found, home) <= travel(items, tour, home) + sum(saved) + 1e-6
+        assert (np.diff(items.rank[shortened.order]) >= 0).all()
+        assert ((items.first[:-1] <= shortened.enter) & (shortened.enter < items.first[1:])).all()
+        # New start points of closed items save the rest.
+        assert (
+            measure_travel(items, shortened, home)
+            <= measure_travel(items, tour, home) + sum(saved) + 1e-6
+        )
 
 
-def watch(patch: pytest.MonkeyPatch, saved: list[float]) -> None:
-    """Each time moves are made, that the tour is shorter by what they say; ``saved`` gets it, mm, below 0."""
-    apply, made = together._make_moves, list[tuple[int, ...]]()
+def check_moves(patch: pytest.MonkeyPatch, saved: list[float]) -> None:
+    """Checks each time moves are made that the tour changes by the length that they report.
 
-    def length(now: together._Tour) -> float:
-        return float(np.nansum(now.measure(now.leave[now.order[:-1]], now.enter[now.order[1:]])))
+    saved: receives the change of each time, mm, below 0.
+    """
+    apply, done = together._make_moves, list[tuple[int, ...]]()
 
-    def noted(name: str) -> None:
+    def length(tour: together._Tour) -> float:
+        return float(
+            np.nansum(tour.measure(tour.leave[tour.order[:-1]], tour.enter[tour.order[1:]]))
+        )
+
+    def note_moves(name: str) -> None:
         make = getattr(together, name)
 
-        def move(now: together._Tour, *items: int) -> tuple[int, ...]:
-            cut: tuple[int, ...] = make(now, *items)
+        def move(tour: together._Tour, *items: int) -> tuple[int, ...]:
+            cut: tuple[int, ...] = make(tour, *items)
             if cut:
-                made.append(
-                    (
-                        *items[:4],
-                        together._JOIN
-                        if name == "_reverse_section"
-                        else together._CARRY + items[4],
-                    )
-                )
+                joins = name == "_reverse_section"
+                done.append((*items[:4], together._JOIN if joins else together._CARRY + items[4]))
             return cut
 
         patch.setattr(together, name, move)
 
-    def checked(now: together._Tour, found: list[together._Moves]) -> np.ndarray:
-        before = length(now)
-        changes = {
-            key: change
-            for moves in reversed(found)
-            for *key_, change in zip(
-                moves.a.tolist(), moves.b.tolist(), moves.c.tolist(), moves.d.tolist(), moves.kind.tolist(),
-                moves.change.tolist(), strict=True,
-            )
-            for key in [tuple(key_)]
-        }  # fmt: skip
-        made.clear()
-        touched = apply(now, found)
-        change = sum(changes[move] for move in made)
-        assert length(now) == pytest.approx(before + change, abs=1e-6)
-        assert (now.order[now.place] == np.arange(len(now.order))).all()
+    def make_checked(tour: together._Tour, candidates: list[together._Moves]) -> np.ndarray:
+        before = length(tour)
+        changes: dict[tuple[int, ...], float] = {}
+        for moves in reversed(candidates):
+            keys = np.stack([moves.a, moves.b, moves.c, moves.d, moves.kind], axis=1).tolist()
+            changes.update(zip(map(tuple, keys), moves.change.tolist(), strict=True))
+        done.clear()
+        touched = apply(tour, candidates)
+        change = sum(changes[move] for move in done)
+        assert length(tour) == pytest.approx(before + change, abs=1e-6)
+        assert (tour.order[tour.place] == np.arange(len(tour.order))).all()
         saved.append(change)
         return touched
 
-    noted("_reverse_section")
-    noted("_relocate")
-    patch.setattr(together, "_make_moves", checked)
+    note_moves("_reverse_section")
+    note_moves("_relocate")
+    patch.setattr(together, "_make_moves", make_checked)
 
 
-def test_crossings_are_undone_and_strays_brought_home() -> None:
-    # Two rows of points, crossed over in the middle, and one point of the first row visited last.
-    points = np.array([(10.0 * k, y) for y in (0.0, 7.0) for k in range(10)])
+def test_crossings_are_undone_and_stray_points_are_moved_to_their_row() -> None:
+    # The tour of two rows of points crosses itself and visits one point of the first row last.
+    points = np.array([(10.0 * (k % 10), 7.0 * (k // 10)) for k in range(20)])
     count = len(points)
-    items = Items(np.arange(count + 1), points, np.full(count, CLOSED), np.ones(count), np.full(count, -1),
-                  np.zeros(count, dtype=np.int64))  # fmt: skip
+    closed, zeros = np.full(count, CLOSED), np.zeros(count, dtype=np.int64)
+    items = Items(np.arange(count + 1), points, closed, np.ones(count), zeros - 1, zeros)
     order = np.array([0, 1, 2, 14, 13, 12, 11, 10, 9, 8, 6, 5, 4, 3, 15, 16, 17, 18, 19, 7])
     home = np.array([0.0, 3.5])
     near = find_nearest_items(make_discs(items), count, 10)
-    found = shorten_together(Problem(items, near, home), Start(order, np.arange(count)))
-    assert travel(items, found, home) == pytest.approx(2 * 90 + 7 + 2 * 3.5)
+    shortened = shorten_together(Problem(items, near, home), Start(order, np.arange(count)))
+    assert measure_travel(items, shortened, home) == pytest.approx(2 * 90 + 7 + 2 * 3.5)

@@ -1,3 +1,5 @@
+"""Tours in the plane: nearest neighbour, the search and its rules, and moved starts of paths."""
+
 import cmath
 import importlib.util
 import itertools
@@ -25,10 +27,12 @@ from camgen.plan.starting import SEAM, move_start, reverse_each
 from tests.support.examples import fewer
 
 XY = tuple[float, float]
+#: Columns of a tool path.
+COLUMNS = ("position", "via", "axis", "force_direction", "force", "feed")
 
 
-def make(points: list[XY], vias: list[XY | None], closed: bool, **fields: object) -> ToolPath:
-    """A path with feed and force that differ by segment, and press to the left of the travel."""
+def make_path(points: list[XY], vias: list[XY | None], closed: bool, **fields: object) -> ToolPath:
+    """A path whose feed and force differ by segment, with a force to the left of the travel."""
     n = len(points)
     position, via = np.zeros((n, 3)), np.full((n, 3), np.nan)
     position[:, :2] = points
@@ -41,17 +45,12 @@ def make(points: list[XY], vias: list[XY | None], closed: bool, **fields: object
             press[row, k, :2] = -dy, dx
     if n > 1:
         press[0], feed[0] = press[1], feed[1]
-    path = ToolPath(
-        "c1",
-        "0",
-        make_waypoints(position, via, feed, force_direction=press, force=feed / 2),
-        closed,
-    )
-    return replace(path, **fields)
+    waypoints = make_waypoints(position, via, feed, force_direction=press, force=feed / 2)
+    return replace(ToolPath("c1", "0", waypoints, closed), **fields)
 
 
-def circle_of(a: XY, m: XY, b: XY) -> tuple[complex, float, float]:
-    """Centre, start angle and signed sweep of the arc a-m-b, by the circumcentre of complex numbers."""
+def find_circle(a: XY, m: XY, b: XY) -> tuple[complex, float, float]:
+    """Centre, start angle and signed sweep of the arc a-m-b, from the circumcentre."""
     za, zm, zb = complex(*a), complex(*m), complex(*b)
     w = (zb - za) / (zm - za)
     centre = za + (zm - za) * (w - abs(w) ** 2) / (2j * w.imag)
@@ -62,58 +61,61 @@ def tangent(a: XY, m: XY | None, b: XY, t: float) -> XY:
     if m is None:
         d = complex(*b) - complex(*a)
     else:
-        _, start, sweep = circle_of(a, m, b)
+        _, start, sweep = find_circle(a, m, b)
         d = 1j * math.copysign(1.0, sweep) * np.exp(1j * (start + t * sweep))
     return (d / abs(d)).real, (d / abs(d)).imag
 
 
-def pieces(path: ToolPath) -> list[tuple[XY, XY | None, XY]]:
+def list_pieces(path: ToolPath) -> list[tuple[XY, XY | None, XY]]:
     xy = [(float(x), float(y)) for x, y, _ in path.position]
     via = [None if math.isnan(x) else (float(x), float(y)) for x, y, _ in path.via]
     return [(xy[i - 1], via[i], xy[i]) for i in range(1, len(xy))]
 
 
-def point(piece: tuple[XY, XY | None, XY], t: float) -> complex:
+def find_point(piece: tuple[XY, XY | None, XY], t: float) -> complex:
     a, m, b = piece
     if m is None:
         return complex(*a) + t * (complex(*b) - complex(*a))
-    centre, start, sweep = circle_of(a, m, b)
+    centre, start, sweep = find_circle(a, m, b)
     return complex(centre + abs(complex(*a) - centre) * np.exp(1j * (start + t * sweep)))
 
 
-def length(piece: tuple[XY, XY | None, XY]) -> float:
+def measure_length(piece: tuple[XY, XY | None, XY]) -> float:
     a, m, b = piece
     if m is None:
         return abs(complex(*b) - complex(*a))
-    centre, _, sweep = circle_of(a, m, b)
+    centre, _, sweep = find_circle(a, m, b)
     return abs(complex(*a) - centre) * abs(sweep)
 
 
-def along(path: ToolPath, distance: float) -> tuple[complex, int]:
-    """The point at ``distance`` along the path and the row that ends its segment."""
-    for row, piece in enumerate(pieces(path), start=1):
-        if distance <= length(piece) or row == len(path.position) - 1:
-            return point(piece, min(distance / length(piece), 1.0)), row
-        distance -= length(piece)
+def find_point_along(path: ToolPath, distance: float) -> tuple[complex, int]:
+    """Point at `distance` mm along the path, and the row at which its segment ends."""
+    for row, piece in enumerate(list_pieces(path), start=1):
+        if distance <= measure_length(piece) or row == len(path.position) - 1:
+            return find_point(piece, min(distance / measure_length(piece), 1.0)), row
+        distance -= measure_length(piece)
     raise AssertionError
 
 
 def circle(x: float, y: float, r: float, **fields: object) -> ToolPath:
     a, b = (x + r, y), (x - r, y)
-    return make([a, b, a], [(x, y + r), (x, y - r)], True, **fields)
+    return make_path([a, b, a], [(x, y + r), (x, y - r)], True, **fields)
 
 
 def slot(x: float, y: float) -> ToolPath:
-    """30 x 8, corners at x..x+22, caps to both sides; counter-clockwise from the lower left."""
+    """A slot of 30 x 8 mm, run counter-clockwise from its lower left corner (x, y).
+
+    Its straight sides are 22 mm long.
+    """
     ring = [(x, y), (x + 22, y), (x + 22, y + 8), (x, y + 8), (x, y)]
-    return make(ring, [None, (x + 26, y + 4), None, (x - 4, y + 4)], True)
+    return make_path(ring, [None, (x + 26, y + 4), None, (x - 4, y + 4)], True)
 
 
 def line(*points: XY, **fields: object) -> ToolPath:
-    return make(list(points), [None] * (len(points) - 1), False, **fields)
+    return make_path(list(points), [None] * (len(points) - 1), False, **fields)
 
 
-def ids(paths: list[ToolPath]) -> list[ToolPath]:
+def number_paths(paths: list[ToolPath]) -> list[ToolPath]:
     return [replace(path, id=f"c{i}") for i, path in enumerate(paths)]
 
 
@@ -122,7 +124,7 @@ spot = st.tuples(coordinate, coordinate)
 
 
 @st.composite
-def any_path(draw: st.DrawFn) -> ToolPath:
+def draw_path(draw: st.DrawFn) -> ToolPath:
     x, y = draw(spot)
     kind = draw(st.sampled_from(["circle", "slot", "ring", "line", "one-way", "point"]))
     if kind == "circle":
@@ -130,39 +132,40 @@ def any_path(draw: st.DrawFn) -> ToolPath:
     if kind == "slot":
         return slot(x, y)
     if kind == "point":
-        return make([(x, y)], [], False)
+        return make_path([(x, y)], [], False)
     points = [(x, y), *draw(st.lists(spot, min_size=2, max_size=4, unique=True))]
     points = [p for i, p in enumerate(points) if i == 0 or p != points[i - 1]]
     if kind == "ring":
         points = points[:-1] if points[-1] == points[0] else points
-        return make([*points, points[0]], [None] * len(points), True)
+        return make_path([*points, points[0]], [None] * len(points), True)
     return line(*points, reversible=kind == "line")
 
 
 @st.composite
-def scene(draw: st.DrawFn) -> list[ToolPath]:
-    paths = draw(st.lists(any_path(), min_size=1, max_size=14))
-    # A parent later in the list than its children: any forest can be written so.
-    parents = [draw(st.integers(i + 1, len(paths)) | st.just(-1)) for i in range(len(paths))]
-    return ids(
-        [
-            replace(p, parent=q if q < len(paths) else -1)
-            for p, q in zip(paths, parents, strict=True)
-        ]
-    )
+def draw_paths(draw: st.DrawFn) -> list[ToolPath]:
+    paths = draw(st.lists(draw_path(), min_size=1, max_size=14))
+    # Parents come later in the list than their children. Any forest can be listed in this way.
+    for i, path in enumerate(paths):
+        parent = draw(st.integers(i + 1, len(paths)) | st.just(-1))
+        paths[i] = replace(path, parent=parent if parent < len(paths) else -1)
+    return number_paths(paths)
 
 
-def choices(path: ToolPath) -> np.ndarray:
-    """Points (complex) at which ``path`` may begin, closed ones sampled at most 1.3 mm apart."""
+def list_starts(path: ToolPath) -> np.ndarray:
+    """Points at which `path` may start, as complex numbers.
+
+    On closed paths they are at most 1.3 mm apart.
+    """
     if path.closed:
-        return np.array(
-            [point(piece, t) for piece in pieces(path) for t in np.linspace(0, 1, 90).tolist()]
-        )
+        starts: list[complex] = []
+        for piece in list_pieces(path):
+            starts += [find_point(piece, t) for t in np.linspace(0, 1, 90).tolist()]
+        return np.array(starts)
     ends = [complex(*path.position[0, :2]), complex(*path.position[-1, :2])]
     return np.array(ends if path.reversible else ends[:1])
 
 
-def encloses(paths: list[ToolPath], outer: int, inner: int) -> bool:
+def is_inside(paths: list[ToolPath], outer: int, inner: int) -> bool:
     while inner >= 0:
         inner = paths[inner].parent
         if inner == outer:
@@ -170,57 +173,66 @@ def encloses(paths: list[ToolPath], outer: int, inner: int) -> bool:
     return False
 
 
+def contains_any(paths: list[ToolPath], outer: int, items: list[int]) -> bool:
+    return any(is_inside(paths, outer, inner) for inner in items)
+
+
 def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_first: bool) -> None:
     tour = order_paths(paths, TourSettings("nearest", start, inside_first))
     assert sorted(p.id for p in tour.paths) == sorted(p.id for p in paths)
     assert tour.method == "nearest neighbour"
     left = list(range(len(paths)))
-    starts = [choices(path) for path in paths]
-    here = None if start is None else complex(*start)
-    walked = 0.0
+    starts = [list_starts(path) for path in paths]
+    position = None if start is None else complex(*start)
+    travel = 0.0
     for path in tour.paths:
         index = int(path.id[1:])
-        allowed = [
-            i for i in left if not inside_first or not any(encloses(paths, i, j) for j in left)
-        ]
+        inner = left if inside_first else []
+        allowed = [i for i in left if not contains_any(paths, i, inner)]
         assert index in allowed
         begin = complex(*path.position[0, :2])
         others = np.concatenate([starts[i] for i in allowed])
-        if here is None:
+        if position is None:
             assert begin.real <= others.real.min() + SEAM
         else:
-            assert abs(begin - here) <= np.abs(others - here).min() + SEAM
-            walked += abs(begin - here)
+            assert abs(begin - position) <= np.abs(others - position).min() + SEAM
+            travel += abs(begin - position)
         assert np.abs(starts[index] - begin).min() < 1.5
         if len(path.position) > len(paths[index].position):
-            assert min(length(piece) for piece in (pieces(path)[0], pieces(path)[-1])) > SEAM - 1e-6
+            assert (
+                min(
+                    measure_length(piece) for piece in (list_pieces(path)[0], list_pieces(path)[-1])
+                )
+                > SEAM - 1e-6
+            )
         assert measure_path(path) == pytest.approx(measure_path(paths[index]), abs=1e-6)
-        here = complex(*path.position[-1, :2])
+        position = complex(*path.position[-1, :2])
         left.remove(index)
     if start is not None:
-        walked += abs(here - complex(*start))
-    assert tour.travel == pytest.approx(walked, abs=1e-6)
+        travel += abs(position - complex(*start))
+    assert tour.travel == pytest.approx(travel, abs=1e-6)
 
 
 @fewer(12)
-@given(scene(), st.none() | spot, st.booleans())
-def test_each_step_takes_the_nearest_of_the_allowed_starts(
+@given(draw_paths(), st.none() | spot, st.booleans())
+def test_the_nearest_tour_takes_the_nearest_allowed_start_at_each_step(
     paths: list[ToolPath], start: XY | None, inside_first: bool
 ) -> None:
     check_nearest_neighbour(paths, start, inside_first)
 
 
 @fewer(10)
-@given(scene(), st.none() | spot, st.booleans(), st.integers(0, 5))
-def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neighbour(
+@given(draw_paths(), st.none() | spot, st.booleans(), st.integers(0, 5))
+def test_the_search_keeps_all_paths_and_rules_and_is_between_bound_and_nearest_neighbour(
     paths: list[ToolPath], start: XY | None, inside_first: bool, seed: int
 ) -> None:
     tour = order_paths(paths, TourSettings("best", start, inside_first, seed=seed))
-    ran = [int(path.id[1:]) for path in tour.paths]
-    assert sorted(ran) == list(range(len(paths)))
-    for k, index in enumerate(ran):
-        assert not inside_first or not any(encloses(paths, index, later) for later in ran[k + 1 :])
-        begin, ends = complex(*tour.paths[k].position[0, :2]), choices(paths[index])
+    order = [int(path.id[1:]) for path in tour.paths]
+    assert sorted(order) == list(range(len(paths)))
+    for k, index in enumerate(order):
+        later = order[k + 1 :] if inside_first else []
+        assert not contains_any(paths, index, later)
+        begin, ends = complex(*tour.paths[k].position[0, :2]), list_starts(paths[index])
         assert np.abs(ends - begin).min() < (1.5 if paths[index].closed else 1e-9)
         assert measure_path(tour.paths[k]) == pytest.approx(measure_path(paths[index]), abs=1e-6)
     assert tour.travel == measure_travel(tour.paths, start)
@@ -229,96 +241,89 @@ def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neig
     nearest = order_paths(paths, TourSettings("nearest", start, inside_first))
     assert tour.travel <= nearest.travel
     assert nearest.bound is not None
-    # No tour is below the bound, whatever tour it was worked out beside.
+    # No tour is shorter than the lower bound, by whichever method the bound was computed.
     assert nearest.bound <= tour.travel + 1e-6
-    assert (
-        order_paths(paths, TourSettings("as-drawn", start, inside_first)).bound
-        <= tour.travel + 1e-6
-    )
+    as_drawn = order_paths(paths, TourSettings("as-drawn", start, inside_first))
+    assert as_drawn.bound <= tour.travel + 1e-6
 
 
-def test_the_search_finds_the_shortest_way_over_a_circle() -> None:
-    # From home round a circle to a line: the best start of the circle is where a ray would be reflected, (5, -3).
-    tour = order_paths(
-        ids([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)]),
-        TourSettings(
-            "best",
-            (0, -8),
-            inside_first=False,
-        ),
-    )
+def test_the_search_finds_the_shortest_tour_over_a_circle() -> None:
+    # The tour leads from home over a circle to a line.
+    # The best start of the circle is the point that would reflect a ray from home to the line.
+    paths = number_paths([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)])
+    tour = order_paths(paths, TourSettings("best", (0, -8), inside_first=False))
     assert [p.id for p in tour.paths] == ["c0", "c1"]
     assert tour.paths[0].position[0, :2].tolist() == pytest.approx([5, -3], abs=0.02)
     assert tour.travel == pytest.approx(2 * math.hypot(5, 5) + 1, abs=1e-4)
 
 
 @pytest.mark.parametrize("fast", [False, True])
-def test_every_size_is_searched_without_being_asked(
-    fast: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tours_of_every_size_are_searched(fast: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if fast and importlib.util.find_spec("numba") is None:
         pytest.skip("numba (extra fast) is not installed")
     monkeypatch.setattr(search, "available", lambda: fast)
     monkeypatch.setattr(speed, "available", lambda: fast)
     rng = random.Random(3)
-    many = ids(
-        [
-            line((x, y), (x + 1, y))
-            for x, y in ((rng.uniform(0, 900), rng.uniform(0, 900)) for _ in range(1300))
-        ]
-    )
-    few = many[:300]
-    searched = order_paths(few, TourSettings("best", None, False))
+    starts = [(rng.uniform(0, 900), rng.uniform(0, 900)) for _ in range(1300)]
+    lines = number_paths([line((x, y), (x + 1, y)) for x, y in starts])
+    first_lines = lines[:300]
+    searched = order_paths(first_lines, TourSettings("best", None, False))
     assert searched.method == "local search"
-    assert searched.travel < 0.86 * order_paths(few, TourSettings("nearest", None, False)).travel
-    found, nearest = (
-        order_paths(many, TourSettings("best", None, False)),
-        order_paths(many, TourSettings("nearest", None, False)),
+    assert (
+        searched.travel
+        < 0.86 * order_paths(first_lines, TourSettings("nearest", None, False)).travel
     )
-    assert found.method == ("local search, compiled" if fast else "local search, plain Python")
-    assert found.travel < (0.82 if fast else 0.86) * nearest.travel
-    assert found.bound is not None
-    assert 0.7 * found.travel < found.bound <= found.travel
-    again = order_paths(many, TourSettings("best", None, False))
-    assert [path.id for path in again.paths] == [path.id for path in found.paths]
-    assert not found.timed
+    nearest = order_paths(lines, TourSettings("nearest", None, False))
+    best = order_paths(lines, TourSettings("best", None, False))
+    assert best.method == ("local search, compiled" if fast else "local search, plain Python")
+    assert best.travel < (0.82 if fast else 0.86) * nearest.travel
+    assert best.bound is not None
+    assert 0.7 * best.travel < best.bound <= best.travel
+    again = order_paths(lines, TourSettings("best", None, False))
+    assert [path.id for path in again.paths] == [path.id for path in best.paths]
+    assert not best.timed
 
 
-def test_a_crowd_is_shortened_at_all_paths_together(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tour_of_very_many_paths_is_shortened_at_all_paths_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(search, "available", lambda: False)
     monkeypatch.setattr(speed, "available", lambda: False)
-    # Beyond this number nothing else is searched. The outline waits for all others.
+    # A tour of more paths than this is searched in no other way.
+    # The outline comes after all other paths.
     count, rng = search._ALL_TOGETHER + 1, random.Random(7)
-    many = [line((x, y), (x + rng.uniform(-9, 9), y + 3))
-            for x, y in ((rng.uniform(0, 3000), rng.uniform(0, 3000)) for _ in range(count - 1))]  # fmt: skip
-    inside = ids([replace(path, parent=count - 1) for path in many] + [circle(1500, 1500, 2200)])
-    tour, nearest = (
-        order_paths(inside, TourSettings("best", (0, 0), True)),
-        order_paths(inside, TourSettings("nearest", (0, 0), True)),
-    )
+    inside = []
+    for _ in range(count - 1):
+        x, y = rng.uniform(0, 3000), rng.uniform(0, 3000)
+        inside.append(line((x, y), (x + rng.uniform(-9, 9), y + 3), parent=count - 1))
+    inside = number_paths([*inside, circle(1500, 1500, 2200)])
+    tour = order_paths(inside, TourSettings("best", (0, 0), True))
+    nearest = order_paths(inside, TourSettings("nearest", (0, 0), True))
     assert sorted(path.id for path in tour.paths) == sorted(path.id for path in inside)
     assert tour.paths[-1].id == inside[-1].id
     assert tour.travel < 0.84 * nearest.travel  # greedy alone: 0.92
 
 
 @pytest.mark.parametrize("seconds", [0.05, 0.4])
-def test_seconds_are_those_of_a_clock(seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    # A clock of the test's own: every look at it is a hundredth of a second later.
+def test_a_search_stops_after_its_seconds(seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The clock of this test advances by a hundredth of a second each time it is read.
     ticks = itertools.count()
     monkeypatch.setattr("time.monotonic", lambda: next(ticks) / 100)
     monkeypatch.setattr(speed, "available", lambda: False)
     rng = random.Random(5)
-    many = ids([circle(rng.uniform(0, 900), rng.uniform(0, 900), 5) for _ in range(200)])
-    tour = order_paths(many, TourSettings("best", (0, 0), False, seconds=seconds))
+    circles = number_paths(
+        [circle(rng.uniform(0, 900), rng.uniform(0, 900), 5) for _ in range(200)]
+    )
+    tour = order_paths(circles, TourSettings("best", (0, 0), False, seconds=seconds))
     assert tour.timed
     assert tour.method == f"local search of {seconds:g} s"
     assert next(ticks) <= 100 * seconds + 3
-    assert tour.travel < 0.9 * order_paths(many, TourSettings("nearest", (0, 0), False)).travel
-    assert sorted(path.id for path in tour.paths) == sorted(path.id for path in many)
+    assert tour.travel < 0.9 * order_paths(circles, TourSettings("nearest", (0, 0), False)).travel
+    assert sorted(path.id for path in tour.paths) == sorted(path.id for path in circles)
 
 
 @given(st.integers(0, 10**6), st.integers(2, 80), st.booleans(), st.booleans())
-def test_a_greedy_tour_runs_every_item_after_those_inside(
+def test_a_greedy_tour_runs_every_item_after_the_items_inside_it(
     seed: int, count: int, home: bool, rules: bool
 ) -> None:
     rng = random.Random(seed)
@@ -326,12 +331,18 @@ def test_a_greedy_tour_runs_every_item_after_those_inside(
     def place() -> float:
         return rng.choice([rng.uniform(0, 90), float(rng.randrange(4))])  # grids and crowds as well
 
-    paths = ids([rng.choice([circle(place(), place(), 2), line((place(), place()), (place(), 95.0))])
-                 for _ in range(count)])  # fmt: skip
-    parent = [rng.randrange(k + 1, count) if rules and k + 1 < count and rng.random() < 0.4 else -1
-              for k in range(count)]  # fmt: skip
+    paths = number_paths(
+        [
+            rng.choice([circle(place(), place(), 2), line((place(), place()), (place(), 95.0))])
+            for _ in range(count)
+        ]
+    )
     rank = [int(rules and k > count / 2) for k in range(count)]
-    parent = [p if p < 0 or rank[p] == rank[k] else -1 for k, p in enumerate(parent)]
+    parent = [-1] * count
+    for k in range(count - 1):
+        if rules and rng.random() < 0.4:
+            outer = rng.randrange(k + 1, count)
+            parent[k] = outer if rank[outer] == rank[k] else -1
     items = search.sample_paths(paths, make_starts(paths, "any"), parent, rank).items
     tour = join_greedily(items, make_discs(items), np.zeros(2) if home else None)
     assert tour is not None
@@ -342,45 +353,43 @@ def test_a_greedy_tour_runs_every_item_after_those_inside(
     assert all(items.first[k] <= tour.enter[k] < items.first[k + 1] for k in range(count))
 
 
-def turned_circle(x: float, y: float, r: float, turn: float) -> ToolPath:
+def rotated_circle(x: float, y: float, r: float, turn: float) -> ToolPath:
     ring = [
         (x + r * math.cos(turn + k * math.pi / 2), y + r * math.sin(turn + k * math.pi / 2))
         for k in range(4)
     ]
-    return make([ring[0], ring[2], ring[0]], [ring[1], ring[3]], True)
+    return make_path([ring[0], ring[2], ring[0]], [ring[1], ring[3]], True)
 
 
 CROWDS = {
     "lines": lambda x, y, rng: line((x, y), (x + rng.uniform(-2, 2), y + 0.5)),
-    "circles": lambda x, y, rng: turned_circle(x, y, rng.uniform(1, 20), rng.uniform(0, 7)),
+    "circles": lambda x, y, rng: rotated_circle(x, y, rng.uniform(1, 20), rng.uniform(0, 7)),
     "slots": lambda x, y, _rng: slot(x, y),
 }
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("kind", CROWDS)
-def test_each_step_takes_the_nearest_start_in_a_crowd(kind: str, seed: int) -> None:
+def test_the_nearest_tour_of_many_paths_takes_the_nearest_start_at_each_step(
+    kind: str, seed: int
+) -> None:
     rng = random.Random(seed)
     paths = [CROWDS[kind](rng.gauss(0, 300), rng.gauss(0, 300), rng) for _ in range(300)]
-    check_nearest_neighbour(ids(paths), (0, 0), inside_first=False)
+    check_nearest_neighbour(number_paths(paths), (0, 0), inside_first=False)
 
 
-def test_reverses_and_starts_between_vertices() -> None:
+def test_lines_are_reversed_and_closed_paths_start_between_vertices() -> None:
     far = line((100, 0), (20, 10))
-    square = make([(0, 5), (10, 5), (10, 15), (0, 15), (0, 5)], [None] * 4, True)
+    square = make_path([(0, 5), (10, 5), (10, 15), (0, 15), (0, 5)], [None] * 4, True)
     tour = order_paths(
-        ids([far, square, circle(50, -30, 10)]), TourSettings("nearest", (4, 0), inside_first=True)
+        number_paths([far, square, circle(50, -30, 10)]),
+        TourSettings("nearest", (4, 0), inside_first=True),
     )
     assert [p.id for p in tour.paths] == ["c1", "c0", "c2"]
-    # The square begins right above the start, the line at its end, the circle towards where the line leaves the tool.
-    assert tour.paths[0].position[:, :2].tolist() == [
-        [4, 5],
-        [10, 5],
-        [10, 15],
-        [0, 15],
-        [0, 5],
-        [4, 5],
-    ]
+    # The square starts right above the start of the tour, and the line is reversed.
+    # The circle starts at its nearest point to the end of the line.
+    corners = [[4, 5], [10, 5], [10, 15], [0, 15], [0, 5], [4, 5]]
+    assert tour.paths[0].position[:, :2].tolist() == corners
     assert tour.paths[1].position[:, :2].tolist() == [[20, 10], [100, 0]]
     reach = math.hypot(50, 30)
     x, y = 50 + 10 * 50 / reach, -30 + 10 * 30 / reach
@@ -390,7 +399,7 @@ def test_reverses_and_starts_between_vertices() -> None:
     assert measure_travel(tour.paths, None) == pytest.approx(math.hypot(16, 5) + reach - 10)
 
 
-def test_a_one_way_path_is_entered_at_its_start() -> None:
+def test_a_path_that_is_not_reversible_is_entered_at_its_start() -> None:
     tour = order_paths(
         [line((50, 0), (1, 0), reversible=False)],
         TourSettings("nearest", (0, 0), inside_first=False),
@@ -399,58 +408,39 @@ def test_a_one_way_path_is_entered_at_its_start() -> None:
     assert tour.travel == pytest.approx(51)
 
 
-def test_without_a_start_the_leftmost_comes_first() -> None:
-    tour = order_paths(
-        ids([line((0, 0), (5, 0)), circle(6, 40, 10), line((9, 9), (-3, 9))]),
-        TourSettings(
-            "nearest",
-            None,
-            False,
-        ),
-    )
+def test_without_a_start_the_leftmost_path_comes_first() -> None:
+    settings = TourSettings("nearest", None, False)
+    paths = number_paths([line((0, 0), (5, 0)), circle(6, 40, 10), line((9, 9), (-3, 9))])
+    tour = order_paths(paths, settings)
     assert [p.id for p in tour.paths] == ["c1", "c2", "c0"]
     assert tour.paths[0].position[0].tolist() == pytest.approx([-4, 40, 0])
-    twins = ids([line((0, 0), (1, 0)), line((0, 0), (1, 0))])
-    assert [p.id for p in order_paths(twins, TourSettings("nearest", None, False)).paths] == [
-        "c0",
-        "c1",
-    ]
+    twins = number_paths([line((0, 0), (1, 0)), line((0, 0), (1, 0))])
+    assert [p.id for p in order_paths(twins, settings).paths] == ["c0", "c1"]
 
 
 def test_holes_come_before_the_outline_around_them() -> None:
     island, hole, outline = circle(0, 0, 2, parent=1), circle(0, 0, 5, parent=2), circle(0, 0, 9)
-    paths = ids([island, hole, outline])
-    assert [
-        p.id for p in order_paths(paths, TourSettings("nearest", (20, 0), inside_first=False)).paths
-    ] == [
-        "c2",
-        "c1",
-        "c0",
-    ]
-    assert [
-        p.id for p in order_paths(paths, TourSettings("nearest", (20, 0), inside_first=True)).paths
-    ] == [
-        "c0",
-        "c1",
-        "c2",
-    ]
+    paths = number_paths([island, hole, outline])
+    for inside_first, order in ((False, ["c2", "c1", "c0"]), (True, ["c0", "c1", "c2"])):
+        tour = order_paths(paths, TourSettings("nearest", (20, 0), inside_first))
+        assert [p.id for p in tour.paths] == order
 
 
-def test_as_drawn_changes_nothing() -> None:
-    paths = ids([circle(0, 0, 9), circle(0, 0, 2, parent=0), line((9, 9), (20, 9))])
+def test_a_tour_as_drawn_keeps_order_and_starts() -> None:
+    paths = number_paths([circle(0, 0, 9), circle(0, 0, 2, parent=0), line((9, 9), (20, 9))])
     tour = order_paths(paths, TourSettings("as-drawn", (0, 0), inside_first=True))
     assert list(tour.paths) == paths
     assert tour.method == "as drawn"
     assert tour.travel == pytest.approx(9 + 7 + math.hypot(7, 9) + math.hypot(20, 9))
 
 
-def test_nothing_to_order() -> None:
+def test_a_tour_without_paths_is_empty() -> None:
     for method in ("nearest", "as-drawn"):
         tour = order_paths([], TourSettings(method, (1, 1), inside_first=True))
         assert (tour.paths, tour.travel) == ((), 0.0)
 
 
-def test_refuses_what_it_cannot_order() -> None:
+def test_an_unknown_method_and_paths_that_enclose_each_other_are_refused() -> None:
     with pytest.raises(ValueError, match="unknown method"):
         order_paths([circle(0, 0, 1)], TourSettings("shortest", None, inside_first=False))
     ring = [circle(0, 0, 1, parent=1), circle(0, 0, 2, parent=0), circle(9, 0, 1)]
@@ -461,65 +451,58 @@ def test_refuses_what_it_cannot_order() -> None:
 
 
 @fewer(12)
-@given(any_path().filter(lambda p: p.closed), st.data())
+@given(draw_path().filter(lambda p: p.closed), st.data())
 def test_a_moved_start_keeps_the_path(path: ToolPath, data: st.DataObject) -> None:
     segment = data.draw(st.integers(1, len(path.position) - 1))
     fraction = data.draw(st.floats(0, 1))
     moved = move_start(path, segment, fraction)
-    total = sum(length(piece) for piece in pieces(path))
-    begun = sum(length(piece) for piece in pieces(path)[: segment - 1])
-    begun += fraction * length(pieces(path)[segment - 1])
+    total = sum(measure_length(piece) for piece in list_pieces(path))
+    shift = sum(measure_length(piece) for piece in list_pieces(path)[: segment - 1])
+    shift += fraction * measure_length(list_pieces(path)[segment - 1])
     assert measure_path(moved) == pytest.approx(total)
     assert moved.position[0].tolist() == moved.position[-1].tolist()
-    assert min(length(piece) for piece in pieces(moved)) > 0.9e-6
+    assert min(measure_length(piece) for piece in list_pieces(moved)) > 0.9e-6
     assert len(moved.position) - len(path.position) in (0, 1)
     for distance in np.linspace(0.011, 0.993, 25) * total:
-        was, row = along(path, (begun + distance) % total)
-        now, new_row = along(moved, distance)
-        assert abs(now - was) < 3e-6
-        edge = sum(length(piece) for piece in pieces(path)[:row])
-        if abs((begun + distance) % total - edge) > 1e-5:
+        expected, row = find_point_along(path, (shift + distance) % total)
+        moved_point, new_row = find_point_along(moved, distance)
+        assert abs(moved_point - expected) < 3e-6
+        edge = sum(measure_length(piece) for piece in list_pieces(path)[:row])
+        if abs((shift + distance) % total - edge) > 1e-5:
             assert moved.feed[new_row] == path.feed[row]
             assert moved.force[new_row] == path.force[row]
     assert moved.force_direction[0].tolist() == moved.force_direction[1].tolist()
     assert (moved.feed[0], moved.force[0]) == (moved.feed[1], moved.force[1])
     assert np.isnan(moved.via[0]).all()
-    for row, piece in enumerate(pieces(moved), start=1):
+    for row, piece in enumerate(list_pieces(moved), start=1):
         for k, t in enumerate((0.0, 1.0)):
             dx, dy = tangent(*piece, t)
             assert moved.force_direction[row, k] == pytest.approx(
-                [-dy, dx, 0], abs=1e-5 if length(piece) < 0.01 else 1e-7
+                [-dy, dx, 0], abs=1e-5 if measure_length(piece) < 0.01 else 1e-7
             )
-        if piece[1] is not None:  # the via point stays in the middle
-            assert abs(complex(*piece[1]) - complex(*piece[0])) == pytest.approx(
-                abs(complex(*piece[1]) - complex(*piece[2])), abs=1e-7
-            )
-    for column in (
-        moved.position,
-        moved.via,
-        moved.axis,
-        moved.force_direction,
-        moved.force,
-        moved.feed,
-    ):
-        assert not column.flags.writeable
-        assert len(column) == len(moved.position)
+        if piece[1] is not None:  # the via point stays half-way along the arc
+            a, m, b = (complex(*xy) for xy in piece)
+            assert abs(m - a) == pytest.approx(abs(m - b), abs=1e-7)
+    for name in COLUMNS:
+        assert not getattr(moved, name).flags.writeable
+        assert len(getattr(moved, name)) == len(moved.position)
 
 
-def test_a_circle_split_at_an_eighth() -> None:
+def test_the_start_of_a_circle_can_be_moved_by_an_eighth() -> None:
     r = math.sqrt(0.5)
     moved = move_start(circle(0, 0, 1), 1, 0.25)
     assert moved.position[:, :2] == pytest.approx(np.array([[r, r], [-1, 0], [1, 0], [r, r]]))
     vias = [[math.cos(a), math.sin(a)] for a in (math.pi * 5 / 8, math.pi * 3 / 2, math.pi / 8)]
     assert moved.via[1:, :2] == pytest.approx(np.array(vias))
-    # The tool runs round a pin: press is to the left, towards the centre.
+    # The tool runs around a pin with the force to its left, towards the centre.
     assert moved.force_direction[1] == pytest.approx(np.array([[-r, -r, 0], [1, 0, 0]]))
     assert moved.force_direction[3] == pytest.approx(np.array([[-1, 0, 0], [-r, -r, 0]]))
     assert moved.feed.tolist() == [11, 11, 12, 11]
 
 
 def test_an_arc_out_of_the_plane_is_split_on_its_circle() -> None:
-    # A half circle of radius 5 that stands upright over the x axis, and the line back; the tool leans with it.
+    # A vertical half circle of radius 5 mm above the x axis, and the line back.
+    # The tool is tilted with it.
     position = frozen([[5, 0, 0], [-5, 0, 0], [5, 0, 0]])
     via = frozen([[math.nan] * 3, [0, 0, 5], [math.nan] * 3])
     axis = frozen([[-1, 0, 0], [0, 0, -1], [-1, 0, 0]])
@@ -537,9 +520,10 @@ def test_an_arc_out_of_the_plane_is_split_on_its_circle() -> None:
 
 
 @pytest.mark.parametrize(("segment", "fraction", "first"), [
-    (1, 0.0, 0), (1, 1.0, 1), (2, 0.0, 1), (4, 1.0, 0), (3, 0.9e-6 / 22, 2), (3, 1 - 0.9e-6 / 22, 3),
+    (1, 0.0, 0), (1, 1.0, 1), (2, 0.0, 1),
+    (4, 1.0, 0), (3, 0.9e-6 / 22, 2), (3, 1 - 0.9e-6 / 22, 3),
 ])  # fmt: skip
-def test_a_start_at_a_vertex_makes_no_new_one(segment: int, fraction: float, first: int) -> None:
+def test_a_start_at_a_vertex_adds_no_vertex(segment: int, fraction: float, first: int) -> None:
     path = slot(0, 0)
     moved = move_start(path, segment, fraction)
     corners = path.position[:4].tolist()
@@ -548,39 +532,40 @@ def test_a_start_at_a_vertex_makes_no_new_one(segment: int, fraction: float, fir
 
 def test_a_start_that_is_not_on_the_path_is_refused() -> None:
     for path, segment, fraction in [
-        (line((0, 0), (1, 0)), 1, 0.5), (slot(0, 0), 0, 0.5), (slot(0, 0), 5, 0.5), (slot(0, 0), 1, 1.01),
-        (slot(0, 0), 1, math.nan),
+        (line((0, 0), (1, 0)), 1, 0.5), (slot(0, 0), 0, 0.5), (slot(0, 0), 5, 0.5),
+        (slot(0, 0), 1, 1.01), (slot(0, 0), 1, math.nan),
     ]:  # fmt: skip
         with pytest.raises(ValueError, match=r"open path|has segments|fraction"):
             move_start(path, segment, fraction)
 
 
-@given(st.lists(any_path(), max_size=5))
-def test_many_are_reversed_as_one_is(paths: list[ToolPath]) -> None:
+@given(st.lists(draw_path(), max_size=5))
+def test_many_paths_are_reversed_like_a_single_one(paths: list[ToolPath]) -> None:
     for path, back in zip(paths, reverse_each(paths), strict=True):
         alone = path.reversed()
-        for name in ("position", "via", "axis", "force_direction", "force", "feed"):
+        for name in COLUMNS:
             assert np.array_equal(getattr(back, name), getattr(alone, name), equal_nan=True)
 
 
-def test_thousands_at_one_point_are_no_quadratic_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    looked, scan = [0], tree._scan
+def test_the_work_for_thousands_of_paths_at_one_point_is_not_quadratic(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scanned, scan = [0], tree._scan
 
-    def counted(
-        pot: list[tree.Line | tree.Arc], x: float, y: float, best: float, choice: int
+    def count_scanned(
+        candidates: list[tree.Line | tree.Arc], x: float, y: float, best: float, choice: int
     ) -> tuple[float, int]:
-        looked[0] += len(pot)
-        return scan(pot, x, y, best, choice)
+        scanned[0] += len(candidates)
+        return scan(candidates, x, y, best, choice)
 
-    monkeypatch.setattr(tree, "_scan", counted)
+    monkeypatch.setattr(tree, "_scan", count_scanned)
     count = 5_000
     fan = [line((0, 0), (math.cos(i), math.sin(i))) for i in range(count)]
     assert len(order_paths(fan, TourSettings("nearest", (0, 0), inside_first=False)).paths) == count
-    assert count <= looked[0] < 40 * count  # quadratic, it would be 2,500 times as many
+    assert count <= scanned[0] < 40 * count  # quadratic work would be 2500 times as much
 
 
-def test_no_heavy_import() -> None:
+def test_the_module_does_not_import_scipy_and_shapely() -> None:
     code = "import camgen.order, sys; print('scipy' in sys.modules, 'shapely' in sys.modules)"
-    assert subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout == ("False False\n")
+    output = subprocess.check_output([sys.executable, "-c", code], text=True)
+    assert output == "False False\n"

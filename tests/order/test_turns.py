@@ -1,4 +1,4 @@
-"""Whole turns along a route, against all choices and against the route without a choice."""
+"""Turn counts along a route, compared with all choices and with the route without a choice."""
 
 import importlib
 import itertools
@@ -14,35 +14,35 @@ from camgen.order.edges.route import Route, find_route
 from camgen.order.edges.turns import MOST_TURNS, find_cheapest, list_turns, turn_motion
 from camgen.read.solid import mesh
 from camgen.robots.kinematics.joint_limits import are_within_limits
-from tests.order.test_rfa import ARM, PARTS, cell, no_turns
+from tests.order.test_rfa import ARM, PARTS, list_no_turns, load_cell
 from tests.support.files import source
 
 CALLERS = [
     importlib.import_module(f"camgen.order.edges.{name}") for name in ("route", "turned_tour")
 ]
-#: The joints alone decide how long a link takes.
+#: With these speeds the joints alone decide the time of a link.
 FAST = LinkSpeeds(100.0, 5000.0, 0.0)
 LAST = np.array([0, 0, 0, 0, 0, 1])
 
 
-def turned() -> list[EdgeMotion]:
-    """The motions of rfa1 with the last joint as many turns lower as it can be."""
+def list_lowered_motions() -> list[EdgeMotion]:
+    """The motions of rfa1, the last joint one turn lower where its limits allow it."""
     motions = []
-    for motion in cell("rfa1")[2]:
+    for motion in load_cell("rfa1")[2]:
         lower = turn_motion(motion, -LAST)
         motions.append(lower if are_within_limits(ARM, lower.sampled_joints).all() else motion)
     return motions
 
 
-def link(motions: list[EdgeMotion]) -> Route:
-    setup, room, _ = cell("rfa1")
+def link_motions(motions: list[EdgeMotion]) -> Route:
+    setup, space, _ = load_cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
     return find_route(
-        RouteCell(setup, room, ARM.home), motions, edges, RouteOptions(FAST, best=True)
+        RouteCell(setup, space, ARM.home), motions, edges, RouteOptions(FAST, best=True)
     )
 
 
-def test_the_cheapest_turns_are_those_of_all_choices() -> None:
+def test_the_cheapest_turn_counts_are_those_of_a_trial_of_all_choices() -> None:
     draw = np.random.default_rng(5)
     sizes = (3, 2, 4)
     first, last = draw.random(sizes[0]), draw.random(sizes[-1])
@@ -58,25 +58,25 @@ def test_the_cheapest_turns_are_those_of_all_choices() -> None:
     assert seconds == pytest.approx(min(times.values()))
 
 
-def test_turns_stay_within_the_limits_and_begin_with_none() -> None:
-    lowest = min(turned(), key=lambda motion: float(motion.sampled_joints[:, 5].min()))
-    table = list_turns(ARM, lowest.sampled_joints, ARM.home)
+def test_turn_counts_keep_the_limits_and_the_first_is_zero() -> None:
+    lowest = min(list_lowered_motions(), key=lambda motion: float(motion.dense[:, 5].min()))
+    table = list_turns(ARM, lowest.dense, ARM.home)
     assert 2 <= len(table) <= MOST_TURNS
     assert not table[0].any()
     assert len(np.unique(table, axis=0)) == len(table)
-    assert are_within_limits(ARM, lowest.sampled_joints + math.tau * table[:, None]).all()
-    # The nearest turn to home is the first that is tried.
-    assert np.abs(lowest.sampled_joints[:, 5] + math.tau * table[1, 5]).max() < math.pi * 1.5
+    assert are_within_limits(ARM, lowest.dense + math.tau * table[:, None]).all()
+    # The turn count nearest to home is tried first.
+    assert np.abs(lowest.dense[:, 5] + math.tau * table[1, 5]).max() < math.pi * 1.5
 
 
-def test_motions_are_run_in_the_turns_that_take_least_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The last joint is a whole turn farther from home than it need be, in two of three motions."""
-    motions = [motion for motion in turned() if motion.id in {"e7", "e8", "e14"}]
-    assert sum(motion.sampled_joints[:, 5].min() < -math.pi for motion in motions) == 2
-    chosen = link(motions)
+def test_motions_have_the_turn_counts_of_the_shortest_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In two of three motions the last joint is one turn farther from home than necessary."""
+    motions = [motion for motion in list_lowered_motions() if motion.id in {"e7", "e8", "e14"}]
+    assert sum(motion.dense[:, 5].min() < -math.pi for motion in motions) == 2
+    chosen = link_motions(motions)
     for module in CALLERS:
-        monkeypatch.setattr(module, "list_turns", no_turns)
-    kept = link(motions)
+        monkeypatch.setattr(module, "list_turns", list_no_turns)
+    kept = link_motions(motions)
     assert chosen.seconds < kept.seconds - 0.1
     by_id = {motion.id: motion for motion in motions}
     for leg in chosen.legs:

@@ -1,4 +1,4 @@
-"""Curves beside a drawing: what is far from all else is worked out for itself, and nothing changes by it."""
+"""Offset curves of a drawing: contours far from all others are computed alone, with one result."""
 
 import math
 
@@ -17,8 +17,11 @@ from tests.support.examples import fewer
 
 
 @st.composite
-def loops(draw: st.DrawFn) -> list[Contour]:
-    """Circles, rectangles and stars with arcs, of either sense, on a field so large that some lie by themselves."""
+def draw_loops(draw: st.DrawFn) -> list[Contour]:
+    """Circles, rectangles and stars with arcs, in both directions.
+
+    The field is so large that some of them are far from all others.
+    """
     drawn = []
     for _ in range(draw(st.integers(1, 8))):
         x, y, size = draw(st.integers(0, 90)), draw(st.integers(0, 90)), draw(st.floats(0.5, 15))
@@ -40,7 +43,12 @@ def loops(draw: st.DrawFn) -> list[Contour]:
     return drawn
 
 
-def curve(drawn: list[Contour], distance: float, corner: float) -> OffsetCurve:
+def mark_none(_: object, rows: np.ndarray, __: object) -> np.ndarray:
+    """Replaces `only_at_ends`: no pair of segments meets at its ends only."""
+    return np.zeros(len(rows), dtype=np.bool_)
+
+
+def make_curve(drawn: list[Contour], distance: float, corner: float) -> OffsetCurve:
     source, closed = make_contour_segments(drawn), np.ones(len(drawn), dtype=np.bool_)
     label = np.zeros(len(source), dtype=np.int64)
     return make_offset_curve(
@@ -49,39 +57,37 @@ def curve(drawn: list[Contour], distance: float, corner: float) -> OffsetCurve:
 
 
 @fewer(10)
-@given(loops(), st.floats(0.3, 6), st.sampled_from([0.0, 0.5]))
-def test_loops_apart_from_all_others_can_be_taken_by_themselves(
+@given(draw_loops(), st.floats(0.3, 6), st.sampled_from([0.0, 0.5]))
+def test_contours_far_from_all_others_have_the_same_offset_curves_alone(
     drawn: list[Contour], distance: float, corner: float
 ) -> None:
-    apart = curve(drawn, distance, corner)
+    alone = make_curve(drawn, distance, corner)
     with pytest.MonkeyPatch.context() as patch:
-        # All in one group, a tree for all of it, and all cuts.
+        # All contours are in one group, with one search tree, and all cuts are made.
         for module in (offset, beside_module):
             patch.setattr(module, "set_apart", lambda _, group, *__: group)
         patch.setattr(intersect, "FEW", 0)
         patch.setattr(stitch, "FEW", 0)
-        patch.setattr(offset, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_))
-        together = curve(drawn, distance, corner)
+        patch.setattr(offset, "only_at_ends", mark_none)
+        together = make_curve(drawn, distance, corner)
     for name in Segments.__struct_fields__:
-        assert np.array_equal(getattr(apart.segments, name), getattr(together.segments, name))
+        assert np.array_equal(getattr(alone.segments, name), getattr(together.segments, name))
     for name in ("closed", "source", "turn", "lost", "sound"):
-        assert np.array_equal(getattr(apart, name), getattr(together, name))
+        assert np.array_equal(getattr(alone, name), getattr(together, name))
 
 
 @settings(deadline=None)
-@given(loops())
-def test_slips_are_the_same_where_every_corner_is_looked_at(drawn: list[Contour]) -> None:
+@given(draw_loops())
+def test_slips_are_the_same_if_every_corner_is_tested(drawn: list[Contour]) -> None:
     source, count = make_contour_segments(drawn), len(drawn)
     following = find_following(source, np.ones(count, dtype=np.bool_))
-    found = uncross.find_slips(source, following, count)
+    slips = uncross.find_slips(source, following, count)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            uncross, "only_at_ends", lambda _, one, __: np.zeros(len(one), dtype=np.bool_)
-        )
-        assert np.array_equal(found, uncross.find_slips(source, following, count))
+        patch.setattr(uncross, "only_at_ends", mark_none)
+        assert np.array_equal(slips, uncross.find_slips(source, following, count))
 
 
-def test_a_stretch_of_a_closed_chain_goes_over_the_end_of_the_chain() -> None:
+def test_a_stretch_of_a_closed_chain_continues_over_the_end_of_the_chain() -> None:
     triangle = contour([(0, 0), (9, 0), (0, 9)])
     segments = make_contour_segments([triangle, rectangle(20, 0, 10, 10)])
     plain = np.zeros(7, np.bool_)

@@ -1,4 +1,4 @@
-"""A fixture blocks stretches of contours, and holes and pockets as a whole."""
+"""A fixture blocks stretches of contours, and whole holes and pockets."""
 
 from pathlib import Path
 from typing import Any
@@ -32,45 +32,46 @@ def build(*fixtures: object, strict: bool = False, **tables: Any) -> Result:
     return camgen.build(MOTOR, post="gcode", job=job, strict=strict)
 
 
-def fixture_notes(result: Result) -> list[str]:
+def list_fixture_notes(result: Result) -> list[str]:
     return [str(note) for note in result.notes if "fixture" in note.why]
 
 
-def places_along(path: ToolPath, step: float = 0.05) -> FloatArray:
-    """(N, 2) places on a path, found one by one."""
+def sample_path(path: ToolPath, step: float = 0.05) -> FloatArray:
+    """Points on a path every `step` mm, (N, 2)."""
     length = float(lengths_along(path)[-1])
     return np.array([point_at(path, at)[:2] for at in np.arange(0.0, length, step)])
 
 
-def distance(places: FloatArray, box: list[float]) -> FloatArray:
+def measure_distances(points: FloatArray, box: list[float]) -> FloatArray:
+    """Distance in the plane from points (N, 2) to a box, mm (N,)."""
     x1, y1, _, x2, y2, _ = box
-    dx = np.maximum(np.maximum(x1 - places[:, 0], places[:, 0] - x2), 0)
-    dy = np.maximum(np.maximum(y1 - places[:, 1], places[:, 1] - y2), 0)
+    dx = np.maximum(np.maximum(x1 - points[:, 0], points[:, 0] - x2), 0)
+    dy = np.maximum(np.maximum(y1 - points[:, 1], points[:, 1] - y2), 0)
     return np.asarray(np.hypot(dx, dy))
 
 
-def test_a_contour_is_cut_up_to_the_clamps_and_no_farther() -> None:
+def test_a_contour_is_cut_up_to_the_clamps() -> None:
     whole = build().tour.paths[0]
     result = build(LEFT, RIGHT)
     assert [path.id for path in result.tour.paths] in (["c1.1", "c1.2"], ["c1.2", "c1.1"])
     for path in result.tour.paths:
         assert not path.closed
-        places = places_along(path)
+        points = sample_path(path)
         for clamp in (LEFT, RIGHT):
-            assert distance(places, clamp).min() >= 3 + 2 - 1e-6
+            assert measure_distances(points, clamp).min() >= 3 + 2 - 1e-6
         ends = path.position[[0, -1], :2]
-        nearest = np.minimum(distance(ends, LEFT), distance(ends, RIGHT))
+        nearest = np.minimum(measure_distances(ends, LEFT), measure_distances(ends, RIGHT))
         assert nearest == pytest.approx([5.0, 5.0], abs=0.06)
     left_out = [measure_path(path) for path in result.blocked]
     kept = [measure_path(path) for path in result.tour.paths]
     assert sum(kept) + sum(left_out) == pytest.approx(measure_path(whole), abs=1e-3)
     assert sum(left_out) == pytest.approx(20 + 10 + 30 + 10, abs=2.0)
-    (note,) = fixture_notes(result)
+    (note,) = list_fixture_notes(result)
     expected = f"skipped: {sum(left_out):.1f} mm of path c1 (fixtures 1, 2: the tool would come "
     assert note == expected + "nearer than 2 mm, cell.margin)"
 
 
-def test_the_same_stretches_are_left_out_wherever_the_path_begins() -> None:
+def test_the_same_stretches_are_left_out_wherever_the_path_starts() -> None:
     lengths = []
     for x, y in ((20.0, 0.0), (60.0, 0.0), (120.0, 45.0)):
         result = build(LEFT, tour={"seams": [[x, y]]})
@@ -78,23 +79,23 @@ def test_the_same_stretches_are_left_out_wherever_the_path_begins() -> None:
     assert max(lengths) - min(lengths) < 2e-3
 
 
-def test_a_clamp_below_the_cut_is_not_in_the_way() -> None:
-    assert fixture_notes(build([10, -10, -20, 30, 20, -3.0])) == []
-    assert fixture_notes(build([10, -10, -20, 30, 20, -2.9])) != []
+def test_a_clamp_below_the_cut_does_not_block_it() -> None:
+    assert list_fixture_notes(build([10, -10, -20, 30, 20, -3.0])) == []
+    assert list_fixture_notes(build([10, -10, -20, 30, 20, -2.9])) != []
 
 
-def test_each_pass_leaves_out_what_the_deepest_one_does() -> None:
+def test_all_passes_leave_out_the_stretches_of_the_deepest_pass() -> None:
     result = build([10, -10, -20, 30, 20, -2.0], operation={"depth": 3.0, "passes": 3})
     (path,) = result.tour.paths
     assert len(path.depths) == 3
-    assert distance(places_along(path), [10, -10, -20, 30, 20, -2.0]).min() >= 5 - 1e-6
+    assert measure_distances(sample_path(path), [10, -10, -20, 30, 20, -2.0]).min() >= 5 - 1e-6
 
 
 def test_a_holder_leaves_out_more_than_the_tool_and_is_named() -> None:
     holder = {"length": 30.0, "holder": [[-15, -15, 0, 15, 15, 18]]}
     bare, held = build(RIGHT), build(RIGHT, tool=holder)
     assert measure_path(held.blocked[0]) > measure_path(bare.blocked[0]) + 15
-    assert "the tool and the holder would come nearer" in fixture_notes(held)[0]
+    assert "the tool and the holder would come nearer" in list_fixture_notes(held)[0]
     # With its lower end 12 mm above the tip it passes a clamp that is 8 mm high.
     low = [*RIGHT[:5], 8.0]
     assert measure_path(build(low, tool=holder).blocked[0]) == pytest.approx(
@@ -102,7 +103,7 @@ def test_a_holder_leaves_out_more_than_the_tool_and_is_named() -> None:
     )
 
 
-def test_a_later_operation_leaves_what_an_earlier_wider_tool_has_left() -> None:
+def test_a_later_operation_leaves_out_the_stretches_of_an_earlier_wider_tool() -> None:
     tools = [
         {"name": "a", "number": 1, "diameter": 8.0},
         {"name": "b", "number": 2, "diameter": 3.0},
@@ -110,8 +111,8 @@ def test_a_later_operation_leaves_what_an_earlier_wider_tool_has_left() -> None:
     rows = [{"kind": "follow", "tool": name, "layers": ["OUTLINE"]} for name in ("a", "b")]
     result = build(LEFT, input={}, tools=tools, operations=rows)
     small = next(path for path in result.tour.paths if path.id.startswith("1:"))
-    assert distance(places_along(small), LEFT).min() == pytest.approx(4 + 2, abs=0.06)
-    assert fixture_notes(result)[0].startswith("skipped: operation 0 (follow): ")
+    assert measure_distances(sample_path(small), LEFT).min() == pytest.approx(4 + 2, abs=0.06)
+    assert list_fixture_notes(result)[0].startswith("skipped: operation 0 (follow): ")
 
 
 def test_holes_and_pockets_are_left_out_as_a_whole() -> None:
@@ -146,7 +147,7 @@ def test_a_curve_in_space_is_left_out_as_a_whole() -> None:
     assert result.fixtures.aside >= 2
 
 
-def test_nothing_left_and_strict_are_refused() -> None:
+def test_a_job_without_a_path_and_a_strict_job_are_refused() -> None:
     with pytest.raises(NoSafeProgram, match=r"no path is left.*fixture 1"):
         build([-50, -50, -5, 200, 200, 20])
     with pytest.raises(NoSafeProgram, match="--strict and 1 left out"):
@@ -165,36 +166,36 @@ def test_nothing_left_and_strict_are_refused() -> None:
     ids=["leads", "ramp", "finish", "tabs", "trace"],
 )
 def test_leads_ramps_and_passes_keep_clear_too(operation: dict[str, object]) -> None:
-    """The places of all motions below the top of a clamp, read from the program."""
+    """All motions of the program below the top of a clamp keep the margin from it."""
     result = build(LEFT, RIGHT, operation=operation)
     ends = result.program.columns.ends
     for clamp in (LEFT, RIGHT):
         low = ends[:, 2] < clamp[5]
-        assert distance(ends[low, :2], clamp).min() >= 5 - 1e-3
+        assert measure_distances(ends[low, :2], clamp).min() >= 5 - 1e-3
     assert result.fixtures is not None
     assert result.fixtures.aside >= 2 - 1e-3
-    skipped = [note for note in fixture_notes(result) if note.startswith("skipped: ")]
+    skipped = [note for note in list_fixture_notes(result) if note.startswith("skipped: ")]
     assert len(skipped) == (2 if "finish" in operation else 1)
 
 
-def test_what_encloses_others_is_run_after_them_in_all_its_stretches() -> None:
+def test_all_stretches_of_an_outline_are_run_after_the_contours_inside() -> None:
     result = build(LEFT, RIGHT, input={"layers": []})
     ids = [path.id for path in result.tour.paths]
     assert ids[-2:] in (["c1.1", "c1.2"], ["c1.2", "c1.1"])
     assert len(ids) == 7
 
 
-def test_margin_and_no_margin() -> None:
+def test_the_distance_from_a_clamp_is_the_margin_of_the_job() -> None:
     close, wide = (build(LEFT, cell={"margin": margin}) for margin in (0.0, 6.0))
     assert close.fixtures is not None
     assert close.fixtures.aside == pytest.approx(0.02, abs=0.01)
     assert wide.fixtures is not None
     assert wide.fixtures.aside == pytest.approx(6.02, abs=0.02)
-    assert "would run into it" in fixture_notes(close)[0]
+    assert "would run into it" in list_fixture_notes(close)[0]
 
 
-def test_an_arm_is_not_concerned() -> None:
-    """Its fixtures are bodies of its scene."""
+def test_a_program_for_an_arm_leaves_out_no_stretches() -> None:
+    """The fixtures of an arm are bodies of its scene."""
     job = {
         "operation": {"depth": 3.0},
         "process": {"spindle": 9000.0},

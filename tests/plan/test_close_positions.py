@@ -1,4 +1,4 @@
-"""Positions of old programs that are too close for an arm: left out within the tolerance."""
+"""Positions of old programs that are too close for an arm are left out within the tolerance."""
 
 from itertools import pairwise
 
@@ -28,7 +28,7 @@ def build(tmp_path, text, post):
 
 
 def test_positions_are_left_out_within_the_tolerance(tmp_path):
-    """Chords of a circle of radius r leave it by t if they are about 1.26 mm, 2 sqrt(2 r t)."""
+    """Chords of a circle of radius r deviate by t if they are about 1.26 mm, 2 sqrt(2 r t)."""
     points, text = write_circle(600)
     result = build(tmp_path, text, "rapid")
     lines = [item for item in result.program.body if isinstance(item, MoveL) and item.work]
@@ -46,14 +46,14 @@ def test_positions_are_left_out_within_the_tolerance(tmp_path):
     assert not any("less than 0.3 mm apart" in note.what for note in result.notes)
 
 
-def test_a_mill_runs_them_all(tmp_path):
+def test_a_mill_runs_to_all_positions(tmp_path):
     _, text = write_circle(100)
     result = build(tmp_path, text, "gcode")
     assert sum(isinstance(item, MoveL) for item in result.program.body) == 100
 
 
 def test_close_positions_that_stay_are_a_warning(tmp_path):
-    """A wave of 0.1 mm in height: no point of it is near the line between its neighbours."""
+    """No point of a wave of 0.1 mm in height is near the line between its neighbours."""
     angles = np.linspace(0, 20 * np.pi, 201)
     lines = [f"G1 X{a / 20:.4f} Y{0.1 * np.sin(a):.4f} F600" for a in angles.tolist()]
     text = "G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F300\n" + "\n".join(lines) + "\nG0 Z5\nM2\n"
@@ -79,9 +79,9 @@ def test_no_point_is_farther_from_the_kept_chain_than_the_tolerance(seed):
 
 @pytest.mark.parametrize("turn", range(0, 360, 7))
 def test_of_two_points_that_are_equally_far_the_first_is_kept(turn):
-    """Else the last bit of a product decides, which differs between processors."""
+    """Otherwise the last bit of a product decides, which differs between processors."""
     angle = np.radians(turn)
     turned = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0]])
     chain = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 1.0], [3.0, 0.0]]) @ turned
-    # From the first one kept, (1, 1), the other is 1/sqrt(5) mm off the line to the end.
+    # If (1, 1) is kept, (2, 1) is 1/sqrt(5) mm from the line to the end.
     assert keep_points(chain, 0.5).tolist() == [True, True, False, True]

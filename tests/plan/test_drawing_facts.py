@@ -1,4 +1,4 @@
-"""The golden drawings, judged by what they are to show: marks on the paper, read back from the text of every post."""
+"""The golden drawings: strokes on the paper, read back from every post, compared with formulas."""
 
 import importlib.util
 import math
@@ -24,42 +24,42 @@ FILES = {
     "gcode": "part.ngc",
     "grbl": "part.nc",
 }
-#: The pen marks below this height, mm; the finest text has three digits.
+#: Height below which the pen draws, mm. The finest text has three digits.
 TOUCH = 2e-3
 
 
-def marks(case: str, post: str) -> list[FloatArray]:
-    """The strokes on the paper as points (N, 2) at most 0.2 mm apart, as the text of the case says."""
+def read_strokes(case: str, post: str) -> list[FloatArray]:
+    """Strokes of the expected program of a case, each as points (N, 2) at most 0.2 mm apart."""
     file = FILES[post]
     text = (FIXTURES / "cases" / case / "expected" / file).read_text()
     strokes: list[list[FloatArray]] = []
     at: FloatArray | None = None
     down = False
-    for one in find_readback(post)({file: text}, {}).body:
-        if not isinstance(one, (MoveJ, MoveL, MoveC)):
+    for motion in find_readback(post)({file: text}, {}).body:
+        if not isinstance(motion, (MoveJ, MoveL, MoveC)):
             continue
-        if not isinstance(one.target, Pose):
+        if not isinstance(motion.target, Pose):
             at, down = None, False
             continue
-        place = np.array(one.target.origin)
-        drawing = at is not None and at[2] < TOUCH and place[2] < TOUCH
+        target = np.array(motion.target.origin)
+        drawing = at is not None and at[2] < TOUCH and target[2] < TOUCH
         if drawing and at is not None:
             if not down:
                 strokes.append([at[None, :2]])
-            via = np.array(one.via.origin) if isinstance(one, MoveC) else None
-            strokes[-1].append(along(at[:2], place[:2], None if via is None else via[:2]))
-        at, down = place, drawing
+            via = np.array(motion.via.origin[:2]) if isinstance(motion, MoveC) else None
+            strokes[-1].append(sample_motion(at[:2], target[:2], via))
+        at, down = target, drawing
     return [np.concatenate(stroke) for stroke in strokes]
 
 
-def along(start: FloatArray, end: FloatArray, via: FloatArray | None) -> FloatArray:
-    """Points of the line, or of the arc through ``via``, without its start."""
+def sample_motion(start: FloatArray, end: FloatArray, via: FloatArray | None) -> FloatArray:
+    """Points of a line, or of an arc if it has a via point, without its start."""
     if via is None:
         count = max(1, math.ceil(float(np.hypot(*(end - start))) / 0.2))
         return np.asarray(start + (end - start) * np.linspace(0, 1, count + 1)[1:, None])
-    (ax, ay), (bx, by) = 2 * (via - start), 2 * (end - start)
+    (ax, ay), (bx, b_y) = 2 * (via - start), 2 * (end - start)
     u, w = float(via @ via - start @ start), float(end @ end - start @ start)
-    centre = np.array([u * by - w * ay, ax * w - bx * u]) / (ax * by - ay * bx)
+    centre = np.array([u * b_y - w * ay, ax * w - bx * u]) / (ax * b_y - ay * bx)
     radius = float(np.hypot(*(start - centre)))
     turns = np.unwrap([math.atan2(y - centre[1], x - centre[0]) for x, y in (start, via, end)])
     count = math.ceil(abs(turns[2] - turns[0]) * radius / 0.2) + 1
@@ -67,30 +67,34 @@ def along(start: FloatArray, end: FloatArray, via: FloatArray | None) -> FloatAr
     return np.asarray(centre + radius * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
-def length(stroke: FloatArray) -> float:
+def measure_length(stroke: FloatArray) -> float:
     return float(np.hypot(*np.diff(stroke, axis=0).T).sum())
 
 
-def farthest(points: FloatArray, lines: list[FloatArray]) -> float:
-    """The largest distance of one of the points from the lines."""
+def measure_farthest(points: FloatArray, lines: list[FloatArray]) -> float:
+    """Largest distance of a point from the lines, mm."""
     all_lines = shapely.multilinestrings([shapely.linestrings(line) for line in lines])
     return float(shapely.distance(shapely.points(points), all_lines).max())
 
 
-def gear_outline(scale: float) -> Iterable[FloatArray]:
-    """The shapes in gear.png by their formula: bore, six holes and teeth, centred on the page of the case, mm."""
+def list_gear_outlines(scale: float) -> Iterable[FloatArray]:
+    """Outlines of the bore, the six holes and the teeth of gear.png by their formulas, mm.
+
+    They are centred on the page of the case. scale: mm of a pixel.
+    """
     middle, size = np.array([60.0, 50.0]), 600 * scale
     turn = np.linspace(0, 2 * np.pi, 720)
     round_ = np.column_stack([np.cos(turn), np.sin(turn)])
     yield middle + 0.09 * size * round_
     for k in range(6):
         a = np.pi / 3 * k + 0.3
-        # The picture's rows run down.
+        # The rows of the picture run down.
         yield middle + 0.22 * size * np.array([np.cos(a), -np.sin(a)]) + 0.055 * size * round_
     root, tip, pitch = 0.36 * size, 0.44 * size, 2 * np.pi / 18
     rows = []
     for k in range(18):
-        # A tooth stands where the turn is half a pitch; flanks run from half width 0.27 to 0.16 of the pitch.
+        # The middle of a tooth is at half of a pitch.
+        # Its half width is 0.27 pitches at the root and 0.16 at the tip.
         t = np.linspace(0, 1, 60)
         radius = np.concatenate(
             [root + (tip - root) * t, np.full(60, tip), tip - (tip - root) * t, np.full(60, root)]
@@ -104,73 +108,78 @@ def gear_outline(scale: float) -> Iterable[FloatArray]:
 @pytest.mark.parametrize("post", FILES)
 def test_the_gear_on_paper_is_the_gear_of_the_formula(post: str) -> None:
     page = tomllib.loads((FIXTURES / "cases" / "gear-trace" / "job.toml").read_text())["page"]
-    # The outline is as high as the page allows: 0.88 of the picture's 600 px, from border to border.
+    # The outline is as high as the page allows. In the picture it is 0.88 of 600 px high.
     scale = (page["size"][1] - 2 * page["margin"]) / (2 * 0.44 * 600)
-    expected = sorted(gear_outline(scale), key=length)
-    strokes = sorted(marks("gear-trace", post), key=length)
+    expected = sorted(list_gear_outlines(scale), key=measure_length)
+    strokes = sorted(read_strokes("gear-trace", post), key=measure_length)
     assert len(strokes) == len(expected) == 8
     for stroke in strokes:
         assert np.hypot(*(stroke[-1] - stroke[0])) < TOUCH
     # The border of the pixels is within 0.71 px of the shape, the drawing within one of the border.
-    assert farthest(np.concatenate(strokes), expected) < 1.75 * scale
-    assert farthest(np.concatenate(expected), strokes) < 1.75 * scale
-    # What is round is known better than a pixel.
+    assert measure_farthest(np.concatenate(strokes), expected) < 1.75 * scale
+    assert measure_farthest(np.concatenate(expected), strokes) < 1.75 * scale
+    # The lengths of circles are more exact than a pixel.
     for k, (stroke, circle) in enumerate(zip(strokes[:7], expected[:7], strict=True)):
-        assert length(stroke) == pytest.approx(length(circle), abs=2 * math.pi * 0.25 * scale), k
+        assert measure_length(stroke) == pytest.approx(
+            measure_length(circle), abs=2 * math.pi * 0.25 * scale
+        ), k
 
 
-def ellipse_length(a: float, b: float) -> float:
-    """Ramanujan's second formula, here good to 1e-6."""
+def compute_ellipse_length(a: float, b: float) -> float:
+    """Length of an ellipse by Ramanujan's second formula, here exact to 1e-6."""
     h = ((a - b) / (a + b)) ** 2
     return math.pi * (a + b) * (1 + 3 * h / (10 + math.sqrt(4 - 3 * h)))
 
 
-def bezier_length(*control: tuple[float, float]) -> float:
-    """By many short chords of de Casteljau's scheme."""
+def compute_bezier_length(*control: tuple[float, float]) -> float:
+    """Length of a Bezier curve from its control points, by many short chords."""
     t = np.linspace(0, 1, 20_001)[:, None]
-    levels = [np.array(one) + 0 * t for one in control]
+    levels = [np.array(point) + 0 * t for point in control]
     while len(levels) > 1:
         levels = [a * (1 - t) + b * t for a, b in pairwise(levels)]
-    return length(levels[0])
+    return measure_length(levels[0])
 
 
-def arc(chord: float, radius: float) -> float:
+def compute_arc_length(chord: float, radius: float) -> float:
     return 2 * radius * math.asin(chord / 2 / radius)
 
 
 @pytest.mark.parametrize("post", FILES)
 def test_the_logo_on_paper_has_its_lengths_and_its_place(post: str) -> None:
-    # By hand from the file, in its units of half a mm. S and T mirror the control point before them.
-    blade = arc(math.hypot(22, 4), 16) + arc(math.hypot(14, 12), 14)
-    wave = bezier_length((20, 80), (40, 60), (50, 95), (70, 78)) + bezier_length(
+    # Numbers of the file, in its units of half a mm. S and T mirror the control point before them.
+    blade = compute_arc_length(math.hypot(22, 4), 16) + compute_arc_length(math.hypot(14, 12), 14)
+    wave = compute_bezier_length((20, 80), (40, 60), (50, 95), (70, 78)) + compute_bezier_length(
         (70, 78), (90, 61), (100, 70), (140, 82)
     )
-    # q 12 10 24 0 from (50, 4); t mirrors its control point (62, 14) at (74, 4) to (86, -6).
-    tail = bezier_length((50, 4), (62, 14), (74, 4)) + bezier_length((74, 4), (86, -6), (86, 0))
+    # q 12 10 24 0 from (50, 4). t mirrors its control point (62, 14) at (74, 4) to (86, -6).
+    tail = compute_bezier_length((50, 4), (62, 14), (74, 4)) + compute_bezier_length(
+        (74, 4), (86, -6), (86, 0)
+    )
     units = [
         2 * (152 + 92) - 8 * 16 + 2 * math.pi * 16,
         wave,
         2 * math.pi * 7,
         *[blade] * 3,
-        ellipse_length(24, 12),
+        compute_ellipse_length(24, 12),
         24.0,
         tail,
     ]
-    strokes = marks("logo-trace", post)
-    found = sorted(map(length, strokes))
-    # Chords of 0.02 mm: curves come out shorter by less than a tenth of a percent.
-    assert found == pytest.approx(sorted(one / 2 for one in units), rel=2e-3)
+    strokes = read_strokes("logo-trace", post)
+    lengths = sorted(map(measure_length, strokes))
+    # Chords with a tolerance of 0.02 mm are shorter by less than a tenth of a percent.
+    assert lengths == pytest.approx(sorted(unit_length / 2 for unit_length in units), rel=2e-3)
     points = np.concatenate(strokes)
-    # The frame: 2 mm from the page's border on all sides, the page is 80 x 50 mm.
+    # The frame is 2 mm from all sides of the page, which is 80 x 50 mm.
     assert points.min(axis=0) == pytest.approx([2, 2], abs=0.02)
     assert points.max(axis=0) == pytest.approx([78, 48], abs=0.02)
-    # The three blades are one turned by 120 degrees about (24, 29): their middles make the circle's centre.
-    blades = [s for s in strokes if abs(length(s) - blade / 2) < 0.1]
+    # Two of the three blades are the first one, rotated by 120 degrees about (24, 29).
+    # So the mean of their starts is that point.
+    blades = [s for s in strokes if abs(measure_length(s) - blade / 2) < 0.1]
     starts = np.array([s[np.argmin(np.abs(np.hypot(*(s - [24, 29]).T) - 6))] for s in blades])
     assert starts.mean(axis=0) == pytest.approx([24, 29], abs=0.02)
 
 
-def test_the_pictures_are_what_their_program_makes(tmp_path: Path) -> None:
+def test_the_pictures_are_those_that_their_program_makes(tmp_path: Path) -> None:
     spec = importlib.util.spec_from_file_location("make_pictures", FIXTURES / "make_pictures.py")
     assert spec is not None
     assert spec.loader is not None
@@ -178,8 +187,10 @@ def test_the_pictures_are_what_their_program_makes(tmp_path: Path) -> None:
     spec.loader.exec_module(module)
     (tmp_path / "parts").mkdir()
     module.main(tmp_path)
-    for made in sorted((tmp_path / "parts").iterdir()):
-        assert made.read_bytes() == (FIXTURES / "parts" / made.name).read_bytes(), made.name
-        # Another decoder sees the ink that was meant.
-        pixels = cv2.imread(str(made), cv2.IMREAD_GRAYSCALE)
-        assert np.array_equal(pixels == 0, getattr(module, made.stem)())
+    for picture in sorted((tmp_path / "parts").iterdir()):
+        assert picture.read_bytes() == (FIXTURES / "parts" / picture.name).read_bytes(), (
+            picture.name
+        )
+        # Another decoder reads the pixels of the program.
+        pixels = cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE)
+        assert np.array_equal(pixels == 0, getattr(module, picture.stem)())

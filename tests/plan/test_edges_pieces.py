@@ -1,4 +1,4 @@
-"""The search of pieces: its limit, and its end by Ctrl-C."""
+"""The search for pieces: its limit, and its end by Ctrl-C."""
 
 import tomllib
 from types import SimpleNamespace
@@ -24,7 +24,7 @@ STATIONS = 11
 
 
 class EndedCoverage:
-    """A coverage that finds one piece of each line, and is interrupted at one of them."""
+    """A coverage that finds one piece of each line and is interrupted at the line `ends_at`."""
 
     def __init__(self, ends_at: str = "") -> None:
         self.ends_at = ends_at
@@ -48,7 +48,7 @@ def search_edges(search: PieceSearch, coverage: Any) -> dict[str, Any]:
     return search.find(lines, whole, coverage)
 
 
-def test_ctrl_c_ends_the_search_alone() -> None:
+def test_ctrl_c_ends_the_search_and_not_the_build() -> None:
     stages: list[str] = []
     search = PieceSearch("edge", stages.append, 1000)
     assert list(search_edges(search, EndedCoverage("e3"))) == ["e1", "e2"]
@@ -59,7 +59,7 @@ def test_ctrl_c_ends_the_search_alone() -> None:
     assert "the search was ended" in note.why
 
 
-def test_ctrl_c_ends_the_build_where_no_progress_is_shown() -> None:
+def test_ctrl_c_ends_the_build_if_no_progress_is_shown() -> None:
     with pytest.raises(KeyboardInterrupt):
         search_edges(PieceSearch("edge", ignore_stages, 1000), EndedCoverage("e3"))
 

@@ -1,4 +1,4 @@
-"""The worked example of docs/writing-an-operation.md: installed, used, and what the page shows."""
+"""The example of docs/writing-an-operation.md: it is installed and used, the page shows it."""
 
 import json
 import re
@@ -12,11 +12,14 @@ from tests.support.installed import install, run
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs" / "example_operation"
 PAGE = (ROOT / "docs" / "writing-an-operation.md").read_text(encoding="utf-8")
-#: Builds the bracket with the job given and prints each path: its ends, contours and operation; and the faults.
+#: Builds a part with a job. Prints the ends, contours and operation of each path, the number of
+#: paths in the program, and the deviation of the read-back, mm.
 CODE = """
 import json, sys, camgen
 result = camgen.build(sys.argv[1], post="gcode", job=json.loads(sys.argv[2]))
-paths = [(p.position[0].tolist(), p.position[-1].tolist(), p.contours, p.operation) for p in result.tour.paths]
+paths = []
+for p in result.tour.paths:
+    paths.append((p.position[0].tolist(), p.position[-1].tolist(), p.contours, p.operation))
 print(json.dumps([paths, len(result.program.paths), result.deviation.max_mm]))
 """
 
@@ -33,7 +36,7 @@ def test_the_page_shows_the_files() -> None:
         assert text == (EXAMPLE / name).read_text(encoding="utf-8")
 
 
-def test_it_hatches_at_the_spacing_and_the_angle_inside_the_part(site: Path) -> None:
+def test_the_operation_hatches_with_its_spacing_and_its_angle(site: Path) -> None:
     part = ROOT / "fixtures" / "parts" / "bracket.dxf"
     job = {"operation": {"kind": "hatch", "options": {"spacing": 4.0, "angle": 0.0}}}
     done = run(site, "-c", CODE, str(part), json.dumps(job))
@@ -49,7 +52,7 @@ def test_it_hatches_at_the_spacing_and_the_angle_inside_the_part(site: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("tables", "said"),
+    ("tables", "message"),
     [
         ({"operation": {"kind": "hatch", "options": {"spacng": 4.0}}}, "spacng"),
         ({"operation": {"kind": "hatch", "options": {"spacing": "wide"}}}, "Expected `float`"),
@@ -57,11 +60,11 @@ def test_it_hatches_at_the_spacing_and_the_angle_inside_the_part(site: Path) -> 
         ({"operation": {"kind": "hutch"}}, "kind must be one of"),
     ],
 )
-def test_what_does_not_fit_is_an_error(site: Path, tables: dict[str, object], said: str) -> None:
+def test_a_wrong_setting_is_an_error(site: Path, tables: dict[str, object], message: str) -> None:
     part = ROOT / "fixtures" / "parts" / "bracket.dxf"
     done = run(site, "-c", CODE, str(part), json.dumps(tables))
     assert done.returncode == 1
-    assert said in done.stderr.splitlines()[-1]
+    assert message in done.stderr.splitlines()[-1]
 
 
 def test_a_solid_is_refused_before_the_operation_sees_it(site: Path) -> None:
@@ -71,21 +74,10 @@ def test_a_solid_is_refused_before_the_operation_sees_it(site: Path) -> None:
 
 
 def test_the_job_of_the_page_builds_on_the_command_line(site: Path, tmp_path: Path) -> None:
-    (tmp_path / "job.toml").write_text(re.search(r"^```text\n(.*?)^```$", PAGE, re.S | re.M)[1])  # type: ignore[index]
+    block = re.search(r"^```text\n(.*?)^```$", PAGE, re.S | re.M)
+    (tmp_path / "job.toml").write_text(block[1])  # type: ignore[index]
     part = str(ROOT / "fixtures" / "parts" / "bracket.dxf")
-    done = run(
-        site,
-        "-m",
-        "camgen",
-        "build",
-        part,
-        "--post",
-        "gcode",
-        "--job",
-        "job.toml",
-        "-o",
-        "a.ngc",
-        folder=tmp_path,
-    )
+    command = ["-m", "camgen", "build", part, "--post", "gcode", "--job", "job.toml"]
+    done = run(site, *command, "-o", "a.ngc", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "a.ngc").exists()

@@ -1,4 +1,4 @@
-"""Paths beside contours: side, direction, feed and force, and what is said of what cannot be followed."""
+"""Paths along contours: side, direction, feed and force, and notes on contours without a path."""
 
 import math
 from pathlib import Path
@@ -23,26 +23,26 @@ ROOT = Path(__file__).parents[2]
 SIX = ToolTable(diameter=6.0)
 
 
-def planned(*contours: Contour, **operation: object) -> Plan:
+def plan_follow(*contours: Contour, **operation: object) -> Plan:
     job = Job(
         tool=SIX, operation=OperationTable(**operation), process=ProcessTable(feed=10.0, force=5.0)
-    )  # type: ignore[arg-type]
+    )
     return plan(part(*contours), job)
 
 
-def turning(path: ToolPath) -> float:
-    """Signed area of the path's vertices and via points: positive when it runs counter-clockwise."""
+def measure_signed_area(path: ToolPath) -> float:
+    """Signed area of the vertices and via points of a path, positive if counter-clockwise."""
     points = np.column_stack([path.via[:, :2], path.position[:, :2]]).reshape(-1, 2)
     x, y = points[~np.isnan(points[:, 0])].T
     return float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) / 2
 
 
-def plate() -> tuple[Contour, ...]:
+def make_plate() -> tuple[Contour, ...]:
     return rectangle(0, 0, 100, 60, "c1"), circle(30, 30, 10, "c2")
 
 
-def test_outside_of_the_outline_and_inside_of_the_hole() -> None:
-    outline, hole = planned(*plate()).paths
+def test_the_paths_run_outside_of_the_outline_and_inside_of_the_hole() -> None:
+    outline, hole = plan_follow(*make_plate()).paths
     assert measure_path(outline) == pytest.approx(320 + 6 * math.pi)
     assert measure_path(hole) == pytest.approx(2 * math.pi * 7)
     assert (outline.id, hole.id) == ("c1", "c2")
@@ -50,19 +50,19 @@ def test_outside_of_the_outline_and_inside_of_the_hole() -> None:
 
 
 @pytest.mark.parametrize(("direction", "sign"), [("climb", -1), ("conventional", 1)])
-def test_climb_has_the_part_on_the_right(direction: str, sign: int) -> None:
-    outline, hole = planned(*plate(), direction=direction).paths
-    assert np.sign(turning(outline)) == sign
-    assert np.sign(turning(hole)) == -sign
+def test_climb_milling_has_the_part_on_the_right(direction: str, sign: int) -> None:
+    outline, hole = plan_follow(*make_plate(), direction=direction).paths
+    assert np.sign(measure_signed_area(outline)) == sign
+    assert np.sign(measure_signed_area(hole)) == -sign
 
 
 @pytest.mark.parametrize("direction", ["climb", "conventional"])
-def test_press_points_to_the_contour(direction: str) -> None:
-    shapes = plate()
+def test_the_force_points_to_the_contour(direction: str) -> None:
+    shapes = make_plate()
     obstacles = Obstacles(
         drawn := make_contour_segments(shapes), np.zeros(len(drawn), dtype=np.int64)
     )
-    paths = planned(*shapes, direction=direction).paths
+    paths = plan_follow(*shapes, direction=direction).paths
     assert len(paths) == 2
     for path in paths:
         touching = path.position[1:, :2] + 3.0 * path.force_direction[1:, 1, :2]
@@ -75,17 +75,17 @@ def test_press_points_to_the_contour(direction: str) -> None:
 
 
 def test_the_contact_point_keeps_the_feed_on_arcs() -> None:
-    (path,) = planned(rounded(60, 40, 5)).paths
+    (path,) = plan_follow(rounded(60, 40, 5)).paths
     arc = ~np.isnan(path.via[1:, 0])
     # Outside a corner of 5 mm the centre of a 6 mm tool runs on 8 mm: 8/5 of the feed.
     assert path.feed[1:][arc] == pytest.approx(16.0)
     assert path.feed[1:][~arc] == pytest.approx(10.0)
-    (hole,) = planned(circle(0, 0, 10), side="inside").paths
+    (hole,) = plan_follow(circle(0, 0, 10), side="inside").paths
     assert hole.feed == pytest.approx(7.0)
 
 
-def test_the_feed_is_capped_and_the_force_off_at_a_sharp_corner() -> None:
-    (path,) = planned(rectangle(0, 0, 50, 50)).paths
+def test_the_feed_is_limited_and_the_force_off_at_a_sharp_corner() -> None:
+    (path,) = plan_follow(rectangle(0, 0, 50, 50)).paths
     corner = ~np.isnan(path.via[1:, 0])
     assert corner.sum() == 4
     assert path.feed[1:][corner] == pytest.approx(20.0)
@@ -93,8 +93,8 @@ def test_the_feed_is_capped_and_the_force_off_at_a_sharp_corner() -> None:
     assert path.force[1:][~corner] == pytest.approx(5.0)
 
 
-def test_rounded_inner_corners_lose_contact() -> None:
-    (path,) = planned(rectangle(0, 0, 50, 30), side="inside", corner_radius=2.0).paths
+def test_rounded_inner_corners_have_no_contact() -> None:
+    (path,) = plan_follow(rectangle(0, 0, 50, 30), side="inside", corner_radius=2.0).paths
     arc = ~np.isnan(path.via[1:, 0])
     assert arc.sum() == 4
     chord = path.position[1:][arc] - path.position[:-1][arc]
@@ -104,20 +104,22 @@ def test_rounded_inner_corners_lose_contact() -> None:
     assert path.force[1:][~arc] == pytest.approx(5.0)
 
 
-def test_corner_radius_leaves_a_convex_outline_as_it_is() -> None:
-    (plain,) = planned(rectangle(0, 0, 50, 50)).paths
-    (round_,) = planned(rectangle(0, 0, 50, 50), corner_radius=2.0).paths
+def test_a_corner_radius_does_not_change_a_convex_outline() -> None:
+    (plain,) = plan_follow(rectangle(0, 0, 50, 50)).paths
+    (round_,) = plan_follow(rectangle(0, 0, 50, 50), corner_radius=2.0).paths
     assert measure_path(round_) == pytest.approx(measure_path(plain))
     assert sorted(round_.force.tolist()) == sorted(plain.force.tolist())
 
 
 def test_passes_reach_the_depth_in_equal_steps() -> None:
-    (path,) = planned(circle(0, 0, 10), depth=3.0, passes=3).paths
+    (path,) = plan_follow(circle(0, 0, 10), depth=3.0, passes=3).paths
     assert path.depths == pytest.approx((1.0, 2.0, 3.0))
 
 
 def test_a_hole_that_is_too_small_is_a_note() -> None:
-    result = planned(rectangle(0, 0, 100, 60), circle(20, 20, 2.5, "c2"), circle(40, 20, 3.0, "c3"))
+    result = plan_follow(
+        rectangle(0, 0, 100, 60), circle(20, 20, 2.5, "c2"), circle(40, 20, 3.0, "c3")
+    )
     assert [p.id for p in result.paths] == ["c1"]
     (note,) = [n for n in result.notes if n.kind == "skipped"]
     assert "c2-c3" in note.what
@@ -126,49 +128,50 @@ def test_a_hole_that_is_too_small_is_a_note() -> None:
 
 def test_an_open_contour_is_left_out_unless_a_side_is_given() -> None:
     corner = contour([(0, 0), (50, 0), (50, 30)], closed=False)
-    (note,) = planned(corner).notes
+    (note,) = plan_follow(corner).notes
     assert note.kind == "skipped"
-    (right,) = planned(corner, side="right").paths
-    (left,) = planned(corner, side="left").paths
-    # On the outer side of the corner the path is longer by the arc, on the inner side shorter by 3 mm twice.
+    (right,) = plan_follow(corner, side="right").paths
+    (left,) = plan_follow(corner, side="left").paths
+    # On the outer side of the corner the path is longer by the arc.
+    # On the inner side it is shorter by 3 mm twice.
     assert measure_path(right) == pytest.approx(80 + 1.5 * math.pi)
     assert measure_path(left) == pytest.approx(80 - 6)
 
 
 def test_climb_runs_an_open_contour_with_the_part_on_the_right() -> None:
     line = contour([(0, 0), (50, 0)], closed=False)
-    (left,) = planned(line, side="left").paths
-    (right,) = planned(line, side="right").paths
+    (left,) = plan_follow(line, side="left").paths
+    (right,) = plan_follow(line, side="right").paths
     assert left.position[:, 0].tolist() == [0.0, 50.0]
     assert right.position[:, 0].tolist() == [50.0, 0.0]
     assert left.force_direction[1, 1].tolist() == pytest.approx([0, -1, 0])
 
 
-def test_on_the_line() -> None:
-    (path,) = planned(rounded(60, 40, 5), side="on").paths
+def test_the_side_on_runs_along_the_contour() -> None:
+    (path,) = plan_follow(rounded(60, 40, 5), side="on").paths
     assert measure_path(path) == pytest.approx(200 - 40 + 10 * math.pi)
 
 
 def test_a_contour_that_crosses_another_is_left_out_by_name() -> None:
-    result = planned(
+    result = plan_follow(
         rectangle(0, 0, 30, 30, "c1"), rectangle(20, 20, 30, 30, "c2"), circle(100, 0, 9, "c3")
     )
     assert [p.id for p in result.paths] == ["c3"]
     assert any("c1-c2" in n.what and "crossing" in n.what for n in result.notes)
 
 
-def test_what_the_tool_cannot_touch_is_measured() -> None:
-    # A hole of 40 x 20 with sharp corners: a mill of 3 mm radius leaves sqrt(3^2 + (3 - x)^2) - 3 mm standing at x mm
-    # from each corner, to either side. What is more than 0.02 mm counts: a sharp corner would be untouched for 3 mm.
+def test_a_note_gives_the_length_that_the_tool_cannot_touch() -> None:
+    # A hole of 40 x 20 mm has sharp corners, and the mill has a radius of 3 mm.
+    # At x mm from a corner the mill leaves sqrt(3^2 + (3 - x)^2) - 3 mm. More than 0.02 mm counts.
     each = 3 - math.sqrt(3.02**2 - 3**2)
-    result = planned(rectangle(0, 0, 40, 20), side="inside")
+    result = plan_follow(rectangle(0, 0, 40, 20), side="inside")
     (note,) = result.notes
     assert note.kind == "warning"
     assert float(note.what.split(" ")[0]) == pytest.approx(8 * each, abs=0.5)
     assert " mm of 120 mm of contour not touched" in note.what
 
 
-def test_trace_runs_on_every_line() -> None:
+def test_a_trace_runs_along_every_contour() -> None:
     job = Job(operation=OperationTable(kind="trace"), process=ProcessTable(feed=10.0))
     result = plan(part(circle(0, 0, 10), contour([(0, 0), (3, 4)], closed=False)), job)
     assert [measure_path(p) for p in result.paths] == pytest.approx([20 * math.pi, 5.0])
@@ -177,8 +180,8 @@ def test_trace_runs_on_every_line() -> None:
 
 @pytest.mark.parametrize("diameter", [1.0, 3.0, 6.0])
 @pytest.mark.parametrize("digits", [2, 4])
-def test_outlines_drawn_with_rounded_numbers_stay_whole(diameter: float, digits: int) -> None:
-    """Rounded numbers make corners that are nearly but not quite tangent: the path must be closed all the same."""
+def test_an_outline_of_rounded_numbers_has_one_closed_path(diameter: float, digits: int) -> None:
+    """Rounded numbers make corners that are nearly tangent, and the path is closed nevertheless."""
     t = np.linspace(0, math.pi / 2, 12)
     arc = 1.15 * np.column_stack([np.cos(t), np.sin(t)])
     corners = []
@@ -192,12 +195,12 @@ def test_outlines_drawn_with_rounded_numbers_stay_whole(diameter: float, digits:
     assert not [n for n in result.notes if n.kind == "skipped"]
 
 
-def test_neighbours_on_one_line_are_run_around_together() -> None:
-    found = planned(rectangle(0, 0, 20, 20), rectangle(0, 20, 20, 20, "c2"))
-    (path,) = found.paths
+def test_neighbours_with_a_common_edge_have_one_path_around_both() -> None:
+    result = plan_follow(rectangle(0, 0, 20, 20), rectangle(0, 20, 20, 20, "c2"))
+    (path,) = result.paths
     assert path.closed
     assert np.ptp(path.position[:, :2], axis=0) == pytest.approx([26.0, 46.0])
-    assert [n.why for n in found.notes if n.kind == "skipped"] == [
+    assert [n.why for n in result.notes if n.kind == "skipped"] == [
         "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
     ]
 
@@ -208,110 +211,107 @@ CUSP = ([(-27.9, -9.5), (2.7, -29.7), (42.5, -19.4), (45.9, -7.2)], [0.0, -0.65,
 
 @pytest.mark.parametrize("diameter", [0.5, 1.0, 3.0, 6.0, 20.0])
 def test_a_cusp_that_crosses_itself_is_run_around(diameter: float) -> None:
-    """With the circle beside it, which was lost with it. GEOS says how long the way is."""
-    beside = circle(42.5 + 4 + diameter * 0.7, -22.0, 4, "c2")
-    result = plan(part(contour(*CUSP), beside), Job(tool=ToolTable(diameter=diameter)))
+    """GEOS computes the length of the path around the cusp and a circle next to it."""
+    neighbour = circle(42.5 + 4 + diameter * 0.7, -22.0, 4, "c2")
+    result = plan(part(contour(*CUSP), neighbour), Job(tool=ToolTable(diameter=diameter)))
     assert not [note for note in result.notes if note.kind == "skipped"]
     areas = [
         shapely.make_valid(shapely.Polygon(flatten(make_contour_segments([c]), 1e-4)[0]))
-        for c in (contour(*CUSP), beside)
+        for c in (contour(*CUSP), neighbour)
     ]
     border = shapely.union_all(areas).buffer(diameter / 2, quad_segs=300).boundary
-    assert sum(measure_path(path) for path in result.paths) == pytest.approx(
-        border.length, rel=1e-4
-    )
+    assert sum(map(measure_path, result.paths)) == pytest.approx(border.length, rel=1e-4)
 
 
-def horn() -> Contour:
-    """A hole between a line and an arc that touches it: exactly straight back, with the room between the two."""
+def make_horn() -> Contour:
+    """A hole between a line and an arc that is tangent to it, so that it ends in a tip of 0 deg."""
     end = (30 * math.sin(0.9), 30 - 30 * math.cos(0.9))
     return contour([(0, 0), (end[0], 0), end], [0, 0, -math.tan(0.9 / 4)])
 
 
 @pytest.mark.parametrize("diameter", [0.5, 1.0, 2.0])
-def test_nothing_is_run_beyond_a_tip_between_tangent_sides(diameter: float) -> None:
+def test_the_path_in_a_tip_between_tangent_sides_is_closed_and_shorter(diameter: float) -> None:
     job = Job(tool=ToolTable(diameter=diameter), operation=OperationTable(side="inside"))
-    result = plan(part(horn()), job)
+    result = plan(part(make_horn()), job)
     assert [path.closed for path in result.paths] == [True]
     assert not [note for note in result.notes if note.kind == "skipped"]
-    (outside,) = plan(part(horn()), Job(tool=ToolTable(diameter=diameter))).paths
+    (outside,) = plan(part(make_horn()), Job(tool=ToolTable(diameter=diameter))).paths
     assert measure_path(outside) > measure_path(result.paths[0])
 
 
-@pytest.mark.parametrize("room", [0.001, 0.005, 0.02, 0.15])
-def test_a_hole_that_the_tool_just_fits_has_its_path(room: float) -> None:
+@pytest.mark.parametrize("gap", [0.001, 0.005, 0.02, 0.15])
+def test_a_hole_that_the_tool_just_fits_has_its_path(gap: float) -> None:
     shapes = [
-        circle(20, 20, 3 + room / 2, "c2"),
-        rectangle(40, 20, 6 + room, 6 + room, "c3"),
-        contour([(60, 20), (70, 20), (70, 26 + room), (60, 26 + room)], [0, 1, 0, 1], name="c4"),
+        circle(20, 20, 3 + gap / 2, "c2"),
+        rectangle(40, 20, 6 + gap, 6 + gap, "c3"),
+        contour([(60, 20), (70, 20), (70, 26 + gap), (60, 26 + gap)], [0, 1, 0, 1], name="c4"),
     ]
-    result = planned(rectangle(0, 0, 100, 60), *shapes)
-    assert [(p.id, p.closed) for p in result.paths] == [
-        ("c1", True),
-        ("c2", True),
-        ("c3", True),
-        ("c4", True),
-    ]
-    assert [measure_path(p) for p in result.paths[1:]] == pytest.approx(
-        [math.pi * room, 4 * room, math.pi * room + 20], rel=1e-6
-    )
+    result = plan_follow(rectangle(0, 0, 100, 60), *shapes)
+    assert {p.id: p.closed for p in result.paths} == dict.fromkeys(["c1", "c2", "c3", "c4"], True)
+    lengths = [math.pi * gap, 4 * gap, math.pi * gap + 20]
+    assert [measure_path(p) for p in result.paths[1:]] == pytest.approx(lengths, rel=1e-6)
 
 
-def test_a_hole_as_wide_as_the_tool_has_no_room_for_a_way() -> None:
-    result = planned(rectangle(0, 0, 100, 60), circle(20, 20, 3.0, "c2"))
+def test_a_hole_as_wide_as_the_tool_has_no_path() -> None:
+    result = plan_follow(rectangle(0, 0, 100, 60), circle(20, 20, 3.0, "c2"))
     (note,) = [n for n in result.notes if n.kind == "skipped"]
     assert "too narrow" in note.what
 
 
-#: Two pairs of x, y, bulge, and the tool that just does not pass between the two.
-PAIRS = [
+Corners = list[tuple[float, float, float]]
+#: A tool and two contours that it can just not pass between; x, y and bulge of their corners.
+PAIRS: list[tuple[float, Corners, Corners]] = [
     (
         3.0,
-        [(51.235, 4.63, 0.28), (54.05, -13.627, 0), (68.776, -1.612, 0), (65.587, 2.754, -0.33), (66.795, 7.645, -0.46),
-         (60.786, 8.653, 0.59), (60.758, 9.162, 0.1), (60.372, 11.704, 0)],
+        [(51.235, 4.63, 0.28), (54.05, -13.627, 0), (68.776, -1.612, 0), (65.587, 2.754, -0.33),
+         (66.795, 7.645, -0.46), (60.786, 8.653, 0.59), (60.758, 9.162, 0.1), (60.372, 11.704, 0)],
         [(16.8, 2.2, 0), (8.4, 28.7, 0.7360652784094979), (30.1, 44.0, 0), (47.8, -8.3, 0)],
     ),
     (
         10.0,
-        [(19.9, 0.2, -0.35), (9.4, 5.6, -0.45), (3.2, 27.5, 0), (-2.9, 18, 0), (-15.9, 15, 0), (-21.9, 19.1, -0.03),
-         (-18.1, 6.6, 0), (-20.6, 1.5, 0.03), (-10.6, -9.8, 0), (19.7, -9, 0.69), (27.3, -3.8, 0.64)],
-        [(55.975, -2.993, 0), (49.634, -7.891, -0.43), (46.303, -6.99, -0.23), (41.965, -8.198, -0.34),
-         (39.127, -10.341, 0), (36.96, -0.328, 0), (37.372, 3.272, 0), (41.049, 7.514, 0.34), (42.913, 11.619, 0.03),
-         (46.877, 11.423, -0.33), (50.872, 12.52, -0.02)],
+        [(19.9, 0.2, -0.35), (9.4, 5.6, -0.45), (3.2, 27.5, 0), (-2.9, 18, 0), (-15.9, 15, 0),
+         (-21.9, 19.1, -0.03), (-18.1, 6.6, 0), (-20.6, 1.5, 0.03), (-10.6, -9.8, 0),
+         (19.7, -9, 0.69), (27.3, -3.8, 0.64)],
+        [(55.975, -2.993, 0), (49.634, -7.891, -0.43), (46.303, -6.99, -0.23),
+         (41.965, -8.198, -0.34), (39.127, -10.341, 0), (36.96, -0.328, 0), (37.372, 3.272, 0),
+         (41.049, 7.514, 0.34), (42.913, 11.619, 0.03), (46.877, 11.423, -0.33),
+         (50.872, 12.52, -0.02)],
     ),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("diameter", "one", "two"), PAIRS)
-def test_neighbours_that_the_tool_just_does_not_pass_between_are_run_around_together(
-    diameter: float, one: list[tuple[float, float, float]], two: list[tuple[float, float, float]]
+def make_bent(corners: Corners, name: str) -> Contour:
+    return contour([row[:2] for row in corners], [row[2] for row in corners], name=name)
+
+
+@pytest.mark.parametrize(("diameter", "first", "second"), PAIRS)
+def test_neighbours_that_the_tool_can_just_not_pass_between_have_common_paths(
+    diameter: float, first: Corners, second: Corners
 ) -> None:
-    """Beside the narrowest place the ways around both meet a few micrometres before a corner."""
-    shapes = [
-        contour([row[:2] for row in rows], [row[2] for row in rows], name=n)
-        for rows, n in ((one, "c1"), (two, "c2"))
-    ]
+    """At the narrowest place the offset curves meet a few micrometres before a corner."""
+    shapes = make_bent(first, "c1"), make_bent(second, "c2")
     result = plan(part(*shapes), Job(tool=ToolTable(diameter=diameter)))
     assert result.paths
     assert all(path.closed for path in result.paths)
     assert not [note for note in result.notes if note.kind == "skipped"]
 
 
-def test_a_contour_there_and_back_has_no_inside() -> None:
+def test_a_contour_that_encloses_no_area_is_left_out() -> None:
     back = contour([(120.0, 0.0), (150.0, 0.0), (150.0, 10.0), (150.0, 0.0)], name="c9")
-    result = planned(*plate(), back)
+    result = plan_follow(*make_plate(), back)
     assert [path.contours for path in result.paths] == [("c1",), ("c2",)]
     (note,) = [note for note in result.notes if note.ids == ("c9",)]
     assert note.kind == "skipped"
     assert "without an inside" in note.what
 
 
-def test_a_hole_comes_before_the_first_of_the_paths_beside_its_outline() -> None:
-    # The mill does not pass the gap of 4 mm: one path runs around, one in the room after it.
+def test_a_hole_comes_before_the_first_path_of_its_outline() -> None:
+    # The mill does not pass through the gap of 4 mm, so the outline has one path around it
+    # and one in the area after the gap.
     around = [(40, 42), (100, 42), (100, 80), (0, 80), (0, 0), (100, 0), (100, 38), (40, 38)]
-    room = [(40, 10), (30, 10), (30, 70), (40, 70)]
-    outline = contour([*around, *room], name="c1")
-    result = planned(outline, circle(15, 40, 8, "c2"))
+    area = [(40, 10), (30, 10), (30, 70), (40, 70)]
+    outline = contour([*around, *area], name="c1")
+    result = plan_follow(outline, circle(15, 40, 8, "c2"))
     ids = [path.id for path in result.paths]
     hole = result.paths[ids.index("c2")]
     outer = [index for index, path in enumerate(result.paths) if "c1" in path.contours]
@@ -320,18 +320,18 @@ def test_a_hole_comes_before_the_first_of_the_paths_beside_its_outline() -> None
 
 
 def test_the_paths_of_one_contour_are_numbered_from_one() -> None:
-    # Two rooms of 20 mm, joined by a passage of 4 mm, in which the tool of 6 mm has no place.
+    # Two areas of 20 mm are joined by a passage of 4 mm, in which a tool of 6 mm does not fit.
     lower = [(0, 0), (20, 0), (20, 8), (30, 8), (30, 0), (50, 0)]
     upper = [(50, 20), (30, 20), (30, 12), (20, 12), (20, 20), (0, 20)]
-    paths = planned(contour(lower + upper), side="inside").paths
+    paths = plan_follow(contour(lower + upper), side="inside").paths
     assert [path.id for path in paths] == ["c1.1", "c1.2"]
 
 
 @pytest.mark.parametrize("diameter", [5.9, 5.99, 6.0, 6.01, 7.0, 12.0])
-def test_a_path_beside_an_open_spiral_ends_where_the_tool_meets_its_beginning(diameter):
-    """One turn from (55, 40), whose end lies 6 mm outside of its beginning.
+def test_a_path_along_an_open_spiral_ends_where_the_tool_meets_its_beginning(diameter):
+    """A spiral of one turn starts at (55, 40), and its end lies 6 mm outside of its start.
 
-    A tool of 6 mm and more does not reach the end: its centre stops at its radius from (55, 40).
+    A tool of 6 mm or more does not reach the end: its centre stops one radius from (55, 40).
     """
     angle = np.linspace(0, 2 * np.pi, 61)
     radius = 15 + 6 * angle / (2 * np.pi)
@@ -347,10 +347,11 @@ def test_a_path_beside_an_open_spiral_ends_where_the_tool_meets_its_beginning(di
         assert gaps.max() == pytest.approx(diameter / 2, abs=1e-4)
 
 
-def test_a_pressing_tool_that_its_factor_slows_down_is_told() -> None:
-    """A tool of 10 mm runs around an arc of 2 mm on 7 mm: 3.5 times as fast as its contact point.
+def test_a_note_names_an_arc_on_which_the_feed_factor_slows_down_the_contact_point() -> None:
+    """The centre of a tool of 10 mm runs around an arc of 2 mm on a radius of 7 mm.
 
-    With a factor of 2 the contact point runs at 10 * 2 / 3.5 = 5.7 mm/s.
+    So it is 3.5 times as fast as the contact point. With a factor of 2 the contact point runs at
+    10 * 2 / 3.5 = 5.7 mm/s.
     """
     job = Job(tool=ToolTable(diameter=10.0), process=ProcessTable(feed=10.0, force=5.0))
     note = plan(part(rounded(40, 30, 2)), job).notes[-1]
@@ -362,8 +363,8 @@ def test_a_pressing_tool_that_its_factor_slows_down_is_told() -> None:
 
 
 @pytest.mark.parametrize("diameter", [0.7, 1.0])
-def test_rounded_corners_of_a_picture_are_followed_all_round(diameter: float) -> None:
-    # Arcs of its outlines meet at angles of 0.00001 rad, where paths have a gap of 0.0001 mm.
+def test_the_paths_of_a_picture_with_rounded_corners_are_closed(diameter: float) -> None:
+    # Arcs of its outlines meet at angles of 0.00001 rad, and offset curves have gaps of 0.0001 mm.
     job = Job(
         image=ImageTable(mm_per_px=0.1),
         tool=ToolTable(diameter=diameter),
@@ -374,26 +375,26 @@ def test_rounded_corners_of_a_picture_are_followed_all_round(diameter: float) ->
     assert all(path.closed for path in result.paths)
 
 
-@pytest.mark.parametrize("by", [0.0, 0.004, 0.01])
-def test_contours_that_overlap_by_a_hair_are_left_out_with_the_reason(by: float) -> None:
-    result = planned(rectangle(0, 0, 20, 20, "c1"), rectangle(20 - by, 3, 40, 13, "c2"))
+@pytest.mark.parametrize("overlap", [0.0, 0.004, 0.01])
+def test_contours_that_overlap_slightly_are_left_out_with_the_reason(overlap: float) -> None:
+    result = plan_follow(rectangle(0, 0, 20, 20, "c1"), rectangle(20 - overlap, 3, 40, 13, "c2"))
     (note,) = [note for note in result.notes if note.kind == "skipped"]
     assert "common edge" in note.what or "crossing or touching each other" in note.what
     assert "report" not in note.why
 
 
-def test_a_contour_that_crosses_itself_by_a_hair_is_left_out_with_the_reason() -> None:
+def test_a_contour_that_crosses_itself_slightly_is_left_out_with_the_reason() -> None:
     corners = [(0, 0), (20, 0), (20, 10), (10, 10.01), (10.01, 10.02), (10.01, 10), (0, 10)]
-    result = planned(contour(corners, [0.0] * 7))
+    result = plan_follow(contour(corners, [0.0] * 7))
     (note,) = [note for note in result.notes if note.kind == "skipped"]
     assert "crossing themselves: c1" in note.what
     assert "report" not in note.why
 
 
 def test_a_path_around_two_contours_with_a_common_edge_works_on_both() -> None:
-    """A mill that touches the common edge is in one of the two parts: the edge stays."""
+    """A mill at the common edge would cut into one of the two parts, so the edge stays."""
     left, right = shapely.box(0, 0, 30, 20), shapely.box(30, 0, 70, 20)
-    result = planned(rectangle(0, 0, 30, 20, "left"), rectangle(30, 0, 40, 20, "right"))
+    result = plan_follow(rectangle(0, 0, 30, 20, "left"), rectangle(30, 0, 40, 20, "right"))
     (path,) = result.paths
     assert set(path.contours) == {"left", "right"}
     assert measure_path(path) == pytest.approx(2 * (70 + 20) + 2 * math.pi * 3)

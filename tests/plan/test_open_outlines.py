@@ -1,4 +1,4 @@
-"""A build asks about an outline with a gap only where camgen itself decides a side by it."""
+"""A build asks about an outline with a gap only if camgen itself decides a side by the outline."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ QUESTION = (
 @pytest.fixture
 def drawing(tmp_path: Path) -> Path:
     """An outline with a gap on the layer OUTLINE, and a window in it on the layer WINDOW."""
-    return draw(tmp_path / "part.dxf", [WINDOW])
+    return write_drawing(tmp_path / "part.dxf", [WINDOW])
 
 
-def draw(file: Path, windows: Sequence[Sequence[Point]]) -> Path:
+def write_drawing(file: Path, windows: Sequence[Sequence[Point]]) -> Path:
     document = ezdxf.new("R2010", units=4)
     space = document.modelspace()
     space.add_lwpolyline(OUTLINE, dxfattribs={"layer": "OUTLINE"})
@@ -69,7 +69,7 @@ def follow_rows(**choice: object) -> dict[str, object]:
     ],
     ids=["follow", "chamfer", "pocket", "fill", "one contour", "nesting"],
 )
-def test_a_side_that_hangs_on_the_gap_is_asked_for(
+def test_a_job_whose_side_depends_on_the_gap_is_refused_with_a_question(
     drawing: Path, job: dict[str, object], remedy: str
 ) -> None:
     with pytest.raises(InputError) as error:
@@ -101,33 +101,33 @@ def test_a_side_that_hangs_on_the_gap_is_asked_for(
     ],
     ids=["inside", "outside", "left", "on", "trace", "layer", "joined", "engraved"],
 )
-def test_a_job_that_says_the_side_is_planned(
+def test_a_job_that_sets_the_side_is_planned(
     drawing: Path, job: dict[str, object], contours: list[str]
 ) -> None:
     assert sorted(plan_part(drawing, job)) == contours
 
 
-def test_an_outline_in_a_frame_counts_too(tmp_path: Path) -> None:
-    """The window of a plate that lies in a window of its sheet would be cut as a hole is."""
-    file = draw(tmp_path / "part.dxf", [WINDOW, FRAME])
+def test_an_outline_with_a_gap_inside_a_frame_is_refused_too(tmp_path: Path) -> None:
+    """The window of a plate that lies in a window of its sheet would be cut like a hole."""
+    file = write_drawing(tmp_path / "part.dxf", [WINDOW, FRAME])
     with pytest.raises(InputError) as error:
         plan_part(file, {})
     assert str(error.value) == QUESTION + "set operation.side"
 
 
-def test_contours_that_nobody_works_on_need_no_side(tmp_path: Path) -> None:
+def test_contours_that_are_not_worked_on_need_no_side(tmp_path: Path) -> None:
     other_part = [(x + 200, y) for x, y in FRAME]
-    file = draw(tmp_path / "part.dxf", [WINDOW, other_part])
+    file = write_drawing(tmp_path / "part.dxf", [WINDOW, other_part])
     assert plan_part(file, follow_rows(ids=["c3"])) == ["c3"]
 
 
-def test_a_part_made_in_code_is_closed_in_code() -> None:
+def test_the_message_for_a_part_made_in_code_says_how_to_close_it_there() -> None:
     part = make_part([OUTLINE, [*WINDOW, WINDOW[0]]])
     with pytest.raises(InputError, match="close it: a closed contour ends at its first point; if"):
         plan(part, from_mapping({}))
 
 
-def test_several_outlines_and_many_contours_make_one_line(tmp_path: Path) -> None:
+def test_several_outlines_and_many_contours_have_one_message(tmp_path: Path) -> None:
     document = ezdxf.new("R2010", units=4)
     space = document.modelspace()
     for shift, gap in ((0, 0.5), (200, 0.9)):

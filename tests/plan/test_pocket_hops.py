@@ -1,4 +1,4 @@
-"""Hops of pockets: over cleared ground, a little above the floor, and faults that are found."""
+"""Hops of pockets: rapid links over cleared ground, a little above the floor, and their faults."""
 
 import math
 from typing import Any
@@ -22,7 +22,7 @@ LIFT, DIAMETER = 0.3, 6.0
 POCKET = part(rectangle(0, 0, 60, 40), circle(20, 20, 6, "c2"))
 
 
-def job(**operation: Any) -> dict[str, Any]:
+def make_job(**operation: Any) -> dict[str, Any]:
     settings = {"kind": "pocket", "depth": 4.0, "passes": 2, "entry": "helix", **operation}
     return {
         "operation": settings,
@@ -31,12 +31,12 @@ def job(**operation: Any) -> dict[str, Any]:
     }
 
 
-def motions_of(drawn: Part, **operation: Any) -> list[Move]:
+def list_motions(drawn: Part, **operation: Any) -> list[Move]:
     """The motions of the G-code text."""
-    return read_cut(camgen.build(drawn, post="gcode", job=job(**operation)).text)
+    return read_cut(camgen.build(drawn, post="gcode", job=make_job(**operation)).text)
 
 
-def low_rapids(motions: list[Move]) -> list[Move]:
+def list_hops(motions: list[Move]) -> list[Move]:
     """Rapid motions across, below the top face."""
     across = [motion for motion in motions if motion.rapid and motion.low < 0]
     return [hop for hop in across if math.dist(hop.points[0, :2], hop.points[-1, :2]) > 1e-6]
@@ -44,8 +44,8 @@ def low_rapids(motions: list[Move]) -> list[Move]:
 
 @pytest.mark.parametrize("settings", [{}, {"stepover": 0.3}, {"direction": "conventional"}])
 def test_hops_are_level_above_a_floor_and_meet_no_material(settings: dict[str, Any]) -> None:
-    motions = motions_of(POCKET, **settings)
-    hops = low_rapids(motions)
+    motions = list_motions(POCKET, **settings)
+    hops = list_hops(motions)
     assert len(hops) > 20
     for motion in hops:
         assert np.ptp(motion.points[:, 2]) == 0.0
@@ -54,8 +54,8 @@ def test_hops_are_level_above_a_floor_and_meet_no_material(settings: dict[str, A
 
 
 def test_hops_of_random_pockets_meet_no_material() -> None:
-    motions = motions_of(shapes(6))
-    assert low_rapids(motions)
+    motions = list_motions(shapes(6))
+    assert list_hops(motions)
     assert count_struck(motions, DIAMETER / 2) == 0
 
 
@@ -63,45 +63,45 @@ def test_hops_of_random_pockets_meet_no_material() -> None:
     "settings", [{"engagement": 1.0}, {"entry": "ramp"}], ids=["no channel", "on a ramp"]
 )
 def test_a_pocket_without_level_returns_has_no_hops(settings: dict[str, Any]) -> None:
-    assert not low_rapids(motions_of(POCKET, **settings))
+    assert not list_hops(list_motions(POCKET, **settings))
 
 
-def hops_in(body: Body) -> np.ndarray:
-    """(K,) motions level at the height of a hop."""
+def find_hops(body: Body) -> np.ndarray:
+    """Indices of the horizontal motions at the height of a hop, (K,)."""
     height = body.packed.end[:, 2]
     level = np.append(False, np.abs(np.diff(height)) < 1e-9)
     return np.flatnonzero(level & (np.abs(height + 4.0 - LIFT) < 1e-6))
 
 
-def on_the_floor(body: Body) -> Body:
-    """The lift of the first hop is left out."""
+def lower_to_floor(body: Body) -> Body:
+    """Leaves out the lift of the first hop."""
     end = body.packed.end.copy()
-    row = int(hops_in(body)[0])
+    row = int(find_hops(body)[0])
     end[[row - 1, row], 2] = -4.0
     return with_columns(body, end=end)
 
 
-def too_high(body: Body) -> Body:
+def raise_hop(body: Body) -> Body:
     end = body.packed.end.copy()
-    row = int(hops_in(body)[0])
+    row = int(find_hops(body)[0])
     end[[row - 1, row], 2] += 1.0
     return with_columns(body, end=end)
 
 
-def through_material(body: Body) -> Body:
-    """The first hop leads 12 mm farther before it comes to its end."""
-    end, row = body.packed.end.copy(), int(hops_in(body)[0])
+def lengthen_hop(body: Body) -> Body:
+    """Makes the first hop 12 mm longer."""
+    end, row = body.packed.end.copy(), int(find_hops(body)[0])
     step = end[row, :2] - end[row - 1, :2]
     end[row, :2] += 12 * step / np.hypot(*step)
     return with_columns(body, end=end)
 
 
-@pytest.mark.parametrize("fault", [on_the_floor, too_high, through_material])
+@pytest.mark.parametrize("fault", [lower_to_floor, raise_hop, lengthen_hop])
 def test_a_fault_in_a_hop_is_found(fault: Any, monkeypatch: Patch) -> None:
-    camgen.build(POCKET, post="gcode", job=job())
+    camgen.build(POCKET, post="gcode", job=make_job())
     change_program(monkeypatch, fault)
     with pytest.raises((VerifyError, NoSafeProgram)):
-        camgen.build(POCKET, post="gcode", job=job())
+        camgen.build(POCKET, post="gcode", job=make_job())
 
 
 def test_a_pocket_of_no_depth_has_no_hops() -> None:

@@ -1,4 +1,4 @@
-"""Pockets with corners and necks that a large tool leaves and a small one takes."""
+"""Pockets with corners and necks that a large tool leaves and a small one clears."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.support.drawn import circle, contour, rectangle
 from tests.support.swept import enclosed, reachable, swept
 
 LARGE, SMALL = 3.0, 1.0
-#: Two rooms with a channel of 4 mm, which the large mill cannot enter.
+#: Two areas with a neck of 4 mm, which the large mill cannot enter.
 ROOMS = [
     *((0, 0), (30, 0), (30, 18), (50, 18), (50, 0), (80, 0)),
     *((80, 40), (50, 40), (50, 22), (30, 22), (30, 40), (0, 40)),
@@ -34,7 +34,7 @@ LEFT_MM = 0.02
 
 
 def make_job(*rows: dict[str, Any], **common: Any) -> dict[str, Any]:
-    """Pockets with tools of 6 and 2 mm; without rows the small one takes the rest."""
+    """Pockets with tools of 6 and 2 mm. Without rows the small tool clears the rest material."""
     pocket = {"kind": "pocket", "depth": 3.0, "entry": "ramp", **common}
     given = rows or ({"tool": "large"}, {"tool": "small", "rest": True})
     return {
@@ -81,7 +81,7 @@ PARTS: dict[str, Callable[[], Part]] = {
 
 @pytest.mark.parametrize("name", PARTS)
 @pytest.mark.parametrize("finish", [0.0, 0.2])
-def test_both_tools_clear_what_the_small_one_reaches(name: str, finish: float) -> None:
+def test_both_tools_together_clear_all_that_the_small_one_reaches(name: str, finish: float) -> None:
     part = PARTS[name]()
     large, small = plan(part, finish=finish)
     region = enclosed(part.contours)
@@ -89,13 +89,13 @@ def test_both_tools_clear_what_the_small_one_reaches(name: str, finish: float) -
     bare = reachable(region, SMALL) - first - second
     assert bare.buffer(-LEFT_MM / 2).is_empty
     assert second.difference(region.buffer(0.005)).is_empty
-    # The small tool keeps to the rest: farther off than its diameter it has nothing to do.
+    # The small tool stays within about its diameter of the rest material.
     left = reachable(region, SMALL) - first
     assert second.difference(left.buffer(2.1 * 2 * SMALL)).is_empty
     assert {path.contours for path in small} <= {path.contours for path in large}
 
 
-def test_the_corners_that_stay_are_those_of_the_small_tool() -> None:
+def test_the_corners_have_the_rest_material_of_the_small_tool() -> None:
     part = PARTS["window"]()
     corners, other = measure_left(build(part))
     assert corners == pytest.approx((4 - math.pi) * SMALL**2, abs=0.02)
@@ -111,14 +111,14 @@ def test_the_corners_that_stay_are_those_of_the_small_tool() -> None:
     ids=["ramp", "finish", "helix", "no bound"],
 )
 @pytest.mark.parametrize("name", ["sharp", "island"])
-def test_the_text_is_proven(name: str, settings: dict[str, Any]) -> None:
+def test_the_motions_of_the_text_are_proven(name: str, settings: dict[str, Any]) -> None:
     result = build(PARTS[name](), **settings)
     assert result.motion is not None
     assert (result.motion.findings, result.motion.unproven) == ((), ())
     assert measure_left(result)[1] == 0
 
 
-def test_nothing_is_left_of_a_round_pocket_and_a_note_says_so() -> None:
+def test_a_note_names_a_round_pocket_without_rest_material() -> None:
     part = make_part(rectangle(0, 0, 30, 30, "window"), circle(70, 30, 10, "round"))
     result = build(part)
     small = [path for path in result.planned if path.id.startswith("1:")]
@@ -162,7 +162,7 @@ def test_a_shallow_operation_leaves_all_of_a_deeper_pocket() -> None:
 
 
 def test_a_corner_that_the_plan_forgets_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The proof of motion looks for places that neither tool clears, and reads no plan."""
+    """The proof of motion finds places that neither tool clears, without the plan."""
     corner = shapely.box(50, 30, 60, 40)
 
     def forget(*given: Any) -> Any:

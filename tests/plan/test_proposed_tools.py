@@ -1,4 +1,4 @@
-"""Tools of a proposal: from a library where they fit, with feeds and speeds of charts."""
+"""Tools of a proposal: tools of a library that fit, with feeds and speeds of charts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from camgen.plan.proposed_tools import ToolRack
 from camgen.read.made import make_part
 from tests.plan.test_propose import box, circle
 
-#: Tools of a shop that states everything of its drill, and little of its mills.
+#: Tools of a shop. All values of the drill are known, and few of the mill.
 DRILL = ToolRow(name="HSS 5", number=4, kind="drill", diameter=5.0, speed=2000.0, feed=3.0)
 MILL = ToolRow(name="long 3", number=12, diameter=3.0, flutes=3, speed=12_000.0)
 
@@ -26,22 +26,22 @@ def propose_for(*contours: Contour, library: tuple[ToolRow, ...], **stock: objec
     return proposal
 
 
-def names(proposal: Proposal) -> list[object]:
+def list_tool_names(proposal: Proposal) -> list[object]:
     return [operation.row["tool"] for operation in proposal.operations]
 
 
 def test_tools_of_the_library_are_taken_before_new_ones() -> None:
     plate = (box(0, 0, 100, 60), circle(20, 20, 5), circle(80, 20, 8))
     proposal = propose_for(*plate, library=(DRILL, MILL))
-    assert names(proposal) == ["HSS 5", "drill 8", "long 3"]
+    assert list_tool_names(proposal) == ["HSS 5", "drill 8", "long 3"]
     new, mill = (tool.row for tool in proposal.tools)
-    # The next number after those of the library.
+    # New tools have the next number after those of the library.
     assert (new["name"], new["number"], new["diameter"]) == ("drill 8", 13, 8.0)
     # The library states the speed of the mill, but no feed.
     assert set(mill) == {"name", "feed", "plunge"}
 
 
-def test_a_drill_that_is_slightly_smaller_fits_a_larger_one_does_not() -> None:
+def test_a_slightly_smaller_drill_fits_and_a_larger_one_does_not() -> None:
     rack = ToolRack((DRILL,), None)
     assert rack.take("drill", 5.02) == "HSS 5"
     assert rack.take("drill", 5.0) == "HSS 5"
@@ -51,7 +51,7 @@ def test_a_drill_that_is_slightly_smaller_fits_a_larger_one_does_not() -> None:
     assert [tool.row["number"] for tool in rack.tools] == [5, 6]
 
 
-def test_a_new_tool_takes_no_name_of_the_library() -> None:
+def test_a_new_tool_never_has_a_name_of_the_library() -> None:
     ball = ToolRow(name="mill 6", number=1, kind="ball mill", diameter=6.0)
     assert ToolRack((ball,), None).take("end mill", 6.0) == "mill 6 (2)"
 
@@ -65,7 +65,7 @@ def test_mills_of_the_library_are_tried_from_the_largest_down() -> None:
 @pytest.mark.parametrize("name", MATERIALS)
 @pytest.mark.parametrize("kind", ["drill", "end mill"])
 def test_feeds_and_speeds_are_those_of_the_charts(name: str, kind: str) -> None:
-    """Rounded by less than 1 %, and never above a speed or a feed of the chart."""
+    """They are rounded by less than 1 %, and never above the speed or the feed of the chart."""
     material = MATERIALS[name]
     for diameter in (1.0, 3.0, 6.0, 12.0):
         rack = ToolRack((), material)
@@ -92,7 +92,7 @@ def test_feeds_and_speeds_are_those_of_the_charts(name: str, kind: str) -> None:
 
 
 def test_the_centre_of_the_tool_keeps_the_feed_of_a_chart() -> None:
-    """Else it would run at up to twice the feed around outer corners."""
+    """Otherwise it would run at up to twice the feed around outer corners."""
     plate = box(0, 0, 100, 60)
     known = propose_for(plate, library=(), material="plywood")
     unknown = propose_for(plate, library=())

@@ -1,4 +1,4 @@
-"""Arcs found again in short lines."""
+"""Arcs that are recovered from short lines."""
 
 import math
 
@@ -19,12 +19,12 @@ def ellipse(a: float, b: float, count: int) -> Contour:
     return contour(np.column_stack([a * np.cos(t), b * np.sin(t)]).tolist())
 
 
-def off(drawn: Contour, found: Contour) -> float:
-    """How far points along the drawn lines are from the contour found."""
+def measure_deviation(drawn: Contour, recovered: Contour) -> float:
+    """Largest distance of points along the drawn lines from the recovered contour, mm."""
     ends = np.roll(drawn.points, -1, axis=0) if drawn.closed else drawn.points[1:]
     starts = drawn.points if drawn.closed else drawn.points[:-1]
     points = np.concatenate([starts + f * (ends - starts) for f in (0.0, 0.25, 0.5, 0.75)])
-    shape = make_contour_segments([found])
+    shape = make_contour_segments([recovered])
     obstacles = Obstacles(shape, np.zeros(len(shape), dtype=np.int64))
     return float(obstacles.nearest(points, np.zeros(len(points), dtype=np.int64), 10.0).max())
 
@@ -33,8 +33,8 @@ def test_a_slot_drawn_with_short_lines_becomes_two_lines_and_two_arcs() -> None:
     t = np.linspace(-math.pi / 2, math.pi / 2, 60)
     right = np.column_stack([40 + 10 * np.cos(t), 10 * np.sin(t)])
     slot = contour(np.concatenate([right, -right + [40, 0]]).tolist())
-    (found,), (note,) = recover_arcs([slot], 0.01)
-    segments = make_contour_segments([found])
+    (recovered,), (note,) = recover_arcs([slot], 0.01)
+    segments = make_contour_segments([recovered])
     assert np.isinf(segments.radius).sum() == 2
     assert segments.radius[segments.is_arc] == pytest.approx(10.0, abs=1e-6)
     assert len(segments) <= 6
@@ -47,24 +47,24 @@ def test_a_slot_drawn_with_short_lines_becomes_two_lines_and_two_arcs() -> None:
 def test_an_ellipse_is_kept_within_the_tolerance_in_both_directions(turned: bool) -> None:
     drawn = ellipse(50, 20, 400)
     drawn = clockwise(drawn) if turned else drawn
-    (found,), _ = recover_arcs([drawn], 0.01)
-    assert len(found.points) < 40
-    assert off(drawn, found) <= 0.01 + 1e-9
+    (recovered,), _ = recover_arcs([drawn], 0.01)
+    assert len(recovered.points) < 40
+    assert measure_deviation(drawn, recovered) <= 0.01 + 1e-9
 
 
-def test_polygons_that_are_meant_stay() -> None:
+def test_polygons_with_few_sides_stay_polygons() -> None:
     shapes = [rectangle(0, 0, 50, 30), ellipse(50, 50, 24), ellipse(5, 5, 8)]
-    found, notes = recover_arcs(shapes, 0.01)
-    assert all(a is b for a, b in zip(found, shapes, strict=True))
+    contours, notes = recover_arcs(shapes, 0.01)
+    assert all(a is b for a, b in zip(contours, shapes, strict=True))
     assert notes == ()
 
 
-def test_zero_tolerance_keeps_every_line() -> None:
+def test_a_tolerance_of_zero_keeps_every_line() -> None:
     drawn = ellipse(50, 20, 400)
     assert recover_arcs([drawn], 0.0) == ((drawn,), ())
 
 
-def test_arcs_and_circles_stay_themselves() -> None:
+def test_a_drawn_circle_is_not_changed() -> None:
     drawn = circle(0, 0, 10)
     assert recover_arcs([drawn], 0.01)[0][0] is drawn
 
@@ -89,7 +89,7 @@ def test_open_chains_of_arcs_keep_their_ends_and_the_tolerance(
                 points[-1] + radius * abs(step) * np.array([math.cos(heading), math.sin(heading)])
             )
     drawn = contour(points, closed=False)
-    (found,), _ = recover_arcs([drawn], tolerance)
-    assert off(drawn, found) <= tolerance + 1e-9
-    assert found.points[0] == pytest.approx(drawn.points[0])
-    assert found.points[-1] == pytest.approx(drawn.points[-1])
+    (recovered,), _ = recover_arcs([drawn], tolerance)
+    assert measure_deviation(drawn, recovered) <= tolerance + 1e-9
+    assert recovered.points[0] == pytest.approx(drawn.points[0])
+    assert recovered.points[-1] == pytest.approx(drawn.points[-1])

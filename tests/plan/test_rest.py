@@ -1,4 +1,4 @@
-"""Rest machining: an operation takes only what earlier operations leave."""
+"""Rest machining: an operation cuts only the rest material of earlier operations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LARGE, SMALL = 3.0, 1.0
 
 
 def build(*inner: Contour, **rest: object) -> Result:
-    """A plate with `inner` contours, followed by a mill of 6 mm, and the rest by one of 2 mm."""
+    """A plate with `inner` contours, which a mill of 6 mm follows; a mill of 2 mm cuts the rest."""
     outline = rectangle(-20, -20, 140, 120, "outline")
     ids = [drawn.id for drawn in inner]
     common = {"kind": "follow", "ids": ids, "depth": 3.5, "entry": "ramp", "passes": 2}
@@ -40,15 +40,15 @@ def build(*inner: Contour, **rest: object) -> Result:
     return camgen.build(part, post="gcode", job=job)
 
 
-def rest_of(result: Result) -> list[ToolPath]:
+def list_rest_paths(result: Result) -> list[ToolPath]:
     return [path for path in result.planned if path.id.startswith("1:")]
 
 
-def first_of(result: Result) -> list[ToolPath]:
+def list_first_paths(result: Result) -> list[ToolPath]:
     return [path for path in result.planned if path.id.startswith("0:")]
 
 
-def line(path: ToolPath) -> Any:
+def make_centre_line(path: ToolPath) -> Any:
     """The centre line of a path, arcs as chords of their halves."""
     points = [path.position[0, :2]]
     for via, end in zip(path.via[1:, :2], path.position[1:, :2], strict=True):
@@ -58,14 +58,14 @@ def line(path: ToolPath) -> Any:
 
 def test_a_small_mill_cuts_the_corners_that_a_large_one_leaves() -> None:
     result = build(rectangle(0, 0, 60, 40, "window"))
-    paths = rest_of(result)
+    paths = list_rest_paths(result)
     assert len(paths) == 4
     assert not any(path.closed for path in paths)
-    corners = {(round(x / 60) * 60, round(y / 40) * 40) for x, y in _middles(paths)}
+    corners = {(round(x / 60) * 60, round(y / 40) * 40) for x, y in _list_middles(paths)}
     assert corners == {(0, 0), (60, 0), (60, 40), (0, 40)}
     for path in paths:
-        # The large mill touches a wall from 3 mm off the corner on. The small one begins and ends
-        # where its disc is in cleared ground: about 3 mm off the corner, along the wall.
+        # The large mill touches a wall up to 3 mm from the corner. The small one starts and ends
+        # with its disc in cleared ground, so about 3 mm from the corner, along the wall.
         for x, y, _ in path.position[[0, -1]].tolist():
             along = max(min(x, 60 - x), min(y, 40 - y))
             assert LARGE - 0.4 < along < LARGE + 0.6
@@ -73,7 +73,7 @@ def test_a_small_mill_cuts_the_corners_that_a_large_one_leaves() -> None:
     assert not result.motion.findings
 
 
-def _middles(paths: list[ToolPath]) -> list[list[float]]:
+def _list_middles(paths: list[ToolPath]) -> list[list[float]]:
     return [path.position[:, :2].mean(axis=0).tolist() for path in paths]
 
 
@@ -82,7 +82,7 @@ def _middles(paths: list[ToolPath]) -> list[list[float]]:
     [
         rectangle(0, 0, 60, 40, "window"),
         contour([(0, 0), (50, 5), (20, 15), (45, 40), (5, 30)], name="window"),
-        # Two rooms with a channel of 4 mm, which the large mill cannot enter.
+        # Two areas with a neck of 4 mm, which the large mill cannot enter.
         contour(
             [
                 *((0, 0), (30, 0), (30, 18), (50, 18), (50, 0), (80, 0)),
@@ -92,35 +92,35 @@ def _middles(paths: list[ToolPath]) -> list[list[float]]:
         ),
     ],
 )
-def test_both_mills_together_cut_as_the_small_one_alone(shape: Contour) -> None:
+def test_both_mills_together_cut_the_same_as_the_small_one_alone(shape: Contour) -> None:
     result = build(shape)
-    large = [line(path).buffer(LARGE) for path in first_of(result)]
-    small = [line(path).buffer(SMALL) for path in rest_of(result)]
+    large = [make_centre_line(path).buffer(LARGE) for path in list_first_paths(result)]
+    small = [make_centre_line(path).buffer(SMALL) for path in list_rest_paths(result)]
     alone = shapely.Polygon(shape.points).buffer(-SMALL, join_style="mitre")
     kerf = alone.boundary.buffer(SMALL)
     left = kerf.difference(shapely.union_all([*large, *small]))
     assert left.buffer(-0.02).is_empty
-    length = sum(line(path).length for path in rest_of(result))
+    length = sum(make_centre_line(path).length for path in list_rest_paths(result))
     assert length < 0.9 * alone.length
     assert not result.motion.findings
 
 
-def test_a_channel_is_entered_from_cleared_ground() -> None:
+def test_a_neck_is_entered_from_cleared_ground() -> None:
     points = [
         *((0, 0), (30, 0), (30, 18), (50, 18), (50, 0), (80, 0)),
         *((80, 40), (50, 40), (50, 22), (30, 22), (30, 40), (0, 40)),
     ]
     result = build(contour(points, name="window"))
-    large = [line(path).buffer(LARGE + 0.01) for path in first_of(result)]
+    large = [make_centre_line(path).buffer(LARGE + 0.01) for path in list_first_paths(result)]
     cleared = shapely.union_all(large)
-    for path in rest_of(result):
+    for path in list_rest_paths(result):
         for x, y, _ in path.position[[0, -1]].tolist():
             assert cleared.covers(shapely.Point(x, y).buffer(SMALL - 0.02))
 
 
-def test_nothing_is_left_in_a_round_hole_and_a_note_says_so() -> None:
+def test_a_note_names_a_round_hole_without_rest_material() -> None:
     result = build(rectangle(0, 0, 30, 30, "window"), circle(70, 30, 10, "hole"))
-    assert {path.contours for path in rest_of(result)} == {("window",)}
+    assert {path.contours for path in list_rest_paths(result)} == {("window",)}
     assert any("nothing is left at 1 contour: hole" in note.what for note in result.notes)
 
 
@@ -154,14 +154,14 @@ def test_a_corner_that_is_missing_in_the_text_is_found(
     assert "motion     verified" not in summary
 
 
-def test_rest_needs_an_operation_before_it() -> None:
+def test_rest_machining_needs_an_operation_before_it() -> None:
     part = Part("part", "part.dxf", "mm", (rectangle(0, 0, 30, 30),), ())
     with pytest.raises(camgen.JobError, match="no operation before it takes anything"):
         camgen.build(part, post="gcode", job={"operation": {"rest": True, "depth": 2.0}})
 
 
-def test_shallow_operations_leave_everything() -> None:
+def test_a_shallow_operation_leaves_all_of_a_deeper_contour() -> None:
     result = build(rectangle(0, 0, 60, 40, "window"), depth=5.0)
-    (path,) = rest_of(result)
+    (path,) = list_rest_paths(result)
     assert path.closed
-    assert np.isclose(line(path).length, 2 * (58 + 38))
+    assert np.isclose(make_centre_line(path).length, 2 * (58 + 38))

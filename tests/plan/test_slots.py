@@ -1,4 +1,4 @@
-"""Slots, necks and holes as wide as the tool: plans, their proof, faults that it has to find."""
+"""Slots, necks and holes as wide as the tool: plans, their proof, and faults that it finds."""
 
 import math
 from typing import Any
@@ -36,27 +36,27 @@ SHAPES = {
 }
 
 
-def job(kind: str, **operation: Any) -> dict[str, Any]:
+def make_job(kind: str, **operation: Any) -> dict[str, Any]:
     settings = {"kind": kind, "depth": DEPTH, **operation}
     return {"operation": settings, "process": {"spindle": 9000.0}, "tool": {"diameter": 6.0}}
 
 
-def around(shapes: tuple[Contour, ...]) -> dict[str, str]:
+def choose_side(shapes: tuple[Contour, ...]) -> dict[str, str]:
     """Settings with which `follow` runs within the shapes; a ring needs none."""
     return {} if len(shapes) > 1 else {"side": "inside"}
 
 
 @pytest.mark.parametrize("kind", ["follow", "pocket"])
 @pytest.mark.parametrize("name", SHAPES)
-def test_what_is_as_wide_as_the_tool_is_cut_and_no_wall_is(name: str, kind: str) -> None:
+def test_a_slot_as_wide_as_the_tool_is_cut_without_its_walls(name: str, kind: str) -> None:
     shapes = SHAPES[name]
     if kind == "follow" and name == "ring":
         shapes = (rectangle(-40, -40, 80, 80, "c3"), *shapes)
-    more = around(shapes) if kind == "follow" else {}
-    result = camgen.build(part(*shapes), post="gcode", job=job(kind, entry="ramp", **more))
+    more = choose_side(shapes) if kind == "follow" else {}
+    result = camgen.build(part(*shapes), post="gcode", job=make_job(kind, entry="ramp", **more))
     covered = swept(result.tour.paths, 3.0)
     region = enclosed(SHAPES[name])
-    # Inner corners of 90 degrees keep what a circle leaves of a square: (1 - pi / 4) r^2.
+    # The rest material in an inner corner of 90 degrees is (1 - pi / 4) r^2.
     corners = {"square slot": 4, "L": 5, "T": 6, "two rooms and a neck": 8}.get(name, 0)
     left = corners * (1 - math.pi / 4) * 9
     if kind == "pocket" or name in ("slot", "square slot", "bent slot"):
@@ -65,45 +65,45 @@ def test_what_is_as_wide_as_the_tool_is_cut_and_no_wall_is(name: str, kind: str)
     assert not [note for note in result.notes if note.kind == "skipped"]
 
 
-def cutting(body: Body) -> np.ndarray:
-    """(M,) motions at the depth, from a place at the depth."""
+def find_cuts(body: Body) -> np.ndarray:
+    """Indices of the motions that start and end at the depth, (M,)."""
     deep = np.abs(body.packed.end[:, 2] + DEPTH) < 1e-6
     return np.flatnonzero(deep & np.append(False, deep[:-1]))
 
 
-def longest(body: Body) -> int:
-    """The longest motion at the depth: in the slot, or the neck."""
-    rows = cutting(body)
+def find_longest(body: Body) -> int:
+    """Index of the longest motion at the depth, which is in the slot or the neck."""
+    rows = find_cuts(body)
     length = np.hypot(*(body.packed.end[rows] - body.packed.end[rows - 1])[:, :2].T)
     return int(rows[int(np.argmax(length))])
 
 
-def moved(body: Body) -> Body:
+def move_cut(body: Body) -> Body:
     end = body.packed.end.copy()
-    end[longest(body), 1] += 0.1
+    end[find_longest(body), 1] += 0.1
     return with_columns(body, end=end)
 
 
-def too_short(body: Body) -> Body:
-    end, row = body.packed.end.copy(), longest(body)
+def shorten_cut(body: Body) -> Body:
+    end, row = body.packed.end.copy(), find_longest(body)
     end[row:][np.abs(end[row:, :2] - end[row, :2]).max(axis=1) < 1e-6, 0] -= 1.0
     return with_columns(body, end=end)
 
 
-def too_deep(body: Body) -> Body:
+def deepen_cut(body: Body) -> Body:
     end = body.packed.end.copy()
-    end[longest(body), 2] -= 0.5
+    end[find_longest(body), 2] -= 0.5
     return with_columns(body, end=end)
 
 
-def left_out(body: Body) -> Body:
-    return body.take(np.delete(np.arange(len(body)), body.at[longest(body)]))
+def leave_out_cut(body: Body) -> Body:
+    return body.take(np.delete(np.arange(len(body)), body.at[find_longest(body)]))
 
 
-@pytest.mark.parametrize("fault", [moved, too_short, too_deep, left_out])
+@pytest.mark.parametrize("fault", [move_cut, shorten_cut, deepen_cut, leave_out_cut])
 @pytest.mark.parametrize("kind", ["follow", "pocket"])
 def test_a_fault_in_a_slot_is_found(kind: str, fault: Any, monkeypatch: Patch) -> None:
-    settings = job(kind, **({"side": "inside"} if kind == "follow" else {}))
+    settings = make_job(kind, **({"side": "inside"} if kind == "follow" else {}))
     camgen.build(part(SLOT), post="gcode", job=settings)
     change_program(monkeypatch, fault)
     with pytest.raises((VerifyError, NoSafeProgram)):
@@ -112,8 +112,8 @@ def test_a_fault_in_a_slot_is_found(kind: str, fault: Any, monkeypatch: Patch) -
 
 @pytest.mark.parametrize("kind", ["follow", "pocket"])
 def test_a_neck_that_is_left_out_is_found(kind: str, monkeypatch: Patch) -> None:
-    """The rooms on both sides are cut as they should."""
-    settings = job(kind, **({"side": "inside"} if kind == "follow" else {}))
+    """The areas on both sides of the neck are cut."""
+    settings = make_job(kind, **({"side": "inside"} if kind == "follow" else {}))
     camgen.build(part(DOG_BONE), post="gcode", job=settings)
     monkeypatch.setattr(module("plan.follow"), "with_centre_lines", lambda curve, _: curve)
     change_result(monkeypatch, "plan.pocket", "plan_slots", lambda _: [])
@@ -124,7 +124,7 @@ def test_a_neck_that_is_left_out_is_found(kind: str, monkeypatch: Patch) -> None
 @pytest.mark.parametrize("kind", ["bore", "pocket"])
 def test_a_hole_as_wide_as_the_mill_needs_one_that_cuts_over_its_centre(kind: str) -> None:
     hole = part(circle(5, 5, 3))
-    settings = job(kind)
+    settings = make_job(kind)
     with pytest.raises(NoSafeProgram, match=r"drill it, or set tool\.center_cutting = true"):
         camgen.build(hole, post="gcode", job=settings)
     settings["tool"]["center_cutting"] = True
@@ -136,7 +136,7 @@ def test_a_hole_as_wide_as_the_mill_needs_one_that_cuts_over_its_centre(kind: st
 @pytest.mark.parametrize("kind", ["bore", "pocket"])
 def test_a_stroke_into_a_hole_that_is_left_out_is_found(kind: str, monkeypatch: Patch) -> None:
     holes = part(circle(5, 5, 3), circle(25, 5, 4, "c2"))
-    settings = job(kind)
+    settings = make_job(kind)
     settings["tool"]["center_cutting"] = True
 
     def shallow(body: Body) -> Body:
@@ -150,9 +150,9 @@ def test_a_stroke_into_a_hole_that_is_left_out_is_found(kind: str, monkeypatch: 
         camgen.build(holes, post="gcode", job=settings)
 
 
-def test_a_slot_too_narrow_is_told_with_its_width() -> None:
+def test_a_slot_too_narrow_is_refused_with_its_width() -> None:
     narrow = contour([(0, -2.99), (30, -2.99), (30, 2.99), (0, 2.99)], [0, 1, 0, 1])
     for kind in ("follow", "pocket"):
         more = {"side": "inside"} if kind == "follow" else {}
         with pytest.raises(NoSafeProgram, match=r"it is 5\.98 mm wide, a 6 mm tool does not fit"):
-            camgen.build(part(narrow), post="gcode", job=job(kind, **more))
+            camgen.build(part(narrow), post="gcode", job=make_job(kind, **more))

@@ -1,4 +1,7 @@
-"""Curves in space as programs: three axes, an arm with its tool fixed, as given and square to a face; and refusals."""
+"""Curves in space as programs for three axes and for arms, and settings that are refused.
+
+The tool of an arm is fixed, has the angles of the file, or is perpendicular to a face.
+"""
 
 import math
 import re
@@ -17,6 +20,7 @@ from camgen.model.part import Part
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Force, MoveC, MoveJ, MoveL
 from camgen.pipeline import Result
+from tests.order.test_rfa import make_matrix
 from tests.support.arm_models import by_hand
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -25,32 +29,31 @@ TRACE = {"operation": {"kind": "trace"}}
 Tables = dict[str, dict[str, object]]
 
 
-def points(folder: Path, text: str) -> Path:
+def write_points(folder: Path, text: str) -> Path:
     file = folder / "a.xyz"
     file.write_text(text)
     return file
 
 
-def work(result: Result) -> list[MoveL | MoveC]:
+def list_work(result: Result) -> list[MoveL | MoveC]:
     """The motions along the curves."""
-    return [
-        move
-        for move in result.program.columns.moves
-        if isinstance(move, (MoveL, MoveC)) and move.work
-    ]
+    moves = result.program.columns.moves
+    return [move for move in moves if isinstance(move, (MoveL, MoveC)) and move.work]
 
 
-def ends(result: Result) -> FloatArray:
-    return np.array([move.target.origin for move in work(result) if isinstance(move.target, Pose)])
-
-
-def turned(result: Result) -> FloatArray:
+def list_ends(result: Result) -> FloatArray:
     return np.array(
-        [move.target.rotation for move in work(result) if isinstance(move.target, Pose)]
+        [move.target.origin for move in list_work(result) if isinstance(move.target, Pose)]
     )
 
 
-def refused(
+def list_rotations(result: Result) -> FloatArray:
+    return np.array(
+        [move.target.rotation for move in list_work(result) if isinstance(move.target, Pose)]
+    )
+
+
+def find_refusal(
     part: Path | list[Path], post: str, job: Tables, kind: type[CamgenError] = JobError
 ) -> str:
     with pytest.raises(kind) as caught:
@@ -63,17 +66,13 @@ def refused(
 
 def test_a_mill_follows_a_curve_point_by_point_and_travels_above_it(tmp_path: Path) -> None:
     rows = [[0, 0, 2], [30, 0, 2], [50, 10, 9], [70, 0, -4]]
-    file = points(tmp_path, "\n".join(",".join(map(str, row)) for row in rows))
+    file = write_points(tmp_path, "\n".join(",".join(map(str, row)) for row in rows))
     result = camgen.build(file, post="gcode", job={"tour": {"method": "as-drawn"}})
-    assert ends(result).tolist() == rows[1:]
-    assert (turned(result) == np.diag([1, -1, -1])).all()
-    rapids = [
-        m
-        for m in result.program.columns.moves
-        if isinstance(m, MoveJ) and isinstance(m.target, Pose)
-    ]
-    travel = [m.target.origin for m in rapids if m.target.origin[2] != 4]  # type: ignore[union-attr]
-    assert {z for _, _, z in travel if z < 30} == {20}
+    assert list_ends(result).tolist() == rows[1:]
+    assert (list_rotations(result) == np.diag([1, -1, -1])).all()
+    rapids = [m.target for m in result.program.columns.moves if isinstance(m, MoveJ)]
+    heights = {target.origin[2] for target in rapids if isinstance(target, Pose)}
+    assert {z for z in heights if z < 30 and z != 4} == {20}
     lines = [
         line
         for line in result.text.splitlines()
@@ -82,17 +81,15 @@ def test_a_mill_follows_a_curve_point_by_point_and_travels_above_it(tmp_path: Pa
     assert any("Z-4" in line for line in lines)
 
 
-def test_a_flat_arc_of_a_spatial_drawing_is_an_arc_for_a_mill_and_an_upright_one_chords_within_tolerance() -> (
-    None
-):
+def test_a_mill_runs_a_flat_arc_as_an_arc_and_an_upright_arc_as_chords() -> None:
     result = camgen.build(SPACE, post="gcode", job=TRACE)
-    assert sum(isinstance(move, MoveC) for move in work(result)) == 2
-    upright = np.array([end for end in ends(result) if abs(end[1] - 25) < 1e-9 and end[0] >= 10])
-    assert np.hypot(upright[:, 0] - 20, upright[:, 2] - 3) == pytest.approx(10, abs=1e-6)
-    assert (
-        np.hypot(*((upright[1:] + upright[:-1]) / 2 - (20, 25, 3))[:, [0, 2]].T).min()
-        >= 10 - 0.0101
+    assert sum(isinstance(move, MoveC) for move in list_work(result)) == 2
+    upright = np.array(
+        [end for end in list_ends(result) if abs(end[1] - 25) < 1e-9 and end[0] >= 10]
     )
+    assert np.hypot(upright[:, 0] - 20, upright[:, 2] - 3) == pytest.approx(10, abs=1e-6)
+    middles = (upright[1:] + upright[:-1]) / 2 - (20, 25, 3)
+    assert np.hypot(*middles[:, [0, 2]].T).min() >= 10 - 0.0101
 
 
 def test_depth_and_passes_go_below_the_curve() -> None:
@@ -100,34 +97,35 @@ def test_depth_and_passes_go_below_the_curve() -> None:
         "operation": {"kind": "trace", "depth": 3, "passes": 2},
         "process": {"spindle": 9000},
     }
-    plain, deep = (
-        camgen.build(SPACE, post="grbl", job=TRACE),
-        camgen.build(SPACE, post="grbl", job=job),
-    )
-    assert len(ends(deep)) == 2 * len(ends(plain))
-    assert ends(deep)[:, 2].min() == pytest.approx(ends(plain)[:, 2].min() - 3)
+    plain, deep = (camgen.build(SPACE, post="grbl", job=tables) for tables in (TRACE, job))
+    assert len(list_ends(deep)) == 2 * len(list_ends(plain))
+    assert list_ends(deep)[:, 2].min() == pytest.approx(list_ends(plain)[:, 2].min() - 3)
 
 
-def test_a_mill_that_would_travel_through_the_curves_is_refused(tmp_path: Path) -> None:
-    file = points(tmp_path, "0,0,0\n9,0,30.5")
-    said = refused(file, "gcode", {})
-    assert said.endswith("reach up to z = 30.5 (process.clearance); set it to 33 or more")
+def test_a_clearance_height_below_the_top_of_the_curves_is_refused(tmp_path: Path) -> None:
+    file = write_points(tmp_path, "0,0,0\n9,0,30.5")
+    message = find_refusal(file, "gcode", {})
+    assert message.endswith("reach up to z = 30.5 (process.clearance); set it to 33 or more")
     assert camgen.build(file, post="gcode", job={"process": {"clearance": 33}}).tour.paths
 
 
-def test_a_mill_does_not_lean(tmp_path: Path) -> None:
-    file = points(tmp_path, "0 0 0 180 0 90\n9 0 5 180 0 -90")
-    assert camgen.build(file, post="gcode").tour.paths  # a turn about the spindle is none
-    assert "keeps its tool straight down, curve c1 leans it by 15 deg" in refused(SEAM, "gcode", {})
+def test_a_curve_with_a_tilted_tool_is_refused_for_a_mill(tmp_path: Path) -> None:
+    file = write_points(tmp_path, "0 0 0 180 0 90\n9 0 5 180 0 -90")
+    assert camgen.build(file, post="gcode").tour.paths  # a roll about the spindle is allowed
+    assert "keeps its tool straight down, curve c1 leans it by 15 deg" in find_refusal(
+        SEAM, "gcode", {}
+    )
     assert camgen.build(SEAM, post="gcode", job={"tool": {"axis": "fixed"}}).tour.paths
-    assert "leans it by 10 deg" in refused(
+    assert "leans it by 10 deg" in find_refusal(
         SPACE, "gcode", TRACE | {"tool": {"angles": [170, 0, 0]}}
     )
-    assert '"normal" needs an arm' in refused(SPACE, "gcode", TRACE | {"tool": {"axis": "normal"}})
+    assert '"normal" needs an arm' in find_refusal(
+        SPACE, "gcode", TRACE | {"tool": {"axis": "normal"}}
+    )
 
 
 def test_a_force_on_a_mill_is_refused_by_its_post() -> None:
-    assert "force" in refused(SPACE, "gcode", TRACE | {"process": {"force": 5}}, NoSafeProgram)
+    assert "force" in find_refusal(SPACE, "gcode", TRACE | {"process": {"force": 5}}, NoSafeProgram)
 
 
 # An arm.
@@ -153,65 +151,63 @@ def test_arcs_in_space_stay_arcs(post: str) -> None:
     assert swept == pytest.approx({"arch": math.pi, "ring": 2 * math.pi})
 
 
-def test_a_fixed_tool_stands_as_its_angles_say_and_the_joints_agree() -> None:
+def test_a_fixed_tool_has_its_angles_and_the_joint_values_agree() -> None:
     job = TRACE | {"tool": {"angles": [165, 10, 30], "symmetric": False}}
     result = camgen.build(SPACE, post="rapid", job=job)
     a, b, c = np.radians([165, 10, 30])
     about_x = np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
     about_y = np.array([[math.cos(b), 0, math.sin(b)], [0, 1, 0], [-math.sin(b), 0, math.cos(b)]])
     about_z = np.array([[math.cos(c), -math.sin(c), 0], [math.sin(c), math.cos(c), 0], [0, 0, 1]])
-    assert turned(result) == pytest.approx(
-        np.broadcast_to(about_z @ about_y @ about_x, (len(work(result)), 3, 3))
+    assert list_rotations(result) == pytest.approx(
+        np.broadcast_to(about_z @ about_y @ about_x, (len(list_work(result)), 3, 3))
     )
-    base, tool = matrix(result.program.base_from_work), matrix(result.program.flange_from_tool)
-    seen = 0
-    for move in work(result):
+    base, tool = (
+        make_matrix(result.program.base_from_work),
+        make_matrix(result.program.flange_from_tool),
+    )
+    compared = 0
+    for move in list_work(result):
         if move.joints is not None and isinstance(move.target, Pose):
-            found = np.linalg.inv(base) @ by_hand("IRB 120", np.degrees(move.joints.values)) @ tool
-            assert found == pytest.approx(matrix(move.target), abs=1e-6)
-            seen += 1
-    assert seen > 50
+            flange = by_hand("IRB 120", np.degrees(move.joints.values))
+            assert np.linalg.inv(base) @ flange @ tool == pytest.approx(
+                make_matrix(move.target), abs=1e-6
+            )
+            compared += 1
+    assert compared > 50
 
 
-def matrix(pose: Pose) -> FloatArray:
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = pose.rotation, pose.origin
-    return out
-
-
-def test_the_angles_of_the_points_are_those_of_the_tool(tmp_path: Path) -> None:
+def test_the_tool_has_the_angles_of_the_points(tmp_path: Path) -> None:
     rows = [
         (0, 0, 5, 180, 0, 0),
         (40, 0, 9, 170, 0, 0),
         (40, 0, 9, 170, 12, 0),
         (80, 20, 5, 180, 12, 0),
     ]
-    file = points(tmp_path, "\n".join(" ".join(map(str, row)) for row in rows))
+    file = write_points(tmp_path, "\n".join(" ".join(map(str, row)) for row in rows))
     result = camgen.build(file, post="rapid")
-    forward = ends(result)[-1].tolist() == [80, 20, 5]
+    forward = list_ends(result)[-1].tolist() == [80, 20, 5]
     wanted = rows[1:] if forward else rows[-2::-1]
-    assert ends(result).tolist() == [list(row[:3]) for row in wanted]
-    for rotation, row in zip(turned(result), wanted, strict=True):
+    assert list_ends(result).tolist() == [list(row[:3]) for row in wanted]
+    for rotation, row in zip(list_rotations(result), wanted, strict=True):
         a, b = np.radians(row[3:5])
         axis = [math.sin(b) * math.cos(a), -math.sin(a), math.cos(b) * math.cos(a)]
         assert rotation[:, 2] == pytest.approx(axis)
-    # The turn on the spot takes its time, and the arm stops for it.
-    blends = [move.blend for move in work(result)]
-    assert blends == [0, 0, 0]
+    # The second motion is a reorientation, and the arm stops for it.
+    assert [move.blend for move in list_work(result)] == [0, 0, 0]
 
 
-def test_a_smooth_curve_is_run_without_stops_and_a_corner_with_one(tmp_path: Path) -> None:
+def test_a_smooth_curve_is_run_without_stops_and_a_corner_with_a_stop(tmp_path: Path) -> None:
     t = np.linspace(0, math.pi, 61)
     rows = np.column_stack([40 * np.cos(t) + 40, 40 * np.sin(t), 10 * np.sin(2 * t) + 12])
-    smooth = points(tmp_path, "\n".join(" ".join(f"{v:.4f}" for v in row) for row in rows))
+    smooth = write_points(tmp_path, "\n".join(f"{x:.4f} {y:.4f} {z:.4f}" for x, y, z in rows))
     job: Tables = {"tolerance": {"chord": 0.05}}
-    moves = work(camgen.build(smooth, post="rapid", job=job))
+    moves = list_work(camgen.build(smooth, post="rapid", job=job))
     assert sum(move.blend > 0 for move in moves) == len(moves) - 1
-    corner = points(tmp_path, "0 0 5\n40 0 9\n40 40 5")
-    assert [move.blend for move in work(camgen.build(corner, post="rapid", job=job))] == [0, 0]
+    corner = write_points(tmp_path, "0 0 5\n40 0 9\n40 40 5")
+    assert [move.blend for move in list_work(camgen.build(corner, post="rapid", job=job))] == [0, 0]
 
 
-def test_a_force_presses_along_the_tool() -> None:
+def test_a_force_has_the_direction_of_the_tool_axis() -> None:
     job = TRACE | {
         "process": {"force": 7},
         "tool": {"angles": [170, 0, 0]},
@@ -219,43 +215,41 @@ def test_a_force_presses_along_the_tool() -> None:
     }
     result = camgen.build(SPACE, post="rapid", job=job)
     axis = (0, -math.sin(math.radians(170)), math.cos(math.radians(170)))
-    assert {item.newtons for item in result.program.columns.list_kinds(Force)} == {0, 7}
-    assert all(move.force == 7 for move in work(result))
-    assert np.array([move.force_direction for move in work(result)]) == pytest.approx(
-        np.tile(axis, (len(work(result)), 1))
+    assert {item.newtons for item in result.program.columns.of(Force)} == {0, 7}
+    assert all(move.force == 7 for move in list_work(result))
+    assert np.array([move.force_direction for move in list_work(result)]) == pytest.approx(
+        np.tile(axis, (len(list_work(result)), 1))
     )
 
 
-def test_the_tool_comes_and_leaves_along_its_axis_above_all_curves(tmp_path: Path) -> None:
-    file = points(tmp_path, "0 0 5 165 0 0\n60 0 25 165 0 0")
+def test_approach_and_retract_run_along_the_tool_axis_to_above_all_curves(tmp_path: Path) -> None:
+    file = write_points(tmp_path, "0 0 5 165 0 0\n60 0 25 165 0 0")
     result = camgen.build(file, post="rapid")
-    moves = [
-        m
-        for m in result.program.columns.moves
-        if isinstance(m, MoveL) and isinstance(m.target, Pose)
-    ]
-    places = np.array([m.target.origin for m in moves if isinstance(m.target, Pose)])
+    moves = [m for m in result.program.columns.of(MoveL) if isinstance(m.target, Pose)]
+    targets = np.array([m.target.origin for m in moves])
     start = next(k for k, move in enumerate(moves) if move.work) - 1
     axis = np.array([0, -math.sin(math.radians(165)), math.cos(math.radians(165))])
-    for away, here in ((places[start - 1], places[start]), (places[-1], places[-2])):
-        back = (away - here) / np.linalg.norm(away - here)
-        assert back == pytest.approx(-axis, abs=1e-9)
-    # The level: half the tool's width and cell.safety above the highest point; the approach ends 2 mm above.
-    assert places[-1][2] == pytest.approx(25 + 3 + 10)
+    for high, low in ((targets[start - 1], targets[start]), (targets[-1], targets[-2])):
+        direction = (high - low) / np.linalg.norm(high - low)
+        assert direction == pytest.approx(-axis, abs=1e-9)
+    # The safety level is half the width of the tool and cell.safety above the highest point.
+    assert targets[-1][2] == pytest.approx(25 + 3 + 10)
 
 
-def test_a_scara_cannot_lean_and_says_so() -> None:
-    assert "cannot lean its tool by 15 deg" in refused(SEAM, "vplus", {}, NoSafeProgram)
+def test_a_tilted_tool_is_refused_for_a_scara_arm() -> None:
+    assert "cannot lean its tool by 15 deg" in find_refusal(SEAM, "vplus", {}, NoSafeProgram)
 
 
-def test_what_is_out_of_reach_or_in_the_way_is_left_out_and_the_rest_is_run(tmp_path: Path) -> None:
-    file = points(tmp_path, "0 0 5\n60 0 9\n\n0 40 5\n2000 40 5\n\n0 80 5\n60 80 9")
+def test_pieces_out_of_reach_or_with_a_collision_are_left_out_and_the_rest_is_run(
+    tmp_path: Path,
+) -> None:
+    file = write_points(tmp_path, "0 0 5\n60 0 9\n\n0 40 5\n2000 40 5\n\n0 80 5\n60 80 9")
     result = camgen.build(
         file, post="rapid", job={"cell": {"fixtures": [[20, 70, -10, 40, 90, 40]]}}
     )
     left = {note.ids[0]: str(note) for note in result.notes if note.kind == "skipped"}
     assert set(left) == {"c2", "c3"}
-    # The rest of the line of 2000 mm is run as far as the arm reaches.
+    # The line of 2000 mm is run as far as the arm reaches.
     assert re.match(r"skipped: 17[0-9]{2}\.?[0-9]* mm of curve c2 \(out of reach", left["c2"])
     assert "fixture 1" in left["c3"]
     assert {path.id for path in result.tour.paths} == {"c1", "c2.1", "c3.1", "c3.2"}
@@ -264,91 +258,99 @@ def test_what_is_out_of_reach_or_in_the_way_is_left_out_and_the_rest_is_run(tmp_
         camgen.build(file, post="rapid", strict=True)
 
 
-def test_a_turn_of_no_certain_sense_is_left_out(tmp_path: Path) -> None:
-    file = points(tmp_path, "0 0 5 180 0 0\n60 0 9 180 0 175\n")
-    said = refused(file, "rapid", {}, NoSafeProgram)
-    assert (
+def test_a_rotation_without_a_certain_direction_is_refused(tmp_path: Path) -> None:
+    file = write_points(tmp_path, "0 0 5 180 0 0\n60 0 9 180 0 175\n")
+    reason = (
         "the tool turns by 175 deg from point 1 to the next, too far to know in which direction"
-        in said
     )
+    assert reason in find_refusal(file, "rapid", {}, NoSafeProgram)
 
 
-# Square to the faces of a part.
+# Perpendicular to the faces of a part.
 
 
-def on_cylinder(folder: Path, offset: float = 0.0) -> list[Path]:
-    """A stretch of a helix round a lying cylinder, radius 40, its axis along x at y = 60 and z = -20; and that."""
+def write_cylinder(folder: Path, offset: float = 0.0) -> list[Path]:
+    """Files of a piece of a helix and of the cylinder around which it runs.
+
+    The cylinder has a radius of 40 mm, and its axis is parallel to x at y = 60 and z = -20 mm.
+    offset: distance of the helix from the cylinder, mm.
+    """
     mesh = trimesh.creation.cylinder(40, 120, sections=72)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 2, (0, 1, 0)))
     mesh.apply_translation((60, 60, -20))
     mesh.export(folder / "pipe.stl")
     t = np.linspace(-0.6, 0.6, 25)
-    reach = 40 + offset
-    rows = np.column_stack([60 + 20 * t, 60 + reach * np.sin(t), -20 + reach * np.cos(t)])
-    return [
-        points(folder, "\n".join(" ".join(f"{v:.5f}" for v in row) for row in rows)),
-        folder / "pipe.stl",
-    ]
+    radius = 40 + offset
+    rows = np.column_stack([60 + 20 * t, 60 + radius * np.sin(t), -20 + radius * np.cos(t)])
+    text = "\n".join(f"{x:.5f} {y:.5f} {z:.5f}" for x, y, z in rows)
+    return [write_points(folder, text), folder / "pipe.stl"]
 
 
-NORMAL: Tables = {"tool": {"axis": "normal", "symmetric": True, "diameter": 2}, "process": {"feed": 10},
-                  "cell": {"fixtures": []}, "input": {"units": "mm"}}  # fmt: skip
+NORMAL: Tables = {
+    "tool": {"axis": "normal", "symmetric": True, "diameter": 2},
+    "process": {"feed": 10},
+    "cell": {"fixtures": []},
+    "input": {"units": "mm"},
+}
 
 
-def lean_off(places: FloatArray, axes: FloatArray) -> FloatArray:
-    """Deg between tool axes (N, 3) and the cylinder's normals at places (N, 3)."""
-    out = (places - (0, 60, -20)) * (0, 1, 1)
+def measure_tilt(points: FloatArray, axes: FloatArray) -> FloatArray:
+    """Angle between tool axes (N, 3) and the normals of the cylinder at points (N, 3), deg (N,)."""
+    out = (points - (0, 60, -20)) * (0, 1, 1)
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     return np.asarray(np.degrees(np.arccos(np.clip(-(axes * out).sum(axis=1), -1, 1))))
 
 
-def test_the_tool_is_square_to_the_nearest_face(tmp_path: Path) -> None:
-    result = camgen.build(on_cylinder(tmp_path, 0.5), post="rapid", job=NORMAL)
+def test_the_tool_is_perpendicular_to_the_nearest_face(tmp_path: Path) -> None:
+    result = camgen.build(write_cylinder(tmp_path, 0.5), post="rapid", job=NORMAL)
     assert [path.id for path in result.tour.paths] == ["c1"]
-    places, axes = ends(result), turned(result)[:, :, 2]
-    assert len(places) >= 24
-    assert lean_off(places, axes).max() < 0.5
-    assert lean_off((places[1:] + places[:-1]) / 2, axes[1:] + axes[:-1]).max() < 1
+    points, axes = list_ends(result), list_rotations(result)[:, :, 2]
+    assert len(points) >= 24
+    assert measure_tilt(points, axes).max() < 0.5
+    assert measure_tilt((points[1:] + points[:-1]) / 2, axes[1:] + axes[:-1]).max() < 1
     assert result.clear is not None
     (note,) = [note for note in result.notes if "off pipe.stl" in note.what]
-    # Flats of 5 deg lie up to 40 (1 - cos 2.5 deg) within.
-    most = float(note.what.split()[4])
-    assert 0.5 <= most <= 0.5 + 40 * (1 - math.cos(math.radians(2.5))) + 1e-3
+    # The cylinder has flats of 5 deg, which lie up to 40 (1 - cos 2.5 deg) mm inside of it.
+    distance = float(note.what.split()[4])
+    assert 0.5 <= distance <= 0.5 + 40 * (1 - math.cos(math.radians(2.5))) + 1e-3
 
 
-def test_a_long_line_over_a_bent_face_gets_the_rows_that_the_axis_needs(tmp_path: Path) -> None:
-    on_cylinder(tmp_path)
-    file = points(tmp_path, "30 30 25\n90 90 25")
+def test_a_long_line_over_a_curved_face_gets_more_waypoints_for_the_tool_axis(
+    tmp_path: Path,
+) -> None:
+    write_cylinder(tmp_path)
+    file = write_points(tmp_path, "30 30 25\n90 90 25")
     result = camgen.build([file, tmp_path / "pipe.stl"], post="rapid", job=NORMAL)
     start = result.tour.paths[0].position[:1]
-    assert len(work(result)) > 3
-    places = np.concatenate([start, ends(result)])
+    assert len(list_work(result)) > 3
+    points = np.concatenate([start, list_ends(result)])
     along = np.array([1, 1, 0]) / math.sqrt(2)
-    assert np.linalg.norm(np.cross(places - (30, 30, 25), along), axis=1) == pytest.approx(
+    assert np.linalg.norm(np.cross(points - (30, 30, 25), along), axis=1) == pytest.approx(
         0, abs=1e-9
     )
-    axes = np.concatenate([result.tour.paths[0].axis[:1], turned(result)[:, :, 2]])
-    # Up to 54 mm from the axis, a place whose foot is the corner of two flats is up to 2.5 (1 - 40 / 54) deg off it.
-    assert lean_off(places, axes).max() < 0.66
-    assert lean_off((places[1:] + places[:-1]) / 2, axes[1:] + axes[:-1]).max() < 0.66 + 0.5
+    axes = np.concatenate([result.tour.paths[0].axis[:1], list_rotations(result)[:, :, 2]])
+    # The line is up to 54 mm from the axis of the cylinder. The nearest point may be the corner of
+    # two flats, which changes the direction by up to 2.5 (1 - 40 / 54) deg.
+    assert measure_tilt(points, axes).max() < 0.66
+    assert measure_tilt((points[1:] + points[:-1]) / 2, axes[1:] + axes[:-1]).max() < 0.66 + 0.5
 
 
-def test_a_curve_over_a_sharp_edge_has_no_normal_there(tmp_path: Path) -> None:
+def test_a_curve_over_a_sharp_edge_is_left_out(tmp_path: Path) -> None:
     trimesh.creation.box((60, 60, 20)).export(tmp_path / "box.stl")
-    file = points(tmp_path, "0 0 10.5\n30.5 0 10.5\n30.5 0 0\n\n-20 0 10.5\n20 0 10.5")
+    file = write_points(tmp_path, "0 0 10.5\n30.5 0 10.5\n30.5 0 0\n\n-20 0 10.5\n20 0 10.5")
     result = camgen.build([file, tmp_path / "box.stl"], post="rapid", job=NORMAL)
     (left,) = [note for note in result.notes if note.kind == "skipped"]
     assert left.ids == ("c1",)
     assert "the nearest face changes its direction by 90 deg at 30.5 0 " in left.why
-    assert (turned(result)[:, :, 2] == [0, 0, -1]).all()
+    assert (list_rotations(result)[:, :, 2] == [0, 0, -1]).all()
 
 
-def test_a_part_that_is_given_stands_in_the_way(tmp_path: Path) -> None:
+def test_a_curve_through_the_given_part_is_left_out(tmp_path: Path) -> None:
     box = trimesh.creation.box((60, 20, 20))
     box.apply_translation((30, 10, 10))
     box.export(tmp_path / "box.stl")
-    file = points(tmp_path, "0 10 10\n60 10 10\n\n0 10 30\n60 10 30")
+    file = write_points(tmp_path, "0 10 10\n60 10 10\n\n0 10 30\n60 10 30")
     result = camgen.build(
         [file, tmp_path / "box.stl"], post="rapid", job={"input": {"units": "mm"}}
     )
@@ -357,13 +359,17 @@ def test_a_part_that_is_given_stands_in_the_way(tmp_path: Path) -> None:
     assert "part" in left.why
 
 
-def test_what_goes_together_and_what_does_not() -> None:
+def test_curves_of_two_files_can_be_combined_and_other_parts_are_refused() -> None:
     box = PARTS / "rfa1.stl"
-    assert '"normal" needs the part on whose faces the curves lie' in refused(
+    assert '"normal" needs the part on whose faces the curves lie' in find_refusal(
         SEAM, "rapid", {"tool": {"axis": "normal"}}
     )
-    assert "not tested against a part" in refused([SEAM, box], "gcode", {"tool": {"axis": "fixed"}})
-    assert "or with one 3-D part" in refused([SEAM, PARTS / "plate.dxf"], "rapid", {}, InputError)
+    assert "not tested against a part" in find_refusal(
+        [SEAM, box], "gcode", {"tool": {"axis": "fixed"}}
+    )
+    assert "or with one 3-D part" in find_refusal(
+        [SEAM, PARTS / "plate.dxf"], "rapid", {}, InputError
+    )
     two = camgen.build([SEAM, SPACE], post="rapid", job=TRACE | {"tool": {"symmetric": True}})
     assert {path.id for path in two.tour.paths} == {
         "1/c1",
@@ -373,7 +379,8 @@ def test_what_goes_together_and_what_does_not() -> None:
 
 
 @pytest.mark.parametrize(("post", "table", "key", "value"), [
-    ("rapid", "operation", "depth", 2), ("rapid", "process", "clearance", 50), ("rapid", "tool", "orient", "follow"),
+    ("rapid", "operation", "depth", 2), ("rapid", "process", "clearance", 50),
+    ("rapid", "tool", "orient", "follow"),
     ("gcode", "process", "stay_down", True), ("gcode", "tool", "symmetric", True),
     ("gcode", "operation", "side", "left"), ("rapid", "tolerance", "simplify", 1.0),
     ("rapid", "input", "min_length", 1.0),
@@ -383,31 +390,38 @@ def test_settings_without_effect_are_refused(
 ) -> None:
     job: Tables = {"operation": {"kind": "trace"}}
     job[table] = job.get(table, {}) | {key: value}
-    assert refused(SPACE, post, job).startswith("job: has no effect on curves in space")
+    assert find_refusal(SPACE, post, job).startswith("job: has no effect on curves in space")
 
 
 def test_flat_drawings_refuse_the_settings_of_curves() -> None:
-    for key, value in (("axis", "fixed"), ("angles", [180, 0, 0])):
-        said = refused(PARTS / "plate.dxf", "rapid", TRACE | {"tool": {key: value}})
-        assert said == f"job: has no effect on a drawing (tool.{key}); leave it out"
-    job: Tables = TRACE | {"cell": {"rests_on": [0, 0, 1]}}
-    error = refused(PARTS / "plate.dxf", "rapid", job)
-    assert error == "job: has no effect on a drawing (cell.rests_on); leave it out"
+    for table, key, value in (
+        ("tool", "axis", "fixed"),
+        ("tool", "angles", [180, 0, 0]),
+        ("cell", "rests_on", [0, 0, 1]),
+    ):
+        message = find_refusal(PARTS / "plate.dxf", "rapid", TRACE | {table: {key: value}})
+        assert message == f"job: has no effect on a drawing ({table}.{key}); leave it out"
 
 
-@pytest.mark.parametrize(("tool", "what"), [
-    ({"axis": "given"}, "curve c1 has no angles (tool.axis)"),
-    ({"axis": "normal", "angles": [0, 0, 0]}, "has no effect on a tool that stands as normal (tool.angles)"),
-    ({"angles": [180, 0]}, "has 2 values (tool.angles)"),
-])  # fmt: skip
-def test_what_cannot_be_meant_of_the_tool(tool: dict[str, object], what: str) -> None:
-    assert what in refused(SPACE, "rapid", TRACE | {"tool": tool})
+@pytest.mark.parametrize(
+    ("tool", "what"),
+    [
+        ({"axis": "given"}, "curve c1 has no angles (tool.axis)"),
+        (
+            {"axis": "normal", "angles": [0, 0, 0]},
+            "has no effect on a tool that stands as normal (tool.angles)",
+        ),
+        ({"angles": [180, 0]}, "has 2 values (tool.angles)"),
+    ],
+)
+def test_an_impossible_direction_of_the_tool_is_refused(tool: dict[str, object], what: str) -> None:
+    assert what in find_refusal(SPACE, "rapid", TRACE | {"tool": tool})
 
 
 def test_only_tracing_follows_curves_in_space() -> None:
     for kind in ("follow", "fill", "drill", "edges", "replay"):
-        said = refused(SEAM, "rapid", {"operation": {"kind": kind}})
-        assert said.endswith(
+        message = find_refusal(SEAM, "rapid", {"operation": {"kind": kind}})
+        assert message.endswith(
             'these are curves in space (operation.kind); set operation.kind to "trace"'
         )
     part = camgen.read(SEAM)
@@ -416,23 +430,15 @@ def test_only_tracing_follows_curves_in_space() -> None:
         camgen.plan(part)
 
 
-def test_the_command_line_says_what_is_in_space(
+def test_the_command_line_reports_the_curves_in_space(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = [
-        "build",
-        str(SPACE),
-        "--post",
-        "rapid",
-        "--set",
-        "operation.kind=trace",
-        "-o",
-        str(tmp_path),
-    ]
+    command = ["build", str(SPACE), "--post", "rapid", "-o", str(tmp_path)]
+    trace = ["--set", "operation.kind=trace"]
     for ending in ("svg", "png", "html"):
-        assert main([*words, "--preview", str(tmp_path / f"a.{ending}")]) == 0
-    said = capsys.readouterr().err
-    assert "space.dxf: mm, 5 curves (4 in space, 1 flat)" in said
-    assert "all 2 mm apart or more" in said
-    assert main(["build", str(SPACE), "--post", "rapid", "-o", str(tmp_path)]) == 0
+        assert main([*command, *trace, "--preview", str(tmp_path / f"a.{ending}")]) == 0
+    output = capsys.readouterr().err
+    assert "space.dxf: mm, 5 curves (4 in space, 1 flat)" in output
+    assert "all 2 mm apart or more" in output
+    assert main(command) == 0
     assert "5 curves" not in capsys.readouterr().err.splitlines()[0]
