@@ -104,7 +104,7 @@ def transform_to_base(setup: Setup, pose_path: PosePath) -> FloatArray:
 
 
 def make_end_pose(motion: EdgeMotion, k: int) -> PosePath:
-    pose_path = motion.way
+    pose_path = motion.pose_path
     return PosePath(pose_path.position[[k]], np.full((1, 3), np.nan), pose_path.rotation[[k]])
 
 
@@ -112,7 +112,7 @@ def list_ends(motions: tuple[EdgeMotion, ...]) -> list[tuple[PosePath, FloatArra
     """Pose and joint values at both ends of each motion."""
     ends = []
     for motion in motions:
-        for k in (0, len(motion.way) - 1):
+        for k in (0, len(motion.pose_path) - 1):
             ends.append((make_end_pose(motion, k), motion.joints[k]))
     return ends
 
@@ -132,13 +132,13 @@ def test_a_retraction_ends_above_the_safety_level_and_its_joints_follow_its_pose
             assert result
             continue
         frames = compute_tcp_frames(setup, result.joints)
-        rotation = setup.base_from_work.rotation @ result.way.rotation
-        assert np.allclose(frames[:, :3, 3], transform_to_base(setup, result.way), atol=1e-5)
+        rotation = setup.base_from_work.rotation @ result.pose_path.rotation
+        assert np.allclose(frames[:, :3, 3], transform_to_base(setup, result.pose_path), atol=1e-5)
         assert np.allclose(frames[:, :3, :3], rotation, atol=1e-7)
         assert np.allclose(result.joints[0], end[1], atol=1e-9)
         assert frames[-1, 2, 3] >= space.level - 1e-6
-        assert np.abs(np.diff(result.dense, axis=0)).max() <= math.radians(15) + 1e-9
-        assert (find_collisions(load_scene(part), result.dense) < 0).all()
+        assert np.abs(np.diff(result.sampled_joints, axis=0)).max() <= math.radians(15) + 1e-9
+        assert (find_collisions(load_scene(part), result.sampled_joints) < 0).all()
 
 
 @cache
@@ -162,10 +162,10 @@ def test_a_tilted_tool_retracts_along_its_axis() -> None:
         for result in find_retractions(setup, space, list_ends(motions), SPEEDS)
         if isinstance(result, Retraction)
         and result.name == "along the tool"
-        and len(result.way) == 2
+        and len(result.pose_path) == 2
     )
-    start, stop = transform_to_base(setup, retraction.way)
-    back = -(setup.base_from_work.rotation @ retraction.way.rotation[0])[:, 2]
+    start, stop = transform_to_base(setup, retraction.pose_path)
+    back = -(setup.base_from_work.rotation @ retraction.pose_path.rotation[0])[:, 2]
     s = (space.level - start[2]) / back[2]
     assert s > 1
     assert np.allclose(stop - start, s * back, atol=1e-6)
@@ -193,7 +193,7 @@ def test_a_retraction_leads_over_the_wrist_if_the_last_two_links_are_below_the_l
         # The axes 4, 5 and 6 of an IRB 2400 meet in the wrist, 85 mm before the flange.
         flange = by_hand(ARM.name, np.degrees(joints))
         wrist = flange[:3, 3] - 85.0 * flange[:3, 2]
-        assert np.allclose(transform_to_base(setup, retraction.way)[1], wrist, atol=1e-6)
+        assert np.allclose(transform_to_base(setup, retraction.pose_path)[1], wrist, atol=1e-6)
         assert abs(math.degrees(retraction.joints[1][4])) >= 2.0
 
 

@@ -248,9 +248,9 @@ def test_the_nearest_items_are_those_of_a_plain_search(
     listed[near.item, near.other] = True
     assert not np.diagonal(listed).any()
     assert not ((distances < near.sure[:, None] * (1 - 1e-9) - 1e-9) & ~listed).any()
-    assert (near.apart >= distances[near.item, near.other] - 1e-9).all()
-    exact = near.apart <= near.sure[near.item]
-    assert near.apart[exact] == pytest.approx(distances[near.item, near.other][exact], abs=1e-9)
+    assert (near.distance >= distances[near.item, near.other] - 1e-9).all()
+    exact = near.distance <= near.sure[near.item]
+    assert near.distance[exact] == pytest.approx(distances[near.item, near.other][exact], abs=1e-9)
 
 
 def test_the_nearest_items_of_many_at_one_point_are_not_quadratic() -> None:

@@ -59,20 +59,22 @@ def test_the_cheapest_turn_counts_are_those_of_a_trial_of_all_choices() -> None:
 
 
 def test_turn_counts_keep_the_limits_and_the_first_is_zero() -> None:
-    lowest = min(list_lowered_motions(), key=lambda motion: float(motion.dense[:, 5].min()))
-    table = list_turns(ARM, lowest.dense, ARM.home)
+    lowest = min(
+        list_lowered_motions(), key=lambda motion: float(motion.sampled_joints[:, 5].min())
+    )
+    table = list_turns(ARM, lowest.sampled_joints, ARM.home)
     assert 2 <= len(table) <= MOST_TURNS
     assert not table[0].any()
     assert len(np.unique(table, axis=0)) == len(table)
-    assert are_within_limits(ARM, lowest.dense + math.tau * table[:, None]).all()
+    assert are_within_limits(ARM, lowest.sampled_joints + math.tau * table[:, None]).all()
     # The turn count nearest to home is tried first.
-    assert np.abs(lowest.dense[:, 5] + math.tau * table[1, 5]).max() < math.pi * 1.5
+    assert np.abs(lowest.sampled_joints[:, 5] + math.tau * table[1, 5]).max() < math.pi * 1.5
 
 
 def test_motions_have_the_turn_counts_of_the_shortest_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """In two of three motions the last joint is one turn farther from home than necessary."""
     motions = [motion for motion in list_lowered_motions() if motion.id in {"e7", "e8", "e14"}]
-    assert sum(motion.dense[:, 5].min() < -math.pi for motion in motions) == 2
+    assert sum(motion.sampled_joints[:, 5].min() < -math.pi for motion in motions) == 2
     chosen = link_motions(motions)
     for module in CALLERS:
         monkeypatch.setattr(module, "list_turns", list_no_turns)

@@ -215,7 +215,7 @@ def test_a_force_has_the_direction_of_the_tool_axis() -> None:
     }
     result = camgen.build(SPACE, post="rapid", job=job)
     axis = (0, -math.sin(math.radians(170)), math.cos(math.radians(170)))
-    assert {item.newtons for item in result.program.columns.of(Force)} == {0, 7}
+    assert {item.newtons for item in result.program.columns.list_kinds(Force)} == {0, 7}
     assert all(move.force == 7 for move in list_work(result))
     assert np.array([move.force_direction for move in list_work(result)]) == pytest.approx(
         np.tile(axis, (len(list_work(result)), 1))
@@ -225,7 +225,7 @@ def test_a_force_has_the_direction_of_the_tool_axis() -> None:
 def test_approach_and_retract_run_along_the_tool_axis_to_above_all_curves(tmp_path: Path) -> None:
     file = write_points(tmp_path, "0 0 5 165 0 0\n60 0 25 165 0 0")
     result = camgen.build(file, post="rapid")
-    moves = [m for m in result.program.columns.of(MoveL) if isinstance(m.target, Pose)]
+    moves = [m for m in result.program.columns.list_kinds(MoveL) if isinstance(m.target, Pose)]
     targets = np.array([m.target.origin for m in moves])
     start = next(k for k, move in enumerate(moves) if move.work) - 1
     axis = np.array([0, -math.sin(math.radians(165)), math.cos(math.radians(165))])

@@ -59,7 +59,8 @@ def test_targets_keep_the_flange_where_it_was():
             find_flange(before.target, FRAMES[index]), find_flange(after.target, FRAMES[0])
         )
     assert (
-        "motions with t1 are told with t0; motions in w1 are told in w0" in converted.notes[0].what
+        "motions with t1 are given with t0; motions in w1 are given in w0"
+        in converted.notes[0].what
     )
 
 
