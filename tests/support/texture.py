@@ -1,4 +1,4 @@
-"""Counts what makes a file hard to read: wide lines, nested expressions, long signatures, vague prose.
+"""Counts faults that make a file hard to read: wide lines, nested expressions, vague prose.
 
     python -m tests.support.texture            the counts of each folder
     python -m tests.support.texture --lower    writes lower counts into the table, never higher ones
@@ -29,7 +29,7 @@ TABLE = ROOT / "tests" / "texture" / "counts.tsv"
 COUNTED = ("camgen", "postprocessors", "fixtures", "bench", "tests", "docs", "README.md")
 #: Pages that are made from the code, whose texts are counted there.
 GENERATED = ("api.md", "messages.md")
-#: What is counted, in the order of the columns of the table.
+#: The kinds of faults, in the order of the columns of the table.
 KINDS = ("wide", "nested", "conditional", "parameters", "prose")
 #: Characters of a line, and parameters of a function, that are not counted.
 MOST_CHARACTERS, MOST_PARAMETERS = 100, 6
@@ -48,7 +48,7 @@ class Rule(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A line of a file that is counted. text: the rule, or what is wrong."""
+    """A fault at a line of a file. text: the rule and the match, or a description."""
 
     kind: str
     line: int
@@ -87,7 +87,9 @@ def list_places(file: Path) -> list[Place]:
     """The places of a Python file or a Markdown page, in order of line."""
     source = file.read_text(encoding="utf-8")
     if file.suffix == ".md":
-        places = [place for text in _paragraphs(source) for place in _search("docs", *text)]
+        places = []
+        for line, text in _paragraphs(source):
+            places += _search("docs", line, text)
     else:
         tree = ast.parse(source)
         nodes = list_nodes(tree)
@@ -98,7 +100,7 @@ def list_places(file: Path) -> list[Place]:
 
 
 def count(file: Path) -> tuple[int, ...]:
-    """How many places of each of `KINDS` a file has."""
+    """The number of places of each of `KINDS` in a file."""
     counted = Counter(place.kind for place in list_places(file))
     return tuple(counted[kind] for kind in KINDS)
 
