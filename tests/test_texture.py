@@ -1,4 +1,4 @@
-"""The texture of the code may only get better: `tests/texture/counts.tsv` holds today's counts.
+"""The counts of the texture of the code may only fall; `tests/texture/counts.tsv` holds them.
 
 `python -m tests.support.texture FILE` shows the places. A file that is moved, renamed or split
 takes its row along, except into a future `lang` room; a new file has no row, so it starts at zero.
