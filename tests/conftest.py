@@ -9,14 +9,15 @@ from hypothesis import settings
 
 from tests.support.remembered import prove_once
 
-# As the command line does: threads of linear algebra take each other's time where every core runs tests already.
+# The command line sets this, too: more threads of linear algebra slow each other down if each core
+# already runs tests.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-#: Examples of a property, where its own ``@settings`` does not ask for fewer.
+#: Number of examples of a property without `@settings` of its own, by day and by night.
 FEW, MANY = 25, 500
-# No deadline: the time of an example depends on what else the machine does. In CI each run tries
-# the same examples, so that a failure can be run again. At a desk new ones are tried each time.
-# ``pytest --hypothesis-profile=nightly`` tries many new ones.
+# There is no deadline, because a busy machine needs more time for an example. CI tries the same
+# examples in each run, so that a failure can be repeated. At a desk each run tries new examples.
+# `pytest --hypothesis-profile=nightly` tries many new examples.
 settings.register_profile("desk", deadline=None, max_examples=FEW)
 settings.register_profile("ci", deadline=None, max_examples=FEW, derandomize=True, database=None)
 settings.register_profile("nightly", deadline=None, max_examples=MANY)
@@ -24,12 +25,12 @@ settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 
 def pytest_sessionstart() -> None:
-    """Search for no cyclic garbage while tests are collected: nearly all that is made stays."""
+    """Switches the garbage collector off during collection, as nearly all objects stay."""
     gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    """Keep the tests themselves out of each search for cyclic garbage, which they make slower."""
+    """Excludes the collected tests from the garbage collector, which they would slow down."""
     gc.freeze()
     gc.enable()
 

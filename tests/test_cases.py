@@ -1,9 +1,9 @@
-"""Golden programs: each folder of fixtures/cases holds a job and what it makes, as a plan and for every controller.
+"""Golden programs: each folder of fixtures/cases holds a job, its plan and its programs.
 
-The part is the drawing or the mesh of fixtures/parts whose name the folder's name begins with. ``posts.toml`` may hold
-the options of ``[post]`` for single controllers, ``robots.toml`` the robots that check their programs. A 3-D part has a
-program for the controller of its robot only. A changed expectation
-(``pytest --accept``) needs its reason in the changelog.
+The name of the folder begins with the name of its part in fixtures/parts. `posts.toml` may hold the
+options of [post] for single controllers, `robots.toml` the robots that check their programs. A 3-D
+part has a program for the controller of its robot only. A changed expectation (`pytest --accept`)
+needs its reason in the changelog.
 """
 
 import tomllib
@@ -23,17 +23,21 @@ ENDINGS = (".stl", ".dxf", ".svg", ".png", ".xyz")
 POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")
 SOLID = [case for case in CASES if (FIXTURES / "parts" / f"{case.name.split('-')[0]}.stl").exists()]
 FLAT = [case for case in CASES if case not in SOLID]
-# A tool that leans is for an arm of six axes.
+# Cases with a tilted tool, which needs an arm of six axes.
 LEANING = [
     case for case in CASES if (FIXTURES / "parts" / f"{case.name.split('-')[0]}.xyz").exists()
 ]
 ARMS = ("rapid", "pacscript")
-ALL = [(case, post) for case in FLAT for post in (ARMS if case in LEANING else POSTS)]
+#: Each case with each of its controllers.
+ALL: list[tuple[Path, str]] = []
+for _case in FLAT:
+    ALL += [(_case, _post) for _post in (ARMS if _case in LEANING else POSTS)]
 ALL += [(case, "rapid") for case in SOLID]
 
 
 @cache
 def built(case: Path, post: str) -> Result:
+    """The result of a case for a controller. It is built once."""
     job = tomllib.loads((case / "job.toml").read_text())
     options = case / "posts.toml"
     if options.exists():
@@ -41,16 +45,21 @@ def built(case: Path, post: str) -> Result:
     robots = case / "robots.toml"
     if robots.exists():
         job["cell"]["robot"] = tomllib.loads(robots.read_text()).get(post, "")
-    part = next(part for part in parts(case) if part.exists())
-    return camgen.build(part, post=post, job=job, name="part")
+    return camgen.build(find_part(case), post=post, job=job, name="part")
 
 
 def parts(case: Path) -> list[Path]:
-    """What the case may be about: the first word of its name with an ending."""
+    """The possible files of the part: the first word of the name of the case with each ending."""
     return [FIXTURES / "parts" / (case.name.split("-")[0] + ending) for ending in ENDINGS]
 
 
+def find_part(case: Path) -> Path:
+    """The file of the part of a case."""
+    return next(part for part in parts(case) if part.exists())
+
+
 def compare(file: Path, text: str, accept: bool) -> None:
+    """Compares a text with the expected lines of a file. accept: the file is written first."""
     if accept:
         file.parent.mkdir(exist_ok=True)
         file.write_text(text)
@@ -70,12 +79,12 @@ def test_the_plan_is_the_expected_one(case: Path, accept: bool) -> None:
     assert len(parse(plan).body) == plan.count("\n") - 5 - len(result.tour.paths)
 
 
-@pytest.mark.parametrize(("case", "post"), ALL, ids=lambda one: getattr(one, "name", one))
+@pytest.mark.parametrize(("case", "post"), ALL, ids=lambda value: getattr(value, "name", value))
 def test_the_program_is_the_expected_one(case: Path, post: str, accept: bool) -> None:
     result = built(case, post)
     for file in result.files:
         compare(case / "expected" / file.name, file.text, accept)
-    # The digits of a text move both ends of a motion by half of the last one.
+    # Rounding to the digits of the text moves each end of a motion by half of the last digit.
     assert result.rounded.excess <= 0.001
 
 

@@ -1,4 +1,4 @@
-"""Tests ask no clock: on a busy machine every duration is longer than its limit.
+"""Tests do not read clocks: on a busy machine a duration may be longer than any limit.
 
 A test counts calls instead (`tests/support/steps.py`). Only an answer of another process has a
 deadline, `LONG` of `tests/support/waiting.py`.
@@ -97,7 +97,7 @@ def test_a_deadline_of_another_process_is_allowed() -> None:
     assert list_clock_comparisons(source) == []
 
 
-def test_work_that_grows_with_the_square_is_seen() -> None:
+def test_work_that_grows_with_the_square_is_found() -> None:
     def compare_all(count: int) -> None:
         for k in range(count):
             for other in range(count):

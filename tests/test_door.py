@@ -1,4 +1,4 @@
-"""The door: the stages called by hand give what ``build`` gives, and every noun is there."""
+"""The public names of the package: the stages called one by one, parts made in code, values."""
 
 import re
 import subprocess
@@ -18,21 +18,23 @@ JOB = {"tool": {"diameter": 4.0}, "operation": {"lead_in": 2.0}}
 
 
 @pytest.mark.parametrize(("source", "job"), [("bracket.dxf", JOB), ("rfa1.stl", {})])
-def test_the_stages_give_what_a_build_gives(source: str, job: dict[str, object]) -> None:
-    built = camgen.build(PARTS / source, post="rapid", job=job)
+def test_the_stages_called_in_turn_give_the_result_of_build(
+    source: str, job: dict[str, object]
+) -> None:
+    result = camgen.build(PARTS / source, post="rapid", job=job)
     part = camgen.read(PARTS / source, job)
     plan = camgen.plan(part, job, "rapid")
     cell = camgen.cell("rapid", job, part)
     tour = camgen.order(plan, job, cell)
-    program = camgen.lower(tour, job, cell, part.name, built.program.header)
+    program = camgen.lower(tour, job, cell, part.name, result.program.header)
     checks = camgen.check(program, job, cell, plan)
     files = camgen.post(checks.program, "rapid", job)
-    assert [file.text for file in files] == [file.text for file in built.files]
-    assert camgen.verify(files, checks.program, "rapid", job) == built.deviation
+    assert [file.text for file in files] == [file.text for file in result.files]
+    assert camgen.verify(files, checks.program, "rapid", job) == result.deviation
     assert not camgen.read_back(files, "rapid", job).findings
 
 
-def test_a_text_that_says_something_else_is_told() -> None:
+def test_a_text_with_another_number_is_refused() -> None:
     tour = camgen.order(camgen.plan(camgen.part([(0, 0), (40, 0), (40, 20), (0, 0)])))
     program = camgen.lower(tour, cell="gcode")
     (file,) = camgen.post(program, "gcode")
@@ -67,12 +69,12 @@ def test_a_part_is_made_of_points_and_shapes(
     shape: object, closed: list[bool], points: list[int]
 ) -> None:
     part = camgen.part(shape)
-    assert [c.closed for c in part.contours] == closed
-    assert [len(c.points) for c in part.contours] == points
-    assert [c.id for c in part.contours] == [f"c{k}" for k in range(1, len(closed) + 1)]
+    assert [contour.closed for contour in part.contours] == closed
+    assert [len(contour.points) for contour in part.contours] == points
+    assert [contour.id for contour in part.contours] == [f"c{k}" for k in range(1, len(closed) + 1)]
 
 
-def test_the_path_of_a_part_in_code_runs_where_it_was_asked() -> None:
+def test_the_path_of_a_part_made_in_code_has_its_length() -> None:
     result = camgen.build(camgen.part(SQUARE), post="gcode", job={"operation": {"kind": "trace"}})
     assert result.report["tour"]["work_mm"] == pytest.approx(140.0)  # type: ignore[index]
 
@@ -89,22 +91,22 @@ def test_a_part_is_made_of_a_mesh() -> None:
 @pytest.mark.parametrize(
     "shape", [[], "square", 7, shapely.Point(1, 2), [(0, 0), (float("nan"), 1)], [(1, 1), (1, 1)]]
 )
-def test_what_is_no_shape_is_refused(shape: object) -> None:
+def test_values_that_are_not_shapes_are_refused(shape: object) -> None:
     with pytest.raises(camgen.InputError):
         camgen.part(shape)
 
 
-def test_the_same_part_in_code_gives_the_same_digest_and_another_one_another() -> None:
-    one, same, other = (
+def test_equal_parts_have_equal_digests_and_other_parts_have_others() -> None:
+    first, second, other = (
         camgen.build(camgen.part(s), post="gcode").text for s in (SQUARE, SQUARE, OTHER)
     )
-    assert one == same
-    digests = [re.findall(r"job ([0-9a-f]{12})", text) for text in (one, other)]
+    assert first == second
+    digests = [re.findall(r"job ([0-9a-f]{12})", text) for text in (first, other)]
     assert digests[0] != digests[1]
-    assert [len(found) for found in digests] == [1, 1]
+    assert [len(digest) for digest in digests] == [1, 1]
 
 
-def test_every_name_is_there_and_dir_shows_them() -> None:
+def test_dir_shows_all_names() -> None:
     assert set(dir(camgen)) == set(camgen.__all__)
     for name in camgen.__all__:
         assert getattr(camgen, name) is not None
@@ -112,11 +114,12 @@ def test_every_name_is_there_and_dir_shows_them() -> None:
         camgen.nothing  # noqa: B018
 
 
-def test_a_function_stays_one_after_its_folder_was_imported() -> None:
+def test_a_stage_stays_a_function_after_the_import_of_its_folder() -> None:
     code = (
         "import camgen, camgen.plan, camgen.read.dxf, camgen.pipeline.stages\n"
         "from camgen.order import order\n"
-        "print(camgen.plan.__module__, camgen.read.__module__, camgen.order.__module__, callable(camgen.build))"
+        "print(camgen.plan.__module__, camgen.read.__module__, "
+        "camgen.order.__module__, callable(camgen.build))"
     )
     out = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
@@ -124,7 +127,7 @@ def test_a_function_stays_one_after_its_folder_was_imported() -> None:
     assert out.split() == ["camgen.pipeline.stages"] * 3 + ["True"]
 
 
-def test_values_are_short_to_print_and_draw_themselves() -> None:
+def test_values_have_a_short_repr_and_a_drawing() -> None:
     result = camgen.build(PARTS / "bracket.dxf", post="rapid")
     solid = camgen.read(PARTS / "rfa1.stl")
     values = [
@@ -146,14 +149,15 @@ def test_values_are_short_to_print_and_draw_themselves() -> None:
         assert svg.count("<path") > 0
 
 
-def test_importing_the_package_loads_none_of_the_heavy_ones() -> None:
-    code = "import camgen, sys; print([m for m in ('numpy', 'cv2', 'ezdxf', 'shapely', 'msgspec') if m in sys.modules])"
-    assert (
-        subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True
-        ).stdout
-        == "[]\n"
+def test_the_import_of_the_package_loads_no_large_library() -> None:
+    code = (
+        "import camgen, sys; "
+        "print([m for m in ('numpy', 'cv2', 'ezdxf', 'shapely', 'msgspec') if m in sys.modules])"
     )
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert process.stdout == "[]\n"
 
 
 def test_the_cell_of_a_program_is_not_guessed() -> None:
@@ -173,13 +177,15 @@ def test_changed_paths_of_edges_are_refused_and_those_of_drawings_run() -> None:
     assert len(camgen.order(replace(flat, paths=flat.paths[:1])).paths) == 1
 
 
-def test_notes_of_the_reader_stay_whatever_an_operation_says(
+def test_notes_of_the_reader_stay_if_an_operation_drops_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from camgen.plan import operations  # noqa: PLC0415 (patched here only)
 
     part = replace(camgen.part(SQUARE), notes=(camgen.Note("skipped", "3 TEXT", "no curves"),))
-    real = operations.FOLLOW.plan
-    silent = replace(operations.FOLLOW, plan=lambda *given: replace(real(*given), notes=()))
+    original_plan = operations.FOLLOW.plan
+    silent = replace(
+        operations.FOLLOW, plan=lambda *given: replace(original_plan(*given), notes=())
+    )
     monkeypatch.setattr(operations, "FOLLOW", silent)
     assert camgen.plan(part).notes == part.notes

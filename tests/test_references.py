@@ -50,14 +50,16 @@ def test_references_are_found_in_all_folders() -> None:
 
 
 #: Names beside those that exist: a module that has moved, a member, a class, a file, a setting.
-LOST = """`order/matrix` `matrix.Dices` `verify.COMPARE` `Part.contour` `check/corner.py`
+MISSING = """`order/matrix` `matrix.Dices` `verify.COMPARE` `Part.contour` `check/corner.py`
 `tool.diametr` `read_modul` camgen.tours.speed and saddle.py are not there."""
-KNOWN = """`order/solver/matrix` `matrix.Dice` `verify.COMPARED` `Part.contours` `check/reach.py`
+EXISTING = """`order/solver/matrix` `matrix.Dice` `verify.COMPARED` `Part.contours` `check/reach.py`
 `tool.diameter` `read_module` `part.dxf` `WAIT.EVENT` `np.cross` camgen.order.solver.speed."""
 
 
-@pytest.mark.parametrize(("text", "leads"), [(LOST, False), (KNOWN, True)])
-def test_a_reference_is_judged(text: str, leads: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("text", "leads"), [(MISSING, False), (EXISTING, True)])
+def test_existing_and_missing_names_are_distinguished(
+    text: str, leads: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = ROOT / "camgen" / "geometry" / "vectors.py"
     monkeypatch.setattr("tests.support.references._list_texts", lambda _: [(1, text)])
     references = list(list_references(file))
@@ -65,7 +67,7 @@ def test_a_reference_is_judged(text: str, leads: bool, monkeypatch: pytest.Monke
     assert [leads_somewhere(reference) for reference in references] == [leads] * 9
 
 
-def test_a_page_may_speak_of_other_languages(tmp_path: Path) -> None:
+def test_names_of_other_languages_on_a_page_are_no_references(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("`g28.x` is a parameter, `path.cut` a style, `verify.COMPARE` a mistake.\n")
     assert list(list_references(page)) == [Reference(page, 1, "verify.COMPARE")]

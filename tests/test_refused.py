@@ -1,4 +1,4 @@
-"""Bad inputs: the first line of the twin .txt of a file in fixtures/refused is the exact error that it raises."""
+"""Bad inputs. A file in fixtures/refused has a .txt file, whose first line is the exact error."""
 
 from pathlib import Path
 
@@ -16,17 +16,17 @@ def test_there_are_bad_inputs() -> None:
     assert INPUTS
 
 
-@pytest.mark.parametrize("bad", INPUTS, ids=lambda p: p.name)
+@pytest.mark.parametrize("file", INPUTS, ids=lambda p: p.name)
 def test_a_bad_input_is_refused_with_its_line(
-    bad: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    expected = bad.with_suffix(".txt").read_text(encoding="utf-8").splitlines()[0]
-    monkeypatch.chdir(bad.parent)
-    before = sorted(bad.parent.iterdir())
-    code = main(["build", bad.name, "--post", "gcode", "-o", str(tmp_path)])
-    said = capsys.readouterr()
-    assert said.err == f"camgen: error: {expected}\n"
-    assert said.out == ""
+    expected = file.with_suffix(".txt").read_text(encoding="utf-8").splitlines()[0]
+    monkeypatch.chdir(file.parent)
+    before = sorted(file.parent.iterdir())
+    code = main(["build", file.name, "--post", "gcode", "-o", str(tmp_path)])
+    printed = capsys.readouterr()
+    assert printed.err == f"camgen: error: {expected}\n"
+    assert printed.out == ""
     assert code in (2, 3)
     assert not list(tmp_path.iterdir())
-    assert sorted(bad.parent.iterdir()) == before
+    assert sorted(file.parent.iterdir()) == before

@@ -15,7 +15,7 @@ from tests.support.old_programs import PACSCRIPT, RAPID
 
 @pytest.mark.parametrize("case", ["bracket-robot", "layers-inside", "space-trace"])
 @pytest.mark.parametrize(("source", "target"), list(permutations(POSTS, 2)))
-def test_there_and_back_is_the_same_motion(case: str, source: str, target: str) -> None:
+def test_a_translation_and_back_has_the_same_motion(case: str, source: str, target: str) -> None:
     file = CASES / case / "expected" / f"part{POSTS[source][0]}"
     if not file.exists():
         pytest.skip(f"{case} has no program for {source}")
@@ -28,11 +28,14 @@ def test_there_and_back_is_the_same_motion(case: str, source: str, target: str) 
 
 @pytest.mark.parametrize("case", ["layers-inside", "plate-drill"])
 @pytest.mark.parametrize(
-    ("source", "target"), [*permutations(["rapid", "gcode"]), *permutations(["gcode", "grbl"]), ("vplus", "gcode"),
-                           ("gcode", "pacscript")]
+    ("source", "target"),
+    [*permutations(["rapid", "gcode"]), *permutations(["gcode", "grbl"]),
+     ("vplus", "gcode"), ("gcode", "pacscript")],
 )  # fmt: skip
-def test_by_way_of_gcode_the_motion_is_the_same(case: str, source: str, target: str) -> None:
-    """Rapid motions become lines of travel, and motions of the joints rapid ones: they end where they did."""
+def test_a_translation_through_gcode_has_the_same_motion(
+    case: str, source: str, target: str
+) -> None:
+    """Rapid motions become lines and joint motions become rapid motions, with the same targets."""
     before, after = there_and_back(CASES / case, source, target)
     assert len(before.points) > 100
     assert measure_apart(before.points, after.points) < WITHIN
@@ -45,14 +48,16 @@ def test_by_way_of_gcode_the_motion_is_the_same(case: str, source: str, target: 
 
 
 @pytest.mark.parametrize(
-    ("case", "source", "said"),
+    ("case", "source", "message"),
     [
         ("space-trace", "rapid", "the tool is not straight down, and the machine has three axes"),
         ("bracket-deburr", "pacscript", "G-code has no force control"),
     ],
 )
-def test_what_a_mill_has_not_is_refused_by_name(case: str, source: str, said: str) -> None:
-    with pytest.raises(camgen.CamgenError, match=said):
+def test_a_feature_that_a_mill_lacks_is_refused_by_name(
+    case: str, source: str, message: str
+) -> None:
+    with pytest.raises(camgen.CamgenError, match=message):
         there_and_back(CASES / case, source, "gcode")
 
 
@@ -70,25 +75,29 @@ def test_outputs_of_an_old_program_may_have_other_names(tmp_path: Path) -> None:
         camgen.build(file, post="gcode", job={"input": {"signals": {"aoOther": "spindle"}}})
 
 
-def split(tmp_path: Path) -> list[Path]:
-    """The program in two modules: what it does, and its data."""
+def split_modules(tmp_path: Path) -> list[Path]:
+    """The program in two modules: its routines, and its data."""
     head, _, rest = RAPID.partition("  PERS tooldata")
-    data, _, routines = rest.partition("\n\n")
+    declarations, _, routines = rest.partition("\n\n")
     (tmp_path / "glue.mod").write_text(f"{head}{routines}")
-    (tmp_path / "data.mod").write_text(f"MODULE Data\n  PERS tooldata{data}\nENDMODULE\n")
+    (tmp_path / "data.mod").write_text(f"MODULE Data\n  PERS tooldata{declarations}\nENDMODULE\n")
     return [tmp_path / "glue.mod", tmp_path / "data.mod"]
 
 
 def test_several_modules_are_one_program(tmp_path: Path) -> None:
     job = {"post": {"signals": {"doGun": 24}}}
-    result = camgen.build(split(tmp_path), post="pacscript", job=job)
+    result = camgen.build(split_modules(tmp_path), post="pacscript", job=job)
     assert result.part.source == "glue.mod + data.mod"
     (tmp_path / "whole.mod").write_text(RAPID)
-    whole = camgen.build(tmp_path / "whole.mod", post="pacscript", job=job)
-    assert [type(one) for one in result.program.body] == [type(one) for one in whole.program.body]
-    # Three beads, each with an arc at its end, pressed on and off.
-    assert sum(isinstance(one, MoveC) for one in result.program.body) == 3
-    assert [one.value for one in result.program.body if isinstance(one, Output)] == [
+    single = camgen.build(tmp_path / "whole.mod", post="pacscript", job=job)
+    assert [type(instruction) for instruction in result.program.body] == [
+        type(instruction) for instruction in single.program.body
+    ]
+    # Three beads, each with an arc at its end and the output on and off.
+    assert sum(isinstance(instruction, MoveC) for instruction in result.program.body) == 3
+    assert [
+        instruction.value for instruction in result.program.body if isinstance(instruction, Output)
+    ] == [
         0,
         1,
         0,
@@ -99,9 +108,9 @@ def test_several_modules_are_one_program(tmp_path: Path) -> None:
     ]
 
 
-def test_without_its_data_it_is_refused_by_the_name_of_what_is_missing(tmp_path: Path) -> None:
+def test_a_module_without_its_data_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"glue\.mod: holds no motion"):
-        camgen.build(split(tmp_path)[0], post="pacscript")
+        camgen.build(split_modules(tmp_path)[0], post="pacscript")
 
 
 def test_a_program_without_a_tool_moves_the_flange(tmp_path: Path) -> None:
@@ -116,20 +125,20 @@ def test_a_program_without_a_tool_moves_the_flange(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("    Set doGun;\n", "    MoveL pNowhere,v100,fine,tGun;\n    Set doGun;\n", r"left out"),
         ("    Set doGun;\n", "    elsewhere;\n    Set doGun;\n", r"elsewhere.*left out"),
         ("[0,0,0,0],[9E9,", "[0,0,0,0],[100,", r"external axes"),
     ],
 )
-def test_what_cannot_be_carried_over_refuses_the_program(
-    old: str, new: str, said: str, tmp_path: Path
+def test_a_statement_that_cannot_be_translated_refuses_the_program(
+    old: str, new: str, message: str, tmp_path: Path
 ) -> None:
-    """A motion that is dropped leaves the next one on another way."""
+    """Without a motion, the next motion would run on another path."""
     assert old in RAPID
     (tmp_path / "glue.mod").write_text(RAPID.replace(old, new))
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         camgen.build(
             tmp_path / "glue.mod", post="pacscript", job={"post": {"signals": {"doGun": 24}}}
         )
@@ -140,14 +149,13 @@ def test_what_cannot_be_carried_over_refuses_the_program(
     [
         (
             "    Set doGun;\n",
-            "    MoveExtJ [[9E9,9E9,9E9,9E9,9E9,9E9],[50,9E9,9E9,9E9,9E9,9E9]],vmax,fine;\n    Set doGun;\n",
+            "    MoveExtJ [[9E9,9E9,9E9,9E9,9E9,9E9],[50,9E9,9E9,9E9,9E9,9E9]],vmax,fine;\n"
+            "    Set doGun;\n",
         ),
         ("    Set doGun;\n", "    IndAMove Station_A,1\\ToAbsNum:=90,20;\n    Set doGun;\n"),
     ],
 )
-def test_axes_that_move_beside_the_arm_refuse_the_program(
-    old: str, new: str, tmp_path: Path
-) -> None:
+def test_external_axes_of_rapid_refuse_the_program(old: str, new: str, tmp_path: Path) -> None:
     (tmp_path / "glue.mod").write_text(RAPID.replace(old, new))
     with pytest.raises(InputError, match=r"external axes"):
         camgen.build(

@@ -1,4 +1,4 @@
-"""KUKA KRL, one ``.src`` file. What is relied on of the language, and where it is said: docs/writing-a-post.md."""
+"""KUKA KRL, one `.src` file. docs/writing-a-post.md has the used features and their sources."""
 
 import math
 import re
@@ -29,17 +29,18 @@ from camgen.post import OutputFile, Post, Tolerance, end_of
 
 #: Words that must not name a program.
 WORDS = re.compile(
-    r"(DEF|END|EXT)\w*|S?(PTP|LIN|CIRC)(_REL)?|(E[36])?(POS|AXIS)|SPL(INE)?|A(ND|NIN|NOUT)|BAS|BOOL|BRAKE|CASE|CHANNEL|"
-    r"CHAR|CON(FIRM|ST|TINUE)|C(CLOSE|OPEN|READ|WRITE)|DECL|DELAY|DIGIN|DISTANCE|DO|ELSE|ENUM|EXIT|FALSE|FOR|FRAME|"
-    r"GLOBAL|GOTO|HALT|IF|IMPORT|INT|INTERRUPT|IS|LOOP|NOT|OR|PATH|PRIO|PUBLIC|PULSE|REAL|REPEAT|RESUME|RETURN|SEC|"
-    r"SIGNAL|STEP|STRUC|SWITCH|THEN|TO|TRIGGER|TRUE|UNTIL|WAIT|WHEN|WHILE|WITH"
+    r"(DEF|END|EXT)\w*|S?(PTP|LIN|CIRC)(_REL)?|(E[36])?(POS|AXIS)|SPL(INE)?|A(ND|NIN|NOUT)|BAS|"
+    r"BOOL|BRAKE|CASE|CHANNEL|CHAR|CON(FIRM|ST|TINUE)|C(CLOSE|OPEN|READ|WRITE)|DECL|DELAY|DIGIN|"
+    r"DISTANCE|DO|ELSE|ENUM|EXIT|FALSE|FOR|FRAME|GLOBAL|GOTO|HALT|IF|IMPORT|INT|INTERRUPT|IS|LOOP|"
+    r"NOT|OR|PATH|PRIO|PUBLIC|PULSE|REAL|REPEAT|RESUME|RETURN|SEC|SIGNAL|STEP|STRUC|SWITCH|THEN|TO|"
+    r"TRIGGER|TRUE|UNTIL|WAIT|WHEN|WHILE|WITH"
 )
-FLAT = 10_000.0  # mm; of a larger radius, three points in 32-bit numbers say too little
+FLAT = 10_000.0  # mm; three points in 32-bit numbers do not define a larger radius
 
 
 @dataclass(kw_only=True)
 class Krl(Post):
-    """The post. Its public fields are the options of ``[post]``, beside those of every post."""
+    """The post. Its public fields are options of `[post]`, besides those of all posts."""
 
     name: ClassVar[str] = "krl"
     suffix: ClassVar[str] = ".src"
@@ -70,17 +71,11 @@ class Krl(Post):
                 remedy="number them from 1",
             )
         if not 1 <= self.joint_speed <= 100:
-            raise JobError(
-                "[post] joint_speed",
-                f"{self.joint_speed} % is not possible",
-                remedy="give 1 to 100",
-            )
+            what = f"{self.joint_speed} % is not possible"
+            raise JobError("[post] joint_speed", what, remedy="give 1 to 100")
         if self.program and self.program != _legal(self.program):
-            raise JobError(
-                "[post] program",
-                "no name in KRL",
-                remedy="24 letters, digits and _, a letter first",
-            )
+            remedy = "24 letters, digits and _, a letter first"
+            raise JobError("[post] program", "no name in KRL", remedy=remedy)
 
     def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
         """The reason why the controller cannot do `item`, with the remedy; empty if it can."""
@@ -93,7 +88,8 @@ class Krl(Post):
             ):
                 return f"CIRC needs a pose to start from and a radius to {FLAT:g} mm; plan a line"
             case MoveL() | MoveC() if not 0.01 <= item.speed <= self.max_speed:
-                return f"{item.speed:g} mm/s is not within 0.01 and {self.max_speed:g}; change it or post.max_speed"
+                limit = f"0.01 and {self.max_speed:g}"
+                return f"{item.speed:g} mm/s is not within {limit}; change it or post.max_speed"
             case Output(signal, value) if signal not in self.signals or value not in (
                 0,
                 on.get(signal, 1),
@@ -104,7 +100,7 @@ class Krl(Post):
         return ""
 
     def prepare(self, program: Program, chord: float) -> Program:
-        """With a stop after each PTP: KRL rounds there by a percentage, and a blend need not be used."""
+        """All PTP stop: KRL rounds them by a percentage, and a blend need not be used."""
         if program.columns.moves and isinstance(program.columns.moves[0].target, Pose):
             raise Refused(
                 self.name,
@@ -118,7 +114,7 @@ class Krl(Post):
         return super().prepare(program.with_body(tuple(stops)), chord)
 
     def begin(self, program: Program) -> Sequence[str]:
-        """DEF, the header, and every variable that the motions depend on."""
+        """DEF, the header, and all variables on which the motions depend."""
         return (
             f"DEF {_legal(self.program or program.name)}()",
             *(self.note(line) for line in program.header),
@@ -133,7 +129,7 @@ class Krl(Post):
         return ("END",)
 
     def comment(self, text: str) -> str:
-        """A comment that never begins with FOLD, which would hide the lines below it on the pendant."""
+        """A comment that never begins with FOLD, which would hide lines on the pendant."""
         return f"; - {text}".rstrip()
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
@@ -182,7 +178,7 @@ class Krl(Post):
         return (OutputFile(_legal(self.program or program.name) + self.suffix, file.text),)
 
     def tolerance(self) -> Tolerance:
-        """Half the last digit printed: 0.00005 deg is 0.9e-6 rad. Three angles add up in an orientation."""
+        """Half the last printed digit: 0.00005 deg, 0.9e-6 rad. Orientations add three angles."""
         return Tolerance(0.5 * 10**-self.decimals, 2.7e-6, 0.9e-6, 0.0005, 0.0005, 0.0005)
 
     @classmethod

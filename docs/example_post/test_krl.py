@@ -1,4 +1,4 @@
-"""The post and the language agree on every program of the conformance kit, with two sets of options."""
+"""Post and language agree on all programs of the conformance kit, with two sets of options."""
 
 import pytest
 from krl import Krl

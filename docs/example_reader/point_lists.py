@@ -1,4 +1,4 @@
-"""Lists of points: `x,y` or `x,y,z` a line. An empty line ends a contour, # begins a remark."""
+"""Lists of points: `x,y` or `x,y,z` per line. An empty line ends a contour, # begins a remark."""
 
 import math
 
@@ -10,14 +10,14 @@ from camgen.model.pose import frozen
 from camgen.read import Reader, units
 from camgen.read.files import Files
 
-#: mm by which the points of one contour may differ in height.
+#: Largest difference in height within a contour, mm.
 FLAT = 0.01
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
-    """The contours of the list, mm. One whose last point is its first is closed."""
+    """The contours of the list, mm. Equal end points close a contour."""
     unit, mm, notes = units.resolve(source.name, job.input.units, 0, None)
-    contours, left = [], []
+    contours, skipped = [], []
     for line, points in chains(source):
         heights = [mm * z for _, _, z in points]
         if len(points) < 2 or max(heights) - min(heights) > FLAT:
@@ -26,7 +26,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
                 if len(points) < 2
                 else "its points differ in z: contours are flat"
             )
-            left.append(Note("skipped", f"the contour in line {line}", why))
+            skipped.append(Note("skipped", f"the contour in line {line}", why))
             continue
         closed = len(points) > 3 and points[0] == points[-1]
         flat = frozen([[mm * x, mm * y] for x, y, _ in points[: -1 if closed else None]])
@@ -35,12 +35,12 @@ def read(source: Source, job: Job, _files: Files) -> Part:
         )
     if not contours:
         raise InputError(source.name, "nothing to machine", remedy="give two or more lines x,y")
-    return Part(source.stem, source.name, unit, tuple(contours), (*notes, *left))
+    return Part(source.stem, source.name, unit, tuple(contours), (*notes, *skipped))
 
 
 def chains(source: Source) -> list[tuple[int, list[tuple[float, float, float]]]]:
-    """The points of each contour, and the line in which it begins."""
-    found: list[tuple[int, list[tuple[float, float, float]]]] = []
+    """The first line and the points of each contour."""
+    contours: list[tuple[int, list[tuple[float, float, float]]]] = []
     fresh = True
     for number, line in enumerate(source.data.decode("utf-8-sig", "replace").splitlines(), 1):
         fresh = fresh or not line.strip()
@@ -56,18 +56,18 @@ def chains(source: Source) -> list[tuple[int, list[tuple[float, float, float]]]]
         if not math.isfinite(x + y + z):
             raise InputError(source.name, "a coordinate is not finite", f"line {number}")
         if fresh:
-            found.append((number, []))
-        found[-1][1].append((x, y, z))
+            contours.append((number, []))
+        contours[-1][1].append((x, y, z))
         fresh = False
-    return found
+    return contours
 
 
 def inspect(source: Source, job: Job, files: Files) -> str:
     """The page of `camgen inspect`."""
     part = read(source, job, files)
     rows = [
-        f"{one.id}: {len(one.points)} points, {'closed' if one.closed else 'open'}"
-        for one in part.contours
+        f"{contour.id}: {len(contour.points)} points, {'closed' if contour.closed else 'open'}"
+        for contour in part.contours
     ]
     return "\n".join([f"list of points, units {part.units}", *rows, *map(str, part.notes)])
 

@@ -10,14 +10,15 @@ import re
 
 Outlined = ast.ClassDef | ast.FunctionDef
 
-#: Heading, module, and the names of it that are shown; "Name.method" is one method of a class.
+#: Heading, module and its names on the page; "Name.method" is a method of a class.
 SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("Build", "camgen.pipeline", ("build", "Result", "Result.report", "Result.text")),
     (
         "Stage by stage",
         "camgen.pipeline.stages",
         (
-            "job", "read", "part", "cell", "plan", "order", "lower", "check", "post", "read_back", "verify", "preview",
+            "job", "read", "part", "cell", "plan", "order", "lower", "check", "post", "read_back",
+            "verify", "preview",
         ),
     ),
     ("What is read", "camgen.model.part", ("Part", "Contour", "Solid", "Edge", "Note")),
@@ -44,7 +45,11 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("Language", "Ask", "Executed", "Frames", "Finding", "Assumption"),
     ),
     ("Machines", "camgen.model.cell", ("Cell", "Dynamics")),
-    ("Plug-ins", "camgen.post.plugins", ("list_installed", "find_post", "find_readback", "make_post", "Installed")),
+    (
+        "Plug-ins",
+        "camgen.post.plugins",
+        ("list_installed", "find_post", "find_readback", "make_post", "Installed"),
+    ),
     ("Comparison", "camgen.post.verify", ("compare", "Deviation")),
     ("Conformance kit", "camgen.post.kit", ("cases", "check_case", "conformance")),
     (
@@ -53,7 +58,7 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("CamgenError", "InputError", "JobError", "NoSafeProgram", "Refused", "VerifyError"),
     ),
 )  # fmt: skip
-#: Sections with whole docstrings; the others have the first paragraph of each.
+#: Sections with whole docstrings. The other sections have the first paragraph of each docstring.
 WHOLE = frozenset({"Build", "Stage by stage", "Its instructions", "Errors"})
 _INTRODUCTION = """\
 # Python interface
@@ -86,8 +91,8 @@ languages. Names that are not on this page may change without a line in the chan
 """
 
 
-def api() -> str:
-    """The whole page."""
+def api_page() -> str:
+    """The text of docs/api.md."""
     parts = [_INTRODUCTION]
     for heading, module, names in SECTIONS:
         parts.append(f"\n## {heading}: `{module}`\n")
@@ -97,18 +102,18 @@ def api() -> str:
 
 def _entry(module: str, name: str, *, is_whole: bool) -> str:
     """Heading, outline and docstring of a name, or the first paragraph of the docstring."""
-    found: object = importlib.import_module(module)
+    member: object = importlib.import_module(module)
     for part in name.split("."):
-        found = inspect.getattr_static(found, part)
-    text = re.sub(r"``([^`]+)``", r"`\1`", inspect.getdoc(found) or "")
+        member = inspect.getattr_static(member, part)
+    text = re.sub(r"``([^`]+)``", r"`\1`", inspect.getdoc(member) or "")
     if not is_whole:
         text = text.partition("\n\n")[0]
     return f"### `{name}`\n\n```python\n{_outline(module, name)}\n```\n\n{text}\n"
 
 
 def _outline(module: str, name: str) -> str:
-    """How it is written: the head of a function, the fields of a class."""
-    node = _node(module, name)
+    """The head of a function, or the head and the fields of a class."""
+    node = _find_node(module, name)
     if isinstance(node, ast.ClassDef):
         bases = ", ".join(ast.unparse(base) for base in node.bases if ast.unparse(base) != "Struct")
         title, fields = (
@@ -119,11 +124,11 @@ def _outline(module: str, name: str) -> str:
     head = copy.copy(node)
     head.body, head.decorator_list = [ast.Expr(ast.Constant(...))], node.decorator_list
     line = ast.unparse(head).replace(":\n    ...", ": ...")
-    return line if len(line) <= 100 else _broken(line)
+    return line if len(line) <= 100 else _split_head(line)
 
 
 def _fields(node: ast.ClassDef) -> list[str]:
-    """The public fields with type and default; that of a dataclass without what ``field`` says besides."""
+    """The public fields of a class with type and default. Metadata of `field` is left out."""
     rows = []
     for item in node.body:
         if isinstance(item, ast.AnnAssign) and not ast.unparse(item.target).startswith("_"):
@@ -140,8 +145,8 @@ def _fields(node: ast.ClassDef) -> list[str]:
     return rows
 
 
-def _node(module: str, name: str) -> Outlined:
-    """Where it is defined, which need not be where it is imported from."""
+def _find_node(module: str, name: str) -> Outlined:
+    """The definition of a name, which may be in another module than `module`."""
     first, _, method = name.partition(".")
     home = getattr(importlib.import_module(module), first).__module__
     tree: ast.Module | ast.ClassDef = ast.parse(inspect.getsource(importlib.import_module(home)))
@@ -150,8 +155,8 @@ def _node(module: str, name: str) -> Outlined:
     return tree
 
 
-def _broken(line: str) -> str:
-    """A long head with one argument a line."""
+def _split_head(line: str) -> str:
+    """A long head with one argument per line."""
     call = ast.parse(line).body[0]
     assert isinstance(call, ast.FunctionDef)
     head, back = line.partition("(")[0], line.rpartition(" -> ")[2]
@@ -161,14 +166,15 @@ def _broken(line: str) -> str:
 
 def _arguments(args: ast.arguments) -> list[str]:
     plain = [None] * (len(args.args) - len(args.defaults)) + list(args.defaults)
-    rows = [_argument(one, value) for one, value in zip(args.args, plain, strict=True)]
+    rows = [_argument(argument, value) for argument, value in zip(args.args, plain, strict=True)]
     if args.kwonlyargs:
         rows.append("*")
     return rows + [
-        _argument(one, value) for one, value in zip(args.kwonlyargs, args.kw_defaults, strict=True)
+        _argument(argument, value)
+        for argument, value in zip(args.kwonlyargs, args.kw_defaults, strict=True)
     ]
 
 
-def _argument(one: ast.arg, value: ast.expr | None) -> str:
-    kind = f": {ast.unparse(one.annotation)}" if one.annotation else ""
-    return f"{one.arg}{kind}" + (f" = {ast.unparse(value)}" if value else "")
+def _argument(argument: ast.arg, value: ast.expr | None) -> str:
+    kind = f": {ast.unparse(argument.annotation)}" if argument.annotation else ""
+    return f"{argument.arg}{kind}" + (f" = {ast.unparse(value)}" if value else "")

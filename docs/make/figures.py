@@ -1,6 +1,6 @@
-"""Figures of the house: python -m docs.make.figures, or with the folder of another tree behind it.
+"""Figures of the code: python -m docs.make.figures [FOLDER]
 
-Counted is what is installed: the Python files of camgen/ and postprocessors/.
+FOLDER is the root of another checkout. The Python files of camgen/ and postprocessors/ are counted.
 """
 
 from __future__ import annotations
@@ -11,18 +11,22 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
+from itertools import chain
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent.parent
-#: Signs that a line writes down an idea that has a room of its own. The arcs are those given by points in space.
+#: Patterns of lines that repeat a formula of camgen/geometry, by the idea of the formula. Arcs are
+#: given by points in space.
 SIGNS = {
     "arc formulas": (
         r"4 \* np\.arctan2\(",  # the sweep, of height and chord
         r"\bpi - (math|np)?\.?a\w*tan2?|turn = np\.pi - ",  # the sweep, of the angle at via
         r"np\.arccos\(np\.clip\(chord",  # the sweep, of chord and half-chord
-        r"arctan2\(.*\) % \(2 \* np\.pi\)|atan2\(.*\) % \(2 \* math\.pi\)",  # the sweep about an axis
+        # the sweep about an axis
+        r"arctan2\(.*\) % \(2 \* np\.pi\)|atan2\(.*\) % \(2 \* math\.pi\)",
         r"/ \(-?2 \* (square|area2?)\b",  # the centre of three points
-        r"\b2 \* \w*[hH]eight / |- a \* a\) / \(2 \* h\)|\+ (h|sagitta)\*\*2\) / \(2 \* ",  # radius, centre, bulge
+        # radius, centre, bulge
+        r"\b2 \* \w*[hH]eight / |- a \* a\) / \(2 \* h\)|\+ (h|sagitta)\*\*2\) / \(2 \* ",
         r"chord / \(2 \* sine\)",  # the radius, of the angle at via
         r"= 2 \* .*\[:, None\] \* \w+ - \w+",  # a tangent mirrors the chord
         r"to_via / np\.einsum",  # a tangent by inversion
@@ -42,42 +46,42 @@ SIGNS = {
     ),
 }
 
-Tree = Mapping[str, tuple[Path, ast.Module]]
+Modules = Mapping[str, tuple[Path, ast.Module]]
 
 
-def tree(root: Path) -> Tree:
-    """The modules below ``root`` by name: path and syntax."""
-    found = {}
+def read_tree(root: Path) -> Modules:
+    """The path and the syntax tree of each module below `root`, by its name."""
+    modules_by_name = {}
     for top in ("camgen", "postprocessors"):
         for path in sorted((root / top).rglob("*.py")):
             parts = path.relative_to(root).with_suffix("").parts
             name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-            found[name] = (path, ast.parse(path.read_text()))
-    return found
+            modules_by_name[name] = (path, ast.parse(path.read_text()))
+    return modules_by_name
 
 
-def imported(modules: Tree, name: str) -> set[str]:
-    """The modules that ``name`` imports, those within functions included."""
+def list_imports(modules: Modules, name: str) -> set[str]:
+    """The modules that a module imports, also within functions."""
     path, syntax = modules[name]
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    found = set()
+    imported_names = set()
     for node in ast.walk(syntax):
         if isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:
                 above = package.split(".")[: len(package.split(".")) - node.level + 1]
                 base = ".".join([*above, base] if base else above)
-            found |= {
+            imported_names |= {
                 f"{base}.{alias.name}" if f"{base}.{alias.name}" in modules else base
                 for alias in node.names
             }
         elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-    return (found & modules.keys()) - {name}
+            imported_names |= {alias.name for alias in node.names}
+    return (imported_names & modules.keys()) - {name}
 
 
-def circles(graph: Mapping[str, set[str]]) -> int:
-    """How many circles of imports have to be cut, one after the other, until there is none."""
+def count_cycles(graph: Mapping[str, set[str]]) -> int:
+    """The number of imports that have to be removed, one after another, to break all cycles."""
     cut = {name: set(others) for name, others in graph.items()}
     for count in range(sum(map(len, cut.values()))):
         try:
@@ -90,19 +94,19 @@ def circles(graph: Mapping[str, set[str]]) -> int:
     return 0
 
 
-def private_numbers(syntax: ast.Module) -> Iterator[str]:
-    """The private constants at the top of a module whose value is a number, made of nothing but numbers."""
+def list_private_numbers(syntax: ast.Module) -> Iterator[str]:
+    """The private constants of a module whose values are numbers or arithmetic of numbers."""
     for node in syntax.body:
         if isinstance(node, ast.Assign):
-            yield from _named(node.targets[0], node.value)
+            yield from _find_named(node.targets[0], node.value)
         elif isinstance(node, ast.AnnAssign) and node.value is not None:
-            yield from _named(node.target, node.value)
+            yield from _find_named(node.target, node.value)
 
 
-def _named(target: ast.expr, value: ast.expr) -> Iterator[str]:
+def _find_named(target: ast.expr, value: ast.expr) -> Iterator[str]:
     if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
-        for one, its in zip(target.elts, value.elts, strict=False):
-            yield from _named(one, its)
+        for element, its in zip(target.elts, value.elts, strict=False):
+            yield from _find_named(element, its)
     elif (
         isinstance(target, ast.Name)
         and re.fullmatch(r"_[A-Z][A-Z0-9_]*", target.id)
@@ -131,7 +135,7 @@ def _is_number(value: ast.expr) -> bool:
 
 
 def _is_function(called: ast.expr) -> bool:
-    """math.radians, np.cos and the like, which make a number of numbers."""
+    """Whether a function of math or numpy is called, such as math.radians."""
     return (
         isinstance(called, ast.Attribute)
         and isinstance(called.value, ast.Name)
@@ -139,26 +143,25 @@ def _is_function(called: ast.expr) -> bool:
     )
 
 
-def figures(root: Path) -> list[tuple[str, object]]:
-    """What is counted, and how many."""
-    modules = tree(root)
-    graph = {name: imported(modules, name) - {"camgen"} for name in modules}
-    importers = Counter(other for others in graph.values() for other in others)
+def list_figures(root: Path) -> list[tuple[str, object]]:
+    """Name and value of each figure."""
+    modules = read_tree(root)
+    graph = {name: list_imports(modules, name) - {"camgen"} for name in modules}
+    importers = Counter(chain.from_iterable(graph.values()))
     texts = {name: path.read_text() for name, (path, _) in modules.items()}
-    classes = Counter(
-        node.name
-        for _, syntax in modules.values()
-        for node in ast.walk(syntax)
-        if isinstance(node, ast.ClassDef)
-    )
-    numbers = Counter(
-        number for _, syntax in modules.values() for number in private_numbers(syntax)
-    )
+    classes: Counter[str] = Counter()
+    numbers: Counter[str] = Counter()
+    for _, syntax in modules.values():
+        classes.update(node.name for node in ast.walk(syntax) if isinstance(node, ast.ClassDef))
+        numbers.update(list_private_numbers(syntax))
     rows: list[tuple[str, object]] = [
         ("files", len(modules)),
         ("lines", sum(text.count("\n") for text in texts.values())),
         ("modules with one importer", sum(count == 1 for count in importers.values())),
-        ("circles", circles({name: others for name, others in graph.items() if name != "camgen"})),
+        (
+            "circles",
+            count_cycles({name: others for name, others in graph.items() if name != "camgen"}),
+        ),
         ("class names used twice or more", sum(count > 1 for count in classes.values())),
         ("private numeric constants", numbers.total()),
         ("names of them used twice or more", sum(count > 1 for count in numbers.values())),
@@ -168,23 +171,26 @@ def figures(root: Path) -> list[tuple[str, object]]:
         ),
     ]
     for idea, signs in SIGNS.items():
-        shown = re.compile("|".join(f"(?:{sign})" for sign in signs))
-        places = Counter(
-            name for name, text in texts.items() for line in text.splitlines() if shown.search(line)
-        )
+        sign_of_idea = re.compile("|".join(f"(?:{sign})" for sign in signs))
+        counts: Counter[str] = Counter()
+        for name, text in texts.items():
+            lines = [line for line in text.splitlines() if sign_of_idea.search(line)]
+            if lines:
+                counts[name] = len(lines)
         rows.append(
             (
                 f"lines with {idea}",
-                f"{places.total()} in {len(places)} modules: {', '.join(sorted(places))}",
+                f"{counts.total()} in {len(counts)} modules: {', '.join(sorted(counts))}",
             )
         )
     return rows
 
 
 def main() -> None:
+    """Prints the figures."""
     root = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT
-    for what, value in figures(root):
-        print(f"{what:36} {value}")
+    for name, value in list_figures(root):
+        print(f"{name:36} {value}")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""The gallery: ten tasks and two more, from file to program, on the command line and in the workbench.
+"""The gallery: twelve tasks from file to program, on the command line and in the workbench.
 
     python -m docs.make.gallery [FOLDER]
 
-writes index.md and its pictures into FOLDER (default: docs/gallery). Every task is done twice: by the commands that the
-page shows, as processes of their own, and in the workbench by clicks in a Chromium without a window; both have to write
-the same program, byte for byte. It needs the extra ``workbench``, playwright and a Chromium.
+writes index.md and its pictures into FOLDER (default: docs/gallery). Each task is done twice: by
+the command on the page, in a process, and by clicks in the workbench, in Chromium without a window.
+Both must write the same bytes. The extra `workbench`, playwright and a Chromium are needed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from msgspec import Struct
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from bench.support.runner import machine
-from docs.make.pictures import small
+from docs.make.pictures import shrink
 
 ROOT = Path(__file__).parents[2]
 PARTS, CASES = ROOT / "fixtures" / "parts", ROOT / "fixtures" / "cases"
@@ -34,14 +34,14 @@ _SWITCHES = [
     "--ignore-gpu-blocklist",
     "--no-sandbox",
 ]
-_RESTS = (
+_HAS_ENDED = (
     "() => { const s = window.workbench?.state(); return s && !s.stage && (s.built || s.failed); }"
 )
-_LONG = 180_000
-#: Drawings of at most so many bytes go into the page as they are, others as pictures of pixels.
-_MOST_SVG = 60_000
-#: Lines of a summary that the page shows of every task but the first, by their first word.
-_SHOWN = (
+_LONG_MS = 180_000
+#: Size of the largest drawing that the page shows as SVG, bytes. Larger drawings become PNG.
+_LARGEST_SVG = 60_000
+#: First words of the lines of a summary on the page. The summary of the first task is complete.
+_SHOWN_LINES = (
     "input",
     "skipped",
     "warning",
@@ -54,7 +54,7 @@ _SHOWN = (
     "reach",
     "collision",
 )
-#: Lines that say alike of most tasks that a proof has nothing to examine.
+#: Lines of most summaries: a proof has nothing to examine.
 _UNPROVEN = re.compile(
     r"stock +(not proven: nothing is cut|stock\.thickness is not set)"
     r"|(reach|collision) +not proven: no robot"
@@ -62,9 +62,17 @@ _UNPROVEN = re.compile(
 
 
 class Task(Struct, frozen=True):
-    """One task. about: what somebody wants. file: the input, from fixtures/parts or as ``source``. sets: what is set,
-    as table.key and value. more: what lies beside it. job: the job file beside the input, where there is one.
-    solid: the picture is of a 3-D part.
+    """A task of the gallery.
+
+    name: name of its picture and of its section.
+    about: heading, the wish of a user.
+    file: name of the input, from fixtures/parts or from `source`.
+    post: name of the post.
+    sets: settings, each as table.key and value.
+    job: job file beside the input, None without one.
+    more: names of further files of fixtures/parts.
+    solid: whether the picture shows a 3-D part.
+    source: file of the input if it is not in fixtures/parts.
     """
 
     name: str
@@ -192,18 +200,26 @@ TASKS = (
 )
 
 
-class Done(Struct, frozen=True):
-    """How a task was done. said: the summary. seconds: of the command; clicks, entered, opened: in the workbench."""
+class TaskResult(Struct, frozen=True):
+    """The result of a task.
 
-    said: str
+    summary: summary of the command.
+    seconds: time of the command, s.
+    clicks, entered: number of clicks and of entries in the workbench.
+    opened: time in the workbench, s.
+    picture: name of its picture.
+    """
+
+    summary: str
     seconds: float
     clicks: int
     entered: int
-    opened: float
+    open_workbench: float
     picture: str
 
 
-def lay_out(task: Task, folder: Path) -> None:
+def copy_inputs(task: Task, folder: Path) -> None:
+    """Copies the inputs of a task and its job file into a new folder."""
     folder.mkdir()
     shutil.copy(task.source or PARTS / task.file, folder / task.file)
     for name in task.more:
@@ -212,36 +228,40 @@ def lay_out(task: Task, folder: Path) -> None:
         shutil.copy(task.job, (folder / task.file).with_suffix(".toml"))
 
 
-def command_of(task: Task) -> list[str]:
-    sets = [word for place, value in task.sets for word in ("--set", f"{place}={value}")]
-    return ["camgen", "build", task.file, "--post", task.post, *sets]
+def make_command(task: Task) -> list[str]:
+    """The command of a task, as words."""
+    words = ["camgen", "build", task.file, "--post", task.post]
+    for place, value in task.sets:
+        words += ["--set", f"{place}={value}"]
+    return words
 
 
-def programs(folder: Path) -> dict[str, bytes]:
-    """What was made: all but inputs, jobs and pictures."""
+def read_programs(folder: Path) -> dict[str, bytes]:
+    """The programs in a folder by name: files that are not inputs, jobs or pictures."""
     inputs = (".toml", ".html", ".svg", ".png", ".dxf", ".stl", ".xyz")
     return {
-        one.name: one.read_bytes()
-        for one in folder.iterdir()
-        if one.suffix not in inputs and one.name != "old.ngc"
+        file.name: file.read_bytes()
+        for file in folder.iterdir()
+        if file.suffix not in inputs and file.name != "old.ngc"
     }
 
 
 def build(task: Task, folder: Path) -> tuple[str, float]:
-    words = [sys.executable, "-m", "camgen", *command_of(task)[1:]]
-    begin = perf_counter()
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)
-    return done.stderr, perf_counter() - begin
+    """Builds a task. Returns the summary and the time of the command, s."""
+    words = [sys.executable, "-m", "camgen", *make_command(task)[1:]]
+    start = perf_counter()
+    process = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)
+    return process.stderr, perf_counter() - start
 
 
 def draw(task: Task, folder: Path, target: Path) -> str:
-    """The picture of the result, made by another build; its name."""
+    """Draws the result by another build. Returns the name of the picture."""
     for kind in ("png",) if task.solid else ("svg", "png"):
         words = [
             sys.executable,
             "-m",
             "camgen",
-            *command_of(task)[1:],
+            *make_command(task)[1:],
             "--preview",
             f"shown.{kind}",
             "-q",
@@ -251,15 +271,16 @@ def draw(task: Task, folder: Path, target: Path) -> str:
         subprocess.run(words, cwd=folder, capture_output=True, check=True)
         data = (folder / f"shown.{kind}").read_bytes()
         (folder / f"shown.{kind}").unlink()
-        if kind == "png" or len(data) <= _MOST_SVG:
+        if kind == "png" or len(data) <= _LARGEST_SVG:
             break
     file = target / f"{task.name}.{kind}"
-    file.write_bytes(small(data) if kind == "png" else data)
+    file.write_bytes(shrink(data) if kind == "png" else data)
     return file.name
 
 
 @contextmanager
-def opened(task: Task, folder: Path) -> Iterator[str]:
+def open_workbench(task: Task, folder: Path) -> Iterator[str]:
+    """The address of a workbench with the input of a task."""
     words = [sys.executable, "-m", "camgen", "open", task.file, "--post", task.post, "--no-browser"]
     with subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
@@ -269,56 +290,63 @@ def opened(task: Task, folder: Path) -> Iterator[str]:
             process.terminate()
 
 
-def settle(page: Page) -> None:
-    page.wait_for_function(_RESTS, timeout=_LONG)
+def wait_for_build(page: Page) -> None:
+    """Waits until no build runs."""
+    page.wait_for_function(_HAS_ENDED, timeout=_LONG_MS)
 
 
 def click_through(browser: Browser, task: Task, folder: Path) -> tuple[int, int, float]:
-    """Sets what the task asks for and saves; how many clicks and entries that took, and s from the command on."""
+    """Enters the settings of a task in the workbench and saves.
+
+    Returns the number of clicks, the number of entries, and the time from the command on, s.
+    """
     clicks = entered = 0
-    begin = perf_counter()
-    with opened(task, folder) as address:
+    start = perf_counter()
+    with open_workbench(task, folder) as address:
         page = browser.new_page(viewport={"width": 1400, "height": 900})
-        page.set_default_timeout(_LONG)
+        page.set_default_timeout(_LONG_MS)
         page.goto(address)
-        settle(page)
+        wait_for_build(page)
         for place, value in task.sets:
             table, key = place.split(".")
             group = page.locator(f"details[data-table={table}]")
             if not group.evaluate("e => e.open"):
                 group.locator("summary").first.click()
                 clicks += 1
-            one = page.locator(f"#f-{table}-{key}")
-            if one.evaluate("e => e.tagName") == "SELECT":
-                one.select_option(value)
+            field = page.locator(f"#f-{table}-{key}")
+            if field.evaluate("e => e.tagName") == "SELECT":
+                field.select_option(value)
             else:
-                one.fill(value)
-                one.press("Enter")
+                field.fill(value)
+                field.press("Enter")
             clicks, entered = clicks + 1, entered + 1
             page.wait_for_function(
                 f"() => workbench.state().tables[{table!r}]?.[{key!r}] !== undefined"
             )
-            settle(page)
+            wait_for_build(page)
         page.locator("#save").click()
         page.wait_for_function(
             "() => workbench.state().saved && (workbench.state().told || '').startsWith('written')"
         )
-        spent = perf_counter() - begin
+        seconds = perf_counter() - start
         page.close()
-    return clicks + 1, entered, spent
+    return clicks + 1, entered, seconds
 
 
-def do(browser: Browser, task: Task, target: Path) -> Done:
+def run_task(browser: Browser, task: Task, target: Path) -> TaskResult:
+    """Runs a task on the command line and in the workbench, and compares the programs."""
     with tempfile.TemporaryDirectory() as name:
         typed, clicked = Path(name, "typed"), Path(name, "clicked")
-        lay_out(task, typed)
-        lay_out(task, clicked)
-        said, seconds = build(task, typed)
-        made = programs(typed)
+        copy_inputs(task, typed)
+        copy_inputs(task, clicked)
+        summary, seconds = build(task, typed)
+        program_files = read_programs(typed)
         clicks, entered, opening = click_through(browser, task, clicked)
-        assert made, task.name
-        assert programs(clicked) == made, f"{task.name}: the workbench wrote another program"
-        return Done(said, seconds, clicks, entered, opening, draw(task, typed, target))
+        assert program_files, task.name
+        assert read_programs(clicked) == program_files, (
+            f"{task.name}: the workbench wrote another program"
+        )
+        return TaskResult(summary, seconds, clicks, entered, opening, draw(task, typed, target))
 
 
 def shorten(summary: str) -> str:
@@ -326,24 +354,25 @@ def shorten(summary: str) -> str:
     lines = [
         line
         for line in summary.splitlines()
-        if line.split(" ")[0] in _SHOWN and not _UNPROVEN.match(line)
+        if line.split(" ")[0] in _SHOWN_LINES and not _UNPROVEN.match(line)
     ]
     return "\n".join(lines)
 
 
-def page_of(done: list[tuple[Task, Done]]) -> str:
+def format_page(results: list[tuple[Task, TaskResult]]) -> str:
+    """The page with the results of all tasks."""
     rows = []
-    for k, (task, one) in enumerate(done, 1):
-        figures = f"{one.seconds:.1f} | {one.clicks} | {one.entered} | {one.opened:.1f}"
+    for k, (task, result) in enumerate(results, 1):
+        figures = f"{result.seconds:.1f} | {result.clicks} | {result.entered} | {result.opened:.1f}"
         rows.append(f"| [{task.about}](#{k}-{task.name}) | {task.file} | {task.post} | {figures} |")
     parts = [_HEAD.format(machine=machine()), *rows, ""]
-    for k, (task, one) in enumerate(done, 1):
+    for k, (task, result) in enumerate(results, 1):
         parts += [f"## {k} {task.name}", ""]
         if task.job:
             parts += [f"The job is in `{Path(task.file).with_suffix('.toml')}`.", ""]
-        summary = one.said.rstrip() if k == 1 else shorten(one.said)
-        parts += ["```console", f"$ {shlex.join(command_of(task))}", summary, "```", ""]
-        parts += [f"![{task.about}]({one.picture})", ""]
+        summary = result.summary.rstrip() if k == 1 else shorten(result.summary)
+        parts += ["```console", f"$ {shlex.join(make_command(task))}", summary, "```", ""]
+        parts += [f"![{task.about}]({result.picture})", ""]
     return "\n".join(parts)
 
 
@@ -361,17 +390,15 @@ motion, read-back, rounding and set-up, and without proofs that need a model of 
 
 def main(target: Path) -> None:
     target.mkdir(exist_ok=True)
-    found = []
+    results = []
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=_SWITCHES)
         for task in TASKS:
-            one = do(browser, task, target)
-            print(
-                f"{task.name}: {one.seconds:.1f} s, {one.clicks} clicks, {one.opened:.1f} s, {one.picture}",
-                flush=True,
-            )
-            found.append((task, one))
-    (target / "index.md").write_text(page_of(found), encoding="utf-8")
+            result = run_task(browser, task, target)
+            times = f"{result.seconds:.1f} s, {result.clicks} clicks, {result.opened:.1f} s"
+            print(f"{task.name}: {times}, {result.picture}", flush=True)
+            results.append((task, result))
+    (target / "index.md").write_text(format_page(results), encoding="utf-8")
 
 
 if __name__ == "__main__":

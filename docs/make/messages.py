@@ -3,7 +3,7 @@
     python -m docs.make.pages        writes docs/messages.md
 
 A message is an argument of one of the calls in `CALLS`. Its text is followed through the variables
-of the function that makes it. What only a run knows is shown by an ellipsis.
+of the function that makes it. An ellipsis stands for a value that only a run has.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("camgen", "postprocessors")
-#: Sign for what only a run knows.
+#: Sign for a value that only a run has.
 GAP = "…"
 #: Texts that one expression may have; the others are left out.
 _MOST = 6

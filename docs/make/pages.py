@@ -1,8 +1,9 @@
-"""The generated parts of the documents, from the code: robots, API, options of the posts, what commands print.
+"""The generated parts of the documents: robots, API, options of posts, outputs of commands.
 
-    python -m docs.make.pages        writes what is not current; tests/docs/test_docs.py says when that is
+    python -m docs.make.pages        writes the pages that are outdated
 
-docs/job.md is made by ``python -m camgen.cli.init``, the pictures by docs/make/pictures.py.
+tests/docs/test_docs.py fails if a page is outdated. `python -m camgen.cli.init` makes docs/job.md,
+docs/make/pictures.py makes the pictures.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from subprocess import PIPE, STDOUT, run
 
-from docs.make.api import api
+from docs.make.api import api_page
 from docs.make.limits import format_limits
 from docs.make.messages import messages_page
 from docs.make.papers import papers_page
@@ -25,32 +26,34 @@ from docs.make.robots import robots_page
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
-#: Pages whose ```console blocks are run: lines behind "$ " are commands, which go on behind "> ".
+#: Pages whose ```console blocks are run. A command starts with "$ " and continues with "> ".
 CONSOLES = ("first-program.md", "several-operations.md", "../README.md")
 _LIMITS = re.compile(r"\| limit \|.*\n(?:\|.*\n)+")
 _CONSOLE = re.compile(r"```console\n(.*?)```", re.S)
 
 
 def with_consoles(text: str) -> str:
-    """The page with what its commands print now. They run in one scratch folder, which has the
-    repository's fixtures in it and beside it.
+    """The page with the current output of its commands.
+
+    The commands run in one temporary folder. It has the fixtures of the repository in it and beside
+    it.
     """
     with tempfile.TemporaryDirectory() as name:
-        here = Path(name) / "try"
-        here.mkdir()
-        for folder in (here.parent, here):
-            (folder / "fixtures").symlink_to(ROOT / "fixtures")
-        return _CONSOLE.sub(lambda found: f"```console\n{_ran(found[1], here)}```", text)
+        folder = Path(name) / "try"
+        folder.mkdir()
+        for parent in (folder.parent, folder):
+            (parent / "fixtures").symlink_to(ROOT / "fixtures")
+        return _CONSOLE.sub(lambda match: f"```console\n{_run_commands(match[1], folder)}```", text)
 
 
-def _ran(block: str, here: Path) -> str:
+def _run_commands(block: str, folder: Path) -> str:
     commands = re.findall(r"^\$ (.*(?:\n>.*)*)$", block, re.M)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     out = ""
     for command in commands:
-        done = run(
+        process = run(
             ["/bin/sh", "-c", re.sub(r"^> ?", "", command, flags=re.M)],
-            cwd=here,
+            cwd=folder,
             env=os.environ | {"PATH": path, "COLUMNS": "100"},
             stdout=PIPE,
             stderr=STDOUT,
@@ -58,9 +61,9 @@ def _ran(block: str, here: Path) -> str:
             check=False,
             timeout=600,
         )
-        if done.returncode:
-            raise RuntimeError(f"{command}\n{done.stdout}")
-        out += f"$ {command}\n{done.stdout}"
+        if process.returncode:
+            raise RuntimeError(f"{command}\n{process.stdout}")
+        out += f"$ {command}\n{process.stdout}"
     return out
 
 
@@ -76,7 +79,7 @@ def _post_page(name: str) -> Callable[[str], str]:
 #: Each page with the function from its text to its current text.
 PAGES: dict[str, Callable[[str], str]] = {
     "robots.md": lambda _: robots_page(),
-    "api.md": lambda _: api(),
+    "api.md": lambda _: api_page(),
     "messages.md": lambda _: messages_page(),
     **{f"posts/{name}.md": _post_page(name) for name in POSTS},
     "reliability.md": with_limits,
@@ -86,12 +89,12 @@ PAGES: dict[str, Callable[[str], str]] = {
 
 
 def main() -> None:
-    for name, current in PAGES.items():
+    for name, make_page in PAGES.items():
         page = DOCS / name
-        old = page.read_text(encoding="utf-8") if page.exists() else ""
-        new = current(old)
-        if new != old:
-            page.write_text(new, encoding="utf-8")
+        old_text = page.read_text(encoding="utf-8") if page.exists() else ""
+        new_text = make_page(old_text)
+        if new_text != old_text:
+            page.write_text(new_text, encoding="utf-8")
             print(f"docs/{name} renewed")
 
 

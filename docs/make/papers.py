@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from itertools import chain
 from pathlib import Path
 
 import msgspec
@@ -21,9 +22,10 @@ TABLE = Path(__file__).with_name("papers.toml")
 _NUMBER = re.compile(r"\d+(?:,\d{3})*(?:\.\d+)?")
 _HEAD = """# The papers, row by row
 
-camgen contains three papers. The first table compares their figures with camgen's. The other tables have each section
-with a method or a result, each equation, figure and table: where it is in camgen, the command that shows it, and where
-camgen differs on purpose. `python -m docs.make.pages` makes this page, and stops at a row that no longer holds.
+camgen contains three papers. The first table compares their figures with camgen's. The other tables
+have each section with a method or a result, each equation, figure and table: where it is in camgen,
+the command that shows it, and where camgen differs on purpose. `python -m docs.make.pages` makes
+this page, and stops at a row that no longer holds.
 
 ## Figures of the papers and of camgen
 
@@ -39,7 +41,7 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
     what: subject of the items.
     where: modules and documents, paths from the root.
     command: command that shows it.
-    said: figures of the paper.
+    published: figures of the paper.
     ours: figures of camgen.
     page: document that states the figures of camgen.
     differs: difference on purpose, and its reason.
@@ -49,7 +51,7 @@ class Row(Struct, frozen=True, forbid_unknown_fields=True):
     what: str
     where: tuple[str, ...]
     command: str = ""
-    said: str = ""
+    published: str = ""
     ours: str = ""
     page: str = ""
     differs: str = ""
@@ -79,11 +81,11 @@ class Paper(Struct, frozen=True, forbid_unknown_fields=True):
 
     def items(self) -> set[str]:
         """Items that need a row."""
+        items = set(self.sections)
         numbered = (("eq.", self.equations), ("fig.", self.figures), ("table", self.tables))
-        return {
-            *self.sections,
-            *(f"{kind} {k}" for kind, count in numbered for k in range(1, count + 1)),
-        }
+        for kind, count in numbered:
+            items |= {f"{kind} {k}" for k in range(1, count + 1)}
+        return items
 
 
 def read_papers() -> list[Paper]:
@@ -95,20 +97,16 @@ def find_faults(papers: list[Paper]) -> list[str]:
     """Faults of the rows, one sentence each."""
     faults = []
     for paper in papers:
-        named = [item for row in paper.rows for item in row.items]
-        faults += [
-            f"{paper.title}: {item} has no row" for item in sorted(paper.items() - set(named))
-        ]
-        faults += [
-            f"{paper.title}: there is no {item}" for item in sorted(set(named) - paper.items())
-        ]
-        faults += [
-            f"{paper.title}: {row.items[0]}: {why}" for row in paper.rows for why in _faults(row)
-        ]
+        items = paper.items()
+        named = set(chain.from_iterable(row.items for row in paper.rows))
+        faults += [f"{paper.title}: {item} has no row" for item in sorted(items - named)]
+        faults += [f"{paper.title}: there is no {item}" for item in sorted(named - items)]
+        for row in paper.rows:
+            faults += [f"{paper.title}: {row.items[0]}: {fault}" for fault in list_row_faults(row)]
     return faults
 
 
-def _faults(row: Row) -> list[str]:
+def list_row_faults(row: Row) -> list[str]:
     faults = [f"{name} is not there" for name in row.where if not (ROOT / name).exists()]
     if row.command and not _is_command(row.command):
         faults.append(f"{row.command} is no command")
@@ -117,15 +115,15 @@ def _faults(row: Row) -> list[str]:
     if row.page:
         stated = set(_NUMBER.findall((ROOT / row.page).read_text(encoding="utf-8")))
         faults += [
-            f"{row.page} does not state {one}"
-            for one in _NUMBER.findall(row.ours)
-            if one not in stated
+            f"{row.page} does not state {number}"
+            for number in _NUMBER.findall(row.ours)
+            if number not in stated
         ]
     return faults
 
 
 def _is_command(command: str) -> bool:
-    """Whether a bench has it in its README, or the command line of camgen."""
+    """Whether a command is a bench of bench/README.md, another module, or a command of camgen."""
     if command.startswith("python -m "):
         module = command.split()[2]
         return (ROOT / (module.replace(".", "/") + ".py")).exists() and (
@@ -148,10 +146,10 @@ def _figures(paper: Paper) -> str:
     """Lines of the table of figures: rows with a figure of the paper or of camgen."""
     lines = ""
     for row in paper.rows:
-        if row.said or row.ours:
+        if row.published or row.ours:
             page = f" ([{_title(row.page)}]({row.page.removeprefix('docs/')}))" if row.ours else ""
             item = f"{paper.short}: {', '.join(row.items)}"
-            lines += f"| {item} | {row.what} | {row.said} | {row.ours}{page} |\n"
+            lines += f"| {item} | {row.what} | {row.published} | {row.ours}{page} |\n"
     return lines
 
 
@@ -169,10 +167,9 @@ def _line(row: Row) -> str:
 
 
 def _place(name: str) -> str:
-    shown = name.startswith("docs/") and not name.endswith(
-        ".py"
-    )  # of docs/ all but what makes them is on the site
-    return f"[{_title(name)}]({name.removeprefix('docs/')})" if shown else f"`{name}`"
+    # The pages of docs/ are on the site, the modules that make them are not.
+    is_on_site = name.startswith("docs/") and not name.endswith(".py")
+    return f"[{_title(name)}]({name.removeprefix('docs/')})" if is_on_site else f"`{name}`"
 
 
 def _title(name: str) -> str:

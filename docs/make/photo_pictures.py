@@ -1,6 +1,6 @@
-"""The picture of refused photos in docs/benchmarks.md, into docs/images or the folder named.
+"""The picture of refused photos in docs/benchmarks.md.
 
-python -m docs.make.photo_pictures [FOLDER]
+python -m docs.make.photo_pictures [FOLDER]      writes it into FOLDER (default: docs/images)
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The pictures of the pages on operations, from camgen's own previews.
+"""The pictures of the pages on operations, from the previews of camgen.
 
     python -m docs.make.pictures [FOLDER]      writes them into FOLDER (default: docs/images)
 
-Every picture is what ``camgen build INPUT --preview X.svg`` or ``.png`` draws of a fixture. page.png, page-photo.png
-and page-cut.png are pages of ``--preview X.html`` in Chromium; without one they stay as they are.
+A picture is the preview of a fixture: `camgen build INPUT --preview X.svg`, or X.png. The pictures
+page*.png are pages (X.html) in Chromium; without Chromium they are not changed.
 """
 
 from __future__ import annotations
@@ -31,15 +31,16 @@ from camgen.preview.svg import DrawnFixtures, format_svg
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
-#: The G-code of the bracket, as a program that somebody kept.
+#: The G-code of the bracket, as an old program.
 OLD = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected" / "part.ngc"
-#: A plate that is cut out, with what holds it.
+#: A plate that is cut out, with tabs.
 TABS = ROOT / "fixtures" / "cases" / "bracket-tabs" / "job.toml"
-#: Width of a PNG, and the colours of a channel: small files.
-_WIDE, _SHADES = 760, 10
-#: Of a picture of the page: beside the list, below the title and above the slider.
+#: Width of a PNG, px, and shades of a channel. Both keep the files small.
+_WIDTH, _SHADES = 760, 10
+#: Rows and columns of the scene in a picture of the page: below the title, above the slider, beside
+#: the list.
 _SCENE = (slice(46, -68), slice(430, None))
-#: A browser that draws with the processor, and waits until the page has come to rest.
+#: Switches of a browser that draws with the processor, and waits until the page no longer changes.
 _SWITCHES = (
     *(
         "--headless",
@@ -53,15 +54,21 @@ _SWITCHES = (
 
 
 def read_job(page: str, name: str) -> dict[str, object]:
-    """The job file that a page shows."""
+    """The job file that a page of docs/ shows."""
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     block = text.partition(f"`{name}`:\n\n```toml\n")[2].partition("```")[0]
     return tomllib.loads(block)
 
 
-class Shown(Struct, frozen=True):
-    """One picture: what is built for it. source: the file in the title, where it is a copy. scene: of a page only what
-    lies in space.
+class PictureSpec(Struct, frozen=True):
+    """A picture and its build.
+
+    name: name of the picture; "page" at its start means the page of the preview.
+    source: input of the build.
+    post: name of the post.
+    job: job of the build, or its file.
+    title: title of the picture, "" for the names of input and post.
+    scene: whether only the scene of the page is shown.
     """
 
     name: str
@@ -74,32 +81,32 @@ class Shown(Struct, frozen=True):
 
 _MILL = {"tool": {"diameter": 5.0}, "process": {"spindle": 9000}}
 
-#: A motor plate with three tools, as docs/preview.md shows it.
+#: A motor plate with three tools, which docs/preview.md shows.
 PLATE = PARTS.parent / "cases" / "motor-plate" / "job.toml"
 PICTURES = (
-    Shown("bracket.svg", PARTS / "bracket.dxf", "rapid"),
-    Shown("trace.svg", PARTS / "bracket.dxf", "vplus", {"operation": {"kind": "trace"}}),
-    Shown("tabs.svg", PARTS / "bracket.dxf", "gcode", TABS),
-    Shown("space.svg", PARTS / "space.dxf", "rapid", {"operation": {"kind": "trace"}}),
-    Shown(
+    PictureSpec("bracket.svg", PARTS / "bracket.dxf", "rapid"),
+    PictureSpec("trace.svg", PARTS / "bracket.dxf", "vplus", {"operation": {"kind": "trace"}}),
+    PictureSpec("tabs.svg", PARTS / "bracket.dxf", "gcode", TABS),
+    PictureSpec("space.svg", PARTS / "space.dxf", "rapid", {"operation": {"kind": "trace"}}),
+    PictureSpec(
         "fill.svg",
         PARTS / "bracket.dxf",
         "gcode",
         {"operation": {"kind": "fill"}, "tool": {"diameter": 3.0}},
     ),
-    Shown(
+    PictureSpec(
         "pocket.svg",
         PARTS / "bracket.dxf",
         "gcode",
         {"operation": {"kind": "pocket", "depth": 2, "entry": "helix"}, **_MILL},
     ),
-    Shown(
+    PictureSpec(
         "bore.svg",
         PARTS / "bracket.dxf",
         "gcode",
         {"operation": {"kind": "bore", "depth": 4, "entry": "helix"}, **_MILL},
     ),
-    Shown(
+    PictureSpec(
         "chamfer.svg",
         PARTS / "bracket.dxf",
         "gcode",
@@ -109,7 +116,7 @@ PICTURES = (
             "process": {"spindle": 9000},
         },
     ),
-    Shown(
+    PictureSpec(
         "drill.svg",
         PARTS / "bracket.dxf",
         "gcode",
@@ -119,23 +126,23 @@ PICTURES = (
             "process": {"spindle": 1200, "feed": 2},
         },
     ),
-    Shown(
+    PictureSpec(
         "replay.svg", OLD, "rapid", {"post": {"signals": {"dout0": "doProcess"}}}, "old.ngc, rapid"
     ),
-    Shown("edges.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
-    Shown("rfa1-order.svg", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1_nominal.toml"),
-    Shown("rfa2-order.svg", PARTS / "rfa2.stl", "rapid", PARTS / "rfa2_nominal.toml"),
-    Shown("page.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
-    Shown(
+    PictureSpec("edges.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
+    PictureSpec("rfa1-order.svg", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1_nominal.toml"),
+    PictureSpec("rfa2-order.svg", PARTS / "rfa2.stl", "rapid", PARTS / "rfa2_nominal.toml"),
+    PictureSpec("page.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
+    PictureSpec(
         "page-photo.png",
         PARTS / "gear.png",
         "pacscript",
         {"image": {"width_mm": 100.0}},
         scene=True,
     ),
-    Shown("page-cut.png", PARTS / "motor.dxf", "gcode", PLATE, scene=True),
-    Shown("clamps.svg", PARTS / "motor.dxf", "grbl", read_job("first-day.md", "shop.toml")),
-    Shown(
+    PictureSpec("page-cut.png", PARTS / "motor.dxf", "gcode", PLATE, scene=True),
+    PictureSpec("clamps.svg", PARTS / "motor.dxf", "grbl", read_job("first-day.md", "shop.toml")),
+    PictureSpec(
         "page-clamps.png",
         PARTS / "motor.dxf",
         "grbl",
@@ -145,23 +152,23 @@ PICTURES = (
 )
 
 
-def small(image: bytes) -> bytes:
-    """A picture of camgen, narrower and with fewer shades."""
+def shrink(image: bytes) -> bytes:
+    """A narrower PNG of a picture, with fewer shades."""
     pixels = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR)
-    high = round(pixels.shape[0] * _WIDE / pixels.shape[1])
-    pixels = cv2.resize(pixels, (_WIDE, high), interpolation=cv2.INTER_AREA)
-    return coarse(pixels, _SHADES)
+    height = round(pixels.shape[0] * _WIDTH / pixels.shape[1])
+    pixels = cv2.resize(pixels, (_WIDTH, height), interpolation=cv2.INTER_AREA)
+    return reduce_shades(pixels, _SHADES)
 
 
-def coarse(pixels: NDArray[np.uint8], shades: int) -> bytes:
-    """A PNG with so many shades of each colour."""
+def reduce_shades(pixels: NDArray[np.uint8], shades: int) -> bytes:
+    """A PNG with this number of shades of each channel."""
     step = 255 / (shades - 1)
     rounded = np.round(np.round(pixels / step) * step).astype(np.uint8)
     return bytes(cv2.imencode(".png", rounded, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1])
 
 
-def page(result: Result, scene: bool) -> bytes:
-    """The preview page as a headless Chromium shows it."""
+def shoot_page(result: Result, scene: bool) -> bytes:
+    """A PNG of the preview page in Chromium without a window, b"" without Chromium."""
     browser = shutil.which("chromium")
     if not browser:
         return b""
@@ -171,33 +178,36 @@ def page(result: Result, scene: bool) -> bytes:
         command = [browser, *_SWITCHES, f"--screenshot={target}", source.as_uri()]
         subprocess.run(command, check=True, capture_output=True, timeout=120)
         if not scene:
-            return small(target.read_bytes())
-        shown = cv2.imdecode(np.frombuffer(target.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
-        return coarse(shown[_SCENE], 2 * _SHADES)
+            return shrink(target.read_bytes())
+        pixels = cv2.imdecode(np.frombuffer(target.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+        return reduce_shades(pixels[_SCENE], 2 * _SHADES)
 
 
-def drawn(shown: Shown) -> bytes:
-    """The bytes of one picture."""
-    result: Result = build(shown.source, post=shown.post, job=shown.job)
-    if shown.name.startswith("page"):
-        return page(result, shown.scene)
-    if shown.name.endswith(".png"):
-        return small(picture.draw_png(view.make_view(result)))
+def draw(spec: PictureSpec) -> bytes:
+    """The bytes of a picture, b"" if a page needs Chromium and it is missing."""
+    result: Result = build(spec.source, post=spec.post, job=spec.job)
+    if spec.name.startswith("page"):
+        return shoot_page(result, spec.scene)
+    if spec.name.endswith(".png"):
+        return shrink(picture.draw_png(view.make_view(result)))
     if result.part.solid is not None:
-        return draw_preview(result, Path(shown.name))
-    title = shown.title or f"{shown.source.name}, {shown.post}"
-    standing = DrawnFixtures(clip_fixtures(result), result.blocked)
-    return format_svg(result.part, result.tour, result.notes, title, standing=standing).encode()
+        return draw_preview(result, Path(spec.name))
+    title = spec.title or f"{spec.source.name}, {spec.post}"
+    drawn_fixtures = DrawnFixtures(clip_fixtures(result), result.blocked)
+    return format_svg(
+        result.part, result.tour, result.notes, title, standing=drawn_fixtures
+    ).encode()
 
 
 def main(folder: Path) -> None:
-    for shown in PICTURES:
-        data = drawn(shown)
+    """Writes all pictures into a folder."""
+    for spec in PICTURES:
+        data = draw(spec)
         if not data:
-            print(f"{shown.name}: not renewed, no chromium")
+            print(f"{spec.name}: not renewed, no chromium")
             continue
-        (folder / shown.name).write_bytes(data)
-        print(f"{shown.name}: {len(data) / 1000:.0f} kB")
+        (folder / spec.name).write_bytes(data)
+        print(f"{spec.name}: {len(data) / 1000:.0f} kB")
 
 
 if __name__ == "__main__":

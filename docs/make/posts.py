@@ -16,17 +16,17 @@ _MARKS = ("<!-- options: made by docs/make/pages.py -->\n", "<!-- end of options
 
 
 def with_options(text: str, name: str) -> str:
-    """The page ``text`` with the current table of the post ``name`` between its marks."""
-    table = options(name)
+    """The text of a page with the current table of its post `name` between the marks."""
+    table = format_options(name)
     pattern = re.compile(f"{re.escape(_MARKS[0])}.*?{re.escape(_MARKS[1])}", re.S)
-    found, count = pattern.subn(lambda _: f"{_MARKS[0]}\n{table}\n{_MARKS[1]}", text)
+    page, count = pattern.subn(lambda _: f"{_MARKS[0]}\n{table}\n{_MARKS[1]}", text)
     if count != 1:
         raise ValueError(f"the page of {name} has {count} places for its options")
-    return found
+    return page
 
 
-def options(name: str) -> str:
-    """The table: option, default, meaning, which begins with the choices if there are any."""
+def format_options(name: str) -> str:
+    """The table of options: option, default and meaning, which begins with the choices if any."""
     post = find_post(name)
     hints = get_type_hints(post)
     rows = ["| option | default | meaning |", "|---|---|---|"]
@@ -46,7 +46,7 @@ def _default(field: dataclasses.Field[object]) -> object:
 
 
 def list_choices(hint: object) -> str:
-    """The values that an option may have; "" if it has a type, which its default shows."""
+    """The choices of an option, "" for an option with a type, which its default shows."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Literal:
         return ", ".join(f"`{format_toml(value)}`" for value in inner)

@@ -1,4 +1,4 @@
-"""Ten questions about each drawn module or page: which they are, and how many answers are right.
+"""Ten questions about each drawn module or page, and the number of right answers.
 
     python -m docs.make.reading
 

@@ -28,8 +28,8 @@ A job without `[cell]` is made for the cell of its post. It is an example for a 
 without a check of reach until `cell.robot` names an arm. Frames are x, y, z in mm and rx, ry, rz
 in deg, joints deg or mm. The length of the tool in a job replaces that of the cell.
 """
-#: Postures with which the search for the reach continues.
-_KEPT = 10
+#: Number of postures with which the search for the reach continues.
+_KEPT_POSTURES = 10
 _INTRODUCTION = """\
 # Robots
 
@@ -67,11 +67,13 @@ of the models (`python -m docs.make.pages`); a test keeps it current.
 
 
 def robots_page() -> str:
-    """The whole page."""
+    """The text of docs/robots.md."""
     known = list_robots()
     rows = ["| robot | maker | joints | reach, mm | solved by |", "|---|---|---|---|---|"]
-    rows += [f"| [{r.name}](#{_anchor(r.name)}) | {r.maker} | {len(r.joints)} | {_reach(r)} | {_KINDS[r.kind]} |"
-             for r in known]  # fmt: skip
+    for r in known:
+        link = f"[{r.name}](#{_anchor(r.name)})"
+        cells = (link, r.maker, str(len(r.joints)), _reach(r), _KINDS[r.kind])
+        rows.append(f"| {' | '.join(cells)} |")
     return _INTRODUCTION + "\n".join(rows) + "\n" + _cells() + "".join(_section(r) for r in known)
 
 
@@ -149,18 +151,20 @@ def reach(r: Robot) -> float:
 
     The search begins with random postures and improves the best ones.
     """
-    dice = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     low, high = r.limits[:, 0], r.limits[:, 1]
-    best = dice.uniform(low, high, (4000, len(low)))
-    best = best[np.argsort(_far(r, best))[-_KEPT:]]
-    for share in 0.5 ** np.arange(24):
-        tries = best[:, None] + dice.normal(0, 0.3 * share, (_KEPT, 50, len(low))) * (high - low)
+    best = rng.uniform(low, high, (4000, len(low)))
+    best = best[np.argsort(_measure_distance(r, best))[-_KEPT_POSTURES:]]
+    for step_size in 0.5 ** np.arange(24):
+        tries = best[:, None] + rng.normal(0, 0.3 * step_size, (_KEPT_POSTURES, 50, len(low))) * (
+            high - low
+        )
         tries = np.concatenate([best, np.clip(tries, low, high).reshape(-1, len(low))])
-        best = tries[np.argsort(_far(r, tries))[-_KEPT:]]
-    return float(_far(r, best).max())
+        best = tries[np.argsort(_measure_distance(r, tries))[-_KEPT_POSTURES:]]
+    return float(_measure_distance(r, best).max())
 
 
-def _far(r: Robot, joints: np.ndarray) -> np.ndarray:
-    """The distance of the flange from axis 1; -1 where the posture is not within the limits."""
+def _measure_distance(r: Robot, joints: np.ndarray) -> np.ndarray:
+    """The distance of the flange from axis 1, mm; -1 for joint values beyond the limits."""
     origins = compute_flange(r, joints)[1]
     return np.where(are_within_limits(r, joints), np.hypot(origins[:, 0], origins[:, 1]), -1.0)

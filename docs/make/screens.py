@@ -1,8 +1,8 @@
-"""The preview page as users see it, to be looked at: light, dark, narrow, large, with an arm, with a photo.
+"""Pictures of the preview page, for an examination by eye: light, dark, narrow, large, with an arm.
 
-    python -m docs.make.screens FOLDER [NAME ...]      writes NAME.png for each, all of them without a name
+    python -m docs.make.screens FOLDER [NAME ...]      writes NAME.png, all pictures without a name
 
-Needs playwright and a Chromium; it draws with the processor.
+playwright and a Chromium are needed. The processor draws the pictures.
 """
 
 from __future__ import annotations
@@ -30,14 +30,20 @@ _SWITCHES = [
     "--no-sandbox",
 ]
 _WIDE, _NARROW = (1400, 880), (390, 844)
-#: Shapes of the large drawing, in rows of so many.
+#: Number of shapes of the large drawing, and of shapes in a row.
 _SHAPES, _ROW = 5000, 100
 
 
 class Screen(Struct, frozen=True):
-    """made: what is shown. size: px. then: what is done before the picture is taken."""
+    """A picture of the page.
 
-    made: Callable[[], Result]
+    make: function that builds the result on the page.
+    size: width and height of the window, px.
+    scheme: light or dark.
+    then: script that runs before the picture is taken.
+    """
+
+    make: Callable[[], Result]
     size: tuple[int, int] = _WIDE
     scheme: str = "light"
     then: str = ""
@@ -53,7 +59,7 @@ def plate() -> Result:
 
 
 def bracket() -> Result:
-    """A drawing with contours that the tool is too thick for."""
+    """A drawing with contours that are too narrow for the tool."""
     return camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"diameter": 12.0}})
 
 
@@ -113,9 +119,9 @@ SCREENS = {
 
 
 def shoot(browser: Browser, screen: Screen, folder: Path, target: Path) -> None:
-    """One picture."""
+    """Takes one picture."""
     file = folder / "page.html"
-    file.write_text(format_page(make_view(screen.made())), encoding="utf-8")
+    file.write_text(format_page(make_view(screen.make())), encoding="utf-8")
     width, height = screen.size
     context = browser.new_context(
         viewport={"width": width, "height": height},
@@ -125,13 +131,14 @@ def shoot(browser: Browser, screen: Screen, folder: Path, target: Path) -> None:
     tab.goto(file.as_uri())
     if screen.then:
         tab.evaluate(f"() => {{ {screen.then}; }}")
-    # What is coarse while it moves is whole after some frames; a photo takes one more turn.
+    # Shapes are coarse while they move and complete some frames later, a photo one frame later.
     tab.wait_for_timeout(1500)
     tab.screenshot(path=target)
     context.close()
 
 
 def main(target: Path, names: list[str]) -> None:
+    """Takes the pictures with these names, all of them without a name."""
     target.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as started, tempfile.TemporaryDirectory() as folder:
         browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=_SWITCHES)

@@ -1,10 +1,10 @@
-"""The walk of a build as it really runs: which folders are entered, in which order.
+"""The walk of a build: the folders that it enters, in their order.
 
-    python -m docs.make.walk             builds a drawing, a photo and a 3-D part, and prints the walk of each
-    python -m docs.make.walk FILE POST   that of another input
+    python -m docs.make.walk             prints the walks of a drawing, a photo and a 3-D part
+    python -m docs.make.walk FILE POST   prints the walk of another input
 
-A line is an arrow of the house: the function that ``camgen.build`` calls, the folders that work for it, and what comes
-out.
+Each line is an arrow of docs/architecture.md: a function that `camgen.build` calls, and the folders
+whose functions it calls.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from camgen.model.job import Job
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
-#: The arrows by the function that each is, in order. Posts are asked twice: first to replace what they lack.
+#: The arrows by their functions, in order. A post is called twice: before the check it replaces
+#: features that the controller lacks.
 ARROWS = {
     "camgen.pipeline.inputs.read_inputs": "read",
     "camgen.plan.plan": "plan",
@@ -35,19 +36,22 @@ ARROWS = {
 _BUILD = ("camgen.pipeline", "camgen.pipeline.programs")
 
 
-class Walk:
-    """The arrows in the order in which they are entered, each with the folders that were entered meanwhile."""
+class WalkRecorder:
+    """A profile function that records the walk.
+
+    arrows: the arrows in the order in which they are entered, each with the folders entered by it.
+    """
 
     def __init__(self) -> None:
         self.arrows: list[tuple[str, list[str]]] = []
         self._open = ""
 
     def __call__(self, frame: FrameType, event: str, _: object) -> None:
-        """A profile function: looks at calls and returns of camgen's own functions."""
+        """Records calls and returns of functions of camgen."""
         module = frame.f_globals.get("__name__", "")
         if not module.startswith(("camgen.", "camgen_posts.")):
             return
-        name = frame.f_code.co_name  # of a post, its own or that of its base
+        name = frame.f_code.co_name  # a method of a post, or of its base class
         name = name if name in ARROWS else f"{module}.{name}"
         if event == "call" and not self._open and name in ARROWS and self._called_by_build(frame):
             self._open = name
@@ -67,12 +71,12 @@ class Walk:
 
 
 @contextmanager
-def walked() -> Iterator[Walk]:
-    """Records the walk of what is built meanwhile."""
-    walk = Walk()
-    sys.setprofile(walk)
+def record_walk() -> Iterator[WalkRecorder]:
+    """Records the walk of the builds in its block."""
+    recorder = WalkRecorder()
+    sys.setprofile(recorder)
     try:
-        yield walk
+        yield recorder
     finally:
         sys.setprofile(None)
 
@@ -81,15 +85,16 @@ def walk_of(
     source: Path, post: str, job: Job | dict[str, object] | Path
 ) -> list[tuple[str, list[str]]]:
     """The arrows of one build, each with its folders in the order in which they are entered."""
-    camgen.build(source, post=post, job=job)  # what is loaded only once is not part of the walk
-    with walked() as walk:
+    # The first build imports modules and fills caches, which is not part of the walk.
+    camgen.build(source, post=post, job=job)
+    with record_walk() as recorder:
         camgen.build(source, post=post, job=job)
-    return walk.arrows
+    return recorder.arrows
 
 
-def photo(folder: Path) -> tuple[Path, Path]:
+def render_photo(folder: Path) -> tuple[Path, Path]:
     """A rendered photo of a plate and its job file."""
-    from bench.render.photos import photos, write  # noqa: PLC0415 (only this walk needs the renderer)
+    from bench.render.photos import photos, write  # noqa: PLC0415 (only photos need the renderer)
 
     shot = next(iter(photos(1, 1)))
     write(folder, shot)
@@ -97,8 +102,8 @@ def photo(folder: Path) -> tuple[Path, Path]:
     return picture, picture.with_suffix(".toml")
 
 
-def table(title: str, arrows: list[tuple[str, list[str]]]) -> str:
-    """One walk as Markdown."""
+def format_table(title: str, arrows: list[tuple[str, list[str]]]) -> str:
+    """A walk as a table in Markdown."""
     rows = [f"| {arrow} | {', '.join(folders)} |" for arrow, folders in arrows]
     return "\n".join(
         [f"{title}:", "", "| arrow | folders entered, in this order |", "|---|---|", *rows, ""]
@@ -108,13 +113,17 @@ def table(title: str, arrows: list[tuple[str, list[str]]]) -> str:
 def main() -> None:
     """Prints the walks."""
     if len(sys.argv) > 2:
-        print(table(sys.argv[1], walk_of(Path(sys.argv[1]), sys.argv[2], {})))
+        print(format_table(sys.argv[1], walk_of(Path(sys.argv[1]), sys.argv[2], {})))
         return
-    print(table("A drawing (`bracket.dxf`, RAPID)", walk_of(PARTS / "bracket.dxf", "rapid", {})))
+    print(
+        format_table(
+            "A drawing (`bracket.dxf`, RAPID)", walk_of(PARTS / "bracket.dxf", "rapid", {})
+        )
+    )
     with tempfile.TemporaryDirectory() as name:
-        picture, job = photo(Path(name))
-        print(table("A photo (rendered, PacScript)", walk_of(picture, "pacscript", job)))
-    print(table("A 3-D part (`rfa1.stl`, RAPID)", walk_of(PARTS / "rfa1.stl", "rapid", {})))
+        picture, job = render_photo(Path(name))
+        print(format_table("A photo (rendered, PacScript)", walk_of(picture, "pacscript", job)))
+    print(format_table("A 3-D part (`rfa1.stl`, RAPID)", walk_of(PARTS / "rfa1.stl", "rapid", {})))
 
 
 if __name__ == "__main__":

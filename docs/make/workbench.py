@@ -2,8 +2,8 @@
 
     python -m docs.make.workbench [FOLDER]
 
-writes them into FOLDER to be looked at; without one only the picture of docs/workbench.md into docs/images. It needs
-the extra ``workbench``, playwright and a Chromium.
+writes all pictures into FOLDER. Without FOLDER it writes the picture of docs/workbench.md into
+docs/images. The extra `workbench`, playwright and a Chromium are needed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 from msgspec import Struct
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from docs.make.pictures import coarse
+from docs.make.pictures import reduce_shades
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
@@ -34,14 +34,23 @@ _SWITCHES = [
     "--ignore-gpu-blocklist",
     "--no-sandbox",
 ]
-#: Nothing is being built, and there is a program or a reason why there is none.
-_RESTS = (
+#: No build runs, and there is a program or an error.
+_HAS_ENDED = (
     "() => { const s = window.workbench?.state(); return s && !s.stage && (s.built || s.failed); }"
 )
 
 
-class Shown(Struct, frozen=True):
-    """One picture. words: of the command. tab: of the form that is open. clicks: on elements, in this order."""
+class WorkbenchPicture(Struct, frozen=True):
+    """A picture of the workbench.
+
+    name: name of the picture.
+    file: input of `camgen open`.
+    words: further words of the command.
+    size: width and height of the window, px.
+    scheme: light or dark.
+    tab: pane of the form that is open.
+    clicks: selectors of elements that are clicked, in order.
+    """
 
     name: str
     file: str
@@ -54,30 +63,32 @@ class Shown(Struct, frozen=True):
 
 _JOB = ("--job", str(ROOT / "fixtures" / "cases" / "motor-plate" / "job.toml"))
 PICTURES = (
-    Shown("workbench.png", "motor.dxf", _JOB, tab="steps"),
-    Shown("settings.png", "bracket.dxf", ("--set", "process.feed=30", "--set", "tool.diameter=4")),
-    Shown("dark.png", "bracket.dxf", scheme="dark"),
-    Shown("narrow.png", "bracket.dxf", size=(390, 844)),
-    Shown("layers.png", "layers.dxf", tab="layers"),
-    Shown("error.png", "bracket.dxf", ("--job", "bad.toml"), clicks=("#says button",)),
-    Shown("proposed.png", "motor.dxf", tab="steps", clicks=("text=Propose operations",)),
-    Shown("solid.png", "rfa1.stl", tab="layers"),
-    Shown(
+    WorkbenchPicture("workbench.png", "motor.dxf", _JOB, tab="steps"),
+    WorkbenchPicture(
+        "settings.png", "bracket.dxf", ("--set", "process.feed=30", "--set", "tool.diameter=4")
+    ),
+    WorkbenchPicture("dark.png", "bracket.dxf", scheme="dark"),
+    WorkbenchPicture("narrow.png", "bracket.dxf", size=(390, 844)),
+    WorkbenchPicture("layers.png", "layers.dxf", tab="layers"),
+    WorkbenchPicture("error.png", "bracket.dxf", ("--job", "bad.toml"), clicks=("#says button",)),
+    WorkbenchPicture("proposed.png", "motor.dxf", tab="steps", clicks=("text=Propose operations",)),
+    WorkbenchPicture("solid.png", "rfa1.stl", tab="layers"),
+    WorkbenchPicture(
         "photo.png",
         "gear.png",
         ("--set", "image.mm_per_px=0.2"),
         clicks=("text=From picture to path",),
     ),
-    Shown("unscaled.png", "photo.png"),
-    Shown("large.png", "large.dxf", ("--set", "operation.kind=trace"), tab="summary"),
+    WorkbenchPicture("unscaled.png", "photo.png"),
+    WorkbenchPicture("large.png", "large.dxf", ("--set", "operation.kind=trace"), tab="summary"),
 )
 
 
 @contextmanager
-def opened(folder: Path, shown: Shown) -> Iterator[str]:
+def open_workbench(folder: Path, picture: WorkbenchPicture) -> Iterator[str]:
     """The address of a workbench for a picture."""
-    command = [sys.executable, "-m", "camgen", "open", shown.file, *shown.words, "--no-browser"]
-    # Journals of these workbenches do not lie in the folder of the user.
+    command = [sys.executable, "-m", "camgen", "open", picture.file, *picture.words, "--no-browser"]
+    # The journals of these workbenches must not be in the folder of the user.
     environment = {**os.environ, "XDG_STATE_HOME": str(folder / "state")}
     with subprocess.Popen(
         command, cwd=folder, stderr=subprocess.PIPE, text=True, env=environment
@@ -89,32 +100,32 @@ def opened(folder: Path, shown: Shown) -> Iterator[str]:
             process.terminate()
 
 
-def shoot(browser: Browser, address: str, shown: Shown, target: Path) -> None:
-    wide, high = shown.size
-    scheme: Any = shown.scheme
-    page = browser.new_page(viewport={"width": wide, "height": high}, color_scheme=scheme)
+def shoot(browser: Browser, address: str, picture: WorkbenchPicture, target: Path) -> None:
+    width, height = picture.size
+    scheme: Any = picture.scheme
+    page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
     page.goto(address)
-    settle(page)
-    page.locator(f"[data-tab={shown.tab}]").click()
-    for click in shown.clicks:
+    wait_for_page(page)
+    page.locator(f"[data-tab={picture.tab}]").click()
+    for click in picture.clicks:
         page.locator(click).first.click()
         page.wait_for_timeout(300)
-        settle(page)
+        wait_for_page(page)
     page.screenshot(path=target)
     page.close()
 
 
-def settle(page: Page) -> None:
-    """Until what was asked for is built and seen."""
-    page.wait_for_function(_RESTS, timeout=120_000)
+def wait_for_page(page: Page) -> None:
+    """Waits until the build has ended and the page shows it."""
+    page.wait_for_function(_HAS_ENDED, timeout=120_000)
     page.wait_for_function(
         "() => !workbench.state().built || document.querySelector('#frames iframe:not(.coming)')"
     )
     page.wait_for_timeout(2500)
 
 
-def lay_out(folder: Path) -> None:
-    """The inputs, and two that are made: 5,000 shapes, and a photo that nobody gave a scale."""
+def write_inputs(folder: Path) -> None:
+    """Writes the inputs: fixtures, a drawing of 5,000 circles, and a photo without a scale."""
     for name in (
         "motor.dxf",
         "bracket.dxf",
@@ -138,20 +149,21 @@ def lay_out(folder: Path) -> None:
 
 
 def main(target: Path | None) -> None:
+    """Takes all pictures into a folder, or the picture of the page if there is no folder."""
     chromium = shutil.which("chromium")
     with tempfile.TemporaryDirectory() as name, sync_playwright() as started:
-        lay_out(Path(name))
+        write_inputs(Path(name))
         browser = started.chromium.launch(executable_path=chromium, args=_SWITCHES)
-        for shown in PICTURES if target else PICTURES[:1]:
-            file = (target or Path(name)) / shown.name
-            with opened(Path(name), shown) as address:
-                shoot(browser, address, shown, file)
+        for picture in PICTURES if target else PICTURES[:1]:
+            file = (target or Path(name)) / picture.name
+            with open_workbench(Path(name), picture) as address:
+                shoot(browser, address, picture, file)
             if target is None:
                 pixels = cv2.imdecode(np.frombuffer(file.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
-                small = cv2.resize(pixels, (1050, 638), interpolation=cv2.INTER_AREA)
-                file = ROOT / "docs" / "images" / shown.name
-                file.write_bytes(coarse(small, 12))
-            print(f"{shown.name}: {file.stat().st_size / 1000:.0f} kB")
+                resized = cv2.resize(pixels, (1050, 638), interpolation=cv2.INTER_AREA)
+                file = ROOT / "docs" / "images" / picture.name
+                file.write_bytes(reduce_shades(resized, 12))
+            print(f"{picture.name}: {file.stat().st_size / 1000:.0f} kB")
 
 
 if __name__ == "__main__":

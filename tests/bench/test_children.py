@@ -1,4 +1,4 @@
-"""A forked child gives its results as far as it comes, and says what ended it.
+"""A forked child sends its results until it ends, and the signal that ended it.
 
 The tests may have threads, and a process with threads must not fork: a fresh process forks here.
 """
@@ -56,13 +56,13 @@ print(json.dumps([child.results, child.signal, child.peak]))
         ("large", "", [], 0),
     ],
 )
-def test_the_results_come_until_the_child_ends(
+def test_results_are_received_until_the_child_ends(
     work: str, limits: str, results: list[int], number: int
 ) -> None:
     script = SCRIPT.replace("{work}", work).replace("{limits}", limits)
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    received, ended, peak = json.loads(done.stdout)
+    received, ended, peak = json.loads(process.stdout)
     assert (received, ended) == (results, number)
     assert peak > 1

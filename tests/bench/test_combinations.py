@@ -1,4 +1,4 @@
-"""The bench of combinations: what it draws is allowed, and its verdict finds each kind of miss."""
+"""The bench of combinations: drawn values are allowed, and the verdict finds each kind of miss."""
 
 import random
 import signal
@@ -14,7 +14,7 @@ CASE = Case(0, "gcode", ("build", "fixtures/parts/bracket.dxf", "--post", "gcode
 GOOD = Ending(0, 0, (), "input     bracket.dxf\n", ("bracket.ngc",))
 
 
-def refused(*fields: str, code: int = 2, messages: str = "camgen: error: x\n") -> Ending:
+def refuse(*fields: str, code: int = 2, messages: str = "camgen: error: x\n") -> Ending:
     return Ending(code, 0, fields, messages, ())
 
 
@@ -28,31 +28,31 @@ def refused(*fields: str, code: int = 2, messages: str = "camgen: error: x\n") -
         (GOOD._replace(code=4), "exit 4"),
         (GOOD._replace(code=None, signal=int(signal.SIGSEGV)), "ended by signal 11"),
         (GOOD._replace(code=None, signal=int(signal.SIGXCPU)), "no end within"),
-        (refused("bracket.dxf", "is empty", "", "save it again", code=3), ""),
-        (refused("b.dxf", "x", "", code=3, messages="Traceback (most\n"), "traceback"),
-        (refused("b.dxf", "x", "", "", code=3, messages=2 * "camgen: error: x\n"), "2 lines"),
-        (refused("b.dxf", "x", code=3, messages=""), "0 lines of error"),
-        (refused(code=3)._replace(left=("a.ngc",)), "files left after a failure: a.ngc"),
+        (refuse("bracket.dxf", "is empty", "", "save it again", code=3), ""),
+        (refuse("b.dxf", "x", "", code=3, messages="Traceback (most\n"), "traceback"),
+        (refuse("b.dxf", "x", "", "", code=3, messages=2 * "camgen: error: x\n"), "2 lines"),
+        (refuse("b.dxf", "x", code=3, messages=""), "0 lines of error"),
+        (refuse(code=3)._replace(left=("a.ngc",)), "files left after a failure: a.ngc"),
         # Exit code 2: the setting or the input, and a remedy.
-        (refused("job", "has two values", "tool.angles", "give three"), ""),
-        (refused("job", "stepover must be 0.1 to 1, not 2", "[operation]", ""), ""),
-        (refused("[post] decimals", "is too much", "", "give less"), ""),
-        (refused("job", "operations are too many", "--post", "give rapid"), ""),
-        (refused("bracket.dxf", "is empty", "", "save it again"), ""),
-        (refused("job", "has two values", "tool.angles", ""), "exit 2 without a remedy"),
-        (refused("job", "tool changed", "", "change it"), "exit 2 without a setting"),
-        (refused("job", "list index out of range", "", "change it"), "exit 2 without a setting"),
-        (refused("other.dxf", "is empty", "", "save it again"), "exit 2 without a setting"),
-        (refused(), "exit 2 without an error of the build"),
+        (refuse("job", "has two values", "tool.angles", "give three"), ""),
+        (refuse("job", "stepover must be 0.1 to 1, not 2", "[operation]", ""), ""),
+        (refuse("[post] decimals", "is too much", "", "give less"), ""),
+        (refuse("job", "operations are too many", "--post", "give rapid"), ""),
+        (refuse("bracket.dxf", "is empty", "", "save it again"), ""),
+        (refuse("job", "has two values", "tool.angles", ""), "exit 2 without a remedy"),
+        (refuse("job", "tool changed", "", "change it"), "exit 2 without a setting"),
+        (refuse("job", "list index out of range", "", "change it"), "exit 2 without a setting"),
+        (refuse("other.dxf", "is empty", "", "save it again"), "exit 2 without a setting"),
+        (refuse(), "exit 2 without an error of the build"),
     ],
 )
-def test_the_verdict(ending: Ending, miss: str) -> None:
+def test_the_verdict_names_each_kind_of_miss(ending: Ending, miss: str) -> None:
     text = find_miss(CASE, ending)
     assert text.startswith(miss)
     assert bool(text) == bool(miss)
 
 
-def test_a_case_is_the_same_whenever_it_is_drawn_and_others_differ() -> None:
+def test_cases_are_drawn_repeatably_and_differ() -> None:
     cases = [draw_case(0, number) for number in range(30)]
     assert cases == [draw_case(0, number) for number in range(30)]
     assert len({case.words for case in cases}) == 30
@@ -60,14 +60,16 @@ def test_a_case_is_the_same_whenever_it_is_drawn_and_others_differ() -> None:
     assert {case.post for case in cases} == {"rapid", "pacscript", "vplus", "gcode", "grbl"}
 
 
-def breaks(schema: Mapping[str, Any], value: Any) -> bool:
+def breaks_schema(schema: Mapping[str, Any], value: Any) -> bool:
     """Whether a number, a text, a switch or a list is not of the type, range or choice."""
     if "anyOf" in schema:
-        return all(breaks(choice, value) for choice in schema["anyOf"])
+        return all(breaks_schema(choice, value) for choice in schema["anyOf"])
     if "enum" in schema:
         return value not in schema["enum"]
     if schema["type"] == "array":
-        return not isinstance(value, list) or any(breaks(schema["items"], item) for item in value)
+        return not isinstance(value, list) or any(
+            breaks_schema(schema["items"], item) for item in value
+        )
     kinds = {"string": str, "boolean": bool, "object": dict, "integer": int, "number": (int, float)}
     if not isinstance(value, kinds[schema["type"]]):
         return True
@@ -87,4 +89,4 @@ def test_values_are_those_that_the_schema_allows(post: str) -> None:
     for setting in settings:
         for _ in range(20):
             value = draw_value(setting, chance)
-            assert not breaks(setting.schema, value), (setting.name, value)
+            assert not breaks_schema(setting.schema, value), (setting.name, value)

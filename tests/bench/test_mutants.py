@@ -1,4 +1,4 @@
-"""The bench of mutants: its changes, and its simulations, which must never take two programs for one."""
+"""The bench of mutants: its changes, and its simulations, which must distinguish programs."""
 
 import ast
 import math
@@ -18,21 +18,21 @@ FIRST = {"rapid": 0, "pacscript": 0, "vplus": 0, "gcode": 1, "grbl": 0}
 
 
 @pytest.mark.parametrize("post", POSTS)
-def test_every_program_is_passed_and_is_itself(post):
+def test_each_program_is_simulated_and_equal_to_itself(post):
     for index in range(len(SOURCES[post])):
-        made = make(post, index)
-        events = trace(post, made, made.text)
-        assert is_same(events, trace(post, made, made.text))
+        program = make(post, index)
+        events = trace(post, program, program.text)
+        assert is_same(events, trace(post, program, program.text))
         assert not any(
             event[0] in ("refused", "no end", "two radii", "too long") for event in events
         )
 
 
-#: Of force.ir for PacScript: the motion before force control is on, its table, its begin.
+#: Lines of force.ir in PacScript: the motion before force control, its table, and its start.
 GO = "    Move L, @0 P(10.000, 10.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(20)\n"
 PARAM = "    ForceParam 1, 2, P(0.000, 12.500, 0.000, 0, 0, 0) ' verify\n"
 CTRL = "    ForceCtrl True, 1 ' verify\n"
-#: A part of the first program of a post, or of the one that is named by its number, and what stands there instead.
+#: Changes that change the meaning: post, index of the program, a part of its text, its replacement.
 DIFFERENT = [
     ("pacscript", 0, "ChangeTool 1", "ChangeTool 2"),
     ("pacscript", 0, "ChangeWork 1\n", "\n"),
@@ -124,6 +124,7 @@ DIFFERENT = [
     ("grbl", 0, "M2", "M30"),
     ("grbl", 0, "(post", "(!post"),
 ]
+#: Changes that do not change the meaning, in the same form.
 SAME = [
     ("pacscript", 3, PARAM, f"    ForceParam 1, 2, P(0, 5, 0)\n{PARAM}"),
     ("pacscript", 3, f"{GO}{PARAM}", f"{PARAM}{GO}"),
@@ -168,20 +169,20 @@ SAME = [
 
 
 @pytest.mark.parametrize(("post", "index", "was", "now"), DIFFERENT)
-def test_what_means_something_else_is_not_the_same(post, index, was, now):
+def test_a_change_of_the_meaning_is_found(post, index, was, now):
     text = make(post, index).text
     assert was in text
     assert not is_same(TRACES[post](text), TRACES[post](text.replace(was, now, 1)))
 
 
 @pytest.mark.parametrize(("post", "index", "was", "now"), SAME)
-def test_what_means_the_same_is_the_same(post, index, was, now):
+def test_a_change_without_another_meaning_is_accepted(post, index, was, now):
     text = make(post, index).text
     assert was in text
     assert is_same(TRACES[post](text), TRACES[post](text.replace(was, now, 1)))
 
 
-#: Routines whose name is replaced at all its places: a free one, and one that the language keeps.
+#: Post, program, and the name of a routine, with a free name and a reserved name of the language.
 RENAMED = [
     ("rapid", 0, "c3", "drill", "movel"),
     ("rapid", 0, "camSafe", "safe", "error"),
@@ -209,7 +210,7 @@ def test_a_routine_may_have_any_free_name(post, index, name, free, taken):
         ("ATTACH ()", "ATTACH (0)", False),
     ],
 )
-def test_a_bracket_around_a_number_is_the_number(before, after, same):
+def test_brackets_around_a_number_do_not_change_it(before, after, same):
     text = make("vplus", 0).text
     assert before in text
     changed = TRACES["vplus"](text.replace(before, after, 1))
@@ -217,21 +218,21 @@ def test_a_bracket_around_a_number_is_the_number(before, after, same):
 
 
 @pytest.mark.parametrize("sweep", [1.0, -1.0, 3.0, 4.0])
-def test_an_arc_is_the_same_wherever_its_via_point_lies(sweep):
+def test_an_arc_does_not_depend_on_its_via_point(sweep):
     def at(angle):
         return 5 + 2 * math.cos(angle), 1 + 2 * math.sin(angle), 7.0
 
     middle = tuple(Number(value, "arc") for value in at(0.3 + sweep / 2))
     for part in (0.3, 0.5, 0.7):
-        found = arc(at(0.3), at(0.3 + part * sweep), at(0.3 + sweep))
-        assert is_same([found], [("half-way", *middle)])
+        result = arc(at(0.3), at(0.3 + part * sweep), at(0.3 + sweep))
+        assert is_same([result], [("half-way", *middle)])
     assert arc(at(0.3), at(0.3 + 0.1 * sweep), at(0.3 + sweep))[0] == "via near an end"
 
 
-def test_the_changes_of_a_line():
+def test_the_edits_of_a_line_drop_repeat_and_replace_its_parts():
     text = "MoveL p1,v100;\n"
     mutants = {edit.apply(text) for edit in edits(text, LANGUAGES["rapid"])}
-    wanted = {
+    expected = {
         "MoveL p1,v200;\n",
         "MoveL p1v100;\n",
         "MoveL v100,p1;\n",
@@ -239,14 +240,14 @@ def test_the_changes_of_a_line():
         "MoveL p1,v100; ",
         "",
     }
-    assert wanted <= mutants
+    assert expected <= mutants
     assert text not in mutants
     assert text + text in mutants
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("post", POSTS)
-def test_every_mutant_has_its_task_and_a_sample_is_spread(post, kind):
+def test_tasks_cover_all_mutants_and_a_sample_covers_all_programs(post, kind):
     family = Family(post, kind)
     programs = range(len(SOURCES[post]))
     sizes = [len(family.list_mutants(k)) for k in programs]
@@ -261,11 +262,11 @@ def test_every_mutant_has_its_task_and_a_sample_is_spread(post, kind):
 
 @pytest.mark.parametrize("kind", KINDS[1:])
 @pytest.mark.parametrize("post", POSTS)
-def test_no_mutant_of_a_sample_is_left_over(post, kind):
+def test_each_mutant_of_a_sample_has_a_verdict(post, kind):
     verdicts = 0
     for task in plan_tasks([Family(post, kind, seed=7)], 60):
-        _, counts, left = judge(task)
-        assert not left
+        _, counts, left_over = judge(task)
+        assert not left_over
         verdicts += counts.total()
     assert verdicts > 30
 
@@ -313,14 +314,14 @@ WIDE = [
 
 
 @pytest.mark.parametrize(("kind", "change", "mutant"), WIDE)
-def test_the_wide_changes_of_a_program(kind, change, mutant):
+def test_wide_mutations_change_several_lines(kind, change, mutant):
     assert (change, mutant) in [
         (mutation.kind, mutation.apply(TEXT)) for mutation in mutate(TEXT, "rapid", kind)
     ]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_mutants_are_no_copies_and_depend_on_the_seed_alone(kind):
+def test_mutants_differ_from_the_text_and_are_repeatable(kind):
     mutants = [mutation.apply(TEXT) for mutation in mutate(TEXT, "rapid", kind)]
     assert TEXT not in mutants
     assert mutants == [mutation.apply(TEXT) for mutation in mutate(TEXT, "rapid", kind)]
@@ -331,7 +332,7 @@ def test_another_seed_draws_other_mutants():
     assert first != second
 
 
-def test_simulations_and_read_backs_know_nothing_of_each_other():
+def test_simulations_and_read_backs_do_not_import_each_other():
     for folder, forbidden in (
         ("bench/reliability/modal", ("camgen", "post")),
         ("postprocessors", ("bench",)),
@@ -345,8 +346,8 @@ def test_simulations_and_read_backs_know_nothing_of_each_other():
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("5", 5), ("- 5", -5), ("5 - 3", 2), ("0 - 180", -180), ("2 * 3 + 4", 10), ("4 + 2 * - 3", -2), ("5 5", None),
-     ("5 -", None), ("x", None), ("* 5", None)],
+    [("5", 5), ("- 5", -5), ("5 - 3", 2), ("0 - 180", -180), ("2 * 3 + 4", 10), ("4 + 2 * - 3", -2),
+     ("5 5", None), ("5 -", None), ("x", None), ("* 5", None)],
 )  # fmt: skip
-def test_sums_are_worked_out(text, value):
+def test_sums_and_products_are_computed(text, value):
     assert work_out(text.split()) == value

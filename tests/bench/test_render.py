@@ -1,8 +1,8 @@
-"""The renderer of bench/ judged by formulas, before it judges anything: areas, centroids, the lens, noise, offsets."""
+"""The renderer of bench/, compared with formulas: areas, centroids, lens, noise and offsets."""
 
 import json
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import cv2
@@ -22,7 +22,7 @@ from bench.render.optics import (
     work_from_photo,
 )
 from bench.render.parts import NAMED, random_part
-from bench.render.photos import photos, write
+from bench.render.photos import Photo, photos, write
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, area, box, circle, hole, pieces, rounded, slot
 from bench.render.truth import offset_truth, path_error
@@ -34,7 +34,7 @@ from camgen.vision.plane import fit_plane, make_plane, map_points
 from tests.support.files import source
 
 PINHOLE = Lens(np.array([[800.0, 0, 79.5], [0, 801, 59.5], [0, 0, 1]]), (0, 0, 0, 0, 0), (160, 120))
-#: 2 % to 6 % of distortion in so small a photo, radial and tangential.
+#: A lens with radial and tangential distortion of 2 % to 6 % in this small photo.
 STRONG = Lens(
     np.array([[220.0, 0.3, 78], [0, 222, 61], [0, 0, 1]]),
     (-0.3, 0.12, 2e-3, -1e-3, -0.03),
@@ -42,35 +42,35 @@ STRONG = Lens(
 )
 
 
-def above(lens: Lens, scale: float = 0.5, tilt: float = 0.0, **more: object) -> Shot:
-    """A photo of the work frame's origin, in the middle of the photo."""
+def look_from_above(lens: Lens, scale: float = 0.5, tilt: float = 0.0, **more: object) -> Shot:
+    """A camera above the origin of the work frame, which is in the middle of the photo."""
     middle = complex(*lens.matrix[:2, 2])
     rotation, origin = looking(lens, 0, middle, scale, tilt, 35, 20)
     return Shot(lens, rotation, origin, **more)  # type: ignore[arg-type]
 
 
-def everywhere(lens: Lens) -> tuple[np.ndarray, np.ndarray]:
+def list_pixels(lens: Lens) -> tuple[np.ndarray, np.ndarray]:
     v, u = np.mgrid[: lens.size[1], : lens.size[0]].astype(float)
     return u.ravel(), v.ravel()
 
 
-def whole(loops: tuple[Loop, ...], shot: Shot, finer: int = 1) -> np.ndarray:
-    """The share of every pixel of the photo."""
-    found = np.zeros(shot.lens.size[::-1])
+def compute_coverage(loops: tuple[Loop, ...], shot: Shot, finer: int = 1) -> np.ndarray:
+    """The covered fraction of each pixel of the photo, (H, W)."""
+    fractions = np.zeros(shot.lens.size[::-1])
     window, covered = share(loops, shot, finer=finer)
-    found[window] = covered
-    return found
+    fractions[window] = covered
+    return fractions
 
 
 # -- the lens
 
 
-def test_the_lens_is_that_of_opencv() -> None:
-    shot = above(STRONG, tilt=25)
+def test_the_lens_projects_like_opencv() -> None:
+    shot = look_from_above(STRONG, tilt=25)
     rng = np.random.default_rng(0)
     mm = rng.uniform(-40, 40, (500, 3)) * [1, 0.7, 0.1]
     pose = cv2.Rodrigues(shot.rotation)[0], shot.origin
-    matrix = STRONG.matrix * [[1, 0, 1], [1, 1, 1], [1, 1, 1]]  # projectPoints knows no skew
+    matrix = STRONG.matrix * [[1, 0, 1], [1, 1, 1], [1, 1, 1]]  # projectPoints has no skew
     plain = replace(shot, lens=Lens(matrix, STRONG.distortion, STRONG.size))
     seen = cv2.projectPoints(mm, *pose, matrix, np.array(STRONG.distortion))[0].reshape(-1, 2)
     for k in range(len(mm)):
@@ -79,8 +79,8 @@ def test_the_lens_is_that_of_opencv() -> None:
 
 
 def test_the_inverse_of_the_lens_is_exact() -> None:
-    shot = above(STRONG, tilt=30)
-    u, v = everywhere(STRONG)
+    shot = look_from_above(STRONG, tilt=30)
+    u, v = list_pixels(STRONG)
     again = photo_from_work(shot, *work_from_photo(shot, u, v))
     assert max(np.abs(again[0] - u).max(), np.abs(again[1] - v).max()) < 1e-9
     x, y = straight(PINHOLE, u / 800, v / 800)
@@ -88,7 +88,7 @@ def test_the_inverse_of_the_lens_is_exact() -> None:
     assert np.array_equal(y, v / 800)
 
 
-def test_a_camera_looks_where_it_is_told() -> None:
+def test_a_camera_looks_at_the_given_point() -> None:
     rotation, origin = looking(STRONG, 12 - 7j, 50 + 90j, 0.2, 17, 120, 200)
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1)
@@ -96,17 +96,17 @@ def test_a_camera_looks_where_it_is_told() -> None:
     straight_lens = replace(STRONG, distortion=(0, 0, 0, 0, 0))
     shot = Shot(straight_lens, rotation, origin)
     assert np.hypot(*np.array(photo_from_work(shot, 12.0, -7.0)) - (50, 90)) < 1e-9
-    assert mm_per_px(above(PINHOLE, 0.25), 0) == pytest.approx(0.25 * (800 / 801) ** 0.5)
+    assert mm_per_px(look_from_above(PINHOLE, 0.25), 0) == pytest.approx(0.25 * (800 / 801) ** 0.5)
 
 
-# -- how much of a pixel is covered
+# -- the covered fraction of a pixel
 
 
 def test_a_camera_that_moves_smears_an_edge() -> None:
     # The edge of a half plane becomes a ramp. Its width is the motion across the edge.
     half_plane = (box(0, -60, 60, 60),)
     for motion, width in ((8, 8.0), (8j, 0.0), (6 + 8j, 6.0)):
-        shot = above(PINHOLE, 0.5, blur=0.3, motion=complex(motion))
+        shot = look_from_above(PINHOLE, 0.5, blur=0.3, motion=complex(motion))
         shot = replace(shot, rotation=np.diag([1.0, -1, -1]))
         grey = render(Scene(0.0, (Layer(half_plane, 1.0),)), shot)[60].astype(float) / 255
         rise = np.diff(grey)
@@ -117,8 +117,8 @@ def test_a_camera_that_moves_smears_an_edge() -> None:
         assert width**2 / 12 + 0.17 < variance < width**2 / 12 + 0.17 + 0.35
 
 
-def conic(shot: Shot, radius: float) -> tuple[float, np.ndarray]:
-    """Area and centre, px, of the ellipse that a circle around the origin becomes without distortion."""
+def compute_ellipse(shot: Shot, radius: float) -> tuple[float, np.ndarray]:
+    """Area and centre, px, of the image of a circle around the origin, without distortion."""
     h = shot.lens.matrix @ np.column_stack([shot.rotation[:, :2], shot.origin])
     back = np.linalg.inv(h)
     c = back.T @ np.diag([1, 1, -(radius**2)]) @ back
@@ -129,9 +129,9 @@ def conic(shot: Shot, radius: float) -> tuple[float, np.ndarray]:
 @pytest.mark.parametrize("tilt", [0, 18, 40])
 @pytest.mark.parametrize("blur", [0.3, 0.7, 1.5])
 def test_a_disc_has_the_area_and_the_centroid_of_its_ellipse(tilt: float, blur: float) -> None:
-    shot = above(PINHOLE, 0.5, tilt, blur=blur)
-    covered = whole((circle(0, 0, 14),), shot)
-    size, centre = conic(shot, 14)
+    shot = look_from_above(PINHOLE, 0.5, tilt, blur=blur)
+    covered = compute_coverage((circle(0, 0, 14),), shot)
+    size, centre = compute_ellipse(shot, 14)
     assert abs(covered.sum() / size - 1) < 1e-6
     v, u = np.mgrid[: covered.shape[0], : covered.shape[1]]
     assert (
@@ -148,8 +148,8 @@ def test_a_part_covers_its_area_and_not_its_holes(name: str | int) -> None:
     square = Lens(
         np.array([[800.0, 0, 99.5], [0, 800, 99.5], [0, 0, 1]]), (0, 0, 0, 0, 0), (200, 200)
     )
-    shot = above(square, 0.5)
-    covered = whole(part, shot)
+    shot = look_from_above(square, 0.5)
+    covered = compute_coverage(part, shot)
     assert covered.sum() * 0.25 == pytest.approx(area(part), rel=1e-6)
     assert -1e-6 < covered.min() < covered.max() < 1 + 1e-6
     for loop in part[1:]:
@@ -158,7 +158,7 @@ def test_a_part_covers_its_area_and_not_its_holes(name: str | int) -> None:
         assert covered[round(v[0]), round(u[0])] < 1e-3
 
 
-def test_areas_by_formula() -> None:
+def test_areas_are_those_of_formulas() -> None:
     assert area((circle(3, 4, 5),)) == pytest.approx(25 * np.pi)
     assert area((hole(circle(3, 4, 5)),)) == pytest.approx(-25 * np.pi)
     assert area((slot(1, 2, 30, 8, 33),)) == pytest.approx(22 * 8 + 16 * np.pi)
@@ -167,14 +167,14 @@ def test_areas_by_formula() -> None:
     )
 
 
-def test_an_edge_is_where_it_is_drawn() -> None:
-    """Pixel centres are whole numbers: an edge through a pixel's middle covers half of it, to one side."""
+def test_an_edge_is_at_its_place_in_the_pixel() -> None:
+    """An edge through the middle of a pixel covers half of it: pixel centres are whole numbers."""
     shot = replace(
-        above(replace(PINHOLE, matrix=np.diag([800.0, 800, 1])), 1.0),
+        look_from_above(replace(PINHOLE, matrix=np.diag([800.0, 800, 1])), 1.0),
         origin=np.array([0, 0, 800.0]),
     )
     shot = replace(shot, rotation=np.diag([1.0, -1, -1]))  # u = x, v = -y
-    covered = whole((box(10, -50, 30.25, -20.5),), shot)
+    covered = compute_coverage((box(10, -50, 30.25, -20.5),), shot)
     assert covered[35, 10] == pytest.approx(0.5, abs=1e-6)
     assert covered[35].sum() == pytest.approx(20.25, abs=1e-5)
     assert covered[:, 20].sum() == pytest.approx(29.5, abs=1e-5)
@@ -183,43 +183,52 @@ def test_an_edge_is_where_it_is_drawn() -> None:
 
 
 def test_coverage_is_that_of_many_samples_in_each_pixel() -> None:
-    """The same part by brute force: 16 x 16 places in each pixel, followed back through the lens, then blurred."""
-    n, blur = 16, 0.7
+    """The comparison samples 16 x 16 places in each pixel through the lens, and blurs them."""
+    samples_per_pixel, blur = 16, 0.7
     lens = replace(
         STRONG, size=(100, 80), matrix=STRONG.matrix - np.array([[0, 0, 30], [0, 0, 20], [0, 0, 0]])
     )
-    shot = above(lens, 0.5, 18, blur=blur)
+    shot = look_from_above(lens, 0.5, 18, blur=blur)
     rim = 4
-    v, u = (np.mgrid[: (80 + 2 * rim) * n, : (100 + 2 * rim) * n] + 0.5) / n - 0.5 - rim
+    v, u = (
+        (
+            np.mgrid[: (80 + 2 * rim) * samples_per_pixel, : (100 + 2 * rim) * samples_per_pixel]
+            + 0.5
+        )
+        / samples_per_pixel
+        - 0.5
+        - rim
+    )
     x, y = work_from_photo(shot, u.ravel(), v.ravel())
-    # How deep each place is in the ring, in steps from one place to the next: half-way in means half of it.
-    deep = np.minimum(13 - np.hypot(x - 1, y - 2), np.hypot(x - 4, y + 1) - 6).reshape(u.shape)
-    inside = (0.5 + deep / np.hypot(*np.gradient(deep))).clip(0, 1)
-    at = np.arange(-rim * n, rim * n + 1) / n
-    kernel = np.exp(-((at / blur) ** 2) / 2)
+    # The distance of each place from the border of the ring, in steps from place to place. A place
+    # on the border counts half.
+    depth = np.minimum(13 - np.hypot(x - 1, y - 2), np.hypot(x - 4, y + 1) - 6).reshape(u.shape)
+    inside = (0.5 + depth / np.hypot(*np.gradient(depth))).clip(0, 1)
+    offsets = np.arange(-rim * samples_per_pixel, rim * samples_per_pixel + 1) / samples_per_pixel
+    kernel = np.exp(-((offsets / blur) ** 2) / 2)
     blurred = cv2.sepFilter2D(inside, cv2.CV_64F, kernel / kernel.sum(), kernel / kernel.sum())
-    expected = blurred.reshape(80 + 2 * rim, n, 100 + 2 * rim, n).mean(axis=(1, 3))[
-        rim:-rim, rim:-rim
-    ]
+    expected = blurred.reshape(
+        80 + 2 * rim, samples_per_pixel, 100 + 2 * rim, samples_per_pixel
+    ).mean(axis=(1, 3))[rim:-rim, rim:-rim]
     part = (circle(1, 2, 13), hole(circle(4, -1, 6)))
-    found = whole(part, shot)
-    assert np.abs(found - expected).max() < 1e-3
-    assert np.abs(found - whole(part, shot, finer=4)).max() < 2e-6
+    fractions = compute_coverage(part, shot)
+    assert np.abs(fractions - expected).max() < 1e-3
+    assert np.abs(fractions - compute_coverage(part, shot, finer=4)).max() < 2e-6
 
 
-def test_what_lies_outside_the_photo_still_counts() -> None:
-    shot = above(PINHOLE, 0.5)
-    covered = whole((box(-200, -5, 10, 5).moved(-np.radians(20), 0),), shot)
-    # Left of the photo's middle it reaches out of the photo.
+def test_the_part_of_a_shape_outside_the_photo_counts() -> None:
+    shot = look_from_above(PINHOLE, 0.5)
+    covered = compute_coverage((box(-200, -5, 10, 5).moved(-np.radians(20), 0),), shot)
+    # The box extends beyond the left side of the photo.
     assert covered[60, :60] == pytest.approx(1, abs=1e-6)
-    assert whole((circle(500, 0, 3),), shot).max() == 0
+    assert compute_coverage((circle(500, 0, 3),), shot).max() == 0
 
 
 # -- light and sensor
 
 
-def test_noise_has_the_variance_that_was_asked_for_and_repeats() -> None:
-    shot = above(PINHOLE, read=2.0, shot=0.02, seed=3)
+def test_noise_has_the_given_variance_and_is_repeatable() -> None:
+    shot = look_from_above(PINHOLE, read=2.0, shot=0.02, seed=3)
     photo = render(Scene(0.4), shot)
     assert photo.tobytes() == render(Scene(0.4), shot).tobytes()
     assert photo.tobytes() != render(Scene(0.4), replace(shot, seed=4)).tobytes()
@@ -228,8 +237,8 @@ def test_noise_has_the_variance_that_was_asked_for_and_repeats() -> None:
     assert photo.var() == pytest.approx(variance, rel=4 * (2 / photo.size) ** 0.5)
 
 
-def test_light_falls_as_told() -> None:
-    shot = above(PINHOLE, gradient=(0.4, -0.2), vignetting=0.3, exposure=1.2)
+def test_light_falls_off_by_the_given_values() -> None:
+    shot = look_from_above(PINHOLE, gradient=(0.4, -0.2), vignetting=0.3, exposure=1.2)
     photo = render(Scene(0.5), shot)
     assert photo.shape == (120, 160)
     assert photo[60, 80] == pytest.approx(0.5 * 1.2 * 255, abs=1)
@@ -240,13 +249,13 @@ def test_light_falls_as_told() -> None:
 @pytest.mark.parametrize(
     ("linear", "code"), [(0.0, 0), (0.002, 7), (0.18, 118), (0.5, 188), (1.0, 255), (2.0, 255)]
 )
-def test_srgb_codes(linear: float, code: int) -> None:
-    """Codes as in tables of IEC 61966-2-1; 18 % grey is 118."""
-    assert np.all(render(Scene(linear), above(PINHOLE, coding="srgb")) == code)
+def test_srgb_codes_are_those_of_the_standard(linear: float, code: int) -> None:
+    """The codes are those of tables of IEC 61966-2-1; 18 % grey is 118."""
+    assert np.all(render(Scene(linear), look_from_above(PINHOLE, coding="srgb")) == code)
 
 
-def test_layers_lie_on_each_other_in_colour() -> None:
-    shot = above(PINHOLE)
+def test_layers_cover_each_other_in_colour() -> None:
+    shot = look_from_above(PINHOLE)
     low, top = Layer((circle(0, 0, 20),), 0.2), Layer((circle(0, 0, 8),), (0.9, 0.5, 0.1))
     photo = render(Scene(0.6, (low, top)), shot)
     assert photo.shape == (120, 160, 3)
@@ -256,16 +265,18 @@ def test_layers_lie_on_each_other_in_colour() -> None:
 
 
 def test_grain_is_fixed_to_the_bench() -> None:
-    """Seen from twice as far away, half of the pixels show what every second one showed before."""
-    far, near = (replace(above(PINHOLE, s), rotation=np.diag([1.0, -1, -1])) for s in (0.5, 0.25))
+    """From twice the distance, one pixel shows the mean of two pixels of the nearer photo."""
+    far, near = (
+        replace(look_from_above(PINHOLE, s), rotation=np.diag([1.0, -1, -1])) for s in (0.5, 0.25)
+    )
     shots = [render(Scene(0.5, texture=0.1), shot).astype(float) for shot in (far, near)]
     assert 8 < shots[0].std() < 18
     inner, halved = shots[0][30:90, 40:120], shots[1].reshape(60, 2, 80, 2).mean(axis=(1, 3))
     assert np.corrcoef(inner.ravel(), halved.ravel())[0, 1] > 0.9
 
 
-def test_files_are_what_was_rendered(tmp_path: Path) -> None:
-    photo = render(Scene(0.5, (Layer((circle(0, 0, 9),), 0.1),)), above(PINHOLE, read=2))
+def test_files_hold_the_rendered_photo(tmp_path: Path) -> None:
+    photo = render(Scene(0.5, (Layer((circle(0, 0, 9),), 0.1),)), look_from_above(PINHOLE, read=2))
     written(tmp_path / "a.png", photo)
     assert np.array_equal(cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED), photo)
     written(tmp_path / "a.jpg", photo)
@@ -275,7 +286,7 @@ def test_files_are_what_was_rendered(tmp_path: Path) -> None:
     )
 
 
-# -- what is printed
+# -- markers and boards
 
 
 def test_markers_and_boards_are_found_by_opencv() -> None:
@@ -295,8 +306,8 @@ def test_markers_and_boards_are_found_by_opencv() -> None:
     board, places = chessboard(9, 6, 20.0)
     rotation, origin = looking(lens, places.mean(), 500 + 370j, 0.34, 20, 200, 5)
     shot = Shot(lens, rotation, origin, read=1.5)
-    found, grid = cv2.findChessboardCornersSB(render(Scene(0.4, board), shot), (9, 6))
-    assert found
+    is_found, grid = cv2.findChessboardCornersSB(render(Scene(0.4, board), shot), (9, 6))
+    assert is_found
     truth = np.column_stack(photo_from_work(shot, places.real, places.imag))
     assert max(np.abs(truth - corner).sum(axis=1).min() for corner in grid.reshape(-1, 2)) < 0.2
 
@@ -305,26 +316,29 @@ def test_markers_and_boards_are_found_by_opencv() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_every_point_of_the_truth_keeps_its_distance(seed: int) -> None:
-    """Distances to the part drawn as a thousand points per piece, whatever the formulas say."""
+def test_each_point_of_the_true_path_has_the_offset_from_the_part(seed: int) -> None:
+    """Distances from the part as 2000 points per piece, independent of the formulas."""
     part = random_part(seed)
     truth = offset_truth(part, 3.0)
-    every = pieces(part)
-    which = np.repeat(np.arange(len(every.start)), 2000)
-    drawn, _ = every.at(which, np.tile(np.linspace(0, 1, 2000), len(every.start)))
+    all_pieces = pieces(part)
+    piece_index = np.repeat(np.arange(len(all_pieces.start)), 2000)
+    drawn, _ = all_pieces.at(piece_index, np.tile(np.linspace(0, 1, 2000), len(all_pieces.start)))
     points = truth.points[::40]
-    gap = np.array([np.abs(drawn - point).min() for point in points])
-    assert np.abs(gap - 3).max() < 1e-3
-    assert np.abs(every.distance(points) - 3).max() < 1e-9
+    distances = np.array([np.abs(drawn - point).min() for point in points])
+    assert np.abs(distances - 3).max() < 1e-3
+    assert np.abs(all_pieces.distance(points) - 3).max() < 1e-9
     foot = points + 3 * truth.normals[::40]
-    assert every.distance(foot).max() < 1e-9
-    # Outside: the part's area has winding number 1 around none of them.
-    turns = [np.angle((np.roll(loop, -1) - points[:, None]) / (loop - points[:, None])).sum(axis=1)
-             for loop in np.split(drawn, np.cumsum([2000 * len(p.points) for p in part])[:-1])]  # fmt: skip
-    assert np.abs(sum(turns)).max() < 1e-6
+    assert all_pieces.distance(foot).max() < 1e-9
+    # The points are outside of the part: the winding number around each of them is 0.
+    lengths = np.cumsum([2000 * len(loop.points) for loop in part])[:-1]
+    windings = np.zeros(len(points))
+    for loop in np.split(drawn, lengths):
+        steps = (np.roll(loop, -1) - points[:, None]) / (loop - points[:, None])
+        windings += np.angle(steps).sum(axis=1)
+    assert np.abs(windings).max() < 1e-6
 
 
-def test_the_truth_of_a_square() -> None:
+def test_the_true_path_of_a_square_has_round_and_sharp_corners() -> None:
     truth = offset_truth((box(0, 0, 20, 10),), 3.0)
     assert set(np.round(truth.points[~truth.sharp].imag, 9)) >= {-3.0, 13.0}
     around = truth.points[truth.sharp]
@@ -332,7 +346,7 @@ def test_the_truth_of_a_square() -> None:
         np.abs(np.abs(around[(around.real > 20) & (around.imag > 10)] - (20 + 10j)) - 3).max()
         < 1e-12
     )
-    # Inside of a frame the path turns in the corners of a smaller square.
+    # The path inside of a frame has the corners of a smaller rectangle.
     inner = offset_truth((box(-50, -50, 50, 50), hole(box(0, 0, 20, 10))), 3.0)
     kinks = inner.points[inner.sharp & (np.abs(inner.points - (10 + 5j)) < 15)]
     assert {(round(z.real), round(z.imag)) for z in kinks.tolist()} == {
@@ -348,7 +362,7 @@ def test_a_hole_too_small_for_the_tool_has_no_path() -> None:
     assert np.abs(small.points).min() > 20
 
 
-def test_path_errors_are_what_was_put_in() -> None:
+def test_path_errors_are_the_errors_that_were_added() -> None:
     part = (
         rounded([(-30, -20, 5), (30, -20, 5), (30, 20, 5), (-30, 20, 5)]),
         hole(circle(0, 0, 9)),
@@ -356,16 +370,16 @@ def test_path_errors_are_what_was_put_in() -> None:
     truth = offset_truth(part, 3.0)
     exact = path_error(truth.points, truth)
     assert max(exact.largest, exact.near, exact.missed) < 1e-9
-    off = path_error(truth.points + 0.02 * truth.normals, truth)
-    assert (off.largest, off.rms) == pytest.approx((0.02, 0.02), abs=1e-9)
-    # On the wrong side of the outline, at the right distance from it.
+    shifted = path_error(truth.points + 0.02 * truth.normals, truth)
+    assert (shifted.largest, shifted.rms) == pytest.approx((0.02, 0.02), abs=1e-9)
+    # The path is on the wrong side of the outline, at the right distance.
     assert path_error(truth.points + 6 * truth.normals, truth).largest > 5
     half = path_error(truth.points[truth.points.real > 0], truth)
     assert half.largest < 1e-9
     assert half.missed == pytest.approx(0.5, abs=0.02)
 
 
-def test_errors_at_sharp_corners_are_told_apart() -> None:
+def test_errors_at_sharp_corners_are_counted_separately() -> None:
     truth = offset_truth((box(-30, -20, 30, 20),), 3.0)
     path = truth.points.copy()
     path[truth.sharp] += 0.3 * truth.normals[truth.sharp]
@@ -395,7 +409,7 @@ def test_plans_are_read_with_their_arcs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("photo", photos(6, 1), ids=lambda photo: f"{photo.name}-{photo.way}")
-def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_job_and_camera_file_describe_the_rendered_photo(photo: Photo, tmp_path: Path) -> None:
     write(tmp_path, photo)
     job, camera = (
         load_job(tmp_path / f"{photo.name}.toml"),
@@ -408,12 +422,12 @@ def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  #
     if photo.way == "markers":
         assert job.camera.markers == "A4"
         return
-    asked = job.camera
+    camera_table = job.camera
     if photo.way == "pose":
-        assert asked.plane_from is not None
-        plane = make_plane(camera, pose_from_values(asked.plane_from))
+        assert camera_table.plane_from is not None
+        plane = make_plane(camera, pose_from_values(camera_table.plane_from))
     else:
-        plane = fit_plane(camera, asked.points_px, asked.points_mm)  # type: ignore[arg-type]
+        plane = fit_plane(camera, camera_table.points_px, camera_table.points_mm)
     assert (
         np.abs(
             distort(camera, map_points(plane.pixel_from_work, mm)) - np.column_stack([u, v])
@@ -423,29 +437,30 @@ def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  #
 
 
 def test_the_empty_bench_is_the_same_without_the_part(tmp_path: Path) -> None:
-    one = photos(1, 1)[0]
-    write(tmp_path, replace(one, empty=True))
+    photo = photos(1, 1)[0]
+    write(tmp_path, replace(photo, empty=True))
     full, bench = (
-        cv2.imread(str(tmp_path / f"{one.name}{what}.png"), cv2.IMREAD_GRAYSCALE)
-        for what in ("", "-empty")
+        cv2.imread(str(tmp_path / f"{photo.name}{suffix}.png"), cv2.IMREAD_GRAYSCALE)
+        for suffix in ("", "-empty")
     )
-    assert load_job(tmp_path / f"{one.name}.toml").image.background.endswith(
-        f"{one.name}-empty.png"
+    assert load_job(tmp_path / f"{photo.name}.toml").image.background.endswith(
+        f"{photo.name}-empty.png"
     )
-    covered = whole(one.loops, one.shot)
+    covered = compute_coverage(photo.loops, photo.shot)
     change = full.astype(float) / bench
     assert change[covered < 1e-6].mean() == pytest.approx(1 / 0.95, abs=0.002)
     assert abs(change[covered > 1 - 1e-6].mean() * 0.95 - 1) > 0.3
 
 
-def test_loops_of_random_parts_stay_apart() -> None:
+def test_the_loops_of_random_parts_keep_a_distance() -> None:
     for seed in range(60):
         part = random_part(seed)
-        for a, b in ((a, b) for i, a in enumerate(part) for b in part[:i]):
-            every = pieces((a,))
-            which = np.repeat(np.arange(len(every.start)), 50)
-            places, _ = every.at(which, np.tile(np.linspace(0, 1, 50), len(every.start)))
-            assert pieces((b,)).distance(places).min() > 0.8
+        for first, second in combinations(part, 2):
+            all_pieces = pieces((second,))
+            piece_index = np.repeat(np.arange(len(all_pieces.start)), 50)
+            fractions = np.tile(np.linspace(0, 1, 50), len(all_pieces.start))
+            places, _ = all_pieces.at(piece_index, fractions)
+            assert pieces((first,)).distance(places).min() > 0.8
         assert all(area((loop,)) < 0 for loop in part[1:])
         outer = pieces(part[:1])
         ends = np.append(outer.start, outer.start[0])

@@ -1,4 +1,4 @@
-"""Every bench runs on its smallest input and prints the tables it promises. What it measures is looked at elsewhere."""
+"""Each bench runs on its smallest input and prints its tables. Other tests check its numbers."""
 
 import json
 import re
@@ -23,16 +23,20 @@ ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
 PROGRAMS = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected"
 NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
-#: Run by the interpreter of an empty environment, see reliability.wheel.
+#: Benches that reliability.wheel runs with the interpreter of an empty environment.
 NOT_FOR_USERS = {"reliability.wheel_cases"}
-#: Installs packages from an index, which no test does: .ci/run runs it whole.
+#: Benches that install packages from an index, which no test does. .ci/run runs them.
 BY_CI = {"reliability.wheel"}
 
 
 class Smoke(NamedTuple):
-    """A command after ``python -m bench.``, with the folder ``{here}`` of small inputs; the rows of its tables, and for
-    columns of the tables the range that all their numbers lie in. needs: why it cannot run, "" if it can. alone: in a
-    process of its own.
+    """A short run of a bench, and its expected output.
+
+    command: words after `python -m bench.`; `{here}` is the folder of small inputs.
+    rows: number of rows of each table.
+    within: range of all numbers in a column, by the name of the column.
+    needs: reason why the bench cannot run, "" if it can.
+    alone: whether it needs a process of its own.
     """
 
     command: str
@@ -43,7 +47,7 @@ class Smoke(NamedTuple):
 
 
 def lacking(module: str = "", *programs: str) -> str:
-    """The reason to skip: the module or each of the programs is missing. Empty without a reason."""
+    """The reason to skip a bench: a missing module or missing programs. "" without a reason."""
     if module and not find_spec(module):
         return f"{module} is not installed"
     if programs and not any(map(shutil.which, programs)):
@@ -54,16 +58,22 @@ def lacking(module: str = "", *programs: str) -> str:
 BROWSERS = "chromium", "chromium-headless-shell"
 FIGURES = {"max mm": (0.0, 1.0), "rms mm": (0.0, 0.6)}
 SMOKES = [
-    Smoke("speed.processes help 251 rfa1 --runs 1", (5,), {"median s": (0.01, 120), "peak MB": (5, 2000)}),
-    # It forks, which a process with threads must not.
+    Smoke(
+        "speed.processes help 251 rfa1 --runs 1",
+        (5,), {"median s": (0.01, 120), "peak MB": (5, 2000)},
+    ),
+    # The bench forks, which is not allowed in a process with threads.
     Smoke("speed.batch {here}/dxf 1 1 1", (4,), {"programs": (1, 1)}, alone=True),
     Smoke(
         "speed.page {here}/dxf 500 0.05 1", (5,), {"points of the program": (50, 20000)},
         lacking("playwright", *BROWSERS),
     ),
-    # They start processes of their own, which a process with threads must not.
+    # These benches start processes, which is not allowed in a process with threads.
     Smoke("reliability.inputs 24 0 1", (12,), {"mutants": (2, 2), "misses": (0, 0)}, alone=True),
-    Smoke("reliability.fuzz svg verify-grbl --examples 5", (2,), {"misses": (0, 0), "examples": (5, 5)}, alone=True),
+    Smoke(
+        "reliability.fuzz svg verify-grbl --examples 5",
+        (2,), {"misses": (0, 0), "examples": (5, 5)}, alone=True,
+    ),
     Smoke(
         "reliability.combinations --count 1", (6,),
         {"cases": (0, 1), "other": (0, 0), "misses": (0, 0)}, alone=True,
@@ -78,20 +88,29 @@ SMOKES = [
         "tours.search 20", (5 if find_spec("numba") else 3,),
         {"paths": (20, 20), "travel, m": (0.15, 0.3), "bound, m": (0.1, 0.3)},
     ),
-    Smoke("tours.drawings {here}/dxf", (1,), {"paths": (9, 9), "as drawn": (150, 250), "default": (80, 150)}),
+    Smoke(
+        "tours.drawings {here}/dxf",
+        (1,), {"paths": (9, 9), "as drawn": (150, 250), "default": (80, 150)},
+    ),
     Smoke("tours.drawings million 50", (1,), {"segments": (500, 500), "chains": (50, 50)}),
     Smoke("tours.lkh 10 4 1", (), {}, lacking("elkai")),
     Smoke("plan.engagement shapes 2", (1,), {"above, mm": (0, 15), "m": (0.3, 3)}),
     Smoke("plan.adaptive {here}/none 'motor plate'", (1,), {"gouged mm2": (0, 0), "s": (100, 300)}),
     Smoke("plan.pocket_series {here}/dxf 1", (1,), {"gouged mm2": (0, 0), "mm": (10, 50000)}),
-    Smoke("plan.pockets shapes 5", (1,), {"bare mm2": (0, 0), "gouged mm2": (0, 0), "paths": (4, 20)}),
-    Smoke("plan.follow {here}/dxf/plate.dxf 3", (1,), {"paths": (7, 7), "working points off mm": (0, 0.02)}),
+    Smoke(
+        "plan.pockets shapes 5", (1,), {"bare mm2": (0, 0), "gouged mm2": (0, 0), "paths": (4, 20)},
+    ),
+    Smoke(
+        "plan.follow {here}/dxf/plate.dxf 3",
+        (1,), {"paths": (7, 7), "working points off mm": (0, 0.02)},
+    ),
     Smoke(
         "plan.proposals {here}/dxf 1", (1,), {"in operations %": (95, 100), "hours": (0.01, 2)},
         lacking("", "rs274"),
     ),
     Smoke(
-        "plan.random_parts 8 0 1", (5,), {"dropped": (0, 0), "deepest gouge mm": (0, 0.011), "holes late": (0, 0)}
+        "plan.random_parts 8 0 1", (5,),
+        {"dropped": (0, 0), "deepest gouge mm": (0, 0.011), "holes late": (0, 0)},
     ),
     Smoke(
         "plan.boards {here}/none 1 400", (4, 2),
@@ -99,31 +118,47 @@ SMOKES = [
     ),
     Smoke("plan.stops copper.dxf", (2,), {"strokes": (2, 17), "pen-down motions": (100, 400)}),
     Smoke("plan.drawing {here}/image", (1,), {"strokes": (8, 8), "off (px)": (0.1, 1.5)}),
-    Smoke("robots.cycle --lines 1000", (10, 2), {"length over speed, s": (1, 60), "time, s": (1, 60)}),
+    Smoke(
+        "robots.cycle --lines 1000", (10, 2), {"length over speed, s": (1, 60), "time, s": (1, 60)},
+    ),
     Smoke("robots.kinematics 20", (11,), {"found again": (100, 100), "mm": (0, 1e-3)}),
-    Smoke("robots.collision 20", (12,), {"differ from the plain loop": (0, 0), "poses/s": (1, 1e9)}),
+    Smoke(
+        "robots.collision 20", (12,), {"differ from the plain loop": (0, 0), "poses/s": (1, 1e9)},
+    ),
     Smoke("robots.rfa paper", (16, 21), {"mm": (8, 210), "s": (0.4, 20)}),
     Smoke("robots.rfa 1 rfa1 'IRB 1200'", (3,), {"nominal": (12, 12), "collide": (0, 0)}),
     Smoke("robots.coverage block", (1,), {"mm": (800, 900), "pieces": (8, 9)}, lacking("OCP")),
     Smoke("robots.set_ups block", (1,), {"two": (16, 16), "left of it": (0, 0)}, lacking("OCP")),
     Smoke("robots.reach_judge none", (0,), {}, lacking("py_opw_kinematics")),
     Smoke("robots.flow rfa1 'IRB 2400'", (2,), {"less": (20, 80)}),
-    Smoke("robots.robotsp made", (2,), {"not reached": (0, 0), "cost": (1, 12), "execution, s": (2, 15)}),
-    Smoke("robots.parts {here} 20 rfa1", (2,), {"of these unfounded": (0, 0), "edges run": (1, 21)}),
+    Smoke(
+        "robots.robotsp made",
+        (2,), {"not reached": (0, 0), "cost": (1, 12), "execution, s": (2, 15)},
+    ),
+    Smoke(
+        "robots.parts {here} 20 rfa1", (2,), {"of these unfounded": (0, 0), "edges run": (1, 21)},
+    ),
     Smoke("robots.urdfs {here}/none 'KR 10'", (1,), {}),
     Smoke("photo.lenses 1", (6, 2), {"photos": (1, 1)}),
     Smoke("photo.masks {here}/image 480 1", (5,), {"parts": (1, 1), "holes": (7, 12)}),
     Smoke("photo.photo render {here}/new 1 1", (), {}),
     Smoke("photo.photo judge {here}/photos", (1, 3), {"built": (1, 1), "max mm": (0, 1)}),
-    Smoke("photo.photo speed {here}/photos paper-1mp 1", (4,), {"best s": (0.01, 120), "peak MB": (20, 2000)}),
+    Smoke(
+        "photo.photo speed {here}/photos paper-1mp 1",
+        (4,), {"best s": (0.01, 120), "peak MB": (20, 2000)},
+    ),
     Smoke("photo.pist --small", (4, 1, 2, 3), FIGURES),
     Smoke("photo.pist --feed --small", (2,), {"off 5 %": (0, 35), "peak": (0.9, 4)}),
     Smoke("photo.burrs 1 2 1", (1, 1), {"missed": (0, 0), "height off: max mm": (0, 0.3)}),
     Smoke("photo.conditions 1 0 1", (2,), {"rms mm": (0, 5)}),
-    Smoke("photo.deviations 1", (8, 4), {"dangerous": (0, 0), "right": (1, 1), "% of all": (1, 60)}),
+    Smoke(
+        "photo.deviations 1", (8, 4), {"dangerous": (0, 0), "right": (1, 1), "% of all": (1, 60)},
+    ),
     Smoke("photo.pieces 1", (6,), {"refused": (0, 1), "pieces drawn": (10, 60), "good": (0, 1)}),
-    Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
-    # LinuxCNC does not start each time, and no test needs it.
+    Smoke(
+        "photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)},
+    ),
+    # LinuxCNC does not start reliably, and no test needs it.
     Smoke("controllers.linuxcnc layers-inside --planned", (1,), {"predicted, s": (4, 6)}),
     Smoke("check.rounding gaps-outside", (3,), {"allowed, mm": (0.01, 0.02), "stops": (5, 20)}),
     Smoke("check.tangent_parts 3", (3,), {"parts": (1, 1), "beyond the tolerance": (0, 0)}),
@@ -136,7 +171,8 @@ SMOKES = [
     Smoke("check.stock_faults 12", (13,), {"missed": (0, 0), "seeded": (1, 12)}),
     Smoke(
         "check.template {here}/dxf alone", (1, 1),
-        {"gouge mm": (0, 0.005), "left unexplained mm2": (0, 0.01), "built": (1, 1), "miss a goal": (0, 0)},
+        {"gouge mm": (0, 0.005), "left unexplained mm2": (0, 0.01), "built": (1, 1),
+         "miss a goal": (0, 0)},
     ),
     Smoke("check.harm {here}/faults", (1, 0), {"found": (1, 1), "faults": (1, 1)}),
     Smoke("languages.choose {here}/none", (7,), {"programs": (0, 0)}),
@@ -145,7 +181,7 @@ SMOKES = [
     Smoke("languages.longest {here}/none", (0,), {}),
     Smoke("languages.coverage {here}/none", (0,), {}),
     Smoke("languages.verdicts {here}/none", (5, 0), {"programs": (25, 190), "examined": (0, 0)}),
-    # They fork, as above.
+    # These benches fork, too.
     Smoke(
         "languages.mutants grbl --every 200", (4,),
         {"mutants": (10, 25), "left over": (0, 0)}, alone=True,
@@ -160,7 +196,7 @@ SMOKES = [
     ),
     Smoke("reliability.code_mutants survivors --last 0", (), {}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
-    # The search for a part that is not in the scan takes ten times as long.
+    # The search for a part that the scan does not show takes ten times as long.
     Smoke("read.one_sided 1 6000 1 - rfa1", (2,), {"runs": (1, 1), "right": (1, 1)}),
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
     Smoke(
@@ -180,15 +216,17 @@ SMOKES = [
     Smoke("read.replay {programs}", (2,), {}, lacking("", "rs274")),
     Smoke("read.programs {programs}", (2,), {"stopped": (0, 0), "refused": (0, 0)}),
     Smoke("read.syntax gcode", (1,), {"differ": (0, 0)}),
-    *(Smoke(f"read.syntax {name}", (1,), {"differ": (0, 0)}) for name in ("rapid", "vplus", "pacscript")),
+    Smoke("read.syntax rapid", (1,), {"differ": (0, 0)}),
+    Smoke("read.syntax vplus", (1,), {"differ": (0, 0)}),
+    Smoke("read.syntax pacscript", (1,), {"differ": (0, 0)}),
     Smoke("read.old_words 1 moves pdispset letp", (6, 3), {"count": (0, 1), "silent": (0, 0)}),
     Smoke("read.translate layers-inside", (6, 14), {"mm apart": (0, 0.022), "s apart": (0, 0.01)}),
 ]  # fmt: skip
 
 
 @pytest.fixture(scope="session")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A drawing, a mesh, a picture, what was measured of them, a photo of a part and photos of a board."""
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with small inputs: drawing, mesh, picture, their truth, photos, faulty programs."""
     folder = tmp_path_factory.mktemp("bench")
     for name, kind in (("plate.dxf", "dxf"), ("rfa1.stl", "mesh"), ("gear.png", "image")):
         (folder / kind).mkdir(exist_ok=True)
@@ -214,24 +252,25 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(
+def run_bench(
     command: str, alone: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> str:
-    """What a bench prints. That it misses a goal (exit code 1) is no matter of a smoke run."""
+    """The output of a bench. A smoke run may miss goals, for which the exit code is 1."""
     module, *words = shlex.split(f"bench.{command}")
     if alone:
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", module, *words],
             cwd=ROOT,
             capture_output=True,
             text=True,
             check=False,
         )
-        assert done.returncode in (0, 1), done.stderr
-        return done.stdout
+        assert process.returncode in (0, 1), process.stderr
+        return process.stdout
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(sys, "argv", [module, *words])
-    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "")  # what a bench unsets is set again afterwards
+    # A bench may unset this variable. monkeypatch sets it to its value afterwards.
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "")
     monkeypatch.delitem(sys.modules, module, raising=False)
     code: object = 0
     try:
@@ -242,41 +281,42 @@ def run(
     return capsys.readouterr().out
 
 
-def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
-    """The head and the rows of every table in Markdown."""
-    found = []
+def read_tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
+    """The head and the rows of each Markdown table in a text."""
+    blocks = []
     for block in re.findall(r"(?:^\|.*\n)+", text, re.M):
-        head, rule, *rows = [
-            [cell.strip() for cell in line.strip().strip("|").split("|")]
-            for line in block.splitlines()
-        ]
+        lines = [line.strip().strip("|").split("|") for line in block.splitlines()]
+        head, rule, *rows = [list(map(str.strip, cells)) for cells in lines]
         assert set("".join(rule)) == {"-"}, block
-        found.append((head, rows))
-    return found
+        blocks.append((head, rows))
+    return blocks
 
 
 @pytest.mark.parametrize("smoke", SMOKES, ids=lambda smoke: smoke.command)
 def test_a_bench_prints_its_tables(
-    smoke: Smoke, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    smoke: Smoke, inputs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if smoke.needs:
         pytest.skip(smoke.needs)
-    text = run(smoke.command.format(here=here, programs=PROGRAMS), smoke.alone, monkeypatch, capsys)
-    found = tables(text)
-    assert not found or machine() in text
-    assert tuple(len(rows) for _, rows in found) == smoke.rows, text
-    for head, rows in found:
+    text = run_bench(
+        smoke.command.format(here=inputs, programs=PROGRAMS), smoke.alone, monkeypatch, capsys
+    )
+    tables = read_tables(text)
+    assert not tables or machine() in text
+    assert tuple(len(rows) for _, rows in tables) == smoke.rows, text
+    for head, rows in tables:
         assert all(len(row) == len(head) for row in rows), text
-    for column, (least, most) in smoke.within.items():
-        cells = [row[head.index(column)] for head, rows in found if column in head for row in rows]
-        numbers = [
-            float(number[0].replace(",", "")) for cell in cells if (number := NUMBER.search(cell))
-        ]
+    for column, (lowest, highest) in smoke.within.items():
+        numbers: list[float] = []
+        for head, rows in tables:
+            cells = [row[head.index(column)] for row in rows] if column in head else []
+            matches = filter(None, map(NUMBER.search, cells))
+            numbers += [float(match[0].replace(",", "")) for match in matches]
         assert numbers, f"{column}: {text}"
-        assert all(least <= number <= most for number in numbers), f"{column}: {text}"
+        assert all(lowest <= number <= highest for number in numbers), f"{column}: {text}"
 
 
-def test_every_bench_has_a_smoke_run_and_a_line_in_its_readme() -> None:
+def test_each_bench_has_a_smoke_run_and_a_line_in_the_readme() -> None:
     commands = {
         ".".join(p.relative_to(ROOT / "bench").with_suffix("").parts).removesuffix(".__main__")
         for p in (ROOT / "bench").rglob("*.py")
@@ -287,6 +327,6 @@ def test_every_bench_has_a_smoke_run_and_a_line_in_its_readme() -> None:
     assert set(re.findall(r"python -m bench\.([\w.]+)", readme)) == commands
 
 
-def test_what_needs_an_index_is_run_by_ci() -> None:
+def test_ci_runs_the_benches_that_need_an_index() -> None:
     lines = (ROOT / ".ci" / "run").read_text()
     assert all(f"-m bench.{name}" in lines for name in BY_CI)

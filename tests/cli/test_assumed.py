@@ -1,4 +1,4 @@
-"""The summary names all that a build takes for granted about the set-up."""
+"""The notes of a build name its assumptions about the set-up."""
 
 from __future__ import annotations
 

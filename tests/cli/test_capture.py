@@ -1,4 +1,4 @@
-"""Pictures from a camera: taken from video files that OpenCV's own writer makes, since no camera is at hand."""
+"""Pictures from a camera, for which video files stand in. OpenCV writes and reads them."""
 
 import socket
 import threading
@@ -24,7 +24,8 @@ from camgen.vision.frames import measure_blur, note_faults
 SIZE = (320, 240)
 
 
-def film(file: Path, frames: Sequence[np.ndarray], codec: str = "MJPG") -> Path:
+def write_video(file: Path, frames: Sequence[np.ndarray], codec: str = "MJPG") -> Path:
+    """Writes a video of 10 frames a second. codec: FFV1 is lossless, MJPG is not."""
     height, width = frames[0].shape[:2]
     writer = cv2.VideoWriter(str(file), cv2.VideoWriter_fourcc(*codec), 10.0, (width, height))
     assert writer.isOpened()
@@ -34,10 +35,15 @@ def film(file: Path, frames: Sequence[np.ndarray], codec: str = "MJPG") -> Path:
     return file
 
 
-def plate(
+def draw_plate(
     blur: float = 0.8, shift: float = 0.0, grey: tuple[float, float] = (50.0, 170.0)
 ) -> np.ndarray:
-    """A dark rectangle on a light bench, grey values before noise."""
+    """A dark rectangle on a light bench, without noise.
+
+    blur: standard deviation, px.
+    shift: distance to the right, px.
+    grey: grey values of rectangle and bench.
+    """
     dark, light = grey
     picture = np.full(SIZE[::-1], light, np.float32)
     picture[60:180, 80:240] = dark
@@ -46,7 +52,8 @@ def plate(
     return cv2.GaussianBlur(picture, (0, 0), blur)
 
 
-def noisy(picture: np.ndarray, count: int, sigma: float = 6.0) -> list[np.ndarray]:
+def add_noise(picture: np.ndarray, count: int, sigma: float = 6.0) -> list[np.ndarray]:
+    """Copies of a picture with normal noise of `sigma` grey values."""
     rng = np.random.default_rng(5)
     return [
         np.clip(picture + rng.normal(0, sigma, picture.shape), 0, 255).astype(np.uint8)
@@ -55,8 +62,8 @@ def noisy(picture: np.ndarray, count: int, sigma: float = 6.0) -> list[np.ndarra
 
 
 @cache
-def sheet_frame(last: int | None = None) -> np.ndarray:
-    """An A4 marker sheet from above; of its markers the first ``last``."""
+def render_sheet(last: int | None = None) -> np.ndarray:
+    """An A4 marker sheet from above. Only its markers before the index `last` are printed."""
     paper = make_sheet("A4")
     lens = Lens(
         np.array([[1800.0, 0, 480], [0, 1800, 340], [0, 0, 1]]), (0, 0, 0, 0, 0), (960, 680)
@@ -75,32 +82,32 @@ def sheet_frame(last: int | None = None) -> np.ndarray:
 
 
 def test_the_noise_falls_with_the_root_of_the_frames(tmp_path: Path) -> None:
-    """Variance of the mean: that of a frame over n, and 1/12 from rounding."""
-    picture = plate()
-    clip = film(tmp_path / "clip.avi", noisy(picture, 25), "FFV1")
+    """The variance of a mean of n frames is 1/n of that of a frame, plus 1/12 for the rounding."""
+    picture = draw_plate()
+    clip = write_video(tmp_path / "clip.avi", add_noise(picture, 25), "FFV1")
     flat = np.s_[70:170, 90:230]
     for frames in (1, 4, 25):
         shot = capture(str(clip), frames)
         assert shot.frames == frames
         noise = float(shot.pixels[flat][..., 1].std())
         assert noise == pytest.approx(np.sqrt(6.0**2 / frames + 1 / 12), rel=0.04)
-        # Frames are cut off to whole numbers when they are made, the mean is rounded.
+        # Frames are truncated to whole grey values, which costs 0.5; the mean is rounded.
         assert float(shot.pixels[flat].mean()) == pytest.approx(50.0 - 0.5, abs=0.2)
 
 
-def test_a_film_gives_the_same_bytes_every_time(tmp_path: Path) -> None:
-    clip = film(tmp_path / "clip.avi", noisy(plate(), 6))
+def test_a_video_gives_the_same_bytes_again(tmp_path: Path) -> None:
+    clip = write_video(tmp_path / "clip.avi", add_noise(draw_plate(), 6))
     for name in ("a.png", "b.png"):
         assert main(["capture", str(clip), "-o", str(tmp_path / name), "-q"]) == 0
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert cv2.imread(str(tmp_path / "a.png")).shape == (SIZE[1], SIZE[0], 3)
 
 
-def test_frames_are_left_out_and_those_there_are_counted(
+def test_skipped_and_missing_frames_are_not_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    frames = [np.full((240, 320, 3), 40, np.uint8)] * 3 + noisy(plate(), 4)
-    clip = film(tmp_path / "clip.avi", frames, "FFV1")
+    frames = [np.full((240, 320, 3), 40, np.uint8)] * 3 + add_noise(draw_plate(), 4)
+    clip = write_video(tmp_path / "clip.avi", frames, "FFV1")
     kept = capture(f"camera:{clip}", skip=3)
     assert kept.frames == 4
     assert kept.pixels[10, 10, 0] == pytest.approx(170, abs=8)
@@ -108,60 +115,66 @@ def test_frames_are_left_out_and_those_there_are_counted(
     assert "320 x 240 px, mean of 4 frames" in capsys.readouterr().err
 
 
-# -- what is wrong
+# -- faults of a picture
 
 
-def told(tmp_path: Path, frames: Sequence[np.ndarray]) -> list[str]:
+def find_faults(tmp_path: Path, frames: Sequence[np.ndarray]) -> list[str]:
+    """The messages about a video of these frames."""
     return [
-        note.what for note in note_faults(capture(str(film(tmp_path / "clip.avi", frames, "FFV1"))))
+        note.what
+        for note in note_faults(capture(str(write_video(tmp_path / "clip.avi", frames, "FFV1"))))
     ]
 
 
 @pytest.mark.parametrize("blur", [0.8, 1.5, 2.6, 4.0])
 def test_blur_is_measured(blur: float) -> None:
-    assert measure_blur(plate(blur).astype(np.uint8)) == pytest.approx(blur, rel=0.06, abs=0.12)
-
-
-def test_a_good_picture_has_nothing_wrong(tmp_path: Path) -> None:
-    assert told(tmp_path, noisy(plate(), 16)) == []
-
-
-def test_a_blurred_picture_is_told(tmp_path: Path) -> None:
-    (what,) = told(tmp_path, noisy(plate(3.5), 8))
-    assert what.startswith("edges are blurred by 3.")
-
-
-def test_a_part_that_moves_is_told(tmp_path: Path) -> None:
-    (what,) = told(
-        tmp_path, [plate(0.8, shift).astype(np.uint8) for shift in np.linspace(0, 6, 12)]
+    assert measure_blur(draw_plate(blur).astype(np.uint8)) == pytest.approx(
+        blur, rel=0.06, abs=0.12
     )
-    assert what.startswith("camera or part moved: 12 frames have edges blurred by ")
 
 
-def test_glare_is_told_with_its_share(tmp_path: Path) -> None:
-    picture = plate()
+def test_a_good_picture_has_no_fault(tmp_path: Path) -> None:
+    assert find_faults(tmp_path, add_noise(draw_plate(), 16)) == []
+
+
+def test_a_blurred_picture_has_a_note(tmp_path: Path) -> None:
+    (message,) = find_faults(tmp_path, add_noise(draw_plate(3.5), 8))
+    assert message.startswith("edges are blurred by 3.")
+
+
+def test_a_part_that_moves_has_a_note(tmp_path: Path) -> None:
+    (message,) = find_faults(
+        tmp_path, [draw_plate(0.8, shift).astype(np.uint8) for shift in np.linspace(0, 6, 12)]
+    )
+    assert message.startswith("camera or part moved: 12 frames have edges blurred by ")
+
+
+def test_glare_has_a_note_with_its_fraction(tmp_path: Path) -> None:
+    picture = draw_plate()
     picture[:36] = 300  # 36 of 240 rows
-    (what,) = told(tmp_path, noisy(picture, 8, 3.0))
-    assert what == "15.0 % of the picture is at full white, 255"
+    (message,) = find_faults(tmp_path, add_noise(picture, 8, 3.0))
+    assert message == "15.0 % of the picture is at full white, 255"
 
 
-def test_a_dark_picture_is_told(tmp_path: Path) -> None:
-    (what,) = told(tmp_path, noisy(plate(grey=(8, 45)), 8, 2.0))
-    assert what.startswith("the picture is dark: its brightest parts have 4")
+def test_a_dark_picture_has_a_note(tmp_path: Path) -> None:
+    (message,) = find_faults(tmp_path, add_noise(draw_plate(grey=(8, 45)), 8, 2.0))
+    assert message.startswith("the picture is dark: its brightest parts have 4")
 
 
-def test_a_covered_lens_is_told(tmp_path: Path) -> None:
-    assert "the picture shows no edges" in told(tmp_path, noisy(np.full((240, 320), 120.0), 4, 2.0))
+def test_a_covered_lens_has_a_note(tmp_path: Path) -> None:
+    assert "the picture shows no edges" in find_faults(
+        tmp_path, add_noise(np.full((240, 320), 120.0), 4, 2.0)
+    )
 
 
-def test_missing_markers_are_told_by_their_numbers(
+def test_missing_markers_are_listed_by_their_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    whole, torn = sheet_frame(), sheet_frame(-2)
+    whole, without_two = render_sheet(), render_sheet(-2)
     ids = make_sheet("A4").ids
     job = Job(camera=CameraTable(markers="A4"))
-    assert note_marks(capture(str(film(tmp_path / "a.avi", [whole] * 3))), job)[1] == ()
-    clip = film(tmp_path / "b.avi", [torn] * 3)
+    assert note_marks(capture(str(write_video(tmp_path / "a.avi", [whole] * 3))), job)[1] == ()
+    clip = write_video(tmp_path / "b.avi", [without_two] * 3)
     (note,) = note_marks(capture(str(clip)), job)[1]
     assert note.what == f"2 markers missing of the {make_sheet('A4').label}: {ids[-2]}, {ids[-1]}"
     command = ["capture", str(clip), "-o", str(tmp_path / "b.png"), "--set", "camera.markers=A4"]
@@ -175,45 +188,47 @@ def test_missing_markers_are_told_by_their_numbers(
     assert not (tmp_path / "b.png").exists()
 
 
-# -- what gives no picture
+# -- sources without a picture
 
 
 @pytest.fixture
 def silent() -> Iterator[int]:
-    """The port of a server that takes connections and never says anything."""
+    """The port of a server that accepts a connection and never sends anything."""
     with socket.create_server(("127.0.0.1", 0)) as server:
-        held: list[socket.socket] = []
-        thread = threading.Thread(target=lambda: held.append(server.accept()[0]), daemon=True)
+        connections: list[socket.socket] = []
+        thread = threading.Thread(
+            target=lambda: connections.append(server.accept()[0]), daemon=True
+        )
         thread.start()
         yield int(server.getsockname()[1])
-        for one in held:
-            one.close()
+        for connection in connections:
+            connection.close()
 
 
-def refused(capsys: pytest.CaptureFixture[str], folder: Path, *words: str) -> str:
-    """The one line of a command that fails and leaves the folder as it was."""
+def read_error(capsys: pytest.CaptureFixture[str], folder: Path, *words: str) -> str:
+    """The one line that a command prints which fails and leaves the folder unchanged."""
     before = sorted(folder.iterdir())
     assert main([*words]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
+    printed = capsys.readouterr()
+    assert printed.out == ""
     assert sorted(folder.iterdir()) == before
-    (line,) = said.err.splitlines()
+    (line,) = printed.err.splitlines()
     return line
 
 
-def test_what_gives_no_picture_is_one_line(
+def test_a_source_without_a_picture_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], silent: int
 ) -> None:
     target = str(tmp_path / "a.png")
     text = tmp_path / "text.avi"
     text.write_text("no video\n" * 100)
     (tmp_path / "empty.avi").touch()
-    clip = film(tmp_path / "clip.avi", noisy(plate(), 3))
-    cut = tmp_path / "cut.avi"
-    cut.write_bytes(clip.read_bytes()[:300])
-    cv2.imwrite(str(tmp_path / "photo.png"), plate())
+    clip = write_video(tmp_path / "clip.avi", add_noise(draw_plate(), 3))
+    cut_off = tmp_path / "cut.avi"
+    cut_off.write_bytes(clip.read_bytes()[:300])
+    cv2.imwrite(str(tmp_path / "photo.png"), draw_plate())
     nothing = "cannot be opened as a camera or a video"
-    for source, what, more in (
+    for source, what, options in (
         ("989", nothing, ()),
         (str(text), nothing, ()),
         (str(tmp_path / "empty.avi"), "is empty", ()),
@@ -228,23 +243,23 @@ def test_what_gives_no_picture_is_one_line(
             ("--timeout", "0.5"),
         ),
     ):
-        line = refused(capsys, tmp_path, "capture", source, "-o", target, *more)
+        line = read_error(capsys, tmp_path, "capture", source, "-o", target, *options)
         assert what in line, line
-    assert refused(capsys, tmp_path, "capture", str(cut), "-o", target).startswith(
-        f"camgen: error: {cut}: "
+    assert read_error(capsys, tmp_path, "capture", str(cut_off), "-o", target).startswith(
+        f"camgen: error: {cut_off}: "
     )
-    assert "lose nothing" in refused(
+    assert "lose nothing" in read_error(
         capsys, tmp_path, "capture", str(clip), "-o", str(tmp_path / "a.jpg")
     )
 
 
-def test_the_film_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    clip = film(tmp_path / "clip.avi", noisy(plate(), 3))
-    twin = clip.rename(tmp_path / "clip.png")
-    assert "clip.png" in refused(capsys, tmp_path, "capture", str(twin), "-o", str(twin))
+def test_the_video_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip = write_video(tmp_path / "clip.avi", add_noise(draw_plate(), 3))
+    source = clip.rename(tmp_path / "clip.png")
+    assert "clip.png" in read_error(capsys, tmp_path, "capture", str(source), "-o", str(source))
 
 
-# -- the same in one step
+# -- capture and build in one step
 
 
 def test_build_from_a_camera_is_capture_and_build(
@@ -256,7 +271,7 @@ def test_build_from_a_camera_is_capture_and_build(
     photo = replace(photo, shot=replace(photo.shot, lens=lens))
     photos.write(tmp_path, photo)
     frames = [render(photo.scene, replace(photo.shot, seed=k)) for k in range(3)]
-    film(tmp_path / "clip.avi", frames, "FFV1")
+    write_video(tmp_path / "clip.avi", frames, "FFV1")
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
     job = ["--post", "pacscript", "--job", f"{photo.name}.toml", "-q"]
@@ -269,11 +284,11 @@ def test_build_from_a_camera_is_capture_and_build(
     assert "camera:clip.avi: 1200 x 858 px, mean of 3 frames" in Path("one.json").read_text()
 
 
-def test_a_build_tells_the_name_that_was_given(
+def test_a_build_names_the_camera_as_on_the_command_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    clip = film(tmp_path / "dark.avi", noisy(plate(3.5), 3))
-    line = refused(
+    clip = write_video(tmp_path / "dark.avi", add_noise(draw_plate(3.5), 3))
+    line = read_error(
         capsys,
         tmp_path,
         "build",

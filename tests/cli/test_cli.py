@@ -39,40 +39,43 @@ Captured = pytest.CaptureFixture[str]
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a plate in it, and nothing else; commands run in it."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which the commands run. It holds plate.dxf and nothing else."""
     (tmp_path / "plate.dxf").write_text(PLATE)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def files(folder: Path) -> set[str]:
+def list_files(folder: Path) -> set[str]:
+    """The files in a folder and its folders, relative to it."""
     return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
 
 
-def error_of(capsys: Captured) -> str:
-    """The one line that was said."""
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1, said.err
-    assert said.err.startswith("camgen: error: ")
-    return said.err.removeprefix("camgen: error: ").rstrip("\n")
+def read_error(capsys: Captured) -> str:
+    """The message of the error, which must be the only line printed."""
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1, printed.err
+    assert printed.err.startswith("camgen: error: ")
+    return printed.err.removeprefix("camgen: error: ").rstrip("\n")
 
 
 # -- build
 
 
 @pytest.mark.parametrize("post", POSTS)
-def test_build_writes_the_program_and_sums_it_up(post: str, here: Path, capsys: Captured) -> None:
+def test_build_writes_the_program_and_prints_a_summary(
+    post: str, folder: Path, capsys: Captured
+) -> None:
     assert main(["build", "plate.dxf", "--post", post]) == 0
-    said = capsys.readouterr()
-    assert said.out == ""
-    (program,) = files(here) - {"plate.dxf"}
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (program,) = list_files(folder) - {"plate.dxf"}
     assert Path(program).stem == "plate"
-    rows = dict(line.split(maxsplit=1) for line in said.err.splitlines())
+    rows = dict(line.split(maxsplit=1) for line in printed.err.splitlines())
     assert rows["input"].startswith("plate.dxf: ")
     assert "2 contours (2 closed, 0 open), layers holes, outline" in rows["input"]
-    # Outside the plate and inside the hole with a 6 mm tool: 300 + 6 pi and 2 pi (10 - 3).
+    # A 6 mm tool outside of the plate and inside of the hole: 300 + 6 pi and 2 pi (10 - 3) mm.
     assert rows["plan"] == "2 paths, work 362.8 mm"
     assert rows["motion"].startswith("verified: 2 contours, ")
     assert rows["stock"] == "not proven: nothing is cut below the top face"
@@ -82,24 +85,24 @@ def test_build_writes_the_program_and_sums_it_up(post: str, here: Path, capsys: 
     equal = r"(verified: )?read back, \d+ instructions equal, largest deviation 0\.00\d+ mm"
     assert re.fullmatch(equal + "(; not in the text: .*)?", rows["text"])
     assert "assumed" in rows
-    assert not re.search(r"[\r\x1b]", said.err)
+    assert not re.search(r"[\r\x1b]", printed.err)
 
 
-def test_line_ends_are_those_of_the_controller(here: Path) -> None:
+def test_line_ends_are_those_of_the_controller(folder: Path) -> None:
     for post in POSTS:
         main(["build", "plate.dxf", "--post", post, "-q", "-o", f"{post}.out"])
     from camgen.post.plugins import find_post  # noqa: PLC0415 (numpy comes with it)
 
     for post in POSTS:
-        data = (here / f"{post}.out").read_bytes()
-        data.decode("ascii")
+        program = (folder / f"{post}.out").read_bytes()
+        program.decode("ascii")
         newline = find_post(post).newline.encode()
-        assert data.count(newline) == data.count(b"\n") > 5
-        assert data.endswith(newline)
+        assert program.count(newline) == program.count(b"\n") > 5
+        assert program.endswith(newline)
 
 
-@pytest.mark.usefixtures("here")
-def test_quiet_says_nothing_and_verbose_says_when(capsys: Captured) -> None:
+@pytest.mark.usefixtures("folder")
+def test_quiet_prints_nothing_and_verbose_prints_times(capsys: Captured) -> None:
     assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
     assert capsys.readouterr() == ("", "")
     assert main(["build", "plate.dxf", "--post", "gcode", "-v"]) == 0
@@ -108,8 +111,8 @@ def test_quiet_says_nothing_and_verbose_says_when(capsys: Captured) -> None:
     )
 
 
-def test_all_outputs_of_one_build(here: Path, capsys: Captured) -> None:
-    (here / "out").mkdir()
+def test_a_build_writes_program_plan_report_and_preview(folder: Path, capsys: Captured) -> None:
+    (folder / "out").mkdir()
     words = [
         "build",
         "plate.dxf",
@@ -121,57 +124,57 @@ def test_all_outputs_of_one_build(here: Path, capsys: Captured) -> None:
         "out/plan.json",
     ]
     assert main([*words, "--report", "out/r.json", "--preview", "out/p.svg"]) == 0
-    assert files(here / "out") == {"part.mod", "plan.json", "r.json", "p.svg"}
-    report = json.loads((here / "out/r.json").read_text())
+    assert list_files(folder / "out") == {"part.mod", "plan.json", "r.json", "p.svg"}
+    report = json.loads((folder / "out/r.json").read_text())
     assert report["files"] == ["part.mod"]
     assert report["verify"]["status"] == "equal"
     assert report["tour"]["work_mm"] == pytest.approx(362.83, abs=0.01)
-    assert (here / "out/p.svg").read_text().startswith("<svg ")
+    assert (folder / "out/p.svg").read_text().startswith("<svg ")
     capsys.readouterr()
     assert main(["verify", "out/part.mod", "--post", "rapid", "--plan", "out/plan.json"]) == 0
     assert "deviation  0.0" in capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("folder")
 def test_the_collector_runs_again_after_a_build() -> None:
     for words in (["plate.dxf"], ["none.dxf"]):
         main(["build", *words, "--post", "gcode", "-q"])
         assert gc.isenabled()
 
 
-def test_same_bytes_twice(here: Path) -> None:
-    for folder in ("a", "b"):
-        (here / folder).mkdir()
+def test_a_second_build_writes_the_same_bytes(folder: Path) -> None:
+    for output in ("a", "b"):
+        (folder / output).mkdir()
         extra = [
-            f"--plan={folder}/a.json",
-            f"--report={folder}/b.json",
-            f"--preview={folder}/c.svg",
+            f"--plan={output}/a.json",
+            f"--report={output}/b.json",
+            f"--preview={output}/c.svg",
         ]
-        assert main(["build", "plate.dxf", "--post", "gcode", "-q", "-o", folder, *extra]) == 0
-    assert files(here / "a") == files(here / "b")
-    for name in files(here / "a"):
-        assert (here / "a" / name).read_bytes() == (here / "b" / name).read_bytes()
+        assert main(["build", "plate.dxf", "--post", "gcode", "-q", "-o", output, *extra]) == 0
+    assert list_files(folder / "a") == list_files(folder / "b")
+    for name in list_files(folder / "a"):
+        assert (folder / "a" / name).read_bytes() == (folder / "b" / name).read_bytes()
 
 
-def test_the_job_beside_the_input_is_used_and_named(here: Path, capsys: Captured) -> None:
-    (here / "plate.toml").write_text("[tool]\ndiameter = 25\n")
+def test_the_job_beside_the_input_is_used_and_named(folder: Path, capsys: Captured) -> None:
+    (folder / "plate.toml").write_text("[tool]\ndiameter = 25\n")
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
-    said = capsys.readouterr().err
-    assert re.search(r"^job +plate\.toml$", said, re.MULTILINE)
-    assert re.search(r"^skipped .*c1.*25 mm tool", said, re.MULTILINE)
+    summary = capsys.readouterr().err
+    assert re.search(r"^job +plate\.toml$", summary, re.MULTILINE)
+    assert re.search(r"^skipped .*c1.*25 mm tool", summary, re.MULTILINE)
     assert main(["build", "plate.dxf", "--post", "gcode", "--set", "tool.diameter=4"]) == 0
     assert "skipped" not in capsys.readouterr().err
-    (here / "other.toml").write_text("[tool]\ndiameter = 4\n")
+    (folder / "other.toml").write_text("[tool]\ndiameter = 4\n")
     assert main(["build", "plate.dxf", "--post", "gcode", "--job", "other.toml"]) == 0
     assert re.search(r"^job +other\.toml$", capsys.readouterr().err, re.MULTILINE)
 
 
-def test_a_job_file_of_another_input_is_told_to_be_unused(here: Path, capsys: Captured) -> None:
-    (here / "second.dxf").write_text(
+def test_the_summary_names_a_job_file_that_is_not_used(folder: Path, capsys: Captured) -> None:
+    (folder / "second.dxf").write_text(
         PLATE.replace("\n20\n", "\n20\n1").replace("\n21\n", "\n21\n1")
     )
-    (here / "second.toml").write_text("")
-    # The sides of the two plates lie on each other in part.
+    (folder / "second.toml").write_text("")
+    # The sides of the two plates overlap in part.
     settings = ["--set", "operation.kind=trace", "--set", "operation.shared=each"]
     assert main(["build", "plate.dxf", "second.dxf", "--post", "gcode", *settings]) == 0
     summary = capsys.readouterr().err
@@ -179,36 +182,36 @@ def test_a_job_file_of_another_input_is_told_to_be_unused(here: Path, capsys: Ca
     assert re.search(r"^plan +4 paths", summary, re.MULTILINE)
 
 
-def test_strict(here: Path, capsys: Captured) -> None:
+def test_strict_refuses_a_build_that_leaves_a_path_out(folder: Path, capsys: Captured) -> None:
     words = ["build", "plate.dxf", "--post", "gcode", "--set", "tool.diameter=25"]
     assert main([*words, "--strict"]) == 3
-    assert re.match(r"plate\.dxf: --strict and 1 left out, first: .*c1", error_of(capsys))
-    assert files(here) == {"plate.dxf"}
+    assert re.match(r"plate\.dxf: --strict and 1 left out, first: .*c1", read_error(capsys))
+    assert list_files(folder) == {"plate.dxf"}
     assert main(words) == 0
 
 
-def test_standard_input(here: Path) -> None:
+def test_a_drawing_is_read_from_standard_input(folder: Path) -> None:
     words = [sys.executable, "-m", "camgen", "build", "-", "--post", "gcode"]
-    done = subprocess.run(
+    process = subprocess.run(
         [*words, "--format", "dxf"], input=PLATE.encode(), capture_output=True, check=False
     )
-    assert done.returncode == 0, done.stderr
-    assert files(here) == {"plate.dxf", "stdin.ngc"}
-    assert b"(part: stdin.dxf)" in (here / "stdin.ngc").read_bytes()
-    for data, what in ((b"", b"the file is empty"), (b"rubbish", b"")):
-        done = subprocess.run(
-            [*words, "--format", "dxf"], input=data, capture_output=True, check=False
+    assert process.returncode == 0, process.stderr
+    assert list_files(folder) == {"plate.dxf", "stdin.ngc"}
+    assert b"(part: stdin.dxf)" in (folder / "stdin.ngc").read_bytes()
+    for bytes_given, message in ((b"", b"the file is empty"), (b"rubbish", b"")):
+        process = subprocess.run(
+            [*words, "--format", "dxf"], input=bytes_given, capture_output=True, check=False
         )
-        assert done.returncode == 2
-        assert done.stderr.startswith(b"camgen: error: -: " + what)
-    done = subprocess.run(words, input=b"x", capture_output=True, check=False)
+        assert process.returncode == 2
+        assert process.stderr.startswith(b"camgen: error: -: " + message)
+    process = subprocess.run(words, input=b"x", capture_output=True, check=False)
     assert (
-        done.stderr
+        process.stderr
         == b"camgen: error: -: standard input has no suffix; give its format, e.g. --format dxf\n"
     )
 
 
-# -- what is refused, with one line, and nothing written
+# -- refused builds: the exit code and the message by the words after `camgen build`
 
 REFUSED = {
     "none.dxf --post gcode": (2, "none.dxf: no such file"),
@@ -217,85 +220,98 @@ REFUSED = {
     "folder --post gcode": (2, "folder: is a folder; name the files in it"),
     "plate.dxf/x --post gcode": (2, "plate.dxf/x: cannot be read: Not a directory"),
     "empty.dxf --post gcode": (2, "empty.dxf: the file is empty"),
-    "/dev/null --post gcode": (2, "/dev/null: is not a regular file; copy it to a file, or use - with --format"),
-    "plate.dxf": (2, "build: the following arguments are required: --post; see camgen build --help"),
-    "plate.dxf --post rapd": (2, "post rapd: is not installed; nearest is rapid; camgen posts lists them"),
+    "/dev/null --post gcode": (
+        2, "/dev/null: is not a regular file; copy it to a file, or use - with --format"),
+    "plate.dxf": (
+        2, "build: the following arguments are required: --post; see camgen build --help"),
+    "plate.dxf --post rapd": (
+        2, "post rapd: is not installed; nearest is rapid; camgen posts lists them"),
     "plate.dxf --post none.py": (2, "none.py: no such file"),
-    "plate.dxf --post gcode --previw x.svg": (2, "build: unknown argument '--previw'; nearest is --preview"),
+    "plate.dxf --post gcode --previw x.svg": (
+        2, "build: unknown argument '--previw'; nearest is --preview"),
     "plate.dxf --post gcode --preview x.pdf": (
         2,
-        "x.pdf: a preview is a page (HTML) or a drawing (SVG, PNG); give a name that ends in .html, .svg or .png",
+        "x.pdf: a preview is a page (HTML) or a drawing (SVG, PNG); "
+        "give a name that ends in .html, .svg or .png",
     ),
     "plate.dxf --post gcode --format dxf": (
         2, "--format: is for standard input; leave it out, or give - as the input"),
     "plate.dxf --post gcode --job none.toml": (
         2,
-        "none.toml: cannot be read: No such file or directory (--job); give a file that can be read",
+        "none.toml: cannot be read: No such file or directory (--job); "
+        "give a file that can be read",
     ),
-    "plate.dxf --post gcode --set post.wrk=1": (2, "job: gcode has no such option ([post] wrk); nearest is work"),
+    "plate.dxf --post gcode --set post.wrk=1": (
+        2, "job: gcode has no such option ([post] wrk); nearest is work"),
     "plate.dxf --post gcode -o plate.dxf": (
         2, "plate.dxf: would overwrite plate.dxf, which is read; give another name"),
-    "plate.dxf --post gcode -o link.dxf": (2, "link.dxf: would overwrite plate.dxf, which is read; give another name"),
+    "plate.dxf --post gcode -o link.dxf": (
+        2, "link.dxf: would overwrite plate.dxf, which is read; give another name"),
     "plate.dxf --post gcode --plan ./plate.dxf": (
         2, "plate.dxf: would overwrite plate.dxf, which is read; give another name"),
     "plate.dxf --post gcode --job a.toml --report a.toml": (
         2, "a.toml: would overwrite a.toml, which is read; give another name"),
     "plate.dxf --post gcode --plan a.json --report a.json": (
         2, "a.json: is named for two outputs; give another name"),
-    "plate.dxf --post gcode --plan plate.ngc": (2, "plate.ngc: is named for two outputs; give another name"),
+    "plate.dxf --post gcode --plan plate.ngc": (
+        2, "plate.ngc: is named for two outputs; give another name"),
     "plate.dxf --post gcode -o none/": (2, "none/: no such folder; make it first"),
     "plate.dxf --post gcode -o none/a.ngc": (
         2, "none/a.ngc: its folder does not exist (none); make the folder first"),
     "plate.dxf --post gcode --plan folder": (2, "folder: is a folder; give a file name"),
-    "plate.dxf --post gcode -o /dev/null": (2, "/dev/null: is not a regular file; give a file name"),
-    "plate.dxf --post gcode -o /proc/a.ngc": (2, "/proc/a.ngc: cannot be written: No such file or directory"),
+    "plate.dxf --post gcode -o /dev/null": (
+        2, "/dev/null: is not a regular file; give a file name"),
+    "plate.dxf --post gcode -o /proc/a.ngc": (
+        2, "/proc/a.ngc: cannot be written: No such file or directory"),
     "plate.dxf plate.dxf --post gcode": (2, "plate.dxf: is given twice; name every input once"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("line", REFUSED)
-def test_a_build_that_is_refused(line: str, here: Path, capsys: Captured) -> None:
-    (here / "folder").mkdir()
-    (here / "empty.dxf").touch()
-    (here / "a.toml").touch()
-    (here / "link.dxf").symlink_to("plate.dxf")
-    before = {name: (here / name).read_bytes() for name in files(here)}
-    code, said = REFUSED[line]
+def test_a_refused_build_prints_one_line_and_writes_nothing(
+    line: str, folder: Path, capsys: Captured
+) -> None:
+    (folder / "folder").mkdir()
+    (folder / "empty.dxf").touch()
+    (folder / "a.toml").touch()
+    (folder / "link.dxf").symlink_to("plate.dxf")
+    before = {name: (folder / name).read_bytes() for name in list_files(folder)}
+    code, message = REFUSED[line]
     assert main(["build", *line.split()]) == code
-    assert error_of(capsys) == said
-    assert {name: (here / name).read_bytes() for name in files(here)} == before
+    assert read_error(capsys) == message
+    assert {name: (folder / name).read_bytes() for name in list_files(folder)} == before
 
 
-def test_the_input_is_never_overwritten_by_its_own_program(here: Path, capsys: Captured) -> None:
-    (here / "plate.ngc").write_text(PLATE)
+def test_the_input_is_never_overwritten_by_its_own_program(folder: Path, capsys: Captured) -> None:
+    (folder / "plate.ngc").write_text(PLATE)
     assert main(["build", "plate.ngc", "--post", "gcode"]) == 2
-    assert "would overwrite plate.ngc" in error_of(capsys)
-    assert (here / "plate.ngc").read_text() == PLATE
+    assert "would overwrite plate.ngc" in read_error(capsys)
+    assert (folder / "plate.ngc").read_text() == PLATE
 
 
 @pytest.mark.parametrize(
     "name",
     ["a plate (2).dxf", "plåte ☃.dxf", "-plate.dxf", "p" * 251 + ".dxf", "PLATE.DXF", "a.b.dxf"],
 )
-def test_unusual_names(name: str, here: Path) -> None:
-    (here / name).write_text(PLATE)
+def test_inputs_with_unusual_names_are_built(name: str, folder: Path) -> None:
+    (folder / name).write_text(PLATE)
     assert main(["build", "--post", "gcode", "--", name]) == 0
-    assert Path(name).stem + ".ngc" in files(here)
-    (here / Path(name).with_suffix(".ngc")).read_bytes().decode("ascii")
+    assert Path(name).stem + ".ngc" in list_files(folder)
+    (folder / Path(name).with_suffix(".ngc")).read_bytes().decode("ascii")
 
 
-@pytest.mark.usefixtures("here")
-def test_a_name_that_is_too_long(capsys: Captured) -> None:
+@pytest.mark.usefixtures("folder")
+def test_a_name_that_is_too_long_is_refused(capsys: Captured) -> None:
     name = "p" * 5000 + ".dxf"
     assert main(["build", name, "--post", "gcode"]) == 2
-    assert error_of(capsys) == f"{name}: cannot be read: File name too long"
+    assert read_error(capsys) == f"{name}: cannot be read: File name too long"
     assert main(["build", "plate.dxf", "--post", "gcode", "-o", name]) == 2
-    assert error_of(capsys) == f"{name}: cannot be written: File name too long"
+    assert read_error(capsys) == f"{name}: cannot be written: File name too long"
 
 
-def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
+def test_a_name_that_is_not_utf_8_is_replaced_in_outputs(folder: Path, capsys: Captured) -> None:
     name = os.fsdecode(b"pl\xe4te.dxf")
-    (here / name).write_text(PLATE)
+    (folder / name).write_text(PLATE)
     assert (
         main(
             [
@@ -313,8 +329,8 @@ def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
         )
         == 0
     )
-    assert json.loads((here / "r.json").read_text())["input"]["source"] == "pl?te.dxf"
-    assert json.loads((here / "p.json").read_text())["name"] == "pl?te"
+    assert json.loads((folder / "r.json").read_text())["input"]["source"] == "pl?te.dxf"
+    assert json.loads((folder / "p.json").read_text())["name"] == "pl?te"
     assert "pl te.dxf" in capsys.readouterr().err
 
 
@@ -322,7 +338,7 @@ def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (
             ["-q"],
@@ -339,16 +355,19 @@ def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
         ),
         (
             ["posts", "-q", "-v"],
-            "posts: argument -v/--verbose: not allowed with argument -q/--quiet; see camgen posts --help",
+            "posts: argument -v/--verbose: not allowed with argument -q/--quiet; "
+            "see camgen posts --help",
         ),
     ],
 )
-def test_wrong_usage(words: list[str], said: str, capsys: Captured) -> None:
+def test_wrong_words_of_the_command_line_are_refused(
+    words: list[str], message: str, capsys: Captured
+) -> None:
     assert main(words) == 2
-    assert error_of(capsys) == said
+    assert read_error(capsys) == message
 
 
-def test_help_and_version(capsys: Captured) -> None:
+def test_help_lists_the_commands(capsys: Captured) -> None:
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"camgen {camgen.__version__}\n"
     assert main(["--help"]) == 0
@@ -358,15 +377,15 @@ def test_help_and_version(capsys: Captured) -> None:
         assert main([command, "--help"]) == 0
 
 
-def test_no_words_at_all_are_a_question(capsys: Captured) -> None:
+def test_camgen_without_words_prints_first_steps(capsys: Captured) -> None:
     assert main([]) == 0
     out = capsys.readouterr().out
     assert out.count("  camgen ") == 3
     assert "docs/first-program.md" in out
 
 
-@pytest.mark.usefixtures("here")
-def test_a_program_on_standard_output_is_the_one_of_a_file(capsys: Captured) -> None:
+@pytest.mark.usefixtures("folder")
+def test_a_program_on_standard_output_is_that_of_a_file(capsys: Captured) -> None:
     assert main(["build", "plate.dxf", "--post", "gcode", "-o", "x.ngc", "-q"]) == 0
     capsys.readouterr()
     assert main(["build", "plate.dxf", "--post", "gcode", "-o", "-"]) == 0
@@ -377,51 +396,57 @@ def test_a_program_on_standard_output_is_the_one_of_a_file(capsys: Captured) -> 
     assert not Path("plate.ngc").exists()
 
 
-@pytest.mark.usefixtures("here")
-def test_what_is_found_can_be_had_as_data(capsys: Captured) -> None:
-    def data(*words: str) -> Any:
+@pytest.mark.usefixtures("folder")
+def test_inspect_posts_robots_and_verify_print_json(capsys: Captured) -> None:
+    def read_json(*words: str) -> Any:
         assert main([*words, "--json"]) == 0
         return json.loads(capsys.readouterr().out)
 
-    assert data("inspect", "plate.dxf")["facts"]["units"] == "mm"
-    assert {post["name"] for post in data("posts")} >= {
+    assert read_json("inspect", "plate.dxf")["facts"]["units"] == "mm"
+    assert {post["name"] for post in read_json("posts")} >= {
         "gcode",
         "grbl",
         "pacscript",
         "rapid",
         "vplus",
     }
-    assert "IRB 2400" in [robot["name"] for robot in data("robots")]
-    assert data("robots", "IRB 2400")["joints"][0]["limits"] == [-180.0, 180.0]
+    assert "IRB 2400" in [robot["name"] for robot in read_json("robots")]
+    assert read_json("robots", "IRB 2400")["joints"][0]["limits"] == [-180.0, 180.0]
     assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
-    assert data("verify", "plate.ngc", "--post", "gcode")["faults"] == []
+    assert read_json("verify", "plate.ngc", "--post", "gcode")["faults"] == []
     Path("bad.ngc").write_text(Path("plate.ngc").read_text().replace("M2", "M2 G5 X1"))
     assert main(["verify", "bad.ngc", "--post", "gcode", "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["faults"][0]["place"].startswith("bad.ngc line ")
 
 
-def test_help_loads_nothing_heavy() -> None:
+def test_help_loads_no_large_library() -> None:
     heavy = {"numpy", "msgspec", "ezdxf", "difflib", "importlib.metadata"}
-    code = f"import sys\nfrom camgen.cli import main\nmain(['--help'])\nprint(sorted({heavy!r} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.endswith("\n[]\n")
+    code = (
+        "import sys\nfrom camgen.cli import main\nmain(['--help'])\n"
+        f"print(sorted({heavy!r} & set(sys.modules)))"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert process.stdout.endswith("\n[]\n")
 
 
 # -- faults, interrupts, pipes
 
 
-@pytest.mark.usefixtures("here")
-def test_a_fault_is_one_line_and_a_traceback_only_on_demand(
+@pytest.mark.usefixtures("folder")
+def test_a_fault_is_one_line_and_has_a_traceback_only_with_vv(
     capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*_: object, **__: object) -> None:
+    def raise_fault(*_: object, **__: object) -> None:
         raise ZeroDivisionError("one\ntwo")
 
-    monkeypatch.setattr("camgen.cli.build.build", broken)
+    monkeypatch.setattr("camgen.cli.build.build", raise_fault)
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 1
-    said = capsys.readouterr().err
-    assert said == (
-        "camgen: fault: ZeroDivisionError: one two; add -vv to the command and report what it prints\n"
+    message = capsys.readouterr().err
+    assert message == (
+        "camgen: fault: ZeroDivisionError: one two; "
+        "add -vv to the command and report what it prints\n"
     )
     assert main(["build", "plate.dxf", "--post", "gcode", "-vv"]) == 1
     assert "Traceback" in capsys.readouterr().err
@@ -430,30 +455,30 @@ def test_a_fault_is_one_line_and_a_traceback_only_on_demand(
 
 
 def test_an_interrupt_is_one_line(
-    here: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+    folder: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*_: object, **__: object) -> None:
+    def raise_interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("camgen.cli.build.build", interrupted)
+    monkeypatch.setattr("camgen.cli.build.build", raise_interrupt)
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 130
     assert capsys.readouterr().err == "camgen: interrupted\n"
-    assert files(here) == {"plate.dxf"}
+    assert list_files(folder) == {"plate.dxf"}
 
 
-def test_a_reader_that_leaves_is_no_fault(here: Path) -> None:
+def test_a_closed_pipe_is_not_a_fault(folder: Path) -> None:
     read, write = os.pipe()
     os.close(read)
     for words in (["posts"], ["build", "plate.dxf", "--post", "gcode"], ["--help"]):
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", "camgen", *words], stdout=write, stderr=write, check=False
         )
-        assert done.returncode == 0
+        assert process.returncode == 0
     os.close(write)
-    assert "plate.ngc" in files(here)
+    assert "plate.ngc" in list_files(folder)
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("folder")
 def test_a_stage_is_shown_on_a_terminal_only(
     capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -461,9 +486,9 @@ def test_a_stage_is_shown_on_a_terminal_only(
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
-    said = capsys.readouterr().err
-    assert "\r\x1b[2Kreading ..." in said
-    assert "\x1b[32mmotion" in said
+    printed = capsys.readouterr().err
+    assert "\r\x1b[2Kreading ..." in printed
+    assert "\x1b[32mmotion" in printed
     monkeypatch.setenv("NO_COLOR", "1")
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
     assert "\x1b[32m" not in capsys.readouterr().err
@@ -472,21 +497,22 @@ def test_a_stage_is_shown_on_a_terminal_only(
 # -- writing
 
 
-def test_a_failed_build_spoils_no_old_file(here: Path, capsys: Captured) -> None:
-    (here / "plate.ngc").write_text("(camgen old)")
+def test_a_failed_build_keeps_old_files(folder: Path, capsys: Captured) -> None:
+    (folder / "plate.ngc").write_text("(camgen old)")
     assert main(["build", "plate.dxf", "--post", "gcode", "--set", "tool.diameter=x"]) == 2
     assert main(["build", "plate.dxf", "--post", "gcode", "--report", "/proc/r.json"]) == 2
     assert "/proc/r.json: cannot be written" in capsys.readouterr().err
-    assert files(here) == {"plate.dxf", "plate.ngc"}
-    assert (here / "plate.ngc").read_text() == "(camgen old)"
+    assert list_files(folder) == {"plate.dxf", "plate.ngc"}
+    assert (folder / "plate.ngc").read_text() == "(camgen old)"
 
 
-def test_a_full_disk_spoils_nothing(here: Path) -> None:
-    (here / "plate.svg").write_text("old")
-    (here / "plate.ngc").write_text("(camgen old program)")
+def test_a_full_disk_keeps_old_files(folder: Path) -> None:
+    (folder / "plate.svg").write_text("old")
+    (folder / "plate.ngc").write_text("(camgen old program)")
 
-    def small_disk() -> None:
-        # The program (about 1 kB) fits, the preview does not. Python ignores SIGXFSZ, so the write fails.
+    def limit_file_size() -> None:
+        # The program (about 1 kB) fits, the preview does not. Python ignores SIGXFSZ, so that the
+        # write raises an error.
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
 
     words = [
@@ -501,37 +527,39 @@ def test_a_full_disk_spoils_nothing(here: Path) -> None:
         "--preview",
         "plate.svg",
     ]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, preexec_fn=small_disk)
-    assert done.returncode == 2
-    assert done.stderr == "camgen: error: plate.svg: cannot be written: File too large\n"
-    assert files(here) == {"plate.dxf", "plate.svg", "plate.ngc"}
-    assert (here / "plate.svg").read_text() == "old"
-    assert (here / "plate.ngc").read_text() == "(camgen old program)"
+    process = subprocess.run(
+        words, capture_output=True, text=True, check=False, preexec_fn=limit_file_size
+    )
+    assert process.returncode == 2
+    assert process.stderr == "camgen: error: plate.svg: cannot be written: File too large\n"
+    assert list_files(folder) == {"plate.dxf", "plate.svg", "plate.ngc"}
+    assert (folder / "plate.svg").read_text() == "old"
+    assert (folder / "plate.ngc").read_text() == "(camgen old program)"
 
 
-@pytest.mark.parametrize("stop", [0, 1, 2])
+@pytest.mark.parametrize("failing_call", [0, 1, 2])
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, OSError(28, "No space left on device")])
 @pytest.mark.parametrize("after", [False, True])
-def test_all_files_or_none(
-    stop: int,
+def test_a_failed_write_keeps_all_old_files_and_leaves_no_new_ones(
+    failing_call: int,
     kind: type[BaseException] | BaseException,
     after: bool,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The renaming of file number ``stop`` fails, before or just after it happened: old files stay, new ones go."""
+    """The renaming number `failing_call` raises, before or after the file has its new name."""
     (tmp_path / "old").write_text("old")
     (tmp_path / "older").write_text("older")
     names = ["old", "new", "older"]
-    real, calls = os.replace, []
+    os_replace, calls = os.replace, []
 
     def replace(source: Path, target: Path) -> None:
         calls.append(target)
-        if len(calls) == stop + 1:
+        if len(calls) == failing_call + 1:
             if after:
-                real(source, target)
+                os_replace(source, target)
             raise kind
-        real(source, target)
+        os_replace(source, target)
 
     monkeypatch.setattr("os.replace", replace)
     with pytest.raises((KeyboardInterrupt, JobError)):
@@ -539,16 +567,16 @@ def test_all_files_or_none(
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"old": "old", "older": "older"}
 
 
-def test_writing_keeps_rights_and_follows_links(tmp_path: Path) -> None:
+def test_writing_keeps_permissions_and_follows_links(tmp_path: Path) -> None:
     real, link, fresh = tmp_path / "real", tmp_path / "link", tmp_path / "fresh"
     real.write_text("old")
     real.chmod(0o640)
     link.symlink_to(real)
-    before = os.umask(0o027)
+    old_umask = os.umask(0o027)
     try:
         write_all([(link, b"new"), (fresh, b"new")], {})
     finally:
-        os.umask(before)
+        os.umask(old_umask)
     assert link.is_symlink()
     assert real.read_text() == fresh.read_text() == "new"
     assert stat.S_IMODE(real.stat().st_mode) == 0o640
@@ -556,7 +584,7 @@ def test_writing_keeps_rights_and_follows_links(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_writing_into_what_is_no_folder(tmp_path: Path) -> None:
+def test_writing_below_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(JobError, match="cannot be written: Not a directory"):
         write_all([(tmp_path / "a", b"1"), (tmp_path / "file" / "b", b"2")], {})
@@ -566,30 +594,30 @@ def test_writing_into_what_is_no_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("post", ["gcode", "grbl"])
-def test_a_cut_with_the_spindle_at_rest_is_told_in_a_line(
-    post: str, here: Path, capsys: Captured
+def test_a_cut_with_the_spindle_at_rest_is_refused(
+    post: str, folder: Path, capsys: Captured
 ) -> None:
-    before = files(here)
+    before = list_files(folder)
     assert main(["build", "plate.dxf", "--post", post, "--set", "operation.depth=3"]) == 2
     remedy = (
         'set it to the speed in rpm, or process.switch to "contact" for a laser or a plasma torch'
     )
     assert (
-        error_of(capsys)
+        read_error(capsys)
         == f"job: a cut of 3 mm with the spindle at rest (process.spindle); {remedy}"
     )
-    (here / "deep.toml").write_text("[operation]\ndepth = 3\n")
+    (folder / "deep.toml").write_text("[operation]\ndepth = 3\n")
     assert main(["build", "plate.dxf", "--post", post, "--job", "deep.toml"]) == 2
-    assert error_of(capsys).startswith(
+    assert read_error(capsys).startswith(
         "deep.toml: a cut of 3 mm with the spindle at rest (process.spindle); "
     )
-    assert files(here) == before | {"deep.toml"}
+    assert list_files(folder) == before | {"deep.toml"}
 
 
 # -- the plan file
 
 
-def test_a_plan_reads_back_to_the_last_bit() -> None:
+def test_a_plan_is_read_back_without_rounding() -> None:
     turned = Pose(rotation_from_fixed_xyz(0.1, 0.2, 3.0), (1 / 3, 2e-17, -7.1))
     down = Pose(TOOL_DOWN, (1.1, 2 / 3, 3.0))
     body = (
@@ -615,20 +643,22 @@ def test_a_plan_reads_back_to_the_last_bit() -> None:
     assert (plan.post, plan.options, plan.chord) == ("rapid", {"x": 1, "y": [1.5, "a"]}, 0.01)
     assert dump(plan.program) == dump(program)
     assert encode(plan.program, plan.post, plan.options, plan.chord) == data
-    move, turn = plan.program.body[6:8]
-    assert isinstance(turn, MoveL)
-    assert (move.turn, turn.turn) == (0.0, math.pi / 3)
+    move, reorientation = plan.program.body[6:8]
+    assert isinstance(reorientation, MoveL)
+    assert (move.turn, reorientation.turn) == (0.0, math.pi / 3)
     assert isinstance(move, MoveL)
     assert move.target.origin == turned.origin
     assert (move.target.rotation == turned.rotation).all()
     loaded = json.loads(data)
     assert loaded["format"] == "camgen-plan 2"
-    assert [line["do"] for line in loaded["body"]] == [type(item).__name__.lower() for item in body]
+    assert [line["do"] for line in loaded["body"]] == [
+        type(instruction).__name__.lower() for instruction in body
+    ]
     assert ["turn" in line for line in loaded["body"]].count(True) == 1
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         (
             '"turn":1.5',
@@ -639,16 +669,18 @@ def test_a_plan_reads_back_to_the_last_bit() -> None:
         ('"turn":1.5', '"turn":"fast"', "Expected `float | null`, got `str` - at `$.body[2].turn`"),
     ],
 )
-def test_a_plan_whose_turn_has_no_speed_is_refused(old: str, new: str, says: str) -> None:
-    there = Pose(rotation_from_fixed_xyz(0.0, 0.0, 1.0), (1.0, 2.0, 3.0))
+def test_a_plan_with_a_reorientation_without_speed_is_refused(
+    old: str, new: str, message: str
+) -> None:
+    pose = Pose(rotation_from_fixed_xyz(0.0, 0.0, 1.0), (1.0, 2.0, 3.0))
     body = (
         MoveJ(Joints((0.1,)), 9.0),
-        MoveL(there, 9.0),
+        MoveL(pose, 9.0),
         MoveL(Pose(TOOL_DOWN, (1.0, 2.0, 3.0)), 9.0, turn=1.5),
     )
-    data = encode(Program("a", there, there, body), "rapid", {}, 0.01)
+    data = encode(Program("a", pose, pose, body), "rapid", {}, 0.01)
     assert old.encode() in data
-    with pytest.raises((CamgenError, ValueError), match=re.escape(says)):
+    with pytest.raises((CamgenError, ValueError), match=re.escape(message)):
         decode(data.replace(old.encode(), new.encode()))
 
 
@@ -656,21 +688,22 @@ def test_a_plan_whose_turn_has_no_speed_is_refused(old: str, new: str, says: str
 
 
 @pytest.fixture
-def built(here: Path, capsys: Captured) -> Path:
+def built(folder: Path, capsys: Captured) -> Path:
     assert main(["build", "plate.dxf", "--post", "rapid", "--plan", "plan.json"]) == 0
     capsys.readouterr()
-    return here
+    return folder
 
 
 @pytest.mark.usefixtures("built")
-def test_verify_sums_the_motion_up(capsys: Captured) -> None:
+def test_verify_summarises_the_motion(capsys: Captured) -> None:
     assert main(["verify", "plate.mod", "--post", "rapid"]) == 0
-    said = capsys.readouterr()
-    assert said.err == ""
-    rows = dict(line.split(maxsplit=1) for line in said.out.splitlines())
-    # The plate's outline is 3 mm outside, its corners are quarter circles; the hole is 3 mm inside.
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    rows = dict(line.split(maxsplit=1) for line in printed.out.splitlines())
+    # The path runs 3 mm outside of the plate, with quarter circles at its corners, and 3 mm inside
+    # of the hole.
     assert rows["extents"] == "x -3 to 103, y -3 to 53, z 0 to 20 mm"
-    assert rows["output"] == "doProcess: 0, 1"  # in the order in which they come: off first
+    assert rows["output"] == "doProcess: 0, 1"  # in the order of the program: off first
     assert rows["arcs"] == "62.8 mm"  # 6 pi around the corners, 14 pi in the hole
     assert rows["speed"].endswith("to 100 mm/s")
 
@@ -681,22 +714,22 @@ def test_verify_finds_a_changed_number(built: Path, capsys: Captured) -> None:
     assert changed != text
     (built / "plate.mod").write_text(changed)
     assert main(["verify", "plate.mod", "--post", "rapid", "--plan", "plan.json"]) == 4
-    assert error_of(capsys).startswith("plate.mod: instruction ")
+    assert read_error(capsys).startswith("plate.mod: instruction ")
 
 
 def test_verify_lists_faults_by_line(built: Path, capsys: Captured) -> None:
     lines = (built / "plate.mod").read_text().splitlines()
-    at = next(k for k, line in enumerate(lines) if "MoveL" in line)
-    lines[at] = lines[at].replace("MoveL", "MoveQ")
+    index = next(k for k, line in enumerate(lines) if "MoveL" in line)
+    lines[index] = lines[index].replace("MoveL", "MoveQ")
     (built / "plate.mod").write_text("\n".join(lines) + "\n")
     assert main(["verify", "plate.mod", "--post", "rapid", "--plan", "plan.json"]) == 2
-    said = capsys.readouterr()
-    assert f"plate.mod line {at + 1}: " in said.out
-    assert re.match(r"camgen: error: plate\.mod: \d+ faults?, first: ", said.err)
+    printed = capsys.readouterr()
+    assert f"plate.mod line {index + 1}: " in printed.out
+    assert re.match(r"camgen: error: plate\.mod: \d+ faults?, first: ", printed.err)
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("none.mod --post rapid", "none.mod: cannot be read: No such file or directory"),
         ("empty.mod --post rapid", "empty.mod: is empty; give a program"),
@@ -712,52 +745,54 @@ def test_verify_lists_faults_by_line(built: Path, capsys: Captured) -> None:
         ),
     ],
 )
-def test_verify_refuses(line: str, said: str, built: Path, capsys: Captured) -> None:
+def test_verify_refuses_files_that_are_not_programs(
+    line: str, message: str, built: Path, capsys: Captured
+) -> None:
     (built / "empty.mod").touch()
     (built / "binary.mod").write_bytes(b"a\0b")
     assert main(["verify", *line.split()]) == 2
-    assert error_of(capsys).startswith(said)
+    assert read_error(capsys).startswith(message)
 
 
-@pytest.mark.usefixtures("here")
-def test_inspect_lists_the_contours_that_a_job_may_choose(capsys: Captured) -> None:
+@pytest.mark.usefixtures("folder")
+def test_inspect_lists_the_contours_with_their_ids(capsys: Captured) -> None:
     assert main(["inspect", "plate.dxf", "-v"]) == 0
-    said = capsys.readouterr().out
-    assert "c1: closed, 20 x 20 mm around 50, 25, layer holes\n" in said
-    assert "c2: closed, 100 x 50 mm around 50, 25, layer outline\n" in said
+    printed = capsys.readouterr().out
+    assert "c1: closed, 20 x 20 mm around 50, 25, layer holes\n" in printed
+    assert "c2: closed, 100 x 50 mm around 50, 25, layer outline\n" in printed
     assert main(["inspect", "plate.dxf", "-v", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["contours"]
-    assert [one["id"] for one in listed] == ["c1", "c2"]
+    assert [contour["id"] for contour in listed] == ["c1", "c2"]
     assert main(["build", "plate.dxf", "--post", "gcode", "--set", 'tour.order=["c99"]']) == 2
     assert "camgen inspect -v shows their ids" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("here")
-def test_inspect_shows_what_is_in_the_file(capsys: Captured) -> None:
+@pytest.mark.usefixtures("folder")
+def test_inspect_shows_layers_and_entities(capsys: Captured) -> None:
     assert main(["inspect", "plate.dxf"]) == 0
-    said = capsys.readouterr()
-    assert said.err == ""
+    printed = capsys.readouterr()
+    assert printed.err == ""
     for word in ("holes", "outline", "CIRCLE", "LINE"):
-        assert word in said.out
+        assert word in printed.out
     assert main(["inspect", "plat.dxf"]) == 2
-    assert error_of(capsys) == "plat.dxf: no such file; nearest is plate.dxf"
+    assert read_error(capsys) == "plat.dxf: no such file; nearest is plate.dxf"
 
 
-def test_init_writes_a_job_file_once(here: Path, capsys: Captured) -> None:
+def test_init_writes_a_job_file_once(folder: Path, capsys: Captured) -> None:
     assert main(["init", "plate.dxf"]) == 0
     capsys.readouterr()
-    text = (here / "plate.toml").read_text()
+    text = (folder / "plate.toml").read_text()
     assert main(["init", "plate.dxf"]) == 2
-    assert error_of(capsys) == "plate.toml: exists; rename it, or delete it to get a new one"
+    assert read_error(capsys) == "plate.toml: exists; rename it, or delete it to get a new one"
     assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
-    first = (here / "plate.ngc").read_bytes()
-    (here / "plate.toml").unlink()
+    first = (folder / "plate.ngc").read_bytes()
+    (folder / "plate.toml").unlink()
     assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
-    assert (here / "plate.ngc").read_bytes() == first
+    assert (folder / "plate.ngc").read_bytes() == first
     assert "diameter = 6.0" in text
 
 
-def test_posts_lists_all_and_says_why_one_is_broken(
+def test_posts_lists_all_posts_and_the_fault_of_a_broken_plug_in(
     capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from camgen.post.plugins import Installed, list_installed  # noqa: PLC0415 (numpy comes with it)
@@ -774,40 +809,46 @@ def test_posts_lists_all_and_says_why_one_is_broken(
     assert lines[-1].endswith("our-posts 1.0  broken: plug-in ours: no module named x")
 
 
-# -- how numbers are told
+# -- numbers in messages
 
 
-def test_numbers_for_people() -> None:
-    say = camgen.cli.say
+def test_durations_lengths_and_sizes_have_readable_units() -> None:
+    formats = camgen.cli.say
     assert [camgen.model.text.duration(s) for s in (0.44, 9.99, 59.6, 61, 3599.6, 7260)] == [
         "0.4 s", "10.0 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "2 h 01 min",
     ]  # fmt: skip
-    assert [say.format_length(mm) for mm in (0.04, 9999.94, 12345.6)] == [
+    assert [formats.format_length(mm) for mm in (0.04, 9999.94, 12345.6)] == [
         "0.0 mm",
         "9999.9 mm",
         "12.35 m",
     ]
-    assert [say.format_size(n) for n in (1, 9999, 10_000, 12_345_678)] == [
+    assert [formats.format_size(n) for n in (1, 9999, 10_000, 12_345_678)] == [
         "1 byte",
         "9 999 bytes",
         "10 kB",
         "12.3 MB",
     ]
-    assert say.join_names(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
+    assert formats.join_names(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
 
 
 @pytest.mark.parametrize("fast", [False, True])
-def test_what_the_compiled_search_would_bring_is_said_where_it_would(
-    fast: bool, here: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+def test_the_summary_recommends_the_compiled_search_only_where_it_helps(
+    fast: bool, folder: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """1,300 lines, of which the compiled search finds a shorter order in the same time."""
+    """The compiled search finds a shorter order of 1,300 lines in the same time.
+
+    The hint is missing if it is installed, or if the method or the time of the search is given.
+    """
     if fast and importlib.util.find_spec("numba") is None:
         pytest.skip("numba (extra fast) is not installed")
     monkeypatch.setattr(search, "available", lambda: fast)
     monkeypatch.setattr(speed, "available", lambda: fast)
     lines = "".join(f'<path d="M{5 * (k % 40)} {5 * (k // 40)}h2"/>' for k in range(1300))
-    sheet = '<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="300mm" viewBox="0 0 300 300">'
-    (here / "many.svg").write_text(f"{sheet}{lines}</svg>")
+    sheet = (
+        '<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="300mm" '
+        'viewBox="0 0 300 300">'
+    )
+    (folder / "many.svg").write_text(f"{sheet}{lines}</svg>")
     build = [
         "build",
         "many.svg",
@@ -818,30 +859,32 @@ def test_what_the_compiled_search_would_bring_is_said_where_it_would(
         "--set",
         "operation.kind=trace",
     ]
-    for words, said in (
+    for settings, has_hint in (
         ([], not fast),
         (["tour.method=nearest"], False),
         (["tour.seconds=0.001"], False),
     ):
-        assert main([*build, *(one for word in words for one in ("--set", word))]) == 0
-        told = capsys.readouterr().err
+        extra = ["--set", *settings] if settings else []
+        assert main([*build, *extra]) == 0
+        summary = capsys.readouterr().err
         assert (
             "; the extra fast (pip install '.[fast]' in the folder of camgen) "
-            "searches farther in this time" in told
-        ) == said
-        assert told.count("'.[fast]'") == said
-        assert ("local search, compiled: " in told) == (fast and not words)
+            "searches farther in this time" in summary
+        ) == has_hint
+        assert summary.count("'.[fast]'") == has_hint
+        assert ("local search, compiled: " in summary) == (fast and not settings)
 
 
 @pytest.mark.parametrize(("words", "code"), [(["--version"], 0), (["inspect", "none.dxf"], 2)])
-def test_a_process_ends_at_once_but_not_before_what_libraries_asked_for(
-    words: list[str], code: int
-) -> None:
-    program = "import atexit, sys\nfrom camgen.cli import run\natexit.register(print, 'the last word')\nrun()"
-    done = subprocess.run(
+def test_a_process_ends_after_the_exit_functions_of_libraries(words: list[str], code: int) -> None:
+    program = (
+        "import atexit, sys\nfrom camgen.cli import run\n"
+        "atexit.register(print, 'the last word')\nrun()"
+    )
+    process = subprocess.run(
         [sys.executable, "-c", program, *words], capture_output=True, text=True, check=False
     )
-    assert done.returncode == code
-    assert done.stdout.endswith("the last word\n")
-    assert ("camgen 0.1.0" in done.stdout) == (code == 0)
-    assert done.stderr.count("\n") == (code != 0)
+    assert process.returncode == code
+    assert process.stdout.endswith("the last word\n")
+    assert ("camgen 0.1.0" in process.stdout) == (code == 0)
+    assert process.stderr.count("\n") == (code != 0)

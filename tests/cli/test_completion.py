@@ -22,38 +22,39 @@ COMMANDS = set(make_parsers()[1])
 def script(
     request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> Path:
-    """The completion script of the shell that is asked for."""
+    """The completion script of the shell that the parameter names."""
     assert main(["completion", request.param]) == 0
-    said = capsys.readouterr()
-    assert said.err == ""
+    printed = capsys.readouterr()
+    assert printed.err == ""
     file = tmp_path / f"camgen.{request.param}"
-    file.write_text(said.out)
+    file.write_text(printed.out)
     return file
 
 
-def completed_by_bash(script: Path, folder: Path, *words: str) -> set[str]:
-    """What bash offers for the last of the words, which it has cut as it does at a prompt."""
+def complete_in_bash(script: Path, folder: Path, *words: str) -> set[str]:
+    """The words that bash offers for the last word. `words` are split as bash splits a line."""
     code = (
-        f"source {script}; COMP_WORDS=({' '.join(repr(word) for word in words)}); COMP_CWORD={len(words) - 1}\n"
+        f"source {script}; COMP_WORDS=({' '.join(repr(word) for word in words)}); "
+        f"COMP_CWORD={len(words) - 1}\n"
         '_camgen\n(( ${#COMPREPLY[@]} )) && printf "%s\\n" "${COMPREPLY[@]}"; true'
     )
-    done = subprocess.run(
+    process = subprocess.run(
         ["bash", "--norc", "-c", code], cwd=folder, capture_output=True, text=True, check=True
     )
-    assert done.stderr == ""
-    return set(done.stdout.splitlines())
+    assert process.stderr == ""
+    return set(process.stdout.splitlines())
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
 @pytest.mark.parametrize("script", ["bash"], indirect=True)
-def test_bash(script: Path, tmp_path: Path) -> None:
+def test_bash_completes_commands_options_settings_and_files(script: Path, tmp_path: Path) -> None:
     folder = tmp_path / "folder"
     folder.mkdir()
     (folder / "my part.dxf").touch()
     (folder / "own.py").touch()
 
     def offered(*words: str) -> set[str]:
-        return completed_by_bash(script, folder, "camgen", *words)
+        return complete_in_bash(script, folder, "camgen", *words)
 
     assert offered("") == COMMANDS | {"--help", "--version"}
     assert offered("ba") == {"batch"}
@@ -94,16 +95,16 @@ def test_bash(script: Path, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(shutil.which("fish") is None, reason="fish is not installed")
 @pytest.mark.parametrize("script", ["fish"], indirect=True)
-def test_fish(script: Path, tmp_path: Path) -> None:
+def test_fish_completes_commands_options_settings_and_files(script: Path, tmp_path: Path) -> None:
     (tmp_path / "part.dxf").touch()
 
     def offered(line: str) -> set[str]:
         command = ["fish", "--no-config", "-c", f"source {script}; complete -C '{line}'"]
         home = os.environ | {"HOME": str(tmp_path)}
-        done = subprocess.run(
+        process = subprocess.run(
             command, cwd=tmp_path, env=home, capture_output=True, text=True, check=True
         )
-        return {said.split("\t")[0] for said in done.stdout.splitlines()}
+        return {row.split("\t")[0] for row in process.stdout.splitlines()}
 
     assert offered("camgen ") == COMMANDS
     assert offered("camgen build p") == {"part.dxf"}
@@ -120,10 +121,10 @@ def test_fish(script: Path, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")
 @pytest.mark.parametrize("script", ["zsh"], indirect=True)
-def test_zsh(script: Path, tmp_path: Path) -> None:
-    """Asked by the Tab key at the prompt of a zsh of its own."""
+def test_zsh_completes_commands_options_settings_and_files(script: Path, tmp_path: Path) -> None:
+    """The Tab key is pressed at the prompt of a new zsh, after either way of loading the script."""
     (tmp_path / "part.dxf").touch()
-    for how, typed, wanted in (
+    for source, typed, wanted in (
         ("source", "camgen inspe", "camgen inspect"),
         ("eval", "camgen inspe", "camgen inspect"),
         ("source", "camgen build par", "camgen build part.dxf"),
@@ -138,20 +139,20 @@ def test_zsh(script: Path, tmp_path: Path) -> None:
         ),
         ("source", "camgen robots irb240", "camgen robots irb2400"),
     ):
-        taken = {"source": f"source {script}", "eval": f'eval "$(<{script})"'}[how]
+        load = {"source": f"source {script}", "eval": f'eval "$(<{script})"'}[source]
         lines = (
             "autoload -U compinit",
             "compinit -u -D",
-            taken,
+            load,
             "PROMPT='ready> '",
             "bindkey '^I' complete-word",
         )
         (tmp_path / ".zshrc").write_text("\n".join(lines) + "\n")
-        assert wanted in _tabbed(typed, wanted, tmp_path), (how, typed)
+        assert wanted in _complete_in_zsh(typed, wanted, tmp_path), (source, typed)
 
 
-def _tabbed(typed: str, wanted: str, folder: Path) -> str:
-    """What a terminal shows after Tab, read until it shows what is wanted."""
+def _complete_in_zsh(typed: str, wanted: str, folder: Path) -> str:
+    """The text of a terminal after Tab, read until it holds `wanted`."""
     import pty  # noqa: PLC0415 (POSIX only)
 
     pid, terminal = pty.fork()
@@ -162,14 +163,14 @@ def _tabbed(typed: str, wanted: str, folder: Path) -> str:
             ["zsh", "-i"],
             os.environ | {"ZDOTDIR": str(folder), "TERM": "vt100", "COLUMNS": "200"},
         )
-    shown, asked, end = "", False, time.monotonic() + LONG
-    while wanted not in shown and time.monotonic() < end:
+    screen, has_typed, deadline = "", False, time.monotonic() + LONG
+    while wanted not in screen and time.monotonic() < deadline:
         if select.select([terminal], [], [], 0.2)[0]:
-            shown += re.sub(r"[\x00\x07]|.\x08", "", os.read(terminal, 65536).decode())
-        if "ready> " in shown and not asked:
+            screen += re.sub(r"[\x00\x07]|.\x08", "", os.read(terminal, 65536).decode())
+        if "ready> " in screen and not has_typed:
             os.write(terminal, typed.encode() + b"\t")
-            asked = True
+            has_typed = True
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
     os.close(terminal)
-    return shown
+    return screen

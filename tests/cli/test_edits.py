@@ -103,7 +103,7 @@ def test_a_program_without_a_digest_is_replaced() -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_verify_tells_whether_the_text_is_as_written(capsys: pytest.CaptureFixture[str]) -> None:
+def test_verify_states_whether_the_text_was_edited(capsys: pytest.CaptureFixture[str]) -> None:
     program = build()
     assert main(["verify", "bracket.ngc"]) == 0
     out = capsys.readouterr().out

@@ -54,7 +54,7 @@ def move_clamp(job: Path) -> None:
 
 
 @pytest.mark.usefixtures("job")
-def test_the_summary_tells_what_is_left_out_and_what_is_left_beside_the_fixtures(
+def test_the_summary_has_skipped_paths_and_the_distance_from_the_fixtures(
     capsys: Captured,
 ) -> None:
     assert build("--report", "report.json") == 0
@@ -113,7 +113,7 @@ def test_a_replayed_program_is_judged_and_not_changed(job: Path, capsys: Capture
     assert "into fixture 1" in capsys.readouterr().err
 
 
-def test_a_mesh_stands_where_its_box_would(job: Path, capsys: Captured) -> None:
+def test_a_mesh_is_a_fixture_like_its_box(job: Path, capsys: Captured) -> None:
     box = trimesh.creation.box(bounds=[[10, -10, -5], [30, 20, 30]])
     box.export("clamp.stl")
     assert build("-q", "-o", "box.ngc") == 0
@@ -135,7 +135,7 @@ def draw_clamp() -> None:
 DRAWN = JOB.replace("[10, -10, -5, 30, 20, 30]", '{ layer = "Clamps", bottom = -5, top = 30 }')
 
 
-def test_a_drawn_clamp_stands_where_its_box_would(job: Path, capsys: Captured) -> None:
+def test_a_drawn_clamp_is_a_fixture_like_its_box(job: Path, capsys: Captured) -> None:
     draw_clamp()
     assert build("-q", "-o", "motor.ngc") == 0
     job.write_text(DRAWN)
@@ -181,7 +181,7 @@ def test_a_drawn_clamp_that_was_moved_is_found(job: Path, capsys: Captured) -> N
     ],
 )
 @pytest.mark.usefixtures("job")
-def test_bad_values_are_one_line(fixtures: str, message: str, capsys: Captured) -> None:
+def test_bad_values_are_refused_in_one_line(fixtures: str, message: str, capsys: Captured) -> None:
     assert build("--set", f"cell.fixtures={fixtures}") == 2
     output = capsys.readouterr()
     assert (output.out, output.err.count("\n")) == ("", 1)
@@ -189,7 +189,7 @@ def test_bad_values_are_one_line(fixtures: str, message: str, capsys: Captured) 
 
 
 @pytest.mark.usefixtures("job")
-def test_all_is_blocked_and_strict(capsys: Captured) -> None:
+def test_a_fixture_over_the_whole_part_and_strict_are_refused(capsys: Captured) -> None:
     assert build("--set", "cell.fixtures=[[-50, -50, -5, 200, 200, 20]]") == 3
     assert "no path is left" in capsys.readouterr().err
     assert build("--strict", "--set", "input.layers=['OUTLINE']") == 3
@@ -200,21 +200,21 @@ def test_all_is_blocked_and_strict(capsys: Captured) -> None:
 @pytest.mark.parametrize("name", ["look.svg", "look.png", "look.html"])
 def test_a_preview_shows_the_fixtures(name: str) -> None:
     assert build("-q", "--preview", name) == 0
-    shown = Path(name).read_bytes()
+    with_fixtures = Path(name).read_bytes()
     assert build("-q", "--force", "--preview", name, "--set", "cell.fixtures=[]") == 0
-    bare = Path(name).read_bytes()
-    assert shown != bare
+    without_fixtures = Path(name).read_bytes()
+    assert with_fixtures != without_fixtures
     if name.endswith(".svg"):
-        assert shown.count(b'class="fixture"') == 3  # two, and one in the legend
-        assert b"fixture 2, top at z 12 mm" in shown
-        assert b'class="blocked" d="M' in shown
-        assert b'class="fixture"' not in bare
+        assert with_fixtures.count(b'class="fixture"') == 3  # two, and one in the legend
+        assert b"fixture 2, top at z 12 mm" in with_fixtures
+        assert b'class="blocked" d="M' in with_fixtures
+        assert b'class="fixture"' not in without_fixtures
     if name.endswith(".html"):
-        assert b"fixture 2" in shown
+        assert b"fixture 2" in with_fixtures
 
 
 @pytest.mark.usefixtures("job")
-def test_the_picture_is_yellow_where_a_clamp_stands() -> None:
+def test_the_picture_is_yellow_at_clamps() -> None:
     import cv2  # noqa: PLC0415 (as camgen loads it)
 
     assert build("-q", "--preview", "look.png") == 0

@@ -1,4 +1,4 @@
-"""``camgen init`` proposes operations: as comments, or with ``--operations`` as a job that builds as it is."""
+"""`camgen init` proposes operations: as comments, or with `--operations` as rows of the job."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.support.built import build_once, key_of_parts
 ROOT = Path(__file__).parents[2]
 FIXTURES = sorted((ROOT / "fixtures" / "parts").glob("*.dxf"))
 SHARED_FOLDER = ROOT.parent / "shared" / "data" / "dxf"
-#: Drawings of the shared data with closed contours that no job of a mill can be made of, and why.
+#: Drawings of the shared data whose closed contours cannot be milled, and the message.
 REFUSED = {
     "2_polylines.dxf": "a coordinate is beyond 99999 mm",  # land, surveyed in metres
     "dimension_in_nested_blocks.dxf": "a coordinate is beyond 99999 mm",
@@ -72,25 +72,27 @@ SHARED = (
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The empty folder in which the commands run."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.fixture
 def built_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A job file that asks for the same job of the same part gets the result of ``init``."""
-    once = build_once(build, key_of_parts)
-    monkeypatch.setattr("camgen.pipeline.build", once)
-    monkeypatch.setattr("camgen.cli.build.build", once)
+    """`init` and `build` of one job and one part build it once."""
+    builder = build_once(build, key_of_parts)
+    monkeypatch.setattr("camgen.pipeline.build", builder)
+    monkeypatch.setattr("camgen.cli.build.build", builder)
 
 
-def tables(file: Path) -> dict[str, Any]:
+def read_tables(file: Path) -> dict[str, Any]:
+    """The tables of a job file."""
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
-def uncommented(text: str) -> dict[str, Any]:
-    """The rows that are proposed in comments."""
+def read_comments(text: str) -> dict[str, Any]:
+    """The rows of tools and operations that a job file has as comments."""
     rows = text.partition("# Delete the # in front to use it.")[2].partition("\n[post]")[0]
     rows = rows or text.partition("to use it.\n")[2].partition("\n[post]")[0]
     return tomllib.loads(
@@ -98,42 +100,42 @@ def uncommented(text: str) -> dict[str, Any]:
     )
 
 
-def test_a_proposal_is_a_comment_unless_it_is_asked_for(
-    here: Path, capsys: pytest.CaptureFixture[str]
+def test_proposed_operations_are_comments_without_the_option(
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = str(ROOT / "fixtures" / "parts" / "motor.dxf")
     assert main(["init", source]) == 0
     assert "as comments; --operations uses it" in capsys.readouterr().err
-    text = (here / "motor.toml").read_text(encoding="utf-8")
-    assert "operations" not in tables(here / "motor.toml")
-    (here / "motor.toml").unlink()
+    text = (folder / "motor.toml").read_text(encoding="utf-8")
+    assert "operations" not in read_tables(folder / "motor.toml")
+    (folder / "motor.toml").unlink()
     assert main(["init", source, "--operations"]) == 0
-    asked = tables(here / "motor.toml")
+    job = read_tables(folder / "motor.toml")
     stock = {"thickness": 3.0, "below": 0.5, "margin": 16.0, "layer": "", "held": "frame"}
-    assert asked["stock"] == stock
-    proposed = uncommented(text)
-    assert proposed == {"tools": asked["tools"], "operations": asked["operations"]}
+    assert job["stock"] == stock
+    proposed = read_comments(text)
+    assert proposed == {"tools": job["tools"], "operations": job["operations"]}
     assert len(proposed["operations"]) == 7
 
 
 @pytest.mark.usefixtures("built_once")
 @pytest.mark.parametrize("file", FIXTURES, ids=lambda file: file.name)
-def test_what_is_proposed_for_a_fixture_builds_as_it_is(file: Path, here: Path) -> None:
+def test_the_proposal_for_a_fixture_builds_unchanged(file: Path, folder: Path) -> None:
     assert main(["init", str(file), "--operations"]) == 0
-    job = here / file.with_suffix(".toml").name
-    assert tables(job)["operations"]
+    job = folder / file.with_suffix(".toml").name
+    assert read_tables(job)["operations"]
     assert main(["build", str(file), "--job", str(job), "--post", "gcode"]) == 0
 
 
 @pytest.mark.usefixtures("built_once")
 @pytest.mark.parametrize("name", SHARED)
-def test_what_is_proposed_for_a_real_drawing_builds_as_it_is(
-    name: str, here: Path, capsys: pytest.CaptureFixture[str]
+def test_the_proposal_for_a_real_drawing_builds_unchanged(
+    name: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = SHARED_FOLDER / name
     if not file.is_file():
         pytest.skip(f"{name} of the folder shared/data beside the repository is absent")
-    job = here / file.with_suffix(".toml").name
+    job = folder / file.with_suffix(".toml").name
     if file.name in REFUSED:
         assert main(["init", str(file), "--operations"]) == 2
         assert REFUSED[file.name] in capsys.readouterr().err
@@ -143,44 +145,45 @@ def test_what_is_proposed_for_a_real_drawing_builds_as_it_is(
     assert main(["build", str(file), "--job", str(job), "--post", "gcode"]) == 0
 
 
-def test_what_has_no_closed_contour_has_no_operations(
-    here: Path, capsys: pytest.CaptureFixture[str]
+def test_a_drawing_without_closed_contours_has_no_operations(
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     document = ezdxf.new("R2010", units=4)
     document.modelspace().add_line((0, 0), (10, 0))
-    document.saveas(here / "line.dxf")
+    document.saveas(folder / "line.dxf")
     assert main(["init", "line.dxf", "--operations"]) == 2
-    said = capsys.readouterr().err
+    message = capsys.readouterr().err
     assert (
-        "line.dxf: has no closed contour that a drill or a mill could make (--operations)" in said
+        "line.dxf: has no closed contour that a drill or a mill could make (--operations)"
+        in message
     )
-    assert not (here / "line.toml").exists()
+    assert not (folder / "line.toml").exists()
     assert main(["init", "line.dxf"]) == 0
     assert "proposed" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["rfa1.stl", "gear.png"])
-def test_what_is_no_drawing_has_no_operations(
-    name: str, here: Path, capsys: pytest.CaptureFixture[str]
+def test_operations_for_a_solid_or_a_picture_are_refused(
+    name: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["init", str(ROOT / "fixtures" / "parts" / name), "--operations"]) == 2
     assert f"{name}: is not a flat drawing (--operations); leave it out" in capsys.readouterr().err
-    assert not list(here.glob("*.toml"))
+    assert not list(folder.glob("*.toml"))
 
 
-def test_many_ids_stand_on_several_lines(here: Path) -> None:
-    """Slots and wide holes on one layer with what is drilled are chosen by their ids."""
+def test_many_ids_are_written_on_several_lines(folder: Path) -> None:
+    """Wide holes on the layer of drilled holes are chosen by their ids, 30 of 60."""
     document = ezdxf.new("R2010", units=4)
     space = document.modelspace()
     for k in range(60):
         space.add_circle((30 * k, 0), 4 if k % 2 else 9)
     space.add_lwpolyline([(-30, -30), (1830, -30), (1830, 30), (-30, 30)], close=True)
-    document.saveas(here / "row.dxf")
+    document.saveas(folder / "row.dxf")
     assert main(["init", "row.dxf", "--operations"]) == 0
-    text = (here / "row.toml").read_text(encoding="utf-8")
+    text = (folder / "row.toml").read_text(encoding="utf-8")
     proposed = text.partition("# Proposed")[2].partition("[post]")[0]
     assert max(map(len, proposed.splitlines())) <= 118
-    assert [len(row.get("ids", [])) for row in tables(here / "row.toml")["operations"]] == [
+    assert [len(row.get("ids", [])) for row in read_tables(folder / "row.toml")["operations"]] == [
         0,
         30,
         0,

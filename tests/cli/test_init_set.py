@@ -79,7 +79,7 @@ def test_depths_follow_from_the_thickness_that_is_set(folder: Path) -> None:
         ("tools.0.feed=1", "--set tools.0.feed=1: there is no tools.0: the job has 0 rows of"),
     ],
 )
-def test_a_setting_that_no_job_has_is_refused(
+def test_an_unknown_setting_is_refused(
     folder: Path, capsys: pytest.CaptureFixture[str], setting: str, message: str
 ) -> None:
     assert main(["init", "plate.dxf", "--set", setting]) == 2
@@ -90,7 +90,7 @@ def test_a_setting_that_no_job_has_is_refused(
 CLOSED = ["init", "plate.dxf", "--set", "input.join=0.501"]
 
 
-def test_feeds_of_a_material_stand_with_their_source(
+def test_feeds_of_a_material_are_written_with_their_source(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*CLOSED, "--operations", "--material", "aluminium"]) == 0

@@ -45,7 +45,7 @@ def desk(files_of_desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 BUILD = ["build", "plate.dxf", "--post", "rapid", "--locate", "photo.png"]
 
 
-def test_the_summary_says_where_the_part_lies(
+def test_the_summary_states_the_pose_of_the_part(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--preview", "plate.png", "--report", "plate.json", "-o", "made.mod"]
@@ -63,7 +63,7 @@ def test_the_summary_says_where_the_part_lies(
     assert (desk / "plate.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_settings_of_the_photo_may_stand_in_the_job(
+def test_the_settings_of_the_photo_may_be_in_the_job(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (desk / "plate.toml").write_text(f"[image]\nmm_per_px = {PIXEL}\n")
@@ -103,7 +103,7 @@ def test_the_settings_of_the_photo_may_stand_in_the_job(
         (["plate.dxf", "--preview", "photo.png"], 2, "photo.png"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_placed_is_one_line(
+def test_an_input_that_cannot_be_placed_is_refused_in_one_line(
     desk: Path, capsys: pytest.CaptureFixture[str], words: list[str], code: int, message: str
 ) -> None:
     before = sorted(desk.iterdir())
@@ -116,7 +116,9 @@ def test_what_cannot_be_placed_is_one_line(
 
 
 @pytest.mark.usefixtures("desk")
-def test_options_without_a_photo_or_a_build(capsys: pytest.CaptureFixture[str]) -> None:
+def test_start_and_locate_are_refused_where_they_have_no_effect(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main([*BUILD[:-2], "--start=1,2,3"]) == 2
     assert "--start: has no effect without --locate" in capsys.readouterr().err
     assert main(["batch", "plate.dxf", "--post", "rapid", "--locate", "photo.png"]) == 2
@@ -124,7 +126,7 @@ def test_options_without_a_photo_or_a_build(capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.usefixtures("desk")
-def test_verify_does_not_hold_a_located_program_against_the_drawing_as_drawn(
+def test_verify_does_not_compare_a_located_program_with_the_drawing_as_drawn(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*BUILD, "-q"]) == 0

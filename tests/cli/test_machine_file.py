@@ -12,7 +12,7 @@ FIXTURES = Path(__file__).parents[2] / "fixtures"
 BRACKET = str(FIXTURES / "parts" / "bracket.dxf")
 #: The file of each post and the name of its program.
 MACHINES = {"grbl": ("router.txt", "bracket.nc"), "gcode": ("mill.ini", "bracket.ngc")}
-#: Work offsets with which the bracket and the way to it are within the travel.
+#: Work offsets with which the bracket and the links to it are within the travel.
 INSIDE = {"grbl": "[-200, -150, -60, 0, 0, 0]", "gcode": "[50, 50, -100, 0, 0, 0]"}
 
 
@@ -29,8 +29,8 @@ def build(post: str, *settings: str, file: str = "") -> int:
     return main(["build", BRACKET, "--post", post, *sets])
 
 
-def refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> str:
-    """The one line of an error; nothing is written."""
+def read_error(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> str:
+    """The message of the only line printed; no program may be written."""
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     written = {path.name for path in tmp_path.iterdir()}
@@ -52,7 +52,7 @@ def test_the_program_is_that_of_a_job_without_machine(post: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("post", MACHINES)
-def test_the_extent_is_held_against_the_travel_without_a_work_offset(
+def test_without_a_work_offset_the_extent_is_compared_with_the_travel(
     post: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert build(post) == 0
@@ -64,7 +64,7 @@ def test_the_extent_is_held_against_the_travel_without_a_work_offset(
 
 
 @pytest.mark.parametrize("post", MACHINES)
-def test_a_program_within_the_travel_is_told(
+def test_the_report_states_that_a_program_is_within_the_travel(
     post: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     report = tmp_path / "report.json"
@@ -96,7 +96,7 @@ def test_a_program_beyond_the_travel_is_exit_code_3(
 ) -> None:
     assert build(post, f"cell.base_from_work={offset}") == 3
     file, program = MACHINES[post]
-    line = refused(capsys, tmp_path)
+    line = read_error(capsys, tmp_path)
     assert line.startswith(f"{program}: the program leaves the travel of {file}: {excess}")
     assert " (line " in line
     assert line.endswith("; move the part: cell.base_from_work")
@@ -119,7 +119,7 @@ def test_a_program_longer_than_the_travel_is_exit_code_3(
     listing = (tmp_path / "router.txt").read_text().replace("$130=400.000", "$130=85.000")
     (tmp_path / "small.txt").write_text(listing)
     assert build("grbl", file="small.txt") == 3
-    line = refused(capsys, tmp_path)
+    line = read_error(capsys, tmp_path)
     what = "axis X runs from -3 to 83 mm, 86 mm; its travel is 85 mm"
     assert line.startswith(f"bracket.nc: the program leaves the travel of small.txt: {what}")
 
@@ -146,7 +146,7 @@ def test_a_tool_length_of_the_program_counts(
     """With G43 the machine stands higher by the length of the tool, here 60 mm."""
     sets = (f"cell.base_from_work={INSIDE['gcode']}", "tool.length=60")
     assert build("gcode", *sets, "post.tool=1") == 3
-    assert "axis Z would be at 10 mm, its travel ends at 0 mm" in refused(capsys, tmp_path)
+    assert "axis Z would be at 10 mm, its travel ends at 0 mm" in read_error(capsys, tmp_path)
     assert build("gcode", *sets) == 0
 
 
@@ -166,10 +166,10 @@ def test_each_tool_counts_with_its_length(
     capsys.readouterr()
     (tmp_path / "motor.ngc").unlink()
     assert build_plate("cell.base_from_work=[50, 50, -100, 0, 0, 0]") == 3
-    assert "axis Z would be at 30 mm, its travel ends at 0 mm" in refused(capsys, tmp_path)
+    assert "axis Z would be at 30 mm, its travel ends at 0 mm" in read_error(capsys, tmp_path)
     # A tool that is 100 mm longer than another one needs as much more travel: 61 and 100 mm.
     assert build_plate("tools.2.length=180") == 3
-    assert "161 mm; its travel is 152.4 mm" in refused(capsys, tmp_path)
+    assert "161 mm; its travel is 152.4 mm" in read_error(capsys, tmp_path)
     assert not (tmp_path / "motor.ngc").exists()
 
 
@@ -205,16 +205,16 @@ def test_a_contradiction_is_exit_code_2(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert build(post, *settings, file=file) == 2
-    assert refused(capsys, tmp_path).startswith(message)
+    assert read_error(capsys, tmp_path).startswith(message)
 
 
 def test_a_damaged_file_is_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "bad.txt").write_text("$120=-1\n$110=1\n")
     assert build("grbl", file="bad.txt") == 2
-    assert refused(capsys, tmp_path).startswith("bad.txt: has no $130 (cell.machine); save all")
+    assert read_error(capsys, tmp_path).startswith("bad.txt: has no $130 (cell.machine); save all")
 
 
-def test_the_file_of_a_job_lies_beside_the_job(
+def test_the_machine_file_is_relative_to_its_job_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "jobs"
@@ -223,7 +223,7 @@ def test_the_file_of_a_job_lies_beside_the_job(
     (folder / "job.toml").write_text('[cell]\nmachine = "own.txt"\n')
     assert main(["build", BRACKET, "--post", "grbl", "--job", "jobs/job.toml"]) == 0
     assert "of own.txt" in capsys.readouterr().err
-    # What a build has read is not written over.
+    # A build does not overwrite the files that it reads.
     sets = ["--job", "jobs/job.toml", "-o", "jobs/own.txt"]
     assert main(["build", BRACKET, "--post", "grbl", *sets]) == 2
     assert (folder / "own.txt").read_text() == (FIXTURES / "machines/router.txt").read_text()

@@ -53,8 +53,8 @@ LINES: dict[str, Instruction] = {
 @pytest.mark.parametrize("line", LINES)
 def test_an_instruction_has_this_line(line: str) -> None:
     # A motion that blends needs a motion after it. Everything is off first and last.
-    off = (Force(0.0), Output("spindle", 0))
-    body = (*off, START, MoveL(ORIGIN, 5.0), LINES[line], START, *off)
+    all_off = (Force(0.0), Output("spindle", 0))
+    body = (*all_off, START, MoveL(ORIGIN, 5.0), LINES[line], START, *all_off)
     data = encode(Program("a", ORIGIN, ORIGIN, body), "rapid", {}, 0.01)
     assert data.decode().splitlines()[5].removesuffix(",") == line
     plan = decode(data)

@@ -1,4 +1,4 @@
-"""Nothing that a command reads is ever written over, and a signal leaves nothing behind."""
+"""Files that a command reads are not overwritten, and a signal leaves no files."""
 
 import os
 import shutil
@@ -17,13 +17,16 @@ from camgen.post import Post
 from tests.support.waiting import LONG
 
 PLATE = "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n50\n20\n25\n40\n10\n0\nENDSEC\n0\nEOF\n"
+#: A corner of a cube of 9 mm as the facets of an STL file.
 CUBE = "".join(
-    f"facet normal 0 0 0\nouter loop\n{''.join(f'vertex {x} {y} {z}' + chr(10) for x, y, z in face)}endloop\nendfacet\n"
-    for face in (
-        ((0, 0, 0), (0, 9, 0), (9, 0, 0)),
-        ((0, 0, 0), (9, 0, 0), (0, 0, 9)),
-        ((0, 0, 0), (0, 0, 9), (0, 9, 0)),
-        ((9, 0, 0), (0, 9, 0), (0, 0, 9)),
+    "facet normal 0 0 0\nouter loop\n"
+    f"vertex {first}\nvertex {second}\nvertex {third}\n"
+    "endloop\nendfacet\n"
+    for first, second, third in (
+        ("0 0 0", "0 9 0", "9 0 0"),
+        ("0 0 0", "9 0 0", "0 0 9"),
+        ("0 0 0", "0 0 9", "0 9 0"),
+        ("9 0 0", "0 9 0", "0 0 9"),
     )
 )
 ROBOTS = Path(__file__).parents[2] / "fixtures" / "robots"
@@ -32,8 +35,8 @@ JOB = """
 file = "cell.toml"
 fixtures = ["m.stl"]
 """
-#: A post in a file of its own, as a user may write one.
-OWN = """
+#: The file of a post that a user wrote.
+OWN_POST = """
 from camgen_posts.gcode import GCode
 from camgen.lang.gcode.language import run_gcode
 
@@ -48,7 +51,8 @@ def run(files, ask):
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which the commands run, with a drawing, its job, a cell file and a fixture."""
     (tmp_path / "plate.dxf").write_text(PLATE)
     (tmp_path / "plate.toml").write_text(JOB)
     (tmp_path / "cell.toml").write_text("[cell]\nsafety = 12.0\n")
@@ -57,7 +61,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def read_contents(folder: Path) -> dict[str, bytes]:
+    """The bytes of all files below a folder, by their names."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
@@ -72,30 +77,30 @@ OPTIONS = ("-o", "--plan", "--report", "--preview")
 @pytest.mark.parametrize(
     "read", ["m.stl", "cell.toml", "plate.toml", "plate.dxf", "other/../m.stl", "link.stl"]
 )
-def test_what_a_build_reads_is_not_written_over(
-    option: str, read: str, here: Path, capsys: pytest.CaptureFixture[str]
+def test_a_file_that_a_build_reads_is_not_overwritten(
+    option: str, read: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (here / "other").mkdir()
-    (here / "link.stl").symlink_to("m.stl")
-    if option == "--preview":  # a preview has the suffix of a picture
+    (folder / "other").mkdir()
+    (folder / "link.stl").symlink_to("m.stl")
+    if option == "--preview":  # A preview needs the suffix of a picture.
         preview = f"{read}.svg"
-        (here / preview).symlink_to((here / read).resolve())
+        (folder / preview).symlink_to((folder / read).resolve())
         read = preview
-    before = contents(here)
+    before = read_contents(folder)
     assert main(["build", "plate.dxf", "--post", "gcode", option, read]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert f"{read}: would overwrite " in said
-    assert contents(here) == before
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert f"{read}: would overwrite " in message
+    assert read_contents(folder) == before
 
 
 @pytest.mark.parametrize("read", ["six.urdf", "turn.stl"])
-def test_an_arm_and_its_meshes_are_not_written_over(
-    read: str, here: Path, capsys: pytest.CaptureFixture[str]
+def test_an_arm_and_its_meshes_are_not_overwritten(
+    read: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("six.urdf", "turn.stl", "upper.stl"):
-        (here / name).write_bytes(next(ROBOTS.rglob(name)).read_bytes())
-    before = contents(here)
+        (folder / name).write_bytes(next(ROBOTS.rglob(name)).read_bytes())
+    before = read_contents(folder)
     words = [
         "build",
         "plate.dxf",
@@ -108,54 +113,58 @@ def test_an_arm_and_its_meshes_are_not_written_over(
     ]
     assert main(words) == 2
     assert "would overwrite" in capsys.readouterr().err
-    assert contents(here) == before
+    assert read_contents(folder) == before
 
 
-def test_the_file_of_a_post_is_not_written_over(
-    here: Path, capsys: pytest.CaptureFixture[str]
+def test_the_file_of_a_post_is_not_overwritten(
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (here / "own.py").write_text(OWN)
-    before = contents(here)
+    (folder / "own.py").write_text(OWN_POST)
+    before = read_contents(folder)
     assert main(["build", "plate.dxf", "--post", "own.py", "--plan", "own.py"]) == 2
     assert capsys.readouterr().err.endswith(
         "own.py: would overwrite own.py, which is read; give another name\n"
     )
-    after = {name: data for name, data in contents(here).items() if "__pycache__" not in name}
+    after = {
+        name: content
+        for name, content in read_contents(folder).items()
+        if "__pycache__" not in name
+    }
     assert after == before
 
 
-def test_no_part_of_a_batch_writes_over_what_another_reads(
-    here: Path, capsys: pytest.CaptureFixture[str]
+def test_a_batch_overwrites_no_file_that_any_of_its_parts_reads(
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Its program is called like the cell file of another part; so is the report."""
+    """A program, and then the report, has the name of a file that another part reads."""
     shutil.copy("plate.dxf", "lid.dxf")
-    (here / "lid.toml").write_text('[cell]\nfile = "plate.ngc"\n')
-    (here / "plate.ngc").write_text("[cell]\nsafety = 11.0\n")
-    before = contents(here)
+    (folder / "lid.toml").write_text('[cell]\nfile = "plate.ngc"\n')
+    (folder / "plate.ngc").write_text("[cell]\nsafety = 11.0\n")
+    before = read_contents(folder)
     assert main(["batch", "*.dxf", "--post", "gcode"]) == 2
     assert "its program would overwrite a file that is read (plate.ngc)" in capsys.readouterr().err
     assert main(["batch", "*.dxf", "--post", "gcode", "-o", "out", "--report", "m.stl"]) == 2
     assert "m.stl: would overwrite m.stl, which is read" in capsys.readouterr().err
-    assert contents(here) == before
+    assert read_contents(folder) == before
 
 
-def test_the_report_of_a_batch_is_no_program_of_it(
-    here: Path, capsys: pytest.CaptureFixture[str]
+def test_the_report_of_a_batch_cannot_be_one_of_its_programs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["batch", "plate.dxf", "--post", "gcode", "--report", "plate.ngc"]) == 2
     assert "plate.ngc: is named for two outputs" in capsys.readouterr().out
-    assert (here / "plate.ngc").read_text().startswith("{")
+    assert (folder / "plate.ngc").read_text().startswith("{")
 
 
 def test_init_writes_into_the_current_folder(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (here / "drawings").mkdir()
+    (folder / "drawings").mkdir()
     shutil.move("plate.dxf", "drawings/lid.dxf")
     assert main(["init", "drawings/lid.dxf"]) == 0
     assert "camgen build drawings/lid.dxf --job lid.toml" in capsys.readouterr().err
-    assert (here / "lid.toml").is_file()
-    assert [path.name for path in (here / "drawings").iterdir()] == ["lid.dxf"]
+    assert (folder / "lid.toml").is_file()
+    assert [path.name for path in (folder / "drawings").iterdir()] == ["lid.dxf"]
     assert main(["build", "drawings/lid.dxf", "--job", "lid.toml", "--post", "gcode"]) == 0
 
 
@@ -163,43 +172,43 @@ def test_init_writes_into_the_current_folder(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_between_two_files_leaves_none(
+def test_a_signal_between_two_files_restores_the_old_files(
     number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The signal comes when the first of two files has its name: it acts when all is as it was."""
-    real = os.replace
+    """A signal after the renaming of the first file is raised when the old files are restored."""
+    os_replace = os.replace
 
     def replace(source: Path, target: Path) -> None:
-        real(source, target)
+        os_replace(source, target)
         signal.raise_signal(number)
 
     monkeypatch.setattr("os.replace", replace)
     (tmp_path / "old").write_text("old")
-    # A shell starts what runs behind it without some of them.
-    before = signal.signal(
+    # A shell starts background processes with some signals ignored; the default is set here.
+    old_handler = signal.signal(
         number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
     )
     try:
         with raise_signals(), pytest.raises(Stopped):
             write_all([(tmp_path / "old", b"fresh"), (tmp_path / "new", b"fresh")], {})
     finally:
-        signal.signal(number, before)
-    assert contents(tmp_path) == {"old": b"old"}
+        signal.signal(number, old_handler)
+    assert read_contents(tmp_path) == {"old": b"old"}
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
-def test_a_signal_when_all_is_done_changes_nothing() -> None:
-    """A process that is about to end with 0 ends with 0."""
+def test_a_signal_after_the_command_keeps_its_exit_code() -> None:
+    """The process ends with 0 although it receives SIGTERM after the command."""
     code = (
         "import os, signal, sys\nfrom camgen.cli import main\nsys.argv = ['camgen', 'posts']\n"
         "code = main()\nos.kill(os.getpid(), signal.SIGTERM)\nsys.exit(code)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
-    assert done.returncode == 0
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert process.returncode == 0
 
 
-def test_sigterm_is_told_in_a_line(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_sigterm_prints_one_line_and_writes_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def render(*_: object) -> None:
         signal.raise_signal(signal.SIGTERM)
@@ -207,11 +216,11 @@ def test_sigterm_is_told_in_a_line(
     monkeypatch.setattr(Post, "render", render)
     assert main(["build", "plate.dxf", "--post", "rapid"]) == 143
     assert capsys.readouterr().err == "camgen: ended by SIGTERM\n"
-    assert set(contents(here)) == {"plate.dxf", "plate.toml", "cell.toml", "m.stl"}
+    assert set(read_contents(folder)) == {"plate.dxf", "plate.toml", "cell.toml", "m.stl"}
     assert Terminated(signal.SIGTERM).number == 15
 
 
-def group_lives(number: int) -> bool:
+def is_group_alive(number: int) -> bool:
     try:
         os.killpg(number, 0)
     except ProcessLookupError:
@@ -219,7 +228,7 @@ def group_lives(number: int) -> bool:
     return True
 
 
-def test_sigterm_ends_a_batch_with_its_builders(here: Path) -> None:
+def test_sigterm_ends_a_batch_with_its_builders(folder: Path) -> None:
     for k in range(6):
         shutil.copy("plate.dxf", f"part{k}.dxf")
     words = [
@@ -238,42 +247,43 @@ def test_sigterm_ends_a_batch_with_its_builders(here: Path) -> None:
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
     ) as batch:
-        state = here / "out" / "camgen-batch.jsonl"
-        until = time.monotonic() + LONG
-        while not state.exists() and batch.poll() is None and time.monotonic() < until:
+        state = folder / "out" / "camgen-batch.jsonl"
+        deadline = time.monotonic() + LONG
+        while not state.exists() and batch.poll() is None and time.monotonic() < deadline:
             time.sleep(0.01)
         batch.terminate()
-        _, told = batch.communicate(timeout=LONG)
-        assert batch.returncode == 143, told
-        assert b"ended by SIGTERM: " in told
-    until = time.monotonic() + LONG
-    while group_lives(batch.pid) and time.monotonic() < until:
+        _, errors = batch.communicate(timeout=LONG)
+        assert batch.returncode == 143, errors
+        assert b"ended by SIGTERM: " in errors
+    deadline = time.monotonic() + LONG
+    while is_group_alive(batch.pid) and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert not group_lives(batch.pid)
-    assert not [path for path in (here / "out").iterdir() if path.name.startswith(".camgen")]
+    assert not is_group_alive(batch.pid)
+    assert not [path for path in (folder / "out").iterdir() if path.name.startswith(".camgen")]
 
 
-def test_a_program_that_somebody_else_wrote_is_not_written_over_by_default(
-    here: Path, capsys: pytest.CaptureFixture[str]
+def test_a_program_that_camgen_did_not_write_is_not_overwritten_by_default(
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What was taught by hand may be all there is."""
-    (here / "plate.mod").write_text("MODULE plate\n  PROC main()\n  ENDPROC\nENDMODULE\n")
-    before = contents(here)
+    """A program that was taught at the robot may exist only in this file."""
+    (folder / "plate.mod").write_text("MODULE plate\n  PROC main()\n  ENDPROC\nENDMODULE\n")
+    before = read_contents(folder)
     words = ["build", "plate.dxf", "--post", "rapid", "--job", "own.toml", "-q"]
-    (here / "own.toml").write_text("")
-    before = contents(here)
+    (folder / "own.toml").write_text("")
+    before = read_contents(folder)
     assert main(words) == 2
-    said = capsys.readouterr().err
+    message = capsys.readouterr().err
     assert (
-        "plate.mod: is there already, and camgen did not write it; name the program with -o" in said
+        "plate.mod: is there already, and camgen did not write it; name the program with -o"
+        in message
     )
-    assert contents(here) == before
-    # Who names it means it, and our own is renewed.
+    assert read_contents(folder) == before
+    # A name given with -o is overwritten, and so is a program that camgen wrote.
     assert main([*words, "-o", "plate.mod"]) == 0
     assert main(words) == 0
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
     ("first", "second"),
     [
@@ -291,24 +301,24 @@ def test_a_program_of_another_part_is_not_replaced(
     Path("own.toml").write_text("")
     words = ["--post", "pacscript", "--job", "own.toml", "-q", "-o", "program.pcs"]
     assert main(["build", f"{first}.dxf", *words]) == 0
-    before = contents(Path())
+    before = read_contents(Path())
     assert main(["build", f"{second}.dxf", *words]) == 2
     errors = capsys.readouterr().err.splitlines()
     assert len(errors) == 1
     assert "program.pcs: is the program of another part (part: " in errors[0]
     assert "give another name or folder with -o" in errors[0]
-    assert contents(Path()) == before
-    # The same part replaces its program, and the other one goes where `-o` says.
+    assert read_contents(Path()) == before
+    # The same part replaces its program; the program of the other part gets its name by `-o`.
     assert main(["build", f"{first}.dxf", *words, "--set", "process.feed=10"]) == 0
-    assert contents(Path())["program.pcs"] != before["program.pcs"]
+    assert read_contents(Path())["program.pcs"] != before["program.pcs"]
     assert main(["build", f"{second}.dxf", *words[:-1], "other.pcs"]) == 0
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("folder")
 def test_names_in_other_scripts_have_one_program_name_and_two_headers(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The error names the file that was chosen for the user."""
+    """The error names the file, whose name follows from the program name."""
     Path("own.toml").write_text("")
     for name in ("日本", "中国"):
         shutil.copy("plate.dxf", f"{name}.dxf")
@@ -318,7 +328,7 @@ def test_names_in_other_scripts_have_one_program_name_and_two_headers(
     assert "job___.pcs: is the program of another part" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus", "gcode", "grbl"])
 def test_the_header_of_every_post_names_its_part(post: str) -> None:
     Path("own.toml").write_text("")

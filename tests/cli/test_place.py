@@ -1,4 +1,4 @@
-"""How a part should stand: found by search, and the written files give the same program."""
+"""`camgen place`: the search for the place of a part, and the programs of the written files."""
 
 import contextlib
 import tomllib
@@ -70,7 +70,7 @@ def placed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (folder / "found.toml").read_bytes()
 
 
-def test_the_place_that_is_written_reaches_more_and_is_the_same_again(
+def test_the_written_place_reaches_all_edges_and_a_second_search_finds_it_again(
     plate: Path, placed: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(camgen.NoSafeProgram):
@@ -82,7 +82,7 @@ def test_the_place_that_is_written_reaches_more_and_is_the_same_again(
     assert cell["robot"] == "IRB 120"
     assert output.out == f"base_from_work = {cell['base_from_work']}\n"
     assert "4 of 4 edges" in output.err.splitlines()[0]
-    # The part stands at the height that was asked for, level, straight ahead.
+    # The part is level, straight ahead of the robot, at the height of --height.
     frame = pose_from_values(cell["base_from_work"])
     assert np.allclose(frame.rotation[2], [0, 0, 1])
     middle = frame.apply([30, 20, 0])
@@ -96,7 +96,7 @@ def test_the_place_that_is_written_reaches_more_and_is_the_same_again(
     assert len(camgen.build(plate, post="rapid", job=tables).tour.paths) == 4
 
 
-def test_the_job_s_own_place_is_kept_where_none_is_better(
+def test_the_place_of_the_job_is_kept_if_the_search_finds_no_better_one(
     plate: Path, placed: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plate.with_suffix(".toml").write_text(JOB.partition("[cell]")[0] + placed.decode())
@@ -124,7 +124,7 @@ def test_collisions_add_no_edge_to_those_that_the_joints_reach(plate: Path) -> N
     assert by_joints.min() == 0
 
 
-def test_a_spot_is_where_the_middle_of_the_bottom_is(plate: Path) -> None:
+def test_a_spot_is_the_position_of_the_middle_of_the_bottom(plate: Path) -> None:
     case = read_case(plate)
     frame = case.base_from_work(Spot(400.0, 90.0, 90.0))
     assert np.allclose(frame.apply([30, 20, 0]), [400, 0, 90])
@@ -133,11 +133,11 @@ def test_a_spot_is_where_the_middle_of_the_bottom_is(plate: Path) -> None:
 
 def test_a_part_that_is_turned_over_stands_on_the_face(plate: Path) -> None:
     case = read_case(plate)
-    assert [stand.is_own for stand in case.resting_poses] == [True, False, False]
-    for number, stand in enumerate(case.resting_poses):
-        assert stand.face is not None
-        frame = case.base_from_work(Spot(400.0, 90.0, 30.0, number))
-        assert np.allclose(frame.rotation @ stand.face.normal, [0, 0, -1])
+    assert [resting.is_own for resting in case.stands] == [True, False, False]
+    for index, resting in enumerate(case.stands):
+        assert resting.face is not None
+        frame = case.base_from_work(Spot(400.0, 90.0, 30.0, index))
+        assert np.allclose(frame.rotation @ resting.face.normal, [0, 0, -1])
         heights = [frame.apply(vertex)[2] for vertex in case.solid.vertices.tolist()]
         assert min(heights) == pytest.approx(90)
         assert sum(abs(height - 90) < 1e-6 for height in heights) == 4
@@ -145,7 +145,7 @@ def test_a_part_that_is_turned_over_stands_on_the_face(plate: Path) -> None:
 
 @pytest.fixture(scope="module")
 def two_set_ups(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a plate all of whose edges are asked for, with the two set-ups."""
+    """The folder of a plate with the two set-ups that together work all selected edges."""
     folder = tmp_path_factory.mktemp("two")
     write_job(folder, BOTH_SIDES)
     with contextlib.chdir(folder):
@@ -168,7 +168,7 @@ def test_two_set_ups_work_all_edges_and_each_edge_once(two_set_ups: Path) -> Non
         cells.append(tables["cell"])
         edges += [path.id for path in result.tour.paths]
     assert sorted(edges) == sorted(f"e{number}" for number in (1, 2, 3, 4, 9, 10, 11, 12))
-    # One lies on the other side than the other.
+    # The part is turned over between the two set-ups.
     up = [pose_from_values(cell["base_from_work"]).rotation[2] for cell in cells]
     assert float(up[0] @ up[1]) < 0.1
     alone = tomllib.loads((two_set_ups / "place.toml").read_text())
@@ -186,7 +186,7 @@ def test_the_program_of_a_set_up_is_that_of_its_job_file(two_set_ups: Path, numb
     assert program.read_bytes() == before
 
 
-def test_a_job_file_says_how_the_part_rests_and_which_edge_is_worked_where(
+def test_a_job_file_states_the_resting_face_and_the_set_up_of_each_edge(
     two_set_ups: Path,
 ) -> None:
     texts = [(two_set_ups / f"place-{number}.toml").read_text() for number in (1, 2)]
@@ -268,7 +268,7 @@ def test_a_name_that_is_read_is_not_written(
         (["--post", "rapid", "--height", "9000"], "no place was found"),
     ],
 )
-def test_what_cannot_be_placed_is_told_and_nothing_written(
+def test_a_part_without_a_place_is_refused_and_nothing_written(
     plate: Path, capsys: pytest.CaptureFixture[str], words: list[str], message: str
 ) -> None:
     if "gcode" in words:

@@ -22,50 +22,53 @@ jsonschema = pytest.importorskip(
 )
 
 
-def faults(job: dict[str, Any], post: str = "") -> list[str]:
+def find_faults(job: dict[str, Any], post: str = "") -> list[str]:
+    """The places in a job at which the schema finds a fault."""
     validator = jsonschema.Draft202012Validator(schema(post))
     return [error.json_path for error in validator.iter_errors(job)]
 
 
-def with_comments_on(text: str, post: str) -> str:
-    """The job file of ``camgen init`` with the options of one post in it instead of beside it."""
-    head, _, options = text.partition("[post]")
-    groups = options.split("\n# ")
-    kept, on = [], False
+def uncomment_options(text: str, post: str) -> str:
+    """The job file of `camgen init` with the commented options of one post as options."""
+    head, _, sections = text.partition("[post]")
+    groups = sections.split("\n# ")
+    options_on, is_of_post = [], False
     for line in groups[1:]:
         if line.rstrip().endswith(":") and " = " not in line:
-            on = line.rstrip() in ("every post:", f"{post}:")
-        elif on:
-            kept.append(line)
-    return f"{head}[post]\n" + "\n".join(kept)
+            is_of_post = line.rstrip() in ("every post:", f"{post}:")
+        elif is_of_post:
+            options_on.append(line)
+    return f"{head}[post]\n" + "\n".join(options_on)
 
 
 @pytest.mark.parametrize("post", ["", *POSTS])
-def test_is_a_schema_and_takes_what_init_writes(post: str) -> None:
+def test_the_schema_is_valid_and_accepts_a_job_of_init(post: str) -> None:
     jsonschema.Draft202012Validator.check_schema(schema(post))
     job = tomllib.loads(write_template("part.dxf", "mm"))
     assert set(job) == set(list_tables())
-    assert faults(job, post) == []
+    assert find_faults(job, post) == []
     if post:
-        full = tomllib.loads(with_comments_on(write_template("part.dxf", "mm"), post))
+        full = tomllib.loads(uncomment_options(write_template("part.dxf", "mm"), post))
         assert set(full["post"]) == {
             option.name for option in fields(find_post(post)) if option.init
         }
-        assert faults(full, post) == []
+        assert find_faults(full, post) == []
 
 
-def test_every_setting_is_in_it_with_its_default_and_its_sentence() -> None:
-    found = schema()["properties"]
-    told = {(table, key) for table in found for key in found[table].get("properties", {})}
-    assert told == {(s.table, s.key) for s in list_settings()}
-    for s in list_settings():
-        key = found[s.table]["properties"][s.key]
-        assert key["description"] == s.about
-        assert key.get("default") == s.default
+def test_each_setting_has_its_default_and_its_description() -> None:
+    tables = schema()["properties"]
+    described: set[tuple[str, str]] = set()
+    for name, table in tables.items():
+        described |= {(name, key) for key in table.get("properties", {})}
+    assert described == {(setting.table, setting.key) for setting in list_settings()}
+    for setting in list_settings():
+        key = tables[setting.table]["properties"][setting.key]
+        assert key["description"] == setting.about
+        assert key.get("default") == setting.default
         assert "null" not in json.dumps(key)
 
 
-#: What a job file may hold and what not, as table.key = value.
+#: Settings of a job file that are valid, and settings that are not: table.key and value.
 GOOD = [
     ("tool.diameter", 4),
     ("image.threshold", 12.5),
@@ -92,20 +95,20 @@ BAD = [
 
 
 @pytest.mark.parametrize(("name", "value"), GOOD + BAD)
-def test_says_the_same_as_camgen(name: str, value: object) -> None:
+def test_the_schema_accepts_the_values_that_camgen_accepts(name: str, value: object) -> None:
     table, key = name.split(".")
     job = {table: {key: value}}
     if (name, value) in GOOD:
         from_mapping(copy.deepcopy(job))
-        assert faults(job) == []
+        assert find_faults(job) == []
     else:
         with pytest.raises(JobError):
             from_mapping(copy.deepcopy(job))
-        assert len(faults(job)) == 1
+        assert len(find_faults(job)) == 1
 
 
 @pytest.mark.parametrize(
-    ("post", "options", "good"),
+    ("post", "options", "is_valid"),
     [
         ("rapid", {"decimals": 2}, True),
         ("rapid", {"decimals": "two"}, False),
@@ -117,38 +120,40 @@ def test_says_the_same_as_camgen(name: str, value: object) -> None:
         ("", {"anything": 1}, True),
     ],
 )
-def test_options_of_a_post(post: str, options: dict[str, object], good: bool) -> None:
-    assert (faults({"post": options}, post) == []) is good
-    if post and good:
+def test_the_schema_accepts_the_options_that_the_post_accepts(
+    post: str, options: dict[str, object], is_valid: bool
+) -> None:
+    assert (find_faults({"post": options}, post) == []) is is_valid
+    if post and is_valid:
         make_post(find_post(post), options)
     elif post:
         with pytest.raises(JobError):
             make_post(find_post(post), options)
 
 
-def test_a_post_with_an_option_that_no_schema_can_say(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Own:
+def test_an_option_of_an_unknown_type_accepts_any_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Unknown:
         pass
 
     @dataclass
     class Foreign(find_post("gcode")):  # type: ignore[misc]
         about: ClassVar[str] = "a machine"
-        thing: Own | None = None
+        thing: Unknown | None = None
 
-    Foreign.__annotations__ = {"about": ClassVar[str], "thing": Own | None}
+    Foreign.__annotations__ = {"about": ClassVar[str], "thing": Unknown | None}
     monkeypatch.setattr(import_module("camgen.post.job_schema"), "find_post", lambda _: Foreign)
-    assert faults({"post": {"thing": 5}}, "foreign") == []
-    assert faults({"post": {"thong": 5}}, "foreign") == ["$.post"]
+    assert find_faults({"post": {"thing": 5}}, "foreign") == []
+    assert find_faults({"post": {"thong": 5}}, "foreign") == ["$.post"]
 
 
-def test_command(
+def test_the_command_prints_the_schema(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["schema", "--post", "rapid"]) == 0
-    said = capsys.readouterr()
-    assert json.loads(said.out) == schema("rapid")
-    assert said.err == ""
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == schema("rapid")
+    assert printed.err == ""
     assert main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out) == schema()
     assert main(["schema", "--post", "rapit"]) == 2
@@ -157,4 +162,4 @@ def test_command(
     )
     (tmp_path / "part.nc").write_text("G21\n")
     assert main(["init", "part.nc"]) == 0
-    assert faults(tomllib.loads((tmp_path / "part.toml").read_text())) == []
+    assert find_faults(tomllib.loads((tmp_path / "part.toml").read_text())) == []

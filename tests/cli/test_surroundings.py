@@ -1,6 +1,4 @@
-"""What a run must not depend on, and what it meets where it is run: other locales, no network, closed pipes, folders
-that nobody may write to, another run beside it.
-"""
+"""Runs in other environments: locales, no network, closed pipes, no permissions, full disks."""
 
 from __future__ import annotations
 
@@ -21,12 +19,12 @@ from camgen.cli import main
 
 ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
-#: A user that owns nothing.
+#: The id of a user who owns no files.
 NOBODY = 65534
 BUILD = ("build", str(PARTS / "bracket.dxf"), "--post", "rapid")
 
 
-def run(
+def run_camgen(
     *words: str, cwd: Path, env: dict[str, str] | None = None, **more: object
 ) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "camgen", *words]
@@ -43,12 +41,12 @@ def run(
     )
 
 
-#: The search for a tour is that of the drawings: half of the time of the picture would go there.
+#: Settings for the picture. A search for its tour would double the time; the drawings have one.
 SCALED = ("--set", "image.mm_per_px=0.2", "--set", "tour.method=as-drawn")
 #: Two drawings and a picture, and further words of their commands.
 DRAWN = {"bracket.dxf": (), "logo.svg": (), "gear.png": SCALED}
 #: Builds each of the parts in a folder of its name. The name is printed before the messages.
-EACH = f"""
+BUILD_EACH = f"""
 import os, sys
 from camgen.cli import main
 for name, more in {DRAWN!r}.items():
@@ -63,9 +61,9 @@ Builds = dict[str, list[bytes | str]]
 
 
 def build_each(folder: Path, env: dict[str, str]) -> Builds:
-    """For each part the program, the report and the plan that one process writes, and its messages."""
-    done = subprocess.run(
-        [sys.executable, "-c", EACH, str(PARTS)],
+    """The program, report, plan and messages of each part, which one process builds."""
+    process = subprocess.run(
+        [sys.executable, "-c", BUILD_EACH, str(PARTS)],
         cwd=folder,
         env={"PATH": os.environ["PATH"], **env},
         capture_output=True,
@@ -73,8 +71,10 @@ def build_each(folder: Path, env: dict[str, str]) -> Builds:
         timeout=120,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    pieces = re.split(rf"^({'|'.join(map(re.escape, DRAWN))})\n", done.stderr, flags=re.MULTILINE)
+    assert process.returncode == 0, process.stderr
+    pieces = re.split(
+        rf"^({'|'.join(map(re.escape, DRAWN))})\n", process.stderr, flags=re.MULTILINE
+    )
     assert pieces[1::2] == list(DRAWN)
     builds: Builds = {}
     for part, messages in zip(pieces[1::2], pieces[2::2], strict=True):
@@ -85,7 +85,7 @@ def build_each(folder: Path, env: dict[str, str]) -> Builds:
 
 @pytest.fixture(scope="module")
 def built_in(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Builds]:
-    """What the parts come to in an environment: one process for each."""
+    """The builds in an environment; one process for each environment."""
     return cache(lambda *env: build_each(tmp_path_factory.mktemp("parts"), dict(env)))
 
 
@@ -108,11 +108,12 @@ def test_the_same_job_gives_the_same_bytes(
     assert built_in(*env.items())[part] == built_in()[part]
 
 
-#: Ends the process where anything asks for a name of the network or connects to it.
-WATCHED = """
+#: Ends the process with code 99 if it looks up a host or connects to one.
+WITHOUT_NETWORK = """
 import os, sys
 def hook(event, arguments):
-    if event.startswith("socket.") and event not in ("socket.__new__",) or event == "urllib.Request":
+    is_socket = event.startswith("socket.") and event not in ("socket.__new__",)
+    if is_socket or event == "urllib.Request":
         os.write(2, f"the network: {event} {arguments}".encode())
         os._exit(99)
 sys.addaudithook(hook)
@@ -151,28 +152,30 @@ sys.exit(main(sys.argv[1:]))
     ],
     ids=lambda words: " ".join(Path(word).name for word in words),
 )
-def test_nothing_asks_the_network(words: tuple[str, ...], tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", WATCHED, *words],
+def test_no_command_opens_the_network(words: tuple[str, ...], tmp_path: Path) -> None:
+    process = subprocess.run(
+        [sys.executable, "-c", WITHOUT_NETWORK, *words],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         timeout=120,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
+    assert process.returncode == 0, process.stderr
 
 
 @pytest.mark.parametrize(
     "words",
     [("posts",), ("robots", "--json"), ("inspect", str(PARTS / "bracket.dxf")), ("schema",)],
 )
-def test_whoever_reads_may_stop_reading(words: tuple[str, ...], tmp_path: Path) -> None:
-    """As ``| head -0`` does: the pipe is closed before anything is written."""
+def test_a_closed_pipe_ends_a_command_without_a_traceback(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
+    """The reader closes the pipe before the command writes, as `| head -0` does."""
     reader, writer = os.pipe()
     os.close(reader)
     command = [sys.executable, "-m", "camgen", *words]
-    done = subprocess.run(
+    process = subprocess.run(
         command,
         cwd=tmp_path,
         stdout=writer,
@@ -182,20 +185,20 @@ def test_whoever_reads_may_stop_reading(words: tuple[str, ...], tmp_path: Path) 
         check=False,
     )
     os.close(writer)
-    assert "Traceback" not in done.stderr
-    assert "Exception ignored" not in done.stderr
-    assert done.returncode in (0, 2, 141)
+    assert "Traceback" not in process.stderr
+    assert "Exception ignored" not in process.stderr
+    assert process.returncode in (0, 2, 141)
 
 
-def test_without_an_output_at_all_a_program_is_written(tmp_path: Path) -> None:
-    """As ``>&- 2>&-`` leaves it."""
+def test_a_program_is_written_with_closed_output_streams(tmp_path: Path) -> None:
+    """The shell closes standard output and standard error: `>&- 2>&-`."""
     command = f'exec "{sys.executable}" -m camgen {" ".join(BUILD)} >&- 2>&-'
-    done = subprocess.run(["sh", "-c", command], cwd=tmp_path, timeout=60, check=False)
-    assert done.returncode == 0
+    process = subprocess.run(["sh", "-c", command], cwd=tmp_path, timeout=60, check=False)
+    assert process.returncode == 0
     assert (tmp_path / "bracket.mod").read_text().endswith("ENDMODULE\n")
 
 
-def test_two_builds_into_one_folder_both_end_well(tmp_path: Path) -> None:
+def test_three_builds_at_once_into_one_folder_succeed(tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
@@ -207,11 +210,11 @@ def test_two_builds_into_one_folder_both_end_well(tmp_path: Path) -> None:
         "r.json",
         "-q",
     ]
-    beside = [
+    builders = [
         subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) for _ in range(3)
     ]
-    ends = [(process.communicate(timeout=120)[1], process.returncode) for process in beside]
-    assert ends == [("", 0)] * 3
+    results = [(process.communicate(timeout=120)[1], process.returncode) for process in builders]
+    assert results == [("", 0)] * 3
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bracket.mod", "p.json", "r.json"]
     alone = tmp_path / "alone"
     alone.mkdir()
@@ -221,8 +224,8 @@ def test_two_builds_into_one_folder_both_end_well(tmp_path: Path) -> None:
         assert (tmp_path / name).read_bytes() == (alone / name).read_bytes()
 
 
-# A disk that is full: a small one of its own, which only root can mount.
-FULL = """
+#: Runs a command on a small disk, which only root can mount.
+ON_FULL_DISK = """
 import subprocess, sys
 from camgen.cli import main
 folder, *words = sys.argv[1:]
@@ -243,7 +246,9 @@ sys.exit(code)
     reason="only root can mount a small disk",
 )
 @pytest.mark.parametrize(("size", "code"), [("8k", 2), ("16k", 2), ("10m", 0)])
-def test_a_full_disk_is_told_and_the_old_file_stays(size: str, code: int, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_the_old_file_kept(
+    size: str, code: int, tmp_path: Path
+) -> None:
     words = [
         "build",
         str(PARTS / "bracket.dxf"),
@@ -255,23 +260,23 @@ def test_a_full_disk_is_told_and_the_old_file_stays(size: str, code: int, tmp_pa
         "--preview",
         "b.html",
     ]
-    command = ["unshare", "-m", sys.executable, "-c", FULL, str(tmp_path), size, *words]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == code, done.stderr
+    command = ["unshare", "-m", sys.executable, "-c", ON_FULL_DISK, str(tmp_path), size, *words]
+    process = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert process.returncode == code, process.stderr
     if code:
         assert re.fullmatch(
             r"camgen: error: b.(mod|html): cannot be written: No space left on device\n",
-            done.stderr,
+            process.stderr,
         )
-        assert done.stdout == "['b.mod'] an older program\n"
+        assert process.stdout == "['b.mod'] an older program\n"
     else:
-        assert done.stdout.startswith("['b.html', 'b.mod'] MODULE")
+        assert process.stdout.startswith("['b.html', 'b.mod'] MODULE")
 
 
-def test_one_process_and_three_give_the_same(
+def test_one_process_and_three_write_the_same_programs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What one builder makes is what three make side by side, and the table of both is the same."""
+    """The exit code, the table and the programs of one builder are those of three."""
     builds = []
     names = [str(PARTS / name) for name in ("bracket.dxf", "plate.dxf", "logo.svg", "gaps.dxf")]
     for count in ("1", "3"):
@@ -287,10 +292,11 @@ def test_one_process_and_three_give_the_same(
     assert len(builds[0][2]) >= 3
 
 
-# As a user that may not do everything, which root is not.
+# -- a user without permissions, unlike root
 
 
-#: Everything is imported by a first run, since the interpreter itself may be where nobody else can read.
+#: Runs a command as another user. A build before it imports all modules, because the user may not
+#: be able to read the files of the interpreter.
 AS_NOBODY = f"""
 import os, sys
 from camgen.cli import main
@@ -303,7 +309,7 @@ sys.exit(main(words))
 """
 
 
-def as_nobody(*words: str, cwd: Path, first: Path) -> subprocess.CompletedProcess[str]:
+def run_as_nobody(*words: str, cwd: Path, first: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", AS_NOBODY, str(first / "first.mod"), str(cwd), *words]
     return subprocess.run(
         command, cwd=first, capture_output=True, text=True, timeout=120, check=False
@@ -317,7 +323,7 @@ needs_root = pytest.mark.skipif(
 
 @pytest.fixture
 def shared() -> Iterator[Path]:
-    """A folder that every user can enter, which those of pytest are not."""
+    """A folder with a drawing that each user can enter. The folders of pytest are private."""
     with tempfile.TemporaryDirectory(dir="/tmp") as name:
         folder = Path(name)
         folder.chmod(0o755)
@@ -327,27 +333,27 @@ def shared() -> Iterator[Path]:
 
 
 @needs_root
-def test_a_folder_that_may_not_be_written_to_is_told(shared: Path, tmp_path: Path) -> None:
-    done = as_nobody("build", "part.dxf", "--post", "rapid", cwd=shared, first=tmp_path)
-    assert done.returncode == 2
-    errors = [line for line in done.stderr.splitlines() if line.startswith("camgen: error:")]
+def test_a_folder_without_write_permission_is_reported(shared: Path, tmp_path: Path) -> None:
+    process = run_as_nobody("build", "part.dxf", "--post", "rapid", cwd=shared, first=tmp_path)
+    assert process.returncode == 2
+    errors = [line for line in process.stderr.splitlines() if line.startswith("camgen: error:")]
     assert len(errors) == 1
     assert "part.mod: cannot be written: Permission denied" in errors[0]
     assert sorted(path.name for path in shared.iterdir()) == ["part.dxf"]
 
 
 @needs_root
-def test_a_file_that_may_not_be_read_is_told(shared: Path, tmp_path: Path) -> None:
+def test_a_file_without_read_permission_is_reported(shared: Path, tmp_path: Path) -> None:
     (shared / "part.dxf").chmod(0o600)
-    done = as_nobody("inspect", "part.dxf", cwd=shared, first=tmp_path)
-    assert done.returncode == 2
-    assert done.stderr.startswith("camgen: error: part.dxf: cannot be read: Permission denied")
-    assert done.stderr.count("\n") == 1
+    process = run_as_nobody("inspect", "part.dxf", cwd=shared, first=tmp_path)
+    assert process.returncode == 2
+    assert process.stderr.startswith("camgen: error: part.dxf: cannot be read: Permission denied")
+    assert process.stderr.count("\n") == 1
 
 
 @needs_root
-def test_an_old_file_that_may_not_be_replaced_stays(shared: Path, tmp_path: Path) -> None:
+def test_an_old_file_in_a_read_only_folder_is_kept(shared: Path, tmp_path: Path) -> None:
     (shared / "part.mod").write_text("an older program\n")
-    done = as_nobody("build", "part.dxf", "--post", "rapid", cwd=shared, first=tmp_path)
-    assert done.returncode == 2
+    process = run_as_nobody("build", "part.dxf", "--post", "rapid", cwd=shared, first=tmp_path)
+    assert process.returncode == 2
     assert (shared / "part.mod").read_text() == "an older program\n"

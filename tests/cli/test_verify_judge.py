@@ -1,4 +1,4 @@
-"""``camgen verify`` on programs of others: three levels, what is assumed, what the user says, the page."""
+"""`camgen verify` of programs from elsewhere: findings, assumptions, options and the page."""
 
 import json
 import re
@@ -41,102 +41,104 @@ def write(name, text):
     return name
 
 
-def judged(capsys, *words):
-    """Exit code, the page by its labels, the lines about lines, and the error."""
+def verify(capsys, *words):
+    """Exit code, the rows of the summary by their labels, the findings by line, and the error."""
     code = main(["verify", *words])
-    shown = capsys.readouterr()
-    lines = shown.out.splitlines()
+    printed = capsys.readouterr()
+    lines = printed.out.splitlines()
     page = {
         line[:10].strip(): line[10:].strip() for line in lines if not re.match(r"\S+ line ", line)
     }
-    return code, page, [line for line in lines if re.match(r"\S+ line ", line)], shown.err
+    return code, page, [line for line in lines if re.match(r"\S+ line ", line)], printed.err
 
 
 def test_a_sound_program_has_no_finding_and_needs_no_post(capsys):
-    code, page, told, error = judged(capsys, write("shop.mod", RAPID))
-    assert (code, told, error) == (0, [], "")
+    code, page, findings, error = verify(capsys, write("shop.mod", RAPID))
+    assert (code, findings, error) == (0, [], "")
     assert page["straight"] == "200.0 mm"
     assert page["output"] == "doGun: 1, 0"
     assert "diReady" in page["assumed"]
     assert page["language"].startswith("ABB RAPID")
 
 
-def test_what_the_user_says_leads_elsewhere(capsys):
+def test_assumed_values_and_the_entry_change_the_run(capsys):
     write("shop.mod", RAPID)
-    assert judged(capsys, "shop.mod", "--assume", "diReady=0")[1]["straight"] == "150.0 mm"
-    assert judged(capsys, "shop.mod", "--entry", "other")[1]["program"].endswith("1 joint motion")
+    assert verify(capsys, "shop.mod", "--assume", "diReady=0")[1]["straight"] == "150.0 mm"
+    assert verify(capsys, "shop.mod", "--entry", "other")[1]["program"].endswith("1 joint motion")
 
 
-def test_the_arm_that_a_program_is_for_tells_where_joint_values_lead(capsys):
+def test_joint_values_become_poses_with_the_arm_of_the_program(capsys):
     joints = "MoveAbsJ [[0,20,10,0,60,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v500,fine,tGun;"
-    seen = "MoveL Offs(CRobT(\\Tool:=tGun\\WObj:=wobj0),0,0,50),v100,fine,tGun;"
-    program = write("shop.mod", RAPID.replace("MoveJ p1,v500,fine,tGun;", f"{joints}\n{seen}", 1))
+    shifted = "MoveL Offs(CRobT(\\Tool:=tGun\\WObj:=wobj0),0,0,50),v100,fine,tGun;"
+    program = write(
+        "shop.mod", RAPID.replace("MoveJ p1,v500,fine,tGun;", f"{joints}\n{shifted}", 1)
+    )
     main(["verify", program])
     assert "motions from there are shown in a frame of that name" in capsys.readouterr().out
     assert main(["verify", program, "--set", "operation.taught_on=abb_irb120"]) == 0
-    shown = capsys.readouterr().out
-    assert "left out" not in shown
-    assert "in a frame of that name" not in shown
-    code, _, _, error = judged(capsys, program, "--set", "operation.taught_on=nobody")
+    printed = capsys.readouterr().out
+    assert "left out" not in printed
+    assert "in a frame of that name" not in printed
+    code, _, _, error = verify(capsys, program, "--set", "operation.taught_on=nobody")
     assert code == 2
     assert "operation.taught_on" in error
 
 
 def test_an_output_in_a_corner_is_dangerous(capsys):
     text = RAPID.replace("Offs(p1,0,100,0),v100,fine", "Offs(p1,0,100,0),v100,z10")
-    code, _, told, error = judged(capsys, write("shop.mod", text))
+    code, _, findings, error = verify(capsys, write("shop.mod", text))
     assert code == 3
-    assert [line.split(": ")[:2] for line in told] == [["shop.mod line 7", "dangerous"]]
+    assert [line.split(": ")[:2] for line in findings] == [["shop.mod line 7", "dangerous"]]
     assert "1 line is dangerous, first: doGun" in error
 
 
 def test_a_subroutine_runs_with_the_arguments_of_the_user(capsys):
     text = "G21 G90\no<hole> sub\nG0 X#1 Y#2\nG0 Z5\nG1 Z[-#3] F100\no<hole> endsub\n"
     words = ("--entry", "hole", "--assume", "args=[10, 20,3]")
-    code, page, findings, error = judged(capsys, write("hole.ngc", text), *words)
+    code, page, findings, error = verify(capsys, write("hole.ngc", text), *words)
     assert (code, findings, error) == (0, [], "")
     assert page["extents"] == "x 10 to 10, y 20 to 20, z -3 to 5 mm"
 
 
-def test_what_the_controller_refuses_comes_first(capsys):
+def test_a_refused_line_decides_the_exit_code(capsys):
     text = RAPID.replace("[0,0,1,0],[0,0,0,0]", "[0,0,0.9,0],[0,0,0,0]").replace(
         "v100,fine", "v100,z10", 1
     )
-    code, _, told, error = judged(capsys, write("shop.mod", text))
+    code, _, findings, error = verify(capsys, write("shop.mod", text))
     assert code == 2
-    assert any(": refused: " in line for line in told)
+    assert any(": refused: " in line for line in findings)
     assert "refused, first:" in error
 
 
-def test_the_place_is_that_of_the_file(capsys):
+def test_a_finding_has_the_line_of_its_file(capsys):
     bad = "MoveL [[0,0,0],[0.9,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,fine,tGun;"
     other = f"MODULE more\n  PROC extra()\n    {bad}\n  ENDPROC\nENDMODULE\n"
     text = RAPID.replace("    SetDO doGun,0;\n", "    extra;\n    SetDO doGun,0;\n")
-    code, _, told, _ = judged(capsys, write("shop.mod", text), write("more.mod", other))
+    code, _, findings, _ = verify(capsys, write("shop.mod", text), write("more.mod", other))
     assert code == 2
-    assert any(line.startswith("more.mod line 3: refused") for line in told)
+    assert any(line.startswith("more.mod line 3: refused") for line in findings)
 
 
-def test_lines_in_texts_name_their_file_too(capsys):
-    late = "  PROC later()\n    SetDO doLate,1;\n    SetDO doLate,0;\n  ENDPROC\n"
-    text = RAPID.replace("  PROC other()", f"{late}  PROC other()").replace(
+def test_lines_in_the_text_of_a_finding_have_their_file(capsys):
+    later_routine = "  PROC later()\n    SetDO doLate,1;\n    SetDO doLate,0;\n  ENDPROC\n"
+    text = RAPID.replace("  PROC other()", f"{later_routine}  PROC other()").replace(
         "    SetDO doGun,0;\n", "    extra;\n", 1
     )
     move = "MoveL Offs(p1,0,0,9),v50,z50,tGun;"
     other = f"MODULE more\n  PROC extra()\n    {move}\n    later;\n  ENDPROC\nENDMODULE\n"
-    _, _, told, _ = judged(capsys, write("shop.mod", text), write("more.mod", other))
-    assert any("the motion in more.mod line 3 blends" in line for line in told)
+    _, _, findings, _ = verify(capsys, write("shop.mod", text), write("more.mod", other))
+    assert any("the motion in more.mod line 3 blends" in line for line in findings)
 
 
-def test_it_is_said_as_data(capsys):
+def test_findings_are_printed_as_json(capsys):
     write("shop.mod", RAPID.replace("Offs(p1,0,100,0),v100,fine", "Offs(p1,0,100,0),v100,z10"))
     assert main(["verify", "shop.mod", "--json"]) == 3
-    found = json.loads(capsys.readouterr().out)
-    assert [(one["place"], one["level"]) for one in found["faults"]] == [
+    data = json.loads(capsys.readouterr().out)
+    assert [(fault["place"], fault["level"]) for fault in data["faults"]] == [
         ("shop.mod line 7", "dangerous")
     ]
-    assert found["assumed"][0]["key"] == "diready"
-    assert found["stopped"] is None
+    assert data["assumed"][0]["key"] == "diready"
+    assert data["stopped"] is None
 
 
 def test_the_page_shows_motion_text_and_findings(capsys):
@@ -147,14 +149,14 @@ def test_the_page_shows_motion_text_and_findings(capsys):
     data = json.loads(re.search(r'<script[^>]* id="data"[^>]*>(.*?)</script>', page, re.S)[1])
     assert data["listing"]["files"] == [["shop.mod", text]]
     assert [(note[0], note[7]) for note in data["notes"]] == [("dangerous", 7), ("assumed", 8)]
-    assert [one[1:] for one in data["switches"]] == [["doGun", 1.0], ["doGun", 0.0]]
-    # 600 mm from above: 100 mm at 100 mm/s from the first target on.
+    assert [switch[1:] for switch in data["switches"]] == [["doGun", 1.0], ["doGun", 0.0]]
+    # The output is set after the first line of 100 mm at 100 mm/s.
     assert data["switches"][0][0] == pytest.approx(1.0)
     assert len(data["paths"]) == 1
     assert ["Tool", "tGun: 0 0 200 0 0 0"] in data["facts"]
 
 
-def test_a_program_without_a_motion_has_a_page_too(capsys):
+def test_a_program_without_a_motion_has_a_page(capsys):
     text = "MODULE a\n  PROC main()\n    SetDO doGun,1;\n    SetDO doGun,0;\n  ENDPROC\nENDMODULE\n"
     assert main(["verify", write("a.mod", text), "--report", "a.html"]) == 0
     assert Path("a.html").stat().st_size > 100_000
@@ -162,7 +164,7 @@ def test_a_program_without_a_motion_has_a_page_too(capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--assume", "di1"], "'di1' is not a name with a value"),
         (["--assume", "=1"], "'=1' is not a name with a value"),
@@ -179,41 +181,45 @@ def test_a_program_without_a_motion_has_a_page_too(capsys):
         (["--job", "job.toml"], "--post: is not given"),
     ],
 )
-def test_what_makes_no_sense_is_one_line(capsys, words, said):
+def test_wrong_words_are_refused_in_one_line(capsys, words, message):
     write("job.toml", "")
     write("shop.mod", RAPID)
-    code, _, _, error = judged(capsys, "shop.mod", *words)
+    code, _, _, error = verify(capsys, "shop.mod", *words)
     assert code == 2
-    assert said in error
+    assert message in error
     assert error.count("\n") == 1
 
 
-def test_a_text_of_no_language_is_told_what_there_is(capsys):
-    code, _, _, error = judged(capsys, write("a.bin", "hello there\n"))
+def test_the_error_of_a_text_of_no_language_lists_the_posts(capsys):
+    code, _, _, error = verify(capsys, write("a.bin", "hello there\n"))
     assert code == 2
     assert "--post" in error
     assert "rapid" in error
 
 
-def test_twenty_thousand_findings_take_no_quadratic_time(capsys):
+def test_twenty_thousand_findings_are_listed(capsys):
     bad = "    MoveL [[1,2,3],[0.9,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,fine,tGun;\n"
     text = RAPID.replace("    SetDO doGun,0;\n", bad * 20_000)
-    code, _, told, _ = judged(capsys, write("shop.mod", text))
+    code, _, findings, _ = verify(capsys, write("shop.mod", text))
     assert code == 2
-    assert len(told) >= 20_000
+    assert len(findings) >= 20_000
 
 
-def test_nothing_in_a_file_reaches_the_terminal_as_an_order(capsys):
+def test_control_characters_of_a_file_do_not_reach_the_terminal(capsys):
     text = "Sub Main\n  \x1b[2J = 3\n  Move \x07x\nEnd Sub\n"
     assert main(["verify", write("a.pcs", text)]) == 2
-    shown = capsys.readouterr()
-    assert "[2J = 3 is not understood" in shown.out
-    assert not any(ord(letter) < 32 and letter != "\n" for letter in shown.out + shown.err)
+    printed = capsys.readouterr()
+    assert "[2J = 3 is not understood" in printed.out
+    assert not any(ord(letter) < 32 and letter != "\n" for letter in printed.out + printed.err)
 
 
-def glue(*, ask: str = "", last_off: str = "    SetDO doGlue,0;\n") -> str:
-    """Three straight paths in RAPID with an output on. ask: statement before the first motion."""
-    motions = ask
+def make_glue_program(*, question: str = "", last_off: str = "    SetDO doGlue,0;\n") -> str:
+    """Three straight paths in RAPID with an output on.
+
+    question: statements before the first motion.
+    last_off: statement after the third path.
+    """
+    motions = question
     for x in (0, 50, 100):
         motions += f"    MoveJ Offs(p1,{x},0,50),v500,fine,tGun;\n"
         motions += f"    MoveL Offs(p1,{x},0,0),v50,fine,tGun;\n    SetDO doGlue,1;\n"
@@ -223,25 +229,27 @@ def glue(*, ask: str = "", last_off: str = "    SetDO doGlue,0;\n") -> str:
     return f"{head}{motions}    MoveJ Offs(p1,0,0,90),v500,fine,tGun;\n  ENDPROC\nENDMODULE\n"
 
 
-def test_harm_in_the_motion_is_exit_3(capsys):
-    assert judged(capsys, write("glue.mod", glue()))[::2] == (0, [])
-    code, _, lines, error = judged(capsys, write("glue.mod", glue(last_off="")))
+def test_an_output_that_stays_on_is_exit_code_3(capsys):
+    assert verify(capsys, write("glue.mod", make_glue_program()))[::2] == (0, [])
+    code, _, lines, error = verify(capsys, write("glue.mod", make_glue_program(last_off="")))
     assert code == 3
     assert "doGlue is still on at the end" in "".join(lines)
     assert "dangerous" in error
 
 
-def test_harm_that_rests_on_an_assumption_is_unusual(capsys):
-    ask = "    IF diReady=0 THEN\n      Stop;\n    ENDIF\n"
-    code, page, lines, error = judged(capsys, write("glue.mod", glue(ask=ask, last_off="")))
+def test_a_danger_under_an_assumption_is_unusual(capsys):
+    question = "    IF diReady=0 THEN\n      Stop;\n    ENDIF\n"
+    code, page, lines, error = verify(
+        capsys, write("glue.mod", make_glue_program(question=question, last_off=""))
+    )
     assert "diReady" in page["assumed"]
     assert (code, error) == (0, "")
     assert [line for line in lines if line.endswith("at the end, if all is as assumed")]
 
 
-def test_a_header_that_names_another_frame(capsys):
+def test_frames_of_the_header_that_differ_from_the_program_are_reported(capsys):
     header = "! work frame: 1 2 3 0 0 0\n! tool: diameter 6 mm - frame 0 0 210 0 0 0\n"
-    _, _, lines, _ = judged(capsys, write("glue.mod", header + glue()))
+    _, _, lines, _ = verify(capsys, write("glue.mod", header + make_glue_program()))
     assert lines == [
         "glue.mod line 1: unusual: the header says work frame 1 2 3 0 0 0, "
         "the program sets 0 0 0 0 0 0",
@@ -250,10 +258,10 @@ def test_a_header_that_names_another_frame(capsys):
     ]
 
 
-def test_a_program_of_functions_alone_is_no_fault(capsys):
+def test_a_program_of_functions_alone_has_no_finding(capsys):
     """DENSO keeps functions and data in files whose Main is empty."""
     text = "Public distance(20) As Double\n\nSub Main\n\nEnd Sub\n"
-    code, page, lines, error = judged(capsys, write("data.pcs", text))
+    code, page, lines, error = verify(capsys, write("data.pcs", text))
     assert (code, lines, error) == (0, [], "")
     assert page["program"].endswith("no instruction")
 
@@ -265,30 +273,30 @@ COUNTING = f"{START}o1 while [1 EQ 1]\nG1 X[#100]\n#100=[#100+1]\no1 endwhile\nM
 def test_a_limit_of_steps_is_possible_if_an_input_may_end_the_loop(capsys):
     waiting = COUNTING.replace("[1 EQ 1]", "[#5399 EQ 0]").replace("G1 X", "M66 P0 L0\nG1 X")
     limit = ["--set", "limits.gcode_steps=200"]
-    code, page, lines, error = judged(capsys, write("wait.ngc", "M66 P0 L0\n" + waiting), *limit)
+    code, page, lines, error = verify(capsys, write("wait.ngc", "M66 P0 L0\n" + waiting), *limit)
     assert (code, error) == (0, "")
     assert "din0" in page["assumed"]
     (line,) = lines
     assert ": possible: the run stops here: the program has not ended after 200 steps" in line
     assert line.endswith(", if all is as assumed")
     assert page["motion"] == "not proven: the run does not come to the end"
-    code, page, lines, error = judged(capsys, write("count.ngc", COUNTING), *limit)
+    code, page, lines, error = verify(capsys, write("count.ngc", COUNTING), *limit)
     assert code == 2
     assert "cannot be run to its end: the program has not ended after 200 steps" in error
     assert page["coverage"] == "8 of 9 statements run (88 %), not run: count.ngc line 9"
 
 
-def test_coverage_is_in_the_data(capsys):
+def test_the_coverage_is_printed_as_json(capsys):
     code = main(["verify", write("shop.mod", RAPID), "--json"])
     assert code == 0
-    # The lines of main but ELSE and ENDIF run, and the motion of the other routine does not.
+    # All lines of main run, except for ELSE and ENDIF; the motion of the other routine does not.
     assert json.loads(capsys.readouterr().out)["coverage"] == {"statements": 8, "run": 7}
 
 
 def test_a_refused_program_is_not_compared_with_its_drawing(capsys):
     part = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
     text = SQUARE.replace("X10\n", "X10 P5 P6\n")
-    code, page, _, _ = judged(capsys, write("square.ngc", text), "--part", str(part))
+    code, page, _, _ = verify(capsys, write("square.ngc", text), "--part", str(part))
     assert code == 2
     assert page["motion"] == "not proven: the program has lines to correct first"
     assert page["reach"].startswith("not proven: verify examines the text")

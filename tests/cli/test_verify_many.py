@@ -74,7 +74,9 @@ def test_files_that_call_each_other_are_one_program(capsys: pytest.CaptureFixtur
     assert code == int(rows[1][-1]) == main(["verify", "other/a.mod", "-q"])
 
 
-def test_a_file_that_is_no_program_costs_no_other(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_not_a_program_does_not_stop_the_others(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     write("shop/sound.ngc", SOUND)
     write("shop/empty.ngc", "")
     code, rows, last = verify(capsys, "shop/empty.ngc", "shop/sound.ngc", "shop/none.ngc")
@@ -123,7 +125,7 @@ def test_the_rows_as_sarif(capsys: pytest.CaptureFixture[str]) -> None:
         (["shop"], "add --summary"),
     ],
 )
-def test_what_makes_no_sense_is_one_line(
+def test_wrong_words_are_refused_in_one_line(
     words: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["verify", *words]) == 2

@@ -1,4 +1,4 @@
-"""camgen verify --part: gouges and excess in the material of a drawing, and exit codes."""
+"""`camgen verify --part`: gouges and rest material compared with a drawing, and exit codes."""
 
 import math
 import re
@@ -37,14 +37,14 @@ def verify(program: str, *more: str) -> int:
 
 def test_a_built_program_cuts_what_it_may(program: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert verify(program, "--job", "mill.toml") == 0
-    told = capsys.readouterr().out
-    assert "end mill of 3 mm, 5 mm deep: no gouge, no rapid motion in material" in told
-    assert re.search(r"removed +3\.8 cm3", told)
-    excess = re.search(r"excess +at z -2\.5 -5: ([0-9.]+) mm2 in inner corners", told)
+    printed = capsys.readouterr().out
+    assert "end mill of 3 mm, 5 mm deep: no gouge, no rapid motion in material" in printed
+    assert re.search(r"removed +3\.8 cm3", printed)
+    excess = re.search(r"excess +at z -2\.5 -5: ([0-9.]+) mm2 in inner corners", printed)
     assert excess
-    # Two contours want the ring between the circles of 3.3 and 6 mm, which a 3 mm tool cannot enter.
+    # Two contours bound the ring between the circles of 3.3 and 6 mm, too narrow for a 3 mm tool.
     assert float(excess[1]) == pytest.approx(math.pi * (3.0**2 - 1.65**2), abs=0.02)
-    assert "remark: the part within c1 is cut free" in told
+    assert "remark: the part within c1 is cut free" in printed
 
 
 def test_without_a_job_the_drawing_is_the_part(
@@ -58,11 +58,11 @@ def test_a_wider_tool_gouges_with_its_line(
     program: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert verify(program, "--set", "tool.diameter=3.1") == 3
-    told = capsys.readouterr()
-    assert "plate.ngc line 21: cuts 0.05 mm into material that must stay" in told.out
+    printed = capsys.readouterr()
+    assert "plate.ngc line 21: cuts 0.05 mm into material that must stay" in printed.out
     assert re.search(
         r"plate\.ngc: \d+ faults in the material, first: cuts 0\.05 mm .*\(plate\.ngc line 21\)",
-        told.err,
+        printed.err,
     )
 
 
@@ -71,16 +71,16 @@ def test_a_rapid_motion_that_was_lowered_is_found(
 ) -> None:
     text = Path(program).read_text()
     lines = text.splitlines()
-    # The way from the first hole to the second, without the lift before it.
+    # The link from the first hole to the second one loses the lift before it.
     lift = next(k for k, line in enumerate(lines) if line.startswith("G0 Z") and k > 20)
     del lines[lift]
     Path(program).write_text("\n".join(lines) + "\n")
     assert verify(program, "--job", "mill.toml") == 3
-    # A comment stands before the way across.
+    # There is a comment before the rapid motion to the second hole.
     assert f"plate.ngc line {lift + 2}: rapid motion through material" in capsys.readouterr().out
 
 
-def test_what_has_no_contours_is_refused(program: str) -> None:
+def test_a_solid_part_is_refused(program: str) -> None:
     assert (
         main(["verify", program, "--post", "gcode", "--part", str(PLATE.with_name("rfa1.stl"))])
         == 2

@@ -1,7 +1,7 @@
-"""What README and documents show runs: commands on files of the names they use, and examples in Python.
+"""Runs the commands of README and documents, on files with their names, and the examples in Python.
 
-Commands whose files are words in capitals are only parsed, those with what they print are run by
-``docs.make.pages``; both in ``test_docs.py``.
+`test_docs.py` parses commands whose files are words in capitals, and runs commands that are shown
+with their output by `docs.make.pages`.
 """
 
 import itertools
@@ -28,14 +28,14 @@ from bench.render.parts import paper
 from camgen.cli import main, make_parsers
 from camgen.model.errors import JobError
 from docs.make.pages import CONSOLES
-from tests.docs.test_docs import FILES, ROOT, USAGE, commands, name
+from tests.docs.test_docs import FILES, ROOT, USAGE, list_commands, name
 from tests.support.benches import open_bench
 from tests.support.clouds import scan
 from tests.support.old_programs import PACSCRIPT, RAPID, VPLUS
 
 FIXTURES = ROOT / "fixtures"
 PARTS = FIXTURES / "parts"
-#: Files that the documents speak of, by what they are made from.
+#: Files that the documents name, and the files of which they are copies.
 COPIES = {
     **dict.fromkeys(("part.dxf", "-part.dxf", "drawing.dxf", "bracket.dxf"), PARTS / "bracket.dxf"),
     **{f"parts/{k}.dxf": PARTS / f"{k}.dxf" for k in ("bracket", "plate")},
@@ -61,7 +61,7 @@ COPIES = {
     "arm.urdf": FIXTURES / "robots" / "six.urdf",
     **{file: FIXTURES / "machines" / file for file in ("router.txt", "mill.ini")},
 }
-#: Why a command that is whole cannot be run here.
+#: A part of each complete command that cannot be run in this test, and the reason.
 NOT_RUN = {
     "tcp://host:8786": "needs a cluster, see tests/batch/test_batch_dask.py",
     "--post krl": "needs the example post installed, see tests/docs/test_writing_a_post.py",
@@ -78,12 +78,13 @@ NOT_RUN = {
 }
 
 
-#: A job file as a page shows it: its name at the beginning of a paragraph, then the block.
+#: A job file on a page: a paragraph that starts with its name, then the block.
 JOB_FILE = re.compile(r"^`(\w+\.toml)`:.*?^```toml\n(.*?)^```", re.S | re.M)
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.S | re.M)
 CONSOLE = re.compile(r"^```console\n.*?^```", re.S | re.M)
 MODULE = re.compile(r"python -m ((?:bench|docs|camgen)[\w.]*\w)")
-#: Corners of the part.stl of the documents, mm: few edges, no two alike, three of them on top.
+#: Corners of the part.stl of the documents, mm. It has few edges of different lengths; three of
+#: them are on top.
 WEDGE = [(20, 20, 60), (110, 20, 60), (20, 90, 60), (40, 35, 0)]
 OLD = "G21 G90\nG0 X0 Y0 Z10\nG1 Z0 F300\nG2 X20 I10 J0\nG1 X0\nG0 Z10\nM2\n"
 DRILL = "o<drill> sub\nG21 G0 X#1 Y#2\nG0 Z5\nG1 Z[-#3] F100\no<drill> endsub\n"
@@ -95,41 +96,41 @@ PLY = (
 )
 
 
-class Shown(NamedTuple):
-    """A command, and the job files that its page has for it."""
+class ShownCommand(NamedTuple):
+    """A command of a page. jobs: name and text of each job file on this page."""
 
     line: str
     jobs: tuple[tuple[str, str], ...]
 
 
-def whole_commands() -> dict[Shown, str]:
-    """Every command of the documents that stands with all it needs, once, with the first page that shows it."""
-    found: dict[Shown, str] = {}
+def list_complete_commands() -> dict[ShownCommand, str]:
+    """The complete commands of the documents, each with the first page that shows it."""
+    first_pages: dict[ShownCommand, str] = {}
     parser, _ = make_parsers()
     for page in FILES:
         text = page.read_text(encoding="utf-8")
         if page.name in CONSOLES:
             text = CONSOLE.sub("", text)
-        for line, _ in commands(text):
-            if USAGE.search(line) or any(why in line for why in NOT_RUN):
+        for line, _ in list_commands(text):
+            if USAGE.search(line) or any(part in line for part in NOT_RUN):
                 continue
-            with suppress(SystemExit), redirect_stdout(StringIO()):  # --version prints and leaves
+            # --version prints and exits.
+            with suppress(SystemExit), redirect_stdout(StringIO()):
                 try:
-                    parser.parse_args(words_of(line))
-                except (
-                    JobError
-                ):  # spoken of, such as `camgen build`; test_docs.py says where a line is wrong
+                    parser.parse_args(split_words(line))
+                except JobError:
+                    # A mention such as `camgen build`. test_docs.py finds lines that are wrong.
                     continue
-            found.setdefault(Shown(line, tuple(JOB_FILE.findall(text))), name(page))
-    return found
+            first_pages.setdefault(ShownCommand(line, tuple(JOB_FILE.findall(text))), name(page))
+    return first_pages
 
 
-def words_of(line: str) -> list[str]:
+def split_words(line: str) -> list[str]:
     return shlex.split(line.partition(" > ")[0], comments=True)[1:]
 
 
-def film(file: Path, photo: np.ndarray) -> None:
-    """Three frames of a photo, with every pixel as it is."""
+def write_video(file: Path, photo: np.ndarray) -> None:
+    """Writes a lossless video of three frames of a photo."""
     writer = cv2.VideoWriter(str(file), cv2.VideoWriter_fourcc(*"FFV1"), 10.0, photo.shape[1::-1])
     for _ in range(3):
         writer.write(photo)
@@ -138,7 +139,7 @@ def film(file: Path, photo: np.ndarray) -> None:
 
 @pytest.fixture(scope="session")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the files that the documents speak of."""
+    """A folder with the files that the documents name."""
     folder = tmp_path_factory.mktemp("desk")
     for file, source in COPIES.items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
@@ -148,18 +149,20 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         board.modelspace().add_circle((5.0 * k, 0), 0.4)
     board.saveas(folder / "board.dxf")
     photo = photos.photos(1, 1)[0]
-    even = replace(photo.shot, lens=replace(photo.shot.lens, size=(1200, 858)))  # as codecs want it
-    # A burr, so that there is something to work again.
-    loops, _ = with_burrs(photo.loops, 1, np.random.default_rng(1), 1.2, 1.5, (6.0, 8.0))
-    layers = (*photo.scene.layers[:-1], replace(photo.scene.layers[-1], loops=loops))
-    burred = replace(photo, loops=loops, scene=replace(photo.scene, layers=layers))
-    photos.write(folder, replace(burred, name="photo", shot=even))
+    even_shot = replace(
+        photo.shot, lens=replace(photo.shot.lens, size=(1200, 858))
+    )  # as codecs want it
+    # The part has a burr, so that a second pass has work.
+    burred_loops, _ = with_burrs(photo.loops, 1, np.random.default_rng(1), 1.2, 1.5, (6.0, 8.0))
+    layers = (*photo.scene.layers[:-1], replace(photo.scene.layers[-1], loops=burred_loops))
+    burred = replace(photo, loops=burred_loops, scene=replace(photo.scene, layers=layers))
+    photos.write(folder, replace(burred, name="photo", shot=even_shot))
     sheet = ezdxf.new("R2010", units=4)
     (loop,) = paper()
     rows = [(z.real, z.imag, bulge) for z, bulge in zip(loop.points, loop.bulges, strict=True)]
     sheet.modelspace().add_lwpolyline(rows, format="xyb", close=True)
     sheet.saveas(folder / "sheet.dxf")
-    film(folder / "clip.avi", cv2.imread(str(folder / "photo.png")))
+    write_video(folder / "clip.avi", cv2.imread(str(folder / "photo.png")))
     wedge = trimesh.Trimesh(WEDGE, [(0, 1, 2), (1, 0, 3), (2, 1, 3), (0, 2, 3)])
     wedge.export(folder / "part.stl")
     np.savetxt(folder / "bench.ply", scan(wedge, 2000, 1), fmt="%.4f", header=PLY, comments="")
@@ -189,28 +192,23 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "tool.diameter=3.0",
         "process.spindle=9000.0",
     )
-    sets = [word for one in milled for word in ("--set", one)]
-    assert (
-        main(
-            ["build", str(folder / "plate.dxf"), "--post", "gcode", "-q", "-o", str(folder), *sets]
-        )
-        == 0
-    )
+    words = [str(folder / "plate.dxf"), "--post", "gcode", "-q", "-o", str(folder)]
+    assert main(["build", *words, *(f"--set={setting}" for setting in milled)]) == 0
     return folder
 
 
-@pytest.mark.parametrize("shown", whole_commands(), ids=lambda shown: shown.line)
+@pytest.mark.parametrize("shown", list_complete_commands(), ids=lambda shown: shown.line)
 def test_a_command_runs(
-    shown: Shown, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    shown: ShownCommand, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here = tmp_path / "here"
-    shutil.copytree(desk, here)
+    folder = tmp_path / "here"
+    shutil.copytree(desk, folder)
     for file, text in shown.jobs:
-        (here / file).write_text(text)
-    monkeypatch.chdir(here)
-    words = words_of(shown.line)
-    if words[0] == "open":  # it stays until it is closed
-        with open_bench(here, words[1:]) as bench:
+        (folder / file).write_text(text)
+    monkeypatch.chdir(folder)
+    words = split_words(shown.line)
+    if words[0] == "open":  # The workbench runs until it is closed.
+        with open_bench(folder, words[1:]) as bench:
             assert bench.wait()["failed"] is None
         return
     assert main(words) == 0
@@ -219,36 +217,36 @@ def test_a_command_runs(
             assert Path(file).exists(), file
 
 
-def examples(page: Path) -> list[str]:
-    """The blocks of Python that do something; those of the API page say how something is called."""
+def list_examples(page: Path) -> list[str]:
+    """The blocks of Python that run. The blocks of the API page are signatures."""
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
     return [block for block in blocks if not block.startswith(("def ", "class ", "@"))]
 
 
-@pytest.mark.parametrize("page", [page for page in FILES if examples(page)], ids=name)
+@pytest.mark.parametrize("page", [page for page in FILES if list_examples(page)], ids=name)
 def test_examples_in_python_run(
     page: Path, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In one go, as a reader would type them."""
+    """The blocks of a page run one after another, with common names."""
     shutil.copytree(desk, tmp_path / "here")
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.syspath_prepend(ROOT / "docs" / "example_post")
     names: dict[str, object] = {"__name__": "example"}
-    for block in examples(page):
+    for block in list_examples(page):
         exec(compile(block, str(page), "exec"), names)
 
 
 def test_commands_of_the_repository_exist() -> None:
     pages = [*FILES, ROOT / "bench" / "README.md"]
-    named = {
-        module for page in pages for module in MODULE.findall(page.read_text(encoding="utf-8"))
-    }
+    named: set[str] = set()
+    for page in pages:
+        named.update(MODULE.findall(page.read_text(encoding="utf-8")))
     assert len(named) > 20
     assert not [module for module in sorted(named) if find_spec(module) is None]
 
 
-def test_a_whole_command_is_told_from_one_that_is_spoken_of() -> None:
-    lines = {shown.line for shown in whole_commands()}
+def test_a_complete_command_is_distinguished_from_a_mention() -> None:
+    lines = {shown.line for shown in list_complete_commands()}
     assert len(lines) > 30
     assert "camgen build part.dxf --post rapid" in lines
     assert not lines & {"camgen build", "camgen verify", "camgen build INPUT... --post NAME"}

@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md and the table of places in docs/architecture.md are true."""
+"""The commands and links of CONTRIBUTING.md work, and the places in docs/architecture.md exist."""
 
 import importlib
 import re
@@ -25,14 +25,16 @@ PLACES = re.findall(
 @pytest.mark.parametrize("command", [line for line in COMMANDS if "/pytest" in line])
 def test_a_command_of_pytest_finds_tests(command: str) -> None:
     words = shlex.split(command)[1:]
-    run = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]
-    # Collecting all tests takes long: the options are those of the README, which CI runs.
+    collect = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]
+    # All tests take long to collect. The options for all tests are in the README, which CI runs.
     if not any(word.startswith("tests") for word in words):
         assert " ".join(words) in README
         return
-    done = subprocess.run([*run, *words], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    counts = re.findall(r"^tests/\S+\.py: (\d+)$", done.stdout, re.M)
+    process = subprocess.run(
+        [*collect, *words], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert process.returncode == 0, process.stdout + process.stderr
+    counts = re.findall(r"^tests/\S+\.py: (\d+)$", process.stdout, re.M)
     assert sum(map(int, counts)) > 100
 
 

@@ -1,4 +1,4 @@
-"""The page of all messages: its content, and that no two messages say one thing in two ways."""
+"""The page of all messages: its content, and messages that state one thing in two ways."""
 
 import ast
 import re
@@ -40,7 +40,7 @@ def test_a_text_is_followed_through_variables() -> None:
     }
 
 
-def test_a_name_that_languages_alone_use_is_no_message_elsewhere() -> None:
+def test_names_that_only_languages_use_are_not_messages_elsewhere() -> None:
     messages = _list_in(ast.parse(MODULE), is_language=False)
     assert not [message for message in messages if message.section.startswith("finding")]
 
@@ -53,24 +53,24 @@ def test_a_name_that_languages_alone_use_is_no_message_elsewhere() -> None:
         "no layer fits …",
     ],
 )
-def test_messages_that_users_meet_are_there(text: str) -> None:
+def test_known_messages_are_listed(text: str) -> None:
     assert any(message.text == text for message in list_messages())
 
 
-#: Two messages with no more heavy words may mean different things.
-_FEW = 2
-#: V+ has the instruction first, PacScript has none.
+#: Two messages with this number of heavy words or fewer may mean different things.
+FEW_WORDS = 2
+#: Messages of two languages: the wait is an instruction of V+ and a clause of PacScript.
 OF_TWO_LANGUAGES = {f"{GAP} the wait for it is over at once", f"wait for {GAP} is over at once"}
 #: Words that may differ between two messages of one meaning.
 LIGHT = {"a", "an", "the", "is", "are", "of", "in", "to", "it", "its", "that", "this", "and", "or"}
 
 
-def test_no_two_messages_say_one_thing_in_two_ways() -> None:
+def test_no_two_messages_differ_in_light_words_only() -> None:
     alike: dict[tuple[str, ...], set[str]] = defaultdict(set)
     for message in list_messages():
         words = re.findall(rf"[a-z0-9]+|{GAP}", message.text.lower())
         heavy = tuple(sorted(word for word in words if word not in LIGHT))
-        if len(heavy) - heavy.count(GAP) <= _FEW:
+        if len(heavy) - heavy.count(GAP) <= FEW_WORDS:
             continue
         alike[heavy].add(re.sub(r"\bare\b", "is", " ".join(words)))
     double = [texts for texts in alike.values() if len(texts) > 1]

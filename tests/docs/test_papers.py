@@ -1,4 +1,4 @@
-"""docs/papers.md has a row for all of the three papers, and a row that goes stale is found."""
+"""docs/papers.md has a row for each item of the three papers, and outdated rows are found."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_no_row_is_stale() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         ({"where": ("camgen/no_such_room.py",)}, "camgen/no_such_room.py is not there"),
         ({"command": "python -m bench.no_such"}, "python -m bench.no_such is no command"),
@@ -30,10 +30,10 @@ def test_no_row_is_stale() -> None:
         ({"items": ("eq. 99",)}, "there is no eq. 99"),
     ],
 )
-def test_a_stale_row_is_found(change: dict[str, object], says: str) -> None:
+def test_a_stale_row_is_found(change: dict[str, object], message: str) -> None:
     paper = read_papers()[0]
     rows = (replace(paper.rows[0], **change), *paper.rows[1:])
-    assert any(says in fault for fault in find_faults([replace(paper, rows=rows)]))
+    assert any(message in fault for fault in find_faults([replace(paper, rows=rows)]))
 
 
 def test_an_item_without_a_row_is_found() -> None:
@@ -52,7 +52,7 @@ def test_the_numbers_of_equations_and_figures_are_those_of_the_papers(paper: Pap
         pytest.skip(f"shared/papers/{name} is not beside the repository")
     text = path.read_text(encoding="utf-8")
     figures = {int(k) for k in re.findall(r"^Fig\.? (\d+)[.: ]", text, re.M)}
-    # As "\\quad (7)", "\\tag{7}" or "(7)" at the end of a display: the last number in brackets before "$$".
+    # A display ends with "\\quad (7)", "\\tag{7}" or "(7)": a number in brackets before "$$".
     equations = {int(k) for k in re.findall(r"\((\d{1,2})\)\s*\$\$", text)}
     assert figures == set(range(1, paper.figures + 1))
     assert equations == set(range(1, paper.equations + 1))

@@ -10,8 +10,8 @@ import pytest
 
 from docs.make.reading import DATA, DRAWS, ROOT, TIMES, VERDICTS, Answer, Draw, format_results
 
-#: The draws whose questions are written.
-ASKED = tuple(draw for draw in DRAWS if (DATA / f"{draw.name}.toml").exists())
+#: The draws with a file of questions.
+WITH_QUESTIONS = tuple(draw for draw in DRAWS if (DATA / f"{draw.name}.toml").exists())
 
 
 def _has_bases() -> bool:
@@ -38,7 +38,7 @@ def test_the_number_of_texts_is_drawn_from_each_folder(draw: Draw) -> None:
     for folder in draw.folders:
         assert sum(path.startswith(f"{folder}/") for path in drawn) == draw.number
     assert drawn == draw.list_texts()
-    if draw in ASKED:
+    if draw in WITH_QUESTIONS:
         assert [module.path for module in draw.read_questions()] == drawn
 
 
@@ -46,7 +46,7 @@ def test_modules_and_pages_are_drawn_in_the_numbers_of_the_page() -> None:
     assert [draw.number * len(draw.folders) for draw in DRAWS] == [24, 24, 12]
 
 
-@pytest.mark.parametrize("draw", ASKED, ids=lambda draw: draw.name)
+@pytest.mark.parametrize("draw", WITH_QUESTIONS, ids=lambda draw: draw.name)
 def test_each_text_has_ten_questions_with_an_answer(draw: Draw) -> None:
     for module in draw.read_questions():
         assert len(module.questions) == 10, module.path
@@ -67,7 +67,7 @@ def test_the_table_counts_each_verdict_once() -> None:
     }
 
 
-@pytest.mark.parametrize("draw", ASKED, ids=lambda draw: draw.name)
+@pytest.mark.parametrize("draw", WITH_QUESTIONS, ids=lambda draw: draw.name)
 def test_the_table_of_the_data_has_all_its_verdicts(draw: Draw) -> None:
     answers = draw.read_answers()
     table = format_results([module.path for module in draw.read_questions()], answers)
@@ -76,7 +76,7 @@ def test_the_table_of_the_data_has_all_its_verdicts(draw: Draw) -> None:
     assert sums == [counts[when, verdict] for when, verdict in product(TIMES, VERDICTS)]
 
 
-@pytest.mark.parametrize("draw", ASKED, ids=lambda draw: draw.name)
+@pytest.mark.parametrize("draw", WITH_QUESTIONS, ids=lambda draw: draw.name)
 def test_each_question_has_at_most_one_answer_before_and_one_after(draw: Draw) -> None:
     answers = draw.read_answers()
     keys = [(row.module, row.question, row.when) for row in answers]

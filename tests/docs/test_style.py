@@ -1,4 +1,4 @@
-"""The counts of `docs.make.style`, by a text that is counted by hand."""
+"""The counts of `docs.make.style` for a text that was counted by hand."""
 
 from pathlib import Path
 
@@ -28,7 +28,9 @@ def second():
 '''
 
 
-def test_counts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_count_is_that_of_a_text_counted_by_hand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "module.py"
     file.write_text(TEXT + f"# {'x' * 99}\n", encoding="utf-8")
     counts = style.count(file)

@@ -1,4 +1,4 @@
-"""The walk of a build enters each arrow once and goes back to none (docs/architecture.md)."""
+"""A build enters each arrow of the walk once, in order (docs/architecture.md)."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The post tutorial: what it shows is in the example, and its commands are run in their order."""
+"""The tutorial about posts: its pieces are in the example, and its commands run in their order."""
 
 import dataclasses
 import importlib.util
@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -23,68 +24,66 @@ PAGE = (ROOT / "docs" / "writing-a-post.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r'^```(\w+)(?: title="([\w.]+)")?\n(.*?)^```$', re.S | re.M)
 
 
-def files() -> dict[str, str]:
-    """The files of the example."""
+def read_files() -> dict[str, str]:
+    """The texts of the files of the example, by name."""
     return {
         path.name: path.read_text(encoding="utf-8") for path in EXAMPLE.iterdir() if path.is_file()
     }
 
 
-def commands() -> list[str]:
-    return [
-        line[2:]
-        for language, _, body in BLOCK.findall(PAGE)
-        if language == "console"
-        for line in body.splitlines()
-    ]
+def list_commands() -> list[str]:
+    """The commands of the page, without their prompt."""
+    commands: list[str] = []
+    for language, _, body in BLOCK.findall(PAGE):
+        if language == "console":
+            commands += [line[2:] for line in body.splitlines()]
+    return commands
 
 
-def outputs() -> list[str]:
+def list_outputs() -> list[str]:
     return [
         body for language, title, body in BLOCK.findall(PAGE) if language == "text" and not title
     ]
 
 
 def test_the_page_shows_pieces_of_the_example() -> None:
-    """Each block with a file name is whole lines of that file, and every file is shown."""
+    """Each block with a file name consists of whole lines of this file, and each file is shown."""
     shown = [(title, body) for _, title, body in BLOCK.findall(PAGE) if title]
-    assert {title for title, _ in shown} == set(files())
+    assert {title for title, _ in shown} == set(read_files())
     for title, body in shown:
-        assert "\n" + body in "\n" + files()[title], f"{title}: {body}"
+        assert "\n" + body in "\n" + read_files()[title], f"{title}: {body}"
 
 
 @pytest.mark.parametrize("name", ["krl.py", "krl_language.py"])
 def test_the_example_is_as_short_as_promised(name: str) -> None:
-    assert len(files()[name].splitlines()) < 200
+    assert len(read_files()[name].splitlines()) < 200
 
 
-def test_the_language_knows_nothing_of_the_post() -> None:
-    assert not re.search(r"^\s*(?:from|import) krl\b", files()["krl_language.py"], re.M)
-    assert "fixed_xyz" not in files()["krl_language.py"]
+def test_the_language_does_not_import_the_post() -> None:
+    assert not re.search(r"^\s*(?:from|import) krl\b", read_files()["krl_language.py"], re.M)
+    assert "fixed_xyz" not in read_files()["krl_language.py"]
 
 
-def test_what_may_be_overridden_is_there() -> None:
-    """The table names every method and class variable of a post, each in one row, and none that is not there."""
+def test_the_table_of_overrides_names_all_members_of_a_post() -> None:
+    """The table names the methods and class variables of a post, and no others."""
     rows = dict(re.findall(r"^\| \*\*(.+) override\*\* \| (.*) \|$", PAGE, re.M))
     assert set(rows) == {"Must", "May", "Don't"}
-    named = {row: re.findall(r"`(\w+)`", text) for row, text in rows.items()}
-    everything = {name for row in named.values() for name in row}
-    options = {one.name for one in dataclasses.fields(Post)}
+    names_of = {row: re.findall(r"`(\w+)`", text) for row, text in rows.items()}
+    all_names = set(chain.from_iterable(names_of.values()))
+    options = {option.name for option in dataclasses.fields(Post)}
     members = {
         name for name in {*vars(Post), *Post.__annotations__} if not name.startswith("_")
     } - options
-    assert everything == members
-    abstract = {name for name in named["Must"] if name not in Post.__annotations__}
+    assert all_names == members
+    abstract = {name for name in names_of["Must"] if name not in Post.__annotations__}
     assert abstract == Post.__abstractmethods__
 
 
-def test_the_words_of_the_kit_are_all_explained() -> None:
+def test_the_page_explains_all_features_of_the_kit() -> None:
     table = PAGE.partition("`camgen.post.kit.FEATURES`:")[2].partition("\n\n`conformance")[0]
-    words = [
-        word
-        for row in re.findall(r"^\| (`.*?) \|", table, re.M)
-        for word in re.findall(r"`([^`]+)`", row)
-    ]
+    words: list[str] = []
+    for row in re.findall(r"^\| (`.*?) \|", table, re.M):
+        words += re.findall(r"`([^`]+)`", row)
     assert sorted(words) == sorted([*FEATURES, *WHOLE])
 
 
@@ -92,23 +91,27 @@ def test_options_are_those_of_the_job_on_the_page() -> None:
     (job,) = (
         body for language, title, body in BLOCK.findall(PAGE) if language == "toml" and not title
     )
-    known = {one.name for one in dataclasses.fields(find_post(str(EXAMPLE / "krl.py"))) if one.init}
+    known = {
+        option.name
+        for option in dataclasses.fields(find_post(str(EXAMPLE / "krl.py")))
+        if option.init
+    }
     assert set(re.findall(r"^(\w+) =", job, re.M)) <= known
 
 
 # -- the commands
 
 
-def without_network(words: list[str], site: Path) -> list[str]:
-    """A command of the page as it runs here: by this Python, and ``pip`` into a folder, from what is installed."""
+def make_offline(words: list[str], site: Path) -> list[str]:
+    """The command of the page for this Python. `pip` installs into a folder, without an index."""
     match words:
         case ["camgen", *rest]:
             return [sys.executable, "-m", "camgen", *rest]
         case ["pytest", *rest]:
             return [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *rest]
         case ["pip", "install", "."]:
-            recent = tuple(int(n) for n in version("setuptools").split(".")[:2]) >= (70, 1)
-            if recent or importlib.util.find_spec("wheel"):
+            is_recent = tuple(int(n) for n in version("setuptools").split(".")[:2]) >= (70, 1)
+            if is_recent or importlib.util.find_spec("wheel"):
                 offline = [
                     "-q",
                     "--no-deps",
@@ -118,7 +121,8 @@ def without_network(words: list[str], site: Path) -> list[str]:
                     str(site),
                 ]
                 return [sys.executable, "-m", "pip", "install", *offline, "."]
-            # setuptools before 70.1 needs the package wheel for pip; its own commands install the same files.
+            # pip needs the package wheel for setuptools before 70.1. The commands of setuptools
+            # install the same files.
             steps = [
                 "-q",
                 "build",
@@ -141,29 +145,29 @@ def without_network(words: list[str], site: Path) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def followed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
-    """The folder that the page makes, in that of camgen, and what each of its commands prints."""
+def tutorial(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """The folder that the page makes within that of camgen, and the output of each command."""
     if importlib.util.find_spec("setuptools") is None:
         pytest.skip("setuptools, which builds the example package, is not installed")
-    camgen = tmp_path_factory.mktemp("camgen")
-    folder, site = camgen / "krl_post", camgen / "site"
+    camgen_folder = tmp_path_factory.mktemp("camgen")
+    folder, site = camgen_folder / "krl_post", camgen_folder / "site"
     folder.mkdir()
-    shutil.copytree(ROOT / "fixtures" / "parts", camgen / "fixtures" / "parts")
-    shutil.copytree(EXAMPLE, camgen / "docs" / "example_post")
+    shutil.copytree(ROOT / "fixtures" / "parts", camgen_folder / "fixtures" / "parts")
+    shutil.copytree(EXAMPLE, camgen_folder / "docs" / "example_post")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
     printed = {}
-    for command in commands():
-        words = without_network(shlex.split(command), site)
-        done = subprocess.run(
+    for command in list_commands():
+        words = make_offline(shlex.split(command), site)
+        process = subprocess.run(
             words, cwd=folder, env=environment, capture_output=True, text=True, check=False
         )
-        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-        printed[command] = done.stdout + done.stderr
+        assert process.returncode == 0, f"{command}\n{process.stdout}{process.stderr}"
+        printed[command] = process.stdout + process.stderr
     return folder, printed
 
 
-def test_the_commands_of_the_page_run(followed: tuple[Path, dict[str, str]]) -> None:
-    _, printed = followed
+def test_the_commands_of_the_page_run(tutorial: tuple[Path, dict[str, str]]) -> None:
+    _, printed = tutorial
     assert [command.split()[0] for command in printed] == [
         "cp",
         "pip",
@@ -179,21 +183,21 @@ def test_the_commands_of_the_page_run(followed: tuple[Path, dict[str, str]]) -> 
     assert "refused" not in verified
 
 
-def test_the_conformance_kit_of_the_page_is_green(followed: tuple[Path, dict[str, str]]) -> None:
-    passed = re.search(r"(\d+) passed", followed[1]["pytest -q test_krl.py"])
+def test_the_conformance_kit_of_the_page_passes(tutorial: tuple[Path, dict[str, str]]) -> None:
+    passed = re.search(r"(\d+) passed", tutorial[1]["pytest -q test_krl.py"])
     assert passed
     assert int(passed[1]) > 60
 
 
-def test_what_the_page_shows_is_printed(followed: tuple[Path, dict[str, str]]) -> None:
-    folder, printed = followed
-    listed, program = outputs()
-    assert listed in printed["camgen posts"]
+def test_the_outputs_on_the_page_are_printed(tutorial: tuple[Path, dict[str, str]]) -> None:
+    folder, printed = tutorial
+    post_row, program = list_outputs()
+    assert post_row in printed["camgen posts"]
     assert program in (folder / "bracket.src").read_text(encoding="ascii")
 
 
-def test_the_installed_package_is_the_one_that_runs(followed: tuple[Path, dict[str, str]]) -> None:
-    """Not the files in the folder, which are there too: entry points are of what is installed."""
-    folder, _ = followed
+def test_the_installed_package_runs(tutorial: tuple[Path, dict[str, str]]) -> None:
+    """The entry points are those of the installed package, not of the files in the folder."""
+    folder, _ = tutorial
     assert list((folder.parent / "site").glob("camgen_krl-1.0*"))
-    assert (folder.parent / "site" / "krl.py").read_text(encoding="utf-8") == files()["krl.py"]
+    assert (folder.parent / "site" / "krl.py").read_text(encoding="utf-8") == read_files()["krl.py"]

@@ -1,4 +1,4 @@
-"""Harm in the motion of a text that a build writes is a warning, such as that of an old program."""
+"""Harmful motions of an old program are warnings of the build that writes it again."""
 
 from pathlib import Path
 
@@ -9,15 +9,17 @@ JOB = {"post": {"signals": {"doProcess": "doProcess"}}}
 
 
 def write_old_program(folder: Path, left_out: int) -> Path:
-    """A RAPID program of the bracket without one of its lines that switch the process off.
+    """Writes a RAPID program of the bracket without one of its lines that switch the process off.
 
-    left_out: number of that line among its like, -1 for none.
+    left_out: index of this line among the lines that switch off, -1 for none.
     """
     (file,) = camgen.build(BRACKET, post="rapid").files
     lines = file.text.splitlines(keepends=True)
-    offs = [number for number, line in enumerate(lines) if line.strip() == "SetDO doProcess,0;"]
+    switch_offs = [
+        number for number, line in enumerate(lines) if line.strip() == "SetDO doProcess,0;"
+    ]
     if left_out >= 0:
-        del lines[offs[left_out]]
+        del lines[switch_offs[left_out]]
     old = folder / "old.mod"
     old.write_text("".join(lines), encoding="utf-8")
     return old
@@ -38,14 +40,14 @@ def test_a_sound_old_program_has_no_warning_of_harm(tmp_path: Path) -> None:
 
 
 def test_an_output_that_an_old_program_leaves_on_is_named_with_its_line(tmp_path: Path) -> None:
-    # The first two switch-offs stand before the first path. The next one ends it.
+    # The first two lines that switch off are before the first path. The third one ends it.
     old = write_old_program(tmp_path, 2)
     result = camgen.build(old, post="rapid", job=JOB)
     lines = result.files[0].text.splitlines()
     warnings = [note.what for note in result.notes if note.kind == "warning"]
     assert warnings
-    for what in warnings:
-        name, _, rest = what.partition(" line ")
+    for warning in warnings:
+        name, _, rest = warning.partition(" line ")
         number, _, text_of_finding = rest.partition(": ")
         assert name == result.files[0].name
         assert "while doProcess is on" in text_of_finding or "on already" in text_of_finding

@@ -1,4 +1,4 @@
-"""The room of the tool at samples of edges, judged by points in the tool and a plate."""
+"""Orientations of the tool at samples of edges, tested by points in the tool and in a plate."""
 
 from itertools import product
 
@@ -48,41 +48,41 @@ def points_of_tool() -> np.ndarray:
     return np.array(points)
 
 
-def test_no_orientation_that_is_kept_meets_the_plate_or_the_table(case: Case) -> None:
-    """It may enter the plate by half a width times the sine of the tilt, and 0.1 mm."""
+def test_no_sampled_orientation_is_in_the_plate_or_in_the_table(case: Case) -> None:
+    """The tool may enter the plate by its radius times the sine of the tilt, plus 0.1 mm."""
     allowed = 2 * np.sin(np.radians(15)) + 0.1 + 1e-6
     tool = points_of_tool()
     size = np.array(PLATE_SIZE)
-    kept = 0
-    for stand in case.resting_poses:
-        assert stand.face is not None
-        table = max(float(stand.face.normal @ corner) for corner in case.solid.vertices) + 0.5
-        for owner, rotation in zip(stand.samples.owner, stand.samples.rotation, strict=True):
-            points = stand.samples.position[owner] + tool @ rotation.T
+    tested = 0
+    for resting in case.stands:
+        assert resting.face is not None
+        table = max(float(resting.face.normal @ corner) for corner in case.solid.vertices) + 0.5
+        for owner, rotation in zip(resting.samples.owner, resting.samples.rotation, strict=True):
+            points = resting.samples.position[owner] + tool @ rotation.T
             inside = ((points > allowed) & (points < size - allowed)).all(axis=1)
             assert not inside.any()
-            assert (points @ stand.face.normal < table + 1e-6).all()
-            kept += 1
-    assert kept > 100
+            assert (points @ resting.face.normal < table + 1e-6).all()
+            tested += 1
+    assert tested > 100
 
 
-def test_edges_at_the_table_have_no_room_and_those_above_have_four_orientations(
+def test_edges_at_the_table_have_no_orientation_and_those_above_have_four(
     case: Case,
 ) -> None:
-    """The tool points up at an edge at the table: it would have to be in it."""
-    for stand in case.resting_poses[:2]:
-        assert stand.face is not None
-        counts = np.bincount(stand.samples.owner, minlength=len(stand.samples.position))
-        depth = stand.samples.position @ stand.face.normal
+    """The tool would point up at an edge at the table, so that it would be in the table."""
+    for resting in case.stands[:2]:
+        assert resting.face is not None
+        counts = np.bincount(resting.samples.owner, minlength=len(resting.samples.position))
+        depth = resting.samples.position @ resting.face.normal
         assert (counts[depth == depth.max()] == 0).all()
         assert (counts[depth == depth.min()] == 4).all()
 
 
-def test_the_weights_of_the_samples_of_an_edge_make_one(case: Case) -> None:
-    samples = case.resting_poses[0].samples
+def test_the_weights_of_the_samples_of_an_edge_add_up_to_one(case: Case) -> None:
+    samples = case.stands[0].samples
     assert np.allclose(samples.weights.sum(axis=0), 1)
-    everything = np.ones((1, len(samples.position)), dtype=np.bool_)
-    assert np.allclose(samples.sum_by_edge(everything), 1)
+    all_samples = np.ones((1, len(samples.position)), dtype=np.bool_)
+    assert np.allclose(samples.sum_by_edge(all_samples), 1)
 
 
 def test_fewer_samples_keep_their_first_orientations(case: Case) -> None:
@@ -90,11 +90,11 @@ def test_fewer_samples_keep_their_first_orientations(case: Case) -> None:
     fewer: Samples = samples.thin_out(len(samples.position) // 2, 1)
     assert len(fewer.position) == -(-len(samples.position) // 2)
     assert (np.bincount(fewer.owner) <= 1).all()
-    firsts = samples.rotation[samples.starts]
-    assert all((firsts == rotation).all(axis=(1, 2)).any() for rotation in fewer.rotation)
+    first_rotations = samples.rotation[samples.starts]
+    assert all((first_rotations == rotation).all(axis=(1, 2)).any() for rotation in fewer.rotation)
 
 
-def test_a_mark_is_worked_where_a_piece_runs_along_it() -> None:
+def test_marks_along_a_piece_are_worked() -> None:
     """A piece from 20 to 60 mm of 100 mm, and one that runs 2 mm beside the edge."""
     eye = np.broadcast_to(np.eye(3), (101, 3, 3))
     positions = np.column_stack([np.arange(101.0), np.zeros((101, 2))])

@@ -1,4 +1,4 @@
-"""The page in a real browser without a window: what is seen, and that what a hostile drawing says does nothing."""
+"""The page in a real browser without a window: its pictures, its controls, and hostile names."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,13 +14,14 @@ from camgen.pipeline import Result
 from camgen.preview.page import format_page
 from camgen.preview.view import make_view
 from camgen.robots.kinematics.forward import compute_flange
-from tests.preview.test_page import PARTS, ROBOT, poisoned
+from tests.preview.test_page import PARTS, ROBOT, make_hostile_view
 from tests.support.browsers import PHONE, SMALL, Driven, OpenPage
 from tests.support.waiting import wait_for
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory, solid: Result) -> dict[str, Path]:
+    """Files of pages by the names of their results; the texts of "evil" are hostile."""
     folder = tmp_path_factory.mktemp("pages")
     flat = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"kind": "pen"}})
     robot = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
@@ -28,7 +29,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, solid: Result) -> dict[str, 
         "flat": make_view(flat),
         "robot": make_view(robot),
         "solid": make_view(solid),
-        "evil": poisoned(flat),
+        "evil": make_hostile_view(flat),
     }
     for name, shown in views.items():
         (folder / f"{name}.html").write_text(format_page(shown), encoding="utf-8")
@@ -37,6 +38,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, solid: Result) -> dict[str, 
 
 @pytest.fixture
 def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
+    """Opens a page by its name in a new tab; the tabs are closed after the test."""
     pages: list[OpenPage] = []
 
     def make(name: str, size: dict[str, int] = SMALL, scheme: str = "light") -> OpenPage:
@@ -44,8 +46,8 @@ def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
         return pages[-1]
 
     yield make
-    for one in pages:
-        one.context.close()
+    for tab in pages:
+        tab.context.close()
 
 
 @pytest.mark.parametrize("name", ["flat", "robot", "solid"])
@@ -53,20 +55,20 @@ def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
 def test_a_page_shows_a_picture_without_errors_and_without_a_network(
     opened: Any, name: str, scheme: str
 ) -> None:
-    one = opened(name, scheme=scheme)
-    picture = one.picture()
+    tab = opened(name, scheme=scheme)
+    picture = tab.picture()
     background = picture[picture.shape[0] // 2, 3].astype(int)
     assert (background.mean() > 200) == (scheme == "light")
     shown = np.abs(picture.astype(int) - background).max(axis=2) > 24
-    # Not counting what lies over the picture: axes, legend, scale.
+    # The margins are left out: axes, legend and scale cover the picture there.
     assert shown[100:-100, 100:-100].mean() > 0.01
-    assert one.log.messages == []
-    assert [url for url in one.log.requests if not url.startswith(("data:", "blob:"))] == [
-        one.page.url
+    assert tab.log.messages == []
+    assert [url for url in tab.log.requests if not url.startswith(("data:", "blob:"))] == [
+        tab.page.url
     ]
 
 
-def test_the_executed_path_is_shown_in_place_of_the_programmed_one(
+def test_the_executed_path_is_shown_instead_of_the_programmed_path(
     browser: Driven, tmp_path: Path
 ) -> None:
     contour = Contour([(0, 0), (40, 0), (40, 40)], [0, 0, 0], False, "0")
@@ -85,15 +87,16 @@ def test_the_executed_path_is_shown_in_place_of_the_programmed_one(
     for name in ("tool", "executed"):
         assert count_executed() == 0
         shown.run(f"() => document.querySelector('[data-layer={name}]').click()")
-    # Two lines of 40 mm are drawn, a pixel wide at least. A busy machine draws them later.
+    # Two lines of 40 mm are drawn, at least one pixel wide. A busy machine draws them later.
     scale = shown.run("() => camgen.look.height") / shown.run("() => camgen.gl.canvas.clientHeight")
     wait_for("the executed path", lambda: count_executed() > 70 / scale)
     assert shown.log.messages == []
     shown.context.close()
 
 
-#: Tells, in the turn in which the canvas gets a new size and after the page has seen it, whether anything is drawn.
-LOOK = """() => {
+#: Notes the width of the canvas and the fraction of its pixels that are drawn, each time after the
+#: page has reacted to a new size and before the browser shows the frame.
+SAMPLE_CANVAS = """() => {
   window.seen = [];
   const drawn = () => {
     const { gl } = camgen;
@@ -110,17 +113,19 @@ LOOK = """() => {
 
 @pytest.mark.parametrize("name", ["flat", "solid"])
 def test_a_canvas_of_another_size_is_painted_before_it_is_shown(opened: Any, name: str) -> None:
-    one = opened(name)
-    one.run(LOOK)
-    for wide, high in ((1400, 900), (900, 700), (1300, 640)):
-        one.page.set_viewport_size({"width": wide, "height": high})
-        one.page.wait_for_function(
-            "() => window.seen.length && window.seen.at(-1)[0] === document.getElementById('canvas').clientWidth"
+    tab = opened(name)
+    tab.run(SAMPLE_CANVAS)
+    for width, height in ((1400, 900), (900, 700), (1300, 640)):
+        tab.page.set_viewport_size({"width": width, "height": height})
+        tab.page.wait_for_function(
+            "() => window.seen.length && window.seen.at(-1)[0] "
+            "=== document.getElementById('canvas').clientWidth"
         )
-    looks = one.run("window.seen")
-    # The first look is at the canvas as it was: painted a frame ago, what is in its buffer may be gone.
-    assert len(looks) > 2
-    assert min(share for _, share in looks[1:]) > 0.005
+    samples = tab.run("window.seen")
+    # The first sample is the canvas before any change. It was painted a frame ago, so its buffer
+    # may be empty.
+    assert len(samples) > 2
+    assert min(painted for _, painted in samples[1:]) > 0.005
 
 
 @pytest.mark.parametrize("name", ["flat", "solid"])
@@ -128,51 +133,52 @@ def test_no_picture_is_empty_at_once_after_load_or_while_the_window_changes(
     browser: Driven, files: dict[str, Path], name: str
 ) -> None:
     context = browser.new_context(viewport=SMALL)
-    tab = context.new_page()
-    tab.goto(files[name].as_uri())
-    pictures = [tab.screenshot()]
-    for wide, high in ((1400, 900), (1000, 700), (1300, 640)):
-        tab.set_viewport_size({"width": wide, "height": high})
-        pictures.append(tab.screenshot())
+    context_tab = context.new_page()
+    context_tab.goto(files[name].as_uri())
+    pictures = [context_tab.screenshot()]
+    for width, height in ((1400, 900), (1000, 700), (1300, 640)):
+        context_tab.set_viewport_size({"width": width, "height": height})
+        pictures.append(context_tab.screenshot())
     context.close()
     for raw in pictures:
         shown = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR).astype(int)
-        # Not counting the list and what lies over the picture.
+        # The list and the axes, legend and scale over the picture are left out.
         inner = shown[150:-200, 500:-120]
         assert (np.abs(inner - inner[0, 0]).max(axis=2) > 24).mean() > 0.01
 
 
 def test_the_picture_stays_where_it_was_moved_to_when_the_window_changes(opened: Any) -> None:
-    one = opened("flat")
-    one.page.mouse.move(700, 400)
-    one.page.mouse.wheel(0, -240)
-    one.page.wait_for_function("() => camgen.look.own")
-    before = one.run(
+    tab = opened("flat")
+    tab.page.mouse.move(700, 400)
+    tab.page.mouse.wheel(0, -240)
+    tab.page.wait_for_function("() => camgen.look.own")
+    before = tab.run(
         "[...camgen.look.target.slice(0, 2), camgen.look.height / canvas.clientHeight]"
     )
-    one.page.set_viewport_size({"width": 1000, "height": 600})
-    one.page.wait_for_function("() => canvas.width < 700")
-    after = one.run("[...camgen.look.target.slice(0, 2), camgen.look.height / canvas.clientHeight]")
+    tab.page.set_viewport_size({"width": 1000, "height": 600})
+    tab.page.wait_for_function("() => canvas.width < 700")
+    after = tab.run("[...camgen.look.target.slice(0, 2), camgen.look.height / canvas.clientHeight]")
     assert after == pytest.approx(before)
 
 
 def test_the_paths_have_the_colours_of_their_order(opened: Any) -> None:
-    one = opened("flat")
-    one.run("camgen.setScreen()")
-    picture = one.picture().astype(int)
-    # Blue first, orange last, as the legend says; colours are blue, green, red.
+    tab = opened("flat")
+    tab.run("camgen.setScreen()")
+    picture = tab.picture().astype(int)
+    # The legend: the first path is blue, the last one orange. Colours are (blue, green, red).
     for colour in ((220, 98, 31), (30, 88, 226)):
         assert (np.abs(picture - colour).max(axis=2) < 12).sum() > 30, colour
 
 
-def test_the_slider_moves_the_robot_to_the_joints_that_were_found(opened: Any) -> None:
-    one = opened("robot")
-    before = one.picture()
-    one.page.evaluate(
-        "s => { const e = document.getElementById('slider'); e.value = s; e.dispatchEvent(new Event('input')); }",
+def test_the_slider_moves_the_robot_to_the_joint_values_of_that_time(opened: Any) -> None:
+    tab = opened("robot")
+    before = tab.picture()
+    tab.page.evaluate(
+        "s => { const e = document.getElementById('slider'); e.value = s; "
+        "e.dispatchEvent(new Event('input')); }",
         15.0,
     )
-    after = one.picture()
+    after = tab.picture()
     assert (np.abs(before.astype(int) - after.astype(int)).max(axis=2) > 30).mean() > 0.01
     result = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
     arm = make_view(result).arm
@@ -184,40 +190,40 @@ def test_the_slider_moves_the_robot_to_the_joints_that_were_found(opened: Any) -
     tool = result.program.flange_from_tool
     base = origin[0] + rotation[0] @ np.asarray(tool.origin)
     expected = np.asarray(result.program.base_from_work.inverse().apply(base.tolist()))
-    matrix = np.array(one.run("camgen.toolGroup.matrix")).reshape(4, 4).T
-    assert matrix[:3, 3] + one.run("camgen.data.origin") == pytest.approx(expected, abs=0.01)
+    matrix = np.array(tab.run("camgen.toolGroup.matrix")).reshape(4, 4).T
+    assert matrix[:3, 3] + tab.run("camgen.data.origin") == pytest.approx(expected, abs=0.01)
 
 
 def test_the_list_names_and_highlights_a_path(opened: Any) -> None:
-    one = opened("flat")
-    before = one.picture()
-    rows = one.page.locator("#rows .row")
+    tab = opened("flat")
+    before = tab.picture()
+    rows = tab.page.locator("#rows .row")
     assert rows.count() == 4
     rows.nth(3).click()
-    assert one.run("camgen.chosen.path") == 3
+    assert tab.run("camgen.chosen.path") == 3
     assert "picked" in rows.nth(3).get_attribute("class")
-    # The outline in the colour of what is chosen: it was not on the screen before.
-    marked = [
-        (np.abs(p.astype(int) - (0, 149, 255)).max(axis=2) < 12).sum()
-        for p in (before, one.picture())
+    # The chosen path has a colour of its own, which was not on the screen before.
+    counts = [
+        (np.abs(picture.astype(int) - (0, 149, 255)).max(axis=2) < 12).sum()
+        for picture in (before, tab.picture())
     ]
-    assert marked[0] == 0
-    assert marked[1] > 500
+    assert counts[0] == 0
+    assert counts[1] > 500
 
 
-def test_a_double_click_in_the_list_goes_to_where_the_path_begins(opened: Any) -> None:
-    one = opened("flat")
-    one.page.locator("#rows .row").nth(2).dblclick()
-    begins = one.run(
+def test_a_double_click_in_the_list_moves_the_tool_to_the_start_of_the_path(opened: Any) -> None:
+    tab = opened("flat")
+    tab.page.locator("#rows .row").nth(2).dblclick()
+    start_time = tab.run(
         "camgen.track.time[camgen.track.event.findIndex((e) => camgen.track.path[e] === 2) - 1]"
     )
-    assert one.run("camgen.player.time") == pytest.approx(begins) != 0
-    assert one.run("camgen.chosen.path") == 2
+    assert tab.run("camgen.player.time") == pytest.approx(start_time) != 0
+    assert tab.run("camgen.chosen.path") == 2
 
 
 def test_a_click_on_a_path_names_its_row(opened: Any) -> None:
-    one = opened("flat")
-    spot = one.run(
+    tab = opened("flat")
+    spot = tab.run(
         """() => {
           camgen.setScreen();
           const { event, path, position } = camgen.track;
@@ -226,92 +232,94 @@ def test_a_click_on_a_path_names_its_row(opened: Any) -> None:
           return [x + area.left, y + area.top];
         }"""
     )
-    one.page.mouse.click(*spot)
-    assert one.run("camgen.chosen.path") == 3
-    assert "c1" in one.page.locator("#tip").inner_text()
+    tab.page.mouse.click(*spot)
+    assert tab.run("camgen.chosen.path") == 3
+    assert "c1" in tab.page.locator("#tip").inner_text()
 
 
 def test_keys_play_step_turn_and_measure(opened: Any) -> None:
-    one = opened("flat")
-    keys = one.page.keyboard
+    tab = opened("flat")
+    keys = tab.page.keyboard
     keys.press("ArrowRight")
-    first = one.run("camgen.player.time")
+    first = tab.run("camgen.player.time")
     keys.press("ArrowRight")
-    assert one.run("camgen.player.time") > first > 0
+    assert tab.run("camgen.player.time") > first > 0
     keys.press("ArrowLeft")
-    assert one.run("camgen.player.time") == pytest.approx(first)
-    one.run(
-        "camgen.player.speed = 0.01"
-    )  # so that the end is far, however long the next look takes
+    assert tab.run("camgen.player.time") == pytest.approx(first)
+    # The end is far at this speed, however late a busy machine answers.
+    tab.run("camgen.player.speed = 0.01")
     keys.press(" ")
-    one.page.wait_for_function("first => camgen.player.on && camgen.player.time > first", arg=first)
+    tab.page.wait_for_function("first => camgen.player.on && camgen.player.time > first", arg=first)
     keys.press(" ")
-    assert not one.run("camgen.player.on")
+    assert not tab.run("camgen.player.on")
     keys.press("s")
-    assert one.run("camgen.look.tilt") == 0
+    assert tab.run("camgen.look.tilt") == 0
     keys.press("t")
-    assert one.run("camgen.look.tilt") == pytest.approx(np.pi / 2)
+    assert tab.run("camgen.look.tilt") == pytest.approx(np.pi / 2)
     keys.press("?")
-    assert one.page.locator("#keys").is_visible()
+    assert tab.page.locator("#keys").is_visible()
     keys.press("?")
     keys.press("m")
-    assert one.run("camgen.measure.on")
+    assert tab.run("camgen.measure.on")
 
 
-def test_a_graphics_card_that_forgets_all_is_told_all_again(opened: Any) -> None:
-    one = opened("solid")
-    before = one.picture().astype(int)
-    one.run(
-        "() => { window.card = camgen.gl.getExtension('WEBGL_lose_context'); window.card.loseContext(); }"
+def test_the_page_draws_all_again_after_the_graphics_context_was_lost(opened: Any) -> None:
+    tab = opened("solid")
+    before = tab.picture().astype(int)
+    tab.run(
+        "() => { window.card = camgen.gl.getExtension('WEBGL_lose_context'); "
+        "window.card.loseContext(); }"
     )
-    one.page.wait_for_function("() => camgen.gl.isContextLost()")
-    one.page.keyboard.press("t")
-    one.page.keyboard.press("i")
-    one.run("window.card.restoreContext()")
-    one.page.wait_for_function("() => !camgen.gl.isContextLost()")
-    assert (np.abs(one.picture().astype(int) - before).max(axis=2) > 60).mean() < 0.02
-    assert [text for text in one.log.messages if "CONTEXT_LOST" not in text] == []
+    tab.page.wait_for_function("() => camgen.gl.isContextLost()")
+    tab.page.keyboard.press("t")
+    tab.page.keyboard.press("i")
+    tab.run("window.card.restoreContext()")
+    tab.page.wait_for_function("() => !camgen.gl.isContextLost()")
+    assert (np.abs(tab.picture().astype(int) - before).max(axis=2) > 60).mean() < 0.02
+    assert [text for text in tab.log.messages if "CONTEXT_LOST" not in text] == []
 
 
-def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
-    one = opened("solid")
-    # In pixels from the middle: the box of the part and the paths, and that of the base of the robot.
+def test_f_fits_the_part_and_shift_f_fits_the_robot_as_well(opened: Any) -> None:
+    tab = opened("solid")
+    # Positions in px: eight corners of the box of part and paths, then the base of the robot.
     script = """() => {
       camgen.setScreen();
       const { low, high } = camgen.box;
       const corners = [];
-      for (let k = 0; k < 8; k++) corners.push([0, 1, 2].map((i) => (k >> i & 1 ? high[i] : low[i])));
+      for (let k = 0; k < 8; k++)
+        corners.push([0, 1, 2].map((i) => (k >> i & 1 ? high[i] : low[i])));
       return [...corners, camgen.arm.base.slice(12, 15)].map((point) => camgen.toScreen(point, 0));
     }"""
 
-    def seen() -> tuple[float, np.ndarray[Any, Any]]:
-        # toScreen counts from the top left of the canvas.
-        spots = np.array(one.run(script))
+    def measure_picture() -> tuple[float, np.ndarray[Any, Any]]:
+        """Width of the box and all positions, px from the top left of the canvas."""
+        spots = np.array(tab.run(script))
         return float(np.ptp(spots[:8], axis=0).max()), spots
 
-    area = one.page.locator("#canvas").bounding_box()
-    begun = seen()[0]
-    one.page.keyboard.press("f")
-    part = seen()[0]
-    one.page.keyboard.press("F")
-    whole, spots = seen()
-    # All of the arm is seen first.
-    assert part > begun == pytest.approx(whole)
-    assert part > 0.7 * min(area["width"], area["height"])
+    area = tab.page.locator("#canvas").bounding_box()
+    first_width = measure_picture()[0]
+    tab.page.keyboard.press("f")
+    part_width = measure_picture()[0]
+    tab.page.keyboard.press("F")
+    whole_width, spots = measure_picture()
+    # The page opens with the whole arm in the picture.
+    assert part_width > first_width == pytest.approx(whole_width)
+    assert part_width > 0.7 * min(area["width"], area["height"])
     assert (spots >= 0).all()
     assert (spots <= (area["width"], area["height"])).all()
 
 
 def test_an_arm_is_drawn_as_shapes_within_the_cuboids_that_a_layer_shows(opened: Any) -> None:
-    one = opened("robot")
-    assert one.run(
+    tab = opened("robot")
+    assert tab.run(
         "camgen.layers.boxes.off && camgen.layers.boxes.things.every((thing) => !thing.visible)"
     )
-    # Of every link: how far its bodies stick out of its cuboids, and how many bodies there are.
-    found = one.run(
+    # For each link: the number of its bodies, the number of its cuboids, and the largest distance
+    # (mm) of a point of a body from the nearest cuboid.
+    links = tab.run(
         """() => camgen.arm.links3.map((link, k) => {
-          const told = ([pose, half]) => ({ turn: camgen.inverse(camgen.matrixOf(pose)), half });
-          const boxes = camgen.arm.links[k][1].map(told);
+          const boxOf = ([pose, half]) => ({ turn: camgen.inverse(camgen.matrixOf(pose)), half });
+          const boxes = camgen.arm.links[k][1].map(boxOf);
           const bodies = link.parts[0].parts.filter(({ name }) => name === "arm");
           let out = 0;
           for (const body of bodies) {
@@ -328,21 +336,21 @@ def test_an_arm_is_drawn_as_shapes_within_the_cuboids_that_a_layer_shows(opened:
           return [bodies.length, boxes.length, out];
         })"""
     )
-    assert len(found) == 7
-    for bodies, boxes, out in found:
+    assert len(links) == 7
+    for bodies, boxes, distance in links:
         assert bodies == boxes
-        assert out < 0.01
-    before = one.picture().astype(int)
-    one.page.keyboard.press("l")
-    one.page.locator("[data-layer=boxes]").click()
-    assert (np.abs(one.picture().astype(int) - before).max(axis=2) > 24).mean() > 0.02
+        assert distance < 0.01
+    before = tab.picture().astype(int)
+    tab.page.keyboard.press("l")
+    tab.page.locator("[data-layer=boxes]").click()
+    assert (np.abs(tab.picture().astype(int) - before).max(axis=2) > 24).mean() > 0.02
 
 
 def test_two_clicks_measure_a_distance_between_corners(opened: Any) -> None:
-    one = opened("flat")
-    one.page.keyboard.press("m")
+    tab = opened("flat")
+    tab.page.keyboard.press("m")
     # The straight sides of the outline end where its round corners begin: 80 x 50 mm, radius 10.
-    ends = one.run(
+    ends = tab.run(
         """() => {
           camgen.setScreen();
           const o = camgen.data.origin;
@@ -354,46 +362,46 @@ def test_two_clicks_measure_a_distance_between_corners(opened: Any) -> None:
         }"""
     )
     for x, y in ends:
-        one.page.mouse.click(x + 2, y - 2)
-    said = one.page.locator("#marks .card").inner_text()
-    assert said.startswith("60.000 mm")
+        tab.page.mouse.click(x + 2, y - 2)
+    card_text = tab.page.locator("#marks .card").inner_text()
+    assert card_text.startswith("60.000 mm")
 
 
 def test_dragging_turns_and_the_wheel_zooms(opened: Any) -> None:
-    one = opened("flat")
-    turn, height = one.run("[camgen.look.turn, camgen.look.height]")
-    one.page.mouse.move(800, 400)
-    one.page.mouse.down()
-    one.page.mouse.move(900, 430, steps=5)
-    one.page.mouse.up()
-    one.page.mouse.wheel(0, -240)
-    one.page.wait_for_function("height => camgen.look.height < height", arg=height)
-    later = one.run("[camgen.look.turn, camgen.look.height]")
+    tab = opened("flat")
+    turn, height = tab.run("[camgen.look.turn, camgen.look.height]")
+    tab.page.mouse.move(800, 400)
+    tab.page.mouse.down()
+    tab.page.mouse.move(900, 430, steps=5)
+    tab.page.mouse.up()
+    tab.page.mouse.wheel(0, -240)
+    tab.page.wait_for_function("height => camgen.look.height < height", arg=height)
+    later = tab.run("[camgen.look.turn, camgen.look.height]")
     assert later[0] < turn
     assert later[1] < height
-    assert one.run("camgen.chosen.path") == -1
+    assert tab.run("camgen.chosen.path") == -1
 
 
 def test_names_that_are_markup_are_shown_and_do_nothing(opened: Any) -> None:
-    one = opened("evil")
-    assert "<img" in one.page.locator("#notes").inner_text()
-    one.page.locator("[data-tab=paths]").click()
-    one.page.locator("#rows .row").first.click()
-    for tab in one.page.locator("nav button").all():
-        tab.click()
-    assert one.run("window.bad") is None
-    assert one.log.messages == []
-    assert one.page.locator("img").count() == 0
-    assert "</script>" in one.page.locator("#title").inner_text()
+    tab = opened("evil")
+    assert "<img" in tab.page.locator("#notes").inner_text()
+    tab.page.locator("[data-tab=paths]").click()
+    tab.page.locator("#rows .row").first.click()
+    for button in tab.page.locator("nav button").all():
+        button.click()
+    assert tab.run("window.bad") is None
+    assert tab.log.messages == []
+    assert tab.page.locator("img").count() == 0
+    assert "</script>" in tab.page.locator("#title").inner_text()
 
 
 @pytest.mark.parametrize("name", ["robot", "solid"])
 def test_on_a_phone_nothing_is_wider_than_the_screen_and_nothing_overlaps(
     opened: Any, name: str
 ) -> None:
-    one = opened(name, size=PHONE)
-    assert one.run("document.documentElement.scrollWidth") <= PHONE["width"]
-    boxes = one.run(
+    tab = opened(name, size=PHONE)
+    assert tab.run("document.documentElement.scrollWidth") <= PHONE["width"]
+    boxes = tab.run(
         """["header", "main", "footer", "aside"].map((name) => {
           const { top, bottom } = document.querySelector(name).getBoundingClientRect();
           return [top, bottom];
@@ -401,17 +409,17 @@ def test_on_a_phone_nothing_is_wider_than_the_screen_and_nothing_overlaps(
     )
     assert all(boxes[k][1] <= boxes[k + 1][0] + 1 for k in range(3))
     assert boxes[1][1] - boxes[1][0] > 250
-    legend, scale = (one.page.locator(n).bounding_box() for n in ("#legend", "#scale"))
+    legend, scale = (tab.page.locator(n).bounding_box() for n in ("#legend", "#scale"))
     assert legend["x"] + legend["width"] < scale["x"]
 
 
 def test_print_has_title_numbers_and_picture(opened: Any) -> None:
-    one = opened("solid")
-    one.run("dispatchEvent(new Event('beforeprint'))")
-    one.page.emulate_media(media="print")
-    text = one.page.locator("#print").inner_text()
+    tab = opened("solid")
+    tab.run("dispatchEvent(new Event('beforeprint'))")
+    tab.page.emulate_media(media="print")
+    text = tab.page.locator("#print").inner_text()
     assert "rfa1.stl, rapid" in text
     assert "Controller" in text
     assert "Left out" in text
-    assert one.run("document.querySelector('#print img').src.length") > 5000
-    assert not one.page.locator("footer").is_visible()
+    assert tab.run("document.querySelector('#print img').src.length") > 5000
+    assert not tab.page.locator("footer").is_visible()

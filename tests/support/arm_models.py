@@ -1,4 +1,4 @@
-"""Robots once more, as data sheets and textbooks describe them: for tests only, nothing of camgen is in it."""
+"""Forward kinematics of arms from data sheets, by textbook matrices. Independent of camgen."""
 
 from __future__ import annotations
 
@@ -32,7 +32,10 @@ def dh(rows: Sequence[tuple[float, float, float, float]]) -> Matrix:
 
 
 def six(a1: float, d1: float, a2: float, a3: float, d4: float, d6: float) -> Callable[..., Matrix]:
-    """An arm of this build for theta 1 to 6 (deg): all 0 with the upper arm up and the forearm level ahead."""
+    """The pose of the flange for theta 1 to 6 (deg) of an arm with these lengths, mm.
+
+    If all are 0, the upper arm is upright and the forearm points ahead.
+    """
 
     def forward(t1: float, t2: float, t3: float, t4: float, t5: float, t6: float) -> Matrix:
         base = [(t1, d1, a1, -90), (t2 - 90, 0, a2, 0), (t3, 0, a3, -90)]
@@ -41,7 +44,7 @@ def six(a1: float, d1: float, a2: float, a3: float, d4: float, d6: float) -> Cal
     return forward
 
 
-#: By name: the arm, and what its controller's values (deg) are in the angles of ``six``.
+#: For each name: the arm, and the angles of `six` from the joint values of its controller, deg.
 ARMS: dict[str, tuple[Callable[..., Matrix], Callable[..., tuple[float, ...]]]] = {
     "IRB 120": (six(0, 290, 270, 70, 302, 72), lambda *q: q),
     "IRB 1200": (six(0, 399.1, 448, 42, 451, 82), lambda *q: q),
@@ -58,7 +61,7 @@ ARMS: dict[str, tuple[Callable[..., Matrix], Callable[..., tuple[float, ...]]]] 
 
 
 def by_hand(name: str, degrees: Sequence[float]) -> Matrix:
-    """base_from_flange (4, 4) of one of ``ARMS``."""
+    """base_from_flange (4, 4) of an arm of `ARMS` for the joint values of its controller."""
     arm, angles = ARMS[name]
     return arm(*angles(*degrees))
 
@@ -78,14 +81,18 @@ def _step(origin: Sequence[float], rpy: Sequence[float]) -> Matrix:
 
 
 def shared_frames(data: dict[str, Any], values: Sequence[float]) -> list[Matrix]:
-    """Base, every link and the flange (4, 4) of a shared description at controller values (deg, mm)."""
+    """The frames (4, 4) of base, links and flange of a shared description.
+
+    values: joint values of the controller, deg or mm.
+    """
     serial = (
         np.array(data["coupling"]["matrix"]) @ values if "coupling" in data else np.asarray(values)
     )
     frames = [np.eye(4)]
     for joint, value in zip(data["joint"], serial, strict=True):
         axis = np.array(joint["axis"])
-        slides = joint["kind"] == "prismatic"  # and all axes lie along x, y or z
+        # A rotation by roll, pitch and yaw is exact, as all axes are parallel to x, y or z.
+        slides = joint["kind"] == "prismatic"
         motion = _step(axis * value * slides, axis * value * (not slides))
         frames.append(frames[-1] @ _step(joint["origin_mm"], joint["origin_rpy_deg"]) @ motion)
     return [*frames, frames[-1] @ _step(data["flange"]["xyz_mm"], data["flange"]["rpy_deg"])]

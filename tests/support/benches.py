@@ -1,4 +1,4 @@
-"""The workbench as a user starts it: a process of its own, spoken to as a browser would."""
+"""The workbench in a separate process, with the requests of a browser."""
 
 import http.client
 import json
@@ -20,13 +20,16 @@ Json = dict[str, Any]
 
 
 class Bench:
-    """One workbench. address: of its page."""
+    """A running workbench.
+
+    address: address of its page.
+    """
 
     def __init__(self, process: subprocess.Popen[str], address: str) -> None:
         self.process, self.address = process, address
-        found = re.fullmatch(r"http://(127\.0\.0\.1:(\d+))(/[\w-]{43})/", address)
-        assert found, address
-        self.host, self.port, self.root = found[1], int(found[2]), found[3]
+        match = re.fullmatch(r"http://(127\.0\.0\.1:(\d+))(/[\w-]{43})/", address)
+        assert match, address
+        self.host, self.port, self.root = match[1], int(match[2]), match[3]
 
     def ask(
         self,
@@ -35,26 +38,29 @@ class Bench:
         body: bytes | None = None,
         headers: dict[str, str] | None = None,
     ) -> tuple[int, bytes, http.client.HTTPMessage]:
-        """Status, body and headers of an answer. headers: instead of those of the workbench's own page."""
+        """Status, body and headers of an answer.
+
+        headers: headers of the request; None sends those of the page of the workbench.
+        """
         link = http.client.HTTPConnection("127.0.0.1", self.port, timeout=LONG)
-        own = (
+        page_headers = (
             {"Origin": f"http://{self.host}", "Content-Type": "application/json"}
             if method == "POST"
             else {}
         )
-        link.request(method, path, body, own if headers is None else headers)
+        link.request(method, path, body, page_headers if headers is None else headers)
         answer = link.getresponse()
         data = answer.read()
         link.close()
         return answer.status, data, answer.headers
 
-    def post(self, path: str, /, **asked: Any) -> tuple[int, Json]:
-        status, data, _ = self.ask("POST", f"{self.root}/{path}", json.dumps(asked).encode())
+    def post(self, path: str, /, **arguments: Any) -> tuple[int, Json]:
+        status, data, _ = self.ask("POST", f"{self.root}/{path}", json.dumps(arguments).encode())
         return status, json.loads(data)
 
     def change(self, *path: str | int, value: Any = None, raw: str | None = None) -> None:
-        status, said = self.post("change", changes=[{"path": path, "value": value, "raw": raw}])
-        assert status == 200, said
+        status, answer = self.post("change", changes=[{"path": path, "value": value, "raw": raw}])
+        assert status == 200, answer
 
     def undo_all(self) -> None:
         """Undoes all changes, and waits for the job without any."""
@@ -63,42 +69,42 @@ class Bench:
         assert self.wait()["tables"] == {}
 
     def states(self) -> Iterator[Json]:
-        """What a page is told, from now on; the workbench counts it as a page meanwhile."""
+        """The states that a page receives from now on. The workbench counts it as a page."""
         link = http.client.HTTPConnection("127.0.0.1", self.port, timeout=LONG)
         link.request("GET", f"{self.root}/events")
         answer = link.getresponse()
         assert answer.status == 200
         looked: Json = {}
-        until = monotonic() + LONG
+        deadline = monotonic() + LONG
         try:
             while line := answer.readline():
-                assert monotonic() < until, "nothing more was told"
+                assert monotonic() < deadline, "no further state"
                 if line.startswith(b"data: "):
                     state = json.loads(line[6:])
-                    looked = state.setdefault("looked", looked)  # told when it is new
+                    looked = state.setdefault("looked", looked)  # sent only if it is new
                     yield state
         finally:
             answer.close()
             link.close()
 
     def wait(self, fits: Callable[[Json], Any] = lambda state: not state["stage"]) -> Json:
-        """The first state that fits: without more said, the one in which nothing is built."""
+        """The first state that fits; the default fits a state without a running build."""
         states = self.states()
-        until = monotonic() + LONG
+        deadline = monotonic() + LONG
         try:
             for state in states:
                 if fits(state):
                     return state
-                assert monotonic() < until, state
+                assert monotonic() < deadline, state
         finally:
             states.close()  # type: ignore[attr-defined]
         raise AssertionError("the workbench has ended")
 
 
 def start_bench(folder: Path, words: Sequence[str], state: Path | str) -> subprocess.Popen[str]:
-    """``camgen open`` with these words, run in ``folder``.
+    """Starts `camgen open` with these words in a folder.
 
-    state: the state folder of the user, which holds the journals
+    state: the state folder of the user, which holds the journals.
     """
     command = [sys.executable, "-m", "camgen", "open", *words, "--no-browser"]
     environment = {**os.environ, "XDG_STATE_HOME": str(state)}
@@ -107,9 +113,9 @@ def start_bench(folder: Path, words: Sequence[str], state: Path | str) -> subpro
 
 @contextmanager
 def open_bench(folder: Path, words: Sequence[str], state: Path | None = None) -> Iterator[Bench]:
-    """``camgen open`` with these words, run in ``folder``; ended afterwards.
+    """Runs `camgen open` with these words in a folder, and ends it afterwards.
 
-    state: the state folder of the user; None is an empty one
+    state: the state folder of the user; None stands for an empty one.
     """
     with TemporaryDirectory() as empty:
         yield from _open(start_bench(folder, words, state or empty))
@@ -122,7 +128,7 @@ def _open(process: subprocess.Popen[str]) -> Iterator[Bench]:
         line = process.stderr.readline()
         assert line.startswith("open "), line + process.stderr.read()
         bench = Bench(process, line.split()[1])
-        keeper = bench.states()  # so that it does not end between two questions
+        keeper = bench.states()  # The workbench ends without a page.
         next(keeper)
         yield bench
         keeper.close()  # type: ignore[attr-defined]

@@ -14,7 +14,7 @@ from camgen.read.files import Files
 Build = Callable[..., Result]
 Inputs = Path | Part | Sequence[Path | Part]
 
-#: Results that are kept; the oldest makes room for a new one.
+#: Number of results that are kept. A new result replaces the oldest one.
 _MOST = 48
 
 
@@ -34,7 +34,7 @@ def key_of_parts(
 def key_of_files(
     inputs: Inputs, *, post: str, job: JobLike, files: Files | None = None, **options: Any
 ) -> bytes:
-    """All that decides the bytes of a program: input files, job, controller and name.
+    """The values that decide the bytes of a program: input files, job, controller and name.
 
     Files that the job names must stay as they are.
     """

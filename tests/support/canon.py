@@ -90,9 +90,9 @@ def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n", timeout: float = LONG
             Path(folder, name).write_text(content, encoding="latin-1")
         command = [str(RS274), "-g", "-v", "my.var", "-t", "tool.tbl", "in.ngc", "out"]
         try:
-            # Two at once share memory by a fixed key and fail now and then.
-            with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
-                fcntl.flock(alone, fcntl.LOCK_EX)
+            # Two interpreters at once share memory with a fixed key, and fail sometimes.
+            with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
                 done = subprocess.run(
                     command, cwd=folder, capture_output=True, timeout=timeout, check=False
                 )

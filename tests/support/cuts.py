@@ -1,4 +1,4 @@
-"""What a program does to the material, worked out from its motions alone: slopes, and swept discs with shapely."""
+"""The cuts of a program, from its motions alone: slopes, and the area that a tool sweeps."""
 
 from __future__ import annotations
 
@@ -15,13 +15,19 @@ from camgen.geometry.arcs import compute_circle
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Program
 
-#: Arcs are looked at as chords that leave them by less than this, mm.
+#: Arcs become chords that deviate from them by less than this, mm.
 FINE = 1e-3
 
 
 class Cut(Struct, frozen=True):
-    """A motion in a straight line, or a piece of an arc. path: its number. work: it runs along the path. arc: it is
-    one piece of one.
+    """A straight motion, or a straight piece of an arc.
+
+    start, end: mm.
+    speed: mm/s.
+    path: index of its path.
+    work: whether it runs along the path.
+    arc: whether it is a piece of an arc.
+    rapid: whether it is a rapid motion.
     """
 
     start: Vec3
@@ -34,47 +40,47 @@ class Cut(Struct, frozen=True):
 
     @property
     def drop(self) -> float:
-        """How far it goes down, mm."""
+        """Distance downwards, mm."""
         return self.start[2] - self.end[2]
 
     @property
     def run(self) -> float:
-        """How far it goes, seen from above, mm."""
+        """Length of the motion in the plane, mm."""
         return math.dist(self.start[:2], self.end[:2])
 
 
 def cuts(program: Program) -> list[Cut]:
-    """All motions with a known start and end, arcs in pieces."""
-    found: list[Cut] = []
-    here: Vec3 | None = None
+    """The motions of a program with a known start and end. Arcs are split into pieces."""
+    motions: list[Cut] = []
+    start: Vec3 | None = None
     for item in program.body:
         if not isinstance(item, (MoveJ, MoveL, MoveC)):
             continue
-        there = item.target.origin if isinstance(item.target, Pose) else None
-        if here is not None and there is not None:
-            for a, b in pairwise(_points(here, item, there)):
+        end = item.target.origin if isinstance(item.target, Pose) else None
+        if start is not None and end is not None:
+            for a, b in pairwise(_points(start, item, end)):
                 arc, rapid = isinstance(item, MoveC), isinstance(item, MoveJ)
                 work = not rapid and item.work
-                found.append(Cut(a, b, item.speed, item.path, work, arc, rapid))
-        here = there
-    return found
+                motions.append(Cut(a, b, item.speed, item.path, work, arc, rapid))
+        start = end
+    return motions
 
 
-def _points(here: Vec3, item: MoveJ | MoveL | MoveC, there: Vec3) -> list[Vec3]:
+def _points(start: Vec3, item: MoveJ | MoveL | MoveC, end: Vec3) -> list[Vec3]:
     if not isinstance(item, MoveC):
-        return [here, there]
-    middle, radius, axis, sweep = compute_circle(here, item.via.origin, there)
+        return [start, end]
+    middle, radius, axis, sweep = compute_circle(start, item.via.origin, end)
     count = max(1, math.ceil(sweep / (2 * math.acos(1 - FINE / radius)))) if radius > FINE else 1
-    arm = np.subtract(here, middle)
+    arm = np.subtract(start, middle)
     side = np.cross(axis, arm)
-    turns = np.linspace(0, sweep, count + 1)
-    points = [tuple((middle + math.cos(t) * arm + math.sin(t) * side).tolist()) for t in turns]
-    return [here, *points[1:-1], there]
+    angles = np.linspace(0, sweep, count + 1)
+    points = [tuple((middle + math.cos(t) * arm + math.sin(t) * side).tolist()) for t in angles]
+    return [start, *points[1:-1], end]
 
 
-def below(found: list[Cut], level: float) -> Iterator[tuple[Vec3, Vec3]]:
-    """The stretches of the cuts that are at ``level`` mm or below it."""
-    for cut in found:
+def below(motions: list[Cut], level: float) -> Iterator[tuple[Vec3, Vec3]]:
+    """The ends of those parts of the cuts that are at the height `level` (mm) or below it."""
+    for cut in motions:
         a, b = np.array(cut.start), np.array(cut.end)
         if min(a[2], b[2]) > level:
             continue
@@ -84,10 +90,10 @@ def below(found: list[Cut], level: float) -> Iterator[tuple[Vec3, Vec3]]:
         yield (tuple(a.tolist()), tuple(b.tolist()))
 
 
-def swept(found: list[Cut], level: float, radius: float) -> Any:
-    """What a flat tool of ``radius`` has removed at ``level``, as a shapely geometry."""
+def swept(motions: list[Cut], level: float, radius: float) -> Any:
+    """The area that a flat tool of `radius` mm has removed at the height `level`, mm."""
     lines = []
-    for a, b in below(found, level):
+    for a, b in below(motions, level):
         lines.append(
             shapely.Point(a[:2])
             if math.dist(a[:2], b[:2]) < 1e-9

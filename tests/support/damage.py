@@ -34,7 +34,7 @@ def damaged(
 
 
 def one_sign_changed(line: str, chance: random.Random, signs: Sequence[str]) -> str:
-    """The line with a sign put in or in the place of another."""
+    """The line with a sign inserted, or with a sign instead of another one."""
     at = chance.randrange(len(line) + 1)
     return line[:at] + chance.choice(signs) + line[at + chance.randrange(2) :]
 

@@ -1,4 +1,4 @@
-"""Contours for tests, from numbers that a person can check."""
+"""Contours for tests, from a few round numbers."""
 
 from __future__ import annotations
 

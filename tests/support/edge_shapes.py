@@ -1,4 +1,4 @@
-"""Edges as formulas: straight ones and rims, with both normals."""
+"""Straight edges and circular rims by formulas, with the normals of both faces."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ Vector = Sequence[float]
 
 
 def straight(start: Vector, end: Vector, first: Vector, second: Vector, name: str = "e1") -> Edge:
+    """A straight edge with constant normals of its two faces."""
     points = np.array([start, end], dtype=np.float64)
     normals = np.array([first, second], dtype=np.float64)
     both = np.stack([normals, normals])
@@ -24,7 +25,7 @@ def straight(start: Vector, end: Vector, first: Vector, second: Vector, name: st
 
 
 def rim(centre: Vector, radius: float, outer: bool, name: str = "e1") -> Edge:
-    """The upper rim of an upright cylinder: of a boss (``outer``) or of a bore."""
+    """The upper rim of an upright cylinder: a boss (`outer`) or a bore."""
     angles = np.arange(5) * (math.pi / 2)
     radial = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
     points = np.array(centre) + radius * radial
@@ -32,6 +33,6 @@ def rim(centre: Vector, radius: float, outer: bool, name: str = "e1") -> Edge:
     up = np.broadcast_to([0.0, 0.0, 1.0], radial.shape)
     normals: FloatArray = np.stack([up, radial if outer else -radial], axis=1)
     return Edge(
-        name, "circle", points[::2], points[1::2], normals[::2], normals[1::2], math.pi / 2, True, True, radius,
-        math.tau * radius,
+        name, "circle", points[::2], points[1::2], normals[::2], normals[1::2],
+        math.pi / 2, True, True, radius, math.tau * radius,
     )  # fmt: skip

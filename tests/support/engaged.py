@@ -1,4 +1,4 @@
-"""How much of a tool is in the material along its paths: counted in cells of a plate, with nothing of the planner."""
+"""The engagement of a tool along its paths, counted in cells of a plate. Independent of camgen."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ import shapely
 from camgen.model.path import ToolPath
 from tests.support.swept import centre_line
 
-#: Cells of a plate in a diameter of the tool, steps in it, and steps over which a width is taken.
+#: Cells of the plate and steps of the tool per tool diameter, and steps over which a width is the
+#: mean.
 CELLS, STEPS, WINDOW = 60, 30, 3
 
 
 def engaged(paths: Sequence[ToolPath], radius: float) -> np.ndarray:
-    """(M, 4) x, y, share of the diameter that is cut, and mm of way, along ``paths`` one after the other.
+    """Rows (M, 4) along the paths in their order: x, y, engagement, and length of the step, mm.
 
-    What is cut on a short way, by the way: the mean width there. Where the tool goes in a disc of it is gone before.
+    The engagement is the area that the tool cuts on a short distance, divided by this distance and
+    by the tool diameter. At the start of each path the disc of the tool is removed before.
     """
     lines = [centre_line(path) for path in paths]
     cell = 2 * radius / CELLS
@@ -25,28 +27,28 @@ def engaged(paths: Sequence[ToolPath], radius: float) -> np.ndarray:
     high = np.max([line.bounds[2:] for line in lines], axis=0) + 2 * radius
     plate = np.ones(np.ceil((high - low) / cell).astype(int)[::-1], dtype=bool)
     side = np.arange(-CELLS // 2 - 2, CELLS // 2 + 3)
-    found = []
+    rows = []
     for line in lines:
         count = max(int(line.length / (2 * radius / STEPS)), 1)
         ends = shapely.get_coordinates(line)
         along = np.append(0.0, np.cumsum(np.hypot(*np.diff(ends, axis=0).T)))
-        shares = np.linspace(0, along[-1], count + 1)
-        places = np.column_stack([np.interp(shares, along, one) for one in ends.T])
+        lengths = np.linspace(0, along[-1], count + 1)
+        places = np.column_stack([np.interp(lengths, along, column) for column in ends.T])
         cut = [_take(plate, (place - low) / cell, side, radius / cell) for place in places]
         area = np.convolve(np.array(cut[1:]) * cell**2, np.ones(WINDOW), "same")
-        way = line.length / count
-        spread = np.convolve(np.ones(count), np.ones(WINDOW), "same") * way
-        found.append(
-            np.column_stack([places[1:], area / spread / (2 * radius), np.full(count, way)])
+        step = line.length / count
+        spread = np.convolve(np.ones(count), np.ones(WINDOW), "same") * step
+        rows.append(
+            np.column_stack([places[1:], area / spread / (2 * radius), np.full(count, step)])
         )
-    return np.concatenate(found)
+    return np.concatenate(rows)
 
 
-def _take(plate: np.ndarray, place: np.ndarray, side: np.ndarray, radius: float) -> int:
-    """Cells that a disc takes away."""
-    column, row = np.round(place).astype(int)
+def _take(plate: np.ndarray, position: np.ndarray, side: np.ndarray, radius: float) -> int:
+    """Removes the cells in a disc, and returns their number."""
+    column, row = np.round(position).astype(int)
     window = plate[row + side[0] : row + side[-1] + 1, column + side[0] : column + side[-1] + 1]
-    off = (column + side - place[0]) ** 2, (row + side - place[1]) ** 2
-    taken = window & (off[0] + off[1][:, None] <= radius**2)
+    squares = (column + side - position[0]) ** 2, (row + side - position[1]) ** 2
+    taken = window & (squares[0] + squares[1][:, None] <= radius**2)
     window ^= taken
     return int(np.count_nonzero(taken))

@@ -12,14 +12,14 @@ import pytest
 
 
 def install(package: Path, folder: Path) -> Path:
-    """The folder with ``package`` installed, for PYTHONPATH. Skips where there is no setuptools."""
+    """Installs a package into a folder for PYTHONPATH. The test is skipped without setuptools."""
     if importlib.util.find_spec("setuptools") is None:
         pytest.skip("setuptools, which builds the example package, is not installed")
     source, target = folder / "source" / package.name, folder / "site"
     shutil.copytree(package, source, ignore=shutil.ignore_patterns("__pycache__"))
     target.mkdir()
-    recent = tuple(int(n) for n in version("setuptools").split(".")[:2]) >= (70, 1)
-    if recent or importlib.util.find_spec("wheel"):
+    is_recent = tuple(int(n) for n in version("setuptools").split(".")[:2]) >= (70, 1)
+    if is_recent or importlib.util.find_spec("wheel"):
         pip = [
             "-m",
             "pip",
@@ -33,7 +33,8 @@ def install(package: Path, folder: Path) -> Path:
         ]
         command = [*pip, str(source)]
     else:
-        # setuptools before 70.1 needs the package wheel for pip; its own commands install the same files.
+        # pip needs the package wheel for setuptools before 70.1. The commands of setuptools install
+        # the same files.
         steps = ["-q", "build", "-b", str(source / "b"), "install_lib", "-d", str(target)]
         command = [
             "-c",
@@ -50,7 +51,7 @@ def install(package: Path, folder: Path) -> Path:
 def run(
     site: Path, *arguments: str, data: str = "", folder: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Python with what is installed in ``site``."""
+    """Runs Python with the packages in `site`. data: standard input."""
     environment = {**os.environ, "PYTHONPATH": str(site)}
     command = [sys.executable, *arguments]
     return subprocess.run(

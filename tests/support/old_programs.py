@@ -1,6 +1,6 @@
-"""Programs as shops have them: what the documents show, and what tests translate."""
+"""Programs as workshops have them. The documents show them, and tests translate them."""
 
-#: Glue along three beads, 60 mm long and 30 mm apart, with an end round.
+#: Three beads of glue in RAPID, 60 mm long and 30 mm apart, with an arc at the end.
 RAPID = """\
 MODULE Gluing
   PERS tooldata tGun:=[TRUE,[[0,0,100],[1,0,0,0]],[2,[0,0,80],[1,0,0,0],0,0,0]];
@@ -28,7 +28,7 @@ MODULE Gluing
   ENDPROC
 ENDMODULE
 """
-#: A square at speed, twice, in V+.
+#: A square in V+ that is run twice.
 VPLUS = """\
 .PROGRAM square()
     AUTO i, corner, high
@@ -54,7 +54,7 @@ VPLUS = """\
     END
 .END
 """
-#: Two holes above which a nut is turned, in PacScript.
+#: PacScript that turns a nut above two holes.
 PACSCRIPT = """\
 Sub Main
     Dim i As Integer

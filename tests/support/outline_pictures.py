@@ -1,11 +1,13 @@
 """Grey pictures of drawn parts with known outlines, for test_outlines and test_primitives.
 
-A part is a list of loops, each a list of corners (u, v, radius) in pixels, radius 0 for a sharp one. What a pixel shows
-is the share of it that the part covers: exact along a row, and the mean of 16 lines per row. Then blur and noise.
+A part is a list of loops, each a list of corners (u, v, radius) in px; the radius of a sharp corner
+is 0. The grey value of a pixel follows from its area on the part: it is exact along a row, and the
+mean of 16 lines per row. Blur and noise follow.
 """
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import NamedTuple
 
 import cv2
@@ -14,23 +16,27 @@ import shapely
 
 Corner = tuple[float, float, float]
 _LINES = 16
-#: Arcs are drawn as chords that leave them by less than this, px.
+#: Arcs become chords that deviate from them by less than this, px.
 _SAGITTA = 1e-4
 
 
 class Drawn(NamedTuple):
-    """Loops as complex points u + i v, dense on arcs, and the sharp corners (N,) complex."""
+    """The outline of a part.
+
+    loops: closed chains of complex points u + i v, px, dense on arcs.
+    sharp: complex sharp corners (N,), px.
+    """
 
     loops: list[np.ndarray]
     sharp: np.ndarray
 
     def placed(self, turn: float, place: complex) -> Drawn:
-        """Turned by ``turn`` rad about 0, then moved by ``place``."""
+        """The part after a rotation by `turn` rad about 0 and a shift by `place`."""
         spin = np.exp(1j * turn)
         return Drawn([loop * spin + place for loop in self.loops], self.sharp * spin + place)
 
     def gaps(self, points: np.ndarray) -> np.ndarray:
-        """The distance (N,) px from complex points to the nearest loop."""
+        """The distances (N,) of complex points from the nearest loop, px."""
         lines = [
             np.stack([loop, np.roll(loop, -1)], axis=1).view(float).reshape(-1, 2, 2)
             for loop in self.loops
@@ -39,16 +45,15 @@ class Drawn(NamedTuple):
         places = shapely.points(points.real, points.imag)
         return np.asarray(shapely.distance(places, tree.geometries[tree.nearest(places)]))
 
-    def near_corner(self, points: np.ndarray, reach: float) -> np.ndarray:
-        """Which points (N,) are nearer than ``reach`` px to a sharp corner."""
-        return (np.abs(points[:, None] - self.sharp) < reach).any(axis=1)
+    def near_corner(self, points: np.ndarray, radius: float) -> np.ndarray:
+        """Mask (N,) of the points within a radius, px, of a sharp corner."""
+        return (np.abs(points[:, None] - self.sharp) < radius).any(axis=1)
 
 
 def drawn(*loops: list[Corner]) -> Drawn:
-    found = [rounded(loop) for loop in loops]
-    return Drawn(
-        found, np.array([complex(u, v) for loop in loops for u, v, radius in loop if not radius])
-    )
+    rings = [rounded(loop) for loop in loops]
+    sharp = [complex(u, v) for u, v, radius in chain.from_iterable(loops) if not radius]
+    return Drawn(rings, np.array(sharp))
 
 
 def disc(radius: float) -> Drawn:
@@ -65,25 +70,28 @@ def arc(centre: complex, radius: float, begin: float, sweep: float) -> np.ndarra
 
 
 def rounded(corners: list[Corner]) -> np.ndarray:
-    at = np.array([complex(u, v) for u, v, _ in corners])
+    corner_points = np.array([complex(u, v) for u, v, _ in corners])
     points: list[np.ndarray] = []
     for k, (_, _, radius) in enumerate(corners):
-        into, out = at[k] - at[k - 1], at[(k + 1) % len(at)] - at[k]
+        enter, leave = (
+            corner_points[k] - corner_points[k - 1],
+            corner_points[(k + 1) % len(corner_points)] - corner_points[k],
+        )
         if not radius:
-            points.append(at[k : k + 1])
+            points.append(corner_points[k : k + 1])
             continue
-        turn = float(np.angle(out / into))
-        ahead = into / abs(into)
-        begin = at[k] - ahead * radius * np.tan(abs(turn) / 2)
-        side = 1j * np.sign(turn)
+        corner_angle = float(np.angle(leave / enter))
+        ahead = enter / abs(enter)
+        begin = corner_points[k] - ahead * radius * np.tan(abs(corner_angle) / 2)
+        side = 1j * np.sign(corner_angle)
         points.append(
-            arc(begin + ahead * radius * side, radius, float(np.angle(-ahead * side)), turn)
+            arc(begin + ahead * radius * side, radius, float(np.angle(-ahead * side)), corner_angle)
         )
     return np.concatenate(points)
 
 
 def gear(teeth: int, root: float, tip: float, fillet: float = 0.0) -> Drawn:
-    """Straight flanks; tip lands and root lands are lines. Four corners per tooth."""
+    """A gear with straight flanks and straight lands. Each tooth has four corners."""
     pitch = 2 * np.pi / teeth
     corners: list[Corner] = []
     for k in range(teeth):
@@ -94,10 +102,10 @@ def gear(teeth: int, root: float, tip: float, fillet: float = 0.0) -> Drawn:
 
 
 def plate() -> Drawn:
-    """Rounded corners, a notch, a slot, and holes down to a radius of 5 px, around 0."""
+    """A plate around 0 with rounded corners, a notch, a slot, and holes of 5 px radius and more."""
     outline: list[Corner] = [
-        (-200, -140, 30), (0, -140, 0), (0, -100, 0), (40, -100, 0), (40, -140, 0), (200, -140, 12), (200, 60, 0),
-        (140, 140, 0), (-200, 140, 5),
+        (-200, -140, 30), (0, -140, 0), (0, -100, 0), (40, -100, 0), (40, -140, 0),
+        (200, -140, 12), (200, 60, 0), (140, 140, 0), (-200, 140, 5),
     ]  # fmt: skip
     slot: list[Corner] = [(-120, 20, 12), (0, 20, 12), (0, 44, 12), (-120, 44, 12)]
     holes = ((-140 - 80j, 25.0), (-60 - 90j, 10.0), (110 - 60j, 5.0), (60 + 80j, 40.0))
@@ -105,14 +113,14 @@ def plate() -> Drawn:
 
 
 def covered(part: Drawn, height: int, width: int) -> np.ndarray:
-    """The share (H, W) float64 of each pixel that the part covers, even-odd."""
+    """The fraction (H, W) of each pixel that the part covers, by the even-odd rule."""
     total = np.zeros((height, width + 1))
     lines = (np.arange(height * _LINES) + 0.5) / _LINES - 0.5
     crossing = [_crossings(loop, lines) for loop in part.loops]
     row, u = (np.concatenate(column) for column in zip(*crossing, strict=True))
     order = np.lexsort([u, row])
     row, u = row[order], u[order] + 0.5
-    # Crossings of a line alternate: in, out, in, out.
+    # The crossings of a line enter and leave the part alternately.
     sign = np.where(np.arange(len(row)) % 2 == 0, 1.0, -1.0) / _LINES
     whole = np.floor(u).astype(int)
     np.add.at(total, (row // _LINES, whole), sign * (1 - (u - whole)))
@@ -121,15 +129,15 @@ def covered(part: Drawn, height: int, width: int) -> np.ndarray:
 
 
 def _crossings(loop: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number of the line and u of every crossing of the loop."""
+    """The index of the line and the position u of each crossing of a loop."""
     a, b = loop, np.roll(loop, -1)
     first = np.searchsorted(lines, np.minimum(a.imag, b.imag), side="left")
     last = np.searchsorted(lines, np.maximum(a.imag, b.imag), side="left")
     count = last - first
-    which = np.repeat(np.arange(len(a)), count)
-    row = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + first[which]
-    share = (lines[row] - a.imag[which]) / (b.imag - a.imag)[which]
-    return row, a.real[which] + share * (b.real - a.real)[which]
+    segment = np.repeat(np.arange(len(a)), count)
+    row = np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count) + first[segment]
+    fraction = (lines[row] - a.imag[segment]) / (b.imag - a.imag)[segment]
+    return row, a.real[segment] + fraction * (b.real - a.real)[segment]
 
 
 def picture(
@@ -141,7 +149,7 @@ def picture(
     low: float = 60.0,
     high: float = 180.0,
 ) -> np.ndarray:
-    """(H, W) uint8: grey value ``high`` on the part, ``low`` beside it."""
+    """The picture (H, W) uint8 with the grey value `high` on the part and `low` around it."""
     grey = low + (high - low) * covered(part, height, width)
     if blur:
         grey = cv2.GaussianBlur(grey, (0, 0), blur)

@@ -1,4 +1,4 @@
-"""A function that is asked the same more than once, and works it out once."""
+"""A cache for a function that tests call repeatedly with equal arguments."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from typing import Any
 
 
 def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``function`` with its answers kept by its arguments, refusals among them.
+    """`function` with a cache of its results and errors.
 
-    Arguments are compared by their bytes. Functions among them only report, and are not compared.
+    Arguments are compared by their pickled bytes. Arguments that are functions report progress
+    only, so that they are not compared.
     """
     answers: dict[bytes, Any] = {}
 
-    def ask(*arguments: Any) -> Any:
+    def recall(*arguments: Any) -> Any:
         values = [value for value in arguments if not callable(value)]
         key = hashlib.sha256(pickle.dumps(values)).digest()
         if key not in answers:
@@ -29,12 +30,12 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
             raise answers[key]
         return answers[key]
 
-    return ask
+    return recall
 
 
 @cache
 def prove_once() -> Callable[..., Any]:
-    """The proof that a tour of a few paths is the shortest, worked out once for equal paths.
+    """The proof that a tour of a few paths is the shortest, computed once for equal paths.
 
     It takes a quarter of the time of the golden cases. Tests build the same drawings repeatedly.
     """

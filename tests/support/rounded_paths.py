@@ -205,5 +205,5 @@ def _leave(before: Piece, after: Piece, curve: Points) -> float:
     span = 2 * max(abs(curve - before.points[-1]))
     ends = _length(before) - grid * min(_length(before), span)
     path = np.concatenate([_walk(before, ends), _walk(after, grid * min(_length(after), span))])
-    off = max(abs(path - point).min() for point in curve[:: _STEPS // 30])
-    return max(off, abs(curve - before.points[-1]).min())
+    curve_distance = max(abs(path - point).min() for point in curve[:: _STEPS // 30])
+    return max(curve_distance, abs(curve - before.points[-1]).min())

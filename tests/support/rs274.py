@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from hypothesis import strategies as st
@@ -32,19 +33,24 @@ needs_rs274 = pytest.mark.skipif(
 
 
 def moves(canon: Canon) -> list[Call]:
-    """The motions from where the position is known: after the first lift, or after the lift to the top of the machine
-    and the way across up there.
+    """The motions after the position is known in all axes.
+
+    It is known after the first lift, or after the lift to the top of the machine and the rapid
+    motion across at the top.
     """
-    found = canon.moves
-    assert all(call.kind == "STRAIGHT_TRAVERSE" for call in found[: canon.lead])
+    motions = canon.moves
+    assert all(call.kind == "STRAIGHT_TRAVERSE" for call in motions[: canon.lead])
     if canon.lead == 2:
-        top, across = found[:2]
+        top, across = motions[:2]
         assert top.end[2] == across.end[2] == 0.0, "not at the top, which is 0 in rs274"
-    return found[canon.lead :]
+    return motions[canon.lead :]
 
 
 def assert_moves(program: Program, canon: Canon) -> None:
-    """The interpreter's motion is the program's, within half a digit of three plus rs274's own fourth decimal."""
+    """Compares the motions of the interpreter with those of a program.
+
+    Coordinates may differ by half of the third decimal, and by the rounding of rs274 to the fourth.
+    """
     wanted = [item for item in program.body if isinstance(item, (MoveJ, MoveL, MoveC))]
     got = moves(canon)
     assert [KINDS[type(item)] for item in wanted] == [call.kind for call in got]
@@ -63,7 +69,7 @@ def assert_moves(program: Program, canon: Canon) -> None:
 
 
 def assert_arc(start: Vec3, item: MoveC, call: Call) -> None:
-    """The planned via point lies on the interpreted arc, half-way and on the right side."""
+    """The planned via point must be half-way on the arc of the interpreter."""
     cx, cy = call.centre
     x, y, z = item.via.origin
     radius = math.hypot(start[0] - cx, start[1] - cy)
@@ -82,7 +88,7 @@ def angle(point: Vec3, centre: tuple[float, float]) -> float:
 
 def close(a: object, b: object, tolerance: float) -> bool:
     """Whether two sequences of numbers are of one length and agree."""
-    left, right = list(a), list(b)  # type: ignore[call-overload]
+    left, right = list(a), list(b)
     return len(left) == len(right) and all(
         abs(p - q) <= tolerance for p, q in zip(left, right, strict=True)
     )
@@ -92,7 +98,10 @@ KINDS = {MoveJ: "STRAIGHT_TRAVERSE", MoveL: "STRAIGHT_FEED", MoveC: "ARC_FEED"}
 
 
 def difference(program: Program, reading: Executed, tolerance: Tolerance) -> str:
-    """The first thing that a fault-free reading says otherwise than the program; empty if nothing."""
+    """The first difference between a read-back and its program, "" if they are equal.
+
+    A read-back with a finding differs.
+    """
     if reading.findings:
         return f"fault {reading.findings[0]}"
     wanted = [item for item in program.body if not isinstance(item, Comment)]
@@ -105,19 +114,19 @@ def difference(program: Program, reading: Executed, tolerance: Tolerance) -> str
 
 
 def _same(item: Instruction, got: Instruction, tolerance: Tolerance) -> bool:
-    near = tolerance.mm + 1e-9
+    limit = tolerance.mm + 1e-9
     match item, got:
         case MoveJ(target=Pose() as wanted), MoveJ(target=Pose() as read):
-            return close(wanted.origin, read.origin, near)
+            return close(wanted.origin, read.origin, limit)
         case MoveL() | MoveC(), MoveL() | MoveC() if type(item) is type(got):
             if (
                 isinstance(item, MoveC)
                 and isinstance(got, MoveC)
-                and not close(item.via.origin, got.via.origin, 3 * near)
+                and not close(item.via.origin, got.via.origin, 3 * limit)
             ):
                 return False
             same = (
-                close(item.target.origin, got.target.origin, near)
+                close(item.target.origin, got.target.origin, limit)
                 and abs(item.force - got.force) <= tolerance.force
             )
             return same and abs(item.speed - got.speed) <= tolerance.speed
@@ -133,24 +142,24 @@ def _same(item: Instruction, got: Instruction, tolerance: Tolerance) -> bool:
 
 
 def at(x: float, y: float, z: float) -> Pose:
-    """The tool straight down."""
+    """The pose at a point with the tool straight down."""
     return Pose(TOOL_DOWN, (float(x), float(y), float(z)))
 
 
 def program(*body: Instruction, name: str = "demo", header: tuple[str, ...] = ()) -> Program:
-    """A program of ``body`` after the home position of the built-in cell."""
+    """A program of a body that starts at the home position of the built-in cell."""
     home = MoveJ(at(0, 0, 50), 100.0)
     return Program(name, translation(0, 0, 0), translation(0, 0, 100), whole((home, *body)), header)
 
 
 def posted(post: Post, plan: Program, chord: float = 0.01) -> tuple[Program, str]:
-    """The prepared program and its one file's text."""
+    """The prepared program and the text of its only file."""
     ready = post.prepare(plan, chord)
     (file,) = post.render(ready)
     return ready, file.text
 
 
-# Programs by chance: what a three-axis machine can do, with the awkward sizes on purpose.
+# Random programs for three axes. Very small and very large values are frequent.
 
 
 def programs() -> object:
@@ -170,29 +179,29 @@ def programs() -> object:
         st.tuples(st.just("again"), speed),
     )
     steps = st.lists(st.one_of(straight, arc, arc, other), min_size=1, max_size=30)
-    return steps.map(lambda found: program(*_walk(found)))
+    return steps.map(lambda drawn: program(*_make_body(drawn)))
 
 
-def _walk(steps: list[tuple[object, ...]]) -> list[Instruction]:
+def _make_body(steps: list[tuple[Any, ...]]) -> list[Instruction]:
     body: list[Instruction] = []
     x, y, z = 0.0, 0.0, 50.0
     for kind, *rest in steps:
         if kind == "W":
-            body.append(Wait(*rest))  # type: ignore[arg-type]
+            body.append(Wait(*rest))
         elif kind == "O":
-            body.append(Output("process", *rest))  # type: ignore[arg-type]
+            body.append(Output("process", *rest))
         elif kind == "#":
-            body.append(Comment(*rest))  # type: ignore[arg-type]
+            body.append(Comment(*rest))
         elif kind == "again":
-            body.append(MoveL(at(x, y, z), *rest))  # type: ignore[arg-type]
+            body.append(MoveL(at(x, y, z), *rest))
         elif kind == "C":
             radius, begin, sweep, sense, speed = rest
-            cx, cy = x - radius * math.cos(begin), y - radius * math.sin(begin)  # type: ignore[operator,arg-type]
-            points = [begin + sense * sweep / 2, begin + sense * sweep]  # type: ignore[operator]
+            cx, cy = x - radius * math.cos(begin), y - radius * math.sin(begin)
+            points = [begin + sense * sweep / 2, begin + sense * sweep]
             via, end = ((cx + radius * math.cos(a), cy + radius * math.sin(a)) for a in points)
-            body.append(MoveC(at(*via, z), at(*end, z), speed))  # type: ignore[arg-type]
+            body.append(MoveC(at(*via, z), at(*end, z), speed))
             x, y = end
         else:
-            x, y, z, speed = rest  # type: ignore[assignment]
-            body.append((MoveJ if kind == "J" else MoveL)(at(x, y, z), speed))  # type: ignore[arg-type]
+            x, y, z, speed = rest
+            body.append((MoveJ if kind == "J" else MoveL)(at(x, y, z), speed))
     return body

@@ -1,4 +1,4 @@
-"""Mistakes on purpose: functions of camgen replaced by ones with another result."""
+"""Deliberate faults: functions of camgen are replaced by functions with another result."""
 
 import importlib
 from collections.abc import Callable

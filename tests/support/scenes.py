@@ -62,12 +62,12 @@ def draw_shape(kind: str, rng: np.random.Generator) -> Shape:
             return shape
 
 
-def is_sound(shape: Shape, room: float = 4.0) -> bool:
+def is_sound(shape: Shape, clearance: float = 4.0) -> bool:
     """Whether each hole keeps ``room`` mm to the other holes and to the sides of its floor."""
-    floor = free_floor(shape).buffer(-room)
+    floor = free_floor(shape).buffer(-clearance)
     discs = [Point(x, y).buffer(d / 2) for x, y, d in shape.holes]
     gaps = [a.distance(b) for a, b in combinations(discs, 2)]
-    return min(gaps) > room and all(floor.contains(disc) for disc in discs)
+    return min(gaps) > clearance and all(floor.contains(disc) for disc in discs)
 
 
 def free_floor(shape: Shape) -> Polygon:
@@ -130,25 +130,25 @@ def stack(layers: list[Polygon], levels: list[float]) -> trimesh.Trimesh:
     layers = [shapely.snap(layer, corners, 1e-9) for layer in layers]
     nothing = Polygon()
     for below, above, z in zip([nothing, *layers], [*layers, nothing], levels, strict=True):
-        triangles += [lay(each, z, up=True) for each in polygons(below.difference(above))]
-        triangles += [lay(each, z, up=False) for each in polygons(above.difference(below))]
+        triangles += [triangulate(each, z, up=True) for each in polygons(below.difference(above))]
+        triangles += [triangulate(each, z, up=False) for each in polygons(above.difference(below))]
     for layer, low, high in zip(layers, levels, levels[1:], strict=False):
         for each in polygons(layer):
             rings = [each.exterior, *each.interiors]
             triangles += [wall(np.asarray(ring.coords), low, high) for ring in rings]
     corners = np.concatenate(triangles)
-    vertices, of = np.unique(np.round(corners.reshape(-1, 3), 6), axis=0, return_inverse=True)
-    return trimesh.Trimesh(vertices, of.reshape(-1, 3), process=False)
+    vertices, indices = np.unique(np.round(corners.reshape(-1, 3), 6), axis=0, return_inverse=True)
+    return trimesh.Trimesh(vertices, indices.reshape(-1, 3), process=False)
 
 
 def polygons(shape) -> list[Polygon]:
     """The polygons of a shape, outer rings counter-clockwise, without slivers."""
     pieces = shapely.get_parts(shape)
-    kept = [piece for piece in pieces if piece.geom_type == "Polygon" and piece.area > 1e-6]
-    return list(shapely.orient_polygons(kept))
+    large = [piece for piece in pieces if piece.geom_type == "Polygon" and piece.area > 1e-6]
+    return list(shapely.orient_polygons(large))
 
 
-def lay(polygon: Polygon, z: float, up: bool) -> Array:
+def triangulate(polygon: Polygon, z: float, up: bool) -> Array:
     """The triangles (F, 3, 3) of a polygon at a height, seen from above or from below."""
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
     triangles = shapely.orient_polygons(pieces)
@@ -172,17 +172,17 @@ def change(shape: Shape, variant: str, rng: np.random.Generator) -> trimesh.Trim
         mesh = build(shape)
         return trimesh.Trimesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1], process=False)
     if variant == LONGER:
-        by = rng.uniform(*CHANGED_LENGTH) * rng.choice([-1, 1])
-        longer = replace(shape, length=shape.length + by)
+        change_mm = rng.uniform(*CHANGED_LENGTH) * rng.choice([-1, 1])
+        longer = replace(shape, length=shape.length + change_mm)
         if shape.kind == "flange":  # the holes keep their places about the middle
-            holes = tuple((x + by / 2, y + by / 2, d) for x, y, d in shape.holes)
+            holes = tuple((x + change_mm / 2, y + change_mm / 2, d) for x, y, d in shape.holes)
             longer = replace(longer, width=longer.length, holes=holes)
         return build(longer)
     while True:
         x, y, d = shape.holes[1]
         if variant == MOVED:
-            angle, by = rng.uniform(0, 2 * np.pi), rng.uniform(*CHANGED_PLACE)
-            hole = (x + by * np.cos(angle), y + by * np.sin(angle), d)
+            angle, change_mm = rng.uniform(0, 2 * np.pi), rng.uniform(*CHANGED_PLACE)
+            hole = (x + change_mm * np.cos(angle), y + change_mm * np.sin(angle), d)
         else:
             hole = (x, y, d + rng.uniform(*CHANGED_DIAMETER))
         other = replace(shape, holes=(shape.holes[0], hole, shape.holes[2]))
@@ -224,8 +224,8 @@ def scan(
     noise, step, stray, bench, flying = (
         rng.uniform(*each) for each in (NOISE, SPACING, STRAY, BENCH, FLYING)
     )
-    over = shape.kind in ("plate", "flange") and rng.random() < 0.4
-    flip = np.diag([1.0, -1.0, -1.0]) if over else np.eye(3)
+    is_flipped = shape.kind in ("plate", "flange") and rng.random() < 0.4
+    flip = np.diag([1.0, -1.0, -1.0]) if is_flipped else np.eye(3)
     corners = (part.triangles - part.bounds.mean(axis=0)) @ flip.T
     lowest = corners[..., 2].min()
     inner = -flip @ part.bounds.mean(axis=0) - [0, 0, lowest]
@@ -323,6 +323,6 @@ def meet(corners: Array, eye: Array, rays: Array) -> Array:
         inside = (signs >= -1e-9).all(axis=0) | (signs <= 1e-9).all(axis=0)
         fall = block @ normal.T
         depth = height / np.where(fall == 0, 1, fall)
-        met = inside & (np.abs(fall) > 1e-12) & (depth > 0)
-        depths[begin : begin + 2000] = np.where(met, depth, np.inf).min(axis=1)
+        hits = inside & (np.abs(fall) > 1e-12) & (depth > 0)
+        depths[begin : begin + 2000] = np.where(hits, depth, np.inf).min(axis=1)
     return depths

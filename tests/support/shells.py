@@ -1,6 +1,6 @@
-"""Sheets and hollow parts that no turn lays onto themselves, and scans of parts from one place, with known truth.
+"""Sheets and hollow parts without rotational symmetry, and scans of them from one place.
 
-Nothing here is camgen's own.
+The module is independent of camgen.
 """
 
 import numpy as np
@@ -10,33 +10,39 @@ from tests.support.clouds import surface
 
 
 def blocks(xs, ys, zs, filled):
-    """The closed surface of the cells (i, j, k) of a grid with these planes for which ``filled`` says so."""
+    """The closed surface of the filled cells between planes at `xs`, `ys` and `zs`.
+
+    filled: whether the cell around a point (x, y, z) is filled.
+    """
     planes = [np.asarray(axis, dtype=float) for axis in (xs, ys, zs)]
     counts = [len(axis) - 1 for axis in planes]
     full = np.zeros([n + 2 for n in counts], dtype=bool)
     for cell in np.ndindex(*counts):
-        full[tuple(np.add(cell, 1))] = filled(
-            *(axis[i] / 2 + axis[i + 1] / 2 for axis, i in zip(planes, cell, strict=True))
-        )
+        middle = [axis[i] / 2 + axis[i + 1] / 2 for axis, i in zip(planes, cell, strict=True)]
+        full[tuple(np.add(cell, 1))] = filled(*middle)
     corners, faces = {}, []
     for cell in np.argwhere(full):
         for axis in range(3):
             for side in (0, 1):
-                beside = cell.copy()
-                beside[axis] += 2 * side - 1
-                if full[tuple(beside)]:
+                neighbour = cell.copy()
+                neighbour[axis] += 2 * side - 1
+                if full[tuple(neighbour)]:
                     continue
                 low = cell - 1
-                ring = []
+                indices = []
                 for a, b in ((0, 0), (1, 0), (1, 1), (0, 1)):
-                    at = low.copy()
-                    at[axis] += side
-                    at[(axis + 1) % 3] += a
-                    at[(axis + 2) % 3] += b
-                    ring.append(corners.setdefault(tuple(at.tolist()), len(corners)))
-                ring = ring if side else ring[::-1]
-                faces += [[ring[0], ring[1], ring[2]], [ring[0], ring[2], ring[3]]]
-    vertices = np.array([[planes[k][at[k]] for k in range(3)] for at in corners])
+                    corner = low.copy()
+                    corner[axis] += side
+                    corner[(axis + 1) % 3] += a
+                    corner[(axis + 2) % 3] += b
+                    indices.append(corners.setdefault(tuple(corner.tolist()), len(corners)))
+                indices = indices if side else indices[::-1]
+                faces += [
+                    [indices[0], indices[1], indices[2]],
+                    [indices[0], indices[2], indices[3]],
+                ]
+    places = np.array(list(corners))
+    vertices = np.column_stack([planes[k][places[:, k]] for k in range(3)])
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     assert mesh.is_watertight
     assert mesh.volume > 0
@@ -60,7 +66,7 @@ def sheet(thick=1.6):
 
 
 def angle(thick=2.0):
-    """A sheet bent by a right angle, legs of 90 and 50 mm, with a window in one and a notch in the other."""
+    """A sheet with a bend of 90 deg: a leg of 90 mm with a window, a leg of 50 mm with a notch."""
 
     def filled(x, y, z):
         foot = z < thick and not (_within(x, 50, 75) and _within(y, 15, 40))
@@ -99,7 +105,7 @@ def tray(wall=3.0):
 
 
 def housing(wall=4.0):
-    """A closed box of 100 x 80 x 60 mm with a window in the top and one in a side, and a wall inside."""
+    """A closed box of 100 x 80 x 60 mm with windows in top and side, and with a wall inside."""
 
     def filled(x, y, z):
         shell = not (
@@ -129,49 +135,54 @@ def channel(wall=3.0):
 
 
 def comb(wall=3.0):
-    """A base with five tall fins of different length, between which little can be seen."""
+    """A base with five tall fins of different lengths. A scanner sees little between them."""
     fins = ((0, 70), (14, 60), (28, 70), (42, 50), (56, 40))
 
     def filled(x, y, z):
-        return z < 5 or any(_within(x, at, at + wall) and y < long for at, long in fins)
+        return z < 5 or any(_within(x, at, at + wall) and y < length for at, length in fins)
 
-    xs = sorted({v for at, _ in fins for v in (at, at + wall)})
+    starts = [at for at, _ in fins]
+    xs = sorted({*starts, *(at + wall for at in starts)})
     return blocks(xs, (0, 40, 50, 60, 70), (0, 5, 45), filled)
 
 
-def seen_from(corners, points, normals, eye, some=200):
-    """Which points a scanner at ``eye`` sees: what faces it, and no other of the triangles (F, 3, 3) is on the way.
+def seen_from(corners, points, normals, eye, block_size=200):
+    """Mask of the points that a scanner at `eye` sees.
 
-    Every ray is asked about every triangle that faces the scanner: slow, and exact.
+    Their normals face the scanner, and no triangle hides them. Each ray is tested with each
+    triangle (F, 3, 3) that faces the scanner: slow, and exact.
+
+    block_size: number of points that are tested together.
     """
     a, b, c = (corners[:, k] for k in range(3))
     facing = ((eye - a) * np.cross(b - a, c - a)).sum(axis=1) > 0
-    # Cone of a triangle: the eye and its corners. A point behind the plane of the corners, within the cone, is hidden.
+    # A point is hidden if it is within the cone of the eye and a triangle, beyond the plane of the
+    # triangle.
     a, b, c = (corner[facing] - eye for corner in (a, b, c))
     sides = [np.cross(b, a), np.cross(c, b), np.cross(a, c)]
     across = np.cross(b - a, c - a)
-    away = (across * a).sum(axis=1)
-    far = points - eye
-    free = -(normals * far).sum(axis=1) / np.linalg.norm(far, axis=1) > 0.15
-    for begin in range(0, len(points), some):
-        ray = far[begin : begin + some].T
-        behind = (across @ ray) * (1 - 1e-4) < away[:, None]
+    distances = (across * a).sum(axis=1)
+    rays = points - eye
+    is_visible = -(normals * rays).sum(axis=1) / np.linalg.norm(rays, axis=1) > 0.15
+    for begin in range(0, len(points), block_size):
+        block = rays[begin : begin + block_size].T
+        is_hidden = (across @ block) * (1 - 1e-4) < distances[:, None]
         for side in sides:
-            behind &= side @ ray > 0
-        free[begin : begin + some] &= ~behind.any(axis=0)
-    return free
+            is_hidden &= side @ block > 0
+        is_visible[begin : begin + block_size] &= ~is_hidden.any(axis=0)
+    return is_visible
 
 
 def one_sided(mesh, count, seed, eye, noise=0.05):
-    """``count`` points of ``mesh`` in its own frame as a scanner at ``eye`` sees them, with normal noise (mm)."""
+    """`count` points of a mesh in its frame that a scanner at `eye` sees, with normal noise, mm."""
     rng = np.random.default_rng(seed)
     eye = np.asarray(eye, dtype=float)
     points = np.zeros((0, 3))
     for _ in range(30):
-        some, normals = surface(mesh.triangles, 2 * count, rng)
-        points = np.vstack([points, some[seen_from(mesh.triangles, some, normals, eye)]])
+        sample, normals = surface(mesh.triangles, 2 * count, rng)
+        points = np.vstack([points, sample[seen_from(mesh.triangles, sample, normals, eye)]])
         if len(points) >= count:
             break
     points = points[:count]
-    assert len(points) > 200  # a place that sees less is none to scan from
+    assert len(points) > 200, "a scan from here shows too little of the part"
     return points + rng.normal(0, noise, points.shape)

@@ -1,8 +1,9 @@
-"""What a tool sweeps along its paths, by GEOS, and what a disc can reach: judges with formulas of their own."""
+"""The area that a tool sweeps along its paths, and the area that a disc can reach, both by GEOS."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 import shapely
@@ -10,14 +11,14 @@ import shapely
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath
 
-#: Chords leave arcs by so much, mm; a quarter of a disc has so many chords.
+#: Deviation of chords from their arcs, mm, and number of chords of a quarter of a disc.
 CHORD, QUARTER = 0.001, 48
-#: Points of a line that are swept together.
+#: Number of points of a line that are swept together.
 _PIECE = 200
 
 
 def enclosed(contours: Sequence[Contour]) -> shapely.Geometry:
-    """What closed contours enclose, even-odd, as polygons."""
+    """The area that closed contours enclose, by the even-odd rule."""
     region = shapely.Polygon()
     for contour in contours:
         if contour.closed:
@@ -29,8 +30,10 @@ def outline(contour: Contour) -> shapely.Polygon:
     """A closed contour as a polygon."""
     ends = np.vstack([contour.points, contour.points[:1]])
     spans = zip(ends[:-1], ends[1:], contour.bulges, strict=True)
-    points = [point for a, b, bulge in spans for point in _bulged(a, b, float(bulge))]
-    # Two points enclose nothing: a nearly flat arc and its chord.
+    points: list[np.ndarray] = []
+    for start, end, bulge in spans:
+        points += _bulged(start, end, float(bulge))
+    # Two points, of a nearly flat arc and its chord, enclose no area.
     return shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
 
 
@@ -43,7 +46,7 @@ def _bulged(a: np.ndarray, b: np.ndarray, bulge: float) -> list[np.ndarray]:
 
 
 def _on_arc(a: np.ndarray, middle: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
-    """Points on the arc from ``a`` over ``middle`` to ``b``, both ends among them."""
+    """Points on the arc from `a` over `middle` to `b`, including both ends."""
     matrix = 2 * np.array([middle - a, b - a])
     centre = np.linalg.solve(matrix, [middle @ middle - a @ a, b @ b - a @ a])
     radius = float(np.hypot(*(a - centre)))
@@ -55,7 +58,7 @@ def _on_arc(a: np.ndarray, middle: np.ndarray, b: np.ndarray) -> list[np.ndarray
 
 
 def centre_line(path: ToolPath) -> shapely.LineString:
-    """The way of the tool's centre in the plane."""
+    """The line of the tool centre in the plane."""
     position, via = path.position[:, :2], path.via[:, :2]
     points = [position[0]]
     for k in range(1, len(position)):
@@ -65,11 +68,10 @@ def centre_line(path: ToolPath) -> shapely.LineString:
 
 
 def swept(paths: Sequence[ToolPath], radius: float) -> shapely.Geometry:
-    """What a disc of ``radius`` mm covers along ``paths``."""
-    # Piece by piece: GEOS fills holes of a long line that lies over itself many times.
-    return shapely.union_all(
-        [piece.buffer(radius, quad_segs=QUARTER) for path in paths for piece in _pieces(path)]
-    )
+    """The area that a disc of `radius` mm covers along paths."""
+    # The paths are split into pieces: GEOS fills holes of a long line that overlaps itself often.
+    pieces = chain.from_iterable(map(_pieces, paths))
+    return shapely.union_all([piece.buffer(radius, quad_segs=QUARTER) for piece in pieces])
 
 
 def _pieces(path: ToolPath) -> list[shapely.LineString]:
@@ -80,5 +82,5 @@ def _pieces(path: ToolPath) -> list[shapely.LineString]:
 
 
 def reachable(region: shapely.Geometry, radius: float) -> shapely.Geometry:
-    """What of ``region`` a disc of ``radius`` mm covers that stays in it by a thousandth of a mm."""
+    """The part of a region that a disc of `radius` mm covers 0.001 mm or more within the region."""
     return region.buffer(-(radius + 0.001), quad_segs=QUARTER).buffer(radius, quad_segs=QUARTER)

@@ -1,4 +1,7 @@
-"""Arms as URDF text, and where their tips are by the definition of URDF: for tests only, nothing of camgen is in it."""
+"""Arms as URDF texts, and the poses of their flanges by the definition of URDF.
+
+The module is independent of camgen, except for the data of its robots.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,15 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0), "-z":
 
 
 class Arm(NamedTuple):
-    """steps: to each joint's frame (4, 4), m; axes; kinds; limits and speeds in rad and m; flange (4, 4)."""
+    """The serial chain of an arm.
+
+    steps: frame (4, 4) of each joint in the frame before it, m.
+    axes: unit vector of each joint in its frame.
+    kinds: revolute or prismatic.
+    limits: lowest and highest joint values, rad or m.
+    speeds: maximum joint speeds, rad/s or m/s.
+    flange: frame (4, 4) of the flange in the frame of the last joint, m.
+    """
 
     steps: tuple[Matrix, ...]
     axes: tuple[Matrix, ...]
@@ -28,7 +39,7 @@ class Arm(NamedTuple):
 
 
 def turn(axis: Sequence[float] | Matrix, angle: float) -> Matrix:
-    """Rotation (3, 3) by way of a quaternion."""
+    """Rotation (3, 3) about an axis by an angle (rad), computed with a quaternion."""
     w, (x, y, z) = math.cos(angle / 2), np.asarray(axis) * math.sin(angle / 2)
     return np.array(
         [
@@ -40,13 +51,14 @@ def turn(axis: Sequence[float] | Matrix, angle: float) -> Matrix:
 
 
 def step(xyz: Sequence[float] | Matrix, rotation: Matrix | None = None) -> Matrix:
-    found = np.eye(4)
-    found[:3, :3], found[:3, 3] = np.eye(3) if rotation is None else rotation, xyz
-    return found
+    """A frame (4, 4) at a position, m. rotation: (3, 3); None is the identity."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = np.eye(3) if rotation is None else rotation, xyz
+    return matrix
 
 
 def rpy(roll: float, pitch: float, yaw: float) -> Matrix:
-    """About the fixed axes x, then y, then z."""
+    """Rotation (3, 3) about the fixed axes x, then y, then z."""
     return turn((0, 0, 1), yaw) @ turn((0, 1, 0), pitch) @ turn((1, 0, 0), roll)
 
 
@@ -61,7 +73,7 @@ def rpy_of(rotation: Matrix) -> tuple[float, float, float]:
 
 
 def built_in(stem: str) -> Arm:
-    """The serial chain of a built-in robot's file: of an arm with a rod, joint 3 by itself."""
+    """The serial chain of a built-in robot. With a rod, joint 3 has the limits of the rod."""
     data = tomllib.loads((DATA / f"{stem}.toml").read_text())
     rows = data["joints"]
     slides = [row.get("sliding", False) for row in rows]
@@ -81,17 +93,17 @@ def built_in(stem: str) -> Arm:
 
 
 def disguised(arm: Arm, seed: int) -> Arm:
-    """The same arm in frames that lie any way, moved along their axes, and with other zeros."""
+    """An equal arm with random frames, shifted along their axes, and other zeros of its joints."""
     rng = np.random.default_rng(seed)
     steps, axes, limits = [], [], []
     before = np.eye(4)
-    for own, axis, kind, (low, high) in zip(
+    for joint_step, axis, kind, (low, high) in zip(
         arm.steps, arm.axes, arm.kinds, arm.limits, strict=True
     ):
         frame = turn(_unit(rng), rng.uniform(0, 3))
         moved = step(axis * rng.uniform(-0.2, 0.2), frame)
         zero = 0.0 if kind == "prismatic" else rng.uniform(-1, 1)
-        steps.append(before @ own @ step((0, 0, 0), turn(axis, zero)) @ moved)
+        steps.append(before @ joint_step @ step((0, 0, 0), turn(axis, zero)) @ moved)
         axes.append(frame.T @ axis)
         limits.append((low - zero, high - zero))
         before = np.linalg.inv(moved)
@@ -101,17 +113,17 @@ def disguised(arm: Arm, seed: int) -> Arm:
 
 
 def _unit(rng: np.random.Generator) -> Matrix:
-    found = rng.normal(size=3)
-    return np.asarray(found / np.linalg.norm(found))
+    vector = rng.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def tip(arm: Arm, values: Sequence[float] | Matrix) -> Matrix:
     """base_from_flange (4, 4), m, for joint values in rad and m."""
-    at = np.eye(4)
-    for own, axis, kind, value in zip(arm.steps, arm.axes, arm.kinds, values, strict=True):
+    frame = np.eye(4)
+    for joint_step, axis, kind, value in zip(arm.steps, arm.axes, arm.kinds, values, strict=True):
         motion = step(axis * value) if kind == "prismatic" else step((0, 0, 0), turn(axis, value))
-        at = at @ own @ motion
-    return at @ arm.flange
+        frame = frame @ joint_step @ motion
+    return frame @ arm.flange
 
 
 def origin(frame: Matrix) -> str:
@@ -120,15 +132,15 @@ def origin(frame: Matrix) -> str:
 
 
 def urdf(arm: Arm, name: str = "arm") -> str:
-    """The text: links base_link, link_1 and so on, and tool0 behind the last."""
+    """The URDF text of an arm with the links base_link, link_1 and so on, and tool0 at the end."""
     lines = [f'<robot name="{name}">', '<link name="base_link"/>']
     before = "base_link"
     rows = zip(arm.steps, arm.axes, arm.kinds, arm.limits, arm.speeds, strict=True)
-    for k, (own, axis, kind, (low, high), speed) in enumerate(rows, start=1):
+    for k, (joint_step, axis, kind, (low, high), speed) in enumerate(rows, start=1):
         lines += [
             f'<link name="link_{k}"/>',
             f'<joint name="joint_{k}" type="{kind}">',
-            f'<parent link="{before}"/><child link="link_{k}"/>{origin(own)}',
+            f'<parent link="{before}"/><child link="link_{k}"/>{origin(joint_step)}',
             f'<axis xyz="{" ".join(f"{v:.17g}" for v in axis)}"/>',
             f'<limit lower="{low:.17g}" upper="{high:.17g}" effort="0" velocity="{speed:.17g}"/>',
             "</joint>",
@@ -136,7 +148,8 @@ def urdf(arm: Arm, name: str = "arm") -> str:
         before = f"link_{k}"
     lines += [
         '<link name="tool0"/>',
-        f'<joint name="flange" type="fixed"><parent link="{before}"/><child link="tool0"/>{origin(arm.flange)}</joint>',
+        f'<joint name="flange" type="fixed"><parent link="{before}"/>'
+        f'<child link="tool0"/>{origin(arm.flange)}</joint>',
         "</robot>",
     ]
     return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""Small programs of tests as whole ones: off before the first motion what they use, and off at the end."""
+"""Completes small programs of tests: outputs and force are off at the start and at the end."""
 
 from collections.abc import Iterable
 from itertools import dropwhile
@@ -10,29 +10,31 @@ from camgen.model.program import Columns, Force, Instruction, MoveL, Output, swi
 
 
 def whole(body: Iterable[Instruction]) -> tuple[Instruction, ...]:
-    """``body`` between what switches off all outputs and the force that it uses, first and, where still on, last. One
-    that is whole stays as it is.
+    """A body with instructions that switch off its outputs and its force.
+
+    All of them are switched off first, and those that are still on at the end. A complete body is
+    unchanged.
     """
-    own = list(dropwhile(_is_off, body))
-    left: dict[str, float] = {}
+    used = list(dropwhile(_is_off, body))
+    last_values: dict[str, float] = {}
     newtons = 0.0
-    for item in own:
+    for item in used:
         if isinstance(item, Output):
-            left[item.signal] = item.value
+            last_values[item.signal] = item.value
         elif isinstance(item, Force):
             newtons = item.newtons
-    off = [Output(name, 0.0) for name, value in left.items() if value]
-    return (*switch_off_first(own), *off, *([Force(0.0)] if newtons else []))
+    off_outputs = [Output(name, 0.0) for name, value in last_values.items() if value]
+    return (*switch_off_first(used), *off_outputs, *([Force(0.0)] if newtons else []))
 
 
 def turning(body: Iterable[Instruction], speed: float) -> tuple[Instruction, ...]:
-    """``body`` with a speed, rad/s, for the motions of it that only turn the tool and have none."""
+    """A body in which reorientations without a speed have this one, rad/s."""
     items = list(body)
     columns = Columns(items)
-    for place in columns.at[np.flatnonzero(columns.turned & (columns.turn == 0))].tolist():
-        item = items[place]
+    for index in columns.at[np.flatnonzero(columns.turned & (columns.turn == 0))].tolist():
+        item = items[index]
         assert isinstance(item, MoveL)
-        items[place] = replace(item, turn=speed)
+        items[index] = replace(item, turn=speed)
     return tuple(items)
 
 

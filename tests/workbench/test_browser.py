@@ -1,4 +1,4 @@
-"""The workbench in a real browser without a window: forms, pictures, a second tab, a reload, a server that dies."""
+"""The workbench in a real browser without a window: forms, pictures, keys, tabs, reloads, ends."""
 
 import shutil
 import signal
@@ -57,7 +57,7 @@ def tab(browser: Driven, bench: Bench) -> Iterator[Tab]:
 
 @pytest.fixture
 def own_tab(browser: Driven, folder: Path) -> Iterator[Tab]:
-    """The page of a workbench that no other test uses: files change, or it ends."""
+    """The page of a workbench that no other test uses, as the test changes files or ends it."""
     with open_bench(folder, ["part.dxf"]) as started:
         opened = Tab(browser, started)
         yield opened
@@ -97,18 +97,18 @@ def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(
     )
     assert (tmp_path / "again" / "part.ngc").read_bytes() == program
     assert own_tab.log.messages == []
-    own = own_tab.bench.address.rpartition("/")[0]
+    origin = own_tab.bench.address.rpartition("/")[0]
     assert [
-        url for url in own_tab.log.requests if not url.startswith((own, "blob:", "data:"))
+        url for url in own_tab.log.requests if not url.startswith((origin, "blob:", "data:"))
     ] == []
 
 
-def test_what_is_looked_at_survives_a_new_program(tab: Tab) -> None:
-    """Camera, chosen path, time, tab and colouring."""
+def test_the_view_of_the_page_survives_a_new_program(tab: Tab) -> None:
+    """The view: camera, chosen path, time, pane, layers and colouring."""
     frame = tab.shown(tab.rest()["built"]["number"])
     frame.evaluate(
-        "() => { const { look, player } = camgen; look.turn = 0.7; look.tilt = 0.9; look.height = 55; look.own = true; "
-        "look.target = [3, 4, 5]; player.to(4); }"
+        "() => { const { look, player } = camgen; look.turn = 0.7; look.tilt = 0.9; "
+        "look.height = 55; look.own = true; look.target = [3, 4, 5]; player.to(4); }"
     )
     frame.locator("nav button[data-tab=paths]").click()
     rows = frame.locator("#rows > *")
@@ -130,7 +130,7 @@ def test_what_is_looked_at_survives_a_new_program(tab: Tab) -> None:
     assert tab.log.messages == []
 
 
-def test_an_error_stands_beside_its_setting_and_the_last_program_stays(tab: Tab) -> None:
+def test_an_error_is_shown_at_its_setting_and_the_last_program_stays(tab: Tab) -> None:
     number = tab.rest()["built"]["number"]
     tab.enter("process.force", "-1")
     tab.rest("s.failed")
@@ -149,14 +149,14 @@ def test_an_error_stands_beside_its_setting_and_the_last_program_stays(tab: Tab)
     assert tab.page.locator("#says p").count() == 0
 
 
-def test_settings_are_found_by_their_words_and_by_what_was_changed(tab: Tab) -> None:
+def test_settings_are_found_by_their_words_and_by_their_changes(tab: Tab) -> None:
     tab.page.locator("#filter").fill("spindle speed")
     assert tab.page.locator("#f-process-spindle").is_visible()
     assert not tab.page.locator("#f-process-feed").is_visible()
     tab.page.locator("#filter").fill("")
     tab.enter("tool.diameter", "4")
     tab.rest("s.tables.tool")
-    # Defaults are those of this job: a third of the feed, and on a page another lift.
+    # Defaults follow from the job: plunge is a third of the feed, and a page has a lower clearance.
     assert tab.field("process.plunge").get_attribute("placeholder") == "6.666667"
     assert tab.field("process.clearance").input_value() == "20"
     tab.enter("page.size", "A4")
@@ -195,9 +195,9 @@ def test_a_second_tab_and_a_reload_show_the_same_session(tab: Tab, browser: Driv
     assert tab.rest("s.tables.tool?.diameter === 5")["undo"] == 1
 
 
-def test_a_click_leaves_out_and_a_layer_is_switched(tab: Tab) -> None:
+def test_a_click_leaves_a_contour_out_and_a_layer_is_switched(tab: Tab) -> None:
     frame = tab.shown(tab.rest()["built"]["number"])
-    said = {
+    message = {
         "camgen": "picked",
         "path": 3,
         "id": "c1",
@@ -206,7 +206,7 @@ def test_a_click_leaves_out_and_a_layer_is_switched(tab: Tab) -> None:
         "x": 0,
         "y": 0,
     }
-    frame.evaluate("said => parent.postMessage(said, location.origin)", said)
+    frame.evaluate("message => parent.postMessage(message, location.origin)", message)
     card = tab.page.locator("#picked")
     card.get_by_text("Leave out c1").click()
     assert tab.rest("s.tables.operations")["tables"] == {
@@ -220,7 +220,7 @@ def test_a_click_leaves_out_and_a_layer_is_switched(tab: Tab) -> None:
     assert tab.rest("s.tables.input")["tables"] == {"input": {"layers": ["*", "!HOLES"]}}
     tab.page.locator("#layers input[type=checkbox]").first.check()
     tab.rest("!s.tables.input")
-    # Dragged, and by keys.
+    # A layer is moved by dragging, and by keys.
     rows = tab.page.locator("#layers .layer")
     rows.nth(1).locator(".grip").drag_to(rows.nth(0))
     assert tab.rest("s.tables.tour")["tables"] == {"tour": {"layers": ["OUTLINE", "HOLES"]}}
@@ -231,7 +231,7 @@ def test_a_click_leaves_out_and_a_layer_is_switched(tab: Tab) -> None:
 def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab) -> None:
     frame = tab.shown(tab.rest()["built"]["number"])
     frame.locator("nav button[data-tab=paths]").click()
-    # Whole paths begin where camgen likes; c1, the outline, is the last of four.
+    # camgen chooses the seams; c1, the outline, is the last of four paths.
     frame.locator("#rows .row").nth(3).click()
     ring = frame.locator(".seam")
     ring.wait_for()
@@ -248,18 +248,18 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab) -
     assert frame.locator(".seam.set").is_visible()
     run = state["looked"]["runs"][3]
     assert run["point"] == point
-    assert run["seam"][:2] == pytest.approx(
-        point, abs=0.11
-    )  # at a corner, or within the last digit
-    # By keys: one step of 1 mm along the path.
+    # The seam is at a corner near the point, or within the last digit of the point.
+    assert run["seam"][:2] == pytest.approx(point, abs=0.11)
+    # A key moves the seam by one step of 1 mm along the path.
     frame.locator(".seam").press("ArrowRight")
     frame.locator(".seam").press("Enter")
     state = tab.rest(
-        f"s.tables.tour?.seams?.[0][0] !== {point[0]} || s.tables.tour?.seams?.[0][1] !== {point[1]}"
+        f"s.tables.tour?.seams?.[0][0] !== {point[0]} || "
+        f"s.tables.tour?.seams?.[0][1] !== {point[1]}"
     )
     moved = state["looked"]["runs"][3]["seam"]
     assert 0.5 < float(np.hypot(moved[0] - run["seam"][0], moved[1] - run["seam"][1])) <= 1.01
-    # The list: dragged, and by keys; the row that is chosen stays chosen, and the keyboard with it.
+    # A row of the list is moved by dragging, and by keys. It stays chosen and keeps the focus.
     frame = tab.shown(state["built"]["number"])
     third = frame.evaluate("camgen.data.paths[2].id")
     frame.locator("#rows .row").nth(2).drag_to(frame.locator("#rows .row").nth(0))
@@ -271,20 +271,20 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab) -
     frame.locator("#list").press("Alt+ArrowDown")
     state = tab.rest("s.tables.tour.order?.length === 2")
     assert state["tables"]["tour"]["order"][1] == third
-    # What cannot be: the outline before its holes. The line says it, and one step back undoes it.
+    # The outline cannot run before its holes: the error states it, and undo goes one step back.
     frame = tab.shown(state["built"]["number"])
     frame.locator("#rows .row").nth(3).drag_to(frame.locator("#rows .row").nth(0))
     assert "c1 would be run before path" in tab.rest("s.failed")["failed"]["line"]
     tab.page.locator("#undo").click()
     state = tab.rest("!s.failed")
-    # The seam goes back to where camgen likes it; what was clicked before is still what is meant.
+    # camgen chooses the seam again. The row that was clicked stays chosen.
     tab.shown(state["built"]["number"]).locator("#rows .row").nth(3).click()
     tab.page.get_by_text("Seam chosen by camgen").click()
     assert "seams" not in tab.rest("!s.tables.tour.seams")["tables"]["tour"]
     assert tab.log.messages == []
 
 
-def test_what_is_no_page_of_the_workbench_is_not_heard(tab: Tab) -> None:
+def test_messages_of_other_pages_are_ignored(tab: Tab) -> None:
     tab.shown(tab.rest()["built"]["number"])
     tab.page.evaluate(
         "postMessage({ camgen: 'picked', path: 3, id: 'c1', layer: 'OUTLINE' }, location.origin)"
@@ -329,7 +329,7 @@ def test_operations_are_added_set_moved_and_removed(tab: Tab) -> None:
 
 
 def test_a_photo_shows_its_stages_live(browser: Driven, tmp_path: Path) -> None:
-    # Bright in the middle, half as bright around it.
+    # A bright disc with a ring of half its brightness around it.
     photo = cv2.circle(np.full((200, 300, 3), 30, np.uint8), (150, 100), 70, (120, 120, 120), -1)
     cv2.imwrite(str(tmp_path / "disc.png"), cv2.circle(photo, (150, 100), 40, (230, 230, 230), -1))
     with open_bench(tmp_path, ["disc.png", "--set", "image.mm_per_px=0.2"]) as bench:
@@ -340,21 +340,23 @@ def test_a_photo_shows_its_stages_live(browser: Driven, tmp_path: Path) -> None:
         tab.page.get_by_text("From picture to path").click()
         picture = tab.page.locator("#picture img")
         tab.page.wait_for_function("() => document.querySelector('#picture img').naturalWidth > 0")
-        before = image(picture.screenshot())
+        before = decode_image(picture.screenshot())
         tab.field("image.mask").select_option("threshold")
         tab.page.locator(".field:has(#f-image-threshold) input[type=range]").fill("200")
-        now = tab.rest("s.tables.image.threshold === 200")["picture"]
+        picture_number = tab.rest("s.tables.image.threshold === 200")["picture"]
         tab.page.wait_for_function(
-            f"() => document.querySelector('#picture img').src.endsWith('/{now}')"
+            f"() => document.querySelector('#picture img').src.endsWith('/{picture_number}')"
         )
         tab.page.wait_for_function("() => document.querySelector('#picture img').complete")
-        after = image(picture.screenshot())
+        after = decode_image(picture.screenshot())
         assert after.shape != before.shape or np.abs(after.astype(int) - before).max() > 50
         assert tab.log.messages == []
         tab.context.close()
 
 
-def test_a_photo_without_a_scale_is_seen_and_asked_for_it(browser: Driven, tmp_path: Path) -> None:
+def test_a_photo_without_a_scale_is_shown_and_its_scale_requested(
+    browser: Driven, tmp_path: Path
+) -> None:
     cv2.imwrite(
         str(tmp_path / "photo.png"),
         cv2.circle(np.full((200, 300, 3), 30, np.uint8), (150, 100), 60, (220, 220, 220), -1),
@@ -370,7 +372,7 @@ def test_a_photo_without_a_scale_is_seen_and_asked_for_it(browser: Driven, tmp_p
         tab.context.close()
 
 
-def test_a_file_that_changes_is_seen(own_tab: Tab, folder: Path) -> None:
+def test_a_changed_file_is_read_again(own_tab: Tab, folder: Path) -> None:
     first = own_tab.rest()["built"]["number"]
     shutil.copy(PARTS / "plate.dxf", folder / "part.dxf")
     second = own_tab.rest(f"s.built.number > {first}")["built"]["number"]
@@ -383,7 +385,7 @@ def test_a_file_that_changes_is_seen(own_tab: Tab, folder: Path) -> None:
     assert own_tab.field("process.feed").input_value() == "14"
 
 
-def test_a_server_that_dies_is_told(own_tab: Tab) -> None:
+def test_the_end_of_the_server_is_reported(own_tab: Tab) -> None:
     own_tab.rest()
     own_tab.bench.process.send_signal(signal.SIGKILL)
     own_tab.page.wait_for_selector("#says .bad")
@@ -391,7 +393,7 @@ def test_a_server_that_dies_is_told(own_tab: Tab) -> None:
     assert own_tab.page.locator("#says").get_by_text("Copy the job").is_visible()
 
 
-def test_close_ends_it_and_says_so(own_tab: Tab) -> None:
+def test_close_ends_the_workbench_and_the_page_states_it(own_tab: Tab) -> None:
     own_tab.rest()
     own_tab.page.locator("#close").click()
     own_tab.page.wait_for_selector("#says .look")
@@ -407,8 +409,8 @@ def test_names_that_are_markup_do_nothing(browser: Driven, tmp_path: Path) -> No
     with open_bench(tmp_path, [f"{evil}.dxf", "--set", f"tool.name={evil}"]) as bench:
         tab = Tab(browser, bench)
         tab.rest()
-        for one in tab.page.locator("aside [role=tab]").all():
-            one.click()
+        for button in tab.page.locator("aside [role=tab]").all():
+            button.click()
         assert tab.page.evaluate("window.bad") is None
         assert tab.page.locator("aside img").count() == 0
         assert evil in tab.page.locator("h1").inner_text()
@@ -417,17 +419,17 @@ def test_names_that_are_markup_do_nothing(browser: Driven, tmp_path: Path) -> No
 
 def test_on_a_phone_nothing_is_wider_than_the_screen(browser: Driven, bench: Bench) -> None:
     tab = Tab(browser, bench, PHONE)
-    for one in tab.page.locator("aside [role=tab]").all():
-        one.click()
+    for button in tab.page.locator("aside [role=tab]").all():
+        button.click()
         assert tab.page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
     tab.context.close()
 
 
-def image(raw: bytes) -> Any:
+def decode_image(raw: bytes) -> Any:
     return cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR)
 
 
-# Keys. They are read from the help, so that a key without a test is seen.
+# Keys. They are read from the help, so that a key without a test is noticed.
 
 #: Elements that have the focus. A text field takes the keys that it does not type.
 FOCUS = {
@@ -455,7 +457,7 @@ def focus(tab: Tab, name: str) -> None:
         tab.page.locator(selector).focus()
 
 
-def help_rows(tab: Tab, section: int) -> list[str]:
+def list_help_keys(tab: Tab, section: int) -> list[str]:
     """The names of keys in a section of the help."""
     tab.page.locator("#help").click()
     texts = tab.page.locator(f"#keys .keys >> nth={section} >> kbd").all_inner_texts()
@@ -558,12 +560,12 @@ PICTURE_KEYS = {
 }
 
 
-def test_every_key_of_the_help_works_wherever_the_focus_is(own_tab: Tab) -> None:
+def test_each_key_of_the_help_works_with_any_focus(own_tab: Tab) -> None:
     own_tab.bench.change("operations", value=[{}])
     own_tab.bench.change("process", "feed", value=31)
     own_tab.rest("s.tables.process")
     own_tab.field("process.feed")
-    keys = help_rows(own_tab, 0)
+    keys = list_help_keys(own_tab, 0)
     assert set(keys) == set(EVERYWHERE)
     for key in sorted(keys, key="Ctrl-S".__ne__):
         name, press = EVERYWHERE[key]
@@ -574,7 +576,7 @@ def test_every_key_of_the_help_works_wherever_the_focus_is(own_tab: Tab) -> None
             own_tab.bench.change("process", "force", value=-1)
             own_tab.bench.change("process", "feed", value=30)
             own_tab.rest("s.failed")
-    keys = help_rows(own_tab, 1)
+    keys = list_help_keys(own_tab, 1)
     assert set(keys) == set(PICTURE_KEYS)
     frame = own_tab.shown(own_tab.rest()["built"]["number"])
     for place in ("form", "list", *IN_PICTURE):
@@ -587,7 +589,7 @@ def test_every_key_of_the_help_works_wherever_the_focus_is(own_tab: Tab) -> None
     assert own_tab.log.messages == []
 
 
-def test_a_text_that_is_typed_has_its_own_undo_until_it_is_applied(tab: Tab) -> None:
+def test_a_typed_text_has_a_separate_undo_until_it_is_applied(tab: Tab) -> None:
     tab.enter("process.feed", "31")
     tab.rest("s.tables.process")
     field = tab.field("process.feed")
@@ -602,11 +604,11 @@ def test_a_text_that_is_typed_has_its_own_undo_until_it_is_applied(tab: Tab) -> 
 # Tabs and servers that end.
 
 
-@pytest.mark.parametrize("how", ["tab", "server"])
-def test_what_is_typed_and_changed_survives_the_end_of_its_tab(
-    browser: Driven, folder: Path, tmp_path_factory: pytest.TempPathFactory, how: str
+@pytest.mark.parametrize("ending", ["tab", "server"])
+def test_typed_text_and_changes_survive_the_end_of_the_tab(
+    browser: Driven, folder: Path, tmp_path_factory: pytest.TempPathFactory, ending: str
 ) -> None:
-    """The last text is typed and never applied."""
+    """The last text is typed and not applied."""
     state = tmp_path_factory.mktemp("state")
     with open_bench(folder, ["part.dxf"], state) as bench:
         tab = Tab(browser, bench)
@@ -618,11 +620,11 @@ def test_what_is_typed_and_changed_survives_the_end_of_its_tab(
         tab.field("process.plunge").focus()
         with tab.page.expect_response("**/draft"):
             tab.page.keyboard.type("7")
-        if how == "tab":
+        if ending == "tab":
             tab.context.close()
-        bench.process.send_signal(signal.SIGKILL if how == "server" else signal.SIGINT)
+        bench.process.send_signal(signal.SIGKILL if ending == "server" else signal.SIGINT)
         bench.process.wait(LONG)
-        if how == "server":
+        if ending == "server":
             tab.page.wait_for_selector("aside[inert]")
             tab.context.close()
     with open_bench(folder, ["part.dxf"], state) as bench:
@@ -631,8 +633,8 @@ def test_what_is_typed_and_changed_survives_the_end_of_its_tab(
         assert line.startswith("3 changes of part.toml from 2")
         assert line.endswith(" were not saved.")
         tab.page.get_by_text("Take up").click()
-        found = tab.rest("!s.offer && s.tables.process.plunge")["tables"]
-        assert found == {"process": {"feed": 31, "plunge": 7}, "operations": [{}]}
+        tables = tab.rest("!s.offer && s.tables.process.plunge")["tables"]
+        assert tables == {"process": {"feed": 31, "plunge": 7}, "operations": [{}]}
         assert tab.field("process.plunge").input_value() == "7"
         assert tab.log.messages == []
         tab.context.close()

@@ -1,9 +1,10 @@
-"""The job of the workbench: its form, its file, and that a program from it is the one of the command line."""
+"""The job of the workbench: its form, its file, and programs equal to those of the command line."""
 
 import shutil
 import sys
 import tomllib
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,137 +20,140 @@ from camgen.plan import ignore_stages
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping
 from camgen.workbench.choose import leave_out, restore, switch_layer
-from camgen.workbench.form import find_setting, make_form
+from camgen.workbench.form import Field, Group, find_setting, make_form
 from camgen.workbench.job_text import keeps_comments, write_job
 from camgen.workbench.perform import BuildRequest, Built, InputSummary, PathSummary, run_request
 from camgen.workbench.session import Change, apply_changes, open_session, set_value, undo
 from camgen.workbench.usual import list_defaults
 from tests.support.built import build_once, key_of_files
-from tests.test_cases import ALL, CASES, POSTS, parts
+from tests.test_cases import ALL, CASES, POSTS, find_part
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
-# The same bytes.
+# Programs of the workbench and of the command line.
 
 
-def tables_of(case: Path, post: str) -> dict[str, Any]:
-    """The job of a golden case for a controller, as ``tests/test_cases.py`` has it."""
+def read_tables(case: Path, post: str) -> dict[str, Any]:
+    """The job of a golden case for a controller, as in `tests/test_cases.py`."""
     job = tomllib.loads((case / "job.toml").read_text())
-    for name, table, key in (("posts.toml", "post", ""), ("robots.toml", "cell", "robot")):
-        if (case / name).exists():
-            found = tomllib.loads((case / name).read_text()).get(post, "" if key else {})
-            job[table] = {**job.get(table, {}), key: found} if key else found
+    options, robots = case / "posts.toml", case / "robots.toml"
+    if options.exists():
+        job["post"] = tomllib.loads(options.read_text()).get(post, {})
+    if robots.exists():
+        robot = tomllib.loads(robots.read_text()).get(post, "")
+        job["cell"] = {**job.get("cell", {}), "robot": robot}
     return job
 
 
-class Called(BaseException):
-    """What ``build`` was asked for, in place of its result; goes through whatever catches errors."""
+class BuildCall(BaseException):
+    """The arguments of a call of `build`. No handler of errors catches it.
 
-    def __init__(self, inputs: Sequence[Path], **asked: object) -> None:
+    arguments: without `watch` and `files`, which do not change the program.
+    """
+
+    def __init__(self, inputs: Sequence[Path], **arguments: object) -> None:
         super().__init__()
-        #: Who watches, and what is read already, make no byte of the program.
-        self.asked = {key: value for key, value in asked.items() if key not in ("watch", "files")}
-        self.asked = {
+        self.arguments = {
             "name": "",
             "strict": False,
             "locate": None,
             "start": None,
-            **self.asked,
+            **arguments,
             "inputs": [path.resolve() for path in inputs],
         }
+        for name in ("watch", "files"):
+            self.arguments.pop(name, None)
 
 
-def call(inputs: Sequence[Path], **asked: object) -> None:
-    raise Called(inputs, **asked)
+def raise_call(inputs: Sequence[Path], **arguments: object) -> None:
+    """Stands in for `build`."""
+    raise BuildCall(inputs, **arguments)
 
 
-def asked_by_workbench(
-    source: Path, job: Path | None, tables: dict[str, Any], post: str, place: Path
-) -> Called:
-    session = open_session([source], str(job) if job else None, [], post, place, [post])
-    asked = [
-        Change([table, key], value)
-        for table in ("post", "cell")
-        for key, value in tables.get(table, {}).items()
-    ]
-    session = apply_changes(session, asked) if job else session
-    # As it would be saved, elsewhere: fixtures stay as they are.
-    saved = place / "job.toml" if job else session.job_file
+def list_changes(tables: dict[str, Any]) -> list[Change]:
+    """A change for each setting of [post] and [cell]."""
+    changes: list[Change] = []
+    for table in ("post", "cell"):
+        for key, value in tables.get(table, {}).items():
+            changes.append(Change([table, key], value))
+    return changes
+
+
+def call_from_workbench(
+    source: Path, job: Path | None, tables: dict[str, Any], post: str, folder: Path
+) -> BuildCall:
+    session = open_session([source], str(job) if job else None, [], post, folder, [post])
+    session = apply_changes(session, list_changes(tables)) if job else session
+    # The job is saved in another folder: the fixtures stay unchanged.
+    saved = folder / "job.toml" if job else session.job_file
     text = session.text if session.tables or session.base else ""
     if job:
         saved.write_text(text)
-    with pytest.raises(Called) as called:
+    with pytest.raises(BuildCall) as caught:
         run_request(
             BuildRequest(1, session.inputs, post, saved, text, session.output),
             ignore_stages,
             list_rows,
         )
-    return called.value
+    return caught.value
 
 
-def asked_by_line(source: Path, job: Path | None, post: str, place: Path) -> Called:
-    words = ["--job", str(place / "job.toml")] if job else []
-    with pytest.raises(Called) as called:
-        main(["build", str(source), "--post", post, *words, "-o", str(place), "-q"])
-    return called.value
+def call_from_command_line(source: Path, job: Path | None, post: str, folder: Path) -> BuildCall:
+    words = ["--job", str(folder / "job.toml")] if job else []
+    with pytest.raises(BuildCall) as caught:
+        main(["build", str(source), "--post", post, *words, "-o", str(folder), "-q"])
+    return caught.value
 
 
 DRAWN = sorted(path for path in PARTS.iterdir() if path.suffix != ".toml")
-EVERY = [
-    (next(part for part in parts(case) if part.exists()), case / "job.toml", post)
-    for case, post in ALL
-]
-EVERY += [(part, None, post) for part in DRAWN for post in POSTS]
+BUILDS = [(find_part(case), case / "job.toml", post) for case, post in ALL]
+BUILDS += [(part, None, post) for part, post in product(DRAWN, POSTS)]
 
 
 def test_every_fixture_is_built_as_the_command_line_builds_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same job, input, controller and name to the same ``build``, whose program is written as it is by both: that
-    the bytes are the same is then looked at for some.
+    """Workbench and command line call `build` with equal jobs, inputs, controllers and names.
+
+    Both write the program of `build` unchanged; the next test compares the bytes of a sample.
     """
-    monkeypatch.setattr("camgen.workbench.perform.build", call)
-    monkeypatch.setattr("camgen.cli.build.build", call)
+    monkeypatch.setattr("camgen.workbench.perform.build", raise_call)
+    monkeypatch.setattr("camgen.cli.build.build", raise_call)
     jobs = set[int]()
-    for number, (source, job, post) in enumerate(EVERY):
-        place = tmp_path / str(number)
-        place.mkdir()
-        tables = tables_of(job.parent, post) if job else {}
-        bench, line = (
-            asked_by_workbench(source, job, tables, post, place),
-            asked_by_line(source, job, post, place),
+    for index, (source, job, post) in enumerate(BUILDS):
+        folder = tmp_path / str(index)
+        folder.mkdir()
+        tables = read_tables(job.parent, post) if job else {}
+        of_bench, of_line = (
+            call_from_workbench(source, job, tables, post, folder),
+            call_from_command_line(source, job, post, folder),
         )
-        assert bench.asked == line.asked, (source.name, job, post)
-        assert isinstance(bench.asked["job"], Job)
-        jobs.add(hash(repr(bench.asked["job"])))
-    assert len(EVERY) >= len(ALL) + len(DRAWN) * len(POSTS) > 150
+        assert of_bench.arguments == of_line.arguments, (source.name, job, post)
+        assert isinstance(of_bench.arguments["job"], Job)
+        jobs.add(hash(repr(of_bench.arguments["job"])))
+    assert len(BUILDS) >= len(ALL) + len(DRAWN) * len(POSTS) > 150
     assert len(jobs) > len(CASES)
 
 
-#: Each case for one controller, these in turn.
-SOME = [pair for k, pair in enumerate(ALL) if k % len(POSTS) == CASES.index(pair[0]) % len(POSTS)]
-SOME += [pair for pair in ALL if pair[0] not in {case for case, _ in SOME}]
+#: Each case for one controller; all controllers in turn.
+SAMPLE = [pair for k, pair in enumerate(ALL) if k % len(POSTS) == CASES.index(pair[0]) % len(POSTS)]
+_SAMPLED = {case for case, _ in SAMPLE}
+SAMPLE += [pair for pair in ALL if pair[0] not in _SAMPLED]
 
 
-@pytest.mark.parametrize(("case", "post"), SOME, ids=lambda one: getattr(one, "name", one))
-def test_a_program_is_that_of_the_command_line_byte_for_byte(
+@pytest.mark.parametrize(("case", "post"), SAMPLE, ids=lambda value: getattr(value, "name", value))
+def test_the_workbench_writes_the_bytes_of_the_command_line(
     case: Path, post: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    once = build_once(build, key_of_files)
-    monkeypatch.setattr("camgen.workbench.perform.build", once)
-    monkeypatch.setattr("camgen.cli.build.build", once)
-    source = next(part for part in parts(case) if part.exists())
+    builder = build_once(build, key_of_files)
+    monkeypatch.setattr("camgen.workbench.perform.build", builder)
+    monkeypatch.setattr("camgen.cli.build.build", builder)
+    source = find_part(case)
     (tmp_path / "bench").mkdir()
     (tmp_path / "line").mkdir()
     session = open_session([source], str(case / "job.toml"), [], post, tmp_path / "bench", [post])
-    wanted = tables_of(case, post)
-    asked = [
-        Change([table, key], value)
-        for table in ("post", "cell")
-        for key, value in wanted.get(table, {}).items()
-    ]
-    session = apply_changes(session, asked)
-    # As it would be saved, elsewhere: fixtures stay as they are.
+    session = apply_changes(session, list_changes(read_tables(case, post)))
+    # The job is saved in another folder: the fixtures stay unchanged.
     job = tmp_path / "job.toml"
     outcome = run_request(
         BuildRequest(1, session.inputs, post, job, session.text, session.output),
@@ -168,33 +172,30 @@ def test_a_program_is_that_of_the_command_line_byte_for_byte(
 # The form.
 
 
-def test_every_setting_stands_in_the_form_once() -> None:
-    found = make_form("rapid")
-    fields = [
-        (group.table, field.key)
-        for group in found.groups
-        if group.table != "post"
-        for field in group.fields
-    ]
-    assert sorted(fields) == sorted((s.table, s.key) for s in list_settings())
-    for name, groups in found.rows.items():
-        keys = [field.key for group in groups for field in group.fields]
-        assert sorted(keys) == sorted({s.key for s in list_row_settings() if s.table == name})
-    options = {
-        field.key: field
-        for group in found.groups
-        if group.table == "post"
-        for field in group.fields
-    }
+def list_fields(groups: Sequence[Group]) -> list[tuple[str, Field]]:
+    """The fields of groups, each with the table of its group."""
+    fields: list[tuple[str, Field]] = []
+    for group in groups:
+        fields += [(group.table, field) for field in group.fields]
+    return fields
+
+
+def test_each_setting_is_in_the_form_once() -> None:
+    form = make_form("rapid")
+    fields = [(table, field.key) for table, field in list_fields(form.groups)]
+    settings = [name for name in fields if name[0] != "post"]
+    assert sorted(settings) == sorted((setting.table, setting.key) for setting in list_settings())
+    for name, groups in form.rows.items():
+        keys = [field.key for _, field in list_fields(groups)]
+        expected = {setting.key for setting in list_row_settings() if setting.table == name}
+        assert sorted(keys) == sorted(expected)
+    options = {field.key: field for table, field in list_fields(form.groups) if table == "post"}
     assert options["conf"].kind == "choice"
 
 
 def test_a_field_has_unit_kind_and_bounds_of_its_setting() -> None:
-    fields = {
-        (group.table, field.key): field
-        for group in make_form("gcode").groups
-        for field in group.fields
-    }
+    groups = make_form("gcode").groups
+    fields = {(table, field.key): field for table, field in list_fields(groups)}
     feed, threshold = fields["process", "feed"], fields["image", "threshold"]
     assert (feed.unit, feed.kind, feed.default) == ("mm/s", "number", 20.0)
     assert (threshold.minimum, threshold.maximum) == (0, 255)
@@ -242,10 +243,11 @@ def test_an_error_names_its_setting(error: JobError, place: list[str | int]) -> 
     assert find_setting(error) == place
 
 
-# Defaults that hang on the input.
+# Defaults that depend on the input.
 
 
-def usual(tmp_path: Path, post: str, *sets: str) -> dict[str, dict[str, object]]:
+def find_defaults(tmp_path: Path, post: str, *sets: str) -> dict[str, dict[str, object]]:
+    """The defaults of settings that a build of the bracket shows in the form."""
     session = open_session([PARTS / "bracket.dxf"], None, sets, post, tmp_path, [post])
     outcome = run_request(
         BuildRequest(1, session.inputs, post, tmp_path / "job.toml", session.text, tmp_path),
@@ -256,22 +258,24 @@ def usual(tmp_path: Path, post: str, *sets: str) -> dict[str, dict[str, object]]
     return outcome.usual
 
 
-def test_the_form_shows_what_holds_for_this_input(tmp_path: Path) -> None:
-    drawn = usual(tmp_path, "gcode", "tool.diameter=4", "process.feed=30", "process.plunge=2")
+def test_the_form_shows_the_defaults_for_its_input(tmp_path: Path) -> None:
+    drawn = find_defaults(
+        tmp_path, "gcode", "tool.diameter=4", "process.feed=30", "process.plunge=2"
+    )
     assert drawn["operation"] == {"kind": "follow"}
-    # Without what is set: a third of the feed.
+    # The default without the given plunge: a third of the feed.
     assert drawn["process"]["plunge"] == 10.0
     assert drawn["process"]["travel"] == 100.0
     assert drawn["tolerance"] == {"corner": 0.01}
     assert drawn["cell"]["home"] == [0.0, 0.0, 50.0]
-    page = usual(tmp_path, "rapid", "page.size=A4", "tool.diameter=0.8", "tool.kind=pen")
+    page = find_defaults(tmp_path, "rapid", "page.size=A4", "tool.diameter=0.8", "tool.kind=pen")
     assert page["operation"] == {"kind": "trace"}
     assert page["tolerance"] == {"corner": pytest.approx(0.04)}  # a twentieth of the pen
     assert len(page["cell"]["base_from_work"]) == 6  # type: ignore[arg-type]
     assert page["process"]["acceleration"] != drawn["process"]["acceleration"]
 
 
-def test_a_lift_that_is_typed_stays_where_its_default_is_another_one() -> None:
+def test_a_clearance_equal_to_another_default_is_kept() -> None:
     assert list_defaults({"page": {"size": "A4"}}) == {"process": {"clearance": 3.0}}
     assert (
         list_defaults({})
@@ -279,7 +283,7 @@ def test_a_lift_that_is_typed_stays_where_its_default_is_another_one() -> None:
         == list_defaults({"page": 5})
         == {}
     )
-    # 20 is the default elsewhere, and on a page it is not.
+    # 20 mm is the default without a page. On a page it is another value than the default, 3 mm.
     tables = set_value({"page": {"size": "A4"}}, ["process", "clearance"], 20.0)
     assert tables["process"] == {"clearance": 20.0}
     job = from_mapping(tables, Files())
@@ -323,22 +327,20 @@ depth = 3.0
         (["post", "signals"], {"spindle": "aoSpeed", "a b": "c"}),
     ],
 )
-def test_a_change_leaves_the_rest_of_the_file_as_it_was(
-    path: list[str | int], value: object
-) -> None:
-    wanted = set_value(tomllib.loads(FILE), path, value)
-    text = write_job(FILE, wanted, "part.dxf")
-    assert tomllib.loads(text) == wanted
+def test_a_change_keeps_the_other_lines_of_the_file(path: list[str | int], value: object) -> None:
+    expected = set_value(tomllib.loads(FILE), path, value)
+    text = write_job(FILE, expected, "part.dxf")
+    assert tomllib.loads(text) == expected
     assert keeps_comments(FILE, text)
     assert len(set(FILE.splitlines()) - set(text.splitlines())) <= 1
 
 
-def test_a_file_that_nothing_changes_stays_byte_for_byte() -> None:
+def test_a_file_without_changes_stays_byte_for_byte() -> None:
     text = FILE.replace("\n", "\r\n")
     assert write_job(text, tomllib.loads(text), "part.dxf") == text
 
 
-def test_a_new_file_holds_only_what_differs() -> None:
+def test_a_new_file_holds_only_values_other_than_the_defaults() -> None:
     tables: dict[str, Any] = {}
     for path, value in (
         (["process", "feed"], 20.0),
@@ -347,8 +349,8 @@ def test_a_new_file_holds_only_what_differs() -> None:
     ):
         tables = set_value(tables, path, value)
     text = write_job("", {**tables, "operations": [{"kind": "drill"}]}, "part\n.dxf")
-    kept = [line for line in text.splitlines() if line and not line.startswith("#")]
-    assert kept == [
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    assert lines == [
         "[tool]",
         'kind = "drill"',
         "[process]",
@@ -368,7 +370,7 @@ def test_changes_can_be_undone(tmp_path: Path) -> None:
     assert undo(undo(second)).tables == undo(undo(undo(second))).tables == {}
 
 
-def test_a_file_of_set_is_named_from_the_job_file(
+def test_a_file_of_set_becomes_relative_to_the_job_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "parts").mkdir()
@@ -388,7 +390,7 @@ def test_a_file_of_set_is_named_from_the_job_file(
 @pytest.mark.parametrize(
     "path", [["nothing", "feed"], ["operations"], ["process"], ["operations", 0, "depth"], []]
 )
-def test_a_place_that_no_job_has_is_refused(tmp_path: Path, path: list[str | int]) -> None:
+def test_an_unknown_setting_is_refused(tmp_path: Path, path: list[str | int]) -> None:
     session = open_session([tmp_path / "part.dxf"], None, [], "gcode", tmp_path, ["gcode"])
     if path == ["operations"]:
         assert apply_changes(session, [Change(path, [{}])]).tables == {"operations": [{}]}
@@ -397,22 +399,22 @@ def test_a_place_that_no_job_has_is_refused(tmp_path: Path, path: list[str | int
         apply_changes(session, [Change(path, 5)])
 
 
-# What is chosen.
+# The selection of layers, edges and contours.
 
 
-def test_a_layer_with_signs_of_globs_is_one_layer() -> None:
-    off = switch_layer({}, "A[1]*?", on=False)
-    assert off == {"input": {"layers": ["*", "!A[[]1][*][?]"]}}
-    assert switch_layer(off, "A[1]*?", on=True) == {}
+def test_the_characters_of_globs_in_a_layer_are_escaped() -> None:
+    without_layer = switch_layer({}, "A[1]*?", on=False)
+    assert without_layer == {"input": {"layers": ["*", "!A[[]1][*][?]"]}}
+    assert switch_layer(without_layer, "A[1]*?", on=True) == {}
     named = {"input": {"layers": ["OUT*"]}}
     assert switch_layer(named, "HOLES", on=True) == {"input": {"layers": ["OUT*", "HOLES"]}}
 
 
-def test_edges_are_words_of_the_selection() -> None:
+def test_edges_are_left_out_by_words_of_the_selection() -> None:
     solid = InputSummary("solid", runs=(PathSummary(("e3",), -1),))
-    out = leave_out({}, solid, ["e3"], -1)
-    assert out == {"input": {"select": "convex, not e3"}}
-    assert restore(out, solid, ["e3"]) == {}
+    tables_without = leave_out({}, solid, ["e3"], -1)
+    assert tables_without == {"input": {"select": "convex, not e3"}}
+    assert restore(tables_without, solid, ["e3"]) == {}
     assert restore({}, solid, ["e4"]) == {"input": {"select": "convex e4"}}
     assert leave_out({"input": {"select": "e3, e5-e9"}}, solid, ["e3"], -1) == {
         "input": {"select": "e5-e9, not e3"}
@@ -420,17 +422,19 @@ def test_edges_are_words_of_the_selection() -> None:
 
 
 def test_a_contour_is_left_out_of_the_row_that_works_on_it() -> None:
-    looked = InputSummary(
+    summary = InputSummary(
         "drawing", contours=(("c1", "0"), ("c2", "0"), ("c3", "0")), worked=(("c1",), ("c2", "c3"))
     )
     tables = {"operations": [{"nesting": "outer"}, {"nesting": "inner", "depth": 2}]}
-    out = leave_out(tables, looked, ["c3"], 1)
-    assert out["operations"] == [
+    tables_without = leave_out(tables, summary, ["c3"], 1)
+    assert tables_without["operations"] == [
         {"nesting": "outer"},
         {"nesting": "inner", "depth": 2, "ids": ["c2"]},
     ]
-    assert leave_out(tables, looked, ["c1"], -1)["operations"] == [{"nesting": "inner", "depth": 2}]
-    assert restore(out, looked, ["c3"])["operations"][1]["ids"] == ["c2", "c3"]
+    assert leave_out(tables, summary, ["c1"], -1)["operations"] == [
+        {"nesting": "inner", "depth": 2}
+    ]
+    assert restore(tables_without, summary, ["c3"])["operations"][1]["ids"] == ["c2", "c3"]
     with pytest.raises(JobError, match="nothing would be left"):
         leave_out({}, InputSummary("drawing", contours=(("c1", "0"),)), ["c1"], -1)
 
@@ -445,7 +449,7 @@ def test_a_contour_is_left_out_of_the_row_that_works_on_it() -> None:
         ("gear.png", "gcode", ["image.mm_per_px=0.2", "operation.kind=trace"], "picture", False),
     ],
 )
-def test_what_a_page_knows_of_an_input(
+def test_the_summary_of_an_input_has_kind_layers_and_paths(
     name: str, post: str, sets: list[str], kind: str, layers: bool, tmp_path: Path
 ) -> None:
     source = tmp_path / name
@@ -454,28 +458,28 @@ def test_what_a_page_knows_of_an_input(
     else:
         shutil.copy(PARTS / name, source)
     session = open_session([source], None, sets, post, tmp_path, [post])
-    found = run_request(
+    outcome = run_request(
         BuildRequest(1, session.inputs, post, session.job_file, session.text, tmp_path),
         ignore_stages,
         list_rows,
     )
-    assert isinstance(found, Built), found
-    assert found.summary.kind == kind
-    assert bool(found.summary.layers) == layers
-    assert all(layer.used and layer.contours for layer in found.summary.layers)
-    assert (found.picture != "") == (kind == "picture")
-    assert len(found.summary.runs) > 0
+    assert isinstance(outcome, Built), outcome
+    assert outcome.summary.kind == kind
+    assert bool(outcome.summary.layers) == layers
+    assert all(layer.used and layer.contours for layer in outcome.summary.layers)
+    assert (outcome.picture != "") == (kind == "picture")
+    assert len(outcome.summary.runs) > 0
 
 
-def test_without_its_extra_the_command_says_what_to_install(
+def test_without_its_extra_the_command_names_the_package(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     for name in [name for name in sys.modules if name.startswith("camgen.workbench.server")]:
         monkeypatch.delitem(sys.modules, name)
     assert main(["open", str(PARTS / "bracket.dxf"), "--no-browser"]) == 2
-    said = capsys.readouterr().err
+    message = capsys.readouterr().err
     assert (
-        said == "camgen: error: open: needs uvicorn; "
+        message == "camgen: error: open: needs uvicorn; "
         "pip install '.[workbench]' in the folder of camgen\n"
     )

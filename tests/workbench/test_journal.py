@@ -79,20 +79,20 @@ def set_feed(session: Session, feed: object) -> Session:
     return apply_changes(session, [Change(["process", "feed"], feed)])
 
 
-def leave(journal: Journal) -> None:
+def end_workbench(journal: Journal) -> None:
     """The workbench of a journal ends."""
     journal.close(keep=True)
 
 
 @contextmanager
-def only_leftover(session: Session) -> Iterator[Leftover]:
+def open_leftover(session: Session) -> Iterator[Leftover]:
     """The journal that a workbench would offer; it stays on the disk."""
     (leftover,) = list_leftovers(session.job_file)
     yield leftover
     leftover.close(keep=True)
 
 
-def test_changes_come_back_each_as_a_step_and_undone_ones_do_not(session: Session) -> None:
+def test_changes_are_resumed_step_by_step_without_the_undone_ones(session: Session) -> None:
     journal = Journal(session)
     sessions = [session]
     for feed in (10, 11, 12):
@@ -100,8 +100,8 @@ def test_changes_come_back_each_as_a_step_and_undone_ones_do_not(session: Sessio
         journal.write(sessions[-1], [])
     journal.write(undo(sessions[-1]), [])
     assert journal.changes == 2
-    leave(journal)
-    with only_leftover(session) as leftover:
+    end_workbench(journal)
+    with open_leftover(session) as leftover:
         assert leftover.changes == 2
         assert leftover.fits(session)
         resumed = list(leftover.resume(session))
@@ -113,48 +113,48 @@ def test_changes_come_back_each_as_a_step_and_undone_ones_do_not(session: Sessio
 @pytest.mark.parametrize(
     "value", [float("inf"), 10**30, 'a"\n\\', True, [1, [2.5, "b"]], {"a b": {"c": 1}}, "\x7f"]
 )
-def test_each_value_comes_back_as_it_was(session: Session, value: object) -> None:
+def test_each_value_is_resumed_unchanged(session: Session, value: object) -> None:
     journal = Journal(session)
     journal.write(add_step(session, {"process": {"feed": value}, "when": {"d": 1}}), [])
-    leave(journal)
-    with only_leftover(session) as leftover:
+    end_workbench(journal)
+    with open_leftover(session) as leftover:
         assert leftover.steps[-1].tables == {"process": {"feed": value}, "when": {"d": 1}}
 
 
-def test_a_table_that_is_gone_and_another_controller_come_back(session: Session) -> None:
+def test_a_deleted_table_and_another_controller_are_resumed(session: Session) -> None:
     session = add_step(session, {"process": {"feed": 5}, "tool": {"diameter": 3}})
     journal = Journal(session)
     journal.write(add_step(session, {"tool": {"diameter": 3}}, "rapid"), [])
-    leave(journal)
-    with only_leftover(session) as leftover:
+    end_workbench(journal)
+    with open_leftover(session) as leftover:
         (resumed,) = leftover.resume(session)
     assert (resumed.tables, resumed.post) == ({"tool": {"diameter": 3}}, "rapid")
 
 
-def test_a_line_that_was_not_written_whole_is_no_change(session: Session) -> None:
+def test_a_line_that_was_written_in_part_is_ignored(session: Session) -> None:
     journal = Journal(session)
     journal.write(set_feed(session, 10), [])
     journal.write(set_feed(session, 11), [])
     path = journal.path
     assert path is not None
-    leave(journal)
+    end_workbench(journal)
     path.write_bytes(path.read_bytes()[:-3])
-    with only_leftover(session) as leftover:
+    with open_leftover(session) as leftover:
         assert leftover.steps[-1].tables == {"process": {"feed": 10}}
 
 
-def test_a_journal_is_offered_once_and_not_while_its_workbench_runs(session: Session) -> None:
+def test_a_journal_is_offered_once_after_its_workbench_ended(session: Session) -> None:
     journal = Journal(session)
     journal.write(set_feed(session, 10), [])
     assert list_leftovers(session.job_file) == []
-    leave(journal)
+    end_workbench(journal)
     (leftover,) = list_leftovers(session.job_file)
     assert list_leftovers(session.job_file) == []
     leftover.close(keep=False)
     assert list_leftovers(session.job_file) == []
 
 
-def test_without_locks_a_workbench_passes_over_the_journals_that_it_knows(
+def test_without_locks_a_workbench_leaves_out_the_journals_that_it_knows(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("camgen.workbench.journal._lock", lambda handle: handle > 0)
@@ -173,20 +173,20 @@ def test_journals_of_other_jobs_and_other_versions_are_left_alone(
     journal.write(set_feed(session, 10), [])
     path = journal.path
     assert path is not None
-    leave(journal)
+    end_workbench(journal)
     assert list_leftovers(session.job_file.with_name("other.toml")) == []
     path.write_bytes(path.read_bytes().replace(b'"journal":1', b'"journal":2'))
     assert list_leftovers(session.job_file) == []
     assert list((state / "camgen" / "workbench").iterdir()) == [path]
 
 
-def test_what_is_undone_or_saved_leaves_no_journal(session: Session, state: Path) -> None:
+def test_undone_and_saved_changes_leave_no_journal(session: Session, state: Path) -> None:
     journal = Journal(session)
     changed = set_feed(session, 10)
     journal.write(changed, [])
     journal.write(undo(changed), [])
     assert journal.changes == 0
-    leave(journal)
+    end_workbench(journal)
     assert list_leftovers(session.job_file) == []
     journal = Journal(session)
     journal.write(changed, [])
@@ -216,8 +216,8 @@ def test_a_write_that_fails_is_reported_and_the_next_one_holds_its_change(
     assert journal.path is None
     journal.write(set_feed(second, 12), [])
     assert journal.fault == ""
-    leave(journal)
-    with only_leftover(session) as leftover:
+    end_workbench(journal)
+    with open_leftover(session) as leftover:
         assert leftover.steps[-1].tables == {"process": {"feed": 12}, "tool": {"diameter": 4}}
 
 
@@ -229,7 +229,7 @@ def kill(bench: Bench) -> None:
     bench.process.wait(LONG)
 
 
-def offered(bench: Bench) -> Json:
+def wait_for_offer(bench: Bench) -> Json:
     """The state in which a journal is offered."""
     return bench.wait(lambda state: not state["stage"] and state["offer"])
 
@@ -243,18 +243,18 @@ def test_changes_and_a_text_that_is_typed_survive_a_kill(work: Path, state: Path
         kill(bench)
     assert [path.name for path in work.iterdir()] == ["part.dxf"]
     with open_bench(work, ["part.dxf"], state) as bench:
-        offer = offered(bench)
+        offer = wait_for_offer(bench)
         assert offer["tables"] == {}
         assert (offer["offer"]["changes"], offer["offer"]["fits"]) == (4, True)
         assert "feed = 31\n" in offer["offer"]["text"]
         assert bench.post("journal", counts=True)[0] == 200
-        taken = bench.wait(lambda state: not state["stage"] and not state["offer"])
+        resumed = bench.wait(lambda state: not state["stage"] and not state["offer"])
         expected = {"process": {"feed": 31, "plunge": 7}, "tool": {"diameter": 4}}
-        assert (taken["tables"], taken["post"], taken["undo"]) == (expected, "grbl", 4)
-        # Killed once more, the changes that were taken up are offered again.
+        assert (resumed["tables"], resumed["post"], resumed["undo"]) == (expected, "grbl", 4)
+        # After a second kill the resumed changes are offered again.
         kill(bench)
     with open_bench(work, ["part.dxf"], state) as bench:
-        assert offered(bench)["offer"]["changes"] == 4
+        assert wait_for_offer(bench)["offer"]["changes"] == 4
         bench.post("journal", counts=True)
         for undone in ("plunge", "post", "diameter", "feed"):
             assert bench.post("undo")[0] == 200, undone
@@ -279,7 +279,7 @@ def test_changes_of_a_job_file_that_has_changed_since_are_taken_up_or_discarded(
         kill(bench)
     (work / "part.toml").write_text("[tool]\ndiameter = 3\n")
     with open_bench(work, ["part.dxf"], state) as bench:
-        assert offered(bench)["offer"]["fits"] is False
+        assert wait_for_offer(bench)["offer"]["fits"] is False
         bench.post("journal", counts=True)
         assert bench.wait()["tables"] == {"process": {"feed": 31}}
         bench.post("undo")
@@ -287,7 +287,7 @@ def test_changes_of_a_job_file_that_has_changed_since_are_taken_up_or_discarded(
         bench.change("process", "feed", value=5)
         kill(bench)
     with open_bench(work, ["part.dxf"], state) as bench:
-        assert offered(bench)["offer"]["fits"] is True
+        assert wait_for_offer(bench)["offer"]["fits"] is True
         bench.post("journal", counts=False)
         discarded = bench.wait(lambda state: not state["stage"] and not state["offer"])
         assert discarded["tables"] == {"tool": {"diameter": 3}}
@@ -305,19 +305,19 @@ def test_a_second_workbench_offers_the_changes_when_the_first_one_has_died(
             assert second.wait()["offer"] is None
             second.change("process", "feed", value=32)
             kill(first)
-            assert offered(second)["offer"]["changes"] == 1
+            assert wait_for_offer(second)["offer"]["changes"] == 1
             assert second.wait()["tables"] == {"process": {"feed": 32}}
 
 
-def end_of(process: subprocess.Popen[str]) -> tuple[int, list[str]]:
+def read_end(process: subprocess.Popen[str]) -> tuple[int, list[str]]:
     """Exit code of a workbench, and the lines that it wrote after its address."""
     assert process.stderr is not None
     return process.wait(LONG), process.stderr.read().splitlines()
 
 
-@pytest.mark.parametrize("how", ["close", "page", "interrupt"])
+@pytest.mark.parametrize("ending", ["close", "page", "interrupt"])
 def test_the_end_names_the_journal_of_changes_that_are_not_saved(
-    work: Path, state: Path, how: str
+    work: Path, state: Path, ending: str
 ) -> None:
     with start_bench(work, ["part.dxf"], state) as process:
         assert process.stderr is not None
@@ -326,17 +326,17 @@ def test_the_end_names_the_journal_of_changes_that_are_not_saved(
         next(page)
         bench.change("process", "feed", value=31)
         bench.post("draft", path=["process", "plunge"], raw="7")
-        if how == "close":
+        if ending == "close":
             bench.post("close")
-        if how == "page":
+        if ending == "page":
             page.close()  # type: ignore[attr-defined]
-        if how == "interrupt":
+        if ending == "interrupt":
             process.send_signal(signal.SIGINT)
-        code, lines = end_of(process)
+        code, lines = read_end(process)
         page.close()  # type: ignore[attr-defined]
     (journal,) = (state / "camgen" / "workbench").iterdir()
-    where = f"(kept in {journal}); camgen open offers them again"
-    assert lines == [f"camgen: error: part.toml: 2 changes are not saved {where}"]
+    place = f"(kept in {journal}); camgen open offers them again"
+    assert lines == [f"camgen: error: part.toml: 2 changes are not saved {place}"]
     assert code == 2
     (leftover,) = list_leftovers(work / "part.toml")
     assert leftover.changes == 2
@@ -357,7 +357,7 @@ def test_a_folder_that_cannot_be_written_is_reported_and_the_workbench_goes_on(
         bench.change("process", "feed", value=31)
         assert bench.wait()["tables"] == {"process": {"feed": 31}}
         bench.post("close")
-        code, lines = end_of(process)
+        code, lines = read_end(process)
     assert code == 2
     assert len(lines) == 1
     assert "part.toml: 1 change is not saved, and lost: " in lines[0]
@@ -373,7 +373,7 @@ def test_a_text_is_applied_when_its_page_is_gone(work: Path, state: Path) -> Non
         assert bench.wait(lambda state: state["tables"])["tables"] == {"process": {"feed": 31}}
 
 
-def test_a_text_that_is_taken_back_or_applied_is_no_draft_any_more(work: Path, state: Path) -> None:
+def test_a_text_that_is_deleted_or_applied_is_not_a_draft(work: Path, state: Path) -> None:
     with open_bench(work, ["part.dxf"], state) as bench:
         bench.post("draft", path=["process", "feed"], raw="3")
         bench.post("draft", path=["process", "feed"])
@@ -389,10 +389,10 @@ def test_a_text_that_is_taken_back_or_applied_is_no_draft_any_more(work: Path, s
 # The desk.
 
 
-def with_desk(session: Session, run: Callable[[Desk], Any]) -> None:
+def run_with_desk(session: Session, run: Callable[[Desk], Any]) -> None:
     """Runs a coroutine with a desk in its first build."""
 
-    async def main() -> None:
+    async def run_desk() -> None:
         desk = Desk(session, list_rows, warn=print)
         try:
             await run(desk)
@@ -401,7 +401,7 @@ def with_desk(session: Session, run: Callable[[Desk], Any]) -> None:
             desk.builder.close()
             desk.end()
 
-    asyncio.run(main())
+    asyncio.run(run_desk())
 
 
 def test_a_program_that_was_changed_by_hand_is_replaced_after_a_question(
@@ -411,8 +411,8 @@ def test_a_program_that_was_changed_by_hand_is_replaced_after_a_question(
 
     async def run(desk: Desk) -> None:
         await desk.save()
-        first = program.read_bytes()
-        program.write_bytes(first + b"(by hand)\n")
+        first_bytes = program.read_bytes()
+        program.write_bytes(first_bytes + b"(by hand)\n")
         desk.change([Change(["process", "feed"], 31)])
         with pytest.raises(Edited, match="changed by hand since camgen wrote it"):
             await desk.save()
@@ -422,10 +422,10 @@ def test_a_program_that_was_changed_by_hand_is_replaced_after_a_question(
         assert b"by hand" not in program.read_bytes()
         await desk.save()
 
-    with_desk(session, run)
+    run_with_desk(session, run)
 
 
-def test_a_first_build_that_is_stopped_leaves_no_program_and_can_be_begun_again(
+def test_a_first_build_that_is_stopped_leaves_no_program_and_can_be_repeated(
     session: Session,
 ) -> None:
     async def run(desk: Desk) -> None:
@@ -443,4 +443,4 @@ def test_a_first_build_that_is_stopped_leaves_no_program_and_can_be_begun_again(
         assert desk.failed is not None
         assert desk.failed.line == "stopped: the page shows the last good program"
 
-    with_desk(session, run)
+    run_with_desk(session, run)

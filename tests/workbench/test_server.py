@@ -1,4 +1,4 @@
-"""The workbench spoken to as a browser speaks: who gets an answer, and what a job becomes by the changes of a page."""
+"""The server of the workbench: refused requests, the changes of a page, builds, and its end."""
 
 import json
 import os
@@ -25,10 +25,11 @@ PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    found = tmp_path_factory.mktemp("open") / "work"
-    found.mkdir()
-    shutil.copy(PARTS / "bracket.dxf", found / "part.dxf")
-    return found
+    """The folder that the common workbench opens."""
+    work = tmp_path_factory.mktemp("open") / "work"
+    work.mkdir()
+    shutil.copy(PARTS / "bracket.dxf", work / "part.dxf")
+    return work
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def undone(bench: Bench) -> Iterator[Bench]:
     bench.undo_all()
 
 
-# Who gets an answer.
+# Refused requests.
 
 
 @pytest.mark.parametrize(
@@ -65,7 +66,7 @@ def undone(bench: Bench) -> Iterator[Bench]:
         ("{root}/page/999", None),
     ],
 )
-def test_what_is_not_asked_for_by_its_own_address_is_refused(
+def test_a_request_with_another_address_or_host_is_refused(
     bench: Bench, path: str, host: str | None
 ) -> None:
     status, body, headers = bench.ask(
@@ -93,11 +94,13 @@ def test_what_is_not_asked_for_by_its_own_address_is_refused(
         ({"Content-Type": "application/json", "Origin": "{own}"}, 200),
     ],
 )
-def test_a_change_comes_from_its_own_page(
+def test_only_the_page_of_the_workbench_may_change_the_job(
     bench: Bench, headers: dict[str, str], status: int
 ) -> None:
-    own = {name: value.format(own=f"http://{bench.host}") for name, value in headers.items()}
-    assert bench.ask("POST", f"{bench.root}/undo", b"{}", own)[0] == status
+    sent_headers = {
+        name: value.format(own=f"http://{bench.host}") for name, value in headers.items()
+    }
+    assert bench.ask("POST", f"{bench.root}/undo", b"{}", sent_headers)[0] == status
 
 
 def test_another_origin_reads_nothing(bench: Bench) -> None:
@@ -109,14 +112,19 @@ def test_another_origin_reads_nothing(bench: Bench) -> None:
     assert not [name for name in headers_sent if name.lower().startswith("access-control")]
 
 
-def test_what_is_sent_is_bounded(bench: Bench) -> None:
-    own = {"Origin": f"http://{bench.host}", "Content-Type": "application/json"}
+def test_the_size_of_a_request_is_limited(bench: Bench) -> None:
+    page_headers = {"Origin": f"http://{bench.host}", "Content-Type": "application/json"}
     assert (
-        bench.ask("POST", f"{bench.root}/change", headers={**own, "Content-Length": "2000001"})[0]
+        bench.ask(
+            "POST", f"{bench.root}/change", headers={**page_headers, "Content-Length": "2000001"}
+        )[0]
         == 413
     )
     with socket.create_connection(("127.0.0.1", bench.port), timeout=LONG) as link:
-        head = f"POST {bench.root}/change HTTP/1.1\r\nHost: {bench.host}\r\nOrigin: http://{bench.host}\r\n"
+        head = (
+            f"POST {bench.root}/change HTTP/1.1\r\n"
+            f"Host: {bench.host}\r\nOrigin: http://{bench.host}\r\n"
+        )
         link.sendall(
             (head + "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n").encode()
         )
@@ -133,13 +141,13 @@ def test_what_is_sent_is_bounded(bench: Bench) -> None:
 @pytest.mark.parametrize(
     "text", [b"", b"[]", b"{", b'{"changes": 5}', b'{"changes": [], "more": 1}', b"\xff"]
 )
-def test_what_makes_no_sense_is_said(bench: Bench, text: bytes) -> None:
+def test_a_malformed_request_is_answered_with_an_error(bench: Bench, text: bytes) -> None:
     status, data, _ = bench.ask("POST", f"{bench.root}/change", text)
     assert status == 400
     assert "reload" in json.loads(data)["line"]
 
 
-def test_pages_may_load_nothing_from_elsewhere(bench: Bench) -> None:
+def test_pages_load_nothing_from_other_origins(bench: Bench) -> None:
     number = bench.wait()["built"]["number"]
     shell, page = (
         bench.ask("GET", f"{bench.root}/{path}")[2]["content-security-policy"]
@@ -151,9 +159,12 @@ def test_pages_may_load_nothing_from_elsewhere(bench: Bench) -> None:
     assert "frame-ancestors 'self'" in page
 
 
-def test_only_this_machine_is_listened_to(bench: Bench) -> None:
+def test_other_machines_cannot_connect(bench: Bench) -> None:
     other = next(
-        (a[4][0] for a in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)),
+        (
+            address[4][0]
+            for address in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)
+        ),
         "127.0.0.1",
     )
     if other.startswith("127."):
@@ -176,29 +187,29 @@ def test_only_this_machine_is_listened_to(bench: Bench) -> None:
         (["cell", "machine"], "../router.txt"),
     ],
 )
-def test_a_page_names_only_files_of_the_folder(
+def test_a_page_may_name_only_files_of_the_folder(
     bench: Bench, folder: Path, path: list[str], name: str
 ) -> None:
     outside = folder.parent / "outside.png"
     outside.write_bytes(b"")
     if not (folder / "link.png").is_symlink():
         (folder / "link.png").symlink_to(outside)
-    status, said = bench.post("change", changes=[{"path": path, "value": name}])
+    status, answer = bench.post("change", changes=[{"path": path, "value": name}])
     assert status == 409
-    assert "outside the open folder" in said["line"]
+    assert "outside the open folder" in answer["line"]
     assert bench.wait()["tables"] == {}
 
 
-def test_a_page_names_no_mesh_outside_the_folder_and_no_post_that_is_a_file(bench: Bench) -> None:
-    status, said = bench.post(
+def test_a_page_may_not_name_a_mesh_outside_the_folder_or_the_file_of_a_post(bench: Bench) -> None:
+    status, answer = bench.post(
         "change", changes=[{"path": ["cell", "fixtures"], "value": ["/tmp/vice.stl"]}]
     )
-    assert (status, "outside the open folder" in said["line"]) == (409, True)
-    status, said = bench.post("post", post="/tmp/post.py")
-    assert (status, "is not installed" in said["line"]) == (409, True)
+    assert (status, "outside the open folder" in answer["line"]) == (409, True)
+    status, answer = bench.post("post", post="/tmp/post.py")
+    assert (status, "is not installed" in answer["line"]) == (409, True)
 
 
-def test_no_page_takes_the_last_connection_of_a_browser(bench: Bench) -> None:
+def test_the_last_connection_of_a_browser_is_kept_free(bench: Bench) -> None:
     pages = [bench.states() for _ in range(4)]  # the fixture has a page as well
     for page in pages:
         next(page)
@@ -240,7 +251,7 @@ def test_changes_are_built_and_saved_as_the_command_line_does(tmp_path: Path) ->
     assert {path.name: path.read_bytes() for path in again.iterdir()} == saved
 
 
-def test_an_error_is_the_line_of_the_command_line_with_its_setting(
+def test_an_error_has_the_line_of_the_command_line_and_its_setting(
     undone: Bench, folder: Path
 ) -> None:
     files = sorted(folder.iterdir())
@@ -251,20 +262,20 @@ def test_an_error_is_the_line_of_the_command_line_with_its_setting(
     assert state["failed"]["line"] == line
     assert state["failed"]["place"] == ["process", "force"]
     assert state["built"] == good
-    status, said = undone.post("save")
+    status, answer = undone.post("save")
     assert status == 409
-    assert "no program to save" in said["line"]
+    assert "no program to save" in answer["line"]
     assert sorted(folder.iterdir()) == files
     assert undone.post("undo")[0] == 200
     assert undone.wait(lambda state: not state["stage"])["failed"] is None
 
 
-def test_layers_contours_and_order_are_the_job_s_own_words(undone: Bench) -> None:
+def test_layers_contours_and_order_become_settings_of_the_job(undone: Bench) -> None:
     assert [layer["name"] for layer in undone.wait()["looked"]["layers"]] == ["HOLES", "OUTLINE"]
     assert undone.post("layer", layer="HOLES", on=False)[0] == 200
     state = undone.wait(lambda state: not state["stage"] and state["tables"])
     assert state["tables"] == {"input": {"layers": ["*", "!HOLES"]}}
-    assert [(one["name"], one["used"]) for one in state["looked"]["layers"]] == [
+    assert [(layer["name"], layer["used"]) for layer in state["looked"]["layers"]] == [
         ("HOLES", False),
         ("OUTLINE", True),
     ]
@@ -294,7 +305,7 @@ def test_proposed_operations_make_a_program(tmp_path: Path) -> None:
 
 
 def test_proposed_operations_use_the_library_of_tools(tmp_path: Path) -> None:
-    """The row of the job makes way for those of the proposal."""
+    """The tools and operations of the job are replaced by those of the proposal."""
     shutil.copy(PARTS / "motor.dxf", tmp_path / "motor.dxf")
     row = '[[tools]]\nname = "{}"\nnumber = {}\nkind = "drill"\ndiameter = {}\n'
     row += "feed = 2.0\nspeed = 900.0\n"
@@ -333,7 +344,7 @@ def test_proposed_operations_use_the_library_of_tools(tmp_path: Path) -> None:
         "a\u2028",
     ],
 )
-def test_whatever_is_typed_is_told_and_can_be_undone(bench: Bench, raw: str) -> None:
+def test_a_wrong_text_is_reported_and_can_be_undone(bench: Bench, raw: str) -> None:
     bench.change("process", "feed", raw=raw)
     state = bench.wait(lambda state: not state["stage"] and state["tables"])
     assert state["failed"]["place"] in (["process", "feed"], []), state["failed"]
@@ -343,7 +354,7 @@ def test_whatever_is_typed_is_told_and_can_be_undone(bench: Bench, raw: str) -> 
     assert bench.wait(lambda state: not state["stage"])["tables"] == {}
 
 
-def test_a_job_file_with_anything_in_it_opens(tmp_path: Path) -> None:
+def test_a_job_file_with_wrong_values_opens(tmp_path: Path) -> None:
     shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
     (tmp_path / "part.toml").write_text(
         f"operations = 5\ncell = 6\nwhen = 2020-01-01\nbig = {'9' * 40}\n"
@@ -362,7 +373,7 @@ def test_a_job_file_with_anything_in_it_opens(tmp_path: Path) -> None:
         }
 
 
-def test_a_program_that_is_built_while_the_job_changes_is_not_saved_for_it(tmp_path: Path) -> None:
+def test_the_program_of_an_older_job_is_not_saved(tmp_path: Path) -> None:
     shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         bench.wait()
@@ -379,7 +390,7 @@ def test_a_program_that_is_built_while_the_job_changes_is_not_saved_for_it(tmp_p
         assert (again / "part.ngc").read_bytes() == (tmp_path / "part.ngc").read_bytes()
 
 
-# What changes and ends.
+# Changed files, searches, builders and ends.
 
 
 def test_a_file_that_changes_is_built_again(tmp_path: Path) -> None:
@@ -406,7 +417,7 @@ def test_a_file_that_changes_is_built_again(tmp_path: Path) -> None:
 
 def test_a_search_that_is_ended_keeps_its_best_tour(tmp_path: Path) -> None:
     drawing = ezdxf.new("R2010", units=4)
-    for k in range(20):  # more than those that are solved at once
+    for k in range(20):  # more holes than the exact solution of a tour takes
         drawing.modelspace().add_circle((37.0 * k % 100, 53.0 * k % 90), 2.0)
     drawing.saveas(tmp_path / "part.dxf")
     with open_bench(tmp_path, ["part.dxf"]) as bench:
@@ -419,8 +430,10 @@ def test_a_search_that_is_ended_keeps_its_best_tour(tmp_path: Path) -> None:
         state = bench.wait()
         assert state["failed"] is None
         assert state["built"]["number"] == state["number"]
-        told = [text for label, text, _ in state["built"]["rows"] if label == "warning"]
-        assert [text for text in told if text.startswith("the search for a short tour was stopped")]
+        warnings = [text for label, text, _ in state["built"]["rows"] if label == "warning"]
+        assert [
+            text for text in warnings if text.startswith("the search for a short tour was stopped")
+        ]
         assert bench.post("save")[0] == 200
         assert (tmp_path / "part.ngc").exists()
 
@@ -429,20 +442,20 @@ TRACE = {"path": ["operation", "kind"], "value": "trace"}
 
 
 class _Pipe:
-    """What a process would be sent."""
+    """The end of a pipe that keeps the messages for a process."""
 
     def __init__(self) -> None:
         self.sent: list[object] = []
 
-    def send(self, what: object) -> None:
-        self.sent.append(what)
+    def send(self, message: object) -> None:
+        self.sent.append(message)
 
     def close(self) -> None:
         pass
 
 
 class _Clock:
-    """A loop whose calls wait until they are asked for."""
+    """An event loop that keeps delayed calls; a test runs them."""
 
     def __init__(self) -> None:
         self.later: list[Callable[[], None]] = []
@@ -454,49 +467,53 @@ class _Clock:
         self.later.append(call)
 
 
-def building(
+def make_builder(
     stage: str, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Builder, _Pipe, list[Report], BuildRequest]:
-    """A builder that is in a stage, without a process."""
-    heard: list[Report] = []
-    builder = Builder(list_rows, heard.append, _Clock())
-    ask, pipe = BuildRequest(1, (), "gcode", Path("part.toml"), "", Path()), _Pipe()
+    """A builder in a stage without a process, its pipe, the list of its reports, its request."""
+    reports: list[Report] = []
+    builder = Builder(list_rows, reports.append, _Clock())
+    request, pipe = BuildRequest(1, (), "gcode", Path("part.toml"), "", Path()), _Pipe()
     monkeypatch.setattr(builder, "start", lambda: None)
-    builder._link, builder._busy = pipe, ask  # type: ignore[assignment]
+    builder._link, builder._busy = pipe, request  # type: ignore[assignment]
     builder._take(None, Stage(1, stage))  # type: ignore[arg-type]
-    return builder, pipe, heard, ask
+    return builder, pipe, reports, request
 
 
-def test_a_second_cancel_kills(monkeypatch: pytest.MonkeyPatch) -> None:
-    builder, pipe, heard, _ = building("ordering 3%, Cancel takes the best so far", monkeypatch)
+def test_a_second_cancel_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    builder, pipe, reports, _ = make_builder(
+        "ordering 3%, Cancel takes the best so far", monkeypatch
+    )
     builder.stop()
     assert pipe.sent == ["end the search"]
-    assert not [one for one in heard if isinstance(one, Stopped)]
+    assert not [report for report in reports if isinstance(report, Stopped)]
     builder.stop()
-    assert heard[-1] == Stopped(1)
+    assert reports[-1] == Stopped(1)
     assert builder._busy is None
 
 
-def test_a_stage_that_is_no_search_is_given_up_and_killed_where_it_does_not_end(
+def test_a_stage_without_a_search_is_cancelled_and_its_process_ended_later(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    builder, pipe, heard, _ = building("planning", monkeypatch)
+    builder, pipe, reports, _ = make_builder("planning", monkeypatch)
     clock = builder._loop
     assert isinstance(clock, _Clock)
     builder.stop()
     assert pipe.sent == ["cancel"]
     for call in clock.later:
         call()
-    assert heard[-1] == Stopped(1)
+    assert reports[-1] == Stopped(1)
 
 
-def test_a_change_gives_up_a_search_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    builder, pipe, _, ask = building("ordering 3%, Cancel takes the best so far", monkeypatch)
-    builder.submit(replace(ask, number=2))
+def test_a_change_cancels_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    builder, pipe, _, request = make_builder(
+        "ordering 3%, Cancel takes the best so far", monkeypatch
+    )
+    builder.ask(replace(request, number=2))
     assert pipe.sent == ["cancel"]
 
 
-def test_a_builder_that_dies_has_a_successor(tmp_path: Path) -> None:
+def test_a_builder_that_was_killed_is_replaced(tmp_path: Path) -> None:
     shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         bench.wait()
@@ -513,7 +530,7 @@ def test_a_builder_that_dies_has_a_successor(tmp_path: Path) -> None:
         assert bench.wait(lambda state: not state["stage"])["failed"] is None
 
 
-def test_it_ends_with_its_last_page_or_when_it_is_closed(tmp_path: Path) -> None:
+def test_the_workbench_ends_with_its_last_page_or_on_close(tmp_path: Path) -> None:
     shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         assert bench.post("close")[0] == 200
@@ -526,14 +543,14 @@ def test_it_ends_with_its_last_page_or_when_it_is_closed(tmp_path: Path) -> None
         assert process.returncode == 0
 
 
-def test_a_port_that_is_taken_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_in_use_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert main(["open", str(PARTS / "bracket.dxf"), "--port", str(port), "--no-browser"]) == 2
     assert f"--port: {port} cannot be used" in capsys.readouterr().err
 
 
-def test_a_job_file_stands_for_the_input_of_its_name(
+def test_a_job_file_opens_the_input_of_its_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "part.toml").write_text("[process]\nfeed = 12\n")
@@ -546,7 +563,7 @@ def test_a_job_file_stands_for_the_input_of_its_name(
         assert state["tables"] == {"process": {"feed": 12}}
 
 
-def test_a_post_that_is_not_there_is_told_before_a_page_is_opened(
+def test_an_unknown_post_is_reported_before_a_page_opens(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     part = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
