@@ -1,4 +1,4 @@
-"""The counts of the texture of the code may only fall; `tests/texture/counts.tsv` holds them.
+"""No file has a line, an expression, a signature or a sentence that is hard to read.
 
 `python -m tests.support.texture FILE` shows the places. A place that has to stay, such as a word in
 the text of an input, has a row with its reason in `tests/texture/exempt.tsv`.

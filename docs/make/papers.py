@@ -109,7 +109,7 @@ def find_faults(papers: list[Paper]) -> list[str]:
 def list_row_faults(row: Row) -> list[str]:
     faults = [f"{name} is not there" for name in row.where if not (ROOT / name).exists()]
     if row.command and not _is_command(row.command):
-        faults.append(f"{row.command} is no command")
+        faults.append(f"{row.command} is not a command")
     if row.ours and not row.page:
         faults.append("its figures name no page")
     if row.page:

@@ -133,8 +133,8 @@ def test_a_spot_is_the_position_of_the_middle_of_the_bottom(plate: Path) -> None
 
 def test_a_part_that_is_turned_over_stands_on_the_face(plate: Path) -> None:
     case = read_case(plate)
-    assert [resting.is_own for resting in case.stands] == [True, False, False]
-    for index, resting in enumerate(case.stands):
+    assert [resting.is_own for resting in case.resting_poses] == [True, False, False]
+    for index, resting in enumerate(case.resting_poses):
         assert resting.face is not None
         frame = case.base_from_work(Spot(400.0, 90.0, 30.0, index))
         assert np.allclose(frame.rotation @ resting.face.normal, [0, 0, -1])

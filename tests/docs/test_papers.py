@@ -23,8 +23,8 @@ def test_no_row_is_stale() -> None:
     ("change", "message"),
     [
         ({"where": ("camgen/no_such_room.py",)}, "camgen/no_such_room.py is not there"),
-        ({"command": "python -m bench.no_such"}, "python -m bench.no_such is no command"),
-        ({"command": "camgen buidl"}, "camgen buidl is no command"),
+        ({"command": "python -m bench.no_such"}, "python -m bench.no_such is not a command"),
+        ({"command": "camgen buidl"}, "camgen buidl is not a command"),
         ({"ours": "0.98765 mm", "page": "docs/pist.md"}, "docs/pist.md does not state 0.98765"),
         ({"ours": "3 mm", "page": ""}, "its figures name no page"),
         ({"items": ("eq. 99",)}, "there is no eq. 99"),

@@ -54,7 +54,7 @@ def test_no_sampled_orientation_is_in_the_plate_or_in_the_table(case: Case) -> N
     tool = points_of_tool()
     size = np.array(PLATE_SIZE)
     tested = 0
-    for resting in case.stands:
+    for resting in case.resting_poses:
         assert resting.face is not None
         table = max(float(resting.face.normal @ corner) for corner in case.solid.vertices) + 0.5
         for owner, rotation in zip(resting.samples.owner, resting.samples.rotation, strict=True):
@@ -70,7 +70,7 @@ def test_edges_at_the_table_have_no_orientation_and_those_above_have_four(
     case: Case,
 ) -> None:
     """The tool would point up at an edge at the table, so that it would be in the table."""
-    for resting in case.stands[:2]:
+    for resting in case.resting_poses[:2]:
         assert resting.face is not None
         counts = np.bincount(resting.samples.owner, minlength=len(resting.samples.position))
         depth = resting.samples.position @ resting.face.normal
@@ -79,7 +79,7 @@ def test_edges_at_the_table_have_no_orientation_and_those_above_have_four(
 
 
 def test_the_weights_of_the_samples_of_an_edge_add_up_to_one(case: Case) -> None:
-    samples = case.stands[0].samples
+    samples = case.resting_poses[0].samples
     assert np.allclose(samples.weights.sum(axis=0), 1)
     all_samples = np.ones((1, len(samples.position)), dtype=np.bool_)
     assert np.allclose(samples.sum_by_edge(all_samples), 1)

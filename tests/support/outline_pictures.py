@@ -146,10 +146,10 @@ def picture(
     width: int,
     blur: float = 0.7,
     noise: float = 0.0,
-    low: float = 60.0,
-    high: float = 180.0,
+    levels: tuple[float, float] = (60.0, 180.0),
 ) -> np.ndarray:
-    """The picture (H, W) uint8 with the grey value `high` on the part and `low` around it."""
+    """The picture (H, W) uint8 of a part. levels: grey values around the part and on it."""
+    low, high = levels
     grey = low + (high - low) * covered(part, height, width)
     if blur:
         grey = cv2.GaussianBlur(grey, (0, 0), blur)

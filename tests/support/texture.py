@@ -1,4 +1,4 @@
-"""Counts faults that make a file hard to read: wide lines, nested expressions, vague prose.
+"""Finds places that make a file hard to read: wide lines, nested expressions, vague prose.
 
     python -m tests.support.texture            each place of the repository
     python -m tests.support.texture FILE ...   each place of these files
@@ -28,9 +28,7 @@ EXEMPT = ROOT / "tests" / "texture" / "exempt.tsv"
 EXAMINED = ("camgen", "postprocessors", "fixtures", "bench", "tests", "docs", "README.md")
 #: Pages that are made from the code, whose texts are examined there.
 GENERATED = ("api.md", "messages.md")
-#: The kinds of faults, in the order of the columns of the table.
-KINDS = ("wide", "nested", "conditional", "parameters", "prose")
-#: Characters of a line, and parameters of a function, that are not counted.
+#: Characters of a line, and parameters of a function, that are allowed.
 MOST_CHARACTERS, MOST_PARAMETERS = 100, 6
 
 _COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
@@ -58,7 +56,12 @@ class Exemption(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A fault at a line of a file. text: the rule and the match, or a description."""
+    """A place in a file that is hard to read.
+
+    kind: "wide", "nested", "conditional", "parameters" or "prose".
+    line: number of the line, from 1.
+    text: the rule with the words that it forbids, or a description.
+    """
 
     kind: str
     line: int
@@ -109,34 +112,11 @@ def list_places(file: Path) -> list[Place]:
     return sorted(places, key=lambda place: place.line)
 
 
-def count(file: Path) -> tuple[int, ...]:
-    """The number of places of each of `KINDS` in a file."""
-    counted = Counter(place.kind for place in list_places(file))
-    return tuple(counted[kind] for kind in KINDS)
-
-
-def read_table() -> dict[str, tuple[int, ...]]:
-    """The counts that each file may have, by its name relative to the root; 0 for all others."""
-    rows = TABLE.read_text(encoding="utf-8").splitlines()[1:]
-    table = {}
-    for row in rows:
-        name, *numbers = row.split("\t")
-        table[name] = tuple(map(int, numbers))
-    return table
-
-
-def write_table(table: dict[str, tuple[int, ...]]) -> None:
-    """Writes the table, without the files that have nothing to count."""
-    rows = ["\t".join(("file", *KINDS))]
-    for name in sorted(table):
-        if any(table[name]):
-            rows.append("\t".join((name, *map(str, table[name]))))
-    TABLE.write_text("\n".join(rows) + "\n", encoding="utf-8")
-
-
-def folder_of(name: str) -> str:
-    """The folder in whose sum a file is counted, two levels deep at most."""
-    return "/".join(name.split("/")[:-1][:2]) or "."
+def read_exemptions() -> dict[Exemption, str]:
+    """The reason of each exemption. It holds for each place of its file with its kind and text."""
+    with EXEMPT.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream, delimiter="\t", quoting=csv.QUOTE_NONE))
+    return {Exemption(row["file"], row["kind"], row["text"]): row["reason"] for row in rows}
 
 
 # Python

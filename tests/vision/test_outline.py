@@ -150,7 +150,7 @@ def test_narrow_slots_and_webs_are_exact(width: int) -> None:
 def test_a_part_that_differs_in_colour_alone_has_the_border_of_the_mask() -> None:
     part = disc(50).placed(0.1, 70.2 + 69.7j)
     mask = mask_of(picture(part, 140, 140, 0.7))
-    grey = picture(part, 140, 140, 0.7, 3.0, low=120.0, high=120.5)
+    grey = picture(part, 140, 140, 0.7, 3.0, levels=(120.0, 120.5))
     loops, notes = find_outlines(grey, mask)
     assert [note.what for note in notes] == ["1 of 1 outline taken from the mask alone"]
     assert not loops[0].has_edge

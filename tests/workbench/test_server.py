@@ -509,7 +509,7 @@ def test_a_change_cancels_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
     builder, pipe, _, request = make_builder(
         "ordering 3%, Cancel takes the best so far", monkeypatch
     )
-    builder.ask(replace(request, number=2))
+    builder.submit(replace(request, number=2))
     assert pipe.sent == ["cancel"]
 
 
