@@ -1,4 +1,4 @@
-"""Counts faults that make a file hard to read: wide lines, nested expressions, vague prose.
+"""Counts wide lines, nested expressions, long signatures and vague prose of files.
 
     python -m tests.support.texture            the counts of each folder
     python -m tests.support.texture --lower    writes lower counts into the table, never higher ones
