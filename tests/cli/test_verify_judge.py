@@ -198,6 +198,7 @@ def test_the_error_of_a_text_of_no_language_lists_the_posts(capsys):
 
 
 def test_twenty_thousand_findings_are_listed(capsys):
+    """With work that grows with the square of the findings the test would take minutes."""
     bad = "    MoveL [[1,2,3],[0.9,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,fine,tGun;\n"
     text = RAPID.replace("    SetDO doGun,0;\n", bad * 20_000)
     code, _, findings, _ = verify(capsys, write("shop.mod", text))

@@ -1,4 +1,4 @@
-"""Finds places that make a file hard to read: wide lines, nested expressions, vague prose.
+"""Counts wide lines, nested expressions, long signatures and vague prose of files.
 
     python -m tests.support.texture            each place of the repository
     python -m tests.support.texture FILE ...   each place of these files
