@@ -64,6 +64,7 @@ def draw(scene: Scene, proof: StockProof) -> str:
     body = "\n".join(
         f'<path d="{format_path(shape)}" fill="{colour}" fill-rule="evenodd"/>'
         for shape, colour in shapes
+        if not shape.is_empty
     )
     worst = max(proof.gouges, key=lambda fault: fault.mm, default=None)
     size = f'width="{(high_x - low_x) * _SCALE:.0f}" height="{(high_y - low_y) * _SCALE:.0f}"'

@@ -19,7 +19,7 @@ from camgen.model.job_tables import list_settings, list_tables
 from camgen.post.plugins import find_post, make_post
 from camgen.read.job_file import from_mapping, load_job
 from camgen.robots.catalogue import find_robot
-from docs.make import pages
+from docs.make import pages, stock_picture
 from docs.make.pictures import PICTURES, PictureSpec, draw
 from docs.make.robots import reach
 
@@ -243,6 +243,12 @@ def test_the_reach_of_arms_follows_from_their_lengths() -> None:
 def test_pictures_are_current(picture: PictureSpec) -> None:
     """python -m docs.make.pictures renews them."""
     assert (DOCS / "images" / picture.name).read_bytes() == draw(picture)
+
+
+def test_the_picture_of_the_stock_is_current(tmp_path: Path) -> None:
+    """python -m docs.make.stock_picture renews it."""
+    stock_picture.main(tmp_path)
+    assert (DOCS / "images" / "stock.svg").read_bytes() == (tmp_path / "stock.svg").read_bytes()
 
 
 def test_pictures_are_small_and_shown() -> None:
