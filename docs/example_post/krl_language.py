@@ -64,7 +64,7 @@ class _Controller:
         self.body.append(item)
         self.lines.append(self.number)
 
-    def settle(self, name: str, percent: str = "") -> None:
+    def set_once(self, name: str, percent: str = "") -> None:
         """A setting for the whole program. BAS gives every variable of motions a default."""
         is_later = bool(self.settings or self.speed or self.zone)
         self.need((name == "BAS") != is_later, "BAS must come before other settings")
@@ -79,7 +79,7 @@ class _Controller:
 
     def place(self, name: str, *values: str) -> None:
         """$BASE in the world, $TOOL at the flange."""
-        self.settle(name)
+        self.set_once(name)
         self.frames[name] = _pose(values)
 
     def go_at(self, metres_per_second: str) -> None:
@@ -147,13 +147,13 @@ def _pose(values: Sequence[str]) -> Pose:
     )
 
 
-#: Every line that may stand in a program, and what the controller does.
+#: Every line that a program may have, and its effect.
 _STATEMENTS: dict[str, Callable[..., None]] = {
     r"DEF [A-Za-z]\w{0,23}\(\)|;.*|END": lambda _: None,
-    r"(BAS)\(#INITMOV, 0\)": _Controller.settle,
-    r"(\$IPO_MODE|\$CIRC_TYPE)=#BASE": _Controller.settle,
-    r"(\$ORI_TYPE)=#VAR": _Controller.settle,
-    rf"(\$VEL_AXIS\[[1-6]\])={_NUMBER}": _Controller.settle,
+    r"(BAS)\(#INITMOV, 0\)": _Controller.set_once,
+    r"(\$IPO_MODE|\$CIRC_TYPE)=#BASE": _Controller.set_once,
+    r"(\$ORI_TYPE)=#VAR": _Controller.set_once,
+    rf"(\$VEL_AXIS\[[1-6]\])={_NUMBER}": _Controller.set_once,
     rf"(\$BASE|\$TOOL)={_FRAME}": _Controller.place,
     rf"\$VEL\.CP={_NUMBER}": _Controller.go_at,
     rf"\$APO\.CDIS={_NUMBER}": _Controller.round_within,

@@ -42,7 +42,7 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "Languages",
         "camgen.lang.programs",
-        ("Language", "Ask", "Executed", "Frames", "Finding", "Assumption"),
+        ("Language", "RunRequest", "Executed", "Frames", "Finding", "Assumption"),
     ),
     ("Machines", "camgen.model.cell", ("Cell", "Dynamics")),
     (
