@@ -7,7 +7,7 @@ import pytest
 
 import camgen
 from bench.read.goldens import CASES, POSTS, measure_apart
-from bench.read.translate import WITHIN, find_difference, rapids_apart, there_and_back
+from bench.read.translate import WITHIN, find_difference, measure_rapids, translate_twice
 from camgen.model.errors import InputError
 from camgen.model.program import MoveC, Output
 from tests.support.old_programs import PACSCRIPT, RAPID
@@ -15,11 +15,11 @@ from tests.support.old_programs import PACSCRIPT, RAPID
 
 @pytest.mark.parametrize("case", ["bracket-robot", "layers-inside", "space-trace"])
 @pytest.mark.parametrize(("source", "target"), list(permutations(POSTS, 2)))
-def test_there_and_back_is_the_same_motion(case: str, source: str, target: str) -> None:
+def test_translate_twice_is_the_same_motion(case: str, source: str, target: str) -> None:
     file = CASES / case / "expected" / f"part{POSTS[source][0]}"
     if not file.exists():
         pytest.skip(f"{case} has no program for {source}")
-    before, after = there_and_back(CASES / case, source, target)
+    before, after = translate_twice(CASES / case, source, target)
     assert len(before.points) > 100
     assert measure_apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
@@ -33,11 +33,11 @@ def test_there_and_back_is_the_same_motion(case: str, source: str, target: str) 
 )  # fmt: skip
 def test_by_way_of_gcode_the_motion_is_the_same(case: str, source: str, target: str) -> None:
     """Rapid motions become lines of travel, and motions of the joints rapid ones: they end where they did."""
-    before, after = there_and_back(CASES / case, source, target)
+    before, after = translate_twice(CASES / case, source, target)
     assert len(before.points) > 100
     assert measure_apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
-    assert rapids_apart(before, after) < 0.002
+    assert measure_rapids(before, after) < 0.002
     assert find_difference(before, after) in (
         "",
         "the spindle is on or off" if target == "pacscript" else "",
@@ -53,7 +53,7 @@ def test_by_way_of_gcode_the_motion_is_the_same(case: str, source: str, target: 
 )
 def test_what_a_mill_has_not_is_refused_by_name(case: str, source: str, said: str) -> None:
     with pytest.raises(camgen.CamgenError, match=said):
-        there_and_back(CASES / case, source, "gcode")
+        translate_twice(CASES / case, source, "gcode")
 
 
 def test_outputs_of_an_old_program_may_have_other_names(tmp_path: Path) -> None:

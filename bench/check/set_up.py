@@ -161,7 +161,7 @@ def read_chart(row: dict[str, Any], material: str | None) -> float:
     return 25.4 * float(np.interp(size, (0.0, *sizes), (0.0, *feeds)))
 
 
-def judge(name: str, folder: Path) -> Iterator[Cells]:
+def measure(name: str, folder: Path) -> Iterator[Cells]:
     """The row of a drawing."""
     part = read(folder / name, camgen.Job(), Files())
     proposal = propose(part)
@@ -196,4 +196,4 @@ def inputs(words: list[str]) -> list[tuple[str, Path]]:
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge, may_refuse=True)))
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), measure, may_refuse=True)))

@@ -68,7 +68,7 @@ COLUMNS = (
 )
 
 
-def judge_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
+def measure_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
     """The row of a photo."""
     names = ", ".join(_list_conditions(photo.conditions))
     head = (photo.number, photo.plane_by, names or "clean")
@@ -155,12 +155,12 @@ def main(count: int, first: int, clean: int, calibrated: int) -> int:
     with tempfile.TemporaryDirectory() as folder:
         for number in range(first, first + count):
             photo = draw_photo(number, draw_conditions(number), calibrated=bool(calibrated))
-            for cells in judge_photo(photo, Path(folder)):
+            for cells in measure_photo(photo, Path(folder)):
                 table.add(*cells)
                 outcomes[str(cells[_OUTCOME])] += 1
         for number in range(CLEAN_FROM, CLEAN_FROM + clean):
             photo = draw_photo(number, Conditions(), calibrated=bool(calibrated))
-            for cells in judge_photo(photo, Path(folder)):
+            for cells in measure_photo(photo, Path(folder)):
                 table.add(*cells)
                 warned += bool(cells[_WARNINGS])
     print(f"\n{', '.join(f'{n} {name}' for name, n in sorted(outcomes.items()))}")

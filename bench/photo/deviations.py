@@ -44,7 +44,7 @@ import numpy as np
 import shapely
 
 import camgen
-from bench.photo.burrs import drawing
+from bench.photo.burrs import make_drawing
 from bench.render.burrs import with_burrs
 from bench.render.conditions import material
 from bench.render.optics import shoot_from_above
@@ -181,7 +181,7 @@ def photo(file: Path, loops: Sequence[Loop], seed: int) -> Path:
     return file
 
 
-def judge(inspection: Inspection | None, truth: Sequence[Truth]) -> str:
+def choose_outcome(inspection: Inspection | None, truth: Sequence[Truth]) -> str:
     """The outcome of a photo. inspection: None if it was refused."""
     is_other = any(deviation.kind == "another part" for deviation in truth)
     if inspection is None:
@@ -231,7 +231,7 @@ def measure(name: str, rounds: int, first: int, folder: Path) -> Iterator[tuple[
     for number in range(first, first + rounds):
         drawn, (loops, truth) = situation(name, number)
         inspection = look(folder, drawn, loops, number)
-        outcome = judge(inspection, truth)
+        outcome = choose_outcome(inspection, truth)
         count[outcome] += 1
         if outcome != "right":
             failures.append(f"{number} {outcome}")
@@ -248,7 +248,7 @@ def look(folder: Path, drawn: Part, loops: Sequence[Loop], number: int) -> Inspe
     files, job = Files(), Job(image=ImageTable(mm_per_px=PIXEL))
     seen = read_outlines(files.read(photo(folder / "photo.png", loops, number)), job, files)
     try:
-        return inspect_photo(seen, drawing(drawn), Job())
+        return inspect_photo(seen, make_drawing(drawn), Job())
     except camgen.InputError:
         return None
 

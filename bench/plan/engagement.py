@@ -1,4 +1,4 @@
-"""How much of the tool `pocket` engages: python -m bench.plan.engagement [COUNT | shapes COUNT]
+"""Engagement of the tool in pockets: python -m bench.plan.engagement [COUNT | shapes COUNT]
 
 Pockets of COUNT (20) random shapes, and of real drawings without the word `shapes`: stepover 0.5,
 with the bound of the default, 0.65, and without one. The judge counts the cells of a plate that a
@@ -32,14 +32,14 @@ COLUMNS = (
 Input = tuple[str, Callable[[], camgen.Part], float]
 
 
-def judge(name: str, read: Callable[[], camgen.Part], diameter: float) -> Iterator[Cells]:
+def measure(name: str, read: Callable[[], camgen.Part], diameter: float) -> Iterator[Cells]:
     """The row of a drawing: length, planning seconds, mm and percent above, twice."""
     part = read()
     if enclosed(part.contours).area / diameter >= 1000 * LONGEST:
         return
     figures: list[float] = []
-    for most in (None, 1.0):
-        operation = OperationTable(kind="pocket", stepover=STEPOVER, engagement=most)
+    for limit in (None, 1.0):
+        operation = OperationTable(kind="pocket", stepover=STEPOVER, engagement=limit)
         start = time.process_time()
         plan = camgen.plan(part, Job(tool=ToolTable(diameter=diameter), operation=operation))
         seconds = time.process_time() - start
@@ -61,4 +61,4 @@ def inputs(words: list[str]) -> Iterator[Input]:
 
 
 if __name__ == "__main__":
-    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge, may_refuse=True)))
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), measure, may_refuse=True)))

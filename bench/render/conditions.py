@@ -155,7 +155,7 @@ def _take(at: complex, conditions: Conditions, rng: np.random.Generator) -> Shot
     pixel = complex(width - 1, height - 1) / 2 + complex(*rng.uniform(-40, 40, 2))
     tilt, about, roll = rng.uniform((0, 0, -5), (15, 360, 5))
     gradient = tuple(rng.uniform(-0.15, 0.15, 2))
-    pose = looking(lens, at, pixel, PIXEL, tilt, about, roll)
+    pose = looking(lens, at, pixel, PIXEL, (tilt, about, roll))
     return Shot(lens, *pose, blur=conditions.blur, gradient=gradient, vignetting=0.05)
 
 

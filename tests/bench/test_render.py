@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.photo.photo import planned
+from bench.photo.photo import read_planned
 from bench.render.board import chessboard, markers
 from bench.render.optics import (
     Lens,
@@ -45,7 +45,7 @@ STRONG = Lens(
 def above(lens: Lens, scale: float = 0.5, tilt: float = 0.0, **more: object) -> Shot:
     """A photo of the work frame's origin, in the middle of the photo."""
     middle = complex(*lens.matrix[:2, 2])
-    rotation, origin = looking(lens, 0, middle, scale, tilt, 35, 20)
+    rotation, origin = looking(lens, 0, middle, scale, (tilt, 35, 20))
     return Shot(lens, rotation, origin, **more)  # type: ignore[arg-type]
 
 
@@ -89,7 +89,7 @@ def test_the_inverse_of_the_lens_is_exact() -> None:
 
 
 def test_a_camera_looks_where_it_is_told() -> None:
-    rotation, origin = looking(STRONG, 12 - 7j, 50 + 90j, 0.2, 17, 120, 200)
+    rotation, origin = looking(STRONG, 12 - 7j, 50 + 90j, 0.2, (17, 120, 200))
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1)
     assert np.degrees(np.arccos(-rotation[2, 2])) == pytest.approx(17)
@@ -284,7 +284,7 @@ def test_markers_and_boards_are_found_by_opencv() -> None:
     )
     paper = make_sheet("A4", 30)
     layers = markers((-60, -80, 250, 150), paper.ids, paper.corners, "4X4_50")
-    rotation, origin = looking(lens, complex(*paper.free) / 2, 500 + 370j, 0.34, 12, 60, 10)
+    rotation, origin = looking(lens, complex(*paper.free) / 2, 500 + 370j, 0.34, (12, 60, 10))
     shot = Shot(lens, rotation, origin, read=1.5)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     corners, ids, _ = detector.detectMarkers(render(Scene(0.4, layers), shot))
@@ -293,7 +293,7 @@ def test_markers_and_boards_are_found_by_opencv() -> None:
         u, v = photo_from_work(shot, *paper.corners[number].T)
         assert np.abs(seen[0] - np.column_stack([u, v])).max() < 1.5
     board, places = chessboard(9, 6, 20.0)
-    rotation, origin = looking(lens, places.mean(), 500 + 370j, 0.34, 20, 200, 5)
+    rotation, origin = looking(lens, places.mean(), 500 + 370j, 0.34, (20, 200, 5))
     shot = Shot(lens, rotation, origin, read=1.5)
     found, grid = cv2.findChessboardCornersSB(render(Scene(0.4, board), shot), (9, 6))
     assert found
@@ -387,14 +387,14 @@ def test_plans_are_read_with_their_arcs(tmp_path: Path) -> None:
     ]
     plan = tmp_path / "plan.json"
     plan.write_text(json.dumps({"body": body}))
-    points = planned(plan)
+    points = read_planned(plan)
     arcs = points[points.real <= 5.0]
     assert np.abs(np.abs(arcs) - 5).max() < 1e-9
     assert np.abs(np.diff(points)).max() <= 0.1
     assert np.abs(np.diff(points)).sum() == pytest.approx(10 * np.pi + 4, abs=1e-2)
 
 
-@pytest.mark.parametrize("photo", photos(6, 1), ids=lambda photo: f"{photo.name}-{photo.way}")
+@pytest.mark.parametrize("photo", photos(6, 1), ids=lambda photo: f"{photo.name}-{photo.plane}")
 def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     write(tmp_path, photo)
     job, camera = (
@@ -405,11 +405,11 @@ def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  #
     outline = np.concatenate([loop.points for loop in photo.loops])
     mm = np.column_stack([outline.real, outline.imag])
     u, v = photo_from_work(photo.shot, *mm.T)
-    if photo.way == "markers":
+    if photo.plane == "markers":
         assert job.camera.markers == "A4"
         return
     asked = job.camera
-    if photo.way == "pose":
+    if photo.plane == "pose":
         assert asked.plane_from is not None
         plane = make_plane(camera, pose_from_values(asked.plane_from))
     else:

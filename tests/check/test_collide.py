@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 import camgen
-from bench.robots.parts import joints_on, touches, turned, unfounded
+from bench.robots.parts import Frames, count_unfounded, list_touches, turn_evenly
 from bench.support.motions import place_motion
 from camgen.check import Checks
 from camgen.collision.motion import check_motion, measure_apart
@@ -72,15 +72,9 @@ def between(joints: FloatArray, at: FloatArray, share: FloatArray) -> FloatArray
 
 def test_between_rows_no_point_leaves_the_way_of_the_tcp() -> None:
     share = np.linspace(0.0, 1.0, 401)
-    rotation = turned(SHORT.rotation[0], SHORT.rotation[1], share)
-    exact = joints_on(
-        ARM,
-        BASE,
-        TOOL,
-        place_motion(*SHORT.position[[0]], None, SHORT.position[1], share),
-        rotation,
-        ends()[0],
-    )
+    rotation = turn_evenly(SHORT.rotation[0], SHORT.rotation[1], share)
+    places = place_motion(*SHORT.position[[0]], None, SHORT.position[1], share)
+    exact = Frames(ARM, BASE, TOOL).find_joints(places, rotation, ends()[0])
     apart = partial(measure_apart, tool_scene())
     found = follow_closely(setup(), SHORT, ends(), np.array([True]))
     assert not len(found.lost)
@@ -161,8 +155,8 @@ def test_a_box_with_rounded_corners_comes_to_a_program_that_touches_nothing(
     job = {"cell": {"robot": "IRB 120"}}
     result = camgen.build(tmp_path / "box.stl", post="rapid", job=job)
     assert len(result.tour.paths) >= 6
-    assert touches(result, 400) == []
-    assert unfounded(result, camgen.job(job), 400)[1] == 0
+    assert list_touches(result, 400) == []
+    assert count_unfounded(result, camgen.job(job), 400)[1] == 0
 
 
 def stop(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bench.robots.rfa import FREE, PARTS, cell, loop
+from bench.robots.rfa import FREE, PARTS, make_job, make_loop
 from camgen.check.flow import blend_links
 from camgen.check.passing import trace_motions
 from camgen.check.reach import check_reach
@@ -32,7 +32,7 @@ SOLID = mesh.read(source(PARTS / "rfa1.stl"))
 
 
 def built(name: str, free: bool = False, post: str = "rapid", **process: float) -> Result:
-    tables = cell(SOLID, name)
+    tables = make_job(SOLID, name)
     tool = {**tables["tool"], **(FREE if free else {})}
     options: dict[str, object] = {"signals": {"process": 1}} if post == "vplus" else {}
     if "force" in process:
@@ -83,14 +83,14 @@ def rounded(result: Result, motion: int, zone: float) -> FloatArray:
 )
 def test_what_is_rounded_is_free_and_keeps_the_margin(name: str, free: bool) -> None:
     result = built(name, free)
-    judge, blend = loop(result, SOLID), result.program.columns.blend
+    judge, blend = make_loop(result, SOLID), result.program.columns.blend
     found = np.flatnonzero(blend > 0)
     assert len(found) >= 12
     for motion in found.tolist():
         for zone in (blend[motion], 1.6 * blend[motion]):
             for joints in rounded(result, motion, zone):
-                assert judge.first(joints) is None
-                assert judge.gap(joints) >= 2.0 - 1e-6
+                assert judge.find_hit(joints) is None
+                assert judge.measure_clearance(joints) >= 2.0 - 1e-6
 
 
 def test_edges_begin_and_end_at_a_stop_and_so_does_what_leads_to_a_contact() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bench.robots.rfa import FREE, PARTS, cell, loop
+from bench.robots.rfa import FREE, PARTS, make_job, make_loop
 from camgen.model.job import CellTable
 from camgen.motion.cell import make_free_space, make_setup
 from camgen.motion.limits import LinkSpeeds
@@ -34,7 +34,7 @@ USUAL = CellTable().margin
 
 
 def built(name: str, margin: float, free: bool = False, select: str = "") -> Result:
-    tables = cell(SOLID, name)
+    tables = make_job(SOLID, name)
     if select:
         tables["input"] = {"select": select}
     tool = {**tables["tool"], **(FREE if free else {})}
@@ -46,9 +46,9 @@ def built(name: str, margin: float, free: bool = False, select: str = "") -> Res
 def measured(result: Result) -> float:
     """The least distance at every row that was looked at, by a plain loop over fcl."""
     assert result.reach is not None
-    judge, least = loop(result, SOLID), math.inf
+    judge, least = make_loop(result, SOLID), math.inf
     for row in result.reach.joints:
-        least = judge.gap(row, least)
+        least = judge.measure_clearance(row, least)
     return least
 
 
@@ -76,14 +76,14 @@ def test_each_path_and_each_link_has_its_clearance_in_the_report() -> None:
     result = built(TIGHT, 2.0, select="e11, e14, e15")
     assert result.reach is not None
     assert result.clear is not None
-    judge, columns = loop(result, SOLID), result.program.columns
+    judge, columns = make_loop(result, SOLID), result.program.columns
     paths = len(result.tour.paths)
     expected = np.full((paths + 1, 2), result.clear.bound)
     motions = np.searchsorted(columns.at, result.reach.owner).tolist()
     for rows, motion in zip(pairwise(result.reach.joints), motions[1:], strict=True):
         place = columns.path[motion], int(columns.works[motion])
         for row in rows:  # a path begins where the link to it ends
-            expected[place] = min(expected[place], judge.gap(row, expected[place]))
+            expected[place] = min(expected[place], judge.measure_clearance(row, expected[place]))
     report = json.loads(json.dumps(result.report))
     reported = [[path["link_clearance_mm"], path["clearance_mm"]] for path in report["paths"]]
     assert np.allclose(reported, expected[:-1], atol=0.25)

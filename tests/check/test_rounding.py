@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 import camgen
-from bench.robots.rfa import FREE, PARTS, cell
+from bench.robots.rfa import FREE, PARTS, make_job
 from camgen.check.time import compute_cycle
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_between
@@ -72,7 +72,7 @@ def build(disc: Path, controller: str = "rapid", **tables: dict[str, object]) ->
 @cache
 def of_the_paper() -> Result:
     """The first part of the paper, with rims along which tilt and roll of the tool change from row to row."""
-    tables = cell(mesh.read(source(PARTS / "rfa1.stl")), "IRB 2400")
+    tables = make_job(mesh.read(source(PARTS / "rfa1.stl")), "IRB 2400")
     return camgen.build(
         PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": {**tables["tool"], **FREE}}
     )

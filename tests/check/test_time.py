@@ -228,7 +228,7 @@ def wave(count: int) -> list[tuple[float, float]]:
     return [(60 * t, 10 * math.sin(12 * t)) for t in np.linspace(0, 1, count)[1:].tolist()]
 
 
-#: Seconds that LinuxCNC 2.9 needed in its simulator, counted in servo periods of 1 ms (`bench.robots.cycle linuxcnc`),
+#: Seconds that LinuxCNC 2.9 needed in its simulator, counted in servo periods of 1 ms (`bench.robots.cycle`),
 #: and how near the model has to be.
 LINUXCNC: dict[str, tuple[list[Instruction], float, float]] = {
     "line": ([MoveL(at(50, 0), 20.0)], 2.579, 0.001),

@@ -63,7 +63,11 @@ def sheet_frame(last: int | None = None) -> np.ndarray:
     )
     middle = complex(*paper.free) / 2
     shot = Shot(
-        lens, *looking(lens, middle, 480 + 340j, 0.34, 6, 30, 3), blur=0.7, exposure=0.85, read=1.0
+        lens,
+        *looking(lens, middle, 480 + 340j, 0.34, (6, 30, 3)),
+        blur=0.7,
+        exposure=0.85,
+        read=1.0,
     )
     x, y = paper.origin
     page = (-x, -y, paper.page[0] - x, paper.page[1] - y)

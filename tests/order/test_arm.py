@@ -27,11 +27,11 @@ Tables = dict[str, dict[str, object]]
 
 @pytest.fixture(scope="module")
 def panel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return robotsp.draw(robotsp.made_holes(), tmp_path_factory.mktemp("panel"))
+    return robotsp.draw(robotsp.make_holes(), tmp_path_factory.mktemp("panel"))
 
 
 def drilled(panel: Path, post: str = "rapid", **tool: object) -> Result:
-    made = robotsp.job([])
+    made = robotsp.make_job([])
     made["tool"] = {**made["tool"], "symmetric": False, **tool}  # type: ignore[dict-item]
     return build(panel, post=post, job=made)
 
@@ -105,20 +105,20 @@ def test_holes_out_of_reach_at_the_fixed_turn_are_reached_with_others(panel: Pat
     with pytest.raises(NoSafeProgram):
         drilled(panel)
     free = drilled(panel, symmetric=True)
-    assert robotsp.find_missed(robotsp.joints_of(free), robotsp.made_holes()) == 0
+    assert robotsp.count_missed(robotsp.list_joints(free), robotsp.make_holes()) == 0
     assert not [note for note in free.notes if note.kind == "skipped"]
 
 
 def test_the_drill_is_read_back_from_pacscript_too(panel: Path) -> None:
     free = drilled(panel, "pacscript", symmetric=True)
-    assert robotsp.find_missed(robotsp.joints_of(free), robotsp.made_holes()) == 0
+    assert robotsp.count_missed(robotsp.list_joints(free), robotsp.make_holes()) == 0
     assert free.deviation.max_mm < 0.01
 
 
 def test_seconds_of_the_ways_are_those_of_their_joints(panel: Path) -> None:
     free = drilled(panel, symmetric=True)
     assert isinstance(free.tour, ArmTour)
-    _, execution = robotsp.measure(robotsp.joints_of(free))
+    _, execution = robotsp.measure(robotsp.list_joints(free))
     assert free.tour.seconds == pytest.approx(execution, rel=1e-6)
 
 

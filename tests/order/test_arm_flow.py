@@ -154,7 +154,7 @@ def test_the_tip_keeps_up_where_corners_are_rounded(holes: Path) -> None:
 def test_a_mark_that_is_reached_at_the_height_of_travel_is_reached(tmp_path: Path) -> None:
     """Nothing tells a contact from a way there but that the next motion is of another hole."""
     result = camgen.build(
-        robotsp.draw(robotsp.made_holes(), tmp_path), post="rapid", job=robotsp.job([])
+        robotsp.draw(robotsp.make_holes(), tmp_path), post="rapid", job=robotsp.make_job([])
     )
     columns = result.program.columns
     last = np.append(columns.path[1:] != columns.path[:-1], True)

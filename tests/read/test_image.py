@@ -39,7 +39,7 @@ MARKS = [(-10, -10), (90, -10), (90, 75), (-10, 75), (40, -5), (-5, 35)]
 
 def shot(tilt: float = 10.0, seed: int = 1, **more: Any) -> Shot:
     """A photo with 0.2 mm pixels of what lies around (45, 40) mm."""
-    rotation, origin = looking(FEW, 45 + 40j, 402 + 297j, 0.2, tilt, 30, 15)
+    rotation, origin = looking(FEW, 45 + 40j, 402 + 297j, 0.2, (tilt, 30, 15))
     return Shot(FEW, rotation, origin, blur=0.7, read=1.5, seed=seed, **more)
 
 
@@ -122,7 +122,7 @@ def test_lines_and_arcs_are_found(plain: tuple[Path, dict[str, Any]]) -> None:
 
 def test_markers_show_where_the_plane_is(folder: Path) -> None:
     paper = make_sheet("A4", 20.0)
-    rotation, origin = looking(FEW, 110 + 62j, 402 + 297j, 0.38, 8, 40, 5)
+    rotation, origin = looking(FEW, 110 + 62j, 402 + 297j, 0.38, (8, 40, 5))
     seen = Shot(FEW, rotation, origin, blur=0.6, read=1.0, seed=3)
     page = (
         -paper.origin[0],

@@ -39,7 +39,7 @@ def photo(
         (0,) * 5,
         size,
     )
-    pose = looking(lens, 0j, complex(wide - 1, high - 1) / 2, PIXEL, 0, 0, 0)
+    pose = looking(lens, 0j, complex(wide - 1, high - 1) / 2, PIXEL, (0, 0, 0))
     shot = Shot(
         lens, *pose, blur=0.7, exposure=0.9, gradient=(0.1, -0.1), read=1.6, shot=0.01, seed=3
     )
