@@ -82,7 +82,6 @@ SMOKES = [
     Smoke("tours.lkh 10 4 1", (), {}, lacking("elkai")),
     Smoke("plan.engagement shapes 2", (1,), {"above, mm": (0, 15), "m": (0.3, 3)}),
     Smoke("plan.adaptive {here}/none 'motor plate'", (1,), {"gouged mm2": (0, 0), "s": (100, 300)}),
-    Smoke("plan.pocket_series {here}/dxf 1", (1,), {"gouged mm2": (0, 0), "mm": (10, 50000)}),
     Smoke("plan.pockets shapes 5", (1,), {"bare mm2": (0, 0), "gouged mm2": (0, 0), "paths": (4, 20)}),
     Smoke("plan.follow {here}/dxf/plate.dxf 3", (1,), {"paths": (7, 7), "working points off mm": (0, 0.02)}),
     Smoke(
