@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import camgen
-from bench.render.burrs import Burr, with_burrs
+from bench.render.burrs import Burr, add_burrs
 from bench.render.optics import mm_per_px
 from bench.render.parts import NAMED, random_part
 from bench.render.photos import SIZES, Photo, photos, write
@@ -62,7 +62,7 @@ def measure(
     drawn = draw_part(number)
     pixel = 0.143 * SIZES[10][0] / SIZES[megapixels][0]
     rng = np.random.default_rng([number, 7])
-    burred, burrs = with_burrs(drawn, count, rng, 1.4 * pixel, 7 * pixel)
+    burred, burrs = add_burrs(drawn, count, rng, 1.4 * pixel, 7 * pixel)
     clean = inspect(folder, photo, drawn, drawn).differences
     inspection, seconds = timed(partial(inspect, folder, photo, drawn, burred))
     pairs, others = match(burrs, inspection)

@@ -34,8 +34,7 @@ from camgen.vision.crosses import find_crosses
 
 FILL_COLUMNS = (
     "board | marker, mm {:g} | covered {:.2f} % | outside {:.2f} % | beside thin {:.2f} % "
-    "| copper, mm2 {:.0f} | bare {:.1f} | outside {:.1f} | thin {:.1f} | strokes | points "
-    "| s {:.2f}"
+    "| strokes | s {:.2f}"
 )
 MARK_COLUMNS = "boards | marks | missed | invented | rms, px {:.3f} | largest, px {:.3f}"
 DPI = 300
@@ -153,11 +152,9 @@ def measure_fill(name: str, part: Part) -> Iterator[Cells]:
         paths, _, area = fill(part, job)
         seconds = median_seconds(partial(fill, part, job), 3)
         shares = [100 * mm2 / area.copper for mm2 in (area.covered, area.outside, area.thin)]
-        areas = [area.copper, area.copper - area.covered, area.outside, area.thin]
-        points = sum(len(path.position) for path in paths)
         is_met = shares[0] >= 100 * covered_share and shares[1] <= 100 * outside_share
         covered = shares[0] if is_met else Missed(f"{shares[0]:.2f} %")
-        yield name, diameter, covered, *shares[1:], *areas, len(paths), points, seconds
+        yield name, diameter, covered, *shares[1:], len(paths), seconds
 
 
 def fill_inputs(folder: Path, sizes: tuple[int, ...]) -> Iterator[tuple[str, Part]]:

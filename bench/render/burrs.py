@@ -29,7 +29,7 @@ class Burr:
     shape: str
 
 
-def with_burrs(
+def add_burrs(
     loops: tuple[Loop, ...],
     count: int,
     rng: np.random.Generator,

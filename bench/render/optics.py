@@ -79,7 +79,7 @@ class Shot:
 # -- places in the photo
 
 
-def looking(
+def aim_camera(
     lens: Lens, place: complex, pixel: complex, scale: float, turns: tuple[float, float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """camera_from_work (rotation, origin) with a place, mm, in a pixel before distortion.
@@ -109,10 +109,10 @@ def shoot_from_above(size: tuple[int, int], scale: float, **fields: object) -> S
     middle = complex(size[0] - 1, size[1] - 1) / 2
     matrix = np.array([[9000.0, 0, middle.real], [0, 9000, middle.imag], [0, 0, 1]])
     lens = Lens(matrix, (0,) * 5, size)
-    return Shot(lens, *looking(lens, 0j, middle, scale, (0, 0, 0)), **fields)
+    return Shot(lens, *aim_camera(lens, 0j, middle, scale, (0, 0, 0)), **fields)
 
 
-def bent(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def distort(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays a, b (at distance 1) after radial and tangential distortion (Brown), also complex."""
     k1, k2, p1, p2, k3 = lens.distortion
     r = a * a + b * b
@@ -122,12 +122,12 @@ def bent(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return u, v
 
 
-def straight(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The inverse of ``bent``: Newton's method until nothing moves any more."""
+def undistort(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The inverse of ``distort`` by Newton's method, until the steps vanish."""
     k1, k2, p1, p2, k3 = lens.distortion
     x, y = a.copy(), b.copy()
     for _ in range(30):
-        fx, fy = bent(lens, x, y)
+        fx, fy = distort(lens, x, y)
         r = x * x + y * y
         radial, slope = 1 + r * (k1 + r * (k2 + r * k3)), 2 * (k1 + r * (2 * k2 + r * 3 * k3))
         # The derivative is symmetric.
@@ -151,7 +151,7 @@ def photo_from_work(
     depth = r[2, 0] * x + r[2, 1] * y + (r[2, 2] * z + t[2])
     a = (r[0, 0] * x + r[0, 1] * y + (r[0, 2] * z + t[0])) / depth
     b = (r[1, 0] * x + r[1, 1] * y + (r[1, 2] * z + t[1])) / depth
-    a, b = bent(shot.lens, a, b)
+    a, b = distort(shot.lens, a, b)
     (fx, skew, cu), (_, fy, cv) = shot.lens.matrix[:2].tolist()
     return fx * a + skew * b + cu, fy * b + cv
 
@@ -160,7 +160,7 @@ def work_from_photo(shot: Shot, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarra
     """Places x, y (mm, z = 0) of pixels: the inverse of ``photo_from_work``."""
     (fx, skew, cu), (_, fy, cv) = shot.lens.matrix[:2].tolist()
     b = (v - cv) / fy
-    a, b = straight(shot.lens, (u - cu - skew * b) / fx, b)
+    a, b = undistort(shot.lens, (u - cu - skew * b) / fx, b)
     back = np.linalg.inv(np.column_stack([shot.rotation[:, :2], shot.origin]))
     x, y, w = (row[0] * a + row[1] * b + row[2] for row in back)
     return x / w, y / w

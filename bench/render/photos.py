@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.render.board import markers
-from bench.render.optics import Lens, Shot, looking, mm_per_px, photo_from_work
+from bench.render.optics import Lens, Shot, aim_camera, mm_per_px, photo_from_work
 from bench.render.parts import NAMED, random_part
-from bench.render.scene import Layer, Scene, render, written
+from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop
 from camgen.vision.boards.sheet import DICTIONARY, Sheet, make_sheet
 
@@ -94,7 +94,7 @@ def _photo(k: int, megapixels: int, part: str = "") -> Photo:
     tilt = 18 * rng.uniform() ** 0.5
     about, roll = rng.uniform((0, -180), (360, 180))
     scale = SCALE * SIZES[10][0] / lens.size[0]
-    pose = looking(lens, middle, pixel, scale, (tilt, about, roll))
+    pose = aim_camera(lens, middle, pixel, scale, (tilt, about, roll))
     light = {"gradient": tuple(rng.uniform(-0.3, 0.3, 2)), "vignetting": rng.uniform(0, 0.2)}
     shot = Shot(lens, *pose, blur=0.7, exposure=0.85, **light, read=1.6, shot=0.01, seed=k)
     scene = _scene(placed, paper if on_sheet else None, height, rng)
@@ -136,13 +136,13 @@ def write(folder: Path, photo: Photo) -> None:
 
     The photo of an empty bench is NAME-empty.png.
     """
-    written(folder / f"{photo.name}{photo.suffix}", render(photo.scene, photo.shot))
+    write_photo(folder / f"{photo.name}{photo.suffix}", render(photo.scene, photo.shot))
     if photo.empty:
         # A little less light than with the part.
         bench = replace(photo.scene, layers=photo.scene.layers[:-1])
         shot = photo.shot
         other = replace(shot, seed=shot.seed + 1000, exposure=shot.exposure * 0.95)
-        written(folder / f"{photo.name}-empty{photo.suffix}", render(bench, other))
+        write_photo(folder / f"{photo.name}-empty{photo.suffix}", render(bench, other))
     (folder / f"{photo.name}.yaml").write_text(camera_info(photo.shot.lens))
     (folder / f"{photo.name}.toml").write_text(_job(photo))
     loops = []

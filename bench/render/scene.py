@@ -147,7 +147,7 @@ def _sensed(light: np.ndarray, shot: Shot) -> np.ndarray:
     return np.rint(light * 255).astype(np.uint8)
 
 
-def written(file: Path, photo: np.ndarray, quality: int = 95) -> None:
+def write_photo(file: Path, photo: np.ndarray, quality: int = 95) -> None:
     """The photo as PNG or JPEG, as the suffix says; the same bytes every time."""
     import cv2  # noqa: PLC0415 (only what encodes needs it)
 

@@ -5,9 +5,9 @@
 The parts are a drawing, a picture, a 3-D part with an arm, the largest drawing of FOLDER (default:
 ``shared/data/dxf`` beside the repository), whose program has most points on the screen, and a
 drawing of SEGMENTS segments. Each is opened OPENINGS times in a browser of its own. The start of
-the browser is not counted, but in the first opening that of its process for pictures is. All turn,
-play and scroll through the program's text for SECONDS each, after as long a run-in. It needs
-playwright and a Chromium, or its shell without windows; it renders in software.
+the browser is not counted, but in the first opening that of its process for pictures is. All turn
+and play for SECONDS each, after as long a run-in. It needs playwright and a Chromium, or its shell
+without windows; it renders in software.
 """
 
 from __future__ import annotations
@@ -20,19 +20,17 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
 import camgen
 from bench.support.runner import PARTS, SHARED, open_table, read_words
-from bench.support.timing import timed
 from camgen.preview.page import format_page
 from camgen.preview.view import make_view
 
 COLUMNS = (
-    "part | points of the program {:,} | page {:.1f} MB | made in {:.2f} s "
-    "| in a new browser {:.2f} s | first picture, best {:.2f} s | median {:.2f} s "
-    "| whole, best {:.2f} s | processor, best {:.2f} s | frames/s turning {:.0f} "
-    "| frames/s playing {:.0f} | frames/s scrolling {:.0f} | script per frame {:.1f} ms"
+    "part | points of the program {:,} | page {:.1f} MB | in a new browser {:.2f} s "
+    "| first picture, median {:.2f} s | whole, best {:.2f} s | frames/s turning {:.0f} "
+    "| frames/s playing {:.0f}"
 )
 #: The first that is installed is measured.
 BROWSERS = "chromium", "chromium-headless-shell"
@@ -44,17 +42,13 @@ SWITCHES = [
 ]
 JOB = {"operation": {"kind": "trace"}}
 #: The change before each frame, and the tab that is open then.
-MOVES = {"turning": "paths", "playing": "text", "scrolling": "text"}
-#: Frames per second. Scrolling: thousands of lines at a time.
+MOVES = {"turning": "paths", "playing": "text"}
+#: Frames per second.
 FRAMES = """async ([move, tab, seconds]) => {
-  const code = document.getElementById("code");
   const total = camgen.track.time.at(-1);
   const moves = {
     turning: () => camgen.orbit(2, 0),
     playing: () => camgen.player.to((camgen.player.time + total / 997) % total),
-    scrolling: () => {
-      code.scrollTop = (code.scrollTop + 70001) % Math.max(code.scrollHeight, 1);
-    },
   };
   document.querySelector(`[data-tab=${tab}]`).click();
   const run = async () => {
@@ -69,13 +63,6 @@ FRAMES = """async ([move, tab, seconds]) => {
   };
   await run();
   return run();
-}"""
-
-#: Milliseconds of the page's script for a frame, without the drawing.
-SCRIPT = """() => {
-  const begin = performance.now();
-  for (let k = 0; k < 10; k++) { camgen.orbit(1, 0); camgen.paint(); }
-  return (performance.now() - begin) / 10;
 }"""
 
 
@@ -120,40 +107,29 @@ def build_rings(count: int, each: int = 500) -> camgen.Result:
         return camgen.build(file, post="gcode", job=JOB)
 
 
-def read_processor(session: CDPSession) -> dict[int, float]:
-    """Seconds of the processes of pages and of pictures, by their ids."""
-    rows = session.send("SystemInfo.getProcessInfo")["processInfo"]
-    return {row["id"]: row["cpuTime"] for row in rows if row["type"] in ("renderer", "GPU")}
-
-
 #: Paints and waits until that is done: the pixel is read then.
 PAINT = "camgen.paint({}), camgen.gl.readPixels(0, 0, 1, 1, 6408, 5121, new Uint8Array(4))"
 
 
-def open_page(browser: Browser, file: Path) -> tuple[Page, float, float, float]:
-    """The page, and three times in s.
+def open_page(browser: Browser, file: Path) -> tuple[Page, float, float]:
+    """The page, and two times from the request, s.
 
-    They are the time from the request to the first picture, drawn again as it was, that of the
-    processor in between, and the time to the picture with all details.
+    They end with the first picture, drawn again as it was, and with the picture with all details.
     """
-    session = browser.new_browser_cdp_session()
     tab = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
-    before, begin = read_processor(session), time.perf_counter()
+    start = time.perf_counter()
     tab.goto(file.as_uri())
     tab.evaluate(PAINT.format("camgen.pace.drawn"))
-    passed = time.perf_counter() - begin
-    after = read_processor(session)
-    processor = sum(seconds - before.get(number, 0.0) for number, seconds in after.items())
-    session.detach()
+    first = time.perf_counter() - start
     tab.evaluate(PAINT.format(0))
-    return tab, passed, processor, time.perf_counter() - begin
+    return tab, first, time.perf_counter() - start
 
 
 def measure(
     browser: Browser, result: camgen.Result, folder: Path, turning: float, openings: int
 ) -> tuple[object, ...]:
     """The cells of a part."""
-    text, making = timed(lambda: format_page(make_view(result)))
+    text = format_page(make_view(result))
     file = folder / "page.html"
     file.write_text(text, encoding="utf-8")
     opened = []
@@ -162,13 +138,11 @@ def measure(
         opened.append(times)
         if k + 1 == openings:
             rates = [tab.evaluate(FRAMES, [*move, turning]) for move in MOVES.items()]
-            script = tab.evaluate(SCRIPT)
         tab.context.close()
-    head = result.part.source, count_points(result), len(text.encode()) / 1e6, making
+    head = result.part.source, count_points(result), len(text.encode()) / 1e6
     # The first opening has a column of its own.
-    passed, processor, whole = zip(*(opened[1:] or opened), strict=True)
-    seconds = min(passed), statistics.median(passed), min(whole), min(processor)
-    return *head, opened[0][0], *seconds, *rates, script
+    first, whole = zip(*(opened[1:] or opened), strict=True)
+    return *head, opened[0][0], statistics.median(first), min(whole), *rates
 
 
 def main(folder: Path, segments: int, turning: float, openings: int) -> None:

@@ -3,8 +3,8 @@
     python -m bench.tours.drawings FOLDER ...
     python -m bench.tours.drawings million [CHAINS, 100000]
 
-Every DXF of the folders is traced: as drawn, with nearest neighbour, with the default search, with
-networks merged, and with a second of the search. vpype (VPYPE, or from the path) sorts the same
+Every DXF of the folders is traced: as drawn, with the default search, and with a second of the
+search and networks merged. vpype (VPYPE, or from the path) sorts the same
 contours, as lines within 0.01 mm. There is no home, so that all count the same links.
 """
 
@@ -102,12 +102,8 @@ def measure(file: Path, tool: str | None) -> list[object] | None:
     paths, merged = trace(part, job), trace(with_few_lifts(part, job)[0], job)
     best = TourSettings("best", None, inside_first=False)
     longer = TourSettings("best", None, inside_first=False, seconds=1.0)
-    travel = [measure_travel(paths, None)]
-    nearest = TourSettings("nearest", None, inside_first=False)
-    for settings in (nearest, best):
-        travel.append(order_paths(paths, settings).travel)
-    tour, seconds = timed(lambda: order_paths(merged, best))
-    travel += [tour.travel, order_paths(merged, longer).travel]
+    travel = [measure_travel(paths, None), order_paths(paths, best).travel]
+    travel.append(order_paths(merged, longer).travel)
     if tool:
         with tempfile.TemporaryDirectory() as folder:
             scene, result = Path(folder) / "scene.svg", Path(folder) / "result.svg"
@@ -117,7 +113,7 @@ def measure(file: Path, tool: str | None) -> list[object] | None:
                 measure_process([*sort, "write", str(result)])
                 # vpype writes px of 1/96 inch as it read them.
                 travel.append(measure_svg(result))
-    return [file.name, len(paths), len(merged), *travel, tour.bound, seconds]
+    return [file.name, len(paths), *travel, order_paths(merged, best).bound]
 
 
 def main(folders: list[str]) -> None:
@@ -125,8 +121,8 @@ def main(folders: list[str]) -> None:
     print(machine(), "" if tool else "; vpype is not installed: its columns are left out")
     peers = "| vpype {:.0f} | --two-opt {:.0f} " if tool else ""
     table = Table(
-        "drawing | paths | merged | as drawn {:.0f} | nearest {:.0f} | default {:.0f} "
-        f"| merged {{:.0f}} | seconds = 1 {{:.0f}} {peers}| bound {{:.0f}} | s {{:.2f}}"
+        "drawing | paths | as drawn {:.0f} | default {:.0f} | seconds = 1 {:.0f} "
+        f"{peers}| bound {{:.0f}}"
     )
     for folder in sorted(folders):
         for file in find_files(Path(folder), (".dxf",)):

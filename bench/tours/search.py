@@ -91,10 +91,11 @@ def measure_svg(file: Path) -> float:
             numbers = re.findall(r"[-+.\deE]+", shape.get("points", ""))
         else:
             continue
-        start, *_, end = zip(map(float, numbers[::2]), map(float, numbers[1::2]), strict=True)
+        values = list(map(float, numbers))
+        start, end = complex(*values[:2]), complex(*values[-2:])
         if position is not None:
-            total += abs(complex(*start) - position)
-        position = complex(*(start if kind == "polygon" else end))
+            total += abs(start - position)
+        position = start if kind == "polygon" else end
     return total
 
 

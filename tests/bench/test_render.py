@@ -14,16 +14,16 @@ from bench.render.board import chessboard, markers
 from bench.render.optics import (
     Lens,
     Shot,
-    looking,
+    aim_camera,
     mm_per_px,
     photo_from_work,
     share,
-    straight,
+    undistort,
     work_from_photo,
 )
 from bench.render.parts import NAMED, random_part
 from bench.render.photos import photos, write
-from bench.render.scene import Layer, Scene, render, written
+from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, area, box, circle, hole, pieces, rounded, slot
 from bench.render.truth import offset_truth, path_error
 from camgen.model.pose import pose_from_values
@@ -45,7 +45,7 @@ STRONG = Lens(
 def above(lens: Lens, scale: float = 0.5, tilt: float = 0.0, **more: object) -> Shot:
     """A photo of the work frame's origin, in the middle of the photo."""
     middle = complex(*lens.matrix[:2, 2])
-    rotation, origin = looking(lens, 0, middle, scale, (tilt, 35, 20))
+    rotation, origin = aim_camera(lens, 0, middle, scale, (tilt, 35, 20))
     return Shot(lens, rotation, origin, **more)  # type: ignore[arg-type]
 
 
@@ -83,13 +83,13 @@ def test_the_inverse_of_the_lens_is_exact() -> None:
     u, v = everywhere(STRONG)
     again = photo_from_work(shot, *work_from_photo(shot, u, v))
     assert max(np.abs(again[0] - u).max(), np.abs(again[1] - v).max()) < 1e-9
-    x, y = straight(PINHOLE, u / 800, v / 800)
+    x, y = undistort(PINHOLE, u / 800, v / 800)
     assert np.array_equal(x, u / 800)
     assert np.array_equal(y, v / 800)
 
 
 def test_a_camera_looks_where_it_is_told() -> None:
-    rotation, origin = looking(STRONG, 12 - 7j, 50 + 90j, 0.2, (17, 120, 200))
+    rotation, origin = aim_camera(STRONG, 12 - 7j, 50 + 90j, 0.2, (17, 120, 200))
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1)
     assert np.degrees(np.arccos(-rotation[2, 2])) == pytest.approx(17)
@@ -266,9 +266,9 @@ def test_grain_is_fixed_to_the_bench() -> None:
 
 def test_files_are_what_was_rendered(tmp_path: Path) -> None:
     photo = render(Scene(0.5, (Layer((circle(0, 0, 9),), 0.1),)), above(PINHOLE, read=2))
-    written(tmp_path / "a.png", photo)
+    write_photo(tmp_path / "a.png", photo)
     assert np.array_equal(cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED), photo)
-    written(tmp_path / "a.jpg", photo)
+    write_photo(tmp_path / "a.jpg", photo)
     assert (
         np.abs(cv2.imread(str(tmp_path / "a.jpg"), cv2.IMREAD_UNCHANGED).astype(int) - photo).mean()
         < 2
@@ -284,7 +284,7 @@ def test_markers_and_boards_are_found_by_opencv() -> None:
     )
     paper = make_sheet("A4", 30)
     layers = markers((-60, -80, 250, 150), paper.ids, paper.corners, "4X4_50")
-    rotation, origin = looking(lens, complex(*paper.free) / 2, 500 + 370j, 0.34, (12, 60, 10))
+    rotation, origin = aim_camera(lens, complex(*paper.free) / 2, 500 + 370j, 0.34, (12, 60, 10))
     shot = Shot(lens, rotation, origin, read=1.5)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     corners, ids, _ = detector.detectMarkers(render(Scene(0.4, layers), shot))
@@ -293,7 +293,7 @@ def test_markers_and_boards_are_found_by_opencv() -> None:
         u, v = photo_from_work(shot, *paper.corners[number].T)
         assert np.abs(seen[0] - np.column_stack([u, v])).max() < 1.5
     board, places = chessboard(9, 6, 20.0)
-    rotation, origin = looking(lens, places.mean(), 500 + 370j, 0.34, (20, 200, 5))
+    rotation, origin = aim_camera(lens, places.mean(), 500 + 370j, 0.34, (20, 200, 5))
     shot = Shot(lens, rotation, origin, read=1.5)
     found, grid = cv2.findChessboardCornersSB(render(Scene(0.4, board), shot), (9, 6))
     assert found
