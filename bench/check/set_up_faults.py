@@ -39,10 +39,10 @@ import ezdxf
 import numpy as np
 
 from bench.check.cells import carve
-from bench.check.set_up import DRILL_SPEED, MILL_SPEED, NEARLY, read_chart
+from bench.check.set_up import NEARLY, Load, find_fastest, measure_load, read_chart
 from bench.support.commands import Tables, run_camgen, write_job
 from bench.support.faults import IDLE, Verdict, try_faults
-from bench.support.gcode_text import Move, read_moves
+from bench.support.gcode_text import read_moves
 from bench.support.runner import ROOT, must_be_none, open_table, read_words
 from camgen.model.job import Job
 from camgen.model.signature import sign
@@ -195,8 +195,7 @@ def spin(job: Tables, chance: random.Random) -> bool:
     tool = read_tool(job, row)
     if not tool["speed"]:
         return False
-    feet = DRILL_SPEED if tool["kind"] == "drill" else MILL_SPEED
-    speed = 2 * feet * 304.8 / math.pi / tool["diameter"]
+    speed = 2 * find_fastest(tool) * 304.8 / math.pi / tool["diameter"]
     table, key = (row, "speed") if "tools" in job else (job["process"], "spindle")
     table[key] = speed
     return True
@@ -330,23 +329,12 @@ def exceeds(job: Tables, text: str) -> bool:
             for move in read_moves(text)
             if move.tool == tool["number"] and not move.rapid and move.deepest > 0
         ]
-        if moves and _exceeds(moves, tool, job["stock"]["thickness"], material):
+        load = measure_load(moves, tool) if moves else Load(0.0, 0.0, 0.0)
+        is_deep = load.depth > job["stock"]["thickness"] + _BELOW_MM
+        is_fast = load.speed > find_fastest(tool) * NEARLY
+        if is_deep or is_fast or load.tooth > read_chart(tool, material) * NEARLY:
             return True
     return False
-
-
-def _exceeds(moves: list[Move], tool: Tables, thickness: float, material: str) -> bool:
-    is_drill = tool["kind"] == "drill"
-    tip = tool["diameter"] / 2 / math.tan(math.radians(59)) if is_drill else 0.0
-    feet = DRILL_SPEED if is_drill else MILL_SPEED
-    edges = 1 if is_drill else tool["flutes"]
-    cutting = [move for move in moves if move.is_straight_down == is_drill and move.speed]
-    feeds = [move.feed / move.speed / edges for move in cutting]
-    return (
-        max(move.deepest for move in moves) - tip > thickness + _BELOW_MM
-        or max(feeds, default=0.0) > read_chart(tool, material) * NEARLY
-        or max(move.speed for move in moves) * math.pi * tool["diameter"] / 304.8 > feet * NEARLY
-    )
 
 
 # The bench.

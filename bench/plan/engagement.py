@@ -1,9 +1,9 @@
-"""Engagement of the tool in pockets: python -m bench.plan.engagement [COUNT | shapes COUNT]
+"""Engagement of the tool in pockets: python -m bench.plan.engagement [FOLDER | shapes COUNT]
 
-Pockets of COUNT (20) random shapes, and of real drawings without the word `shapes`: stepover 0.5,
-with the bound of the default, 0.65, and without one. The judge counts the cells of a plate that a
-disc takes along the paths, links and entries included. It measures the length on which more than
-the bound and its own noise is engaged.
+The pockets are those of ``bench.plan.pockets``, without drawings whose paths take too long to
+count: stepover 0.5, with the bound of the default, 0.65, and without one. The judge counts the
+cells of a plate that a disc takes along the paths, links and entries included. It measures the
+length on which more than the bound and its own noise is engaged.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import camgen
-from bench.plan.follow import DRAWINGS
-from bench.plan.pockets import shapes
-from bench.support.runner import SHARED, Cells, Scenario, run
+from bench.plan.pockets import inputs
+from bench.support.runner import Cells, Scenario, run
 from camgen.model.job import Job, OperationTable, ToolTable
 from tests.support.engaged import engaged
 from tests.support.swept import enclosed
@@ -29,7 +28,6 @@ COLUMNS = (
     "| m, no bound {:.2f} | s, no bound {:.2f} | above, no bound, mm {:.1f} "
     "| above, no bound {:.2f} %"
 )
-Input = tuple[str, Callable[[], camgen.Part], float]
 
 
 def measure(name: str, read: Callable[[], camgen.Part], diameter: float) -> Iterator[Cells]:
@@ -48,16 +46,6 @@ def measure(name: str, read: Callable[[], camgen.Part], diameter: float) -> Iter
         above = pieces[pieces[:, 2] > BOUND + NOISE, 3].sum()
         figures += [length / 1000, seconds, above, 100 * above / length]
     yield Path(name).name, diameter, *figures
-
-
-def inputs(words: list[str]) -> Iterator[Input]:
-    """Name, reader and diameter of the tool (mm) of each drawing."""
-    count = int(words[-1]) if words else 20
-    yield f"{count} shapes", lambda: shapes(count), 6.0
-    folder = SHARED / "dxf"
-    if words[:1] != ["shapes"] and folder.is_dir():
-        for name, diameter in DRAWINGS.items():
-            yield name, lambda name=name: camgen.read(folder / name), diameter
 
 
 if __name__ == "__main__":
