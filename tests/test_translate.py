@@ -7,7 +7,7 @@ import pytest
 
 import camgen
 from bench.read.goldens import CASES, POSTS, measure_apart
-from bench.read.translate import WITHIN, find_difference, rapids_apart, there_and_back
+from bench.read.translate import WITHIN, find_difference, measure_rapids, translate_twice
 from camgen.model.errors import InputError
 from camgen.model.program import MoveC, Output
 from tests.support.old_programs import PACSCRIPT, RAPID
@@ -19,7 +19,7 @@ def test_a_translation_and_back_has_the_same_motion(case: str, source: str, targ
     file = CASES / case / "expected" / f"part{POSTS[source][0]}"
     if not file.exists():
         pytest.skip(f"{case} has no program for {source}")
-    before, after = there_and_back(CASES / case, source, target)
+    before, after = translate_twice(CASES / case, source, target)
     assert len(before.points) > 100
     assert measure_apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
@@ -40,7 +40,7 @@ def test_a_translation_through_gcode_has_the_same_motion(
     assert len(before.points) > 100
     assert measure_apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
-    assert rapids_apart(before, after) < 0.002
+    assert measure_rapids(before, after) < 0.002
     assert find_difference(before, after) in (
         "",
         "the spindle is on or off" if target == "pacscript" else "",

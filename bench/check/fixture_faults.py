@@ -62,10 +62,10 @@ def make_job(chance: random.Random, drawing: str) -> Tables:
 
 def move_clamp(job: Tables, _text: str, chance: random.Random) -> str | None:
     clamp = chance.choice(job["cell"]["fixtures"])
-    turn, by = chance.uniform(0, 2 * math.pi), chance.uniform(1, 40)
-    for k, part in enumerate((math.cos(turn), math.sin(turn))):
-        clamp[k] += by * part
-        clamp[k + 3] += by * part
+    angle, distance = chance.uniform(0, 2 * math.pi), chance.uniform(1, 40)
+    for k, part in enumerate((math.cos(angle), math.sin(angle))):
+        clamp[k] += distance * part
+        clamp[k + 3] += distance * part
     return None
 
 

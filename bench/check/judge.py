@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 import camgen
-from bench.check.scenes import Rule, Scene, outline
+from bench.check.scenes import Rule, Scene, sample_outline
 from bench.render.shapes import Pieces
 from camgen.check.stock import Cut
 
@@ -85,8 +86,8 @@ def _even_odd(points: Array, lines: list[Array]) -> NDArray[np.bool_]:
         # The rays of these points may cross a segment: their y lies between those of its ends.
         first = np.searchsorted(y, np.minimum(a, b)[:, 1]).tolist()
         last = np.searchsorted(y, np.maximum(a, b)[:, 1]).tolist()
-        for (ax, ay), (bx, by), i, j in zip(a.tolist(), b.tolist(), first, last, strict=True):
-            odd[i:j] ^= x[i:j] < (bx - ax) * (y[i:j] - ay) / (by - ay) + ax
+        for (x1, y1), (x2, y2), i, j in zip(a.tolist(), b.tolist(), first, last, strict=True):
+            odd[i:j] ^= x[i:j] < (x2 - x1) * (y[i:j] - y1) / (y2 - y1) + x1
     inside = np.zeros(len(points), dtype=bool)
     inside[order] = odd
     return inside
@@ -97,10 +98,12 @@ class Judge:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        lines = [outline(contour, _ALONG) for contour in scene.contours]
+        lines = [sample_outline(contour, _ALONG) for contour in scene.contours]
         outlines = np.concatenate(lines)
         self.low, self.high = outlines.min(axis=0) - _MARGIN, outlines.max(axis=0) + _MARGIN
-        points = [side for line in lines for side in self._offset_points(line)]
+        points: list[Array] = []
+        for line in lines:
+            points += self._offset_points(line)
         x, y = self._grid(_BETWEEN)
         # Near a line, rounding would decide on which side a point is.
         near = np.zeros((len(y), len(x)), dtype=bool)
@@ -116,9 +119,8 @@ class Judge:
 
     def _grid(self, step: float) -> tuple[Array, Array]:
         """The x and the y of a grid over the stock, mm."""
-        return np.arange(self.low[0], self.high[0], step), np.arange(
-            self.low[1], self.high[1], step
-        )
+        (left, bottom), (right, top) = self.low, self.high
+        return np.arange(left, right, step), np.arange(bottom, top, step)
 
     @staticmethod
     def _offset_points(line: Array) -> list[Array]:
@@ -136,7 +138,8 @@ class Judge:
         half = np.sqrt(np.maximum((1 + (unit * before).sum(axis=1)) / 2, 1e-3))[:, None]
         corners = line[~straight]
         corner_points = [corners + LEAST_MM / half * inwards, corners - LEAST_MM * inwards]
-        return [*((line + sign * LEAST_MM * normal)[straight] for sign in (-1, 1)), *corner_points]
+        sides = [(line + sign * LEAST_MM * normal)[straight] for sign in (-1, 1)]
+        return sides + corner_points
 
     @staticmethod
     def _find_depths(points: Array, rules: tuple[Rule, ...]) -> Array:
@@ -144,7 +147,9 @@ class Judge:
         for rule in rules:
             lines = []
             for contour in rule.contours:
-                lines.append(outline(contour, 0.02) if contour.bulges.any() else contour.points)
+                lines.append(
+                    sample_outline(contour, 0.02) if contour.bulges.any() else contour.points
+                )
             chosen = _even_odd(points, lines) == rule.inside
             depth[chosen] = np.maximum(depth[chosen], rule.depth)
         return depth
@@ -154,9 +159,9 @@ class Judge:
         """The x and the y of the cells, mm."""
         return self._grid(_CELL)
 
-    def judge(self, cuts: tuple[Cut, ...]) -> Harm:
+    def measure_harm(self, cuts: tuple[Cut, ...]) -> Harm:
         """The harm of cuts."""
-        motions = [motion for cut in cuts for motion in _list_motions(cut)]
+        motions = list(chain.from_iterable(map(_list_motions, cuts)))
         deep = [motion for motion in motions if motion.depth > LEAST_MM]
         gouge = max((self._measure_gouge(motion) for motion in deep), default=0.0)
         return Harm(gouge, *self._run(motions))

@@ -1,10 +1,10 @@
-"""The operations of a job by FreeCAD's Path workbench, run by the Python that FreeCAD is installed for:
+"""The operations of a job by FreeCAD's Path workbench, run by the Python of FreeCAD:
 
     python3 peer_freecad.py OPERATIONS.json FOLDER
 
-OPERATIONS.json is what ``bench.check.peer`` writes. Each operation is posted for LinuxCNC by itself, to FOLDER/K.ngc.
-The last line that is printed is JSON: seconds of the work and what was not made. It belongs to no package: FreeCAD's
-Python has none of camgen.
+``bench.check.peer`` writes OPERATIONS.json. Each operation is posted for LinuxCNC by itself, to
+FOLDER/K.ngc. The last line that is printed is JSON: seconds of the work, and the operations without
+a path. The script belongs to no package: FreeCAD's Python has none of camgen.
 """
 
 import json
@@ -29,12 +29,17 @@ def extrude(loop, depth):
     return make_face(loop).extrude(FreeCAD.Vector(0, 0, -depth))
 
 
-def share_out(operation):
-    """The loops of each profile with the side of the tool: one for each loop that tags hold, since their number is that
-    of a whole profile.
+def list_profiles(operation):
+    """The side of the tool and the loops of each profile.
+
+    A loop with tabs has a profile of its own, since their number is that of a whole profile.
     """
     for side, loops in operation.get("sides", {}).items():
-        yield from ((side, [loop]) for loop in loops) if operation["tabs"] else [(side, loops)]
+        if operation["tabs"]:
+            for loop in loops:
+                yield side, [loop]
+        else:
+            yield side, loops
 
 
 def add_model(document, loops, depth):
@@ -45,9 +50,10 @@ def add_model(document, loops, depth):
     return model
 
 
-def top_faces(model):
-    """The names of its faces at z = 0."""
-    return [f"Face{k}" for k, face in enumerate(model.Shape.Faces, 1) if face.BoundBox.ZMin > -1e-6]
+def list_top_faces(model):
+    """The names of the faces of a model at z = 0."""
+    faces = enumerate(model.Shape.Faces, 1)
+    return [f"Face{k}" for k, face in faces if face.BoundBox.ZMin > -1e-6]
 
 
 def add_tool(job, tool):
@@ -60,92 +66,88 @@ def add_tool(job, tool):
     return control
 
 
-def set_levels(made, operation, tool):
-    """Depths and heights, mm, in the place of the expressions that give them."""
+def set_levels(item, operation, tool):
+    """Sets the tool, and depths and heights, mm, instead of the expressions that give them."""
     heights = {
         "StartDepth": 0.0,
         "FinalDepth": -operation["depth"],
         "SafeHeight": operation["approach"],
+        "ClearanceHeight": operation["clearance"],
     }
-    heights["ClearanceHeight"] = operation["clearance"]
-    if hasattr(made, "StepDown"):
+    if hasattr(item, "StepDown"):
         heights["StepDown"] = operation["depth"] / operation["passes"]
     for name, value in heights.items():
-        made.setExpression(name, None)
-        setattr(made, name, value)
-    made.ToolController = tool
+        item.setExpression(name, None)
+        setattr(item, name, value)
+    item.ToolController = tool
 
 
 def drill(operation, tool):
-    made = PathDrilling.Create("Drilling")
-    made.Base = []
-    made.Locations = [FreeCAD.Vector(x, y, 0) for x, y in operation["holes"]]
-    set_levels(made, operation, tool)
-    made.setExpression("PeckDepth", None)
-    made.setExpression("RetractHeight", None)
-    made.RetractHeight = operation["approach"]
-    made.PeckEnabled = operation["passes"] > 1
-    made.PeckDepth = operation["depth"] / operation["passes"]
-    return made
+    item = PathDrilling.Create("Drilling")
+    item.Base = []
+    item.Locations = [FreeCAD.Vector(x, y, 0) for x, y in operation["holes"]]
+    set_levels(item, operation, tool)
+    item.setExpression("PeckDepth", None)
+    item.setExpression("RetractHeight", None)
+    item.RetractHeight = operation["approach"]
+    item.PeckEnabled = operation["passes"] > 1
+    item.PeckDepth = operation["depth"] / operation["passes"]
+    return item
 
 
 def profile(document, operation, tool, model, side):
-    made = PathProfile.Create("Profile")
-    made.Base = [(model, top_faces(model))]
-    made.HandleMultipleFeatures = "Individually"
-    made.Side, made.UseComp, made.processPerimeter = side, True, True
+    item = PathProfile.Create("Profile")
+    item.Base = [(model, list_top_faces(model))]
+    item.HandleMultipleFeatures = "Individually"
+    item.Side, item.UseComp, item.processPerimeter = side, True, True
     # Climb: counterclockwise inside of holes, clockwise around parts.
-    made.Direction = "CCW" if side == "Inside" else "CW"
-    set_levels(made, operation, tool)
+    item.Direction = "CCW" if side == "Inside" else "CW"
+    set_levels(item, operation, tool)
     document.recompute()
     if not operation["tabs"]:
-        return made
-    held = PathDressupHoldingTags.Create(made)
-    held.Width, held.Height, held.Angle, held.Radius = (
-        operation["tab_width"],
-        operation["tab_height"],
-        90,
-        0,
-    )
+        return item
+    held = PathDressupHoldingTags.Create(item)
+    held.Width, held.Height = operation["tab_width"], operation["tab_height"]
+    held.Angle, held.Radius = 90, 0
     held.Proxy.generateTags(held, operation["tabs"])
     return held
 
 
+def has_path(item):
+    """Whether an operation cuts anything."""
+    return any(word.Name in ("G1", "G2", "G3", "G81", "G83") for word in item.Path.Commands)
+
+
 def main(source, folder):
-    begun = time.perf_counter()
+    start = time.perf_counter()
     with open(source) as file:
         work = json.load(file)
     document = FreeCAD.newDocument("Template")
-    models = [[]] * len(work["operations"])
-    for k, operation in enumerate(work["operations"]):
-        models[k] = [
-            (side, add_model(document, loops, operation["depth"]))
-            for side, loops in share_out(operation)
-        ]
-    every = [model for one in models for _, model in one]
+    models = []
+    for number, operation in enumerate(work["operations"]):
+        for side, loops in list_profiles(operation):
+            models.append((number, side, add_model(document, loops, operation["depth"])))
     plate = document.addObject("Part::Box", "Plate")
     document.recompute()
-    job = PathJob.Create("Job", every or [plate], None)
+    job = PathJob.Create("Job", [model for *_, model in models] or [plate], None)
     job.GeometryTolerance = work["tolerance"]
-    clones = iter(job.Model.Group)
-    models = [[(side, next(clones)) for side, _ in one] for one in models]
+    # The job has a copy of each model.
+    copies = zip(models, job.Model.Group, strict=False)
+    models = [(number, side, copy) for (number, side, _), copy in copies]
     tools = [add_tool(job, tool) for tool in work["tools"]]
     chosen.job = job
     failed = []
-    for k, operation in enumerate(work["operations"]):
+    for number, operation in enumerate(work["operations"]):
         tool = chosen.tool = tools[operation["tool"]]
         if operation["kind"] == "drill":
-            made = [drill(operation, tool)]
+            items = [drill(operation, tool)]
         else:
-            made = [profile(document, operation, tool, model, side) for side, model in models[k]]
+            sides = [(model, side) for k, side, model in models if k == number]
+            items = [profile(document, operation, tool, *side) for side in sides]
         document.recompute()
-        failed += [
-            k
-            for one in made
-            if not any(c.Name in ("G1", "G2", "G3", "G81", "G83") for c in one.Path.Commands)
-        ]
-        linuxcnc_post.export([tool, *made], f"{folder}/{k}.ngc", "--no-show-editor")
-    print(json.dumps({"seconds": time.perf_counter() - begun, "failed": failed}))
+        failed += [number for item in items if not has_path(item)]
+        linuxcnc_post.export([tool, *items], f"{folder}/{number}.ngc", "--no-show-editor")
+    print(json.dumps({"seconds": time.perf_counter() - start, "failed": failed}))
 
 
 main(*sys.argv[1:])

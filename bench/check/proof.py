@@ -27,7 +27,7 @@ POSTS = ("gcode", "rapid")
 COLUMNS = "shapes | post | proof s {:.3f} | build s {:.2f} | share % {:.1f}"
 
 
-def measure(drawing: Path, post: str) -> tuple[float, float]:
+def time_proof(drawing: Path, post: str) -> tuple[float, float]:
     """Processor seconds of the proof and of the whole build."""
     build = importlib.import_module("camgen.pipeline")
     memory = importlib.import_module("camgen.pipeline.memory")
@@ -49,7 +49,7 @@ def measure(drawing: Path, post: str) -> tuple[float, float]:
         build.prove_motion = prove
 
 
-def judge(count: int, runs: int) -> Iterator[Cells]:
+def measure(count: int, runs: int) -> Iterator[Cells]:
     """A row for each post, for a drawing of `count` shapes."""
     with tempfile.TemporaryDirectory() as folder:
         drawing = Path(folder, "plate.dxf")
@@ -57,7 +57,7 @@ def judge(count: int, runs: int) -> Iterator[Cells]:
         measure_process(python("bench.speed.processes", "draw", drawing, count - 1 - slots, slots))
         for post in POSTS:
             try:
-                pairs = [measure(drawing, post) for _ in range(runs)]
+                pairs = [time_proof(drawing, post) for _ in range(runs)]
             except camgen.CamgenError as error:
                 yield count, post, f"refused: {str(error).partition(';')[0]}"
                 continue
@@ -71,4 +71,4 @@ if __name__ == "__main__":
     parser.add_argument("--runs", type=int, default=3)
     options = parser.parse_args()
     shapes = [(count,) for count in options.shapes]
-    sys.exit(run(Scenario(COLUMNS, shapes, partial(judge, runs=options.runs))))
+    sys.exit(run(Scenario(COLUMNS, shapes, partial(measure, runs=options.runs))))

@@ -19,15 +19,15 @@ import sys
 import tomllib
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import camgen
 from bench.check.cells import carve
-from bench.support.gcode_text import read_moves
+from bench.support.gcode_text import Move, read_moves
 from bench.support.runner import SHARED, Cells, Missed, Scenario, run
 from camgen.cli.init import Chosen, write_template
 from camgen.plan.propose import propose
@@ -132,36 +132,58 @@ class Judge:
             for move, bare in zip(self.moves, self.before, strict=True)
             if move.tool == row["number"] and not move.rapid and move.deepest > 0
         ]
-        is_drill = row["kind"] == "drill"
+        load = measure_load([move for move, _ in pairs], row)
         if "mm deep" in what:
-            tip = row["diameter"] / 2 / math.tan(math.radians(59)) if is_drill else 0.0
-            limit = float(_LIMIT.findall(what)[0]) + 0.5 * ("thick" in what)
-            return max(move.deepest for move, _ in pairs) - tip > limit
+            return load.depth > float(_LIMIT.findall(what)[0]) + 0.5 * ("thick" in what)
         if "goes straight down" in what:
             return any(move.is_straight_down and bite > _SLACK_MM for move, bite in pairs)
         if "one pass" in what:
             limit = (1.0 if material == "aluminium" else 3.0) * row["diameter"]
             return any(bite > limit for _, bite in pairs)
-        moves = [move for move, _ in pairs if move.is_straight_down == is_drill]
         if "a tooth" in what or "a turn" in what:
-            edges = 1 if is_drill else row.get("flutes", 2)
-            worst = max(move.feed / move.speed / edges for move in moves)
-            return worst > read_chart(row, material) * NEARLY
+            return load.tooth > read_chart(row, material) * NEARLY
         if "turns at" in what:
-            feet = DRILL_SPEED if is_drill else MILL_SPEED
-            worst = max(move.speed for move in moves)
-            return worst * math.pi * row["diameter"] / 304.8 > feet * NEARLY
+            return load.speed > find_fastest(row) * NEARLY
         raise ValueError(what)
 
 
-def read_chart(row: dict[str, Any], material: str | None) -> float:
+class Load(NamedTuple):
+    """The load of a tool.
+
+    depth: depth below the top face, mm, without the tip of a drill.
+    tooth: feed of a tooth of a mill, or of a turn of a drill, mm.
+    speed: cutting speed, feet a minute.
+    """
+
+    depth: float
+    tooth: float
+    speed: float
+
+
+def measure_load(moves: Sequence[Move], tool: Mapping[str, Any]) -> Load:
+    """The largest load of a tool in its motions in material."""
+    is_drill, diameter = tool["kind"] == "drill", tool["diameter"]
+    tip = diameter / 2 / math.tan(math.radians(59)) if is_drill else 0.0
+    edges = 1 if is_drill else tool.get("flutes", 2)
+    cutting = [move for move in moves if move.is_straight_down == is_drill and move.speed]
+    tooth = max((move.feed / move.speed / edges for move in cutting), default=0.0)
+    speed = max(move.speed for move in moves) * math.pi * diameter / 304.8
+    return Load(max(move.deepest for move in moves) - tip, tooth, speed)
+
+
+def find_fastest(tool: Mapping[str, Any]) -> float:
+    """The largest cutting speed of a tool in aluminium, feet a minute."""
+    return DRILL_SPEED if tool["kind"] == "drill" else MILL_SPEED
+
+
+def read_chart(row: Mapping[str, Any], material: str | None) -> float:
     """The largest feed of a tooth or of a turn for a tool, mm."""
     sizes, feeds = DRILL if row["kind"] == "drill" else TOOTH[material]
     size = row["diameter"] / 25.4
     return 25.4 * float(np.interp(size, (0.0, *sizes), (0.0, *feeds)))
 
 
-def judge(name: str, folder: Path) -> Iterator[Cells]:
+def measure(name: str, folder: Path) -> Iterator[Cells]:
     """The row of a drawing."""
     part = read(folder / name, camgen.Job(), Files())
     proposal = propose(part)
@@ -196,4 +218,4 @@ def inputs(words: list[str]) -> list[tuple[str, Path]]:
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge, may_refuse=True)))
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), measure, may_refuse=True)))

@@ -30,7 +30,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from copy import deepcopy
-from functools import cache
+from functools import cache, partial
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
@@ -39,10 +39,10 @@ import ezdxf
 import numpy as np
 
 from bench.check.cells import carve
-from bench.check.set_up import DRILL_SPEED, MILL_SPEED, NEARLY, read_chart
+from bench.check.set_up import NEARLY, Load, find_fastest, measure_load, read_chart
 from bench.support.commands import Tables, run_camgen, write_job
-from bench.support.faults import IDLE, Verdict, judge_faults
-from bench.support.gcode_text import Move, read_moves
+from bench.support.faults import IDLE, Verdict, try_faults
+from bench.support.gcode_text import read_moves
 from bench.support.runner import ROOT, must_be_none, open_table, read_words
 from camgen.model.job import Job
 from camgen.model.signature import sign
@@ -195,8 +195,7 @@ def spin(job: Tables, chance: random.Random) -> bool:
     tool = read_tool(job, row)
     if not tool["speed"]:
         return False
-    feet = DRILL_SPEED if tool["kind"] == "drill" else MILL_SPEED
-    speed = 2 * feet * 304.8 / math.pi / tool["diameter"]
+    speed = 2 * find_fastest(tool) * 304.8 / math.pi / tool["diameter"]
     table, key = (row, "speed") if "tools" in job else (job["process"], "spindle")
     table[key] = speed
     return True
@@ -242,13 +241,9 @@ def open_outline(part: Path, file: Path, chance: random.Random) -> bool:
 
 
 def _change(
-    lines: list[str], chance: random.Random, pattern: str, by: Callable[[float], str]
+    lines: list[str], chance: random.Random, pattern: str, format_number: Callable[[float], str]
 ) -> list[str] | None:
-    """The text with one number changed.
-
-    pattern: the number as its group.
-    by: the new text of a number.
-    """
+    """The text with one number changed; None without one. pattern: has the number as its group."""
     code = [k for k, line in enumerate(lines) if "(" not in line and re.search(pattern, line)]
     if not code:
         return None
@@ -256,13 +251,13 @@ def _change(
     match = re.search(pattern, lines[place])
     assert match
     start, end = match.span(1)
-    changed = lines[place][:start] + by(float(match[1])) + lines[place][end:]
+    changed = lines[place][:start] + format_number(float(match[1])) + lines[place][end:]
     return [*lines[:place], changed, *lines[place + 1 :]]
 
 
 def shift_depth(lines: list[str], _job: Tables, chance: random.Random) -> list[str] | None:
-    by = chance.choice((-0.5, 0.5))
-    return _change(lines, chance, r"\bZ(-[0-9.]+)", lambda z: f"{z + by:g}")
+    shift = chance.choice((-0.5, 0.5))
+    return _change(lines, chance, r"\bZ(-[0-9.]+)", lambda z: f"{z + shift:g}")
 
 
 def shift_feed(lines: list[str], _job: Tables, chance: random.Random) -> list[str] | None:
@@ -270,8 +265,8 @@ def shift_feed(lines: list[str], _job: Tables, chance: random.Random) -> list[st
 
 
 def shift_speed(lines: list[str], _job: Tables, chance: random.Random) -> list[str] | None:
-    by = chance.choice((0.5, 2.0))
-    return _change(lines, chance, r"\bS([0-9.]+)", lambda speed: f"{speed * by:g}")
+    factor = chance.choice((0.5, 2.0))
+    return _change(lines, chance, r"\bS([0-9.]+)", lambda speed: f"{speed * factor:g}")
 
 
 def stop_spindle(lines: list[str], _job: Tables, chance: random.Random) -> list[str] | None:
@@ -334,30 +329,20 @@ def exceeds(job: Tables, text: str) -> bool:
             for move in read_moves(text)
             if move.tool == tool["number"] and not move.rapid and move.deepest > 0
         ]
-        if moves and _exceeds(moves, tool, job["stock"]["thickness"], material):
+        load = measure_load(moves, tool) if moves else Load(0.0, 0.0, 0.0)
+        is_deep = load.depth > job["stock"]["thickness"] + _BELOW_MM
+        is_fast = load.speed > find_fastest(tool) * NEARLY
+        if is_deep or is_fast or load.tooth > read_chart(tool, material) * NEARLY:
             return True
     return False
-
-
-def _exceeds(moves: list[Move], tool: Tables, thickness: float, material: str) -> bool:
-    is_drill = tool["kind"] == "drill"
-    tip = tool["diameter"] / 2 / math.tan(math.radians(59)) if is_drill else 0.0
-    feet = DRILL_SPEED if is_drill else MILL_SPEED
-    edges = 1 if is_drill else tool["flutes"]
-    cutting = [move for move in moves if move.is_straight_down == is_drill and move.speed]
-    feeds = [move.feed / move.speed / edges for move in cutting]
-    return (
-        max(move.deepest for move in moves) - tip > thickness + _BELOW_MM
-        or max(feeds, default=0.0) > read_chart(tool, material) * NEARLY
-        or max(move.speed for move in moves) * math.pi * tool["diameter"] / 304.8 > feet * NEARLY
-    )
 
 
 # The bench.
 
 
-def try_job(kind: str, case: str, folder: Path, chance: random.Random) -> Verdict | None:
+def try_job(kind: str, folder: Path, number: int, chance: random.Random) -> Verdict | None:
     """The verdict on a fault of a job, and the fault; None if the case has nothing to change."""
+    case = CASES[number % len(CASES)]
     part, job = load(case)
     faulty = deepcopy(job)
     changed = part
@@ -412,8 +397,9 @@ def verify_sound(case: str, folder: Path) -> tuple[Outcome, Outcome]:
     return verify(build_sound(case, folder)[0], case, folder)
 
 
-def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> Verdict | None:
+def try_text(kind: str, folder: Path, number: int, chance: random.Random) -> Verdict | None:
     """The verdict on a fault of a text, and the fault; None if the text has nothing to change."""
+    case = CASES[number % len(CASES)]
     _, job = load(case)
     text, _ = build_sound(case, folder)
     lines = _DIGEST.sub("", text).split("\n")
@@ -423,10 +409,8 @@ def try_text(kind: str, case: str, folder: Path, chance: random.Random) -> Verdi
     edited = sign("\n".join(changed))
     sound, sound_alone = verify_sound(case, folder)
     outcome, alone = verify(edited, case, folder)
-    row = next(
-        (f"{kind}, {case}: {new}" for old, new in zip(lines, changed, strict=True) if old != new),
-        kind,
-    )
+    new = [line for line, old in zip(changed, lines, strict=True) if line != old]
+    row = f"{kind}, {case}: {new[0]}" if new else kind
     if kind == "depth in the text" and not is_cut_otherwise(job, text, job, edited):
         return IDLE, row
     if alone.code == sound_alone.code and not alone.lines - sound_alone.lines:
@@ -443,12 +427,10 @@ def main(seed: int, largest_count: int) -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for kind, count in KINDS.items():
-            try_one = try_text if kind in TEXT_FAULTS else try_job
-
-            def judge(number: int, chance: random.Random) -> Verdict | None:
-                return try_one(kind, CASES[number % len(CASES)], folder, chance)  # noqa: B023
-
-            judged = judge_faults(kind, seed, min(count, largest_count), judge)
+            try_fault = try_text if kind in TEXT_FAULTS else try_job
+            judged = try_faults(
+                kind, seed, min(count, largest_count), partial(try_fault, kind, folder)
+            )
             verdicts = Counter(verdict for verdict, _ in judged)
             rebuilt = sum(text.startswith(_REBUILT) for _, text in judged)
             unseen = [text for verdict, text in judged if verdict == "no line"]

@@ -1,17 +1,18 @@
-"""Photos of parts with known burrs against their drawings: heights found, burrs missed, false ones on clean parts.
+"""Photos of parts with known burrs against their drawings: heights, burrs missed, false ones.
 
-    python -m bench.photo.burrs [PHOTOS, 10] [BURRS, 6] [MEGAPIXELS, 10]    as many photos of clean parts, and of burred
+    python -m bench.photo.burrs [PHOTOS, 10] [BURRS, 6] [MEGAPIXELS, 10]
 
-The photos are those of bench.photo.photo (tilted camera, lens, grain, noise, 0.14 mm/px; 0.46 with MEGAPIXELS 1), read
-with their jobs as a user would; the part lies and is turned at random. Burrs are 1.4 to 7 px high. Goals: heights
-within 0.05 mm, or 0.35 px, and no false one.
+PHOTOS are taken of clean parts, and as many of parts with BURRS each. They are those of
+bench.photo.photo (tilted camera, lens, grain, noise, 0.14 mm/px; 0.46 with MEGAPIXELS 1), read with
+their jobs as by a user; the part lies and is turned at random. Burrs are 1.4 to 7 px high. Goals:
+heights within 0.05 mm, or 0.35 px, none missed, and no false one.
 """
 
 from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,122 +20,133 @@ from pathlib import Path
 import numpy as np
 
 import camgen
-from bench.render.burrs import Burr, with_burrs
+from bench.render.burrs import Burr, add_burrs
 from bench.render.optics import mm_per_px
 from bench.render.parts import NAMED, random_part
 from bench.render.photos import SIZES, Photo, photos, write
 from bench.render.shapes import Loop
-from bench.support.runner import Table, open_table, read_words
+from bench.support.runner import Cells, Scenario, Table, fill, machine, read_words, verdict
 from bench.support.timing import timed
 from camgen.check.photo import Difference, Inspection, inspect_photo
 from camgen.read import read
 from camgen.read.job_file import load_job
 
 GOAL_MM, GOAL_PX = 0.05, 0.35
+COLUMNS = (
+    "photo | mm/px {:.3f} | clean: false ones | burrs | found | height off: max mm {:.3f} "
+    "| rms mm {:.3f} | length off: max mm {:.2f} | false ones | s {:.1f}"
+)
+TOTALS = "photos | burrs | missed | false ones | height off: max mm {:.3f} | rms mm {:.3f} | goal"
+Loops = tuple[Loop, ...]
+#: Burrs with the differences that show them, and all other differences.
+Matches = tuple[list[tuple[Burr, Difference]], list[Difference]]
+
+
+class Sums:
+    """Sums over all photos.
+
+    errors: errors of heights, mm.
+    missed: burrs that are missed.
+    false: differences where no burr is.
+    """
+
+    def __init__(self) -> None:
+        self.errors: list[float] = []
+        self.missed = self.false = 0
+
+
+def measure(
+    number: int, photo: Photo, count: int, megapixels: int, folder: Path, sums: Sums
+) -> Iterator[Cells]:
+    """The row of a photo."""
+    drawn = draw_part(number)
+    pixel = 0.143 * SIZES[10][0] / SIZES[megapixels][0]
+    rng = np.random.default_rng([number, 7])
+    burred, burrs = add_burrs(drawn, count, rng, 1.4 * pixel, 7 * pixel)
+    clean = inspect(folder, photo, drawn, drawn).differences
+    inspection, seconds = timed(partial(inspect, folder, photo, drawn, burred))
+    pairs, others = match(burrs, inspection)
+    heights = np.array([shown.height - abs(burr.height) for burr, shown in pairs])
+    lengths = np.array([shown.length - burr.width for burr, shown in pairs])
+    sums.errors += heights.tolist()
+    sums.missed += len(burrs) - len(pairs)
+    sums.false += len(clean) + len(others)
+    scale = mm_per_px(photo.shot, complex(photo.loops[0].points.mean()))
+    errors = _find_largest(heights), _find_rms(heights), _find_largest(lengths)
+    yield photo.name, scale, len(clean), len(burrs), len(pairs), *errors, len(others), seconds
 
 
 def main(count: int, each: int, megapixels: int) -> int:
-    table = open_table(
-        "photo | mm/px {:.3f} | clean: false ones | burrs | found | height off: max mm {:.3f} "
-        "| rms mm {:.3f} | length off: max mm {:.2f} | false ones | s {:.1f}"
-    )
-    errors: list[float] = []
-    missed = false = 0
+    """Prints the tables; 1 if a goal is missed."""
+    print(machine())
+    sums = Sums()
     with tempfile.TemporaryDirectory() as folder:
-        for k, photo in enumerate(photos(count, megapixels)):
-            named = part_of(k)
-            pixel = 0.143 * SIZES[10][0] / SIZES[megapixels][0]
-            burred, burrs = with_burrs(
-                named, each, np.random.default_rng([k, 7]), 1.4 * pixel, 7 * pixel
-            )
-            clean = inspected(Path(folder), photo, named, named)
-            found, seconds = timed(partial(inspected, Path(folder), photo, named, burred))
-            pairs, others = matched(burrs, found)
-            off = np.array([one.height - abs(burr.height) for burr, one in pairs])
-            wide = np.array([one.length - burr.width for burr, one in pairs])
-            errors += off.tolist()
-            missed += len(burrs) - len(pairs)
-            false += len(clean.differences) + len(others)
-            scale = mm_per_px(photo.shot, complex(photo.loops[0].points.mean()))
-            counts = len(clean.differences), len(burrs), len(pairs)
-            figures = _most(off), _rms(off), _most(wide), len(others), seconds
-            table.add(photo.name, scale, *counts, *figures)
-    most, rms = _most(np.array(errors)), _rms(np.array(errors))
-    table = Table(
-        "photos | burrs | missed | false ones | height off: max mm {:.3f} | rms mm {:.3f}"
-    )
-    name = f"{count} clean, {count} burred"
-    table.add(name, len(errors) + missed, missed, false, most, rms)
+        shared = (each, megapixels, Path(folder), sums)
+        inputs = [(*row, *shared) for row in enumerate(photos(count, megapixels))]
+        fill(Scenario(COLUMNS, inputs, measure))
+    largest, rms = _find_largest(np.array(sums.errors)), _find_rms(np.array(sums.errors))
     goal = GOAL_MM if megapixels == 10 else GOAL_PX * 0.46
-    return int(bool(missed or false or most > goal))
+    is_met = not (sums.missed or sums.false or largest > goal)
+    table = Table(TOTALS)
+    counts = len(sums.errors) + sums.missed, sums.missed, sums.false
+    table.add(f"{count} clean, {count} burred", *counts, largest, rms, verdict(is_met))
+    return int(table.missed > 0)
 
 
-def part_of(k: int) -> tuple[Loop, ...]:
-    """The part of photo ``k`` as it is drawn, before it was put on the bench."""
-    return list(NAMED.values())[k]() if k < len(NAMED) else random_part(k)
+def draw_part(number: int) -> Loops:
+    """The part of a photo as it is drawn."""
+    return list(NAMED.values())[number]() if number < len(NAMED) else random_part(number)
 
 
-def inspected(
-    folder: Path, photo: Photo, named: tuple[Loop, ...], made: tuple[Loop, ...]
-) -> Inspection:
-    """The photo with ``made`` in the place of ``named``, against the drawing of that."""
-    # Where the part was put on the bench: what brings its first two points where they are in the photo.
-    old, new = named[0].points[:2], photo.loops[0].points[:2]
+def inspect(folder: Path, photo: Photo, drawn: Loops, burred: Loops) -> Inspection:
+    """The inspection of a photo with another part in the same place, against the drawing."""
+    # The motion that brings the first two points of the drawing to their places in the photo.
+    old, new = drawn[0].points[:2], photo.loops[0].points[:2]
     turn = float(np.angle((new[1] - new[0]) / (old[1] - old[0])))
-    by = complex(new[0] - old[0] * np.exp(1j * turn))
-    loops = tuple(loop.moved(turn, by) for loop in made)
+    shift = complex(new[0] - old[0] * np.exp(1j * turn))
+    loops = tuple(loop.moved(turn, shift) for loop in burred)
     layers = (*photo.scene.layers[:-1], replace(photo.scene.layers[-1], loops=loops))
     write(folder, replace(photo, loops=loops, scene=replace(photo.scene, layers=layers)))
     seen = read(folder / f"{photo.name}.png", load_job(folder / f"{photo.name}.toml"))
-    return inspect_photo(seen, drawing(named), camgen.Job())
+    return inspect_photo(seen, make_drawing(drawn), camgen.Job())
 
 
-def drawing(loops: Sequence[Loop]) -> camgen.Part:
+def make_drawing(loops: Sequence[Loop]) -> camgen.Part:
     """The loops as a part that was read."""
-    contours = [
-        camgen.Contour(
-            np.column_stack([loop.points.real, loop.points.imag]), loop.bulges, True, "0", f"c{k}"
-        )
-        for k, loop in enumerate(loops, 1)
-    ]
+    contours = []
+    for k, loop in enumerate(loops, 1):
+        points = np.column_stack([loop.points.real, loop.points.imag])
+        contours.append(camgen.Contour(points, loop.bulges, True, "0", f"c{k}"))
     return camgen.Part("part", "part.dxf", "mm", tuple(contours), ())
 
 
-def matched(
-    burrs: Sequence[Burr], found: Inspection
-) -> tuple[list[tuple[Burr, Difference]], list[Difference]]:
-    """Burrs with what was found of them, and what was found beside. Of a part that looks the same from several sides
-    by the side that fits best.
+def match(burrs: Sequence[Burr], inspection: Inspection) -> Matches:
+    """Burrs and differences in pairs.
+
+    A part that looks the same from several sides is matched from the side that fits best.
     """
-    return max(
-        (_matched(burrs, found, turn) for turn in (0.0, *found.fit.rival_turns)),
-        key=lambda both: len(both[0]),
-    )
+    turns = (0.0, *inspection.fit.rival_turns)
+    return max((_match(burrs, inspection, turn) for turn in turns), key=lambda both: len(both[0]))
 
 
-def _matched(
-    burrs: Sequence[Burr], found: Inspection, turn: float
-) -> tuple[list[tuple[Burr, Difference]], list[Difference]]:
-    left, pairs = list(found.differences), []
+def _match(burrs: Sequence[Burr], inspection: Inspection, turn: float) -> Matches:
+    left, pairs = list(inspection.differences), []
     for burr in burrs:
-        near = [
-            one for one in left if one.surplus == (burr.height > 0) and _beside(burr, one, turn)
-        ]
-        if near:
-            pairs.append((burr, near[0]))
-            left.remove(near[0])
+        for difference in left:
+            distance = abs(complex(*difference.place) * np.exp(1j * turn) - burr.place)
+            is_alike = difference.surplus == (burr.height > 0)
+            if is_alike and distance < burr.width / 2 + 0.3:
+                pairs.append((burr, difference))
+                left.remove(difference)
+                break
     return pairs, left
 
 
-def _beside(burr: Burr, one: Difference, turn: float) -> bool:
-    return abs(complex(*one.place) * np.exp(1j * turn) - burr.place) < burr.width / 2 + 0.3
+def _find_largest(values: np.ndarray) -> float:
+    return float(np.abs(values).max(initial=0.0))
 
 
-def _most(values: np.ndarray) -> float:
-    return float(np.abs(values).max()) if len(values) else 0.0
-
-
-def _rms(values: np.ndarray) -> float:
+def _find_rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 

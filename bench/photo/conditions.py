@@ -1,6 +1,6 @@
 """Photos as they come: errors with and without a line that names their cause, pieces, refusals.
 
-    python -m bench.photo.conditions [PHOTOS, 40] [FIRST, 0] [CLEAN, 20] [CALIBRATED, 0]
+    python -m bench.photo.conditions [PHOTOS, 40] [FIRST, 0] [CLEAN, 20]
 
 The rule: the photos FIRST to FIRST + PHOTOS are drawn by number from bench.render.conditions. A
 photo takes each condition with a chance of one half, and draws it from its range: contrast 5 to
@@ -8,8 +8,7 @@ photo takes each condition with a chance of one half, and draws it from its rang
 job states the height, again with a chance of one half), a lens of k1 -0.25 to 0 without
 calibration, a brushed or wooden bench, a shadow. Three ways to tell the work plane take turns:
 camgen's sheet, a ChArUco board beside the part, pairs of points. Limits are chosen with the photos
-1000 and up. CLEAN photos, 2000 and up, have no such condition. With CALIBRATED 1, which was added
-after the first run, each job has the camera's calibration.
+1000 and up. CLEAN photos, 2000 and up, have no such condition.
 
 The found contours are compared with the outlines of the part's upper face: each point of a
 contour, a tenth of a millimetre apart, with the nearest place of the outlines. Corners are left
@@ -38,7 +37,7 @@ import numpy as np
 
 import camgen
 from bench.render.conditions import PIXEL, ConditionedPhoto, Conditions, draw_conditions, draw_photo
-from bench.render.scene import written
+from bench.render.scene import write_photo
 from bench.render.shapes import are_away, find_corners, pieces, to_loops
 from bench.support.runner import Cells, open_table, read_words, verdict
 from camgen.read.files import Files
@@ -68,19 +67,15 @@ COLUMNS = (
 )
 
 
-def judge_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
+def measure_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
     """The row of a photo."""
     names = ", ".join(_list_conditions(photo.conditions))
     head = (photo.number, photo.plane_by, names or "clean")
     file = folder / "photo.png"
-    written(file, photo.pixels)
+    write_photo(file, photo.pixels)
     files = Files()
-    job = photo.job
-    if photo.calibration:
-        (folder / "camera.yaml").write_text(photo.calibration)
-        job = {**job, "camera": {**job["camera"], "file": str(folder / "camera.yaml")}}
     try:
-        part = read(files.read(file), from_mapping(job), files)
+        part = read(files.read(file), from_mapping(photo.job), files)
     except (camgen.InputError, camgen.JobError, camgen.NoSafeProgram) as error:
         yield *head, "refused", None, None, None, None, None, 1, "", str(error)
         return
@@ -88,7 +83,7 @@ def judge_photo(photo: ConditionedPhoto, folder: Path) -> Iterator[Cells]:
     count = sum(len(contour.points) for contour in part.contours)
     drawn = sum(len(loop.points) for loop in photo.loops)
     is_right = largest <= MOST and missing == 0
-    line = name_cause(part.notes, photo.conditions, calibrated=bool(photo.calibration))
+    line = name_cause(part.notes, photo.conditions)
     outcome = "right"
     if not is_right:
         outcome = "named" if line else "silent"
@@ -113,7 +108,7 @@ def measure(part: camgen.Part, photo: ConditionedPhoto) -> tuple[float, float, f
     return float(distances.max(initial=0.0)), rms, missing
 
 
-def name_cause(notes: tuple[camgen.Note, ...], conditions: Conditions, *, calibrated: bool) -> str:
+def name_cause(notes: tuple[camgen.Note, ...], conditions: Conditions) -> str:
     """The first line that has a word for one of the conditions; empty without one.
 
     A height that the job does not state, and a lens without calibration, must each have a line.
@@ -121,7 +116,7 @@ def name_cause(notes: tuple[camgen.Note, ...], conditions: Conditions, *, calibr
     lines = [str(note) for note in notes if note.kind != "assumed" or _is_cause(note)]
     lines.sort(key=lambda line: line.startswith("assumed"))
     named = {name: _find_line(lines, WORDS[name]) for name in conditions.names}
-    if not calibrated and not named.get("k1", "-"):
+    if not named.get("k1", "-"):
         return ""
     if not (conditions.is_told or named.get("height", "-")):
         return ""
@@ -148,21 +143,21 @@ def _list_conditions(conditions: Conditions) -> Iterator[str]:
         yield f"{name} {text}{' told' if name == 'height' and conditions.is_told else ''}"
 
 
-def main(count: int, first: int, clean: int, calibrated: int) -> int:
+def main(count: int, first: int, clean: int) -> int:
+    """Prints the table and the outcomes; 1 if a goal is missed."""
     table = open_table(COLUMNS)
     outcomes: Counter[str] = Counter()
     warned = 0
+    photos = [(number, draw_conditions(number)) for number in range(first, first + count)]
+    photos += [(number, Conditions()) for number in range(CLEAN_FROM, CLEAN_FROM + clean)]
     with tempfile.TemporaryDirectory() as folder:
-        for number in range(first, first + count):
-            photo = draw_photo(number, draw_conditions(number), calibrated=bool(calibrated))
-            for cells in judge_photo(photo, Path(folder)):
+        for k, drawn in enumerate(photos):
+            for cells in measure_photo(draw_photo(*drawn), Path(folder)):
                 table.add(*cells)
-                outcomes[str(cells[_OUTCOME])] += 1
-        for number in range(CLEAN_FROM, CLEAN_FROM + clean):
-            photo = draw_photo(number, Conditions(), calibrated=bool(calibrated))
-            for cells in judge_photo(photo, Path(folder)):
-                table.add(*cells)
-                warned += bool(cells[_WARNINGS])
+                if k < count:
+                    outcomes[str(cells[_OUTCOME])] += 1
+                else:
+                    warned += bool(cells[_WARNINGS])
     print(f"\n{', '.join(f'{n} {name}' for name, n in sorted(outcomes.items()))}")
     print(f"{warned} of {clean} clean photos have a warning or are refused")
     is_met = outcomes["refused"] <= 3 * count / 40 and warned <= clean / 10
@@ -170,4 +165,4 @@ def main(count: int, first: int, clean: int, calibrated: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*read_words(40, 0, 20, 0)))
+    sys.exit(main(*read_words(40, 0, 20)))

@@ -44,12 +44,12 @@ import numpy as np
 import shapely
 
 import camgen
-from bench.photo.burrs import drawing
-from bench.render.burrs import with_burrs
+from bench.photo.burrs import make_drawing
+from bench.render.burrs import add_burrs
 from bench.render.conditions import material
 from bench.render.optics import shoot_from_above
 from bench.render.parts import NAMED, Part, bracket, plate, random_part
-from bench.render.scene import Layer, Scene, render, written
+from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, box, circle, hole
 from bench.support.runner import Scenario, read_words, run, verdict
 from camgen.check.photo import Difference, Inspection, inspect_photo, list_rework
@@ -97,7 +97,7 @@ def situation(name: str, number: int) -> tuple[Part, Scenery]:
 
 
 def _burrs(drawn: Part, rng: np.random.Generator) -> Scenery:
-    loops, burrs = with_burrs(drawn, int(rng.integers(1, 5)), rng, 0.3, 2.0, (2.0, 20.0))
+    loops, burrs = add_burrs(drawn, int(rng.integers(1, 5)), rng, 0.3, 2.0, (2.0, 20.0))
     return loops, [Truth("burr", b.place, b.width / 2 + 0.5, b.height) for b in burrs]
 
 
@@ -177,11 +177,11 @@ def photo(file: Path, loops: Sequence[Loop], seed: int) -> Path:
     shot = shoot_from_above(SIZE, PIXEL, blur=0.7, read=1.6, shot=0.01, seed=seed, **light)
     turn = np.random.default_rng(seed).uniform(-0.15, 0.15)
     layer = Layer(tuple(loop.moved(turn, 0j) for loop in loops), 0.15, texture=0.02)
-    written(file, render(Scene(0.7, (layer,), texture=0.02), shot))
+    write_photo(file, render(Scene(0.7, (layer,), texture=0.02), shot))
     return file
 
 
-def judge(inspection: Inspection | None, truth: Sequence[Truth]) -> str:
+def choose_outcome(inspection: Inspection | None, truth: Sequence[Truth]) -> str:
     """The outcome of a photo. inspection: None if it was refused."""
     is_other = any(deviation.kind == "another part" for deviation in truth)
     if inspection is None:
@@ -227,20 +227,16 @@ def _name(inspection: Inspection, truth: Sequence[Truth], turn: complex) -> str:
 def measure(name: str, rounds: int, first: int, folder: Path) -> Iterator[tuple[object, ...]]:
     """The row of a situation."""
     count = dict.fromkeys(OUTCOMES, 0)
-    height, passes, failures = 0.0, 0, []
+    failures = []
     for number in range(first, first + rounds):
         drawn, (loops, truth) = situation(name, number)
         inspection = look(folder, drawn, loops, number)
-        outcome = judge(inspection, truth)
+        outcome = choose_outcome(inspection, truth)
         count[outcome] += 1
         if outcome != "right":
             failures.append(f"{number} {outcome}")
-        if inspection is not None:
-            works, _ = list_rework(inspection, Job(), REMOVAL)
-            height = max([height, *(work.burr.height for work in works)])
-            passes = max([passes, *(work.passes for work in works)])
     goal = verdict(count["right"] == rounds and not count["dangerous"])
-    yield name, rounds, *count.values(), height, passes, ", ".join(failures), goal
+    yield name, rounds, *count.values(), ", ".join(failures), goal
 
 
 def look(folder: Path, drawn: Part, loops: Sequence[Loop], number: int) -> Inspection | None:
@@ -248,7 +244,7 @@ def look(folder: Path, drawn: Part, loops: Sequence[Loop], number: int) -> Inspe
     files, job = Files(), Job(image=ImageTable(mm_per_px=PIXEL))
     seen = read_outlines(files.read(photo(folder / "photo.png", loops, number)), job, files)
     try:
-        return inspect_photo(seen, drawing(drawn), Job())
+        return inspect_photo(seen, make_drawing(drawn), Job())
     except camgen.InputError:
         return None
 
@@ -257,7 +253,7 @@ def compare_times(name: str, folder: Path) -> Iterator[tuple[object, ...]]:
     """The row of a part with four burrs."""
     drawn = NAMED[name]()
     rng = np.random.default_rng(len(name))
-    loops, _ = with_burrs(drawn, 4, rng, 0.3, 2.0, (2.0, 20.0))
+    loops, _ = add_burrs(drawn, 4, rng, 0.3, 2.0, (2.0, 20.0))
     inspection = look(folder, drawn, loops, 0)
     job = from_mapping(JOB)
     works, _ = list_rework(inspection, job, REMOVAL)
@@ -277,8 +273,7 @@ def compare_times(name: str, folder: Path) -> Iterator[tuple[object, ...]]:
 def main(rounds: int, first: int) -> int:
     with tempfile.TemporaryDirectory() as folder:
         outcomes = " | ".join(OUTCOMES)
-        columns = f"situation | photos | {outcomes} "
-        columns += "| highest burr to rework mm {:.2f} | most passes | not right | goal"
+        columns = f"situation | photos | {outcomes} | not right | goal"
         inputs = [(name, rounds, first, Path(folder)) for name in SITUATIONS]
         times = "part | burrs | passes | rework s {:.1f} | a pass along all s {:.1f} "
         times += (

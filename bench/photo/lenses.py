@@ -36,8 +36,8 @@ import numpy as np
 
 import camgen
 from bench.render.board import markers
-from bench.render.optics import Lens, Shot, looking, photo_from_work
-from bench.render.scene import Layer, Scene, render, written
+from bench.render.optics import Lens, Shot, aim_camera, photo_from_work
+from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, pieces, to_loops
 from bench.support.runner import Cells, Scenario, read_words, run, verdict
 from camgen.model.job import CameraTable, Job
@@ -114,14 +114,14 @@ def draw(name: str, k: int, count: int, first: int) -> Photo:
     light = {"gradient": tuple(rng.uniform(-0.3, 0.3, 2)), "vignetting": rng.uniform(0, 0.2)}
     scale = 250 / width
     while True:
-        pose = looking(lens, free / 2, complex(cu, cv), scale, tilt, about, roll)
+        pose = aim_camera(lens, free / 2, complex(cu, cv), scale, (tilt, about, roll))
         shot = Shot(lens, *pose, exposure=0.85, read=1.6, shot=0.01, seed=first + k, **light)
         x, y = PAPER.corners.reshape(-1, 2).T
         u, v = photo_from_work(shot, x, y, -kind.height)
         if min(u.min(), v.min(), width - u.max(), height - v.max()) > RIM:
             break
         scale *= 1.02
-    pose = looking(lens, free / 2, complex(cu, cv), scale * farther, tilt, about, roll)
+    pose = aim_camera(lens, free / 2, complex(cu, cv), scale * farther, (tilt, about, roll))
     shot = Shot(lens, *pose, exposure=0.85, read=1.6, shot=0.01, seed=first + k, **light)
     x, y = PAPER.origin
     page = (-x, -y, PAPER.page[0] - x, PAPER.page[1] - y)
@@ -151,7 +151,7 @@ def plate() -> tuple[Loop, ...]:
 def read_photo(folder: Path, photo: Photo, height: float) -> camgen.Part:
     """The part as camgen reads the photo, with the sheet alone."""
     file = folder / "photo.png"
-    written(file, render(photo.scene, photo.shot))
+    write_photo(file, render(photo.scene, photo.shot))
     return read(file, Job(camera=CameraTable(markers="A4", height=height)))
 
 
@@ -211,10 +211,10 @@ def count_walls(name: str, count: int, first: int) -> Iterator[Cells]:
             print(f"{name} {first + k}, {shown}", file=sys.stderr)
             if walls and height:
                 ratios.append(float(re.search(r"([\d.]+) mm", walls[0].what)[1]) / height - 1)
-    off = 100 * float(np.median(np.abs(ratios))) if ratios else None
-    enough = warned >= 0.6 * count and off is not None and off <= 25
+    error = 100 * float(np.median(np.abs(ratios))) if ratios else None
+    enough = warned >= 0.6 * count and error is not None and error <= 25
     good = enough if name == "thick" else warned <= 0.1 * count
-    yield name, count, refused, warned, off, verdict(good)
+    yield name, count, refused, warned, error, verdict(good)
 
 
 if __name__ == "__main__":

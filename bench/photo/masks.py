@@ -1,8 +1,9 @@
-"""Masks of real pictures: python -m bench.photo.masks [FOLDER with pictures] [WIDTH, 3840] [RUNS, 5]
+"""Masks of real pictures: python -m bench.photo.masks [FOLDER] [WIDTH, 3840] [RUNS, 5]
 
-What `mask = "auto"` makes of each picture at 0.1 mm/px (they have no scale), beside the time of the two OpenCV calls
-it stands for (Otsu's threshold and the connected components with their statistics), and the same for photos drawn
-here, WIDTH px wide (10.5 megapixels). Prints tables for docs/benchmarks.md; exits with 1 where a goal is missed.
+The mask of `mask = "auto"` for each picture of FOLDER, at 0.1 mm/px, since they have no scale, and
+for photos drawn here, WIDTH px wide. The time is beside that of the two OpenCV calls that it
+replaces: Otsu's threshold, and the connected components with their statistics. Exits with 1 if a
+goal is missed.
 """
 
 from __future__ import annotations
@@ -29,18 +30,18 @@ COLUMNS = (
     "picture | pixels | method | level {:.1f} | part px | parts | holes | why | ms {:.1f} "
     "| times the bare calls {:.2f}"
 )
-#: px
-WIDTH = 3840
+#: Width and height of a drawn photo, px.
+WIDTH, HEIGHT = 3840, 2748
 
 
-def bare(pixels: np.ndarray) -> None:
-    """What the mask step cannot do with less of, if nobody asks whether it is right."""
+def call_opencv(pixels: np.ndarray) -> None:
+    """The calls that a mask needs at least."""
     grey = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
     binary = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)[1]
     cv2.connectedComponentsWithStats(binary)
 
 
-def judge(name: str, make: Callable[[], ScaledView], runs: int) -> Iterator[Cells]:
+def measure(name: str, make: Callable[[], ScaledView], runs: int) -> Iterator[Cells]:
     """The row of a picture. The goal is one of photos in even light."""
     size = None
     try:
@@ -50,8 +51,8 @@ def judge(name: str, make: Callable[[], ScaledView], runs: int) -> Iterator[Cell
     except CamgenError as error:
         yield name, size, "refused", None, None, None, None, str(error)
         return
-    bare(view.pixels)  # the first run of each is slower
-    plain = best_seconds(lambda: bare(view.pixels), runs)
+    call_opencv(view.pixels)  # the first run of each is slower
+    plain = best_seconds(lambda: call_opencv(view.pixels), runs)
     taken = best_seconds(lambda: make_mask(view, name=name), runs)
     count, _, stats, _ = cv2.connectedComponentsWithStats(mask.pixels)
     holes = cv2.connectedComponents(cv2.bitwise_not(mask.pixels), connectivity=4)[0] - 2
@@ -69,18 +70,15 @@ def load_view(path: Path) -> ScaledView:
     return make_scaled_view(read_picture(Files().read(path)), mm_per_px=0.1)
 
 
-def drawn(part: float, bench: float, slope: float, noise: float, width: int) -> ScaledView:
-    """A disc with twelve holes, seen with so many pixels and a blur of 1 px; the light falls off by ``slope``."""
+def draw(part: float, bench: float, slope: float, noise: float, width: int) -> ScaledView:
+    """A disc with twelve holes, a blur of 1 px, and light that falls off by ``slope``."""
     size = width / WIDTH
-    height = round(2748 * size)
+    height = round(HEIGHT * size)
     shape = np.zeros((height, width), np.float32)
     cv2.circle(shape, (round(1900 * size), round(1300 * size)), round(1000 * size), 1.0, -1)
     for angle in np.arange(12) * np.pi / 6:
-        at = (
-            round((1900 + 700 * np.cos(angle)) * size),
-            round((1300 + 700 * np.sin(angle)) * size),
-        )
-        cv2.circle(shape, at, round(60 * size), 0.0, -1)
+        middle = np.array([1900 + 700 * np.cos(angle), 1300 + 700 * np.sin(angle)]) * size
+        cv2.circle(shape, np.rint(middle).astype(int).tolist(), round(60 * size), 0.0, -1)
     light = np.linspace(1, 1 - slope, width, dtype=np.float32)
     grey = cv2.GaussianBlur((bench + (part - bench) * shape) * light, (0, 0), 1.0)
     grey += np.random.default_rng(7).normal(0, noise, grey.shape).astype(np.float32)
@@ -99,7 +97,7 @@ EVEN = ("even light", "even light, light part")
 
 if __name__ == "__main__":
     folder, width, runs = read_words(SHARED / "image", WIDTH, 5)
-    inputs = [(name, partial(drawn, *scene, width), runs) for name, scene in SCENES.items()]
+    inputs = [(name, partial(draw, *scene, width), runs) for name, scene in SCENES.items()]
     for path in find_files(folder, ENDS):
         inputs.append((path.relative_to(folder).as_posix(), partial(load_view, path), runs))
-    sys.exit(run(Scenario(COLUMNS, inputs, judge)))
+    sys.exit(run(Scenario(COLUMNS, inputs, measure)))

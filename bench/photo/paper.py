@@ -1,4 +1,4 @@
-"""The paper's route on a rendered photo: rectified view, mask by threshold, whole pixels; all of it camgen's code."""
+"""The paper's route on a rendered photo: rectified view, threshold, whole pixels."""
 
 from __future__ import annotations
 
@@ -27,19 +27,18 @@ ROOM = 4.0
 
 
 def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray:
-    """Points (N,) complex, mm, 0.1 mm apart at most, of the paths of the integer-pixel route.
+    """Points (N,) of the paths of the integer-pixel route, mm, 0.1 mm apart at most.
 
-    The mask is what Otsu's threshold gives around the part, of both sides the one that the truth says, largest piece:
-    the paper's background model would do no better.
+    The mask is the largest piece of Otsu's threshold around the part, which is as good as the
+    paper's background model.
     """
     job = load_job(folder / f"{name}.toml")
     picture = read_picture(Files().read(folder / photo))
     camera = read_camera(Files().read(folder / f"{name}.yaml"))
     plane = _plane(job, picture, camera)
     x, y = truth.points.real, truth.points.imag
-    view = rectify(
-        picture, camera, plane, (x.min() - ROOM, y.min() - ROOM, x.max() + ROOM, y.max() + ROOM)
-    )
+    region = (x.min() - ROOM, y.min() - ROOM, x.max() + ROOM, y.max() + ROOM)
+    view = rectify(picture, camera, plane, region)
     grey = view.pixels if view.pixels.ndim == 2 else cv2.cvtColor(view.pixels, cv2.COLOR_BGR2GRAY)
     _, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     # The rim of the view is bench.
@@ -49,21 +48,20 @@ def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray
     assert count > 1, "no part in the mask"
     part = np.where(labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA]), 255, 0).astype(np.uint8)
     paths, _ = image_space(part, view.work_from_view, job, exact=False)
-    return np.concatenate(
-        [_dense(path.position[:, 0] + 1j * path.position[:, 1]) for path in paths]
-    )
+    return np.concatenate([_sample(path.position[:, :2] @ [1, 1j]) for path in paths])
 
 
 def _plane(job: Job, picture: Picture, camera: Camera) -> Plane:
-    asked = job.camera
-    if asked.markers:
-        return find(picture, camera, make_sheet(asked.markers), height=asked.height)
-    if asked.plane_from:
-        return make_plane(camera, pose_from_values(asked.plane_from))
-    return fit_plane(camera, asked.points_px, asked.points_mm)
+    table = job.camera
+    if table.markers:
+        return find(picture, camera, make_sheet(table.markers), height=table.height)
+    if table.plane_from:
+        return make_plane(camera, pose_from_values(table.plane_from))
+    return fit_plane(camera, table.points_px, table.points_mm)
 
 
-def _dense(corners: np.ndarray) -> np.ndarray:
-    return np.concatenate(
-        [np.linspace(a, b, math.ceil(abs(b - a) / 0.1) + 1) for a, b in pairwise(corners)]
-    )
+def _sample(corners: np.ndarray) -> np.ndarray:
+    lines = []
+    for start, end in pairwise(corners):
+        lines.append(np.linspace(start, end, math.ceil(abs(end - start) / 0.1) + 1))
+    return np.concatenate(lines)

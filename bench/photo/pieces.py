@@ -44,7 +44,7 @@ import numpy as np
 
 from bench.render.optics import shoot_from_above
 from bench.render.parts import NAMED, Part, random_part
-from bench.render.scene import Layer, Scene, render, written
+from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, Pieces, are_away, find_corners, pieces, to_loops
 from bench.support.runner import Scenario, read_words, run, verdict
 from camgen.model.errors import CamgenError
@@ -174,7 +174,7 @@ def photo(file: Path, what: Subject) -> Path:
     bench, part = (0.5 + share * what.contrast / 255 for share in (-0.5, 0.5))
     grain = what.grain / 255
     layer = Layer(what.loops, part, grain / part)
-    written(file, render(Scene(bench, (layer,), grain / bench, what.seed), shot))
+    write_photo(file, render(Scene(bench, (layer,), grain / bench, what.seed), shot))
     return file
 
 

@@ -275,15 +275,17 @@ def print_tables(routes: dict[str, list[Route]], scan_time: float) -> None:
     table = Table(f"force, of 2 N | {heads}")
     errors = []
     for placed in routes.values():
-        errors.append(np.concatenate([list_settled(route) for route in placed]) - FORCE)
+        errors.append(np.concatenate(list(map(list_settled, placed))) - FORCE)
     table.add("off rms, N", *(f"{math.sqrt(np.mean(error**2)):.4f}" for error in errors))
     table.add("off at most, N", *(np.abs(error).max() for error in errors))
     timed_routes = [routes[name] for name in (CAD, EXACT, IMAGE)]
-    robot = [np.mean([route.robot for route in placed]) for placed in timed_routes]
+    robot, computer = [], []
+    for placed in timed_routes:
+        robot.append(np.mean([route.robot for route in placed]))
+        computer.append(np.mean([route.computer for route in placed]))
     table = Table(f"time, s | {CAD} {{:.1f}} | {EXACT} {{:.1f}} | {IMAGE} {{:.1f}}")
     table.add("deburring", robot[0] - scan_time, *robot[1:])
     table.add("the scan", scan_time, "0", "0")
-    computer = [np.mean([route.computer for route in placed]) for placed in timed_routes]
     table.add("the computer", *computer)
 
 

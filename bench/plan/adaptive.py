@@ -10,9 +10,9 @@ FreeCAD's other settings are its defaults, with a finishing profile.
 
 The judge reads both texts (`bench.support.swept_text`). Its columns: seconds without acceleration
 and with it (500 mm/s2, by the model of camgen), the bare area within reach of the tool without its
-outer 0.005 mm, the area beyond the walls by more than 0.005
-mm, rapid motions in material, and the share of the feed in air. Goals: 1.05 of FreeCAD's seconds,
-nothing beyond the walls, no rapid motion in material. Exits with 1 if one is missed.
+outer 0.005 mm, the area beyond the walls by more than 0.005 mm, rapid motions in material, and the
+share of the feed in air. Goals: 1.05 of FreeCAD's seconds, nothing beyond the walls, no rapid
+motion in material. Exits with 1 if one is missed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import camgen
-from bench.check.peer import FREECAD_PYTHON, LACKING, minutes
+from bench.check.peer import FREECAD_PYTHON, LACKING, measure_minutes
 from bench.support.runner import PARTS, SHARED, Cells, Scenario, run, verdict
 from bench.support.swept_text import cleared, count_struck, feed_in_air, read_cut, seconds
 from camgen.geometry.nesting import find_nesting
@@ -74,7 +74,15 @@ _JOB: dict[str, Any] = {
 
 
 class Judged(NamedTuple):
-    """The figures of one text."""
+    """The figures of one text.
+
+    seconds: time without acceleration.
+    accelerated: time with acceleration, s.
+    bare: area within reach that is not cut, mm2.
+    gouged: area beyond the walls, mm2.
+    struck: number of rapid motions in material.
+    air: share of the feed in air.
+    """
 
     seconds: float
     accelerated: float
@@ -122,13 +130,13 @@ def chosen(words: list[str]) -> Iterator[tuple[str, Callable[[], camgen.Part], b
             yield name, reader, len(words) < 2 and not LACKING
 
 
-def judge_text(text: str, region: Any, result: camgen.Result) -> Judged:
+def measure_text(text: str, region: Any, result: camgen.Result) -> Judged:
     """Judges one text.
 
     result: a build of camgen, whose model of the machine is used.
     """
     motions = read_cut(text)
-    slow = 60 * minutes(without_ends(interpret(text.splitlines()).body), result)
+    slow = 60 * measure_minutes(without_ends(interpret(text.splitlines()).body), result)
     radius = DIAMETER / 2
     bare = gouged = 0.0
     for number in range(PASSES):
@@ -180,31 +188,24 @@ def measure(name: str, read_part: Callable[[], camgen.Part], with_peer: bool) ->
     part = read_part()
     region = enclosed(part.contours)
     result = camgen.build(part, post="gcode", job=_JOB)
-    ours = judge_text(result.text, region, result)
+    ours = measure_text(result.text, region, result)
     peer = None
     if with_peer:
         with tempfile.TemporaryDirectory() as folder:
             other = by_freecad(part, Path(folder))
-        peer = judge_text(other, region, result) if other else None
+        peer = measure_text(other, region, result) if other else None
     ratio = ours.seconds / peer.seconds if peer else None
     is_met = ours.gouged <= 1e-3 and not ours.struck and (ratio is None or ratio <= GOAL)
-    for maker, judged, share, met in (
-        ("camgen", ours, ratio, verdict(is_met)),
-        ("FreeCAD", peer, None, ""),
-    ):
-        if judged is not None:
-            yield (
-                name,
-                maker,
-                judged.seconds,
-                share,
-                judged.accelerated,
-                judged.bare,
-                judged.gouged,
-                judged.struck,
-                100 * judged.air,
-                met,
-            )
+    yield _list_cells(name, "camgen", ours, ratio, verdict(is_met))
+    if peer:
+        yield _list_cells(name, "FreeCAD", peer, None, "")
+
+
+def _list_cells(
+    name: str, maker: str, judged: Judged, ratio: float | None, goal: str
+) -> Sequence[object]:
+    figures = judged.bare, judged.gouged, judged.struck, 100 * judged.air, goal
+    return name, maker, judged.seconds, ratio, judged.accelerated, *figures
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Pictures as drawings: how many points they need, how near they keep to the pixels, and the way with the pen up.
+"""Pictures as drawings: number of points, distance from the pixels, travel with the pen up.
 
     python -m bench.plan.drawing [FOLDER]
 
-FOLDER holds pictures (default: ``shared/data`` beside the repository). Every picture is
-traced on an A4 page. Distances are measured on points 0.25 px apart, in both directions.
+FOLDER holds pictures (default: ``shared/data`` beside the repository). Every picture is traced on
+an A4 page. Distances are measured on points 0.25 px apart, in both directions.
 """
 
 from __future__ import annotations
@@ -34,37 +34,38 @@ JOB = from_mapping({"operation": {"kind": "trace"}, "page": {"size": "A4"}})
 METHODS = ("as-drawn", "nearest", "best")
 
 
-def line(contour: Contour, chord: float) -> shapely.LineString:
+def make_line(contour: Contour, chord: float) -> shapely.LineString:
     """The closed contour as lines, arcs within ``chord`` mm."""
     points, _ = flatten(make_contour_segments([contour]), chord)
     return shapely.linestrings([*points, points[0]])
 
 
-def apart(a: Part, b: Part, step: float) -> float:
+def measure_distance(raw: Part, drawn: Part, step: float) -> float:
     """The largest distance between a contour and its drawing, mm."""
     worst = 0.0
-    for one, other in zip(a.contours, b.contours, strict=True):
-        p, q = line(one, step / 50), line(other, step / 50)
-        for here, there in ((p, q), (q, p)):
-            points = shapely.points(shapely.get_coordinates(shapely.segmentize(here, step)))
-            worst = max(worst, float(shapely.distance(points, there).max()))
+    for contours in zip(raw.contours, drawn.contours, strict=True):
+        pair = [make_line(contour, step / 50) for contour in contours]
+        for line, other in (pair, pair[::-1]):
+            points = shapely.points(shapely.get_coordinates(shapely.segmentize(line, step)))
+            worst = max(worst, float(shapely.distance(points, other).max()))
     return worst
 
 
-def judge(path: Path) -> Iterator[Cells]:
+def measure(path: Path) -> Iterator[Cells]:
     """The row of a picture."""
     (raw, drawn), seconds = timed(lambda: simplified(path))
     assert raw.raster is not None
     px = measure_scale(raw.raster.work_from_view)
-    before, after = (sum(len(c.points) for c in part.contours) for part in (raw, drawn))
+    before = sum(len(contour.points) for contour in raw.contours)
+    after = sum(len(contour.points) for contour in drawn.contours)
     arcs = sum(int((c.bulges != 0).sum()) for c in drawn.contours)
     paths = trace(drawn, JOB)
     travel = []
     for method in METHODS:
         tour = order_paths(paths, TourSettings(method, (0.0, 0.0), False))
         travel.append(measure_travel(tour.paths, (0.0, 0.0)) / 1000)
-    off = apart(raw, drawn, px / 4) / px
-    yield path.name, len(paths), before, after, arcs, off, *travel, seconds
+    distance = measure_distance(raw, drawn, px / 4) / px
+    yield path.name, len(paths), before, after, arcs, distance, *travel, seconds
 
 
 def simplified(path: Path) -> tuple[Part, Part]:
@@ -76,4 +77,4 @@ def simplified(path: Path) -> tuple[Part, Part]:
 if __name__ == "__main__":
     (folder,) = read_words(SHARED / "image")
     pictures = find_files(folder, (".png", ".jpg", ".tif"))
-    sys.exit(run(Scenario(COLUMNS, [(path,) for path in pictures], judge, may_refuse=True)))
+    sys.exit(run(Scenario(COLUMNS, [(path,) for path in pictures], measure, may_refuse=True)))

@@ -1,9 +1,9 @@
-"""How much of the tool `pocket` engages: python -m bench.plan.engagement [COUNT | shapes COUNT]
+"""Engagement of the tool in pockets: python -m bench.plan.engagement [FOLDER | shapes COUNT]
 
-Pockets of COUNT (20) random shapes, and of real drawings without the word `shapes`: stepover 0.5,
-with the bound of the default, 0.65, and without one. The judge counts the cells of a plate that a
-disc takes along the paths, links and entries included. It measures the length on which more than
-the bound and its own noise is engaged.
+The pockets are those of ``bench.plan.pockets``, without drawings whose paths take too long to
+count: stepover 0.5, with the bound of the default, 0.65, and without one. The judge counts the
+cells of a plate that a disc takes along the paths, links and entries included. It measures the
+length on which more than the bound and its own noise is engaged.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import camgen
-from bench.plan.follow import DRAWINGS
-from bench.plan.pockets import shapes
-from bench.support.runner import SHARED, Cells, Scenario, run
+from bench.plan.pockets import inputs
+from bench.support.runner import Cells, Scenario, run
 from camgen.model.job import Job, OperationTable, ToolTable
 from tests.support.engaged import engaged
 from tests.support.swept import enclosed
@@ -29,17 +28,16 @@ COLUMNS = (
     "| m, no bound {:.2f} | s, no bound {:.2f} | above, no bound, mm {:.1f} "
     "| above, no bound {:.2f} %"
 )
-Input = tuple[str, Callable[[], camgen.Part], float]
 
 
-def judge(name: str, read: Callable[[], camgen.Part], diameter: float) -> Iterator[Cells]:
+def measure(name: str, read: Callable[[], camgen.Part], diameter: float) -> Iterator[Cells]:
     """The row of a drawing: length, planning seconds, mm and percent above, twice."""
     part = read()
     if enclosed(part.contours).area / diameter >= 1000 * LONGEST:
         return
     figures: list[float] = []
-    for most in (None, 1.0):
-        operation = OperationTable(kind="pocket", stepover=STEPOVER, engagement=most)
+    for limit in (None, 1.0):
+        operation = OperationTable(kind="pocket", stepover=STEPOVER, engagement=limit)
         start = time.process_time()
         plan = camgen.plan(part, Job(tool=ToolTable(diameter=diameter), operation=operation))
         seconds = time.process_time() - start
@@ -50,15 +48,5 @@ def judge(name: str, read: Callable[[], camgen.Part], diameter: float) -> Iterat
     yield Path(name).name, diameter, *figures
 
 
-def inputs(words: list[str]) -> Iterator[Input]:
-    """Name, reader and diameter of the tool (mm) of each drawing."""
-    count = int(words[-1]) if words else 20
-    yield f"{count} shapes", lambda: shapes(count), 6.0
-    folder = SHARED / "dxf"
-    if words[:1] != ["shapes"] and folder.is_dir():
-        for name, diameter in DRAWINGS.items():
-            yield name, lambda name=name: camgen.read(folder / name), diameter
-
-
 if __name__ == "__main__":
-    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge, may_refuse=True)))
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), measure, may_refuse=True)))

@@ -1,9 +1,11 @@
-"""`follow` on real drawings, judged from the printed text: python -m bench.plan.follow [FOLDER | FILE DIAMETER]
+"""`follow` on real drawings, judged from the printed text.
 
-Every point where the tool works must lie at the tool radius from the drawing, and no point of a path nearer. The
-drawings, FILE or those of FOLDER that are named here, are flattened by ezdxf, not by camgen's reader; the points come
-from the text of each post, read back. Prints a table for docs/benchmarks.md and exits with 1 when a figure misses its
-goal.
+    python -m bench.plan.follow [FOLDER | FILE DIAMETER]
+
+Every point at which the tool works must be at the tool radius from the drawing, and no point of a
+path nearer. The drawings, FILE or those of FOLDER that are named here, are flattened by ezdxf, not
+by camgen's reader; the points come from the text of each post, read back. Exits with 1 if a figure
+misses its goal.
 """
 
 from __future__ import annotations
@@ -82,7 +84,7 @@ def pieces(whole: DXFEntity) -> Iterator[DXFEntity]:
 
 
 def flattened(entity: DXFEntity, sagitta: float) -> np.ndarray:
-    """Points on a curve; circles by their own formula, since a path of Bezier curves leaves them by r / 3700."""
+    """Points on a curve. A path of Bezier curves would leave circles by r / 3700."""
     if entity.dxftype() in ("CIRCLE", "ARC", "ELLIPSE", "SPLINE"):
         return np.array([(p.x, p.y) for p in entity.flattening(sagitta)])
     if entity.dxftype() == "LINE":
@@ -90,61 +92,61 @@ def flattened(entity: DXFEntity, sagitta: float) -> np.ndarray:
     return np.zeros((0, 2))
 
 
-def working(body: tuple[Instruction, ...]) -> tuple[np.ndarray, np.ndarray, int, float]:
-    """Targets and dense samples of the motions with the process on, their number and their length in m."""
-    on, here = False, np.zeros(3)
+def sample_working(body: tuple[Instruction, ...]) -> tuple[np.ndarray, np.ndarray, int, float]:
+    """Targets and dense samples of the motions with the process on, their number, and length, m."""
+    is_on, position = False, np.zeros(3)
     targets, samples, count, length = [], [], 0, 0.0
     for item in body:
         if isinstance(item, Output):
-            on = item.value > 0
+            is_on = item.value > 0
         elif isinstance(item, (MoveL, MoveC)):
             end = np.array(item.target.origin)
-            if on:
-                points = along(here, item)
+            if is_on:
+                points = sample_instruction(position, item)
                 targets += [points[0], end]
                 samples.append(points)
                 count += 1
                 length += float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()) / 1000
-            here = end
+            position = end
         elif isinstance(getattr(item, "target", None), camgen.Pose):
-            here = np.array(item.target.origin)
+            position = np.array(item.target.origin)
     return np.array(targets)[:, :2], np.concatenate(samples)[:, :2], count, length
 
 
-def along(start: np.ndarray, item: MoveL | MoveC) -> np.ndarray:
-    """Points of a motion, 0.2 mm apart at most; those of an arc 0.1 mm, since its chords count."""
+def sample_instruction(start: np.ndarray, item: MoveL | MoveC) -> np.ndarray:
+    """Points of a line 0.2 mm apart at most, or of an arc 0.1 mm, since its chords count."""
     end = np.array(item.target.origin)
     if isinstance(item, MoveL):
         return sample_motion(start, None, end, 0.2)
     return sample_motion(start, np.array(item.via.origin), end, 0.1)
 
 
-def gaps(points: np.ndarray, tree: shapely.STRtree) -> np.ndarray:
+def measure_gaps(points: np.ndarray, tree: shapely.STRtree) -> np.ndarray:
     index = tree.nearest(shapely.points(points))
     return shapely.distance(shapely.points(points), tree.geometries[index])
 
 
-def segments(points: np.ndarray) -> shapely.STRtree:
+def index_lines(points: np.ndarray) -> shapely.STRtree:
     """The lines from point to point."""
     return shapely.STRtree(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)))
 
 
-def judge(file: Path, diameter: float) -> Iterator[Cells]:
+def measure(file: Path, diameter: float) -> Iterator[Cells]:
     """The row of a drawing."""
     tree = drawn_by_ezdxf(file)
     job = {"tool": {"diameter": diameter}}
     reference = None
-    errors, inside, counts, apart = [], [], {}, 0.0
+    errors, inside, counts, distance = [], [], {}, 0.0
     for post in POSTS:
         result = camgen.build(file, post=post, job=job)
         reading = find_readback(post)({f.name: f.text for f in result.files}, {})
-        targets, samples, counts[post], metres = working(reading.body)
-        errors.append(np.abs(gaps(targets, tree) - diameter / 2).max())
-        inside.append((diameter / 2 - gaps(samples, tree)).max())
+        targets, samples, counts[post], metres = sample_working(reading.body)
+        errors.append(np.abs(measure_gaps(targets, tree) - diameter / 2).max())
+        inside.append((diameter / 2 - measure_gaps(samples, tree)).max())
         if reference is None:
-            reference = segments(samples)
-        apart = max(apart, float(gaps(samples, reference).max()))
-    worst = max(errors), max(0.0, *inside), apart
+            reference = index_lines(samples)
+        distance = max(distance, float(measure_gaps(samples, reference).max()))
+    worst = max(errors), max(0.0, *inside), distance
     density = counts["rapid"] / metres, counts["vplus"] / metres
     is_met = max(worst) <= GOAL
     yield file.name, diameter, len(result.tour.paths), *worst, *density, verdict(is_met)
@@ -160,4 +162,4 @@ def inputs(words: list[str]) -> list[tuple[Path, float]]:
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), judge)))
+    sys.exit(run(Scenario(COLUMNS, inputs(sys.argv[1:]), measure)))

@@ -4,11 +4,15 @@
 
 GEOS grows the flattened part by the tool's radius (``buffer``): the tool centre has room outside of
 it. The program is read back from its text, and every motion that is not above the part counts, with
-its leads. Three things are judged: the depth to which the tool enters the part; whether each contour
-with room beside it has its path, and the length of the room's border without a path; whether holes
-are cut before the outline around them. Rooms narrower than ROOM are not judged: the flattening may
-be off by that. Prints a table for docs/benchmarks.md and a line for each part that misses, and exits
-with 1 if any does.
+its leads. Three things are judged:
+
+- the depth to which the tool enters the part
+- whether each contour with room beside it has its path, and the length of the room's border without
+  a path
+- whether holes are cut before the outline around them
+
+Rooms narrower than ROOM are not judged: the flattening may be off by that. Parts that miss have a
+line each. Exits with 1 if there is one.
 """
 
 from __future__ import annotations
@@ -16,13 +20,14 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 
 import camgen
-from bench.plan.follow import along
+from bench.plan.follow import sample_instruction
 from bench.render.random_parts import DIAMETERS, RandomPart, random_part
 from bench.support.children import map_inputs
 from bench.support.runner import Cells, Scenario, read_words, run
@@ -69,7 +74,7 @@ class Verdict(NamedTuple):
     why: str
 
 
-def judge_part(number: int) -> Verdict:
+def measure_part(number: int) -> Verdict:
     """Builds the part of a number and judges its program."""
     part = random_part(number)
     room = _find_room(part)
@@ -163,7 +168,7 @@ def _list_paths(body: tuple[Instruction, ...]) -> Iterator[np.ndarray]:
             continue
         points = np.array([start, item.target.origin])
         if isinstance(item, (MoveL, MoveC)):
-            points = along(start, item)
+            points = sample_instruction(start, item)
         start = np.array(item.target.origin)
         path.append(points[points[:, 2] < 1e-6][:, :2])
         if start[2] > 1e-6 and any(map(len, path)):
@@ -194,11 +199,10 @@ def _measure_gouge(part: RandomPart, samples: np.ndarray) -> float:
 def _count_late(part: RandomPart, paths: list[np.ndarray]) -> int:
     """The number of holes with a path after the first path of an outline around them."""
     polygons = [shape.polygon for shape in part.shapes]
-    around = []
-    for hole in polygons:
-        around.append(
-            {j for j, other in enumerate(polygons) if other is not hole and other.contains(hole)}
-        )
+    around: list[set[int]] = [set() for _ in polygons]
+    for (k, hole), (j, other) in permutations(enumerate(polygons), 2):
+        if other.contains(hole):
+            around[k].add(j)
     trees = [_index_outline(polygon) for polygon in polygons]
     reach = part.diameter / 2 + REACH
     # A path belongs to the contour that it touches along most of its length.
@@ -217,24 +221,24 @@ def _count_late(part: RandomPart, paths: list[np.ndarray]) -> int:
 def measure(name: str, group: Sequence[Verdict]) -> Iterator[Cells]:
     """The row of a group of parts; none for an empty group."""
     if group:
-        columns = ("rooms", "dropped", "late", "missed", "seconds")
-        rooms, dropped, late, missed, seconds = (
-            sum(getattr(each, column) for each in group) for column in columns
-        )
-        gouge = max(each.gouge for each in group)
-        yield name, len(group), rooms, dropped, gouge, missed, late, seconds
+        columns = dict(zip(Verdict._fields, zip(*group, strict=True), strict=True))
+        rooms, dropped, late = (sum(columns[key]) for key in ("rooms", "dropped", "late"))
+        missed, seconds = sum(columns["missed"]), sum(columns["seconds"])
+        yield name, len(group), rooms, dropped, max(columns["gouge"]), missed, late, seconds
 
 
 def main(count: int, first: int, processes: int) -> int:
     """Prints the parts that miss, and the table."""
     start = time.perf_counter()
     numbers = range(first, first + count)
-    verdicts = map_inputs(judge_part, numbers, processes)
+    verdicts = map_inputs(measure_part, numbers, processes)
     wrong = [v for v in verdicts if v.dropped or v.gouge > GOUGE or v.late or v.missed]
     for v in wrong:
         counts = f"{v.dropped} dropped, gouge {v.gouge:.4f} mm"
         print(f"part {v.number}: {counts}, {v.missed:.2f} mm not run, {v.late} late; {v.why}")
-    groups = [(f"{d:g}", [v for v in verdicts if v.diameter == d]) for d in DIAMETERS]
+    groups = []
+    for diameter in DIAMETERS:
+        groups.append((f"{diameter:g}", [v for v in verdicts if v.diameter == diameter]))
     note = f"; {time.perf_counter() - start:.0f} s, {processes} at a time"
     run(Scenario(COLUMNS, [*groups, ("all", verdicts)], measure), note=note)
     return 1 if wrong else 0

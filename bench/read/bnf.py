@@ -41,8 +41,8 @@ class Grammar:
     expression: name of the rule of an expression.
     tokens: kind and text of the tokens of the text.
     matches: match of each rule that was used.
-    operators: priority and match of the operators: those that start an expression, and those that
-        continue one.
+    operators: priority and match of the operators that start, and of those that continue, an
+        expression.
     """
 
     rules: dict[str, list[Piece]]
@@ -141,7 +141,7 @@ class Grammar:
         elif kind == "literal":
             match = self._literal(text.upper())
         elif kind == "end":
-            match = lambda at: at if at == len(self.tokens) else None  # noqa: E731 (a branch of four)
+            match = self._match_end
         else:
             match = self._rule(text)
         k += 1
@@ -149,6 +149,9 @@ class Grammar:
             match = {"?": _maybe, "*": _many, "+": _some}[pieces[k][1]](match)
             k += 1
         return match, k
+
+    def _match_end(self, at: int) -> int | None:
+        return at if at == len(self.tokens) else None
 
     def _literal(self, text: str) -> Match:
         def match(at: int) -> int | None:

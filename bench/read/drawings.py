@@ -1,9 +1,9 @@
-"""Read every drawing of a folder and print a table: file, used, skipped, repaired, verdict.
+"""Reads every drawing of a folder and compares its length with the measured one.
 
     python -m bench.read.drawings [FOLDER]
 
-FOLDER holds ``truth.jsonl`` and ``dxf/`` (default: ``shared/data`` beside the repository). The length of all contours
-is compared with the measured one, which counts what is drawn twice twice.
+FOLDER holds ``truth.jsonl`` and ``dxf/`` (default: ``shared/data`` beside the repository). The
+measured length counts double lines twice.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ KNOWN = {
 }
 
 
-def length(contour: camgen.Contour) -> float:
+def measure_length(contour: camgen.Contour) -> float:
     """Arc length, mm."""
     lengths = pieces(to_loops([contour])).length
     return float(lengths.sum() if contour.closed else lengths[:-1].sum())
 
 
-def verdict(part: camgen.Part, truth: dict[str, object]) -> str:
+def compare_length(part: camgen.Part, truth: dict[str, object]) -> str:
+    """The verdict on the length of all contours."""
     total = truth.get("visible_exact") or truth.get("total_exact")
     if not isinstance(total, int | float) or not total:
         return "no measured length"
     code = truth.get("insunits" if truth.get("binary") else "insunits_raw")
     expected = total * MM[INSUNITS.get(code if isinstance(code, int) else 0, "mm")]
-    found = sum(map(length, part.contours))
-    share = found / expected - 1
+    share = sum(map(measure_length, part.contours)) / expected - 1
     if abs(share) <= TOLERANCE:
         return f"ok, {100 * share:+.3f} %"
     twice = [n.what for n in part.notes if "drawn twice" in n.why]
@@ -54,7 +54,7 @@ def verdict(part: camgen.Part, truth: dict[str, object]) -> str:
     return Missed(differs) if known is None else f"{differs}{known}"
 
 
-def judge(path: Path, truth: dict[str, object]) -> Iterator[Cells]:
+def measure(path: Path, truth: dict[str, object]) -> Iterator[Cells]:
     """The row of a drawing."""
     name = f"{path.parent.name}/{path.name}"
     try:
@@ -64,11 +64,12 @@ def judge(path: Path, truth: dict[str, object]) -> Iterator[Cells]:
         return
     closed = sum(c.closed for c in part.contours)
     used = f"{closed} closed, {len(part.contours) - closed} open, {part.units}, {seconds:.2f} s"
-    skipped, repaired = (
-        "; ".join(f"{n.what} ({n.why})" for n in part.notes if n.kind in kinds) or "-"
-        for kinds in (("skipped",), ("repaired", "joined", "assumed", "warning"))
-    )
-    yield name, used, skipped, repaired, verdict(part, truth)
+    notes: dict[bool, list[str]] = {True: [], False: []}
+    for note in part.notes:
+        if note.kind in ("skipped", "repaired", "joined", "assumed", "warning"):
+            notes[note.kind == "skipped"].append(f"{note.what} ({note.why})")
+    skipped, repaired = "; ".join(notes[True]), "; ".join(notes[False])
+    yield name, used, skipped or "-", repaired or "-", compare_length(part, truth)
 
 
 def read_truth(folder: Path) -> dict[str, dict[str, object]]:
@@ -83,4 +84,4 @@ if __name__ == "__main__":
     truth = read_truth(folder)
     files = find_files(folder / "dxf", (".dxf",))
     inputs = [(path, truth.get(str(path.relative_to(folder)), {})) for path in files]
-    sys.exit(run(Scenario(COLUMNS, inputs, judge)))
+    sys.exit(run(Scenario(COLUMNS, inputs, measure)))

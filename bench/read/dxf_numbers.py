@@ -35,7 +35,7 @@ import numpy as np
 from ezdxf import path
 
 import camgen
-from bench.read.drawings import length
+from bench.read.drawings import measure_length
 from bench.support.runner import Cells, Scenario, must_be_none, read_words, run
 from bench.support.runner import verdict as met
 from camgen.model.files import Source
@@ -457,7 +457,7 @@ def are_same(first: tuple[camgen.Contour, ...], second: tuple[camgen.Contour, ..
     return True
 
 
-def judge(damage: Damage, sound: camgen.Part) -> tuple[str, str]:
+def compare_damage(damage: Damage, sound: camgen.Part) -> tuple[str, str]:
     """The result of a damaged file, as one of the words above, and the message or notes."""
     try:
         part = read(Text(damage.lines).write())
@@ -474,7 +474,7 @@ def judge(damage: Damage, sound: camgen.Part) -> tuple[str, str]:
     return "silent", "; ".join(notes) or "no note"
 
 
-def judge_files(files: int, seed: int) -> tuple[list[Cells], list[Cells]]:
+def count_outcomes(files: int, seed: int) -> tuple[list[Cells], list[Cells]]:
     """The rows of the damages, the last one that of all files; and those of silent differences."""
     results: dict[str, Counter[str]] = {name: Counter() for name in DAMAGES}
     silent: list[Cells] = []
@@ -484,7 +484,7 @@ def judge_files(files: int, seed: int) -> tuple[list[Cells], list[Cells]]:
         # Every kind meets every drawing, and every version in turn.
         text, _ = make(number + number // len(DAMAGES), rng)
         damage = DAMAGES[name](text, rng)
-        word, shown = judge(damage, read(text.write()))
+        word, shown = compare_damage(damage, read(text.write()))
         results[name][word] += 1
         if word == "silent":
             silent.append((f"{number}", f"{name}: {damage.value} {damage.places[:2]}", shown[:200]))
@@ -503,19 +503,21 @@ def measure_spellings(drawings: int, seed: int) -> Iterator[Cells]:
     for number in range(drawings):
         text, total = make(number, random.Random(f"{seed} {number}"))
         sound.append((text, read(text.write()), total))
-    off = [abs(sum(map(length, part.contours)) / total - 1) for _, part, total in sound]
+    errors = []
+    for _, part, total in sound:
+        errors.append(abs(sum(map(measure_length, part.contours)) / total - 1))
     for name, spell in SPELLINGS.items():
         parts = [read(spell(text)) for text, _, _ in sound]
         pairs = list(zip(parts, sound, strict=True))
         alike = sum(are_same(part.contours, plain.contours) for part, (_, plain, _) in pairs)
         noted = sum(part.notes != plain.notes for part, (_, plain, _) in pairs)
-        is_met = alike == len(pairs) and not noted and max(off) < SAME_LENGTH
-        yield name, len(pairs), alike, noted, 1e6 * max(off), met(is_met)
+        is_met = alike == len(pairs) and not noted and max(errors) < SAME_LENGTH
+        yield name, len(pairs), alike, noted, 1e6 * max(errors), met(is_met)
 
 
 def main() -> int:
     files, seed = read_words(60, 1)
-    rows, silent = judge_files(files, seed)
+    rows, silent = count_outcomes(files, seed)
     damages = "damage | files {} | right {} | named {} | refused {} | silent"
     columns = "sound drawings | files {} | read alike {} | with another note {}"
     columns += " | length off, ppm {:.0f} | goal"

@@ -1,6 +1,7 @@
-"""Other judges of the languages that camgen reads: what each says to a form of a language.
+"""Other judges of the syntax of the languages that camgen reads.
 
-None is a part of camgen. A judge says whether it takes a form, None where it cannot judge it.
+None is a part of camgen. A judge returns whether it accepts a form of a language, None if it cannot
+judge it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def _succeeds(command: list[str], folder: str | None = None) -> bool:
 
 
 def by_tree_sitter(language: Any) -> Judge:
-    """A grammar of tree-sitter: the form without the lines around it, which has no error in its tree."""
+    """A grammar of tree-sitter. It has the form without the lines around it."""
     sitter = importlib.import_module("tree_sitter")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -49,28 +50,32 @@ def by_pygcode(_path: str) -> Judge:
     """The package pygcode, which reads a line at a time."""
     line = importlib.import_module("pygcode").Line
 
-    def takes(form: Form) -> bool:
+    def accepts(form: Form) -> bool:
         try:
             for text in form.text.split("\n"):
                 line(text)
-        except Exception:  # whatever it raises turns the line down
+        except Exception:  # it has no error class of its own
             return False
         return True
 
-    return takes
+    return accepts
 
 
 def by_linuxcnc(_path: str) -> Judge:
     """LinuxCNC's interpreter, rs274: the form in its lines; only forms of its own dialect."""
-    return lambda form: (
-        not canon.run(form.whole, timeout=LONGEST).error if "linuxcnc" in form.dialects else None
-    )
+
+    def accepts(form: Form) -> bool | None:
+        if "linuxcnc" not in form.dialects:
+            return None
+        return not canon.run(form.whole, timeout=LONGEST).error
+
+    return accepts
 
 
 def by_grbl(path: str) -> Judge:
-    """GRBL's own parser, as the program gvalidate of its simulator: only forms of its own dialect."""
+    """GRBL's parser, the program gvalidate of its simulator; only forms of its own dialect."""
 
-    def takes(form: Form) -> bool | None:
+    def accepts(form: Form) -> bool | None:
         if "grbl" not in form.dialects:
             return None
         # It leaves a file of its memory where it is run.
@@ -79,10 +84,10 @@ def by_grbl(path: str) -> Judge:
             file.write_text(form.whole)
             return _succeeds([path, "-s", str(file)], folder)
 
-    return takes
+    return accepts
 
 
-#: What is no literal in the grammar of RAPID of BossyMr/intellij-rapid, as its lexer has it.
+#: Tokens that the grammar of BossyMr/intellij-rapid leaves to its lexer.
 _RAPID_TOKENS = (
     (
         "INTEGER_LITERAL",
@@ -102,34 +107,36 @@ def by_bnf(path: str) -> Judge:
 
 
 def by_antlr(path: str) -> Judge:
-    """The parser that ANTLR makes for Python of the grammar abb of antlr/grammars-v4, in a folder. It is one of
-    declarations: a form within a routine is none for it.
+    """The parser that ANTLR makes for Python from the grammar abb of antlr/grammars-v4.
+
+    The grammar has declarations alone: forms within a routine are not judged.
+
+    path: the folder of the parser.
     """
     sys.path.insert(0, path)
-    runtime, lexer, parser = (
-        importlib.import_module(name) for name in ("antlr4", "abbLexer", "abbParser")
-    )
+    runtime, lexer, parser = map(importlib.import_module, ("antlr4", "abbLexer", "abbParser"))
 
-    def takes(form: Form) -> bool | None:
+    def accepts(form: Form) -> bool | None:
         if "main()" in form.whole:
             return None
-        split = lexer.abbLexer(runtime.InputStream(form.whole.rstrip("\n")))
-        made = parser.abbParser(runtime.CommonTokenStream(split))
-        for one in (split, made):
-            one.removeErrorListeners()
-        made._errHandler = runtime.error.ErrorStrategy.BailErrorStrategy()
+        tokens = lexer.abbLexer(runtime.InputStream(form.whole.rstrip("\n")))
+        tree = parser.abbParser(runtime.CommonTokenStream(tokens))
+        tokens.removeErrorListeners()
+        tree.removeErrorListeners()
+        tree._errHandler = runtime.error.ErrorStrategy.BailErrorStrategy()
         try:
-            made.module_()
+            tree.module_()
         except runtime.error.Errors.ParseCancellationException:
             return False
         return True
 
-    return takes
+    return accepts
 
 
 def by_vim(path: str) -> Judge:
-    """The errors that KnoP-01/rapid-for-vim marks, by its file syntax/rapid.vim, in vim. It marks few: a form without
-    a mark is not judged.
+    """The errors that KnoP-01/rapid-for-vim marks in vim, by its file syntax/rapid.vim.
+
+    It marks few: a form without a mark is not judged.
     """
     commands = [
         "syntax on", f"source {Path(path).resolve()}", "let found = 0",
@@ -138,39 +145,44 @@ def by_vim(path: str) -> Judge:
         "execute found ? 'cquit' : 'qall!'",
     ]  # fmt: skip
 
-    def takes(form: Form) -> bool | None:
+    def accepts(form: Form) -> bool | None:
         with tempfile.NamedTemporaryFile("w", suffix=".mod") as file:
             file.write(form.whole)
             file.flush()
-            options = [word for command in commands for word in ("-c", command)]
-            call = ["vim", "-u", "NONE", "-N", "-es", "-n", *options, file.name]
+            call = ["vim", "-u", "NONE", "-N", "-es", "-n", file.name]
+            for command in commands:
+                call += ["-c", command]
             return None if _succeeds(call) else False
 
-    return takes
+    return accepts
 
 
 _TRANSLATE = """
 import sys
 sys.path.insert(0, sys.argv[1])
 import v2py
-v2py.switches = ["CP", "DRY.RUN", "POWER", "ROBOT", "SCALE.ACCEL", "UPPER", "AUTO.POWER.OFF", "MONITORS"]
+v2py.switches = ["CP", "DRY.RUN", "POWER", "ROBOT", "SCALE.ACCEL", "UPPER"]
+v2py.switches += ["AUTO.POWER.OFF", "MONITORS"]
 v2py.params = ["HAND.TIME", "NOT.CALIBRATED", "BELT.MODE"]
 compile(v2py.translate_program(sys.argv[2]), "a", "exec")
 """
 
 
 def by_translator(path: str) -> Judge:
-    """The translator from V+ to Python of alexdu/robot-sandbox, in the folder with v2py.py: what it makes is Python. It
-    is written in Python 2, which ``python2.7`` runs.
+    """The translator from V+ to Python of alexdu/robot-sandbox, whose result must be Python.
+
+    It is written in Python 2, which ``python2.7`` runs.
+
+    path: the folder with v2py.py.
     """
 
-    def takes(form: Form) -> bool:
+    def accepts(form: Form) -> bool:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder, "a.v2")
             file.write_text(form.whole, encoding="utf-8")
             return _succeeds(["python2.7", "-c", _TRANSLATE, path, str(file)])
 
-    return takes
+    return accepts
 
 
 _POST = """
@@ -186,7 +198,8 @@ with contextlib.redirect_stdout(sys.stderr):
     module.test_post()
     made[0].ProgSave(out, "Program", False, False)
 """
-#: Posts of ros-industrial-attic/robodk_postprocessors, and why a controller turns the sample down that each writes.
+#: Posts of ros-industrial-attic/robodk_postprocessors, with the reason for which a controller
+#: refuses the sample that each writes.
 POSTS: Mapping[str, Mapping[str, str]] = {
     "gcode": {},
     "rapid": {

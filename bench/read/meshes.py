@@ -351,7 +351,7 @@ SPELLINGS = [
 MAY_REFUSE = {"quantised", "unknown extension"}
 
 
-def judge(bodies: list[Body], spelling: Spelling, folder: Path) -> tuple[str, str]:
+def compare_file(bodies: list[Body], spelling: Spelling, folder: Path) -> tuple[str, str]:
     """The name of a column, and the text of a refusal."""
     path = folder / f"part{spelling.suffix}"
     path.write_bytes(spelling.write(bodies))
@@ -372,7 +372,7 @@ def judge(bodies: list[Body], spelling: Spelling, folder: Path) -> tuple[str, st
     return "reported" if is_reported else "silent", ""
 
 
-def judge_spelling(number: int, first: int, count: int) -> Iterator[Cells]:
+def measure(number: int, first: int, count: int) -> Iterator[Cells]:
     """The row of a spelling."""
     spelling = SPELLINGS[number]
     counts = dict.fromkeys(("right", "reported", "refused", "silent"), 0)
@@ -380,23 +380,17 @@ def judge_spelling(number: int, first: int, count: int) -> Iterator[Cells]:
     with tempfile.TemporaryDirectory() as place:
         for seed in range(first, first + count):
             if seed % len(SPELLINGS) == number:
-                kind, text = judge(make_bodies(seed), spelling, Path(place))
+                kind, text = compare_file(make_bodies(seed), spelling, Path(place))
                 counts[kind] += 1
                 if kind == "refused" and not (spelling.damaged or spelling.name in MAY_REFUSE):
                     wrong.add(text.partition(": ")[2][:60])
     values = list(counts.values())
     refusals = Missed("; ".join(sorted(wrong))) if wrong else "0"
-    yield (
-        spelling.suffix[1:],
-        spelling.name,
-        sum(values),
-        *values[:3],
-        must_be_none(values[-1]),
-        refusals,
-    )
+    counted = sum(values), *values[:3], must_be_none(values[-1])
+    yield spelling.suffix[1:], spelling.name, *counted, refusals
 
 
 if __name__ == "__main__":
     first, count = read_words(0, 60)
     rows = [(number, first, count) for number in range(len(SPELLINGS))]
-    sys.exit(run(Scenario(COLUMNS, rows, judge_spelling)))
+    sys.exit(run(Scenario(COLUMNS, rows, measure)))

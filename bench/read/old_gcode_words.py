@@ -4,8 +4,8 @@ python -m bench.read.old_gcode_words [DIALECT ...]
 
 Programs of lathes are refused whole, so that dialect is left out. The words are the codes of the
 tables in camgen/lang/gcode/dialects.py and the letters A to Z.
-Each word stands in a line of its own in the middle of a sound program, with the arguments that its
-manual asks for, and the program is built for RAPID. The same program is built without the line.
+Each word has a line in the middle of a sound program, with the arguments that its manual asks for,
+and the program is built for RAPID. The same program is built without the line.
 A word is
 
 - read: the two programs differ;
@@ -166,7 +166,7 @@ def lines_of(dialect: Dialect) -> Iterator[tuple[str, str]]:
         yield f"word {letter}", _LETTER_LINES.get(letter, f"G1 X12 {letter}7.5 F300")
 
 
-def judge(
+def classify(
     word: str, line: str, dialect: Dialect, plain: Outcome, template: str, folder: Path
 ) -> str:
     """The name of the column that a word belongs to."""
@@ -181,7 +181,7 @@ def judge(
     return "without effect" if code in _EFFECTLESS else "silent"
 
 
-def judge_dialect(name: str) -> Iterator[Cells]:
+def measure(name: str) -> Iterator[Cells]:
     """The row of a dialect."""
     dialect, counts, silent = DIALECTS[name], dict.fromkeys(_KINDS, 0), []
     change = "T1 M6\n" if "M6" in dialect.codes else ""
@@ -192,7 +192,7 @@ def judge_dialect(name: str) -> Iterator[Cells]:
         letter_plain = build(name, template.format(line="G1 X12 F300\n"), folder)
         for word, line in lines_of(dialect):
             without = letter_plain if line.startswith("G1 X12 ") else plain
-            kind = judge(word, line, dialect, without, template, folder)
+            kind = classify(word, line, dialect, without, template, folder)
             counts[kind] += 1
             silent += [word] if kind == "silent" else []
     cell = Missed(", ".join(silent)) if silent else "0"
@@ -204,4 +204,4 @@ _KINDS = ("read", "reported", "refused", "without effect", "silent")
 
 if __name__ == "__main__":
     names = sys.argv[1:] or [name for name in DIALECTS if name != "fanuc-lathe"]
-    sys.exit(run(Scenario(COLUMNS, [(name,) for name in names], judge_dialect)))
+    sys.exit(run(Scenario(COLUMNS, [(name,) for name in names], measure)))

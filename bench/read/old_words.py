@@ -9,7 +9,7 @@ is followed by a motion that depends on the data.
 
 The seed makes 60 programs, 20 of each language: a line, a motion that travels and turns, a turn on
 the spot, and an output. They differ in positions, speeds and angles. Each word is dealt to one of
-them, and its statement stands there behind the first motion. The program is built with
+them, and its statement follows the first motion there. The program is built with
 `camgen.build` for RAPID with the statement and without its lines that hold the word. An argument
 stands in double braces, and is left out alone.
 
@@ -228,7 +228,7 @@ def deal(seed: int) -> dict[tuple[str, int], list[Row]]:
 
 
 def write_program(language: str, number: int, seed: int, statement: str = "") -> str:
-    """The text of a program with a statement behind its first motion."""
+    """The text of a program with a statement after its first motion."""
     draw = random.Random(f"{seed} {language} {number}")
     return _WRITERS[language](draw, statement.replace("\\n", "\n"))
 
@@ -254,7 +254,7 @@ def _build(text: str, language: str, folder: Path) -> tuple[str, str]:
     return instructions, "\n".join(map(str, result.notes))
 
 
-def judge(row: Row, number: int, seed: int, folder: Path) -> Outcome:
+def try_word(row: Row, number: int, seed: int, folder: Path) -> Outcome:
     """The outcome of the word of a row in a program."""
     word = re.escape(row.word.strip(_MARKS) or row.word)
     named = re.compile(rf"(?<![\w.]){word}(?![\w.])", re.IGNORECASE)
@@ -284,7 +284,7 @@ def judge(row: Row, number: int, seed: int, folder: Path) -> Outcome:
     return Outcome(row, "silent", "")
 
 
-def judge_all(seed: int, words: set[str]) -> Iterator[Outcome]:
+def try_all(seed: int, words: set[str]) -> Iterator[Outcome]:
     """The outcomes of the words of all programs.
 
     words: words to judge in lower case, empty for all.
@@ -294,7 +294,7 @@ def judge_all(seed: int, words: set[str]) -> Iterator[Outcome]:
         for (_, number), rows in deal(seed).items():
             for row in rows:
                 if not words or row.word.lower() in words:
-                    yield judge(row, number, seed, folder)
+                    yield try_word(row, number, seed, folder)
 
 
 def sum_up(outcomes: list[Outcome], language: str) -> Iterator[Cells]:
@@ -316,7 +316,7 @@ def main() -> int:
     """The tables."""
     seed, *words = read_words(1)
     wanted = {word.lower() for word in words}
-    outcomes = list(judge_all(seed, wanted))
+    outcomes = list(try_all(seed, wanted))
     rows = [("rapid",), ("vplus",), ("pacscript",)]
     columns = (
         "language | words | count {} | carried {} | reported {} | refused {} | silent {} | "

@@ -161,7 +161,7 @@ def main(views: int, count: int, processes: int, source: str, *names: str) -> in
     folder = None if source == "-" else Path(source)
     jobs = [(name, views, count, folder, list(names)) for name in load_parts(folder, list(names))]
     rows = list(chain.from_iterable(map_inputs(measure_part, jobs, processes)))
-    table = open_table(f"parts | told | runs | {' | '.join(OUTCOMES)} | s, median {{:.1f}}")
+    table = open_table(f"parts | given | runs | {' | '.join(OUTCOMES)} | s, median {{:.1f}}")
     for kind, given in sorted({row[:2] for row in rows}):
         group = [row for row in rows if row[:2] == (kind, given)]
         tally = Counter(row[2] for row in group)

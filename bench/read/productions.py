@@ -59,9 +59,9 @@ def read_forms(language: str) -> list[Form]:
         elif sign == "@":
             around, usual = rest, usual if name else rest
         elif sign == "!":
-            judge_name, _, reason = rest.partition(": ")
+            peer, _, reason = rest.partition(": ")
             is_of_form = forms and forms[-1].production == name
-            (forms[-1].differs if is_of_form else common)[judge_name] = reason
+            (forms[-1].differs if is_of_form else common)[peer] = reason
         elif sign in ("+", "-"):
             text = rest.replace("¶", "\n")
             whole = around.replace("$", rest).replace("¶", "\n") + "\n"

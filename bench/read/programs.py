@@ -2,9 +2,14 @@
 
     python -m bench.read.programs FOLDER... [--why]
 
-Each folder below FOLDER is a project and has a row: its languages; its programs, each text once;
-those without a start (libraries and headers); those that run to their end, and how many of these
-rest on assumptions; those that stop; those in which the controller would refuse something; seconds.
+Each folder below FOLDER is a project and has a row:
+
+- its languages, and its programs, each text once
+- programs without a start (libraries and headers)
+- programs that run to their end, and the number of these that rest on assumptions
+- programs that stop, and programs in which the controller would refuse something
+- seconds
+
 ``--why`` lists the reasons with their files. A program runs alone, without the other files of its
 folder: their content is assumed, as ``camgen verify`` does with one file.
 """
@@ -19,7 +24,7 @@ from typing import NamedTuple
 
 from bench.support.runner import open_table
 from bench.support.timing import timed
-from camgen.lang.programs import Executed, Finding, Language, RunRequest, list_languages
+from camgen.lang.programs import RunRequest, Executed, Finding, Language, list_languages
 
 
 class Run(NamedTuple):

@@ -13,6 +13,7 @@ import math
 import sys
 from collections import Counter
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 from bench.support.runner import open_table
@@ -31,7 +32,7 @@ LONGEST = 20.0
 #: A motion that is shorter stays where it is, mm.
 _STILL = 1e-5
 #: The machine of rs274: stored positions at the zero of the programs, and tools without a length.
-_ZERO = {f"{name}.{axis}": 0.0 for name in ("g28", "g30", "machine") for axis in "xyz"}
+_ZERO = {f"{name}.{axis}": 0.0 for name, axis in product(("g28", "g30", "machine"), "xyz")}
 _ZERO |= {f"t{n}.diameter": 0.1 for n in range(100)}
 _TOOLS = "".join(f"T{n} P{n} Z0 D0.003937008 ;cutter\n" for n in range(1, 100))
 
@@ -50,16 +51,16 @@ class Comparison:
     fault: str
 
 
-def compare_motions(run: ProgramRun, judge: Canon) -> Comparison:
+def compare_motions(run: ProgramRun, other: Canon) -> Comparison:
     """Compares every motion of a replay with the judge's.
 
     The points of an arc must lie on the judge's arc, in its sense.
     """
     mine = [item for item in run.body if isinstance(item, (MoveJ, MoveL, MoveC))]
-    theirs = judge.moves[run.held :]
+    theirs = other.moves[run.held :]
     starts_with_feed = mine and theirs and theirs[0].kind != "STRAIGHT_TRAVERSE"
     extra = run.entry or starts_with_feed
-    begin = mine[0].target.origin if extra and mine and not judge.is_shifted else (math.inf,) * 3
+    begin = mine[0].target.origin if extra and mine and not other.is_shifted else (math.inf,) * 3
     # The judge also prints motions to the current position. They are left out on both sides.
     mine = [item for k, item in enumerate(mine) if k == 0 or _moves(item, mine[k - 1])]
     starts = [begin, *(call.end for call in theirs)]
@@ -71,7 +72,7 @@ def compare_motions(run: ProgramRun, judge: Canon) -> Comparison:
     ends = [item.target.origin for item in mine]
     k, worst = (1 if extra else 0), 0.0
     offset = (0.0, 0.0, 0.0)
-    if judge.is_shifted and theirs and len(ends) > k and theirs[0].kind != "ARC_FEED":
+    if other.is_shifted and theirs and len(ends) > k and theirs[0].kind != "ARC_FEED":
         offset = tuple(b - a for a, b in zip(ends[k], theirs[0].end, strict=True))
     start = _add(ends[0], offset) if ends else (0.0, 0.0, 0.0)
     for number, call in enumerate(theirs):
@@ -87,12 +88,12 @@ def compare_motions(run: ProgramRun, judge: Canon) -> Comparison:
         else:
             k, deviation = k + 1, math.dist(_add(ends[k], offset), end)
         worst = max(worst, deviation)
-        if worst > 2 * WITHIN + 4 * judge.hidden:
+        if worst > 2 * WITHIN + 4 * other.hidden:
             fault = f"motion {number + 1} ({kind}) is off by {worst:.4f} mm"
             return Comparison(number, worst, fault)
         start = end
     rest = len(mine) - k
-    has_more = rest and not judge.error
+    has_more = rest and not other.error
     return Comparison(len(theirs), worst, f"{rest} motions more than the judge" if has_more else "")
 
 
@@ -142,15 +143,15 @@ def _compare_arc(
 
 
 def compare_file(path: Path) -> tuple[str, str]:
-    """Runs a file in the dialect of LinuxCNC and by the judge. Returns the outcome and a sentence."""
+    """Runs a file in the dialect of LinuxCNC and by the judge. Returns outcome and sentence."""
     text = path.read_text(encoding="latin-1").replace("\r\n", "\n").replace("\r", "\n")
     played, seconds = timed(lambda: run_program({path.name: text}, RunRequest("linuxcnc", _ZERO)))
     m, stopped, _ = played
-    judge = canon.run(text, _TOOLS, LONGEST)
-    # A per cent sign that is missing at the end is no reason to refuse a file.
-    is_refused = judge.error and "percent" not in judge.error
-    judge_error = judge.error.splitlines()[0][:70] if is_refused else ""
-    addition = f"; rs274: {judge_error}" if is_refused else ""
+    other = canon.run(text, _TOOLS, LONGEST)
+    # A file without its last per cent sign is not refused.
+    is_refused = other.error and "percent" not in other.error
+    other_error = other.error.splitlines()[0][:70] if is_refused else ""
+    addition = f"; rs274: {other_error}" if is_refused else ""
     refused = [
         (finding.line, finding.what)
         for finding in m.log.list_findings()
@@ -160,7 +161,7 @@ def compare_file(path: Path) -> tuple[str, str]:
         line, reason = (refused or [stopped])[0]
         return ("refused both" if is_refused else "refused"), f"line {line}: {reason}{addition}"
     run = ProgramRun(tuple(m.body), tuple(m.lines), (), m.held, m.entry, None, True, "mm")
-    comparison = compare_motions(run, judge)
+    comparison = compare_motions(run, other)
     sentence = (
         f"{comparison.moves} motions, largest difference {comparison.deviation:.4f} mm, "
         f"{seconds:.2f} s"

@@ -178,9 +178,9 @@ def cut_corners(rng: random.Random, is_round: bool) -> Shape:
     count, cut = rng.randint(1, 4), rng.randint(4, 20) / 2
     points: list[tuple[Point, Point]] = []
     for k, (x, y) in enumerate(corners):
-        (ax, ay), (bx, by) = along[k - 1], along[k]
+        (x1, y1), (x2, y2) = along[k - 1], along[k]
         size = cut if k < count else 0.0
-        points.append(((x - size * ax, y - size * ay), (x + size * bx, y + size * by)))
+        points.append(((x - size * x1, y - size * y1), (x + size * x2, y + size * y2)))
     segments = []
     for k, (before, after) in enumerate(points):
         segments.append(Segment(points[k - 1][1], before))

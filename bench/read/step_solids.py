@@ -58,7 +58,7 @@ class Spelling(NamedTuple):
     unit: name of the unit of length.
     uncertainty: uncertainty of lengths, mm.
     gap: largest distance of faces that do not share their edges, mm.
-    name: name of all entities, as it stands in the file.
+    name: name of all entities in the file.
     """
 
     sharing: str
@@ -304,10 +304,10 @@ def add_context(text: Text) -> int:
     solid = text.add("(NAMED_UNIT(*) SI_UNIT($,.STERADIAN.) SOLID_ANGLE_UNIT())")
     measure = f"LENGTH_MEASURE({text.spelling.uncertainty / mm:.7E})"
     accuracy = f"{measure},#{length},'distance_accuracy_value',''"
-    off = text.add(f"UNCERTAINTY_MEASURE_WITH_UNIT({accuracy})")
+    uncertainty = text.add(f"UNCERTAINTY_MEASURE_WITH_UNIT({accuracy})")
     return text.add(
         "(GEOMETRIC_REPRESENTATION_CONTEXT(3) "
-        f"GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT((#{off})) "
+        f"GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT((#{uncertainty})) "
         f"GLOBAL_UNIT_ASSIGNED_CONTEXT((#{length},#{angle},#{solid})) "
         "REPRESENTATION_CONTEXT('',''))"
     )

@@ -361,7 +361,7 @@ def compare(drawing: Drawing, shapes: list[Shape], reading: Reading, counts: Cou
             counts.places.setdefault(kind, f"{drawing.page} page, {min(layers)}")
 
 
-def judge(number: int, first: int, reader: Reader) -> Counts:
+def count_shapes(number: int, first: int, reader: Reader) -> Counts:
     """Draws and reads the drawings of all seeds."""
     counts = Counts(Counter(), Counter(), {})
     with start_browser() as browser, tempfile.TemporaryDirectory() as folder:
@@ -383,7 +383,7 @@ def judge(number: int, first: int, reader: Reader) -> Counts:
 
 def main(number: int, first: int, name: str) -> int:
     """Prints the tables. Returns 1 if a difference of camgen is silent or a drawing fails."""
-    counts = judge(number, first, READERS[name])
+    counts = count_shapes(number, first, READERS[name])
     heads = ("drawings", "failed", "shapes", "drawn", "alike", "named", "silent")
     table = open_table(" | ".join(f"{head} {{}}" for head in heads), f", {name}")
     cells: list[object] = [counts.totals[head] for head in heads]

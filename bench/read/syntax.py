@@ -54,12 +54,12 @@ def compare_reader(language: str, forms: Sequence[Form]) -> Comparison:
     return Comparison(len(forms), {}, differences)
 
 
-def compare_judge(name: str, judge: Judge, forms: Iterable[Form]) -> Comparison:
+def compare_judge(name: str, peer: Judge, forms: Iterable[Form]) -> Comparison:
     """Compares a judge with the manual, in the forms that it can judge."""
     known: dict[str, list[str]] = {}
     unknown, count = [], 0
     for form in forms:
-        takes = judge(form)
+        takes = peer(form)
         if takes is None:
             continue
         count += 1

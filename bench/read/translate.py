@@ -56,11 +56,11 @@ _COOLANTS = {"flood": "M8", "mist": "M7"}
 _EVERY = POSTS | MILLS
 
 
-class Way(NamedTuple):
+class Motion(NamedTuple):
     """The motion and the events of programs that run one after the other.
 
     points: places at feed, (N, 3) mm, in the base frame; beside a mill in the work frame.
-    seconds: duration at the speeds of the way, s.
+    seconds: duration at the programmed speeds, s.
     rapids: ends of the rapid motions beside a mill, mm.
     outputs: values of the outputs, in order.
     changes: values to which an output changes.
@@ -81,27 +81,27 @@ def list_files(case: Path, controller: str) -> list[Path]:
     return sorted(folder.glob(f"part{suffix}")) or sorted(folder.glob(f"part_*{suffix}"))
 
 
-def pairs(case: Path, mills: bool) -> list[tuple[Path, str, str]]:
+def list_routes(case: Path, mills: bool) -> list[tuple[Path, str, str]]:
     """Case, controller and another controller: two robots, or at least one mill."""
-    ways = []
+    routes = []
     for source in _EVERY if mills else POSTS:
         names = [file.stem for file in list_files(case, source)]
         for target in _EVERY:
             is_robots = {source, target} <= POSTS.keys()
             has_files = names == ["part"] if is_robots else bool(names)
             if source != target and is_robots != mills and has_files:
-                ways.append((case, source, target))
-    return ways
+                routes.append((case, source, target))
+    return routes
 
 
-def follow(case: Path, files: Sequence[Path], language: str, mills: bool) -> Way:
-    """The way of programs, without lines that begin at home.
+def follow(case: Path, files: Sequence[Path], language: str, mills: bool) -> Motion:
+    """The motion of programs, without lines that begin at home.
 
     case: the case whose frames hold if a text has none.
-    mills: whether the way is compared with that of a mill.
+    mills: whether the motion is compared with that of a mill.
     """
     points: list[NDArray[np.float64]] = [np.zeros((0, 3))]
-    way = Way(np.zeros((0, 3)), 0.0, [], [], [], [])
+    motion = Motion(np.zeros((0, 3)), 0.0, [], [], [], [])
     on: dict[str, float] = {}
     seconds = 0.0
     for file in files:
@@ -110,29 +110,31 @@ def follow(case: Path, files: Sequence[Path], language: str, mills: bool) -> Way
             body = execute_whole(file, language).body
         else:
             body, base = read_robot(file, language, frames_of(case, language))
-        here: Vec3 | None = None
+        position: Vec3 | None = None
         for item in body:
             if isinstance(item, camgen.Output):
-                way.outputs.append(item.value)
-                way.changes.extend([item.value] if item.value != on.get(item.signal, 0.0) else [])
+                motion.outputs.append(item.value)
+                motion.changes.extend(
+                    [item.value] if item.value != on.get(item.signal, 0.0) else []
+                )
                 on[item.signal] = item.value
             elif isinstance(item, camgen.Wait):
-                way.waits.append(item.seconds)
+                motion.waits.append(item.seconds)
             elif isinstance(item, camgen.MoveJ | camgen.MoveL | camgen.MoveC):
-                there = item.target.origin if isinstance(item.target, Pose) else None
-                if mills and there and _is_rapid(item):
-                    way.rapids.append((here or there, there))
-                elif here is not None and not isinstance(item, camgen.MoveJ):
-                    places, length = sample_between(here, item)
+                target = item.target.origin if isinstance(item.target, Pose) else None
+                if mills and target and _is_rapid(item):
+                    motion.rapids.append((position or target, target))
+                elif position is not None and not isinstance(item, camgen.MoveJ):
+                    places, length = sample_between(position, item)
                     points.append(np.array(places))
                     seconds += length / item.speed
-                here = there
+                position = target
     moved = np.concatenate(points) if len(points) > 1 else np.zeros((1, 3))
     if not mills:
         # Where one motion ends another begins.
         moved = moved[np.append(True, np.abs(np.diff(moved, axis=0)).max(axis=1) > _SAME)]
         moved = moved @ base.rotation.T + base.origin
-    return way._replace(points=moved, seconds=seconds)
+    return motion._replace(points=moved, seconds=seconds)
 
 
 def _is_rapid(item: camgen.MoveJ | camgen.MoveL | camgen.MoveC) -> bool:
@@ -182,7 +184,7 @@ def _values(pose: Pose) -> list[float]:
 
 
 def _word(name: str, source: str, target: str) -> str | int:
-    """The word of the controller `target` for an output: the same number, and 1 for P0 of a mill."""
+    """The word of the controller `target` for an output: its number, and 1 for P0 of a mill."""
     if target in MILLS and name in _COOLANTS:
         return _COOLANTS[name]
     if target == "rapid" and name == "spindle":
@@ -194,8 +196,8 @@ def _word(name: str, source: str, target: str) -> str | int:
     return int(word) if word.isdigit() else word
 
 
-def there_and_back(case: Path, source: str, target: str) -> tuple[Way, Way]:
-    """The way of golden programs, and their way after there and back. CamgenError without one."""
+def translate_twice(case: Path, source: str, target: str) -> tuple[Motion, Motion]:
+    """The motion of golden programs, and their motion after there and back. Raises CamgenError."""
     mills = not {source, target} <= POSTS.keys()
     files = list_files(case, source)
     if mills:
@@ -206,25 +208,24 @@ def there_and_back(case: Path, source: str, target: str) -> tuple[Way, Way]:
         cell = {"base_from_work": _values(base), "flange_from_tool": _values(tool)}
         tables = {"cell": cell}
     with tempfile.TemporaryDirectory() as first, tempfile.TemporaryDirectory() as second:
-        there, back = [], []
+        others, back = [], []
         for file in files:
-            there += post_again(file, source, target, Path(first), tables)
-        for file in there:
+            others += post_again(file, source, target, Path(first), tables)
+        for file in others:
             back += post_again(file, target, source, Path(second), tables)
         return follow(case, files, source, mills), follow(case, back, source, mills)
 
 
-def rapids_apart(before: Way, after: Way) -> float:
+def measure_rapids(before: Motion, after: Motion) -> float:
     """The distance of ends of rapid motions from the rapid motions after, mm: cycles join them."""
     if not before.rapids:
         return 0.0
     starts, stops = np.array(after.rapids or [[(math.inf,) * 3] * 2]).transpose(1, 0, 2)
-    return float(
-        max(measure_from_lines(np.array(end), starts, stops).min() for _, end in before.rapids)
-    )
+    ends = np.array(before.rapids)[:, 1]
+    return max(float(measure_from_lines(end, starts, stops).min()) for end in ends)
 
 
-def find_difference(before: Way, after: Way) -> str:
+def find_difference(before: Motion, after: Motion) -> str:
     """The difference of outputs and waits, empty without one."""
     faults = []
     if before.changes != after.changes:
@@ -237,20 +238,20 @@ def find_difference(before: Way, after: Way) -> str:
     return ", ".join(faults)
 
 
-def judge(case: Path, source: str, target: str) -> Iterator[Cells]:
+def measure(case: Path, source: str, target: str) -> Iterator[Cells]:
     """The row of golden programs and of the controller by way of which they go and come back."""
     mills = not {source, target} <= POSTS.keys()
     names = case.name, source, target
     try:
-        before, after = there_and_back(case, source, target)
+        before, after = translate_twice(case, source, target)
     except camgen.CamgenError as error:
         yield *names, *("---" if mills else "--"), str(error)
         return
-    off = measure_apart(before.points, after.points), abs(before.seconds - after.seconds)
+    differences = measure_apart(before.points, after.points), abs(before.seconds - after.seconds)
     if mills:
-        yield *names, *off, rapids_apart(before, after), find_difference(before, after)
+        yield *names, *differences, measure_rapids(before, after), find_difference(before, after)
     else:
-        yield *names, *off, "" if before.outputs == after.outputs else "outputs differ"
+        yield *names, *differences, "" if before.outputs == after.outputs else "outputs differ"
 
 
 if __name__ == "__main__":
@@ -258,7 +259,9 @@ if __name__ == "__main__":
     cases = cases or sorted(path for path in CASES.iterdir() if path.is_dir())
     robots, others = [], []
     for case in cases:
-        robots += pairs(case, mills=False)
-        others += pairs(case, mills=True)
+        robots += list_routes(case, mills=False)
+        others += list_routes(case, mills=True)
     title = "By way of G-code, and G-code by way of the others:"
-    sys.exit(run(Scenario(COLUMNS, robots, judge), Scenario(MILL_COLUMNS, others, judge, title)))
+    sys.exit(
+        run(Scenario(COLUMNS, robots, measure), Scenario(MILL_COLUMNS, others, measure, title))
+    )

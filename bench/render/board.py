@@ -1,8 +1,9 @@
-"""What is printed on paper, as layers for the renderer: sheets of ArUco markers and chessboards."""
+"""Sheets of ArUco markers and chessboards, as layers for the renderer."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import cv2
 import numpy as np
@@ -20,8 +21,11 @@ def markers(
     dictionary: str,
     z: float = 0.0,
 ) -> tuple[Layer, Layer]:
-    """Paper and ink. page: its rectangle (x and y from, x and y to), mm. corners: (N, 4, 2), mm, upper left, upper
-    right, lower right, lower left of each marker. dictionary: OpenCV's name, e.g. "4X4_50".
+    """Paper and ink of a sheet of markers.
+
+    page: rectangle of the paper (x and y from, x and y to), mm.
+    corners: (N, 4, 2) upper left, upper right, lower right, lower left of each marker, mm.
+    dictionary: OpenCV's name, for instance "4X4_50".
     """
     known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
     side = known.markerSize + 2
@@ -33,32 +37,21 @@ def markers(
             # One rectangle for modules side by side.
             edges = np.flatnonzero(np.diff(np.concatenate([[0], line, [0]]))).reshape(-1, 2)
             for begin, end in edges.tolist():
-                at = (
-                    np.array(
-                        [
-                            begin + 1j * (row + 1),
-                            end + 1j * (row + 1),
-                            end + 1j * row,
-                            begin + 1j * row,
-                        ]
-                    )
-                    / side
-                )
-                ink.append(Loop(upper_left + at.real * right + at.imag * down, np.zeros(4)))
+                x = np.array([begin, end, end, begin]) / side
+                y = np.array([row + 1, row + 1, row, row]) / side
+                ink.append(Loop(upper_left + x * right + y * down, np.zeros(4)))
     return Layer((box(*page),), PAPER, z=z), Layer(tuple(ink), INK, z=z)
 
 
 def chessboard(columns: int, rows: int, square: float) -> tuple[tuple[Layer, Layer], np.ndarray]:
-    """Paper and ink of a board of ``columns`` x ``rows`` inner corners, and those corners (N,) complex, mm.
+    """Paper and ink of a board of ``columns`` x ``rows`` inner corners, and these (N,), mm.
 
     The origin is the lowest left inner corner. A rim of one square is white.
     """
-    ink = [
-        box(i * square, j * square, (i + 1) * square, (j + 1) * square)
-        for i in range(-1, columns)
-        for j in range(-1, rows)
-        if (i + j) % 2 == 0
-    ]
+    ink = []
+    for i, j in product(range(-1, columns), range(-1, rows)):
+        if (i + j) % 2 == 0:
+            ink.append(box(i * square, j * square, (i + 1) * square, (j + 1) * square))
     paper = box(-2 * square, -2 * square, (columns + 1) * square, (rows + 1) * square)
     y, x = np.mgrid[:rows, :columns]
     return (Layer((paper,), PAPER), Layer(tuple(ink), INK)), ((x + 1j * y) * square).ravel()

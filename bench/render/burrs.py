@@ -1,8 +1,9 @@
-"""Parts with known burrs and gouges: bumps of stated width and height on the straight pieces of their outlines."""
+"""Parts with known burrs and gouges: bumps on the straight pieces of their outlines."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import gt
 
 import numpy as np
 
@@ -14,7 +15,13 @@ ROUND, POINTED = "round", "pointed"
 
 @dataclass(frozen=True)
 class Burr:
-    """place: of its tip. width: at its foot, height: out of the material, mm; below 0 it is a gouge."""
+    """A burr.
+
+    place: place of its tip, mm.
+    width: width of its foot, mm.
+    height: height above the material, mm, negative for a gouge.
+    shape: `ROUND` or `POINTED`.
+    """
 
     place: complex
     width: float
@@ -22,7 +29,7 @@ class Burr:
     shape: str
 
 
-def with_burrs(
+def add_burrs(
     loops: tuple[Loop, ...],
     count: int,
     rng: np.random.Generator,
@@ -30,8 +37,10 @@ def with_burrs(
     high: float = 1.0,
     widths: tuple[float, float] | None = None,
 ) -> tuple[tuple[Loop, ...], list[Burr]]:
-    """The part with ``count`` burrs, ``low`` to ``high`` mm high and two to eight times as wide, apart from each other
-    and from corners; one in four is a gouge. Fewer where its straight pieces have no room.
+    """The part with ``count`` burrs, or fewer if its straight pieces have no room.
+
+    Burrs are ``low`` to ``high`` mm high, two to eight times as wide, and at a distance from each
+    other and from corners. One in four is a gouge.
 
     widths: range of the widths, mm. None derives the widths from the heights. With a range, all
     burrs are bumps.
@@ -45,20 +54,22 @@ def with_burrs(
         if widths:
             width = float(rng.uniform(*widths))
         which = int(rng.integers(len(changed)))
-        found = _one(changed[which], width, height, str(rng.choice([ROUND, POINTED])), rng)
-        if found is not None and all(
-            abs(found[1].place - other.place) > max(6, (width + other.width) / 2 + 3)
-            for other in burrs
-        ):
-            changed[which] = found[0]
-            burrs.append(found[1])
+        added = _add_burr(changed[which], width, height, str(rng.choice([ROUND, POINTED])), rng)
+        if added is None:
+            continue
+        loop, burr = added
+        limits = [max(6, (width + other.width) / 2 + 3) for other in burrs]
+        distances = [abs(burr.place - other.place) for other in burrs]
+        if all(map(gt, distances, limits)):
+            changed[which] = loop
+            burrs.append(burr)
     return tuple(changed), burrs
 
 
-def _one(
+def _add_burr(
     loop: Loop, width: float, height: float, shape: str, rng: np.random.Generator
 ) -> tuple[Loop, Burr] | None:
-    """One more burr on a straight piece that is long enough; material is on the left."""
+    """A burr on a straight piece; None if no piece is long enough. Material is on the left."""
     chord = np.roll(loop.points, -1) - loop.points
     long = np.flatnonzero((loop.bulges == 0) & (np.abs(chord) > width + 4))
     if not len(long):

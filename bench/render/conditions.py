@@ -14,9 +14,8 @@ import numpy as np
 import shapely
 
 from bench.render.board import charuco, markers
-from bench.render.optics import Lens, Shot, looking, photo_from_work
+from bench.render.optics import Lens, Shot, aim_camera, photo_from_work
 from bench.render.parts import Part, bracket, gear, plate, random_part
-from bench.render.photos import camera_info
 from bench.render.scene import Layer, Scene, render
 from bench.render.shapes import Loop, box, flatten
 from camgen.vision.boards.sheet import DICTIONARY, make_sheet
@@ -96,7 +95,6 @@ class ConditionedPhoto:
     loops: outlines of the part's upper face in the work frame.
     box: (2, 2), the corner of the part with the least u and v, and that with the most, px.
     job: tables of the job, as they are in its file.
-    calibration: text of the calibration file, empty without one.
     """
 
     number: int
@@ -106,7 +104,6 @@ class ConditionedPhoto:
     loops: tuple[Loop, ...]
     box: np.ndarray
     job: dict[str, dict[str, object]]
-    calibration: str = ""
 
 
 def draw_conditions(number: int) -> Conditions:
@@ -116,9 +113,7 @@ def draw_conditions(number: int) -> Conditions:
     return Conditions(**drawn)
 
 
-def draw_photo(
-    number: int, conditions: Conditions, *, calibrated: bool = False
-) -> ConditionedPhoto:
+def draw_photo(number: int, conditions: Conditions) -> ConditionedPhoto:
     """The photo with this number under these conditions."""
     rng = np.random.default_rng([number, 42])
     plane_by = WAYS[number % len(WAYS)]
@@ -130,10 +125,9 @@ def draw_photo(
     scene = _make_scene(part, plane_by, conditions, rng)
     pixels = _sense(render(scene, shot), conditions, rng)
     job = _job(part, plane_by, shot, conditions, rng)
-    calibration = camera_info(shot.lens) if calibrated else ""
     outline = np.column_stack(photo_from_work(shot, part[0].points.real, part[0].points.imag))
     box = np.array([outline.min(axis=0), outline.max(axis=0)])
-    return ConditionedPhoto(number, plane_by, conditions, pixels, part, box, job, calibration)
+    return ConditionedPhoto(number, plane_by, conditions, pixels, part, box, job)
 
 
 def _places(plane_by: str) -> tuple[complex, complex]:
@@ -155,7 +149,7 @@ def _take(at: complex, conditions: Conditions, rng: np.random.Generator) -> Shot
     pixel = complex(width - 1, height - 1) / 2 + complex(*rng.uniform(-40, 40, 2))
     tilt, about, roll = rng.uniform((0, 0, -5), (15, 360, 5))
     gradient = tuple(rng.uniform(-0.15, 0.15, 2))
-    pose = looking(lens, at, pixel, PIXEL, tilt, about, roll)
+    pose = aim_camera(lens, at, pixel, PIXEL, (tilt, about, roll))
     return Shot(lens, *pose, blur=conditions.blur, gradient=gradient, vignetting=0.05)
 
 

@@ -1,11 +1,12 @@
-"""Where things are in a rendered photo, and how much of each pixel they cover.
+"""Places of things in a rendered photo, and the share of each pixel that they cover.
 
-Coverage is the integral of a layer's area, weighted with the pixel's own square blurred by a Gaussian. That integral
-over the area is turned into one along its outline (Green's theorem), which is sampled densely, drawn through the lens
-by formula and summed up pixel by pixel. So coverage and blur are exact, there is no grid of sub-pixels, and no inverse
-of the lens.
+Coverage is the integral of a layer's area, weighted with the pixel's own square blurred by a
+Gaussian. That integral over the area is turned into one along its outline (Green's theorem), which
+is sampled densely, drawn through the lens by formula and summed up pixel by pixel. So coverage and
+blur are exact, there is no grid of sub-pixels, and no inverse of the lens.
 
-    share(p) = - sum over the outline of  S(u - p_u) k(v - p_v) dv,   k = box of 1 px * Gaussian,  S' = k
+    share(p) = - sum over the outline of  S(u - p_u) k(v - p_v) dv
+    k = box of 1 px * Gaussian,  S' = k
 
 The minus: outlines have material on their left seen from above, and v runs against y.
 """
@@ -25,12 +26,11 @@ from bench.render.shapes import Loop, Pieces, pieces
 _TAIL = 5.0
 #: Outline points that are summed up at a time.
 _CHUNK = 20_000
-#: Nodes and weights of Gauss' quadrature from 0 to 1.
-_NODES, _WEIGHTS = (
-    (np.polynomial.legendre.leggauss(4)[0] + 1) / 2,
-    np.polynomial.legendre.leggauss(4)[1] / 2,
-)
-#: A derivative is the imaginary part of what a step makes that is too small to be rounded: exact to the last digit.
+#: Nodes and weights of Gauss' quadrature, from -1 to 1.
+_GAUSS = np.polynomial.legendre.leggauss(4)
+#: Nodes and weights from 0 to 1.
+_NODES, _WEIGHTS = (_GAUSS[0] + 1) / 2, _GAUSS[1] / 2
+#: Imaginary step of a derivative, so small that it is exact to the last digit.
 _STEP = 1e-30
 
 
@@ -76,65 +76,63 @@ class Shot:
     seed: int = 0
 
 
-# -- where things are
+# -- places in the photo
 
 
-def looking(
-    lens: Lens, at: complex, pixel: complex, scale: float, tilt: float, about: float, turn: float
+def aim_camera(
+    lens: Lens, place: complex, pixel: complex, scale: float, turns: tuple[float, float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """camera_from_work (rotation, origin) with ``at`` (mm) in ``pixel`` (before distortion).
+    """camera_from_work (rotation, origin) with a place, mm, in a pixel before distortion.
 
-    scale: mm of a pixel at that depth. tilt: between optical axis and bench normal, deg, about an axis in the photo
-    at ``about`` deg. turn: of the camera, deg.
+    scale: mm of a pixel at that depth.
+    turns: angle between optical axis and bench normal, direction in the photo of the axis of that
+        tilt, and roll of the camera, deg.
     """
-    a, lean, roll = np.radians([about, tilt, turn])
-    axis = np.array([np.cos(a), np.sin(a), 0.0])
+    tilt, direction, roll = np.radians(turns)
+    axis = np.array([np.cos(direction), np.sin(direction), 0.0])
     cross = np.cross(np.eye(3), -axis)
-    tilted = np.eye(3) + np.sin(lean) * cross + (1 - np.cos(lean)) * cross @ cross
-    turned = np.array(
-        [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1.0]]
-    )
+    tilted = np.eye(3) + np.sin(tilt) * cross + (1 - np.cos(tilt)) * cross @ cross
+    cos, sin = np.cos(roll), np.sin(roll)
+    turned = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]])
     rotation = tilted @ np.diag([1.0, -1.0, -1.0]) @ turned
     ray = np.linalg.solve(lens.matrix, [pixel.real, pixel.imag, 1.0])
-    place = rotation @ [at.real, at.imag, 0.0]
-    return rotation, ray * scale * lens.matrix[0, 0] - place
+    point = rotation @ [place.real, place.imag, 0.0]
+    return rotation, ray * scale * lens.matrix[0, 0] - point
 
 
-def shoot_from_above(size: tuple[int, int], scale: float, **more: object) -> Shot:
+def shoot_from_above(size: tuple[int, int], scale: float, **fields: object) -> Shot:
     """A photo from straight above, the origin in its middle.
 
     scale: mm of a pixel.
-    more: further fields of the shot.
+    fields: further fields of the shot.
     """
     middle = complex(size[0] - 1, size[1] - 1) / 2
     matrix = np.array([[9000.0, 0, middle.real], [0, 9000, middle.imag], [0, 0, 1]])
     lens = Lens(matrix, (0,) * 5, size)
-    return Shot(lens, *looking(lens, 0j, middle, scale, 0, 0, 0), **more)
+    return Shot(lens, *aim_camera(lens, 0j, middle, scale, (0, 0, 0)), **fields)
 
 
-def bent(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rays a, b (at distance 1) as the lens shows them: radial and tangential distortion (Brown). Complex ones too."""
+def distort(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rays a, b (at distance 1) after radial and tangential distortion (Brown), also complex."""
     k1, k2, p1, p2, k3 = lens.distortion
     r = a * a + b * b
     radial = 1 + r * (k1 + r * (k2 + r * k3))
-    return a * radial + 2 * p1 * a * b + p2 * (r + 2 * a * a), b * radial + p1 * (
-        r + 2 * b * b
-    ) + 2 * p2 * a * b
+    u = a * radial + 2 * p1 * a * b + p2 * (r + 2 * a * a)
+    v = b * radial + p1 * (r + 2 * b * b) + 2 * p2 * a * b
+    return u, v
 
 
-def straight(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The inverse of ``bent``: Newton's method until nothing moves any more."""
+def undistort(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The inverse of ``distort`` by Newton's method, until the steps vanish."""
     k1, k2, p1, p2, k3 = lens.distortion
     x, y = a.copy(), b.copy()
     for _ in range(30):
-        fx, fy = bent(lens, x, y)
+        fx, fy = distort(lens, x, y)
         r = x * x + y * y
         radial, slope = 1 + r * (k1 + r * (k2 + r * k3)), 2 * (k1 + r * (2 * k2 + r * 3 * k3))
         # The derivative is symmetric.
-        xx, yy = (
-            radial + x * x * slope + 2 * p1 * y + 6 * p2 * x,
-            radial + y * y * slope + 6 * p1 * y + 2 * p2 * x,
-        )
+        xx = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
+        yy = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
         xy = x * y * slope + 2 * (p1 * x + p2 * y)
         gone_x, gone_y = a - fx, b - fy
         det = xx * yy - xy * xy
@@ -153,7 +151,7 @@ def photo_from_work(
     depth = r[2, 0] * x + r[2, 1] * y + (r[2, 2] * z + t[2])
     a = (r[0, 0] * x + r[0, 1] * y + (r[0, 2] * z + t[0])) / depth
     b = (r[1, 0] * x + r[1, 1] * y + (r[1, 2] * z + t[1])) / depth
-    a, b = bent(shot.lens, a, b)
+    a, b = distort(shot.lens, a, b)
     (fx, skew, cu), (_, fy, cv) = shot.lens.matrix[:2].tolist()
     return fx * a + skew * b + cu, fy * b + cv
 
@@ -162,49 +160,50 @@ def work_from_photo(shot: Shot, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarra
     """Places x, y (mm, z = 0) of pixels: the inverse of ``photo_from_work``."""
     (fx, skew, cu), (_, fy, cv) = shot.lens.matrix[:2].tolist()
     b = (v - cv) / fy
-    a, b = straight(shot.lens, (u - cu - skew * b) / fx, b)
+    a, b = undistort(shot.lens, (u - cu - skew * b) / fx, b)
     back = np.linalg.inv(np.column_stack([shot.rotation[:, :2], shot.origin]))
     x, y, w = (row[0] * a + row[1] * b + row[2] for row in back)
     return x / w, y / w
 
 
-def mm_per_px(shot: Shot, at: complex) -> float:
+def mm_per_px(shot: Shot, place: complex) -> float:
     """The size of a pixel at a place of the work plane: the root of its area."""
-    x, y = np.array([at.real + 1j * _STEP, at.real]), np.array([at.imag, at.imag + 1j * _STEP])
+    x = place.real + np.array([1j * _STEP, 0])
+    y = place.imag + np.array([0, 1j * _STEP])
     u, v = photo_from_work(shot, x, y)
     return float(abs(np.linalg.det(np.array([u.imag, v.imag]) / _STEP)) ** -0.5)
 
 
-# -- how much of a pixel a layer covers
+# -- the share of a pixel that a layer covers
 
 
 def share(
     loops: Sequence[Loop], shot: Shot, z: float = 0.0, finer: int = 1
 ) -> tuple[tuple[slice, slice], np.ndarray]:
-    """Rows and columns of the photo, and how much of each pixel there (H, W) the loops cover, 0 to 1.
+    """Rows and columns of the photo, and the share of each pixel there (H, W) that loops cover.
 
-    Outside of them it is 0. finer: so many times as many points along the outlines, to see that there are enough.
+    Outside of them it is 0.
+
+    finer: factor for the number of points along the outlines, to see that there are enough.
     """
     u, v, dv = _outline(loops, shot, z, finer)
     reach = 0.5 + _TAIL * shot.blur
     left, right = math.floor(u.min() - reach) - 1, math.ceil(u.max() + reach) + 2
     top, bottom = math.floor(v.min() - reach) - 1, math.ceil(v.max() + reach) + 2
     width, height = shot.lens.size
-    # What is left of the photo still counts within it, since sums run from left to right.
+    # Points to the left of the photo count within it, since sums run from left to right.
     total = np.zeros((bottom - top + 1) * (right - left + 1))
     for k in range(0, len(u), _CHUNK):
-        here = slice(k, k + _CHUNK)
-        _add(total, right - left + 1, u[here] - left, v[here] - top, dv[here], shot.blur)
+        chunk = slice(k, k + _CHUNK)
+        _add(total, right - left + 1, u[chunk] - left, v[chunk] - top, dv[chunk], shot.blur)
     covered = total.reshape(bottom - top + 1, -1).cumsum(axis=1)
-    rows, columns = (
-        slice(max(top, 0), min(bottom + 1, height)),
-        slice(max(left, 0), min(right + 1, width)),
-    )
+    rows = slice(max(top, 0), min(bottom + 1, height))
+    columns = slice(max(left, 0), min(right + 1, width))
     if rows.start >= rows.stop or columns.start >= columns.stop:
         return (slice(0, 0), slice(0, 0)), np.zeros((0, 0))
-    return (rows, columns), covered[
-        rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
-    ]
+    down = slice(rows.start - top, rows.stop - top)
+    across = slice(columns.start - left, columns.stop - left)
+    return (rows, columns), covered[down, across]
 
 
 def _outline(
@@ -215,9 +214,9 @@ def _outline(
     count = len(all_pieces.start)
     probe = np.repeat(np.arange(count), 5)
     _, _, du, dv = _seen(all_pieces, probe, np.tile(np.linspace(0, 1, 5), count), shot, z)
-    # Elements as long as the blur is wide, a pixel at most: with four nodes each the sum is exact to 1e-6.
-    most = np.hypot(du, dv).reshape(-1, 5).max(axis=1)
-    elements = np.ceil(1.1 * finer * most / min(1.0, shot.blur)).astype(int).clip(1)
+    # Elements as long as the blur is wide, a pixel at most: exact to 1e-6 with four nodes each.
+    speed = np.hypot(du, dv).reshape(-1, 5).max(axis=1)
+    elements = np.ceil(1.1 * finer * speed / min(1.0, shot.blur)).astype(int).clip(1)
     which = np.repeat(np.arange(count), elements)
     number = np.arange(len(which)) - np.repeat(np.cumsum(elements) - elements, elements)
     t = (number[:, None] + _NODES) / elements[which][:, None]
@@ -239,26 +238,25 @@ def _seen(
 def _add(
     total: np.ndarray, width: int, u: np.ndarray, v: np.ndarray, dv: np.ndarray, blur: float
 ) -> None:
-    """Adds what each point contributes to the change from one pixel to the next in its row."""
+    """Adds the contribution of each point to the change between neighbouring pixels of its row."""
     reach = 0.5 + _TAIL * blur
     first_u, first_v = np.ceil(u - reach).astype(np.int64), np.ceil(v - reach).astype(np.int64)
     across = np.arange(-1, math.ceil(2 * reach) + 2)
     down = np.arange(math.ceil(2 * reach) + 1)
-    at, below, beside = _kernel(blur)
-    summed = np.interp((u - first_u)[:, None] - across, at, below)
+    distance, step, kernel = _tabulate(blur)
+    summed = np.interp((u - first_u)[:, None] - across, distance, step)
     weight = summed[:, :-1] - summed[:, 1:]
-    rows = np.interp((v - first_v)[:, None] - down, at, beside) * dv[:, None]
-    pixel = ((first_v[:, None] + down) * width)[:, :, None] + (first_u[:, None] + across[1:])[
-        :, None, :
-    ]
+    rows = np.interp((v - first_v)[:, None] - down, distance, kernel) * dv[:, None]
+    row_starts, columns = (first_v[:, None] + down) * width, first_u[:, None] + across[1:]
+    pixel = row_starts[:, :, None] + columns[:, None, :]
     np.add.at(total, pixel.ravel(), (rows[:, :, None] * weight[:, None, :]).ravel())
 
 
 @lru_cache(maxsize=8)
-def _kernel(blur: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _tabulate(blur: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A table over distance, px: S (0 to 1) and k of the text above."""
     reach = 0.5 + _TAIL * blur + 3
-    at = np.linspace(-reach, reach, 2 * round(reach * 1024) + 1)
+    distance = np.linspace(-reach, reach, 2 * round(reach * 1024) + 1)
 
     def whole(t: float) -> float:
         return 0.5 * (1 + math.erf(t / blur / math.sqrt(2)))
@@ -266,6 +264,6 @@ def _kernel(blur: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     def twice(t: float) -> float:
         return t * whole(t) + blur * math.exp(-((t / blur) ** 2) / 2) / math.sqrt(2 * math.pi)
 
-    below = np.array([twice(t + 0.5) - twice(t - 0.5) for t in at.tolist()])
-    beside = np.array([whole(t + 0.5) - whole(t - 0.5) for t in at.tolist()])
-    return at, below, beside
+    step = np.array([twice(t + 0.5) - twice(t - 0.5) for t in distance.tolist()])
+    kernel = np.array([whole(t + 0.5) - whole(t - 0.5) for t in distance.tolist()])
+    return distance, step, kernel

@@ -16,13 +16,16 @@ _INCH = 25.4
 
 
 def paper() -> Part:
-    """A part like the one of the paper's case study, 3 x 2.5 in: outer arcs of 1/2 in, a notch with inner arcs of
-    1/4 in, sharp outer and inner corners. The paper gives no drawing; sizes follow the lengths in its figure 13.
+    """A part as in the paper's case study, 3 x 2.5 in.
+
+    It has outer arcs of 1/2 in, a notch with inner arcs of 1/4 in, and sharp corners. The paper
+    gives no drawing; sizes follow the lengths in its figure 13.
     """
     quarter = 0.25
     inches = [
-        (0, 0, 0), (0.75, 0, 0), (0.75, 0.75, quarter), (2.25, 0.75, quarter), (2.25, 0, 0), (3, 0, 0), (3, 1.5, 0),
-        (2.5, 1.5, 0), (2.5, 2.5, 0.5), (0.5, 2.5, 0.5), (0.5, 1.5, 0), (0, 1.5, 0),
+        (0, 0, 0), (0.75, 0, 0), (0.75, 0.75, quarter), (2.25, 0.75, quarter), (2.25, 0, 0),
+        (3, 0, 0), (3, 1.5, 0), (2.5, 1.5, 0), (2.5, 2.5, 0.5), (0.5, 2.5, 0.5), (0.5, 1.5, 0),
+        (0, 1.5, 0),
     ]  # fmt: skip
     return (rounded([((x - 1.5) * _INCH, (y - 1.25) * _INCH, r * _INCH) for x, y, r in inches]),)
 
@@ -44,8 +47,8 @@ def gear() -> Part:
         # In, round the bottom clockwise, out, then along the tip circle to the next gap.
         gap = np.array([out - 1j * half, bottom - 1j * half, bottom + 1j * half, out + 1j * half])
         points += (gap * np.exp(2j * np.pi * k / teeth)).tolist()
-        over = 2 * np.pi / teeth - 2 * np.arcsin(half / tip)
-        bulges += [0.0, -1.0, 0.0, float(np.tan(over / 4))]
+        tooth = 2 * np.pi / teeth - 2 * np.arcsin(half / tip)
+        bulges += [0.0, -1.0, 0.0, float(np.tan(tooth / 4))]
     return (Loop(np.array(points), np.array(bulges)), hole(circle(0, 0, 10)))
 
 
@@ -53,8 +56,8 @@ def bracket() -> Part:
     """An angle bracket with a round inner corner, a chamfer, a V-notch and three holes."""
     outer = rounded(
         [
-            (-38, -31, 8), (38, -31, 12), (38, -7, 12), (20, -7, 0), (14, -15, 0), (8, -7, 0), (-12, -7, 7),
-            (-12, 32, 5), (-28, 32, 0), (-38, 22, 0),
+            (-38, -31, 8), (38, -31, 12), (38, -7, 12), (20, -7, 0), (14, -15, 0), (8, -7, 0),
+            (-12, -7, 7), (-12, 32, 5), (-28, 32, 0), (-38, 22, 0),
         ]
     )  # fmt: skip
     return (
@@ -74,7 +77,10 @@ NAMED: dict[str, Callable[[], Part]] = {
 
 
 def random_part(seed: int) -> Part:
-    """A plate of 66 to 86 x 54 to 72 mm: corners sharp, round or cut; a notch; a slot and two or three holes."""
+    """A plate of 66 to 86 x 54 to 72 mm.
+
+    Its corners are sharp, round or cut. It has a notch, a slot and two holes.
+    """
     rng = np.random.default_rng(seed)
     w, h = rng.uniform(66, 86) / 2, rng.uniform(54, 72) / 2
     corners: list[tuple[float, float, float]] = []
@@ -98,18 +104,15 @@ def _corner(x: float, y: float, rng: np.random.Generator) -> list[tuple[float, f
 
 
 def _notch(h: float, rng: np.random.Generator) -> list[tuple[float, float, float]]:
-    """A notch in the upper side, from right to left: wide at its mouth, with a round bottom or round corners."""
-    at, mouth, bottom, deep = (
-        rng.uniform(-5, 5),
-        rng.uniform(8, 11),
-        rng.uniform(5, 8),
-        rng.uniform(7.5, 9),
-    )
+    """A notch in the upper side, from right to left: wide at its mouth, with a round bottom."""
+    middle, mouth, bottom, deep = rng.uniform((-5, 8, 5, 7.5), (5, 11, 8, 9))
     mouth_radius, radius = rng.choice([0.0, 2.5]), rng.uniform(3.4, 4.5)
     return [
-        (at + mouth, h, mouth_radius), (at + bottom, h - deep, radius), (at - bottom, h - deep, radius),
-        (at - mouth, h, mouth_radius),
-    ]  # fmt: skip
+        (middle + mouth, h, mouth_radius),
+        (middle + bottom, h - deep, radius),
+        (middle - bottom, h - deep, radius),
+        (middle - mouth, h, mouth_radius),
+    ]
 
 
 def _window(x: float, y: float, rng: np.random.Generator) -> Loop:

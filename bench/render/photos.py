@@ -1,4 +1,4 @@
-"""A set of rendered photos with their job files and their truth, drawn at random from a number."""
+"""Rendered photos with their job files and their truth, drawn at random from a number."""
 
 from __future__ import annotations
 
@@ -9,30 +9,38 @@ from pathlib import Path
 import numpy as np
 
 from bench.render.board import markers
-from bench.render.optics import Lens, Shot, looking, mm_per_px, photo_from_work
+from bench.render.optics import Lens, Shot, aim_camera, mm_per_px, photo_from_work
 from bench.render.parts import NAMED, random_part
-from bench.render.scene import Layer, Scene, render, written
+from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop
 from camgen.vision.boards.sheet import DICTIONARY, Sheet, make_sheet
 
-#: The camera of the paper: 3840 x 2748 px of 1.67 um behind 8.5 mm; and the same view with a tenth of the pixels.
+#: Pixels by megapixels: the camera of the paper, with pixels of 1.67 um at a focal length of
+#: 8.5 mm, and the same view with a tenth of the pixels.
 SIZES = {10: (3840, 2748), 1: (1200, 859)}
 FOCAL, SCALE = 8.5 / 0.00167, 0.143
 INCH = 25.4
-WAYS = ("pairs", "markers", "pose")
+#: Sources of the work plane in a job, in turns.
+PLANES = ("pairs", "markers", "pose")
 
 
 @dataclass(frozen=True, eq=False)
 class Photo:
-    """One photo to be made. way: how the job tells the work plane. tool: diameter, mm. height: of the part's top above
-    the markers, mm. empty: with a photo of the empty bench, which the job uses. suffix: of the file.
+    """A photo to be made.
+
+    plane: source of the work plane in the job, one of `PLANES`.
+    tool: diameter of the tool, mm.
+    tilt: angle between optical axis and bench normal, deg.
+    height: height of the part's top above the markers, mm.
+    empty: whether the job uses a photo of the empty bench.
+    suffix: suffix of the file.
     """
 
     name: str
     loops: tuple[Loop, ...]
     scene: Scene
     shot: Shot
-    way: str
+    plane: str
     tool: float
     tilt: float
     height: float = 0.0
@@ -41,62 +49,58 @@ class Photo:
 
 
 def photos(count: int, megapixels: int) -> list[Photo]:
-    """``count`` photos of one camera: the named parts first, then random ones; the work plane by each way in turn."""
+    """``count`` photos of one camera: the named parts first, then random ones."""
     return [_photo(k, megapixels) for k in range(count)]
 
 
 def of_paper(count: int, megapixels: int) -> list[Photo]:
-    """``count`` photos of the part of the PIST paper, each by a camera, from a place and in light of its own."""
+    """``count`` photos of the part of the PIST paper, with different cameras, places and light."""
     return [_photo(k, megapixels, "paper") for k in range(count)]
 
 
 def hard() -> list[Photo]:
-    """Large photos that depart from the others in one thing: sRGB coding; colour and JPEG; little light; a part that
-    is little darker than a bench with strong grain, with a photo of the empty bench.
+    """Large photos that depart from the others in one thing.
+
+    Their names: sRGB coding (srgb); colour and JPEG (jpeg); little light (dim); a part that is
+    little darker than a bench with strong grain, with a photo of the empty bench (faint).
     """
     srgb, jpeg, dim, faint = (_photo(k, 10) for k in (6, 8, 10, 12))
     blue = replace(jpeg.scene.layers[-1], colour=(0.35, 0.2, 0.1))
     colours = replace(jpeg.scene, bench=(0.30, 0.52, 0.62), layers=(*jpeg.scene.layers[:-1], blue))
+    grained = Scene(0.6, (Layer(faint.loops, 0.42, 0.02),), 0.05)
     return [
         replace(srgb, name="srgb", shot=replace(srgb.shot, coding="srgb")),
         replace(jpeg, name="jpeg", scene=colours, suffix=".jpg"),
         replace(dim, name="dim", shot=replace(dim.shot, exposure=0.25, gradient=(0.5, 0.2))),
-        replace(
-            faint,
-            name="faint",
-            scene=Scene(0.6, (Layer(faint.loops, 0.42, 0.02),), 0.05),
-            empty=True,
-        ),
+        replace(faint, name="faint", scene=grained, empty=True),
     ]
 
 
 def _photo(k: int, megapixels: int, part: str = "") -> Photo:
-    """part: the name of the one that is seen; by default that of the number."""
+    """The photo of a number. part: name of its part; empty for that of the number."""
     rng = np.random.default_rng([k, megapixels])
     name = part or (list(NAMED)[k] if k < len(NAMED) else f"random{k}")
     loops = NAMED[name]() if name in NAMED else random_part(k)
-    way = WAYS[k % len(WAYS)]
+    plane = PLANES[k % len(PLANES)]
+    on_sheet = plane == "markers"
     lens = _lens(megapixels, rng)
-    height = float(rng.choice([0.0, 1.5])) if way == "markers" else 0.0
+    height = float(rng.choice([0.0, 1.5])) if on_sheet else 0.0
     paper = make_sheet("A4")
-    middle = complex(*paper.free) / 2 if way == "markers" else complex(*rng.uniform(20, 200, 2))
+    middle = complex(*paper.free) / 2 if on_sheet else complex(*rng.uniform(20, 200, 2))
     turn = rng.uniform(0, 2 * np.pi)
     placed = tuple(loop.moved(turn, middle) for loop in loops)
-    room = np.array(lens.size) * ((0.12, 0.1) if way == "markers" else (0.3, 0.25))
+    room = np.array(lens.size) * ((0.12, 0.1) if on_sheet else (0.3, 0.25))
     pixel = complex(*(np.array(lens.size) / 2 + rng.uniform(-1, 1, 2) * room))
     tilt = 18 * rng.uniform() ** 0.5
     about, roll = rng.uniform((0, -180), (360, 180))
-    rotation, origin = looking(
-        lens, middle, pixel, SCALE * SIZES[10][0] / lens.size[0], tilt, about, roll
-    )
-    shot = Shot(
-        lens, rotation, origin, blur=0.7, exposure=0.85, gradient=tuple(rng.uniform(-0.3, 0.3, 2)),
-        vignetting=rng.uniform(0, 0.2), read=1.6, shot=0.01, seed=k,
-    )  # fmt: skip
-    scene = _scene(placed, paper if way == "markers" else None, height, rng)
+    scale = SCALE * SIZES[10][0] / lens.size[0]
+    pose = aim_camera(lens, middle, pixel, scale, (tilt, about, roll))
+    light = {"gradient": tuple(rng.uniform(-0.3, 0.3, 2)), "vignetting": rng.uniform(0, 0.2)}
+    shot = Shot(lens, *pose, blur=0.7, exposure=0.85, **light, read=1.6, shot=0.01, seed=k)
+    scene = _scene(placed, paper if on_sheet else None, height, rng)
     tool = 3 / 8 * INCH if name == "paper" else 6.0
     number = f"{k}-" if part else ""
-    return Photo(f"{name}-{number}{megapixels}mp", placed, scene, shot, way, tool, tilt, height)
+    return Photo(f"{name}-{number}{megapixels}mp", placed, scene, shot, plane, tool, tilt, height)
 
 
 def _lens(megapixels: int, rng: np.random.Generator) -> Lens:
@@ -120,38 +124,39 @@ def _scene(
         return Scene(dark if turned else light, (top,), texture=0.02, grain_seed=1)
     x, y = paper.origin
     page = (-x, -y, paper.page[0] - x, paper.page[1] - y)
-    return Scene(
-        0.45,
-        (*markers(page, paper.ids, paper.corners, DICTIONARY, -height), top),
-        texture=0.02,
-        grain_seed=1,
-    )
+    sheet = markers(page, paper.ids, paper.corners, DICTIONARY, -height)
+    return Scene(0.45, (*sheet, top), texture=0.02, grain_seed=1)
 
 
 # -- files
 
 
 def write(folder: Path, photo: Photo) -> None:
-    """NAME.png, its job NAME.toml, its camera NAME.yaml, the truth NAME.json; of the empty bench NAME-empty.png."""
-    written(folder / f"{photo.name}{photo.suffix}", render(photo.scene, photo.shot))
+    """Writes NAME.png, its job NAME.toml, its camera NAME.yaml and the truth NAME.json.
+
+    The photo of an empty bench is NAME-empty.png.
+    """
+    write_photo(folder / f"{photo.name}{photo.suffix}", render(photo.scene, photo.shot))
     if photo.empty:
         # A little less light than with the part.
         bench = replace(photo.scene, layers=photo.scene.layers[:-1])
-        other = replace(
-            photo.shot, seed=photo.shot.seed + 1000, exposure=photo.shot.exposure * 0.95
-        )
-        written(folder / f"{photo.name}-empty{photo.suffix}", render(bench, other))
+        shot = photo.shot
+        other = replace(shot, seed=shot.seed + 1000, exposure=shot.exposure * 0.95)
+        write_photo(folder / f"{photo.name}-empty{photo.suffix}", render(bench, other))
     (folder / f"{photo.name}.yaml").write_text(camera_info(photo.shot.lens))
     (folder / f"{photo.name}.toml").write_text(_job(photo))
-    loops = [
-        {"points": [[z.real, z.imag] for z in loop.points.tolist()], "bulges": loop.bulges.tolist()}
-        for loop in photo.loops
-    ]
-    middle = complex(photo.loops[0].points.mean())
+    loops = []
+    for loop in photo.loops:
+        points = np.column_stack([loop.points.real, loop.points.imag])
+        loops.append({"points": points.tolist(), "bulges": loop.bulges.tolist()})
     truth = {
-        "file": f"{photo.name}{photo.suffix}", "tilt": photo.tilt, "way": photo.way, "tool": photo.tool,
-        "mm_per_px": mm_per_px(photo.shot, middle), "loops": loops,
-    }  # fmt: skip
+        "file": f"{photo.name}{photo.suffix}",
+        "tilt": photo.tilt,
+        "plane": photo.plane,
+        "tool": photo.tool,
+        "mm_per_px": mm_per_px(photo.shot, complex(photo.loops[0].points.mean())),
+        "loops": loops,
+    }
     (folder / f"{photo.name}.json").write_text(json.dumps(truth, indent=1))
 
 
@@ -188,14 +193,14 @@ def _job(photo: Photo) -> str:
 
 def _plane(photo: Photo) -> list[str]:
     shot = photo.shot
-    if photo.way == "markers":
+    if photo.plane == "markers":
         return ['markers = "A4"', f"height = {photo.height!r}"]
-    if photo.way == "pose":
+    if photo.plane == "pose":
         r = shot.rotation
         angles = np.arctan2(r[2, 1], r[2, 2]), -np.arcsin(r[2, 0]), np.arctan2(r[1, 0], r[0, 0])
         return [f"plane_from = {[*shot.origin.tolist(), *np.degrees(angles).tolist()]}"]
     middle = photo.loops[0].points.mean()
-    grid = middle + np.array([x + 1j * y for x in (-70, 0, 70) for y in (-60, 60)])
+    grid = middle + np.add.outer([-70, 0, 70], [-60j, 60j]).ravel()
     u, v = photo_from_work(shot, grid.real, grid.imag)
     # As exact as a user could take them from a pattern on the bench: a thousandth of a pixel.
     px = np.column_stack([u, v]).round(3).tolist()

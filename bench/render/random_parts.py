@@ -1,13 +1,15 @@
-"""Flat parts by chance, as contours of lines and arcs: the same part for the same number, everywhere.
+"""Flat parts by chance, as contours of lines and arcs: the same part for the same number.
 
-Outlines are stars, polygons with arcs of every size, and blocks with a notch; holes hold islands. Many have what an
-offset is afraid of: a cusp where an arc comes back on the segment before it, a notch or a hole that the tool just fits
-or just does not, a neighbour as far away as the tool is wide. Contours are flattened here, by formulas of their own.
+Outlines are stars, polygons with arcs of every size, and blocks with a notch; holes hold islands.
+Many have features that are hard for an offset: a cusp where an arc returns along the segment before
+it, a notch or a hole that the tool just fits or just does not, a neighbour at about the width of
+the tool. Contours are flattened here, by formulas that are not camgen's.
 """
 
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -21,21 +23,29 @@ CHORD = 2e-4
 DIAMETERS = (0.5, 1.0, 2.0, 3.0, 6.0, 10.0)
 #: Area, mm2, by which a contour may overlap itself: slips of a drawing at a cusp, no crossing.
 _SLIP = 0.01
-#: A hole is bigger than its tool by one of these, mm.
+#: Differences between the width of a hole and that of its tool, mm.
 _ROOMS = (-0.05, -0.002, 0.005, 0.01, 0.03, 0.08, 0.15, 0.5)
-#: Turn of a cusp, off half a turn by this many degrees.
+#: Differences between the turn of a cusp and half a turn, deg.
 _CUSPS = (0.0, 0.0, 0.01, -0.01, 0.2, -0.2, 0.8, -0.8, 2.0, -2.0)
 
 
 class Shape(NamedTuple):
-    """A closed contour: rows of x, y, bulge (mm, tan of a quarter of the sweep), and its area as a polygon."""
+    """A closed contour.
+
+    rows: (N, 3) x and y, mm, and bulge, the tangent of a quarter of the sweep.
+    polygon: its area.
+    """
 
     rows: np.ndarray
     polygon: shapely.Geometry
 
 
 class RandomPart(NamedTuple):
-    """Contours that do not cross each other, and the tool's diameter, mm."""
+    """A part.
+
+    shapes: contours that do not cross each other.
+    diameter: diameter of the tool, mm.
+    """
 
     shapes: list[Shape]
     diameter: float
@@ -49,29 +59,24 @@ def random_part(number: int) -> RandomPart:
     assert outline is not None
     shapes = [outline]
     for _ in range(rng.integers(0, 5)):
-        inside = shapely.difference(
-            outline.polygon, shapely.union_all([s.polygon for s in shapes[1:]])
-        )
-        hole = _try(rng, lambda room=inside: _within(rng, room, _hole(rng, diameter)))
+        holes = shapely.union_all([shape.polygon for shape in shapes[1:]])
+        inside = shapely.difference(outline.polygon, holes)
+        hole = _try(rng, lambda room=inside: _place(rng, room, _hole(rng, diameter)))
         if hole is not None:
             shapes.append(hole)
     for hole in shapes[1:]:
         if rng.random() < 0.4:
-            island = _try(
-                rng,
-                lambda room=hole.polygon: _within(rng, room, _star(rng, rng.uniform(0.3, 8), 2)),
-                8,
-            )
-            shapes += [island] if island is not None else []
+            room = hole.polygon
+            make = partial(_draw_island, rng, room)
+            shapes += filter(None, [_try(rng, make, 8)])
     if rng.random() < 0.25:
-        beside = _try(rng, lambda: _beside(rng, outline, diameter), 8)
-        shapes += [beside] if beside is not None else []
+        shapes += filter(None, [_try(rng, lambda: _neighbour(rng, outline, diameter), 8)])
     order = rng.permutation(len(shapes))
     return RandomPart([shapes[k] for k in order], diameter)
 
 
 def _try(rng: np.random.Generator, make: object, times: int = 200) -> Shape | None:
-    """The first sound shape that ``make`` gives, drawn in one direction or the other; None where there is none."""
+    """The first sound shape that ``make`` gives, in a direction by chance; None without one."""
     for _ in range(times):
         rows = make()  # type: ignore[operator]
         polygon = None if rows is None else _polygon(rows)
@@ -81,7 +86,7 @@ def _try(rng: np.random.Generator, make: object, times: int = 200) -> Shape | No
 
 
 def _polygon(rows: np.ndarray) -> shapely.Geometry | None:
-    """The area within a contour, None where it crosses itself by more than a slip."""
+    """The area within a contour; None if it crosses itself by more than a slip."""
     points = flat(rows)
     if len(points) < 3:
         return None
@@ -89,11 +94,11 @@ def _polygon(rows: np.ndarray) -> shapely.Geometry | None:
     drawn = abs(_signed_area(shapely.get_coordinates(ring)))
     if ring.is_valid:
         return ring if ring.area > 1e-3 else None
-    # What an odd number of turns enclose: the tip beyond a slip belongs to the part as the rest of a spike does.
-    mended = shapely.union_all([p for p in shapely.get_parts(shapely.make_valid(ring)) if p.area])
-    whole = max(p.area for p in shapely.get_parts(mended)) if not mended.is_empty else 0.0
-    is_slip = whole > 1.0 and abs(mended.area - drawn) < _SLIP and mended.area - whole < _SLIP
-    return mended if is_slip else None
+    # The even-odd area: the tip beyond a slip belongs to the part, as the rest of a spike does.
+    valid = shapely.union_all([p for p in shapely.get_parts(shapely.make_valid(ring)) if p.area])
+    largest = max((p.area for p in shapely.get_parts(valid)), default=0.0)
+    is_slip = largest > 1.0 and abs(valid.area - drawn) < _SLIP and valid.area - largest < _SLIP
+    return valid if is_slip else None
 
 
 def flat(rows: np.ndarray) -> np.ndarray:
@@ -106,8 +111,8 @@ def flat(rows: np.ndarray) -> np.ndarray:
         chord_turn = 2 * np.arccos(np.maximum(1 - CHORD / radius, 0.0))
         return np.where(is_arc, np.maximum(np.ceil(turn / chord_turn), 4), 1)
 
-    at = flatten(Loop(rows[:, :2] @ [1, 1j], rows[:, 2]), count)
-    return np.column_stack([at.real, at.imag])
+    points = flatten(Loop(rows[:, :2] @ [1, 1j], rows[:, 2]), count)
+    return np.column_stack([points.real, points.imag])
 
 
 def _signed_area(points: np.ndarray) -> float:
@@ -136,17 +141,12 @@ def _star(rng: np.random.Generator, size: float, digits: int) -> np.ndarray:
     angle = np.sort(rng.uniform(0, 2 * np.pi, count))
     radius = size * rng.uniform(0.35, 1.0, count)
     bulge = np.where(rng.random(count) < 0.5, 0.0, rng.uniform(-0.7, 0.7, count))
-    return np.column_stack(
-        [
-            (radius * np.cos(angle)).round(digits),
-            (radius * np.sin(angle)).round(digits),
-            bulge.round(2),
-        ]
-    )
+    x, y = (radius * np.cos(angle)).round(digits), (radius * np.sin(angle)).round(digits)
+    return np.column_stack([x, y, bulge.round(2)])
 
 
 def _scattered(rng: np.random.Generator) -> np.ndarray:
-    """A few points anywhere, in any order that does not cross; whether it does is seen later."""
+    """A few points anywhere, in order about their middle. They may still cross."""
     count = rng.integers(3, 7)
     points = rng.uniform(-50, 50, (count, 2)).round(1)
     middle = points - points.mean(axis=0)
@@ -167,7 +167,7 @@ def _neck(rng: np.random.Generator, diameter: float) -> np.ndarray:
 
 
 def _with_cusp(rng: np.random.Generator, rows: np.ndarray) -> np.ndarray:
-    """An arc that comes back nearly on the segment before it."""
+    """An arc that returns nearly along the segment before it."""
     k = int(rng.integers(len(rows)))
     rows = np.roll(rows, -k, axis=0)
     before = rows[1, :2] - rows[0, :2]
@@ -186,27 +186,25 @@ def _hole(rng: np.random.Generator, diameter: float) -> np.ndarray:
     kind, long = rng.random(), rng.uniform(0, 8)
     if kind < 0.25:
         return np.array([[wide, 0, 1.0], [-wide, 0, 1.0]])
+    y = [-wide, -wide, wide, wide]
     if kind < 0.45:
-        return np.array(
-            [[-long, -wide, 0], [long, -wide, 1.0], [long, wide, 0], [-long, wide, 1.0]]
-        )
+        return np.column_stack([[-long, long, long, -long], y, [0.0, 1.0, 0.0, 1.0]])
     if kind < 0.6:
-        return np.array(
-            [
-                [-long - wide, -wide, 0],
-                [long + wide, -wide, 0],
-                [long + wide, wide, 0],
-                [-long - wide, wide, 0],
-            ]
-        )
+        half = long + wide
+        return np.column_stack([[-half, half, half, -half], y, np.zeros(4)])
     star = _star(rng, wide * rng.uniform(1.5, 6), 2)
     return _with_cusp(rng, star) if rng.random() < 0.4 else star
 
 
-def _within(
-    rng: np.random.Generator, room: shapely.Geometry, rows: np.ndarray
-) -> np.ndarray | None:
-    """``rows`` turned and moved into ``room``, None where it does not lie there. Walls are 0.05 mm at least."""
+def _draw_island(rng: np.random.Generator, room: shapely.Geometry) -> np.ndarray | None:
+    return _place(rng, room, _star(rng, rng.uniform(0.3, 8), 2))
+
+
+def _place(rng: np.random.Generator, room: shapely.Geometry, rows: np.ndarray) -> np.ndarray | None:
+    """A contour turned and moved into a room; None if it does not fit there.
+
+    Walls are 0.05 mm wide or more.
+    """
     if room.is_empty:
         return None
     x0, y0, x1, y1 = room.bounds
@@ -220,8 +218,8 @@ def _within(
     return placed if room.boundary.distance(polygon) > rng.choice([0.05, 1.0]) else None
 
 
-def _beside(rng: np.random.Generator, outline: Shape, diameter: float) -> np.ndarray | None:
-    """A star to the right of the outline, about as far away as the tool is wide."""
+def _neighbour(rng: np.random.Generator, outline: Shape, diameter: float) -> np.ndarray | None:
+    """A star to the right of the outline, at about the width of the tool."""
     rows = _star(rng, rng.uniform(5, 25), 3)
     polygon = _polygon(rows)
     if polygon is None:
@@ -229,12 +227,12 @@ def _beside(rng: np.random.Generator, outline: Shape, diameter: float) -> np.nda
     far = outline.polygon.bounds[2] - polygon.bounds[0] + 1.0
     gap = diameter + float(rng.choice([-0.3, 0.0, 0.02, 0.1, 1.0]))
     for _ in range(30):
-        off = affinity.translate(polygon, far, 0.0).distance(outline.polygon) - gap
-        if abs(off) < 0.005 or abs(far) > 1000:
+        error = affinity.translate(polygon, far, 0.0).distance(outline.polygon) - gap
+        if abs(error) < 0.005 or abs(far) > 1000:
             break
-        far -= off
-    # It may pass by above or below.
-    if abs(off) > 0.005:
+        far -= error
+    # The star may pass above or below the outline.
+    if abs(error) > 0.005:
         return None
     rows[:, 0] = (rows[:, 0] + far).round(3)
     clear = _polygon(rows)

@@ -1,8 +1,8 @@
-"""Outlines made of lines and arcs, for the renderer and its truth: written apart from camgen's own geometry.
+"""Outlines made of lines and arcs, for the renderer and its truth, without camgen's geometry.
 
-A point of the plane is a complex number x + i y, mm. A piece runs from `start` over `chord` with a bulge, tan of a
-quarter of the angle that it turns by, positive counter-clockwise. Material is on the left of every loop: outer loops
-run counter-clockwise, holes clockwise.
+A point of the plane is a complex number x + i y, mm. A piece runs from `start` over `chord` with a
+bulge, tan of a quarter of the angle that it turns by, positive counter-clockwise. Material is on
+the left of every loop: outer loops run counter-clockwise, holes clockwise.
 """
 
 from __future__ import annotations
@@ -16,19 +16,27 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A closed loop. points: (N,) complex, mm. bulges: (N,), of the piece that leaves each point."""
+    """A closed loop.
+
+    points: (N,) complex, mm.
+    bulges: (N,), bulge of the piece that leaves each point.
+    """
 
     points: np.ndarray
     bulges: np.ndarray
 
-    def moved(self, turn: float, by: complex) -> Loop:
+    def moved(self, turn: float, shift: complex) -> Loop:
         """Turned about the origin by ``turn`` rad, then shifted."""
-        return Loop(self.points * np.exp(1j * turn) + by, self.bulges)
+        return Loop(self.points * np.exp(1j * turn) + shift, self.bulges)
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Lines and arcs. start, chord: (P,) complex. sweep: (P,), the angle that each turns by, rad; 0: a line."""
+    """Lines and arcs.
+
+    start, chord: (P,) complex, mm.
+    sweep: (P,) angle that each turns by, rad, 0 for a line.
+    """
 
     start: np.ndarray
     chord: np.ndarray
@@ -50,7 +58,10 @@ class Pieces:
         return start + chord * along, chord * rate
 
     def walk(self, counts: np.ndarray) -> np.ndarray:
-        """Points along the pieces, (N,) complex. counts: (P,), of each piece, from its start on."""
+        """Points along the pieces, (N,) complex.
+
+        counts: (P,) number of points of each piece, from its start on.
+        """
         which = np.repeat(np.arange(len(counts)), counts)
         number = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
         return self.at(which, number / counts[which])[0]
@@ -60,7 +71,7 @@ class Pieces:
         return self.walk(np.ceil(self.length / step).astype(int).clip(1))
 
     def distance(self, places: np.ndarray) -> np.ndarray:
-        """From each of the places (N,) to the nearest point of all pieces, mm."""
+        """Distance of each of the places (N,) from the nearest point of all pieces, mm."""
         least = np.full(len(places), np.inf)
         for start, chord, sweep in zip(self.start, self.chord, self.sweep, strict=True):
             least = np.minimum(least, _distance(places, start, chord, sweep))
@@ -72,11 +83,11 @@ def _distance(places: np.ndarray, start: complex, chord: complex, sweep: float) 
         along = ((places - start) / chord).real.clip(0, 1)
         return np.abs(places - start - along * chord)
     centre = start - chord / np.expm1(1j * sweep)
-    # The angle from the middle of the arc tells whether the foot of a place lies on it.
+    # The foot of a place lies on the arc if the angle from its middle is small enough.
     middle = (start - centre) * np.exp(0.5j * sweep)
-    beside = np.abs(np.angle((places - centre) / middle)) <= abs(sweep) / 2
+    is_beside = np.abs(np.angle((places - centre) / middle)) <= abs(sweep) / 2
     ends = np.minimum(np.abs(places - start), np.abs(places - start - chord))
-    return np.where(beside, np.abs(np.abs(places - centre) - abs(middle)), ends)
+    return np.where(is_beside, np.abs(np.abs(places - centre) - abs(middle)), ends)
 
 
 def pieces(loops: Sequence[Loop]) -> Pieces:
@@ -158,9 +169,8 @@ def rounded(corners: Sequence[tuple[float, float, float]]) -> Loop:
         points += [at[k] - reach * into / abs(into), at[k] + reach * out / abs(out)]
         bulges += [float(np.tan(turn / 4)), 0.0]
     place = np.array(points)
-    kept = (
-        np.abs(np.roll(place, -1) - place) > 1e-9
-    )  # two arcs may leave nothing of the side between them
+    # Two arcs may leave nothing of the side between them.
+    kept = np.abs(np.roll(place, -1) - place) > 1e-9
     return Loop(place[kept], np.array(bulges)[kept])
 
 
@@ -170,11 +180,13 @@ def circle(x: float, y: float, radius: float) -> Loop:
 
 
 def slot(x: float, y: float, length: float, width: float, angle: float) -> Loop:
-    """Two straight sides and two half circles, ``length`` over all, as an outer loop. angle: deg."""
+    """Two straight sides and two half circles as an outer loop.
+
+    length: mm, with both half circles.
+    angle: direction of the sides, deg.
+    """
     half, radius = (length - width) / 2, width / 2
-    ends = np.array(
-        [-half - 1j * radius, half - 1j * radius, half + 1j * radius, -half + 1j * radius]
-    )
+    ends = np.array([-half, half, half, -half]) + 1j * radius * np.array([-1, -1, 1, 1])
     return Loop(ends, np.array([0.0, 1.0, 0.0, 1.0])).moved(np.radians(angle), complex(x, y))
 
 
@@ -184,12 +196,12 @@ def box(x0: float, y0: float, x1: float, y1: float) -> Loop:
 
 
 def hole(loop: Loop) -> Loop:
-    """The loop the other way round."""
+    """The loop in the other direction."""
     return Loop(loop.points[::-1], -np.roll(loop.bulges[::-1], -1))
 
 
 def area(loops: Sequence[Loop]) -> float:
-    """Enclosed area, mm2: that of the polygon and of the segments between chords and arcs."""
+    """Enclosed area, mm2: the polygon, and the segments between chords and arcs."""
     total = 0.0
     for loop in loops:
         ends = np.roll(loop.points, -1)
@@ -197,7 +209,6 @@ def area(loops: Sequence[Loop]) -> float:
         half = np.abs(ends - loop.points) / 2
         radius = half / np.where(sweep == 0, 1, np.sin(np.abs(sweep) / 2))
         total += float((loop.points.conj() * ends).imag.sum() / 2)
-        total += float(
-            (np.sign(sweep) * radius**2 * (np.abs(sweep) - np.sin(np.abs(sweep))) / 2).sum()
-        )
+        segments = radius**2 * (np.abs(sweep) - np.sin(np.abs(sweep))) / 2
+        total += float((np.sign(sweep) * segments).sum())
     return total

@@ -1,4 +1,4 @@
-"""A flat part as a solid, for the scanner: the loops of the drawing and how thick the sheet is."""
+"""A flat part as a solid, for the scanner."""
 
 from __future__ import annotations
 
@@ -15,34 +15,29 @@ _STEP = 0.5
 
 
 def sheet(loops: Sequence[Loop], thickness: float) -> trimesh.Trimesh:
-    """The part as a watertight mesh, mm: its top face at z = 0, ``thickness`` below it the other one."""
+    """The part as a watertight mesh, mm: a face at z = 0, the other one ``thickness`` below it."""
     rings = [_points(loop) for loop in loops]
     flat = shapely.Polygon(rings[0], rings[1:])
     corners = np.concatenate(rings)
-    faces = [
-        shapely.get_coordinates(one)[:3]
-        for one in shapely.constrained_delaunay_triangles(flat).geoms
-    ]
-    place = {tuple(point): k for k, point in enumerate(corners.tolist())}
-    top = np.array([[place[tuple(point)] for point in face] for face in np.array(faces).tolist()])
+    index = {tuple(point): k for k, point in enumerate(corners.tolist())}
+    faces = []
+    for triangle in shapely.constrained_delaunay_triangles(flat).geoms:
+        faces.append([index[point] for point in triangle.exterior.coords[:3]])
+    top = np.array(faces)
     a, b, c = (corners[top[:, k]] for k in range(3))
     turned = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
     top[turned] = top[turned][:, ::-1]
-    count, sides, begin = len(corners), [], 0
+    count, sides, first = len(corners), [], 0
     for ring in rings:
-        here = begin + np.arange(len(ring))
-        ahead = begin + (np.arange(len(ring)) + 1) % len(ring)
-        sides += [
-            np.column_stack([here, here + count, ahead]),
-            np.column_stack([ahead, here + count, ahead + count]),
-        ]
-        begin += len(ring)
-    vertices = np.concatenate(
-        [np.column_stack([corners, np.full(count, z)]) for z in (0.0, -thickness)]
-    )
-    mesh = trimesh.Trimesh(
-        vertices, np.concatenate([top, top[:, ::-1] + count, *sides]), process=False
-    )
+        start = first + np.arange(len(ring))
+        end = np.roll(start, -1)
+        sides.append(np.column_stack([start, start + count, end]))
+        sides.append(np.column_stack([end, start + count, end + count]))
+        first += len(ring)
+    heights = np.repeat([0.0, -thickness], count)
+    vertices = np.column_stack([np.tile(corners, (2, 1)), heights])
+    faces = np.concatenate([top, top[:, ::-1] + count, *sides])
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
     assert mesh.is_watertight
     return mesh
 

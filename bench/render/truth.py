@@ -21,8 +21,8 @@ class Truth:
 
     points: (N,) complex, mm.
     normals: (N,) complex, unit vectors towards the part.
-    sharp: (N,) bool, points at sharp corners: the arc around an outer corner, and the kink before an
-        inner corner or before another part of the outline.
+    sharp: (N,) bool, points at sharp corners: the arc around an outer corner, and the kink before
+        an inner corner or before another part of the outline.
     contact: (N,) speed of the contact point over that of the tool centre, 0 around a sharp corner.
     length: (N,) mm, length of the part for each point; where the contact point stands still, of the
         path.
@@ -118,7 +118,7 @@ def path_error(path: np.ndarray, truth: Truth, near_by: float = 1.0) -> Error:
 
 
 def measure_nearest(places: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """The distance from each of the places (N,) to the nearest of the others (M,), inf without any."""
+    """The distance from each of the places (N,) to the nearest other (M,), inf without one."""
     distances = np.full(len(places), np.inf)
     if not len(others):
         return distances

@@ -1,13 +1,12 @@
 """Convex edges of twelve parts that an arm works in one set-up.
 
-    python -m bench.robots.coverage [PART ...]         covered length, pieces and seconds
-    python -m bench.robots.coverage trim [PART ...]    the covered length for ten values of trim
+    python -m bench.robots.coverage [PART ...]
 
 The rule, committed before edges were worked in pieces: six parts of others, which stand beside
 the repository, and six that ``drawn_parts`` draws with seed 43. A part whose longest side is not
 between 100 and 400 mm is scaled to 200 mm. It stands as its file has it on a table; the middle of
 its base is at `PLACE` before an IRB 2400, whose spindle of 6 mm leans by 60 deg. All convex edges
-are asked for, 2 mm off, with 15 deg of tilt and any roll. The trims are those of five parts.
+are asked for, 2 mm off, with 15 deg of tilt and any roll.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +23,7 @@ import trimesh
 import camgen
 from bench.robots.drawn_parts import write_parts
 from bench.robots.rfa import CELLS
-from bench.support.runner import SHARED, Cells, Scenario, run, verdict
+from bench.support.runner import SHARED, Cells, Scenario, run
 from bench.support.timing import timed
 
 SEED = 43
@@ -42,13 +40,10 @@ _LEAST, _MOST, _SCALED = 100.0, 400.0, 200.0
 #: mm, base frame: where the middle of the base of each part stands.
 PLACE = (1000.0, 0.0, 600.0)
 ROBOT = "IRB 2400"
-TRIMS = tuple(round(k * 100 / 9, 1) for k in range(10))
 COLUMNS = (
     "part | convex edges | mm {:,.0f} | worked, mm {:,.0f} | of it {:.1f} % | edges worked "
     "| pieces | s {:.1f}"
 )
-TRIM_COLUMNS = "part | " + " | ".join(f"{trim:g} {{:,.1f}}" for trim in TRIMS) + " | falls"
-TRIMMED = ("featuretype", "plate_holes", "block", "bracket", "hub")
 
 
 def list_parts(folder: Path, names: Sequence[str]) -> Iterator[tuple[str, camgen.Part]]:
@@ -70,7 +65,7 @@ def _read(file: Path) -> camgen.Part:
     return camgen.part(scaled, file.stem)
 
 
-def make_job(part: camgen.Part, trim: float = 0.0) -> dict[str, dict[str, object]]:
+def make_job(part: camgen.Part) -> dict[str, dict[str, object]]:
     """The job of a part in its set-up."""
     low, high = part.solid.vertices.min(axis=0), part.solid.vertices.max(axis=0)
     middle = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]
@@ -81,7 +76,7 @@ def make_job(part: camgen.Part, trim: float = 0.0) -> dict[str, dict[str, object
     table = [*(low[:2] - 200.0), low[2] - 20.5, *(high[:2] + 200.0), low[2] - 0.5]
     return {
         "input": {"select": "convex"},
-        "operation": {"offset": 2.0, "trim": trim},
+        "operation": {"offset": 2.0},
         "tool": {
             "holder": [[-wide, -wide, 0.0, wide, wide, tall]],
             "axis_tilt": 15.0,
@@ -96,43 +91,25 @@ def make_job(part: camgen.Part, trim: float = 0.0) -> dict[str, dict[str, object
     }
 
 
-def covered(result: camgen.Result | None) -> float:
-    """Length of the edges that are worked, mm."""
-    return 0.0 if result is None else sum(result.tour.lengths)
-
-
-def _build(part: camgen.Part, trim: float = 0.0) -> camgen.Result | None:
+def _build(part: camgen.Part) -> camgen.Result | None:
     try:
-        return camgen.build(part, post="rapid", job=make_job(part, trim))
+        return camgen.build(part, post="rapid", job=make_job(part))
     except (camgen.NoSafeProgram, camgen.InputError):
         return None
 
 
-def cover(name: str, part: camgen.Part) -> Iterator[Cells]:
+def measure(name: str, part: camgen.Part) -> Iterator[Cells]:
     """The row of a part."""
     edges = [edge for edge in part.solid.edges if edge.convex]
     result, seconds = timed(partial(_build, part))
     paths = () if result is None else result.tour.paths
     worked = {path.contours[0] for path in paths}
-    length, done = sum(edge.length for edge in edges), covered(result)
+    done = 0.0 if result is None else sum(result.tour.lengths)
+    length = sum(edge.length for edge in edges)
     counts = len(worked), len(paths), round(seconds, 1)
     yield name, len(edges), length, done, 100 * done / length, *counts
 
 
-def cover_with_trims(name: str, part: camgen.Part) -> Iterator[Cells]:
-    """The row of a part: the covered length as more may be left out. It must not fall."""
-    lengths = [covered(_build(part, trim)) for trim in TRIMS]
-    yield name, *lengths, verdict(all(b >= a - 1e-6 for a, b in pairwise(lengths)))
-
-
-def main(words: Sequence[str]) -> int:
-    """Prints the table of all parts, or that of the trims."""
-    with tempfile.TemporaryDirectory() as folder:
-        if words[:1] == ["trim"]:
-            parts = list_parts(Path(folder), words[1:] or TRIMMED)
-            return run(Scenario(TRIM_COLUMNS, parts, cover_with_trims))
-        return run(Scenario(COLUMNS, list_parts(Path(folder), words), cover))
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    with tempfile.TemporaryDirectory() as folder:
+        sys.exit(run(Scenario(COLUMNS, list_parts(Path(folder), sys.argv[1:]), measure)))

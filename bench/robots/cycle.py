@@ -1,135 +1,105 @@
-"""Cycle times: length over speed beside acceleration, corners and joints; and LinuxCNC's own planner as the judge.
+"""Cycle times of single shapes: by length over speed, by camgen, and by LinuxCNC's own planner.
 
-`python -m bench.robots.cycle [FILE ...] [--lines N ...]`: fixtures, the files, and programs of N lines (50,000 and
-500,000). With `linuxcnc` as the file: programs
-run by LinuxCNC in its simulator, in real time, about two minutes, as by `bench.controllers.linuxcnc`.
+    python -m bench.robots.cycle [planned]
+
+LinuxCNC runs each shape in its simulator, in real time, as `bench.controllers.linuxcnc` does, about
+two minutes in all. With `planned`, or where it is not installed, its columns are empty.
 """
 
 from __future__ import annotations
 
-import argparse
+import re
+import sys
 import tempfile
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-import camgen
 from bench.controllers.linuxcnc import Planned, copy_runner, find_lack, run_program
-from bench.support.runner import ROOT, Table, open_table
-from bench.support.timing import median_seconds
+from bench.support.runner import Cells, Scenario, run
 from camgen.check.report import sum_up
-from camgen.check.time import compute_cycle, time_motions
+from camgen.check.time import time_motions
 from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.model.program import MoveC, MoveJ, MoveL, Program
 from camgen.post.plugins import find_post, make_post
 
-JOBS: dict[str, tuple[str, dict[str, object]]] = {
-    "bracket.dxf": ("parts/bracket.dxf", {}),
-    "bracket.dxf, 100 mm/s": ("parts/bracket.dxf", {"process": {"feed": 100.0, "travel": 500.0}}),
-    "bracket.dxf, IRB 120": ("parts/bracket.dxf", {"cell": {"robot": "IRB 120"}}),
-    "rfa1.stl": ("parts/rfa1.stl", {}),
-}
+COLUMNS = (
+    "program | length over speed, s {:.3f} | camgen, s {:.3f} | LinuxCNC, s {:.3f} "
+    "| apart {:+.2f} %"
+)
 
 
-def at(x: float, y: float, z: float = 0.0) -> Pose:
-    return Pose(TOOL_DOWN, (float(x), float(y), float(z)))
+def place(x: float, y: float) -> Pose:
+    """The pose of the tool at a place of the plane, mm."""
+    return Pose(TOOL_DOWN, (float(x), float(y), 0.0))
 
 
-def program(*moves: camgen.MoveL | camgen.MoveC) -> camgen.Program:
+def make_program(*moves: MoveL | MoveC) -> Program:
+    """A program that starts at the origin."""
     frame = translation(0, 0, 0)
-    return camgen.Program("p", frame, frame, (camgen.MoveJ(at(0, 0), 100.0), *moves))
+    return Program("p", frame, frame, (MoveJ(place(0, 0), 100.0), *moves))
 
 
-def polyline(points: np.ndarray, speed: float) -> camgen.Program:
-    last = len(points) - 1
-    return program(
-        *(
-            camgen.MoveL(at(x, y), speed, 1.0 if k < last else 0.0)
-            for k, (x, y) in enumerate(points[1:], 1)
-        )
-    )
+def make_polyline(points: np.ndarray, speed: float) -> Program:
+    """Lines through points (N, 2), the first one the origin, with blends of 1 mm."""
+    lines = [MoveL(place(x, y), speed, 1.0) for x, y in points[1:-1]]
+    return make_program(*lines, MoveL(place(*points[-1]), speed))
 
 
-def wave(count: int, length: float = 60.0) -> np.ndarray:
-    t = np.linspace(0, 1, count)
-    return np.column_stack([length * t, 10 * np.sin(0.2 * length * t)])
+def make_wave(count: int) -> Program:
+    """A wave through `count` points."""
+    share = np.linspace(0, 1, count)
+    return make_polyline(np.column_stack([60 * share, 10 * np.sin(12 * share)]), 40.0)
 
 
-def cases() -> dict[str, camgen.Program]:
-    zigzag = np.array([(2 * k, 3 * (k % 2)) for k in range(40)], float)
-    square = np.array([(0, 0), (20, 0), (20, 20), (0, 20), (0, 0)], float)
-    circle = (
-        camgen.MoveC(at(10, 10), at(20, 0), 50.0, 1.0),
-        camgen.MoveC(at(10, -10), at(0, 0), 50.0),
-    )
-    small = (camgen.MoveC(at(1, 1), at(2, 0), 50.0, 1.0), camgen.MoveC(at(1, -1), at(0, 0), 50.0))
+def make_circle(radius: float) -> Program:
+    """A circle of two arcs."""
+    first = MoveC(place(radius, radius), place(2 * radius, 0), 50.0, 1.0)
+    return make_program(first, MoveC(place(radius, -radius), place(0, 0), 50.0))
+
+
+def list_shapes() -> dict[str, Program]:
+    """The programs by their names."""
+    zigzag = np.array([(2 * k, 3 * (k % 2)) for k in range(40)])
+    square = np.array([(0, 0), (20, 0), (20, 20), (0, 20), (0, 0)])
     return {
-        "line 50 mm, 20 mm/s": program(camgen.MoveL(at(50, 0), 20.0)),
-        "square 20 mm, 50 mm/s": polyline(square, 50.0),
-        "circle R 10, 50 mm/s": program(*circle),
-        "circle R 1, 50 mm/s": program(*small),
-        "zigzag, 40 mm/s": polyline(zigzag, 40.0),
-        "wave, 59 lines, 40 mm/s": polyline(wave(60), 40.0),
-        "wave, 799 lines, 40 mm/s": polyline(wave(800), 40.0),
+        "line 50 mm, 20 mm/s": make_program(MoveL(place(50, 0), 20.0)),
+        "square 20 mm, 50 mm/s": make_polyline(square, 50.0),
+        "circle R 10, 50 mm/s": make_circle(10.0),
+        "circle R 1, 50 mm/s": make_circle(1.0),
+        "zigzag, 40 mm/s": make_polyline(zigzag, 40.0),
+        "wave, 59 lines, 40 mm/s": make_wave(60),
+        "wave, 799 lines, 40 mm/s": make_wave(800),
     }
 
 
-def main() -> None:
-    arguments = argparse.ArgumentParser()
-    arguments.add_argument("files", nargs="*")
-    arguments.add_argument("--lines", nargs="*", type=int, default=(50_000, 500_000))
-    given = arguments.parse_args()
-    if "linuxcnc" in given.files:
-        judge_by_linuxcnc()
-        return
-    table = open_table(
-        "input | post | length over speed, s {:.1f} | time, s {:.1f} | travel, s {:.1f}"
-    )
-    more: dict[str, tuple[str, dict[str, object]]] = {
-        Path(file).name: (str(Path(file).resolve()), {}) for file in given.files
-    }
-    for name, (file, job) in (JOBS | more).items():
-        for post in ("rapid", "vplus", "gcode", "grbl"):
-            if post != "rapid" and ("rfa" in file or "cell" in job):
-                continue
-            found = camgen.build(ROOT / "fixtures" / file, post=post, job=job)
-            times = found.motions.seconds, found.cycle.total, found.cycle.travel
-            table.add(name, post, *times)
-    table = Table("lines {:,} | post | timed in, s {:.2f}")
-    for count in given.lines:
-        one = polyline(wave(count + 1, count / 10), 40.0)
-        one.columns.ends, one.columns.speed, one.columns.blend  # noqa: B018 (read before the clock starts)
-        for post in ("rapid", "gcode"):
-            pace = make_post(find_post(post), {}).dynamics()
-            table.add(count, post, median_seconds(partial(compute_cycle, one, pace), 3))
-
-
-def judge_by_linuxcnc() -> None:
-    """The programs of `cases` in LinuxCNC's simulator and here."""
-    lack = find_lack()
-    if lack:
-        print(f"skipped: {lack}")
-        return
+def measure(name: str, program: Program, runner: Path | None) -> Iterator[Cells]:
+    """The row of a shape. runner: the script that runs LinuxCNC, None without it."""
     post = make_post(find_post("gcode"), {})
-    table = open_table(
-        "program | length over speed, s {:.3f} | camgen, s {:.3f} | LinuxCNC, s {:.3f} "
-        "| apart {:+.2f} %"
-    )
+    prepared = post.prepare(program, 0.01)
+    naive = sum_up(prepared.columns).seconds
+    planned = float(time_motions(prepared, post.dynamics(), None, None)[0].sum())
+    executed = None
+    if runner:
+        text = make_post(find_post("gcode"), {}).render(prepared)[0].text
+        executed = run_program(re.sub(r"\W+", "-", name), Planned(text, planned), runner, 1.0)
+    if executed is None:
+        yield name, naive, planned, "not executed" if runner else None
+    else:
+        yield name, naive, planned, executed.seconds, 100 * (planned / executed.seconds - 1)
+
+
+def main(is_planned: bool) -> int:
+    """Prints the table."""
+    lack = "only planned" if is_planned else find_lack()
     with tempfile.TemporaryDirectory() as temporary:
         # LinuxCNC runs as another user than root.
         Path(temporary).chmod(0o755)
-        runner = copy_runner(Path(temporary) / "runner")
-        for number, (name, case) in enumerate(cases().items()):
-            prepared = post.prepare(case, 0.01)
-            ours = float(time_motions(prepared, post.dynamics(), None, None)[0].sum())
-            text = make_post(find_post("gcode"), {}).render(prepared)[0].text
-            run = run_program(f"program{number}", Planned(text, ours), runner, 1.0)
-            naive = sum_up(prepared.columns).seconds
-            if run is None:
-                table.add(name, naive, ours, "not executed")
-            else:
-                table.add(name, naive, ours, run.seconds, 100 * (ours / run.seconds - 1))
+        runner = None if lack else copy_runner(Path(temporary) / "runner")
+        inputs = [(*shape, runner) for shape in list_shapes().items()]
+        return run(Scenario(COLUMNS, inputs, measure), note=f"; {lack}" if lack else "")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main("planned" in sys.argv[1:]))

@@ -1,17 +1,18 @@
-"""Real meshes and STEP parts before two arms: how many come to a program, and every motion of it looked at densely.
+"""Real meshes and STEP parts before two arms: programs, and every motion sampled densely.
 
     python -m bench.robots.parts [FOLDER] [SAMPLES, 400] [PART ...]
 
-FOLDER holds meshes and STEP files (default: ``shared/data`` beside the repository). PART is a file's name without
-suffix; unless named, parts of more than 1,000 convex edges are passed over. Each stands on a table before the arm, its
-middle at one place for all; all convex edges are asked for. "IRB 120" runs with the nominal tool, "IRB 2400" with 30
-deg of tilt.
+FOLDER holds meshes and STEP files (default: ``shared/data`` beside the repository). PART is the
+name of a file without its suffix. Without names, parts of more than 1,000 convex edges are left
+out. Each part stands on a table before the arm, with the middle of its foot at one place for all
+parts. All convex edges are asked for. "IRB 120" has the nominal tool, "IRB 2400" 30 deg of tilt.
 
-Every motion of a program is looked at in SAMPLES places, and with the nominal tool that along every edge that is left
-out for a collision: the TCP on its line or arc, the tool turned evenly, the joints found there by the inverse and
-proved by the forward way. "motions hit" counts those of a program that touch anything in a sample, with the deepest
-touch; "unfounded" the edges left out for a collision of which no sample shows one. Exits with 1 where a touch is deeper
-than the check promises or a collision is unfounded.
+A judge samples every motion of a program, and with the nominal tool every edge that is left out for
+a collision, SAMPLES times: the TCP on its line or arc, an even turn of the tool, and the joint
+values from the inverse kinematics, which the forward kinematics confirms. "motions hit" counts
+those that touch anything in a sample, with the deepest touch; "unfounded" the edges left out for a
+collision of which no sample shows one. Exits with 1 if a touch is deeper than the check promises,
+or a collision is unfounded.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 import camgen
 from bench.support.motions import place_motion, rotate
-from bench.support.runner import SHARED, find_files, open_table, read_words
+from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, read_words, run
 from camgen.collision.hits import find_collisions
 from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
@@ -35,30 +37,32 @@ from camgen.motion.pose_paths import PosePath, divide
 from camgen.motion.setup import JUMP, MARGIN, Setup, compute_flange_poses, count_samples
 from camgen.plan.edges.poses import make_poses
 from camgen.read.solid import STEP, mesh_file
-from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.continuity import follow
 from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.models import Robot
 
-SAMPLES = 400
-#: mm: a touch may be so deep: half a step of the check between standing and moving bodies, and what it adds.
+#: Depth of a touch that the check may miss, mm: half of its step between bodies, and its addition.
 PROMISED = 1.02
-#: mm: how deep touches are measured.
+#: Depths at which touches are measured, mm.
 DEPTHS = (0.0, 0.05, 0.1, 0.2, 0.5, PROMISED)
-#: Why an edge is left out whose nominal motion can be run again.
+#: The reason for which an edge is left out whose nominal motion can be run again.
 COLLIDES = re.compile(r"collision, [^;]* along it$")
-#: Convex edges of a part that is looked at without being named.
+#: Most convex edges of a part that is not named.
 MOST = 1000
-#: By arm: where the middle of a part's foot stands in its base, mm, and the tilt that is free, deg.
+#: For each arm the place of the middle of a part's foot in its base, mm, and the free tilt, deg.
 CELLS = {"IRB 120": ((400.0, 0.0, 100.0), 0.0), "IRB 2400": ((1000.0, 0.0, 600.0), 30.0)}
+COLUMNS = (
+    "part | arm | edges run | left out | for a collision | of these unfounded | motions hit "
+    "| CPU s {:.2f} | verdict"
+)
 
 
-def job(path: Path, arm: str) -> dict[str, dict[str, object]]:
-    """The part before the arm. Meshes of less than 10 units are drawn in inches, the others in mm."""
+def make_job(path: Path, arm: str) -> dict[str, dict[str, object]]:
+    """The part before the arm. Meshes of less than 10 units are read in inches, others in mm."""
     units = "auto"
-    solid = camgen.read(path).solid
-    assert solid is not None
-    low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
+    vertices = camgen.read(path).solid.vertices
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
     if path.suffix.lower() in mesh_file.SUFFIXES and (high - low).max() < 10:
         units, low, high = "inch", low * 25.4, high * 25.4
     place, tilt = CELLS[arm]
@@ -70,11 +74,11 @@ def job(path: Path, arm: str) -> dict[str, dict[str, object]]:
     }
 
 
-# Where the TCP is along a motion, from the text-book: a line or a circle through three points, and an even turn.
+# The TCP along a motion, from the textbook: a line or a circle through three points, an even turn.
 
 
-def turned(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
-    """(S, 3, 3) at ``share`` of the shortest turn."""
+def turn_evenly(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
+    """Rotations (S, 3, 3) at shares (S,) of the shortest turn."""
     turn = end @ start.T
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
     sine = float(np.linalg.norm(axis))
@@ -84,166 +88,162 @@ def turned(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
     return np.asarray(rotate(axis / sine, angle) @ start)
 
 
-def joints_on(
-    robot: Robot,
-    base: Pose,
-    tool: Pose,
-    position: FloatArray,
-    rotation: FloatArray,
-    start: FloatArray,
-) -> FloatArray:
-    """The joints (S, J) at poses of the TCP (work frame), each the nearest to the one before, proved by the forward
-    way to 1e-6 mm. ValueError where there are none.
-    """
-    flange_in_tool = tool.inverse()
-    turn = base.rotation @ rotation
-    origin = position @ base.rotation.T + np.asarray(base.origin)
-    every = compute_solutions(
-        robot,
-        turn @ flange_in_tool.rotation,
-        origin + turn @ np.asarray(flange_in_tool.origin),
-        start,
-    )
-    found = np.empty((len(position), len(start)))
-    here = start
-    for k, some in enumerate(every):
-        away = some - here
-        away -= math.tau * np.rint(away / math.tau)
-        best = int(np.nanargmin(np.abs(away).max(axis=1)))
-        here = found[k] = here + away[best]
-    back, tip = compute_flange(robot, found)
-    off = np.linalg.norm(tip + back @ np.asarray(tool.origin) - origin, axis=1).max()
-    if off > 1e-6:
-        raise ValueError(f"the joints lead {off} mm beside the way")
-    return found
+class Frames(NamedTuple):
+    """An arm with its work frame and its tool."""
+
+    robot: Robot
+    base_from_work: Pose
+    flange_from_tool: Pose
+
+    def find_joints(
+        self, position: FloatArray, rotation: FloatArray, start: FloatArray
+    ) -> FloatArray:
+        """Joint values (S, J) at poses of the TCP in the work frame.
+
+        Each is the nearest to the one before, from `start` (J,) on. ValueError if the forward
+        kinematics does not confirm them to 1e-6 mm.
+        """
+        base, tool = self.base_from_work, self.flange_from_tool
+        tool_from_flange = tool.inverse()
+        turn = base.rotation @ rotation
+        origin = position @ base.rotation.T + np.asarray(base.origin)
+        flange_origin = origin + turn @ np.asarray(tool_from_flange.origin)
+        flange_turn = turn @ tool_from_flange.rotation
+        joints = np.empty((len(position), len(start)))
+        last = start
+        solutions = compute_solutions(self.robot, flange_turn, flange_origin, start)
+        for k, branches in enumerate(solutions):
+            steps = branches - last
+            steps -= math.tau * np.rint(steps / math.tau)
+            best = int(np.nanargmin(np.abs(steps).max(axis=1)))
+            last = joints[k] = last + steps[best]
+        back, tip = compute_flange(self.robot, joints)
+        error = np.linalg.norm(tip + back @ np.asarray(tool.origin) - origin, axis=1).max()
+        if error > 1e-6:
+            raise ValueError(f"the joint values lead {error} mm beside the path")
+        return joints
+
+    def find_tool(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rotation and position of the TCP in the work frame at joint values (J,)."""
+        back, tip = (frame[0] for frame in compute_flange(self.robot, joints[None]))
+        work_from_base = self.base_from_work.rotation.T
+        origin = tip + back @ np.asarray(self.flange_from_tool.origin)
+        position = work_from_base @ (origin - np.asarray(self.base_from_work.origin))
+        return work_from_base @ back @ self.flange_from_tool.rotation, position
 
 
-def runs(program: camgen.Program, robot: Robot, samples: int) -> Iterator[tuple[int, FloatArray]]:
-    """The index of every motion and the joints (S, J) along it."""
+def sample_program(
+    program: camgen.Program, robot: Robot, samples: int
+) -> Iterator[tuple[int, FloatArray]]:
+    """The index of every motion and the joint values (S, J) along it."""
     share = np.arange(1, samples + 1) / samples
-    base, tool = program.base_from_work, program.flange_from_tool
+    frames = Frames(robot, program.base_from_work, program.flange_from_tool)
     joints = np.zeros(len(robot.joints))
     for index, item in enumerate(program.body):
         if isinstance(item, camgen.MoveJ):
-            end = np.array(
-                item.joints.values if isinstance(item.target, Pose) else item.target.values
-            )
-            way = joints + share[:, None] * (end - joints) if index else end[None]
-            yield index, way
-        elif hasattr(item, "target"):
-            back, tip = (one[0] for one in compute_flange(robot, joints[None]))
-            start = base.rotation.T @ back @ tool.rotation
-            begin = base.rotation.T @ (
-                tip + back @ np.asarray(tool.origin) - np.asarray(base.origin)
-            )
-            via = np.array(item.via.origin) if isinstance(item, camgen.MoveC) else None
-            rotation = turned(start, item.target.rotation, share)
-            if isinstance(item, camgen.MoveC):
-                half = [turned(start, item.via.rotation, 2 * share[share <= 0.5])]
-                half += [
-                    turned(item.via.rotation, item.target.rotation, 2 * share[share > 0.5] - 1)
-                ]
-                rotation = np.concatenate(half)
-            way = joints_on(
-                robot,
-                base,
-                tool,
-                place_motion(begin, via, np.array(item.target.origin), share),
-                rotation,
-                joints,
-            )
-            yield index, way
+            target = item.joints if isinstance(item.target, Pose) else item.target
+            end = np.array(target.values)
+            samples_of_motion = joints + share[:, None] * (end - joints) if index else end[None]
+        elif isinstance(item, (camgen.MoveL, camgen.MoveC)):
+            samples_of_motion = sample_linear(frames, item, joints, share)
         else:
             continue
-        joints = way[-1]
+        yield index, samples_of_motion
+        joints = samples_of_motion[-1]
 
 
-def depth(scene: Scene, joints: FloatArray) -> float:
-    """Mm by which the deepest of the touches at (S, J) goes in, at least, in steps of ``DEPTHS``; -1: no touch."""
-    met = joints[find_collisions(scene, joints) >= 0]
-    found = -1.0
-    for less in DEPTHS:
-        if not len(met):
-            break
-        found = less
-        met = met[find_collisions(scene, met, -(less + 1e-9)) >= 0]
-    return math.inf if len(met) else found
-
-
-def touches(result: camgen.Result, samples: int) -> list[float]:
-    """The depth of the motions of a program that touch anything in a sample."""
-    arm, where = result.cell.arm, result.where
-    assert arm is not None
-    assert where is not None
-    depths = [depth(where.scene, joints) for _, joints in runs(result.program, arm, samples)]
-    return [one for one in depths if one >= 0]
-
-
-def unfounded(result: camgen.Result, job: camgen.Job, samples: int) -> tuple[int, int]:
-    """How many edges are left out for a collision of the nominal tool, and of how many of them no sample shows one."""
-    arm, where, cell = result.cell.arm, result.where, result.cell
-    assert arm is not None
-    assert where is not None
-    assert result.part.solid is not None
-    edges = {edge.id: edge for edge in result.part.solid.edges}
-    setup = Setup(arm, cell.base_from_work, cell.flange_from_tool)
-    lost = [note for note in result.notes if note.kind == "skipped" and COLLIDES.match(note.why)]
-    none = []
-    for note in lost:
-        way = make_poses(edges[note.ids[0]], job.operation.offset)
-        assert isinstance(way, PosePath)
-        looks = divide(way, count_samples(way))
-        chosen = follow(
-            arm,
-            compute_flange_poses(setup, looks.position, looks.rotation),
-            margin=MARGIN,
-            jump=JUMP,
-        )
-        assert isinstance(chosen, Choice)
-        joints = joints_along(result.cell, way, chosen.joints[0], samples)
-        if depth(where.scene, joints) < 0:
-            none.append(note)
-    return len(lost), len(none)
-
-
-def joints_along(
-    cell: camgen.Workcell, way: PosePath, start: FloatArray, samples: int
+def sample_linear(
+    frames: Frames, item: camgen.MoveL | camgen.MoveC, joints: FloatArray, share: FloatArray
 ) -> FloatArray:
-    """The joints on a way from ``start`` (J,), as in ``runs``."""
-    assert cell.arm is not None
+    """Joint values (S, J) at shares of a linear or circular motion from joint values (J,)."""
+    start, position = frames.find_tool(joints)
+    via, rotation = None, turn_evenly(start, item.target.rotation, share)
+    if isinstance(item, camgen.MoveC):
+        via, middle = np.array(item.via.origin), item.via.rotation
+        first = turn_evenly(start, middle, 2 * share[share <= 0.5])
+        last = turn_evenly(middle, item.target.rotation, 2 * share[share > 0.5] - 1)
+        rotation = np.concatenate([first, last])
+    places = place_motion(position, via, np.array(item.target.origin), share)
+    return frames.find_joints(places, rotation, joints)
+
+
+def measure_depth(scene: Scene, joints: FloatArray) -> float:
+    """Least depth of the deepest touch at (S, J), mm, in steps of ``DEPTHS``; -1 without one."""
+    touching = joints[find_collisions(scene, joints) >= 0]
+    depth = -1.0
+    for less in DEPTHS:
+        if not len(touching):
+            return depth
+        depth = less
+        touching = touching[find_collisions(scene, touching, -(less + 1e-9)) >= 0]
+    return math.inf if len(touching) else depth
+
+
+def list_touches(result: camgen.Result, samples: int) -> list[float]:
+    """Depths of the motions of a program that touch anything in a sample, mm."""
+    motions = sample_program(result.program, result.cell.arm, samples)
+    depths = [measure_depth(result.where.scene, joints) for _, joints in motions]
+    return [depth for depth in depths if depth >= 0]
+
+
+def count_unfounded(result: camgen.Result, job: camgen.Job, samples: int) -> tuple[int, int]:
+    """Number of edges that are left out for a collision of the nominal tool.
+
+    The second number is that of the edges among them of which no sample shows a collision.
+    """
+    edges = {edge.id: edge for edge in result.part.solid.edges}
+    cell = result.cell
+    frames = Frames(cell.arm, cell.base_from_work, cell.flange_from_tool)
+    count = unfounded = 0
+    for note in result.notes:
+        if note.kind != "skipped" or not COLLIDES.match(note.why):
+            continue
+        path = make_poses(edges[note.ids[0]], job.operation.offset)
+        places = divide(path, count_samples(path))
+        poses = compute_flange_poses(Setup(*frames), places.position, places.rotation)
+        start = follow(cell.arm, poses, margin=MARGIN, jump=JUMP).joints[0]
+        count += 1
+        joints = follow_path(frames, path, start, samples)
+        unfounded += measure_depth(result.where.scene, joints) < 0
+    return count, unfounded
+
+
+def follow_path(frames: Frames, path: PosePath, start: FloatArray, samples: int) -> FloatArray:
+    """Joint values along a pose path, from ``start`` (J,) on."""
     share = np.arange(samples + 1) / samples
-    found = [start[None]]
-    for k in range(1, len(way)):
-        via = None if np.isnan(way.via[k, 0]) else way.via[k]
-        at = place_motion(way.position[k - 1], via, way.position[k], share)
-        rotation = turned(way.rotation[k - 1], way.rotation[k], share)
-        frames = cell.base_from_work, cell.flange_from_tool
-        found.append(joints_on(cell.arm, *frames, at, rotation, found[-1][-1]))
-    return np.concatenate(found)
+    parts = [start[None]]
+    for k in range(1, len(path)):
+        via = None if np.isnan(path.via[k, 0]) else path.via[k]
+        places = place_motion(path.position[k - 1], via, path.position[k], share)
+        rotation = turn_evenly(path.rotation[k - 1], path.rotation[k], share)
+        parts.append(frames.find_joints(places, rotation, parts[-1][-1]))
+    return np.concatenate(parts)
 
 
-def row(path: Path, arm: str, samples: int) -> tuple[list[object], bool, bool]:
-    """The cells of a part; whether there is a program; whether all is as promised."""
-    tables = job(path, arm)
+def measure(path: Path, arm: str, samples: int, verdicts: list[bool]) -> Iterator[Cells]:
+    """The row of a part. verdicts: gets whether there is a program."""
+    tables = make_job(path, arm)
     begin = time.process_time()
     try:
         result = camgen.build(path, post="rapid", job=tables)
     except camgen.CamgenError as error:
         seconds = time.process_time() - begin
         place = f" ({error.where})" if error.where else ""
-        refusal = f"exit {error.exit_code}: {error.what}{place}"
-        return [path.name, arm, *"-----", seconds, refusal], False, True
+        verdicts.append(False)
+        yield path.name, arm, *"-----", seconds, f"exit {error.exit_code}: {error.what}{place}"
+        return
     seconds = time.process_time() - begin
-    skipped = [note for note in result.notes if note.kind == "skipped"]
-    deep = touches(result, samples)
-    # A tilted tool: the motion that was tried last does not say what it collided with.
-    collided, none = "-", "-"
+    verdicts.append(True)
+    skipped = sum(note.kind == "skipped" for note in result.notes)
+    # With a tilted tool a note does not state with what the motion collided that was tried last.
+    collided, unfounded = "-", "-"
     if not CELLS[arm][1]:
-        collided, none = unfounded(result, camgen.job(tables), samples)
-    good = max(deep, default=0.0) <= PROMISED and none in (0, "-")
-    hit = f"{len(deep)}, {max(deep):.2f} mm" if deep else "0"
-    counts = len(result.tour.paths), len(skipped), collided, none, hit
-    return [path.name, arm, *counts, seconds, "program"], True, good
+        collided, unfounded = count_unfounded(result, camgen.job(tables), samples)
+    depths = list_touches(result, samples)
+    is_good = max(depths, default=0.0) <= PROMISED and unfounded in (0, "-")
+    hit = f"{len(depths)}, {max(depths):.2f} mm" if depths else "0"
+    counts = len(result.tour.paths), skipped, collided, unfounded, hit
+    yield path.name, arm, *counts, seconds, "program" if is_good else Missed("program")
 
 
 def count_edges(path: Path) -> int:
@@ -257,25 +257,17 @@ def count_edges(path: Path) -> int:
 
 def main(folder: Path, samples: int, names: Sequence[str]) -> int:
     """Prints the table."""
-    kinds = (*mesh_file.SUFFIXES, *STEP)
-    table = open_table(
-        "part | arm | edges run | left out | for a collision | of these unfounded | motions hit "
-        "| CPU s {:.2f} | verdict"
-    )
-    made, every, good = 0, 0, True
-    for path in find_files(folder, kinds):
-        if names and path.stem not in names:
-            continue
-        if not 0 < count_edges(path) <= (math.inf if names else MOST):
-            continue
-        for arm in CELLS:
-            cells, program, right = row(path, arm, samples)
-            table.add(*cells)
-            made, every, good = made + program, every + 1, good and right
-    print(f"\n{made} of {every} come to a program.")
-    return int(not good)
+    verdicts: list[bool] = []
+    inputs = []
+    for path in find_files(folder, (*mesh_file.SUFFIXES, *STEP)):
+        limit = math.inf if names else MOST
+        if path.stem in (names or [path.stem]) and 0 < count_edges(path) <= limit:
+            inputs += [(path, arm, samples, verdicts) for arm in CELLS]
+    code = run(Scenario(COLUMNS, inputs, measure))
+    print(f"\n{sum(verdicts)} of {len(verdicts)} come to a program.")
+    return code
 
 
 if __name__ == "__main__":
-    shared, count, *parts = read_words(SHARED, SAMPLES)
+    shared, count, *parts = read_words(SHARED, 400)
     sys.exit(main(shared, count, parts))

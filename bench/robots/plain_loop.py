@@ -1,7 +1,7 @@
-"""Collisions by a plain loop over fcl, with no filter before it: what camgen's verdicts are held against.
+"""Collisions by a plain loop over fcl, without a filter before it: a judge of camgen's verdicts.
 
-It has nothing of camgen but the links' frames, and takes the sum of the solid angles of all triangles for whether a box
-is in the part.
+The loop shares nothing with camgen but the frames of the links. A box is in the part if the solid
+angles of all triangles, seen from its middle, add up to a sphere.
 """
 
 from __future__ import annotations
@@ -20,149 +20,151 @@ from camgen.robots.kinematics.forward import compute_flange, compute_link_frames
 from camgen.robots.models import Box, Link, Robot
 
 
-def solid_angle(triangles: FloatArray, point: FloatArray) -> float:
-    """Of a surface seen from a point, in whole spheres (van Oosterom, Strackee, 1983)."""
+def compute_solid_angle(triangles: FloatArray, point: FloatArray) -> float:
+    """The solid angle of a surface from a point, in spheres (van Oosterom, Strackee, 1983)."""
     a, b, c = (triangles - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    over = np.einsum("ij,ij->i", a, np.cross(b, c))
-    under = (
-        la * lb * lc
-        + (a * b).sum(axis=1) * lc
-        + (b * c).sum(axis=1) * la
-        + (c * a).sum(axis=1) * lb
-    )
-    return float(np.arctan2(over, under).sum() / (2 * math.pi))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    product = la * lb * lc + (a * b).sum(axis=1) * lc
+    product += (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    return float(np.arctan2(volume, product).sum() / (2 * math.pi))
 
 
 class Body(NamedTuple):
-    """What fcl tests, and a sphere around it: its middle in the frame of the base, and its radius, mm."""
+    """A body that fcl tests.
+
+    shape: object of fcl.
+    middle: middle of a sphere around it, base frame, mm.
+    radius: radius of that sphere, mm.
+    """
 
     shape: Any
     middle: tuple[float, float, float]
     radius: float
 
 
-class Loop:
-    """The plain loop. standing: base_from_box. tool: bodies at the flange. contact: mm that the first of them may enter
-    the part.
+class Setting(NamedTuple):
+    """The bodies beside an arm.
+
+    solid: the part.
+    base_from_part: its pose.
+    standing: bodies that do not move, base frame.
+    tool: bodies at the flange. The first one works on the part.
+    contact: depth by which that one may enter the part, mm.
+    allowed: pairs of link and tool that are not tested.
     """
 
-    def __init__(
-        self,
-        of: Robot,
-        solid: Solid,
-        base_from_part: Pose,
-        standing: tuple[Link, ...],
-        tool: tuple[Link, ...],
-        contact: float,
-        allowed: tuple[tuple[str, str], ...] = (),
-    ) -> None:
-        self.of, self.base_from_part = of, base_from_part
-        self.tool, self.contact, self.allowed = tool, contact, {frozenset(pair) for pair in allowed}
+    solid: Solid
+    base_from_part: Pose
+    standing: tuple[Link, ...]
+    tool: tuple[Link, ...]
+    contact: float
+    allowed: tuple[tuple[str, str], ...] = ()
+
+
+#: Two names, and the bodies of each.
+Pair = tuple[str, str, list[Body], list[Body]]
+
+
+class Loop:
+    """The plain loop of an arm in its setting."""
+
+    def __init__(self, robot: Robot, setting: Setting) -> None:
+        self.robot, self.setting = robot, setting
+        self.allowed = {frozenset(pair) for pair in setting.allowed}
+        solid, pose = setting.solid, setting.base_from_part
         self.triangles = solid.vertices[solid.faces]
         self.low, self.high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
         model = fcl.BVHModel()
         model.beginModel(len(solid.vertices), len(solid.faces))
         model.addSubModel(np.asarray(solid.vertices), np.asarray(solid.faces))
         model.endModel()
-        mesh = fcl.CollisionObject(
-            model, self._transform(base_from_part.rotation, base_from_part.origin)
-        )
-        middle, radius = (
-            base_from_part.apply((self.low + self.high) / 2),
-            np.linalg.norm(self.high - self.low) / 2,
-        )
-        self.mesh = Body(mesh, middle, float(radius))
-        self.standing = [
-            (body.name, self._bodies(body.boxes, np.eye(3), np.zeros(3), 0.0)) for body in standing
-        ]
+        mesh = fcl.CollisionObject(model, _convert_pose(pose.rotation, pose.origin))
+        radius = float(np.linalg.norm(self.high - self.low)) / 2
+        self.mesh = Body(mesh, pose.apply((self.low + self.high) / 2), radius)
+        self.standing = []
+        for link in setting.standing:
+            self.standing.append((link.name, _place_boxes(link.boxes, np.eye(3), np.zeros(3))))
 
-    @staticmethod
-    def _transform(rotation: FloatArray, origin: Any) -> Any:
-        return fcl.Transform(np.asarray(rotation), np.asarray(origin))
-
-    def _bodies(
-        self, boxes: Iterable[Box], rotation: FloatArray, origin: FloatArray, by: float
-    ) -> list[Body]:
-        made = []
-        for box in boxes:
-            at = origin + rotation @ np.asarray(box.link_from_box.origin)
-            half = [half + by for half in box.half]
-            turned = rotation @ box.link_from_box.rotation
-            shape = fcl.CollisionObject(
-                fcl.Box(*(2 * h for h in half)), self._transform(turned, at)
-            )
-            made.append(Body(shape, tuple(at.tolist()), math.hypot(*half)))
-        return made
-
-    def _in_part(self, box: Body) -> bool:
-        at = self.base_from_part.inverse().apply(box.middle)
-        if (at < self.low).any() or (at > self.high).any():
+    def _is_in_part(self, box: Body) -> bool:
+        middle = self.setting.base_from_part.inverse().apply(box.middle)
+        if (middle < self.low).any() or (middle > self.high).any():
             return False
-        return solid_angle(self.triangles, np.array(at)) > 0.5
+        return compute_solid_angle(self.triangles, np.array(middle)) > 0.5
 
-    def _met(self, ones: list[Body], others: list[Body]) -> bool:
-        return any(
-            fcl.collide(a.shape, b.shape, fcl.CollisionRequest(), fcl.CollisionResult())
-            for a in ones
-            for b in others
-        ) or (others == [self.mesh] and any(self._in_part(a) for a in ones))
+    def _meet(self, bodies: list[Body], others: list[Body]) -> bool:
+        for a, b in itertools.product(bodies, others):
+            if fcl.collide(a.shape, b.shape, fcl.CollisionRequest(), fcl.CollisionResult()):
+                return True
+        return others == [self.mesh] and any(map(self._is_in_part, bodies))
 
-    def _pairs(self, joints: FloatArray) -> Iterator[tuple[str, str, list[Body], list[Body]]]:
-        """All pairs that are tested at one configuration (J,): their names and their bodies."""
-        of, last = self.of, len(self.of.joints)
-        rotations, origins = compute_link_frames(of, joints[None])
-        tip = compute_flange(of, joints[None])
-        spared = {frozenset(pair) for pair in of.touching}
-        placed = list(zip(of.links, rotations[0], origins[0], strict=True))
-        padded = [self._bodies(k.boxes, r, o, of.pad) for k, r, o in placed]
-        # Links that touch the last one meet the tool without padding.
-        meeting = [
-            self._bodies(k.boxes, r, o, 0.0) if frozenset((i, last)) in spared else padded[i]
-            for i, (k, r, o) in enumerate(placed)
-        ]
-        names = [link.name for link in of.links]
+    def _list_pairs(self, joints: FloatArray) -> Iterator[Pair]:
+        """All pairs that are tested at joint values (J,)."""
+        robot, last = self.robot, len(self.robot.joints)
+        rotations, origins = compute_link_frames(robot, joints[None])
+        flange = [frame[0] for frame in compute_flange(robot, joints[None])]
+        spared = {frozenset(pair) for pair in robot.touching}
+        names = [link.name for link in robot.links]
+        padded, meeting = [], []
+        for k, link in enumerate(robot.links):
+            frame = rotations[0, k], origins[0, k]
+            padded.append(_place_boxes(link.boxes, *frame, robot.pad))
+            # Links that touch the last one meet the tool without padding.
+            is_bare = frozenset((k, last)) in spared
+            meeting.append(_place_boxes(link.boxes, *frame) if is_bare else padded[k])
         for i, j in itertools.combinations(range(last + 1), 2):
             if frozenset((i, j)) not in spared:
                 yield names[i], names[j], padded[i], padded[j]
-        tools = [
-            (body.name, self._bodies(body.boxes, tip[0][0], tip[1][0], 0.0)) for body in self.tool
-        ]
-        working = [
-            (body.name, self._bodies(body.boxes, tip[0][0], tip[1][0], -self.contact))
-            for body in self.tool[:1]
-        ]
-        for (name, boxes), i in itertools.product(tools, range(last)):
-            if frozenset((names[i], name)) not in self.allowed:
-                yield names[i], name, meeting[i], boxes
+        tools, working = [], []
+        for k, body in enumerate(self.setting.tool):
+            less = 0.0 if k else -self.setting.contact
+            tools.append((body.name, _place_boxes(body.boxes, *flange)))
+            working.append((body.name, _place_boxes(body.boxes, *flange, less)))
+        for (name, boxes), k in itertools.product(tools, range(last)):
+            if frozenset((names[k], name)) not in self.allowed:
+                yield names[k], name, meeting[k], boxes
         moving = list(zip(names, padded, strict=True))[1:]
         for (name, boxes), (other, obstacle) in itertools.product(moving + tools, self.standing):
             yield name, other, boxes, obstacle
-        for name, boxes in moving + working + tools[1:]:
+        for name, boxes in moving + working:
             yield name, "part", boxes, [self.mesh]
 
-    def first(self, joints: FloatArray) -> tuple[str, str] | None:
-        """The first pair of names that meets at one configuration (J,)."""
-        return next(
-            ((a, b) for a, b, ones, others in self._pairs(joints) if self._met(ones, others)), None
-        )
+    def find_hit(self, joints: FloatArray) -> tuple[str, str] | None:
+        """The names of the first pair that meets at joint values (J,); None without one."""
+        for name, other, bodies, others in self._list_pairs(joints):
+            if self._meet(bodies, others):
+                return name, other
+        return None
 
-    def gap(self, joints: FloatArray, least: float = math.inf) -> float:
-        """The least distance, mm, of all pairs but the tool and the part at one configuration (J,) without a hit.
+    def measure_clearance(self, joints: FloatArray, least: float = math.inf) -> float:
+        """The clearance of all pairs but tool and part, mm, at joint values (J,) without a hit.
 
-        least: mm, from other configurations; it is the answer where nothing is nearer.
+        least: limit of the result, mm, for instance the clearance of other joint values.
         """
-        for name, other, ones, others in self._pairs(joints):
-            for a, b in itertools.product(ones, others):
-                # What is farther by the spheres around both need not be measured.
-                near = math.dist(a.middle, b.middle) - a.radius - b.radius < least
-                if near and (name, other) != ("tool", "part"):
-                    least = min(
-                        least,
-                        float(
-                            fcl.distance(
-                                a.shape, b.shape, fcl.DistanceRequest(), fcl.DistanceResult()
-                            )
-                        ),
-                    )
+        for name, other, bodies, others in self._list_pairs(joints):
+            if (name, other) == ("tool", "part"):
+                continue
+            for a, b in itertools.product(bodies, others):
+                # Spheres that are farther apart need no measurement.
+                if math.dist(a.middle, b.middle) - a.radius - b.radius < least:
+                    request, result = fcl.DistanceRequest(), fcl.DistanceResult()
+                    least = min(least, float(fcl.distance(a.shape, b.shape, request, result)))
         return least
+
+
+def _convert_pose(rotation: FloatArray, origin: Any) -> Any:
+    return fcl.Transform(np.asarray(rotation), np.asarray(origin))
+
+
+def _place_boxes(
+    boxes: Iterable[Box], rotation: FloatArray, origin: FloatArray, padding: float = 0.0
+) -> list[Body]:
+    """Boxes of a frame, larger by the padding on all sides, mm."""
+    bodies = []
+    for box in boxes:
+        middle = origin + rotation @ np.asarray(box.link_from_box.origin)
+        half = [half + padding for half in box.half]
+        pose = _convert_pose(rotation @ box.link_from_box.rotation, middle)
+        shape = fcl.CollisionObject(fcl.Box(*(2 * side for side in half)), pose)
+        bodies.append(Body(shape, tuple(middle.tolist()), math.hypot(*half)))
+    return bodies

@@ -6,18 +6,16 @@ The parts and set-ups are those of ``coverage``. The judge has a station every 2
 beside the pieces that camgen works. At each station it draws orientations within the cone that the
 job allows, with any turn of the tool. It finds their joint values by py-opw-kinematics, leaves out
 those beyond a limit or within 2 deg of a straight wrist, and tests the others with fcl, by
-``plain_loop``. A station is reached if one posture is free. The columns "with the margin" count
-stations at which one posture keeps ``cell.margin`` too, as pieces of edges do. Nothing of camgen's
-planner is used. A stretch of reached stations is an upper limit of what can be worked: one posture
-need not lead to the next, and no joint has a speed.
+``plain_loop``. A posture is free if it keeps ``cell.margin``, as pieces of edges do. Nothing of
+camgen's planner is used.
 
-The columns "at the feed" count what the judge can run by itself. Its rule, which was committed
-before its first run:
+The table has the stretches that the judge can run at the feed. Its rule, which was committed before
+its first run:
 
 - A station counts if its point is the nearest of the edge to the tip. In a hole that is narrower
   than the offset the tip is beyond the axis and nearer to the opposite rim: the tool would work
   that rim, at a smaller offset, and run against the feed. To enter the hole is not to work it.
-- All postures of a station count that are free and keep the margin.
+- All free postures of a station count.
 - Two postures of neighbouring stations are linked if no joint turns, by the shorter turn, by more
   than at its maximum speed within the time of the contact. That is the length of the edge by the
   feed, or the way of the tip by `process.max_feed_factor` times the feed if that is longer.
@@ -43,7 +41,7 @@ import numpy as np
 import camgen
 from bench.robots.coverage import list_parts, make_job
 from bench.robots.plain_loop import Loop
-from bench.robots.rfa import loop
+from bench.robots.rfa import make_loop
 from bench.support.motions import place_motion
 from bench.support.runner import Cells, Scenario, run
 from camgen.model.job import ProcessTable
@@ -53,10 +51,7 @@ from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.joint_limits import are_within_limits, compute_joints
 from camgen.robots.models import Robot
 
-COLUMNS = (
-    "part | stations judged | stretches over 5 mm | mm {:,.0f} | with the margin | mm {:,.0f} "
-    "| longest, mm {:.0f} | at the feed | mm {:,.0f} | with the margin, where | at the feed, where"
-)
+COLUMNS = "part | stations judged | stretches over 5 mm | mm {:,.0f} | where"
 #: Distance of two stations, mm, and length of a stretch that is listed.
 STEP, LISTED = 2.0, 5.0
 #: Gaps that differ less count as equal, mm.
@@ -109,7 +104,7 @@ class Judge:
             a1=arm.a1, a2=arm.a2, b=arm.b, c1=arm.c1, c2=arm.c2, c3=arm.c3, c4=c4
         )
         self.oracle = opw.Robot(model, degrees=False)
-        self.loop: Loop = loop(result, result.part.solid)
+        self.loop: Loop = make_loop(result, result.part.solid)
         self.offset = job.operation.offset
         self.margin = job.cell.margin
         self.process = job.process
@@ -117,15 +112,18 @@ class Judge:
         self.tool_from_flange = pose_from_values(job.cell.flange_from_tool).inverse()
         self.turns = _draw_turns(math.radians(job.tool.axis_tilt))
 
-    def find_free(self, station: Station) -> tuple[FloatArray, FloatArray]:
-        """The free joint values (K, 6) of a station, and what each keeps from anything, mm (K,).
-
-        Distances are measured up to the margin of the job.
-        """
+    def find_free(self, station: Station) -> FloatArray:
+        """The free joint values (K, 6) of a station."""
         rotations = _frame(station.outward, station.along) @ self.turns
         joints = self._find_joints(station.find_tip(self.offset), rotations)
-        free = joints[[self.loop.first(row) is None for row in joints]]
-        return free, np.array([self.loop.gap(row, self.margin) for row in free])
+        return joints[[self._is_free(row) for row in joints]]
+
+    def _is_free(self, joints: FloatArray) -> bool:
+        """Whether joint values (6,) collide with nothing and keep the margin."""
+        if self.loop.find_hit(joints) is not None:
+            return False
+        clearance = self.loop.measure_clearance(joints, self.margin)
+        return clearance >= self.margin - SAME_MM
 
     def find_chains(self, stations: Sequence[Station], postures: Sequence[FloatArray]) -> Chains:
         """The stretches that can be run at the feed: first station and length, mm.
@@ -268,23 +266,13 @@ def worked(result: camgen.Result) -> dict[str, list[tuple[float, float]]]:
 Stretch = tuple[str, float, float]
 
 
-class Missed(NamedTuple):
-    """The stretches of edges that the judge reaches and camgen leaves out.
+def find_missed(part: Part, result: camgen.Result) -> tuple[int, list[Stretch]]:
+    """The number of stations that were judged, and the stretches that are not worked.
 
-    free: stretches of stations that are reached.
-    roomy: stretches of stations that are reached with the margin.
-    chains: stretches that can be run at the feed with the margin.
+    A stretch has the name of its edge, its start and its length, mm.
     """
-
-    free: list[Stretch]
-    roomy: list[Stretch]
-    chains: list[Stretch]
-
-
-def find_missed(part: Part, result: camgen.Result) -> tuple[int, Missed]:
-    """The number of stations that were judged, and the stretches that are not worked."""
     reach_judge, done = Judge(result), worked(result)
-    count, missed = 0, Missed([], [], [])
+    count, missed = 0, []
     for edge in (edge for edge in part.solid.edges if edge.convex):
         stations: list[Station] = []
         for station in list_stations(edge):
@@ -293,48 +281,22 @@ def find_missed(part: Part, result: camgen.Result) -> tuple[int, Missed]:
                 stations.append(station)
         count += len(stations)
         rim = np.array([station.point for station in list_stations(edge, STEP / 10)])
-        free: list[float] = []
-        roomy: list[float] = []
         postures: list[FloatArray] = []
         for station in stations:
-            joints, gaps = reach_judge.find_free(station)
-            keeping = joints[gaps >= reach_judge.margin - SAME_MM]
-            free += [station.place] * bool(len(joints))
-            roomy += [station.place] * bool(len(keeping))
-            nearest = is_nearest(rim, station, reach_judge.offset)
-            postures.append(keeping if nearest else keeping[:0])
-        missed.free.extend(_find_stretches(edge.id, free))
-        missed.roomy.extend(_find_stretches(edge.id, roomy))
+            is_worked = is_nearest(rim, station, reach_judge.offset)
+            postures.append(reach_judge.find_free(station) if is_worked else np.zeros((0, 6)))
         chains = sorted(reach_judge.find_chains(stations, postures))
-        missed.chains.extend((edge.id, *chain) for chain in chains)
+        missed += [(edge.id, *chain) for chain in chains]
     return count, missed
 
 
-def _find_stretches(name: str, places: Sequence[float]) -> Iterator[Stretch]:
-    """The stretches over `LISTED` of the places on an edge that are reached."""
-    for group in np.split(places, np.flatnonzero(np.diff(places) > 1.5 * STEP) + 1):
-        if len(group) and (long := float(group[-1] - group[0])) > LISTED:
-            yield name, float(group[0]), long
-
-
-def judge(name: str, part: camgen.Part, feed: float) -> Iterator[Cells]:
+def measure(name: str, part: camgen.Part, feed: float) -> Iterator[Cells]:
     """The row of a part."""
     result = camgen.build(part, post="rapid", job=make_job(part) | {"process": {"feed": feed}})
     count, missed = find_missed(part, result)
-    longest = max((length for *_, length in missed.roomy), default=0.0)
-    groups = missed.free, missed.roomy, missed.chains
-    free, roomy, chains = ((len(group), _measure(group)) for group in groups)
-    where = _name(missed.roomy), _name(missed.chains)
-    yield name, count, *free, *roomy, longest, *chains, *where
-
-
-def _measure(group: Sequence[Stretch]) -> float:
-    """The length of some stretches together, mm."""
-    return sum(length for *_, length in group)
-
-
-def _name(group: Sequence[Stretch]) -> str:
-    return ", ".join(f"{edge} at {start:.0f}: {length:.0f}" for edge, start, length in group)
+    length = sum(length for *_, length in missed)
+    where = ", ".join(f"{edge} at {start:.0f}: {long:.0f}" for edge, start, long in missed)
+    yield name, count, len(missed), length, where
 
 
 if __name__ == "__main__":
@@ -344,5 +306,5 @@ if __name__ == "__main__":
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         parts = list_parts(Path(folder), given.parts)
-        scenario = Scenario(COLUMNS, parts, partial(judge, feed=given.feed), may_refuse=True)
+        scenario = Scenario(COLUMNS, parts, partial(measure, feed=given.feed), may_refuse=True)
         sys.exit(run(scenario, note=f" {given.feed:g} mm/s"))

@@ -1,13 +1,14 @@
-"""The cells of the RFA paper: edges reached, time, and every pose of the program again by a plain loop over fcl.
+"""The cells of the RFA paper: edges reached, times, and every pose again by a plain loop over fcl.
 
-    python -m bench.robots.rfa [RUNS, 5] [PART] [ROBOT]   all parts and robots, or those named
-    python -m bench.robots.rfa paper                      figures 16 and 18: the edges in their order, IRB 2000, nominal
+    python -m bench.robots.rfa [RUNS, 3] [PART] [ROBOT]   all parts and robots, or those named
+    python -m bench.robots.rfa paper                      figures 16 and 18, IRB 2000, nominal tool
 
-The parts are those of ``fixtures/parts``, in cells of our own: the part stands upright on a table, rfa1 on its base,
-and a spindle of 6 mm leans from a holder at the flange. Of some places and tools each robot has the one from which the
-nominal orientation, which is all the paper has, reaches most edges. The program is read back from its text, its joints
-are found again, and a loop without prefilter asks fcl about every pair of bodies at every one of its rows. Exits with 1
-where a verdict differs or the program is not what was planned.
+The parts are those of ``fixtures/parts``, in cells of our own: the part stands upright on a table,
+rfa1 on its base, and a spindle of 6 mm leans from a holder at the flange. Each robot has the place
+and the tool from which the nominal orientation reaches most edges; the paper has no other one. The
+program is read back from its text and its joint values are found again. A loop without a filter
+asks fcl about every pair of bodies at every row. "Process" is the least time of the processor of
+RUNS commands. Exits with 1 if a row collides or nothing is built.
 """
 
 from __future__ import annotations
@@ -15,17 +16,19 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
+from collections.abc import Iterator
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 import camgen
-from bench.robots.plain_loop import Loop
-from bench.support.runner import PARTS, Table, machine
-from bench.support.timing import Process, measure_process, median_seconds, python, timed
+from bench.robots.plain_loop import Loop, Setting
+from bench.support.runner import PARTS, Cells, Scenario, Table, machine, must_be_none, run
+from bench.support.timing import Process, measure_process, python, timed
 from camgen.check.reach import check_reach
-from camgen.model.pose import Pose, pose_from_values, rotation_about
+from camgen.model.pose import Pose, pose_from_values, rotation_about, translation
 from camgen.model.toml import format_toml
 from camgen.post.plugins import find_readback
 from camgen.preview.view import make_view
@@ -34,30 +37,36 @@ from camgen.read.solid import mesh
 from camgen.robots.catalogue import find_robot
 from camgen.robots.models import Box, Link
 
+#: Height of the base under each part, mm.
 RAISED = {"rfa1": 40.0, "rfa2": 0.0}
-#: By robot: x and z of the table under the part's middle, the part's yaw and the tool's lean (deg), the lengths of
-#: shaft and holder, half the holder's width (mm).
+#: For each robot: x and z of the table under the middle of the part, mm, yaw of the part and lean
+#: of the tool, deg, length of the shaft, length of the holder and half of its width, mm.
 CELLS = {
     "IRB 2000": (1100.0, 750.0, 135.0, 60.0, 80.0, 100.0, 35.0),
-    # By camgen place: as many edges with the nominal tool as in the paper.
+    # Cells of `camgen place`: as many edges with the nominal tool as in the paper.
     "IRB 2000, nominal rfa1": (1041.0, 1054.0, 180.0, 30.0, 120.0, 100.0, 35.0),
     "IRB 2000, nominal rfa2": (892.0, 1222.0, 0.0, 30.0, 120.0, 100.0, 35.0),
     "IRB 2400": (1000.0, 600.0, 0.0, 60.0, 120.0, 100.0, 35.0),
     "IRB 1200": (500.0, 0.0, 180.0, 30.0, 80.0, 100.0, 35.0),
 }
 FREE = {"axis_tilt": 15.0, "symmetric": True}
+#: Edges and planning time, s, of the paper.
+PAPER = {"rfa1": ("13 of 15", 19), "rfa2": ("16 of 20", 26)}
+COLUMNS = (
+    "part | robot | edges | nominal | tilt, roll | links, nearest | process, s {:.2f}, {:.2f} "
+    "| program, s {:.1f}, {:.1f} | stops {}, {} | rows {:,} | collide"
+)
+Job = dict[str, dict[str, object]]
 
 
-def cell(part: camgen.Solid, name: str) -> dict[str, dict[str, object]]:
-    """The job."""
+def make_job(part: camgen.Solid, name: str) -> Job:
+    """The job of a part in the cell of a name."""
     x, z, yaw, lean, shaft, high, wide = CELLS[name]
     low, top, raised = part.vertices.min(axis=0), part.vertices.max(axis=0), RAISED[part.name]
     middle = rotation_about(2, math.radians(yaw)) @ [*((low + top) / 2)[:2], 0.0]
-    fixtures = [
-        [low[0] - 100, low[1] - 100, -raised - 20, top[0] + 100, top[1] + 100, -raised - 0.5]
-    ]
-    if raised:
-        fixtures.append([low[0] + 15, low[1] + 15, -raised, top[0] - 15, top[1] - 15, -0.5])
+    table = [*(low[:2] - 100), -raised - 20, *(top[:2] + 100), -raised - 0.5]
+    base = [*(low[:2] + 15), -raised, *(top[:2] - 15), -0.5]
+    fixtures = np.array([table, base] if raised else [table])
     angle = math.radians(lean)
     tip = [-shaft * math.sin(angle), 0.0, high + shaft * math.cos(angle), 0.0, -lean, 0.0]
     return {
@@ -68,65 +77,56 @@ def cell(part: camgen.Solid, name: str) -> dict[str, dict[str, object]]:
             "robot": name.partition(",")[0],
             "base_from_work": [float(x - middle[0]), float(-middle[1]), z + raised, 0.0, 0.0, yaw],
             "flange_from_tool": tip,
-            "fixtures": [[float(v) for v in box] for box in fixtures],
+            "fixtures": fixtures.tolist(),
         },
     }
 
 
-def box(low: list[float], high: list[float], frame: Pose) -> Box:
-    a, b = np.array(low), np.array(high)
-    return Box(Pose(frame.rotation, tuple(frame.apply((a + b) / 2))), tuple(((b - a) / 2).tolist()))
+def _make_box(corners: list[float], frame: Pose) -> Box:
+    low, high = np.array(corners[:3]), np.array(corners[3:])
+    middle = Pose(frame.rotation, tuple(frame.apply((low + high) / 2)))
+    return Box(middle, tuple(((high - low) / 2).tolist()))
 
 
-def loop(result: camgen.Result, solid: camgen.Solid) -> Loop:
-    """The cell again, straight from the job: what stands, the holder, and the shaft from its tip to the holder."""
-    job, of = result.job, find_robot(result.job.cell.robot)
+def make_loop(result: camgen.Result, solid: camgen.Solid) -> Loop:
+    """The cell of a job: its fixtures, the holder, and the shaft from its tip to the holder."""
+    job = result.job
     base_from_work = pose_from_values(job.cell.base_from_work)
-    here = pose_from_values([0.0] * 6)
-    fixtures = job.cell.fixtures or []
-    standing = tuple(
-        Link(f"fixture {k}", (box(b[:3], b[3:], base_from_work),))
-        for k, b in enumerate(fixtures, 1)
-    )
+    standing = []
+    for k, corners in enumerate(job.cell.fixtures or [], 1):
+        standing.append(Link(f"fixture {k}", (_make_box(corners, base_from_work),)))
     (holder,) = job.tool.holder or []
-    tip = pose_from_values(job.cell.flange_from_tool)
-    back = tip.rotation[:, 2]
-    # The shaft begins where its axis leaves the holder: the nearest of its faces on the way up from the tip.
-    ways = [
-        (tip.origin[k] - end) / back[k]
-        for k in range(3)
-        for end in holder[k::3]
-        if abs(back[k]) > 1e-9
-    ]
-    inside = [s for s in ways if s > 0 and all(
-        low - 1e-6 <= v <= high + 1e-6
-        for v, low, high in zip(np.array(tip.origin) - s * back, holder[:3], holder[3:], strict=True))]  # fmt: skip
-    length, half = min(inside), job.tool.diameter / 2
-    shaft = Box(
-        Pose(tip.rotation, tuple(np.array(tip.origin) - length / 2 * back)),
-        (half, half, length / 2),
-    )
-    tool = (Link("tool", (shaft,)), Link("holder", (box(holder[:3], holder[3:], here),)))
+    tip, half = pose_from_values(job.cell.flange_from_tool), job.tool.diameter / 2
+    length = _measure_shaft(tip, holder)
+    middle = np.array(tip.origin) - length / 2 * tip.rotation[:, 2]
+    shaft = Box(Pose(tip.rotation, tuple(middle)), (half, half, length / 2))
+    tool = (Link("tool", (shaft,)), Link("holder", (_make_box(holder, translation(0, 0, 0)),)))
     contact = half * math.sin(math.radians(job.tool.axis_tilt)) + 0.1
     # Boxes of wrist and holder that meet at home are not tested.
-    assert result.where is not None
     allowed = tuple(pair.bodies for pair in result.where.untested)
-    return Loop(of, solid, base_from_work, standing, tool, contact, allowed)
+    setting = Setting(solid, base_from_work, tuple(standing), tool, contact, allowed)
+    return Loop(find_robot(job.cell.robot), setting)
 
 
-def differ(result: camgen.Result, solid: camgen.Solid) -> tuple[int, int]:
-    """How many rows of the program, as its text says it, the plain loop finds to collide; and of how many."""
-    reading = find_readback("rapid")(
-        {file.name: file.text for file in result.files}, result.job.post
-    )
-    cell_ = result.cell
-    program = camgen.Program("read", cell_.base_from_work, cell_.flange_from_tool, reading.body)
+def _measure_shaft(tip: Pose, holder: list[float]) -> float:
+    """The length of the axis from the tip to the nearest face of the holder, mm."""
+    with np.errstate(divide="ignore"):
+        faces = (np.array(tip.origin) - np.reshape(holder, (2, 3))) / tip.rotation[:, 2]
+    return float(faces.min(axis=0).max())
+
+
+def count_hits(result: camgen.Result, solid: camgen.Solid) -> tuple[int, int]:
+    """The number of rows of the program's text that collide, and the number of all rows."""
+    texts = {file.name: file.text for file in result.files}
+    reading = find_readback("rapid")(texts, result.job.post)
+    frames = result.cell.base_from_work, result.cell.flange_from_tool
+    program = camgen.Program("read", *frames, reading.body)
     joints = check_reach(program, find_robot(result.job.cell.robot), "read").joints
-    judge = loop(result, solid)
-    return sum(judge.first(row) is not None for row in joints), len(joints)
+    loop = make_loop(result, solid)
+    return sum(loop.find_hit(row) is not None for row in joints), len(joints)
 
 
-def whole(path: Path, job: dict[str, dict[str, object]]) -> Process:
+def run_build(path: Path, job: Job) -> Process:
     """A build as a process of its own."""
     words = ["--post", "rapid", "-q", "-o", path.with_suffix(".mod")]
     for table, keys in job.items():
@@ -134,91 +134,78 @@ def whole(path: Path, job: dict[str, dict[str, object]]) -> Process:
     return measure_process(python("camgen", "build", path, *words))
 
 
-def alone(runs: int) -> float:
-    """Seconds of a process that loads the libraries and the mesh and does nothing."""
-    read = f"import numpy, fcl, trimesh; trimesh.load_mesh({str(PARTS / 'rfa1.stl')!r})"
-    return median_seconds(lambda: measure_process([sys.executable, "-c", read]), runs)
-
-
 def count_whole(result: camgen.Result) -> int:
-    """The number of edges that are run whole."""
+    """The number of edges that are worked whole."""
     return sum(path.id in path.contours for path in result.tour.paths)
 
 
-def paper() -> int:
-    """The edges of both parts in their order, as figures 16 and 18 have them, and seconds of the command."""
+def list_left_out(result: camgen.Result) -> list[camgen.Note]:
+    """The notes on edges that are left out."""
+    return [note for note in result.notes if note.kind == "skipped"]
+
+
+def compare_paper() -> None:
+    """Prints the edges of both parts in their order, and the seconds of the build."""
     print(f"{machine()}\n")
-    for name, paper_edges, paper_seconds in (("rfa1", "13 of 15", 19), ("rfa2", "16 of 20", 26)):
-        job = PARTS / f"{name}_nominal.toml"
-        file = PARTS / f"{name}.stl"
-        result, spent = timed(partial(camgen.build, file, post="rapid", job=job))
-        skipped = [note for note in result.notes if note.kind == "skipped"]
-        count = count_whole(result)
-        print(
-            f"{name}: {count} of {count + len(skipped)} edges whole, paper {paper_edges};", end=" "
-        )
-        print(f"{spent:.1f} s, paper {paper_seconds} s; program {result.cycle.total:.1f} s")
+    for name, (paper_edges, paper_seconds) in PAPER.items():
+        file, job = PARTS / f"{name}.stl", PARTS / f"{name}_nominal.toml"
+        result, seconds = timed(partial(camgen.build, file, post="rapid", job=job))
+        skipped, count = list_left_out(result), count_whole(result)
+        edges = f"{count} of {count + len(skipped)} edges whole, paper {paper_edges}"
+        times = f"{seconds:.1f} s, paper {paper_seconds} s; program {result.cycle.total:.1f} s"
+        print(f"{name}: {edges}; {times}")
         table = Table("order | edge | kind | mm {:.1f} | s {:.1f}")
         for k, line in enumerate(make_view(result).rows, start=1):
             table.add(k, line.id, line.layer, line.length, line.seconds)
         for note in skipped:
             table.add("left out", note.ids[0], note.why)
         print()
-    return 0
+
+
+def count_stops(result: camgen.Result) -> int:
+    """The number of corners of links that end in a stop."""
+    (passed,) = [note.what.split() for note in result.notes if "without a stop" in note.what]
+    return int(passed[2]) - int(passed[0])
+
+
+def measure(part: str, name: str, folder: Path, runs: int) -> Iterator[Cells]:
+    """The rows of a part and a robot, with the nominal tool and with the freed one."""
+    path = folder / f"{part}.stl"
+    path.write_bytes((PARTS / path.name).read_bytes())
+    solid = mesh.read(Files().read(path))
+    # Links as fast as the joints allow, as in the paper.
+    job = {**make_job(solid, name), "process": {"travel": 5000.0}}
+    results, spent = [], []
+    for free in ({}, FREE):
+        tables = {**job, "tool": {**job["tool"], **free}}
+        results.append(camgen.build(path, post="rapid", job=tables))
+        spent.append(min(run_build(path, tables).processor for _ in range(runs)))
+    freed = results[1]
+    hits, rows = count_hits(freed, solid)
+    links = next(note.what for note in freed.notes if note.what.startswith("links"))
+    times = links.rpartition("; ")[2].replace("nearest neighbour ", "")
+    counts, lost = [count_whole(result) for result in results], list_left_out(freed)
+    programs = tuple(result.cycle.total for result in results)
+    stops = tuple(map(count_stops, results))
+    figures = times, tuple(spent), programs, stops, rows, must_be_none(hits)
+    yield part, name, counts[1] + len(lost), *counts, *figures
+    for note in lost:
+        yield part, name, f"left out: {note.what}: {note.why}"
 
 
 def main(arguments: list[str]) -> int:
+    """Prints the tables; 1 if a row collides or nothing is built."""
     if arguments[:1] == ["paper"]:
-        return paper()
-    runs = int(arguments[0]) if arguments else 5  # processes, of which the median counts
+        compare_paper()
+        return 0
+    runs = int(arguments[0]) if arguments else 3
     parts, names = arguments[1:2] or RAISED, arguments[2:3] or CELLS
-    print(f"{machine()}\n")
-    print(
-        f"A process that imports numpy, trimesh and fcl, reads rfa1 and does nothing: {alone(runs):.2f} s."
-    )
-    print("Seconds of a build: nominal, freed.")
-    table = Table(
-        "part | robot | edges | nominal | tilt, roll | links, nearest | build, s {:.2f}, {:.2f} "
-        "| process, s {:.2f}, {:.2f} | rows {:,} | collide"
-    )
-    bad = 0
     with tempfile.TemporaryDirectory() as folder:
-        for part in parts:
-            path = Path(folder) / f"{part}.stl"
-            path.write_bytes((PARTS / path.name).read_bytes())
-            solid = mesh.read(Files().read(path))
-            for name in names:
-                if "nominal" not in name or name.endswith(part):
-                    bad += row(table, path, solid, name, runs)
-    return 1 if bad else 0
-
-
-def row(table: Table, path: Path, solid: camgen.Solid, name: str, runs: int) -> int:
-    """The rows of a part and a robot; 1 if the plain loop finds a hit or nothing is built."""
-    # Links as fast as the joints allow, as in the paper.
-    job = {**cell(solid, name), "process": {"travel": 5000.0}}
-    counts, built, spent = [], [], []
-    lost: list[str] = []
-    for free in ({}, FREE):
-        tables = {**job, "tool": {**job["tool"], **free}}
-        try:
-            result, seconds = timed(partial(camgen.build, path, post="rapid", job=tables))
-        except camgen.NoSafeProgram as error:
-            table.add(solid.name, name, str(error))
-            return 1
-        built.append(seconds)
-        counts.append(count_whole(result))
-        lost = [f"{note.what}: {note.why}" for note in result.notes if note.kind == "skipped"]
-        spent.append(median_seconds(partial(whole, path, tables), runs))
-    collide, rows = differ(result, solid)
-    links = next(note.what for note in result.notes if note.what.startswith("links"))
-    times = links.rpartition("; ")[2].replace("nearest neighbour ", "")
-    total = counts[1] + len(lost)
-    seconds = tuple(built), tuple(spent)
-    table.add(solid.name, name, total, *counts, times, *seconds, rows, collide)
-    for text in lost:
-        table.add(solid.name, name, f"left out: {text}")
-    return int(collide > 0)
+        inputs = []
+        for part, name in product(parts, names):
+            if "nominal" not in name or name.endswith(part):
+                inputs.append((part, name, Path(folder), runs))
+        return run(Scenario(COLUMNS, inputs, measure), note="; pairs: nominal, freed")
 
 
 if __name__ == "__main__":

@@ -39,11 +39,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
+from trimesh.transformations import euler_matrix, rotation_matrix
 
 import camgen
-from bench.robots.parts import runs
-from bench.robots.rfa import whole
-from bench.support.motions import rotate
+from bench.robots.parts import sample_program
+from bench.robots.rfa import run_build
 from bench.support.runner import Cells, Missed, Scenario, run
 from bench.support.timing import timed
 from camgen.robots.catalogue import find_robot
@@ -106,15 +106,13 @@ def bracket() -> trimesh.Trimesh:
     return trimesh.Trimesh(corners, faces, process=False)
 
 
-def job(arm: Path) -> dict[str, dict[str, object]]:
+def make_job(arm: Path) -> dict[str, dict[str, object]]:
     """The cell before an arm."""
-    of = find_robot(str(arm))
-    shifts = [np.array(joint.previous_from_joint.origin) for joint in of.joints]
-    reach = sum(float(np.linalg.norm(shift)) for shift in (*shifts[2:], of.flange.origin))
-    ahead, height = (
-        AHEAD * reach + abs(float(shifts[1][0])),
-        UP * float(shifts[0][2] + shifts[1][2]),
-    )
+    robot = find_robot(str(arm))
+    shifts = [np.array(joint.previous_from_joint.origin) for joint in robot.joints]
+    reach = sum(float(np.linalg.norm(shift)) for shift in (*shifts[2:], robot.flange.origin))
+    ahead = AHEAD * reach + abs(float(shifts[1][0]))
+    height = UP * float(shifts[0][2] + shifts[1][2])
     lean = math.radians(LEAN)
     tip = [-SHAFT * math.sin(lean), 0.0, HIGH + SHAFT * math.cos(lean), 0.0, -LEAN, 0.0]
     half = HOLDER / 2
@@ -140,28 +138,18 @@ def job(arm: Path) -> dict[str, dict[str, object]]:
 Matrix = np.ndarray
 
 
-def _turned(axis: Matrix, angle: float) -> Matrix:
-    """The rotation about an axis, 4 x 4."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotate(axis / np.linalg.norm(axis), angle)
-    return matrix
+def _read_numbers(element: ET.Element, name: str, default: str) -> Matrix:
+    return np.array([float(word) for word in element.get(name, default).split()])
 
 
-def _three(text: str) -> Matrix:
-    return np.array([float(word) for word in text.split()])
-
-
-def _origin(element: ET.Element) -> Matrix:
-    """The ``origin`` in an element."""
-    matrix, origin = np.eye(4), element.find("origin")
+def _read_origin(element: ET.Element) -> Matrix:
+    """The ``origin`` in an element, 4 x 4."""
+    origin = element.find("origin")
     if origin is None:
-        return matrix
-    shift = _three(origin.get("xyz", "0 0 0"))
-    roll, pitch, yaw = _three(origin.get("rpy", "0 0 0"))
-    for axis, angle in (((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll)):
-        matrix = matrix @ _turned(np.array(axis, dtype=float), angle)
-    matrix[:3, 3] = 1000.0 * shift
-    return matrix
+        return np.eye(4)
+    matrix = euler_matrix(*_read_numbers(origin, "rpy", "0 0 0"))
+    matrix[:3, 3] = 1000.0 * _read_numbers(origin, "xyz", "0 0 0")
+    return np.asarray(matrix)
 
 
 def _mesh(library: Any, vertices: Matrix, faces: Matrix) -> Any:
@@ -214,7 +202,7 @@ class Judge:
                 continue
             frame, placed = frames[parent]
             if joint.get("type") == "fixed":
-                frames[child] = frame, placed @ _origin(joint)
+                frames[child] = frame, placed @ _read_origin(joint)
             else:
                 count += 1
                 frames[child] = count, np.eye(4)
@@ -232,19 +220,19 @@ class Judge:
                 package, _, rest = shown.get("filename").partition("://")[2].partition("/")
                 (home,) = [folder for folder in file.parents if folder.name == package]
                 mesh = trimesh.load(home / rest, force="mesh", process=False)
-                scale = [float(word) for word in shown.get("scale", "1 1 1").split()]
+                scale = _read_numbers(shown, "scale", "1 1 1")
                 frame, placed = frames[link.get("name")]
                 corners = 1000.0 * mesh.vertices * scale
                 shape = _mesh(self.library, corners, mesh.faces)
-                yield Body(link.get("name"), frame, shape, placed @ _origin(visual))
+                yield Body(link.get("name"), frame, shape, placed @ _read_origin(visual))
 
-    def stand(self, result: camgen.Result, solid: trimesh.Trimesh) -> None:
+    def add_cell(self, result: camgen.Result, solid: trimesh.Trimesh) -> None:
         """Adds tool, holder, block and part of a job."""
         count, flange = self.flange
         holder, (x, y, z) = (HOLDER, HOLDER, HIGH), result.job.cell.flange_from_tool[:3]
         middle = np.eye(4)
         middle[2, 3] = HIGH / 2
-        shaft = _turned(np.array([0.0, 1.0, 0.0]), -math.radians(LEAN))
+        shaft = rotation_matrix(-math.radians(LEAN), (0.0, 1.0, 0.0))
         shaft[:3, 3] = np.array([x, y, z]) / 2 + np.array([0.0, 0.0, HIGH / 2])
         radius = result.job.tool.diameter / 2
         # Some mm short at both ends: of the holder, and of the tip that bends into the part.
@@ -260,7 +248,7 @@ class Judge:
             Body("part", 0, _mesh(self.library, solid.vertices, solid.faces), work),
         ]
 
-    def pairs(self) -> list[tuple[Body, Body]]:
+    def _list_pairs(self) -> list[tuple[Body, Body]]:
         """All but bodies that move together, links beside each other, and the tool at the part."""
         pairs = []
         for a, b in itertools.combinations(self.bodies, 2):
@@ -271,18 +259,18 @@ class Judge:
                 pairs.append((a, b))
         return pairs
 
-    def hits(self, rows: Matrix) -> tuple[dict[tuple[str, str], int], int]:
+    def count_hits(self, rows: Matrix) -> tuple[dict[tuple[str, str], int], int]:
         """The number of rows (N, J) at which each pair meets, and the number of questions."""
-        pairs = self.pairs()
+        pairs = self._list_pairs()
         counts: dict[tuple[str, str], int] = {}
         library = self.library
         for row in rows:
             frame, frames, joint = np.eye(4), [np.eye(4)], iter(row)
             for step in self.chain:
-                frame = frame @ _origin(step)
+                frame = frame @ _read_origin(step)
                 if step.get("type") != "fixed":
-                    axis = [float(word) for word in step.find("axis").get("xyz").split()]
-                    frame = frame @ _turned(np.array(axis), next(joint))
+                    axis = _read_numbers(step.find("axis"), "xyz", "")
+                    frame = frame @ rotation_matrix(next(joint), axis)
                     frames.append(frame)
             placed = {}
             for body in self.bodies:
@@ -298,7 +286,7 @@ class Judge:
 _NOT_TESTED = re.compile("not tested|do not meet|no boxes")
 
 
-def untested(result: camgen.Result) -> list[str]:
+def list_untested(result: camgen.Result) -> list[str]:
     """The notes on pairs and links that are not tested."""
     notes = [f"{note.what} {note.why}" for note in result.notes]
     return list(filter(_NOT_TESTED.search, notes))
@@ -311,10 +299,10 @@ def main(words: list[str]) -> int:
         part = Path(scratch) / "bracket.stl"
         part.write_bytes(solid.export(file_type="stl"))
         inputs = [(name, Path(words[0]), part, solid) for name in words[1:] or ARMS]
-        return run(Scenario(COLUMNS, inputs, judge))
+        return run(Scenario(COLUMNS, inputs, measure))
 
 
-def judge(name: str, folder: Path, part: Path, solid: trimesh.Trimesh) -> Iterator[Cells]:
+def measure(name: str, folder: Path, part: Path, solid: trimesh.Trimesh) -> Iterator[Cells]:
     """The row of an arm."""
     source = ARMS[name]
     file = source.path(folder)
@@ -323,28 +311,28 @@ def judge(name: str, folder: Path, part: Path, solid: trimesh.Trimesh) -> Iterat
         yield name, None, None, None, missing
         return
     try:
-        result, seconds = timed(lambda: camgen.build(part, post="rapid", job=job(file)))
+        result, seconds = timed(lambda: camgen.build(part, post="rapid", job=make_job(file)))
     except camgen.CamgenError as error:
         yield name, (0, 13, 0), None, None, Missed(str(error))
         return
-    processor = min(whole(part, job(file)).processor for _ in range(RUNS))
+    processor = min(run_build(part, make_job(file)).processor for _ in range(RUNS))
     paths = result.tour.paths
     done = {path.contours[0] for path in paths}
     pieces = done - {path.id for path in paths}
     listed = done.union(*(note.ids[-1:] for note in result.notes if note.kind == "skipped"))
-    of = find_robot(str(file))
-    rows = [joints for _, joints in runs(result.program, of, SAMPLES)]
-    judge = Judge(file, result_tip(file))
-    judge.stand(result, solid)
-    counts, questions = judge.hits(np.concatenate(rows))
+    robot = find_robot(str(file))
+    rows = [joints for _, joints in sample_program(result.program, robot, SAMPLES)]
+    bodies = Judge(file, find_tip(file))
+    bodies.add_cell(result, solid)
+    counts, questions = bodies.count_hits(np.concatenate(rows))
     text = ", ".join(f"{a} against {b}: {count}" for (a, b), count in counts.items())
     count = sum(len(joints) for joints in rows)
     hits = Missed(text) if counts else "0"
     edges = len(done), len(listed), len(pieces)
-    yield name, edges, seconds, processor, "; ".join(untested(result)), count, questions, hits
+    yield name, edges, seconds, processor, "; ".join(list_untested(result)), count, questions, hits
 
 
-def result_tip(file: Path) -> str:
+def find_tip(file: Path) -> str:
     """The link that camgen takes for the flange: the one whose name ends in `tool0`."""
     links = [link.get("name") for link in ET.parse(file).getroot().findall("link")]
     (tip,) = [name for name in links if name.endswith("tool0")]

@@ -1,11 +1,12 @@
 """Time and memory of whole processes, from the command to the written program.
 
-    python -m bench.speed.processes [CASE ...] [--runs N] [--peer PYTHON]
+    python -m bench.speed.processes [CASE ...] [--runs N]
 
-All cases, or those named: help, 251, 401, 5,001, 100,001, rfa1, rfa2. PYTHON is an interpreter with another state of
-camgen, whose builds are measured in turns with ours.
+All cases, or those named: help, 251, 401, 5,001, 100,001, rfa1, rfa2. Reading a drawing by ezdxf
+alone takes turns with its builds.
 
-This process imports nothing heavy: on Linux a child's peak memory counts what its parent held when it was started.
+This process imports nothing heavy: on Linux the peak memory of a child counts that of its parent at
+its start.
 """
 
 from __future__ import annotations
@@ -14,24 +15,34 @@ import argparse
 import statistics
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from bench.support.runner import PARTS, Table, open_table
 from bench.support.timing import Process, measure_in_turns, measure_process, python
 
 POSTS = ("gcode", "rapid")
+#: Distances of the grid of holes, mm.
 PITCH = (36.0, 24.0)
 #: An arm that reaches all of 401 shapes.
 ARM = ("cell.robot=IRB 2400", "cell.base_from_work=[700, -360, 500, 0, 0, 0]")
+COLUMNS = (
+    "process | median s **{:.3f}** | range s {:.3f} to {:.3f} | processor s {:.3f} "
+    "| peak MB {:.0f} | goal"
+)
 
 
 @dataclass(frozen=True)
 class Case:
-    """A plate with so many round holes and slots. goal: s; 0: so many times what ezdxf needs to read the drawing.
-    settings: of the job, where it has some.
+    """A plate.
+
+    circles: number of its round holes.
+    slots: number of its slots.
+    goal: s; 0 for a goal in times of the seconds of ezdxf.
+    runs: runs of each process.
+    posts: posts of the builds.
+    settings: settings of the job.
     """
 
     circles: int
@@ -43,35 +54,36 @@ class Case:
 
 
 CASES = {
-    "251 shapes": Case(circles=200, slots=50, goal=0.8, runs=7),
-    "401 shapes at an IRB 2400": Case(
-        circles=320, slots=80, goal=2.0, runs=7, posts=("rapid",), settings=ARM
-    ),
-    "5,001 shapes": Case(circles=4_000, slots=1_000, goal=3.0, runs=5),
-    "100,001 entities": Case(circles=20_000, slots=20_000, goal=0.0, runs=3),
+    "251 shapes": Case(200, 50, goal=0.8, runs=7),
+    "401 shapes at an IRB 2400": Case(320, 80, 2.0, runs=7, posts=("rapid",), settings=ARM),
+    "5,001 shapes": Case(4_000, 1_000, goal=3.0, runs=5),
+    "100,001 entities": Case(20_000, 20_000, goal=0.0, runs=3),
 }
 HELP_GOAL, HELP_RUNS = 0.12, 15
 #: 3-D parts of ``fixtures/parts``, each with its job file; the goal in seconds of the processor.
 SOLIDS, SOLID_GOAL, SOLID_RUNS = ("rfa1", "rfa2"), 0.7, 9
-#: The goals of large drawings: times the processor seconds of ezdxf, and MB.
+#: Goals of large drawings: times the processor seconds of ezdxf, and MB.
 TIMES, MOST_MB = {"gcode": 2.0, "rapid": 2.5}, 400
 
 
 def draw(file: str, circles: int, slots: int) -> None:
-    """An outline around holes on a grid, mm: 10 to 20 in diameter, and slots 30 x 8 of two lines and two arcs each."""
-    import ezdxf  # noqa: PLC0415  # only where this file is run to draw
+    """Draws an outline around holes on a grid.
+
+    Round holes have diameters of 10 to 20 mm, slots of 30 x 8 mm two lines and two arcs each.
+    """
+    import ezdxf  # noqa: PLC0415 (only a process that draws loads it)
 
     document = ezdxf.new("R2010", units=4)
     space = document.modelspace()
     count = circles + slots
     columns = max(1, round(count**0.5))
-    every = count // slots
+    between = count // slots
     drawn = 0
     for k in range(count):
         x, y = PITCH[0] * (k % columns), PITCH[1] * (k // columns)
-        if k % every == every - 1 and drawn < slots:
+        if k % between == between - 1 and drawn < slots:
             drawn += 1
-            # Not in the order of the loop, one line against it: the ends must be found by where they are.
+            # Not in the order of the loop, and one line against it: a reader must join the ends.
             space.add_line((x - 11, y - 4), (x + 11, y - 4))
             space.add_line((x - 11, y + 4), (x + 11, y + 4))
             space.add_arc((x + 11, y), 4, -90, 90)
@@ -84,86 +96,61 @@ def draw(file: str, circles: int, slots: int) -> None:
     document.saveas(file)
 
 
-def row(table: Table, name: str, runs: list[Process], goal: str) -> None:
+def add_row(table: Table, name: str, runs: list[Process], goal: str) -> None:
+    """Prints the row of a process."""
     seconds = [run.seconds for run in runs]
-    spent = statistics.median(run.processor for run in runs)
+    processor = statistics.median(run.processor for run in runs)
     span = min(seconds), max(seconds)
     peak = max(run.peak for run in runs)
-    table.add(name, statistics.median(seconds), span, spent, peak, goal)
+    table.add(name, statistics.median(seconds), span, processor, peak, goal)
 
 
-class Repeat(NamedTuple):
-    """The way in which builds are repeated.
-
-    runs: runs of each process; 0 for the number of the case.
-    peer: interpreter with another state of camgen, "" for none.
-    """
-
-    runs: int
-    peer: str
-
-
-def list_builds(name: str, words: Sequence[object], peer: str) -> dict[str, list[str]]:
-    """The commands of a build by the names of their rows."""
-    command = python("camgen", "build", *words)
-    builds = {name: command}
-    if peer:
-        # With -P the peer does not import the camgen of the current folder.
-        builds[f"{name}, peer"] = [peer, "-P", *command[1:]]
-    return builds
-
-
-def bench(table: Table, folder: Path, name: str, case: Case, repeat: Repeat) -> None:
-    """The rows of one drawing: reading alone, then each post, taken in turns."""
-    drawing = str(folder / "plate.dxf")
+def measure_drawing(table: Table, folder: Path, name: str, runs: int) -> None:
+    """The rows of a drawing: reading alone, then each post, taken in turns."""
+    case, drawing, reading = CASES[name], str(folder / "plate.dxf"), "ezdxf.readfile alone"
     measure_process(python("bench.speed.processes", "draw", drawing, case.circles, case.slots))
-    read = [sys.executable, "-c", f"import ezdxf; ezdxf.readfile({drawing!r})"]
-    commands = {"ezdxf.readfile alone": read}
-    settings = [word for one in case.settings for word in ("--set", one)]
+    read = f"import ezdxf; ezdxf.readfile({drawing!r})"
+    commands = {reading: [sys.executable, "-c", read]}
     for post in case.posts:
-        programs = folder / post
-        programs.mkdir()
-        words = ["--post", post, "-q", "-o", programs, *settings]
-        commands |= list_builds(f"build --post {post}", [drawing, *words], repeat.peer)
-    values = measure_in_turns(commands, repeat.runs or case.runs)
-    reading = statistics.median(run.processor for run in values["ezdxf.readfile alone"])
-    for process, runs in values.items():
-        goal = ""
-        if process.startswith("build"):
-            times = TIMES[process.split()[2].rstrip(",")]
-            goal = f"{times * reading:.1f} s of the processor, {MOST_MB} MB"
-        if goal and case.goal:
+        words = ["--post", post, "-q", "-o", folder / post]
+        for setting in case.settings:
+            words += ["--set", setting]
+        (folder / post).mkdir()
+        commands[post] = python("camgen", "build", drawing, *words)
+    processes = measure_in_turns(commands, runs or case.runs)
+    seconds = statistics.median(run.processor for run in processes[reading])
+    add_row(table, f"{name}: {reading}", processes[reading], "")
+    for post in case.posts:
+        goal = f"{TIMES[post] * seconds:.1f} s of the processor, {MOST_MB} MB"
+        if case.goal:
             goal = f"{case.goal} s"
-        row(table, f"{name}: {process}", runs, goal)
+        add_row(table, f"{name}: build --post {post}", processes[post], goal)
 
 
-def bench_solid(table: Table, folder: Path, name: str, repeat: Repeat) -> None:
-    """The rows of a 3-D part."""
-    job = ["--job", PARTS / f"{name}.toml", "--post", "rapid", "-q", "-o", folder]
-    words = [PARTS / f"{name}.stl", *job]
-    builds = list_builds(f"{name}.stl: build --post rapid", words, repeat.peer)
-    for process, runs in measure_in_turns(builds, repeat.runs or SOLID_RUNS).items():
-        row(table, process, runs, f"{SOLID_GOAL} s of the processor")
+def list_solids(wanted: list[str], folder: str) -> Iterator[tuple[str, list[str]]]:
+    """The names of 3-D parts, and their commands."""
+    for name in SOLIDS:
+        if name in (wanted or SOLIDS):
+            job = ["--job", PARTS / f"{name}.toml", "--post", "rapid", "-q", "-o", folder]
+            yield name, python("camgen", "build", PARTS / f"{name}.stl", *job)
 
 
-def main(wanted: list[str], repeat: Repeat) -> None:
-    """The rows of the wanted cases, all for none."""
-    table = open_table(
-        "process | median s **{:.3f}** | range s {:.3f} to {:.3f} | processor s {:.3f} "
-        "| peak MB {:.0f} | goal"
-    )
+def main(wanted: list[str], runs: int) -> None:
+    """Prints the rows of the wanted cases, all for none."""
+    table = open_table(COLUMNS)
     if not wanted or "help" in wanted:
         command = python("camgen", "--help")
-        calls = [measure_process(command) for _ in range(repeat.runs or HELP_RUNS)]
-        row(table, "camgen --help", calls, f"{HELP_GOAL} s")
-    for name, case in CASES.items():
+        processes = [measure_process(command) for _ in range(runs or HELP_RUNS)]
+        add_row(table, "camgen --help", processes, f"{HELP_GOAL} s")
+    for name in CASES:
         if not wanted or name.split()[0] in wanted:
             with tempfile.TemporaryDirectory() as folder:
-                bench(table, Path(folder), name, case, repeat)
-    for name in SOLIDS:
-        if not wanted or name in wanted:
-            with tempfile.TemporaryDirectory() as folder:
-                bench_solid(table, Path(folder), name, repeat)
+                measure_drawing(table, Path(folder), name, runs)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, command in list_solids(wanted, folder):
+            processes = [measure_process(command) for _ in range(runs or SOLID_RUNS)]
+            title = f"{name}.stl: build --post rapid"
+            add_row(table, title, processes, f"{SOLID_GOAL} s of the processor")
 
 
 if __name__ == "__main__":
@@ -173,6 +160,5 @@ if __name__ == "__main__":
         arguments = argparse.ArgumentParser()
         arguments.add_argument("cases", nargs="*")
         arguments.add_argument("--runs", type=int, default=0)
-        arguments.add_argument("--peer", default="")
         given = arguments.parse_args()
-        main(given.cases, Repeat(given.runs, given.peer))
+        main(given.cases, given.runs)

@@ -16,7 +16,7 @@ from bench.support.gcode_text import Move, read_moves
 
 #: Heights that differ by less, mm, are one.
 _SAME = 1e-6
-#: A swept strip is taken narrower by this on each side, mm, where it is asked for material.
+#: A swept strip that is tested for material is narrower by this on each side, mm.
 _SLACK = 0.02
 _ROUND = 64
 
@@ -93,8 +93,8 @@ def feed_in_air(motions: Sequence[Move], radius: float, cell: float) -> float:
             for share in (np.arange(count) + 1) / count:
                 place = start + share * (end - start)
                 column = np.round((place[:2] - low) / cell).astype(int)
-                off = place[:2] - (low + column * cell)
-                disc = np.hypot(grid[:, None] - off[0], grid[None, :] - off[1]) <= radius
+                x0, y0 = place[:2] - (low + column * cell)
+                disc = np.hypot(grid[:, None] - x0, grid[None, :] - y0) <= radius
                 x, y = column - reach
                 window = top[x : x + 2 * reach + 1, y : y + 2 * reach + 1]
                 fresh = disc[: window.shape[0], : window.shape[1]] & (window > place[2] + _SAME)

@@ -1,11 +1,11 @@
-"""Pen-up travel of real drawings, and a million segments.
+"""Travel of real drawings with the pen up, and a million segments.
 
     python -m bench.tours.drawings FOLDER ...
     python -m bench.tours.drawings million [CHAINS, 100000]
 
-Every DXF of the folders is traced: as drawn, nearest neighbour, the default search, that with networks merged, and a
-second of the compiled search; vpype (VPYPE, or from the path) sorts the same contours, as lines within 0.01 mm. Home is
-nowhere, so that all count the same ways.
+Every DXF of the folders is traced: as drawn, with the default search, and with a second of the
+search and networks merged. vpype (VPYPE, or from the path) sorts the same
+contours, as lines within 0.01 mm. There is no home, so that all count the same links.
 """
 
 from __future__ import annotations
@@ -82,34 +82,10 @@ def loose(rng: np.random.Generator, chains: int) -> DrawnPieces:
     return DrawnPieces(places, bulges, first, flags, none, none, none, ("0",), ("LINE",), ("",))
 
 
-def draw(paths: tuple[ToolPath, ...], file: Path) -> None:
-    """The paths as polylines of an SVG, px; arcs within 0.01."""
-    from camgen.geometry.arcs import make_span_chain  # noqa: PLC0415
-
-    low = np.min([path.position.min(axis=0) for path in paths], axis=0)[:2]
-    with file.open("w") as out:
-        out.write('<svg xmlns="http://www.w3.org/2000/svg" width="9000" height="9000">')
-        for path in paths:
-            shape = make_span_chain(path.position, path.via[1:])
-            # The sagitta of a chord over the angle a of a circle is r (1 - cos(a / 2)).
-            bow = np.arccos(np.clip(1 - 0.01 / np.maximum(shape.radius, 0.011), -1, 1)) * 2
-            count = np.maximum(np.ceil(shape.sweep / bow), 1).astype(int)
-            which = np.repeat(np.arange(len(count)), count)
-            step = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-            xy = (
-                np.concatenate(
-                    [path.position[:1], shape.pick(which).point((step + 1) / count[which])]
-                )[:, :2]
-                - low
-            )
-            points = " ".join(f"{x:.4f},{y:.4f}" for x, y in xy.tolist())
-            out.write(f'<polyline fill="none" stroke="black" points="{points}"/>')
-        out.write("</svg>")
-
-
-def row(file: Path, tool: str | None) -> list[object] | None:
+def measure(file: Path, tool: str | None) -> list[object] | None:
     """The cells of a drawing; None for one with fewer than five contours or nothing to trace."""
-    from bench.tours.search import between  # noqa: PLC0415
+    from bench.tours.scenes import write_svg  # noqa: PLC0415
+    from bench.tours.search import measure_svg  # noqa: PLC0415
     from camgen.model.errors import CamgenError  # noqa: PLC0415
     from camgen.model.job import Job, OperationTable  # noqa: PLC0415
     from camgen.order.arrange import TourSettings, measure_travel, order_paths  # noqa: PLC0415
@@ -123,30 +99,21 @@ def row(file: Path, tool: str | None) -> list[object] | None:
         return None
     if len(part.contours) < 5:
         return None
-    paths = trace(part, job)
-    merged = trace(with_few_lifts(part, job)[0], job)
-    found = [measure_travel(paths, None)]
-    found += [
-        order_paths(paths, TourSettings(method, None, inside_first=False)).travel
-        for method in ("nearest", "best")
-    ]
-    last, seconds = timed(
-        lambda: order_paths(merged, TourSettings("best", None, inside_first=False))
-    )
-    found += [
-        last.travel,
-        order_paths(merged, TourSettings("best", None, inside_first=False, seconds=1.0)).travel,
-    ]
+    paths, merged = trace(part, job), trace(with_few_lifts(part, job)[0], job)
+    best = TourSettings("best", None, inside_first=False)
+    longer = TourSettings("best", None, inside_first=False, seconds=1.0)
+    travel = [measure_travel(paths, None), order_paths(paths, best).travel]
+    travel.append(order_paths(merged, longer).travel)
     if tool:
         with tempfile.TemporaryDirectory() as folder:
             scene, result = Path(folder) / "scene.svg", Path(folder) / "result.svg"
-            draw(paths, scene)
+            write_svg(paths, scene)
             for options in ([], ["--two-opt"]):
                 sort = [tool, "read", "--no-crop", str(scene), "linesort", *options]
                 measure_process([*sort, "write", str(result)])
                 # vpype writes px of 1/96 inch as it read them.
-                found.append(between(result))
-    return [file.name, len(paths), len(merged), *found, last.bound, seconds]
+                travel.append(measure_svg(result))
+    return [file.name, len(paths), *travel, order_paths(merged, best).bound]
 
 
 def main(folders: list[str]) -> None:
@@ -154,12 +121,12 @@ def main(folders: list[str]) -> None:
     print(machine(), "" if tool else "; vpype is not installed: its columns are left out")
     peers = "| vpype {:.0f} | --two-opt {:.0f} " if tool else ""
     table = Table(
-        "drawing | paths | merged | as drawn {:.0f} | nearest {:.0f} | default {:.0f} "
-        f"| merged {{:.0f}} | seconds = 1 {{:.0f}} {peers}| bound {{:.0f}} | s {{:.2f}}"
+        "drawing | paths | as drawn {:.0f} | default {:.0f} | seconds = 1 {:.0f} "
+        f"{peers}| bound {{:.0f}}"
     )
     for folder in sorted(folders):
         for file in find_files(Path(folder), (".dxf",)):
-            cells = row(file, tool)
+            cells = measure(file, tool)
             if cells:
                 table.add(*cells)
 

@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.photo.photo import planned
+from bench.photo.photo import read_planned
 from bench.render.board import chessboard, markers
 from bench.render.optics import (
     Lens,
     Shot,
-    looking,
+    aim_camera,
     mm_per_px,
     photo_from_work,
     share,
-    straight,
+    undistort,
     work_from_photo,
 )
 from bench.render.parts import NAMED, random_part
@@ -45,7 +45,7 @@ STRONG = Lens(
 def look_from_above(lens: Lens, scale: float = 0.5, tilt: float = 0.0, **more: object) -> Shot:
     """A camera above the origin of the work frame, which is in the middle of the photo."""
     middle = complex(*lens.matrix[:2, 2])
-    rotation, origin = looking(lens, 0, middle, scale, tilt, 35, 20)
+    rotation, origin = aim_camera(lens, 0, middle, scale, (tilt, 35, 20))
     return Shot(lens, rotation, origin, **more)  # type: ignore[arg-type]
 
 
@@ -83,7 +83,7 @@ def test_the_inverse_of_the_lens_is_exact() -> None:
     u, v = list_pixels(STRONG)
     again = photo_from_work(shot, *work_from_photo(shot, u, v))
     assert max(np.abs(again[0] - u).max(), np.abs(again[1] - v).max()) < 1e-9
-    x, y = straight(PINHOLE, u / 800, v / 800)
+    x, y = undistort(PINHOLE, u / 800, v / 800)
     assert np.array_equal(x, u / 800)
     assert np.array_equal(y, v / 800)
 
@@ -279,7 +279,7 @@ def test_files_hold_the_rendered_photo(tmp_path: Path) -> None:
     photo = render(Scene(0.5, (Layer((circle(0, 0, 9),), 0.1),)), look_from_above(PINHOLE, read=2))
     written(tmp_path / "a.png", photo)
     assert np.array_equal(cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED), photo)
-    written(tmp_path / "a.jpg", photo)
+    write_photo(tmp_path / "a.jpg", photo)
     assert (
         np.abs(cv2.imread(str(tmp_path / "a.jpg"), cv2.IMREAD_UNCHANGED).astype(int) - photo).mean()
         < 2
@@ -295,7 +295,7 @@ def test_markers_and_boards_are_found_by_opencv() -> None:
     )
     paper = make_sheet("A4", 30)
     layers = markers((-60, -80, 250, 150), paper.ids, paper.corners, "4X4_50")
-    rotation, origin = looking(lens, complex(*paper.free) / 2, 500 + 370j, 0.34, 12, 60, 10)
+    rotation, origin = aim_camera(lens, complex(*paper.free) / 2, 500 + 370j, 0.34, (12, 60, 10))
     shot = Shot(lens, rotation, origin, read=1.5)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     corners, ids, _ = detector.detectMarkers(render(Scene(0.4, layers), shot))
@@ -304,7 +304,7 @@ def test_markers_and_boards_are_found_by_opencv() -> None:
         u, v = photo_from_work(shot, *paper.corners[number].T)
         assert np.abs(seen[0] - np.column_stack([u, v])).max() < 1.5
     board, places = chessboard(9, 6, 20.0)
-    rotation, origin = looking(lens, places.mean(), 500 + 370j, 0.34, 20, 200, 5)
+    rotation, origin = aim_camera(lens, places.mean(), 500 + 370j, 0.34, (20, 200, 5))
     shot = Shot(lens, rotation, origin, read=1.5)
     is_found, grid = cv2.findChessboardCornersSB(render(Scene(0.4, board), shot), (9, 6))
     assert is_found
@@ -401,7 +401,7 @@ def test_plans_are_read_with_their_arcs(tmp_path: Path) -> None:
     ]
     plan = tmp_path / "plan.json"
     plan.write_text(json.dumps({"body": body}))
-    points = planned(plan)
+    points = read_planned(plan)
     arcs = points[points.real <= 5.0]
     assert np.abs(np.abs(arcs) - 5).max() < 1e-9
     assert np.abs(np.diff(points)).max() <= 0.1
@@ -419,7 +419,7 @@ def test_job_and_camera_file_describe_the_rendered_photo(photo: Photo, tmp_path:
     outline = np.concatenate([loop.points for loop in photo.loops])
     mm = np.column_stack([outline.real, outline.imag])
     u, v = photo_from_work(photo.shot, *mm.T)
-    if photo.way == "markers":
+    if photo.plane == "markers":
         assert job.camera.markers == "A4"
         return
     camera_table = job.camera

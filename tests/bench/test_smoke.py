@@ -83,9 +83,8 @@ SMOKES = [
         "workbench.kill 1", (2, 1), {"kills": (1, 1), "edits": (1, 4), "lost": (0, 0)},
         lacking("playwright", *BROWSERS), alone=True,
     ),
-    Smoke("tours.order 50", (2,), {"paths": (50, 50), "of it": (5, 60)}),
     Smoke(
-        "tours.search 20", (5 if find_spec("numba") else 3,),
+        "tours.search 20", (3 if find_spec("numba") else 2,),
         {"paths": (20, 20), "travel, m": (0.15, 0.3), "bound, m": (0.1, 0.3)},
     ),
     Smoke(
@@ -126,7 +125,10 @@ SMOKES = [
         "robots.collision 20", (12,), {"differ from the plain loop": (0, 0), "poses/s": (1, 1e9)},
     ),
     Smoke("robots.rfa paper", (16, 21), {"mm": (8, 210), "s": (0.4, 20)}),
-    Smoke("robots.rfa 1 rfa1 'IRB 1200'", (3,), {"nominal": (12, 12), "collide": (0, 0)}),
+    Smoke(
+        "robots.rfa 1 rfa1 'IRB 1200'", (3,),
+        {"nominal": (12, 12), "stops": (0, 0), "collide": (0, 0)},
+    ),
     Smoke("robots.coverage block", (1,), {"mm": (800, 900), "pieces": (8, 9)}, lacking("OCP")),
     Smoke("robots.set_ups block", (1,), {"two": (16, 16), "left of it": (0, 0)}, lacking("OCP")),
     Smoke("robots.reach_judge none", (0,), {}, lacking("py_opw_kinematics")),
@@ -167,7 +169,7 @@ SMOKES = [
     Smoke("check.set_up {here}/dxf plate.dxf", (1,), {"false": (0, 0)}),
     Smoke("check.set_up_faults 1 1", (11,), {"no line": (0, 0), "seeded": (1, 1)}),
     Smoke("check.fixture_faults 5", (5,), {"missed": (0, 0), "of these reported": (0, 0)}),
-    Smoke("check.mill_faults 1 1", (5,), {"seeded": (1, 1), "missed": (0, 0)}),
+    Smoke("check.mill_faults 1 1", (3,), {"seeded": (1, 1), "missed": (0, 0)}),
     Smoke("check.stock_faults 12", (13,), {"missed": (0, 0), "seeded": (1, 12)}),
     Smoke(
         "check.template {here}/dxf alone", (1, 1),

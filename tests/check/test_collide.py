@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 import camgen
-from bench.robots.parts import joints_on, touches, turned, unfounded
+from bench.robots.parts import Frames, count_unfounded, list_touches, turn_evenly
 from bench.support.motions import place_motion
 from camgen.check import Checks
 from camgen.collision.motion import check_motion, measure_apart
@@ -184,8 +184,8 @@ def test_the_program_of_a_box_with_rounded_corners_is_free_of_collisions(
     job = {"cell": {"robot": "IRB 120"}}
     result = camgen.build(tmp_path / "box.stl", post="rapid", job=job)
     assert len(result.tour.paths) >= 6
-    assert touches(result, 400) == []
-    assert unfounded(result, camgen.job(job), 400)[1] == 0
+    assert list_touches(result, 400) == []
+    assert count_unfounded(result, camgen.job(job), 400)[1] == 0
 
 
 def block_checks(

@@ -13,7 +13,7 @@ import pytest
 
 from bench.render import photos
 from bench.render.board import markers
-from bench.render.optics import Lens, Shot, looking
+from bench.render.optics import Lens, Shot, aim_camera
 from bench.render.scene import Scene, render
 from camgen.cli import main
 from camgen.model.job import CameraTable, Job
@@ -70,7 +70,11 @@ def render_sheet(last: int | None = None) -> np.ndarray:
     )
     middle = complex(*paper.free) / 2
     shot = Shot(
-        lens, *looking(lens, middle, 480 + 340j, 0.34, 6, 30, 3), blur=0.7, exposure=0.85, read=1.0
+        lens,
+        *aim_camera(lens, middle, 480 + 340j, 0.34, (6, 30, 3)),
+        blur=0.7,
+        exposure=0.85,
+        read=1.0,
     )
     x, y = paper.origin
     page = (-x, -y, paper.page[0] - x, paper.page[1] - y)

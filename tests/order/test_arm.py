@@ -28,7 +28,7 @@ Tables = dict[str, dict[str, object]]
 
 @pytest.fixture(scope="module")
 def panel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return robotsp.draw(robotsp.made_holes(), tmp_path_factory.mktemp("panel"))
+    return robotsp.draw(robotsp.make_holes(), tmp_path_factory.mktemp("panel"))
 
 
 def drill_panel(panel: Path, post: str = "rapid", **tool: object) -> Result:
@@ -112,7 +112,7 @@ def test_the_drill_is_read_back_from_pacscript_too(panel: Path) -> None:
 def test_the_seconds_of_the_links_are_those_of_their_joints(panel: Path) -> None:
     free = drill_panel(panel, symmetric=True)
     assert isinstance(free.tour, ArmTour)
-    _, execution = robotsp.measure(robotsp.joints_of(free))
+    _, execution = robotsp.measure(robotsp.list_joints(free))
     assert free.tour.seconds == pytest.approx(execution, rel=1e-6)
 
 

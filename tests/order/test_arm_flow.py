@@ -157,7 +157,7 @@ def test_the_tip_keeps_its_height_in_blended_corners(holes: Path) -> None:
 def test_a_mark_at_the_clearance_height_is_an_exact_stop(tmp_path: Path) -> None:
     """Only the next motion, which belongs to another hole, distinguishes the mark from a link."""
     result = camgen.build(
-        robotsp.draw(robotsp.made_holes(), tmp_path), post="rapid", job=robotsp.job([])
+        robotsp.draw(robotsp.make_holes(), tmp_path), post="rapid", job=robotsp.make_job([])
     )
     columns = result.program.columns
     last = np.append(columns.path[1:] != columns.path[:-1], True)

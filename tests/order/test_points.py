@@ -42,7 +42,7 @@ def problem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TourProblem:
     monkeypatch.setattr(ARM, "_search", catch)
     with pytest.raises(_SearchStarted):
         camgen.build(
-            robotsp.draw(robotsp.made_holes(), tmp_path), post="rapid", job=robotsp.job([])
+            robotsp.draw(robotsp.make_holes(), tmp_path), post="rapid", job=robotsp.make_job([])
         )
     return problems[0]
 

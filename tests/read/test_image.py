@@ -12,9 +12,9 @@ import pytest
 
 import camgen
 from bench.render.board import markers
-from bench.render.optics import Lens, Shot, looking, photo_from_work
+from bench.render.optics import Lens, Shot, aim_camera, photo_from_work
 from bench.render.parts import NAMED
-from bench.render.scene import Layer, Scene, render, written
+from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.truth import offset_truth, path_error
 from camgen.cli import main
 from camgen.model.errors import CamgenError, NoSafeProgram
@@ -45,7 +45,7 @@ def shot(tilt: float = 10.0, seed: int = 1, **more: Any) -> Shot:
 
 def photo(folder: Path, name: str, scene: Scene, seen: Shot) -> Path:
     file = folder / name
-    written(file, render(scene, seen))
+    write_photo(file, render(scene, seen))
     return file
 
 
@@ -299,7 +299,7 @@ def test_an_unsharp_photo_is_a_warning(tmp_path: Path) -> None:
     sharp = np.where((np.abs(x - 120) < 60) & (np.abs(y - 100) < 50), 60, 200).astype(np.uint8)
     job = from_mapping({"image": {"mm_per_px": 0.1}})
     for blur, is_warned in ((1.0, False), (3.0, True)):
-        written(tmp_path / "part.png", cv2.GaussianBlur(sharp, (0, 0), blur))
+        write_photo(tmp_path / "part.png", cv2.GaussianBlur(sharp, (0, 0), blur))
         files = Files()
         part = read(files.read(tmp_path / "part.png"), job, files)
         assert any("unsharp" in note.what for note in part.notes) == is_warned
@@ -310,7 +310,7 @@ def test_an_outline_without_an_edge_is_refused_unless_accepted(tmp_path: Path) -
     x, y = np.meshgrid(np.arange(400), np.arange(300))
     grey = 100 + 60 * np.exp(-((x - 200) ** 2 + (y - 150) ** 2) / (2 * 60**2))
     grey += np.random.default_rng(4).normal(0, 0.5, grey.shape)
-    written(tmp_path / "part.png", np.rint(grey).astype(np.uint8))
+    write_photo(tmp_path / "part.png", np.rint(grey).astype(np.uint8))
     files = Files()
     table = {"mm_per_px": 0.1, "threshold": 130.0}
     with pytest.raises(NoSafeProgram, match="shows no edge along 1 of 1 outline"):
@@ -327,7 +327,7 @@ def test_a_shadow_without_its_part_is_refused_unless_accepted(tmp_path: Path) ->
     shadow = cv2.GaussianBlur(np.roll(plate, (20, 20), axis=(0, 1)), (0, 0), 6)
     grey = cv2.GaussianBlur(np.where(plate > 0, 245, 247 - 70 * shadow), (0, 0), 0.8)
     grey += np.random.default_rng(7).normal(0, 0.8, grey.shape)
-    written(tmp_path / "part.png", np.rint(grey).astype(np.uint8))
+    write_photo(tmp_path / "part.png", np.rint(grey).astype(np.uint8))
     files = Files()
     table: dict[str, object] = {"mm_per_px": 0.1}
     with pytest.raises(NoSafeProgram, match="shows a shadow alone"):

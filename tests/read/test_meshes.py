@@ -31,7 +31,7 @@ def area(vertices, faces):
 @pytest.mark.parametrize("number", range(len(meshes.SPELLINGS)))
 def test_every_spelling_has_the_edges_of_the_formula(number, tmp_path):
     spelling = meshes.SPELLINGS[number]
-    kind, text = meshes.judge(meshes.make_bodies(number), spelling, tmp_path)
+    kind, text = meshes.compare_file(meshes.make_bodies(number), spelling, tmp_path)
     if spelling.damaged:
         assert kind in ("reported", "refused")
     elif spelling.name == "unknown extension":

@@ -11,7 +11,7 @@ import pytest
 from bench.photo.lenses import PAPER, SIZE, Photo, draw, errors, read_photo
 from bench.render.board import markers
 from bench.render.optics import photo_from_work
-from bench.render.scene import render, written
+from bench.render.scene import render, write_photo
 from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.part import Note, Part
 from camgen.read import read
@@ -83,7 +83,7 @@ def test_a_height_above_points_needs_no_calibration_file(tmp_path: Path) -> None
     """The job has eight pairs without noise. The photo is tilted by 28 deg."""
     shot = photo("no lens, 5 mm", 6)
     file = tmp_path / "photo.png"
-    written(file, render(shot.scene, shot.shot))
+    write_photo(file, render(shot.scene, shot.shot))
     mm = PAPER.corners[::4].reshape(-1, 2)[:8]
     px = np.column_stack(photo_from_work(shot.shot, *mm.T, -5.0))
     camera = CameraTable(points_px=px.tolist(), points_mm=mm.tolist(), height=5.0)
@@ -130,7 +130,7 @@ def test_a_cropped_photo_of_a_flat_part_is_read(tmp_path: Path) -> None:
     """The left sixth of the photo is missing. The corners show the axis of a strong lens."""
     shot = photo("strong lens", 2)
     file = tmp_path / "cut.png"
-    written(file, np.ascontiguousarray(render(shot.scene, shot.shot)[:, 400:]))
+    write_photo(file, np.ascontiguousarray(render(shot.scene, shot.shot)[:, 400:]))
     part = read(file, Job(camera=CameraTable(markers="A4")))
     assert errors(part, shot.part).max() < 0.03
     assert "f is a guess" in note_of(part, "lens from the photo").why

@@ -6,8 +6,8 @@ from pathlib import Path
 import ezdxf
 import numpy as np
 
-from bench.render.optics import Lens, Shot, looking
-from bench.render.scene import Layer, Scene, render, written
+from bench.render.optics import Lens, Shot, aim_camera
+from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, circle, hole, rounded
 from camgen.model.part import Contour, Part
 
@@ -39,12 +39,12 @@ def photo(
         (0,) * 5,
         size,
     )
-    pose = looking(lens, 0j, complex(wide - 1, high - 1) / 2, PIXEL, 0, 0, 0)
+    pose = aim_camera(lens, 0j, complex(wide - 1, high - 1) / 2, PIXEL, (0, 0, 0))
     shot = Shot(
         lens, *pose, blur=0.7, exposure=0.9, gradient=(0.1, -0.1), read=1.6, shot=0.01, seed=3
     )
     layer = Layer(tuple(loop.moved(turn, at) for loop in loops), ink, texture=0.02)
-    written(file, render(Scene(0.7, (layer,), texture=0.02), shot))
+    write_photo(file, render(Scene(0.7, (layer,), texture=0.02), shot))
     return file
 
 
