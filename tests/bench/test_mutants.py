@@ -7,8 +7,15 @@ from pathlib import Path
 import pytest
 
 from bench.reliability.modal.machine import Number, arc, is_same, work_out
-from bench.reliability.mutants import TRACES, Family, judge, plan_tasks, trace
-from bench.reliability.mutations import LANGUAGES, edits
+from bench.reliability.mutants import (
+    TRACES,
+    Family,
+    find_verdicts,
+    list_mutants,
+    plan_batches,
+    trace,
+)
+from bench.reliability.mutations import LANGUAGES, list_mutations
 from bench.reliability.programs import SOURCES, make
 from bench.reliability.wide_mutations import KINDS, mutate
 
@@ -230,7 +237,7 @@ def test_an_arc_is_the_same_wherever_its_via_point_lies(sweep):
 
 def test_the_changes_of_a_line():
     text = "MoveL p1,v100;\n"
-    mutants = {edit.apply(text) for edit in edits(text, LANGUAGES["rapid"])}
+    mutants = {edit.apply(text) for edit in list_mutations(text, LANGUAGES["rapid"])}
     wanted = {
         "MoveL p1,v200;\n",
         "MoveL p1v100;\n",
@@ -246,28 +253,28 @@ def test_the_changes_of_a_line():
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("post", POSTS)
-def test_every_mutant_has_its_task_and_a_sample_is_spread(post, kind):
+def test_every_mutant_is_in_a_batch_and_a_sample_is_spread(post, kind):
     family = Family(post, kind)
     programs = range(len(SOURCES[post]))
-    sizes = [len(family.list_mutants(k)) for k in programs]
-    whole = plan_tasks([family], 0)
-    assert sum(len(range(task.first, task.last, task.step)) for task in whole) == sum(sizes)
-    sample = plan_tasks([family], 100)
-    assert 50 < sum(len(range(task.first, task.last, task.step)) for task in sample) <= 100
+    sizes = [len(list_mutants(family, program)) for program in programs]
+    whole = plan_batches([family], 0)
+    wanted = {program: range(sizes[program]) for program in programs if sizes[program]}
+    assert {batch.program: batch.places for batch in whole} == wanted
+    sample = plan_batches([family], 100)
+    assert 50 < sum(len(batch.places) for batch in sample) <= 100
     step = math.ceil(sum(sizes) / 100)
-    large = {k for k in programs if sizes[k] >= step}
-    assert {task.program for task in sample} >= large
+    large = {program for program in programs if sizes[program] >= step}
+    assert {batch.program for batch in sample} >= large
 
 
 @pytest.mark.parametrize("kind", KINDS[1:])
 @pytest.mark.parametrize("post", POSTS)
 def test_no_mutant_of_a_sample_is_left_over(post, kind):
-    verdicts = 0
-    for task in plan_tasks([Family(post, kind, seed=7)], 60):
-        _, counts, left = judge(task)
-        assert not left
-        verdicts += counts.total()
-    assert verdicts > 30
+    letters = ""
+    for batch in plan_batches([Family(post, kind, seed=7)], 60):
+        letters += find_verdicts(batch)
+    assert set(letters) <= {"c", "h"}
+    assert len(letters) > 30
 
 
 @pytest.mark.parametrize(

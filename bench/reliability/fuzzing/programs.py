@@ -7,7 +7,7 @@ from functools import cache
 from hypothesis import strategies as st
 
 from bench.reliability.fuzzing.odd import edited, numbers, plain_numbers, rarely
-from bench.reliability.mutations import LANGUAGES, tokens
+from bench.reliability.mutations import LANGUAGES, list_tokens
 
 # G-code as LinuxCNC takes it: words, parameters, expressions, flow of control.
 
@@ -164,7 +164,7 @@ def _words(post: str) -> tuple[str, ...]:
     for line in _lines(post):
         found |= dict.fromkeys(
             one.text
-            for one in tokens(line, LANGUAGES[post])
+            for one in list_tokens(line, LANGUAGES[post])
             if one.kind in ("word", "sign", "text")
         )
     return tuple(found)
