@@ -152,7 +152,7 @@ SOURCES: dict[str, tuple[Source, ...]] = {
 
 @cache
 def make(post: str, number: int) -> PostedProgram:
-    """Prints a source of `SOURCES`. ValueError if it is not read back: its mutants prove nothing."""
+    """Prints a source of `SOURCES`. ValueError if it is not read back without a fault."""
     source = SOURCES[post][number]
     kind = find_post(post)
     poster = make_post(kind, source.options)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.reliability.modal.machine import Number, arc, is_same, work_out
+from bench.reliability.modal.machine import Number, describe_arc, is_same, work_out
 from bench.reliability.mutants import (
     TRACES,
     Family,
@@ -230,9 +230,9 @@ def test_an_arc_is_the_same_wherever_its_via_point_lies(sweep):
 
     middle = tuple(Number(value, "arc") for value in at(0.3 + sweep / 2))
     for part in (0.3, 0.5, 0.7):
-        found = arc(at(0.3), at(0.3 + part * sweep), at(0.3 + sweep))
+        found = describe_arc(at(0.3), at(0.3 + part * sweep), at(0.3 + sweep))
         assert is_same([found], [("half-way", *middle)])
-    assert arc(at(0.3), at(0.3 + 0.1 * sweep), at(0.3 + sweep))[0] == "via near an end"
+    assert describe_arc(at(0.3), at(0.3 + 0.1 * sweep), at(0.3 + sweep))[0] == "via near an end"
 
 
 def test_the_changes_of_a_line():
