@@ -76,9 +76,9 @@ def run_command(words: Sequence[str], folder: Path) -> Ending:
     fields: list[str] = []
     build = command.run
 
-    def record(arguments: Namespace, says: Terminal) -> int:
+    def record(arguments: Namespace, terminal: Terminal) -> int:
         try:
-            return build(arguments, says)
+            return build(arguments, terminal)
         except CamgenError as error:
             fields.extend((error.file, error.what, error.where, error.remedy))
             raise
