@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -30,16 +30,14 @@ from typing import NamedTuple
 import cv2
 import trimesh
 
-from bench.reliability.commands import Ending, find_fault, map_cases, run_command
-from bench.support.children import Limits, run_in_child
+from bench.reliability.commands import Ending, find_fault, map_cases, run_alone
+from bench.support.children import Limits
 from bench.support.runner import PARTS, ROOT, Table, machine
 
 #: Address space of a process, and time of a command.
 LIMITS = Limits(memory=8 * 1024**3, clock=30.0)
 #: Memory in use that is a miss, MB.
 MEMORY_MB = 2 * 1024**3 / 1e6
-#: Mutants that a child runs one after the other.
-_CHUNK = 400
 POSTS = {"rapid": "mod", "pacscript": "pcs", "vplus": "v2", "gcode": "ngc", "grbl": "nc"}
 _CASES = ROOT / "fixtures" / "cases"
 _BUILD = ("build", "--post", "gcode")
@@ -206,36 +204,17 @@ class Run(NamedTuple):
     peak: float
 
 
-def run_mutants(kinds: Mapping[str, Reader], folder: Path, numbers: Sequence[int]) -> list[Run]:
-    """Runs mutants in a child, and in a new one after each mutant that ends or stops it.
-
-    folder: holds their files.
-    """
-    runs: list[Run] = []
-    while len(runs) < len(numbers):
-        left = numbers[len(runs) :]
-        child = run_in_child(partial(_run_each, kinds, folder, left), LIMITS)
-        endings = list(child.results)
-        if len(endings) < len(left):
-            endings.append(Ending(None, child.signal, (), "", ()))
-        for number, ending in zip(left, endings, strict=False):
-            runs.append(Run(number, ending.code, _find_miss(ending), child.peak))
-    return runs
-
-
-def _run_each(
-    kinds: Mapping[str, Reader], folder: Path, numbers: Sequence[int]
-) -> Iterator[Ending]:
-    """Runs mutants one by one. Files that commands other than a build leave do not count."""
-    for number in numbers:
-        mutant = make_mutant(kinds, number)
-        with tempfile.TemporaryDirectory(dir=folder) as text:
-            source, work = Path(text) / mutant.file.name, Path(text) / "work"
-            work.mkdir()
-            source.write_bytes(mutant.data)
-            words = [word.replace("{}", str(source)) for word in kinds[mutant.kind].words]
-            ending = run_command(words, work)
-        yield ending if words[0] == "build" else ending._replace(left=())
+def run_mutant(kinds: Mapping[str, Reader], number: int) -> Run:
+    """Runs the command of a mutant. Files that commands other than a build leave do not count."""
+    mutant = make_mutant(kinds, number)
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / mutant.file.name
+        source.write_bytes(mutant.data)
+        words = [word.replace("{}", str(source)) for word in kinds[mutant.kind].words]
+        ending = run_alone(words, LIMITS)
+    if words[0] != "build":
+        ending = ending._replace(left=())
+    return Run(number, ending.code, _find_miss(ending), ending.peak)
 
 
 def _find_miss(ending: Ending) -> str:
@@ -249,26 +228,22 @@ def _find_miss(ending: Ending) -> str:
 def measure(count: int, first: int, processes: int, names: Sequence[str]) -> int:
     """Prints the misses and the table. Returns the number of misses."""
     start = time.perf_counter()
-    with tempfile.TemporaryDirectory() as text:
-        folder = Path(text)
-        kinds = list_readers(folder)
+    with tempfile.TemporaryDirectory() as folder:
+        kinds = list_readers(Path(folder))
         kinds = {kind: reader for kind, reader in kinds.items() if not names or kind in names}
-        numbers = range(first, first + count)
-        size = min(_CHUNK, -(-count // processes))
-        chunks = [numbers[place : place + size] for place in range(0, count, size)]
         table: dict[str, Counter[str]] = {kind: Counter() for kind in kinds}
         peak = 0.0
-        for runs in map_cases(partial(run_mutants, kinds, folder), chunks, processes):
-            for run in runs:
-                mutant = make_mutant(kinds, run.number)
-                row = table[mutant.kind]
-                row["mutants"] += 1
-                row[{0: "built", None: "ended"}.get(run.code, "refused")] += 1
-                row["misses"] += bool(run.miss)
-                peak = max(peak, run.peak)
-                if run.miss:
-                    place = f"{mutant.kind}, {mutant.file.name}, {mutant.change}"
-                    print(f"mutant {run.number} ({place}): {run.miss}")
+        numbers = range(first, first + count)
+        for run in map_cases(partial(run_mutant, kinds), numbers, processes):
+            mutant = make_mutant(kinds, run.number)
+            row = table[mutant.kind]
+            row["mutants"] += 1
+            row[{0: "built", None: "ended"}.get(run.code, "refused")] += 1
+            row["misses"] += bool(run.miss)
+            peak = max(peak, run.peak)
+            if run.miss:
+                place = f"{mutant.kind}, {mutant.file.name}, {mutant.change}"
+                print(f"mutant {run.number} ({place}): {run.miss}")
     print(f"\n{machine()}; {time.perf_counter() - start:.0f} s; at most {peak:.0f} MB")
     columns = Table("input | mutants | read or built | refused | misses")
     for kind, row in table.items():

@@ -108,16 +108,23 @@ def switch_layer(tab: Tab) -> None:
     tab.page.locator("#layers input[type=checkbox]").first.uncheck()
 
 
+def open_paths(tab: Tab) -> Driven:
+    """Opens the list of paths of the picture. Returns the frame of the picture."""
+    frame = tab.shown(tab.rest()["built"]["number"])
+    frame.locator("nav button[data-tab=paths]").click()
+    return frame
+
+
 def move_path(tab: Tab) -> None:
     """Moves a path in the list of the picture to the place before it."""
-    frame = tab.shown(tab.rest()["built"]["number"])
+    frame = open_paths(tab)
     frame.locator("#rows .row").nth(1).click()
     frame.locator("#list").press("Alt+ArrowUp")
 
 
 def move_seam(tab: Tab) -> None:
     """Moves the seam of a path along it by keys of the picture."""
-    frame = tab.shown(tab.rest()["built"]["number"])
+    frame = open_paths(tab)
     frame.locator("#rows .row").nth(3).click()
     frame.locator(".seam").press("Shift+ArrowRight")
 
