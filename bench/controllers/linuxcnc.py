@@ -169,7 +169,7 @@ def main() -> int:
         Path(temporary).chmod(0o755)
         runner = copy_runner(Path(temporary) / "runner")
         for name, program in planned.items():
-            table.add(name, *judge(program, run_program(name, program, runner, given.hurry)))
+            table.add(name, *compare(program, run_program(name, program, runner, given.hurry)))
     return int(table.missed > 0)
 
 
@@ -199,7 +199,7 @@ def run_program(name: str, program: Planned, runner: Path, hurry: float) -> Run 
     return Run(path, samples, measure_seconds(samples, path) - (hurry - 1) * path.dwell)
 
 
-def judge(program: Planned, run: Run | None) -> tuple[object, ...]:
+def compare(program: Planned, run: Run | None) -> tuple[object, ...]:
     """The cells of a program after its name. run: None if it was not executed."""
     if run is None:
         return program.seconds, Missed("not executed")

@@ -26,8 +26,8 @@ The command prints the number of programs of each group, and how many of them ar
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from bench.languages.mirror import Mirror, MissingError
@@ -117,6 +117,40 @@ def read_list() -> list[Entry]:
     """The programs of `public.tsv`."""
     lines = LIST.read_text(encoding="utf-8").splitlines()[1:]
     return [Entry(*line.split("\t")) for line in lines]
+
+
+class Program(NamedTuple):
+    """A program of the list.
+
+    data: its content; None if it is gone.
+    gone: the part of it that is gone, empty otherwise.
+    """
+
+    entry: Entry
+    data: bytes | None
+    gone: str = ""
+
+    @property
+    def name(self) -> str:
+        """The name of its file."""
+        return PurePosixPath(self.entry.path).name
+
+    @property
+    def text(self) -> str:
+        """Its text with line ends of one kind."""
+        return self.data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_programs(folder: Path, languages: Iterable[str] = RULES) -> Iterator[Program]:
+    """The programs of `public.tsv` in some languages from the git directories in a folder."""
+    for entry in read_list():
+        if entry.language not in languages:
+            continue
+        try:
+            data = Mirror(folder, entry.repository).read_file(entry.commit, entry.path)
+            yield Program(entry, data)
+        except MissingError as error:
+            yield Program(entry, None, str(error))
 
 
 def list_programs(mirror: Mirror, rule: Rule, seen: set[str]) -> Iterator[tuple[str, str]]:

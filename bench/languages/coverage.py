@@ -13,12 +13,11 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter, defaultdict
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
-from bench.languages.choose import read_list
-from bench.languages.mirror import Mirror, MissingError
+from bench.languages.choose import read_programs
 from bench.support.runner import Table, machine
 from camgen.lang.alternatives import run_alternatives
 from camgen.lang.programs import RunRequest, find_language
@@ -56,13 +55,10 @@ def main(arguments: list[str]) -> int:
     if not arguments:
         sys.exit(__doc__)
     sums: dict[str, Counter[str]] = defaultdict(Counter)
-    for entry in read_list():
-        try:
-            data = Mirror(Path(arguments[0]), entry.repository).read_file(entry.commit, entry.path)
-        except MissingError:
-            continue
-        text = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
-        sums[entry.language] += count(entry.language, PurePosixPath(entry.path).name, text)
+    for program in read_programs(Path(arguments[0])):
+        if program.data is not None:
+            language = program.entry.language
+            sums[language] += count(language, program.name, program.text)
     print(f"{machine()}\n")
     table = Table(
         "language | programs {} | statements {:,} | run, % {:.1f} | routine not called, % {:.1f} | "

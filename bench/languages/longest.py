@@ -10,11 +10,10 @@ those of the processor, the least of RUNS.
 from __future__ import annotations
 
 import sys
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from bench.languages.choose import Entry, read_list
-from bench.languages.mirror import Mirror, MissingError
+from bench.languages.choose import read_programs
 from bench.support.runner import Table, machine
 from bench.support.timing import measure_in_turns
 
@@ -31,9 +30,11 @@ def main(arguments: list[str]) -> int:
     print(f"{machine()}\n")
     table = Table("language | program | lines {:,} | s {:.2f} | peer, s {} | times the peer {}")
     with TemporaryDirectory() as scratch:
-        for entry, data in list_longest(Path(arguments[0])):
-            file = Path(scratch, PurePosixPath(entry.path).name)
-            file.write_bytes(data)
+        programs = [program for program in read_programs(Path(arguments[0])) if program.data]
+        programs.sort(key=lambda program: -program.data.count(b"\n"))
+        for program in programs[:_COUNT]:
+            file = Path(scratch, program.name)
+            file.write_bytes(program.data)
             words = ["-m", "camgen", "verify", str(file)]
             commands = {}
             for name, python in pythons.items():
@@ -45,21 +46,9 @@ def main(arguments: list[str]) -> int:
                 least[name] = min(process.processor for process in processes)
             peer = least.get("peer")
             shown = ("-", "-") if peer is None else (f"{peer:.2f}", f"{least['ours'] / peer:.2f}")
-            table.add(entry.language, entry.path, data.count(b"\n"), least["ours"], *shown)
+            language, path = program.entry.language, program.entry.path
+            table.add(language, path, program.data.count(b"\n"), least["ours"], *shown)
     return 0
-
-
-def list_longest(folder: Path) -> list[tuple[Entry, bytes]]:
-    """The longest programs of the list with their bytes, by number of lines."""
-    programs = []
-    for entry in read_list():
-        try:
-            data = Mirror(folder, entry.repository).read_file(entry.commit, entry.path)
-        except MissingError:
-            continue
-        programs.append((entry, data))
-    programs.sort(key=lambda program: -program[1].count(b"\n"))
-    return programs[:_COUNT]
 
 
 if __name__ == "__main__":

@@ -23,13 +23,12 @@ from collections import Counter
 from collections.abc import Iterator
 from difflib import unified_diff
 from itertools import chain
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import NamedTuple
 
-from bench.languages.choose import RULES, Entry, read_list
+from bench.languages.choose import RULES, Entry, Program, read_list, read_programs
 from bench.languages.examine import Examined, digest, examine
-from bench.languages.mirror import Mirror, MissingError
-from bench.support.runner import Missed, open_table
+from bench.support.runner import must_be_none, open_table
 
 FINDINGS = Path(__file__).with_name("findings.tsv")
 #: Kinds of findings that are counted, as columns of `findings.tsv` and of the table.
@@ -62,17 +61,21 @@ class Row(NamedTuple):
 
 
 class Result(NamedTuple):
-    """A program of the list.
+    """A program of the list with its row and its findings, which are None if it is gone."""
 
-    row: its row, None if it is gone.
-    examined: its findings, None if it is gone.
-    gone: the part of it that is gone, empty if it is there.
-    """
+    program: Program
+    row: Row | None = None
+    examined: Examined | None = None
 
-    entry: Entry
-    row: Row | None
-    examined: Examined | None
-    gone: str = ""
+    @property
+    def entry(self) -> Entry:
+        """The program as the list has it."""
+        return self.program.entry
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Repository and path."""
+        return self.entry.repository, self.entry.path
 
 
 def read_findings() -> dict[tuple[str, str], Row]:
@@ -84,25 +87,17 @@ def read_findings() -> dict[tuple[str, str], Row]:
     return {(row.repository, row.path): row for row in rows}
 
 
-def run(entry: Entry, folder: Path) -> Result:
+def run(program: Program) -> Result:
     """Examines a program."""
-    try:
-        data = Mirror(folder, entry.repository).read_file(entry.commit, entry.path)
-    except MissingError as error:
-        return Result(entry, None, None, str(error))
-    examined = examine(entry.language, PurePosixPath(entry.path).name, data)
+    if program.data is None:
+        return Result(program)
+    entry = program.entry
+    examined = examine(entry.language, program.name, program.data)
     counts = " ".join(f"{kind}={count}" for kind, count in sorted(examined.counts.items()) if count)
     build = "built" if examined.build == "built" else examined.build.partition(":")[0]
-    row = Row(
-        entry.repository,
-        entry.path,
-        str(examined.exit_code),
-        counts,
-        digest(examined.motions),
-        build,
-        digest(examined.texts),
-    )
-    return Result(entry, row, examined)
+    code, motions, texts = str(examined.exit_code), examined.motions, examined.texts
+    row = Row(entry.repository, entry.path, code, counts, digest(motions), build, digest(texts))
+    return Result(program, row, examined)
 
 
 def name_text(entry: Entry) -> str:
@@ -115,7 +110,7 @@ def format_difference(result: Result, before: Row | None, texts: Path | None) ->
     yield f"\n{result.entry.repository} {result.entry.path}"
     now = result.row
     if before is None or now is None:
-        yield f"  {result.gone or 'has no row in findings.tsv'}"
+        yield f"  {result.program.gone or 'has no row in findings.tsv'}"
         return
     for name, old, new in zip(Row._fields, before, now, strict=True):
         if old != new:
@@ -133,19 +128,18 @@ def sum_up(language: str, results: list[Result], differ: int) -> list[object]:
     counts = sum((each.counts for each in examined), Counter[str]())
     lines = Counter(chain.from_iterable(set(each.texts) for each in examined))
     ended = sum(1 for each in examined if not each.counts["stopped"])
-    tracebacks = counts["traceback"]
     return [
         language,
         len(results),
         len(results) - len(examined),
         ended,
         *(counts[kind] for kind in KINDS),
-        Missed(str(tracebacks)) if tracebacks else "0",
+        must_be_none(counts["traceback"]),
         counts["runs"],
         counts["instructions"],
         lines["read"],
         lines["built"],
-        Missed(str(differ)) if differ else "0",
+        must_be_none(differ),
     ]
 
 
@@ -155,22 +149,19 @@ def main() -> int:
     texts = Path(arguments.texts) if arguments.texts else None
     before = read_findings()
     languages = arguments.languages or list(RULES)
-    entries = [entry for entry in read_list() if entry.language in languages]
-    results = [run(entry, Path(arguments.folder)) for entry in entries]
+    results = [run(program) for program in read_programs(Path(arguments.folder), languages)]
     differing = []
     for result in results:
-        key = result.entry.repository, result.entry.path
-        if result.row is None or result.row != before.get(key):
+        if result.row is None or result.row != before.get(result.key):
             differing.append(result)
     table = open_table(_COLUMNS)
     for language in languages:
         group = [result for result in results if result.entry.language == language]
         differ = sum(1 for result in differing if result.entry.language == language)
         table.add(*sum_up(language, group, differ))
+    shown = None if arguments.accept else texts
     for result in differing:
-        key = result.entry.repository, result.entry.path
-        shown = None if arguments.accept else texts
-        print("\n".join(format_difference(result, before.get(key), shown)))
+        print("\n".join(format_difference(result, before.get(result.key), shown)))
     for result in results:
         for line in result.examined.texts if result.examined else ():
             if line.startswith("traceback: "):
@@ -182,9 +173,7 @@ def main() -> int:
 
 def _accept(results: list[Result], before: dict[tuple[str, str], Row], texts: Path | None) -> None:
     """Writes the rows of the results and their whole findings. Other rows stay."""
-    rows = before | {
-        (result.row.repository, result.row.path): result.row for result in results if result.row
-    }
+    rows = before | {result.key: result.row for result in results if result.row}
     keys = [(entry.repository, entry.path) for entry in read_list()]
     lines = ["\t".join(Row._fields), *("\t".join(rows[key]) for key in keys if key in rows)]
     FINDINGS.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -29,13 +29,12 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import chdir
 from itertools import chain
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from bench.languages.choose import RULES, Entry, read_list
+from bench.languages.choose import RULES, Entry, Program, read_programs
 from bench.languages.examine import verify
-from bench.languages.mirror import Mirror, MissingError
 from bench.support.runner import Missed, Table, must_be_none, open_table, read_words
 from camgen.cli.judge import add_harm
 from camgen.cli.program_texts import read_texts
@@ -111,10 +110,10 @@ def list_findings(language: str, name: str, data: bytes) -> list[Finding]:
     return sorted(listed, key=lambda item: item.line)
 
 
-def list_keys(entry: Entry, folder: Path) -> Iterator[Key]:
-    """The columns that name each finding of a program. Raises MissingError if it is gone."""
-    data = Mirror(folder, entry.repository).read_file(entry.commit, entry.path)
-    for item in list_findings(entry.language, PurePosixPath(entry.path).name, data):
+def list_keys(program: Program) -> Iterator[Key]:
+    """The columns that name each finding of a program."""
+    entry = program.entry
+    for item in list_findings(entry.language, program.name, program.data):
         yield entry.repository, entry.path, str(item.line), item.level, item.what
 
 
@@ -150,11 +149,11 @@ def main() -> int:
     verdicts = read_verdicts()
     programs: ProgramKeys = {}
     gone: Counter[str] = Counter()
-    for entry in read_list():
-        try:
-            programs[entry] = list(list_keys(entry, Path(folder)))
-        except MissingError:
-            gone[entry.language] += 1
+    for program in read_programs(Path(folder)):
+        if program.data is None:
+            gone[program.entry.language] += 1
+        else:
+            programs[program.entry] = list(list_keys(program))
     table = open_table(_COLUMNS)
     for language in RULES:
         group = {entry: keys for entry, keys in programs.items() if entry.language == language}

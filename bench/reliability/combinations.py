@@ -23,16 +23,15 @@ import re
 import shlex
 import signal
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.reliability.commands import Ending, find_fault, map_cases, run_command
+from bench.reliability.commands import Ending, find_fault, map_cases, run_alone
 from bench.reliability.drawn_jobs import POSTS, Case, draw_case, list_settings
-from bench.support.children import Limits, run_in_child
+from bench.support.children import Limits
 from bench.support.runner import ROOT, Table, machine
 
 #: A build may take 60 s of the processor, 300 s by the clock and 8 GB.
@@ -56,9 +55,7 @@ class Run(NamedTuple):
 def run_case(case: Case) -> Run:
     """Builds a case in a process of its own, which has the state of a fresh program."""
     words = [str(ROOT / word) if word.startswith("fixtures/") else word for word in case.words]
-    with tempfile.TemporaryDirectory() as folder:
-        child = run_in_child(lambda: [run_command(words, Path(folder))], LIMITS)
-    ending = child.results[0] if child.results else Ending(None, child.signal, (), "", ())
+    ending = run_alone(words, LIMITS)
     return Run(case, ending.code, find_miss(case, ending))
 
 

@@ -13,6 +13,8 @@ from pathlib import Path
 from pkgutil import walk_packages
 from typing import NamedTuple, TypeVar
 
+from bench.support.children import Limits, run_in_child
+
 #: Packages that commands import.
 _PACKAGES = (
     *(f"camgen.{name}" for name in ("read", "collision", "plan", "order", "lower", "check")),
@@ -29,6 +31,7 @@ class Ending(NamedTuple):
     fields: file, what, where and remedy of the error that a build reports; empty if none.
     messages: text on standard error.
     left: names of the files in the folder afterwards.
+    peak: the largest resident memory of the process, MB.
     """
 
     code: int | None
@@ -36,6 +39,7 @@ class Ending(NamedTuple):
     fields: tuple[str, ...]
     messages: str
     left: tuple[str, ...]
+    peak: float = 0.0
 
     @property
     def lines(self) -> list[str]:
@@ -66,8 +70,17 @@ def _import_program() -> None:
             import_module(module.name)
 
 
-def run_command(words: Sequence[str], folder: Path) -> Ending:
-    """Runs a command in a folder that is empty. Belongs into a child: it redirects its streams."""
+def run_alone(words: Sequence[str], limits: Limits) -> Ending:
+    """Runs a command in an empty folder and a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        child = run_in_child(lambda: [_run_command(words, Path(folder))], limits)
+    if child.results:
+        return child.results[0]._replace(peak=child.peak)
+    return Ending(None, child.signal, (), "", (), child.peak)
+
+
+def _run_command(words: Sequence[str], folder: Path) -> Ending:
+    """Runs a command in an empty folder, and redirects the streams of this process."""
     import camgen.cli.build as command  # noqa: PLC0415 (the worker alone imports the program)
     from camgen.cli import main  # noqa: PLC0415
     from camgen.cli.say import Terminal  # noqa: PLC0415
@@ -76,9 +89,9 @@ def run_command(words: Sequence[str], folder: Path) -> Ending:
     fields: list[str] = []
     build = command.run
 
-    def record(arguments: Namespace, says: Terminal) -> int:
+    def record(arguments: Namespace, terminal: Terminal) -> int:
         try:
-            return build(arguments, says)
+            return build(arguments, terminal)
         except CamgenError as error:
             fields.extend((error.file, error.what, error.where, error.remedy))
             raise

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from bench.support.runner import ROOT
 from bench.support.timing import python
+from camgen.model.toml import format_toml
 
 #: Settings that a job may have beside those of its part.
 _MOST_SETTINGS = 5
@@ -171,7 +172,7 @@ def draw_case(seed: int, number: int) -> Case:
     names = set()
     if chance.random() < 0.25:
         names.add("cell.robot")
-        words += ["--set", f"cell.robot={_in_toml(_ROBOTS[post])}"]
+        words += ["--set", f"cell.robot={format_toml(_ROBOTS[post])}"]
     usual = [table for table in by_table if table not in _RARE_TABLES]
     tables = [*by_table, *usual, *usual]
     for _ in range(chance.randint(1, _MOST_SETTINGS)):
@@ -179,7 +180,10 @@ def draw_case(seed: int, number: int) -> Case:
         if setting.name in names:
             continue
         names.add(setting.name)
-        words += ["--set", f"{_with_row(setting, chance)}={_in_toml(draw_value(setting, chance))}"]
+        words += [
+            "--set",
+            f"{_with_row(setting, chance)}={format_toml(draw_value(setting, chance))}",
+        ]
     return Case(number, post, tuple(words))
 
 
@@ -279,13 +283,3 @@ def _draw_text(setting: Setting, schema: Mapping[str, Any], chance: random.Rando
         return chance.choice(list_robots())
     known = _TEXTS.get(setting.name) or _TEXTS.get(setting.name.replace("operations", "operation"))
     return chance.choice(known if known and chance.random() < 0.9 else _ANY_TEXTS)
-
-
-def _in_toml(value: object) -> str:
-    """`value` as TOML, on one line."""
-    if isinstance(value, dict):
-        pairs = [f"{json.dumps(name)} = {_in_toml(item)}" for name, item in value.items()]
-        return "{" + ", ".join(pairs) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_in_toml, value)) + "]"
-    return json.dumps(value)

@@ -2,7 +2,7 @@
 
     python -m bench.reliability.fuzz [NAME ...] [--examples 20000] [--seed 0]
 
-The table in ``bench.reliability.fuzzing.table`` has the inputs, the call and the allowed outcomes of
+The table in `bench.reliability.fuzzing.table` has the inputs, the call and the allowed outcomes of
 each name; the tests try a few inputs of each. A miss is printed with the smallest input that causes
 it, as bytes for a test. STEP starts a process for each input and gets a tenth of the examples. Each
 name runs in a process with limited memory. A process that a signal ends is a miss, too. The same
@@ -107,7 +107,8 @@ def main() -> int:
     if words.examples < 1:
         parser.error("--examples: give 1 or more")
     table = open_table(
-        "input | examples {:,} | read {:,} | refused {:,} | misses | seconds {:.0f} | peak MB {:.0f}"
+        "input | examples {:,} | read {:,} | refused {:,} | misses | seconds {:.0f} "
+        "| peak MB {:.0f}"
     )
     misses = []
     for name in words.names or _READERS:

@@ -1,14 +1,15 @@
-"""Damaged inputs of every kind: what is built of them, or said.
+"""Damaged inputs of each kind: programs or lines for the user.
 
     python -m bench.reliability.inputs [MUTANTS, 20000] [FIRST, 0] [PROCESSES, 2] [READER ...]
 
-Every mutant is one of our fixtures, or a small file made here, with one thing done to it: a byte changed, bytes
-dropped, doubled, put in or swapped, the end cut off, a number made huge, tiny, negative or no number, a line doubled
-or moved. Mutant N is always the same. Each is given to the command line with a limit of time and of memory. A run is
-good when it says one line and writes nothing (exit 2 or 3), or writes a program that was read back (exit 0). Anything
-else is a miss: a traceback or exit 1, exit 4, a signal, a hang, a file that is left although it failed, more than one
-line, a warning of a library. Prints a table for docs/reliability.md and a line for each miss, and exits with 1 if
-there is any.
+A mutant is one of the fixtures, or a small file that is made here, with one change: a byte changed,
+bytes dropped, doubled, inserted or swapped, the end cut off, a number that becomes huge, tiny,
+negative or no number, a line doubled or moved. A number always gives the same mutant. Each is given
+to the command line with limits of time and memory. A run is good if it prints one line and writes
+nothing (exit code 2 or 3), or if it writes a program that was read back (exit code 0). A miss is a
+traceback or exit code 1, exit code 4, a signal, no end, a file that is left after a failure, more
+than one line, or a warning of a library. The command prints the misses and a table for
+docs/reliability.md, and exits with 1 if there is a miss.
 """
 
 from __future__ import annotations
@@ -21,150 +22,172 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.reliability.commands import Ending, find_fault, map_cases, run_command
-from bench.support.children import Limits, run_in_child
+import cv2
+import trimesh
+
+from bench.reliability.commands import Ending, find_fault, map_cases, run_alone
+from bench.support.children import Limits
 from bench.support.runner import PARTS, ROOT, Table, machine
 
-#: A process has 8 GB of address space, a command 30 s; more than `MEMORY` MB in use is a miss.
-LIMITS, MEMORY = Limits(memory=8 * 1024**3, clock=30.0), 2 * 1024**3 / 1e6
-#: Mutants that a child runs one after the other.
-_CHUNK = 400
+#: Address space of a process, and time of a command.
+LIMITS = Limits(memory=8 * 1024**3, clock=30.0)
+#: Memory in use that is a miss, MB.
+MEMORY_MB = 2 * 1024**3 / 1e6
 POSTS = {"rapid": "mod", "pacscript": "pcs", "vplus": "v2", "gcode": "ngc", "grbl": "nc"}
+_CASES = ROOT / "fixtures" / "cases"
 _BUILD = ("build", "--post", "gcode")
 _OUTPUTS = 'post.signals={dout0="doTool",spindle="aoSpindle"}'
 _NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _NUMBERS = tuple(b"1e308 -1 0 nan 1e-300 99999999999999999999 -0.0 2147483648 inf ".split(b" "))
-_PUT_IN = (
-    b"\x00", b"\xff\xfe", b"\n", b"(", b"\xe2\x98\x83", b"%", b"'", b"<!--", bytes(300), b"\x1a",
-)  # fmt: skip
+_INSERTED = (
+    *(b"\x00", b"\xff\xfe", b"\n", b"(", b"\xe2\x98\x83"),
+    *(b"%", b"'", b"<!--", bytes(300), b"\x1a"),
+)
 
 
 class Reader(NamedTuple):
-    """words: of the command. files: the sound inputs; the first ``{}`` in the words is where one goes, else it is
-    appended.
+    """A command that reads a kind of input.
+
+    words: command line, with {} for the input.
+    files: sound inputs.
     """
 
     words: tuple[str, ...]
     files: tuple[Path, ...]
 
 
-def _parts(*names: str) -> tuple[Path, ...]:
-    return tuple(PARTS / name for name in names)
+def list_readers(folder: Path) -> dict[str, Reader]:
+    """The damaged kinds of inputs.
 
-
-def readers(made: Path) -> dict[str, Reader]:
-    """What is damaged, by kind. made: a folder for the files that no fixture has."""
-    import cv2  # noqa: PLC0415 (only for what makes the files)
-    import trimesh  # noqa: PLC0415
-
-    gear = cv2.resize(cv2.imread(str(_parts("gear.png")[0]), cv2.IMREAD_GRAYSCALE), (160, 160))
-    for suffix in ("pgm", "bmp"):
-        cv2.imwrite(str(made / f"gear.{suffix}"), gear)
+    folder: takes the files that no fixture has.
+    """
+    gear = cv2.resize(cv2.imread(str(PARTS / "gear.png"), cv2.IMREAD_GRAYSCALE), (160, 160))
+    pictures = [PARTS / "gear.png", folder / "gear.pgm", folder / "gear.bmp"]
+    for picture in pictures[1:]:
+        cv2.imwrite(str(picture), gear)
     box = trimesh.creation.box((30, 20, 10))
-    for suffix in ("stl", "ply", "obj", "off", "glb"):
-        box.export(made / f"box.{suffix}")
-    cases = ROOT / "fixtures" / "cases"
-    shutil.copy(cases / "bracket-deburr" / "job.toml", made / "job.toml")
-    programs = {
-        name: cases / name / "expected"
-        for name in ("bracket-follow", "plate-drill", "bracket-deburr")
-    }
-    drawn = _parts("bracket.dxf", "layers.dxf", "blocks.dxf", "smooth.dxf", "gaps.dxf")
-    pictures = ("--set", "operation.kind=trace", "--set", "image.mm_per_px=0.1")
-    options = "--post", "rapid", "--set", "post.force_calibrated=true", "--job", "{}"
-    job = "build", str(PARTS / "bracket.dxf"), *options
+    meshes = [folder / f"box.{suffix}" for suffix in ("stl", "ply", "obj", "off", "glb")]
+    for mesh in meshes:
+        box.export(mesh)
+    shutil.copy(_CASES / "bracket-deburr" / "job.toml", folder / "job.toml")
+    drawings = ("bracket", "layers", "blocks", "smooth", "gaps", "bracket_binary")
+    trace = ("--set", "operation.kind=trace")
+    scale = ("--set", "image.mm_per_px=0.1")
+    job = ("build", str(PARTS / "bracket.dxf"), "--post", "rapid")
+    force = ("--set", "post.force_calibrated=true", "--job", "{}")
     kinds = {
-        "DXF": Reader(_BUILD, (*drawn, *_parts("bracket_binary.dxf"))),
-        "SVG": Reader((*_BUILD, "--set", "operation.kind=trace"), _parts("logo.svg")),
-        "picture": Reader(
-            (*_BUILD, *pictures), (*_parts("gear.png"), made / "gear.pgm", made / "gear.bmp")
-        ),
-        "mesh": Reader(
-            ("inspect",), tuple(made / f"box.{end}" for end in ("stl", "ply", "obj", "off", "glb"))
-        ),
-        "STEP": Reader(("inspect",), _parts("rfa1.step", "rfa2.step")),
-        "G-code": Reader(
-            ("build", "--post", "rapid", "--set", _OUTPUTS),
-            tuple(folder / "part.ngc" for folder in programs.values()),
-        ),
-        "job": Reader(job, (made / "job.toml",)),
+        "DXF": Reader((*_BUILD, "{}"), tuple(PARTS / f"{name}.dxf" for name in drawings)),
+        "SVG": Reader((*_BUILD, *trace, "{}"), (PARTS / "logo.svg",)),
+        "picture": Reader((*_BUILD, *trace, *scale, "{}"), tuple(pictures)),
+        "mesh": Reader(("inspect", "{}"), tuple(meshes)),
+        "STEP": Reader(("inspect", "{}"), (PARTS / "rfa1.step", PARTS / "rfa2.step")),
+        "G-code": Reader(("build", "--post", "rapid", "--set", _OUTPUTS, "{}"), _programs("ngc")),
+        "job": Reader((*job, *force), (folder / "job.toml",)),
     }
-    for post, end in POSTS.items():
-        texts = tuple(folder / f"part.{end}" for folder in programs.values())
-        kinds[f"verify {post}"] = Reader(("verify", "{}", "--post", post), texts)
+    for post, suffix in POSTS.items():
+        kinds[f"verify {post}"] = Reader(("verify", "{}", "--post", post), _programs(suffix))
     return kinds
 
 
-# What is done to a file. Each takes the bytes and a source of chance.
+def _programs(suffix: str) -> tuple[Path, ...]:
+    names = ("bracket-follow", "plate-drill", "bracket-deburr")
+    return tuple(_CASES / name / "expected" / f"part.{suffix}" for name in names)
+
+
+# The changes of a file. Each takes the bytes and a source of chance.
 
 Mutation = Callable[[bytes, random.Random], bytes]
 
 
 def _change(data: bytes, chance: random.Random) -> bytes:
-    at = chance.randrange(len(data))
-    return data[:at] + bytes([chance.randrange(256)]) + data[at + 1 :]
+    place = chance.randrange(len(data))
+    return data[:place] + bytes([chance.randrange(256)]) + data[place + 1 :]
 
 
 def _drop(data: bytes, chance: random.Random) -> bytes:
-    at = chance.randrange(len(data))
-    return data[:at] + data[at + chance.choice((1, 2, 16, 200)) :]
+    place = chance.randrange(len(data))
+    return data[:place] + data[place + chance.choice((1, 2, 16, 200)) :]
 
 
 def _double(data: bytes, chance: random.Random) -> bytes:
-    at, size = chance.randrange(len(data)), chance.choice((1, 8, 64, 500))
-    return data[: at + size] + data[at:]
+    place, size = chance.randrange(len(data)), chance.choice((1, 8, 64, 500))
+    return data[: place + size] + data[place:]
 
 
 def _insert(data: bytes, chance: random.Random) -> bytes:
-    at = chance.randrange(len(data))
-    return data[:at] + chance.choice(_PUT_IN) + data[at:]
+    place = chance.randrange(len(data))
+    return data[:place] + chance.choice(_INSERTED) + data[place:]
 
 
 def _swap(data: bytes, chance: random.Random) -> bytes:
-    a, b = sorted(chance.randrange(len(data)) for _ in range(2))
-    size = min(chance.choice((1, 4, 40)), b - a)
-    return (
-        data[:a] + data[b : b + size] + data[a + size : b] + data[a : a + size] + data[b + size :]
-    )
+    first, second = sorted(chance.randrange(len(data)) for _ in range(2))
+    size = min(chance.choice((1, 4, 40)), second - first)
+    swapped = bytearray(data)
+    swapped[first : first + size] = data[second : second + size]
+    swapped[second : second + size] = data[first : first + size]
+    return bytes(swapped)
 
 
 def _cut(data: bytes, chance: random.Random) -> bytes:
     return data[: chance.randrange(len(data))]
 
 
-def _number(data: bytes, chance: random.Random) -> bytes:
-    found = list(_NUMBER.finditer(data[:100_000]))
-    if not found:
+def _replace_number(data: bytes, chance: random.Random) -> bytes:
+    numbers = list(_NUMBER.finditer(data[:100_000]))
+    if not numbers:
         return _change(data, chance)
-    one = chance.choice(found)
-    return data[: one.start()] + chance.choice(_NUMBERS) + data[one.end() :]
+    number = chance.choice(numbers)
+    return data[: number.start()] + chance.choice(_NUMBERS) + data[number.end() :]
 
 
-def _line(data: bytes, chance: random.Random) -> bytes:
+def _move_line(data: bytes, chance: random.Random) -> bytes:
+    """Doubles a line at another place, or moves it there."""
     lines = data.split(b"\n")
-    a, b = chance.randrange(len(lines)), chance.randrange(len(lines))
-    lines.insert(b, lines[a] if chance.random() < 0.5 else lines.pop(a))
+    source, target = chance.randrange(len(lines)), chance.randrange(len(lines))
+    line = lines[source] if chance.random() < 0.5 else lines.pop(source)
+    lines.insert(target, line)
     return b"\n".join(lines)
 
 
 MUTATIONS: dict[str, Mutation] = {
-    "byte changed": _change, "dropped": _drop, "doubled": _double, "put in": _insert, "swapped": _swap,
-    "cut off": _cut, "number": _number, "line": _line,
-}  # fmt: skip
+    "byte changed": _change,
+    "dropped": _drop,
+    "doubled": _double,
+    "put in": _insert,
+    "swapped": _swap,
+    "cut off": _cut,
+    "number": _replace_number,
+    "line": _move_line,
+}
 
 
-def mutant(kinds: Mapping[str, Reader], number: int) -> tuple[str, str, Path, bytes]:
-    """Its kind, what is done to it, the sound file, and the bytes."""
+class Mutant(NamedTuple):
+    """A damaged input.
+
+    kind: key of its reader.
+    change: key of `MUTATIONS`.
+    file: the sound input.
+    data: the damaged bytes.
+    """
+
+    kind: str
+    change: str
+    file: Path
+    data: bytes
+
+
+def make_mutant(kinds: Mapping[str, Reader], number: int) -> Mutant:
+    """The mutant of a number."""
     chance = random.Random(number)
     kind = list(kinds)[number % len(kinds)]
     file = chance.choice(kinds[kind].files)
-    name = list(MUTATIONS)[(number // len(kinds)) % len(MUTATIONS)]
-    return kind, name, file, MUTATIONS[name](file.read_bytes(), chance)
+    change = list(MUTATIONS)[(number // len(kinds)) % len(MUTATIONS)]
+    return Mutant(kind, change, file, MUTATIONS[change](file.read_bytes(), chance))
 
 
 class Run(NamedTuple):
@@ -181,77 +204,51 @@ class Run(NamedTuple):
     peak: float
 
 
-def run_mutants(kinds: Mapping[str, Reader], folder: Path, numbers: Sequence[int]) -> list[Run]:
-    """Runs mutants in a child, and in a new one after each mutant that ends or stops it.
-
-    folder: the place of their files.
-    """
-    runs: list[Run] = []
-    while len(runs) < len(numbers):
-        left = numbers[len(runs) :]
-        child = run_in_child(partial(_run_each, kinds, folder, left), LIMITS)
-        endings = list(child.results)
-        if len(endings) < len(left):
-            endings.append(Ending(None, child.signal, (), "", ()))
-        for number, ending in zip(left, endings, strict=False):
-            runs.append(Run(number, ending.code, _find_miss(ending), child.peak))
-    return runs
-
-
-def _run_each(
-    kinds: Mapping[str, Reader], folder: Path, numbers: Sequence[int]
-) -> Iterator[Ending]:
-    """Runs mutants in turn. Files that commands other than a build leave do not count."""
-    for number in numbers:
-        kind, _, file, data = mutant(kinds, number)
-        with tempfile.TemporaryDirectory(dir=folder) as text:
-            source, work = Path(text) / file.name, Path(text) / "work"
-            work.mkdir()
-            source.write_bytes(data)
-            words = [word.replace("{}", str(source)) for word in kinds[kind].words]
-            if words == list(kinds[kind].words):
-                words.append(str(source))
-            ending = run_command(words, work)
-        yield ending if words[0] == "build" else ending._replace(left=())
+def run_mutant(kinds: Mapping[str, Reader], number: int) -> Run:
+    """Runs the command of a mutant. Files that commands other than a build leave do not count."""
+    mutant = make_mutant(kinds, number)
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / mutant.file.name
+        source.write_bytes(mutant.data)
+        words = [word.replace("{}", str(source)) for word in kinds[mutant.kind].words]
+        ending = run_alone(words, LIMITS)
+    if words[0] != "build":
+        ending = ending._replace(left=())
+    return Run(number, ending.code, _find_miss(ending), ending.peak)
 
 
 def _find_miss(ending: Ending) -> str:
     if ending.signal == signal.SIGXCPU:
         return f"no end within {LIMITS.clock:.0f} s"
-    # What verify finds wrong in a text is its answer, line by line.
+    # The findings of verify are lines of an answer, not errors.
     is_answer = not ending.errors or "read back" not in ending.messages
     return find_fault(ending, (0, 2, 3, 4) if is_answer else (0, 2, 3))
 
 
 def measure(count: int, first: int, processes: int, names: Sequence[str]) -> int:
-    """Prints the table and the misses. Returns the number of misses."""
-    began = time.perf_counter()
-    runs: list[Run] = []
-    with tempfile.TemporaryDirectory() as text:
-        folder = Path(text)
-        kinds = readers(folder)
+    """Prints the misses and the table. Returns the number of misses."""
+    start = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        kinds = list_readers(Path(folder))
         kinds = {kind: reader for kind, reader in kinds.items() if not names or kind in names}
-        numbers = range(first, first + count)
-        size = min(_CHUNK, -(-count // processes))
-        chunks = [numbers[k : k + size] for k in range(0, count, size)]
-        for part in map_cases(partial(run_mutants, kinds, folder), chunks, processes):
-            runs += part
         table: dict[str, Counter[str]] = {kind: Counter() for kind in kinds}
-        for run in runs:
-            kind, name, file, _ = mutant(kinds, run.number)
-            row = table[kind]
+        peak = 0.0
+        numbers = range(first, first + count)
+        for run in map_cases(partial(run_mutant, kinds), numbers, processes):
+            mutant = make_mutant(kinds, run.number)
+            row = table[mutant.kind]
             row["mutants"] += 1
             row[{0: "built", None: "ended"}.get(run.code, "refused")] += 1
             row["misses"] += bool(run.miss)
+            peak = max(peak, run.peak)
             if run.miss:
-                print(f"mutant {run.number} ({kind}, {file.name}, {name}): {run.miss}")
-    misses = sum(row["misses"] for row in table.values())
-    peak = max((run.peak for run in runs), default=0)
-    print(f"\n{machine()}; {time.perf_counter() - began:.0f} s; at most {peak:.0f} MB")
+                place = f"{mutant.kind}, {mutant.file.name}, {mutant.change}"
+                print(f"mutant {run.number} ({place}): {run.miss}")
+    print(f"\n{machine()}; {time.perf_counter() - start:.0f} s; at most {peak:.0f} MB")
     columns = Table("input | mutants | read or built | refused | misses")
     for kind, row in table.items():
         columns.add(kind, *(row[key] for key in ("mutants", "built", "refused", "misses")))
-    return misses + (peak > MEMORY)
+    return sum(row["misses"] for row in table.values()) + (peak > MEMORY_MB)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ There are four kinds of changes of the programs of `programs`:
 Each mutant is read back and compared with the plan as a build does it. If a mutant passes, a
 simulation of the modal state, written from the manuals (`modal`), runs it and the text without the
 change. It is harmless if both have the same motions, outputs, waits, forces and settings within
-the printed digits. Anything else is left over.
+the printed digits. Any other mutant is left over, and so is one whose read-back ends with an error.
 
 --most N takes N mutants of each post and kind, spread evenly over all of them. --seed N draws other
 structural and global changes. The command prints a table for docs/reliability.md, then each mutant
@@ -24,7 +24,7 @@ import argparse
 import math
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from multiprocessing import get_context
@@ -33,7 +33,7 @@ from typing import NamedTuple
 from bench.reliability.modal import pacscript, rapid, reader, rs274, vplus
 from bench.reliability.modal.machine import Event, is_same
 from bench.reliability.mutations import Mutation
-from bench.reliability.programs import SOURCES, Made, make
+from bench.reliability.programs import SOURCES, PostedProgram, make
 from bench.reliability.wide_mutations import KINDS, mutate
 from bench.support.runner import open_table
 
@@ -44,8 +44,13 @@ TRACES: dict[str, Callable[[str], list[Event]]] = {
     "gcode": partial(rs274.trace, grbl=False),
     "grbl": partial(rs274.trace, grbl=True),
 }
+#: Processes, and mutants that one of them judges at a time.
 _PROCESSES, _CHUNK = 2, 500
-CAUGHT, HARMLESS, LEFT = "caught", "harmless", "left over"
+#: Letters of the verdicts. A mutant is "x" if its read-back ended with an error.
+CAUGHT, HARMLESS, LEFT, CRASH = "c", "h", "l", "x"
+WORDS = {CAUGHT: "caught", HARMLESS: "harmless", LEFT: "left over", CRASH: "read-back failed"}
+#: Changes of a mutant that are listed.
+_LISTED = 3
 
 
 class Family(NamedTuple):
@@ -60,144 +65,147 @@ class Family(NamedTuple):
     kind: str
     seed: int = 0
 
-    def list_mutants(self, program: int) -> list[Mutation]:
-        """The mutants of a program, by its index in `SOURCES`."""
-        return _list_mutants(self, program)
 
+class Batch(NamedTuple):
+    """Mutants of a program.
 
-class Task(NamedTuple):
-    """The mutants `first`, `first + step`, ... before `last` of a program of a family."""
+    family: kind of its mutants
+    program: index of the program in `SOURCES`
+    places: indices of these mutants among all of the program
+    """
 
     family: Family
     program: int
-    first: int
-    last: int
-    step: int
+    places: range
 
+    @property
+    def name(self) -> str:
+        """Name of the source of the program."""
+        return SOURCES[self.family.post][self.program].name
 
-class LeftOver(NamedTuple):
-    """A mutant that is neither caught nor harmless.
-
-    family: kind of mutants
-    program: name of its source
-    line: first line with a change, from 1
-    change: kind of the change
-    was, now: lines with a change, without and with it
-    crash: error that ended the read-back, empty without one
-    """
-
-    family: Family
-    program: str
-    line: int
-    change: str
-    was: str
-    now: str
-    crash: str = ""
-
-
-#: Changes of a mutant that are listed.
-_LISTED = 3
+    def list_mutants(self) -> list[Mutation]:
+        """The mutants of the batch."""
+        mutants = list_mutants(self.family, self.program)
+        return [mutants[place] for place in self.places]
 
 
 @cache
-def _list_mutants(family: Family, program: int) -> list[Mutation]:
+def list_mutants(family: Family, program: int) -> list[Mutation]:
+    """All mutants of a program, given by its index in `SOURCES`."""
     return mutate(make(family.post, program).text, family.post, family.kind, family.seed)
 
 
-def trace(post: str, made: Made, text: str) -> list[Event]:
-    """What a program does with ``text`` in its place: of one file, or of a reader and its data."""
-    return TRACES[post](text) if len(made.files) == 1 else reader.trace(*made.texts(text).values())
+def trace(post: str, source: PostedProgram, text: str) -> list[Event]:
+    """The trace of a program with another text. It has one file, or a reader and its data."""
+    if len(source.files) == 1:
+        return TRACES[post](text)
+    return reader.trace(*source.replace_text(text).values())
 
 
 @cache
-def _trace(post: str, program: int) -> list[Event]:
-    made = make(post, program)
-    return trace(post, made, made.text)
-
-
-def judge_mutant(post: str, program: int, mutation: Mutation) -> tuple[str, str]:
-    """The verdict on a mutant, and the error that ended its read-back, empty without one.
-
-    program: index of its program in `SOURCES`.
-    """
+def _trace_source(post: str, program: int) -> list[Event]:
     source = make(post, program)
-    text = mutation.apply(source.text)
-    try:
-        if source.is_caught(text):
-            return CAUGHT, ""
-    # A read-back that fails in any way has not judged its text. The other mutants are judged.
-    except Exception as error:
-        return LEFT, f"{type(error).__name__}: {error}"
-    same = is_same(_trace(post, program), trace(post, source, text))
-    return HARMLESS if same else LEFT, ""
+    return trace(post, source, source.text)
 
 
-def judge(task: Task) -> tuple[Family, Counter[str], list[LeftOver]]:
-    """The verdicts on the mutants of one task."""
-    counts, left = Counter[str](), list[LeftOver]()
-    mutants = task.family.list_mutants(task.program)
-    for mutation in mutants[task.first : task.last : task.step]:
-        verdict, crash = judge_mutant(task.family.post, task.program, mutation)
-        counts[verdict] += 1
-        if verdict == LEFT:
-            left.append(describe(task.family, task.program, mutation, crash))
-    return task.family, counts, left
+def find_verdicts(batch: Batch) -> str:
+    """The letters of the verdicts on the mutants of a batch."""
+    post, program = batch.family.post, batch.program
+    source = make(post, program)
+    letters = ""
+    for mutation in batch.list_mutants():
+        text = mutation.apply(source.text)
+        try:
+            is_caught = source.is_caught(text)
+        # A read-back that fails in any way has not judged its text. The other mutants are judged.
+        except Exception:
+            letters += CRASH
+            continue
+        if is_caught:
+            letters += CAUGHT
+        elif is_same(_trace_source(post, program), trace(post, source, text)):
+            letters += HARMLESS
+        else:
+            letters += LEFT
+    return letters
 
 
-def describe(family: Family, program: int, mutation: Mutation, crash: str = "") -> LeftOver:
-    """The first lines that a mutant of a program changes, before and after it."""
-    text = make(family.post, program).text
-    was, now = [], []
+def find_all_verdicts(batches: Sequence[Batch]) -> list[str]:
+    """The letters of each batch, judged by two processes."""
+    pieces: list[tuple[int, Batch]] = []
+    for number, batch in enumerate(batches):
+        for first in range(0, len(batch.places), _CHUNK):
+            places = batch.places[first : first + _CHUNK]
+            pieces.append((number, batch._replace(places=places)))
+    letters = [""] * len(batches)
+    with ProcessPoolExecutor(_PROCESSES, mp_context=get_context("fork")) as pool:
+        judged = pool.map(find_verdicts, [piece for _, piece in pieces])
+        for done, ((number, _), verdicts) in enumerate(zip(pieces, judged, strict=True), 1):
+            letters[number] += verdicts
+            print(f"\r{done} of {len(pieces)} pieces", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return letters
+
+
+def describe(batch: Batch, mutation: Mutation, verdict: str = "") -> str:
+    """The place of a mutant, and the first lines that it changes, before and after.
+
+    verdict: words after the change
+    """
+    text = make(batch.family.post, batch.program).text
+    before, after = [], []
     for edit in mutation.edits[:_LISTED]:
         begin = text.rfind("\n", 0, edit.begin) + 1
-        joined = "\n" in text[edit.begin : edit.end] and edit.begin > begin
-        end = text.find("\n", edit.end if joined else max(edit.begin, edit.end - 1))
+        is_joined = "\n" in text[edit.begin : edit.end] and edit.begin > begin
+        end = text.find("\n", edit.end if is_joined else max(edit.begin, edit.end - 1))
         end = len(text) if end < 0 else end
-        was.append(text[begin:end].strip())
-        now.append(f"{text[begin : edit.begin]}{edit.new}{text[edit.end : max(end, edit.end)]}")
+        before.append(text[begin:end].strip())
+        changed = f"{text[begin : edit.begin]}{edit.new}{text[edit.end : max(end, edit.end)]}"
+        after.append(changed.strip())
     line = text.count("\n", 0, mutation.edits[0].begin) + 1
-    name = SOURCES[family.post][program].name
-    lines = " ... ".join(was), " ... ".join(text.strip() for text in now)
-    return LeftOver(family, name, line, mutation.kind, *lines, crash)
+    place = f"{batch.family.post}, {batch.name}, line {line}, {batch.family.kind}"
+    lines = f"  was {' ... '.join(before)!r}\n  now {' ... '.join(after)!r}"
+    return f"{place}: {mutation.kind}{verdict}\n{lines}"
 
 
-def plan_tasks(families: list[Family], most: int) -> list[Task]:
-    """The work in small pieces, family after family. most: mutants of each, 0 for all of them."""
-    tasks: list[Task] = []
+def plan_batches(families: Sequence[Family], limit: int) -> list[Batch]:
+    """A batch for each program of each family with mutants that are spread evenly.
+
+    A program without any of them has no batch.
+
+    limit: number of mutants of a family, 0 for all of them
+    """
+    batches = []
     for family in families:
         programs = range(len(SOURCES[family.post]))
-        sizes = [len(family.list_mutants(k)) for k in programs]
-        step = math.ceil(sum(sizes) / most) if most else 1
-        for k, size in enumerate(sizes):
-            for first in range(-sum(sizes[:k]) % step, size, _CHUNK * step):
-                last = min(first + _CHUNK * step, size)
-                tasks.append(Task(family, k, first, last, step))
-    return tasks
+        sizes = [len(list_mutants(family, program)) for program in programs]
+        step = math.ceil(sum(sizes) / limit) if limit else 1
+        for program, size in enumerate(sizes):
+            places = range(-sum(sizes[:program]) % step, size, step)
+            if places:
+                batches.append(Batch(family, program, places))
+    return batches
 
 
 def main() -> int:
     """Prints the table, then the mutants that are left over."""
     arguments = _parse_arguments()
+    posts = arguments.posts or list(SOURCES)
     families = []
     for kind in arguments.kind or KINDS:
-        families += [Family(post, kind, arguments.seed) for post in arguments.posts or SOURCES]
+        families += [Family(post, kind, arguments.seed) for post in posts]
+    batches = plan_batches(families, arguments.most)
     counts: dict[Family, Counter[str]] = {family: Counter() for family in families}
-    left: list[LeftOver] = []
-    tasks = plan_tasks(families, arguments.most)
-    with ProcessPoolExecutor(_PROCESSES, mp_context=get_context("fork")) as pool:
-        for done, (family, verdicts, over) in enumerate(pool.map(judge, tasks), 1):
-            counts[family] += verdicts
-            left += over
-            progress = f"\r{done} of {len(tasks)} pieces, {len(left)} left over"
-            print(progress, end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
+    left = []
+    for batch, letters in zip(batches, find_all_verdicts(batches), strict=True):
+        counts[batch.family].update(letters)
+        for mutation, letter in zip(batch.list_mutants(), letters, strict=True):
+            if letter in (LEFT, CRASH):
+                left.append(describe(batch, mutation, f" ({WORDS[letter]})"))
     _print_table(counts)
-    for mutant in left:
-        crash = f" ({mutant.crash})" if mutant.crash else ""
-        place = f"{mutant.family.post}, {mutant.program}, line {mutant.line}"
-        print(f"\n{place}, {mutant.family.kind}: {mutant.change}{crash}")
-        print(f"  was {mutant.was!r}\n  now {mutant.now!r}")
-    return 1 if left else 0
+    for text in left:
+        print(f"\n{text}")
+    return int(bool(left))
 
 
 def _parse_arguments() -> argparse.Namespace:
@@ -209,29 +217,30 @@ def _parse_arguments() -> argparse.Namespace:
         "--most", type=int, default=0, metavar="N", help="mutants of a post and kind, 0: all"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="draws other changes")
-    arguments = parser.parse_args()
-    if arguments.most < 0:
-        parser.error("--most: give 1 or more, or 0 for all")
-    return arguments
+    return parser.parse_args()
 
 
 def _print_table(counts: dict[Family, Counter[str]]) -> None:
     """Prints a row for each post and kind, and the sums."""
-    figures = (
-        f"programs {{:,}} | mutants {{:,}} | {CAUGHT} {{:,}} | {HARMLESS} {{:,}} | {LEFT} {{:,}}"
+    table = open_table(
+        "kind | post | programs {:,} | mutants {:,} | caught {:,} | harmless {:,} | left over {:,}"
     )
-    table = open_table(f"kind | post | {figures}")
-    for family, verdicts in counts.items():
-        table.add(family.kind, family.post, *_list_figures([family.post], verdicts))
+    for family, letters in counts.items():
+        table.add(family.kind, family.post, len(SOURCES[family.post]), *list_counts(letters))
     for kind in dict.fromkeys(family.kind for family in counts):
-        rows = {family.post: counts[family] for family in counts if family.kind == kind}
-        sums = sum(rows.values(), Counter[str]())
-        table.add(kind, "all", *_list_figures(list(rows), sums))
+        posts = [family.post for family in counts if family.kind == kind]
+        total: Counter[str] = Counter()
+        for family, letters in counts.items():
+            if family.kind == kind:
+                total += letters
+        programs = sum(len(SOURCES[post]) for post in posts)
+        table.add(kind, "all", programs, *list_counts(total))
 
 
-def _list_figures(posts: list[str], verdicts: Counter[str]) -> list[int]:
-    programs = sum(len(SOURCES[post]) for post in posts)
-    return [programs, verdicts.total(), *(verdicts[key] for key in (CAUGHT, HARMLESS, LEFT))]
+def list_counts(letters: Counter[str]) -> tuple[int, int, int, int]:
+    """The numbers of mutants: all, caught, harmless, and left over with those that crash."""
+    left = letters[LEFT] + letters[CRASH]
+    return letters.total(), letters[CAUGHT], letters[HARMLESS], left
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The programs that are mutated: cut from the golden cases, from the programs written by hand, and a few of its own."""
+"""The programs that are mutated: parts of golden cases, of programs by hand, and of the bench."""
 
 from __future__ import annotations
 
@@ -16,16 +16,20 @@ from camgen.post.verify import compare
 from fixtures.program_text import parse
 
 _FIXTURES = Path(__file__).parents[2] / "fixtures"
-#: What replaces an arc may deviate, mm; few chords keep V+ short.
-_CHORD, _CHORD_VPLUS = 0.01, 0.2
+#: Largest deviation of the chords that replace an arc, mm. Few chords keep V+ short.
+_CHORD_MM, _CHORD_VPLUS_MM = 0.01, 0.2
 #: Programs of the bench: a force along the tool on lines and an arc (edge), a force that the post
 #: of V+ can switch, with outputs, waits and a blend (pressing), two tools that are changed (tools).
-_OWN = Path(__file__).with_name("programs_by_hand")
+_BY_HAND = Path(__file__).with_name("programs_by_hand")
 
 
 class Source(NamedTuple):
-    """Where a program comes from: a case, a program by hand (".ir") or one of its own. size: instructions at most.
-    place: of the file that is mutated, among those of the program.
+    """The origin of a program.
+
+    name: a golden case, a program by hand (".ir"), or a program of the bench
+    size: maximum number of its instructions
+    options: options of the post
+    place: index of the mutated file among the files of the program
     """
 
     name: str
@@ -34,8 +38,16 @@ class Source(NamedTuple):
     place: int = 0
 
 
-class Made(NamedTuple):
-    """A program as posted. prepared: what it has to say. file, text: what is mutated. files: all of it, by name."""
+class PostedProgram(NamedTuple):
+    """A program as its post prints it.
+
+    post, readback: print the program and read it back
+    options: options of the post
+    prepared: the program that is printed
+    file: name of the mutated file
+    text: the mutated text
+    files: all texts by name
+    """
 
     post: camgen.Post
     readback: Readback
@@ -45,17 +57,16 @@ class Made(NamedTuple):
     text: str
     files: Mapping[str, str]
 
-    def texts(self, text: str) -> dict[str, str]:
-        """All files with ``text`` in the place of the one that is mutated."""
+    def replace_text(self, text: str) -> dict[str, str]:
+        """All files with another text of the mutated one."""
         return {**self.files, self.file: text}
 
     def is_caught(self, text: str) -> bool:
-        """Whether a build would refuse ``text``."""
-        reading = self.readback(self.texts(text), self.options)
+        """Whether a build would refuse the text."""
+        reading = self.readback(self.replace_text(text), self.options)
+        tolerance, verified = self.post.tolerance(), self.post.list_verified()
         try:
-            compare(
-                self.prepared, reading, self.post.tolerance(), self.post.list_verified(), self.file
-            )
+            compare(self.prepared, reading, tolerance, verified, self.file)
         except camgen.VerifyError:
             return True
         return False
@@ -140,38 +151,29 @@ SOURCES: dict[str, tuple[Source, ...]] = {
 
 
 @cache
-def make(post: str, index: int) -> Made:
-    """The text of a source. ValueError where camgen itself does not pass it: a mutant says nothing then."""
-    source = SOURCES[post][index]
+def make(post: str, number: int) -> PostedProgram:
+    """Prints a source of `SOURCES`. ValueError if it is not read back without a fault."""
+    source = SOURCES[post][number]
     kind = find_post(post)
     poster = make_post(kind, source.options)
-    program = _take(source, kind)
-    prepared = poster.prepare(program, _CHORD_VPLUS if post == "vplus" else _CHORD)
+    options = fill_tables(kind, source.options)
+    prepared = poster.prepare(_cut(source, kind), _CHORD_VPLUS_MM if post == "vplus" else _CHORD_MM)
     files = {file.name: file.text for file in poster.render(prepared)}
-    name = [*files][source.place]
-    made = Made(
-        poster,
-        find_readback(post),
-        fill_tables(kind, source.options),
-        prepared,
-        name,
-        files[name],
-        files,
-    )
-    if len(files) > 1 + ("points" in source.options) or made.is_caught(made.text):
-        raise ValueError(
-            f"{source.name} for {post} is no program of one file, or one and its data, that is read back"
-        )
-    return made
+    name = list(files)[source.place]
+    posted = PostedProgram(poster, find_readback(post), options, prepared, name, files[name], files)
+    count = 2 if "points" in source.options else 1
+    if len(files) > count or posted.is_caught(posted.text):
+        raise ValueError(f"{source.name} for {post}: {len(files)} files, or not read back")
+    return posted
 
 
-def _take(source: Source, kind: type[camgen.Post]) -> Program:
-    """The program, cut to its size and closed, from the home of the post where that is a pose."""
+def _cut(source: Source, kind: type[camgen.Post]) -> Program:
+    """The first instructions of a program, from the home of the post if that is a pose."""
     file = _FIXTURES / "cases" / source.name / "expected" / "plan.ir"
     if source.name.endswith(".ir"):
         file = _FIXTURES / "programs" / source.name
     elif not file.exists():
-        file = _OWN / f"{source.name}.ir"
+        file = _BY_HAND / f"{source.name}.ir"
     program = parse(file.read_text(encoding="utf-8"))
     body: list[Instruction] = list(program.body[: source.size])
     home = kind.cell().home
@@ -183,15 +185,22 @@ def _take(source: Source, kind: type[camgen.Post]) -> Program:
 
 
 def _close(body: Sequence[Instruction]) -> tuple[Instruction, ...]:
-    """The last motion stops, and what is on at the end is put off."""
-    last = max(k for k, item in enumerate(body) if isinstance(item, MoveJ | MoveL | MoveC))
-    body = [replace(item, blend=0.0) if k == last else item for k, item in enumerate(body)]
-    on: dict[str, float] = {}
+    """Stops at the last motion, and switches off the outputs and the force after it."""
+    closed = list(body)
+    last = 0
+    outputs: dict[str, float] = {}
     newtons = 0.0
-    for item in body:
-        if isinstance(item, Output):
-            on[item.signal] = item.value
+    for number, item in enumerate(body):
+        if isinstance(item, MoveJ | MoveL | MoveC):
+            last = number
+        elif isinstance(item, Output):
+            outputs[item.signal] = item.value
         elif isinstance(item, Force):
             newtons = item.newtons
-    off = [Output(name, 0.0) for name, value in on.items() if value]
-    return (*body, *([Force(0.0)] if newtons else []), *off)
+    closed[last] = replace(closed[last], blend=0.0)
+    if newtons:
+        closed.append(Force(0.0))
+    for name, value in outputs.items():
+        if value:
+            closed.append(Output(name, 0.0))
+    return tuple(closed)

@@ -24,10 +24,10 @@ from bench.reliability.mutations import (
     Edit,
     Mutation,
     Token,
-    edits,
-    replacements,
-    single,
-    tokens,
+    change_place,
+    list_mutations,
+    list_replacements,
+    list_tokens,
 )
 
 #: Kinds of mutants, in the order of the table.
@@ -160,7 +160,7 @@ class Source(NamedTuple):
 def mutate(text: str, post: str, kind: str, seed: int = 0) -> list[Mutation]:
     """All mutants of a text of one of `KINDS`, each once; none of them is the text itself."""
     if kind == "single":
-        return edits(text, LANGUAGES[post])
+        return list_mutations(text, LANGUAGES[post])
     source = Source(text, post, seed, _split(text))
     mutants: dict[tuple[Edit, ...], Mutation] = {}
     for mutation in _FAMILIES[kind](source):
@@ -206,15 +206,15 @@ def _stray_words(source: Source) -> Iterator[Mutation]:
             word, tail = insertions[_draw(source.seed, "word", row, draw) % len(insertions)]
             other = source.lines[_draw(source.seed, "line", row, draw) % count].text.strip()
             stray = f"{line.indent}{word}{tail.format(line=other)}\n"
-            yield single(f"inserted {word}", line.begin, line.begin, stray)
+            yield change_place(f"inserted {word}", line.begin, line.begin, stray)
         first, last = (
             words[_draw(source.seed, side, row) % len(words)] for side in ("before", "after")
         )
         bare = line.text.strip()
         begin = line.begin + len(line.indent)
         end = begin + len(bare)
-        yield single(f"{first} before the line", begin, end, f"{first} {bare}")
-        yield single(f"{last} after the line", begin, end, f"{bare} {last}")
+        yield change_place(f"{first} before the line", begin, end, f"{first} {bare}")
+        yield change_place(f"{last} after the line", begin, end, f"{bare} {last}")
 
 
 def _drop(place: Line | Token) -> Edit:
@@ -263,10 +263,10 @@ def _changed_blocks(source: Source) -> Iterator[Mutation]:
         block = source.text[opening.begin : closing.end]
         yield Mutation("bounds of a block dropped", (_drop(opening), _drop(closing)))
         yield Mutation("block dropped", (whole,))
-        yield single("block repeated", closing.end, closing.end, block)
+        yield change_place("block repeated", closing.end, closing.end, block)
         yield Mutation("block moved to the end", (whole, Edit(size, size, block)))
-        yield single("block repeated at the end", size, size, block)
-        yield single("block emptied", opening.end, closing.begin)
+        yield change_place("block repeated at the end", size, size, block)
+        yield change_place("block emptied", opening.end, closing.begin)
 
 
 def _list_blocks(source: Source) -> Iterator[tuple[int, int]]:
@@ -292,13 +292,13 @@ def _replaced_tokens(source: Source) -> Iterator[Mutation]:
     """A token that occurs more than once, replaced at all its places."""
     language = LANGUAGES[source.post]
     groups: dict[str, list[Token]] = {}
-    for token in tokens(source.text, language):
+    for token in list_tokens(source.text, language):
         if token.kind != "newline":
             groups.setdefault(token.text, []).append(token)
     for text, group in groups.items():
         if len(group) < 2:
             continue
-        for new in dict.fromkeys((*replacements(group[0], language), *_rough(text), "")):
+        for new in dict.fromkeys((*list_replacements(group[0], language), *_rough(text), "")):
             kind = f"{text[:20]} replaced everywhere" if new else f"{text[:20]} dropped everywhere"
             yield Mutation(kind, tuple(Edit(each.begin, each.end, new) for each in group))
 
@@ -361,7 +361,7 @@ def _paired(source: Source) -> Iterator[Mutation]:
     units = [*header, *list(settings.values())[:_SETTING_LINES]]
     for first, second in combinations(units, 2):
         yield Mutation("two lines dropped", (_drop(first), _drop(second)))
-    if LANGUAGES[source.post].gcode:
+    if LANGUAGES[source.post].is_gcode:
         for first_word, second_word in combinations(_header_words(source), 2):
             yield Mutation("two words dropped", (_drop(first_word), _drop(second_word)))
 
@@ -374,7 +374,7 @@ def _is_still(text: str, source: Source) -> bool:
 
 def _header_words(source: Source) -> list[Token]:
     words: list[Token] = []
-    for token in tokens(source.text, LANGUAGES[source.post]):
+    for token in list_tokens(source.text, LANGUAGES[source.post]):
         if token.kind == "word":
             words.append(token)
     return words[:_HEADER_WORDS]

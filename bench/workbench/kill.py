@@ -60,28 +60,22 @@ def value_of(tables: Tables, path: str) -> Any:
     return tables.get(table, {}).get(key)
 
 
-def typing(path: str, text: str) -> Edit:
-    """A number that is typed key by key and not applied."""
+def type_number(path: str, text: str, *, is_applied: bool) -> Edit:
+    """A number that is typed key by key, and applied or not."""
 
     def make(tab: Tab) -> None:
         tab.open("settings")
-        tab.field(path).fill("")
-        tab.page.keyboard.type(text)
+        if is_applied:
+            tab.enter(path, text)
+        else:
+            tab.field(path).fill("")
+            tab.page.keyboard.type(text)
 
-    return Edit("typing", make, lambda tables: value_of(tables, path) == float(text))
-
-
-def entering(path: str, text: str) -> Edit:
-    """A number that is typed and applied."""
-
-    def make(tab: Tab) -> None:
-        tab.open("settings")
-        tab.enter(path, text)
-
-    return Edit("entering", make, lambda tables: value_of(tables, path) == float(text))
+    name = "entering" if is_applied else "typing"
+    return Edit(name, make, lambda tables: value_of(tables, path) == float(text))
 
 
-def sliding(degrees: int) -> Edit:
+def slide(degrees: int) -> Edit:
     """The slider of an angle, at four places."""
 
     def make(tab: Tab) -> None:
@@ -96,64 +90,60 @@ def sliding(degrees: int) -> Edit:
     )
 
 
-def choosing() -> Edit:
-    """A menu of the form."""
-
-    def make(tab: Tab) -> None:
-        tab.open("settings")
-        tab.field("operation.direction").select_option("conventional")
-
-    return Edit(
-        "choosing", make, lambda tables: value_of(tables, "operation.direction") == "conventional"
-    )
+def choose_direction(tab: Tab) -> None:
+    """Chooses from a menu of the form."""
+    tab.open("settings")
+    tab.field("operation.direction").select_option("conventional")
 
 
-def adding() -> Edit:
-    """A row of the list of operations."""
-
-    def make(tab: Tab) -> None:
-        tab.open("steps")
-        tab.page.get_by_text("Add tool").click()
-
-    return Edit("adding a row", make, lambda tables: len(tables.get("tools", [])) == 1)
+def add_tool(tab: Tab) -> None:
+    """Adds a row to the list of tools."""
+    tab.open("steps")
+    tab.page.get_by_text("Add tool").click()
 
 
-def switching() -> Edit:
-    """A layer of the drawing."""
-
-    def make(tab: Tab) -> None:
-        tab.open("layers")
-        tab.page.locator("#layers input[type=checkbox]").first.uncheck()
-
-    return Edit(
-        "switching a layer",
-        make,
-        lambda tables: value_of(tables, "input.layers") == ["*", "!HOLES"],
-    )
+def switch_layer(tab: Tab) -> None:
+    """Switches off a layer of the drawing."""
+    tab.open("layers")
+    tab.page.locator("#layers input[type=checkbox]").first.uncheck()
 
 
-def moving() -> Edit:
-    """A path in the list of the picture, moved to the place before it."""
-
-    def make(tab: Tab) -> None:
-        frame = tab.shown(tab.rest()["built"]["number"])
-        frame.locator("#rows .row").nth(1).click()
-        frame.locator("#list").press("Alt+ArrowUp")
-
-    return Edit(
-        "moving a path", make, lambda tables: len(value_of(tables, "tour.order") or []) == 1
-    )
+def open_paths(tab: Tab) -> Driven:
+    """Opens the list of paths of the picture. Returns the frame of the picture."""
+    frame = tab.shown(tab.rest()["built"]["number"])
+    frame.locator("nav button[data-tab=paths]").click()
+    return frame
 
 
-def turning() -> Edit:
-    """The seam of a path, moved along it by keys of the picture."""
+def move_path(tab: Tab) -> None:
+    """Moves a path in the list of the picture to the place before it."""
+    frame = open_paths(tab)
+    frame.locator("#rows .row").nth(1).click()
+    frame.locator("#list").press("Alt+ArrowUp")
 
-    def make(tab: Tab) -> None:
-        frame = tab.shown(tab.rest()["built"]["number"])
-        frame.locator("#rows .row").nth(3).click()
-        frame.locator(".seam").press("Shift+ArrowRight")
 
-    return Edit("moving a seam", make, lambda tables: bool(value_of(tables, "tour.seams")))
+def move_seam(tab: Tab) -> None:
+    """Moves the seam of a path along it by keys of the picture."""
+    frame = open_paths(tab)
+    frame.locator("#rows .row").nth(3).click()
+    frame.locator(".seam").press("Shift+ArrowRight")
+
+
+def has_value(path: str, value: object) -> Callable[[Tables], bool]:
+    """Whether the tables of a job have a value."""
+    return lambda tables: value_of(tables, path) == value
+
+
+#: Edits of the form, and edits that need all paths in the picture: a job has one of them.
+FORM_EDITS = (
+    Edit("choosing", choose_direction, has_value("operation.direction", "conventional")),
+    Edit("adding a row", add_tool, lambda tables: len(tables.get("tools", [])) == 1),
+)
+PICTURE_EDITS = (
+    Edit("switching a layer", switch_layer, has_value("input.layers", ["*", "!HOLES"])),
+    Edit("moving a path", move_path, lambda tables: len(value_of(tables, "tour.order") or []) == 1),
+    Edit("moving a seam", move_seam, lambda tables: bool(value_of(tables, "tour.seams"))),
+)
 
 
 def choose_edits(chance: random.Random, number: int) -> list[Edit]:
@@ -162,19 +152,16 @@ def choose_edits(chance: random.Random, number: int) -> list[Edit]:
     number: number of the last edit, so that all kinds come in turn
     """
     form = [
-        typing("process.feed", chance.choice(LENGTHS)),
-        entering("process.clearance", chance.choice(("61", "72.5"))),
-        sliding(chance.randrange(5, 40)),
-        choosing(),
-        adding(),
+        type_number("process.feed", chance.choice(LENGTHS), is_applied=False),
+        type_number("process.clearance", chance.choice(("61", "72.5")), is_applied=True),
+        slide(chance.randrange(5, 40)),
+        *FORM_EDITS,
     ]
-    # These need all paths in the picture: a job has one of them.
-    picture = [switching(), moving(), turning()]
-    edits = [*form, *picture]
+    edits = [*form, *PICTURE_EDITS]
     last = edits[number % len(edits)]
     others = [edit for edit in form if edit is not last]
     if last in form:
-        others.append(chance.choice(picture))
+        others.append(chance.choice(PICTURE_EDITS))
     return [*chance.sample(others, chance.randint(0, 3)), last]
 
 
@@ -207,10 +194,6 @@ KILLS = {
 }
 
 
-def type_nothing(_tab: Tab) -> None:
-    """The edit was made while the server was killed."""
-
-
 def type_while_killed(tab: Tab, moment: float) -> Edit:
     """Types a number while the server is killed. The edit is the text that the field shows then.
 
@@ -232,7 +215,7 @@ def type_while_killed(tab: Tab, moment: float) -> Edit:
             return not shown and value is None
         return float(value) == float(shown)
 
-    return Edit("typing", make=type_nothing, is_in=is_in)
+    return Edit("typing", lambda _tab: None, is_in)
 
 
 def kind_of(number: int) -> str:

@@ -11,7 +11,6 @@ import pytest
 from bench.reliability.code_mutants import targets
 from bench.reliability.code_mutants.cases import BY_NAME, CASES, write_drawing
 from bench.reliability.code_mutants.operators import OPERATORS, find_sites, mutate
-from bench.reliability.code_mutants.running import find_function
 from bench.reliability.code_mutants.survivors import is_found
 from bench.reliability.code_mutants.targets import (
     CORE_GROUPS,
@@ -87,13 +86,6 @@ def test_the_draw_is_the_same_each_time_and_every_mutant_compiles(
         assert {mutant.group for mutant in mutants} == set(groups)
         for mutant in mutants:
             compile(mutate(mutant.source, mutant.site), mutant.module, "exec")
-
-
-def test_a_function_is_found_by_its_lines() -> None:
-    source = "a = 1\n@cache\ndef f(b=2):\n    def g():\n        return 3\n    return g\n"
-    assert find_function(source, 5) == (2, 6)
-    assert find_function(source, 1) == (0, 0)
-    assert find_function(source, 3) == (0, 0)
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,8 @@ import pytest
 from bench.languages import choose, examine, mutants, public, verdicts
 from bench.languages.choose import RULES, Entry
 from bench.languages.mirror import Mirror, MissingError
+from bench.reliability.mutants import find_verdicts
+from bench.reliability.programs import PostedProgram, make
 from camgen.lang.programs import LEVELS
 from camgen.model.instructions import Wait
 from camgen.model.pose import IDENTITY, Pose
@@ -206,24 +208,29 @@ def test_values_are_rounded_and_defaults_left_out() -> None:
 
 
 def test_a_verdict_that_changes_is_found() -> None:
-    (program, *_) = mutants.list_programs(["grbl"])
-    program = program._replace(places=program.places[:4])
-    row = mutants.make_row(program, "cchc")
+    (batch, *_) = mutants.list_batches(["grbl"])
+    batch = batch._replace(places=batch.places[:4])
+    row = mutants.make_row(batch, "cchc")
     assert mutants.unpack(row.verdicts) == "cchc"
-    assert mutants.compare(program, 1, "cchc", row).changes == []
-    (change,) = mutants.compare(program, 1, "cclc", row).changes or []
-    assert (change.before, change.now) == ("h", "l")
-    assert change.mutation == program.list_mutants()[2]
-    assert mutants.compare(program, 2, "ch", row).changes == []
-    assert mutants.compare(program, 1, "cchc", row._replace(digest="")).changes is None
-    assert mutants.compare(program, 1, "cchc", None).changes is None
+    assert mutants.find_changes(batch, "cchc", row) == []
+    (change,) = mutants.find_changes(batch, "cclc", row) or []
+    assert f"{batch.list_mutants()[2].kind}: harmless before, left over now" in change
+    assert mutants.find_changes(batch, "ch", row, step=2) == []
+    assert mutants.find_changes(batch, "cchc", row._replace(digest="")) is None
+    assert mutants.find_changes(batch, "cchc", None) is None
 
 
 def test_a_read_back_that_ends_with_an_error_is_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
-    (program, *_) = mutants.list_programs(["grbl"])
-    verdicts = iter((("caught", ""), ("left over", "ValueError: made")))
-    monkeypatch.setattr(mutants, "judge_mutant", lambda *_: next(verdicts))
-    assert mutants.find_verdicts(program._replace(places=program.places[:2])) == "cx"
+    def is_caught(_posted: PostedProgram, text: str) -> bool:
+        if text == first.apply(make("grbl", 0).text):
+            return True
+        raise ValueError("made")
+
+    (batch, *_) = mutants.list_batches(["grbl"])
+    batch = batch._replace(places=batch.places[:2])
+    first, _ = batch.list_mutants()
+    monkeypatch.setattr(PostedProgram, "is_caught", is_caught)
+    assert find_verdicts(batch) == "cx"
 
 
 def test_the_committed_verdicts_are_those_of_the_mutants() -> None:

@@ -6,9 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from bench.reliability.modal.machine import Number, arc, is_same, work_out
-from bench.reliability.mutants import TRACES, Family, judge, plan_tasks, trace
-from bench.reliability.mutations import LANGUAGES, edits
+from bench.reliability.modal.machine import Number, describe_arc, is_same, work_out
+from bench.reliability.mutants import (
+    TRACES,
+    Family,
+    find_verdicts,
+    list_mutants,
+    plan_batches,
+    trace,
+)
+from bench.reliability.mutations import LANGUAGES, list_mutations
 from bench.reliability.programs import SOURCES, make
 from bench.reliability.wide_mutations import KINDS, mutate
 
@@ -250,14 +257,15 @@ def test_the_edits_of_a_line_drop_repeat_and_replace_its_parts():
 def test_tasks_cover_all_mutants_and_a_sample_covers_all_programs(post, kind):
     family = Family(post, kind)
     programs = range(len(SOURCES[post]))
-    sizes = [len(family.list_mutants(k)) for k in programs]
-    whole = plan_tasks([family], 0)
-    assert sum(len(range(task.first, task.last, task.step)) for task in whole) == sum(sizes)
-    sample = plan_tasks([family], 100)
-    assert 50 < sum(len(range(task.first, task.last, task.step)) for task in sample) <= 100
+    sizes = [len(list_mutants(family, program)) for program in programs]
+    whole = plan_batches([family], 0)
+    wanted = {program: range(sizes[program]) for program in programs if sizes[program]}
+    assert {batch.program: batch.places for batch in whole} == wanted
+    sample = plan_batches([family], 100)
+    assert 50 < sum(len(batch.places) for batch in sample) <= 100
     step = math.ceil(sum(sizes) / 100)
-    large = {k for k in programs if sizes[k] >= step}
-    assert {task.program for task in sample} >= large
+    large = {program for program in programs if sizes[program] >= step}
+    assert {batch.program for batch in sample} >= large
 
 
 @pytest.mark.parametrize("kind", KINDS[1:])

@@ -1,7 +1,7 @@
 """Mutants of camgen's code: does a build notice them, and is the text right if it does not?
 
     python -m bench.reliability.code_mutants [--count 1000] [--seed N] [--only NAME] [--table FILE]
-    python -m bench.reliability.code_mutants survivors [--count 130] [--at FILE:LINE ...]
+    python -m bench.reliability.code_mutants survivors [--count 130]
 
 The first command draws mutants of posts, passes, lowering and order, builds the jobs of `cases`
 with each, and judges every text that differs from that of the unchanged code. The second draws
@@ -22,16 +22,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.reliability.code_mutants.cases import CASES, Case
-from bench.reliability.code_mutants.running import (
-    WRITTEN,
-    Called,
-    is_run,
-    list_called,
-    run_cases,
-    warm_up,
-)
-from bench.reliability.code_mutants.survivors import find_survivors, list_at, read_reasons
+from bench.reliability.code_mutants.cases import CASES
+from bench.reliability.code_mutants.running import WRITTEN, run_cases, warm_up
+from bench.reliability.code_mutants.survivors import find_survivors, read_reasons
 from bench.reliability.code_mutants.targets import CORE_GROUPS, PROGRAM_GROUPS, SEED, Mutant, draw
 from bench.reliability.code_mutants.verdicts import (
     RIGHT,
@@ -61,53 +54,41 @@ class Judged(NamedTuple):
         return next(column for column in COLUMNS if column in kinds)
 
 
-class Original(NamedTuple):
-    """A job with the unchanged code.
+def find_outcomes(originals: Sequence[str], mutant: Mutant) -> Judged:
+    """Builds the jobs with a mutant, and judges the texts that differ.
 
-    case: the job.
-    text: its program.
-    called: file and first line of the functions that it calls.
+    originals: the program of each job of `CASES` by the unchanged code.
     """
-
-    case: Case
-    text: str
-    called: Called
-
-
-def judge_mutant(originals: Sequence[Original], mutant: Mutant) -> Judged:
-    """Builds the jobs that a mutant may change, and judges the texts that differ."""
-    outcomes = dict.fromkeys((original.case.name for original in originals), ("same text", ""))
-    affected = [original for original in originals if is_run(mutant, original.called)]
-    results = run_cases(mutant, [original.case for original in affected]) if affected else []
-    for original, outcome in zip(affected, results, strict=True):
-        name = original.case.name
+    outcomes = {}
+    for case, original, outcome in zip(CASES, originals, run_cases(mutant), strict=True):
         if outcome.kind != WRITTEN:
-            outcomes[name] = ("error", f"{outcome.kind}: {outcome.text}")
-        elif outcome.text != original.text:
-            verdict = find_verdict(original.case, outcome.text, original.text)
-            outcomes[name] = (verdict.kind, verdict.reason)
+            outcomes[case.name] = ("error", f"{outcome.kind}: {outcome.text}")
+        elif outcome.text == original:
+            outcomes[case.name] = ("same text", "")
+        else:
+            outcomes[case.name] = tuple(find_verdict(case, outcome.text, original))
     return Judged(mutant, outcomes)
 
 
-def build_originals() -> list[Original]:
-    """The programs of the unchanged code. ValueError if one is not built, or judged wrong."""
+def build_originals() -> list[str]:
+    """The programs of the unchanged code. ValueError if one is not built, or is wrong."""
     originals = []
-    for case, outcome, called in zip(CASES, run_cases(None), list_called(), strict=True):
+    for case, outcome in zip(CASES, run_cases(None), strict=True):
         if outcome.kind != WRITTEN:
             raise ValueError(f"{case.name}: {outcome.kind} {outcome.text}")
         fault = find_fault(case, outcome.text)
         if fault:
             raise ValueError(f"{case.name}: {fault}")
-        originals.append(Original(case, outcome.text, called))
+        originals.append(outcome.text)
     return originals
 
 
-def judge_all(mutants: Sequence[Mutant], originals: Sequence[Original]) -> Iterator[Judged]:
+def find_all_outcomes(mutants: Sequence[Mutant], originals: Sequence[str]) -> Iterator[Judged]:
     """Judges mutants in parallel, in their order."""
     with ProcessPoolExecutor(
         _PROCESSES, mp_context=get_context("fork"), initializer=warm_up
     ) as pool:
-        yield from pool.map(partial(judge_mutant, originals), mutants)
+        yield from pool.map(partial(find_outcomes, originals), mutants)
 
 
 def main() -> int:
@@ -116,10 +97,8 @@ def main() -> int:
     parser.add_argument("command", nargs="?", choices=["judge", "survivors"], default="judge")
     parser.add_argument("--count", type=int, help="mutants that are drawn: 1000, survivors: 130")
     parser.add_argument("--seed", type=int, default=SEED, help="of the draw")
-    parser.add_argument("--first", type=int, default=0, help="number of the first that is run")
     parser.add_argument("--last", type=int, default=None, help="number after the last one")
     parser.add_argument("--only", default="", help="name of a mutant, or a part of names")
-    parser.add_argument("--at", nargs="*", default=[], help="survivors: all mutants at FILE:LINE")
     parser.add_argument("--table", type=Path, help="file for the mutants written and judged")
     given = parser.parse_args()
     if given.command == "survivors":
@@ -128,10 +107,10 @@ def main() -> int:
 
 
 def _run_judge(given: argparse.Namespace) -> int:
-    mutants = draw(PROGRAM_GROUPS, given.count or 1000, given.seed)[given.first : given.last]
+    mutants = draw(PROGRAM_GROUPS, given.count or 1000, given.seed)[: given.last]
     mutants = [mutant for mutant in mutants if given.only in mutant.name]
     judged: list[Judged] = []
-    for result in judge_all(mutants, build_originals()):
+    for result in find_all_outcomes(mutants, build_originals()):
         judged.append(result)
         wrong = sum(each.kind == WRONG for each in judged)
         print(f"\r{len(judged)} of {len(mutants)}, {wrong} wrong", end="", file=sys.stderr)
@@ -145,9 +124,7 @@ def _run_judge(given: argparse.Namespace) -> int:
 
 
 def _run_survivors(given: argparse.Namespace) -> int:
-    mutants = draw(CORE_GROUPS, given.count or 130, given.seed)[given.first : given.last]
-    if given.at:
-        mutants = list_at(given.at)
+    mutants = draw(CORE_GROUPS, given.count or 130, given.seed)[: given.last]
     mutants = [mutant for mutant in mutants if given.only in mutant.name]
     reasons = read_reasons()
     survivors = listed = 0

@@ -29,19 +29,19 @@ _FOLLOW_MM = 0.005
 _LENGTH_MM = 0.08
 
 
-def judge(case: Case, steps: Sequence[Step]) -> None:
+def check_job(case: Case, steps: Sequence[Step]) -> None:
     """Raises Wrong if the steps do not do what the job asks."""
     runs = check_program(case, steps)
     if case.kind == "follow":
-        _judge_follow(case, list(case.shapes), runs)
+        _check_follow(case, list(case.shapes), runs)
     elif case.kind == "trace":
-        _judge_trace(case, runs)
+        _check_trace(case, runs)
     elif case.kind == "pocket":
-        _judge_pocket(case, runs)
+        _check_pocket(case, runs)
     elif case.kind == "drill":
-        _judge_drill(case, steps, runs)
+        _check_drill(case, steps, runs)
     else:
-        _judge_operations(case, steps, runs)
+        _check_operations(case, steps, runs)
 
 
 def _list_levels(case: Case) -> list[float]:
@@ -68,7 +68,7 @@ def _check_on(case: Case, piece: Piece) -> None:
 # Follow
 
 
-def _judge_follow(case: Case, shapes: list[Shape], runs: list[Run]) -> None:
+def _check_follow(case: Case, shapes: list[Shape], runs: list[Run]) -> None:
     radius = case.setting("tool", "diameter") / 2.0
     rings = [offset_ring(shape, radius) for shape in shapes]
     has_ramp = case.job["operation"].get("entry") == "ramp"
@@ -273,10 +273,9 @@ def _find_contact(case: Case, place: Array, shapes: list[Shape]) -> tuple[float 
     """
     radius = case.setting("tool", "diameter") / 2.0
     for shape in shapes:
-        distance, is_inside = shape.find_feet(place)
-        touching = np.flatnonzero(is_inside & (np.abs(distance - radius) < _tolerance(case)))
-        if len(touching):
-            return shape.find_radius(touching[0]), shape
+        touched = shape.find_contact(place, radius, _tolerance(case))
+        if touched is not None:
+            return touched, shape
     return None, shapes[0]
 
 
@@ -382,7 +381,7 @@ def _check_depths(case: Case, bins: Array, shape: Shape) -> None:
 # Trace
 
 
-def _judge_trace(case: Case, runs: list[Run]) -> None:
+def _check_trace(case: Case, runs: list[Run]) -> None:
     lines = [shapely.LineString(shape.flatten()) for shape in case.shapes]
     drawing = shapely.union_all(lines)
     wanted = sum(shape.length for shape in case.shapes)
@@ -426,7 +425,7 @@ def _is_covered(points: Array, cut: list[Array]) -> bool:
 # Pocket
 
 
-def _judge_pocket(case: Case, runs: list[Run]) -> None:
+def _check_pocket(case: Case, runs: list[Run]) -> None:
     radius = case.setting("tool", "diameter") / 2.0
     wall = make_region(case.shapes)
     allowed = shapely.buffer(wall, -radius)
@@ -473,7 +472,7 @@ def _measure_along(piece: Piece, ring: shapely.Geometry) -> float:
 # Drill
 
 
-def _judge_drill(case: Case, steps: Sequence[Step], runs: list[Run]) -> None:
+def _check_drill(case: Case, steps: Sequence[Step], runs: list[Run]) -> None:
     if runs:
         raise runs[0].pieces[0].complain("moves across below the clearance height")
     centres = np.array([_centre_of(shape) for shape in case.shapes])
@@ -545,7 +544,7 @@ def _centre_of(shape: Shape) -> tuple[float, float]:
 # Two operations with a tool each
 
 
-def _judge_operations(case: Case, steps: Sequence[Step], runs: list[Run]) -> None:
+def _check_operations(case: Case, steps: Sequence[Step], runs: list[Run]) -> None:
     """Judges the runs of each operation as a job of its own, at the spindle speed of its tool."""
     speeds = [step.value for step in steps if isinstance(step, Switch) and step.value > 0.0]
     tools = {tool["name"]: tool for tool in case.job["tools"]}  # type: ignore[index]
@@ -559,4 +558,4 @@ def _judge_operations(case: Case, steps: Sequence[Step], runs: list[Run]) -> Non
         job = {**case.job, "operation": row, "tool": tool}
         part = case._replace(job=job)  # type: ignore[arg-type]
         turning = [run for run in runs if run.pieces[0].rpm == tool["speed"]]
-        _judge_follow(part, shapes, turning)
+        _check_follow(part, shapes, turning)

@@ -75,19 +75,28 @@ _EXCHANGED = {
 Replacements = Iterator[ast.AST]
 
 
+def _copy(node: ast.AST, **fields: object) -> ast.AST:
+    """A copy of a node with other values of some fields."""
+    mutant = deepcopy(node)
+    for name, value in fields.items():
+        setattr(mutant, name, value)
+    return mutant
+
+
+def _replace(items: list[ast.AST], index: int, *new: ast.AST) -> list[ast.AST]:
+    """Items with others for the one at an index."""
+    return [*items[:index], *new, *items[index + 1 :]]
+
+
 def _flip_comparison(node: ast.AST) -> Replacements:
     for index, operator in enumerate(node.ops if isinstance(node, ast.Compare) else ()):
         for other in _COMPARISONS[type(operator)]:
-            mutant = deepcopy(node)
-            mutant.ops[index] = other()
-            yield mutant
+            yield _copy(node, ops=_replace(node.ops, index, other()))
 
 
 def _change_arithmetic(node: ast.AST) -> Replacements:
     if isinstance(node, ast.BinOp | ast.AugAssign) and type(node.op) in _ARITHMETIC:
-        mutant = deepcopy(node)
-        mutant.op = _ARITHMETIC[type(node.op)]()
-        yield mutant
+        yield _copy(node, op=_ARITHMETIC[type(node.op)]())
 
 
 def _drop_sign(node: ast.AST) -> Replacements:
@@ -100,14 +109,13 @@ def _change_arguments(node: ast.AST) -> Replacements:
         return
     name = _name_of(node.func)
     if name in _TWINS:
-        mutant = deepcopy(node)
-        _rename(mutant.func, _TWINS[name])
-        yield mutant
+        field = "id" if isinstance(node.func, ast.Name) else "attr"
+        yield _copy(node, func=_copy(node.func, **{field: _TWINS[name]}))
     first, second = _EXCHANGED.get(name, (0, 0))
     if first != second and len(node.args) > second:
-        mutant = deepcopy(node)
-        mutant.args[first], mutant.args[second] = mutant.args[second], mutant.args[first]
-        yield mutant
+        exchanged = list(node.args)
+        exchanged[first], exchanged[second] = exchanged[second], exchanged[first]
+        yield _copy(node, args=exchanged)
 
 
 def _name_of(function: ast.expr) -> str:
@@ -115,13 +123,6 @@ def _name_of(function: ast.expr) -> str:
         case ast.Name(id=name) | ast.Attribute(attr=name):
             return name
     return ""
-
-
-def _rename(function: ast.expr, name: str) -> None:
-    if isinstance(function, ast.Name):
-        function.id = name
-    elif isinstance(function, ast.Attribute):
-        function.attr = name
 
 
 def _shift_index(node: ast.AST) -> Replacements:
@@ -164,13 +165,9 @@ def _drop_statement(node: ast.AST) -> Replacements:
 
 def _negate_condition(node: ast.AST) -> Replacements:
     if isinstance(node, ast.If | ast.While | ast.IfExp):
-        mutant = deepcopy(node)
-        mutant.test = ast.UnaryOp(ast.Not(), mutant.test)
-        yield mutant
+        yield _copy(node, test=ast.UnaryOp(ast.Not(), node.test))
     for index, test in enumerate(node.ifs if isinstance(node, ast.comprehension) else ()):
-        mutant = deepcopy(node)
-        mutant.ifs[index] = ast.UnaryOp(ast.Not(), test)
-        yield mutant
+        yield _copy(node, ifs=_replace(node.ifs, index, ast.UnaryOp(ast.Not(), test)))
 
 
 def _skip_call(node: ast.AST) -> Replacements:
@@ -180,9 +177,7 @@ def _skip_call(node: ast.AST) -> Replacements:
 
 def _change_logic(node: ast.AST) -> Replacements:
     if isinstance(node, ast.BoolOp | ast.BinOp | ast.AugAssign) and type(node.op) in _LOGIC:
-        mutant = deepcopy(node)
-        mutant.op = _LOGIC[type(node.op)]()
-        yield mutant
+        yield _copy(node, op=_LOGIC[type(node.op)]())
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.Invert):
         yield node.operand
     elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
@@ -193,9 +188,7 @@ def _drop_element(node: ast.AST) -> Replacements:
     is_sequence = isinstance(node, ast.Tuple | ast.List) and isinstance(node.ctx, ast.Load)
     if is_sequence and len(node.elts) > 1:
         for index in range(len(node.elts)):
-            mutant = deepcopy(node)
-            del mutant.elts[index]
-            yield mutant
+            yield _copy(node, elts=_replace(node.elts, index))
 
 
 class Operator(NamedTuple):

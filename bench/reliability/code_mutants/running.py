@@ -7,18 +7,17 @@ changes.
 
 from __future__ import annotations
 
-import ast
 import importlib.abc
 import importlib.util
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from importlib.machinery import ModuleSpec
 from pathlib import Path
-from types import FrameType, ModuleType
-from typing import NamedTuple, NoReturn, TypeVar
+from types import ModuleType
+from typing import NamedTuple, NoReturn
 
 from bench.reliability.code_mutants.cases import CASES, FILE_MARK, Case, write_drawing
 from bench.reliability.code_mutants.operators import Site, mutate
@@ -29,8 +28,6 @@ from bench.support.children import Limits, run_in_child
 _JOB_S = 8
 _CHILD = Limits(memory=4_000_000_000, processor=60)
 WRITTEN = "written"
-
-Result = TypeVar("Result")
 
 
 class Outcome(NamedTuple):
@@ -88,73 +85,22 @@ def _forget_camgen() -> None:
             del sys.modules[name]
 
 
-Called = set[tuple[str, int]]
-
-
-def run_cases(mutant: Mutant | None, cases: Sequence[Case] = CASES) -> list[Outcome]:
+def run_cases(mutant: Mutant | None) -> list[Outcome]:
     """The outcome of each job with a mutant, or without one, in a forked child."""
-    outcomes = _fork(_run_case, mutant, cases)
-    missing = len(cases) - len(outcomes)
+    outcomes = run_in_child(partial(_run_each, mutant), _CHILD).results
+    missing = len(CASES) - len(outcomes)
     return outcomes + [Outcome("ended", "the process ended")] * missing
 
 
-def list_called(cases: Sequence[Case] = CASES) -> list[Called]:
-    """The file and the first line of each function that each job calls."""
-    return _fork(_trace_case, None, cases)
-
-
-def _trace_case(case: Case, folder: Path) -> Called:
-    called: Called = set()
-
-    def note_call(frame: FrameType, event: str, _argument: object) -> None:
-        if event == "call":
-            called.add((frame.f_code.co_filename, frame.f_code.co_firstlineno))
-
-    sys.setprofile(note_call)
-    _run_case(case, folder)
-    sys.setprofile(None)
-    return {(name, line) for name, line in called if name.startswith(str(ROOT))}
-
-
-def is_run(mutant: Mutant, called: Called) -> bool:
-    """Whether a job calls the function in which a mutant is; code outside functions always runs."""
-    first, last = find_function(mutant.source, mutant.site.line)
-    if last == 0:
-        return True
-    path = str(ROOT / mutant.module)
-    return any(name == path and first <= line <= last for name, line in called)
-
-
-def find_function(source: str, line: int) -> tuple[int, int]:
-    """The first and the last line of the outermost function around a line, or 0, 0.
-
-    Defaults of arguments and decorators run when a module is imported: they are in no function.
-    """
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.FunctionDef) and node.body[0].lineno <= line <= node.end_lineno:
-            first = min(node.lineno, *(item.lineno for item in (node, *node.decorator_list)))
-            return first, node.end_lineno
-    return 0, 0
-
-
-def _fork(
-    run: Callable[[Case, Path], Result], mutant: Mutant | None, cases: Sequence[Case]
-) -> list[Result]:
-    """The results of the jobs, as far as a forked child comes."""
-    return run_in_child(partial(_run_each, run, mutant, cases), _CHILD).results
-
-
-def _run_each(
-    run: Callable[[Case, Path], Result], mutant: Mutant | None, cases: Sequence[Case]
-) -> Iterator[Result]:
-    """The results of the jobs, each by code that is imported again."""
+def _run_each(mutant: Mutant | None) -> Iterator[Outcome]:
+    """The outcomes of the jobs by code that is imported again."""
     _forget_camgen()
     if mutant is not None:
         sys.meta_path.insert(0, MutatingFinder(mutant.module, mutant.site))
     signal.signal(signal.SIGPROF, _stop_job)
     with tempfile.TemporaryDirectory() as folder:
-        for case in cases:
-            yield run(case, Path(folder))
+        for case in CASES:
+            yield _run_case(case, Path(folder))
 
 
 class _Slow(BaseException):

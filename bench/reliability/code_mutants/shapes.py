@@ -5,6 +5,7 @@ Nothing here imports camgen: the judge knows a drawing from its vertices alone.
 
 from __future__ import annotations
 
+import cmath
 import math
 from functools import cache
 from typing import NamedTuple
@@ -55,25 +56,25 @@ class Shape(NamedTuple):
         """The length in mm."""
         return float(self.pieces.length.sum())
 
-    def find_radius(self, number: int) -> float:
-        """The radius of a piece, mm; inf for a line."""
-        whole = self.pieces
-        if whole.sweep[number] == 0.0:
-            return math.inf
-        return float(whole.length[number] / abs(whole.sweep[number]))
+    def find_contact(self, place: Array, distance: float, tolerance: float) -> float | None:
+        """The radius (mm) of the piece whose foot is at a distance from a place, inf for a line.
 
-    def find_feet(self, place: Array) -> tuple[Array, Array]:
-        """The distance of each piece from a place (2,), and whether the foot lies inside of it."""
+        None if the foot is a corner, or at another distance.
+        """
         whole, point = self.pieces, complex(*place)
-        is_line = whole.sweep == 0.0
-        position = ((point - whole.start) / whole.chord).real
-        height = np.abs(((point - whole.start) / whole.chord).imag * whole.chord)
-        centre = whole.start - whole.chord / np.where(is_line, 1.0, np.expm1(1j * whole.sweep))
-        middle = (whole.start - centre) * np.exp(0.5j * whole.sweep)
-        around = np.abs(np.abs(point - centre) - np.abs(middle))
-        is_beside = np.abs(np.angle((point - centre) / middle)) < np.abs(whole.sweep) / 2.0
-        is_inside = np.where(is_line, (position > 0.0) & (position < 1.0), is_beside)
-        return np.where(is_line, height, around), is_inside
+        for start, chord, sweep in zip(whole.start, whole.chord, whole.sweep, strict=True):
+            if sweep == 0.0:
+                foot, radius = (point - start) / chord, math.inf
+                is_inside, clearance = 0.0 < foot.real < 1.0, abs(foot.imag * chord)
+            else:
+                arm = chord / (cmath.exp(1j * sweep) - 1.0)
+                centre, radius = start - arm, abs(arm)
+                middle = arm * cmath.exp(0.5j * sweep)
+                is_inside = abs(cmath.phase((point - centre) / middle)) < abs(sweep) / 2.0
+                clearance = abs(abs(point - centre) - radius)
+            if is_inside and abs(clearance - distance) < tolerance:
+                return radius
+        return None
 
 
 def circle(name: str, x: float, y: float, radius: float) -> Shape:

@@ -15,9 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
-from bench.reliability.code_mutants.operators import find_sites
 from bench.reliability.code_mutants.running import module_name
-from bench.reliability.code_mutants.targets import CORE_GROUPS, ROOT, Mutant, list_modules
+from bench.reliability.code_mutants.targets import ROOT, Mutant
 
 TABLE = Path(__file__).with_name("survivors.tsv")
 #: Variable of the environment by which `plugin` knows its mutant.
@@ -34,17 +33,6 @@ _TESTS = {
 #: Seconds after which tests count as failed: a mutant that never ends is found. They take 20 s.
 _LONGEST_S = 600
 _PROCESSES = 2
-
-
-def list_at(places: Sequence[str]) -> list[Mutant]:
-    """All mutants at places given as `camgen/order/leads.py:142`."""
-    mutants = []
-    for group_name, group in CORE_GROUPS.items():
-        for module in list_modules(group):
-            for site in find_sites((ROOT / module).read_text(encoding="utf-8")):
-                if f"{module}:{site.line}" in places:
-                    mutants.append(Mutant(group_name, module, site))
-    return mutants
 
 
 @cache

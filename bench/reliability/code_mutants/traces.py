@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from trimesh.transformations import quaternion_matrix
 
 from bench.reliability.code_mutants.shapes import Array
 from bench.reliability.modal import pacscript, rapid, rs274, vplus
@@ -198,21 +199,10 @@ def _read_rapid_motion(event: Event) -> Motion:
     if name == "moveabsj":
         return Motion(JOINTS, speed=speed[0] if speed else math.nan, blend=blend)
     end = np.array(_numbers(pose, "mm"))
-    rotation = _rotation_of(_numbers(pose, "turn"))
+    rotation = quaternion_matrix(_numbers(pose, "turn"))[:3, :3]
     kind = {"movej": FREE, "movec": ARC, "fcpressc": ARC}.get(name, LINE)
     rate = speed[0] if speed else math.nan
     return Motion(kind, end, via, rate, rotation, force, blend, frames, tuple(setup))
-
-
-def _rotation_of(quaternion: Sequence[float]) -> Array:
-    w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 # V+

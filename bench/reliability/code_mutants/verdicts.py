@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bench.reliability.code_mutants.cases import FILE_MARK, Case
-from bench.reliability.code_mutants.contours import judge
+from bench.reliability.code_mutants.contours import check_job
 from bench.reliability.code_mutants.judge import Wrong
 from bench.reliability.code_mutants.traces import (
     Motion,
@@ -49,7 +49,7 @@ def find_verdict(case: Case, text: str, original: str) -> Verdict:
 def find_fault(case: Case, text: str) -> str:
     """The first place at which a program does not do what its job asks; empty without one."""
     try:
-        judge(case, read_steps(case.post, text))
+        check_job(case, read_steps(case.post, text))
     except (Wrong, Unreadable) as error:
         return str(error)
     return ""

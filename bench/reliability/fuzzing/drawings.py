@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from html import escape
 from itertools import chain
 
 from hypothesis import strategies as st
 
-from bench.reliability.fuzzing.odd import as_bytes, counts, names, numbers, plain_numbers, rarely
+from bench.reliability.fuzzing.odd import counts, encode, names, numbers, plain_numbers, rarely
 
-# DXF: entities as lists of group codes with the kind of their values (`_VALUES`), or a colon and a text.
+# DXF: entities as lists of group codes with the kind of their values (`_VALUES`), or a colon and
+# a text.
 
 _POINT = "10n 20n 30p"
 _VERTICES = "10n 20n 42n 10n 20n 10n 20n 42p"
@@ -38,16 +40,19 @@ _ENTITIES = {
         f"2t {_POINT} 41n {_EXTRUDED}",
     ),
     "HATCH": (
-        f"{_POINT} 2:SOLID 70:1 71:0 91:1 92:2 72:1 73:1 93:3 10n 20n 42n 10n 20n 42p 10n 20n 42p 97:0 75:0 76:1 98:0",
-        f"{_POINT} 2t 70c 71c 91c 92:1 93:2 72:1 10n 20n 11n 21n 72:2 10n 20n 40n 50n 51n 73c 97c 75c 76c 98c",
-        f"{_POINT} 2:X 70:0 71:0 91:1 92:1 93:1 72:3 10n 20n 11n 21n 40n 50n 51n 73:1 97:0 75:0 76:1 52n 41n 77c "
-        "78:1 53n 43n 44n 45n 46n 79c 49n 98:0",
+        f"{_POINT} 2:SOLID 70:1 71:0 91:1 92:2 72:1 73:1 93:3 10n 20n 42n 10n 20n 42p 10n 20n 42p "
+        "97:0 75:0 76:1 98:0",
+        f"{_POINT} 2t 70c 71c 91c 92:1 93:2 72:1 10n 20n 11n 21n 72:2 10n 20n 40n 50n 51n 73c 97c "
+        "75c 76c 98c",
+        f"{_POINT} 2:X 70:0 71:0 91:1 92:1 93:1 72:3 10n 20n 11n 21n 40n 50n 51n 73:1 97:0 75:0 "
+        "76:1 52n 41n 77c 78:1 53n 43n 44n 45n 46n 79c 49n 98:0",
     ),
     "SOLID": (f"{_POINT} 11n 21n 31p 12n 22n 32p 13n 23n 33p",),
     "3DFACE": (f"{_POINT} 11n 21n 31n 12n 22n 32n 13n 23n 33n 70c",),
     "RAY": (f"{_POINT} 11n 21n 31p",),
     "MLINE": (
-        f"2:STANDARD 40n 70c 71c 72:2 73:1 {_POINT} 11n 21n 31p 12n 22n 32p 13n 23n 33p 74c 41n 75:0",
+        f"2:STANDARD 40n 70c 71c 72:2 73:1 {_POINT} 11n 21n 31p 12n 22n 32p 13n 23n 33p 74c 41n "
+        "75:0",
     ),
     "LEADER": (f"76:2 {_POINT} {_POINT}",),
     "DIMENSION": (f"2:a {_POINT} 70c 13n 23n 14n 24n",),
@@ -57,21 +62,25 @@ _ENTITIES = {
     "ACAD_PROXY_ENTITY": ("90:498 91c 70c",),
 }
 _POLYLINE = (
-    "0:POLYLINE 8:0 66:1 70c 10:0 20:0 30p 0:VERTEX 8:0 10n 20n 30p 42n 0:VERTEX 8:0 10n 20n 42n 70c "
-    "0:VERTEX 8:0 10n 20n 30n 0:SEQEND 8:0"
+    "0:POLYLINE 8:0 66:1 70c 10:0 20:0 30p 0:VERTEX 8:0 10n 20n 30p 42n 0:VERTEX 8:0 10n 20n 42n "
+    "70c 0:VERTEX 8:0 10n 20n 30n 0:SEQEND 8:0"
 )
-#: The subclass that the group codes of an entity belong to, which newer files name.
+#: The subclass of an entity, which newer files name, if it is not the entity in title case.
 _SUBCLASSES = {
-    "LINE": "Line", "CIRCLE": "Circle", "ARC": "Circle", "ELLIPSE": "Ellipse", "LWPOLYLINE": "Polyline",
-    "SPLINE": "Spline", "POINT": "Point", "TEXT": "Text", "MTEXT": "MText", "INSERT": "BlockReference",
-    "HATCH": "Hatch", "SOLID": "Trace", "3DFACE": "Face", "RAY": "Ray", "MLINE": "Mline", "LEADER": "Leader",
-    "DIMENSION": "Dimension", "HELIX": "Spline", "MESH": "SubDMesh", "WIPEOUT": "Wipeout",
+    "ARC": "Circle",
+    "LWPOLYLINE": "Polyline",
+    "MTEXT": "MText",
+    "INSERT": "BlockReference",
+    "SOLID": "Trace",
+    "3DFACE": "Face",
+    "HELIX": "Spline",
+    "MESH": "SubDMesh",
     "ACAD_PROXY_ENTITY": "ProxyEntity",
-}  # fmt: skip
+}
 _LAYERS = (
     "0:SECTION 2:TABLES 0:TABLE 2:LAYER 70:1 0:LAYER 2t 70c 62n 6:CONTINUOUS 0:ENDTAB 0:ENDSEC"
 )
-#: The values of a template, by the letter behind their group code.
+#: The values of a template, by the letter after their group code.
 _VALUES = {
     "n": numbers,
     "p": plain_numbers,
@@ -99,10 +108,10 @@ def _pairs(draw: st.DrawFn, template: str) -> list[_Pair]:
     """The pairs of a template, at times one dropped, doubled or of an odd code."""
     pairs = _fill(draw, template)
     if draw(rarely):
-        at = draw(st.integers(0, len(pairs) - 1))
-        pairs[at : at + 1] = draw(
-            st.sampled_from(([], [pairs[at]] * 2, [("1071", "x"), pairs[at]], [("x", "0")]))
-        )
+        place = draw(st.integers(0, len(pairs) - 1))
+        pair = pairs[place]
+        others = ([], [pair, pair], [("1071", "x"), pair], [("x", "0")])
+        pairs[place : place + 1] = draw(st.sampled_from(others))
     return pairs
 
 
@@ -116,7 +125,7 @@ def _entity(draw: st.DrawFn) -> list[_Pair]:
         body.insert(4, ("100", "AcDbArc"))
     extra = [("62", draw(counts))] if draw(rarely) else []
     head = [("0", kind), ("100", "AcDbEntity"), ("8", draw(names) if draw(rarely) else "0"), *extra]
-    return [*head, ("100", f"AcDb{_SUBCLASSES[kind]}"), *body]
+    return [*head, ("100", f"AcDb{_SUBCLASSES.get(kind, kind.title())}"), *body]
 
 
 _entities = st.lists(_entity(), min_size=1, max_size=5)
@@ -124,7 +133,7 @@ _entities = st.lists(_entity(), min_size=1, max_size=5)
 
 @st.composite
 def dxf(draw: st.DrawFn) -> bytes:
-    """A drawing of the old kind, without handles: header, layers, blocks that may name each other, entities."""
+    """A drawing without handles: header, layers, blocks that may name each other, entities."""
     version = "9:$ACADVER 1v" if draw(st.booleans()) else ""
     header = f"0:SECTION 2:HEADER {version} 9:$INSUNITS 70u 9:$MEASUREMENT 70c 0:ENDSEC"
     pairs = _fill(draw, header)
@@ -138,10 +147,10 @@ def dxf(draw: st.DrawFn) -> bytes:
     pairs += _fill(draw, "0:ENDSEC 0:SECTION 2:ENTITIES")
     pairs += chain.from_iterable(draw(_entities))
     pairs += _fill(draw, "0:ENDSEC 0:EOF")
-    return as_bytes("".join(f"{code}\n{value}\n" for code, value in pairs))
+    return encode("".join(f"{code}\n{value}\n" for code, value in pairs))
 
 
-# SVG: elements with their attributes, some of which hold a language of their own.
+# SVG: elements with their attributes.
 
 _LENGTHS = st.builds(
     str.__add__,
@@ -150,15 +159,8 @@ _LENGTHS = st.builds(
 )
 _SEPARATOR = st.sampled_from((" ", " ", ",", ", ", "", "\n"))
 _PATH_COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
-_TRANSFORM_COUNTS = {
-    "translate": 2,
-    "scale": 2,
-    "rotate": 3,
-    "skewX": 1,
-    "skewY": 1,
-    "matrix": 6,
-    "turn": 1,
-}
+_ANGLES = {"skewX": 1, "skewY": 1, "rotate": 3, "turn": 1}
+_TRANSFORM_COUNTS = {"translate": 2, "scale": 2, "matrix": 6} | _ANGLES
 _FLAGS = ("0", "1", "0", "1", "2", "-1", "")
 
 
@@ -184,26 +186,17 @@ def _transform(draw: st.DrawFn) -> str:
 
 
 _POINTS = st.builds(" ".join, st.lists(numbers, max_size=7))
-_IDS = st.sampled_from(("a", "b", "c", "d"))
+_IDS = st.sampled_from("abcd")
 _COLOUR = st.sampled_from(
     ("none", "red", "#f00", "rgb(1,2,3)", "url(#a)", "", "#x", "currentColor", "inherit")
 )
 _STYLE = st.sampled_from(
     (
-        "fill:none",
-        "display:none",
-        "stroke:red;fill:none",
-        "visibility:hidden",
-        ";;:",
-        "stroke-width:1e400",
-        "a",
-        "opacity:x",
-        "transform:rotate(1deg) scale(x)",
+        *("fill:none", "display:none", "stroke:red;fill:none", "visibility:hidden", ";;:", "a"),
+        *("stroke-width:1e400", "opacity:x", "transform:rotate(1deg) scale(x)"),
         "transform:translate(9px, 1e400px);transform-box:fill-box;transform-origin:center",
-        "translate:5px;rotate:x 3deg;scale:0",
-        "r:calc(3px);cx:9px;width:1e999px",
-        "d:path('M0 0h9a1 1 0 0 1 2 2')",
-        "display:contents;overflow:visible",
+        *("translate:5px;rotate:x 3deg;scale:0", "r:calc(3px);cx:9px;width:1e999px"),
+        *("d:path('M0 0h9a1 1 0 0 1 2 2')", "display:contents;overflow:visible"),
         "fill:url(#a) red;mask:url('#b');stroke:var(--x)",
         "visibility:inherit!important;opacity:unset",
     )
@@ -224,51 +217,56 @@ _SHAPES: dict[str, dict[str, st.SearchStrategy[str]]] = {
 _VIEW = st.builds(" ".join, st.lists(numbers, min_size=4, max_size=4)) | st.sampled_from(
     ("", "0 0", "0,0,10,10", "0 0 9 9")
 )
+_ASPECT = st.sampled_from(("none", "xMidYMid slice", "x"))
 _BOXES: dict[str, dict[str, st.SearchStrategy[str]]] = {
-    "g": {}, "defs": {}, "clipPath": {}, "a": {}, "switch": {},
-    "symbol": {"viewBox": _VIEW, "preserveAspectRatio": st.sampled_from(("none", "xMidYMid slice", "x"))},
-    "svg": {"viewBox": _VIEW, "width": _LENGTHS, "height": _LENGTHS, "x": _LENGTHS},
-    "marker": {"refX": _LENGTHS}, "pattern": {"width": _LENGTHS}, "mask": {}, "metadata": {}, "style": {},
-}  # fmt: skip
+    **{name: {} for name in ("g", "defs", "clipPath", "a", "switch", "mask", "metadata", "style")},
+    "symbol": {"viewBox": _VIEW, "preserveAspectRatio": _ASPECT},
+    "svg": {"viewBox": _VIEW} | dict.fromkeys(("width", "height", "x"), _LENGTHS),
+    "marker": {"refX": _LENGTHS},
+    "pattern": {"width": _LENGTHS},
+}
 _COMMON = {
-    "transform": _transform(), "id": _IDS, "style": _STYLE, "stroke": _COLOUR, "fill": _COLOUR, "class": names,
-    "display": st.just("none"), "stroke-width": _LENGTHS, "clip-path": st.just("url(#a)"), "inkscape:label": names,
-}  # fmt: skip
+    "transform": _transform(),
+    "id": _IDS,
+    "style": _STYLE,
+    "stroke": _COLOUR,
+    "fill": _COLOUR,
+    "class": names,
+    "display": st.just("none"),
+    "stroke-width": _LENGTHS,
+    "clip-path": st.just("url(#a)"),
+    "inkscape:label": names,
+}
 
 
-def _quoted(text: str) -> str:
-    return (
-        text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;").replace("\x00", "")
-    )
+def _write_attribute(key: str, value: str) -> str:
+    return f' {key}="{escape(value)}"'.replace("\x00", "")
 
 
 @st.composite
 def _element(draw: st.DrawFn, depth: int = 0) -> str:
-    box = depth < 3 and draw(st.integers(0, 2)) == 0
-    table = _BOXES if box else _SHAPES
+    is_box = depth < 3 and draw(st.integers(0, 2)) == 0
+    table = _BOXES if is_box else _SHAPES
     tag = draw(st.sampled_from(tuple(table)))
-    own = {key: draw(value) for key, value in table[tag].items() if not draw(rarely)}
-    own |= {
-        key: draw(_COMMON[key])
-        for key in draw(st.lists(st.sampled_from(tuple(_COMMON)), max_size=3, unique=True))
-    }
-    attributes = "".join(f' {key}="{_quoted(value)}"' for key, value in own.items())
-    if not box:
-        return f"<{tag}{attributes}/>"
+    attributes = {key: draw(value) for key, value in table[tag].items() if not draw(rarely)}
+    for key in draw(st.lists(st.sampled_from(tuple(_COMMON)), max_size=3, unique=True)):
+        attributes[key] = draw(_COMMON[key])
+    opening = tag + "".join(map(_write_attribute, attributes, attributes.values()))
+    if not is_box:
+        return f"<{opening}/>"
     inner = "".join(draw(st.lists(_element(depth + 1), max_size=3)))
-    return f"<{tag}{attributes}>{inner}</{tag}>"
+    return f"<{opening}>{inner}</{tag}>"
 
 
 @st.composite
 def svg(draw: st.DrawFn) -> bytes:
     """A page of shapes, groups and uses."""
     length = _LENGTHS if draw(rarely) else st.sampled_from(("100mm", "200", "8in"))
-    size = "".join(
-        f' {key}="{_quoted(draw(length))}"' for key in ("width", "height") if draw(st.booleans())
-    )
-    box = _VIEW if draw(rarely) else st.sampled_from(("0 0 100 80", "-5,3,10,10"))
-    view = f' viewBox="{_quoted(draw(box))}"' if draw(st.booleans()) else ""
-    spaces = ' xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"'
-    root = f'<svg xmlns="http://www.w3.org/2000/svg"{spaces} id="root"{size}{view}>'
+    view = _VIEW if draw(rarely) else st.sampled_from(("0 0 100 80", "-5,3,10,10"))
+    root = '<svg xmlns="http://www.w3.org/2000/svg" id="root"'
+    root += ' xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"'
+    for key, values in (("width", length), ("height", length), ("viewBox", view)):
+        if draw(st.booleans()):
+            root += _write_attribute(key, draw(values))
     body = "".join(draw(st.lists(_element(), min_size=1, max_size=4)))
-    return as_bytes(f"{root}{body}</svg>")
+    return encode(f"{root}>{body}</svg>")

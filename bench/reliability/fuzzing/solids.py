@@ -6,204 +6,143 @@ import io
 import json
 import struct
 import zipfile
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
+import trimesh
 from hypothesis import strategies as st
 
 from bench.reliability.fuzzing.odd import (
-    as_bytes,
-    counts,
-    edited,
-    names,
-    numbers,
-    plain_numbers,
+    change_bytes,
+    change_file,
+    change_text,
+    encode,
     rarely,
+    split_words,
 )
 
 _PARTS = Path(__file__).parents[3] / "fixtures" / "parts"
-
-# Part 21. The words are entities and values, put in the place of others.
-
+#: Entities and values of part 21, which replace others.
 _STEP_WORDS = (
-    "LINE", "CIRCLE", "ELLIPSE", "B_SPLINE_CURVE_WITH_KNOTS", "PLANE", "CYLINDRICAL_SURFACE", "CONICAL_SURFACE",
-    "SPHERICAL_SURFACE", "TOROIDAL_SURFACE", "EDGE_CURVE", "ORIENTED_EDGE", "VERTEX_POINT", "CARTESIAN_POINT",
-    "DIRECTION", "ADVANCED_FACE", "FACE_BOUND", "FACE_OUTER_BOUND", "CLOSED_SHELL", "OPEN_SHELL", "MANIFOLD_SOLID_BREP",
-    "VECTOR", "SI_UNIT", "EXTERNAL_SOURCE", "$", "*", ".T.", ".F.", ".U.", "''", "#12", "#0", "#99999", "()", "((",
-    "/*", "ENDSEC;", "DATA;", ";", "#1=", "\\X2\\00E4\\X0\\", "\"0F\"",
-)  # fmt: skip
+    *split_words("LINE CIRCLE ELLIPSE B_SPLINE_CURVE_WITH_KNOTS PLANE CYLINDRICAL_SURFACE VECTOR"),
+    *split_words("CONICAL_SURFACE SPHERICAL_SURFACE TOROIDAL_SURFACE EDGE_CURVE ORIENTED_EDGE"),
+    *split_words("VERTEX_POINT CARTESIAN_POINT DIRECTION ADVANCED_FACE FACE_BOUND SI_UNIT"),
+    *split_words("FACE_OUTER_BOUND CLOSED_SHELL OPEN_SHELL MANIFOLD_SOLID_BREP EXTERNAL_SOURCE"),
+    *split_words("$ * .T. .F. .U. '' #12 #0 #99999 () (( /* ENDSEC; DATA; ; #1="),
+    *("\\X2\\00E4\\X0\\", '"0F"'),
+)
 
 
 def step() -> st.SearchStrategy[bytes]:
     """A part with changed entities."""
     texts = [(_PARTS / "rfa1.step").read_text(encoding="utf-8")]
-    return edited(texts, _STEP_WORDS, 3).map(as_bytes)
+    return change_file(texts, _STEP_WORDS, 3)
 
 
-# Meshes: the corners of a box or a few odd ones, and faces over them.
+# Meshes: a box in each format, with changes.
 
-_BOX = tuple((str(x), str(y), str(z)) for x in (0, 20) for y in (0, 30) for z in (0, 10))
-_BOX_FACES = (
-    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
-    (1, 5, 7), (1, 7, 3),
-)  # fmt: skip
-_Soup = tuple[list[tuple[str, ...]], list[tuple[int, ...]]]
-
-
-@st.composite
-def _soup(draw: st.DrawFn) -> _Soup:
-    """A box with some corners and faces changed, dropped, doubled or turned over."""
-    corners, faces = [tuple(corner) for corner in _BOX], [tuple(face) for face in _BOX_FACES]
-    for _ in range(draw(st.integers(0, 4))):
-        what = draw(st.sampled_from(("corner", "corner", "drop", "double", "over", "face", "none")))
-        at = draw(st.integers(0, len(faces) - 1)) if faces else 0
-        if what == "corner":
-            corners[draw(st.integers(0, 7))] = (draw(numbers), draw(plain_numbers), draw(numbers))
-        elif what == "none" and draw(rarely):
-            faces = []
-        elif faces and what == "drop":
-            del faces[at]
-        elif faces and what == "double":
-            faces.append(faces[at])
-        elif faces and what == "over":
-            faces[at] = faces[at][::-1]
-        elif what == "face":
-            faces.append(tuple(draw(st.lists(st.integers(-2, 9), min_size=0, max_size=5))))
-    return corners, faces
-
-
-def _float(text: str) -> float:
-    try:
-        return struct.unpack("<f", struct.pack("<f", float(text)))[0]  # type: ignore[no-any-return]
-    except (ValueError, OverflowError):
-        return float("nan")
-
-
-@st.composite
-def stl(draw: st.DrawFn) -> bytes:
-    """As text or as bytes."""
-    corners, faces = draw(_soup())
-    faces = [tuple(k % 8 for k in face[:3]) for face in faces if len(face) >= 3]
-    if draw(st.booleans()):
-        lines = ["solid " + draw(names)]
-        for face in faces:
-            rows = [f"vertex {' '.join(corners[k])}" for k in face]
-            normal = " ".join(draw(numbers) for _ in range(3)) if draw(rarely) else "0 0 1"
-            lines += [f"facet normal {normal}", "outer loop", *rows, "endloop", "endfacet"]
-        return as_bytes("\n".join([*lines, draw(st.sampled_from(("endsolid", "endsolid", "")))]))
-    body = b""
-    for face in faces:
-        values = [0.0, 0.0, 1.0, *(_float(v) for k in face for v in corners[k])]
-        body += struct.pack("<12fH", *values, 0)
-    count = draw(st.sampled_from((0, 1, 2**32 - 1, len(faces) + 1))) if draw(rarely) else len(faces)
-    return (
-        draw(st.sampled_from((b"solid x", b"", b"\xff"))).ljust(80)
-        + struct.pack("<I", count)
-        + body
-    )
-
-
-@st.composite
-def obj(draw: st.DrawFn) -> bytes:
-    """With groups, texture indices, free-form statements."""
-    corners, faces = draw(_soup())
-    lines = [f"v {' '.join(corner)}" for corner in corners]
-    form = draw(st.sampled_from(("{}", "{}//1", "{}/1", "{}/1/1", "{}/", "{}.0")))
-    others = st.sampled_from(
-        ("vt 0 0", "vn 0 0 1", "g x", "usemtl a", "mtllib ../x.mtl", "s off", "l 1 2", "f", "v", "v 1", "vn", "p 1",
-         "curv 0 1 1 2", "f 1 2", "f 1 2 99", "f -1 -2 -3", "f a b c", "\\", "o", "v 1 2 3 4 5 6 7 8", "vt nan")
-    )  # fmt: skip
-    lines += ["f " + " ".join(form.format(k + 1) for k in face) for face in faces]
-    for other in draw(st.lists(others, max_size=4)):
-        lines.insert(draw(st.integers(0, len(lines))), other)
-    return as_bytes("\n".join(lines))
-
-
-@st.composite
-def off(draw: st.DrawFn) -> bytes:
-    """With counts that need not be so."""
-    corners, faces = draw(_soup())
-    told = (
-        (draw(counts), draw(counts), "0")
-        if draw(rarely)
-        else (str(len(corners)), str(len(faces)), "0")
-    )
-    head = draw(st.sampled_from(("OFF", "OFF", "COFF", "NOFF", "STOFF", "off", "")))
-    lines = [head, " ".join(told), *(" ".join(corner) for corner in corners)]
-    lines += [f"{len(face)} {' '.join(map(str, face))}" for face in faces]
-    return as_bytes("\n".join(lines))
-
-
-_PLY_TYPES = st.sampled_from(
-    ("float",) * 6 + ("double", "int", "uchar", "short", "float32", "uint8", "x", "list")
+_STL_WORDS = split_words("solid facet normal outer loop vertex endloop endfacet endsolid nan")
+_OBJ_WORDS = (
+    *("\nvt 0 0\n", "\nvn 0 0 1\n", "\ng x\n", "\nusemtl a\n", "\nmtllib ../x.mtl\n", "\ns off\n"),
+    *(
+        "\nl 1 2\n",
+        "\nf\n",
+        "\nv\n",
+        "\nv 1\n",
+        "\nvn\n",
+        "\np 1\n",
+        "\ncurv 0 1 1 2\n",
+        "\nf 1 2\n",
+    ),
+    *("\nf 1 2 99\n", "\nf -1 -2 -3\n", "\nf a b c\n", "\\", "\nv 1 2 3 4 5 6 7 8\n", "\nvt nan\n"),
+    *("f", "v", "//1", "/1", "/1/1", "/", ".0", "-1", "0"),
 )
+_PLY_WORDS = (
+    *split_words(
+        "float double int uchar char short float32 uint8 uint list property element format"
+    ),
+    *split_words("binary_big_endian binary_little_endian ascii vertex face comment obj_info x"),
+)
+_3MF = (
+    '<model unit="millimeter" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">'
+    '\n<resources>\n<object id="1" type="model"><mesh><vertices>\n{}\n</vertices>\n<triangles>\n'
+    '{}\n</triangles></mesh></object>\n<object id="2"><components>\n'
+    '<component objectid="1" transform="1 0 0 0 1 0 0 0 1 5 0 2.5"/>\n</components></object>'
+    '\n</resources>\n<build>\n<item objectid="2" transform="0 1 0 -1 0 0 0 0 1 0 0 0"/>\n</build>'
+    "\n</model>"
+)
+_3MF_WORDS = split_words("inch micron millimeter id objectid transform v1 v2 x y z mesh item 2 9")
+
+
+_BOX = trimesh.creation.box((20, 30, 10))
+
+
+def _export_box(kind: str) -> bytes:
+    if kind == "ply_ascii":
+        return _BOX.export(file_type="ply", encoding="ascii")  # type: ignore[no-any-return]
+    data = _BOX.export(file_type=kind)
+    return data if isinstance(data, bytes) else data.encode()
 
 
 @st.composite
-def _ply(
-    draw: st.DrawFn, corners: list[tuple[str, ...]], faces: list[tuple[int, ...]], cloud: bool
+def _change_head(
+    draw: st.DrawFn, samples: Sequence[bytes], end: str, words: Sequence[str]
 ) -> bytes:
-    way = draw(
-        st.sampled_from(("ascii", "ascii", "binary_little_endian", "binary_big_endian", "x", ""))
-    )
-    told = draw(counts) if draw(rarely) else str(len(corners))
-    lines = ["ply", f"format {way} 1.0", "comment " + draw(names), f"element vertex {told}"]
-    kinds = [draw(_PLY_TYPES) if draw(rarely) else "float" for _ in "xyz"]
-    lines += [f"property {kind} {axis}" for kind, axis in zip(kinds, "xyz", strict=True)]
-    if not cloud:
-        told = draw(counts) if draw(rarely) else str(len(faces))
-        lists = st.sampled_from(
-            ("uchar int", "uchar int", "uchar uint", "int int", "char float", "float int", "x")
-        )
-        lines += [f"element face {told}", f"property list {draw(lists)} vertex_indices"]
-    if draw(rarely):
-        at = draw(st.integers(0, len(lines) - 1))
-        lines[at : at + 1] = draw(
-            st.sampled_from(([], [lines[at]] * 2, ["property"], ["element"], ["format"]))
-        )
-    head = as_bytes("\n".join([*lines, "end_header"]) + "\n")
-    if way.startswith("binary"):
-        order = ">" if "big" in way else "<"
-        body = b"".join(struct.pack(order + "3f", *map(_float, corner)) for corner in corners)
-        rows = () if cloud else faces
-        body += b"".join(struct.pack(f"{order}B{len(face)}i", len(face), *face) for face in rows)
-        return head + (body[: len(body) // 2] if draw(rarely) else body)
-    rows = [] if cloud else [f"{len(face)} {' '.join(map(str, face))}" for face in faces]
-    return head + as_bytes("\n".join([*(" ".join(corner) for corner in corners), *rows]))
+    """A file with changes in the head of text that ends with a line, at times cut off."""
+    data = draw(st.sampled_from(samples))
+    size = data.index(b"\n", data.index(end.encode())) + 1
+    head = draw(change_text([data[:size].decode()], words, 3))
+    body = data[size:]
+    return encode(head) + body[: len(body) // 2 if draw(rarely) else len(body)]
 
 
-@st.composite
-def ply(draw: st.DrawFn) -> bytes:
-    """A mesh."""
-    return draw(_ply(*draw(_soup()), cloud=False))
+def stl() -> st.SearchStrategy[bytes]:
+    """A mesh as text or as bytes."""
+    text = change_file([_export_box("stl_ascii").decode()], _STL_WORDS, 2)
+    return text | change_bytes([_export_box("stl")], 300)
+
+
+def obj() -> st.SearchStrategy[bytes]:
+    """A mesh with groups, texture indices and free-form statements."""
+    return change_file([_export_box("obj").decode()], _OBJ_WORDS, 2)
+
+
+def object_file() -> st.SearchStrategy[bytes]:
+    """A mesh with counts that may be wrong."""
+    words = split_words("OFF COFF NOFF STOFF off 3 4 # -1")
+    return change_file([_export_box("off").decode()], words, 2)
+
+
+def ply() -> st.SearchStrategy[bytes]:
+    """A mesh with changes in its head, or anywhere in its text."""
+    text = _export_box("ply_ascii")
+    big = _swap_bytes(_export_box("ply"))
+    heads = _change_head([text, _export_box("ply"), big], "end_header", _PLY_WORDS)
+    return heads | change_file([text.decode()], _PLY_WORDS, 2)
+
+
+def _swap_bytes(data: bytes) -> bytes:
+    """The box as a big-endian PLY: eight corners of three floats, then faces of three indices."""
+    head, mark, body = data.partition(b"end_header\n")
+    corners = np.frombuffer(body[:96], "<f4").astype(">f4").tobytes()
+    faces = np.frombuffer(body[96:], np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
+    swapped = faces.astype(np.dtype([("count", "u1"), ("corners", ">i4", 3)])).tobytes()
+    return head.replace(b"little", b"big") + mark + corners + swapped
 
 
 @st.composite
 def three_mf(draw: st.DrawFn) -> bytes:
-    """An archive with a model, at times one of components."""
-    corners, faces = draw(_soup())
-    rows = "".join('<vertex x="{}" y="{}" z="{}"/>'.format(*corner) for corner in corners)
-    cells = "".join(
-        '<triangle v1="{}" v2="{}" v3="{}"/>'.format(*face) for face in faces if len(face) == 3
-    )
-    unit = draw(st.sampled_from(("millimeter", "millimeter", "inch", "micron", "x", "")))
-    matrix = ""
-    if draw(st.booleans()):
-        matrix = ' transform="' + " ".join(draw(numbers) for _ in range(12 - draw(rarely))) + '"'
-    other = draw(st.sampled_from(("1", "2", "1", "9", "")))
-    component = (
-        f'<object id="2"><components><component objectid="{other}"{matrix}/></components></object>'
-    )
-    mesh = f"<mesh><vertices>{rows}</vertices><triangles>{cells}</triangles></mesh>"
-    item = f'<item objectid="{draw(st.sampled_from(("1", "1", "2", "x")))}"{matrix}/>'
-    space = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
-    model = (
-        f'<model unit="{unit}" xmlns="{space}"><resources><object id="1" type="model">{mesh}</object>'
-        f"{component if draw(st.booleans()) else ''}</resources><build>{item}</build></model>"
-    )
+    """An archive with a changed model of components, at times cut off."""
+    corners = ['<vertex x="{}" y="{}" z="{}"/>'.format(*row) for row in _BOX.vertices.tolist()]
+    faces = ['<triangle v1="{}" v2="{}" v3="{}"/>'.format(*row) for row in _BOX.faces.tolist()]
+    text = _3MF.format("\n".join(corners), "\n".join(faces))
+    model = draw(change_file([text], _3MF_WORDS, 2))
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as zipped:
         name = draw(st.sampled_from(("3D/3dmodel.model",) * 20 + ("3D/other.model", "x")))
-        zipped.writestr(zipfile.ZipInfo(name), model)  # of no date: the same bytes at any time
+        # Without a date, the bytes are the same at any time.
+        zipped.writestr(zipfile.ZipInfo(name), model)
         zipped.writestr(zipfile.ZipInfo("[Content_Types].xml"), "<Types/>")
     data = archive.getvalue()
     return data[: draw(st.integers(0, len(data)))] if draw(rarely) else data
@@ -215,181 +154,136 @@ _WILD: st.SearchStrategy[object] = _SMALL | st.sampled_from((None, "VEC3", 1.5, 
 
 @st.composite
 def glb(draw: st.DrawFn) -> bytes:
-    """GlTF in one file, with any value of its tree changed."""
-    corners, faces = draw(_soup())
-    places = b"".join(struct.pack("<3f", *map(_float, corner)) for corner in corners)
-    triangles = [face for face in faces if len(face) == 3 and min(face) >= 0]
-    indices = b"".join(struct.pack("<3H", *face) for face in triangles)
-    body = places + indices + bytes(-len(indices) % 4)
-    matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+    """GlTF in one file, with up to three values of its tree and of its bytes changed."""
+    places = _BOX.vertices.astype("<f4").tobytes()
+    indices = _BOX.faces.astype("<u2").tobytes()
+    body = draw(change_bytes([places + indices], len(places + indices)))
+    matrix = np.eye(4).ravel().tolist()
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5123, "count": 36, "type": "SCALAR", "byteOffset": 0},
+    ]
+    turned = {"rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
     tree: dict[str, object] = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "matrix": matrix, "children": [1]}, {"rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}],
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "matrix": matrix, "children": [1]}, turned],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": 4}]}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3"},
-            {"bufferView": 1, "componentType": 5123, "count": 3 * len(triangles), "type": "SCALAR", "byteOffset": 0},
-        ],
+        "accessors": accessors,
         "bufferViews": [
             {"buffer": 0, "byteLength": len(places)},
             {"buffer": 0, "byteOffset": len(places), "byteLength": len(indices)},
         ],
         "buffers": [{"byteLength": len(body)}],
-    }  # fmt: skip
+    }
     for _ in range(draw(st.integers(0, 3))):
-        _change(draw, tree)
+        _change_value(draw, tree)
     text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    chunks = (
-        struct.pack("<I4s", len(text), b"JSON")
-        + text
-        + struct.pack("<I4s", len(body), b"BIN\0")
-        + body
-    )
+    chunks = b""
+    for kind, chunk, filler in ((b"JSON", text, b" "), (b"BIN\0", body, b"\0")):
+        filled = chunk + filler * (-len(chunk) % 4)
+        chunks += struct.pack("<I4s", len(filled), kind) + filled
     length = draw(st.sampled_from((0, 12, 2**32 - 1))) if draw(rarely) else 12 + len(chunks)
     return struct.pack("<4sII", b"glTF", 1 if draw(rarely) else 2, length) + chunks
 
 
-def _change(draw: st.DrawFn, tree: object) -> None:
-    """One value somewhere in a tree becomes another, or is gone."""
+def _change_value(draw: st.DrawFn, tree: object) -> None:
+    """Replaces or drops one value of a tree of dicts and lists."""
     while isinstance(tree, dict | list) and tree:
         key = draw(st.sampled_from(sorted(tree) if isinstance(tree, dict) else range(len(tree))))
         value = tree[key]
-        if not isinstance(value, dict | list) or not value or draw(rarely):
-            if draw(rarely):
-                del tree[key]
-            else:
-                tree[key] = draw(_WILD)
-            return
-        tree = value
-
-
-# Point clouds: a hundred points or more, of which a few are changed.
-
-
-@st.composite
-def _points(draw: st.DrawFn) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = [
-        (str(k % 7), str(k % 11), str(k % 13)) for k in range(draw(st.integers(90, 130)))
-    ]
-    for _ in range(draw(st.integers(0, 4))):
-        at = draw(st.integers(0, len(rows) - 1))
-        rows[at] = (
-            tuple(draw(st.lists(numbers, min_size=2, max_size=4)))
-            if draw(rarely)
-            else (draw(numbers), "2", "3")
-        )
-    return rows
-
-
-@st.composite
-def ply_cloud(draw: st.DrawFn) -> bytes:
-    """Vertices alone."""
-    rows = [(*row, "0", "0")[:3] for row in draw(_points())]
-    return draw(_ply(rows, [], cloud=True))
-
-
-@st.composite
-def pcd(draw: st.DrawFn) -> bytes:
-    """As text, as records and packed."""
-    rows = draw(_points())
-    way = draw(st.sampled_from(("ascii", "ascii", "binary", "binary_compressed", "x")))
-    fields = {"FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1"}
-    fields |= {"WIDTH": str(len(rows)), "HEIGHT": "1", "POINTS": str(len(rows)), "DATA": way}
-    odd = {
-        "FIELDS": ("x y", "x y z w", "a b c", ""), "SIZE": ("8 4 2", "0 0 0", "-4 4 4", "4 4", "x", "3 3 3", "99 9 9"),
-        "TYPE": ("I U F", "F F", "x y z", "I I I"), "COUNT": ("1 1 2", "0 1 1", "1000000000 1 1", "-1 1 1", "x 1 1"),
-        "POINTS": ("0", "-1", "1e9", "999999999", "", "2147483648"),
-        "DATA": ("ascii", "binary", "", "binary_compressed"),
-    }  # fmt: skip
-    for _ in range(draw(st.integers(0, 2))):
-        key = draw(st.sampled_from(sorted(odd)))
+        is_branch = isinstance(value, dict | list) and value
+        if is_branch and not draw(rarely):
+            tree = value
+            continue
         if draw(rarely):
-            fields.pop(key, None)
+            del tree[key]
         else:
-            fields[key] = draw(st.sampled_from(odd[key]))
-    head = "VERSION .7\n" + "".join(f"{key} {value}\n" for key, value in fields.items())
-    values = [[_float(v) for v in (*row, "0", "0")[:3]] for row in rows]
-    if way == "ascii":
-        body = as_bytes("\n".join(" ".join(row) for row in rows))
-    elif way == "binary":
-        body = b"".join(struct.pack("<3f", *row) for row in values)
-    else:
-        plain = b"".join(
-            struct.pack(f"<{len(values)}f", *column) for column in zip(*values, strict=True)
-        )
-        packed = b"".join(
-            bytes([len(plain[k : k + 32]) - 1]) + plain[k : k + 32]
-            for k in range(0, len(plain), 32)
-        )
-        packed = packed[: draw(st.integers(0, len(packed)))] if draw(rarely) else packed
-        body = struct.pack("<II", len(packed), len(plain)) + packed
-        if draw(st.booleans()):
-            at = draw(st.integers(0, len(body) - 1))
-            body = body[:at] + bytes([draw(st.integers(0, 255))]) + body[at + 1 :]
-    return head.encode() + body
+            tree[key] = draw(_WILD)
+        return
 
 
-def _ptx_text() -> str:
-    """A scan of 110 points in two of PTX's columns, and one of none."""
-    head = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
-    rows = [f"0.{k} 1.{k} 2.5 0.5" for k in range(110)]
-    return f"2\n55\n{head}" + "\n".join(rows) + f"\n1\n1\n{head}0 0 0 0.5\n"
+# Point clouds: 110 points with changes.
+
+_POINTS = [(number % 7, number % 11, number % 13) for number in range(110)]
+
+
+def _join(rows: Iterable[Sequence[object]], mark: str = " ") -> str:
+    return "".join(mark.join(map(str, row)) + "\n" for row in rows)
+
+
+def ply_cloud() -> st.SearchStrategy[bytes]:
+    """Vertices alone."""
+    head = "ply\nformat {} 1.0\nelement vertex 110\nproperty float x\nproperty float y\n"
+    head += "property float z\nend_header\n"
+    text = head.format("ascii") + _join(_POINTS)
+    samples = [text.encode()]
+    for kind, order in (("binary_little_endian", "<f4"), ("binary_big_endian", ">f4")):
+        samples.append(head.format(kind).encode() + np.array(_POINTS, order).tobytes())
+    heads = _change_head(samples, "end_header", _PLY_WORDS)
+    return heads | change_file([text], _PLY_WORDS)
+
+
+_PCD_WORDS = (
+    *split_words("x y z w FIELDS SIZE TYPE COUNT WIDTH HEIGHT POINTS DATA ascii binary"),
+    *split_words("binary_compressed F I U 0 -4 99 3 8 1000000000 1e9 999999999 2147483648"),
+)
+
+
+def pcd() -> st.SearchStrategy[bytes]:
+    """Points as text, as records and packed, with changed heads, and packed ones with any bytes."""
+    head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+    head += "WIDTH 110\nHEIGHT 1\nPOINTS 110\nDATA "
+    text = f"{head}ascii\n{_join(_POINTS)}"
+    records = np.array(_POINTS, "<f4")
+    plain = records.T.tobytes()
+    packed = b""
+    for place in range(0, len(plain), 32):
+        # A literal run of LZF: its length less one, then its bytes.
+        run = plain[place : place + 32]
+        packed += bytes([len(run) - 1]) + run
+    packed = struct.pack("<II", len(packed), len(plain)) + packed
+    packed = f"{head}binary_compressed\n".encode() + packed
+    samples = [text.encode(), f"{head}binary\n".encode() + records.tobytes(), packed]
+    return _change_head(samples, "DATA", _PCD_WORDS) | change_bytes([packed], len(packed))
 
 
 def ptx() -> st.SearchStrategy[bytes]:
-    """Two scans with changed numbers and lines."""
+    """A scan of two columns of 55 points and one of a single point, with changes."""
+    head = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    rows = "".join(f"0.{number} 1.{number} 2.5 0.5\n" for number in range(110))
+    text = f"2\n55\n{head}{rows}1\n1\n{head}0 0 0 0.5\n"
     words = ("0 0 0", "55", "2.5", "-1", "1e10", "\n", "\n2\n55\n", "0 0 0 1\n", ";", "1,5")
-    return edited([_ptx_text()], words).map(as_bytes)
+    return change_file([text], words)
 
 
 def headed_cloud() -> st.SearchStrategy[bytes]:
     """Text with a head, and with decimal commas, both changed."""
-    points = [(f"{k}.5", f"{k % 7}.25", f"{k % 3}") for k in range(110)]
-    named = "id,x,y,z\n" + "".join(f"{k},{x},{y},{z}\n" for k, (x, y, z) in enumerate(points))
-    commas = "".join(f"{x};{y};{z}\n" for x, y, z in points).replace(".", ",")
+    points = [(f"{number}.5", f"{number % 7}.25", f"{number % 3}") for number in range(110)]
+    named = "id,x,y,z\n" + _join([(number, *point) for number, point in enumerate(points)], ",")
+    commas = _join(points, ";").replace(".", ",")
     heads = ("X [m];Y [m];Z [m]\n", "//X Y Z\n110\n", '"Points:0";"Points:1";"Points:2"\n')
-    words = (
-        "x",
-        "Y",
-        "z [mm]",
-        "[m]",
-        ";",
-        ",",
-        "\t",
-        "1,5",
-        "1.5",
-        "110",
-        "#",
-        "//",
-        '"',
-        "easting",
-    )
-    return edited([named, *(head + commas for head in heads)], words).map(as_bytes)
+    words = ("x", "Y", "z [mm]", "[m]", ";", ",", "\t", "1,5", "1.5", "110", "#", "//", '"')
+    texts = [named, *(head + commas for head in heads)]
+    return change_file(texts, (*words, "easting"))
 
 
-@st.composite
-def las(draw: st.DrawFn) -> bytes:
-    """LAS 1.2 with 110 points, and bytes changed or cut off."""
-    head = struct.pack(
-        "<4s4x16xBB64x4xHIIBHI20x", b"LASF", 1, 2, 227, 227, 0, 0, 20, 110
-    ) + struct.pack("<12d", *[0.01] * 3, *[0.0] * 9)
-    body = b"".join(struct.pack("<3i8x", 10 * k, 7 * k % 50, k % 3) for k in range(110))
-    data = bytearray(head + body)
-    for _ in range(draw(st.integers(0, 4))):
-        at = draw(st.integers(0, len(head) - 1))
-        data[at] = draw(st.sampled_from((0, 1, 2, 127, 128, 255)))
-    return bytes(data[: draw(st.integers(0, len(data)))] if draw(rarely) else data)
+def las() -> st.SearchStrategy[bytes]:
+    """LAS 1.2 with 110 points, with changes in its head."""
+    form = "<4s4x16xBB64x4xHIIBHI20x12d"
+    scale = [0.01] * 3 + [0.0] * 9
+    head = struct.pack(form, b"LASF", 1, 2, 227, 227, 0, 0, 20, 110, *scale)
+    body = b"".join(struct.pack("<3i8x", 10 * x, 10 * y, z) for x, y, z in _POINTS)
+    return change_bytes([head + body], len(head))
 
 
 @st.composite
 def text_cloud(draw: st.DrawFn) -> bytes:
-    """x, y, z and whatever follows, with heads and comments."""
+    """x, y, z and further columns, with heads, comments and line ends of each kind."""
     mark = draw(st.sampled_from((" ", ",", ";", "\t", ", ")))
-    rows = [mark.join(row) for row in draw(_points())]
-    others = st.sampled_from(
-        ("x,y,z", "# 1 2 3", "", "// a", "1 2", "a b c", "1 2 3 4 5 6", "110", "\xe4 \xf6 \xfc")
-    )
-    for other in draw(st.lists(others, max_size=3)):
-        rows.insert(0 if draw(st.booleans()) else draw(st.integers(0, len(rows))), other)
-    return as_bytes(draw(st.sampled_from(("\n", "\n", "\r\n", "\r"))).join(rows))
+    words = ("x,y,z", "# 1 2 3\n", "\n", "// a\n", "1 2\n", "a b c\n", "1 2 3 4 5 6\n", "110")
+    text = draw(change_text([_join(_POINTS, mark)], (*words, "\xe4 \xf6 \xfc\n")))
+    head = draw(st.sampled_from(("", "", "", "x,y,z\n", "110\n", "// a\n")))
+    end = draw(st.sampled_from(("\n", "\n", "\r\n", "\r")))
+    return encode((head + text).replace("\n", end))

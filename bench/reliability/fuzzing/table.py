@@ -2,7 +2,7 @@
 
 A reader returns a value, or raises an error for the user with exit code 2, or with 3 for a picture
 in which no part dominates. It never raises another exception, never returns a number that is not
-finite, and takes at most ``SECONDS`` of the processor. A read-back returns an ``Executed`` with its
+finite, and takes at most `SECONDS` of the processor. A read-back returns an `Executed` with its
 faults and raises no error. Both return the same for the same bytes.
 """
 
@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, partial
+from itertools import chain
 from pathlib import Path
 from types import FrameType
 from typing import NamedTuple
@@ -104,7 +105,7 @@ def _read(reader: Fuzzed, data: bytes) -> object:
 
 @contextmanager
 def _limit_time(name: str) -> Iterator[None]:
-    """Miss after ``SECONDS`` of the processor."""
+    """Miss after `SECONDS` of the processor."""
 
     def end(_signal: int, _frame: FrameType | None) -> None:
         raise Miss(f"{name}: no end within {SECONDS} s")
@@ -144,7 +145,7 @@ def _list_items(value: object) -> Iterable[object] | None:
     if isinstance(value, msgspec.Struct):
         return [getattr(value, name) for name in value.__struct_fields__ if name not in _UNBOUNDED]
     if isinstance(value, Mapping):
-        return [part for pair in value.items() for part in pair]
+        return chain.from_iterable(value.items())
     if isinstance(value, (set, frozenset)):
         return sorted(value)
     return value if isinstance(value, (tuple, list)) else None
@@ -157,7 +158,7 @@ _PHOTO = Job(image=ImageTable(mm_per_px=0.1))
 
 
 def _read_part(suffix: str, data: bytes, job: Job = _PHOTO) -> object:
-    """Reads a part as ``camgen build`` does, and describes it as ``camgen inspect`` does."""
+    """Reads a part as `camgen build` does, and describes it as `camgen inspect` does."""
     source, files = Source(Path(f"part{suffix}"), data), Files()
     reader = find_reader(source)
     values: list[object] = []
@@ -208,14 +209,18 @@ def _read_cloud(suffix: str, data: bytes) -> object:
     return scans.read_scan(Source(Path(f"scan{suffix}"), data))
 
 
+def _read_camera(data: bytes) -> object:
+    return read_camera(Source(Path("camera.yaml"), data))
+
+
 def _read_plan(data: bytes) -> object:
-    """Reads a plan as ``camgen verify`` does."""
+    """Reads a plan as `camgen verify` does."""
     plan = motion_file.load(Path("plan.json"), Files([Source(Path("plan.json"), data)]))
     return [plan.program, plan.program.columns.ends.shape, plan.chord]
 
 
 def _read_back(post: str, data: bytes) -> object:
-    """Reads a program back, and adds it up as ``camgen verify`` does."""
+    """Reads a program back, and adds it up as `camgen verify` does."""
     text = {f"part.{POSTS[post]}": data.decode("latin-1")}
     executed = find_readback(post)(text, fill_tables(find_post(post), {}))
     assert isinstance(executed, camgen.Executed)
@@ -223,38 +228,47 @@ def _read_back(post: str, data: bytes) -> object:
     return [executed, sum_up(Columns(executed.body))]
 
 
-_KINDS = {
-    ".dxf": drawings.dxf(), ".svg": drawings.svg(), ".ngc": programs.gcode(), ".stl": solids.stl(),
-    ".obj": solids.obj(), ".off": solids.off(), ".ply": solids.ply(), ".3mf": solids.three_mf(),
-    ".glb": solids.glb(), ".xyz": solids.text_cloud(),
-}  # fmt: skip
-TABLE = (
-    *(Fuzzed(kind[1:], inputs, partial(_read_part, kind)) for kind, inputs in _KINDS.items()),
-    Fuzzed("dxf-space", drawings.dxf(), partial(_read_part, ".dxf", job=_TRACE)),
-    Fuzzed("step", solids.step(), partial(_read_part, ".step"), weight=0.1),
-    Fuzzed(
-        "photo",
-        pictures.picture,
-        partial(_read_part, ".png"),
-        refusals=(*_REFUSALS, camgen.NoSafeProgram),
-    ),
-    Fuzzed("picture", pictures.picture, partial(_read_part, ".png", job=_TRACE)),
-    Fuzzed("job", texts.job(), _read_job),
-    Fuzzed("set", texts.assignment(), lambda data: load_job(None, (data.decode(),))),
-    Fuzzed("cell", texts.cell(), _read_cell),
-    Fuzzed("urdf", texts.urdf(), _read_urdf),
-    Fuzzed("camera", texts.camera(), lambda data: read_camera(Source(Path("camera.yaml"), data))),
-    Fuzzed("plan", texts.plan(), _read_plan),
-    Fuzzed("cloud-ply", solids.ply_cloud(), partial(_read_cloud, ".ply")),
-    Fuzzed("cloud-pcd", solids.pcd(), partial(_read_cloud, ".pcd")),
-    Fuzzed("cloud-text", solids.text_cloud(), partial(_read_cloud, ".xyz")),
-    Fuzzed("cloud-head", solids.headed_cloud(), partial(_read_cloud, ".csv")),
-    Fuzzed("cloud-ptx", solids.ptx(), partial(_read_cloud, ".ptx")),
-    Fuzzed("cloud-las", solids.las(), partial(_read_cloud, ".las")),
-    *(
-        Fuzzed(
-            f"verify-{post}", programs.program(post), partial(_read_back, post), never_fails=True
-        )
-        for post in POSTS
-    ),
-)
+_PARTS = {
+    ".dxf": drawings.dxf(),
+    ".svg": drawings.svg(),
+    ".ngc": programs.gcode(),
+    ".stl": solids.stl(),
+    ".obj": solids.obj(),
+    ".off": solids.object_file(),
+    ".ply": solids.ply(),
+    ".3mf": solids.three_mf(),
+    ".glb": solids.glb(),
+    ".xyz": solids.text_cloud(),
+}
+_CLOUDS = {
+    "ply": (".ply", solids.ply_cloud()),
+    "pcd": (".pcd", solids.pcd()),
+    "text": (".xyz", solids.text_cloud()),
+    "head": (".csv", solids.headed_cloud()),
+    "ptx": (".ptx", solids.ptx()),
+    "las": (".las", solids.las()),
+}
+
+
+def _list_table() -> Iterator[Fuzzed]:
+    for suffix, inputs in _PARTS.items():
+        yield Fuzzed(suffix[1:], inputs, partial(_read_part, suffix))
+    yield Fuzzed("dxf-space", drawings.dxf(), partial(_read_part, ".dxf", job=_TRACE))
+    yield Fuzzed("step", solids.step(), partial(_read_part, ".step"), weight=0.1)
+    refusals = (*_REFUSALS, camgen.NoSafeProgram)
+    yield Fuzzed("photo", pictures.picture, partial(_read_part, ".png"), refusals=refusals)
+    yield Fuzzed("picture", pictures.picture, partial(_read_part, ".png", job=_TRACE))
+    yield Fuzzed("job", texts.job(), _read_job)
+    yield Fuzzed("set", texts.assignment(), lambda data: load_job(None, (data.decode(),)))
+    yield Fuzzed("cell", texts.cell(), _read_cell)
+    yield Fuzzed("urdf", texts.urdf(), _read_urdf)
+    yield Fuzzed("camera", texts.camera(), _read_camera)
+    yield Fuzzed("plan", texts.plan(), _read_plan)
+    for name, (suffix, inputs) in _CLOUDS.items():
+        yield Fuzzed(f"cloud-{name}", inputs, partial(_read_cloud, suffix))
+    for post in POSTS:
+        call = partial(_read_back, post)
+        yield Fuzzed(f"verify-{post}", programs.program(post), call, never_fails=True)
+
+
+TABLE = tuple(_list_table())

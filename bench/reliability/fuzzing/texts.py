@@ -7,211 +7,163 @@ from functools import cache
 
 from hypothesis import strategies as st
 
-from bench.reliability.fuzzing.odd import as_bytes, edited, names, numbers, rarely
+from bench.reliability.fuzzing.odd import change_file, encode, names, numbers, rarely, split_words
+from bench.reliability.programs import SOURCES, make
+from camgen.cli import motion_file
+from camgen.model.job_tables import list_settings
 
-# Jobs: every setting with values that it may have, and some that it may not.
+# Jobs: settings with values that they may have, and others.
 
-_TEXTS = (
-    '"auto"', '"mm"', '"inch"', '"A4"', '"A3 landscape"', '"*"', '""', '"convex"', '"IRB 120"', '"process"',
-    '"x.urdf"', '"7x5"', '"fit"', '"not e1"', '"../x"',
-)  # fmt: skip
 _OTHER = (
-    "true", "false", "[]", "[1, 2, 3]", "[1, 2, 3, 4, 5, 6]", "[[0, 0], [9, 0], [9, 9], [0, 9]]", '["*", "!x"]', "{}",
-    '{process = "doX"}', "{a = {b = 1}}", "1979-05-27T07:32:00Z", "07:32:00", "[[1, 2, 3, 4, 5, 6]]", '["x.stl"]',
-    "[nan]", "[1e308, 0, 0, 0, 0, 0]", "0x1F", "0b1", '"""a\nb"""', "[[[[]]]]", '[1, "a"]',
-)  # fmt: skip
-_POST_KEYS = (
-    "program", "decimals", "max_lines", "signals", "spindle", "force", "speed", "rated", "mps", "define", "work",
-    "tool", "declare", "posture", "mass", "cog", "force_calibrated", "cycles", "power", "units", "zones",
-)  # fmt: skip
+    *('"auto"', '"mm"', '"inch"', '"A4"', '"A3 landscape"', '"*"', '""', '"convex"', '"IRB 120"'),
+    *('"process"', '"x.urdf"', '"7x5"', '"fit"', '"not e1"', '"../x"', "true", "false", "[]"),
+    *("[1, 2, 3]", "[1, 2, 3, 4, 5, 6]", "[[0, 0], [9, 0], [9, 9], [0, 9]]", '["*", "!x"]', "{}"),
+    *('{process = "doX"}', "{a = {b = 1}}", "1979-05-27T07:32:00Z", "07:32:00", '["x.stl"]'),
+    *("[[1, 2, 3, 4, 5, 6]]", "[nan]", "[1e308, 0, 0, 0, 0, 0]", "0x1F", "0b1", '"""a\nb"""'),
+    *("[[[[]]]]", '[1, "a"]'),
+)
+_POST_KEYS = split_words("""
+    program decimals max_lines signals spindle force speed rated mps define work tool declare
+    posture mass cog force_calibrated cycles power units zones""")
+#: Lines that are not TOML, or that belong to no table of a job.
+_LINES = (
+    *("[x]", "[[cell]]", "a", "[cell", "= 1", "a.b.c = 1", "[post.signals]", "x = 1", "# \x7f"),
+    "[a.b]",
+)
+_Key = tuple[str, str]
 
 
-@cache
-def _keys() -> tuple[tuple[str, str], ...]:
-    from camgen.model.job_tables import list_settings  # noqa: PLC0415 (of what is tried)
-
-    return (
-        *((one.table, one.key) for one in list_settings()),
-        *(("post", key) for key in _POST_KEYS),
-    )
-
-
-@cache
-def _allowed() -> dict[tuple[str, str], tuple[str, ...]]:
+def _list_allowed() -> dict[_Key, tuple[str, ...]]:
     """Values of each setting: its default and the words that it takes."""
-    from camgen.model.job_tables import list_settings  # noqa: PLC0415
+    allowed: dict[_Key, tuple[str, ...]] = {}
+    for setting in list_settings():
+        values = []
+        if setting.allowed.startswith("one of "):
+            values = setting.allowed.removeprefix("one of ").split(", ")
+        if setting.default is not None:
+            values.insert(0, json.dumps(setting.default))
+        allowed[setting.table, setting.key] = tuple(values)
+    return allowed | {("post", key): () for key in _POST_KEYS}
 
-    found = {}
-    for one in list_settings():
-        words = (
-            one.allowed.removeprefix("one of ").split(", ")
-            if one.allowed.startswith("one of")
-            else []
-        )
-        default = [] if one.default is None else [json.dumps(one.default)]
-        found[one.table, one.key] = (*default, *words)
-    return found
+
+_ALLOWED = _list_allowed()
+_KEYS = st.sampled_from(tuple(_ALLOWED))
+_TABLES = st.sampled_from(sorted({table for table, _ in _ALLOWED}))
 
 
 @st.composite
-def _value(draw: st.DrawFn, key: tuple[str, str]) -> str:
-    sound = _allowed().get(key, ())
+def _value(draw: st.DrawFn, key: _Key) -> str:
+    allowed = _ALLOWED[key]
     kind = draw(st.integers(0, 9))
-    if sound and kind < 4:
-        return draw(st.sampled_from(sound))
+    if allowed and kind < 4:
+        return draw(st.sampled_from(allowed))
     if kind < 8:
         return draw(numbers)
-    return draw(st.sampled_from(_TEXTS + _OTHER))
-
-
-def _pick() -> st.SearchStrategy[tuple[str, str]]:
-    return st.deferred(lambda: st.sampled_from(_keys()))
+    return draw(st.sampled_from(_OTHER))
 
 
 @st.composite
 def job(draw: st.DrawFn) -> bytes:
-    """A job file of a few settings, at times with a table twice, a key out of its table or a line that is no TOML."""
+    """A job file of a few settings, at times with a key of another table or a line of no table."""
     tables: dict[str, list[str]] = {}
-    for table, key in draw(st.lists(_pick(), min_size=1, max_size=5, unique=True)):
-        home = draw(st.sampled_from(sorted({one for one, _ in _keys()}))) if draw(rarely) else table
+    for table, key in draw(st.lists(_KEYS, min_size=1, max_size=5, unique=True)):
+        chosen = draw(_TABLES) if draw(rarely) else table
         name = draw(names) if draw(rarely) and draw(rarely) else key
-        tables.setdefault(home, []).append(f"{name} = {draw(_value((table, key)))}")
-    lines = [line for table, rows in tables.items() for line in (f"[{table}]", *rows)]
+        tables.setdefault(chosen, []).append(f"{name} = {draw(_value((table, key)))}")
+    lines = []
+    for table, rows in tables.items():
+        lines += [f"[{table}]", *rows]
     if draw(rarely):
-        junk = (
-            "[x]",
-            "[[cell]]",
-            "a",
-            "[cell",
-            "= 1",
-            "a.b.c = 1",
-            "[post.signals]",
-            "x = 1",
-            "# \x7f",
-            "[a.b]",
-        )
-        lines.insert(draw(st.integers(0, len(lines))), draw(st.sampled_from(junk)))
-    return as_bytes("\n".join(lines))
+        lines.insert(draw(st.integers(0, len(lines))), draw(st.sampled_from(_LINES)))
+    return encode("\n".join(lines))
+
+
+_FRAME = st.lists(numbers, min_size=5, max_size=7).map(lambda row: f"[{', '.join(row)}]")
 
 
 @st.composite
 def cell(draw: st.DrawFn) -> bytes:
     """The file of a cell."""
-    keys = [key for key in _keys() if key[0] == "cell"]
-    rows = [
-        f"{key[1]} = {draw(_frame() | _value(key))}"
-        for key in draw(st.lists(st.sampled_from(keys), max_size=4, unique=True))
-    ]
-    return as_bytes("\n".join([draw(st.sampled_from(("[cell]",) * 7 + ("", "[tool]"))), *rows]))
-
-
-def _frame() -> st.SearchStrategy[str]:
-    return st.lists(numbers, min_size=5, max_size=7).map(lambda row: f"[{', '.join(row)}]")
+    keys = [key for key in _ALLOWED if key[0] == "cell"]
+    lines = [draw(st.sampled_from(("[cell]",) * 7 + ("", "[tool]")))]
+    for key in draw(st.lists(st.sampled_from(keys), max_size=4, unique=True)):
+        lines.append(f"{key[1]} = {draw(_FRAME | _value(key))}")
+    return encode("\n".join(lines))
 
 
 @st.composite
 def assignment(draw: st.DrawFn) -> bytes:
-    """What follows --set."""
-    table, key = draw(_pick())
-    name = draw(
-        st.sampled_from(
-            (f"{table}.{key}",) * 6
-            + (table, key, f"{table}.x", f"x.{key}", "", ".", f"{table}.a.b")
-        )
-    )
-    return as_bytes(f"{name}{'' if draw(rarely) else '='}{draw(_value((table, key)))}")
+    """The argument of --set."""
+    table, key = draw(_KEYS)
+    others = (table, key, f"{table}.x", f"x.{key}", "", ".", f"{table}.a.b")
+    name = draw(st.sampled_from((f"{table}.{key}",) * 6 + others))
+    return encode(f"{name}{'' if draw(rarely) else '='}{draw(_value((table, key)))}")
 
 
-# URDF: a chain of links and joints.
+# URDF, plan files and cameras: sound ones with changes.
 
-_JOINT_TYPES = st.sampled_from(
-    ("revolute",) * 5 + ("continuous", "prismatic", "fixed", "floating", "planar", "x", "")
-)
 _SHAPES = (
-    '<box size="{} {} {}"/>', '<cylinder radius="{}" length="{}"/>', '<sphere radius="{}"/>', '<mesh filename="{}"/>',
-    "<capsule/>", "",
-)  # fmt: skip
-_AXES = st.sampled_from(
-    ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "0 -1 0", "0 0 0", "1 1 1", "1 2", "1e-9 0 0", "nan 0 1")
+    '<box size="0.1 0.2 0.3"/>',
+    '<cylinder radius="0.1" length="0.4"/>',
+    '<sphere radius="0.1"/>',
 )
-_RIGHT = st.sampled_from(("0 0 0", "1.5708 0 0", "0 1.57 0", "0 0 -1.5708", "0 0 0.3"))
 
 
-@st.composite
-def _origin(draw: st.DrawFn) -> str:
-    if draw(rarely):
-        return ""
-    xyz = (
-        " ".join(draw(numbers) for _ in range(3))
-        if draw(rarely)
-        else draw(st.sampled_from(("0 0 0.3", "0.2 0 0")))
-    )
-    rpy = " ".join(draw(numbers) for _ in range(3)) if draw(rarely) else draw(_RIGHT)
-    return f'<origin xyz="{xyz}" rpy="{rpy}"/>'
+def _make_urdf(count: int) -> str:
+    """An arm with a number of joints, a line for each link and joint."""
+    lines = ['<robot name="arm">']
+    for number in range(count + 1):
+        shape = _SHAPES[number % len(_SHAPES)]
+        origin = '<origin xyz="0 0 0.1" rpy="0 0 0"/>'
+        body = f"<collision>{origin}<geometry>{shape}</geometry></collision>"
+        lines.append(f'<link name="l{number}">{body}</link>')
+    for number in range(count):
+        ends = f'<parent link="l{number}"/><child link="l{number + 1}"/>'
+        axis = f'<axis xyz="0 {number % 2} {1 - number % 2}"/>'
+        limit = '<limit lower="-2.5" upper="2.5" velocity="2" effort="1"/>'
+        origin = f'<origin xyz="0.2 0 0.3" rpy="0 {1.5708 * (number % 2):g} 0"/>'
+        joint = f"{origin}{ends}{axis}{limit}</joint>"
+        lines.append(f'<joint name="j{number}" type="revolute">{joint}')
+    return "\n".join([*lines, "</robot>"])
 
 
-@st.composite
-def _link(draw: st.DrawFn, name: str) -> str:
-    shape = draw(st.sampled_from(_SHAPES))
-    shape = shape.format(*(draw(numbers) for _ in range(shape.count("{}"))))
-    tag = draw(st.sampled_from(("collision", "collision", "visual")))
-    body = (
-        f"<{tag}>{draw(_origin())}<geometry>{shape}</geometry></{tag}>"
-        if draw(st.booleans())
-        else ""
-    )
-    return f'<link name="{name}">{body}</link>'
+_URDF_WORDS = (
+    *split_words(
+        "revolute continuous prismatic fixed floating planar link joint child parent l0 l3"
+    ),
+    *('"0 0 0"', '"1 1 1"', '"1 2"', '"1e-9 0 0"', '"nan 0 1"', "<link/>", "<joint/>", "visual"),
+    *('<mimic joint="j1" multiplier="2"/>', '<mimic joint="j9"/>', "x" * 600, "0.001"),
+    *('<mesh filename="x.stl"/>', "<capsule/>"),
+)
 
 
-@st.composite
-def _joint(draw: st.DrawFn, k: int) -> str:
-    low, high = (draw(numbers), draw(numbers)) if draw(rarely) else ("-2.5", "2.5")
-    limit = f'<limit lower="{low}" upper="{high}" velocity="{draw(numbers) if draw(rarely) else 2}" effort="1"/>'
-    other = draw(st.integers(0, 7)) if draw(rarely) else k + 1
-    mimic = f'<mimic joint="j{other}" multiplier="{draw(numbers)}"/>' if draw(rarely) else ""
-    limit = "" if draw(rarely) else limit
-    ends = f'<parent link="l{k}"/><child link="l{other}"/>'
-    axis = f'<axis xyz="{draw(_AXES) if draw(rarely) else "0 1 0"}"/>'
-    kind = draw(_JOINT_TYPES) if draw(rarely) else "revolute"
-    return f'<joint name="j{k}" type="{kind}">{draw(_origin())}{ends}{axis}{limit}{mimic}</joint>'
-
-
-@st.composite
-def urdf(draw: st.DrawFn) -> bytes:
+def urdf() -> st.SearchStrategy[bytes]:
     """An arm of up to seven joints."""
-    count = draw(st.integers(0, 7))
-    parts = [draw(_link(f"l{k}")) for k in range(count + 1)] + [
-        draw(_joint(k)) for k in range(count)
-    ]
-    if draw(rarely):
-        at = draw(st.integers(0, len(parts) - 1))
-        parts[at : at + 1] = draw(
-            st.sampled_from(([], [parts[at]] * 2, ["<link/>"], ["<joint/>"], ["text"]))
-        )
-    return f'<robot name="{draw(st.sampled_from(("arm", "arm", "", "x" * 600)))}">{"".join(parts)}</robot>'.encode()
-
-
-# Plan files and cameras: sound ones with changes.
+    return change_file([_make_urdf(count) for count in (0, 1, 6, 6, 7)], _URDF_WORDS, 2)
 
 
 @cache
-def _plans() -> tuple[str, ...]:
-    from bench.reliability.programs import SOURCES, make  # noqa: PLC0415
-    from camgen.cli.motion_file import encode  # noqa: PLC0415
-
-    made = [make(post, k) for post in SOURCES for k in (1, 3, 5)]
-    return tuple(encode(one.prepared, one.post.name, one.options, 0.01).decode() for one in made)
+def _encode_plans() -> tuple[str, ...]:
+    plans = []
+    for post in SOURCES:
+        for number in (1, 3, 5):
+            program = make(post, number)
+            plan = motion_file.encode(program.prepared, program.post.name, program.options, 0.01)
+            plans.append(plan.decode())
+    return tuple(plans)
 
 
 _PLAN_WORDS = (
-    "null", "true", "[]", "{}", '"x"', "movel", "movec", "movej", "output", "wait", "force", "comment", "joints",
-    "blend", "path", "work", "turn", "share", "press", "posture", "called", "rapid", "-1", "1e20",
-)  # fmt: skip
+    *split_words(
+        'null true [] {} "x" movel movec movej output wait force comment joints blend path'
+    ),
+    *split_words("work turn share press posture called rapid -1 1e20"),
+)
 
 
 def plan() -> st.SearchStrategy[bytes]:
     """A plan file with changes."""
-    return st.deferred(lambda: edited(_plans(), _PLAN_WORDS)).map(as_bytes)
+    return st.deferred(lambda: change_file(_encode_plans(), _PLAN_WORDS))
 
 
 _CAMERAS = (
@@ -253,11 +205,14 @@ distortion_coefficients: !!opencv-matrix
 """,
 )
 _CAMERA_WORDS = (
-    "rational_polynomial", "equidistant", "thin_prism", "rows", "cols", "data", "dt", "f", "u", "3c", "!!opencv-matrix",
-    "null", "{", "[", "&a", "*a", "- ", ": ", "!!python/object", "|", ">", "roi", "binning_x",
-)  # fmt: skip
+    *split_words(
+        "rational_polynomial equidistant thin_prism rows cols data dt f u 3c null { [ &a *a"
+    ),
+    *split_words("!!opencv-matrix !!python/object | > roi binning_x"),
+    *("- ", ": "),
+)
 
 
 def camera() -> st.SearchStrategy[bytes]:
     """A calibration with changes."""
-    return edited(_CAMERAS, _CAMERA_WORDS).map(as_bytes)
+    return change_file(_CAMERAS, _CAMERA_WORDS)
