@@ -29,7 +29,7 @@ import numpy as np
 
 import camgen
 from camgen.cli import main as run_command
-from camgen.lang.programs import LEVELS, RunRequest, Executed, find_language
+from camgen.lang.programs import LEVELS, Executed, RunRequest, find_language
 from camgen.lang.recorded import Recorded
 from camgen.model.program import Instruction, Output
 

@@ -39,7 +39,7 @@ from bench.support.runner import Missed, Table, must_be_none, open_table, read_w
 from camgen.cli.judge import add_harm
 from camgen.cli.program_texts import read_texts
 from camgen.lang.alternatives import run_alternatives
-from camgen.lang.programs import RunRequest, Finding, find_language
+from camgen.lang.programs import Finding, RunRequest, find_language
 from camgen.read.files import Files
 
 VERDICTS = Path(__file__).with_name("verdicts.tsv")
@@ -93,7 +93,9 @@ def list_findings(language: str, name: str, data: bytes) -> list[Finding]:
         texts = read_texts([Path(name)], Files())
     spoken = find_language(language)
     executed = add_harm(run_alternatives(spoken, texts, RunRequest()).executed, texts)
-    certain = {(item.level, item.line, item.what) for item in spoken.run(texts, RunRequest()).findings}
+    certain = {
+        (item.level, item.line, item.what) for item in spoken.run(texts, RunRequest()).findings
+    }
     listed = []
     for item in executed.findings:
         if item.level == "possible" or (item.level, item.line, item.what) not in certain:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import camgen
 from bench.support.motions import measure_from_lines, measure_motion, sample_motion
 from bench.support.runner import ROOT
-from camgen.lang.programs import RunRequest, Executed, find_language
+from camgen.lang.programs import Executed, RunRequest, find_language
 from camgen.lang.taught import in_one_frame
 from camgen.model.pose import Pose, Vec3, frozen
 from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL
@@ -57,7 +57,9 @@ def pose_of(arm: Robot, joints: Joints, base: Pose, tool: Pose) -> Pose:
 
 def execute(file: Path, language: str) -> Executed:
     """Runs a program."""
-    return find_language(language).run({file.name: file.read_text(encoding="latin-1")}, RunRequest())
+    return find_language(language).run(
+        {file.name: file.read_text(encoding="latin-1")}, RunRequest()
+    )
 
 
 def execute_whole(file: Path, language: str) -> Executed:

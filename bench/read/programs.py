@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from bench.support.runner import open_table
 from bench.support.timing import timed
-from camgen.lang.programs import RunRequest, Executed, Finding, Language, list_languages
+from camgen.lang.programs import Executed, Finding, Language, RunRequest, list_languages
 
 
 class Run(NamedTuple):

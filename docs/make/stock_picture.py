@@ -12,7 +12,7 @@ from typing import Any
 import shapely
 from msgspec.structs import replace
 
-from bench.check.scenes import Scene, make_scenes
+from bench.check.scenes import Scene
 from camgen.check.stock import Fault, StockProof, prove, show_stay
 from camgen.model.pose import Pose
 from camgen.model.program import Instruction, MoveL

@@ -6,16 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from bench.reliability.modal.machine import Number, describe_arc, is_same, work_out
+from bench.reliability.modal.machine import Number, is_same, work_out
 from bench.reliability.mutants import (
     TRACES,
     Family,
-    find_verdicts,
     list_mutants,
     plan_batches,
     trace,
 )
-from bench.reliability.mutations import LANGUAGES, list_mutations
+from bench.reliability.mutations import LANGUAGES
 from bench.reliability.programs import SOURCES, make
 from bench.reliability.wide_mutations import KINDS, mutate
 

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 import camgen
-from bench.robots.parts import Frames, count_unfounded, list_touches, turn_evenly
+from bench.robots.parts import count_unfounded, list_touches
 from bench.support.motions import place_motion
 from camgen.check import Checks
 from camgen.collision.motion import check_motion, measure_apart

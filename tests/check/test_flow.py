@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bench.robots.rfa import FREE, PARTS, make_job, make_loop
+from bench.robots.rfa import FREE, PARTS
 from camgen.check.flow import blend_links
 from camgen.check.passing import trace_motions
 from camgen.check.reach import check_reach

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bench.robots.rfa import FREE, PARTS, make_job, make_loop
+from bench.robots.rfa import FREE, PARTS
 from camgen.model.job import CellTable
 from camgen.motion.cell import make_free_space, make_setup
 from camgen.motion.limits import LinkSpeeds

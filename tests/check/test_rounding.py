@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 import camgen
-from bench.robots.rfa import FREE, PARTS, make_job
+from bench.robots.rfa import FREE, PARTS
 from camgen.check.time import compute_cycle
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_between

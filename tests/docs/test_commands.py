@@ -23,7 +23,6 @@ import trimesh
 from ezdxf import recover
 
 from bench.render import photos
-from bench.render.burrs import add_burrs
 from bench.render.parts import paper
 from camgen.cli import main, make_parsers
 from camgen.model.errors import JobError

@@ -12,7 +12,7 @@ import pytest
 
 import camgen
 from bench.render.board import markers
-from bench.render.optics import Lens, Shot, aim_camera, photo_from_work
+from bench.render.optics import Lens, Shot, photo_from_work
 from bench.render.parts import NAMED
 from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.truth import offset_truth, path_error
