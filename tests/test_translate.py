@@ -36,7 +36,7 @@ def test_a_translation_through_gcode_has_the_same_motion(
     case: str, source: str, target: str
 ) -> None:
     """Rapid motions become lines and joint motions become rapid motions, with the same targets."""
-    before, after = there_and_back(CASES / case, source, target)
+    before, after = translate_twice(CASES / case, source, target)
     assert len(before.points) > 100
     assert measure_apart(before.points, after.points) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
@@ -58,7 +58,7 @@ def test_a_feature_that_a_mill_lacks_is_refused_by_name(
     case: str, source: str, message: str
 ) -> None:
     with pytest.raises(camgen.CamgenError, match=message):
-        there_and_back(CASES / case, source, "gcode")
+        translate_twice(CASES / case, source, "gcode")
 
 
 def test_outputs_of_an_old_program_may_have_other_names(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import shapely
 from msgspec.structs import replace
 
-from bench.check.scenes import Scene
+from bench.check.scenes import Scene, make_scenes
 from camgen.check.stock import Fault, StockProof, prove, show_stay
 from camgen.model.pose import Pose
 from camgen.model.program import Instruction, MoveL
@@ -84,7 +84,7 @@ def draw_label(fault: Fault) -> str:
 
 
 def main(folder: Path) -> None:
-    scene = next(candidate for candidate in scenes() if candidate.tabs)
+    scene = next(candidate for candidate in make_scenes() if candidate.tabs)
     body = damage_body(scene, 0.7)
     proof = prove([replace(scene.cuts[0], body=body, lines=range(1, len(body) + 1))], scene.design)
     (folder / "stock.svg").write_text(draw(scene, proof))

@@ -23,7 +23,7 @@ from bench.render.optics import (
 )
 from bench.render.parts import NAMED, random_part
 from bench.render.photos import Photo, photos, write
-from bench.render.scene import Layer, Scene, render, written
+from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, area, box, circle, hole, pieces, rounded, slot
 from bench.render.truth import offset_truth, path_error
 from camgen.model.pose import pose_from_values
@@ -89,7 +89,7 @@ def test_the_inverse_of_the_lens_is_exact() -> None:
 
 
 def test_a_camera_looks_at_the_given_point() -> None:
-    rotation, origin = looking(STRONG, 12 - 7j, 50 + 90j, 0.2, 17, 120, 200)
+    rotation, origin = aim_camera(STRONG, 12 - 7j, 50 + 90j, 0.2, (17, 120, 200))
     assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1)
     assert np.degrees(np.arccos(-rotation[2, 2])) == pytest.approx(17)
@@ -277,7 +277,7 @@ def test_grain_is_fixed_to_the_bench() -> None:
 
 def test_files_hold_the_rendered_photo(tmp_path: Path) -> None:
     photo = render(Scene(0.5, (Layer((circle(0, 0, 9),), 0.1),)), look_from_above(PINHOLE, read=2))
-    written(tmp_path / "a.png", photo)
+    write_photo(tmp_path / "a.png", photo)
     assert np.array_equal(cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED), photo)
     write_photo(tmp_path / "a.jpg", photo)
     assert (
@@ -408,7 +408,7 @@ def test_plans_are_read_with_their_arcs(tmp_path: Path) -> None:
     assert np.abs(np.diff(points)).sum() == pytest.approx(10 * np.pi + 4, abs=1e-2)
 
 
-@pytest.mark.parametrize("photo", photos(6, 1), ids=lambda photo: f"{photo.name}-{photo.way}")
+@pytest.mark.parametrize("photo", photos(6, 1), ids=lambda photo: f"{photo.name}-{photo.plane}")
 def test_job_and_camera_file_describe_the_rendered_photo(photo: Photo, tmp_path: Path) -> None:
     write(tmp_path, photo)
     job, camera = (
@@ -423,7 +423,7 @@ def test_job_and_camera_file_describe_the_rendered_photo(photo: Photo, tmp_path:
         assert job.camera.markers == "A4"
         return
     camera_table = job.camera
-    if photo.way == "pose":
+    if photo.plane == "pose":
         assert camera_table.plane_from is not None
         plane = make_plane(camera, pose_from_values(camera_table.plane_from))
     else:

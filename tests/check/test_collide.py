@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 import camgen
-from bench.robots.parts import count_unfounded, list_touches
+from bench.robots.parts import Frames, count_unfounded, list_touches, turn_evenly
 from bench.support.motions import place_motion
 from camgen.check import Checks
 from camgen.collision.motion import check_motion, measure_apart
@@ -78,15 +78,9 @@ def interpolate_joints(
 
 def test_a_joint_path_keeps_all_points_of_the_tool_near_the_line() -> None:
     fractions = np.linspace(0.0, 1.0, 401)
-    rotation = turned(SHORT.rotation[0], SHORT.rotation[1], fractions)
-    exact = joints_on(
-        ARM,
-        BASE,
-        TOOL,
-        place_motion(*SHORT.position[[0]], None, SHORT.position[1], fractions),
-        rotation,
-        find_end_joints()[0],
-    )
+    rotation = turn_evenly(SHORT.rotation[0], SHORT.rotation[1], fractions)
+    places = place_motion(*SHORT.position[[0]], None, SHORT.position[1], fractions)
+    exact = Frames(ARM, BASE, TOOL).find_joints(places, rotation, find_end_joints()[0])
     measure = partial(measure_apart, make_rod_scene())
     path = follow_closely(make_setup(), SHORT, find_end_joints(), np.array([True]))
     assert not len(path.lost)

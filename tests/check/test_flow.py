@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bench.robots.rfa import FREE, PARTS
+from bench.robots.rfa import FREE, PARTS, make_job, make_loop
 from camgen.check.flow import blend_links
 from camgen.check.passing import trace_motions
 from camgen.check.reach import check_reach
@@ -33,7 +33,7 @@ SOLID = mesh.read(source(PARTS / "rfa1.stl"))
 
 def build_part(name: str, free: bool = False, post: str = "rapid", **process: float) -> Result:
     """Build the part for a cell of the bench. free: the tool may tilt and roll."""
-    tables = cell(SOLID, name)
+    tables = make_job(SOLID, name)
     tool = {**tables["tool"], **(FREE if free else {})}
     options: dict[str, object] = {"signals": {"process": 1}} if post == "vplus" else {}
     if "force" in process:
@@ -81,14 +81,14 @@ def make_parabola(result: Result, motion: int, zone: float) -> FloatArray:
 )
 def test_corner_paths_are_free_and_keep_the_margin(name: str, free: bool) -> None:
     result = build_part(name, free)
-    fcl_loop, blend = loop(result, SOLID), result.program.columns.blend
+    fcl_loop, blend = make_loop(result, SOLID), result.program.columns.blend
     blended = np.flatnonzero(blend > 0)
     assert len(blended) >= 12
     for motion in blended.tolist():
         for zone in (blend[motion], 1.6 * blend[motion]):
             for joints in make_parabola(result, motion, zone):
-                assert fcl_loop.first(joints) is None
-                assert fcl_loop.gap(joints) >= 2.0 - 1e-6
+                assert fcl_loop.find_hit(joints) is None
+                assert fcl_loop.measure_clearance(joints) >= 2.0 - 1e-6
 
 
 def test_motions_at_the_ends_of_edges_and_before_contact_stop() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bench.robots.rfa import FREE, PARTS
+from bench.robots.rfa import FREE, PARTS, make_job, make_loop
 from camgen.model.job import CellTable
 from camgen.motion.cell import make_free_space, make_setup
 from camgen.motion.limits import LinkSpeeds
@@ -34,7 +34,7 @@ DEFAULT_MARGIN = CellTable().margin
 
 def build_part(name: str, margin: float, free: bool = False, select: str = "") -> Result:
     """Build the part for a cell of the bench. free: the tool may tilt and roll."""
-    tables = cell(SOLID, name)
+    tables = make_job(SOLID, name)
     if select:
         tables["input"] = {"select": select}
     tool = {**tables["tool"], **(FREE if free else {})}
@@ -48,9 +48,9 @@ def build_part(name: str, margin: float, free: bool = False, select: str = "") -
 def measure_clearance(result: Result) -> float:
     """The smallest clearance at all joint values of the check, mm, by a plain loop over fcl."""
     assert result.reach is not None
-    fcl_loop, clearance = loop(result, SOLID), math.inf
+    fcl_loop, clearance = make_loop(result, SOLID), math.inf
     for row in result.reach.joints:
-        clearance = fcl_loop.gap(row, clearance)
+        clearance = fcl_loop.measure_clearance(row, clearance)
     return clearance
 
 
@@ -79,14 +79,14 @@ def test_each_path_and_each_link_has_its_clearance_in_the_report() -> None:
     result = build_part(TIGHT, 2.0, select="e11, e14, e15")
     assert result.reach is not None
     assert result.clear is not None
-    fcl_loop, columns = loop(result, SOLID), result.program.columns
+    fcl_loop, columns = make_loop(result, SOLID), result.program.columns
     paths = len(result.tour.paths)
     expected = np.full((paths + 1, 2), result.clear.bound)
     motions = np.searchsorted(columns.at, result.reach.owner).tolist()
     for rows, motion in zip(pairwise(result.reach.joints), motions[1:], strict=True):
         key = columns.path[motion], int(columns.works[motion])
         for row in rows:  # the last row of a link is the first one of its path
-            expected[key] = min(expected[key], fcl_loop.gap(row, expected[key]))
+            expected[key] = min(expected[key], fcl_loop.measure_clearance(row, expected[key]))
     report = json.loads(json.dumps(result.report))
     reported = [[path["link_clearance_mm"], path["clearance_mm"]] for path in report["paths"]]
     assert np.allclose(reported, expected[:-1], atol=0.25)

@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 import camgen
-from bench.robots.rfa import FREE, PARTS
+from bench.robots.rfa import FREE, PARTS, make_job
 from camgen.check.time import compute_cycle
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, rotation_between
@@ -76,7 +76,7 @@ def build_disc(disc: Path, controller: str = "rapid", **tables: dict[str, object
 @cache
 def build_paper_part() -> Result:
     """Build the first part of the paper; along its rims the tilt and roll of the tool change."""
-    tables = cell(mesh.read(source(PARTS / "rfa1.stl")), "IRB 2400")
+    tables = make_job(mesh.read(source(PARTS / "rfa1.stl")), "IRB 2400")
     return camgen.build(
         PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": {**tables["tool"], **FREE}}
     )

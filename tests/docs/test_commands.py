@@ -23,6 +23,7 @@ import trimesh
 from ezdxf import recover
 
 from bench.render import photos
+from bench.render.burrs import add_burrs
 from bench.render.parts import paper
 from camgen.cli import main, make_parsers
 from camgen.model.errors import JobError
@@ -152,7 +153,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         photo.shot, lens=replace(photo.shot.lens, size=(1200, 858))
     )  # as codecs want it
     # The part has a burr, so that a second pass has work.
-    burred_loops, _ = with_burrs(photo.loops, 1, np.random.default_rng(1), 1.2, 1.5, (6.0, 8.0))
+    burred_loops, _ = add_burrs(photo.loops, 1, np.random.default_rng(1), 1.2, 1.5, (6.0, 8.0))
     layers = (*photo.scene.layers[:-1], replace(photo.scene.layers[-1], loops=burred_loops))
     burred = replace(photo, loops=burred_loops, scene=replace(photo.scene, layers=layers))
     photos.write(folder, replace(burred, name="photo", shot=even_shot))

@@ -32,7 +32,7 @@ def panel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def drill_panel(panel: Path, post: str = "rapid", **tool: object) -> Result:
-    job = robotsp.job([])
+    job = robotsp.make_job([])
     job["tool"] = {**job["tool"], "symmetric": False, **tool}  # type: ignore[dict-item]
     return build(panel, post=post, job=job)
 
@@ -99,13 +99,13 @@ def test_holes_out_of_reach_with_the_fixed_roll_are_reached_with_others(panel: P
     with pytest.raises(NoSafeProgram):
         drill_panel(panel)
     free = drill_panel(panel, symmetric=True)
-    assert robotsp.find_missed(robotsp.joints_of(free), robotsp.made_holes()) == 0
+    assert robotsp.count_missed(robotsp.list_joints(free), robotsp.make_holes()) == 0
     assert not [note for note in free.notes if note.kind == "skipped"]
 
 
 def test_the_drill_is_read_back_from_pacscript_too(panel: Path) -> None:
     free = drill_panel(panel, "pacscript", symmetric=True)
-    assert robotsp.find_missed(robotsp.joints_of(free), robotsp.made_holes()) == 0
+    assert robotsp.count_missed(robotsp.list_joints(free), robotsp.make_holes()) == 0
     assert free.deviation.max_mm < 0.01
 
 

@@ -50,12 +50,12 @@ def find_path(paths: Sequence[ToolPath], point: tuple[float, float]) -> str:
 
 def test_a_panel_is_drilled_with_the_margin(tmp_path: Path) -> None:
     """With other rolls to choose from, links once came within 0.01 mm of the holder."""
-    published = robotsp.job([])
+    published = robotsp.make_job([])
     cell = published["cell"]
     assert isinstance(cell, dict)
     job = {**published, "cell": {**cell, "margin": 2.0}}
-    result = camgen.build(robotsp.draw(robotsp.made_holes(), tmp_path), post="rapid", job=job)
-    assert robotsp.find_missed(robotsp.joints_of(result), robotsp.made_holes()) == 0
+    result = camgen.build(robotsp.draw(robotsp.make_holes(), tmp_path), post="rapid", job=job)
+    assert robotsp.count_missed(robotsp.list_joints(result), robotsp.make_holes()) == 0
     assert list_near(result) == []
     assert result.clear is not None
     assert result.clear.clearance == pytest.approx(2.0, abs=0.005)

@@ -12,7 +12,7 @@ import pytest
 
 import camgen
 from bench.render.board import markers
-from bench.render.optics import Lens, Shot, photo_from_work
+from bench.render.optics import Lens, Shot, aim_camera, photo_from_work
 from bench.render.parts import NAMED
 from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.truth import offset_truth, path_error
@@ -39,7 +39,7 @@ MARKS = [(-10, -10), (90, -10), (90, 75), (-10, 75), (40, -5), (-5, 35)]
 
 def shot(tilt: float = 10.0, seed: int = 1, **more: Any) -> Shot:
     """A photo of the surroundings of (45, 40) mm, with 0.2 mm per pixel."""
-    rotation, origin = looking(LENS, 45 + 40j, 402 + 297j, 0.2, tilt, 30, 15)
+    rotation, origin = aim_camera(LENS, 45 + 40j, 402 + 297j, 0.2, (tilt, 30, 15))
     return Shot(LENS, rotation, origin, blur=0.7, read=1.5, seed=seed, **more)
 
 
@@ -126,7 +126,7 @@ def test_contours_have_about_as_many_lines_and_arcs_as_the_part(
 
 def test_markers_give_the_work_plane(folder: Path) -> None:
     paper = make_sheet("A4", 20.0)
-    rotation, origin = looking(LENS, 110 + 62j, 402 + 297j, 0.38, 8, 40, 5)
+    rotation, origin = aim_camera(LENS, 110 + 62j, 402 + 297j, 0.38, (8, 40, 5))
     seen = Shot(LENS, rotation, origin, blur=0.6, read=1.0, seed=3)
     left, low = paper.origin
     page = (-left, -low, paper.page[0] - left, paper.page[1] - low)
