@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bench.support.runner import Cells, Scenario, run, verdict
-from tests.support.rounded_paths import judge
+from tests.support.rounded_paths import list_corners
 from tests.test_cases import ALL, built
 
 #: mm: half of the last digit moves both ends of a motion.
@@ -34,7 +34,7 @@ def measure(case: Path, post: str) -> Iterable[Cells]:
     rounded = result.rounded
     judged = 0.0
     for file in result.files:
-        judged = max([judged, *(corner.mm for corner in judge(post, file.text))])
+        judged = max([judged, *(corner.mm for corner in list_corners(post, file.text))])
     # The judge does not know which lines are chords of an arc.
     is_met = rounded.excess <= DIGITS and judged <= rounded.largest + DIGITS
     stops = result.text.count(STOPS[post])

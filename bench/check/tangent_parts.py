@@ -20,7 +20,7 @@ import camgen
 from bench.render.tangent_parts import LANGUAGES, TangentPart, tangent_part
 from bench.support.runner import Cells, Scenario, read_words, run, verdict
 from camgen.model.pose import frozen
-from tests.support.rounded_paths import judge, trace
+from tests.support.rounded_paths import list_corners, trace
 
 #: mm: half of the last digit moves both ends of a motion, and the polygon leaves its arcs.
 DIGITS = 0.001
@@ -60,7 +60,7 @@ def measure(post: str, numbers: Iterable[int]) -> Iterator[Cells]:
         parts += 1
         left_out += any(note.kind == "skipped" for note in result.notes)
         paths = trace(post, text)
-        rounding = judge(post, text)
+        rounding = list_corners(post, text)
         passed += len(rounding)
         corners += paths.joints
         rounded = max([rounded, *(corner.mm for corner in rounding)])

@@ -14,7 +14,7 @@ from camgen.cli import main
 from camgen.model.errors import NoSafeProgram
 from camgen.model.program import Columns
 from camgen.post.plugins import dynamics_of, fill_tables, find_readback
-from tests.support.rounded_paths import judge
+from tests.support.rounded_paths import list_corners
 from tests.test_cases import ALL, built
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -34,7 +34,7 @@ MEASURED = [
 )
 def test_the_deviation_agrees_with_an_independent_model(case: Path, post: str) -> None:
     result = built(case, post)
-    corners = judge(post, result.text)
+    corners = list_corners(post, result.text)
     assert len(corners) == result.rounded.transitions
     assert max(corners).mm == pytest.approx(result.rounded.mm, rel=0.02, abs=DIGITS / 10)
     assert max(corners).mm <= result.rounded.allowed + DIGITS
@@ -59,7 +59,7 @@ def test_each_zone_that_is_too_large_is_found() -> None:
     too_large = 0
     for zone in re.finditer(r",(z0|z1|z5),(?=tCamgen)", text):
         changed = f"{text[: zone.start()]},z10,{text[zone.end() :]}"
-        worst = max(judge("rapid", changed))
+        worst = max(list_corners("rapid", changed))
         if worst.mm <= result.rounded.allowed + 2 * DIGITS:
             continue
         rounded = measure_changed(result, changed)

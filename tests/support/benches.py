@@ -31,7 +31,7 @@ class Bench:
         assert match, address
         self.host, self.port, self.root = match[1], int(match[2]), match[3]
 
-    def ask(
+    def send(
         self,
         method: str,
         path: str,
@@ -55,7 +55,7 @@ class Bench:
         return answer.status, data, answer.headers
 
     def post(self, path: str, /, **arguments: Any) -> tuple[int, Json]:
-        status, data, _ = self.ask("POST", f"{self.root}/{path}", json.dumps(arguments).encode())
+        status, data, _ = self.send("POST", f"{self.root}/{path}", json.dumps(arguments).encode())
         return status, json.loads(data)
 
     def change(self, *path: str | int, value: Any = None, raw: str | None = None) -> None:

@@ -86,7 +86,7 @@ def trace(language: str, text: str) -> Paths:
     return Paths(np.concatenate(programmed), np.concatenate(executed), joints)
 
 
-def judge(language: str, text: str) -> list[Corner]:
+def list_corners(language: str, text: str) -> list[Corner]:
     """The corners between motions of a text at the height of the part or below."""
     pieces = list_pieces(language, text)
     corners = []

@@ -69,7 +69,7 @@ def undone(bench: Bench) -> Iterator[Bench]:
 def test_a_request_with_another_address_or_host_is_refused(
     bench: Bench, path: str, host: str | None
 ) -> None:
-    status, body, headers = bench.ask(
+    status, body, headers = bench.send(
         "GET", path.format(root=bench.root), headers={"Host": host} if host else {}
     )
     assert status in (404, 421)
@@ -100,14 +100,14 @@ def test_only_the_page_of_the_workbench_may_change_the_job(
     sent_headers = {
         name: value.format(own=f"http://{bench.host}") for name, value in headers.items()
     }
-    assert bench.ask("POST", f"{bench.root}/undo", b"{}", sent_headers)[0] == status
+    assert bench.send("POST", f"{bench.root}/undo", b"{}", sent_headers)[0] == status
 
 
 def test_another_origin_reads_nothing(bench: Bench) -> None:
     for headers in ({"Origin": "http://evil.example"}, {"Sec-Fetch-Site": "cross-site"}):
         for path in ("/", "/form", "/events", "/page/1"):
-            assert bench.ask("GET", bench.root + path, headers=headers)[0] == 403
-    status, _, headers_sent = bench.ask("GET", f"{bench.root}/form")
+            assert bench.send("GET", bench.root + path, headers=headers)[0] == 403
+    status, _, headers_sent = bench.send("GET", f"{bench.root}/form")
     assert status == 200
     assert not [name for name in headers_sent if name.lower().startswith("access-control")]
 
@@ -115,7 +115,7 @@ def test_another_origin_reads_nothing(bench: Bench) -> None:
 def test_the_size_of_a_request_is_limited(bench: Bench) -> None:
     page_headers = {"Origin": f"http://{bench.host}", "Content-Type": "application/json"}
     assert (
-        bench.ask(
+        bench.send(
             "POST", f"{bench.root}/change", headers={**page_headers, "Content-Length": "2000001"}
         )[0]
         == 413
@@ -142,7 +142,7 @@ def test_the_size_of_a_request_is_limited(bench: Bench) -> None:
     "text", [b"", b"[]", b"{", b'{"changes": 5}', b'{"changes": [], "more": 1}', b"\xff"]
 )
 def test_a_malformed_request_is_answered_with_an_error(bench: Bench, text: bytes) -> None:
-    status, data, _ = bench.ask("POST", f"{bench.root}/change", text)
+    status, data, _ = bench.send("POST", f"{bench.root}/change", text)
     assert status == 400
     assert "reload" in json.loads(data)["line"]
 
@@ -150,7 +150,7 @@ def test_a_malformed_request_is_answered_with_an_error(bench: Bench, text: bytes
 def test_pages_load_nothing_from_other_origins(bench: Bench) -> None:
     number = bench.wait()["built"]["number"]
     shell, page = (
-        bench.ask("GET", f"{bench.root}/{path}")[2]["content-security-policy"]
+        bench.send("GET", f"{bench.root}/{path}")[2]["content-security-policy"]
         for path in ("", f"page/{number}")
     )
     assert "default-src 'none'" in shell
@@ -213,10 +213,10 @@ def test_the_last_connection_of_a_browser_is_kept_free(bench: Bench) -> None:
     pages = [bench.states() for _ in range(4)]  # the fixture has a page as well
     for page in pages:
         next(page)
-    status, text, _ = bench.ask("GET", f"{bench.root}/")
+    status, text, _ = bench.send("GET", f"{bench.root}/")
     assert (status, b"open in 5 tabs" in text) == (503, True)
     pages[0].close()  # type: ignore[attr-defined]
-    wait_for("a page leaves", lambda: bench.ask("GET", f"{bench.root}/")[0] == 200)
+    wait_for("a page leaves", lambda: bench.send("GET", f"{bench.root}/")[0] == 200)
     for page in pages[1:]:
         page.close()  # type: ignore[attr-defined]
 
