@@ -419,7 +419,7 @@ def _report(
     terminal: Terminal,
 ) -> None:
     """Write the page of a program. Raises JobError for a file that must not be replaced."""
-    from camgen.preview.foreign import view_program  # noqa: PLC0415 (only for a page)
+    from camgen.preview.third_party import view_program  # noqa: PLC0415 (only for a page)
     from camgen.preview.page import format_page  # noqa: PLC0415
 
     terminal.stage("drawing")
