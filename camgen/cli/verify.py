@@ -419,8 +419,8 @@ def _report(
     terminal: Terminal,
 ) -> None:
     """Write the page of a program. Raises JobError for a file that must not be replaced."""
-    from camgen.preview.third_party import view_program  # noqa: PLC0415 (only for a page)
     from camgen.preview.page import format_page  # noqa: PLC0415
+    from camgen.preview.third_party import view_program  # noqa: PLC0415 (only for a page)
 
     terminal.stage("drawing")
     drawn = format_page(
