@@ -39,6 +39,16 @@ class SpaceChains(Struct, frozen=True, eq=False):
     counts: NDArray[np.int64]
 
 
+def lift(points: FloatArray, z: float = 0.0) -> FloatArray:
+    """Points (N, 2) as points (N, 3) at the height `z`, mm."""
+    return np.column_stack([points, np.full(len(points), z)])
+
+
+def interpolate_rows(places: FloatArray, at: FloatArray, rows: FloatArray) -> FloatArray:
+    """The values (M, D) at `places` (M,), linear between the `rows` (N, D) at `at` (N,)."""
+    return np.column_stack([np.interp(places, at, column) for column in rows.T])
+
+
 def draw_spans(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) -> DrawnSpans:
     """Divide M segments into straight pieces.
 
@@ -88,7 +98,7 @@ def _trace_segments(
 
 def _list_segments(contour: Contour) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Start, via and end points of the segments, each (N, 3)."""
-    points = np.column_stack([contour.points, np.zeros(len(contour.points))])
+    points = lift(contour.points)
     count = len(points) if contour.closed else len(points) - 1
     start, end = points[:count], np.roll(points, -1, axis=0)[:count]
     bulge = contour.bulges[:count]
