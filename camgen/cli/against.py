@@ -275,8 +275,8 @@ def _list_rework_lines(
 
 def _list_unplanned(inspection: Inspection) -> list[NotReworked]:
     """The differences that are not burrs, for a list without `--removal`."""
-    return [
-        NotReworked(number, WHY_NOT[difference.kind])
-        for number, difference in enumerate(inspection.differences, 1)
-        if difference.kind in WHY_NOT
-    ]
+    skipped = []
+    for number, difference in enumerate(inspection.differences, 1):
+        if difference.kind in WHY_NOT:
+            skipped.append(NotReworked(number, WHY_NOT[difference.kind]))
+    return skipped

@@ -193,9 +193,7 @@ def _reach(result: Result) -> list[Row]:
         ]
     if result.reach is None:
         usual = result.post.cell().robot
-        hint = ""
-        if usual:
-            hint = f'; cell.robot = "{usual}" checks it, camgen robots lists others'
+        hint = f'; cell.robot = "{usual}" checks it, camgen robots lists others' if usual else ""
         return [
             ("reach", f"not proven: no robot model{hint}", "look"),
             ("collision", "not proven: no robot model", "look"),
@@ -471,8 +469,7 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         check_programs([(path, file.head(HEADER_BYTES)) for path, file in written])
         if not arguments.force:
             check_edits(targets)
-        extras = _extras(arguments, result, list_paths(programs))
-        write_all([*written, *extras], files.opened)
+        write_all([*written, *_extras(arguments, result, list_paths(programs))], files.opened)
     if aloud:
         terminal.out(bytes(programs[0][1]).decode("ascii"))
         programs = [(Path("-"), programs[0][1])]
@@ -526,8 +523,7 @@ def _extras(
 ) -> Iterator[tuple[Path, bytes]]:
     """The requested files of plan, report and preview, with their bytes."""
     if arguments.plan:
-        options = result.job.post
-        data = encode(result.program, result.post.name, options, result.job.tolerance.chord)
+        data = encode(result.program, result.post.name, result.job.post, result.job.tolerance.chord)
         yield Path(arguments.plan), data
     if arguments.report:
         report = result.report | {"files": [clean(path.name) for path in programs]}

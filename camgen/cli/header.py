@@ -53,8 +53,7 @@ class Header(Struct, frozen=True):
 
 def read_header(texts: Mapping[str, str]) -> Header | None:
     """The header of the first text; None for a text of another hand."""
-    first = next(iter(texts.values()), "")
-    head = first.split("\n", _LINES)[:_LINES]
+    head = next(iter(texts.values()), "").split("\n", _LINES)[:_LINES]
     job, post = _JOB.search("\n".join(head)), _POST.search("\n".join(head))
     if job is None or post is None:
         return None

@@ -252,9 +252,8 @@ def _list_left_out(location: Location) -> list[tuple[str, str, str]]:
 
 
 def _describe_rival(rival: Rival, noise_limit: float) -> str:
-    elsewhere = f", surface up to {short(rival.distance, 2)} mm elsewhere"
-    if rival.distance <= noise_limit:
-        elsewhere = ""
+    distance = f", surface up to {short(rival.distance, 2)} mm elsewhere"
+    elsewhere = distance if rival.distance > noise_limit else ""
     return f"turned by {rival.turn:.1f} deg{elsewhere}: {_line(rival.base_from_work)}"
 
 

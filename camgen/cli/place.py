@@ -99,8 +99,7 @@ def _write_cell(result: Search, part: str, folder: Path) -> str:
     """The file of the cell of the best set-up."""
     head = [f"camgen {__version__}: where {harmless(part)} should stand"]
     head += join_rows([*_describe(result), *_list_edges(result)])
-    lines = write_table("cell", result.best[0].job.cell, folder)
-    return _join(head, lines)
+    return _join(head, write_table("cell", result.best[0].job.cell, folder))
 
 
 def _write_set_up(

@@ -40,9 +40,8 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     for robot in listed:
         joints, trust = str(len(robot.joints)), robot.trust
         rows.append((robot.name, robot.maker, joints, robot.kind, trust.kinematics, trust.limits))
-        notes += "".join(f"{robot.name}: {note}\n" for note in robot.notes)
-    if not terminal.verbose:
-        notes = ""
+        if terminal.verbose:
+            notes += "".join(f"{robot.name}: {note}\n" for note in robot.notes)
     terminal.out(format_table(rows) + notes)
     return 0
 

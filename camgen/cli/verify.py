@@ -375,8 +375,7 @@ def _read_fixtures(post: str, job: Job, files: Files, drawing: Path | None) -> F
     from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for jobs with fixtures)
 
     drawn = read(drawing, job, files) if drawing and job.drawn_fixtures else None
-    cell = cell_of(_post_of(post), job)
-    return read_cell(drawn, job, cell, files).fixtures
+    return read_cell(drawn, job, cell_of(_post_of(post), job), files).fixtures
 
 
 def _is_for_arm(post: Post) -> bool:

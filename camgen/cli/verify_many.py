@@ -188,8 +188,7 @@ def _find_calls(
         for name in _list_definitions(path, text, languages[path]):
             owners[path.parent, _name(languages[path]), name].append(path)
     for path, text in texts.items():
-        words = set(map(str.lower, _WORD.findall(text)))
-        for word in sorted(words):
+        for word in sorted(set(map(str.lower, _WORD.findall(text)))):
             owner = owners.get((path.parent, _name(languages[path]), word), [])
             if len(owner) == 1 and owner[0] != path:
                 yield path, owner[0]

@@ -38,8 +38,7 @@ def project_aside(part: Part, tour: Tour) -> tuple[Part, Tour]:
     chains = _project([(path.position, path.via[1:]) for path in tour.paths], sag)
     paths: list[ToolPath] = []
     for path, rows in zip(tour.paths, chains, strict=True):
-        position = lift(rows)
-        paths.append(replace(path, table=make_waypoints(position, np.nan, path.feed[0])))
+        paths.append(replace(path, table=make_waypoints(lift(rows), np.nan, path.feed[0])))
     return replace(part, contours=tuple(contours)), replace(tour, paths=tuple(paths))
 
 

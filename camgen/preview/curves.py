@@ -89,8 +89,7 @@ def _trace_segments(
         return SpaceChains(np.zeros((0, 3)), np.zeros(0, np.int64))
     start, via, end = map(np.concatenate, zip(*rows, strict=True))
     drawn = draw_spans(start, via, end, sag)
-    sizes = np.array([len(row[0]) for row in rows])
-    starts = compute_first_rows(sizes)
+    starts = compute_first_rows(np.array([len(row[0]) for row in rows]))
     first = np.searchsorted(drawn.owner, starts)
     counts = np.diff(np.append(first, len(drawn.owner))) + 1
     return SpaceChains(np.insert(drawn.points, first, start[starts], axis=0), counts)

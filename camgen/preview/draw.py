@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -133,7 +134,7 @@ def format_path_data(chains: PageChains, page: Paper) -> list[str]:
     starts = chains.first.tolist()
     for k in starts:
         words[k] = f"M{points[k, 0]:.2f} {points[k, 1]:.2f}"
-    return ["".join(words[a:b]) for a, b in zip(starts, [*starts[1:], len(words)], strict=True)]
+    return ["".join(words[a:b]) for a, b in pairwise([*starts, len(words)])]
 
 
 def join_path_data(chains: PageChains, page: Paper) -> str:

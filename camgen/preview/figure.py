@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import find_run_starts
+from camgen.geometry.ragged import find_run_starts, list_owners, number_rows
 from camgen.model.part import BoolArray, Solid
 from camgen.model.pose import IDENTITY, FloatArray
 from camgen.preview.aside import TILT, TURN, compute_view_axes
@@ -190,8 +190,8 @@ def _subdivide(chain: FloatArray, max_step: float) -> FloatArray:
     """The chain with additional points, so that no step is longer than `max_step` mm."""
     steps = np.linalg.norm(np.diff(chain, axis=0), axis=1)
     parts = np.maximum(np.ceil(steps / max_step), 1).astype(np.int64)
-    rows = [k + np.arange(1, n + 1) / n for k, n in enumerate(parts.tolist())]
-    places = np.concatenate([[0.0], *rows])
+    step = list_owners(parts)
+    places = np.append(0.0, step + (number_rows(parts) + 1) / parts[step])
     return interpolate_rows(places, np.arange(float(len(chain))), chain)
 
 

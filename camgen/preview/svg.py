@@ -100,7 +100,7 @@ def format_svg(
     seen: outlines (N, 2) in a photo of the part, mm.
     standing: fixtures of a mill.
     """
-    lengths = [measure_path(path) for path in tour.paths]
+    lengths = list(map(measure_path, tour.paths))
     if part.curves:
         part, tour = project_aside(part, tour)
     followed = set(chain.from_iterable(path.contours for path in tour.paths))

@@ -419,8 +419,7 @@ def _mark_gaps(
         for number, part in split_chain(points, stretches[line.id]):
             stretch = replace(line, closed=False, why="", path=names[line.id][number])
             if number < 0:
-                why = line.why or _TRIMMED
-                stretch = replace(line, closed=False, state="skipped", why=why)
+                stretch = replace(line, closed=False, state="skipped", why=line.why or _TRIMMED)
             pieces.append((stretch, part))
     drawn, parts = zip(*pieces, strict=True)
     split = SpaceChains(np.concatenate(parts), np.array(list(map(len, parts))))
@@ -484,8 +483,7 @@ def _list_facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
     if result.clear and result.where:
         solid = ["the part"] if part.solid else []
         bodies = [body.name for body in (*result.where.bodies, *result.where.standing)]
-        meshes = [name for name, _ in result.where.meshes]
-        tested = ", ".join(["robot", *bodies, *solid, *meshes])
+        tested = ", ".join(["robot", *bodies, *solid, *[name for name, _ in result.where.meshes]])
         clearance = f"{short(result.clear.clearance, 2)} mm or more apart"
         if result.clear.nearest:
             clearance += f", least {clean(str(result.clear.nearest))}"
@@ -524,8 +522,7 @@ def _list_cut(cutters: Cutters, stock: Stock | None) -> list[tuple[str, str]]:
     """The facts on the tools, if there are several, and on the stock."""
     facts = []
     for number, tool in enumerate(cutters.tools, 1):
-        text = f"{tool.name}: {tool.kind}, {short(tool.diameter, 2)} mm"
-        facts.append((f"Tool {number}", text))
+        facts.append((f"Tool {number}", f"{tool.name}: {tool.kind}, {short(tool.diameter, 2)} mm"))
     if len(facts) == 1:
         facts = []
     return [*facts, ("Stock", format_stock(stock))] if stock else facts
