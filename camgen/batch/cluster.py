@@ -32,9 +32,10 @@ def run_on_cluster(tasks: Sequence[Task], address: str) -> Generator[tuple[Task,
     try:
         distributed: Any = import_module("distributed")
     except ImportError as error:
-        what = "needs the package distributed"
         raise JobError(
-            f"--dask {address}", what, remedy="install camgen with the extra dask"
+            f"--dask {address}",
+            "needs the package distributed",
+            remedy="install camgen with the extra dask",
         ) from error
     try:
         client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
@@ -42,8 +43,9 @@ def run_on_cluster(tasks: Sequence[Task], address: str) -> Generator[tuple[Task,
         what = f"is not an address: {error}"
         if isinstance(error, OSError):
             what = "no Dask scheduler answers"
-        remedy = "give tcp://HOST:PORT as the scheduler prints it"
-        raise JobError(f"--dask {address}", what, remedy=remedy) from error
+        raise JobError(
+            f"--dask {address}", what, remedy="give tcp://HOST:PORT as the scheduler prints it"
+        ) from error
     with client:
         running: dict[Any, Task] = {}
         done = distributed.as_completed(loop=client.loop)
@@ -84,11 +86,16 @@ def _pack(task: Task) -> Task | Outcome:
     remedy = "build without --dask"
     try:
         if task.post.endswith(".py"):
-            what = "a post from a file cannot be sent to a cluster"
-            raise JobError(task.post, what, remedy=remedy)
+            raise JobError(
+                task.post, "a post from a file cannot be sent to a cluster", remedy=remedy
+            )
         if split_name(task.job.cell.robot):
-            what = "an arm from a URDF file cannot be sent to a cluster"
-            raise JobError(task.job_file, what, "cell.robot", remedy)
+            raise JobError(
+                task.job_file,
+                "an arm from a URDF file cannot be sent to a cluster",
+                "cell.robot",
+                remedy,
+            )
         names = [str(task.source), *list_carried(task.job)]
         files = Files(limits=task.job.limits)
         return replace(task, carried=tuple((name, files.read(name).data) for name in names))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import os
 from collections.abc import Sequence
+from itertools import takewhile
 from pathlib import Path, PurePath
 
 from msgspec import Struct
@@ -52,13 +53,12 @@ def _find_matches(pattern: str) -> list[tuple[Path, PurePath]]:
         raise JobError(pattern, f"is not a pattern: {error}") from error
     paths = [Path(name) for name in names if not name.endswith(_NO_INPUTS) and os.path.isfile(name)]
     if not paths:
-        remedy = "put the pattern in quotes, and list the folder"
-        raise JobError(pattern, "no file matches", remedy=remedy)
+        raise JobError(
+            pattern, "no file matches", remedy="put the pattern in quotes, and list the folder"
+        )
     base = _find_base(path)
     return [(match, match.relative_to(base).parent) for match in paths]
 
 
 def _find_base(pattern: Path) -> Path:
-    parts = pattern.parts[:-1]
-    fixed = next((k for k, part in enumerate(parts) if glob.has_magic(part)), len(parts))
-    return Path(*parts[:fixed])
+    return Path(*takewhile(lambda part: not glob.has_magic(part), pattern.parts[:-1]))

@@ -65,25 +65,33 @@ def make_parts(
     if a file is an input.
     """
     suffix, post = find_post(options.post).suffix, _describe_post(options.post)
-    parts = [
-        _make_part(place, source, options, suffix, post) for place, source in enumerate(inputs)
-    ]
     owners: dict[str, int] = {}
-    read = {identity(batch_input.source) for batch_input in inputs}
-    read.update(*(part.read for part in parts))
+    parts, read = [], set[str]()
+    for place, batch_input in enumerate(inputs):
+        parts.append(_make_part(place, batch_input, options, suffix, post))
+        read.add(identity(batch_input.source))
+        read.update(parts[-1].read)
     if identity(folder / NAME) in read:
-        what = "is read by a part, and a batch writes it"
-        raise JobError(str(folder / NAME), what, remedy="rename it")
+        raise JobError(
+            str(folder / NAME), "is read by a part, and a batch writes it", remedy="rename it"
+        )
     for place, part in enumerate(parts):
         first = owners.setdefault(part.program.casefold(), place)
         source = str(part.input.source)
         if first != place and not part.outcome:
-            what = f"its program would have the same name as that of {parts[first].input.source}"
-            remedy = 'build them into two folders, or by one pattern with "**"'
-            raise JobError(source, what, part.program, remedy)
+            raise JobError(
+                source,
+                f"its program would have the same name as that of {parts[first].input.source}",
+                part.program,
+                'build them into two folders, or by one pattern with "**"',
+            )
         if identity(folder / part.program) in read:
-            what = "its program would overwrite a file that is read"
-            raise JobError(source, what, part.program, "give another folder with -o")
+            raise JobError(
+                source,
+                "its program would overwrite a file that is read",
+                part.program,
+                "give another folder with -o",
+            )
     return [_skip_unchanged(part, folder, records) for part in parts], owners
 
 
@@ -142,5 +150,6 @@ def _describe_post(post: str) -> str:
     if post.endswith(".py"):
         return f"{__version__} {hashlib.sha256(Files().read(post).data).hexdigest()}"
     (entry,) = (entry for entry in list_entries(POSTS) if entry.name == post)
-    package = f" {entry.dist.name} {entry.dist.version}" if entry.dist else ""
-    return f"{__version__} {post}{package}"
+    return (
+        f"{__version__} {post}{(f' {entry.dist.name} {entry.dist.version}' if entry.dist else '')}"
+    )

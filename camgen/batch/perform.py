@@ -70,7 +70,6 @@ def _sum_report(result: Result) -> BuildSums:
 
 def list_carried(job: Job) -> list[str]:
     """The files that a job names and that can be sent to a cluster."""
-    meshes = [fixture for fixture in job.cell.fixtures or () if isinstance(fixture, str)]
-    photos = [job.image.background, job.image.lamp_moved]
-    names = [*photos, job.camera.file, job.cell.machine, *meshes]
-    return [name for name in dict.fromkeys(names) if name]
+    names = [job.image.background, job.image.lamp_moved, job.camera.file, job.cell.machine]
+    names += [fixture for fixture in job.cell.fixtures or () if isinstance(fixture, str)]
+    return list(filter(None, dict.fromkeys(names)))

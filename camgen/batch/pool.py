@@ -57,9 +57,9 @@ def run_local(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tup
     pending = deque(tasks)
     workers: list[_Worker] = []
     try:
-        while pending or any(worker.task for worker in workers):
+        while pending or _list_busy(workers):
             workers = [worker for worker in workers if worker.task or worker.process.is_alive()]
-            while pending and len([w for w in workers if w.task]) < jobs:
+            while pending and len(_list_busy(workers)) < jobs:
                 idle = next((worker for worker in workers if not worker.task), None)
                 worker = idle or _start(seconds or math.inf)
                 if worker is not idle:
@@ -73,12 +73,16 @@ def run_local(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tup
                     task = pending.popleft()
                     ending = format_exit(worker.process.exitcode)
                     yield task, make_fault(f"{task.source}: no process can be started ({ending})")
-            yield from _receive_outcomes([worker for worker in workers if worker.task])
+            yield from _receive_outcomes(_list_busy(workers))
     finally:
         for worker in workers:
             worker.process.kill()
             worker.process.join()
             worker.link.close()
+
+
+def _list_busy(workers: Sequence[_Worker]) -> list[_Worker]:
+    return [worker for worker in workers if worker.task]
 
 
 def _start(seconds: float) -> _Worker:

@@ -146,9 +146,9 @@ def is_unchanged(record: Record | None, digest: str, folder: Path) -> bool:
     if record is None or record.digest != digest:
         return False
     try:
-        return all(
-            hash_bytes(Files().open(folder / name).data) == value
-            for name, value in record.files.items()
-        )
+        for name, value in record.files.items():
+            if hash_bytes(Files().open(folder / name).data) != value:
+                return False
     except (OSError, ValueError, InputError):
         return False
+    return True

@@ -127,11 +127,21 @@ def _delay_signals() -> Iterator[list[int]]:
             signal.raise_signal(number)
 
 
-def check_targets(targets: Iterable[Path], sources: Iterable[Path]) -> None:
-    """Raise JobError for a target that cannot be written, is a source, or is named twice."""
-    read = {identity(path): path for path in sources}
+def list_paths(files: Iterable[tuple[Path, object]]) -> list[Path]:
+    """The paths of files that are given with their contents."""
+    return [path for path, _ in files]
+
+
+def check_targets(targets: Iterable[Path | None], sources: Iterable[Path | None]) -> None:
+    """Raise JobError for a target that cannot be written, is a source, or is named twice.
+
+    None stands for a file that the user does not name.
+    """
+    read = {identity(path): path for path in sources if path}
     named: set[str] = set()
     for target in targets:
+        if target is None:
+            continue
         with _name_errors(target):
             _check_target(target)
         same = identity(target)
@@ -155,9 +165,12 @@ def check_programs(programs: Sequence[tuple[Path, bytes]]) -> None:
     for target, data in programs:
         parts = find_parts(_read_head(target))
         if parts and parts != find_parts(data):
-            what = "is the program of another part"
-            remedy = "give another name or folder with -o, or move that file away"
-            raise JobError(str(target), what, b", ".join(parts).decode("ascii", "replace"), remedy)
+            raise JobError(
+                str(target),
+                "is the program of another part",
+                b", ".join(parts).decode("ascii", "replace"),
+                "give another name or folder with -o, or move that file away",
+            )
 
 
 def check_foreign(target: Path) -> None:
@@ -167,8 +180,11 @@ def check_foreign(target: Path) -> None:
     """
     head = _read_head(target)
     if head and b"camgen" not in head:
-        what = "is there already, and camgen did not write it"
-        raise JobError(str(target), what, remedy="name the program with -o, or move that file away")
+        raise JobError(
+            str(target),
+            "is there already, and camgen did not write it",
+            remedy="name the program with -o, or move that file away",
+        )
 
 
 def check_edits(targets: Iterable[Path]) -> None:
@@ -178,9 +194,11 @@ def check_edits(targets: Iterable[Path]) -> None:
     """
     for target in targets:
         if is_edited(target):
-            what = "was edited since camgen wrote it"
-            remedy = "--force replaces it, -o gives the new program another place"
-            raise JobError(str(target), what, remedy=remedy)
+            raise JobError(
+                str(target),
+                "was edited since camgen wrote it",
+                remedy="--force replaces it, -o gives the new program another place",
+            )
 
 
 def is_edited(target: Path) -> bool:
@@ -216,11 +234,13 @@ def _make_overwrite_error(target: Path, read: Path) -> JobError:
 
 def _check_target(target: Path) -> None:
     if target.name in ("", ".", "..", "-"):
-        remedy = "give a file or an existing folder"
-        raise JobError(str(target), "is not a file name", remedy=remedy)
+        raise JobError(
+            str(target), "is not a file name", remedy="give a file or an existing folder"
+        )
     if not target.parent.is_dir():
-        what = "its folder does not exist"
-        raise JobError(str(target), what, str(target.parent), "make the folder first")
+        raise JobError(
+            str(target), "its folder does not exist", str(target.parent), "make the folder first"
+        )
     try:
         mode = target.stat().st_mode
     except FileNotFoundError:

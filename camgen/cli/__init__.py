@@ -144,8 +144,9 @@ def _parse(words: list[str]) -> argparse.Namespace | None:
         return None
     first = next((word for word in words if not word.startswith("-")), None)
     if first is None and not {"-h", "--help", "--version"} & set(words):
-        remedy = f"give one of {', '.join(commands)}"
-        raise JobError("command line", "no command is given", remedy=remedy)
+        raise JobError(
+            "command line", "no command is given", remedy=f"give one of {', '.join(commands)}"
+        )
     if first is not None and first not in commands:
         raise JobError("command line", f"no command {first!r}", remedy=suggest(first, commands))
     try:

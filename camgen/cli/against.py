@@ -11,7 +11,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from camgen.batch.writing import check_targets, write_all
+from camgen.batch.writing import check_targets, list_paths, write_all
 from camgen.check.photo import (
     WHY_NOT,
     Difference,
@@ -22,9 +22,9 @@ from camgen.check.photo import (
     list_rework,
 )
 from camgen.check.photo.rework import WITHOUT_FORCE, check_following, check_pose
-from camgen.cli.inputs import open_inputs
+from camgen.cli.inputs import open_inputs, to_path
 from camgen.cli.rework import write_drawing, write_job
-from camgen.cli.say import Terminal, format_table
+from camgen.cli.say import Terminal, format_table, label_rows, rows_of_notes
 from camgen.model.errors import JobError, NoSafeProgram, VerifyError
 from camgen.model.job import CameraTable, ImageTable, Job
 from camgen.model.text import counted, name_ranges, short
@@ -48,14 +48,12 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     NoSafeProgram if a rework is asked for and no burr can be reworked.
     """
     _check_arguments(arguments)
-    targets = [Path(name) for name in (arguments.preview, arguments.rework) if name]
-    if arguments.rework:
-        targets.append(Path(arguments.rework).with_suffix(".dxf"))
+    preview, rework = to_path(arguments.preview), to_path(arguments.rework)
+    rework_drawing = rework and rework.with_suffix(".dxf")
     with open_inputs([arguments.input], arguments.format) as ((photo,), opened):
         drawing, drawing_job = _find_drawing(Path(arguments.against))
         job_file = find_job_file(arguments.job, photo)
-        job_files = [file for file in (job_file, drawing_job) if file]
-        check_targets(targets, [photo, drawing, *job_files])
+        check_targets([preview, rework, rework_drawing], [photo, drawing, job_file, drawing_job])
         job = load_job(job_file, arguments.sets, opened)
         files = opened.within(job.limits)
         terminal.stage("reading")
@@ -77,35 +75,42 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         if arguments.strict and inspection.differences:
             count = counted(len(inspection.differences), "place")
             first = _format_difference(inspection.differences[0])
-            what = f"differs from {drawing.name} in {count}, first: {first}"
-            raise VerifyError(arguments.input, what, remedy="leave --strict out to see all of them")
+            raise VerifyError(
+                arguments.input,
+                f"differs from {drawing.name} in {count}, first: {first}",
+                remedy="leave --strict out to see all of them",
+            )
         if arguments.rework:
             _check_clamps(part_job)
             check_following(part_job, name_operation(part, part_job))
             check_pose(arguments.input, inspection.fit, inspection.expected.region)
             if not works:
-                what = "shows no burr that can be worked again"
                 raise NoSafeProgram(
-                    arguments.input, what, remedy="leave --rework out to see what differs"
+                    arguments.input,
+                    "shows no burr that can be worked again",
+                    remedy="leave --rework out to see what differs",
                 )
-        write_all(list(_make_files(arguments, inspection, works, part_job)), files.opened)
+        written = list(_make_files(preview, rework, inspection, works, part_job))
+        write_all(written, files.opened)
     if arguments.json:
         terminal.data(_make_json(inspection, works, not_reworked))
     else:
         terminal.out(_format_page(inspection, works, not_reworked))
         if works and not part_job.process.force:
             terminal.rows([("warning", WITHOUT_FORCE, "look")])
-    warnings = [note for note in inspection.notes if note.kind == "warning"]
-    terminal.rows([(note.kind, str(note).partition(": ")[2], "look") for note in warnings])
-    terminal.rows([("written", str(target), "good") for target in targets])
+    terminal.rows(rows_of_notes(note for note in inspection.notes if note.kind == "warning"))
+    terminal.rows(label_rows("written", list_paths(written), "good"))
     return 0
 
 
 def _check_arguments(arguments: Namespace) -> None:
     """Raises JobError for file names or combinations of options that cannot be used."""
     if arguments.preview and Path(arguments.preview).suffix.lower() not in _PICTURES:
-        what = "is not a kind of picture of an inspection"
-        raise JobError(arguments.preview, what, remedy="end it in .svg or .png")
+        raise JobError(
+            arguments.preview,
+            "is not a kind of picture of an inspection",
+            remedy="end it in .svg or .png",
+        )
     if arguments.rework and arguments.removal is None:
         raise JobError(
             "--rework",
@@ -113,15 +118,22 @@ def _check_arguments(arguments: Namespace) -> None:
             remedy="give what one pass takes off, mm, e.g. --removal 0.2",
         )
     if arguments.rework and Path(arguments.rework).suffix.lower() != ".toml":
-        what = "is not the name of a job file"
-        raise JobError(arguments.rework, what, remedy="end it in .toml; a drawing comes beside it")
+        raise JobError(
+            arguments.rework,
+            "is not the name of a job file",
+            remedy="end it in .toml; a drawing comes beside it",
+        )
 
 
 def _check_clamps(job: Job) -> None:
     """Raises JobError if clamps are layers of the drawing, which the drawing of a rework lacks."""
     if job.drawn_fixtures:
-        what = "the drawing of a rework has no layers of clamps"
-        raise JobError("job", what, "cell.fixtures", "give boxes or mesh files")
+        raise JobError(
+            "job",
+            "the drawing of a rework has no layers of clamps",
+            "cell.fixtures",
+            "give boxes or mesh files",
+        )
 
 
 def _find_drawing(named: Path) -> tuple[Path, Path | None]:
@@ -137,9 +149,12 @@ def _find_drawing(named: Path) -> tuple[Path, Path | None]:
     suffixes: set[str] = set()
     for plugin in list_installed():
         if plugin.reader:
-            suffixes.update(suffix for suffix in plugin.reader.suffixes if suffix)
-    candidates = [named.with_suffix(suffix) for suffix in sorted(suffixes)]
-    drawings = [path for path in candidates if path.is_file()]
+            suffixes.update(plugin.reader.suffixes)
+    drawings = []
+    for suffix in sorted(suffixes - {""}):
+        path = named.with_suffix(suffix)
+        if path.is_file():
+            drawings.append(path)
     if len(drawings) == 1:
         return drawings[0], named
     names = ", ".join(path.name for path in drawings)
@@ -150,16 +165,18 @@ def _find_drawing(named: Path) -> tuple[Path, Path | None]:
 
 
 def _make_files(
-    arguments: Namespace, inspection: Inspection, works: Sequence[Rework], job: Job
+    preview: Path | None,
+    rework: Path | None,
+    inspection: Inspection,
+    works: Sequence[Rework],
+    job: Job,
 ) -> Iterator[tuple[Path, bytes]]:
     """Path and content of each file to write."""
-    if arguments.preview:
-        target = Path(arguments.preview)
-        yield target, draw(inspection, target.suffix.lower())
-    if arguments.rework:
-        target = Path(arguments.rework)
-        yield target, write_job(inspection, works, job, target)
-        yield target.with_suffix(".dxf"), write_drawing(works, inspection.expected.rings)
+    if preview:
+        yield preview, draw(inspection, preview.suffix.lower())
+    if rework:
+        yield rework, write_job(inspection, works, job, rework)
+        yield rework.with_suffix(".dxf"), write_drawing(works, inspection.expected.rings)
 
 
 # The printed result.
@@ -193,8 +210,9 @@ def _make_json(
     inspection: Inspection, works: Sequence[Rework], not_reworked: Sequence[NotReworked]
 ) -> dict[str, object]:
     """The result as data for `--json`."""
-    rows = [
-        {
+    rows = []
+    for difference in inspection.differences:
+        row = {
             "kind": difference.kind,
             "place": difference.place,
             "height": difference.height,
@@ -202,8 +220,7 @@ def _make_json(
             "area": difference.area,
             "contour": difference.contour,
         }
-        for difference in inspection.differences
-    ]
+        rows.append(row)
     return {
         "source": inspection.photo.source,
         "against": inspection.expected.source,
@@ -261,8 +278,8 @@ def _list_rework_lines(
 
 def _list_unplanned(inspection: Inspection) -> list[NotReworked]:
     """The differences that are not burrs, for a list without `--removal`."""
-    return [
-        NotReworked(number, WHY_NOT[difference.kind])
-        for number, difference in enumerate(inspection.differences, 1)
-        if difference.kind in WHY_NOT
-    ]
+    skipped = []
+    for number, difference in enumerate(inspection.differences, 1):
+        if difference.kind in WHY_NOT:
+            skipped.append(NotReworked(number, WHY_NOT[difference.kind]))
+    return skipped

@@ -21,9 +21,16 @@ from camgen.batch import cluster, pool, state
 from camgen.batch.inputs import find_inputs
 from camgen.batch.parts import BatchOptions, BatchPart, make_parts
 from camgen.batch.state import BuildSums, Outcome, Task
-from camgen.batch.writing import check_edits, check_programs, check_targets, write_all
+from camgen.batch.writing import (
+    check_edits,
+    check_programs,
+    check_targets,
+    list_paths,
+    write_all,
+)
 from camgen.check.report import clean
-from camgen.cli.say import Terminal, format_table
+from camgen.cli.inputs import to_path
+from camgen.cli.say import Terminal, format_table, label_rows
 from camgen.cli.stop import Stopped, exit_code, format_reason
 from camgen.model.errors import JobError, make_one_line
 from camgen.model.text import counted, duration
@@ -65,8 +72,8 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     _check(arguments)
     folder = Path(arguments.output or "")
     inputs = find_inputs(arguments.inputs)
-    reports = [Path(p) for p in [arguments.report] if p]
-    check_targets(reports, [batch_input.source for batch_input in inputs])
+    report = to_path(arguments.report)
+    check_targets([report], [batch_input.source for batch_input in inputs])
     terminal.stage("looking")
     records = state.load_records(folder)
     options = BatchOptions(arguments.post, arguments.job, tuple(arguments.sets), arguments.strict)
@@ -74,8 +81,8 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     read: dict[str, Path] = {}
     for part in parts:
         read |= part.read
-    check_targets(reports, read.values())
-    batch = _Batch(terminal, folder, parts, records, owners, read, reports, arguments.force)
+    check_targets([report], read.values())
+    batch = _Batch(terminal, folder, parts, records, owners, read, report, arguments.force)
     batch.take_known()
     try:
         with closing(_builders(arguments, [part.task for part in parts if part.task])) as done:
@@ -88,28 +95,34 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     if batch.written:
         state.write_records(folder, records)
     rows = [batch.rows[place] for place in range(len(parts))]
-    write_all([(path, _report(rows, arguments.post)) for path in reports], read)
+    if report:
+        write_all([(report, _report(rows, arguments.post))], read)
     _print_table(rows, terminal)
-    codes = {row.code for row in rows}
-    return next(code for code in _BY_SEVERITY if code in codes)
+    return min((row.code for row in rows), key=_BY_SEVERITY.index)
 
 
 def _check(arguments: Namespace) -> None:
     """Raise JobError once for an option that is wrong for all parts."""
     find_post(arguments.post)
     find_readback(arguments.post)
-    load_job(Path(arguments.job) if arguments.job else None, arguments.sets)
+    load_job(to_path(arguments.job), arguments.sets)
     if arguments.jobs is not None and arguments.jobs < 1:
         raise JobError("--jobs", f"must be 1 or more, not {arguments.jobs}")
     if arguments.timeout is not None and not 0 <= arguments.timeout < math.inf:
         raise JobError("--timeout", f"must be 0 or more seconds, not {arguments.timeout}")
     if arguments.dask and (arguments.jobs or arguments.timeout is not None):
-        what = "the cluster has its own limits of number and time"
-        raise JobError("--dask", what, remedy="leave out --jobs and --timeout")
+        raise JobError(
+            "--dask",
+            "the cluster has its own limits of number and time",
+            remedy="leave out --jobs and --timeout",
+        )
     output = arguments.output
     if output and os.path.exists(output) and not os.path.isdir(output):
-        remedy = "give a folder: a batch writes one program for each part"
-        raise JobError(output, "is not a folder", remedy=remedy)
+        raise JobError(
+            output,
+            "is not a folder",
+            remedy="give a folder: a batch writes one program for each part",
+        )
 
 
 def _builders(arguments: Namespace, tasks: list[Task]) -> Generator[tuple[Task, Outcome]]:
@@ -128,9 +141,10 @@ class _Batch(Struct):
     records: records of the batch before, by name.
     owners: part that may write a file, by the name of the file.
     read: files that are read and must not be written, by `identity`.
-    reports: files that the batch itself writes.
+    report: file that the batch itself writes, None without one.
     force: whether programs that were edited by hand are replaced.
     rows: rows of the table, by the number of the part.
+    statuses: number of rows by status.
     written: number of programs written.
     start: time of the start, on the clock `monotonic`, s.
     """
@@ -141,9 +155,10 @@ class _Batch(Struct):
     records: dict[str, state.Record]
     owners: dict[str, int]
     read: Mapping[str, Path]
-    reports: list[Path]
+    report: Path | None
     force: bool
     rows: dict[int, _Row] = msgspec.field(default_factory=dict)
+    statuses: Counter[str] = msgspec.field(default_factory=Counter)
     written: int = 0
     start: float = msgspec.field(default_factory=monotonic)
 
@@ -164,9 +179,7 @@ class _Batch(Struct):
         source = str(part.input.source)
         if outcome.sums is None:
             if self.terminal.verbose > 1 and outcome.trace:
-                self.terminal.rows(
-                    [("trace", line, "plain") for line in outcome.trace.splitlines()]
-                )
+                self.terminal.rows(label_rows("trace", outcome.trace.splitlines()))
             self._add(place, _Row(source, "failed", outcome.code, outcome.error))
             return
         try:
@@ -186,38 +199,44 @@ class _Batch(Struct):
         for name, _ in outcome.files:
             owner = self.owners.setdefault((below / name).as_posix().casefold(), place)
             if owner != place:
-                what = f"its program would overwrite that of {self.parts[owner].input.source}"
-                raise JobError(str(part.input.source), what, name, "rename one of them")
+                raise JobError(
+                    str(part.input.source),
+                    f"its program would overwrite that of {self.parts[owner].input.source}",
+                    name,
+                    "rename one of them",
+                )
         target = self.folder / below
         try:
             target.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise JobError(str(target), f"cannot be made: {error.strerror}") from error
         files = [(target / name, data) for name, data in outcome.files]
-        check_targets([*self.reports, *(path for path, _ in files)], [part.input.source])
+        paths = list_paths(files)
+        check_targets([self.report, *paths], [part.input.source])
         check_programs(files)
         if not self.force:
-            check_edits(path for path, _ in files)
+            check_edits(paths)
         write_all(files, self.read)
-        return tuple(str(path) for path, _ in files)
+        return tuple(map(str, paths))
 
     def _add(self, place: int, row: _Row) -> None:
         self.rows[place] = row
+        self.statuses[row.status] += 1
         done, total = len(self.rows), len(self.parts)
-        failed = sum(row.status == "failed" for row in self.rows.values())
         if self.terminal.is_interactive:
             bar = "#" * (_BAR * done // total)
-            progress = f"{done} of {total}, {failed} failed{self._format_rest(done, total)}"
+            failed = f"{self.statuses['failed']} failed"
+            progress = f"{done} of {total}, {failed}{self._format_rest(done, total)}"
             self.terminal.stage(f"[{bar:-<{_BAR}}] {progress}")
         elif row.status != "unchanged":
             self.terminal.rows([(row.status, _name(row), "look" if row.error else "plain")])
 
     def _format_rest(self, done: int, total: int) -> str:
         """The remaining time, from the mean time of the parts that were built."""
-        unchanged = sum(row.status == "unchanged" for row in self.rows.values())
-        if done == unchanged:
+        built = done - self.statuses["unchanged"]
+        if not built:
             return ""
-        seconds = (monotonic() - self.start) / (done - unchanged) * (total - done)
+        seconds = (monotonic() - self.start) / built * (total - done)
         return f", about {duration(seconds)} left"
 
 
@@ -229,9 +248,15 @@ def _print_table(rows: list[_Row], terminal: Terminal) -> None:
                 terminal.error(f"error: {_name(row)}")
         return
     terminal.clear()
-    cells = [("file", "status", "paths", "time", "notes"), *(_cells(row) for row in rows)]
-    below = [f"{make_one_line(clean(row.source))}: {_why(row)}\n" for row in rows if _is_long(row)]
-    terminal.out(format_table(cells) + ("\n" + "".join(below) if below else ""))
+    cells = [("file", "status", "paths", "time", "notes")]
+    below = ""
+    for row in rows:
+        cells.append(_cells(row))
+        if _is_long(row):
+            below += f"{make_one_line(clean(row.source))}: {_why(row)}\n"
+    if below:
+        below = f"\n{below}"
+    terminal.out(format_table(cells) + below)
     counts = Counter(row.status for row in rows)
     statuses = [status for status in ("built", "unchanged", "failed") if counts[status]]
     text = ", ".join(f"{counts[status]} {status}" for status in statuses)
@@ -256,7 +281,7 @@ def _name(row: _Row) -> str:
     return f"{row.source}: {_why(row)}" if row.error else row.source
 
 
-def _cells(row: _Row) -> tuple[str, ...]:
+def _cells(row: _Row) -> tuple[str, str, str, str, str]:
     source = make_one_line(clean(row.source))
     if row.sums is None:
         return (source, f"failed {row.code}", "", "", "below" if _is_long(row) else _why(row))
@@ -268,16 +293,17 @@ def _cells(row: _Row) -> tuple[str, ...]:
 
 def _report(rows: list[_Row], post: str) -> bytes:
     """The table as JSON."""
-    parts: list[Mapping[str, object]] = [
-        {
+    parts = []
+    for row in rows:
+        part: dict[str, object] = {
             "input": clean(row.source),
             "status": row.status,
             "exit_code": row.code,
             "error": clean(row.error),
             "files": list(map(clean, row.files)),
-            **(msgspec.to_builtins(row.sums) if row.sums else {}),
         }
-        for row in rows
-    ]
+        if row.sums:
+            part |= msgspec.to_builtins(row.sums)
+        parts.append(part)
     table = msgspec.json.encode({"post": post, "parts": parts})
     return msgspec.json.format(table, indent=2) + b"\n"

@@ -22,21 +22,30 @@ from camgen.batch.writing import (
     check_foreign,
     check_programs,
     check_targets,
+    list_paths,
     write_all,
 )
 from camgen.check.executed import UNLIMITED
 from camgen.check.report import clean, path_sums
-from camgen.cli.inputs import open_inputs
+from camgen.cli.inputs import open_inputs, to_path
 from camgen.cli.motion_file import encode
-from camgen.cli.say import Row, Terminal, format_length, format_size, join_names
+from camgen.cli.say import (
+    Row,
+    Terminal,
+    format_length,
+    format_size,
+    join_names,
+    label_rows,
+    rows_of_notes,
+)
 from camgen.lang.recorded import Recorded
 from camgen.model.errors import JobError, rename_errors
-from camgen.model.job import CameraTable, ImageTable, Job
+from camgen.model.job import CameraTable, ImageTable, Job, Step
 from camgen.model.part import GRAVEST, Note, NoteKind, describe_bodies
 from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, ToolChange
-from camgen.model.text import counted, duration, grouped, short
+from camgen.model.text import counted, duration, grouped, short, short_each
 from camgen.pipeline import ProgramFile, Result, build, list_program_files
 from camgen.pipeline.memory import pause_collector
 from camgen.pipeline.motion import format_motions, list_reasons
@@ -78,7 +87,13 @@ def list_rows(
             "plain",
         ),
         *_programs(result, programs),
-        *_proofs(result),
+        # Drawing to motion, motion to text, stock, reach and collision.
+        _motion(result),
+        _text(result),
+        _rounded(result),
+        *_stock(result),
+        *_fixtures(result),
+        *_reach(result),
     ]
 
 
@@ -98,12 +113,6 @@ def _located(result: Result) -> list[Row]:
 # Proofs: a line for each step, whether it ran or not.
 
 
-def _proofs(result: Result) -> list[Row]:
-    """Drawing to motion, motion to text, stock, reach and collision."""
-    proofs = [_motion(result), _text(result), _rounded(result)]
-    return [*proofs, *_stock(result), *_fixtures(result), *_reach(result)]
-
-
 def _fixtures(result: Result) -> list[Row]:
     """The distances between the tool of a mill and the fixtures."""
     if result.fixtures is None:
@@ -112,7 +121,7 @@ def _fixtures(result: Result) -> list[Row]:
 
     rows: list[Row] = list(rows_of_fixtures(result.fixtures, result.job))
     if result.proof is None:
-        rows += [("fixtures", note, "look") for note in result.fixtures.notes]
+        rows += label_rows("fixtures", result.fixtures.notes, "look")
     return rows
 
 
@@ -126,7 +135,7 @@ def _rounded(result: Result) -> Row:
         return ("rounded", "0 mm: the tool stops at each corner", "good")
     if not rounded.mm:
         return ("rounded", "0 mm: the controller stays on the path", "good")
-    place = " ".join(short(value, 3) for value in rounded.place)
+    place = " ".join(short_each(rounded.place, 3))
     distance = f"{rounded.mm:.4f} mm by the model of the controller"
     limit = f"{short(rounded.allowed, 4)} mm are allowed"
     if rounded.allowed >= UNLIMITED:
@@ -163,9 +172,10 @@ def _text(result: Result) -> Row:
 def _motion(result: Result) -> Row:
     """The proof that the motions of the text work the contours of the drawing."""
     proof = result.motion
-    if proof is None or not proof.motions:
-        reasons = "; ".join(proof.unproven) if proof else "it was not examined"
-        return ("motion", f"not proven: {reasons}", "look")
+    if proof is None:
+        return ("motion", "not proven: it was not examined", "look")
+    if not proof.motions:
+        return ("motion", f"not proven: {'; '.join(proof.unproven)}", "look")
     contours = counted(proof.contours, "contour")
     what = f"{contours}, {format_length(proof.length)}, in {format_motions(proof)}"
     if gaps := list_reasons(proof):
@@ -183,38 +193,33 @@ def _reach(result: Result) -> list[Row]:
         ]
     if result.reach is None:
         usual = result.post.cell().robot
-        hint = ""
-        if usual:
-            hint = f'; cell.robot = "{usual}" checks it, camgen robots lists others'
+        hint = f'; cell.robot = "{usual}" checks it, camgen robots lists others' if usual else ""
         return [
             ("reach", f"not proven: no robot model{hint}", "look"),
             ("collision", "not proven: no robot model", "look"),
         ]
     samples = counted(result.reach.samples, "pose")
-    is_arm = isinstance(result.cell.home, Joints)
-    bounds = "limits" if is_arm else "travel"
-    posture = f", {_posture(result)}" if is_arm else ""
-    robot = f"{result.reach.robot} reaches all of it within its {bounds}{posture}"
-    slow = len(result.slow)
-    if slow:
-        robot += f", not at its feed on {counted(slow, 'path')}"
-    return [
-        ("reach", f"{robot} ({samples})", "look" if slow else "good"),
-        describe_collision(result),
-    ]
+    bounds, tone = "travel", "good"
+    if isinstance(result.cell.home, Joints):
+        bounds = f"limits, {_posture(result)}"
+    robot = f"{result.reach.robot} reaches all of it within its {bounds}"
+    if result.slow:
+        tone = "look"
+        robot += f", not at its feed on {counted(len(result.slow), 'path')}"
+    return [("reach", f"{robot} ({samples})", tone), describe_collision(result)]
 
 
 def describe_collision(result: Result) -> Row:
     """The proof that the arm, its tool and its cell do not meet."""
-    untested = result.where.untested if result.where else ()
-    if not untested:
+    if result.where is None or not result.where.untested:
         return ("collision", f"no collision, {_clearance(result)}", "good")
-    pairs = ", ".join(map(str, untested))
-    return (
-        "collision",
-        f"not proven: {pairs}; the others do not meet, {_clearance(result)}",
-        "look",
-    )
+    pairs = ", ".join(map(str, result.where.untested))
+    what = f"not proven: {pairs}; the others do not meet, {_clearance(result)}"
+    return ("collision", what, "look")
+
+
+#: Names of bodies that are intended to meet.
+_MEETING = {("tool", "part"): "the tool at the part"}
 
 
 def _clearance(result: Result) -> str:
@@ -222,12 +227,10 @@ def _clearance(result: Result) -> str:
     if result.clear is None:
         return "clearance not known"
     # Pairs that have to be in contact, and bodies that are always near each other.
-    excluded = result.where.work.pairs if result.where else ()
-    names = [
-        "the tool at the part" if pair == ("tool", "part") else " at ".join(pair)
-        for pair in excluded
-    ]
-    bodies = f"all but {', '.join(names)}" if names else "all"
+    bodies = "all"
+    if result.where and result.where.work.pairs:
+        names = [_MEETING.get(pair, " at ".join(pair)) for pair in result.where.work.pairs]
+        bodies = f"all but {', '.join(names)}"
     distance = f"{bodies} {short(result.clear.clearance, 2)} mm apart or more"
     return f"{distance}, least {result.clear.nearest}" if result.clear.nearest else distance
 
@@ -291,13 +294,12 @@ def list_notes(notes: Sequence[Note], verbose: int) -> list[Row]:
     rows: list[Row] = []
     for kind in GRAVEST:
         tone = "plain" if kind in _PLAIN else "look"
-        of_kind = [note for note in notes if note.kind == kind]
-        shown = of_kind if verbose else of_kind[:_NOTES]
-        for note in shown:
-            rows.append((kind, note.what + (f" ({note.why})" if note.why else ""), tone))
-        if len(of_kind) > len(shown):
-            count = grouped(len(of_kind) - len(shown))
-            rows.append((kind, f"and {count} more (-v shows all, --report lists them)", tone))
+        of_kind = rows_of_notes((note for note in notes if note.kind == kind), tone)
+        more = len(of_kind) - _NOTES
+        if more > 0 and not verbose:
+            count = f"and {grouped(more)} more (-v shows all, --report lists them)"
+            of_kind[_NOTES:] = [(kind, count, tone)]
+        rows += of_kind
     return rows
 
 
@@ -335,7 +337,10 @@ def _operations(result: Result) -> list[Row]:
 
 def _programs(result: Result, programs: Sequence[tuple[Path, ProgramFile]]) -> list[Row]:
     """A row for each file. The first row of each of several programs names its tool."""
-    rows = [_program(path, file) for path, file in programs]
+    rows: list[Row] = []
+    for path, file in programs:
+        size = f"{counted(file.lines, 'line')}, {format_size(len(file))}"
+        rows.append(("program", f"{path}, {size}", "plain"))
     if len(result.counts) == 1:
         return rows
     changes = result.program.columns.list_kinds(ToolChange)
@@ -351,10 +356,11 @@ def _programs(result: Result, programs: Sequence[tuple[Path, ProgramFile]]) -> l
 def _stock(result: Result) -> list[Row]:
     """The proof of the material that the program removes."""
     if result.proof is None:
-        jobs = [step.operation for step in result.job.operations] or [result.job.operation]
-        deep = any(operation.depth or operation.width for operation in jobs)
-        why = explain_unproven(result.job) if deep else "nothing is cut below the top face"
-        return [("stock", f"not proven: {why or 'the part is not flat'}", "look")]
+        why = "nothing is cut below the top face"
+        steps: Sequence[Step | Job] = result.job.operations or [result.job]
+        if any(step.operation.depth or step.operation.width for step in steps):
+            why = explain_unproven(result.job) or "the part is not flat"
+        return [("stock", f"not proven: {why}", "look")]
     from camgen.cli.stock import rows_of_build  # noqa: PLC0415 (shapely, only for cuts)
 
     return rows_of_build(result.proof)
@@ -375,16 +381,13 @@ _SAME_MM, _SAME_FRACTION = 0.002, 5e-4
 
 def _above(tour: Tour) -> str:
     """The gap between the travel and its lower bound, empty if it is as long as the bound."""
-    gap = None if tour.bound is None else tour.travel - tour.bound
-    if gap is not None and gap <= max(_SAME_MM, _SAME_FRACTION * tour.travel):
+    if tour.bound is None:
+        return ""
+    if tour.travel - tour.bound <= max(_SAME_MM, _SAME_FRACTION * tour.travel):
         return ", the best possible"
-    if not tour.bound or tour.travel >= 2 * tour.bound:
+    if tour.bound == 0 or tour.travel >= 2 * tour.bound:
         return ""
     return f", at most {100 * (tour.travel / tour.bound - 1):.1f} % above the best possible"
-
-
-def _program(path: Path, file: ProgramFile) -> Row:
-    return ("program", f"{path}, {counted(file.lines, 'line')}, {format_size(len(file))}", "plain")
 
 
 class _Stages(Struct):
@@ -411,28 +414,27 @@ class _Stages(Struct):
         self.names.append(name)
         self.times.append(perf_counter())
 
-    def spent(self) -> list[tuple[str, float]]:
-        """The time of each stage, s, that of the last one up to now."""
-        ends = [*self.times[1:], perf_counter()]
-        stages = zip(self.names, self.times, ends, strict=True)
-        return [(name, end - start) for name, start, end in stages]
+    def spent(self) -> str:
+        """The time of each stage, that of the last one up to now."""
+        seconds = np.diff(self.times, append=perf_counter()).tolist()
+        stages = zip(self.names, seconds, strict=True)
+        return ", ".join(f"{name} {time:.2f} s" for name, time in stages)
 
 
 def run(arguments: Namespace, terminal: Terminal) -> int:
     """Build a program, write it and print the summary."""
     start = _start(arguments.start)
-    by_photo = arguments.locate is not None
-    names = [*arguments.inputs, *([arguments.locate] if by_photo else [])]
+    names = [*arguments.inputs, *([arguments.locate] if arguments.locate is not None else [])]
     with pause_collector(), open_inputs(names, arguments.format) as (paths, files):
         inputs = paths[: len(arguments.inputs)]
-        photo = paths[-1] if by_photo else None
+        photo = paths[-1] if arguments.locate is not None else None
         stages = _Stages(terminal, files)
         job_file = find_job_file(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
-        read = [*paths, *([job_file] if job_file else [])]
+        read = [*paths, job_file]
         aloud = arguments.output == "-"
-        folder, program = _place(None if aloud else arguments.output)
-        extra = [Path(p) for p in (arguments.plan, arguments.report, arguments.preview) if p]
-        check_targets([*([program] if program else []), *extra], read)
+        folder, program = _place(arguments.output)
+        extra = list(map(to_path, (arguments.plan, arguments.report, arguments.preview)))
+        check_targets([program, *extra], read)
         check_preview(arguments.preview)
         if arguments.post.endswith(".py"):
             files.read(arguments.post)  # Registers the file, which Python imports by itself.
@@ -454,27 +456,27 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         stages("writing")
         programs = list_program_files(result, folder, program)
         if aloud and len(programs) > 1:
-            what = f"the program takes {len(programs)} files, and standard output is one"
-            raise JobError("-o -", what, remedy="give a folder with -o")
+            raise JobError(
+                "-o -",
+                f"the program takes {len(programs)} files, and standard output is one",
+                remedy="give a folder with -o",
+            )
         written = [] if aloud else programs
-        check_targets([*(path for path, _ in written), *extra], read)
-        if program is None and written:
-            check_foreign(written[0][0])
+        targets = list_paths(written)
+        check_targets([*targets, *extra], read)
+        if program is None and targets:
+            check_foreign(targets[0])
         check_programs([(path, file.head(HEADER_BYTES)) for path, file in written])
         if not arguments.force:
-            check_edits(path for path, _ in written)
-        write_all(
-            [*written, *_extras(arguments, result, [path.name for path, _ in programs])],
-            files.opened,
-        )
+            check_edits(targets)
+        write_all([*written, *_extras(arguments, result, list_paths(programs))], files.opened)
     if aloud:
         terminal.out(bytes(programs[0][1]).decode("ascii"))
         programs = [(Path("-"), programs[0][1])]
     summary = list_rows(result, job_file, inputs, programs, terminal.verbose)
     terminal.rows([*summary[:1], *photo_rows, *summary[1:]])
     if terminal.verbose:
-        times = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent())
-        terminal.rows([("timing", times, "plain")])
+        terminal.rows([("timing", stages.spent(), "plain")])
     return 0
 
 
@@ -485,8 +487,9 @@ def _start(text: str | None) -> list[float] | None:
     try:
         return [float(word) for word in text.split(",")]
     except ValueError:
-        remedy = "give X,Y,TURN in mm and deg"
-        raise JobError("--start", f"{text!r} is not a pose", remedy=remedy) from None
+        raise JobError(
+            "--start", f"{text!r} is not a pose", remedy="give X,Y,TURN in mm and deg"
+        ) from None
 
 
 def _take_photo_settings(
@@ -506,7 +509,7 @@ def _take_photo_settings(
 
 def _place(output: str | None) -> tuple[Path, Path | None]:
     """The folder of the program, and its file; None unless `-o` names a file."""
-    if output is None:
+    if output is None or output == "-":
         return Path(), None
     if os.path.isdir(output):  # Path.is_dir raises for a name that is too long.
         return Path(output), None
@@ -516,15 +519,14 @@ def _place(output: str | None) -> tuple[Path, Path | None]:
 
 
 def _extras(
-    arguments: Namespace, result: Result, files: Sequence[str]
+    arguments: Namespace, result: Result, programs: Sequence[Path]
 ) -> Iterator[tuple[Path, bytes]]:
     """The requested files of plan, report and preview, with their bytes."""
     if arguments.plan:
-        options = result.job.post
-        data = encode(result.program, result.post.name, options, result.job.tolerance.chord)
+        data = encode(result.program, result.post.name, result.job.post, result.job.tolerance.chord)
         yield Path(arguments.plan), data
     if arguments.report:
-        report = result.report | {"files": [clean(name) for name in files]}
+        report = result.report | {"files": [clean(path.name) for path in programs]}
         text = msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
         yield Path(arguments.report), text
     if arguments.preview:

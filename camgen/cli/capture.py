@@ -7,7 +7,8 @@ from argparse import Namespace
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Terminal
+from camgen.cli.inputs import to_path
+from camgen.cli.say import Terminal, label_rows
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.read.capture import MOST_FRAMES, capture, encode, format_shot, note_marks
 from camgen.read.files import Files
@@ -23,9 +24,8 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     target, source = Path(arguments.output), arguments.source
     _check_arguments(arguments, target)
     files = Files()
-    job_file = Path(arguments.job) if arguments.job else None
-    read = [Path(source), *([job_file] if job_file else [])]
-    check_targets([target], read)
+    job_file = to_path(arguments.job)
+    check_targets([target], [Path(source), job_file])
     job = load_job(job_file, arguments.sets, files)
     terminal.stage(f"looking at {source}")
     shot = capture(source, arguments.frames, arguments.skip, arguments.timeout)
@@ -35,10 +35,7 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     if arguments.strict and notes:
         raise NoSafeProgram(source, f"--strict and {notes[0].what}", remedy=notes[0].why)
     write_all([(target, encode(shot, target.suffix.lower()))], files.opened)
-    rows = [
-        ("camera", f"{source}: {format_shot(shot)}", "plain"),
-        *(("markers", line, "plain") for line in seen),
-    ]
+    rows = [("camera", f"{source}: {format_shot(shot)}", "plain"), *label_rows("markers", seen)]
     rows += [("warning", f"{note.what} ({note.why})", "look") for note in notes]
     terminal.rows([*rows, ("written", str(target), "good")])
     return 0
@@ -47,9 +44,11 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
 def _check_arguments(arguments: Namespace, target: Path) -> None:
     """Raise JobError for values that are out of range."""
     if target.suffix.lower() not in _SUFFIXES:
-        what = "is not a kind of picture that camgen capture writes"
-        remedy = "end the name in .png, .tif or .bmp, which lose nothing"
-        raise JobError(str(target), what, remedy=remedy)
+        raise JobError(
+            str(target),
+            "is not a kind of picture that camgen capture writes",
+            remedy="end the name in .png, .tif or .bmp, which lose nothing",
+        )
     for name, value, least in (
         ("--frames", arguments.frames, 1),
         ("--skip", arguments.skip or 0, 0),
@@ -57,5 +56,6 @@ def _check_arguments(arguments: Namespace, target: Path) -> None:
         if not least <= value <= MOST_FRAMES:
             raise JobError(name, f"cannot be {value}", remedy=f"give {least} to {MOST_FRAMES}")
     if not (math.isfinite(arguments.timeout) and arguments.timeout > 0):
-        what = f"cannot be {arguments.timeout:g} s"
-        raise JobError("--timeout", what, remedy="give a time above 0 s")
+        raise JobError(
+            "--timeout", f"cannot be {arguments.timeout:g} s", remedy="give a time above 0 s"
+        )

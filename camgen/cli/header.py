@@ -53,8 +53,7 @@ class Header(Struct, frozen=True):
 
 def read_header(texts: Mapping[str, str]) -> Header | None:
     """The header of the first text; None for a text of another hand."""
-    first = next(iter(texts.values()), "")
-    head = first.split("\n", _LINES)[:_LINES]
+    head = next(iter(texts.values()), "").split("\n", _LINES)[:_LINES]
     job, post = _JOB.search("\n".join(head)), _POST.search("\n".join(head))
     if job is None or post is None:
         return None
@@ -107,22 +106,21 @@ def find_part(header: Header, source: Path, job: Job, files: Files) -> Path:
 
     remedy = "name the controller with --post"
     if header.is_located:
-        what = "is not given, and the place of the part comes from a photo"
-        raise JobError("--post", what, remedy=remedy)
+        raise JobError(
+            "--post", "is not given, and the place of the part comes from a photo", remedy=remedy
+        )
     if not any(entry.name == header.post for entry in list_entries(POSTS)):
-        what = f"is not given, and the header names {header.post}, which is not installed"
-        raise JobError("--post", what, remedy=remedy)
+        raise JobError(
+            "--post",
+            f"is not given, and the header names {header.post}, which is not installed",
+            remedy=remedy,
+        )
     settings = limit_path_tolerance(job, header.post)
     neighbours = sorted(source.parent.glob(f"{escape(source.stem)}.*"))
-    parts = [
-        path
-        for path in neighbours
-        if format_part_name(path.name) in header.lines and path.is_file()
-    ]
-    for part in parts:
-        if compute_digest(settings, [part], files) == header.digest:
-            return part
     what = f"is not given, and no part {source.stem}.* stands beside the program"
-    if parts:
-        what = "is not given, and the job or the part has changed since the program was written"
+    for part in neighbours:
+        if format_part_name(part.name) in header.lines and part.is_file():
+            if compute_digest(settings, [part], files) == header.digest:
+                return part
+            what = "is not given, and the job or the part has changed since the program was written"
     raise JobError("--post", what, remedy=remedy)

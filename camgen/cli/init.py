@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.proposal import describe, list_proposed, tabulate
-from camgen.cli.say import Terminal
+from camgen.cli.say import Terminal, label_rows
 from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import (
@@ -54,8 +54,9 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     reading = replace(job, operation=OperationTable())
     part = reader.read(source, reading, files) if reader.makes == "drawing" else None
     units = "" if part is None else part.units
-    option = "--operations" if arguments.operations else ""
-    option = option or ("--material" if arguments.material else "")
+    option = "--material" if arguments.material else ""
+    if arguments.operations:
+        option = "--operations"
     proposal = _propose(part, job, source.name, option, terminal)
     chosen = Chosen(
         values={(table, key): value for table, key, value in map(parse_assignment, sets)},
@@ -78,13 +79,12 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     in_file = f"; {source.name}: {units}" if units else ""
     terminal.rows([("job", f"{target}: every setting with its default{in_file}", "plain")])
     if proposal is not None:
-        about = "as comments; --operations uses it"
+        about, tone = "as comments; --operations uses it", "plain"
         if arguments.operations:
             values = "depths" if proposal.material else "depths and speeds"
-            about = f"{values} are placeholders"
-        tone = "look" if arguments.operations else "plain"
+            about, tone = f"{values} are placeholders", "look"
         terminal.rows([("proposed", f"{describe(proposal)}: {about}", tone)])
-        terminal.rows([("operation", line, "plain") for line in tabulate(proposal)])
+        terminal.rows(label_rows("operation", tabulate(proposal)))
         if proposal.left:
             what = f"{counted(len(proposal.left), 'contour')} in no operation"
             why = "they cross others, enclose nothing, or no tool fits"
@@ -102,8 +102,11 @@ def _with_material(sets: Sequence[str], name: str | None) -> list[str]:
     from camgen.model.materials import MATERIALS  # noqa: PLC0415 (only with --material)
 
     if name not in MATERIALS:
-        what = "there are no charts for this material"
-        raise JobError(f"--material {name}", what, remedy=f"one of {', '.join(MATERIALS)}")
+        raise JobError(
+            f"--material {name}",
+            "there are no charts for this material",
+            remedy=f"one of {', '.join(MATERIALS)}",
+        )
     return [*sets, f'stock.material="{name}"']
 
 
@@ -139,9 +142,12 @@ def _propose(
         terminal.rows([("proposed", f"no operations: {error}", "look")])
         return None
     if proposal is None and option:
-        what = "has no closed contour that a drill or a mill could make"
-        remedy = "camgen inspect shows its contours; or leave it out"
-        raise InputError(source, what, option, remedy)
+        raise InputError(
+            source,
+            "has no closed contour that a drill or a mill could make",
+            option,
+            "camgen inspect shows its contours; or leave it out",
+        )
     return proposal
 
 
@@ -201,20 +207,21 @@ def write_template(source: str, units: str, chosen: Chosen | None = None) -> str
     for table, about in list_tables().items():
         if table == "post":
             lines += _row_lines()
-            lines += list_proposed(chosen.proposal, chosen.active) if chosen.proposal else []
+            if chosen.proposal:
+                lines += list_proposed(chosen.proposal, chosen.active)
         lines += ["", f"[{table}]  # {about}"]
         for setting in list_settings():
             if setting.table == table:
-                meaning = setting.about if setting.about.endswith(".") else f"{setting.about}."
+                meaning = setting.about.removesuffix(".") + "."
                 if units and setting.key == "units":
                     meaning += f" This file: {_comment(units)}."
                 lines += textwrap.wrap(meaning, 116, initial_indent="# ", subsequent_indent="# ")
                 lines += chosen.assign(table, setting.key) or _assignment(
                     setting.key, setting.default, setting.allowed
                 )
-    lines += [
-        f"{key} = {format_toml(v)}" for (table, key), v in chosen.values.items() if table == "post"
-    ]
+    for (table, key), value in chosen.values.items():
+        if table == "post":
+            lines.append(f"{key} = {format_toml(value)}")
     return "\n".join([*lines, *_post_lines()]) + "\n"
 
 
@@ -222,32 +229,42 @@ def _row_lines() -> list[str]:
     """The keys of `[[tools]]` and `[[operations]]` as comments, since rows have no defaults."""
     lines: list[str] = []
     for table, about in list_row_tables().items():
-        shared = [s.key for s in list_settings() if s.table in _SHARED]
-        keys = [s for s in list_row_settings() if s.table == table and s.key not in shared]
-        lines += ["", *(f"# {line}" for line in textwrap.wrap(about, 116)), f"# [[{table}]]"]
-        lines += [f"# {s.key} =  # {s.about}" for s in keys]
+        lines += [
+            "",
+            *textwrap.wrap(about, 118, initial_indent="# ", subsequent_indent="# "),
+            f"# [[{table}]]",
+        ]
+        lines += [f"# {s.key} =  # {s.about}" for s in _list_own(table)]
     return lines
+
+
+def _list_own(table: str) -> list[Setting]:
+    """The settings of a table of rows that no table of the job has."""
+    shared = [s.key for s in list_settings() if s.table in _SHARED]
+    return [s for s in list_row_settings() if s.table == table and s.key not in shared]
 
 
 def _assignment(key: str, default: object, allowed: str) -> list[str]:
     if default is None:
         return [f"# {key} =  # {allowed}; not set"]
-    choices = [f"# {allowed}"] if allowed.startswith("one of") else []
-    return [*choices, f"{key} = {format_toml(default)}"]
+    line = f"{key} = {format_toml(default)}"
+    return [f"# {allowed}", line] if allowed.startswith("one of") else [line]
 
 
 def _post_lines() -> list[str]:
     """The options of all posts as comments, since they depend on the chosen post."""
-    lines: list[str] = []
     common = {f.name for f in dataclasses.fields(Post)}
-    kinds = [find_post(post.name) for post in list_installed() if not post.broken]
-    if kinds:
-        shared = [f for f in dataclasses.fields(kinds[0]) if f.name in common]
-        lines += ["# every post:", *(_option(f) for f in shared)]
-    for kind in kinds:
-        options = [f for f in dataclasses.fields(kind) if f.init and f.name not in common]
-        lines += [f"# {kind.name}:", *map(_option, options)]
-    return lines
+    shared: list[str] = []
+    special: list[str] = []
+    for post in list_installed():
+        if post.broken:
+            continue
+        kind = find_post(post.name)
+        special.append(f"# {kind.name}:")
+        fields = dataclasses.fields(kind)
+        shared = shared or ["# every post:", *(_option(f) for f in fields if f.name in common)]
+        special += [_option(f) for f in fields if f.init and f.name not in common]
+    return shared + special
 
 
 def _option(option: dataclasses.Field[object]) -> str:
@@ -255,7 +272,8 @@ def _option(option: dataclasses.Field[object]) -> str:
     if option.default_factory is not dataclasses.MISSING:
         default = option.default_factory()
     about = option.metadata.get("help", "")
-    return f"# {option.name} = {format_toml(default)}" + (f"  # {about}" if about else "")
+    line = f"# {option.name} = {format_toml(default)}"
+    return f"{line}  # {about}" if about else line
 
 
 def _comment(text: str) -> str:
@@ -277,8 +295,7 @@ def write_reference() -> str:
         lines += _keys([s for s in list_settings() if s.table == table])
     for table, about in list_row_tables().items():
         lines += [f"\n## `[[{table}]]`\n", about[0].upper() + about[1:]]
-        shared = [s.key for s in list_settings() if s.table in _SHARED]
-        lines += _keys([s for s in list_row_settings() if s.table == table and s.key not in shared])
+        lines += _keys(_list_own(table))
     return "\n".join(lines) + "\n"
 
 
@@ -291,8 +308,7 @@ def _keys(settings: Sequence[Setting]) -> list[str]:
     lines = ["\n| key | default, and allowed values | meaning |", "|---|---|---|"]
     for s in settings:
         default = "not set" if s.default is None else f"`{format_toml(s.default)}`"
-        values = default + _shorten(s)
-        lines.append(f"| `{s.key}` | {values} | {_cell(s.about)} |")
+        lines.append(f"| `{s.key}` | {default}{_shorten(s)} | {_cell(s.about)} |")
     return lines
 
 

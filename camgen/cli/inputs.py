@@ -18,6 +18,11 @@ _FOLDER = Path("-")
 CAMERA = "camera:"
 
 
+def to_path(name: str | None) -> Path | None:
+    """The file that an option names; None without one."""
+    return Path(name) if name else None
+
+
 @contextmanager
 def open_inputs(names: Sequence[str], kind: str | None) -> Iterator[tuple[list[Path], Files]]:
     """The inputs as paths, with the cache that reads them.
@@ -31,12 +36,14 @@ def open_inputs(names: Sequence[str], kind: str | None) -> Iterator[tuple[list[P
     if "-" in names:
         kind = (kind or "").lstrip(".")
         if not kind.isalnum():
-            remedy = "give its format, e.g. --format dxf"
-            raise JobError("-", "standard input has no suffix", remedy=remedy)
+            raise JobError(
+                "-", "standard input has no suffix", remedy="give its format, e.g. --format dxf"
+            )
         paths["-"] = _FOLDER / f"stdin{find_suffix(kind)}"
     elif kind:
-        remedy = "leave it out, or give - as the input"
-        raise JobError("--format", "is for standard input", remedy=remedy)
+        raise JobError(
+            "--format", "is for standard input", remedy="leave it out, or give - as the input"
+        )
     with ExitStack() as stack:
         for name, path in paths.items():
             stack.enter_context(rename_errors(path.name, name))

@@ -10,7 +10,7 @@ from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Part
-from camgen.model.text import short
+from camgen.model.text import short_each
 from camgen.read import find_reader, is_drawing
 from camgen.read.clamps import set_clamps_aside
 from camgen.read.contours import list_contours
@@ -59,11 +59,11 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
             data["moved"] = moved
         terminal.data(data)
         return 0
-    lines = [str(facts).rstrip("\n"), *map(str, contours)]
+    lines = [str(facts).rstrip("\n"), *map(str, contours), ""]
     if moved:
-        x, y = (short(distance, 6) for distance in moved)
+        x, y = short_each(moved, 6)
         lines.insert(1, f"moved by x {x}, y {y} mm: input.origin is x 0, y 0")
-    terminal.out("".join(f"{line}\n" for line in lines))
+    terminal.out("\n".join(lines))
     return 0
 
 

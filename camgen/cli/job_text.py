@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from msgspec import Struct, structs
@@ -22,12 +22,18 @@ def write_table(
     left_out: table and key of settings that are not written.
     """
     default = type(table)()
-    lines = []
+    values = {}
     for key, value in structs.asdict(table).items():
-        if value == getattr(default, key) or (name, key) in left_out:
-            continue
-        lines.append(f"{key} = {format_toml(_seen_from(folder, name, key, value))}")
-    return ["", f"[{name}]", *lines] if lines else []
+        if value != getattr(default, key) and (name, key) not in left_out:
+            values[key] = _seen_from(folder, name, key, value)
+    return write_values(name, values)
+
+
+def write_values(name: str, values: Mapping[str, object]) -> list[str]:
+    """The lines of a table with `values` by key; none without values."""
+    if not values:
+        return []
+    return ["", f"[{name}]", *(f"{key} = {format_toml(value)}" for key, value in values.items())]
 
 
 def write_tables(job: Job, folder: Path) -> list[str]:
@@ -37,13 +43,7 @@ def write_tables(job: Job, folder: Path) -> list[str]:
         table = getattr(job, name)
         if isinstance(table, Struct):
             lines += write_table(name, table, folder)
-    if job.post:
-        lines += [
-            "",
-            "[post]",
-            *(f"{key} = {format_toml(value)}" for key, value in job.post.items()),
-        ]
-    return lines
+    return lines + write_values("post", job.post)
 
 
 def _seen_from(folder: Path, table: str, key: str, value: object) -> object:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from argparse import Namespace
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -55,8 +55,11 @@ def recognise_language(name: str, texts: Mapping[str, str]) -> Language:
     fitting += [language for language in languages if suffix in language.suffixes]
     if not fitting:
         names = " or ".join(language.name for language in languages)
-        what = "is not recognised as a program of any known language"
-        raise JobError(file, what, remedy=f"name its controller: --post {names}")
+        raise JobError(
+            file,
+            "is not recognised as a program of any known language",
+            remedy=f"name its controller: --post {names}",
+        )
     return fitting[0]
 
 
@@ -66,7 +69,7 @@ def make_run_options(
     """The options of the user for a program. Raises JobError for options without effect on it."""
     dialect = arguments.dialect or ""
     if dialect and dialect not in language.dialects:
-        known = f"it has {join_names(language.dialects)}" if language.dialects else "it has none"
+        known = f"it has {join_names(language.dialects) or 'none'}"
         raise JobError("--dialect", f"{language.name} has no dialect {dialect}", remedy=known)
     for name in ("entry", "points"):
         if getattr(arguments, name) and name not in language.takes:
@@ -75,7 +78,7 @@ def make_run_options(
                 "points": "has its locations in its text",
             }[name]
             raise JobError(f"--{name}", f"{language.name} {what}", remedy="leave it out")
-    points = read_texts([Path(name) for name in arguments.points], files)
+    points = read_texts(list(map(Path, arguments.points)), files)
     flange = None
     if job.operation.taught_on:
         from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for robot programs)
@@ -114,8 +117,11 @@ def _assumed(given: str) -> tuple[str, float]:
     except ValueError:
         number = None
     if number is None or not name.strip():
-        what = f"{given!r} is not a name with a value"
-        raise JobError("--assume", what, remedy="give for example --assume di1=1")
+        raise JobError(
+            "--assume",
+            f"{given!r} is not a name with a value",
+            remedy="give for example --assume di1=1",
+        )
     return name.strip().lower(), number
 
 
@@ -130,12 +136,11 @@ def add_harm(executed: Executed, texts: Mapping[str, str]) -> Executed:
     """
     from camgen.check.harm import find_harm  # noqa: PLC0415 (numpy, only to judge programs)
 
-    harm = [*find_harm(executed), *find_stale_frames(texts, executed.frames)]
-    if _is_assumed(executed):
-        harm = [_if_as_assumed(finding) for finding in harm]
-    findings = sorted(
-        (*executed.findings, *harm), key=lambda finding: (finding.line, LEVELS.index(finding.level))
-    )
+    findings = list(executed.findings)
+    is_assumed = _is_assumed(executed)
+    for finding in [*find_harm(executed), *find_stale_frames(texts, executed.frames)]:
+        findings.append(_if_as_assumed(finding) if is_assumed else finding)
+    findings.sort(key=lambda finding: (finding.line, LEVELS.index(finding.level)))
     return replace(executed, findings=tuple(findings))
 
 
@@ -212,10 +217,9 @@ def list_rows(executed: Executed, place: Places) -> list[Row]:
 def _frames(frames: Sequence[Frames]) -> list[Row]:
     tools = {("tool", row.tool): row.flange_from_tool for row in frames if row.tool}
     works = {("frame", row.work): row.base_from_work for row in frames if row.work}
-    rows = [
-        (label, f"{name}: {format_frame(pose) if pose else 'not in the text'}")
-        for (label, name), pose in (tools | works).items()
-    ]
+    rows = []
+    for (label, name), pose in (tools | works).items():
+        rows.append((label, f"{name}: {format_frame(pose) if pose else 'not in the text'}"))
     if len(rows) > _FRAMES:
         rows[_FRAMES:] = [("frame", f"and {counted(len(rows) - _FRAMES, 'frame')} more")]
     return rows
@@ -223,26 +227,29 @@ def _frames(frames: Sequence[Frames]) -> list[Row]:
 
 def format_findings(executed: Executed, place: Places) -> str:
     """A line for each finding in the order of the program, and one on the line where it stops."""
-    findings = [(row.line, f"{row.level}: {row.what}") for row in executed.findings]
+    lines = [f"{place(row.line)}: {row.level}: {row.what}" for row in executed.findings]
     for stop in find_stop(executed):
         level = "possible: " if stop.level == "possible" else ""
-        findings.append((stop.line, f"{level}{stop.what}"))
+        lines.append(f"{place(stop.line)}: {level}{stop.what}")
     # A text from a file may hold control characters for the terminal.
-    return "".join(f"{make_one_line(f'{place(line)}: {text}')}\n" for line, text in findings)
+    return "".join(f"{make_one_line(line)}\n" for line in lines)
+
+
+def list_as_data(findings: Iterable[Finding], place: Callable[[int], str]) -> list[dict[str, str]]:
+    """Findings with their places."""
+    return [{"place": place(row.line), "what": row.what, "level": row.level} for row in findings]
 
 
 def convert_findings(executed: Executed, place: Places) -> dict[str, object]:
     """Findings and assumptions for --json."""
     coverage = executed.coverage
+    assumptions = []
+    for row in executed.assumed:
+        data = {"place": place(row.line), "what": row.what, "key": row.key, "value": row.value}
+        assumptions.append(data)
     return {
-        "faults": [
-            {"place": place(finding.line), "what": finding.what, "level": finding.level}
-            for finding in executed.findings
-        ],
-        "assumed": [
-            {"place": place(row.line), "what": row.what, "key": row.key, "value": row.value}
-            for row in executed.assumed
-        ],
+        "faults": list_as_data(executed.findings, place),
+        "assumed": assumptions,
         "stopped": executed.stopped
         and {"place": place(executed.stopped[0]), "what": executed.stopped[1]},
         "coverage": coverage and coverage.as_data(),

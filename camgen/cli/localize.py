@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from argparse import Namespace
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Terminal
+from camgen.cli.say import Row, Terminal, join_rows, label_rows, rows_of_notes
 from camgen.localize import SOME_RUN_ON, Location, localize
 from camgen.localize.advice import ModelPart, localize_or_advise
 from camgen.localize.doubt import Rival
@@ -21,7 +19,7 @@ from camgen.model.files import Source
 from camgen.model.limits import Limits
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, Pose, pose_from_values
-from camgen.model.text import counted, harmless, short
+from camgen.model.text import counted, harmless, short, short_each
 from camgen.model.version import __version__
 from camgen.read.files import Files
 from camgen.read.solid import STEP, mesh, step
@@ -73,7 +71,7 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     )
     terminal.rows([("scan", f"{names[1]}: {points}, {_describe_unit(seen.unit)}", "plain")])
     notes = [*part.notes, *seen.notes, *_note_drawn(seen, location), *_note_far(location)]
-    terminal.rows([(note.kind, str(note).partition(": ")[2], "look") for note in notes])
+    terminal.rows(rows_of_notes(notes))
     terminal.rows([*_describe(location, stood), ("written", str(target), "good")])
     return 0
 
@@ -89,7 +87,7 @@ def _note_far(location: Location) -> list[Note]:
 
 
 def _describe_place(place: FloatArray | None, source: str) -> str:
-    return "" if place is None else f"{_millimetres(place)} mm{source}"
+    return "" if place is None else f"{', '.join(short_each(place.tolist(), 2))} mm{source}"
 
 
 def _describe_unit(unit: str) -> str:
@@ -110,35 +108,43 @@ def _unit(option: str, name: str | None) -> str:
         return ""
     unit = name.strip().lower()
     if unit not in MM:
-        remedy = "give mm, cm, m, inch, ..."
-        raise JobError(option, f"unknown unit {harmless(name)!r}", remedy=remedy)
+        raise JobError(
+            option, f"unknown unit {harmless(name)!r}", remedy="give mm, cm, m, inch, ..."
+        )
     return unit
 
 
 def _start(text: str | None) -> Pose | None:
     if text is None:
         return None
-    try:
-        values = [float(word) for word in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != 6 or not all(map(math.isfinite, values)):
-        remedy = "give x,y,z,rx,ry,rz in mm and deg"
-        raise JobError("--start", f"{text!r} is not a pose", remedy=remedy)
+    values = _read_numbers(text)
+    if len(values) != 6:
+        raise JobError(
+            "--start", f"{text!r} is not a pose", remedy="give x,y,z,rx,ry,rz in mm and deg"
+        )
     return pose_from_values(values)
+
+
+def _read_numbers(text: str) -> list[float]:
+    """Finite numbers between commas; nothing for any other text."""
+    try:
+        values = list(map(float, text.split(",")))
+    except ValueError:
+        return []
+    return values if np.isfinite(values).all() else []
 
 
 def _viewpoint(text: str | None) -> FloatArray | None:
     """The position of the scanner, None if it is not given or not known."""
     if text is None or text.strip().lower() == _UNKNOWN:
         return None
-    try:
-        values = [float(word) for word in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != 3 or not all(map(math.isfinite, values)):
-        remedy = f"give x,y,z in mm, or {_UNKNOWN} to ignore the viewpoint of the scan"
-        raise JobError("--viewpoint", f"{text!r} is not a position", remedy=remedy)
+    values = _read_numbers(text)
+    if len(values) != 3:
+        raise JobError(
+            "--viewpoint",
+            f"{text!r} is not a position",
+            remedy=f"give x,y,z in mm, or {_UNKNOWN} to ignore the viewpoint of the scan",
+        )
     return np.array(values)
 
 
@@ -161,8 +167,12 @@ def _part(source: Source, unit: str) -> ModelPart:
         in_file = surface.units if stated else unit or "mm"
         part = ModelPart(surface.vertices, surface.faces, notes, in_file, stated)
     if unit and MM[unit] != MM[part.unit]:
-        what = f"says {unit}, and {source.name} states its unit: {part.unit}"
-        raise JobError("--model-units", what, "", "leave it out")
+        raise JobError(
+            "--model-units",
+            f"says {unit}, and {source.name} states its unit: {part.unit}",
+            "",
+            "leave it out",
+        )
     return part
 
 
@@ -173,32 +183,24 @@ def job(names: tuple[str, str], units: tuple[str, str], location: Location, stoo
     units: the units of the model and of the scan.
     stood: the place of the scanner; "" if it is not known.
     """
-    evidence = [
-        f"{label}: {text}" if label else text for label, text, _ in _describe(location, stood)
-    ]
     lines = [
         f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}",
         f"units: {_describe_unit(units[0])} in the model, {_describe_unit(units[1])} in the scan",
-        *evidence,
+        *join_rows(_describe(location, stood)),
     ]
-    return (
-        "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(location.base_from_work)}\n"
-    )
+    comments = "".join(f"# {line}\n" for line in lines)
+    return f"{comments}\n[cell]\n{_line(location.base_from_work)}\n"
 
 
 def _line(pose: Pose) -> str:
     return f"base_from_work = {format_values(pose)}"
 
 
-def _millimetres(place: FloatArray) -> str:
-    return ", ".join(short(value, 2) for value in place.tolist())
-
-
-def _describe(location: Location, stood: str) -> Sequence[tuple[str, str, str]]:
+def _describe(location: Location, stood: str) -> list[Row]:
     """The rows of the summary on a location, which are comments of the job file too."""
     near = _percent(location.seen.near)
     points = counted(location.used, "point that counts", "points that count")
-    rows = [("viewpoint", stood, "plain")] if stood else []
+    rows: list[Row] = [("viewpoint", stood, "plain")] if stood else []
     rows += _list_left_out(location)
     rest = " without the bench" if location.bench else ""
     overlap = f"{_percent(location.overlap)} of the scan{rest}"
@@ -214,10 +216,8 @@ def _describe(location: Location, stood: str) -> Sequence[tuple[str, str, str]]:
         )
     elif location.rivals:
         rows.append(("ambiguous", f"other poses that fit as well: {len(location.rivals)}", "look"))
-        rows += [
-            ("", _describe_rival(rival, location.noise_limit), "look")
-            for rival in location.rivals[:_LISTED]
-        ]
+        rivals = [_describe_rival(rival, location.noise_limit) for rival in location.rivals]
+        rows += label_rows("", rivals[:_LISTED], "look")
         if len(location.rivals) > _LISTED:
             rows.append(("", f"and {len(location.rivals) - _LISTED} more", "look"))
     elif location.next_best is not None:
@@ -227,14 +227,9 @@ def _describe(location: Location, stood: str) -> Sequence[tuple[str, str, str]]:
     if location.run_on > SOME_RUN_ON:
         beyond = f"the scan runs on beyond {_percent(location.run_on)} of the rims"
         rows.append(("flush", f"{beyond}: it stands where --start says", "look"))
-    rows += [
-        ("start", f"{describe_patch(patch)}: accepted, since --start is near", "look")
-        for patch in location.patches
-    ]
-    rows += [
-        ("again", f"the scan shows the part once more: {_line(pose)}", "look")
-        for pose in location.again
-    ]
+    accepted = [f"{describe_patch(p)}: accepted, since --start is near" for p in location.patches]
+    repeats = [f"the scan shows the part once more: {_line(pose)}" for pose in location.again]
+    rows += [*label_rows("start", accepted, "look"), *label_rows("again", repeats, "look")]
     if location.weak:
         rows.append(
             ("weak", f"few points hold {location.weak}: scan the part from more sides", "look")
@@ -257,11 +252,8 @@ def _list_left_out(location: Location) -> list[tuple[str, str, str]]:
 
 
 def _describe_rival(rival: Rival, noise_limit: float) -> str:
-    elsewhere = (
-        f", surface up to {short(rival.distance, 2)} mm elsewhere"
-        if rival.distance > noise_limit
-        else ""
-    )
+    distance = f", surface up to {short(rival.distance, 2)} mm elsewhere"
+    elsewhere = distance if rival.distance > noise_limit else ""
     return f"turned by {rival.turn:.1f} deg{elsewhere}: {_line(rival.base_from_work)}"
 
 

@@ -143,8 +143,7 @@ class _Rotations(Struct, frozen=True):
         key = rotation.tobytes()
         if key not in self.places:
             self.places[key] = len(self.matrices)
-            x, y, z = ((a, b, c) for a, b, c in rotation.tolist())
-            self.matrices.append((x, y, z))
+            self.matrices.append(rotation.tolist())
         return self.places[key]
 
 
@@ -152,34 +151,33 @@ def encode(program: Program, post: str, options: Mapping[str, object], chord: fl
     """The plan file of ``program``, one instruction a line. ``decode`` is its inverse."""
     known = _Rotations()
     work, tool = program.base_from_work, program.flange_from_tool
-    frames = [_Frame(pose.origin, known.place(pose.rotation)) for pose in (work, tool)]
-    body = [_line(item, known) for item in program.body]
+    encoder = msgspec.json.Encoder(order="deterministic")
+    work_frame, tool_frame = _frame(work, known), _frame(tool, known)
+    lines = [encoder.encode(_line(item, known)) for item in program.body]
     head = _File(
         format="camgen-plan 2",
         post=post,
         options=dict(options),
         chord_mm=chord,
         name=clean(program.name),
-        base_from_work=frames[0],
-        flange_from_tool=frames[1],
-        header=tuple(clean(line) for line in program.header),
+        base_from_work=work_frame,
+        flange_from_tool=tool_frame,
+        header=tuple(map(clean, program.header)),
         rotations=tuple(known.matrices),
-        paths=tuple(_clean(origin) for origin in program.paths),
+        paths=tuple(map(_clean, program.paths)),
         body=(),
     )
-    encoder = msgspec.json.Encoder(order="deterministic")
-    lines = [encoder.encode(line) for line in body]
     start = encoder.encode(head).removesuffix(b"[]}")
     return start + b"[\n" + b",\n".join(lines) + b"\n]}\n"
 
 
 def _clean(origin: Origin) -> Origin:
-    contours = tuple(clean(ident) for ident in origin.contours)
+    contours = tuple(map(clean, origin.contours))
     return Origin(clean(origin.id), clean(origin.layer), contours, origin.operation)
 
 
-def _frame(pose: Pose | None, known: _Rotations) -> _Frame | None:
-    return None if pose is None else _Frame(pose.origin, known.place(pose.rotation))
+def _frame(pose: Pose, known: _Rotations) -> _Frame:
+    return _Frame(pose.origin, known.place(pose.rotation))
 
 
 _Write = Callable[[Any, _Rotations], Any]
@@ -195,7 +193,9 @@ _WRITE: Mapping[str, _Write] = {
     "press": lambda item, _: item.force_direction if any(item.force_direction) else None,
     "posture": lambda item, _: item.joints.values if item.joints else None,
     "called": lambda item, _: item.posture,
-    "flange_from_tool": lambda item, known: _frame(item.flange_from_tool, known),
+    "flange_from_tool": lambda item, known: (
+        item.flange_from_tool and _frame(item.flange_from_tool, known)
+    ),
     "value": lambda item, _: float(item.value),
     "newtons": lambda item, _: float(item.newtons),
     "name": lambda item, _: clean(item.name),
@@ -214,12 +214,8 @@ def _find_writer(word: str) -> _Write:
     return lambda item, _: read(item) or None
 
 
-def _find_writers(keys: str) -> list[_Write]:
-    """How the values of `keys`, an entry of `_KEYS`, are made."""
-    return list(map(_find_writer, keys.split()))
-
-
-_WRITERS = {kind: _find_writers(keys) for kind, keys in _KEYS.items()}
+#: How the values of the keys of each instruction are made.
+_WRITERS = {kind: list(map(_find_writer, keys.split())) for kind, keys in _KEYS.items()}
 
 
 def _line(item: Instruction, known: _Rotations) -> _Line:
@@ -304,12 +300,8 @@ def _find_reader(name: str) -> _Read:
     return _READ.get(name, lambda line, _: read(line))
 
 
-def _find_readers(kind: type[Struct]) -> list[_Read]:
-    """How the fields of an instruction are made of a line."""
-    return list(map(_find_reader, kind.__struct_fields__))
-
-
-_READERS = {line: _find_readers(kind) for line, kind in _KINDS.items()}
+#: How the fields of each instruction are made of a line.
+_READERS = {line: list(map(_find_reader, kind.__struct_fields__)) for line, kind in _KINDS.items()}
 
 
 def _instruction(line: _Line, pose: _FindPose) -> Instruction:

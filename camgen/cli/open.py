@@ -21,16 +21,23 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     try:
         from camgen.workbench.server import CommandLine, open_socket, serve  # noqa: PLC0415
     except ModuleNotFoundError as error:
-        remedy = "pip install '.[workbench]' in the folder of camgen"
-        raise JobError("open", f"needs {error.name}", remedy=remedy) from error
+        raise JobError(
+            "open",
+            f"needs {error.name}",
+            remedy="pip install '.[workbench]' in the folder of camgen",
+        ) from error
     from camgen.workbench.guard import make_token  # noqa: PLC0415 (asyncio, only for this command)
     from camgen.workbench.session import open_session  # noqa: PLC0415
 
     inputs, job = _inputs(arguments.inputs, arguments.job)
     folder = Path(arguments.output or "")
     if not folder.is_dir():
-        remedy = "make it first; programs get the names that build gives"
-        raise JobError(str(folder), "is not a folder", "-o", remedy)
+        raise JobError(
+            str(folder),
+            "is not a folder",
+            "-o",
+            "make it first; programs get the names that build gives",
+        )
     post = arguments.post or _choose_post(inputs[0])
     find_post(post)  # Raises for an unknown post before a page is opened.
     posts = [installed.name for installed in list_installed() if not installed.broken]
@@ -57,17 +64,19 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     what = f"{counted(ending.changes, 'change')} {verb} not saved"
     if ending.kept is None:
         raise JobError(str(session.job_file), f"{what}, and lost: {ending.fault}")
-    remedy = "camgen open offers them again"
-    raise JobError(str(session.job_file), what, f"kept in {ending.kept}", remedy)
+    raise JobError(
+        str(session.job_file), what, f"kept in {ending.kept}", "camgen open offers them again"
+    )
 
 
 def _inputs(names: Sequence[str], job: str | None) -> tuple[list[Path], str | None]:
     """The inputs, and the job file. A job file alone opens the input of its name beside it."""
-    paths = [Path(name) for name in names]
+    paths = list(map(Path, names))
     if len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         if job is not None:
-            remedy = "name the input, or leave it out"
-            raise JobError("--job", "a job file is opened already", remedy=remedy)
+            raise JobError(
+                "--job", "a job file is opened already", remedy="name the input, or leave it out"
+            )
         return [_find_input(paths[0])], names[0]
     files = Files()
     for path in paths:

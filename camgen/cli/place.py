@@ -18,13 +18,14 @@ from camgen.batch.writing import (
     check_programs,
     check_targets,
     is_edited,
+    list_paths,
     write_all,
 )
 from camgen.cli.build import describe_collision, list_notes
 from camgen.cli.job_text import write_table, write_tables
-from camgen.cli.say import Row, Terminal
+from camgen.cli.say import Row, Terminal, join_rows, label_rows
 from camgen.model.errors import JobError, make_one_line, rename_errors
-from camgen.model.text import counted, duration, grouped, harmless, short
+from camgen.model.text import counted, duration, grouped, harmless, short, short_each
 from camgen.model.version import __version__
 from camgen.pipeline import list_program_files, make_job_post
 from camgen.pipeline.inputs import read_inputs
@@ -56,11 +57,13 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
             remedy="give mm above the base of the robot",
         )
     job_file = find_job_file(arguments.job, source)
-    read_files = [source, *([job_file] if job_file else [])]
+    read_files = [source, job_file]
     numbers = range(1, SET_UPS + 1)
-    possible = [_place_beside(target, number, ".toml") for number in numbers]
-    possible += [path.with_suffix(".svg") for path in possible]
-    check_targets([target, *possible], read_files)
+    possible = [target]
+    for number in numbers:
+        job_target = _place_beside(target, number, ".toml")
+        possible += [job_target, job_target.with_suffix(".svg")]
+    check_targets(possible, read_files)
     files = Files()
     with pause_collector(), rename_errors("job", str(job_file or "job")):
         job = load_job(job_file, arguments.sets, files)
@@ -76,18 +79,14 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         if len(result.set_ups) > 1:
             for number in numbers:
                 written += _write_set_up(result, number, source.name, target)
-    check_targets([path for path, _ in written], read_files)
+    targets = list_paths(written)
+    check_targets(targets, read_files)
     write_all(written, files.opened)
     terminal.clear()
     if not terminal.quiet:
         terminal.out(f"base_from_work = {list(result.best[0].base_from_work)}\n")
-    terminal.rows(
-        [
-            *_describe(result),
-            *_list_edges(result, _LISTED),
-            *(("written", str(path), "good") for path, _ in written),
-        ]
-    )
+    terminal.rows([*_describe(result), *_list_edges(result, _LISTED)])
+    terminal.rows(label_rows("written", targets, "good"))
     return 0
 
 
@@ -99,9 +98,8 @@ def _place_beside(target: Path, number: int, suffix: str) -> Path:
 def _write_cell(result: Search, part: str, folder: Path) -> str:
     """The file of the cell of the best set-up."""
     head = [f"camgen {__version__}: where {harmless(part)} should stand"]
-    head += _format_rows(_describe(result))
-    lines = write_table("cell", result.best[0].job.cell, folder)
-    return _join([*head, *_format_rows(_list_edges(result))], lines)
+    head += join_rows([*_describe(result), *_list_edges(result)])
+    return _join(head, write_table("cell", result.best[0].job.cell, folder))
 
 
 def _write_set_up(
@@ -117,18 +115,19 @@ def _write_set_up(
     suffix = Path(trial.result.files[0].name).suffix
     programs = list_program_files(trial.result, job.parent, job.with_suffix(suffix))
     check_programs([(path, file.head(HEADER_BYTES)) for path, file in programs])
-    for path, _ in programs:
+    targets = list_paths(programs)
+    for path in targets:
         if is_edited(path):
-            what = "was edited since camgen wrote it"
-            raise JobError(str(path), what, remedy="give another name with -o")
-    names = ", ".join(path.name for path, _ in programs)
+            raise JobError(
+                str(path), "was edited since camgen wrote it", remedy="give another name with -o"
+            )
+    names = ", ".join(path.name for path in targets)
     head = [
         f"camgen {__version__}: set-up {number} of {len(result.set_ups)} of {harmless(part)}",
         f"program: {harmless(names)}, picture: {harmless(job.with_suffix('.svg').name)}",
         f"set-up {number}: {_describe_trial(result, trial)}",
         *_describe_frame(trial),
-        *_format_rows(_list_findings(trial)),
-        *_format_rows(_list_edges(result)),
+        *join_rows([*_list_findings(trial), *_list_edges(result)]),
     ]
     yield job, _join(head, write_tables(trial.job, job.parent)).encode()
     yield from programs
@@ -137,13 +136,7 @@ def _write_set_up(
 
 
 def _join(head: list[str], lines: list[str]) -> str:
-    return "".join(
-        [*(f"# {make_one_line(line)}\n" for line in head), *(f"{line}\n" for line in lines)]
-    )
-
-
-def _format_rows(rows: list[Row]) -> list[str]:
-    return [f"{label}: {text}" if label else text for label, text, _ in rows]
+    return "\n".join([*(f"# {make_one_line(line)}" for line in head), *lines, ""])
 
 
 def _describe(result: Search) -> list[Row]:
@@ -159,7 +152,7 @@ def _describe(result: Search) -> list[Row]:
     if len(result.set_ups) > 1:
         for number, trial in enumerate(result.set_ups, 1):
             rows.append((f"set-up {number}", _describe_trial(result, trial), "plain"))
-            rows += [("", text, "plain") for text in _describe_frame(trial)]
+            rows += label_rows("", _describe_frame(trial))
             rows += _list_findings(trial)
         rows.append(("together", _format_worked(result, result.set_ups), "plain"))
     rows.append(("searched", _describe_search(result), "plain"))
@@ -188,7 +181,7 @@ def _describe_trial(result: Search, trial: Trial) -> str:
 
 def _format_worked(result: Search, trials: Sequence[Trial]) -> str:
     worked = result.measure_worked(trials)
-    length, total = (short(mm, 1) for mm in (sum(worked.values()), result.length))
+    length, total = short_each((sum(worked.values()), result.length), 1)
     edges = f"{grouped(len(worked))} of {counted(len(result.edges), 'edge')}"
     return f"{edges}, {length} of {total} mm"
 
@@ -208,7 +201,7 @@ def _describe_frame(trial: Trial) -> list[str]:
             _format_vector(resting_pose.face.normal),
             _format_vector(resting_pose.face.middle),
         )
-        longer, shorter = (short(side, 1) for side in resting_pose.face.size)
+        longer, shorter = short_each(resting_pose.face.size, 1)
         lines.append(
             f"rests on the face of {longer} x {shorter} mm with the middle {middle} mm and the "
             f"normal {normal}, in the frame of the part"
@@ -231,7 +224,7 @@ def _list_findings(trial: Trial) -> list[Row]:
 
 
 def _format_vector(values: np.ndarray) -> str:
-    return f"[{', '.join(short(value, 3) for value in values.tolist())}]"
+    return f"[{', '.join(short_each(values.tolist(), 3))}]"
 
 
 def _list_edges(result: Search, limit: int | None = None) -> list[Row]:
@@ -239,15 +232,14 @@ def _list_edges(result: Search, limit: int | None = None) -> list[Row]:
 
     limit: number of edges that are listed, those first of which something is left.
     """
-    rows = [(_order_edge(result, name), _row_of_edge(result, name)) for name in result.edges]
-    if limit is None:
-        return [row for _, row in rows]
-    rows.sort(key=lambda item: item[0])
-    listed = [row for _, row in rows[:limit]]
-    if len(rows) > limit:
-        more = f"and {grouped(len(rows) - limit)} more, listed in the job file"
-        listed.append(("edges", more, "plain"))
-    return listed
+    names = list(result.edges)
+    if limit is not None:
+        names.sort(key=lambda name: _order_edge(result, name))
+    rows = [_row_of_edge(result, name) for name in names[:limit]]
+    if len(rows) < len(names):
+        more = f"and {grouped(len(names) - len(rows))} more, listed in the job file"
+        rows.append(("edges", more, "plain"))
+    return rows
 
 
 def _order_edge(result: Search, name: str) -> int:

@@ -14,9 +14,8 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         terminal.data(list_installed())
         return 0
     rows = [("name", "suffix", "origin", "about")]
-    rows += [
-        (p.name, p.suffix, p.origin, f"broken: {p.broken}" if p.broken else p.about)
-        for p in list_installed()
-    ]
+    for post in list_installed():
+        about = f"broken: {post.broken}" if post.broken else post.about
+        rows.append((post.name, post.suffix, post.origin, about))
     terminal.out(format_table(rows))
     return 0

@@ -26,7 +26,8 @@ def list_proposed(proposal: Proposal, active: bool) -> list[str]:
         )
     else:
         about += "Speeds (rpm) and feeds (mm/s) are placeholders: set them for tool and material."
-    about += "" if active else " Delete the # in front to use it."
+    if not active:
+        about += " Delete the # in front to use it."
     if proposal.left:
         why = "they cross others, enclose nothing, or no tool fits"
         about += f" In no operation: {', '.join(proposal.left)} ({why})."
@@ -35,10 +36,11 @@ def list_proposed(proposal: Proposal, active: bool) -> list[str]:
     for tool in proposal.tools:
         rows += ["", "[[tools]]", *_keys(tool.row, tool.comments)]
     for operation in proposal.operations:
-        reason = f": {operation.why}" if operation.why else ""
-        comment = f"# {operation.about}{reason}"
+        comment = f"# {operation.about}: {operation.why}".removesuffix(": ")
         rows += ["", "[[operations]]", comment, *_keys(operation.row, {})]
-    return lines + (rows if active else [f"# {line}".rstrip() for line in rows])
+    if not active:
+        rows = [f"# {line}".rstrip() for line in rows]
+    return lines + rows
 
 
 def _keys(row: Mapping[str, object], comments: Mapping[str, str]) -> list[str]:
@@ -66,12 +68,14 @@ def tabulate(proposal: Proposal) -> list[str]:
     lines = []
     for operation in proposal.operations:
         row = operation.row
-        going = [str(row["entry"])] if "entry" in row else []
-        going += [f"{row['passes']} passes"] if "passes" in row and row["kind"] != "drill" else []
-        going += ["a last pass at the wall"] if "finish" in row else []
-        going += [counted(int(str(row["tabs"])), "tab") + " each"] if "tabs" in row else []
-        parts = [operation.about, operation.why, *going]
-        lines.append(f"{row['kind']} - {row['tool']}: {', '.join(part for part in parts if part)}")
+        parts = [operation.about, operation.why, str(row.get("entry", ""))]
+        if "passes" in row and row["kind"] != "drill":
+            parts.append(f"{row['passes']} passes")
+        if "finish" in row:
+            parts.append("a last pass at the wall")
+        if "tabs" in row:
+            parts.append(counted(int(str(row["tabs"])), "tab") + " each")
+        lines.append(f"{row['kind']} - {row['tool']}: {', '.join(filter(None, parts))}")
     return lines
 
 

@@ -127,12 +127,16 @@ def _rebuild(text: Text, origin: Origin, terminal: Terminal, files: Files) -> tu
 
 def pick_program(program: Program, post: Post, path: Path) -> Program:
     """The program of a file: of several, one for each tool, the one with the name of the file."""
-    parts = (program,) if post.changes_tools else split_tools(program)
+    if post.changes_tools:
+        return program
+    parts = {part.name: part for part in split_tools(program)}
     if len(parts) == 1:
-        return parts[0]
-    picked = next((part for part in parts if part.name == path.stem), None)
-    if picked is None:
-        names = ", ".join(part.name for part in parts)
-        what = "the plan holds a program for each tool"
-        raise InputError(str(path), what, names, "give one by its own name")
-    return picked
+        return next(iter(parts.values()))
+    if path.stem not in parts:
+        raise InputError(
+            str(path),
+            "the plan holds a program for each tool",
+            ", ".join(parts),
+            "give one by its own name",
+        )
+    return parts[path.stem]

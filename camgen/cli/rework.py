@@ -14,7 +14,7 @@ import numpy as np
 
 from camgen.check.photo import Inspection, Rework
 from camgen.check.photo.rework import LEAD, WITHOUT_FORCE, stays_down
-from camgen.cli.job_text import write_table
+from camgen.cli.job_text import write_table, write_values
 from camgen.model.job import Job
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, harmless, short
@@ -65,32 +65,25 @@ def write_job(inspection: Inspection, works: Sequence[Rework], job: Job, target:
         f"# Build it with the drawing beside it: camgen build {harmless(target.stem)}.dxf",
         "# It is for the part as the photo shows it: after a run, also one that was broken off,",
         "# take another photo and another rework.",
-        *([] if job.process.force else [f"# {WITHOUT_FORCE}."]),
-        "",
-        "[input]",
-        'units = "mm"',
     ]
+    if not job.process.force:
+        lines.append(f"# {WITHOUT_FORCE}.")
+    lines += ["", "[input]", 'units = "mm"']
     for table in _TABLES:
         lines += write_table(table, getattr(job, table), target.parent, _LEFT_OUT)
-    lines += ["", "[operation]", *_operation(job)]
-    if job.post:
-        lines += [
-            "",
-            "[post]",
-            *(f"{key} = {format_toml(value)}" for key, value in job.post.items()),
-        ]
+    lines += [*write_values("operation", _operation(job)), *write_values("post", job.post)]
     for work in works:
         lines += _rows(work, stays_down(job))
     return "\n".join([*lines, ""]).encode()
 
 
-def _operation(job: Job) -> list[str]:
+def _operation(job: Job) -> dict[str, object]:
     settings: dict[str, object] = {"kind": "follow", "side": "right"}
     settings |= {key: getattr(job.operation, key) for key in _KEPT}
     if job.process.force:
         for key in ("lead_in", "lead_out"):
             settings[key] = settings[key] or LEAD
-    return [f"{key} = {format_toml(value)}" for key, value in settings.items()]
+    return settings
 
 
 def _rows(work: Rework, stays: bool) -> Iterator[str]:

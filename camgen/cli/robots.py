@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 
+import numpy as np
+
 from camgen.cli.say import Terminal, format_table
-from camgen.model.text import short
+from camgen.model.text import short_each
 from camgen.robots.catalogue import find_robot, list_robots
 from camgen.robots.models import Robot
 
@@ -34,26 +36,25 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         terminal.data(list(map(_as_data, listed)))
         return 0
     rows = [("name", "maker", "joints", "kind", "kinematics", "limits")]
-    rows += [
-        (r.name, r.maker, str(len(r.joints)), r.kind, r.trust.kinematics, r.trust.limits)
-        for r in listed
-    ]
-    text = format_table(rows)
-    for row in listed if terminal.verbose else ():
-        text += "".join(f"{row.name}: {note}\n" for note in row.notes)
-    terminal.out(text)
+    notes = ""
+    for robot in listed:
+        joints, trust = str(len(robot.joints)), robot.trust
+        rows.append((robot.name, robot.maker, joints, robot.kind, trust.kinematics, trust.limits))
+        if terminal.verbose:
+            notes += "".join(f"{robot.name}: {note}\n" for note in robot.notes)
+    terminal.out(format_table(rows) + notes)
     return 0
 
 
 def _as_data(robot: Robot) -> dict[str, object]:
     """The properties of a robot, with joint values in deg or mm, and speeds in deg/s or mm/s."""
-    units = [1.0 if joint.sliding else math.degrees(1) for joint in robot.joints]
     joints = []
-    for k, (joint, unit) in enumerate(zip(robot.joints, units, strict=True)):
+    for k, joint in enumerate(robot.joints):
+        unit = 1.0 if joint.sliding else math.degrees(1)
         row = {
             "name": joint.name,
             "sliding": joint.sliding,
-            "limits": [round(float(value) * unit, 6) for value in robot.limits[k]],
+            "limits": [round(value * unit, 6) for value in robot.limits[k].tolist()],
             "speed": round(float(robot.speeds[k]) * unit, 6),
             "home": round(float(robot.home[k]) * unit, 6),
         }
@@ -72,8 +73,8 @@ def _describe(robot: Robot) -> str:
     rows = [("joint", "moves", "from", "to", "speed", "home", "boxes")]
     for k, joint in enumerate(robot.joints):
         unit, name = (1.0, "mm") if joint.sliding else (math.degrees(1), "deg")
-        values = [*robot.limits[k].tolist(), float(robot.speeds[k]), float(robot.home[k])]
-        low, high, speed, home = (short(value * unit, 3) for value in values)
+        values = np.array([*robot.limits[k], robot.speeds[k], robot.home[k]])
+        low, high, speed, home = short_each((values * unit).tolist(), 3)
         link = robot.links[k + 1]
         limits = (f"{low} {name}", f"{high} {name}", f"{speed}/s")
         rows.append((joint.name, link.name, *limits, home, str(len(link.boxes))))

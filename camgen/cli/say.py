@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
-from typing import NamedTuple, TextIO
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, NamedTuple, TextIO
 
 from camgen.model.errors import make_one_line
 from camgen.model.text import counted
+
+if TYPE_CHECKING:
+    from camgen.model.part import Note
 
 #: Label, text and tone of a line of a summary.
 Row = tuple[str, str, str]
@@ -101,14 +104,26 @@ def _write(stream: TextIO, text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
+def label_rows(label: str, texts: Iterable[object], tone: str = "plain") -> list[Row]:
+    """A row for each of `texts`, with the same label and tone."""
+    return [(label, str(text), tone) for text in texts]
+
+
+def rows_of_notes(notes: Iterable[Note], tone: str = "look") -> list[Row]:
+    """A row for each note, with its reason."""
+    return [(note.kind, str(note).removeprefix(f"{note.kind}: "), tone) for note in notes]
+
+
+def join_rows(rows: Iterable[Row]) -> list[str]:
+    """Each row as `label: text`, or its text alone if it has no label."""
+    return [f"{label}: {text}".removeprefix(": ") for label, text, _ in rows]
+
+
 def format_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows of cells as aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for row in rows:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
-        lines.append("  ".join(cells).rstrip() + "\n")
-    return "".join(lines)
+    form = "  ".join(f"{{:<{width}}}" for width in widths)
+    return "".join([form.format(*row).rstrip() + "\n" for row in rows])
 
 
 def join_names(names: Sequence[str], limit: int = 6) -> str:

@@ -26,17 +26,18 @@ from camgen.check.stock import (
     prove,
 )
 from camgen.cli.proven import Proven
+from camgen.cli.say import Row, label_rows
 from camgen.lang.programs import Executed
 from camgen.lower.runs import plunge
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.model.program import Columns, MoveJ, ToolChange
-from camgen.model.text import counted, short
+from camgen.model.text import counted, short, short_each
 from camgen.motion.corners import compute_corner_tolerance
 from camgen.pipeline.stock import REMEDY_FOR_PIECES
 from camgen.plan.page import place_on_page
-from camgen.plan.steps import make_step_job, name_drills, split_part
+from camgen.plan.steps import make_step_job, make_step_jobs, name_drills, split_part
 
 #: mm: a smaller depth does not count.
 _NO_BITE_MM = 0.0001
@@ -79,9 +80,10 @@ def check_stock(
     """
     part = place_on_page(drawn, job)
     if part.solid is not None or part.curves or not part.contours:
-        remedy = "give the drawing of the part"
         raise InputError(
-            part.source, "has no flat contours to prove a program against", remedy=remedy
+            part.source,
+            "has no flat contours to prove a program against",
+            remedy="give the drawing of the part",
         )
     executed = proven.executed
     columns = Columns(executed.body)
@@ -95,14 +97,15 @@ def check_stock(
         cuts = [replace(cut, stated=_state(cut, job)) for cut in cuts]
     designed = design(tasks, job.stock)
     proof = prove(cuts, designed, proven.dynamics, job.stock, proven.fixtures, on_arm=proven.on_arm)
-    warnings = [
-        f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
-        for breach in proof.set_up.breaches
-    ]
-    lines = "".join([_format_faults(proof.faults, place), *warnings])
-    return StockVerdict(
-        tuple(_rows(proof, tasks, cuts, job)), lines, _refuse(program, proof, place)
-    )
+    lines = _format_faults(proof.faults, place)
+    for breach in proof.set_up.breaches:
+        lines += f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
+    rows = _rows(proof, tasks, cuts, job)
+    return StockVerdict(_drop_tones(rows), lines, _refuse(program, proof, place))
+
+
+def _drop_tones(rows: Sequence[Row]) -> tuple[tuple[str, str], ...]:
+    return tuple((label, text) for label, text, _ in rows)
 
 
 def check_fixtures(
@@ -112,13 +115,12 @@ def check_fixtures(
     assert proven.fixtures is not None
     cuts = _list_cuts(program, proven.executed, Columns(proven.executed.body), job)
     clearance, faults = examine_fixtures(cuts, proven.fixtures)
-    rows = [(label, text) for label, text, _ in rows_of_fixtures(clearance, job)]
-    rows += [("not judged", note) for note in clearance.notes]
+    rows = [*rows_of_fixtures(clearance, job), *label_rows("not judged", clearance.notes)]
     error = None
     if faults:
         what = f"{counted(len(faults), 'fault')} beside the fixtures, first: {faults[0].text}"
         error = NoSafeProgram(program, what, place(faults[0].line), _REMEDY)
-    return StockVerdict(tuple(rows), _format_faults(faults, place), error)
+    return StockVerdict(_drop_tones(rows), _format_faults(faults, place), error)
 
 
 def _list_cuts(program: str, executed: Executed, columns: Columns, job: Job) -> list[Cut]:
@@ -130,19 +132,18 @@ def _list_cuts(program: str, executed: Executed, columns: Columns, job: Job) -> 
 
 def _state(cut: Cut, job: Job) -> Stated:
     """The feeds and speeds that a job states for the tool of a cut."""
-    jobs = [make_step_job(job, step) for step in job.operations] or [job]
-    steps = [
-        step
-        for step, tool in zip(jobs, name_drills(jobs), strict=True)
-        if tool == cut.tool or not job.operations
-    ]
-    feeds = [step.process.feed * step.process.max_feed_factor for step in steps]
-    down = [
-        step.process.feed if step.operation.kind == "drill" else plunge(step.process)
-        for step in steps
-    ]
-    speeds = {step.process.spindle for step in steps if step.process.spindle > 0}
-    return Stated(max(feeds), max(down), tuple(sorted(speeds)))
+    jobs = make_step_jobs(job)
+    feeds: list[float] = []
+    down: list[float] = []
+    speeds: set[float] = set()
+    for step, tool in zip(jobs, name_drills(jobs), strict=True):
+        process = step.process
+        if job.operations and tool != cut.tool:
+            continue
+        feeds.append(process.feed * process.max_feed_factor)
+        down.append(process.feed if step.operation.kind == "drill" else plunge(process))
+        speeds.add(process.spindle)
+    return Stated(max(feeds), max(down), tuple(sorted(speeds - {0.0})))
 
 
 def _task(part: Part, job: Job, columns: Columns) -> Task:
@@ -158,14 +159,16 @@ def _cuts_by_tool(program: str, executed: Executed, columns: Columns, job: Job) 
 
     Raises JobError if the program does not show which tools of the job it uses.
     """
-    used = name_drills([make_step_job(job, step) for step in job.operations])
+    used = name_drills(make_step_jobs(job))
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
     whole = _cut(program, executed, columns, replace(job, tool=used[0]))
     if not changes:
-        if any(tool != used[0] for tool in used):
-            what = "the job has several tools, and the program changes none"
+        if used.count(used[0]) < len(used):
             raise JobError(
-                "job", what, "[[tools]]", "give a job with the operations of this program alone"
+                "job",
+                "the job has several tools, and the program changes none",
+                "[[tools]]",
+                "give a job with the operations of this program alone",
             )
         return [whole]
     cuts = []
@@ -175,8 +178,12 @@ def _cuts_by_tool(program: str, executed: Executed, columns: Columns, job: Job) 
         tool = next((tool for tool in used if tool.number == change.number), None)
         if tool is None:
             line = executed.lines[start]
-            what = f"line {line} changes to tool {change.number}, which no operation names"
-            raise JobError("job", what, "[[tools]]", "give its number to one of them")
+            raise JobError(
+                "job",
+                f"line {line} changes to tool {change.number}, which no operation names",
+                "[[tools]]",
+                "give its number to one of them",
+            )
         body, lines = executed.body[start:end], executed.lines[start:end]
         cuts.append(replace(whole, body=body, lines=lines, tool=tool, name=f"tool {change.number}"))
     return cuts
@@ -190,26 +197,26 @@ def _cut(program: str, executed: Executed, columns: Columns, job: Job) -> Cut:
     rapid = columns.moves_are(MoveJ) & columns.posed
     process = job.process
     slower = process.feed * process.max_feed_factor < process.travel_speed
-    travel = process.travel_speed if slower and not rapid[1:].any() else np.inf
+    travel = process.travel_speed if slower and not rapid[1:].any() else math.inf
     return Cut(
         executed.body,
         executed.lines,
         job.tool,
         Path(program).name,
-        travel=float(travel),
+        travel=travel,
         chord=job.tolerance.chord,
         corner=compute_corner_tolerance(job, job.operation.kind),
     )
 
 
-def rows_of_build(proof: StockProof) -> list[tuple[str, str, str]]:
+def rows_of_build(proof: StockProof) -> list[Row]:
     """Rows of the summary of a build: stock, excess material, loose parts and set-up."""
     tone = "look" if proof.bite is None else "good"
     rows = [("stock", f"{_format_result(proof)}; {volume(proof.volume)} removed", tone)]
-    rows += [("excess", text, "plain") for text in _list_excess(proof)]
+    rows += label_rows("excess", _list_excess(proof))
     rows += [("loose", fault.text, "look") for fault in proof.loose if fault.serious]
-    rows += [("stock", note, "look") for note in proof.notes]
-    return rows + [("set-up", text, "look") for text in _list_examined(proof)]
+    rows += label_rows("stock", proof.notes, "look")
+    return rows + label_rows("set-up", _list_examined(proof), "look")
 
 
 def volume(mm3: float) -> str:
@@ -217,38 +224,36 @@ def volume(mm3: float) -> str:
     return f"{short(mm3 / 1000, 1)} cm3" if mm3 >= 1000 else f"{short(mm3, 0)} mm3"
 
 
-def rows_of_fixtures(clearance: Clearance | None, job: Job) -> list[tuple[str, str, str]]:
+def rows_of_fixtures(clearance: Clearance | None, job: Job) -> list[Row]:
     """The row of the summary on the distances from the fixtures, and on unknown holders."""
     if clearance is None:
         return []
     names = counted(clearance.fixtures, "fixture")
     if clearance.hits:
         return [("fixtures", f"{names}, {counted(len(clearance.hits), 'motion')} too near", "bad")]
-    least = [
-        f"{short(mm, 2)} mm {where}"
-        for mm, where in ((clearance.aside, "beside"), (clearance.above, "above"))
-        if mm < math.inf
-    ]
+    aside = f"{short(clearance.aside, 2)} mm beside" if clearance.aside < math.inf else ""
+    above = f"{short(clearance.above, 2)} mm above" if clearance.above < math.inf else ""
+    least = list(filter(None, (aside, above)))
     distances = f"keeps {' and '.join(least)} them" if least else "is nowhere near"
-    tools = [step.tool for step in job.operations] or [job.tool]
     bodies, tone = "the tool with its holder", "good"
-    if any(tool.holder is None for tool in tools):
+    if any(step.tool.holder is None for step in make_step_jobs(job)):
         bodies, tone = "the tool", "look"
         distances += "; its holder is not judged, tool.holder is not set"
     return [("fixtures", f"{names}: {bodies} {distances}", tone)]
 
 
-def _rows(
-    proof: StockProof, tasks: Sequence[Task], cuts: Sequence[Cut], job: Job
-) -> list[tuple[str, str]]:
+def _rows(proof: StockProof, tasks: Sequence[Task], cuts: Sequence[Cut], job: Job) -> list[Row]:
     tools = dict.fromkeys(f"{cut.tool.kind} of {short(cut.tool.diameter, 3)} mm" for cut in cuts)
     depth = short(max(task.job.operation.depth for task in tasks), 3)
-    rows = [("stock", f"{', '.join(tools)}, {depth} mm deep: {_format_result(proof)}")]
-    rows.append(("removed", volume(proof.volume)))
-    rows += [("excess", text) for text in _list_excess(proof)]
-    rows += [("not judged" if "not" in note else "note", note) for note in proof.notes]
-    rows += [(label, text) for label, text, _ in rows_of_fixtures(proof.clearance, job)]
-    return rows + [("set-up", text) for text in _list_examined(proof)]
+    rows = [
+        ("stock", f"{', '.join(tools)}, {depth} mm deep: {_format_result(proof)}", "plain"),
+        ("removed", volume(proof.volume), "plain"),
+        *label_rows("excess", _list_excess(proof)),
+    ]
+    for note in proof.notes:
+        rows.append(("not judged" if "not" in note else "note", note, "plain"))
+    rows += rows_of_fixtures(proof.clearance, job)
+    return rows + label_rows("set-up", _list_examined(proof))
 
 
 def _list_examined(proof: StockProof) -> list[str]:
@@ -301,27 +306,26 @@ def _list_excess(proof: StockProof) -> list[str]:
         )
         parts = [f"{short(mm2, 2)} mm2 {cause}" for mm2, cause in areas if mm2 >= _MIN_EXCESS]
         if excess.unexplained.area >= _MIN_EXCESS and excess.place is not None:
-            position = " ".join(short(value, 2) for value in excess.place)
+            position = " ".join(short_each(excess.place, 2))
             area = short(excess.unexplained.area, 2)
             parts.append(f"{area} mm2 else, up to {short(excess.size, 2)} mm wide at {position}")
         depths_of.setdefault(", ".join(parts), []).append(level.bottom)
     lines = []
     for text, depths in depths_of.items():
-        heights = " ".join(short(z, 3) for z in depths)
-        lines.append(f"at z {heights}: {text}")
+        lines.append(f"at z {' '.join(short_each(depths, 3))}: {text}")
     return lines
 
 
 def _format_faults(faults: Sequence[Fault], place: Callable[[int], str]) -> str:
     """A line for each of the first `_MAX_LISTED` faults, and one for the number of others."""
-    lines = []
+    lines = ""
     for fault in faults[:_MAX_LISTED]:
         remark = "" if fault.serious else "remark: "
-        lines.append(f"{place(fault.line)}: {remark}{fault.text}\n")
+        lines += f"{place(fault.line)}: {remark}{fault.text}\n"
     more = len(faults) - _MAX_LISTED
     if more > 0:
-        lines.append(f"and {counted(more, 'more fault')} of the stock proof\n")
-    return "".join(lines)
+        lines += f"and {counted(more, 'more fault')} of the stock proof\n"
+    return lines
 
 
 def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoSafeProgram | None:

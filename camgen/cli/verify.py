@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
 from camgen.cli.header import find_part, name_source, read_header
+from camgen.cli.inputs import to_path
 from camgen.cli.judge import (
     add_harm,
     check_page,
@@ -19,6 +20,7 @@ from camgen.cli.judge import (
     find_error,
     format_findings,
     format_time,
+    list_as_data,
     list_rows,
     make_run_options,
     name_files,
@@ -41,7 +43,7 @@ from camgen.model.job import Job
 from camgen.model.plugins import list_entries
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Columns, ToolChange
-from camgen.model.text import counted, short
+from camgen.model.text import counted, short, short_each
 from camgen.post import Post
 from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
@@ -123,20 +125,23 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         return run_many(arguments, terminal)
     if arguments.sarif:
         raise JobError("--sarif", "is for --summary", remedy="add --summary, or use --json")
-    paths = [Path(name) for name in arguments.programs]
-    folder = next((path for path in paths if path.is_dir()), None)
-    if folder is not None:
-        raise InputError(str(folder), "is a folder", remedy="add --summary, or name the files")
+    paths = list(map(Path, arguments.programs))
+    for path in paths:
+        if path.is_dir():
+            raise InputError(str(path), "is a folder", remedy="add --summary, or name the files")
     files = Files()
-    drawing = Path(arguments.part) if arguments.part else None
+    drawing = to_path(arguments.part)
     texts = read_texts(paths, files)
     header = read_header(texts)
     if drawing is not None and header is not None and header.is_located:
-        what = "lies as drawn, and the program is for the place of the part in a photo"
         remedy = (
             "leave it out; camgen build has proven the program against the drawing at that place"
         )
-        raise JobError("--part", what, remedy=remedy)
+        raise JobError(
+            "--part",
+            "lies as drawn, and the program is for the place of the part in a photo",
+            remedy=remedy,
+        )
     source = name_source(paths[0], header)
     named = find_job_file(arguments.job, None if arguments.plan else source)
     job = load_job(named or find_job_file(None, drawing), arguments.sets, files)
@@ -145,11 +150,11 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     if ours and header and not arguments.post and not arguments.plan:
         origin = Origin(header, find_part(header, source, job, files), source.stem)
         arguments.post = header.post
-    is_language = not arguments.post or any(
-        entry.name == arguments.post for entry in list_entries(LANGUAGES)
-    )
     request = _Request(arguments, paths, texts, job, drawing, files, origin, header is not None)
-    return (_verify_own if ours or not is_language else _verify_third_party)(request, terminal)
+    post = arguments.post
+    if ours or (post and post not in [entry.name for entry in list_entries(LANGUAGES)]):
+        return _verify_own(request, terminal)
+    return _verify_third_party(request, terminal)
 
 
 def _verify_third_party(request: _Request, terminal: Terminal) -> int:
@@ -226,7 +231,7 @@ def _verify_own(request: _Request, terminal: Terminal) -> int:
 
     def print_report(more: Sequence[Row] = (), also: str = "") -> None:
         if arguments.json:
-            faults = [_as_data(finding, place) for finding in executed.findings]
+            faults = list_as_data(executed.findings, place)
             terminal.data({"sums": motions, "told": dict([*rows, *more]), "faults": faults})
         else:
             terminal.out(format_table([*rows, *more]) + listing + also)
@@ -235,8 +240,12 @@ def _verify_own(request: _Request, terminal: Terminal) -> int:
     if serious:
         print_report()
         first = serious[0]
-        what = f"{counted(len(serious), 'fault')}, first: {first.what}"
-        raise InputError(str(paths[0]), what, place(first.line), "correct the program")
+        raise InputError(
+            str(paths[0]),
+            f"{counted(len(serious), 'fault')}, first: {first.what}",
+            place(first.line),
+            "correct the program",
+        )
     if not executed.body:
         raise InputError(
             str(paths[0]),
@@ -253,7 +262,7 @@ def _verify_own(request: _Request, terminal: Terminal) -> int:
         rows.append(row)
     terminal.clear()
     fixtures = _read_fixtures(post.name, job, files, request.known_drawing)
-    dynamics = _dynamics_of_post(post, job)
+    dynamics = dynamics_of(post, job) if states_rounding(post) else None
     proven = Proven(executed, post, dynamics, _is_for_arm(post), request.states_job, fixtures)
     more, also, error = _prove(request, proven, place, terminal)
     print_report(more, also)
@@ -283,7 +292,7 @@ def _list_tools(plan: MotionFile | None, job: Job, post: Post, path: Path) -> li
         return []
     if plan is None:
         return list(dict.fromkeys((step.tool.number, step.tool.name) for step in job.operations))
-    changes = [item for item in plan.program.body if isinstance(item, ToolChange)]
+    changes = plan.program.columns.list_kinds(ToolChange)
     names = [part.name for part in split_tools(plan.program)]
     tools = [(change.number, change.name) for change in changes]
     if len(changes) > 1 and path.stem in names:
@@ -311,8 +320,11 @@ def _check_options(arguments: Namespace) -> None:
         )
     for name in ("assume", "points", "entry", "dialect", "report"):
         if getattr(arguments, name):
-            remedy = "leave out the job and the plan, or this"
-            raise JobError(f"--{name}", "is for programs that camgen did not plan", remedy=remedy)
+            raise JobError(
+                f"--{name}",
+                "is for programs that camgen did not plan",
+                remedy="leave out the job and the plan, or this",
+            )
 
 
 def _prove(
@@ -327,10 +339,7 @@ def _prove(
     drawing = request.drawing
     if drawing is None and proven.fixtures is None:
         return list(_UNEXAMINED), "", None
-    from camgen.cli.stock import (  # noqa: PLC0415 (shapely: only when needed)
-        check_fixtures,
-        check_stock,
-    )
+    from camgen.cli.stock import check_fixtures, check_stock  # noqa: PLC0415 (shapely)
     from camgen.pipeline.motion import (  # noqa: PLC0415 (shapely: only when needed)
         compare_text,
         describe_controller,
@@ -366,8 +375,7 @@ def _read_fixtures(post: str, job: Job, files: Files, drawing: Path | None) -> F
     from camgen.pipeline.inputs import read_cell  # noqa: PLC0415 (only for jobs with fixtures)
 
     drawn = read(drawing, job, files) if drawing and job.drawn_fixtures else None
-    cell = cell_of(_post_of(post), job)
-    return read_cell(drawn, job, cell, files).fixtures
+    return read_cell(drawn, job, cell_of(_post_of(post), job), files).fixtures
 
 
 def _is_for_arm(post: Post) -> bool:
@@ -378,11 +386,6 @@ def _is_for_arm(post: Post) -> bool:
 def _post_of(language: str) -> Post:
     """The post that writes a language, with its defaults."""
     return make_post(find_post(language), {})
-
-
-def _dynamics_of_post(post: Post, job: Job) -> Dynamics | None:
-    """How the controller of a post rounds corners; None if the post does not state it."""
-    return dynamics_of(post, job) if states_rounding(post) else None
 
 
 def _dynamics_of_text(language: str) -> Dynamics | None:
@@ -407,7 +410,8 @@ _UNEXAMINED: list[Row] = [
 
 def _leave_unproven(reason: str) -> list[Row]:
     """The rows of the proofs if the program is not compared with its drawing."""
-    return [(name, f"not proven: {reason}") for name in ("motion", "stock")] + _UNEXAMINED[2:]
+    unproven = f"not proven: {reason}"
+    return [("motion", unproven), ("stock", unproven), *_UNEXAMINED[2:]]
 
 
 def _report(
@@ -444,13 +448,12 @@ def _rows(motions: Motions, lines: int, untimed: int = 0) -> list[tuple[str, str
     rows.append(("joint", f"{format_length(motions.joint)} between the ends"))
     rows.append(("time", format_time(motions.seconds, untimed)))
     if motions.speeds[1] > 0:
-        rows.append(
-            ("speed", " to ".join(dict.fromkeys(short(v, 3) for v in motions.speeds)) + " mm/s")
-        )
+        speeds = " to ".join(dict.fromkeys(short_each(motions.speeds, 3)))
+        rows.append(("speed", f"{speeds} mm/s"))
     if motions.extents and not motions.extents_by_work:
         rows.append(("extents", _format_extents(*motions.extents)))
     for name, values in motions.outputs.items():
-        rows.append(("output", f"{name}: {', '.join(short(v, 3) for v in values)}"))
+        rows.append(("output", f"{name}: {', '.join(short_each(values, 3))}"))
     if motions.force:
         rows.append(("force", f"up to {short(motions.force, 3)} N"))
     return rows
@@ -468,19 +471,15 @@ def _list_extents(motions: Motions, frames: Sequence[Frames]) -> list[Row]:
         frame = frames[number].work or "of the base"
         rows.append(("extents", f"{_format_extents(*extents)}, in the frame {frame}"))
     left = len(rows) - _MOST_WORKS
-    more = [("extents", f"and in {counted(left, 'more work object')}")] if left > 0 else []
-    return [*rows[:_MOST_WORKS], *more]
+    if left > 0:
+        rows[_MOST_WORKS:] = [("extents", f"and in {counted(left, 'more work object')}")]
+    return rows
 
 
 def _format_findings(findings: Sequence[Finding], place: Callable[[int], str]) -> str:
     """A line for each finding of a strict run; an unusual one is a remark."""
-    lines = []
+    lines = ""
     for finding in findings:
         kind = "remark: " if finding.level == "unusual" else ""
-        lines.append(f"{place(finding.line)}: {kind}{finding.what}\n")
-    return "".join(lines)
-
-
-def _as_data(finding: Finding, place: Callable[[int], str]) -> dict[str, object]:
-    """A finding with its place."""
-    return {"place": place(finding.line), "what": finding.what, "level": finding.level}
+        lines += f"{place(finding.line)}: {kind}{finding.what}\n"
+    return lines

@@ -21,6 +21,7 @@ from camgen.cli.judge import (
     find_error,
     find_stop,
     format_time,
+    list_as_data,
     make_run_options,
     name_files,
     recognise_language,
@@ -93,8 +94,11 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     """
     for name in _SINGLE:
         if getattr(arguments, name):
-            what = "is for a single program"
-            raise JobError(f"--{name}", what, remedy="leave it out, or leave out --summary")
+            raise JobError(
+                f"--{name}",
+                "is for a single program",
+                remedy="leave it out, or leave out --summary",
+            )
     if arguments.json and arguments.sarif:
         raise JobError("--sarif", "and --json are both given", remedy="give one of them")
     files = Files()
@@ -128,10 +132,13 @@ def _list_files(names: Sequence[str]) -> tuple[list[Path], int]:
     for name in names:
         path = Path(name)
         if path.is_dir():
-            inside = sorted(item for item in path.rglob("*") if item.is_file())
-            programs = [item for item in inside if item.suffix.lower() in suffixes]
-            others += len(inside) - len(programs)
-            paths += programs
+            for item in sorted(path.rglob("*")):
+                if not item.is_file():
+                    continue
+                if item.suffix.lower() in suffixes:
+                    paths.append(item)
+                else:
+                    others += 1
         elif glob.has_magic(name) and not path.exists():
             fitting = sorted(map(Path, glob.glob(name, recursive=True)))
             if not fitting:
@@ -141,8 +148,9 @@ def _list_files(names: Sequence[str]) -> tuple[list[Path], int]:
             paths.append(path)
     paths = list(dict.fromkeys(paths))
     if not paths:
-        what = "has no file that ends as a program does"
-        raise InputError(names[0], what, remedy="name the files")
+        raise InputError(
+            names[0], "has no file that ends as a program does", remedy="name the files"
+        )
     return paths, others
 
 
@@ -180,8 +188,7 @@ def _find_calls(
         for name in _list_definitions(path, text, languages[path]):
             owners[path.parent, _name(languages[path]), name].append(path)
     for path, text in texts.items():
-        words = set(map(str.lower, _WORD.findall(text)))
-        for word in sorted(words):
+        for word in sorted(set(map(str.lower, _WORD.findall(text)))):
             owner = owners.get((path.parent, _name(languages[path]), word), [])
             if len(owner) == 1 and owner[0] != path:
                 yield path, owner[0]
@@ -196,8 +203,9 @@ def _list_definitions(path: Path, text: str, language: Language | None) -> set[s
     name = _name(language)
     if name == "pacscript":
         return {path.stem.lower(), path.name.lower()}
-    pattern = _DEFINITIONS.get(name)
-    return set() if pattern is None else {word.lower() for word in pattern.findall(text)}
+    if name not in _DEFINITIONS:
+        return set()
+    return {word.lower() for word in _DEFINITIONS[name].findall(text)}
 
 
 def _verify_group(
@@ -232,9 +240,9 @@ def _as_table(judged: Sequence[Judged], others: int) -> str:
     for program in judged:
         more = f" and {counted(len(program.names) - 1, 'more file')}"
         name = program.names[0] + (more if len(program.names) > 1 else "")
+        share = "-" if program.coverage is None else f"{int(100 * program.coverage.share)} %"
         counts = [str(program.count(level)) for level in LEVELS]
         time = program.error or format_time(program.seconds, program.untimed)
-        share = "-" if program.coverage is None else f"{int(100 * program.coverage.share)} %"
         rows.append((name, program.language or "-", *counts, share, time, str(program.exit_code)))
     codes = Counter(program.exit_code for program in judged)
     summary = f"{counted(len(judged), 'program')}: {codes[0]} without refusal or danger"
@@ -251,10 +259,7 @@ def _as_data(program: Judged) -> dict[str, object]:
         "coverage": program.coverage and program.coverage.as_data(),
         "exit_code": program.exit_code,
         "error": program.error,
-        "findings": [
-            {"place": program.place(item.line), "level": item.level, "what": item.what}
-            for item in program.findings
-        ],
+        "findings": list_as_data(program.findings, program.place),
     }
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,7 +38,7 @@ from camgen.model.part import IntArray, Note, Part, sort_notes
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import format_frame
 from camgen.model.program import MoveJ, Program
-from camgen.model.text import counted, harmless, short
+from camgen.model.text import counted, harmless, short_each
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_link_by_joints, order
 from camgen.pipeline.assumptions import (
@@ -73,7 +74,7 @@ from camgen.pipeline.rounding import check_rounding, limit_path_tolerance, repor
 from camgen.pipeline.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stages, plan
 from camgen.plan.leave_out import find_dependent, leave_out_paths
-from camgen.plan.steps import make_step_job
+from camgen.plan.steps import make_step_jobs
 from camgen.post import OutputFile, Post
 from camgen.post.contract import list_warnings
 from camgen.post.limits import limit_tolerance
@@ -380,9 +381,10 @@ def _bar_links(plan: EdgePlan, tour: Tour, error: Blocked) -> frozenset[frozense
     A blocked link costs its edge only if the tool has left the part on it.
     """
     names = [path.id for path in tour.paths]
-    numbers = [loss.path for loss in error.lost if (loss.on_link or loss.at_end) and loss.path >= 0]
-    pairs = [names[k - 1 : k + 1] for k in numbers if k > 0]
-    pairs += [names[k : k + 2] for k in numbers if k + 1 < len(names)]
+    pairs: list[tuple[str, str]] = []
+    for loss in error.lost:
+        if (loss.on_link or loss.at_end) and loss.path >= 0:
+            pairs += pairwise(names[max(loss.path - 1, 0) : loss.path + 2])
     return plan.barred | set(map(frozenset, pairs))
 
 
@@ -497,20 +499,25 @@ def _check_outcome(part: Part, notes: Sequence[Note], has_paths: bool, strict: b
     skipped = [note for note in notes if note.kind == "skipped"]
     has_shape = part.contours or part.curves or part.solid is not None
     if not has_shape and not isinstance(part, Recorded):
-        remedy = "camgen inspect shows what the file holds"
-        raise InputError(part.source, "nothing to work on", remedy=remedy)
+        raise InputError(
+            part.source, "nothing to work on", remedy="camgen inspect shows what the file holds"
+        )
     # A robot program may have joint motions alone. They are not paths.
     if not has_paths and not _is_taught(part):
         # The notes of the planner come last. A note of the reader is not the reason why the
         # contours have no path.
-        planned = [note for note in skipped if note not in part.notes]
-        last = planned[-1] if planned else Note("skipped", "nothing fits")
+        nothing = Note("skipped", "nothing fits")
+        last = next((note for note in reversed(skipped) if note not in part.notes), nothing)
         raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
     failing = skipped or [note for note in notes if note.strict]
     if strict and failing:
         what = f"{len(skipped)} left out, first: {skipped[0].what}" if skipped else failing[0].what
-        remedy = "correct the input, or build without --strict"
-        raise NoSafeProgram(part.source, f"--strict and {what}", failing[0].why, remedy)
+        raise NoSafeProgram(
+            part.source,
+            f"--strict and {what}",
+            failing[0].why,
+            "correct the input, or build without --strict",
+        )
 
 
 def _make_header(
@@ -534,7 +541,7 @@ def _list_move_lines(part: Part) -> list[str]:
     """The header line on a drawing that `input.origin` moved."""
     if part.moved is None:
         return []
-    x, y = (short(distance, 6) for distance in part.moved)
+    x, y = short_each(part.moved, 6)
     return [f"drawing moved by x {x} y {y} mm"]
 
 
@@ -557,9 +564,8 @@ def _is_taught(part: Part) -> bool:
 
 def _list_tool_lines(job: Job, cell: Cell) -> tuple[str, ...]:
     """The lines on the tools and their frames. The tools of all operations are in each program."""
-    jobs = [make_step_job(job, step) for step in job.operations] or [job]
     lines = []
-    for step_job in jobs:
+    for step_job in make_step_jobs(job):
         frame = frame_of(step_job, cell) if job.operations else cell.flange_from_tool
         lines.append(format_tool(step_job.tool.name, step_job.tool.diameter, frame))
     return tuple(dict.fromkeys(lines))
@@ -598,11 +604,14 @@ def list_program_files(
     folder: folder of the files.
     file: path of a program with one file; None for the name of the post in `folder`.
     """
-    paths = [folder / output.name for output in result.files]
+    newline = result.post.newline
+    files = [(folder / output.name, ProgramFile(output.text, newline)) for output in result.files]
     if file is not None and len(result.counts) == 1:
-        if len(paths) > 1 and file.name != paths[0].name:
-            what = f"the program takes {len(paths)} files, which call each other by name"
-            raise JobError(str(file), what, remedy="give a folder with -o")
-        paths[0] = file
-    files = [ProgramFile(output.text, result.post.newline) for output in result.files]
-    return list(zip(paths, files, strict=True))
+        if len(files) > 1 and file.name != files[0][0].name:
+            raise JobError(
+                str(file),
+                f"the program takes {len(files)} files, which call each other by name",
+                remedy="give a folder with -o",
+            )
+        files[0] = (file, files[0][1])
+    return files

@@ -10,10 +10,10 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, Program
-from camgen.model.text import counted, short
+from camgen.model.text import counted, short, short_each
 from camgen.plan import name_operation
 from camgen.plan.close_positions import CLOSE_MM, count_close_positions
-from camgen.plan.steps import make_step_job, name_drills
+from camgen.plan.steps import make_step_jobs, name_drills
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
@@ -137,12 +137,12 @@ def note_drills(part: Part, job: Job) -> tuple[Note, ...]:
     """End mills that only drill. They are judged as drills, whose tips may go below the stock."""
     if part.solid is not None or part.curves or isinstance(part, Recorded):
         return ()
-    jobs = [make_step_job(job, step) for step in job.operations] or [job]
+    jobs = make_step_jobs(job)
     named = zip(jobs, name_drills(jobs), strict=True)
     drills = [step.tool.diameter for step, tool in named if tool != step.tool]
     if not drills:
         return ()
-    sizes = ", ".join(short(diameter, 3) for diameter in dict.fromkeys(drills))
+    sizes = ", ".join(short_each(dict.fromkeys(drills), 3))
     why = 'set tool.kind = "drill"; an end mill has no tip that may go below the stock'
     return (Note("assumed", f"the tool of {sizes} mm only drills and is judged as a drill", why),)
 
@@ -153,10 +153,9 @@ def note_depth(part: Part, job: Job, cell: Workcell) -> tuple[Note, ...]:
     A tool that is pressed against the part works without one. The tool of a machine turns, the tool
     of an arm only if the job states its speed.
     """
-    jobs = [make_step_job(job, step) for step in job.operations] or [job]
     idle = [
         step.tool.kind
-        for step in jobs
+        for step in make_step_jobs(job)
         if step.tool.kind in _CUTTERS
         and name_operation(part, step) in _CUTTING
         and (step.process.spindle or isinstance(cell.home, Pose))

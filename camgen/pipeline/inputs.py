@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -23,7 +23,7 @@ from camgen.model.job_tables import ROWS, split_name
 from camgen.model.part import Contour, Curve, Note, OpenOutline, Part, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
-from camgen.model.text import counted, short
+from camgen.model.text import counted, short_each
 from camgen.read import find_reader, read
 from camgen.read.clamps import set_clamps_aside
 from camgen.read.files import Files, identity
@@ -100,16 +100,26 @@ def add_machine(cell: Workcell, job: Job, files: Files) -> Workcell:
             job.cell.machine, error.what, error.where or "cell.machine", error.remedy
         ) from error
     if machine.corner != cell.pace.corner:
-        what = f"{machine.file} is for {machine.controller}, the post for another controller"
-        remedy = f"build with --post {machine.post}, or leave it out"
-        raise JobError("job", what, "cell.machine", remedy)
+        raise JobError(
+            "job",
+            f"{machine.file} is for {machine.controller}, the post for another controller",
+            "cell.machine",
+            f"build with --post {machine.post}, or leave it out",
+        )
     if cell.arm is not None:
-        what = "cell.robot and cell.machine both describe the machine"
-        raise JobError("job", what, "cell.machine", "leave one of them out")
+        raise JobError(
+            "job",
+            "cell.robot and cell.machine both describe the machine",
+            "cell.machine",
+            "leave one of them out",
+        )
     if job.process.acceleration:
-        what = f"{machine.file} states the acceleration of each axis"
-        remedy = "leave it out, or cell.machine"
-        raise JobError("job", what, "process.acceleration", remedy)
+        raise JobError(
+            "job",
+            f"{machine.file} states the acceleration of each axis",
+            "process.acceleration",
+            "leave it out, or cell.machine",
+        )
     return replace(cell, machine=machine, pace=machine.drive(cell.pace))
 
 
@@ -131,13 +141,13 @@ def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
         if language == "gcode":
             from camgen.lang.gcode import read_files as read_gcode  # noqa: PLC0415 (only G-code)
 
-            return read_gcode([limited.read(path) for path in paths], job)
+            return read_gcode(list(map(limited.read, paths)), job)
         if language:
             from camgen.lang.taught import read_files  # noqa: PLC0415 (only for robot programs)
             from camgen.plan.taught import find_flange  # noqa: PLC0415 (only for robot programs)
 
             flange = find_flange(job.operation.taught_on) if job.operation.taught_on else None
-            return read_files([limited.read(path) for path in paths], job, language, flange)
+            return read_files(list(map(limited.read, paths)), job, language, flange)
     # Several drawings in one work frame are moved together, after all are read.
     unmoved = replace(job, input=replace(job.input, origin=""))
     parts = [
@@ -171,8 +181,11 @@ def join_parts(parts: Sequence[Part]) -> Part:
     if curves and len(curves) + len(solids) == len(parts) and len(solids) <= 1:
         return _join_curves(parts, solids[0] if solids else None)
     if curves:
-        what = "curves in space make a program by themselves, or with one 3-D part"
-        raise InputError(curves[0].source, what, remedy="build them alone")
+        raise InputError(
+            curves[0].source,
+            "curves in space make a program by themselves, or with one 3-D part",
+            remedy="build them alone",
+        )
     for part in parts:
         kinds = {
             "picture": part.raster is not None,
@@ -181,14 +194,15 @@ def join_parts(parts: Sequence[Part]) -> Part:
         }
         for kind, applies in kinds.items():
             if applies:
-                what = f"a {kind} makes a program by itself"
-                raise InputError(part.source, what, remedy="build it alone")
+                raise InputError(
+                    part.source, f"a {kind} makes a program by itself", remedy="build it alone"
+                )
     contours: list[Contour] = []
     clamps: list[Contour] = []
     outlines: list[OpenOutline] = []
     for k, part in enumerate(parts, 1):
-        contours += [replace(c, id=f"{k}/{c.id}") for c in part.contours]
-        clamps += [replace(c, id=f"{k}/{c.id}") for c in part.clamps]
+        contours += _prefix_each(part.contours, f"{k}/")
+        clamps += _prefix_each(part.clamps, f"{k}/")
         outlines += [_prefix_ids(outline, f"{k}/") for outline in part.open_outlines]
     return replace(
         _join_heads(parts),
@@ -196,6 +210,13 @@ def join_parts(parts: Sequence[Part]) -> Part:
         clamps=tuple(clamps),
         open_outlines=tuple(outlines),
     )
+
+
+_Line = TypeVar("_Line", Contour, Curve)
+
+
+def _prefix_each(lines: Sequence[_Line], prefix: str) -> list[_Line]:
+    return [replace(line, id=prefix + line.id) for line in lines]
 
 
 def _prefix_ids(outline: OpenOutline, prefix: str) -> OpenOutline:
@@ -225,7 +246,7 @@ def _join_curves(parts: Sequence[Part], solid: Solid | None) -> Part:
     curves: list[Curve] = []
     for k, part in enumerate(parts, 1):
         prefix = f"{k}/" if several else ""
-        curves += [replace(curve, id=prefix + curve.id) for curve in part.curves]
+        curves += _prefix_each(part.curves, prefix)
     return replace(_join_heads(parts), curves=tuple(curves), solid=solid)
 
 
@@ -268,11 +289,16 @@ def _convert_joint_values(
     if values is None:
         return None
     if arm is None:
-        remedy = "set cell.robot, or leave it out"
-        raise JobError("job", "has no effect without an arm", key, remedy)
+        raise JobError(
+            "job", "has no effect without an arm", key, "set cell.robot, or leave it out"
+        )
     if len(values) != len(arm.joints) or not all(math.isfinite(v) and v > 0 for v in values):
-        what = f"{arm.name} has {len(arm.joints)} joints; {counted(len(values), 'value')} given"
-        raise JobError("job", what, key, "give one value above 0 for each joint, deg or mm")
+        raise JobError(
+            "job",
+            f"{arm.name} has {len(arm.joints)} joints; {counted(len(values), 'value')} given",
+            key,
+            "give one value above 0 for each joint, deg or mm",
+        )
     factors = [1.0 if joint.sliding else math.pi / 180 for joint in arm.joints]
     return frozen(np.array(values) * factors)
 
@@ -303,14 +329,13 @@ def compute_digest(job: Job, sources: Sequence[Path | Part], files: Files) -> st
         seen.add(identity(source))
         total.update(b"%d:" % len(data))
         total.update(data)
-    arm: Sequence[Path] = ()
+    named = [("image.background", job.image.background), ("camera.file", job.camera.file)]
+    named.append(("image.lamp_moved", job.image.lamp_moved))
     if described := split_name(job.cell.robot):
         from camgen.robots.urdf.xml import list_urdf_files  # noqa: PLC0415 (only for a URDF)
 
-        arm = list_urdf_files(described[0], files)
-    named = [("image.background", job.image.background), ("camera.file", job.camera.file)]
-    named.append(("image.lamp_moved", job.image.lamp_moved))
-    named += [("cell.robot", str(path)) for path in arm]
+        for path in list_urdf_files(described[0], files):
+            named.append(("cell.robot", str(path)))
     named.append(("cell.machine", job.cell.machine))
     fixtures = job.cell.fixtures or ()
     named += [("cell.fixtures", fixture) for fixture in fixtures if isinstance(fixture, str)]
@@ -357,8 +382,8 @@ def _list_changes(job: Job) -> dict[str, object]:
     old jobs. A file has its name alone, wherever it lies; its bytes are in the digest.
     """
     image, camera, cell = job.image, job.camera, job.cell
-    photos = {key: Path(getattr(image, key)).name for key in ("background", "lamp_moved")}
-    image = replace(image, **photos)
+    background, lamp_moved = Path(image.background).name, Path(image.lamp_moved).name
+    image = replace(image, background=background, lamp_moved=lamp_moved)
     camera = replace(camera, file=Path(camera.file).name)
     if described := split_name(cell.robot):
         cell = replace(cell, robot="#".join((Path(described[0]).name, described[1])))
@@ -399,7 +424,7 @@ def note_work_frame(job: Job, cell: Workcell) -> tuple[Note, ...]:
     """The work zero of a machine whose travel is checked, if the job does not state it."""
     if cell.arm is None or isinstance(cell.home, Joints) or job.cell.base_from_work is not None:
         return ()
-    position = " ".join(short(value, 3) for value in cell.base_from_work.origin)
+    position = " ".join(short_each(cell.base_from_work.origin, 3))
     what = f"the work zero is at {position} mm of {cell.arm.name}"
     return (Note("assumed", what, "set cell.base_from_work to the work offset of the machine"),)
 

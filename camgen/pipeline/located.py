@@ -45,16 +45,21 @@ def check_placing(job: Job, by_photo: bool, start: Sequence[float] | None) -> Pl
     if not by_photo:
         if start is None:
             return None
-        remedy = "give a photo, or leave it out"
-        raise JobError("--start", "has no effect without --locate", remedy=remedy)
+        raise JobError(
+            "--start", "has no effect without --locate", remedy="give a photo, or leave it out"
+        )
     if job.drawn_fixtures:
-        what = "--locate moves the drawing, and the clamps on its layers stay where they are"
-        raise JobError("job", what, "cell.fixtures", "give them as boxes")
-    placing = {"input.origin": job.input.origin, "page.size": job.page.size}
-    for key, value in placing.items():
+        raise JobError(
+            "job",
+            "--locate moves the drawing, and the clamps on its layers stay where they are",
+            "cell.fixtures",
+            "give them as boxes",
+        )
+    for key, value in {"input.origin": job.input.origin, "page.size": job.page.size}.items():
         if value:
-            what = f"{key} and --locate both place the drawing"
-            raise JobError("job", what, key, "leave one of them out")
+            raise JobError(
+                "job", f"{key} and --locate both place the drawing", key, "leave one of them out"
+            )
     if start is None:
         return None
     remedy = "give X,Y,TURN in mm and deg"
@@ -84,8 +89,7 @@ def locate_inputs(
     source = files.read(photo)
     located = locate(read_outlines(source, job, files), inputs.part, job, start)
     digest = hashlib.sha256(f"{inputs.digest} {start}".encode() + source.data)
-    seams = located.pose.apply(read_points(job)).tolist()
-    tour = replace(job.tour, seams=seams)
+    tour = replace(job.tour, seams=located.pose.apply(read_points(job)).tolist())
     return (
         replace(inputs, part=located.part, digest=digest.hexdigest()[:_DIGITS]),
         replace(job, tour=tour, camera=CameraTable(), image=ImageTable()),
@@ -97,5 +101,8 @@ def _check_drawing(part: Part) -> None:
     """Raises InputError for a part that is not read from a drawing."""
     kind = find_part_kind(part)
     if kind != "drawing":
-        what = f"is {_KINDS[kind]}, and --locate places drawings"
-        raise InputError(part.source, what, remedy="give a DXF or SVG drawing of the part")
+        raise InputError(
+            part.source,
+            f"is {_KINDS[kind]}, and --locate places drawings",
+            remedy="give a DXF or SVG drawing of the part",
+        )

@@ -113,8 +113,7 @@ def compare_text(
     result = proof.prove_motion(part, job, [program], (), rounding, controller)
     what = f"{counted(result.contours, 'contour')} in {format_motions(result)}"
     if not result.findings:
-        gaps = list_reasons(result, controller is not None)
-        reasons = "; ".join([*unknown, *gaps])
+        reasons = "; ".join([*unknown, *list_reasons(result, controller is not None)])
         return f"{what}; not proven: {reasons}" if reasons else f"verified: {what}"
     _, first = result.findings[0]
     where = f"{place(first.line)}: " if first.line else ""

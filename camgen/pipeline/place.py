@@ -337,8 +337,7 @@ def search_place(
     """
     case = make_case(part, job, cell, request, watch)
     spots = list_spots(case, height)
-    reached = _reach_all(case, spots, watch)
-    hunt = _Hunt(case, height, watch, spots, reached)
+    hunt = _Hunt(case, height, watch, spots, _reach_all(case, spots, watch))
     ordered = _select_apart(case, hunt.find(case.lengths), _BUILT)
     trials = []
     for number, spot in enumerate(ordered, 1):
@@ -377,26 +376,28 @@ def _find_set_ups(case: Case, hunt: _Hunt, best: Trial) -> tuple[Trial, ...]:
 def _find_second(case: Case, hunt: _Hunt, first: Trial) -> tuple[Trial, ...]:
     """The first set-up, and a second one for what it leaves if that works any of it."""
     done = _measure(case.edges, [first])
-    left = {name: edge.length - done.get(name, 0.0) for name, edge in case.edges.items()}
-    pending = [name for name in case.edges if name not in done or left[name] >= SHORTEST_MM]
-    lengths = np.array([left[name] if name in pending else 0.0 for name in case.paths])
+    pending: dict[str, float] = {}
+    for name, edge in case.edges.items():
+        left = edge.length - done.get(name, 0.0)
+        if name not in done or left >= SHORTEST_MM:
+            pending[name] = left
+    lengths = np.array([pending.get(name, 0.0) for name in case.paths])
     if not lengths.any():
         return (first,)
     spots = [spot for spot in hunt.find(lengths) if hunt.known[spot].rank(lengths)[0][0] < 0]
     trials = []
     for number, spot in enumerate(_select_apart(case, spots, _SECOND_BUILT), 1):
         watch = _name(hunt.watch, f"building set-up 2, {number} of {_SECOND_BUILT}")
-        trials.append(_build(case, spot, watch, pending, 2))
+        trials.append(_build(case, spot, watch, list(pending), 2))
     if not trials:
         return (first,)
     second = min(trials, key=lambda trial: _order_trial(case, first, trial))
     added = _find_added(case, first, second)
-    if added and added != set(pending):
+    if added and added != pending.keys():
         # Program 2 works nothing else: the rest belongs to program 1, or is worked in neither.
         watch = _name(hunt.watch, "building set-up 2 again")
         kept = [name for name in case.edges if name in added]
-        reasons = second.reasons
-        second = replace(_build(case, second.spot, watch, kept, 2), reasons=reasons)
+        second = replace(_build(case, second.spot, watch, kept, 2), reasons=second.reasons)
         added = _find_added(case, first, second)
     if not added:
         return (first,)
@@ -452,8 +453,9 @@ def make_case(
     solid, robot = part.solid, cell.arm
     if solid is None or robot is None or robot.arm is None:
         what = "needs an arm whose joints have a closed form" if solid else "is not a 3-D part"
-        remedy = "give a mesh or a STEP model, and a post of an arm"
-        raise JobError(part.source, what, "camgen place", remedy)
+        raise JobError(
+            part.source, what, "camgen place", "give a mesh or a STEP model, and a post of an arm"
+        )
     edges = select_edges_of_job(solid, job)
     direction = read_offset(job, solid, edges.values())
     tip = max(find_contacts(edges.values(), job, direction).values(), default=0.0)
@@ -470,8 +472,12 @@ def make_case(
     watch("finding resting faces")
     resting = find_resting_faces(solid.vertices, solid.faces)
     if not resting:
-        remedy = "give a closed part that stands on its own"
-        raise JobError(part.source, "has no face on which it rests", "camgen place", remedy)
+        raise JobError(
+            part.source,
+            "has no face on which it rests",
+            "camgen place",
+            "give a closed part that stands on its own",
+        )
     rotation_of_job = cell.base_from_work.rotation
     down = -rotation_of_job[2]
     faces = [face for face in resting if np.linalg.norm(face.normal - down) > _SAME]
@@ -514,9 +520,10 @@ def list_spots(case: Case, height: float | None) -> list[Spot]:
     """The grid of places on all resting poses."""
     long = 2 * case.robot.lever
     distances = np.round(np.linspace(*_DISTANCES, _STEPS) * long).tolist()
-    heights = [0.0 if height is None else height]
     if height is None:
         heights = np.round(np.linspace(*_HEIGHTS, _LEVELS) * long).tolist()
+    else:
+        heights = [height]
     turns = np.arange(0.0, 360.0, _TURN).tolist()
     cells = product(range(len(case.resting_poses)), turns, heights, distances)
     return [Spot(distance, up, turn, resting_pose) for resting_pose, turn, up, distance in cells]
@@ -596,7 +603,7 @@ def _find_joints(
     for spot in spots:
         setup = Setup(case.robot, case.base_from_work(spot), cell.flange_from_tool)
         goals.append(compute_flange_poses(setup, position, samples.rotation))
-    rotations, origins = (np.concatenate(parts) for parts in zip(*goals, strict=True))
+    rotations, origins = map(np.concatenate, zip(*goals, strict=True))
     joints = compute_solutions(case.robot, rotations, origins, case.robot.home)
     margins = np.full(joints.shape[:2], -math.inf)
     exists = np.isfinite(joints).all(axis=-1)
@@ -668,8 +675,7 @@ def _build(
         result = build(request.source, post=request.post, job=job, name=name, watch=watch)
     except NoSafeProgram as error:
         why = drop_place("; ".join(filter(None, (error.what, error.where))))
-        wanted = case.edges if names is None else names
-        reasons = dict.fromkeys(wanted, why)
+        reasons = dict.fromkeys(case.edges if names is None else names, why)
         return Trial(spot, resting_pose, job, {}, frozenset(), reasons, math.inf)
     notes = tuple(replace(note, why=drop_place(note.why)) for note in result.notes)
     result = replace(result, notes=notes)

@@ -22,7 +22,7 @@ from camgen.lang.programs import Executed
 from camgen.lower.runs import plunge
 from camgen.lower.steps import split_tools
 from camgen.model.errors import Blocked, JobError
-from camgen.model.job import Job, ToolTable
+from camgen.model.job import Job, ProcessTable, ToolTable
 from camgen.model.part import IntArray, Note
 from camgen.model.path import Tour
 from camgen.model.pose import Pose, format_frame
@@ -170,8 +170,12 @@ def _make_posts(
                 f"{held} of the controller has two frames: {format_frame(first_frame)} for {name}, "
                 f"{format_frame(frame)} for {tool.name or 'another tool'}"
             )
-            remedy = "give each tool its own number and name, and leave out post.tool"
-            raise JobError("job", what, "[[tools]]", remedy)
+            raise JobError(
+                "job",
+                what,
+                "[[tools]]",
+                "give each tool its own number and name, and leave out post.tool",
+            )
     return posts
 
 
@@ -188,14 +192,13 @@ def _make_flow(tour: Tour, job: Job) -> Flow | None:
     Motions at a feed get no blend. The blend on a vertical line is at most half of the clearance
     height. No blend takes the TCP below the minimum height of the links.
     """
-    tours = [tour]
-    processes = [job.process]
+    runs: list[tuple[Tour, ProcessTable]] = [(tour, job.process)]
     if isinstance(tour, JobTour):
-        runs = [k for k, step_tour in enumerate(tour.tours) if step_tour.paths]
-        tours = [tour.tours[k] for k in runs]
-        processes = [tour.steps[k].process for k in runs]
-    if not all(isinstance(step_tour, ArmTour) for step_tour in tours):
+        pairs = zip(tour.tours, tour.steps, strict=True)
+        runs = [(step_tour, step.process) for step_tour, step in pairs if step_tour.paths]
+    if not all(isinstance(step_tour, ArmTour) for step_tour, _ in runs):
         return None
+    processes = [process for _, process in runs]
     highest_feed = max(max(process.feed, plunge(process)) for process in processes)
     max_blend = min(process.clearance for process in processes) / 2
     return Flow(highest_feed, max_blend, max(process.least_height for process in processes))
@@ -218,8 +221,7 @@ def _join_checks(lowered: Program, results: Sequence[Checks]) -> Checks:
     """The results of several programs as those of one program that changes the tool."""
     body: list[Instruction] = []
     starts = []
-    changes = [instruction for instruction in lowered.body if isinstance(instruction, ToolChange)]
-    for change, checks in zip(changes, results, strict=True):
+    for change, checks in zip(lowered.columns.list_kinds(ToolChange), results, strict=True):
         body.append(change)
         starts.append(len(body))
         body += checks.program.body
@@ -229,7 +231,7 @@ def _join_checks(lowered: Program, results: Sequence[Checks]) -> Checks:
     clear = [checks.clear for checks in results if checks.clear is not None]
     return Checks(
         program,
-        _join_joints(program, reach, [inserted + start for start in starts]) if reach else None,
+        _join_joints(program, reach, np.array(starts) + inserted) if reach else None,
         _join_clearances(clear) if clear else None,
         results[0].where,
         tuple(itertools.chain.from_iterable(checks.slow for checks in results)),
@@ -243,9 +245,7 @@ def _join_clearances(reports: Sequence[ClearanceReport]) -> ClearanceReport:
     return replace(smallest, notes=tuple(notes))
 
 
-def _join_joints(
-    program: Program, traces: Sequence[JointTrace], starts: Sequence[int]
-) -> JointTrace:
+def _join_joints(program: Program, traces: Sequence[JointTrace], starts: IntArray) -> JointTrace:
     """Join joint values. starts: index in `program` of the first instruction of each trace."""
     joints = np.concatenate([trace.joints for trace in traces])
     owners = [trace.owner + start for trace, start in zip(traces, starts, strict=True)]
@@ -304,25 +304,23 @@ def post_programs(
     if len(checked.programs) > 1:
         shared.pop("program", None)
     files: list[OutputFile] = []
-    counts, runs, deviations = [], [], []
+    counts, runs, worst = [], [], Deviation(0.0, 0.0, 0)
     for post, program in checked.programs:
-        rendered = render_program(post, program)
-        posted = [replace(file, text=sign(file.text)) for file in rendered]
+        posted = [replace(file, text=sign(file.text)) for file in render_program(post, program)]
         release_memory()
         changed = _list_changed_options(post, shared)
         executed = read({file.name: file.text for file in posted}, shared | changed)
         release_memory()
         tolerance = limit_tolerance(post.tolerance(), chord)
         deviation = compare(program, executed, tolerance, post.list_verified(), posted[0].name)
-        deviations.append(deviation)
+        worst = Deviation(
+            max(worst.max_mm, deviation.max_mm),
+            max(worst.max_angle, deviation.max_angle),
+            worst.instructions + deviation.instructions,
+        )
         runs.append(executed)
         counts.append(len(posted))
         files += posted
-    worst = Deviation(
-        max(deviation.max_mm for deviation in deviations),
-        max(deviation.max_angle for deviation in deviations),
-        sum(deviation.instructions for deviation in deviations),
-    )
     return PostedPrograms(tuple(files), tuple(counts), tuple(runs), worst, tolerance)
 
 

@@ -15,7 +15,7 @@ from camgen.model.job import Job
 from camgen.model.path import Tour
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns
-from camgen.model.text import short
+from camgen.model.text import short, short_each
 from camgen.motion.corners import compute_corner_tolerance
 from camgen.order import JobTour
 from camgen.post import Post
@@ -111,7 +111,7 @@ def _find_tolerance(job: Job, operation: str) -> float:
 
 
 def _refuse(worst: Rounding, post: Post) -> NoSafeProgram:
-    place = " ".join(short(value, 3) for value in worst.place)
+    place = " ".join(short_each(worst.place, 3))
     what = (
         f"the controller rounds the corner at {place} mm by {short(worst.mm, 4)} mm, "
         f"the job allows {short(worst.allowed, 4)} mm"

@@ -71,8 +71,7 @@ def part(shape: Any, name: str = "part", layer: str = "0") -> Part:
 def read(inputs: Input | Sequence[Input], job: JobLike = None) -> Part:
     """The part in one file, or in several in one work frame. Raises InputError for an empty one."""
     settings, files = load_settings(job, Files()), Files()
-    sources = list_inputs(inputs)
-    return read_parts(sources, settings, files)
+    return read_parts(list_inputs(inputs), settings, files)
 
 
 def cell(post: str, job: JobLike = None, part: Part | None = None) -> Workcell:
@@ -193,8 +192,11 @@ def _find_cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
 def _take_cell(cell: CellLike | None, job: Job) -> Workcell:
     """The cell of a program. Raises JobError for None: frames and home are never guessed."""
     if cell is None:
-        remedy = 'give a result of camgen.cell, or the name of a post: "rapid"'
-        raise JobError("cell", "is not given", remedy=remedy)
+        raise JobError(
+            "cell",
+            "is not given",
+            remedy='give a result of camgen.cell, or the name of a post: "rapid"',
+        )
     if not isinstance(cell, str):
         return cell
     return read_cell(None, job, _make_post_cell(cell, job), Files())

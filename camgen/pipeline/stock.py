@@ -22,7 +22,7 @@ from camgen.order import JobTour
 from camgen.pipeline.rounding import list_tolerances, remedy_for_corners
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
 from camgen.plan.columns import make_path_segments
-from camgen.plan.steps import make_step_job, name_drills
+from camgen.plan.steps import make_step_job, make_step_jobs, name_drills
 from camgen.post.plugins import dynamics_of, states_rounding
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def _sweep_left_out(full_plan: Plan, tour: Tour, jobs: Sequence[Job]) -> Any:
 
 def explain_unproven(job: Job) -> str:
     """The reason why the material that a job removes is not proven, empty if it is."""
-    jobs = [make_step_job(job, step) for step in job.operations] or [job]
+    jobs = make_step_jobs(job)
     if any(step_job.tool.orient == "follow" for step_job in jobs):
         return "the tool turns with the contour"
     if any(step_job.operation.planner == "image" for step_job in jobs):
@@ -167,8 +167,7 @@ def make_cuts(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> 
     step_of = np.zeros(len(tour.paths), dtype=np.intp)
     if isinstance(tour, JobTour):
         tools = name_drills([make_step_job(job, step) for step in tour.steps])
-        names = [f"operation {number}" for number in tour.numbers]
-        steps = list(zip(tools, names, strict=True))
+        steps = list(zip(tools, [f"operation {number}" for number in tour.numbers], strict=True))
         step_of = np.repeat(np.arange(len(steps)), [len(one_tour.paths) for one_tour in tour.tours])
     corners = np.zeros(len(steps))
     np.maximum.at(corners, step_of, list_tolerances(tour, job)[:-1])

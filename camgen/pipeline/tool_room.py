@@ -161,8 +161,7 @@ def _find_room(
         work_from_mesh = work_from_base @ target.base_from_mesh
         for box in target.striking[scene.scene.frame[target.striking] == last].tolist():
             pose = Pose(scene.scene.rotation[box], tuple(scene.scene.origin[box].tolist()))
-            half = scene.scene.half[box]
-            boxes = _place(tool_from_flange @ pose, half, origin, turned)
+            boxes = _place(tool_from_flange @ pose, scene.scene.half[box], origin, turned)
             left = np.flatnonzero(is_free)
             seen = boxes[left].seen_from(work_from_mesh.rotation, np.asarray(work_from_mesh.origin))
             is_free[left] = ~find_struck(target.mesh, seen)

@@ -141,5 +141,4 @@ def _find_shift(program: Program, post: Post, job: Job, cell: Workcell, placed: 
         assert isinstance(change, ToolChange)
         lengths.append(change.length)
     shift[:, 2] = np.array(lengths)[np.searchsorted(changes, columns.at)]
-    offset = np.asarray(cell.base_from_work.origin) if placed else -shift[:1]
-    return np.asarray(shift + offset)
+    return np.asarray(shift + (np.asarray(cell.base_from_work.origin) if placed else -shift[:1]))

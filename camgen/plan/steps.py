@@ -44,6 +44,11 @@ def make_step_job(job: Job, step: Step) -> Job:
     )
 
 
+def make_step_jobs(job: Job) -> list[Job]:
+    """The job of each operation alone; `job` itself if it has no list of operations."""
+    return [make_step_job(job, step) for step in job.operations] or [job]
+
+
 def name_drills(jobs: Sequence[Job]) -> list[ToolTable]:
     """The tools of operations. An end mill that only drills gets the kind "drill"."""
     milling = [job.tool for job in jobs if job.operation.kind != "drill"]

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from camgen.model.part import Contour, Part
 from camgen.model.path import ToolPath, Tour, make_waypoints
 from camgen.model.pose import FloatArray, frozen
-from camgen.preview.curves import trace_spans
+from camgen.preview.curves import lift, trace_spans
 
 #: Direction of view, rad: rotation about the vertical from the x axis, and angle above the horizon.
 TURN, TILT = -1.05, 0.6
@@ -38,8 +38,7 @@ def project_aside(part: Part, tour: Tour) -> tuple[Part, Tour]:
     chains = _project([(path.position, path.via[1:]) for path in tour.paths], sag)
     paths: list[ToolPath] = []
     for path, rows in zip(tour.paths, chains, strict=True):
-        position = np.column_stack([rows, np.zeros(len(rows))])
-        paths.append(replace(path, table=make_waypoints(position, np.nan, path.feed[0])))
+        paths.append(replace(path, table=make_waypoints(lift(rows), np.nan, path.feed[0])))
     return replace(part, contours=tuple(contours)), replace(tour, paths=tuple(paths))
 
 

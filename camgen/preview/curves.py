@@ -39,6 +39,16 @@ class SpaceChains(Struct, frozen=True, eq=False):
     counts: NDArray[np.int64]
 
 
+def lift(points: FloatArray, z: float = 0.0) -> FloatArray:
+    """Points (N, 2) as points (N, 3) at the height `z`, mm."""
+    return np.column_stack([points, np.full(len(points), z)])
+
+
+def interpolate_rows(places: FloatArray, at: FloatArray, rows: FloatArray) -> FloatArray:
+    """The values (M, D) at `places` (M,), linear between the `rows` (N, D) at `at` (N,)."""
+    return np.column_stack([np.interp(places, at, column) for column in rows.T])
+
+
 def draw_spans(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) -> DrawnSpans:
     """Divide M segments into straight pieces.
 
@@ -79,8 +89,7 @@ def _trace_segments(
         return SpaceChains(np.zeros((0, 3)), np.zeros(0, np.int64))
     start, via, end = map(np.concatenate, zip(*rows, strict=True))
     drawn = draw_spans(start, via, end, sag)
-    sizes = np.array([len(row[0]) for row in rows])
-    starts = compute_first_rows(sizes)
+    starts = compute_first_rows(np.array([len(row[0]) for row in rows]))
     first = np.searchsorted(drawn.owner, starts)
     counts = np.diff(np.append(first, len(drawn.owner))) + 1
     return SpaceChains(np.insert(drawn.points, first, start[starts], axis=0), counts)
@@ -88,7 +97,7 @@ def _trace_segments(
 
 def _list_segments(contour: Contour) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Start, via and end points of the segments, each (N, 3)."""
-    points = np.column_stack([contour.points, np.zeros(len(contour.points))])
+    points = lift(contour.points)
     count = len(points) if contour.closed else len(points) - 1
     start, end = points[:count], np.roll(points, -1, axis=0)[:count]
     bulge = contour.bulges[:count]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -108,7 +109,7 @@ def _join_chains(rows: Sequence[FloatArray], bulges: Sequence[FloatArray]) -> Pa
     if not rows:
         return PageChains(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=int))
     return PageChains(
-        np.concatenate(rows), np.concatenate(bulges), compute_first_rows([len(r) for r in rows])
+        np.concatenate(rows), np.concatenate(bulges), compute_first_rows(list(map(len, rows)))
     )
 
 
@@ -125,16 +126,15 @@ def format_path_data(chains: PageChains, page: Paper) -> list[str]:
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = np.where(curved, chord * (1 + bulge**2) / (4 * bulge), 0.0).round(_PLACE_DIGITS)
     # y of the page points down, so counter-clockwise in the drawing is sweep flag 0.
-    flags = (chains.bulge < 0).astype(int)
-    columns = (column.tolist() for column in (points, curved, radius, flags))
-    words = [
-        f"A{r:.2f} {r:.2f} 0 0 {flag} {x:.2f} {y:.2f}" if arc else f"L{x:.2f} {y:.2f}"
-        for (x, y), arc, r, flag in zip(*columns, strict=True)
-    ]
-    starts = [int(k) for k in chains.first.tolist()]
+    columns = np.column_stack([points, curved, radius, chains.bulge < 0])
+    words = []
+    for x, y, is_arc, r, flag in columns.tolist():
+        arc = f"A{r:.2f} {r:.2f} 0 0 {flag:.0f} " if is_arc else "L"
+        words.append(f"{arc}{x:.2f} {y:.2f}")
+    starts = chains.first.tolist()
     for k in starts:
         words[k] = f"M{points[k, 0]:.2f} {points[k, 1]:.2f}"
-    return ["".join(words[a:b]) for a, b in zip(starts, [*starts[1:], len(words)], strict=True)]
+    return ["".join(words[a:b]) for a, b in pairwise([*starts, len(words)])]
 
 
 def join_path_data(chains: PageChains, page: Paper) -> str:
@@ -144,8 +144,9 @@ def join_path_data(chains: PageChains, page: Paper) -> str:
 
 def measure_bounds(chains: Sequence[PageChains]) -> tuple[FloatArray, FloatArray]:
     """Lower and upper corner of chains in the work frame, exact for arcs."""
-    points = [np.zeros((0, 2)), *(table.points for table in chains)]
-    corners = np.concatenate([*points, *map(_find_extremes, chains)])
+    corners = np.zeros((0, 2))
+    for table in chains:
+        corners = np.concatenate([corners, table.points, _find_extremes(table)])
     if not len(corners):
         return np.zeros(2), np.ones(2)
     return corners.min(axis=0), corners.max(axis=0)

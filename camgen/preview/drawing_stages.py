@@ -92,8 +92,7 @@ def _borders(raster: Raster, crop: Crop) -> str:
 def _make_lines_panel(part: Part, raster: Raster, crop: Crop) -> Panel:
     """The lines and arcs, with the start points of their segments."""
     page = make_paper(raster, crop)
-    rows = [np.zeros((0, 2)), *(c.points for c in part.contours)]
-    dots = page.place(np.concatenate(rows))
+    dots = page.place(np.concatenate([np.zeros((0, 2)), *(c.points for c in part.contours)]))
     arcs = sum(int((c.bulges != 0).sum()) for c in part.contours)
     # A line of no length with round ends is a dot. So one element draws all points.
     data = "".join(f"M{x:.2f} {y:.2f}h0" for x, y in dots.tolist())

@@ -13,8 +13,11 @@ from camgen.read import is_drawing
 def check_preview(name: str | None) -> None:
     """Raise JobError for a name without the suffix of a preview."""
     if name and Path(name).suffix.lower() not in _PREVIEWS:
-        what = "a preview is a page (HTML) or a drawing (SVG, PNG)"
-        raise JobError(name, what, remedy="give a name that ends in .html, .svg or .png")
+        raise JobError(
+            name,
+            "a preview is a page (HTML) or a drawing (SVG, PNG)",
+            remedy="give a name that ends in .html, .svg or .png",
+        )
 
 
 def draw_preview(result: Built, target: Path) -> bytes:

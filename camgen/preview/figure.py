@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import cv2
@@ -11,10 +11,11 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import find_run_starts
+from camgen.geometry.ragged import find_run_starts, list_owners, number_rows
 from camgen.model.part import BoolArray, Solid
 from camgen.model.pose import IDENTITY, FloatArray
 from camgen.preview.aside import TILT, TURN, compute_view_axes
+from camgen.preview.curves import interpolate_rows
 from camgen.preview.view import View
 
 #: Direction of the light for an upright part.
@@ -90,7 +91,7 @@ def shade(solid: Solid, projection: Projection) -> ShadedFaces:
     low, size = places.min(axis=0), np.ptp(places, axis=0)
     per_px = float(size.max()) / _LONG
     low = low - _BORDER * per_px
-    width, height = (int(v) + 2 * _BORDER + 1 for v in size / per_px)
+    width, height = ((size / per_px).astype(int) + 2 * _BORDER + 1).tolist()
     front = np.full((height, width), -1, np.int32)
     across, up = ((places - low) / per_px).T
     corners = np.round(np.column_stack([across, height - 1 - up]) * 16)
@@ -157,7 +158,7 @@ class FigureEdge(Struct, frozen=True, eq=False):
     @property
     def middle(self) -> FloatArray:
         """(3,) point half-way along it."""
-        return _interpolate(self.points, 0.5)
+        return _interpolate(self.points, [0.5]).reshape(3)
 
 
 def list_figure_edges(
@@ -189,18 +190,19 @@ def _subdivide(chain: FloatArray, max_step: float) -> FloatArray:
     """The chain with additional points, so that no step is longer than `max_step` mm."""
     steps = np.linalg.norm(np.diff(chain, axis=0), axis=1)
     parts = np.maximum(np.ceil(steps / max_step), 1).astype(np.int64)
-    rows = [k + np.arange(1, n + 1) / n for k, n in enumerate(parts.tolist())]
-    places = np.concatenate([[0.0], *rows])
-    return np.column_stack([np.interp(places, np.arange(len(chain)), column) for column in chain.T])
+    step = list_owners(parts)
+    places = np.append(0.0, step + (number_rows(parts) + 1) / parts[step])
+    return interpolate_rows(places, np.arange(float(len(chain))), chain)
 
 
 def _measure_length(points: FloatArray) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _interpolate(points: FloatArray, fraction: float) -> FloatArray:
+def _interpolate(points: FloatArray, fractions: Sequence[float]) -> FloatArray:
+    """The points at fractions of the length."""
     steps = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    return np.array([np.interp(fraction * steps[-1], steps, column) for column in points.T])
+    return interpolate_rows(np.array(fractions) * steps[-1], steps, points)
 
 
 def split_visibility(edge: FigureEdge) -> Iterator[tuple[bool, FloatArray]]:
@@ -224,7 +226,7 @@ def place_labels(
         longest = max(visible, key=_measure_length, default=edge.points[:1])
         is_visible = _measure_length(longest) >= _VISIBLE_FRACTION * _measure_length(edge.points)
         points = longest if is_visible else edge.points
-        places = projection.place(np.array([_interpolate(points, k) for k in _PLACES]))
+        places = projection.place(_interpolate(points, _PLACES))
         distances = np.full(len(places), spacing)
         if placed:
             offsets = places[:, None] - np.array(placed)

@@ -90,10 +90,10 @@ def _list_words(inspection: Inspection) -> tuple[str, str]:
     """The title and the sums of the inspection."""
     surplus = sum(difference.surplus for difference in inspection.differences)
     missing = len(inspection.differences) - surplus
-    areas = [f"{inspection.area(is_much):.2f} mm2" for is_much in (True, False)]
     sums = (
-        f"from {inspection.least:.2f} mm on: {counted(surplus, 'place')} with too much, "
-        f"{areas[0]}, {counted(missing, 'place')} with too little, {areas[1]}; "
+        f"from {inspection.least:.2f} mm on: "
+        f"{counted(surplus, 'place')} with too much, {inspection.area(True):.2f} mm2, "
+        f"{counted(missing, 'place')} with too little, {inspection.area(False):.2f} mm2; "
         f"{counted(len(inspection.burrs), 'burr')}"
     )
     return f"{inspection.photo.source} against {inspection.expected.source}", sums
@@ -219,8 +219,8 @@ def _png(inspection: Inspection) -> bytes:
     sheet = _draw_photo(page, inspection, size)
 
     def scale_rings(shape: shapely.Geometry) -> list[NDArray[np.int32]]:
-        rings = [page.place(ring) * (_PX * 2**_SHIFT) for ring in _list_rings(shape)]
-        return [np.asarray(np.round(ring), dtype=np.int32) for ring in rings]
+        scale = _PX * 2**_SHIFT
+        return [np.round(page.place(r) * scale).astype(np.int32) for r in _list_rings(shape)]
 
     for difference in inspection.differences:
         rings = scale_rings(difference.shape)
@@ -259,8 +259,7 @@ def _draw_photo(page: _Page, inspection: Inspection, size: tuple[int, int]) -> P
     assert raster is not None
     view = raster.view if raster.view.ndim == 3 else cv2.cvtColor(raster.view, cv2.COLOR_GRAY2BGR)
     matrix = _compute_view_map(page, inspection) * _PX
-    white = (255, 255, 255)
-    photo = cv2.warpAffine(view, matrix, size, flags=cv2.INTER_AREA, borderValue=white)
+    photo = cv2.warpAffine(view, matrix, size, flags=cv2.INTER_AREA, borderValue=(255, 255, 255))
     pale = 255 - (255 - photo.astype(np.float32)) * (1 - _PALE)
     pale[: round(_TITLE * _PX)] = 255
     return np.asarray(pale, dtype=np.uint8)

@@ -34,11 +34,10 @@ def list_program(result: Built, instruction: IntArray) -> Listing:
 
 def list_texts(files: Sequence[tuple[str, str]], lines: IntArray) -> Listing:
     """The texts of `files`, unless they are too long. lines: (E,) lines as in `Listing`."""
-    letters = sum(len(text) for _, text in files)
-    rows = sum(text.count("\n") for _, text in files)
+    names, texts = zip(*files, strict=True)
+    letters, rows = sum(map(len, texts)), sum(text.count("\n") for text in texts)
     if letters > MOST_LETTERS or rows > MOST_LINES:
-        names = ", ".join(name for name, _ in files)
         size = f"{counted(rows, 'line')}, {letters / 1e6:.0f} MB"
-        why = f"{names}: too long for this page ({size}); open the file beside it"
+        why = f"{', '.join(names)}: too long for this page ({size}); open the file beside it"
         return Listing((), lines, why)
     return Listing(tuple(files), lines)

@@ -47,8 +47,10 @@ def _draw_tour(tour: Tour) -> str:
 
 def _make_chains(part: Part) -> list[PageChains]:
     lines: Sequence[Line] = part.curves or (part.solid.edges if part.solid else ())
+    if part.contours and not lines:
+        return [make_contour_chains(part.contours)]
     if not lines:
-        return [make_contour_chains(part.contours)] if part.contours else []
+        return []
     size = float(np.linalg.norm(np.ptp(np.concatenate([line.points for line in lines]), axis=0)))
     spans = trace_spans([(line.points, line.via) for line in lines], 1e-3 * size)
     if not len(spans.points):
@@ -60,9 +62,9 @@ def _make_chains(part: Part) -> list[PageChains]:
 def _draw(groups: Sequence[tuple[PageChains, Sequence[str]]]) -> str:
     """Chains, each in its colour, as one picture."""
     low, high = measure_bounds([chains for chains, _ in groups])
-    size = [max(float(v), 1e-6) for v in high - low]
-    scale = (_SIZE - 2 * _MARGIN) / max(size)
-    width, height = (length * scale + 2 * _MARGIN for length in size)
+    size = np.maximum(high - low, 1e-6)
+    scale = (_SIZE - 2 * _MARGIN) / float(size.max())
+    width, height = (size * scale + 2 * _MARGIN).tolist()
     page = Paper(scale, _MARGIN - float(low[0]) * scale, _MARGIN + float(high[1]) * scale)
     lines = []
     for chains, colours in groups:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Sequence
 from functools import cache
 from html import escape
 from importlib import resources
+from itertools import compress
 
 import msgspec
 import numpy as np
@@ -22,6 +22,7 @@ from camgen.geometry.ragged import find_run_starts
 from camgen.model.errors import make_one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, Pose
+from camgen.preview.curves import lift
 from camgen.preview.meshes import merge_surfaces
 from camgen.preview.stock import Mark
 from camgen.preview.view import View
@@ -72,8 +73,8 @@ def format_page(view: View, edits: Edits | None = None) -> str:
     """
     style = _read_asset("viewer.css")
     first = '"use strict";\n' + "\n".join(map(_read_asset, _FIRST))
-    needed = {_CUT: _has_cut(view), _PHOTO: view.photo is not None, _EDIT: edits is not None}
-    extra = [name for name, is_needed in needed.items() if is_needed]
+    needed = (_has_tools(view) or view.marks, view.photo is not None, edits is not None)
+    extra = compress((_CUT, _PHOTO, _EDIT), needed)
     names = [*_SCRIPTS[:-1], *extra, _SCRIPTS[-1]]
     script = '(() => {\n"use strict";\n' + "\n".join(map(_read_asset, names)) + "})();\n"
     values = {
@@ -86,7 +87,8 @@ def format_page(view: View, edits: Edits | None = None) -> str:
         "script": script,
     }
     pieces = _read_asset("index.html").split("@@")
-    return "".join(values[piece] if k % 2 else piece for k, piece in enumerate(pieces))
+    pieces[1::2] = [values[name] for name in pieces[1::2]]
+    return "".join(pieces)
 
 
 @cache
@@ -110,9 +112,9 @@ def _encode_view(view: View, edits: Edits | None) -> str:
 def _list_view(view: View, edits: Edits | None) -> dict[str, object]:
     """The view as plain data. Points are relative to their middle, so that 32 bits are enough."""
     track, chains = view.track, view.chains
-    points = np.concatenate(
-        [track.position, chains.points, *([view.solid.vertices] if view.solid else [])]
-    )
+    points = np.concatenate([track.position, chains.points])
+    if view.solid:
+        points = np.concatenate([points, view.solid.vertices])
     origin = np.zeros(3)
     if len(points):
         origin = np.round((points.min(axis=0) + points.max(axis=0)) / 2)
@@ -167,9 +169,9 @@ def _list_view(view: View, edits: Edits | None) -> dict[str, object]:
         "tool": {
             "diameter": view.diameter,
             "flange_from_tool": _list_pose(view.flange_from_tool),
-            "bodies": _list_links(view.bodies),
+            "bodies": list(map(_list_link, view.bodies)),
         },
-        "standing": _list_links(view.standing),
+        "standing": list(map(_list_link, view.standing)),
         "meshes": [[name, _pack_mesh(shape, origin)] for name, shape in view.meshes],
         "arm": _list_arm(view),
     }
@@ -185,7 +187,7 @@ def _list_executed(view: View, origin: FloatArray) -> dict[str, object]:
 def _list_photo(view: View, origin: FloatArray) -> dict[str, object]:
     if view.photo is None:
         return {}
-    corners = np.column_stack([view.photo.corners, np.zeros(4)]) - origin
+    corners = lift(view.photo.corners) - origin
     return {"photo": {"address": view.photo.address, "corners": corners.tolist()}}
 
 
@@ -194,10 +196,6 @@ def _list_edits(edits: Edits | None, origin: FloatArray) -> dict[str, object]:
         return {}
     seams = [place and (np.array(place) - origin).tolist() for place in edits.seams]
     return {"edits": {"seams": seams, "pinned": edits.pinned, "ordered": edits.ordered}}
-
-
-def _has_cut(view: View) -> bool:
-    return _has_tools(view) or bool(view.marks)
 
 
 def _has_tools(view: View) -> bool:
@@ -244,14 +242,12 @@ def _pack_mark(mark: Mark, origin: FloatArray) -> dict[str, str]:
 
     polygon = shapely.Polygon(mark.polygon, mark.holes).buffer(0)
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-    loops = {
-        "outline": np.vstack([mark.polygon, mark.polygon[:1]]),
-        # A triangle has its first corner again as its fourth one.
-        "triangles": shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3].reshape(-1, 2),
-    }
+    outline = np.vstack([mark.polygon, mark.polygon[:1]])
+    # A triangle has its first corner again as its fourth one.
+    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     return {
-        name: _pack(np.column_stack([points, np.full(len(points), mark.z)]) - origin)
-        for name, points in loops.items()
+        "outline": _pack(lift(outline, mark.z) - origin),
+        "triangles": _pack(lift(corners, mark.z) - origin),
     }
 
 
@@ -282,10 +278,7 @@ def _list_arm(view: View) -> dict[str, object] | None:
         "joints": [
             [j.name, j.sliding, _list_pose(j.previous_from_joint), j.axis] for j in robot.joints
         ],
-        "links": [
-            [*row, _pack_surfaces(link)]
-            for row, link in zip(_list_links(robot.links), robot.links, strict=True)
-        ],
+        "links": [[*_list_link(link), _pack_surfaces(link)] for link in robot.links],
         "values": _pack(view.arm.joints),
         "time": _pack(view.arm.time),
     }
@@ -296,12 +289,9 @@ def _pack_surfaces(link: Link) -> dict[str, str] | None:
     return mesh and {"vertices": _pack(mesh[0]), "faces": _pack(mesh[1], np.uint32)}
 
 
-def _list_links(links: Sequence[Link]) -> list[list[object]]:
-    """The name of each link, then pose and half edges of each of its boxes."""
-    rows: list[list[object]] = []
-    for link in links:
-        rows.append([link.name, [[_list_pose(box.link_from_box), box.half] for box in link.boxes]])
-    return rows
+def _list_link(link: Link) -> list[object]:
+    """The name of a link, then pose and half edges of each of its boxes."""
+    return [link.name, [[_list_pose(box.link_from_box), box.half] for box in link.boxes]]
 
 
 def _pack_mesh(solid: Solid, origin: FloatArray) -> dict[str, str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -14,6 +16,7 @@ from camgen.model.errors import make_one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
 from camgen.preview.aside import TILT, TURN, compute_view_axes
+from camgen.preview.curves import interpolate_rows, lift
 from camgen.preview.draw import choose_bar, choose_colour
 from camgen.preview.figure import (
     list_figure_edges,
@@ -94,7 +97,7 @@ def _fit_sheet(view: View) -> _Sheet:
     work = view.track.events.path[view.track.event] >= 0
     loops: list[FloatArray] = []
     for fixture in view.fixtures:
-        loops += [np.column_stack([loop, np.zeros(len(loop))]) for loop in fixture.loops]
+        loops += map(lift, fixture.loops)
     flat = np.concatenate([view.chains.points, view.track.position[work], *loops]) @ seen.T
     if not len(flat):
         flat = view.track.position @ seen.T
@@ -121,16 +124,14 @@ def _draw_solid(image: Pixels, view: View, solid: Solid, sheet: _Sheet) -> None:
     )
     np.copyto(image, faces[..., :3], where=faces[..., 3:] > 127)
     edges = list_figure_edges(view, solid, projection, shaded)
-    stretches = []
+    chains: dict[tuple[str, bool], list[NDArray[np.int32]]] = defaultdict(list)
     for edge in edges:
-        stretches += [(edge.state, *stretch) for stretch in split_visibility(edge)]
+        for is_seen, points in split_visibility(edge):
+            chains[edge.state, is_seen].append(sheet.place(points))
     for is_seen, width in ((False, 1), (True, 2)):
         for state, colour in _COLOURS.items():
-            chains = [
-                sheet.place(p) for owner, seen, p in stretches if (owner, seen) == (state, is_seen)
-            ]
-            thickness = width + (state == "skipped")
-            cv2.polylines(image, chains, False, colour, thickness, cv2.LINE_AA, _SHIFT)
+            drawn, thickness = chains[state, is_seen], width + (state == "skipped")
+            cv2.polylines(image, drawn, False, colour, thickness, cv2.LINE_AA, _SHIFT)
     _draw_track(image, view, sheet)
     labels = place_labels(edges, projection, 46 / sheet.scale)
     for edge, (place, seen) in zip(edges, labels, strict=True):
@@ -180,9 +181,7 @@ def _draw_part(image: Pixels, view: View, sheet: _Sheet) -> None:
 def _draw_fixtures(image: Pixels, view: View, sheet: _Sheet) -> None:
     """Draw the fixtures of a mill with their numbers and the heights of their tops."""
     for fixture in view.fixtures if view.flat else ():
-        loops = [
-            sheet.place(np.column_stack([loop, np.zeros(len(loop))])) for loop in fixture.loops
-        ]
+        loops = [sheet.place(lift(loop)) for loop in fixture.loops]
         filled = cv2.fillPoly(image.copy(), loops, _CLAMP, cv2.LINE_AA, _SHIFT)
         # A clamp is drawn translucent, over the part below it.
         cv2.addWeighted(filled, _CLAMP_SHARE, image, 1 - _CLAMP_SHARE, 0.0, dst=image)
@@ -199,8 +198,7 @@ def _draw_marks(image: Pixels, view: View, sheet: _Sheet) -> None:
     if not view.flat:
         return
     for mark in view.marks:
-        loops = (mark.polygon, *mark.holes)
-        rings = [sheet.place(np.column_stack([loop, np.full(len(loop), mark.z)])) for loop in loops]
+        rings = [sheet.place(lift(loop, mark.z)) for loop in (mark.polygon, *mark.holes)]
         cv2.fillPoly(image, rings, _MARKS[mark.kind], cv2.LINE_AA, _SHIFT)
         cv2.polylines(image, rings, True, _INK, 1, cv2.LINE_AA, _SHIFT)
     for mark in view.marks[:_LABELLED]:
@@ -213,20 +211,20 @@ def _draw_track(image: Pixels, view: View, sheet: _Sheet) -> None:
     """Draw travel, then the paths from the first to the last, one stroke per path."""
     path = view.track.events.path[view.track.event]
     pixels = sheet.place(view.track.position)
-    cuts = find_run_starts(path)
-    strokes = [
-        (int(path[start]), pixels[max(start - 1, 0) : end])
-        for start, end in zip(cuts, [*cuts[1:], len(path)], strict=True)
-    ]
-    travel = [points for owner, points in strokes if owner < 0]
+    travel, strokes = [], []
+    for start, end in pairwise([*find_run_starts(path).tolist(), len(path)]):
+        points = pixels[max(start - 1, 0) : end]
+        if path[start] < 0:
+            travel.append(points)
+        else:
+            strokes.append((int(path[start]), points))
     cv2.polylines(image, travel, False, _TRAVEL, 1, cv2.LINE_AA, _SHIFT)
     last = max(len(view.rows) - 1, 1)
     for owner, points in strokes:
-        if owner >= 0:
-            place = 2 * owner / last
-            colour = [float(np.interp(place, (0, 1, 2), _RAMP[:, k])) for k in range(3)]
-            cv2.polylines(image, [points], False, colour, 3, cv2.LINE_AA, _SHIFT)
-            cv2.circle(image, points[0, 0].tolist(), 5 << _SHIFT, _INK, 2, cv2.LINE_AA, _SHIFT)
+        place = np.array([2 * owner / last])
+        (colour,) = interpolate_rows(place, np.arange(3.0), _RAMP).tolist()
+        cv2.polylines(image, [points], False, colour, 3, cv2.LINE_AA, _SHIFT)
+        cv2.circle(image, points[0, 0].tolist(), 5 << _SHIFT, _INK, 2, cv2.LINE_AA, _SHIFT)
 
 
 def _draw_words(image: Pixels, view: View, sheet: _Sheet) -> None:

@@ -16,7 +16,7 @@ from camgen.model.job import ToolTable
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Pose, frozen
 from camgen.model.program import ToolChange
-from camgen.model.text import short
+from camgen.model.text import short, short_each
 from camgen.order.tours import JobTour
 from camgen.plan.steps import format_step
 from camgen.preview import Built
@@ -104,11 +104,11 @@ def compute_profile(tool: ToolTable) -> tuple[tuple[float, float], ...]:
     radius = tool.radius
     corner = {"ball mill": radius, "bull nose": min(tool.corner_radius, radius)}.get(tool.kind, 0.0)
     if corner:
-        angles = np.linspace(0.0, math.pi / 2, _ROUND_POINTS)
-        return tuple(
-            (radius - corner + corner * math.sin(a), corner - corner * math.cos(a))
-            for a in angles.tolist()
-        )
+        points = []
+        for angle in np.linspace(0.0, math.pi / 2, _ROUND_POINTS).tolist():
+            across = radius - corner + corner * math.sin(angle)
+            points.append((across, corner - corner * math.cos(angle)))
+        return tuple(points)
     angle = tool.tip_angle if tool.kind in ("drill", "v") and tool.tip_angle else _MILLS[tool.kind]
     flat = min(tool.tip_diameter / 2, radius) if tool.kind == "v" else 0.0
     if angle == 180.0 or flat == radius:
@@ -242,6 +242,6 @@ def find_marks(result: Built) -> tuple[Mark, ...]:
 
 def format_stock(stock: Stock) -> str:
     """The size of the stock as text, with the source of its thickness."""
-    size = " x ".join(short(value, 1) for value in (stock.high - stock.low).tolist())
+    size = " x ".join(short_each((stock.high - stock.low).tolist(), 1))
     why = "; as thick as the program is deep, stock.thickness is not set" if stock.assumed else ""
     return f"{size} mm{why}"

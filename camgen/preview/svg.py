@@ -100,7 +100,7 @@ def format_svg(
     seen: outlines (N, 2) in a photo of the part, mm.
     standing: fixtures of a mill.
     """
-    lengths = [measure_path(path) for path in tour.paths]
+    lengths = list(map(measure_path, tour.paths))
     if part.curves:
         part, tour = project_aside(part, tour)
     followed = set(chain.from_iterable(path.contours for path in tour.paths))
@@ -145,7 +145,7 @@ def _fit_sheet(part: Part, tour: Tour, others: Sequence[PageChains]) -> _Sheet:
     low, high = measure_bounds(
         [make_contour_chains(part.contours), make_path_chains(tour.paths), *others]
     )
-    wide, high_mm = (max(float(v), 1e-6) for v in high - low)
+    wide, high_mm = np.maximum(high - low, 1e-6).tolist()
     scale = min(_WIDE / wide, _HIGH / high_mm)
     width = max(wide * scale, _LEAST_PAGE_MM) + 2 * _MARGIN
     left = (width - wide * scale) / 2
@@ -206,8 +206,8 @@ def _paths(tour: Tour, page: Paper, lengths: Sequence[float]) -> Iterator[str]:
             yield from _arrows(path, page, colour)
         yield from _starts(paths, page)
         return
-    edges = [round(k * len(paths) / _BINS) for k in range(_BINS + 1)]
-    for a, b in pairwise(edges):
+    edges = np.round(np.arange(_BINS + 1) * len(paths) / _BINS).astype(int)
+    for a, b in pairwise(edges.tolist()):
         colour = choose_colour(a, len(paths))
         yield f'<path class="path" stroke="{colour}" d="{"".join(data[a:b])}"/>'
 

@@ -208,8 +208,7 @@ def make_track(result: Built, sag: float) -> tuple[Track, Arm | None]:
     in_joints = events.kind[owner] == 0
     points, axis = compute_tool(program, robot, reach.joints[in_joints], reach.owner[in_joints])
     sampled = _Stations(owner[in_joints], fraction[in_joints], points, axis)
-    time = _compute_times(events.seconds, owner, fraction)
-    arm = Arm(robot, reach.joints, time)
+    arm = Arm(robot, reach.joints, _compute_times(events.seconds, owner, fraction))
     return _time_stations(events, _replace_stations(stations, sampled)), arm
 
 

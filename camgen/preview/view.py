@@ -14,13 +14,19 @@ from camgen.check.executed import Rounding
 from camgen.check.report import clean, path_sums
 from camgen.geometry.corners import check_corners
 from camgen.geometry.ragged import compute_first_rows
-from camgen.model.part import Line, Note, Solid
+from camgen.model.part import Contour, Curve, Edge, Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
-from camgen.model.text import duration, short
+from camgen.model.text import duration, short, short_each
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order.tours import EdgeTour
 from camgen.preview import Built, list_seen
-from camgen.preview.curves import SpaceChains, trace_contours, trace_spans
+from camgen.preview.curves import (
+    SpaceChains,
+    interpolate_rows,
+    lift,
+    trace_contours,
+    trace_spans,
+)
 from camgen.preview.executed import trace_executed
 from camgen.preview.fixtures import FixtureView, clip_fixtures
 from camgen.preview.listing import Listing, list_program
@@ -118,8 +124,7 @@ def split_chain(
         places = np.concatenate([[low], inner, [high]])
         middle = (low + high) / 2
         number = next((k for start, end, k in worked if start < middle < end), -1)
-        columns = [np.interp(places, lengths, column) for column in points.T]
-        parts.append((number, np.column_stack(columns)))
+        parts.append((number, interpolate_rows(places, lengths, points)))
     is_closed = np.array_equal(points[0], points[-1])
     if is_closed and len(parts) > 1 and parts[0][0] == parts[-1][0]:
         number, last = parts.pop()
@@ -295,11 +300,12 @@ def make_view(result: Built) -> View:
     )
 
 
-def list_reasons(skipped: Sequence[Note]) -> dict[str, str]:
-    """The first reason for each contour and edge that the notes are about, by its id."""
+def list_reasons(notes: Sequence[Note]) -> dict[str, str]:
+    """The first reason for each contour and edge that is left out, by its id."""
     reasons: dict[str, str] = {}
-    for note in reversed(skipped):
-        reasons |= dict.fromkeys(note.ids, clean(note.why or note.what))
+    for note in reversed(notes):
+        if note.kind == "skipped":
+            reasons |= dict.fromkeys(note.ids, clean(note.why or note.what))
     return reasons
 
 
@@ -324,40 +330,36 @@ def _make_lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceC
     chains = SpaceChains(
         np.concatenate([flat.points, spatial.points]), np.concatenate([flat.counts, spatial.counts])
     )
-    # A picture has no layers; the reader of pictures only fills the field.
-    has_layers = result.part.raster is None
-    rows = [(c.id, c.layer if has_layers else "", c.closed) for c in contours]
-    rows += [(curve.id, curve.layer, curve.closed) for curve in curves]
-    rows += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
-    why = list_reasons([note for note in result.notes if note.kind == "skipped"])
+    why = list_reasons(result.notes)
     states = dict.fromkeys(why, "skipped")
     for path in result.tour.paths:
         states |= dict.fromkeys(path.contours, "done")
-    lines = [
-        ViewLine(
-            id=clean(ident),
-            layer=clean(layer),
-            closed=closed,
-            length=length,
-            state=states.get(ident, "unused"),
-            why=why.get(ident, ""),
-        )
-        for (ident, layer, closed), length in zip(rows, _measure_chains(chains), strict=True)
-    ]
+    lines = []
+    drawn: list[Contour | Curve | Edge] = [*contours, *curves, *edges]
+    for line, length in zip(drawn, _measure_chains(chains), strict=True):
+        layer, state = clean(_name_layer(result, line)), states.get(line.id, "unused")
+        reason = why.get(line.id, "")
+        lines.append(ViewLine(clean(line.id), layer, line.closed, length, state, reason))
     if edges or curves:
         return _mark_gaps(result, lines, chains)
-    marks = [*_mark_places(result), *_list_seen(result), *_list_blocked(result, sag)]
-    counts = np.array([len(points) for _, points in marks], dtype=np.int64)
-    table = SpaceChains(
-        np.concatenate([chains.points, *(points for _, points in marks)]),
-        np.concatenate([chains.counts, counts]),
-    )
-    return (*lines, *(line for line, _ in marks)), table
+    parts = [chains.points]
+    for mark, points in (*_mark_places(result), *_list_seen(result), *_list_blocked(result, sag)):
+        lines.append(mark)
+        parts.append(points)
+    counts = [*chains.counts.tolist(), *map(len, parts[1:])]
+    return tuple(lines), SpaceChains(np.concatenate(parts), np.array(counts, dtype=np.int64))
+
+
+def _name_layer(result: Built, line: Contour | Curve | Edge) -> str:
+    if isinstance(line, Edge):
+        return f"{'convex' if line.convex else 'concave'} {line.kind}"
+    # A picture has no layers; the reader of pictures only fills the field.
+    return line.layer if result.part.raster is None else ""
 
 
 def _list_blocked(result: Built, sag: float) -> Iterator[tuple[ViewLine, FloatArray]]:
     """The paths and stretches of paths that are left out for a fixture."""
-    why = list_reasons([note for note in result.notes if note.kind == "skipped"])
+    why = list_reasons(result.notes)
     for path in result.blocked:
         chains = trace_spans([(path.position, path.via[1:])], sag)
         length = float(np.linalg.norm(np.diff(chains.points, axis=0), axis=1).sum())
@@ -368,7 +370,7 @@ def _list_blocked(result: Built, sag: float) -> Iterator[tuple[ViewLine, FloatAr
 
 def _list_seen(result: Built) -> Iterator[tuple[ViewLine, FloatArray]]:
     for outline in list_seen(result):
-        points = np.column_stack([outline, np.zeros(len(outline))])
+        points = lift(outline)
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         yield ViewLine("photo", "", False, length, "seen", ""), points
 
@@ -417,14 +419,12 @@ def _mark_gaps(
         for number, part in split_chain(points, stretches[line.id]):
             stretch = replace(line, closed=False, why="", path=names[line.id][number])
             if number < 0:
-                why = line.why or _TRIMMED
-                stretch = replace(line, closed=False, state="skipped", why=why)
+                stretch = replace(line, closed=False, state="skipped", why=line.why or _TRIMMED)
             pieces.append((stretch, part))
-    split = SpaceChains(
-        np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces])
-    )
-    marked = zip(pieces, _measure_chains(split), strict=True)
-    return tuple(replace(line, length=length) for (line, _), length in marked), split
+    drawn, parts = zip(*pieces, strict=True)
+    split = SpaceChains(np.concatenate(parts), np.array(list(map(len, parts))))
+    marked = zip(drawn, _measure_chains(split), strict=True)
+    return tuple(replace(line, length=length) for line, length in marked), split
 
 
 def _measure_chains(chains: SpaceChains) -> list[float]:
@@ -441,8 +441,10 @@ def _measure_chains(chains: SpaceChains) -> list[float]:
 def _make_rows(result: Built, cutters: Cutters) -> tuple[Row, ...]:
     paths = result.tour.paths
     lengths, seconds = path_sums(paths)
-    return tuple(
-        Row(
+    sums = zip(lengths.tolist(), seconds.tolist(), result.cycle.paths.tolist(), strict=True)
+    rows = []
+    for path, operation, (length, time, spent) in zip(paths, cutters.operations, sums, strict=True):
+        row = Row(
             id=clean(path.id),
             layer=clean(path.layer) if result.part.raster is None else "",
             length=length,
@@ -452,15 +454,8 @@ def _make_rows(result: Built, cutters: Cutters) -> tuple[Row, ...]:
             passes=len(path.depths),
             operation=operation,
         )
-        for path, length, time, spent, operation in zip(
-            paths,
-            lengths.tolist(),
-            seconds.tolist(),
-            result.cycle.paths.tolist(),
-            cutters.operations,
-            strict=True,
-        )
-    )
+        rows.append(row)
+    return tuple(rows)
 
 
 def _list_facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
@@ -488,16 +483,14 @@ def _list_facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
     if result.clear and result.where:
         solid = ["the part"] if part.solid else []
         bodies = [body.name for body in (*result.where.bodies, *result.where.standing)]
-        meshes = [name for name, _ in result.where.meshes]
-        tested = ", ".join(["robot", *bodies, *solid, *meshes])
+        tested = ", ".join(["robot", *bodies, *solid, *[name for name, _ in result.where.meshes]])
         clearance = f"{short(result.clear.clearance, 2)} mm or more apart"
         if result.clear.nearest:
             clearance += f", least {clean(str(result.clear.nearest))}"
         facts.append(("Collision", f"none, {clearance}; tested: {tested}"))
-    extents = result.motions.extents
-    if extents:
-        size = " x ".join(short(high - low, 1) for low, high in zip(*extents, strict=True))
-        facts.insert(9, ("Extents", f"{size} mm"))
+    if result.motions.extents:
+        size = np.ptp(result.motions.extents, axis=0).tolist()
+        facts.insert(9, ("Extents", f"{' x '.join(short_each(size, 1))} mm"))
     return tuple(facts)
 
 
@@ -516,7 +509,7 @@ def _format_rounding(rounded: Rounding | None) -> str:
         return "not modelled for this controller"
     if not rounded.mm:
         return "none"
-    place = " ".join(short(value, 2) for value in rounded.place)
+    place = " ".join(short_each(rounded.place, 2))
     return f"{short(rounded.mm, 4)} mm off the path at {place} mm, line {rounded.line}"
 
 
@@ -529,8 +522,7 @@ def _list_cut(cutters: Cutters, stock: Stock | None) -> list[tuple[str, str]]:
     """The facts on the tools, if there are several, and on the stock."""
     facts = []
     for number, tool in enumerate(cutters.tools, 1):
-        text = f"{tool.name}: {tool.kind}, {short(tool.diameter, 2)} mm"
-        facts.append((f"Tool {number}", text))
+        facts.append((f"Tool {number}", f"{tool.name}: {tool.kind}, {short(tool.diameter, 2)} mm"))
     if len(facts) == 1:
         facts = []
     return [*facts, ("Stock", format_stock(stock))] if stock else facts

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from itertools import chain, pairwise
 from typing import Any
 
@@ -58,11 +58,10 @@ def leave_out(tables: Tables, summary: InputSummary, names: Sequence[str], row: 
         worked = summary.worked[number] if number < len(summary.worked) else ()
         if row not in (-1, number) or not set(worked) & set(names):
             kept.append(operation)
-        elif remaining := [name for name in worked if name not in names]:
+        elif remaining := _drop(worked, names):
             kept.append({**operation, "ids": remaining})
-    if not rows:
-        remaining = [name for name, _ in summary.contours if name not in names]
-        kept = [{"ids": remaining}] if remaining else []
+    if not rows and (remaining := _drop(dict(summary.contours), names)):
+        kept = [{"ids": remaining}]
     if not kept:
         what, remedy = "nothing would be left to work on", "leave out the layer instead"
         raise JobError("job", what, ", ".join(names), remedy)
@@ -86,7 +85,7 @@ def restore(tables: Tables, summary: InputSummary, names: Sequence[str]) -> Tabl
     if number is None:
         what, remedy = "no operation names its contours", "add an operation for them"
         raise JobError("job", what, ", ".join(names), remedy)
-    order = [name for name, _ in summary.contours]
+    order = dict(summary.contours)
     wanted = {*rows[number]["ids"], *names}
     if len(rows) == 1 and set(rows[0]) == {"ids"} and wanted >= set(order):
         return set_value(tables, ["operations"], None)
@@ -103,8 +102,7 @@ def list_left_out(tables: Tables, summary: InputSummary) -> list[str]:
     ids = [row.get("ids", []) for row in list_rows(tables, "operations")]
     if not any(ids):
         return []
-    worked = set(chain(*ids, *summary.worked))
-    return [name for name, _ in summary.contours if name not in worked]
+    return _drop(dict(summary.contours), set(chain(*ids, *summary.worked)))
 
 
 def order_layers(tables: Tables, names: Sequence[str]) -> Tables:
@@ -134,14 +132,15 @@ def move_path(tables: Tables, summary: InputSummary, path: int, to: int) -> Tabl
     path_rank = min((rank.get(name, len(first)) for name in runs[path].contours), default=-1)
     to_rank = min((rank.get(name, len(first)) for name in runs[to].contours), default=-1)
     if path_rank == to_rank or (path_rank < to_rank) == (path < to):
-        what = f"paths {path + 1} and {to + 1} work on the same contours; the operation orders them"
-        raise JobError("page", what, remedy="move another path")
+        raise JobError(
+            "page",
+            f"paths {path + 1} and {to + 1} work on the same contours; the operation orders them",
+            remedy="move another path",
+        )
     ordered = [k for k, run in enumerate(runs) if run.ordered and run.row != runs[path].row]
-    others = [name for name in _list_names(summary, ordered) if name not in rank]
-    before = set(_list_names(summary, range(same_row[0])))
-    early = [name for name in others if name in before]
-    late = [name for name in others if name not in before]
-    return set_value(tables, ["tour", "order"], [*early, *first, *late])
+    others = _drop(_list_names(summary, ordered), rank)
+    late = _drop(others, _list_names(summary, range(same_row[0])))
+    return set_value(tables, ["tour", "order"], [*_drop(others, late), *first, *late])
 
 
 def move_seam(
@@ -177,10 +176,17 @@ def move_seam(
 def _check_moves(summary: InputSummary, *paths: int) -> None:
     """Raise JobError for paths whose order and start a job cannot set."""
     if summary.kind not in MOVABLE:
-        what = "only paths of drawings and pictures have an order and seams"
-        raise JobError("page", what, remedy="see [tour]")
+        raise JobError(
+            "page",
+            "only paths of drawings and pictures have an order and seams",
+            remedy="see [tour]",
+        )
     if not all(0 <= path < len(summary.runs) for path in paths):
         raise JobError("page", "the picture is of an older program", remedy="wait for the new one")
+
+
+def _drop(names: Iterable[str], dropped: Container[str]) -> list[str]:
+    return [name for name in names if name not in dropped]
 
 
 def _list_names(summary: InputSummary, paths: Sequence[int]) -> list[str]:
@@ -194,8 +200,7 @@ def _check_contours(summary: InputSummary) -> None:
         "program": "has no setting to leave out a part of a program",
     }
     if summary.kind in what:
-        remedy = "leave out a layer, or correct the input"
-        raise JobError("job", what[summary.kind], remedy=remedy)
+        raise JobError("job", what[summary.kind], remedy="leave out a layer, or correct the input")
 
 
 def _list_words(tables: Tables) -> list[str]:

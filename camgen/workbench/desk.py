@@ -14,7 +14,7 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.batch.writing import check_programs, check_targets, is_edited, write_all
+from camgen.batch.writing import check_programs, check_targets, is_edited, list_paths, write_all
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.text import counted
 from camgen.read.files import Files, identity
@@ -32,7 +32,8 @@ from camgen.workbench.usual import Defaults, list_defaults
 _PAUSE = 0.15
 #: Period in which the files on the disk are checked for changes, s.
 _CHECK_PERIOD = 1.0
-_NOTHING = InputSummary("")
+#: Stands for the last successful build before there is one.
+_NO_BUILD = Built(0, "", (), (), InputSummary(""), {}, "", 0.0, {})
 Stamp = tuple[int, int] | None
 #: Writes a line about the journal on the command line.
 Warn = Callable[[str], None]
@@ -312,9 +313,10 @@ class Desk:
         text = session.text
         files = [(session.job_file, text.encode())] if session.tables or session.base else []
         files += built.programs
-        check_targets([path for path, _ in files], built.opened.values())
+        paths = list_paths(files)
+        check_targets(paths, built.opened.values())
         check_programs(built.programs)
-        edited = [] if replace_edited else [path for path, _ in built.programs if is_edited(path)]
+        edited = [] if replace_edited else list(filter(is_edited, list_paths(built.programs)))
         if edited:
             raise Edited(edited)
         write_all(files, built.opened)
@@ -323,15 +325,14 @@ class Desk:
         self.journal.begin(self.session)
         self._keep(self.session)
         self._stamps[session.job_file] = read_stamp(session.job_file)
-        self.message = f"written: {', '.join(str(path) for path, _ in files)}"
+        self.message = f"written: {', '.join(map(str, paths))}"
         self.message += f"; comments of {session.job_file} are lost" if lost else ""
         self.notify_pages()
-        return [path for path, _ in files]
+        return paths
 
     def remember_files(self) -> None:
         """Remember the stamps of the files that a build reads. Known stamps stay."""
-        opened = self.built.opened.values() if self.built else ()
-        paths = (*self.session.inputs, self.session.job_file, *opened)
+        paths = (*self.session.inputs, self.session.job_file, *self._last.opened.values())
         self._stamps = {
             path: self._stamps[path] if path in self._stamps else read_stamp(path) for path in paths
         }
@@ -349,17 +350,16 @@ class Desk:
         stamps = await loop.run_in_executor(
             None, lambda: {path: read_stamp(path) for path in self._stamps}
         )
-        known = stamps.keys() & self._stamps.keys()
-        changed = {path for path in known if stamps[path] != self._stamps[path]}
+        new = stamps.items() - self._stamps.items()
+        changed = {path: stamp for path, stamp in new if path in self._stamps}
         if not changed:
             return
-        self._stamps |= {path: stamps[path] for path in changed}
+        self._stamps |= changed
         if self.session.job_file in changed:
             self._job_changed()
-        if changed - {self.session.job_file}:
-            self.message = (
-                f"changed on the disk: {', '.join(sorted(path.name for path in changed))}"
-            )
+        if changed.keys() - {self.session.job_file}:
+            names = ", ".join(sorted(path.name for path in changed))
+            self.message = f"changed on the disk: {names}"
             self.request_build()
 
     def _job_changed(self) -> None:
@@ -433,7 +433,12 @@ class Desk:
     @property
     def summary(self) -> InputSummary:
         """The content of the input in the last successful build."""
-        return self.built.summary if self.built else _NOTHING
+        return self._last.summary
+
+    @property
+    def _last(self) -> Built:
+        """The last successful build, an empty one before there is any."""
+        return self.built or _NO_BUILD
 
     def state(self) -> dict[str, Any]:
         """The state for a page as plain data, without the summary of the input."""
@@ -467,10 +472,8 @@ class Desk:
 
     def _find_defaults(self) -> Defaults:
         """The defaults of the last successful build, replaced by those that follow from the job."""
-        built = self.built.usual if self.built else {}
-        current = list_defaults(self.session.tables)
-        tables = {**built, **current}
-        return {name: {**built.get(name, {}), **current.get(name, {})} for name in tables}
+        built, current = self._last.usual, list_defaults(self.session.tables)
+        return {name: {**built.get(name, {}), **current.get(name, {})} for name in built | current}
 
     def _describe_built(self, built: Built) -> dict[str, Any]:
         return {
@@ -504,13 +507,13 @@ class Desk:
         """The stages of a photo in the newest build, "" for any other input."""
         if self.failed is not None and self.failed.picture:
             return self.failed.picture
-        return self.built.picture if self.built else ""
+        return self._last.picture
 
     def _find_picture_number(self) -> int:
         """The number of the build of the picture, 0 for none."""
         if self.failed is not None and self.failed.picture:
             return self.failed.number
-        return self.built.number if self.built and self.built.picture else 0
+        return self._last.number if self._last.picture else 0
 
 
 def convert_plain(value: object) -> object:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any, Literal
@@ -102,14 +103,15 @@ def make_form(post: str) -> Form:
 def _make_row_groups(name: str, properties: Mapping[str, Any]) -> tuple[Group, ...]:
     """The groups of a row: its own keys first, then those of the tables that it overrides."""
     keys = properties[name]["items"]["properties"]
-    fields = {s.key: _make_field(s, keys[s.key]) for s in list_row_settings() if s.table == name}
     overridden = [table for table in _OVERRIDDEN if (table == "tool") == (name == "tools")]
     homes = {s.key: s.table for s in list_settings() if s.table in overridden}
-    own_fields = tuple(field for key, field in fields.items() if key not in homes)
-    groups = [Group(name, list_row_tables()[name], own_fields)]
+    fields: dict[str, list[Field]] = defaultdict(list)
+    for setting in list_row_settings():
+        if setting.table == name:
+            fields[homes.get(setting.key, name)].append(_make_field(setting, keys[setting.key]))
+    groups = [Group(name, list_row_tables()[name], tuple(fields[name]))]
     for table in overridden:
-        shared = tuple(field for key, field in fields.items() if homes.get(key) == table)
-        groups.append(Group(name, list_tables()[table], shared, table))
+        groups.append(Group(name, list_tables()[table], tuple(fields[table]), table))
     return tuple(groups)
 
 

@@ -246,8 +246,7 @@ def list_leftovers(job_file: Path, known: Collection[Path | None] = ()) -> list[
         names = [name for name in os.listdir(folder) if name.startswith(f"{_stem(job_file)}-")]
     except (OSError, RuntimeError):
         return []
-    paths = [folder / name for name in names]
-    leftovers = [_read(path) for path in paths if path not in known]
+    leftovers = [_read(folder / name) for name in names if folder / name not in known]
     return sorted(filter(None, leftovers), key=lambda leftover: leftover.time)
 
 

@@ -203,18 +203,13 @@ def _build(
     programs = list_program_files(result, request.output, None)
     watch("drawing")
     runs = summarize_paths(result)
-    shown = format_page(
-        make_view(result), _make_edits(runs) if find_part_kind(result.part) in MOVABLE else None
-    )
+    edits = _make_edits(runs) if find_part_kind(result.part) in MOVABLE else None
+    job_file = request.job_file if request.text else None
     return Built(
         number=request.number,
-        page=shown,
+        page=format_page(make_view(result), edits),
         programs=tuple((path, bytes(file)) for path, file in programs),
-        rows=tuple(
-            summarize(
-                result, request.job_file if request.text else None, request.inputs, programs, 1
-            )
-        ),
+        rows=tuple(summarize(result, job_file, request.inputs, programs, 1)),
         summary=_summarize_input(request, result, files, runs),
         opened=dict(files.opened),
         picture=_draw_stages(result),
@@ -241,7 +236,7 @@ def _summarize_input(
         kind=kind,
         layers=_list_layers(request, result, files),
         contours=contours,
-        worked=tuple(tuple(ids) for ids in worked),
+        worked=tuple(map(tuple, worked)),
         runs=runs,
     )
 
@@ -261,17 +256,12 @@ def summarize_paths(result: Result) -> tuple[PathSummary, ...]:
     rows = _find_rows(tour)
     points = _find_points(result, planned, rows)
     named = set(result.job.tour.order)
-    return tuple(
-        PathSummary(
-            contours=path.contours,
-            row=row,
-            seam=_find_seam(path, planned[path.id]) if path.id in planned else None,
-            point=points.get(path.id),
-            ordered=not named.isdisjoint(path.contours),
-            id=clean(path.id),
-        )
-        for path, row in zip(tour.paths, rows, strict=True)
-    )
+    summaries = []
+    for path, row in zip(tour.paths, rows, strict=True):
+        seam = _find_seam(path, planned[path.id]) if path.id in planned else None
+        point, is_ordered = points.get(path.id), not named.isdisjoint(path.contours)
+        summaries.append(PathSummary(path.contours, row, seam, point, is_ordered, clean(path.id)))
+    return tuple(summaries)
 
 
 def _find_points(
@@ -316,8 +306,7 @@ def _find_rows(tour: Tour) -> list[int]:
     """The row of `[[operations]]` of each path, -1 for a job without rows."""
     if not isinstance(tour, JobTour):
         return [-1] * len(tour.paths)
-    counts = [len(step_tour.paths) for step_tour in tour.tours]
-    return np.repeat(tour.numbers, counts).tolist()
+    return np.repeat(tour.numbers, [len(step_tour.paths) for step_tour in tour.tours]).tolist()
 
 
 def _list_layers(request: BuildRequest, result: Result, files: Files) -> tuple[Layer, ...]:
@@ -397,8 +386,7 @@ def _draw_photo(source: Source) -> str:
     except CamgenError:
         return ""
     high = WIDE * pixels.shape[0] / pixels.shape[1]
-    panel = Panel("photo", high, [format_image(pixels, WIDE, high)])
-    return format_sheet([panel], (), source.name)
+    return format_sheet([Panel("photo", high, [format_image(pixels, WIDE, high)])], (), source.name)
 
 
 # Proposed operations.
@@ -414,8 +402,9 @@ def _propose(request: BuildRequest, files: Files) -> Proposed:
     library = [tool for tool in job.tools if tool.name and tool.name not in names]
     proposal = propose(part, job.stock, library)
     if proposal is None:
-        what = "has no closed contour that a drill or a mill of 1 mm or more could make"
-        raise InputError(part.source, what)
+        raise InputError(
+            part.source, "has no closed contour that a drill or a mill of 1 mm or more could make"
+        )
     tools = tuple(dict(tool.row) for tool in proposal.tools)
     rows = tuple(dict(operation.row) for operation in proposal.operations)
     return Proposed(request.number, tools, rows, proposal.thickness)

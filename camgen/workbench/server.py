@@ -51,8 +51,11 @@ def open_socket(port: int) -> socket.socket:
         door.listen()  # A browser that connects before the server runs waits.
     except (OSError, OverflowError) as error:
         door.close()
-        what = f"{port} cannot be used: {getattr(error, 'strerror', None) or error}"
-        raise JobError("--port", what, remedy="give another one, or leave it out") from error
+        raise JobError(
+            "--port",
+            f"{port} cannot be used: {getattr(error, 'strerror', None) or error}",
+            remedy="give another one, or leave it out",
+        ) from error
     return door
 
 
@@ -334,8 +337,11 @@ async def _post(desk: Desk, request: Request) -> None:
     """Choose an installed controller, or the file that the command named, never another file."""
     post = msgspec.json.decode(await request.body(), type=_Post).post
     if post not in desk.session.posts:
-        remedy = f"one of {', '.join(desk.session.posts)}"
-        raise JobError(f"post {post[:60]}", "is not installed", remedy=remedy)
+        raise JobError(
+            f"post {post[:60]}",
+            "is not installed",
+            remedy=f"one of {', '.join(desk.session.posts)}",
+        )
     desk.replace_session(steps.add_step(desk.session, desk.session.tables, post))
 
 

@@ -257,9 +257,11 @@ def _check_folder(session: Session, tables: Tables) -> None:
             raise JobError(name, "is not a file name") from error
         is_inside = os.path.commonpath([root, file]) == root
         if not is_inside and identity(file) not in session.allowed:
-            what = f"lies outside the open folder {session.folder.resolve().name}"
-            remedy = "copy it there, or name it in the job file before camgen open"
-            raise JobError(name, what, remedy=remedy)
+            raise JobError(
+                name,
+                f"lies outside the open folder {session.folder.resolve().name}",
+                remedy="copy it there, or name it in the job file before camgen open",
+            )
 
 
 def list_files(tables: Mapping[str, Any]) -> Iterator[str]:
