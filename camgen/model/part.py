@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -238,6 +238,16 @@ def tabulate_contours(contours: Sequence[Contour]) -> ContourColumns:
     return ContourColumns(np.concatenate(points), np.concatenate(bulges), counts, np.array(closed))
 
 
+def select_closed(contours: Iterable[Contour]) -> list[Contour]:
+    """The closed ones of `contours`."""
+    return [contour for contour in contours if contour.closed]
+
+
+def list_ids(items: Iterable[Any]) -> tuple[str, ...]:
+    """The ids of contours, edges, curves or paths, in order."""
+    return tuple(item.id for item in items)
+
+
 class Curve(Struct, frozen=True, eq=False):
     """A chain of lines and arcs in space, work frame, mm.
 
@@ -371,6 +381,14 @@ class Part(Struct, frozen=True, eq=False):
     def works_on(self, ids: tuple[str, ...]) -> bool:
         """Whether an operation works on one of the contours `ids`."""
         return self.worked is None or not self.worked.isdisjoint(ids)
+
+    def list_worked_rows(self) -> list[int]:
+        """The rows of the contours on which an operation works, or on a source of which."""
+        rows = []
+        for row, contour in enumerate(self.contours):
+            if self.works_on(contour.sources or (contour.id,)):
+                rows.append(row)
+        return rows
 
     def __repr__(self) -> str:
         geometry = counted(len(self.contours), "contour")

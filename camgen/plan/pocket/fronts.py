@@ -41,8 +41,11 @@ def clear_spans(
 def unrolled(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """The stretches that are not empty, and copies of them one turn later, by first angle."""
     turn = 2 * math.pi
-    clear = [(first, last) for first, last in spans if last > first]
-    return sorted(clear + [(first + turn, last + turn) for first, last in clear])
+    clear = []
+    for first, last in spans:
+        if last > first:
+            clear += [(first, last), (first + turn, last + turn)]
+    return sorted(clear)
 
 
 def bare_spans(
