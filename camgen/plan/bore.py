@@ -112,7 +112,7 @@ def _note_others(
     limits: smallest and largest diameter, mm.
     """
     notes = []
-    others = sum(part.works_on(c.sources or (c.id,)) for c in part.contours) - circles
+    others = len(part.list_worked_rows()) - circles
     if others:
         what = counted(others, "contour is not a circle and is", "contours are not circles and are")
         notes.append(Note("assumed", f"{what} not bored"))

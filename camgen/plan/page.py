@@ -14,11 +14,12 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import compute_offsets
 from camgen.geometry.segments import compute_bounds, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, PageTable
 from camgen.model.page import compute_page_size
-from camgen.model.part import Contour, Note, Part, Raster
+from camgen.model.part import Contour, Note, Part, Raster, count_arcs, tabulate_contours
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.read.units import MM
@@ -184,10 +185,10 @@ def _format_size(size: Sequence[float] | FloatArray) -> str:
 def _move_contours(
     contours: Sequence[Contour], ratio: float, shift: FloatArray
 ) -> tuple[Contour, ...]:
-    points = np.concatenate([c.points for c in contours])
+    points, _, counts, _ = tabulate_contours(contours)
     points = points * ratio + shift
     points.flags.writeable = False
-    ends = np.cumsum([0, *(len(c.points) for c in contours)]).tolist()
+    ends = compute_offsets(counts).tolist()
     return tuple(
         replace(c, points=points[a:b]) for c, (a, b) in zip(contours, pairwise(ends), strict=True)
     )
@@ -262,7 +263,7 @@ def inspect(raw: Part, job: Job) -> DrawingFacts:
     segments = make_contour_segments(part.contours)
     box = compute_bounds(segments)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(part.contours))
-    arcs = sum(int((c.bulges != 0).sum()) for c in part.contours)
+    arcs = count_arcs(part.contours)
     extent = (box[:, 2:].max(axis=0) - box[:, :2].min(axis=0)).tolist() if len(box) else [0.0, 0.0]
     height, width = raw.raster.photo.shape[:2]
     return DrawingFacts(
