@@ -125,6 +125,14 @@ def find_following_rows(counts: Sequence[int] | IntArray) -> IntArray:
     return after
 
 
+def find_root(parents: list[int], item: int) -> int:
+    """The item that stands for the group of `item`; `parents` lead there and are shortened."""
+    while parents[item] != item:
+        parents[item] = parents[parents[item]]
+        item = parents[item]
+    return item
+
+
 def list_chains(following: IntArray) -> list[list[int]]:
     """The rows (N,) as chains, each row before the one that follows it.
 

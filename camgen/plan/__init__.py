@@ -17,7 +17,7 @@ from camgen.lang.recorded import Recorded
 from camgen.model.cell import Cell
 from camgen.model.errors import AmbiguousInput, InputError, JobError
 from camgen.model.job import Job, Step
-from camgen.model.part import EarlierRun, Note, Part
+from camgen.model.part import EarlierRun, Note, Part, drop_ids, list_ids
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, find, list_entries, load
 from camgen.model.text import counted
@@ -225,11 +225,10 @@ def _split_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
             "stock.layer",
             "camgen inspect shows the layers; or give stock.margin",
         )
-    ids = tuple(c.id for c in stock)
+    ids = list_ids(stock)
     what = f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined"
     note = Note("assumed", what, "stock.layer", ids)
-    machined = tuple(c for c in part.contours if c.id not in ids)
-    return replace(part, contours=machined, notes=(*part.notes, note)), stock
+    return replace(part, contours=drop_ids(part.contours, ids), notes=(*part.notes, note)), stock
 
 
 def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPlan:

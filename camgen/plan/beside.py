@@ -120,8 +120,8 @@ def find_channel_lines(
 
 def explain_misfit(areas: Sequence[Any], diameter: float) -> str:
     """The reason why a tool does not fit into `areas`, polygons, with their width, for a note."""
-    circles = [shapely.maximum_inscribed_circle(area, tolerance=1e-4) for area in areas]
-    width = 2 * max(float(circle.length) for circle in circles)
+    circles = shapely.maximum_inscribed_circle(areas, tolerance=1e-4)
+    width = 2 * float(shapely.length(circles).max())
     subject = "it is" if len(areas) == 1 else "the widest is"
     if width > diameter + _NARROWER_MM:
         return f"a {diameter:g} mm tool does not fit"

@@ -29,7 +29,7 @@ def add_finishing(
     first_last, first_rough = _index_by_contour(last), _index_by_contour(rough)
     before = list(rough)
     for k, path in enumerate(rough):
-        if all(name in first_last for name in path.contours):
+        if first_last.keys() >= set(path.contours):
             parent = base + min(first_last[name] for name in path.contours)
             before[k] = replace(path, parent=parent)
     after, deep = [], []

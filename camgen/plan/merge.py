@@ -22,6 +22,7 @@ from camgen.geometry.pairing import pair_points
 from camgen.geometry.ragged import (
     compute_offsets,
     count_rows,
+    find_root,
     list_owners,
     mark_run_starts,
     take_rows,
@@ -130,16 +131,10 @@ def _join_circuits(
     """Join circuits that share a node by an exchange of partners. Changes jumps and lifts."""
     circuit = _number_circuits(jumps)
     parent = list(range(len(jumps)))
-
-    def root(number: int) -> int:
-        while parent[number] != number:
-            parent[number] = parent[parent[number]]
-            number = parent[number]
-        return number
-
     for ends in ends_by_node:
         for end in ends[1:]:
-            first, second = root(circuit[ends[0] >> 1]), root(circuit[end >> 1])
+            first = find_root(parent, circuit[ends[0] >> 1])
+            second = find_root(parent, circuit[end >> 1])
             if first != second:
                 parent[max(first, second)] = min(first, second)
                 _exchange_partners(ends[0], end, jumps, lifts, directions)
@@ -180,7 +175,7 @@ def _list_trails(jumps: list[int], lifts: list[int]) -> list[tuple[list[int], bo
     """For each trail the ends at which its pieces are entered, and whether it is closed."""
     seen = [False] * (len(jumps) // 2)
     listed = []
-    starts = [end for end in range(len(jumps)) if lifts[end] >= 0]
+    starts = np.flatnonzero(np.array(lifts) >= 0).tolist()
     for start in [*starts, *range(0, len(jumps), 2)]:
         run: list[int] = []
         end = start

@@ -137,15 +137,15 @@ def _compute_ratio(part: Part, page: PageTable, extent: FloatArray, room: FloatA
     if page.scale != "fit":
         return float(page.scale) / _measure_unit(part)
     # A drawing without height, a single line, is limited by its width alone.
-    ratios = [r / d for r, d in zip(room.tolist(), extent.tolist(), strict=True) if d > 0]
-    if not ratios:
+    ratios = room[extent > 0] / extent[extent > 0]
+    if not len(ratios):
         raise InputError(
             part.source,
             "the drawing has no size that could fit the page",
             "page.scale",
             'set page.scale to "true" or to mm per unit',
         )
-    return float(min(ratios))
+    return float(ratios.min())
 
 
 def _measure_unit(part: Part) -> float:
@@ -236,12 +236,11 @@ class DrawingFacts(Struct, frozen=True):
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
-        width, height = (short(v, 2) for v in self.drawn)
         name = "borders of the ink" if self.use else "strokes"
         segments = f"{counted(self.lines, 'line')} and {counted(self.arcs, 'arc')}"
         lines = [
             f"picture of {self.size[0]} x {self.size[1]} px, taken as a drawing",
-            f"scale: {self.scale}, drawing {width} x {height} mm",
+            f"scale: {self.scale}, drawing {_format_size(self.drawn)}",
             f"{name}: {self.strokes}, all closed, of {segments}; "
             f"{short(self.length, 1)} mm in all, the shortest {short(self.shortest, 2)} mm",
             *([self.use] if self.use else []),

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import Spans, make_span_chain, measure_spans
+from camgen.geometry.ragged import count_rows
 from camgen.geometry.rotations import turn_vectors
 from camgen.geometry.vectors import cross, multiply_rows
 from camgen.model.part import BoolArray, IntArray
@@ -132,7 +133,7 @@ def chorded(path: ToolPath, chord: float, which: BoolArray | None = None) -> Too
         (np.arange(n) + 0.5) / n if is_outside else np.arange(1, n) / n
         for n, is_outside in zip(count.tolist(), outside.tolist(), strict=True)
     ]
-    sizes = [len(fractions) for fractions in inner]
+    sizes = count_rows(inner)
     result, owner, part = _expand(path, np.repeat(rows, sizes), np.concatenate(inner))
     via, position = result.via.copy(), result.position.copy()
     via[1 + np.flatnonzero(np.isin(owner, rows))] = np.nan

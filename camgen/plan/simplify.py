@@ -93,19 +93,16 @@ def _thin_in_pixels(
     linear, shift = work_from_view[:, :2], work_from_view[:, 2]
     # Rounded far finer than the uncertainty of a pixel and far coarser than the last digits.
     inverse = np.linalg.inv(linear).T
-    in_pixels = []
-    for contour in contours:
-        points = np.round((contour.points - shift) @ inverse, _DIGITS)
-        in_pixels.append(replace(contour, points=points))
+    in_pixels = [
+        replace(c, points=np.round((c.points - shift) @ inverse, _DIGITS)) for c in contours
+    ]
     thinned = thin_out(in_pixels, tolerance / measure_scale(work_from_view) + _SLACK, fits_arcs)
     # The rows of a picture run down; seen from the other side, arcs bend the other way.
     side = np.sign(np.linalg.det(linear))
-    result = []
-    for contour in thinned:
-        placed = frozen(contour.points @ linear.T + shift)
-        bulges = frozen(side * contour.bulges + 0.0)
-        result.append(replace(contour, points=placed, bulges=bulges))
-    return tuple(result)
+    return tuple(
+        replace(c, points=frozen(c.points @ linear.T + shift), bulges=frozen(side * c.bulges + 0.0))
+        for c in thinned
+    )
 
 
 def thin_out(contours: Sequence[Contour], tolerance: float, fits_arcs: bool) -> tuple[Contour, ...]:

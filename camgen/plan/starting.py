@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, make_spans
-from camgen.geometry.ragged import compute_first_rows, list_owners, number_rows
+from camgen.geometry.ragged import compute_first_rows, count_rows, list_owners, number_rows
 from camgen.geometry.rotations import turn_vectors
 from camgen.geometry.vectors import cross, measure_angles
 from camgen.model.path import ToolPath
@@ -52,7 +52,7 @@ def move_each_start(
     if not paths:
         return []
     drawn = join_tables(paths)
-    rows = np.array([len(path) for path in paths], dtype=np.int64)
+    rows = count_rows(paths)
     base = compute_first_rows(rows)
     number, part, cut = _snap(
         drawn, base, rows, np.array(segment), np.array(fraction, dtype=np.float64)
@@ -79,7 +79,7 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     if not paths:
         return []
     drawn = join_tables(paths)
-    rows = np.array([len(path) for path in paths], dtype=np.int64)
+    rows = count_rows(paths)
     ends = np.cumsum(rows)
     firsts = ends - rows
     owner, step = list_owners(rows), number_rows(rows)

@@ -44,10 +44,8 @@ def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
         return 0.0
     points = divide(drawn, count_parts(drawn, _LOOK_MM, _LOOK_TURN)).position
     looks = divide(tool, count_samples(tool))
-    depth = 0.0
-    for position, rotation in zip(looks.position, looks.rotation, strict=True):
-        depth = max(depth, _enter(points, position, rotation, radius))
-    return depth
+    poses = zip(looks.position, looks.rotation, strict=True)
+    return max((_enter(points, *pose, radius) for pose in poses), default=0.0)
 
 
 def _enter(points: FloatArray, position: FloatArray, rotation: FloatArray, radius: float) -> float:

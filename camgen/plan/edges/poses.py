@@ -61,10 +61,8 @@ def make_poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePat
     tangent = _at_rows(edge, begins, ends)
     wide = _are_wide(arc, begins, ends)
     at = np.flatnonzero(wide)
-    outward, tangent = (
-        np.insert(rows, at + 1, middles[at], axis=0)
-        for rows, middles in ((outward, middle), (tangent, _chords(edge)))
-    )
+    outward = np.insert(outward, at + 1, middle[at], axis=0)
+    tangent = np.insert(tangent, at + 1, _chords(edge)[at], axis=0)
     rotation = _frames(outward, tangent, edge.closed)
     if not np.isfinite(rotation).all():
         return UnreachableEdge(edge.id, "shape", "it turns back on itself")

@@ -124,7 +124,7 @@ _TOUCH, _GRAIN = 1.6, 4
 _PAYS = 2.0
 #: Positions of a touch that are tried, as fractions from the deepest place to the middle of the
 #: piece.
-_TRIED = tuple(k / 8 for k in range(9))
+_TRIED = np.linspace(0.0, 1.0, 9).tolist()
 
 
 class _Bare(Struct, frozen=True, eq=False):
