@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from msgspec import Struct
@@ -19,6 +19,7 @@ PAIRS = 500_000
 
 _Value = TypeVar("_Value", bound=np.generic)
 _Item = TypeVar("_Item")
+_Key = TypeVar("_Key")
 
 
 def count_rows(groups: Sequence[Sized]) -> IntArray:
@@ -26,8 +27,16 @@ def count_rows(groups: Sequence[Sized]) -> IntArray:
     return np.fromiter(map(len, groups), np.int64, len(groups))
 
 
-def take_rows(items: Sequence[_Item], rows: Iterable[int] | IntArray) -> list[_Item]:
-    """The items in `rows`, in the order of `rows`."""
+@overload
+def take_rows(items: Sequence[_Item], rows: Iterable[int] | IntArray) -> list[_Item]: ...
+
+
+@overload
+def take_rows(items: Mapping[_Key, _Item], rows: Iterable[_Key]) -> list[_Item]: ...
+
+
+def take_rows(items: Any, rows: Any) -> Any:
+    """The items in `rows`, in the order of `rows`; of a mapping the items of these keys."""
     return [items[row] for row in rows]
 
 

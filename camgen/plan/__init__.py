@@ -13,6 +13,7 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import take_rows
 from camgen.lang.recorded import Recorded
 from camgen.model.cell import Cell
 from camgen.model.errors import AmbiguousInput, InputError, JobError
@@ -226,8 +227,12 @@ def _split_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
             "camgen inspect shows the layers; or give stock.margin",
         )
     ids = list_ids(stock)
-    what = f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined"
-    note = Note("assumed", what, "stock.layer", ids)
+    note = Note(
+        "assumed",
+        f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined",
+        "stock.layer",
+        ids,
+    )
     return replace(part, contours=drop_ids(part.contours, ids), notes=(*part.notes, note)), stock
 
 
@@ -273,13 +278,12 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
             path_ids.append(ids)
             enclosed.append(find_enclosed_by(part, ids) if cuts_profiles else frozenset[str]())
         numbers = order_steps(job.operations, path_ids, enclosed)
-    steps = tuple(job.operations[k] for k in numbers)
-    ordered = tuple(plans[k] for k in numbers)
+    ordered = tuple(take_rows(plans, numbers))
     return JobPlan(
         part,
         join_paths(ordered),
         tuple(notes),
-        steps=steps,
+        steps=tuple(take_rows(job.operations, numbers)),
         numbers=tuple(numbers),
         plans=ordered,
     )

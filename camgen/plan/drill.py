@@ -82,8 +82,9 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
         )
     if len(chosen) < len(holes):
         why = f"operation.holes is {short(smallest, 3)} to {short(largest, 3)} mm"
-        others = len(holes) - len(chosen)
-        what = counted(others, "circle of another diameter", "circles of other diameters")
+        what = counted(
+            len(holes) - len(chosen), "circle of another diameter", "circles of other diameters"
+        )
         notes.append(Note("assumed", f"{what} not drilled", why))
     return tuple(_make_path(hole, job) for hole in chosen), (*notes, *_note_diameters(chosen, job))
 
@@ -299,7 +300,8 @@ def _plan_pecks(job: Job) -> list[float]:
 
 
 def _note_diameters(holes: Sequence[Hole], job: Job) -> list[Note]:
-    sizes = Counter(round(hole.diameter / _DIAMETER_STEP_MM) * _DIAMETER_STEP_MM for hole in holes)
+    steps = np.round(_tabulate_holes(holes)[:, 2] / _DIAMETER_STEP_MM)
+    sizes = Counter((steps * _DIAMETER_STEP_MM).tolist())
     counts = []
     others = 0
     for size, count in sorted(sizes.items()):
@@ -307,8 +309,9 @@ def _note_diameters(holes: Sequence[Hole], job: Job) -> list[Note]:
         counts.append(f"{count} of {short(size, 2)} mm" if size else at_marks)
         if size and abs(size - job.tool.diameter) > _DIAMETER_STEP_MM:
             others += count
-    what = f"{counted(len(holes), 'hole')}: {', '.join(counts)}"
-    notes = [Note("assumed", what, "sizes to 0.05 mm")]
+    notes = [
+        Note("assumed", f"{counted(len(holes), 'hole')}: {', '.join(counts)}", "sizes to 0.05 mm")
+    ]
     if others:
         drawn = counted(others, "hole is drawn", "holes are drawn")
         notes.append(

@@ -279,8 +279,7 @@ def _note_open(contours: list[Contour], join: float) -> list[Note]:
 
 def _note_crossing(contours: Sequence[Contour], nesting: Nesting, worked: BoolArray) -> list[Note]:
     notes = []
-    is_unclear = (nesting.crossed >= 0) | nesting.empty
-    others = list_ids(compress(contours, is_unclear & ~worked))
+    others = list_ids(compress(contours, ((nesting.crossed >= 0) | nesting.empty) & ~worked))
     if others:
         count = counted(len(others), "contour")
         notes.append(
@@ -505,8 +504,7 @@ def _find_meeting(
 def _find_shared(source: Segments, failed: BoolArray) -> BoolArray:
     """(contours,) true for `failed` contours with an edge on the edge of another one."""
     shared = np.zeros(len(failed), dtype=bool)
-    rows = np.flatnonzero(failed[source.owner])
-    if not len(rows):
+    if not failed[source.owner].any():
         return shared
     i, j = find_near_pairs(source, np.zeros(len(source), dtype=np.int64), EXACT)
     pairs = np.concatenate([np.column_stack([i, j]), np.column_stack([j, i])])
@@ -540,13 +538,15 @@ def _note_feeds(
     worst = int(slow[factors[slow].argmax()])
     names = list_ids(take_rows(contours, np.unique(contour[slow])))
     what = "outer arcs slower than process.feed"
-    name = contours[int(contour[worst])].id
-    yield note_contact_feed(what, name, float(factors[worst]), process, names)
+    yield note_contact_feed(
+        what, contours[int(contour[worst])].id, float(factors[worst]), process, names
+    )
 
 
 def _measure_contact(curve: OffsetCurve, source: Segments) -> FloatArray:
-    length = curve.segments.length / _compute_ratio(curve, source)
-    return np.where((curve.turn > 0) | curve.lost, 0.0, length)
+    return np.where(
+        (curve.turn > 0) | curve.lost, 0.0, curve.segments.length / _compute_ratio(curve, source)
+    )
 
 
 def _order_chains(

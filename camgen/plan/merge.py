@@ -69,9 +69,8 @@ def make_trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, 
     directions = _compute_directions(pieces, contours)
     partner = _pair_ends(ends_by_node, directions)
     # An odd node has one end without a partner: there the pen is lifted, and moved to another one.
-    loose = []
-    for node in odd:
-        loose.append(next(end for end in ends_by_node[node] if partner[end] < 0))
+    alone = np.flatnonzero(np.array(partner) < 0)
+    loose = alone[np.argsort(np.array(pieces.nodes)[alone], kind="stable")].tolist()
     lifts: list[int] = [-1] * len(partner)
     if odd:
         for a, b in enumerate(pair_points(pieces.home[odd]).tolist()):
@@ -175,8 +174,7 @@ def _list_trails(jumps: list[int], lifts: list[int]) -> list[tuple[list[int], bo
     """For each trail the ends at which its pieces are entered, and whether it is closed."""
     seen = [False] * (len(jumps) // 2)
     listed = []
-    starts = np.flatnonzero(np.array(lifts) >= 0).tolist()
-    for start in [*starts, *range(0, len(jumps), 2)]:
+    for start in [*np.flatnonzero(np.array(lifts) >= 0).tolist(), *range(0, len(jumps), 2)]:
         run: list[int] = []
         end = start
         while not seen[end >> 1]:
@@ -271,10 +269,9 @@ def merge(
             result[rows[0]] = _name_trails(merged, chosen_ids)
     if not ids:
         return tuple(contours), ()
-    what = f"networks of lines: {counted(len(ids), 'contour')} run as {counted(count, 'path')}"
     note = Note(
         "joined",
-        what,
+        f"networks of lines: {counted(len(ids), 'contour')} run as {counted(count, 'path')}",
         f"lines that meet within input.join = {short(tolerance, 6)} mm "
         "are run with the fewest lifts",
         tuple(ids),
@@ -335,8 +332,7 @@ def _meet(vertices: _Vertices, contours: list[Contour], tolerance: float) -> _Ve
         return vertices
     import shapely  # noqa: PLC0415 (0.1 s, and only drawings with loose ends need it)
 
-    tree = shapely.STRtree(shapely.points(vertices.points))
-    end, other = tree.query(
+    end, other = shapely.STRtree(shapely.points(vertices.points)).query(
         shapely.points(vertices.points[ends]), predicate="dwithin", distance=tolerance
     )
     end = ends[end]
@@ -383,8 +379,7 @@ def _cut(contours: list[Contour], vertices: _Vertices, chosen: IntArray, label: 
         first, size = int(vertices.first[k]), len(contours[k].points)
         contour_nodes = vertices.node[first : first + size]
         shared = np.flatnonzero(is_shared[contour_nodes]).tolist()
-        is_closed = contours[k].closed
-        cuts = [*shared, shared[0] + size] if is_closed else sorted({0, *shared, size - 1})
+        cuts = [*shared, shared[0] + size] if contours[k].closed else sorted({0, *shared, size - 1})
         for a, b in itertools.pairwise(cuts):
             rows.append((k, a, b))
             nodes += [int(contour_nodes[a]), int(contour_nodes[b % size])]
@@ -393,5 +388,4 @@ def _cut(contours: list[Contour], vertices: _Vertices, chosen: IntArray, label: 
     # The first vertex of a node is written last, so it gives the position.
     rows_of_nodes = np.flatnonzero(np.isin(vertices.node, used))[::-1]
     home[np.searchsorted(used, vertices.node[rows_of_nodes])] = vertices.points[rows_of_nodes]
-    networks = label[np.array(rows)[:, 0]].tolist()
-    return Pieces(rows, places.tolist(), home, networks)
+    return Pieces(rows, places.tolist(), home, label[np.array(rows)[:, 0]].tolist())

@@ -31,11 +31,10 @@ def check_outlines(part: Part, decided: Collection[str], otherwise: str) -> None
         f"inside and outside of {_list_names(inside)}, which it encloses, would be swapped"
     )
     x, y = outline.place
-    where = f"near x {short(x, 2)}, y {short(y, 2)}"
     raise AmbiguousInput(
         part.source,
         what,
-        where,
+        f"near x {short(x, 2)}, y {short(y, 2)}",
         f"{_describe_closing(outline, count)}; if it is meant to be open, {otherwise}",
     )
 

@@ -114,10 +114,12 @@ def _place_part(
     has_pixels = part.raster is not None
     unit = (ratio if has_pixels else input_ratio) * _measure_unit(part)
     name = "px" if has_pixels else "unit"
-    extent = _format_size((high - low) * ratio)
-    scale = f"1 {name} = {short(unit, 5)} mm, drawing {extent}"
-    what = f"centred on a page of {_format_size(size)}: {scale}"
-    note = Note("assumed", what, f"the drawing's own size times {input_ratio:.6g}")
+    scale = f"1 {name} = {short(unit, 5)} mm, drawing {_format_size((high - low) * ratio)}"
+    note = Note(
+        "assumed",
+        f"centred on a page of {_format_size(size)}: {scale}",
+        f"the drawing's own size times {input_ratio:.6g}",
+    )
     return replace(
         part,
         contours=_move_contours(part.contours, ratio, shift),

@@ -210,12 +210,6 @@ class _Loops(Struct, frozen=True, eq=False):
         """The ids of loops."""
         return list(list_ids(take_rows(self.contours, rows)))
 
-    def count_inside(self) -> list[int]:
-        """Number of loops directly inside each loop."""
-        parent = self.nesting.parent
-        counts: list[int] = np.bincount(parent[parent >= 0], minlength=len(self.contours)).tolist()
-        return counts
-
 
 class _Sorted(Struct, frozen=True):
     """Rows of loops, sorted by their kind of operation.
@@ -282,10 +276,15 @@ def propose(
     if not operations:
         return None
     rows, worked = zip(*operations, strict=True)
-    used = set(chain.from_iterable(worked))
-    left_out = list_ids(drop_ids((*closed, *across), used))
-    margin = max(stock.margin, _FRAME * rack.widest_mill)
-    return Proposal(rack.tools, rows, left_out, loops.thickness, stock.material or "", margin)
+    left_out = list_ids(drop_ids((*closed, *across), set(chain.from_iterable(worked))))
+    return Proposal(
+        rack.tools,
+        rows,
+        left_out,
+        loops.thickness,
+        stock.material or "",
+        max(stock.margin, _FRAME * rack.widest_mill),
+    )
 
 
 def _sort(loops: _Loops) -> _Sorted:
@@ -294,7 +293,9 @@ def _sort(loops: _Loops) -> _Sorted:
     A hole is an empty circle of the size of a drill. It lies in material, in a counterbore, or
     inside no loop.
     """
-    nesting, inside = loops.nesting, loops.count_inside()
+    nesting = loops.nesting
+    # Number of loops directly inside each loop.
+    inside = np.bincount(nesting.parent[nesting.parent >= 0], minlength=len(loops.contours))
     sound = (nesting.crossed < 0) & ~nesting.empty
     holes, bores, inner, outer = list[int](), list[int](), list[int](), list[int]()
     depth, parent = nesting.depth.tolist(), nesting.parent.tolist()
@@ -352,7 +353,8 @@ def _drill(
         about = f"{counted(len(rows), 'hole')} of {short(smallest, 3)} mm"
         chosen = _choose_holes(loops, rows, low, high)
         drill = rack.find_drill(smallest)
-        mill = None if drill else _find_boring_mill(rack, smallest, largest)
+        # A mill leaves no core of a hole that is at most twice as wide.
+        fitting = [mill for mill in rack.mills if largest / 2 <= mill <= _BORING_SHARE * smallest]
         if drill:
             deepest = loops.thickness + _THROUGH_MM + drill / 2 / math.tan(_TIP)
             depth = math.floor(deepest * 10) / 10
@@ -360,19 +362,10 @@ def _drill(
             pecks = math.ceil(depth / (_PECK * drill))
             row |= {"passes": pecks} if pecks > 1 else {}
             yield Proposed(about, row, "a standard size"), loops.name(rows)
-        elif mill:
-            through = loops.thickness + _THROUGH_MM
-            row = {"kind": "bore", "tool": rack.take("end mill", mill), **chosen, "depth": through}
+        elif fitting:
+            tool, through = rack.take("end mill", max(fitting)), loops.thickness + _THROUGH_MM
+            row = {"kind": "bore", "tool": tool, **chosen, "depth": through}
             yield Proposed(about, row, "no drill has this size"), loops.name(rows)
-
-
-def _find_boring_mill(rack: ToolRack, smallest: float, largest: float) -> float | None:
-    """Diameter of the largest mill that bores a group of holes, mm; None if there is no such mill.
-
-    smallest, largest: diameters of the holes, mm.
-    """
-    widest = _BORING_SHARE * smallest
-    return max((mill for mill in rack.mills if largest / 2 <= mill <= widest), default=None)
 
 
 def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> dict[str, object]:
@@ -382,13 +375,10 @@ def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> di
     """
     wanted = set(loops.name(rows))
     sizes = {"holes": [round(low, 3), round(high, 3)]}
-    level = dict(zip(list_ids(loops.contours), loops.nesting.depth.tolist(), strict=True))
-    for nesting, fits in (
-        ("inner", lambda n: n > 0),
-        ("outer", lambda n: n == 0),
-        ("any", lambda _: True),
-    ):
-        nested = [hole for name, hole in loops.circles.items() if fits(level[name])]
+    level_of = dict(zip(list_ids(loops.contours), loops.nesting.depth.tolist(), strict=True))
+    level = np.array(take_rows(level_of, loops.circles))
+    for nesting, fits in (("inner", level > 0), ("outer", level == 0), ("any", level >= 0)):
+        nested = list(compress(loops.circles.values(), fits))
         chosen = {hole.id for hole in select_innermost(nested) if low <= hole.diameter <= high}
         if chosen == wanted and not loops.across:
             return sizes | ({"nesting": nesting} if nesting != "any" else {})
@@ -414,8 +404,7 @@ def _clear(loops: _Loops, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]
 def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]]:
     """Counterbores, contours inside others, and the outlines."""
     through = loops.thickness + _THROUGH_MM
-    bores = _by_size(loops, sorted(set(kinds.bores)))
-    for rows in bores:
+    for rows in _by_size(loops, sorted(set(kinds.bores))):
         count = counted(len(rows), "counterbore")
         what = f"{count} of {short(_diameter(loops, rows[0]), 3)} mm: how deep?"
         yield from _follow(
@@ -448,14 +437,12 @@ def _leaves_slug(loops: _Loops, row: int, widest: float) -> bool:
 
     widest: diameter of the widest mill, mm.
     """
-    nesting = loops.nesting
-    if (nesting.parent == row).any():
+    if (loops.nesting.parent == row).any():
         return True
     points, owner = flatten(loops.segments.take(loops.segments.owner == row), _CHORD_MM)
     ring = shapely.make_valid(shapely.Polygon(points)) if len(owner) > 2 else shapely.Polygon()
     slug = shapely.get_parts(shapely.buffer(ring, -widest))
-    chip = ToolTable(diameter=_USUAL_MILL_MM).chip_area
-    return bool(shapely.area(slug).max(initial=0.0) > chip)
+    return bool(shapely.area(slug).max(initial=0.0) > ToolTable(diameter=_USUAL_MILL_MM).chip_area)
 
 
 def _measure_crowded(loops: _Loops, rows: Sequence[int], widest: float) -> FloatArray:
@@ -489,8 +476,7 @@ def _by_room(loops: _Loops, rows: Sequence[int], widest: float) -> list[_TabRoom
     crowded = _measure_crowded(loops, rows, widest)
     groups: list[tuple[_Tabs, list[int]]] = [(tabs, []) for tabs in _TABS]
     for k in rows:
-        free = float(lengths[k] - crowded[k])
-        fitting = [tabs.fit(free, _USUAL_MILL_MM) >= 2 for tabs in _TABS]
+        fitting = [tabs.fit(float(lengths[k] - crowded[k]), _USUAL_MILL_MM) >= 2 for tabs in _TABS]
         groups[fitting.index(True) if any(fitting) else -1][1].append(k)
     return [_TabRoom(tabs, float(crowded[ks].max()), ks) for tabs, ks in groups if ks]
 
@@ -566,8 +552,7 @@ def _go_down(
     passes = math.ceil(depth / ((_DEEP_PASS if deep else _PASS) * mill.diameter) - 1e-9)
     keys: dict[str, object] = {"depth": depth}
     if may_have_tabs or not is_rest or math.isinf(mill.longest):
-        plunge = round(rack.feed(tool) * _RAMP_FRACTION, 2)
-        keys |= {"entry": "ramp", "plunge": plunge}
+        keys |= {"entry": "ramp", "plunge": round(rack.feed(tool) * _RAMP_FRACTION, 2)}
     if passes > 1:
         keys |= {"passes": passes}
     if corners:

@@ -120,9 +120,8 @@ class ToolRack:
         return max(fitting, key=lambda tool: tool.diameter, default=None)
 
     def _propose(self, tool: ToolRow) -> ProposedTool:
-        is_new = tool.name not in [known.name for known in self.library]
         row: dict[str, object] = {"name": tool.name}
-        if is_new:
+        if tool not in self.library:
             row |= {"number": tool.number, "kind": tool.kind, "diameter": tool.diameter}
         values, comments = _choose_cutting(tool, self.material)
         own_comments: dict[str, str] = {}

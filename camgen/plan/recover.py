@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import BoolArray, make_contour_segments
 from camgen.geometry.vectors import measure_signed_angles
-from camgen.model.part import Contour, Note
+from camgen.model.part import Contour, Note, tabulate_contours
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 
@@ -49,7 +49,7 @@ def recover_arcs(
 
 def _find_candidates(contours: Sequence[Contour]) -> list[int]:
     """Indices of contours with enough successive lines that turn slightly to one side."""
-    long = [k for k, c in enumerate(contours) if len(c.points) > _MIN_LINES]
+    long = np.flatnonzero(tabulate_contours(contours).counts > _MIN_LINES).tolist()
     if not long:
         return []
     segments = make_contour_segments(take_rows(contours, long))

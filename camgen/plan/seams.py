@@ -54,7 +54,7 @@ def pin_seams(
             "give a point on a closed contour that is worked on",
         )
     pinned = sorted(chosen)
-    rotated = _rotate_paths(take_rows(closed, pinned), points[[chosen[i] for i in pinned]])
+    rotated = _rotate_paths(take_rows(closed, pinned), points[take_rows(chosen, pinned)])
     results = [list(paths) for paths in plans]
     for i, path in zip(pinned, rotated, strict=True):
         operation, k = places[i]
@@ -63,8 +63,9 @@ def pin_seams(
     notes = []
     why = "another one is nearer to the paths that it is for"
     for number in sorted(set(range(len(points))) - set(chosen.values())):
-        what = f"tour.seams: {_format_point(points[number])} has no effect"
-        notes.append(Note("warning", what, why))
+        notes.append(
+            Note("warning", f"tour.seams: {_format_point(points[number])} has no effect", why)
+        )
     return [tuple(paths) for paths in results], tuple(notes)
 
 

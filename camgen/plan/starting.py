@@ -16,6 +16,7 @@ from camgen.geometry.vectors import cross, measure_angles
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.plan.columns import join_tables
 
 IntArray = NDArray[np.int64]
 
@@ -90,11 +91,6 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     moved.force_direction[:] = moved.force_direction[:, ::-1].copy()
     moved.via[firsts] = np.nan
     return _cut(paths, moved.table, ends)
-
-
-def join_tables(paths: Sequence[ToolPath]) -> ToolPath:
-    """One path with the rows of all of them, for its columns."""
-    return replace(paths[0], table=np.concatenate([path.table for path in paths]))
 
 
 def _snap(

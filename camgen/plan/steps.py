@@ -86,8 +86,9 @@ def split_part(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
     for number, step in enumerate(job.operations):
         needs_boundary = step.operation.kind in _ALONG_MATERIAL
         ids = boundary | chosen[number] if needs_boundary else chosen[number]
-        contours = keep_ids(part.contours, ids)
-        step_part = replace(part, contours=contours, notes=(), worked=chosen[number])
+        step_part = replace(
+            part, contours=keep_ids(part.contours, ids), notes=(), worked=chosen[number]
+        )
         shares.append(Share(number, step, step_part))
     return shares, _note_unused(part, chosen)
 
@@ -105,13 +106,11 @@ def format_step(job: Job, number: int) -> str:
     """The name of an operation in messages: its index, counted from 0, its kind and its tool."""
     step = job.operations[number]
     number_or_size = f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm"
-    tool = step.tool.name or number_or_size
-    return f"operation {number} {step.operation.kind} - {tool}"
+    return f"operation {number} {step.operation.kind} - {step.tool.name or number_or_size}"
 
 
 def _note_unused(part: Part, chosen: Sequence[frozenset[str]]) -> list[Note]:
-    used = frozenset[str]().union(*chosen)
-    ids = list_ids(drop_ids(part.contours, used))
+    ids = list_ids(drop_ids(part.contours, frozenset[str]().union(*chosen)))
     if not ids:
         return []
     return [
@@ -222,8 +221,9 @@ def _find_bounding(
     along, others = set[str](), set[str]()
     for step, ids in zip(steps, chosen, strict=True):
         (along if step.operation.kind in _ALONG_MATERIAL else others).update(ids)
-    bounding = frozenset(contour.id for contour in part.contours if not contour.is_mark)
-    return bounding - (others - along)
+    return frozenset(contour.id for contour in part.contours if not contour.is_mark) - (
+        others - along
+    )
 
 
 def find_enclosed_by(part: Part, ids: frozenset[str]) -> frozenset[str]:

@@ -43,10 +43,9 @@ def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
     mine = part.list_worked_rows()
     contours = take_rows(part.contours, mine)
     segments = make_contour_segments(contours)
-    parent = _parents_of(part, mine)
     labels = [
         Label(c.id, c.layer, c.closed, True, around, c.sources or (c.id,))
-        for c, around in zip(contours, parent, strict=True)
+        for c, around in zip(contours, _parents_of(part, mine), strict=True)
     ]
     press = compute_sideways(segments, 0)
     if job.process.force:
@@ -145,8 +144,7 @@ def _parents(part: Part) -> list[int]:
     closed = list_closed_rows(part.contours)
     parent = [-1] * len(part.contours)
     if closed:
-        segments = make_contour_segments(take_rows(part.contours, closed))
-        nesting = find_nesting(segments, len(closed))
+        nesting = find_nesting(make_contour_segments(take_rows(part.contours, closed)), len(closed))
         for k, enclosing in zip(closed, nesting.parent.tolist(), strict=True):
             parent[k] = closed[enclosing] if enclosing >= 0 else -1
     return parent

@@ -11,6 +11,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.collision.cell import CellScene, make_cell_scene
+from camgen.geometry.ragged import take_rows
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -138,7 +139,7 @@ def plan_lines(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTas
         results = _clear_between(reach_paths(group, setup, freedom, report), space)
         pieces |= search.find(group, results, Coverage(setup, space, freedom, job.process))
         reached |= index_by_id(results)
-    whole = [reached[name] for name in lines]
+    whole = take_rows(reached, lines)
     watch("reaching, what would help others")
     attempt = _attempt(job, cell, cell.arm, task, dict(zip(lines, listed, strict=True)))
     unreached = [result for result in whole if isinstance(result, UnreachableEdge)]
@@ -188,7 +189,7 @@ def _attempt(
     def attempt(other: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
         freedom = find_freedom(other)
         results: list[EdgeMotion | UnreachableEdge] = []
-        for group, tip in task.by_contact([pose_paths[name] for name in names]):
+        for group, tip in task.by_contact(take_rows(pose_paths, names)):
             setup, space = place(other.tool.axis_tilt, tip)
             shaped = [(line, path) for line, path in group if isinstance(path, PosePath)]
             able = list(compress(shaped, can_end(setup, [path for _, path in shaped], freedom)))

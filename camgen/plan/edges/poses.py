@@ -150,5 +150,6 @@ def reach(
     freedom: OrientationFreedom = _NOMINAL,
 ) -> tuple[EdgeMotion | UnreachableEdge, ...]:
     """Run the arm along `edges`, `offset` mm away from them, as `reach_paths` says."""
-    pose_paths = [(edge, make_poses(edge, offset, direction)) for edge in edges]
-    return reach_paths(pose_paths, setup, freedom)
+    return reach_paths(
+        [(edge, make_poses(edge, offset, direction)) for edge in edges], setup, freedom
+    )

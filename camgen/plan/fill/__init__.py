@@ -176,8 +176,7 @@ def _find_lines(field: FillGrid, bare: _Bare, chosen: BoolArray, radius: float) 
     if not cv2.countNonZero(mask):
         return []
     width = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    graph = make_graph(thin_mask(mask), None, np.asarray(width, dtype=np.float32))
-    strokes = join_strokes(graph)
+    strokes = join_strokes(make_graph(thin_mask(mask), None, np.asarray(width, dtype=np.float32)))
     if not strokes:
         return []
     lines = []
@@ -399,10 +398,9 @@ def _make_paths(
     flat, middle = _join_strokes(strokes)
     regions = _find_regions(flat[first], region).tolist()
     position = np.column_stack([field.to_work(flat), np.zeros(len(flat))])
-    via = np.column_stack([field.to_work(middle), np.where(np.isnan(middle), np.nan, 0.0)])
     table = make_waypoints(
         position,
-        via,
+        np.column_stack([field.to_work(middle), np.where(np.isnan(middle), np.nan, 0.0)]),
         job.process.feed,
         force_direction=[0.0, 0.0, -1.0 if job.process.force else 0.0],
         force=job.process.force,
@@ -452,8 +450,7 @@ def measure_coverage(
     wide: list[ComplexArray] = []
     narrow: list[ComplexArray] = []
     for path, is_thin in zip(paths, thin, strict=True):
-        line = run_along(path, radius / SAG) @ np.array([1, 1j])
-        (narrow if is_thin else wide).append(line)
+        (narrow if is_thin else wide).append(run_along(path, radius / SAG) @ np.array([1, 1j]))
     return measure_areas(field.edge.table, edge, wide, narrow, radius)
 
 

@@ -79,8 +79,7 @@ def _find_bridges(
     if not passes:
         return []
     thinned = [_thin_out(points) for points in passes]
-    owner = list_owners(count_rows(thinned))
-    lines = shapely.linestrings(np.concatenate(thinned), indices=owner)
+    lines = shapely.linestrings(np.concatenate(thinned), indices=list_owners(count_rows(thinned)))
     first, second = _find_near_pairs(thinned, max_length)
     shortest = shapely.get_coordinates(shapely.shortest_line(lines[first], lines[second]))
     ends = shortest @ np.array([1, 1j])
@@ -146,9 +145,9 @@ def _sort_bridges(
     points: ComplexArray, bridges: Sequence[Bridge], begin: int, source: int
 ) -> list[tuple[int, Bridge]]:
     """The bridges of a pass except that to `source`, with their steps from `begin`, in order."""
-    others = [bridge for bridge in bridges if bridge.to != source]
-    steps = (np.array([bridge.leaves for bridge in others], dtype=np.int64) - begin) % len(points)
-    return sorted(zip(steps.tolist(), others, strict=True), key=itemgetter(0))
+    size = len(points)
+    steps = [((bridge.leaves - begin) % size, bridge) for bridge in bridges if bridge.to != source]
+    return sorted(steps, key=itemgetter(0))
 
 
 def _list_rows(begin: int, first: int, last: int, size: int) -> IntArray:

@@ -101,7 +101,6 @@ def measure_areas(
     radius: radius of the tool.
     """
     borders = borders * _TURN
-    passes, thin = [line * _TURN for line in passes], [line * _TURN for line in thin]
     pitch = 2 * radius / _ROWS
     height = float(np.ptp(borders.imag)) if len(borders) else 0.0
     pitch = max(pitch, height / _MAX_ROWS)
@@ -110,7 +109,8 @@ def measure_areas(
     edge, place = find_crossings(start, following.real + 1j * (following.imag / pitch))
     events = [(edge, place, np.ones(len(edge), dtype=np.int64))]
     for weight, paths in ((_PASS, passes), (_THIN, thin)):
-        rows, left, right = compute_spans(*split_lines(paths), radius, pitch)
+        first, last = split_lines(paths)
+        rows, left, right = compute_spans(first * _TURN, last * _TURN, radius, pitch)
         count = np.full(len(rows), weight)
         events += [(rows, left, count), (rows, right, -count)]
     row, place, weights = concatenate_columns(events)

@@ -74,8 +74,13 @@ def make_grid(part: Part, radius: float) -> FillGrid:
     # The types of OpenCV do not allow a number as second operand.
     above = cv2.max(cv2.subtract(far, _OUTSIDE), 0.0)  # type: ignore[call-overload]
     depth = np.asarray(above, dtype=np.float32)
-    edge = make_border(*_make_dense(table, points), shape)
-    return FillGrid(mask, depth, edge, contour, work_from_grid @ shift)
+    return FillGrid(
+        mask,
+        depth,
+        make_border(*_make_dense(table, points), shape),
+        contour,
+        work_from_grid @ shift,
+    )
 
 
 def compute_slope(field: FillGrid, pixels: ComplexArray) -> tuple[FloatArray, ComplexArray]:

@@ -133,8 +133,7 @@ def _keep_rest(pockets: Pockets, part: Part, job: Job) -> tuple[Pockets, list[No
     rest = find_rest_of_pockets(pockets.walls, part, job)
     names: list[str] = []
     for n, k in enumerate(rest.pocket):
-        number = rest.pocket[: n + 1].count(k)
-        names.append(f"{pockets.names[k]}.rest{number}")
+        names.append(f"{pockets.names[k]}.rest{rest.pocket[: n + 1].count(k)}")
     layers = take_rows(pockets.layers, rest.pocket)
     contours = take_rows(pockets.contours, rest.pocket)
     cleared = sorted(set(range(len(pockets.names))) - set(rest.pocket))
@@ -143,8 +142,14 @@ def _keep_rest(pockets: Pockets, part: Part, job: Job) -> tuple[Pockets, list[No
         walls = take_rows(pockets.names, cleared)
         count = counted(len(walls), "pocket")
         what = f"nothing is left of {count}: {', '.join(name_ranges(walls))}"
-        why = "earlier operations reach all that this tool does"
-        notes.append(Note("assumed", what, why, pockets.list_contours(cleared)))
+        notes.append(
+            Note(
+                "assumed",
+                what,
+                "earlier operations reach all that this tool does",
+                pockets.list_contours(cleared),
+            )
+        )
     return Pockets(rest.walls, names, layers, contours, rest.cleared), notes
 
 
@@ -378,15 +383,17 @@ def _make_paths(
         for border, full_depth in zip(borders, can_finish, strict=True):
             if border.pocket == pocket_index:
                 finishing += [(chain, full_depth) for chain in border.passes]
-        is_finished = bool(finishing)
-        drafts += _draft_linked(pocket_index, linked, len(drafts), is_finished, pockets, job)
+        drafts += _draft_linked(pocket_index, linked, len(drafts), bool(finishing), pockets, job)
         drafts += _draft_finishing(pocket_index, finishing, len(drafts), pockets)
     if not drafts:
         return ()
     segments = concatenate_chains([draft.chain for draft in drafts])
     depths = compute_depths(job.operation.depth, job.operation.passes)
-    feeds = _compute_feeds(segments, drafts, pockets.walls.segments, job)
-    work = SegmentWork(compute_sideways(segments, 0), np.zeros(len(segments)), feeds)
+    work = SegmentWork(
+        compute_sideways(segments, 0),
+        np.zeros(len(segments)),
+        _compute_feeds(segments, drafts, pockets.walls.segments, job),
+    )
     paths = make_tool_paths(segments, [draft.label for draft in drafts], work, depths, "pocket")
     planned = []
     for path, draft in zip(paths, drafts, strict=True):

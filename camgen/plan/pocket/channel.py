@@ -154,8 +154,7 @@ def plan_channels(
         pending -= set(sources)
         builder = _ChannelBuilder(axis.points, radii, limit)
         _cut_channel(builder, root, sources, helix_radius)
-        entry_radius = float(axis.wall_distance[root]) - min_distance
-        channels.append(builder.make_channel(entry_radius))
+        channels.append(builder.make_channel(float(axis.wall_distance[root]) - min_distance))
     return channels
 
 
@@ -416,8 +415,7 @@ def _cut_front(builder: _ChannelBuilder, centre: FloatArray, radius: float) -> N
     reached = spans[builder.current][1]
     builder.move_to(on_rim(reached))
     length = 0.0
-    shortest_skip = _SKIPPED_FRACTION * limit.tool_radius / radius
-    for first, last in bare_spans(clear, reached, shortest_skip):
+    for first, last in bare_spans(clear, reached, _SKIPPED_FRACTION * limit.tool_radius / radius):
         for angle in crossings(clear, reached, first):
             builder.move_to(on_rim(angle))
         bulge = sense * math.tan((last - first) / 8)
@@ -440,8 +438,7 @@ def tabulate_discs(discs: Sequence[Disc]) -> FloatArray:
 def _return_to(builder: _ChannelBuilder, target: int) -> None:
     if builder.current == target:
         return
-    path = _find_disc_path(builder.discs, builder.current, target)
-    table = tabulate_discs(builder.discs)[path]
+    table = tabulate_discs(builder.discs)[_find_disc_path(builder.discs, builder.current, target)]
     # The path leads first from the end of a front to the centre of its disc. From there on it is
     # known to be clear.
     for k in _shorten_path(table, 0, len(table) - 1):

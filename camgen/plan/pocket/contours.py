@@ -180,11 +180,10 @@ def _find_unfit(
     places = ", ".join(f"near {short(x, 2)} {short(y, 2)} mm" for x, y in points)
     why_itself = f"{why}, see {places}" if places else why
     twisted = compress(closed, crosses_itself & ~nesting.empty)
-    empty = compress(closed, nesting.empty & ~crosses_other)
     return [
         (list(twisted), "crossing themselves", why_itself),
         (list(compress(closed, crosses_other)), "crossing each other", why),
-        (list(empty), "without an inside", why),
+        (list(compress(closed, nesting.empty & ~crosses_other)), "without an inside", why),
     ]
 
 

@@ -164,5 +164,4 @@ def _sample_engagement(
             contact = is_in_contact(middle)
             inside[end] = np.where(contact, middle, inside[end])
             outside[end] = np.where(contact, outside[end], middle)
-    engagement = (np.cos(outside[0]) - np.cos(outside[1])) / 2
-    return np.where(is_engaged, engagement, 0.0), length
+    return np.where(is_engaged, (np.cos(outside[0]) - np.cos(outside[1])) / 2, 0.0), length

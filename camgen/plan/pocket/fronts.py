@@ -79,7 +79,6 @@ def crossings(clear: Sequence[tuple[float, float]], begin: float, end: float) ->
     angles = []
     reached = begin
     while reached < end:
-        ahead = max(last for first, last in clear if first <= reached + _SAME_RAD)
-        reached = min(end, ahead)
+        reached = min(end, max(last for first, last in clear if first <= reached + _SAME_RAD))
         angles.append(reached)
     return angles

@@ -378,7 +378,7 @@ def _add_linked(
     A link that keeps the engagement limit is preferred. Others are tried in this order: a slanting
     link near the tool, the shortest link, a link from another point of the last closed pass.
     """
-    if not _is_closed(chain):
+    if math.dist(chain.end[-1], chain.start[0]) >= _TOLERANCE_MM:
         return _add_linked_open(builder, chain, limits)
     total = float(chain.length.sum())
     foot = find_nearest(chain, builder.position)[0]
@@ -454,12 +454,12 @@ def _find_way_over_channel(
             continue
         inside = np.flatnonzero(channel.contains(ends))
         rows = inside if len(inside) else np.arange(len(ends))
-        distance = np.hypot(*(ends[rows] - builder.position).T)
-        row = int(rows[_sort_ascending(distance)[0]])
+        row = int(rows[_sort_ascending(np.hypot(*(ends[rows] - builder.position).T))[0]])
         last = _find_access(ends[row], channel, limits)
         if last is not None:
-            corners = np.vstack([builder.position, channel.find_link(first, last), ends[row]])
-            return make_polyline(corners), row
+            return make_polyline(
+                np.vstack([builder.position, channel.find_link(first, last), ends[row]])
+            ), row
     return None
 
 
@@ -605,7 +605,3 @@ def _measure_uncut(links: Segments, limits: _LinkLimits) -> FloatArray:
         rows = np.flatnonzero(is_uncut)
         is_uncut[rows] = ~shapely.contains_xy(polygon, points[rows])
     return np.asarray(np.bincount(link, is_uncut, len(links)) * links.length / count)
-
-
-def _is_closed(chain: Segments) -> bool:
-    return bool(np.hypot(*(chain.end[-1] - chain.start[0])) < _TOLERANCE_MM)

@@ -188,8 +188,9 @@ def note_rest_material(
     if places:
         what += f", {counted(len(places), 'place')} of {short(places[0][0], 2)} mm2 or less"
     why = f"inner corners and narrow places that a {job.tool.diameter:g} mm tool does not reach"
-    points = tuple((x, y) for _, x, y in places[:_MAX_PLACES])
-    return [Note("warning", what, why, tuple(ids), points)]
+    return [
+        Note("warning", what, why, tuple(ids), tuple((x, y) for _, x, y in places[:_MAX_PLACES]))
+    ]
 
 
 def _make_line(chain: Segments) -> Any:

@@ -229,7 +229,8 @@ def _compute_layer(
         attempts = [(borders, distance * (1 + nudge)) for nudge in _NUDGES]
         attempts += [(walls, borders.distance + distance * (1 + nudge)) for nudge in _NUDGES]
     pending = frozenset(np.unique(borders.pocket).tolist())
-    layers: list[_Layer] = []
+    regions: list[OffsetRegion] = []
+    parts: list[PocketWalls] = []
     for source, offset in attempts:
         if not pending:
             break
@@ -238,13 +239,11 @@ def _compute_layer(
         curve = make_offset_curve(
             chosen.segments, chosen.following, closed, chosen.pocket, offset, 0.0
         )
-        layers.append(_make_layer(curve, chosen, offset, climb))
-        pending = layers[-1].failed
-    regions: list[OffsetRegion] = []
-    for layer in layers:
+        layer = _make_layer(curve, chosen, offset, climb)
         regions += layer.regions
-    joined = _join_walls([layer.borders for layer in layers], borders.pocket_count)
-    return _Layer(regions, joined, pending)
+        parts.append(layer.borders)
+        pending = layer.failed
+    return _Layer(regions, _join_walls(parts, borders.pocket_count), pending)
 
 
 def select_pockets(walls: PocketWalls, pockets: frozenset[int]) -> PocketWalls:

@@ -60,8 +60,9 @@ def find_slots(wall_passes: RegionForest, walls: PocketWalls, job: Job) -> Slots
     pocket = walls.pocket[lines.source[rows]]
     order = np.argsort(pocket, kind="stable")
     chains = take_rows(split_by_owner(lines.segments, len(lines.closed)), order)
-    hole_pocket = walls.pocket[lines.hole_source].tolist()
-    return Slots(pocket[order].tolist(), chains, lines.holes, hole_pocket)
+    return Slots(
+        pocket[order].tolist(), chains, lines.holes, walls.pocket[lines.hole_source].tolist()
+    )
 
 
 def plan_slots(slots: Slots, pockets: Pockets, job: Job) -> list[ToolPath]:
