@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from msgspec import Struct
@@ -18,6 +18,36 @@ from camgen.model.part import BoolArray, IntArray
 PAIRS = 500_000
 
 _Value = TypeVar("_Value", bound=np.generic)
+_Item = TypeVar("_Item")
+_Key = TypeVar("_Key")
+
+
+def count_rows(groups: Sequence[Sized]) -> IntArray:
+    """(G,) the number of rows of each group."""
+    return np.fromiter(map(len, groups), np.int64, len(groups))
+
+
+@overload
+def take_rows(items: Sequence[_Item], rows: Iterable[int] | IntArray) -> list[_Item]: ...
+
+
+@overload
+def take_rows(items: Mapping[_Key, _Item], rows: Iterable[_Key]) -> list[_Item]: ...
+
+
+def take_rows(items: Any, rows: Any) -> Any:
+    """The items in `rows`, in the order of `rows`; of a mapping the items of these keys."""
+    return [items[row] for row in rows]
+
+
+def number_kept(rows: Iterable[int] | IntArray) -> dict[int, int]:
+    """The new row of each of `rows` in a table that has these rows alone, in this order."""
+    return {row: number for number, row in enumerate(rows)}
+
+
+def concatenate_columns(parts: Iterable[Sequence[Any]]) -> list[NDArray[Any]]:
+    """The columns of several parts, each joined to one array; a part is a sequence of columns."""
+    return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
 def compute_first_rows(counts: Sequence[int] | IntArray) -> IntArray:
@@ -102,6 +132,14 @@ def find_following_rows(counts: Sequence[int] | IntArray) -> IntArray:
     after = np.arange(1, int(counts.sum()) + 1)
     after[np.cumsum(counts) - 1] = compute_first_rows(counts)
     return after
+
+
+def find_root(parents: list[int], item: int) -> int:
+    """The item that stands for the group of `item`; `parents` lead there and are shortened."""
+    while parents[item] != item:
+        parents[item] = parents[parents[item]]
+        item = parents[item]
+    return item
 
 
 def list_chains(following: IntArray) -> list[list[int]]:

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import (
     compute_first_rows,
+    count_rows,
     find_following_rows,
     list_owners,
     measure_runs,
@@ -106,6 +108,11 @@ def concatenate(tables: Sequence[Segments]) -> Segments:
     for name in Segments.__struct_fields__:
         columns.append(np.concatenate([getattr(table, name) for table in tables]))
     return Segments(*columns)
+
+
+def concatenate_chains(chains: Sequence[Segments]) -> Segments:
+    """The rows of all `chains`, in the given order; `owner` counts the chains."""
+    return replace(concatenate(chains), owner=list_owners(count_rows(chains)))
 
 
 def make_contour_segments(contours: Sequence[Contour]) -> Segments:

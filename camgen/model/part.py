@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Container, Iterable, Sequence
+from operator import attrgetter
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from msgspec import Struct
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 from camgen.model.drawing import draw_svg
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
+
+_Item = TypeVar("_Item")
+_get_id = attrgetter("id")
 
 #: `skipped` is something in the input that the program will not do.
 NoteKind = Literal["assumed", "repaired", "joined", "skipped", "warning"]
@@ -238,6 +242,54 @@ def tabulate_contours(contours: Sequence[Contour]) -> ContourColumns:
     return ContourColumns(np.concatenate(points), np.concatenate(bulges), counts, np.array(closed))
 
 
+def select_closed(contours: Iterable[Contour]) -> list[Contour]:
+    """The closed ones of `contours`."""
+    return [contour for contour in contours if contour.closed]
+
+
+def select_open(contours: Iterable[Contour]) -> list[Contour]:
+    """The open ones of `contours`."""
+    return [contour for contour in contours if not contour.closed]
+
+
+def list_closed_rows(contours: Sequence[Contour]) -> list[int]:
+    """The rows of the closed ones of `contours`."""
+    return [row for row, contour in enumerate(contours) if contour.closed]
+
+
+def list_layers(contours: Iterable[Contour]) -> list[str]:
+    """The layers of `contours`, each once, sorted."""
+    return sorted({contour.layer for contour in contours})
+
+
+def count_arcs(contours: Sequence[Contour]) -> int:
+    """The number of arcs of `contours`."""
+    return int(np.count_nonzero(tabulate_contours(contours).bulges))
+
+
+# Contours, edges, curves and paths have ids.
+
+
+def list_ids(items: Iterable[Any]) -> tuple[str, ...]:
+    """The ids of `items`, in order."""
+    return tuple(item.id for item in items)
+
+
+def index_by_id(items: Iterable[_Item]) -> dict[str, _Item]:
+    """The `items` by their ids, in order."""
+    return {_get_id(item): item for item in items}
+
+
+def keep_ids(items: Iterable[_Item], ids: Container[str]) -> tuple[_Item, ...]:
+    """The `items` whose id is in `ids`, in order."""
+    return tuple(item for item in items if _get_id(item) in ids)
+
+
+def drop_ids(items: Iterable[_Item], ids: Container[str]) -> tuple[_Item, ...]:
+    """The `items` whose id is not in `ids`, in order."""
+    return tuple(item for item in items if _get_id(item) not in ids)
+
+
 class Curve(Struct, frozen=True, eq=False):
     """A chain of lines and arcs in space, work frame, mm.
 
@@ -371,6 +423,14 @@ class Part(Struct, frozen=True, eq=False):
     def works_on(self, ids: tuple[str, ...]) -> bool:
         """Whether an operation works on one of the contours `ids`."""
         return self.worked is None or not self.worked.isdisjoint(ids)
+
+    def list_worked_rows(self) -> list[int]:
+        """The rows of the contours on which an operation works, or on a source of which."""
+        rows = []
+        for row, contour in enumerate(self.contours):
+            if self.works_on(contour.sources or (contour.id,)):
+                rows.append(row)
+        return rows
 
     def __repr__(self) -> str:
         geometry = counted(len(self.contours), "contour")

@@ -130,7 +130,7 @@ def name_first(ids: Sequence[str]) -> str:
     return ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
 
 
-def name_ranges(ids: list[str]) -> list[str]:
+def name_ranges(ids: Iterable[str]) -> list[str]:
     """`ids` with ranges in place of consecutive ones: c1, c2, c3, c7 becomes c1-c3, c7.
 
     Ids of another form stay as they are.

@@ -14,7 +14,8 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
-from camgen.plan.starting import SEAM, join_tables
+from camgen.plan.columns import join_tables
+from camgen.plan.starting import SEAM
 
 #: rad: change of the direction of travel from which a vertex is a corner.
 _CORNER = math.radians(10)

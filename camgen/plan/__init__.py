@@ -13,11 +13,12 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import take_rows
 from camgen.lang.recorded import Recorded
 from camgen.model.cell import Cell
 from camgen.model.errors import AmbiguousInput, InputError, JobError
 from camgen.model.job import Job, Step
-from camgen.model.part import EarlierRun, Note, Part
+from camgen.model.part import EarlierRun, Note, Part, drop_ids, list_ids
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, find, list_entries, load
 from camgen.model.text import counted
@@ -225,11 +226,14 @@ def _split_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
             "stock.layer",
             "camgen inspect shows the layers; or give stock.margin",
         )
-    ids = tuple(c.id for c in stock)
-    what = f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined"
-    note = Note("assumed", what, "stock.layer", ids)
-    machined = tuple(c for c in part.contours if c.id not in ids)
-    return replace(part, contours=machined, notes=(*part.notes, note)), stock
+    ids = list_ids(stock)
+    note = Note(
+        "assumed",
+        f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined",
+        "stock.layer",
+        ids,
+    )
+    return replace(part, contours=drop_ids(part.contours, ids), notes=(*part.notes, note)), stock
 
 
 def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPlan:
@@ -274,13 +278,12 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
             path_ids.append(ids)
             enclosed.append(find_enclosed_by(part, ids) if cuts_profiles else frozenset[str]())
         numbers = order_steps(job.operations, path_ids, enclosed)
-    steps = tuple(job.operations[k] for k in numbers)
-    ordered = tuple(plans[k] for k in numbers)
+    ordered = tuple(take_rows(plans, numbers))
     return JobPlan(
         part,
         join_paths(ordered),
         tuple(notes),
-        steps=steps,
+        steps=tuple(take_rows(job.operations, numbers)),
         numbers=tuple(numbers),
         plans=ordered,
     )

@@ -120,8 +120,7 @@ def find_channel_lines(
 
 def explain_misfit(areas: Sequence[Any], diameter: float) -> str:
     """The reason why a tool does not fit into `areas`, polygons, with their width, for a note."""
-    circles = [shapely.maximum_inscribed_circle(area, tolerance=1e-4) for area in areas]
-    width = 2 * max(float(circle.length) for circle in circles)
+    width = 2 * float(shapely.length(shapely.maximum_inscribed_circle(areas, tolerance=1e-4)).max())
     subject = "it is" if len(areas) == 1 else "the widest is"
     if width > diameter + _NARROWER_MM:
         return f"a {diameter:g} mm tool does not fit"
@@ -136,13 +135,12 @@ def with_centre_lines(curve: OffsetCurve, lines: CentreLines) -> OffsetCurve:
     if not len(lines.closed):
         return curve
     segments = replace(lines.segments, owner=lines.segments.owner + len(curve.closed))
-    count = len(segments)
     return OffsetCurve(
         concatenate([curve.segments, segments]),
         np.concatenate([curve.closed, lines.closed]),
         np.concatenate([curve.source, lines.source]),
         np.concatenate([curve.turn, lines.turn]),
-        np.concatenate([curve.lost, np.zeros(count, dtype=bool)]),
+        np.concatenate([curve.lost, np.zeros(len(segments), dtype=bool)]),
         np.concatenate([curve.sound, np.ones(len(lines.closed), dtype=bool)]),
         np.concatenate([curve.other, lines.other]),
     )
@@ -223,9 +221,8 @@ def select_segments(curve: OffsetCurve, keep: BoolArray) -> OffsetCurve:
     is_gap = (step != 1) & ~((step == 1 - sizes[source[1:]]) & ~is_other)
     is_start = np.concatenate([np.ones(min(len(rows), 1), dtype=bool), is_gap | is_other])
     chains = source[is_start]
-    segments = replace(curve.segments.take(rows), owner=np.cumsum(is_start) - 1)
     return OffsetCurve(
-        segments,
+        replace(curve.segments.take(rows), owner=np.cumsum(is_start) - 1),
         curve.closed[chains] & whole[chains],
         curve.source[rows],
         curve.turn[rows],

@@ -18,7 +18,12 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.curves import measure_from_arc
-from camgen.geometry.ragged import compute_first_rows, list_owners, list_range_numbers
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    concatenate_columns,
+    list_owners,
+    list_range_numbers,
+)
 from camgen.geometry.thinning import IntArray, Polylines, measure_from_lines
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -207,7 +212,7 @@ def fit_arcs(
     with np.errstate(divide="ignore", invalid="ignore"):
         circles, is_circle = _fit_whole_circles(borders, kept, tolerance)
         fitted = [circles, *_fit_borders(borders, kept[~is_circle[borders.owner(kept)]], tolerance)]
-        row, point, bulge = (np.concatenate(column) for column in zip(*fitted, strict=True))
+        row, point, bulge = concatenate_columns(fitted)
     order = np.argsort(row)
     return row[order], _to_xy(point[order]), bulge[order]
 
@@ -241,7 +246,7 @@ def _repair(borders: _Borders, kept: IntArray, knots: _Knots, is_bad: BoolArray)
     """
     hopeless = is_bad & knots.stays & np.roll(knots.stays, -1)
     stays = knots.stays | is_bad | np.roll(is_bad, 1)
-    first, last = (np.isin(knots.row, rows) for rows in (borders.first, borders.last))
+    first, last = np.isin(knots.row, borders.first), np.isin(knots.row, borders.last)
     # First and last knot of a closed border are one point.
     both = (stays[first] | stays[last]) & borders.closed[borders.owner(knots.row[first])]
     stays[first] |= both
@@ -408,9 +413,8 @@ def _place(borders: _Borders, knots: _Knots, tolerance: float) -> ComplexArray:
     """
     placed = borders.line[knots.row]
     shapes = _Shapes.fit(borders, knots)
-    first, last = (
-        np.flatnonzero(np.isin(knots.row, rows)) for rows in (borders.first, borders.last)
-    )
+    first = np.flatnonzero(np.isin(knots.row, borders.first))
+    last = np.flatnonzero(np.isin(knots.row, borders.last))
     closed = borders.closed[borders.owner(knots.row[first])]
     before, after = np.arange(-1, len(placed) - 1), np.arange(len(placed))
     before[first], after[last] = last - 1, first

@@ -76,8 +76,9 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
     paths = [_make_path(hole, job) for hole in good]
     if job.tool.center_cutting:
         for hole in same:
-            centre = (hole.x, hole.y)
-            paths.append(plunge_path(hole.id, hole.layer, centre, job, "bore", hole.contours))
+            paths.append(
+                plunge_path(hole.id, hole.layer, (hole.x, hole.y), job, "bore", hole.contours)
+            )
     return tuple(paths), tuple(notes)
 
 
@@ -112,13 +113,14 @@ def _note_others(
     limits: smallest and largest diameter, mm.
     """
     notes = []
-    others = sum(part.works_on(c.sources or (c.id,)) for c in part.contours) - circles
+    others = len(part.list_worked_rows()) - circles
     if others:
         what = counted(others, "contour is not a circle and is", "contours are not circles and are")
         notes.append(Note("assumed", f"{what} not bored"))
     if in_range < circles:
-        outside = circles - in_range
-        what = counted(outside, "circle of another diameter", "circles of other diameters")
+        what = counted(
+            circles - in_range, "circle of another diameter", "circles of other diameters"
+        )
         notes.append(
             Note(
                 "assumed",
@@ -127,8 +129,9 @@ def _note_others(
             )
         )
     if chosen < in_range:
-        outer = in_range - chosen
-        what = counted(outer, "circle around a smaller one", "circles around smaller ones")
+        what = counted(
+            in_range - chosen, "circle around a smaller one", "circles around smaller ones"
+        )
         notes.append(
             Note("assumed", f"{what} not bored", "the smallest of a centre is; see operation.holes")
         )

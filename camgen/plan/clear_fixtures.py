@@ -225,8 +225,9 @@ def _list_zones(tool: ToolTable, lowest: float, fixtures: Fixtures) -> Iterator[
                 room = body.radius + fixtures.margin + _MORE_MM
                 # Chords lie within the circle that they stand for.
                 room /= np.cos(np.pi / 4 / _QUARTER)
-                area = shapely.buffer(layers[-1].outline, room, quad_segs=_QUARTER)
-                yield _Zone(area, body, fixture)
+                yield _Zone(
+                    shapely.buffer(layers[-1].outline, room, quad_segs=_QUARTER), body, fixture
+                )
 
 
 def _find_box(path: ToolPath) -> Any:
@@ -289,8 +290,6 @@ def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
 
     Enclosed paths run before all stretches of a path: each stretch encloses the one before.
     """
-    if not any(split.zones for split in splits):
-        return plan
     counts = np.array([max(len(split.kept), 1) for split in splits])
     first = np.cumsum(counts) - counts
     around = {path.parent for path in plan.paths}
@@ -308,9 +307,8 @@ def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
 
 
 def _state_reason(zones: Sequence[_Zone], fixtures: Fixtures) -> str:
-    distinct = {zone.fixture.number for zone in zones}
-    numbers = [str(number) for number in sorted(distinct)]
-    which = f"{'fixture' if len(numbers) == 1 else 'fixtures'} {', '.join(numbers)}"
+    numbers = sorted({zone.fixture.number for zone in zones})
+    which = f"{'fixture' if len(numbers) == 1 else 'fixtures'} {', '.join(map(str, numbers))}"
     bodies = " and ".join(dict.fromkeys(f"the {zone.body.name}" for zone in zones))
     if not fixtures.margin:
         return f"{which}: {bodies} would run into it"

@@ -33,8 +33,7 @@ def thin_positions(part: Recorded, tolerance: float) -> Recorded:
     """
     columns = Columns(part.run.body)
     kept = np.ones(len(part.run.body), dtype=bool)
-    runs = _find_runs(columns, columns.moves_are(MoveL) & (columns.blend > 0))
-    for first, last in runs:
+    for first, last in _find_runs(columns, columns.moves_are(MoveL) & (columns.blend > 0)):
         # The way begins at the end of the motion before the run.
         kept[columns.at[first:last]] = keep_points(columns.ends[first - 1 : last], tolerance)[1:]
     left_out = int(np.count_nonzero(~kept))
@@ -81,8 +80,9 @@ def _find_runs(columns: Columns, chosen: BoolArray) -> list[tuple[int, int]]:
 
 def count_close_positions(columns: Columns) -> int:
     """The number of positions in runs of `_MANY` or more motions shorter than `CLOSE_MM`."""
-    runs = _find_runs(columns, columns.works)
-    return sum(last - first for first, last in runs if last - first >= _MANY)
+    return sum(
+        last - first for first, last in _find_runs(columns, columns.works) if last - first >= _MANY
+    )
 
 
 def keep_points(points: FloatArray, tolerance: float) -> BoolArray:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
-from camgen.geometry.ragged import compute_first_rows
+from camgen.geometry.ragged import compute_first_rows, count_rows
 from camgen.geometry.segments import Segments, make_segments, points_at, tangents_at
 from camgen.model.job import Job
 from camgen.model.path import ToolPath, make_waypoints
@@ -78,8 +79,13 @@ def make_tool_paths(
     arc = np.flatnonzero(segments.is_arc)
     via[row_of[arc], :2] = points_at(segments.take(arc), np.full(len(arc), 0.5))
     via[row_of[arc], 2] = 0.0
-    columns = {"force_direction": work.press[source], "force": work.force[source]}
-    table = make_waypoints(position, via, work.feed[source], **columns)
+    table = make_waypoints(
+        position,
+        via,
+        work.feed[source],
+        force_direction=work.press[source],
+        force=work.force[source],
+    )
     paths = []
     for low, size, label in zip(begin.tolist(), sizes.tolist(), labels, strict=True):
         paths.append(
@@ -173,11 +179,16 @@ def compute_depths(depth: float, passes: int) -> tuple[float, ...]:
     return tuple(depth * (k + 1) / passes for k in range(passes))
 
 
+def join_tables(paths: Sequence[ToolPath]) -> ToolPath:
+    """One path with the rows of all of them, for its columns."""
+    return replace(paths[0], table=np.concatenate([path.table for path in paths]))
+
+
 def make_path_segments(paths: Sequence[ToolPath]) -> Segments:
     """The lines and arcs of plane paths, seen from above."""
-    start = np.concatenate([path.position[:-1, :2] for path in paths])
-    end = np.concatenate([path.position[1:, :2] for path in paths])
-    via = np.concatenate([path.via[1:, :2] for path in paths])
+    drawn = join_tables(paths)
+    rows = np.delete(np.arange(len(drawn)), compute_first_rows(count_rows(paths)))
+    start, end, via = drawn.position[rows - 1, :2], drawn.position[rows, :2], drawn.via[rows, :2]
     chord, arm = end - start, via - (start + end) / 2
     square = np.maximum((chord**2).sum(axis=1), NONZERO)
     # The via point of an arc is on the right of its chord, by half the chord times the bulge.

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import find_following_rows
+from camgen.geometry.ragged import count_rows, find_following_rows, list_owners, take_rows
 from camgen.geometry.segments import BoolArray, IntArray, flatten, make_contour_segments, points_at
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
-from camgen.model.part import Note, Part, Raster
+from camgen.model.part import Note, Part, Raster, select_closed
 from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
@@ -82,8 +82,9 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
         )
     if len(chosen) < len(holes):
         why = f"operation.holes is {short(smallest, 3)} to {short(largest, 3)} mm"
-        others = len(holes) - len(chosen)
-        what = counted(others, "circle of another diameter", "circles of other diameters")
+        what = counted(
+            len(holes) - len(chosen), "circle of another diameter", "circles of other diameters"
+        )
         notes.append(Note("assumed", f"{what} not drilled", why))
     return tuple(_make_path(hole, job) for hole in chosen), (*notes, *_note_diameters(chosen, job))
 
@@ -115,7 +116,7 @@ def _find_in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]
     if not raster.borders:
         return holes, []
     points = np.concatenate(raster.borders)
-    owner = np.repeat(np.arange(len(raster.borders)), [len(b) for b in raster.borders])
+    owner = list_owners(count_rows(raster.borders))
     centre, radius, deviation = _fit_circles(points, owner, len(raster.borders))
     is_large = 2 * radius >= _MIN_RING_PX
     height, width = raster.mask.shape
@@ -127,10 +128,8 @@ def _find_in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]
     diameter_mm = 2 * radius * float(np.hypot(*work_from_view[:, 0]))
     # The outer border of a ring has no ink in its centre either.
     rings = rings[_find_innermost(centre_mm[rings], diameter_mm[rings])]
-    holes += [
-        _make_hole(centre_mm[k], diameter_mm[k], layer, f"hole{n}")
-        for n, k in enumerate(rings.tolist(), 1)
-    ]
+    for number, k in enumerate(rings.tolist(), 1):
+        holes.append(_make_hole(centre_mm[k], diameter_mm[k], layer, f"hole{number}"))
     return holes, _note_not_round(centre_mm[is_hollow & ~is_round], holes)
 
 
@@ -143,10 +142,9 @@ def _note_not_round(centres: FloatArray, holes: Sequence[Hole]) -> list[Note]:
 
     centres: (N, 2) of the spaces, mm.
     """
-    positions = np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)
-    limits = np.array([max(hole.diameter, 1.0) for hole in holes])
-    distances = np.linalg.norm(centres[:, None] - positions[None], axis=2)
-    count = int((distances > limits).all(axis=1).sum())
+    table = _tabulate_holes(holes)
+    distances = np.linalg.norm(centres[:, None] - table[None, :, :2], axis=2)
+    count = int((distances > np.maximum(table[:, 2], 1.0)).all(axis=1).sum())
     if not count:
         return []
     spaces = counted(
@@ -165,7 +163,7 @@ def _note_not_round(centres: FloatArray, holes: Sequence[Hole]) -> list[Note]:
 
 def find_circles(part: Part) -> list[Hole]:
     """All circles of a drawing that the operation works on."""
-    closed = [c for c in part.contours if c.closed and part.works_on(c.sources or (c.id,))]
+    closed = select_closed(take_rows(part.contours, part.list_worked_rows()))
     if not closed:
         return []
     segments = make_contour_segments(closed)
@@ -175,26 +173,29 @@ def find_circles(part: Part) -> list[Hole]:
     centre, radius, deviation = _fit_circles(points, owner, len(closed))
     is_round = deviation <= np.maximum(_DEVIATION_MM, _DEVIATION_FRACTION * radius)
     is_full = _has_circle_area(*flatten(segments, _DEVIATION_MM), radius, len(closed))
-    rows = np.flatnonzero(is_round & is_full).tolist()
-    return [
-        _make_hole(centre[k], 2 * radius[k], closed[k].layer, closed[k].id, closed[k].id)
-        for k in rows
-    ]
+    circles = []
+    for k in np.flatnonzero(is_round & is_full).tolist():
+        name = closed[k].id
+        circles.append(_make_hole(centre[k], 2 * radius[k], closed[k].layer, name, name))
+    return circles
 
 
 def select_innermost(holes: Sequence[Hole]) -> list[Hole]:
     """The smallest hole of each centre, in order."""
-    centres = np.array([(h.x, h.y) for h in holes]).reshape(-1, 2)
-    diameters = np.array([h.diameter for h in holes])
-    return [holes[k] for k in _find_innermost(centres, diameters).tolist()]
+    table = _tabulate_holes(holes)
+    return take_rows(holes, _find_innermost(table[:, :2], table[:, 2]))
+
+
+def _tabulate_holes(holes: Sequence[Hole]) -> FloatArray:
+    """Centre and diameter of each hole, (H, 3), mm."""
+    return np.array([(hole.x, hole.y, hole.diameter) for hole in holes]).reshape(-1, 3)
 
 
 def _find_in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
     circles = find_circles(part)
     holes = select_innermost(circles)
     pads = len(circles) - len(holes)
-    worked = [c for c in part.contours if part.works_on(c.sources or (c.id,))]
-    others = len(worked) - len(circles)
+    others = len(part.list_worked_rows()) - len(circles)
     notes = []
     if pads:
         what = counted(
@@ -271,7 +272,7 @@ def _make_path(hole: Hole, job: Job) -> ToolPath:
     if levels:
         motions.append((0.0, travel))
     z, speeds = np.array(motions).T
-    position = np.array([[hole.x, hole.y, level] for level in z])
+    position = np.column_stack(np.broadcast_arrays(hole.x, hole.y, z))
     return ToolPath(
         id=hole.id,
         layer=hole.layer,
@@ -295,19 +296,22 @@ def _plan_pecks(job: Job) -> list[float]:
     step, above = depth / count, job.process.approach
     first = above if count > 1 and above < step else 0.0
     count = math.ceil((first + depth) / step - 1e-6)
-    return [*(first - k * step for k in range(1, count)), -depth]
+    return [*(first - np.arange(1, count) * step).tolist(), -depth]
 
 
 def _note_diameters(holes: Sequence[Hole], job: Job) -> list[Note]:
-    sizes = Counter(round(hole.diameter / _DIAMETER_STEP_MM) * _DIAMETER_STEP_MM for hole in holes)
-    counts = [
-        f"{count} of {short(size, 2)} mm" if size else counted(count, "at a mark", "at marks")
-        for size, count in sorted(sizes.items())
+    steps = np.round(_tabulate_holes(holes)[:, 2] / _DIAMETER_STEP_MM)
+    sizes = Counter((steps * _DIAMETER_STEP_MM).tolist())
+    counts = []
+    others = 0
+    for size, count in sorted(sizes.items()):
+        at_marks = counted(count, "at a mark", "at marks")
+        counts.append(f"{count} of {short(size, 2)} mm" if size else at_marks)
+        if size and abs(size - job.tool.diameter) > _DIAMETER_STEP_MM:
+            others += count
+    notes = [
+        Note("assumed", f"{counted(len(holes), 'hole')}: {', '.join(counts)}", "sizes to 0.05 mm")
     ]
-    wrong = [size for size in sizes if size and abs(size - job.tool.diameter) > _DIAMETER_STEP_MM]
-    others = sum(sizes[size] for size in wrong)
-    what = f"{counted(len(holes), 'hole')}: {', '.join(counts)}"
-    notes = [Note("assumed", what, "sizes to 0.05 mm")]
     if others:
         drawn = counted(others, "hole is drawn", "holes are drawn")
         notes.append(

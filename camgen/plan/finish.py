@@ -6,6 +6,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import measure_nearest
+from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import points_at
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
@@ -29,8 +30,8 @@ def add_finishing(
     first_last, first_rough = _index_by_contour(last), _index_by_contour(rough)
     before = list(rough)
     for k, path in enumerate(rough):
-        if all(name in first_last for name in path.contours):
-            parent = base + min(first_last[name] for name in path.contours)
+        if first_last.keys() >= set(path.contours):
+            parent = base + min(take_rows(first_last, path.contours))
             before[k] = replace(path, parent=parent)
     after, deep = [], []
     for path in last:
@@ -44,8 +45,15 @@ def add_finishing(
     if deep and len(last[0].depths) > 1:
         count = counted(len(deep), "last pass goes", "last passes go")
         what = f"{count} down pass by pass: {', '.join(name_ranges(deep))}"
-        why = f"in narrow places more than {finish:g} mm is left for them"
-        notes = (*notes, Note("assumed", what, why, tuple(deep)))
+        notes = (
+            *notes,
+            Note(
+                "assumed",
+                what,
+                f"in narrow places more than {finish:g} mm is left for them",
+                tuple(deep),
+            ),
+        )
     return (*before, *after), notes
 
 
@@ -61,7 +69,6 @@ def _is_far(path: ToolPath, others: tuple[ToolPath, ...], distance: float) -> bo
     if not others:
         return True
     segments = make_path_segments((path,))
-    fractions = np.linspace(0.0, 1.0, 9)
-    points = [points_at(segments, np.full(len(segments), f)) for f in fractions]
+    points = [points_at(segments, np.full(len(segments), f)) for f in np.linspace(0.0, 1.0, 9)]
     nearest = measure_nearest(np.concatenate(points), make_path_segments(others), distance + EXACT)
     return bool(np.isinf(nearest).any())

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import compress
 
 import numpy as np
 import shapely
@@ -11,7 +12,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.intersect import Obstacles, find_near_pairs, measure_distances, measure_nearest
 from camgen.geometry.nesting import Nesting, find_nesting
-from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.ragged import list_owners, number_rows, take_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -26,7 +27,16 @@ from camgen.geometry.segments import (
 from camgen.geometry.uncross import find_slips, uncross_loops
 from camgen.model.errors import JobError
 from camgen.model.job import Job
-from camgen.model.part import Contour, Note, Part
+from camgen.model.part import (
+    Contour,
+    Note,
+    Part,
+    list_closed_rows,
+    list_ids,
+    list_layers,
+    select_open,
+    tabulate_contours,
+)
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges, short
@@ -127,8 +137,8 @@ def run_beside(
     loops, notes = _choose_sides(part, job.operation.side, job.input.join)
     if not loops.worked.any():
         return (), tuple(notes)
-    contours = [part.contours[k] for k in loops.index]
-    closed = np.array([c.closed for c in contours])
+    contours = take_rows(part.contours, loops.index)
+    closed = tabulate_contours(contours).closed
     source = reverse_loops(loops.drawn, loops.flip)
     following = find_following(source, closed)
     slips = closed & find_slips(source, following, len(contours))
@@ -149,7 +159,7 @@ def run_beside(
         near = _is_too_near(curve, source, loops, reach)
         spoiled = np.zeros(len(contours), dtype=bool)
         spoiled[source.owner[curve.source[near[curve.segments.owner]]]] = True
-        notes += _note_near([contours[k] for k in np.flatnonzero(spoiled).tolist()])
+        notes += _note_near(list(compress(contours, spoiled)))
         curve = select_chains(curve, ~near)
         expected = expected & ~spoiled
     reached = curve
@@ -178,13 +188,13 @@ def _note_nothing_left(
     finished = sorted(before - set(source.owner[curve.source].tolist()))
     if not finished:
         return []
-    ids = [contours[k].id for k in finished]
+    ids = list_ids(take_rows(contours, finished))
     return [
         Note(
             "assumed",
             f"nothing is left at {counted(len(ids), 'contour')}: {', '.join(name_ranges(ids))}",
             "earlier operations reach all that this tool does",
-            tuple(ids),
+            ids,
         )
     ]
 
@@ -212,29 +222,30 @@ def _note_near(contours: list[Contour]) -> list[Note]:
 
 
 def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note]]:
-    chosen = np.array([part.works_on(c.sources or (c.id,)) for c in part.contours], dtype=bool)
+    chosen = part.list_worked_rows()
+    selected = take_rows(part.contours, chosen)
     if side in ("left", "right"):
-        index = np.flatnonzero(chosen).tolist()
+        index = chosen
         count = np.arange(len(index))
-        drawn = make_contour_segments([part.contours[k] for k in index])
+        drawn = make_contour_segments(selected)
         flip, parent = np.full(len(index), side == "left"), np.full(len(index), -1)
         return _Loops(index, drawn, count >= 0, flip, count, parent, 0 * count), []
-    index = [k for k, c in enumerate(part.contours) if c.closed]
-    selected = [part.contours[k] for k in np.flatnonzero(chosen).tolist()]
-    notes = _note_open([contour for contour in selected if not contour.closed], join)
+    index = list_closed_rows(part.contours)
+    notes = _note_open(select_open(selected), join)
     if not index:
         none = np.zeros(0, dtype=np.int64)
         return _Loops([], make_contour_segments([]), none == 0, none == 0, none, none, none), notes
+    closed: Sequence[Contour] = part.contours
     # `part.contours` may be views of one table, which is then not copied.
-    is_all = len(index) == len(part.contours)
-    drawn = make_contour_segments(part.contours if is_all else [part.contours[k] for k in index])
+    if len(index) < len(closed):
+        closed = take_rows(closed, index)
+    drawn = make_contour_segments(closed)
     nesting = find_nesting(drawn, len(index))
-    worked = chosen[index]
+    worked = np.isin(index, chosen)
     if side == "auto":
-        ids = {contour.id for contour in selected}
-        check_outlines(part, ids, "set operation.side")
+        check_outlines(part, list_ids(selected), "set operation.side")
     keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)
-    notes += _note_crossing([part.contours[k] for k in index], nesting, worked)
+    notes += _note_crossing(closed, nesting, worked)
     inside = np.full(len(index), side != "outside")
     group = np.arange(len(index))
     if side == "auto":
@@ -247,7 +258,7 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
     parent = np.where(nesting.parent[keep] >= 0, new_index[nesting.parent[keep]], -1)
     drawn = drawn.take(new_index[drawn.owner] >= 0)
     return _Loops(
-        [index[k] for k in keep],
+        take_rows(index, keep),
         replace(drawn, owner=new_index[drawn.owner]),
         worked[keep],
         flip[keep],
@@ -266,10 +277,9 @@ def _note_open(contours: list[Contour], join: float) -> list[Note]:
     return [replace(_note_not_followed(contours, "open", why), places=places)]
 
 
-def _note_crossing(contours: list[Contour], nesting: Nesting, worked: BoolArray) -> list[Note]:
+def _note_crossing(contours: Sequence[Contour], nesting: Nesting, worked: BoolArray) -> list[Note]:
     notes = []
-    is_unclear = (nesting.crossed >= 0) | nesting.empty
-    others = [contours[k].id for k in np.flatnonzero(is_unclear & ~worked).tolist()]
+    others = list_ids(compress(contours, ((nesting.crossed >= 0) | nesting.empty) & ~worked))
     if others:
         count = counted(len(others), "contour")
         notes.append(
@@ -277,31 +287,30 @@ def _note_crossing(contours: list[Contour], nesting: Nesting, worked: BoolArray)
                 "warning",
                 f"{count} not kept clear of: {', '.join(name_ranges(others))}",
                 "no clear inside, and not worked on",
-                tuple(others),
+                others,
             )
         )
     crosses_itself = nesting.crossed == np.arange(len(contours))
     crosses_other = (nesting.crossed >= 0) & ~crosses_itself
-    for how, chosen in {
+    for how, is_crossed in {
         "crossing themselves": crosses_itself & ~nesting.empty,
         "crossing each other": crosses_other,
         "without an inside": nesting.empty & ~crosses_other,
     }.items():
-        rows = np.flatnonzero(chosen & worked).tolist()
-        if rows:
-            notes.append(_note_not_followed([contours[k] for k in rows], how, _CROSSING))
+        crossed = list(compress(contours, is_crossed & worked))
+        if crossed:
+            notes.append(_note_not_followed(crossed, how, _CROSSING))
     return notes
 
 
 def _note_not_followed(contours: list[Contour], how: str, why: str) -> Note:
-    layers = ", ".join(sorted({c.layer for c in contours}))
-    ids = [c.id for c in contours]
+    layers, ids = ", ".join(list_layers(contours)), list_ids(contours)
     names = ", ".join(name_ranges(ids))
     return Note(
         "skipped",
         f"{counted(len(contours), 'contour')} not followed, {how}: {names} on layer {layers}",
         why,
-        tuple(ids),
+        ids,
     )
 
 
@@ -391,9 +400,9 @@ def _note_unfollowed(
     too_narrow = (narrow, _explain_narrow(contours, narrow, tool, distance))
     notes = []
     for how, (cause, why) in {"too narrow": too_narrow, **causes}.items():
-        rows = np.flatnonzero(cause & ~touched).tolist()
-        if rows:
-            notes.append(_note_not_followed([contours[k] for k in rows], how, why))
+        unfollowed = list(compress(contours, cause & ~touched))
+        if unfollowed:
+            notes.append(_note_not_followed(unfollowed, how, why))
     contact = np.where(is_sound, _measure_contact(curve, source), 0.0)
     reached = np.bincount(source.owner[curve.source], contact, len(contours))
     length = np.where(worked, np.bincount(source.owner, source.length, len(contours)), 0.0)
@@ -414,19 +423,18 @@ def _note_unfollowed(
     if unsound and not (failed & ~touched).any():
         what = f"{counted(unsound, 'piece', 'pieces')} of path left out"
         why = next(why for cause, why in causes.values() if cause.any())
-        ids = tuple(contours[k].id for k in np.flatnonzero(failed).tolist())
-        notes.append(Note("skipped", what, why, ids))
+        notes.append(Note("skipped", what, why, list_ids(compress(contours, failed))))
     return notes
 
 
 def _explain_narrow(contours: list[Contour], narrow: BoolArray, tool: str, distance: float) -> str:
     """Why `tool` does not fit into the contours `narrow` (contours,), with their width if known."""
-    chosen = [contours[k] for k in np.flatnonzero(narrow).tolist()]
-    if not chosen or not all(contour.closed for contour in chosen) or tool[-4:] != "tool":
+    chosen = list(compress(contours, narrow))
+    if not chosen or select_open(chosen) or tool[-4:] != "tool":
         return f"{tool} does not fit"
     points, owner = flatten(make_contour_segments(chosen), EXACT / 50)
-    areas = [shapely.Polygon(points[owner == k]).buffer(0) for k in range(len(chosen))]
-    return explain_misfit(areas, 2 * distance)
+    polygons = shapely.polygons(shapely.linearrings(points, indices=owner))
+    return explain_misfit(shapely.buffer(polygons, 0, quad_segs=16), 2 * distance)
 
 
 def _is_much(missing: FloatArray, length: FloatArray) -> bool:
@@ -482,7 +490,7 @@ def _find_meeting(
     if not len(rows):
         return themselves, others
     points, owner = flatten(source, EXACT / 4)
-    closed = np.flatnonzero([contour.closed for contour in contours])
+    closed = list_closed_rows(contours)
     first = np.searchsorted(owner, closed)
     owner = np.append(owner, closed)
     order = np.argsort(owner, kind="stable")
@@ -496,8 +504,7 @@ def _find_meeting(
 def _find_shared(source: Segments, failed: BoolArray) -> BoolArray:
     """(contours,) true for `failed` contours with an edge on the edge of another one."""
     shared = np.zeros(len(failed), dtype=bool)
-    rows = np.flatnonzero(failed[source.owner])
-    if not len(rows):
+    if not failed[source.owner].any():
         return shared
     i, j = find_near_pairs(source, np.zeros(len(source), dtype=np.int64), EXACT)
     pairs = np.concatenate([np.column_stack([i, j]), np.column_stack([j, i])])
@@ -529,15 +536,17 @@ def _note_feeds(
         return
     contour = source.owner[curve.source]
     worst = int(slow[factors[slow].argmax()])
-    names = tuple(contours[k].id for k in np.unique(contour[slow]).tolist())
+    names = list_ids(take_rows(contours, np.unique(contour[slow])))
     what = "outer arcs slower than process.feed"
-    name = contours[int(contour[worst])].id
-    yield note_contact_feed(what, name, float(factors[worst]), process, names)
+    yield note_contact_feed(
+        what, contours[int(contour[worst])].id, float(factors[worst]), process, names
+    )
 
 
 def _measure_contact(curve: OffsetCurve, source: Segments) -> FloatArray:
-    length = curve.segments.length / _compute_ratio(curve, source)
-    return np.where((curve.turn > 0) | curve.lost, 0.0, length)
+    return np.where(
+        (curve.turn > 0) | curve.lost, 0.0, curve.segments.length / _compute_ratio(curve, source)
+    )
 
 
 def _order_chains(

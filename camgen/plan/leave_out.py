@@ -6,7 +6,8 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 
 from msgspec.structs import replace
 
-from camgen.model.part import Note
+from camgen.geometry.ragged import number_kept
+from camgen.model.part import Note, index_by_id, list_ids
 from camgen.model.path import ToolPath
 from camgen.plan import JobPlan, Plan, join_paths
 
@@ -32,10 +33,10 @@ def leave_out_paths(plan: Plan, lost: Mapping[str, str]) -> Plan:
 
 
 def _select_paths(plan: Plan, removed: Mapping[str, str]) -> Plan:
-    if all(path.id not in removed for path in plan.paths):
-        return plan
     kept = [k for k, path in enumerate(plan.paths) if path.id not in removed]
-    new_index = {k: new for new, k in enumerate(kept)}
+    if len(kept) == len(plan.paths):
+        return plan
+    new_index = number_kept(kept)
     paths = []
     for k in kept:
         parent = plan.paths[k].parent
@@ -50,10 +51,11 @@ def _note_paths(plan: Plan, removed: Mapping[str, str]) -> Iterator[Note]:
     if isinstance(plan, JobPlan):
         for number, step, step_plan in zip(plan.numbers, plan.steps, plan.plans, strict=True):
             text = f"operation {number} ({step.operation.kind}): "
-            prefix |= dict.fromkeys((path.id for path in step_plan.paths), text)
-    contours = {path.id: path.contours for path in plan.paths}
+            prefix |= dict.fromkeys(list_ids(step_plan.paths), text)
+    paths = index_by_id(plan.paths)
     for name, why in removed.items():
-        ids = tuple(dict.fromkeys((name, *contours.get(name, ()))))
+        contours = paths[name].contours if name in paths else ()
+        ids = tuple(dict.fromkeys((name, *contours)))
         yield Note("skipped", f"{prefix.get(name, '')}path {name}", why, ids)
 
 

@@ -19,8 +19,15 @@ from msgspec.structs import replace
 
 from camgen.geometry.nearest import IntArray
 from camgen.geometry.pairing import pair_points
-from camgen.geometry.ragged import compute_offsets, list_owners, mark_run_starts
-from camgen.model.part import Contour, Note
+from camgen.geometry.ragged import (
+    compute_offsets,
+    count_rows,
+    find_root,
+    list_owners,
+    mark_run_starts,
+    take_rows,
+)
+from camgen.model.part import BoolArray, Contour, Note, list_ids, tabulate_contours
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import OFF_GRID, SAME_POINT_MM
@@ -58,18 +65,17 @@ def make_trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, 
     ends_by_node: list[list[int]] = [[] for _ in pieces.home]
     for end, node in enumerate(pieces.nodes):
         ends_by_node[node].append(end)
-    odd = [node for node, ends in enumerate(ends_by_node) if len(ends) % 2]
+    odd = np.flatnonzero(count_rows(ends_by_node) % 2).tolist()
     directions = _compute_directions(pieces, contours)
     partner = _pair_ends(ends_by_node, directions)
     # An odd node has one end without a partner: there the pen is lifted, and moved to another one.
-    loose = []
-    for node in odd:
-        loose.append(next(end for end in ends_by_node[node] if partner[end] < 0))
+    alone = np.flatnonzero(np.array(partner) < 0)
+    loose = alone[np.argsort(np.array(pieces.nodes)[alone], kind="stable")].tolist()
     lifts: list[int] = [-1] * len(partner)
     if odd:
         for a, b in enumerate(pair_points(pieces.home[odd]).tolist()):
             lifts[loose[a]] = loose[b]
-    jumps = [p if p >= 0 else q for p, q in zip(partner, lifts, strict=True)]
+    jumps = np.where(np.array(partner) >= 0, partner, lifts).tolist()
     _join_circuits(ends_by_node, jumps, lifts, directions)
     return [
         (_draw_trail(pieces, contours, run, closed), pieces.network[run[0] >> 1])
@@ -100,9 +106,7 @@ def _pair_ends(ends_by_node: list[list[int]], directions: list[tuple[float, floa
             half = len(ends) // 2
             pairs = list(zip(ranked[:half], ranked[half : 2 * half], strict=True))
         else:
-            pairs = []
-            for k, a in enumerate(ends):
-                pairs += [(a, b) for b in ends[:k]]
+            pairs = list(itertools.combinations(ends[::-1], 2))
             # Rounded, so that the last bit does not decide between equal angles.
             pairs.sort(key=lambda pair: (round(_bend(directions, *pair), 9), pair))
         for a, b in pairs:
@@ -126,16 +130,10 @@ def _join_circuits(
     """Join circuits that share a node by an exchange of partners. Changes jumps and lifts."""
     circuit = _number_circuits(jumps)
     parent = list(range(len(jumps)))
-
-    def root(number: int) -> int:
-        while parent[number] != number:
-            parent[number] = parent[parent[number]]
-            number = parent[number]
-        return number
-
     for ends in ends_by_node:
         for end in ends[1:]:
-            first, second = root(circuit[ends[0] >> 1]), root(circuit[end >> 1])
+            first = find_root(parent, circuit[ends[0] >> 1])
+            second = find_root(parent, circuit[end >> 1])
             if first != second:
                 parent[max(first, second)] = min(first, second)
                 _exchange_partners(ends[0], end, jumps, lifts, directions)
@@ -176,8 +174,7 @@ def _list_trails(jumps: list[int], lifts: list[int]) -> list[tuple[list[int], bo
     """For each trail the ends at which its pieces are entered, and whether it is closed."""
     seen = [False] * (len(jumps) // 2)
     listed = []
-    starts = [end for end in range(len(jumps)) if lifts[end] >= 0]
-    for start in [*starts, *range(0, len(jumps), 2)]:
+    for start in [*np.flatnonzero(np.array(lifts) >= 0).tolist(), *range(0, len(jumps), 2)]:
         run: list[int] = []
         end = start
         while not seen[end >> 1]:
@@ -243,7 +240,7 @@ class _Vertices(Struct, frozen=True, eq=False):
 
 
 def merge(
-    contours: Sequence[Contour], fixed: Sequence[bool], tolerance: float
+    contours: Sequence[Contour], fixed: Sequence[bool] | BoolArray, tolerance: float
 ) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """Replace the contours of each network by few trails, at the index of its first contour.
 
@@ -256,30 +253,30 @@ def merge(
     for k, contour in enumerate(contours):
         if not fixed[k] and len(contour.points) > 1:
             layers.setdefault(contour.layer, []).append(k)
-    result: dict[int, list[Contour]] = {k: [contour] for k, contour in enumerate(contours)}
+    result = [[contour] for contour in contours]
     ids: list[str] = []
     count = 0
     for members in layers.values():
-        for chosen, merged in _merge_layer([contours[k] for k in members], tolerance):
+        for chosen, merged in _merge_layer(take_rows(contours, members), tolerance):
             if len(merged) == len(chosen):
                 continue  # no lift is saved, and the chains of the reader are straighter
-            chosen_ids = tuple(contours[members[k]].id for k in chosen)
+            rows = take_rows(members, chosen)
+            chosen_ids = list_ids(take_rows(contours, rows))
             ids += chosen_ids
             count += len(merged)
-            for k in chosen:
-                result[members[k]] = []
-            result[members[chosen[0]]] = _name_trails(merged, chosen_ids)
+            for row in rows:
+                result[row] = []
+            result[rows[0]] = _name_trails(merged, chosen_ids)
     if not ids:
         return tuple(contours), ()
-    what = f"networks of lines: {counted(len(ids), 'contour')} run as {counted(count, 'path')}"
     note = Note(
         "joined",
-        what,
+        f"networks of lines: {counted(len(ids), 'contour')} run as {counted(count, 'path')}",
         f"lines that meet within input.join = {short(tolerance, 6)} mm "
         "are run with the fewest lifts",
         tuple(ids),
     )
-    return tuple(itertools.chain.from_iterable(result.values())), (note,)
+    return tuple(itertools.chain.from_iterable(result)), (note,)
 
 
 def _name_trails(merged: list[Contour], sources: tuple[str, ...]) -> list[Contour]:
@@ -313,8 +310,7 @@ def _merge_layer(
 
 
 def _make_vertices(contours: list[Contour]) -> _Vertices:
-    points = np.concatenate([contour.points for contour in contours])
-    counts = np.array([len(contour.points) for contour in contours])
+    points, _, counts, _ = tabulate_contours(contours)
     cell_size = max(SAME_POINT_MM, 16 * float(np.spacing(np.abs(points).max())))
     cells = np.floor(points / cell_size + OFF_GRID).astype(np.int64)
     order = np.lexsort((cells[:, 1], cells[:, 0]))
@@ -326,7 +322,7 @@ def _make_vertices(contours: list[Contour]) -> _Vertices:
 
 def _meet(vertices: _Vertices, contours: list[Contour], tolerance: float) -> _Vertices:
     """Move each lone end to the nearest vertex of another contour within `tolerance`."""
-    is_open = np.array([not contour.closed for contour in contours])
+    is_open = ~tabulate_contours(contours).closed
     starts, points = vertices.first[:-1], vertices.points
     extent = (np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)).max(axis=1)
     movable = np.flatnonzero(is_open & (extent > 4 * tolerance))
@@ -336,8 +332,7 @@ def _meet(vertices: _Vertices, contours: list[Contour], tolerance: float) -> _Ve
         return vertices
     import shapely  # noqa: PLC0415 (0.1 s, and only drawings with loose ends need it)
 
-    tree = shapely.STRtree(shapely.points(vertices.points))
-    end, other = tree.query(
+    end, other = shapely.STRtree(shapely.points(vertices.points)).query(
         shapely.points(vertices.points[ends]), predicate="dwithin", distance=tolerance
     )
     end = ends[end]
@@ -384,8 +379,7 @@ def _cut(contours: list[Contour], vertices: _Vertices, chosen: IntArray, label: 
         first, size = int(vertices.first[k]), len(contours[k].points)
         contour_nodes = vertices.node[first : first + size]
         shared = np.flatnonzero(is_shared[contour_nodes]).tolist()
-        is_closed = contours[k].closed
-        cuts = [*shared, shared[0] + size] if is_closed else sorted({0, *shared, size - 1})
+        cuts = [*shared, shared[0] + size] if contours[k].closed else sorted({0, *shared, size - 1})
         for a, b in itertools.pairwise(cuts):
             rows.append((k, a, b))
             nodes += [int(contour_nodes[a]), int(contour_nodes[b % size])]
@@ -394,4 +388,4 @@ def _cut(contours: list[Contour], vertices: _Vertices, chosen: IntArray, label: 
     # The first vertex of a node is written last, so it gives the position.
     rows_of_nodes = np.flatnonzero(np.isin(vertices.node, used))[::-1]
     home[np.searchsorted(used, vertices.node[rows_of_nodes])] = vertices.points[rows_of_nodes]
-    return Pieces(rows, places.tolist(), home, [int(label[k]) for k, _, _ in rows])
+    return Pieces(rows, places.tolist(), home, label[np.array(rows)[:, 0]].tolist())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from camgen.model.errors import AmbiguousInput
-from camgen.model.part import OpenOutline, Part
+from camgen.model.part import OpenOutline, Part, list_ids
 from camgen.model.text import counted, name_ranges, short
 
 #: Contours that a question names.
@@ -18,7 +18,7 @@ def check_outlines(part: Part, decided: Collection[str], otherwise: str) -> None
     decided: ids of the closed contours that are worked on by the number of loops around them.
     otherwise: the remedy if the contours are meant to be open.
     """
-    present = {contour.id for contour in part.contours}
+    present = set(list_ids(part.contours))
     outlines = [outline for outline in part.open_outlines if present.issuperset(outline.ids)]
     outlines = [outline for outline in outlines if not set(decided).isdisjoint(outline.inside)]
     if not outlines:
@@ -31,11 +31,10 @@ def check_outlines(part: Part, decided: Collection[str], otherwise: str) -> None
         f"inside and outside of {_list_names(inside)}, which it encloses, would be swapped"
     )
     x, y = outline.place
-    where = f"near x {short(x, 2)}, y {short(y, 2)}"
     raise AmbiguousInput(
         part.source,
         what,
-        where,
+        f"near x {short(x, 2)}, y {short(y, 2)}",
         f"{_describe_closing(outline, count)}; if it is meant to be open, {otherwise}",
     )
 

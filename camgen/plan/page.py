@@ -14,11 +14,12 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import compute_offsets
 from camgen.geometry.segments import compute_bounds, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, PageTable
 from camgen.model.page import compute_page_size
-from camgen.model.part import Contour, Note, Part, Raster
+from camgen.model.part import Contour, Note, Part, Raster, count_arcs, tabulate_contours
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.read.units import MM
@@ -113,10 +114,12 @@ def _place_part(
     has_pixels = part.raster is not None
     unit = (ratio if has_pixels else input_ratio) * _measure_unit(part)
     name = "px" if has_pixels else "unit"
-    extent = _format_size((high - low) * ratio)
-    scale = f"1 {name} = {short(unit, 5)} mm, drawing {extent}"
-    what = f"centred on a page of {_format_size(size)}: {scale}"
-    note = Note("assumed", what, f"the drawing's own size times {input_ratio:.6g}")
+    scale = f"1 {name} = {short(unit, 5)} mm, drawing {_format_size((high - low) * ratio)}"
+    note = Note(
+        "assumed",
+        f"centred on a page of {_format_size(size)}: {scale}",
+        f"the drawing's own size times {input_ratio:.6g}",
+    )
     return replace(
         part,
         contours=_move_contours(part.contours, ratio, shift),
@@ -136,15 +139,15 @@ def _compute_ratio(part: Part, page: PageTable, extent: FloatArray, room: FloatA
     if page.scale != "fit":
         return float(page.scale) / _measure_unit(part)
     # A drawing without height, a single line, is limited by its width alone.
-    ratios = [r / d for r, d in zip(room.tolist(), extent.tolist(), strict=True) if d > 0]
-    if not ratios:
+    ratios = room[extent > 0] / extent[extent > 0]
+    if not len(ratios):
         raise InputError(
             part.source,
             "the drawing has no size that could fit the page",
             "page.scale",
             'set page.scale to "true" or to mm per unit',
         )
-    return float(min(ratios))
+    return float(ratios.min())
 
 
 def _measure_unit(part: Part) -> float:
@@ -184,10 +187,10 @@ def _format_size(size: Sequence[float] | FloatArray) -> str:
 def _move_contours(
     contours: Sequence[Contour], ratio: float, shift: FloatArray
 ) -> tuple[Contour, ...]:
-    points = np.concatenate([c.points for c in contours])
+    points, _, counts, _ = tabulate_contours(contours)
     points = points * ratio + shift
     points.flags.writeable = False
-    ends = np.cumsum([0, *(len(c.points) for c in contours)]).tolist()
+    ends = compute_offsets(counts).tolist()
     return tuple(
         replace(c, points=points[a:b]) for c, (a, b) in zip(contours, pairwise(ends), strict=True)
     )
@@ -235,12 +238,11 @@ class DrawingFacts(Struct, frozen=True):
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
-        width, height = (short(v, 2) for v in self.drawn)
         name = "borders of the ink" if self.use else "strokes"
         segments = f"{counted(self.lines, 'line')} and {counted(self.arcs, 'arc')}"
         lines = [
             f"picture of {self.size[0]} x {self.size[1]} px, taken as a drawing",
-            f"scale: {self.scale}, drawing {width} x {height} mm",
+            f"scale: {self.scale}, drawing {_format_size(self.drawn)}",
             f"{name}: {self.strokes}, all closed, of {segments}; "
             f"{short(self.length, 1)} mm in all, the shortest {short(self.shortest, 2)} mm",
             *([self.use] if self.use else []),
@@ -262,7 +264,7 @@ def inspect(raw: Part, job: Job) -> DrawingFacts:
     segments = make_contour_segments(part.contours)
     box = compute_bounds(segments)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(part.contours))
-    arcs = sum(int((c.bulges != 0).sum()) for c in part.contours)
+    arcs = count_arcs(part.contours)
     extent = (box[:, 2:].max(axis=0) - box[:, :2].min(axis=0)).tolist() if len(box) else [0.0, 0.0]
     height, width = raw.raster.photo.shape[:2]
     return DrawingFacts(

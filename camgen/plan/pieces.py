@@ -12,6 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import Spans, make_span_chain, measure_spans
+from camgen.geometry.ragged import count_rows
 from camgen.geometry.rotations import turn_vectors
 from camgen.geometry.vectors import cross, multiply_rows
 from camgen.model.part import BoolArray, IntArray
@@ -132,8 +133,7 @@ def chorded(path: ToolPath, chord: float, which: BoolArray | None = None) -> Too
         (np.arange(n) + 0.5) / n if is_outside else np.arange(1, n) / n
         for n, is_outside in zip(count.tolist(), outside.tolist(), strict=True)
     ]
-    sizes = [len(fractions) for fractions in inner]
-    result, owner, part = _expand(path, np.repeat(rows, sizes), np.concatenate(inner))
+    result, owner, part = _expand(path, np.repeat(rows, count_rows(inner)), np.concatenate(inner))
     via, position = result.via.copy(), result.position.copy()
     via[1 + np.flatnonzero(np.isin(owner, rows))] = np.nan
     pushed = np.flatnonzero(np.isin(owner, rows[outside]) & (part < 1))
@@ -196,8 +196,7 @@ def _expand(
     position = np.where(is_inside, shape.point(part, owner), path.position[row])
     via = np.where(is_whole[:, None], path.via[row], shape.point((before + part) / 2, owner))
     via[~shape.curved[owner]] = np.nan
-    directions = [_press_at(path, shape, owner, end) for end in (before, part)]
-    press = np.stack(directions, axis=1)
+    press = np.stack([_press_at(path, shape, owner, end) for end in (before, part)], axis=1)
     press = np.where(is_whole[:, None, None], path.force_direction[row], press)
     axes = np.where(is_inside, interpolate_vectors(axis[owner], axis[row], part), axis[row])
     floor = path.floor

@@ -15,7 +15,8 @@ fits are left to the user.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain, compress
 
 import numpy as np
 import shapely
@@ -23,10 +24,20 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import Nesting, find_nesting
+from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import Segments, flatten, make_contour_segments
 from camgen.model.job import StockTable, ToolRow, ToolTable
 from camgen.model.materials import MATERIALS
-from camgen.model.part import Contour, Part
+from camgen.model.part import (
+    Contour,
+    Part,
+    drop_ids,
+    index_by_id,
+    keep_ids,
+    list_ids,
+    list_layers,
+    select_closed,
+)
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.drill import Hole, find_circles, select_innermost
@@ -195,15 +206,9 @@ class _Loops(Struct, frozen=True, eq=False):
     with_tabs: bool
     across: tuple[Contour, ...] = ()
 
-    def name(self, rows: Sequence[int]) -> list[str]:
+    def name(self, rows: Iterable[int]) -> list[str]:
         """The ids of loops."""
-        return [self.contours[k].id for k in rows]
-
-    def count_inside(self) -> list[int]:
-        """Number of loops directly inside each loop."""
-        parent = self.nesting.parent
-        counts: list[int] = np.bincount(parent[parent >= 0], minlength=len(self.contours)).tolist()
-        return counts
+        return list(list_ids(take_rows(self.contours, rows)))
 
 
 class _Sorted(Struct, frozen=True):
@@ -238,14 +243,15 @@ def propose(
     Raises AmbiguousInput if an outline with a gap encloses closed contours: the outlines are not
     known then.
     """
-    closed = tuple(c for c in part.contours if c.closed)
+    closed = tuple(select_closed(part.contours))
     if not closed:
         return None
-    check_outlines(part, {c.id for c in closed}, "leave its layer out with input.layers")
+    check_outlines(part, list_ids(closed), "leave its layer out with input.layers")
     across = find_across(closed)
     if across:
-        closed = tuple(contour for contour in closed if contour not in across)
-        part = replace(part, contours=tuple(c for c in part.contours if c not in across))
+        crossing = list_ids(across)
+        closed = drop_ids(closed, crossing)
+        part = replace(part, contours=drop_ids(part.contours, crossing))
     segments, stock = make_contour_segments(closed), stock or StockTable()
     loops = _Loops(
         stock.thickness or THICKNESS_MM,
@@ -253,18 +259,14 @@ def propose(
         closed,
         find_nesting(segments, len(closed)),
         segments,
-        {hole.id: hole for hole in find_circles(part)},
+        index_by_id(find_circles(part)),
         with_tabs,
         across,
     )
     kinds = _sort(loops)
-    drilled: set[str] = set()
-    for same_size in kinds.holes:
-        drilled.update(loops.name(same_size))
     # A drilled hole bounds no cut.
-    loops = replace(
-        loops, part=replace(part, contours=tuple(c for c in part.contours if c.id not in drilled))
-    )
+    drilled = set(loops.name(chain.from_iterable(kinds.holes)))
+    loops = replace(loops, part=replace(part, contours=drop_ids(part.contours, drilled)))
     rack = ToolRack(library, MATERIALS[stock.material] if stock.material else None)
     operations = [
         *_drill(loops, kinds.holes, rack),
@@ -273,13 +275,16 @@ def propose(
     ]
     if not operations:
         return None
-    used: set[str] = set()
-    for _, ids in operations:
-        used.update(ids)
-    left_out = tuple(c.id for c in (*closed, *across) if c.id not in used)
-    rows = tuple(row for row, _ in operations)
-    margin = max(stock.margin, _FRAME * rack.widest_mill)
-    return Proposal(rack.tools, rows, left_out, loops.thickness, stock.material or "", margin)
+    rows, worked = zip(*operations, strict=True)
+    left_out = list_ids(drop_ids((*closed, *across), set(chain.from_iterable(worked))))
+    return Proposal(
+        rack.tools,
+        rows,
+        left_out,
+        loops.thickness,
+        stock.material or "",
+        max(stock.margin, _FRAME * rack.widest_mill),
+    )
 
 
 def _sort(loops: _Loops) -> _Sorted:
@@ -288,7 +293,9 @@ def _sort(loops: _Loops) -> _Sorted:
     A hole is an empty circle of the size of a drill. It lies in material, in a counterbore, or
     inside no loop.
     """
-    nesting, inside = loops.nesting, loops.count_inside()
+    nesting = loops.nesting
+    # Number of loops directly inside each loop.
+    inside = np.bincount(nesting.parent[nesting.parent >= 0], minlength=len(loops.contours))
     sound = (nesting.crossed < 0) & ~nesting.empty
     holes, bores, inner, outer = list[int](), list[int](), list[int](), list[int]()
     depth, parent = nesting.depth.tolist(), nesting.parent.tolist()
@@ -346,7 +353,8 @@ def _drill(
         about = f"{counted(len(rows), 'hole')} of {short(smallest, 3)} mm"
         chosen = _choose_holes(loops, rows, low, high)
         drill = rack.find_drill(smallest)
-        mill = None if drill else _find_boring_mill(rack, smallest, largest)
+        # A mill leaves no core of a hole that is at most twice as wide.
+        fitting = [mill for mill in rack.mills if largest / 2 <= mill <= _BORING_SHARE * smallest]
         if drill:
             deepest = loops.thickness + _THROUGH_MM + drill / 2 / math.tan(_TIP)
             depth = math.floor(deepest * 10) / 10
@@ -354,23 +362,10 @@ def _drill(
             pecks = math.ceil(depth / (_PECK * drill))
             row |= {"passes": pecks} if pecks > 1 else {}
             yield Proposed(about, row, "a standard size"), loops.name(rows)
-        elif mill:
-            through = loops.thickness + _THROUGH_MM
-            row = {"kind": "bore", "tool": rack.take("end mill", mill), **chosen, "depth": through}
+        elif fitting:
+            tool, through = rack.take("end mill", max(fitting)), loops.thickness + _THROUGH_MM
+            row = {"kind": "bore", "tool": tool, **chosen, "depth": through}
             yield Proposed(about, row, "no drill has this size"), loops.name(rows)
-
-
-def _find_boring_mill(rack: ToolRack, smallest: float, largest: float) -> float | None:
-    """Diameter of the largest mill that bores a group of holes, mm; None if there is no such mill.
-
-    smallest, largest: diameters of the holes, mm.
-    """
-    fitting = [
-        diameter
-        for diameter in rack.mills
-        if diameter <= _BORING_SHARE * smallest and largest - diameter <= diameter
-    ]
-    return max(fitting, default=None)
 
 
 def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> dict[str, object]:
@@ -380,13 +375,10 @@ def _choose_holes(loops: _Loops, rows: list[int], low: float, high: float) -> di
     """
     wanted = set(loops.name(rows))
     sizes = {"holes": [round(low, 3), round(high, 3)]}
-    level = dict(zip((c.id for c in loops.contours), loops.nesting.depth.tolist(), strict=True))
-    for nesting, fits in (
-        ("inner", lambda n: n > 0),
-        ("outer", lambda n: n == 0),
-        ("any", lambda _: True),
-    ):
-        nested = [hole for name, hole in loops.circles.items() if fits(level[name])]
+    level_of = dict(zip(list_ids(loops.contours), loops.nesting.depth.tolist(), strict=True))
+    level = np.array(take_rows(level_of, loops.circles))
+    for nesting, fits in (("inner", level > 0), ("outer", level == 0), ("any", level >= 0)):
+        nested = list(compress(loops.circles.values(), fits))
         chosen = {hole.id for hole in select_innermost(nested) if low <= hole.diameter <= high}
         if chosen == wanted and not loops.across:
             return sizes | ({"nesting": nesting} if nesting != "any" else {})
@@ -398,7 +390,7 @@ def _clear(loops: _Loops, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]
     if not loops.across:
         return
     diameter = choose_pocket_mill(loops.across, rack.mills)
-    ids = [contour.id for contour in loops.across]
+    ids = list(list_ids(loops.across))
     tool = rack.take("end mill", diameter)
     depth = loops.thickness / 2
     row: dict[str, object] = {"kind": "pocket", "tool": tool, "ids": ids, "depth": depth}
@@ -412,22 +404,25 @@ def _clear(loops: _Loops, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]
 def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]]:
     """Counterbores, contours inside others, and the outlines."""
     through = loops.thickness + _THROUGH_MM
-    bores = _by_size(loops, sorted(set(kinds.bores)))
-    for rows in bores:
+    for rows in _by_size(loops, sorted(set(kinds.bores))):
         count = counted(len(rows), "counterbore")
         what = f"{count} of {short(_diameter(loops, rows[0]), 3)} mm: how deep?"
         yield from _follow(
             loops, rows, {"side": "inside", "depth": loops.thickness / 2}, what, rack
         )
-    holes = [k for k in kinds.inner if loops.nesting.depth[k] % 2]
-    slugs = [k for k in holes if _leaves_slug(loops, k, max(rack.mills))]
-    chips = [k for k in holes if k not in slugs]
+    slugs, chips, inner_parts = list[int](), list[int](), list[int]()
+    for k in kinds.inner:
+        if loops.nesting.depth[k] % 2 == 0:
+            inner_parts.append(k)
+        elif _leaves_slug(loops, k, max(rack.mills)):
+            slugs.append(k)
+        else:
+            chips.append(k)
     what = f"{counted(len(chips), 'contour')} inside others"
     yield from _follow(loops, chips, {"depth": through}, what, rack)
     for room in _by_room(loops, slugs, max(rack.mills)):
         what = f"{counted(len(room.rows), 'contour')} around slugs"
         yield from _follow(loops, room.rows, {"depth": through}, what, rack, room)
-    inner_parts = [k for k in kinds.inner if k not in holes]
     for name, plural, parts in (
         ("part inside others", "parts inside others", inner_parts),
         ("outline", "outlines", kinds.outer),
@@ -442,14 +437,12 @@ def _leaves_slug(loops: _Loops, row: int, widest: float) -> bool:
 
     widest: diameter of the widest mill, mm.
     """
-    nesting = loops.nesting
-    if (nesting.parent == row).any():
+    if (loops.nesting.parent == row).any():
         return True
     points, owner = flatten(loops.segments.take(loops.segments.owner == row), _CHORD_MM)
     ring = shapely.make_valid(shapely.Polygon(points)) if len(owner) > 2 else shapely.Polygon()
     slug = shapely.get_parts(shapely.buffer(ring, -widest))
-    chip = ToolTable(diameter=_USUAL_MILL_MM).chip_area
-    return bool(shapely.area(slug).max(initial=0.0) > chip)
+    return bool(shapely.area(slug).max(initial=0.0) > ToolTable(diameter=_USUAL_MILL_MM).chip_area)
 
 
 def _measure_crowded(loops: _Loops, rows: Sequence[int], widest: float) -> FloatArray:
@@ -483,8 +476,7 @@ def _by_room(loops: _Loops, rows: Sequence[int], widest: float) -> list[_TabRoom
     crowded = _measure_crowded(loops, rows, widest)
     groups: list[tuple[_Tabs, list[int]]] = [(tabs, []) for tabs in _TABS]
     for k in rows:
-        free = float(lengths[k] - crowded[k])
-        fitting = [tabs.fit(free, _USUAL_MILL_MM) >= 2 for tabs in _TABS]
+        fitting = [tabs.fit(float(lengths[k] - crowded[k]), _USUAL_MILL_MM) >= 2 for tabs in _TABS]
         groups[fitting.index(True) if any(fitting) else -1][1].append(k)
     return [_TabRoom(tabs, float(crowded[ks].max()), ks) for tabs, ks in groups if ks]
 
@@ -529,7 +521,7 @@ def _follow(
             "tool": tool,
             **_choose_loops(loops, worked),
             **({"rest": True} if mill.before else {}),
-            **{key: value for key, value in keys.items() if key != "depth"},
+            **keys,
             **_go_down(depth, mill, rack, tool, "tabs" in held),
             **(held if mill.cuts_out and "tabs" in held else {}),
             # The feeds of charts are those of the tool's centre.
@@ -560,8 +552,7 @@ def _go_down(
     passes = math.ceil(depth / ((_DEEP_PASS if deep else _PASS) * mill.diameter) - 1e-9)
     keys: dict[str, object] = {"depth": depth}
     if may_have_tabs or not is_rest or math.isinf(mill.longest):
-        plunge = round(rack.feed(tool) * _RAMP_FRACTION, 2)
-        keys |= {"entry": "ramp", "plunge": plunge}
+        keys |= {"entry": "ramp", "plunge": round(rack.feed(tool) * _RAMP_FRACTION, 2)}
     if passes > 1:
         keys |= {"passes": passes}
     if corners:
@@ -577,15 +568,15 @@ def _choose_loops(loops: _Loops, ids: list[str]) -> dict[str, object]:
     The first of these that selects no other loop is taken.
     """
     wanted = set(ids)
-    layers = sorted({c.layer for c in loops.contours if c.id in wanted})
+    layers = list_layers(keep_ids(loops.contours, wanted))
     folded = {layer.casefold() for layer in layers}
     for nesting, fits in (("inner", loops.nesting.depth > 0), ("outer", loops.nesting.depth == 0)):
-        nested = [c for c, fit in zip(loops.contours, fits.tolist(), strict=True) if fit]
+        nested = list(compress(loops.contours, fits))
         if loops.across:  # they are inside or outside of nothing
             break
-        if {c.id for c in nested} == wanted:
+        if set(list_ids(nested)) == wanted:
             return {"nesting": nesting}
-        plain = not any(set(layer) & set("*?[]!") for layer in layers)
+        plain = set("*?[]!").isdisjoint("".join(layers))
         if plain and {c.id for c in nested if c.layer.casefold() in folded} == wanted:
             return {"layers": layers, "nesting": nesting}
     return {"ids": ids}

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 import shapely
 
 from camgen.geometry.nesting import find_nesting, measure_loop_areas
+from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import flatten, make_contour_segments
-from camgen.model.part import Contour
+from camgen.model.part import Contour, keep_ids, list_ids
 
 #: A mill clears enough of pockets if it reaches this share of their area.
 _ENOUGH_SHARE = 0.95
@@ -33,23 +35,21 @@ def find_across(closed: Sequence[Contour]) -> tuple[Contour, ...]:
     kept: list[int] = []
     across: list[int] = []
     for k in np.argsort(-areas, kind="stable").tolist():
-        crosses = bool(_list_crossing([crossing[row] for row in (*kept, k)]))
+        crosses = bool(_list_crossing(take_rows(crossing, [*kept, k])))
         (across if crosses else kept).append(k)
-    if not kept or _list_crossing([crossing[k] for k in across]):
+    smaller = take_rows(crossing, across)
+    if not kept or _list_crossing(smaller):
         return ()
     if areas[across].max() > _LARGEST_SHARE * areas[kept].min():
         return ()
-    names = {crossing[k].id for k in across}
-    return tuple(contour for contour in closed if contour.id in names)
+    return keep_ids(closed, list_ids(smaller))
 
 
 def _list_crossing(closed: Sequence[Contour]) -> list[Contour]:
-    crossed = (
-        find_nesting(make_contour_segments(closed), len(closed)).crossed >= 0
-        if closed
-        else np.zeros(0)
-    )
-    return [closed[k] for k in np.flatnonzero(crossed).tolist()]
+    if not closed:
+        return []
+    nesting = find_nesting(make_contour_segments(closed), len(closed))
+    return list(compress(closed, nesting.crossed >= 0))
 
 
 def choose_pocket_mill(contours: Sequence[Contour], diameters: Sequence[float]) -> float:

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.nesting import Nesting
-from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.ragged import list_owners, number_rows, take_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -112,7 +112,7 @@ def choose_mills(
     rows: list[Row] = []
     touched = np.zeros(len(samples.points), np.bool_)
     for diameter, loops in groups:
-        row = {"kind": "follow", "ids": [ids[k] for k in loops], **keys, "tool": diameter}
+        row = {"kind": "follow", "ids": take_rows(ids, loops), **keys, "tool": diameter}
         paths = _plan_last(part, [row])
         touched |= _touch(samples, paths, diameter / 2) & np.isin(samples.loop, loops)
         mill = _describe(diameter, loops, paths, _share(samples, touched), 0.0)
@@ -134,7 +134,7 @@ def _runs_round(
     part: Part, ids: Mapping[int, str], keys: Row, group: tuple[float, list[int]]
 ) -> bool:
     diameter, loops = group
-    row = {"kind": "follow", "ids": [ids[k] for k in loops], **keys, "tool": diameter}
+    row = {"kind": "follow", "ids": take_rows(ids, loops), **keys, "tool": diameter}
     return all(path.closed for path in _plan_last(part, [row]))
 
 
@@ -197,8 +197,13 @@ def _find_rest(
         gained = float(samples.length[new].sum())
         share = gained / max(float(samples.length[wanted].sum()), 1e-9)
         if gained > longest and share >= _WORTH_SHARE:
-            loops = np.unique(samples.loop[new]).tolist()
-            best = _describe(diameter, loops, paths, _share(samples, touched | new), before)
+            best = _describe(
+                diameter,
+                np.unique(samples.loop[new]).tolist(),
+                paths,
+                _share(samples, touched | new),
+                before,
+            )
             longest = gained
         if share >= ENOUGH_SHARE:
             break

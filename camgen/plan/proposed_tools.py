@@ -55,7 +55,7 @@ class ToolRack:
         self.material = material
         self._names: dict[tuple[str, float], str] = {}
         self._tools: dict[str, ProposedTool] = {}
-        self._last_number = max([0, *(tool.number for tool in library)])
+        self._last_number = max((tool.number for tool in library), default=0)
 
     @property
     def tools(self) -> tuple[ProposedTool, ...]:
@@ -120,14 +120,16 @@ class ToolRack:
         return max(fitting, key=lambda tool: tool.diameter, default=None)
 
     def _propose(self, tool: ToolRow) -> ProposedTool:
-        is_new = tool.name not in [known.name for known in self.library]
         row: dict[str, object] = {"name": tool.name}
-        if is_new:
+        if tool not in self.library:
             row |= {"number": tool.number, "kind": tool.kind, "diameter": tool.diameter}
         values, comments = _choose_cutting(tool, self.material)
-        missing = [key for key in values if getattr(tool, key) is None]
-        row |= {key: values[key] for key in missing}
-        return ProposedTool(row, {key: comments[key] for key in missing if key in comments})
+        own_comments: dict[str, str] = {}
+        for key, value in values.items():
+            if getattr(tool, key) is None:
+                row[key] = value
+                own_comments[key] = comments[key]
+        return ProposedTool(row, own_comments)
 
 
 def _choose_cutting(

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import BoolArray, make_contour_segments
 from camgen.geometry.vectors import measure_signed_angles
-from camgen.model.part import Contour, Note
+from camgen.model.part import Contour, Note, tabulate_contours
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 
@@ -48,16 +49,16 @@ def recover_arcs(
 
 def _find_candidates(contours: Sequence[Contour]) -> list[int]:
     """Indices of contours with enough successive lines that turn slightly to one side."""
-    long = [k for k, c in enumerate(contours) if len(c.points) > _MIN_LINES]
+    long = np.flatnonzero(tabulate_contours(contours).counts > _MIN_LINES).tolist()
     if not long:
         return []
-    segments = make_contour_segments([contours[k] for k in long])
+    segments = make_contour_segments(take_rows(contours, long))
     is_line = ~(segments.is_arc[1:] | segments.is_arc[:-1])
     bending = np.sign(_compute_turns(segments.start, segments.end)) * is_line
     bending[segments.owner[1:] != segments.owner[:-1]] = 0
     same = np.append(False, (bending[1:] == bending[:-1]) & (bending[1:] != 0))
     run = np.arange(len(same)) - np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))
-    return sorted({long[k] for k in segments.owner[1:][run >= _MIN_LINES - 3].tolist()})
+    return take_rows(long, np.unique(segments.owner[1:][run >= _MIN_LINES - 3]))
 
 
 def _compute_turns(start: FloatArray, end: FloatArray) -> FloatArray:

@@ -83,9 +83,11 @@ def _limit_feeds(part: Recorded, max_feed: float | None) -> Recorded:
     for k in fast:
         body[k] = replace(body[k], speed=max_feed)
     count = counted(len(fast), "motion runs", "motions run")
-    largest = short(max(fast.values()), 0)
-    what = f"{count} at {short(max_feed, 3)} mm/s instead of up to {largest}"
-    note = Note("assumed", what, f"process.max_feed; the first is line {line}")
+    note = Note(
+        "assumed",
+        f"{count} at {short(max_feed, 3)} mm/s instead of up to {short(max(fast.values()), 0)}",
+        f"process.max_feed; the first is line {line}",
+    )
     run = replace(part.run, body=tuple(body), entry=min(part.run.entry, max_feed))
     return replace(part, run=run, notes=(*part.notes, note))
 
@@ -98,7 +100,7 @@ def _find_stretches(columns: Columns) -> list[tuple[int, int]]:
 
 def find_owners(columns: Columns) -> list[int]:
     """(M,) index of the path of each motion. A rapid motion belongs to the next path, or to -1."""
-    ends = np.array([high for _, high in _find_stretches(columns)], dtype=np.int64)
+    ends = np.array(_find_stretches(columns), dtype=np.int64).reshape(-1, 2)[:, 1]
     owner = np.searchsorted(ends, np.arange(len(columns.moves)), side="right")
     # numpy types lists of any nesting
     return np.where(owner < len(ends), owner, -1).tolist()  # type: ignore[no-any-return]

@@ -133,8 +133,7 @@ def _divide(
         bulge = np.tan(np.arctan(np.abs(segments.bulge[runs.group])) * share)
         # An arc is never farther from its chord than in the middle.
         height = bulge * np.hypot(*(ends[:, 1] - ends[:, 0]).T) / 2
-        near = shapely.dwithin(border, shapely.linestrings(ends), height + _NARROW_MM)
-        return ~np.asarray(near)
+        return ~np.asarray(shapely.dwithin(border, shapely.linestrings(ends), height + _NARROW_MM))
 
     runs = divide_runs(count, is_apart)
     size = np.where(runs.settled, 1, runs.end - runs.first)
@@ -147,5 +146,4 @@ def _divide(
     begin = np.flatnonzero(begins)
     last = np.append(begin[1:], len(row)) - 1
     low = first[begin] / count[row[begin]]
-    high = end[last] / count[row[begin]]
-    return row[begin], low, high, inside[begin]
+    return row[begin], low, end[last] / count[row[begin]], inside[begin]

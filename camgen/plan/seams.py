@@ -14,10 +14,11 @@ import shapely
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import find_fractions, make_boxes, measure_distances
+from camgen.geometry.ragged import count_rows, list_owners, take_rows
 from camgen.geometry.segments import Segments, compute_bounds, make_contour_segments
 from camgen.model.errors import JobError
 from camgen.model.job import Job
-from camgen.model.part import Note, Part
+from camgen.model.part import Note, Part, list_ids
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
@@ -53,21 +54,19 @@ def pin_seams(
             "give a point on a closed contour that is worked on",
         )
     pinned = sorted(chosen)
-    rotated = _rotate_paths([closed[i] for i in pinned], points[[chosen[i] for i in pinned]])
+    rotated = _rotate_paths(take_rows(closed, pinned), points[take_rows(chosen, pinned)])
     results = [list(paths) for paths in plans]
     for i, path in zip(pinned, rotated, strict=True):
         operation, k = places[i]
         results[operation][k] = path
 
-    notes = tuple(
-        Note(
-            "warning",
-            f"tour.seams: {_format_point(points[k])} has no effect",
-            "another one is nearer to the paths that it is for",
+    notes = []
+    why = "another one is nearer to the paths that it is for"
+    for number in sorted(set(range(len(points))) - set(chosen.values())):
+        notes.append(
+            Note("warning", f"tour.seams: {_format_point(points[number])} has no effect", why)
         )
-        for k in sorted(set(range(len(points))) - set(chosen.values()))
-    )
-    return [tuple(paths) for paths in results], notes
+    return [tuple(paths) for paths in results], tuple(notes)
 
 
 def has_seam(path: ToolPath) -> bool:
@@ -91,8 +90,10 @@ def choose_points(
             far.append(number)
             continue
         limit = min(near.values()) + SAME_MM
-        nearest_paths = [path for path, distance in near.items() if distance <= limit]
-        distances = {path: project_point(closed[path], points[number])[2] for path in nearest_paths}
+        distances: dict[int, float] = {}
+        for path, distance in near.items():
+            if distance <= limit:
+                distances[path] = project_point(closed[path], points[number])[2]
         for path, distance in distances.items():
             # A pass elsewhere on the contour, as around an island of a pocket, is farther away than
             # the nearest path of its operation, by more than `NEAR_MM`.
@@ -106,7 +107,7 @@ def choose_points(
 
 def check_order(part: Part, job: Job) -> None:
     """Raise JobError for an id in `tour.order` that the part does not have or that is repeated."""
-    known = {contour.id for contour in part.contours} | {curve.id for curve in part.curves}
+    known = {*list_ids(part.contours), *list_ids(part.curves)}
     named = set[str]()
     for name in job.tour.order:
         if name not in known:
@@ -145,7 +146,7 @@ def _find_near(
     near: list[dict[int, float]] = [{} for _ in points]
     if not closed:
         return near
-    path_rows = np.repeat(np.arange(len(closed)), [len(path.position) - 1 for path in closed])
+    path_rows = list_owners(count_rows(closed) - 1)
     paths_by_contour: dict[str, list[int]] = {}
     for k, path in enumerate(closed):
         for name in path.contours:

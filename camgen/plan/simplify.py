@@ -7,6 +7,7 @@ in both directions. See continuous-path.md, section 3.3, steps 2 and 3.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 from msgspec.structs import replace
@@ -14,7 +15,7 @@ from msgspec.structs import replace
 from camgen.geometry.segments import make_contour_segments
 from camgen.geometry.thinning import Polylines, thin_chains
 from camgen.model.job import Job
-from camgen.model.part import Contour, Note, Part
+from camgen.model.part import Contour, Note, Part, count_arcs, tabulate_contours
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.plan.border_arcs import fit_arcs
@@ -43,7 +44,7 @@ def simplify(part: Part, job: Job) -> Part:
     if job.input.min_length and contours:
         contours = _select_long(contours, job.input.min_length, notes)
     if tolerance and contours:
-        before = sum(len(c.points) for c in contours)
+        before = len(tabulate_contours(contours).points)
         # A fill is planned on the pixels; its contours are only shown.
         is_fill = job.operation.kind == "fill"
         fits_arcs = raster is not None and job.tolerance.arc_fit > 0 and not is_fill
@@ -52,8 +53,8 @@ def simplify(part: Part, job: Job) -> Part:
             if raster is None
             else _thin_in_pixels(contours, tolerance, fits_arcs, raster.work_from_view)
         )
-        arcs = sum(int((c.bulges != 0).sum()) for c in contours)
-        lines = sum(len(c.points) - (not c.closed) for c in contours) - arcs
+        arcs = count_arcs(contours)
+        lines = len(make_contour_segments(contours)) - arcs
         what = f"{counted(before, 'point')} thinned out to {counted(lines, 'line')}"
         what += f" and {counted(arcs, 'arc')}" if fits_arcs or arcs else ""
         notes.append(Note("assumed", what, f"within tolerance.simplify = {short(tolerance, 4)} mm"))
@@ -64,7 +65,7 @@ def _choose_tolerance(contours: Sequence[Contour], work_from_view: FloatArray) -
     scale = measure_scale(work_from_view)
     if not contours:
         return _PIXELS * scale
-    points = np.concatenate([c.points for c in contours]) - work_from_view[:, 2]
+    points = tabulate_contours(contours).points - work_from_view[:, 2]
     halves = 2 * points @ np.linalg.inv(work_from_view[:, :2]).T
     on_grid = (np.abs(halves - np.round(halves)) < _ON_GRID).all(axis=1).mean()
     return (_PIXELS if on_grid > _TWO_VALUES else _GREY_PIXELS) * scale
@@ -76,7 +77,7 @@ def _select_long(
     """The contours of at least `min_length` mm. Adds a note on the others to `notes`."""
     segments = make_contour_segments(contours)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(contours))
-    chosen = tuple(contours[k] for k in np.flatnonzero(lengths >= min_length).tolist())
+    chosen = tuple(compress(contours, lengths >= min_length))
     if len(chosen) < len(contours):
         count = counted(len(contours) - len(chosen), "contour")
         notes.append(
@@ -112,7 +113,7 @@ def thin_out(contours: Sequence[Contour], tolerance: float, fits_arcs: bool) -> 
     chains = Polylines.from_contours(contours)
     row = thin_chains(chains, tolerance)
     points, bulges = chains.points[row], chains.bulges[row]
-    is_closed = np.array([c.closed for c in contours])
+    is_closed = tabulate_contours(contours).closed
     if fits_arcs:
         row, points, bulges = fit_arcs(chains, row, is_closed, tolerance)
     # The first point of a closed contour is repeated at its end.

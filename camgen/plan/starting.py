@@ -10,12 +10,13 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, make_spans
-from camgen.geometry.ragged import compute_first_rows, list_owners, number_rows
+from camgen.geometry.ragged import compute_first_rows, count_rows, list_owners, number_rows
 from camgen.geometry.rotations import turn_vectors
 from camgen.geometry.vectors import cross, measure_angles
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.plan.columns import join_tables
 
 IntArray = NDArray[np.int64]
 
@@ -52,7 +53,7 @@ def move_each_start(
     if not paths:
         return []
     drawn = join_tables(paths)
-    rows = np.array([len(path) for path in paths], dtype=np.int64)
+    rows = count_rows(paths)
     base = compute_first_rows(rows)
     number, part, cut = _snap(
         drawn, base, rows, np.array(segment), np.array(fraction, dtype=np.float64)
@@ -79,7 +80,7 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     if not paths:
         return []
     drawn = join_tables(paths)
-    rows = np.array([len(path) for path in paths], dtype=np.int64)
+    rows = count_rows(paths)
     ends = np.cumsum(rows)
     firsts = ends - rows
     owner, step = list_owners(rows), number_rows(rows)
@@ -90,11 +91,6 @@ def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     moved.force_direction[:] = moved.force_direction[:, ::-1].copy()
     moved.via[firsts] = np.nan
     return _cut(paths, moved.table, ends)
-
-
-def join_tables(paths: Sequence[ToolPath]) -> ToolPath:
-    """One path with the rows of all of them, for its columns."""
-    return replace(paths[0], table=np.concatenate([path.table for path in paths]))
 
 
 def _snap(

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, Step, ToolTable
-from camgen.model.part import Contour, Note, Part
+from camgen.model.part import Contour, Note, Part, drop_ids, keep_ids, list_ids, select_closed
+from camgen.model.text import name_first
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.unused import drop_inherited
@@ -52,12 +55,11 @@ def make_step_jobs(job: Job) -> list[Job]:
 def name_drills(jobs: Sequence[Job]) -> list[ToolTable]:
     """The tools of operations. An end mill that only drills gets the kind "drill"."""
     milling = [job.tool for job in jobs if job.operation.kind != "drill"]
-    return [
-        replace(job.tool, kind="drill")
-        if job.tool.kind == "end mill" and job.tool not in milling
-        else job.tool
-        for job in jobs
-    ]
+    tools = []
+    for job in jobs:
+        only_drills = job.tool.kind == "end mill" and job.tool not in milling
+        tools.append(replace(job.tool, kind="drill") if only_drills else job.tool)
+    return tools
 
 
 class Share(Struct, frozen=True, eq=False):
@@ -89,8 +91,9 @@ def split_part(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
     for number, step in enumerate(job.operations):
         needs_boundary = step.operation.kind in _ALONG_MATERIAL
         ids = boundary | chosen[number] if needs_boundary else chosen[number]
-        contours = tuple(c for c in part.contours if c.id in ids)
-        step_part = replace(part, contours=contours, notes=(), worked=chosen[number])
+        step_part = replace(
+            part, contours=keep_ids(part.contours, ids), notes=(), worked=chosen[number]
+        )
         shares.append(Share(number, step, step_part))
     return shares, _note_unused(part, chosen)
 
@@ -108,20 +111,17 @@ def format_step(job: Job, number: int) -> str:
     """The name of an operation in messages: its index, counted from 0, its kind and its tool."""
     step = job.operations[number]
     number_or_size = f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm"
-    tool = step.tool.name or number_or_size
-    return f"operation {number} {step.operation.kind} - {tool}"
+    return f"operation {number} {step.operation.kind} - {step.tool.name or number_or_size}"
 
 
 def _note_unused(part: Part, chosen: Sequence[frozenset[str]]) -> list[Note]:
-    used = frozenset[str]().union(*chosen)
-    ids = tuple(c.id for c in part.contours if c.id not in used)
+    ids = list_ids(drop_ids(part.contours, frozenset[str]().union(*chosen)))
     if not ids:
         return []
-    named = ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
     return [
         Note(
             "assumed",
-            f"{len(ids)} of {len(part.contours)} contours in no operation: {named}",
+            f"{len(ids)} of {len(part.contours)} contours in no operation: {name_first(ids)}",
             "no row of [[operations]] chooses them",
             ids,
         )
@@ -134,7 +134,7 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
     Raises InputError if it has none, or names something that the part does not have.
     """
     choice, where = step.choice, f"operations.{number}"
-    known = {c.id for c in part.contours}
+    known = set(list_ids(part.contours))
     unknown = [name for name in choice.ids if name not in known]
     if unknown:
         raise InputError(
@@ -145,15 +145,16 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
         )
     colors = _choose_colors(part, choice, where)
     chosen = [c for c in part.contours if is_chosen_layer(c.layer, choice.layers)]
-    chosen = [c for c in chosen if not choice.ids or c.id in choice.ids]
+    if choice.ids:
+        chosen = list(keep_ids(chosen, choice.ids))
     if not can_drill_marks(step.operation):
         chosen = [c for c in chosen if not c.is_mark]
     chosen = [c for c in chosen if not choice.colors or c.color in colors]
     if choice.nesting != "any":
         inner = find_enclosed(part)
-        outer = {c.id for c in part.contours if c.closed} - inner
+        outer = inner.symmetric_difference(list_ids(select_closed(part.contours)))
         check_outlines(part, outer, f"choose by layers or ids in place of {where}.nesting")
-        chosen = [c for c in chosen if (c.id in inner) == (choice.nesting == "inner") and c.closed]
+        chosen = list(keep_ids(chosen, inner if choice.nesting == "inner" else outer))
     holes = step.operation.holes
     if holes is not None and step.operation.kind not in _HOLES:
         chosen = [c for c in chosen if _has_diameter(c, holes)]
@@ -166,7 +167,7 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
             where,
             f"{shown}; see layers, colors, ids, nesting and holes of the row",
         )
-    return frozenset(c.id for c in chosen)
+    return frozenset(list_ids(chosen))
 
 
 def _choose_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
@@ -192,13 +193,13 @@ def _choose_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
 
 def find_enclosed(part: Part) -> frozenset[str]:
     """The ids of the closed contours that lie inside another one."""
-    closed = [c for c in part.contours if c.closed]
+    closed = select_closed(part.contours)
     if not closed:
         return frozenset()
     from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (it loads shapely)
 
     depth = find_nesting(make_contour_segments(closed), len(closed)).depth
-    return frozenset(c.id for c, level in zip(closed, depth.tolist(), strict=True) if level > 0)
+    return frozenset(list_ids(compress(closed, depth > 0)))
 
 
 def _has_diameter(contour: Contour, diameters: Sequence[float]) -> bool:
@@ -225,13 +226,14 @@ def _find_bounding(
     along, others = set[str](), set[str]()
     for step, ids in zip(steps, chosen, strict=True):
         (along if step.operation.kind in _ALONG_MATERIAL else others).update(ids)
-    bounding = [c for c in part.contours if not c.is_mark]
-    return frozenset(c.id for c in bounding if c.id in along or c.id not in others)
+    return frozenset(contour.id for contour in part.contours if not contour.is_mark) - (
+        others - along
+    )
 
 
 def find_enclosed_by(part: Part, ids: frozenset[str]) -> frozenset[str]:
     """The ids of the closed contours of `part` that lie inside one of the contours `ids`."""
-    closed = [c for c in part.contours if c.closed]
+    closed = select_closed(part.contours)
     if not closed:
         return frozenset()
     from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (loads shapely)
@@ -266,7 +268,7 @@ def order_steps(
     pending = list(range(len(steps)))
     order: list[int] = []
     while pending:
-        lowest = min(ranks[k] for k in pending)
+        lowest = min(take_rows(ranks, pending))
         free = [k for k in pending if ranks[k] == lowest and not earlier[k] & set(pending)]
         same = [k for k in free if order and steps[k].tool == steps[order[-1]].tool]
         order.append((same or free)[0])
@@ -307,5 +309,5 @@ def _rank(steps: Sequence[Step], earlier: Sequence[set[int]]) -> list[int]:
     ranks = [_RANKS.get(step.operation.kind, _RANKS["follow"]) for step in steps]
     for _ in steps:
         for k, before in enumerate(earlier):
-            ranks[k] = max([ranks[k], *(ranks[j] for j in before)])
+            ranks[k] = max(ranks[k], *take_rows(ranks, before), 0)
     return ranks

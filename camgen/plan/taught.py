@@ -150,8 +150,11 @@ def _replace_joints(
             _note_joints(len(joints) - converted, "values", "the home of this cell replaces them")
         )
     if taught_arm is not None and converted:
-        what = "they become the pose of its tool"
-        notes.append(_note_joints(converted, f"values of {taught_arm.name}", what))
+        notes.append(
+            _note_joints(
+                converted, f"values of {taught_arm.name}", "they become the pose of its tool"
+            )
+        )
     return [item for item, _ in items], [line for _, line in items], notes
 
 

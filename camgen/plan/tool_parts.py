@@ -82,14 +82,22 @@ def split_by_tool(
                 )
             )
         return (_make_part(sections[0], None, False, part.run.entry),), tuple(notes)
-    if on_arm:
-        _check_tools(part.source, sections, tools)
-    missing = [f"T{section.number}" for section in sections if section.number not in tools]
-    if missing:
+    unknown: dict[str, int] = {}
+    for section in sections:
+        if section.number not in tools:
+            unknown.setdefault(f"T{section.number}", section.line)
+    if unknown and on_arm:
+        raise InputError(
+            part.source,
+            f"changes to tool {next(iter(unknown))}, whose length is not known",
+            f"line {next(iter(unknown.values()))}",
+            "give each tool a row of [[tools]] with its number, length and diameter",
+        )
+    if unknown:
         notes.append(
             Note(
                 "assumed",
-                f"{', '.join(dict.fromkeys(missing))}: of the machine's tool table",
+                f"{', '.join(unknown)}: of the machine's tool table",
                 "no row of [[tools]] has their length and diameter",
             )
         )
@@ -105,17 +113,6 @@ def split_by_tool(
 def _make_part(section: _Section, tool: ToolTable | None, known: bool, entry: float) -> ToolPart:
     body = tuple(item for item, _ in section.rows)
     return ToolPart(tool, known, body, tuple(line for _, line in section.rows), entry)
-
-
-def _check_tools(source: str, sections: Sequence[_Section], tools: dict[int, ToolTable]) -> None:
-    for section in sections:
-        if section.number not in tools:
-            raise InputError(
-                source,
-                f"changes to tool T{section.number}, whose length is not known",
-                f"line {section.line}",
-                "give each tool a row of [[tools]] with its number, length and diameter",
-            )
 
 
 def _split_at_changes(part: Recorded) -> list[_Section]:
@@ -194,8 +191,9 @@ def _add_start(section: _Section, before: _Section, job: Job) -> _Section:
     if not isinstance(motions[first], MoveJ):
         added.append((MoveL(Pose(TOOL_DOWN, (x, y, height)), motions[first].speed), line))
     rows[first:first] = added
-    kept = [row for k, row in enumerate(rows) if k not in leading]
-    return _Section(section.number, section.line, kept)
+    return _Section(
+        section.number, section.line, [row for k, row in enumerate(rows) if k not in leading]
+    )
 
 
 def _keeps_height(item: Motion, height: float) -> bool:

@@ -16,9 +16,10 @@ from camgen.geometry.overlap import (
     find_covered,
     measure_covered,
 )
+from camgen.geometry.ragged import number_kept, take_rows
 from camgen.geometry.segments import make_contour_segments
 from camgen.model.job import Job
-from camgen.model.part import Contour, Note, Part
+from camgen.model.part import Contour, Note, Part, list_closed_rows, list_ids
 from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
 from camgen.model.text import counted, short
@@ -39,13 +40,12 @@ def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
     A force presses along the tool axis, down on the part.
     """
     # Nesting depends on all contours; only those of the operation get a path.
-    mine = [k for k, c in enumerate(part.contours) if part.works_on(c.sources or (c.id,))]
-    contours = [part.contours[k] for k in mine]
+    mine = part.list_worked_rows()
+    contours = take_rows(part.contours, mine)
     segments = make_contour_segments(contours)
-    parent = _parents_of(part, mine)
     labels = [
         Label(c.id, c.layer, c.closed, True, around, c.sources or (c.id,))
-        for c, around in zip(contours, parent, strict=True)
+        for c, around in zip(contours, _parents_of(part, mine), strict=True)
     ]
     press = compute_sideways(segments, 0)
     if job.process.force:
@@ -63,8 +63,8 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     """
     if job.operation.shared == "each":
         return part, ()
-    traced = [k for k, c in enumerate(part.contours) if part.works_on(c.sources or (c.id,))]
-    contours = [part.contours[k] for k in traced]
+    traced = part.list_worked_rows()
+    contours = take_rows(part.contours, traced)
     segments = make_contour_segments(contours)
     tolerance = max(min(job.input.join, SAME_CURVE_MM), 4 * SAME_POINT_MM)
     covered = find_covered(segments, segments.owner, np.zeros(len(segments), np.int64), tolerance)
@@ -73,7 +73,7 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     parts_of: dict[int, dict[int, Parts]] = {}
     for row, parts in covered.items():
         parts_of.setdefault(int(segments.owner[row]), {})[row] = parts
-    result: dict[int, list[Contour]] = {k: [c] for k, c in enumerate(part.contours)}
+    result = [[contour] for contour in part.contours]
     for number, rows in parts_of.items():
         contour = contours[number]
         head = int(np.searchsorted(segments.owner, number))
@@ -81,15 +81,14 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
         chains = cut_chain(contour.points, contour.bulges, contour.closed, local)
         result[traced[number]] = _name_rests(contour, chains)
     total = measure_covered(segments, covered)
-    ids = tuple(contours[number].id for number in sorted(parts_of))
+    ids = list_ids(take_rows(contours, sorted(parts_of)))
     note = Note(
         "joined",
         f"{short(total, 2)} mm of {counted(len(ids), 'contour')} lie on others and are run once",
         'operation.shared = "each" runs them for each contour',
         ids,
     )
-    kept = chain.from_iterable(result[k] for k in range(len(part.contours)))
-    return replace(part, contours=tuple(kept)), (note,)
+    return replace(part, contours=tuple(chain.from_iterable(result))), (note,)
 
 
 def _name_rests(contour: Contour, chains: list[Chain]) -> list[Contour]:
@@ -119,18 +118,19 @@ def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     """
     if job.tool.orient == "follow" or job.tour.method == "as-drawn":
         return part, ()
-    others = [not part.works_on(c.sources or (c.id,)) for c in part.contours]
-    contours, notes = merge(part.contours, others, job.input.join)
+    fixed = np.ones(len(part.contours), dtype=bool)
+    fixed[part.list_worked_rows()] = False
+    contours, notes = merge(part.contours, fixed, job.input.join)
     if notes and job.operation.inside_first:
-        parents = _parents(part)
-        around = set(parents)
-        fixed = [others[k] or parent >= 0 or k in around for k, parent in enumerate(parents)]
+        for row, parent in enumerate(_parents(part)):
+            if parent >= 0:
+                fixed[[row, parent]] = True
         contours, notes = merge(part.contours, fixed, job.input.join)
     return (replace(part, contours=contours) if notes else part), notes
 
 
 def _parents_of(part: Part, mine: list[int]) -> list[int]:
-    parents, index = _parents(part), {k: n for n, k in enumerate(mine)}
+    parents, index = _parents(part), number_kept(mine)
     nearest = []
     for k in mine:
         around = parents[k]
@@ -141,12 +141,10 @@ def _parents_of(part: Part, mine: list[int]) -> list[int]:
 
 
 def _parents(part: Part) -> list[int]:
-    closed = [k for k, c in enumerate(part.contours) if c.closed]
+    closed = list_closed_rows(part.contours)
     parent = [-1] * len(part.contours)
     if closed:
-        nesting = find_nesting(
-            make_contour_segments([part.contours[k] for k in closed]), len(closed)
-        )
+        nesting = find_nesting(make_contour_segments(take_rows(part.contours, closed)), len(closed))
         for k, enclosing in zip(closed, nesting.parent.tolist(), strict=True):
             parent[k] = closed[enclosing] if enclosing >= 0 else -1
     return parent

@@ -142,7 +142,7 @@ def check_use(job: Job, operation: str) -> None:
                 where,
                 f"leave it out; it is for {' and '.join(readers)}",
             )
-        if operation != "bore" and not any(partner in changed for partner in partners):
+        if operation != "bore" and set(changed).isdisjoint(partners):
             raise JobError(
                 "job", f"has no effect without operation.{partners[0]}", where, "leave it out"
             )

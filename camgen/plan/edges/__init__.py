@@ -4,18 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from itertools import compress
+from itertools import compress, starmap
 from typing import Literal
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.collision.cell import CellScene, make_cell_scene
+from camgen.geometry.ragged import take_rows
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.limits import format_limit
-from camgen.model.part import Edge, Line, Note, Part, Solid
+from camgen.model.part import (
+    Edge,
+    Line,
+    Note,
+    Part,
+    Solid,
+    drop_ids,
+    index_by_id,
+    keep_ids,
+    list_ids,
+)
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.motion.cell import find_home, make_free_space, make_setup
@@ -97,10 +108,10 @@ class LineTask(Struct, frozen=True, eq=False):
 
     def by_contact(self, lines: LinePaths) -> list[tuple[LinePaths, float]]:
         """The lines without contact and the rims, both with the depth of their contact, mm."""
+        depth = max(self.contacts.values(), default=0.0)
         plain = [pair for pair in lines if pair[0].id not in self.contacts]
         rims = [pair for pair in lines if pair[0].id in self.contacts]
-        groups = [(plain, 0.0), (rims, max(self.contacts.values(), default=0.0))]
-        return [group for group in groups if group[0]]
+        return [group for group in ((plain, 0.0), (rims, depth)) if group[0]]
 
 
 def plan_lines(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTask) -> EdgePlan:
@@ -127,10 +138,10 @@ def plan_lines(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTas
         space = make_free_space(where, setup)
         results = _clear_between(reach_paths(group, setup, freedom, report), space)
         pieces |= search.find(group, results, Coverage(setup, space, freedom, job.process))
-        reached |= {line.id: result for (line, _), result in zip(group, results, strict=True)}
-    whole = [reached[name] for name in lines]
+        reached |= index_by_id(results)
+    whole = take_rows(reached, lines)
     watch("reaching, what would help others")
-    attempt = _attempt(job, cell, cell.arm, task, {pair[0].id: pair for pair in listed})
+    attempt = _attempt(job, cell, cell.arm, task, dict(zip(lines, listed, strict=True)))
     unreached = [result for result in whole if isinstance(result, UnreachableEdge)]
     remedied, more = find_remedies(unreached, job, attempt, noun)
     explained = [search.explain(edge) for edge in remedied]
@@ -178,7 +189,7 @@ def _attempt(
     def attempt(other: Job, names: Sequence[str]) -> list[EdgeMotion | UnreachableEdge]:
         freedom = find_freedom(other)
         results: list[EdgeMotion | UnreachableEdge] = []
-        for group, tip in task.by_contact([pose_paths[name] for name in names]):
+        for group, tip in task.by_contact(take_rows(pose_paths, names)):
             setup, space = place(other.tool.axis_tilt, tip)
             shaped = [(line, path) for line, path in group if isinstance(path, PosePath)]
             able = list(compress(shaped, can_end(setup, [path for _, path in shaped], freedom)))
@@ -252,7 +263,7 @@ def select_edges_of_job(solid: Solid, job: Job) -> dict[str, Edge]:
             "input.select",
             "smooth the mesh, select some of them, or raise limits.edges",
         )
-    return {edge.id: edge for edge in solid.edges if edge.id in chosen}
+    return index_by_id(keep_ids(solid.edges, chosen))
 
 
 def _check(job: Job, cell: Cell) -> None:
@@ -278,10 +289,10 @@ def leave_out_motions(
     lost: id, kind and reason of each.
     Raises NoSafeProgram if no motion is left.
     """
-    more = tuple(UnreachableEdge(*edge) for edge in lost)
-    gone = {edge.id for edge in more}
-    paths = tuple(path for path in plan.paths if path.id not in gone)
-    edges = {edge.id: edge for edge in plan.edges}
+    more = tuple(starmap(UnreachableEdge, lost))
+    gone = list_ids(more)
+    paths = drop_ids(plan.paths, gone)
+    edges = index_by_id(plan.edges)
     pieces = list_pieces(plan.motions, edges)
     if not paths:
         raise make_no_edge_error(plan.part, len(edges), more[0], plan.noun)
@@ -289,7 +300,7 @@ def leave_out_motions(
         plan,
         paths=paths,
         original_paths=paths,
-        motions=tuple(motion for motion in plan.motions if motion.id not in gone),
+        motions=drop_ids(plan.motions, gone),
         unreached=(*plan.unreached, *more),
         notes=(*plan.notes, *note_left_out(more, edges, pieces)),
     )

@@ -28,26 +28,24 @@ def find_contacts(edges: Iterable[Edge], job: Job, direction: Offset = "mean") -
     A rim is an edge that bends into the tip by more than 0.1 mm, and by a quarter of the radius of
     the tool at most. Other edges are not in the result.
     """
-    radius = job.tool.radius
-    bent = (edge for edge in edges if edge.kind != "line")
-    depths = {edge.id: _depth(edge, job, radius, direction) for edge in bent}
-    return {name: depth for name, depth in depths.items() if _ANYWAY < depth <= _MOST * radius}
+    depths, radius = {}, job.tool.radius
+    for edge in edges:
+        depth = 0.0 if edge.kind == "line" else _depth(edge, job, radius, direction)
+        if _ANYWAY < depth <= _MOST * radius:
+            depths[edge.id] = depth
+    return depths
 
 
 def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
     """Depth by which an edge enters the square bar of its tool, from the end or a side, mm."""
-    tool, drawn = (make_poses(edge, offset, direction) for offset in (job.operation.offset, 0.0))
+    tool = make_poses(edge, job.operation.offset, direction)
+    drawn = make_poses(edge, 0.0, direction)
     if not isinstance(tool, PosePath) or not isinstance(drawn, PosePath):
         return 0.0
     points = divide(drawn, count_parts(drawn, _LOOK_MM, _LOOK_TURN)).position
     looks = divide(tool, count_samples(tool))
-    return max(
-        (
-            _enter(points, *pose, radius)
-            for pose in zip(looks.position, looks.rotation, strict=True)
-        ),
-        default=0.0,
-    )
+    poses = zip(looks.position, looks.rotation, strict=True)
+    return max((_enter(points, *pose, radius) for pose in poses), default=0.0)
 
 
 def _enter(points: FloatArray, position: FloatArray, rotation: FloatArray, radius: float) -> float:

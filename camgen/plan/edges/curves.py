@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import compress
+
 import numpy as np
 
 from camgen.collision.cell import CellScene, make_cell_scene
@@ -10,7 +12,8 @@ from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.limits import format_limit
-from camgen.model.part import Note, Part
+from camgen.model.part import Note, Part, list_ids
+from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges import LineTask, plan_lines
@@ -49,15 +52,17 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
             remedy="build them in several programs, or raise limits.edges",
         )
     lines = [(curve, plan_orientation(curve, job, part.solid)) for curve in part.curves]
-    points = np.concatenate(
-        [np.concatenate([curve.points, curve.middles]) for curve in part.curves]
-    )
+    chains: list[FloatArray] = []
+    for curve in part.curves:
+        chains += curve.points, curve.middles
+    points = np.concatenate(chains)
 
     def surround(other: Job, tip: float) -> CellScene:
         return make_cell_scene(other, cell, part.solid, tip, worked=points)
 
-    task = LineTask(lines, surround, _note_faces(part, job), "curve")
-    return plan_lines(part, job, cell, watch, task)
+    return plan_lines(
+        part, job, cell, watch, LineTask(lines, surround, _note_faces(part, job), "curve")
+    )
 
 
 def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
@@ -65,13 +70,11 @@ def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
     square = [curve for curve in part.curves if choose_axis(curve, job) == "normal"]
     if solid is None or not square:
         return ()
-    distances = {
-        curve.id: float(find_nearest(solid, curve.points).distance.max()) for curve in square
-    }
-    far = tuple(name for name, distance in distances.items() if distance > _ON_IT)
+    distances = np.array([find_nearest(solid, curve.points).distance.max() for curve in square])
+    far = list_ids(compress(square, distances > _ON_IT))
     if not far:
         return ()
-    largest = short(max(distances.values()), 3)
+    largest = short(float(distances.max()), 3)
     return (
         Note(
             "assumed",

@@ -61,10 +61,8 @@ def make_poses(edge: Edge, offset: float, direction: Offset = "mean") -> PosePat
     tangent = _at_rows(edge, begins, ends)
     wide = _are_wide(arc, begins, ends)
     at = np.flatnonzero(wide)
-    outward, tangent = (
-        np.insert(rows, at + 1, middles[at], axis=0)
-        for rows, middles in ((outward, middle), (tangent, _chords(edge)))
-    )
+    outward = np.insert(outward, at + 1, middle[at], axis=0)
+    tangent = np.insert(tangent, at + 1, _chords(edge)[at], axis=0)
     rotation = _frames(outward, tangent, edge.closed)
     if not np.isfinite(rotation).all():
         return UnreachableEdge(edge.id, "shape", "it turns back on itself")
@@ -152,5 +150,6 @@ def reach(
     freedom: OrientationFreedom = _NOMINAL,
 ) -> tuple[EdgeMotion | UnreachableEdge, ...]:
     """Run the arm along `edges`, `offset` mm away from them, as `reach_paths` says."""
-    pose_paths = [(edge, make_poses(edge, offset, direction)) for edge in edges]
-    return reach_paths(pose_paths, setup, freedom)
+    return reach_paths(
+        [(edge, make_poses(edge, offset, direction)) for edge in edges], setup, freedom
+    )

@@ -29,10 +29,8 @@ def find_remedies(
     helps = _try_freedoms(tried, _list_freedoms(job), attempt)
     place = ANOTHER_PLACE if noun == "edge" else "another place"
     no_help = f"no roll and no tilt up to 30 deg helps: {place} may"
-    remedied = [
-        replace(edge, remedy=helps.get(edge.id, no_help) if edge.id in tried else "")
-        for edge in lost
-    ]
+    remedies = dict.fromkeys(tried, no_help) | helps
+    remedied = [replace(edge, remedy=remedies.get(edge.id, "")) for edge in lost]
     untried = len(able) - len(tried)
     if not untried:
         return remedied, []
@@ -55,10 +53,11 @@ def _try_freedoms(
 
 def _list_freedoms(job: Job) -> list[tuple[Job, str]]:
     """Jobs with more freedom of the tool, the smallest first, each with its settings as text."""
-    tilts = [tilt for tilt in _TILTS if tilt > job.tool.axis_tilt]
-    tools = [
-        (replace(job.tool, axis_tilt=tilt), f"tool.axis_tilt = {short(tilt, 0)}") for tilt in tilts
-    ]
+    tools = []
+    for tilt in _TILTS:
+        if tilt > job.tool.axis_tilt:
+            tool = replace(job.tool, axis_tilt=tilt)
+            tools.append((tool, f"tool.axis_tilt = {short(tilt, 0)}"))
     if not job.tool.symmetric:
         free = [(_free_roll(tool), f"{words} with tool.symmetric = true") for tool, words in tools]
         tools = [(_free_roll(job.tool), "tool.symmetric = true"), *tools[:1], *free]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camgen.model.errors import JobError
-from camgen.model.part import Edge, Solid
+from camgen.model.part import Edge, Solid, index_by_id, keep_ids, list_ids
 from camgen.model.text import suggest
 
 #: Height above the lowest point that counts as the bottom, mm: single precision, rounded values.
@@ -23,7 +23,7 @@ def select_edges(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
     range of ids. It adds its edges; with `not` before it, it removes them, in any order. If no word
     adds edges, `convex` is the default. Raises JobError for an unknown word.
     """
-    known = {edge.id: edge for edge in solid.edges}
+    known = index_by_id(solid.edges)
     added: set[str] = set()
     removed: set[str] = set()
     adds, negated = False, False
@@ -40,8 +40,8 @@ def select_edges(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
             remedy='write what to leave out, like "not bottom"',
         )
     if not adds:
-        added = {edge.id for edge in solid.edges if edge.convex}
-    return tuple(name for name in known if name in added - removed)
+        added = _resolve(solid, known, "convex")
+    return list_ids(keep_ids(solid.edges, added - removed))
 
 
 def _resolve(solid: Solid, known: dict[str, Edge], word: str) -> set[str]:
@@ -52,12 +52,14 @@ def _resolve(solid: Solid, known: dict[str, Edge], word: str) -> set[str]:
     if word == "bottom":
         return _find_bottom(solid)
     first, dash, last = word.partition("-")
-    ends = [_parse_number(known, solid, end, word) for end in ((first, last) if dash else (first,))]
-    if ends[0] > ends[-1]:
+    low = high = _parse_number(known, solid, first, word)
+    if dash:
+        high = _parse_number(known, solid, last, word)
+    if low > high:
         raise JobError(
             "input.select", f'the range "{word}" runs backwards', remedy=f'write "{last}-{first}"'
         )
-    return {f"e{number}" for number in range(ends[0], ends[-1] + 1)}
+    return {f"e{number}" for number in range(low, high + 1)}
 
 
 def _parse_number(known: dict[str, Edge], solid: Solid, name: str, word: str) -> int:

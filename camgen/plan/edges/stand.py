@@ -76,7 +76,7 @@ def fixed_rotation(job: Job) -> FloatArray:
     values = job.tool.angles
     if values is None:
         return TOOL_DOWN
-    if len(values) != 3 or not all(math.isfinite(v) for v in values):
+    if len(values) != 3 or not np.isfinite(values).all():
         raise JobError(
             "job",
             f"has {counted(len(values), 'value')}",

@@ -10,7 +10,7 @@ found in the painted picture and get their own strokes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain, product
+from itertools import product
 
 import cv2
 import numpy as np
@@ -18,12 +18,20 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import find_bulge_middles
-from camgen.geometry.ragged import compute_first_rows, find_true_runs
+from camgen.geometry.ragged import compute_first_rows, count_rows, find_true_runs
 from camgen.geometry.rings import ComplexArray, find_latest, make_rings, normalize
 from camgen.geometry.segments import BoolArray, IntArray, flatten, make_contour_segments
 from camgen.model.errors import InputError
 from camgen.model.job import Job
-from camgen.model.part import Contour, Note, Part
+from camgen.model.part import (
+    Contour,
+    Note,
+    Part,
+    list_ids,
+    select_closed,
+    select_open,
+    tabulate_contours,
+)
 from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -85,7 +93,7 @@ def _move_to_offset(
     """
     if not chains:
         return []
-    table = make_rings([len(c) for c in chains])
+    table = make_rings(count_rows(chains))
     flat = np.concatenate(chains)
     pixels = flat[:, 0] + 1j * flat[:, 1]
     depth, inwards = compute_slope(field, pixels)
@@ -116,7 +124,7 @@ _TOUCH, _GRAIN = 1.6, 4
 _PAYS = 2.0
 #: Positions of a touch that are tried, as fractions from the deepest place to the middle of the
 #: piece.
-_TRIED = tuple(k / 8 for k in range(9))
+_TRIED = np.linspace(0.0, 1.0, 9).tolist()
 
 
 class _Bare(Struct, frozen=True, eq=False):
@@ -155,8 +163,11 @@ def find_uncovered(
         drawn = np.concatenate([line.points for line in lines])
         v, u = np.rint(drawn.imag).astype(np.int64), np.rint(drawn.real).astype(np.int64)
         pending[bare.labels[v, u]] = False
-    touches = [_find_touch(field, ink, bare, k, radius) for k in np.flatnonzero(pending).tolist()]
-    return lines + [touch for touch in touches if touch is not None]
+    for k in np.flatnonzero(pending).tolist():
+        touch = _find_touch(field, ink, bare, k, radius)
+        if touch is not None:
+            lines.append(touch)
+    return lines
 
 
 def _find_lines(field: FillGrid, bare: _Bare, chosen: BoolArray, radius: float) -> list[CentreLine]:
@@ -165,8 +176,7 @@ def _find_lines(field: FillGrid, bare: _Bare, chosen: BoolArray, radius: float) 
     if not cv2.countNonZero(mask):
         return []
     width = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    graph = make_graph(thin_mask(mask), None, np.asarray(width, dtype=np.float32))
-    strokes = join_strokes(graph)
+    strokes = join_strokes(make_graph(thin_mask(mask), None, np.asarray(width, dtype=np.float32)))
     if not strokes:
         return []
     lines = []
@@ -247,21 +257,24 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     InputError without a closed contour, and JobError for a tool that is too small for the picture
     or the drawing.
     """
-    if not any(c.closed for c in part.contours):
+    if not select_closed(part.contours):
         raise InputError(
             part.source, "no closed contour to fill", remedy="trace it, or close its outlines"
         )
-    check_outlines(part, {c.id for c in part.contours}, "leave it out of the contours to fill")
+    check_outlines(part, list_ids(part.contours), "leave it out of the contours to fill")
     field = make_grid(part, job.tool.radius)
     radius = job.tool.radius / field.mm_per_px
     kinds = _make_strokes(field, radius, job, _compute_tolerance(part, field, job))
     region: IntArray = np.asarray(cv2.connectedComponents(field.mask)[1], dtype=np.int32)
     border_region = _find_border_regions(field, region)
     paths = _make_paths(field, kinds, _group_contours(part, field, border_region), region, job)
-    thin = list(chain.from_iterable(kind.thin for kind in kinds))
+    thin: list[bool] = []
+    lines: list[ComplexArray] = []
+    for kind in kinds:
+        thin += kind.thin
+        lines += kind.lines
     coverage = measure_coverage(field, paths, thin, job.tool.radius)
-    lines = split_lines(list(chain.from_iterable(kind.lines for kind in kinds)))
-    ink = paint(*lines, radius, field.mask.shape[:2])
+    ink = paint(*split_lines(lines), radius, field.mask.shape[:2])
     notes = (
         *_note_open(part),
         *_note_rules(kinds, region, job),
@@ -288,10 +301,9 @@ def _make_strokes(field: FillGrid, radius: float, job: Job, tolerance: float) ->
     wide = [CentreLine(points, True, radius) for points in joined]
     narrow = find_centre_lines(field, radius, mask_beyond(field.depth, radius + ROOM))
     # The lines as found: thinning out does not decide which pieces get a stroke.
-    drawn = [
-        np.append(line.points, line.points[:1]) if line.closed else line.points
-        for line in (*wide, *narrow)
-    ]
+    drawn = []
+    for line in (*wide, *narrow):
+        drawn.append(np.append(line.points, line.points[:1]) if line.closed else line.points)
     ink = paint(*split_lines(drawn), radius, field.mask.shape[:2])
     rest = find_uncovered(field, ink, radius, _MIN_FRACTION * np.pi * radius**2)
     fits_arcs = job.tolerance.arc_fit > 0
@@ -373,25 +385,26 @@ def _make_paths(
     contours: contours around each region.
     region: (H, W) region of each pixel.
     """
-    strokes = list(chain.from_iterable(kind.strokes for kind in kinds))
+    strokes: list[Contour] = []
+    names: list[str] = []
+    for kind in kinds:
+        strokes += kind.strokes
+        names += [f"{kind.mark}{k}" for k in range(1, len(kind.strokes) + 1)]
     if not strokes:
         return ()
-    counts = np.array([len(stroke.points) + stroke.closed for stroke in strokes])
+    columns = tabulate_contours(strokes)
+    counts = columns.counts + columns.closed
     first = compute_first_rows(counts).tolist()
     flat, middle = _join_strokes(strokes)
     regions = _find_regions(flat[first], region).tolist()
     position = np.column_stack([field.to_work(flat), np.zeros(len(flat))])
-    via = np.column_stack([field.to_work(middle), np.where(np.isnan(middle), np.nan, 0.0)])
     table = make_waypoints(
         position,
-        via,
+        np.column_stack([field.to_work(middle), np.where(np.isnan(middle), np.nan, 0.0)]),
         job.process.feed,
         force_direction=[0.0, 0.0, -1.0 if job.process.force else 0.0],
         force=job.process.force,
     )
-    names = []
-    for kind in kinds:
-        names += [f"{kind.mark}{k}" for k in range(1, len(kind.strokes) + 1)]
     fallback = contours[min(contours)]
     paths = []
     for k, stroke in enumerate(strokes):
@@ -402,7 +415,7 @@ def _make_paths(
             table=table[first[k] : first[k] + counts[k]],
             closed=stroke.closed,
             depths=compute_depths(job.operation.depth, job.operation.passes),
-            contours=tuple(dict.fromkeys(contour.id for contour in around)),
+            contours=tuple(dict.fromkeys(list_ids(around))),
             operation="fill",
         )
         paths.append(path)
@@ -437,13 +450,12 @@ def measure_coverage(
     wide: list[ComplexArray] = []
     narrow: list[ComplexArray] = []
     for path, is_thin in zip(paths, thin, strict=True):
-        line = run_along(path, radius / SAG) @ np.array([1, 1j])
-        (narrow if is_thin else wide).append(line)
+        (narrow if is_thin else wide).append(run_along(path, radius / SAG) @ np.array([1, 1j]))
     return measure_areas(field.edge.table, edge, wide, narrow, radius)
 
 
 def _note_open(part: Part) -> tuple[Note, ...]:
-    ids = tuple(c.id for c in part.contours if not c.closed)
+    ids = list_ids(select_open(part.contours))
     if not ids:
         return ()
     return (

@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.ragged import list_owners
+from camgen.geometry.ragged import count_rows, find_root, list_owners
 from camgen.geometry.rings import ComplexArray
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.geometry.vectors import find_nearest_row
@@ -58,15 +58,15 @@ def join_passes(
     bridges: list[list[Bridge]] = [[] for _ in passes]
     group = list(range(len(passes)))
     for first, second, start, end in _find_bridges(field, passes, radius, _LONGER * spacing):
-        a, b = _root(group, first), _root(group, second)
+        a, b = find_root(group, first), find_root(group, second)
         if a != b:
             group[b] = a
             leaves = find_nearest_row(passes[first], start)
             arrives = find_nearest_row(passes[second], end)
             bridges[first].append(Bridge(leaves, second, arrives))
             bridges[second].append(Bridge(arrives, first, leaves))
-    heads = [k for k in range(len(passes)) if _root(group, k) == k]
-    return [_join_group(passes, bridges, k) if bridges[k] else passes[k] for k in heads]
+    heads = [k for k in range(len(passes)) if find_root(group, k) == k]
+    return [_join_group(passes, bridges, k) for k in heads]
 
 
 def _find_bridges(
@@ -76,15 +76,17 @@ def _find_bridges(
 
     Only lines on which the tool has room.
     """
+    if not passes:
+        return []
     thinned = [_thin_out(points) for points in passes]
-    lines = np.array([shapely.LineString(points) for points in thinned], dtype=object)
+    lines = shapely.linestrings(np.concatenate(thinned), indices=list_owners(count_rows(thinned)))
     first, second = _find_near_pairs(thinned, max_length)
     shortest = shapely.get_coordinates(shapely.shortest_line(lines[first], lines[second]))
     ends = shortest @ np.array([1, 1j])
     start, end = ends[::2], ends[1::2]
     order = np.argsort(np.abs(end - start), kind="stable")
     rows = order[_has_room(field, start, end, radius)[order]]
-    columns = (column[rows].tolist() for column in (first, second, start, end))
+    columns = first[rows].tolist(), second[rows].tolist(), start[rows].tolist(), end[rows].tolist()
     return list(zip(*columns, strict=True))
 
 
@@ -93,9 +95,7 @@ def _find_near_pairs(passes: Sequence[FloatArray], distance: float) -> IntArray:
 
     Single segments are compared, since the box around a whole pass contains many other passes.
     """
-    if not passes:
-        return np.zeros((2, 0), dtype=np.int64)
-    owner = list_owners([len(points) - 1 for points in passes])
+    owner = list_owners(count_rows(passes) - 1)
     starts, ends = np.concatenate([p[:-1] for p in passes]), np.concatenate([p[1:] for p in passes])
     segments = np.stack([starts, ends], axis=1)
     lines = shapely.linestrings(segments)
@@ -117,13 +117,6 @@ def _has_room(field: FillGrid, start: ComplexArray, end: ComplexArray, radius: f
     points = start[:, None] + (end - start)[:, None] * _PLACES
     depth = sample_field(field.depth, points.ravel()).reshape(points.shape)
     return np.asarray((depth >= radius - _OVERLAP_PX).all(axis=1))
-
-
-def _root(group: list[int], k: int) -> int:
-    while group[k] != k:
-        group[k] = group[group[k]]
-        k = group[k]
-    return k
 
 
 def _join_group(
@@ -152,8 +145,8 @@ def _sort_bridges(
     points: ComplexArray, bridges: Sequence[Bridge], begin: int, source: int
 ) -> list[tuple[int, Bridge]]:
     """The bridges of a pass except that to `source`, with their steps from `begin`, in order."""
-    others = [bridge for bridge in bridges if bridge.to != source]
-    steps = [((bridge.leaves - begin) % len(points), bridge) for bridge in others]
+    size = len(points)
+    steps = [((bridge.leaves - begin) % size, bridge) for bridge in bridges if bridge.to != source]
     return sorted(steps, key=itemgetter(0))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import make_span_chain
-from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.ragged import concatenate_columns, list_owners, number_rows
 from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.geometry.segments import IntArray
 from camgen.model.part import Part
@@ -71,9 +71,8 @@ def paint(start: ComplexArray, end: ComplexArray, radius: float, shape: tuple[in
     row, left, right = row[inside], left[inside], right[inside]
     change = np.zeros((shape[0], shape[1] + 1), dtype=np.int16)
     flat = change.ravel()
-    first, last = (
-        np.clip(u, 0, shape[1]).astype(np.int64) for u in (np.ceil(left), np.floor(right) + 1)
-    )
+    first = np.clip(np.ceil(left), 0, shape[1]).astype(np.int64)
+    last = np.clip(np.floor(right) + 1, 0, shape[1]).astype(np.int64)
     np.add.at(flat, row * (shape[1] + 1) + first, np.int16(1))
     np.add.at(flat, row * (shape[1] + 1) + last, np.int16(-1))
     return np.asarray((np.cumsum(change[:, :-1], axis=1, dtype=np.int16) > 0) * np.uint8(255))
@@ -102,7 +101,6 @@ def measure_areas(
     radius: radius of the tool.
     """
     borders = borders * _TURN
-    passes, thin = [line * _TURN for line in passes], [line * _TURN for line in thin]
     pitch = 2 * radius / _ROWS
     height = float(np.ptp(borders.imag)) if len(borders) else 0.0
     pitch = max(pitch, height / _MAX_ROWS)
@@ -111,10 +109,11 @@ def measure_areas(
     edge, place = find_crossings(start, following.real + 1j * (following.imag / pitch))
     events = [(edge, place, np.ones(len(edge), dtype=np.int64))]
     for weight, paths in ((_PASS, passes), (_THIN, thin)):
-        rows, left, right = compute_spans(*split_lines(paths), radius, pitch)
+        first, last = split_lines(paths)
+        rows, left, right = compute_spans(first * _TURN, last * _TURN, radius, pitch)
         count = np.full(len(rows), weight)
         events += [(rows, left, count), (rows, right, -count)]
-    row, place, weights = (np.concatenate(column) for column in zip(*events, strict=True))
+    row, place, weights = concatenate_columns(events)
     key = (row - row.min()) * (float(np.ptp(place)) + 1.0) + (place - place.min())
     order = np.argsort(key, kind="stable")
     count = np.cumsum(weights[order])[:-1]

@@ -11,11 +11,11 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import list_owners, list_range_numbers
+from camgen.geometry.ragged import count_rows, list_owners, list_range_numbers, take_rows
 from camgen.geometry.rings import ComplexArray, Rings, make_rings, normalize
 from camgen.geometry.segments import IntArray, flatten, make_contour_segments
 from camgen.model.errors import JobError
-from camgen.model.part import Part, Raster
+from camgen.model.part import Part, Raster, list_closed_rows
 from camgen.model.pose import FloatArray
 from camgen.plan.image_space.border import Border, make_border
 
@@ -74,8 +74,13 @@ def make_grid(part: Part, radius: float) -> FillGrid:
     # The types of OpenCV do not allow a number as second operand.
     above = cv2.max(cv2.subtract(far, _OUTSIDE), 0.0)  # type: ignore[call-overload]
     depth = np.asarray(above, dtype=np.float32)
-    edge = make_border(*_make_dense(table, points), shape)
-    return FillGrid(mask, depth, edge, contour, work_from_grid @ shift)
+    return FillGrid(
+        mask,
+        depth,
+        make_border(*_make_dense(table, points), shape),
+        contour,
+        work_from_grid @ shift,
+    )
 
 
 def compute_slope(field: FillGrid, pixels: ComplexArray) -> tuple[FloatArray, ComplexArray]:
@@ -121,20 +126,20 @@ def _outline_picture(
             "tool.diameter",
             "use a wider tool or a finer picture",
         )
-    points = np.concatenate([b[:, 0] + 1j * b[:, 1] for b in raster.borders])
+    pixels = np.concatenate(raster.borders)
     # Centres of the view's pixels, in pixels of the grid, which are `factor` times as small.
-    points = (points + (0.5 + 0.5j)) * factor - (0.5 + 0.5j)
+    points = (pixels[:, 0] + 1j * pixels[:, 1] + (0.5 + 0.5j)) * factor - (0.5 + 0.5j)
     shift = (0.5 / factor - 0.5) * np.ones(2)
     scale = np.array([[1 / factor, 0, shift[0]], [0, 1 / factor, shift[1]], [0, 0, 1]])
-    counts = np.array([len(b) for b in raster.borders])
+    counts = count_rows(raster.borders)
     return counts, points, raster.work_from_view @ scale, np.zeros(len(counts), dtype=np.int64)
 
 
 def _outline_drawing(
     part: Part, radius: float
 ) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
-    closed = np.array([k for k, c in enumerate(part.contours) if c.closed], dtype=np.int64)
-    segments = make_contour_segments([part.contours[k] for k in closed.tolist()])
+    closed = np.array(list_closed_rows(part.contours), dtype=np.int64)
+    segments = make_contour_segments(take_rows(part.contours, closed))
     points, owner = flatten(segments, radius / _DRAWING_RADIUS_PX / 20)
     counts = np.bincount(owner, minlength=len(closed))
     low, high = points.min(axis=0), points.max(axis=0)

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from camgen.geometry.nesting import find_nesting
-from camgen.geometry.ragged import find_run_starts
+from camgen.geometry.ragged import concatenate_columns, find_run_starts, take_rows
 from camgen.geometry.segments import IntArray, make_contour_segments
 from camgen.model.part import Note, Part
 from camgen.model.pose import FloatArray
@@ -41,7 +41,7 @@ def find_bridges(ink: Pixels, region: IntArray) -> FloatArray:
         both = np.isin(blot[v, u].astype(np.int64) * regions + sides, inked).all(axis=0)
         joins[v[both], u[both]] = 255
         pairs.append((u[both], v[both], (sides[0] * regions + sides[1])[both]))
-    u, v, pair = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    u, v, pair = concatenate_columns(pairs)
     stretch = np.asarray(cv2.connectedComponents(joins)[1])[v, u]
     keys = np.column_stack([stretch, pair])
     return _find_middles(u, v, np.unique(keys, axis=0, return_inverse=True)[1].ravel())
@@ -84,7 +84,7 @@ def find_merged(part: Part, field: FillGrid, border_region: IntArray) -> FloatAr
     """
     if part.raster is not None and part.raster.borders:
         return np.zeros((0, 2))
-    chosen = [part.contours[k] for k in field.contour.tolist()]
+    chosen = take_rows(part.contours, field.contour)
     depth = find_nesting(make_contour_segments(chosen), len(chosen)).depth
     outer = np.flatnonzero((depth % 2 == 0) & (border_region > 0))
     shared = np.flatnonzero(np.bincount(border_region[outer]) > 1)
@@ -133,10 +133,9 @@ def note_joined(
     """
     without_ink, under_ink = find_lost(field, ink, border_region)
     joined = [find_bridges(ink, region), find_merged(part, field, border_region), under_ink]
-    lost = [find_bare(ink, region), without_ink]
-    bridges, bare = (
-        field.to_work(np.concatenate(places) @ np.array([1, 1j])) for places in (joined, lost)
-    )
+    bridges = field.to_work(np.concatenate(joined) @ np.array([1, 1j]))
+    lost = np.concatenate([find_bare(ink, region), without_ink])
+    bare = field.to_work(lost @ np.array([1, 1j]))
     tool = f"a {diameter:g} mm tool"
     notes = []
     if len(bridges):

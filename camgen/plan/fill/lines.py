@@ -178,5 +178,4 @@ def _make_parallel(
     offset = 1j * normalize(ahead + back) * (half - radius)
     if closed:
         return [CentreLine(points + offset, True, half), CentreLine(points - offset, True, half)]
-    both = np.concatenate([points + offset, (points - offset)[::-1]])
-    return [CentreLine(both, True, half)]
+    return [CentreLine(np.concatenate([points + offset, (points - offset)[::-1]]), True, half)]

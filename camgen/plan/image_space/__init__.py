@@ -149,12 +149,11 @@ def note_left_out(
     missing = np.where(touched & ~failed, missing, 0.0)
     total = float(missing.sum())
     if total > max(1e-3 * whole, _MIN_NOTED * mm_per_px):
-        worst = int(np.argmax(missing)) + 1
         notes.append(
             Note(
                 "warning",
                 f"{short(total, 2)} mm of {short(whole, 2)} mm of contour not touched, "
-                f"most of it on c{worst}",
+                f"most of it on c{int(np.argmax(missing)) + 1}",
                 f"inner corners and narrow places that {tool} does not reach",
             )
         )
@@ -248,8 +247,9 @@ def image_space(
     limit = distance - (_CONTACT_GAP_PX if exact else _PIXEL_GAP)
     gouges = sample_field(picture.far, points.points) < limit
     is_sound = np.bincount(points.table.loop, gouges, len(main)) == 0
-    reached = is_reached(path, picture, edge, distance, radius)
-    notes = note_left_out(edge, reached, main, is_sound, job, mm_per_px)
+    notes = note_left_out(
+        edge, is_reached(path, picture, edge, distance, radius), main, is_sound, job, mm_per_px
+    )
     rate = np.radians(job.operation.waypoint_turn) * mm_per_px
     chain = _make_chain(points, Limits(rate, job.tolerance.chord / mm_per_px))
     work_from_field = _move_corner(work_from_view, picture.corner)
@@ -279,7 +279,7 @@ def _check_input(mask_pixels: Pixels, job: Job, distance: float) -> None:
             "tool.diameter",
             "use a larger tool or a finer view",
         )
-    if any(line.any() for line in rim):
+    if np.concatenate(rim).any():
         raise InputError(
             "mask", "the part touches the border of the view", remedy="show the whole part"
         )

@@ -133,8 +133,7 @@ def _fit_parabolas(
     points: u and v (C, P) of the middles of the links.
     links: u and v (C, P) from the middle of each link to its outer end.
     """
-    powers = np.stack([np.ones_like(place), place, place**2])
-    weights = np.linalg.pinv(powers).T.astype(np.float32)
+    weights = np.linalg.pinv(np.stack([np.ones_like(place), place, place**2])).T.astype(np.float32)
     # For matrices so narrow, einsum is many times as fast as the product of matrices.
     factors = []
     for coordinate in points:

@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import count_rows, take_rows
 from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.errors import JobError
@@ -105,12 +106,15 @@ def find_chains(mask: Pixels, min_pixels: int = 1) -> FieldCurves:
         if len(borders[k]) >= min_pixels and (outer < 0 or new_index[outer] >= 0):
             new_index[k] = len(kept)
             kept.append(k)
-    pixels = np.concatenate([np.zeros((0, 2)), *(borders[k].reshape(-1, 2) for k in kept)])
+    chains = take_rows(borders, kept)
+    pixels = np.concatenate([np.zeros((0, 1, 2)), *chains])[:, 0]
+    # -1, no border above, stays -1: it chooses the last number.
+    parents = take_rows([*new_index, -1], take_rows(above, kept))
     return FieldCurves(
-        make_rings([len(borders[k]) for k in kept]),
+        make_rings(count_rows(chains)),
         pixels[:, 0] + 1j * pixels[:, 1],
-        np.array([is_hole[k] for k in kept], dtype=bool),
-        np.array([new_index[above[k]] if above[k] >= 0 else -1 for k in kept], int),
+        np.array(take_rows(is_hole, kept), dtype=bool),
+        np.array(parents, dtype=int),
     )
 
 

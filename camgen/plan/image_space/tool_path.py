@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.ragged import count_rows, list_owners, number_rows
 from camgen.geometry.rings import (
     ComplexArray,
     Rings,
@@ -122,7 +122,7 @@ def place_borders(borders: Sequence[FloatArray], picture: Field) -> tuple[Rings,
 
     The points are spaced about a pixel apart.
     """
-    table = make_rings([len(border) for border in borders])
+    table = make_rings(count_rows(borders))
     flat = np.concatenate(borders)
     table, (points,) = space_evenly(table, flat[:, 0] + 1j * flat[:, 1] - picture.corner)
     right = normalize(1j * (points[table.shifted(1)] - points[table.shifted(-1)]))

@@ -17,10 +17,11 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.intersect import measure_nearest
-from camgen.geometry.segments import Segments, concatenate, points_at
+from camgen.geometry.ragged import number_kept, take_rows
+from camgen.geometry.segments import Segments, concatenate_chains, points_at
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
-from camgen.model.part import Note, Part
+from camgen.model.part import Note, Part, list_ids, select_closed
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_ranges
@@ -33,11 +34,11 @@ from camgen.plan.columns import (
     make_tool_paths,
 )
 from camgen.plan.open_outlines import check_outlines
-from camgen.plan.pocket.channel import Channel, plan_channels
+from camgen.plan.pocket.channel import Channel, plan_channels, tabulate_discs, unite_channels
 from camgen.plan.pocket.contours import Pockets, find_pockets
 from camgen.plan.pocket.engagement_limit import EngagementLimit
 from camgen.plan.pocket.hops import Speeds, add_hops, lift_hops, make_cleared_area
-from camgen.plan.pocket.linking import LinkedPasses, find_outermost, link_passes
+from camgen.plan.pocket.linking import LinkedPasses, find_outermost, group_channels, link_passes
 from camgen.plan.pocket.medial_axis import compute_medial_axis
 from camgen.plan.pocket.notes import note_failed, note_passes, note_rest_material, note_slots
 from camgen.plan.pocket.regions import (
@@ -46,8 +47,11 @@ from camgen.plan.pocket.regions import (
     OffsetRegion,
     compute_regions,
     compute_wall_passes,
+    group_by_pocket,
     make_pocket_polygon,
+    select_outermost,
     select_pockets,
+    unite_regions,
 )
 from camgen.plan.pocket.slots import find_slots, plan_slots
 
@@ -81,16 +85,14 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     """
     _check_settings(job)
     contours = [contour for contour in part.contours if part.works_on((contour.id,))]
-    if not any(contour.closed for contour in contours):
+    if not select_closed(contours):
         raise InputError(
             part.source,
             "no closed contour to clear",
             remedy="close its outlines, or raise input.join",
         )
-    chosen_ids = {contour.id for contour in contours}
-    check_outlines(
-        replace(part, contours=tuple(contours)), chosen_ids, "leave it out of what is cleared"
-    )
+    chosen = replace(part, contours=tuple(contours))
+    check_outlines(chosen, list_ids(contours), "leave it out of what is cleared")
     pockets, notes = find_pockets(contours)
     if not pockets.names:
         return (), tuple(notes)
@@ -111,7 +113,7 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     ]
     linked = link_passes(regions, pocket_walls, radius + finish, stepover, channels, limit)
     linked = _add_hops_over_channels(_sort_by_pocket(linked), regions, channels, job)
-    borders = [region for region in _leave_out(walls.regions, failed) if region.parent < 0]
+    borders = select_outermost(_leave_out(walls.regions, failed))
     slots = find_slots(walls, pockets.walls, job)
     paths = _make_paths(linked, borders if finish else [], regions, pockets, job)
     paths = (*paths, *plan_slots(slots, pockets, job))
@@ -131,21 +133,23 @@ def _keep_rest(pockets: Pockets, part: Part, job: Job) -> tuple[Pockets, list[No
     rest = find_rest_of_pockets(pockets.walls, part, job)
     names: list[str] = []
     for n, k in enumerate(rest.pocket):
-        number = rest.pocket[: n + 1].count(k)
-        names.append(f"{pockets.names[k]}.rest{number}")
-    layers = [pockets.layers[k] for k in rest.pocket]
-    contours = [pockets.contours[k] for k in rest.pocket]
-    cleared = [k for k in range(len(pockets.names)) if k not in rest.pocket]
+        names.append(f"{pockets.names[k]}.rest{rest.pocket[: n + 1].count(k)}")
+    layers = take_rows(pockets.layers, rest.pocket)
+    contours = take_rows(pockets.contours, rest.pocket)
+    cleared = sorted(set(range(len(pockets.names))) - set(rest.pocket))
     notes: list[Note] = []
     if cleared:
-        walls = [pockets.names[k] for k in cleared]
+        walls = take_rows(pockets.names, cleared)
         count = counted(len(walls), "pocket")
         what = f"nothing is left of {count}: {', '.join(name_ranges(walls))}"
-        why = "earlier operations reach all that this tool does"
-        ids: list[str] = []
-        for k in cleared:
-            ids += pockets.contours[k]
-        notes.append(Note("assumed", what, why, tuple(ids)))
+        notes.append(
+            Note(
+                "assumed",
+                what,
+                "earlier operations reach all that this tool does",
+                pockets.list_contours(cleared),
+            )
+        )
     return Pockets(rest.walls, names, layers, contours, rest.cleared), notes
 
 
@@ -200,7 +204,7 @@ def _leave_out(regions: Sequence[OffsetRegion], pockets: frozenset[int]) -> list
 
 
 def _select_regions(regions: Sequence[OffsetRegion], rows: Sequence[int]) -> list[OffsetRegion]:
-    new_index = {k: n for n, k in enumerate(rows)}
+    new_index = number_kept(rows)
     return [replace(regions[k], parent=new_index.get(regions[k].parent, -1)) for k in rows]
 
 
@@ -230,7 +234,7 @@ def _plan_channels(
     has_helix = job.operation.entry == "helix"
     helix_radius = _HELIX_FRACTION * job.tool.diameter if has_helix else 0.0
     channels: list[Channel] = []
-    for k in sorted({region.pocket for region in regions}):
+    for k in sorted(group_by_pocket(regions)):
         walls = select_pockets(pockets.walls, frozenset([k]))
         polygon = make_pocket_polygon(pockets.walls, k)
         axis = compute_medial_axis(
@@ -239,8 +243,8 @@ def _plan_channels(
         channels += plan_channels(axis, min_distance, limit, helix_radius)
     if not channels:
         return regions, [()] * len(regions)
-    roots = [k for k, region in enumerate(regions) if region.parent < 0]
-    starts = shapely.points([(channel.discs[0].x, channel.discs[0].y) for channel in channels])
+    roots = sorted(set(find_outermost(regions)))
+    starts = shapely.points(tabulate_discs([channel.discs[0] for channel in channels])[:, :2])
     tree = shapely.STRtree([regions[k].polygon for k in roots])
     rows, nearest = tree.query_nearest(starts, all_matches=False)
     channels_of: list[list[Channel]] = [[] for _ in regions]
@@ -264,8 +268,7 @@ def _find_needed(
     cleared: dict[int, Any] = {}
     for k, region_channels in enumerate(channels):
         if region_channels:
-            polygons = [channel.make_polygon(radius) for channel in region_channels]
-            cleared[k] = shapely.union_all(polygons)
+            cleared[k] = unite_channels(region_channels, radius)
     needed: set[int] = set()
     # Children come after their parents.
     for k in range(len(regions) - 1, -1, -1):
@@ -309,14 +312,9 @@ def _add_hops_over_channels(
     process, operation = job.process, job.operation
     if not (process.spindle and operation.depth) or process.stay_down:
         return list(linked)
-    channels_of: dict[int, list[Channel]] = {}
-    for region, region_channels in zip(regions, channels, strict=True):
-        channels_of.setdefault(region.pocket, []).extend(region_channels)
-    cleared = {
-        pocket: make_cleared_area(pocket_channels, job.tool.radius)
-        for pocket, pocket_channels in channels_of.items()
-        if pocket_channels
-    }
+    cleared = {}
+    for pocket_index, pocket_channels in group_channels(regions, channels).items():
+        cleared[pocket_index] = make_cleared_area(pocket_channels, job.tool.radius)
     speeds = _get_speeds(job)
     result = []
     for passes in linked:
@@ -343,7 +341,7 @@ def _get_speeds(job: Job) -> Speeds:
 
 def _sort_by_pocket(linked: Sequence[LinkedPasses]) -> list[LinkedPasses]:
     order = sorted(range(len(linked)), key=lambda k: linked[k].pocket)
-    new_index = {k: n for n, k in enumerate(order)}
+    new_index = number_kept(order)
     return [replace(linked[k], successor=new_index.get(linked[k].successor, -1)) for k in order]
 
 
@@ -385,17 +383,17 @@ def _make_paths(
         for border, full_depth in zip(borders, can_finish, strict=True):
             if border.pocket == pocket_index:
                 finishing += [(chain, full_depth) for chain in border.passes]
-        is_finished = bool(finishing)
-        drafts += _draft_linked(pocket_index, linked, len(drafts), is_finished, pockets, job)
+        drafts += _draft_linked(pocket_index, linked, len(drafts), bool(finishing), pockets, job)
         drafts += _draft_finishing(pocket_index, finishing, len(drafts), pockets)
     if not drafts:
         return ()
-    segments = concatenate([draft.chain for draft in drafts])
-    sizes = [len(draft.chain) for draft in drafts]
-    segments = replace(segments, owner=np.repeat(np.arange(len(drafts)), sizes))
+    segments = concatenate_chains([draft.chain for draft in drafts])
     depths = compute_depths(job.operation.depth, job.operation.passes)
-    feeds = _compute_feeds(segments, drafts, pockets.walls.segments, job)
-    work = SegmentWork(compute_sideways(segments, 0), np.zeros(len(segments)), feeds)
+    work = SegmentWork(
+        compute_sideways(segments, 0),
+        np.zeros(len(segments)),
+        _compute_feeds(segments, drafts, pockets.walls.segments, job),
+    )
     paths = make_tool_paths(segments, [draft.label for draft in drafts], work, depths, "pocket")
     planned = []
     for path, draft in zip(paths, drafts, strict=True):
@@ -495,13 +493,9 @@ def _can_finish_at_depth(
     """
     max_width = max(job.operation.finish, job.operation.stepover * job.tool.diameter)
     result = []
+    outermost = group_by_pocket(select_outermost(regions))
     for border in borders:
-        inside = [
-            region.polygon
-            for region in regions
-            if region.parent < 0 and region.pocket == border.pocket
-        ]
-        rough = shapely.union_all(inside)
+        rough = unite_regions(outermost[border.pocket])
         reached = rough.buffer(max_width + CHORD_MM, quad_segs=QUARTER_CHORDS)
         result.append(bool(border.polygon.difference(reached).is_empty))
     return result

@@ -84,8 +84,7 @@ def cut_out(chain: Segments, low: float, high: float) -> Segments:
             return cut_out(chain, low - total, high - total)
         return join_chains([cut_out(chain, low, total), cut_out(chain, 0.0, high - total)])
     length = chain.length
-    ends = np.cumsum(length)
-    begin = ends - length
+    begin = np.cumsum(length) - length
     first, last = np.maximum(low - begin, 0.0), np.minimum(high - begin, length)
     first = np.where(first < _SHORTEST_MM, 0.0, first)
     last = np.where(length - last < _SHORTEST_MM, length, last)

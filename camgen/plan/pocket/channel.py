@@ -98,7 +98,7 @@ class Channel(Struct, frozen=True, eq=False):
 
     def contains(self, points: FloatArray) -> BoolArray:
         """(N,) whether each of `points` (N, 2) lies in a disc: there the tool cuts nothing."""
-        table = _make_table(self.discs)
+        table = tabulate_discs(self.discs)
         _, inside = shapely.STRtree(shapely.points(points)).query(
             shapely.points(table[:, :2]), predicate="dwithin", distance=table[:, 2] - _SAME_MM
         )
@@ -109,19 +109,24 @@ class Channel(Struct, frozen=True, eq=False):
 
         Both points have to lie in discs.
         """
-        table = _make_table(self.discs)
+        table = tabulate_discs(self.discs)
         steps = np.stack([start, end])[:, None] - table[None, :, :2]
         margins = table[:, 2] - np.hypot(*np.moveaxis(steps, 2, 0))
         first, last = np.argmax(margins, axis=1).tolist()
-        discs = [self.discs[k] for k in _find_disc_path(self.discs, first, last)]
-        table = np.vstack([[*start, 0.0], _make_table(discs), [*end, 0.0]])
+        path = _find_disc_path(self.discs, first, last)
+        table = np.vstack([[*start, 0.0], table[path], [*end, 0.0]])
         return np.asarray(table[_shorten_path(table, 0, len(table) - 1), :2])
 
     def make_polygon(self, growth: float) -> Any:
         """The union of all discs, with radii enlarged by `growth` in mm, as a polygon."""
-        centres = shapely.points([(disc.x, disc.y) for disc in self.discs])
-        radii = [disc.radius + growth for disc in self.discs]
-        return shapely.union_all(shapely.buffer(centres, radii, quad_segs=32))
+        table = tabulate_discs(self.discs)
+        discs = shapely.buffer(shapely.points(table[:, :2]), table[:, 2] + growth, quad_segs=32)
+        return shapely.union_all(discs)
+
+
+def unite_channels(channels: Sequence[Channel], growth: float) -> Any:
+    """The union of the polygons of `channels`; growth: mm, as in `Channel.make_polygon`."""
+    return shapely.union_all([channel.make_polygon(growth) for channel in channels])
 
 
 def plan_channels(
@@ -149,8 +154,7 @@ def plan_channels(
         pending -= set(sources)
         builder = _ChannelBuilder(axis.points, radii, limit)
         _cut_channel(builder, root, sources, helix_radius)
-        entry_radius = float(axis.wall_distance[root]) - min_distance
-        channels.append(builder.make_channel(entry_radius))
+        channels.append(builder.make_channel(float(axis.wall_distance[root]) - min_distance))
     return channels
 
 
@@ -266,7 +270,8 @@ def _cut_channel(
         if branch and not _are_covered(points[tested], radii[tested], builder.discs, slack).all():
             _return_to(builder, fork)
             _follow_branch(builder, branch, disc_at)
-        disc_at |= {point: disc_at.get(point, fork) for point in branch}
+        for point in branch:
+            disc_at.setdefault(point, fork)
     _return_to(builder, 0)
     builder.move_to(points[root])
 
@@ -285,7 +290,7 @@ def _are_covered(
     radii: (N,) radii of the discs around `points`, mm.
     slack: overhang that does not count, mm.
     """
-    table = _make_table(discs)
+    table = tabulate_discs(discs)
     distance = np.hypot(*np.moveaxis(points[:, None] - table[None, :, :2], 2, 0))
     return np.asarray((distance + radii[:, None] <= table[None, :, 2] + slack).any(axis=1))
 
@@ -405,13 +410,12 @@ def _cut_front(builder: _ChannelBuilder, centre: FloatArray, radius: float) -> N
         turned = zero + sense * angle
         return centre + radius * np.array([math.cos(turned), math.sin(turned)])
 
-    spans = clear_spans(np.array([*centre, radius]), _make_table(builder.discs), zero, sense)
+    spans = clear_spans(np.array([*centre, radius]), tabulate_discs(builder.discs), zero, sense)
     clear = unrolled(spans)
     reached = spans[builder.current][1]
     builder.move_to(on_rim(reached))
     length = 0.0
-    shortest_skip = _SKIPPED_FRACTION * limit.tool_radius / radius
-    for first, last in bare_spans(clear, reached, shortest_skip):
+    for first, last in bare_spans(clear, reached, _SKIPPED_FRACTION * limit.tool_radius / radius):
         for angle in crossings(clear, reached, first):
             builder.move_to(on_rim(angle))
         bulge = sense * math.tan((last - first) / 8)
@@ -426,15 +430,15 @@ def _cut_front(builder: _ChannelBuilder, centre: FloatArray, radius: float) -> N
     builder.current = len(builder.discs) - 1
 
 
-def _make_table(discs: Sequence[Disc]) -> FloatArray:
+def tabulate_discs(discs: Sequence[Disc]) -> FloatArray:
+    """Centre and radius of each disc, (D, 3), mm."""
     return np.array([(disc.x, disc.y, disc.radius) for disc in discs])
 
 
 def _return_to(builder: _ChannelBuilder, target: int) -> None:
     if builder.current == target:
         return
-    path = _find_disc_path(builder.discs, builder.current, target)
-    table = _make_table([builder.discs[k] for k in path])
+    table = tabulate_discs(builder.discs)[_find_disc_path(builder.discs, builder.current, target)]
     # The path leads first from the end of a front to the centre of its disc. From there on it is
     # known to be clear.
     for k in _shorten_path(table, 0, len(table) - 1):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import chain
+from collections.abc import Iterable, Sequence
+from itertools import chain, compress
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.nesting import Nesting, find_nesting
+from camgen.geometry.ragged import count_rows, list_owners, take_rows
 from camgen.geometry.segments import (
     Segments,
     find_following,
@@ -20,7 +21,7 @@ from camgen.geometry.segments import (
     make_contour_segments,
 )
 from camgen.geometry.uncross import find_slips, uncross_loops
-from camgen.model.part import Contour, Note
+from camgen.model.part import Contour, Note, list_ids, select_closed
 from camgen.model.text import counted, name_ranges, short
 from camgen.plan.follow import reverse_loops
 from camgen.plan.pocket.regions import (
@@ -52,26 +53,29 @@ class Pockets(Struct, frozen=True, eq=False):
     contours: list[tuple[str, ...]]
     cleared: Any = _EMPTY
 
+    def list_contours(self, rows: Iterable[int]) -> tuple[str, ...]:
+        """The ids of all walls of the pockets `rows`."""
+        return tuple(chain.from_iterable(take_rows(self.contours, rows)))
+
 
 def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     """The pockets that the contours enclose, and notes on contours that are left out."""
-    closed = [contour for contour in contours if contour.closed]
+    closed = select_closed(contours)
     nesting = _find_overlaps(closed, find_nesting(make_contour_segments(closed), len(closed)))
     crossings = _find_crossings(closed)
     for k in crossings:
         nesting.crossed[k] = k
-    unfit = [
-        (_select_contours(closed, is_unfit), problem, why)
-        for is_unfit, problem, why in _find_unfit(nesting, crossings)
-    ]
     loose = [contour for contour in contours if not contour.closed]
-    if loose:
-        why = "only closed contours have an inside; raise input.join to close gaps"
-        unfit.append((loose, "open", why))
-    notes = [_note_not_cleared(chosen, problem, why) for chosen, problem, why in unfit if chosen]
+    why_loose = "only closed contours have an inside; raise input.join to close gaps"
+    unfit = [*_find_unfit(closed, nesting, crossings), (loose, "open", why_loose)]
+    notes: list[Note] = []
+    unfit_contours: list[Contour] = []
+    for chosen, problem, why in unfit:
+        unfit_contours += chosen
+        if chosen:
+            notes.append(_note_not_cleared(chosen, problem, why))
     is_valid = (nesting.crossed < 0) & ~nesting.empty
     outer = np.flatnonzero(is_valid & (nesting.depth % 2 == 0))
-    unfit_contours = list(chain.from_iterable(chosen for chosen, _, _ in unfit))
     unclear = _find_unclear(closed, outer.tolist(), unfit_contours)
     if unclear:
         why = (
@@ -79,7 +83,7 @@ def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
             "repair them or leave them out"
         )
         problem = "with contours in them that are open or cross others"
-        notes.append(_note_not_cleared([closed[k] for k in unclear], problem, why))
+        notes.append(_note_not_cleared(take_rows(closed, unclear), problem, why))
     members: list[list[int]] = []
     for k in outer.tolist():
         if k not in unclear:
@@ -99,27 +103,17 @@ def _make_pockets(
     nesting: depth and signed area of each of them.
     members: indices of the outer wall and of the islands of each pocket.
     """
-    chosen: list[int] = []
-    for pocket_members in members:
-        chosen += pocket_members
+    chosen = list(chain.from_iterable(members))
     is_reversed = (nesting.area[chosen] > 0) == (nesting.depth[chosen] % 2 == 0)
-    segments = reverse_loops(make_contour_segments([closed[k] for k in chosen]), is_reversed)
+    segments = reverse_loops(make_contour_segments(take_rows(closed, chosen)), is_reversed)
     following = find_following(segments, np.ones(len(chosen), dtype=bool))
     slips = find_slips(segments, following, len(chosen)) | _are_crossed(segments, len(chosen))
     segments, following = uncross_loops(segments, following, slips)
-    sizes = [len(pocket_members) for pocket_members in members]
-    pocket = np.repeat(np.arange(len(members)), sizes)
+    pocket = list_owners(count_rows(members))
     walls = PocketWalls(segments, following, pocket[segments.owner], len(members))
-    outer = [closed[pocket_members[0]] for pocket_members in members]
-    names, layers = [wall.id for wall in outer], [wall.layer for wall in outer]
-    contours = []
-    for pocket_members in members:
-        contours.append(_list_ids([closed[k] for k in pocket_members]))
-    return Pockets(walls, names, layers, contours)
-
-
-def _list_ids(contours: Sequence[Contour]) -> tuple[str, ...]:
-    return tuple(contour.id for contour in contours)
+    layers = [closed[outer].layer for outer, *_ in members]
+    contours = [list_ids(take_rows(closed, pocket_members)) for pocket_members in members]
+    return Pockets(walls, [outer for outer, *_ in contours], layers, contours)
 
 
 def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
@@ -146,10 +140,6 @@ def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
     crossed = nesting.crossed.copy()
     crossed[first], crossed[second] = second, first
     return replace(nesting, crossed=crossed)
-
-
-def _select_contours(closed: Sequence[Contour], is_chosen: Any) -> list[Contour]:
-    return [closed[k] for k in np.flatnonzero(is_chosen).tolist()]
 
 
 def _are_crossed(loops: Segments, count: int) -> NDArray[np.bool_]:
@@ -180,19 +170,20 @@ def _find_crossings(closed: Sequence[Contour]) -> dict[int, tuple[float, float]]
 
 
 def _find_unfit(
-    nesting: Nesting, crossings: dict[int, tuple[float, float]]
-) -> list[tuple[Any, str, str]]:
-    """Contours that cannot be walls: a mask (C,), the problem, and the reason with a remedy."""
+    closed: Sequence[Contour], nesting: Nesting, crossings: dict[int, tuple[float, float]]
+) -> list[tuple[list[Contour], str, str]]:
+    """Closed contours that cannot be walls, with the problem, and the reason with a remedy."""
     crosses_itself = nesting.crossed == np.arange(len(nesting.crossed))
     crosses_other = (nesting.crossed >= 0) & ~crosses_itself
     why = "no clear inside; draw one outline"
     points = list(crossings.values())[:_NAMED_PLACES]
     places = ", ".join(f"near {short(x, 2)} {short(y, 2)} mm" for x, y in points)
     why_itself = f"{why}, see {places}" if places else why
+    twisted = compress(closed, crosses_itself & ~nesting.empty)
     return [
-        (crosses_itself & ~nesting.empty, "crossing themselves", why_itself),
-        (crosses_other, "crossing each other", why),
-        (nesting.empty & ~crosses_other, "without an inside", why),
+        (list(twisted), "crossing themselves", why_itself),
+        (list(compress(closed, crosses_other)), "crossing each other", why),
+        (list(compress(closed, nesting.empty & ~crosses_other)), "without an inside", why),
     ]
 
 
@@ -207,19 +198,19 @@ def _find_unclear(
     """
     if not unfit or not outer:
         return []
-    points, owner = flatten(make_contour_segments([closed[k] for k in outer]), CHORD_MM)
-    rings = [points[owner == k] for k in range(len(outer))]
-    polygons = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings]
+    points, owner = flatten(make_contour_segments(take_rows(closed, outer)), CHORD_MM)
+    polygons = shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
     chords, chord_owner = flatten(make_contour_segments(unfit), CHORD_MM)
     ends = np.array([contour.points[0 if contour.closed else -1] for contour in unfit])
-    rows = [np.vstack([chords[chord_owner == k], end]) for k, end in enumerate(ends)]
-    lines = [shapely.LineString(points) for points in rows]
+    owners = np.append(chord_owner, np.arange(len(unfit)))
+    order = np.argsort(owners, kind="stable")
+    lines = shapely.linestrings(np.vstack([chords, ends])[order], indices=owners[order])
     touched = shapely.STRtree(polygons).query(lines, predicate="intersects")[1]
-    return [outer[k] for k in np.unique(touched).tolist()]
+    return take_rows(outer, np.unique(touched))
 
 
 def _note_not_cleared(contours: Sequence[Contour], problem: str, why: str) -> Note:
-    ids = _list_ids(contours)
+    ids = list_ids(contours)
     layers = {contour.layer for contour in contours}
     return Note("skipped", format_not_cleared(ids, layers, problem), why, ids)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import shapely
 
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.ragged import count_rows, list_owners, number_rows, take_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -20,8 +21,8 @@ from camgen.geometry.segments import (
     tangents_at,
 )
 from camgen.model.pose import FloatArray
-from camgen.plan.pocket.channel import Channel
-from camgen.plan.pocket.linking import find_outermost
+from camgen.plan.pocket.channel import Channel, unite_channels
+from camgen.plan.pocket.linking import find_outermost, group_channels
 from camgen.plan.pocket.regions import OffsetRegion
 
 #: Maximum number of samples on one segment, in addition to its end.
@@ -57,17 +58,17 @@ def measure_engagement(
     stepover: mm.
     climb: whether the material is on the right of the direction of travel.
     """
-    all_channels: list[Channel] = []
-    for region_channels in channels:
-        all_channels += region_channels
     engagements, lengths = [np.zeros(0)], [np.zeros(0)]
     distance = np.array([region.distance for region in regions])
     parents = {region.parent for region in regions}
-    has_channel = [bool(channels[root]) for root in find_outermost(regions)]
+    root_channels = take_rows(channels, find_outermost(regions))
     cleared = _make_cleared_areas(regions, channels, radius)
     for current in np.unique(distance):
         at_distance = np.flatnonzero(distance == current).tolist()
-        rows = [k for k in at_distance if k in parents or not regions[k].is_whole or has_channel[k]]
+        rows = []
+        for k in at_distance:
+            if k in parents or not regions[k].is_whole or root_channels[k]:
+                rows.append(k)
         if rows:
             is_before = distance > current
             is_before &= distance <= current + _REACHED_STEPOVERS * stepover
@@ -77,8 +78,9 @@ def measure_engagement(
             sampled = _sample_engagement(passes, pocket, before, cleared, radius, wall_side)
             engagements.append(sampled[0])
             lengths.append(sampled[1])
-    engagements += [channel.engagements for channel in all_channels]
-    lengths += [channel.lengths for channel in all_channels]
+    for channel in chain.from_iterable(channels):
+        engagements.append(channel.engagements)
+        lengths.append(channel.lengths)
     return np.concatenate(engagements), np.concatenate(lengths)
 
 
@@ -89,14 +91,10 @@ def _make_cleared_areas(
 
     Pockets without channels are left out.
     """
-    polygons: dict[int, list[Any]] = {}
-    for region, region_channels in zip(regions, channels, strict=True):
-        of_pocket = polygons.setdefault(region.pocket, [])
-        grown = radius * (1 + _CHIP_FRACTION)
-        of_pocket += [channel.make_polygon(grown) for channel in region_channels]
-    cleared = {pocket: shapely.union_all(parts) for pocket, parts in polygons.items() if parts}
-    for area in cleared.values():
-        shapely.prepare(area)
+    cleared = {}
+    for pocket, pocket_channels in group_channels(regions, channels).items():
+        cleared[pocket] = unite_channels(pocket_channels, radius * (1 + _CHIP_FRACTION))
+        shapely.prepare(cleared[pocket])
     return cleared
 
 
@@ -108,8 +106,7 @@ def _gather_passes(
     for k in rows:
         passes += regions[k].passes
         pockets += [regions[k].pocket] * len(regions[k].passes)
-    sizes = [len(chain) for chain in passes]
-    pocket = np.repeat(np.array(pockets, dtype=np.int64), sizes)
+    pocket = np.repeat(np.array(pockets, dtype=np.int64), count_rows(passes))
     return concatenate(passes) if passes else make_contour_segments([]), pocket
 
 
@@ -167,5 +164,4 @@ def _sample_engagement(
             contact = is_in_contact(middle)
             inside[end] = np.where(contact, middle, inside[end])
             outside[end] = np.where(contact, outside[end], middle)
-    engagement = (np.cos(outside[0]) - np.cos(outside[1])) / 2
-    return np.where(is_engaged, engagement, 0.0), length
+    return np.where(is_engaged, (np.cos(outside[0]) - np.cos(outside[1])) / 2, 0.0), length

@@ -41,8 +41,11 @@ def clear_spans(
 def unrolled(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """The stretches that are not empty, and copies of them one turn later, by first angle."""
     turn = 2 * math.pi
-    clear = [(first, last) for first, last in spans if last > first]
-    return sorted(clear + [(first + turn, last + turn) for first, last in clear])
+    clear = []
+    for first, last in spans:
+        if last > first:
+            clear += [(first, last), (first + turn, last + turn)]
+    return sorted(clear)
 
 
 def bare_spans(
@@ -76,7 +79,6 @@ def crossings(clear: Sequence[tuple[float, float]], begin: float, end: float) ->
     angles = []
     reached = begin
     while reached < end:
-        ahead = max(last for first, last in clear if first <= reached + _SAME_RAD)
-        reached = min(end, ahead)
+        reached = min(end, max(last for first, last in clear if first <= reached + _SAME_RAD))
         angles.append(reached)
     return angles

@@ -135,8 +135,7 @@ def add_hops(
             lines = _shorten(stretch, cleared)
             hops = False
             if lines is not None:
-                saved = speeds.saved(stretch.length.sum(), lines.length.sum())
-                hops = saved >= _MIN_SAVED_S
+                hops = speeds.saved(stretch.length.sum(), lines.length.sum()) >= _MIN_SAVED_S
                 chosen = lines if hops else stretch
         parts.append(chosen)
         is_hop.append(np.full(len(chosen), hops))
@@ -192,8 +191,7 @@ def _split_at_border(chain: Segments, cleared: Any, radius: float) -> tuple[Segm
     cut = np.where(before, low, high)
     begins_row = np.concatenate([np.arange(len(chain)), rows])
     begins_at = np.concatenate([np.zeros(len(chain)), cut])
-    first_clear = clear[np.cumsum(count) - count]
-    state = np.concatenate([first_clear, ~before])
+    state = np.concatenate([clear[np.cumsum(count) - count], ~before])
     order = np.lexsort((begins_at, begins_row))
     begins_row, begins_at, state = begins_row[order], begins_at[order], state[order]
     is_last = np.append(begins_row[1:] != begins_row[:-1], True)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from camgen.geometry.arcs import compute_bulges
 from camgen.geometry.intersect import measure_gaps
-from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.ragged import list_owners, number_rows, take_rows
 from camgen.geometry.segments import IntArray, Segments, make_segments, points_at, tangents_at
 from camgen.model.pose import FloatArray
 from camgen.plan.pocket.chains import (
@@ -39,9 +39,9 @@ from camgen.plan.pocket.chains import (
     start_at,
     tangents_along,
 )
-from camgen.plan.pocket.channel import Channel
+from camgen.plan.pocket.channel import Channel, tabulate_discs
 from camgen.plan.pocket.engagement_limit import EngagementLimit
-from camgen.plan.pocket.regions import OffsetRegion
+from camgen.plan.pocket.regions import OffsetRegion, group_by_pocket
 
 #: mm: rounding of lengths. A link may come nearer to the walls than the outermost pass by this.
 _TOLERANCE_MM = 1e-4
@@ -185,7 +185,8 @@ def link_passes(
     # channel to all regions around it.
     after_channel: dict[int, _PassBuilder] = {}
     cleared: dict[int, tuple[Any, ...]] = {}
-    for root in sorted(set(outermost)):
+    roots = sorted(set(outermost))
+    for root in roots:
         cleared[root] = tuple(channel.make_polygon(_CLEAR_MM) for channel in channels[root])
         builders = [_start_with_channel(regions[root], channel) for channel in channels[root]]
         if builders:
@@ -194,17 +195,17 @@ def link_passes(
     current: dict[int, _PassBuilder] = {}
     lean_angle = 0.0 if limit is None else limit.max_turn
     lean_length = stepover / math.tan(lean_angle) if lean_angle else 0.0
-    roots = [k for k, region in enumerate(regions) if region.parent < 0]
     for k in _order_inside_first(children, roots):
         region, root = regions[k], outermost[k]
-        areas = np.array([regions[child].polygon.area for child in children[k]])
-        inner = [children[k][row] for row in _sort_ascending(areas).tolist()]
+        polygons = [regions[child].polygon for child in children[k]]
+        by_area = _sort_ascending(shapely.area(polygons))
+        inner = take_rows(children[k], by_area)
         builder, others = after_channel.get(root), list[_PassBuilder]()
         if root not in after_channel and inner:
             # The passes of the largest inner region are continued here.
             *others, builder = (current.pop(child) for child in inner)
         min_distance = max(first, region.distance - _INNER_WALL_SLACK * stepover) - _TOLERANCE_MM
-        cut = (*cleared[root], *(regions[child].polygon for child in inner))
+        cut = (*cleared[root], *take_rows(polygons, by_area))
         shapely.prepare(cut)
         limits = _LinkLimits(
             walls[region.pocket],
@@ -239,7 +240,7 @@ def _freeze_all(builders: Sequence[_PassBuilder]) -> list[LinkedPasses]:
             join_chains(builder.parts),
             builder.pass_count,
             builder.entry_radius,
-            index[id(builder.successor)] if builder.successor is not None else -1,
+            index.get(id(builder.successor), -1),
             builder.channel_segments,
             builder.steep_links,
         )
@@ -253,6 +254,20 @@ def _order_inside_first(children: Sequence[Sequence[int]], roots: Sequence[int])
         order.append(stack.pop())
         stack += children[order[-1]]
     return order[::-1]
+
+
+def group_channels(
+    regions: Sequence[OffsetRegion], channels: Sequence[Sequence[Channel]]
+) -> dict[int, list[Channel]]:
+    """The channels by pocket, without pockets that have none.
+
+    channels: channels of each region.
+    """
+    groups: dict[int, list[Channel]] = {}
+    for region, region_channels in zip(regions, channels, strict=True):
+        if region_channels:
+            groups.setdefault(region.pocket, []).extend(region_channels)
+    return groups
 
 
 def find_outermost(regions: Sequence[OffsetRegion]) -> list[int]:
@@ -279,9 +294,10 @@ def _set_channel_successors(builders: list[_PassBuilder]) -> None:
 
     There all linked passes come one after the other, with such channels first.
     """
-    for pocket in {builder.pocket for builder in builders if not builder.pass_count}:
-        of_pocket = [builder for builder in builders if builder.pocket == pocket]
+    for of_pocket in group_by_pocket(builders).values():
         of_pocket.sort(key=lambda builder: builder.pass_count > 0)
+        if of_pocket[0].pass_count:
+            continue
         for earlier, later in pairwise(of_pocket):
             earlier.successor = later
         of_pocket[-1].successor = None
@@ -308,8 +324,7 @@ def _add_region(
         if builder is None:
             builder = _enter_region(region, pending, first)
             continue
-        distances = np.array([find_nearest(chain, builder.position)[1] for chain in pending])
-        for k in _sort_ascending(distances).tolist():
+        for k in _sort_ascending(_find_feet(pending, builder.position)[1]).tolist():
             if _add_linked(builder, pending[k], limits, stepover):
                 pending.pop(k)
                 break
@@ -336,10 +351,10 @@ def _enter_region(region: OffsetRegion, pending: list[Segments], first: float) -
         middle, edge = shapely.get_coordinates(shapely.maximum_inscribed_circle(polygon, 0.01))
         inscribed = float(np.hypot(*(edge - middle)))
         if inscribed > _MIN_INSCRIBED_MM:
-            nearest = [find_nearest(chain, middle) for chain in pending]
-            k = int(_sort_ascending(np.array([distance for _, distance in nearest]))[0])
+            feet, distances = _find_feet(pending, middle)
+            k = int(_sort_ascending(distances)[0])
             builder = _PassBuilder(region.pocket, margin + inscribed)
-            ring = start_at(pending.pop(k), nearest[k][0])
+            ring = start_at(pending.pop(k), float(feet[k]))
             builder.parts.append(make_lines(middle, ring.start[:1]))
             builder.add_pass(ring, True)
             return builder
@@ -347,6 +362,12 @@ def _enter_region(region: OffsetRegion, pending: list[Segments], first: float) -
     lengths = np.array([chain.length.sum() for chain in pending])
     builder.add_pass(pending.pop(int(_sort_ascending(-lengths)[0])), region.is_whole)
     return builder
+
+
+def _find_feet(chains: Sequence[Segments], point: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The nearest point (K,) of each chain, mm from its start, and its distance (K,), mm."""
+    feet, distances = np.transpose([find_nearest(chain, point) for chain in chains])
+    return feet, distances
 
 
 def _add_linked(
@@ -357,7 +378,7 @@ def _add_linked(
     A link that keeps the engagement limit is preferred. Others are tried in this order: a slanting
     link near the tool, the shortest link, a link from another point of the last closed pass.
     """
-    if not _is_closed(chain):
+    if math.dist(chain.end[-1], chain.start[0]) >= _TOLERANCE_MM:
         return _add_linked_open(builder, chain, limits)
     total = float(chain.length.sum())
     foot = find_nearest(chain, builder.position)[0]
@@ -369,7 +390,7 @@ def _add_linked(
         builder.parts.append(link)
         builder.add_pass(start_at(chain, length), True)
         return True
-    ahead = np.array([(foot + k * min(stepover, total / 12)) % total for k in _AHEAD])
+    ahead = (foot + np.array(_AHEAD) * min(stepover, total / 12)) % total
     links = make_lines(builder.position, locate(chain, ahead))
     starts = ahead[_find_first_free(links, limits)]
     if not len(starts):
@@ -433,12 +454,12 @@ def _find_way_over_channel(
             continue
         inside = np.flatnonzero(channel.contains(ends))
         rows = inside if len(inside) else np.arange(len(ends))
-        distance = np.hypot(*(ends[rows] - builder.position).T)
-        row = int(rows[_sort_ascending(distance)[0]])
+        row = int(rows[_sort_ascending(np.hypot(*(ends[rows] - builder.position).T))[0]])
         last = _find_access(ends[row], channel, limits)
         if last is not None:
-            corners = np.vstack([builder.position, channel.find_link(first, last), ends[row]])
-            return make_polyline(corners), row
+            return make_polyline(
+                np.vstack([builder.position, channel.find_link(first, last), ends[row]])
+            ), row
     return None
 
 
@@ -450,8 +471,7 @@ def _find_access(point: FloatArray, channel: Channel, limits: _LinkLimits) -> Fl
     """
     if channel.contains(point[None])[0]:
         return point
-    centres = np.array([(disc.x, disc.y) for disc in channel.discs])
-    links = make_lines(point, centres)
+    links = make_lines(point, tabulate_discs(channel.discs)[:, :2])
     links = links.take(_sort_ascending(links.length)[:_BATCH])
     rows = _find_first_free(links, limits.in_cleared_area())
     return np.asarray(links.end[rows[0]]) if len(rows) else None
@@ -486,8 +506,8 @@ def _find_leaning_arc(
     Returns the link and its end on `chain`, mm from its start; None if there is no such link.
     """
     total = float(chain.length.sum())
-    factors = [k for k in _LEAN_FACTORS if k * limits.lean_length < total / 3]
-    ring, ahead = builder.last_ring, limits.lean_length * np.array(factors)
+    ring, ahead = builder.last_ring, limits.lean_length * np.array(_LEAN_FACTORS)
+    ahead = ahead[ahead < total / 3]
     if ring is None or not len(ahead):
         return None
     start = find_nearest(ring, builder.position)[0]
@@ -585,7 +605,3 @@ def _measure_uncut(links: Segments, limits: _LinkLimits) -> FloatArray:
         rows = np.flatnonzero(is_uncut)
         is_uncut[rows] = ~shapely.contains_xy(polygon, points[rows])
     return np.asarray(np.bincount(link, is_uncut, len(links)) * links.length / count)
-
-
-def _is_closed(chain: Segments) -> bool:
-    return bool(np.hypot(*(chain.end[-1] - chain.start[0])) < _TOLERANCE_MM)

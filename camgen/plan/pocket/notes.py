@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import shapely
 
+from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import (
     Segments,
     flatten,
@@ -25,6 +28,7 @@ from camgen.plan.pocket.regions import (
     CHORD_MM,
     QUARTER_CHORDS,
     OffsetRegion,
+    group_by_pocket,
     make_pocket_polygon,
 )
 from camgen.plan.pocket.slots import Slots
@@ -46,10 +50,8 @@ def note_failed(
 ) -> list[Note]:
     """Notes on pockets without a path."""
     round_pockets = [] if job.tool.center_cutting else list(slots.hole_pocket)
-    has_path = {border.pocket for border in borders} | set(slots.pocket)
-    has_path |= set(slots.hole_pocket) - set(round_pockets)
-    explained = {*has_path, *failed, *round_pockets}
-    narrow = [k for k in range(len(pockets.names)) if k not in explained]
+    explained = {*group_by_pocket(borders), *slots.pocket, *slots.hole_pocket, *failed}
+    narrow = sorted(set(range(len(pockets.names))) - explained)
     why_narrow = "nothing is narrow"
     if narrow:
         regions = [make_pocket_polygon(pockets.walls, k) for k in narrow]
@@ -65,12 +67,9 @@ def note_failed(
         (sorted(failed), "check failed", why_failed),
     ):
         if chosen:
-            layers = {pockets.layers[k] for k in chosen}
-            what = format_not_cleared([pockets.names[k] for k in chosen], layers, problem)
-            ids: list[str] = []
-            for k in chosen:
-                ids += pockets.contours[k]
-            notes.append(Note("skipped", what, why, tuple(ids)))
+            layers = set(take_rows(pockets.layers, chosen))
+            what = format_not_cleared(take_rows(pockets.names, chosen), layers, problem)
+            notes.append(Note("skipped", what, why, pockets.list_contours(chosen)))
     return notes
 
 
@@ -78,7 +77,7 @@ def note_slots(slots: Slots, pockets: Pockets) -> list[Note]:
     """A note on channels as wide as the tool, in which engagement is not limited."""
     if not slots.chains:
         return []
-    names = ", ".join(name_ranges([pockets.names[k] for k in dict.fromkeys(slots.pocket)]))
+    names = ", ".join(name_ranges(take_rows(pockets.names, dict.fromkeys(slots.pocket))))
     length = short(sum(float(chain.length.sum()) for chain in slots.chains), 1)
     return [
         Note(
@@ -102,13 +101,11 @@ def note_passes(
     stepover, radius = job.operation.stepover * job.tool.diameter, job.tool.radius
     climb = job.operation.direction != "conventional"
     engagement, length = measure_engagement(regions, channels, radius, stepover, climb)
-    all_channels: list[Channel] = []
-    for region_channels in channels:
-        all_channels += region_channels
+    all_channels = list(chain.from_iterable(channels))
     subject = pockets.names[0]
     if len(pockets.names) > 1:
         noun = "area" if job.operation.rest else "pocket"
-        subject = counted(len({passes.pocket for passes in linked}), noun)
+        subject = counted(len(group_by_pocket(linked)), noun)
     pass_count = counted(sum(passes.pass_count for passes in linked), "pass", "passes")
     path_count = counted(len(linked), "path")
     what = f"{subject}: {pass_count} in {path_count}, {short(stepover, 3)} mm apart"
@@ -166,20 +163,24 @@ def note_rest_material(
     rest_area, whole_area = 0.0, 0.0
     places: list[tuple[float, float, float]] = []
     ids: list[str] = []
-    for pocket_index in sorted({border.pocket for border in borders} | set(slots.pocket)):
+    centres: dict[int, list[Any]] = defaultdict(list)
+    for pocket_index, slot in zip(slots.pocket, slots.chains, strict=True):
+        centres[pocket_index].append(_make_line(slot))
+    for border in borders:
+        centres[border.pocket].append(border.polygon)
+    for pocket_index in sorted(centres):
         polygon = make_pocket_polygon(pockets.walls, pocket_index).difference(pockets.cleared)
-        slot_rows = [k for k, pocket in enumerate(slots.pocket) if pocket == pocket_index]
-        centres = [_make_line(slots.chains[k]) for k in slot_rows]
-        centres += [border.polygon for border in borders if border.pocket == pocket_index]
-        swept = shapely.union_all(centres).buffer(radius, quad_segs=QUARTER_CHORDS)
+        swept = shapely.union_all(centres[pocket_index]).buffer(radius, quad_segs=QUARTER_CHORDS)
         whole_area += polygon.area
         # Strips as thin as the deviation of chords do not count.
         parts = shapely.get_parts(polygon.difference(swept))
-        parts = [part for part in parts if not part.buffer(-2 * CHORD_MM).is_empty]
-        rest_area += sum(part.area for part in parts)
-        large = [part for part in parts if part.area >= _PLACE_FRACTION * np.pi * radius**2]
+        parts = parts[~shapely.is_empty(shapely.buffer(parts, -2 * CHORD_MM, quad_segs=16))]
+        areas = shapely.area(parts)
+        rest_area += sum(areas.tolist())
+        large = parts[areas >= _PLACE_FRACTION * np.pi * radius**2]
         places += [(part.area, *part.representative_point().coords[0]) for part in large]
-        ids += pockets.contours[pocket_index] if large else []
+        if len(large):
+            ids += pockets.contours[pocket_index]
     if rest_area <= max(1e-4 * whole_area, 0.05 * radius**2):
         return []
     places.sort(reverse=True)
@@ -187,8 +188,9 @@ def note_rest_material(
     if places:
         what += f", {counted(len(places), 'place')} of {short(places[0][0], 2)} mm2 or less"
     why = f"inner corners and narrow places that a {job.tool.diameter:g} mm tool does not reach"
-    points = tuple((x, y) for _, x, y in places[:_MAX_PLACES])
-    return [Note("warning", what, why, tuple(ids), points)]
+    return [
+        Note("warning", what, why, tuple(ids), tuple((x, y) for _, x, y in places[:_MAX_PLACES]))
+    ]
 
 
 def _make_line(chain: Segments) -> Any:

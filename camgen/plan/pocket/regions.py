@@ -14,9 +14,11 @@ near such material are additional passes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import Any
+from operator import attrgetter
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -24,6 +26,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import measure_loop_areas
+from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import (
     IntArray,
     Segments,
@@ -35,6 +38,9 @@ from camgen.geometry.segments import (
 )
 from camgen.plan.beside import OffsetCurve, make_offset_curve
 from camgen.plan.pocket.chains import cut_out, sample_chain
+
+_Item = TypeVar("_Item")
+_get_pocket = attrgetter("pocket")
 
 #: mm: maximum deviation of polygons from passes and walls. Polygons decide which region lies inside
 #: which, and where rest material is.
@@ -92,6 +98,24 @@ class OffsetRegion(Struct, frozen=True, eq=False):
     is_whole: bool
     polygon: Any
     parent: int = -1
+
+
+def select_outermost(regions: Iterable[OffsetRegion]) -> list[OffsetRegion]:
+    """The regions without a region around them."""
+    return [region for region in regions if region.parent < 0]
+
+
+def unite_regions(regions: Iterable[OffsetRegion]) -> Any:
+    """The union of the polygons of `regions`."""
+    return shapely.union_all([region.polygon for region in regions])
+
+
+def group_by_pocket(items: Iterable[_Item]) -> dict[int, list[_Item]]:
+    """Lists of `items` by their attribute `pocket`, in order."""
+    groups: dict[int, list[_Item]] = defaultdict(list)
+    for item in items:
+        groups[_get_pocket(item)].append(item)
+    return groups
 
 
 class RegionForest(Struct, frozen=True, eq=False):
@@ -171,7 +195,7 @@ def _append_regions(
     indices = []
     for region in added:
         parents = candidates.get(region.pocket, [])
-        parent = _find_enclosing(region, [regions[k] for k in parents])
+        parent = _find_enclosing(region, take_rows(regions, parents))
         indices.append(len(regions))
         regions.append(replace(region, parent=parents[parent] if parent >= 0 else -1))
     return indices
@@ -205,7 +229,8 @@ def _compute_layer(
         attempts = [(borders, distance * (1 + nudge)) for nudge in _NUDGES]
         attempts += [(walls, borders.distance + distance * (1 + nudge)) for nudge in _NUDGES]
     pending = frozenset(np.unique(borders.pocket).tolist())
-    layers: list[_Layer] = []
+    regions: list[OffsetRegion] = []
+    parts: list[PocketWalls] = []
     for source, offset in attempts:
         if not pending:
             break
@@ -214,13 +239,11 @@ def _compute_layer(
         curve = make_offset_curve(
             chosen.segments, chosen.following, closed, chosen.pocket, offset, 0.0
         )
-        layers.append(_make_layer(curve, chosen, offset, climb))
-        pending = layers[-1].failed
-    regions: list[OffsetRegion] = []
-    for layer in layers:
+        layer = _make_layer(curve, chosen, offset, climb)
         regions += layer.regions
-    joined = _join_walls([layer.borders for layer in layers], borders.pocket_count)
-    return _Layer(regions, joined, pending)
+        parts.append(layer.borders)
+        pending = layer.failed
+    return _Layer(regions, _join_walls(parts, borders.pocket_count), pending)
 
 
 def select_pockets(walls: PocketWalls, pockets: frozenset[int]) -> PocketWalls:
@@ -313,7 +336,7 @@ def _make_layer(curve: OffsetCurve, borders: PocketWalls, offset: float, climb: 
     is_pass = curve.closed & (sizes >= MIN_CORNERS) & (np.abs(area) > _THIN_MM * length / 2)
     is_pass &= ~np.isin(pocket, failed)
     travelled = reverse_segments(curve.segments)[0] if climb else curve.segments
-    chains = _split_by_owner(travelled, count)
+    chains = split_by_owner(travelled, count)
     loops = np.split(points, np.cumsum(sizes)[:-1])
     regions = []
     # The material is on the left: the outer border of a region runs clockwise, and the border
@@ -321,11 +344,12 @@ def _make_layer(curve: OffsetCurve, borders: PocketWalls, offset: float, climb: 
     for k in np.unique(pocket[is_pass]).tolist():
         rows = np.flatnonzero(is_pass & (pocket == k))
         for members in _group_loops(rows[area[rows] < 0], rows[area[rows] > 0], loops):
-            polygon = shapely.Polygon(loops[members[0]], [loops[hole] for hole in members[1:]])
+            outer, *holes = take_rows(loops, members)
+            polygon = shapely.Polygon(outer, holes)
             # Chords of two arcs that nearly touch may cross.
             if not polygon.is_valid:
                 polygon = shapely.make_valid(polygon)
-            passes = tuple(chains[member] for member in members)
+            passes = tuple(take_rows(chains, members))
             regions.append(OffsetRegion(k, distance, passes, True, polygon))
     segments = curve.segments.take(is_pass[curve.segments.owner])
     following = find_following(segments, curve.closed)
@@ -333,7 +357,8 @@ def _make_layer(curve: OffsetCurve, borders: PocketWalls, offset: float, climb: 
     return _Layer(regions, inner, frozenset(failed.tolist()))
 
 
-def _split_by_owner(segments: Segments, count: int) -> list[Segments]:
+def split_by_owner(segments: Segments, count: int) -> list[Segments]:
+    """The segments of each of `count` owners; they have to be sorted by owner."""
     edges = np.searchsorted(segments.owner, np.arange(count + 1))
     return [segments.take(np.arange(start, end)) for start, end in pairwise(edges.tolist())]
 
@@ -371,9 +396,9 @@ def _select_needed(
     stepover, radius: mm.
     """
     needed = []
+    inside = group_by_pocket(inner)
     for region in between:
-        inside = [other.polygon for other in inner if other.pocket == region.pocket]
-        cut = shapely.union_all(inside).intersection(region.polygon)
+        cut = unite_regions(inside[region.pocket]).intersection(region.polygon)
         if cut.is_empty:
             needed.append(region)
             continue

@@ -75,8 +75,7 @@ def find_rest_of_pockets(pocket_walls: PocketWalls, part: Part, job: Job) -> Res
             pocket.append(number)
     walls = make_contour_segments(recover_arcs(loops, _ARC_MM)[0])
     following = find_following(walls, np.ones(len(loops), np.bool_))
-    owner_group = np.array(group, np.int64)[walls.owner]
-    rest_walls = PocketWalls(walls, following, owner_group, len(pocket))
+    rest_walls = PocketWalls(walls, following, np.array(group, np.int64)[walls.owner], len(pocket))
     return Rest(rest_walls, pocket, shapely.difference(whole, rest))
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 
+from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import (
     Segments,
     concatenate,
+    concatenate_chains,
     make_contour_segments,
 )
 from camgen.model.job import Job
@@ -24,10 +25,7 @@ from camgen.plan.columns import (
     plunge_path,
 )
 from camgen.plan.pocket.contours import Pockets
-from camgen.plan.pocket.regions import (
-    PocketWalls,
-    RegionForest,
-)
+from camgen.plan.pocket.regions import PocketWalls, RegionForest, select_outermost, split_by_owner
 
 
 class Slots(Struct, frozen=True, eq=False):
@@ -48,9 +46,8 @@ class Slots(Struct, frozen=True, eq=False):
 def find_slots(wall_passes: RegionForest, walls: PocketWalls, job: Job) -> Slots:
     """Find the channels and holes that the passes along the walls do not enter."""
     passes = [make_contour_segments([])]
-    for region in wall_passes.regions:
-        if region.parent < 0:
-            passes += region.passes
+    for region in select_outermost(wall_passes.regions):
+        passes += region.passes
     lines = find_channel_lines(
         concatenate(passes),
         walls.segments,
@@ -62,9 +59,10 @@ def find_slots(wall_passes: RegionForest, walls: PocketWalls, job: Job) -> Slots
     rows = np.searchsorted(lines.segments.owner, np.arange(len(lines.closed)))
     pocket = walls.pocket[lines.source[rows]]
     order = np.argsort(pocket, kind="stable")
-    chains = [lines.segments.take(lines.segments.owner == k) for k in order.tolist()]
-    hole_pocket = walls.pocket[lines.hole_source].tolist()
-    return Slots(pocket[order].tolist(), chains, lines.holes, hole_pocket)
+    chains = take_rows(split_by_owner(lines.segments, len(lines.closed)), order)
+    return Slots(
+        pocket[order].tolist(), chains, lines.holes, walls.pocket[lines.hole_source].tolist()
+    )
 
 
 def plan_slots(slots: Slots, pockets: Pockets, job: Job) -> list[ToolPath]:
@@ -85,9 +83,7 @@ def plan_slots(slots: Slots, pockets: Pockets, job: Job) -> list[ToolPath]:
         labels.append(Label(name, layer, is_closed, is_reversible, -1, contours))
     paths: list[ToolPath] = []
     if labels:
-        segments = concatenate(slots.chains)
-        sizes = [len(chain) for chain in slots.chains]
-        segments = replace(segments, owner=np.repeat(np.arange(len(sizes)), sizes))
+        segments = concatenate_chains(slots.chains)
         zeros = np.zeros(len(segments))
         work = SegmentWork(compute_sideways(segments, 0), zeros, zeros + job.process.feed)
         paths += make_tool_paths(segments, labels, work, depths, "pocket")
