@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Sized
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +18,11 @@ from camgen.model.part import BoolArray, IntArray
 PAIRS = 500_000
 
 _Value = TypeVar("_Value", bound=np.generic)
+
+
+def count_rows(groups: Sequence[Sized]) -> IntArray:
+    """(G,) the number of rows of each group."""
+    return np.fromiter(map(len, groups), np.int64, len(groups))
 
 
 def compute_first_rows(counts: Sequence[int] | IntArray) -> IntArray:

@@ -191,6 +191,16 @@ class Contour(Struct, frozen=True, eq=False):
         return f"Contour({self.id!r}, {points}, {'closed' if self.closed else 'open'})"
 
 
+def name_contours(contours: Iterable[Contour]) -> list[str]:
+    """The ids of contours, in order."""
+    return [contour.id for contour in contours]
+
+
+def select_closed(contours: Iterable[Contour]) -> list[Contour]:
+    """The closed contours, in order."""
+    return [contour for contour in contours if contour.closed]
+
+
 class ContourColumns(NamedTuple):
     """The points of C contours in one table.
 

@@ -354,8 +354,7 @@ def _compute_step_costs(
         return StepCosts(item, cost, -edge, -edge)
     out, back = enter - home[:, None], home[:, None] - leave
     out_cost = _compute_least_costs(out[0], out[1], [charges])
-    back_cost = _compute_least_costs(back[0], back[1], [charges])
-    return StepCosts(item, cost, out_cost, back_cost)
+    return StepCosts(item, cost, out_cost, _compute_least_costs(back[0], back[1], [charges]))
 
 
 def _compute_least_costs(
