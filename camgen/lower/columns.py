@@ -63,8 +63,7 @@ class Rows(Struct, frozen=True, eq=False):
     def stretch(self, within: slice) -> Rows:
         """Some rows, as if they belonged to one path."""
         columns = {name: getattr(self, name)[within] for name in _COLUMNS}
-        size = len(columns["position"])
-        return Rows(**columns, first=np.array([0]), last=np.array([size - 1]))
+        return Rows(**columns, first=np.array([0]), last=np.array([len(columns["position"]) - 1]))
 
 
 _COLUMNS = ("position", "via", "axis", "force_direction", "force", "feed")

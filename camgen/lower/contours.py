@@ -325,8 +325,8 @@ class _PassDraft(Struct, frozen=True, eq=False):
         contact, speed = rows.position[first], process.travel_speed
         is_apart = ~_are_same(rows.position[np.roll(rows.last, 1)], contact)
         free = ~(self.linked | self.down)
-        paths = [tool_pass.path for tool_pass in self.passes]
-        self.draft.insert(first, [Comment(f"path {path.id} layer {path.layer}") for path in paths])
+        titles = [f"path {each.path.id} layer {each.path.layer}" for each in self.passes]
+        self.draft.insert(first, list(map(Comment, titles)))
         if link is not None:
             places = np.repeat(first[:1], len(link))
             targets = self._targets(link, self.orientations.ends[places])

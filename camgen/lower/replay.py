@@ -106,7 +106,8 @@ def _run_tool(
     path, *following = np.where(owner >= 0, owner + before, -1).tolist()
     arrival = _plan_arrival(body[first], cartesian, job, part.entry)  # type: ignore[arg-type]
     motions = [replace(item, path=path) for item in arrival]
-    above = 1 if (job.tool if part.tool is None else part.tool).kind in _TURNING else len(motions)
+    tool = job.tool if part.tool is None else part.tool
+    above = 1 if tool.kind in _TURNING else len(motions)
     out = [*_switch_on_after(body[:first], motions[:above]), *motions[above:]]
     blends_and_paths = zip(
         _compute_blends(columns, compute_corner_tolerance(job, "replay"), cell.pace).tolist()[1:],

@@ -154,8 +154,7 @@ def _note_later(plan: JobPlan, paths: Sequence[ToolPath], job: Job) -> list[Note
     for place, path in enumerate(paths):
         for name in path.contours:
             first.setdefault(name, place)
-    named = [name for name in job.tour.order if name in first]
-    for before, after in pairwise(named):
+    for before, after in pairwise([name for name in job.tour.order if name in first]):
         if first[after] < first[before]:
             why = (
                 f"operation {owner[first[after]]} runs before operation {owner[first[before]]}; "

@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from camgen.model.errors import JobError
 from camgen.model.path import PLAIN, ToolPath, Tour
-from camgen.model.sequences import pick
+from camgen.model.sequences import find_first_places, pick
 from camgen.order.proven import MAX_PROVEN_PATHS, improve_few, is_proven
 from camgen.order.search import (
     Choices,
@@ -165,7 +165,7 @@ def _compute_ranks(
     paths: Sequence[ToolPath], layers: Sequence[str], order: Sequence[str]
 ) -> list[int]:
     """The rank of each path: the place of its first contour in `order`, otherwise of its layer."""
-    of_layer = {name: place for place, name in reversed(list(enumerate(layers)))}
+    of_layer = find_first_places(layers)
     of_contour = {name: place for place, name in enumerate(order)}
     ranks = []
     for path in paths:

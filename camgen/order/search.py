@@ -228,8 +228,9 @@ def _make_dense_points(known: Sampled, max_distances: int) -> bound.DensePoints 
     step = known.whole / samples
     points[inside] = compute_points(known, owner[inside], (number * step[owner])[inside])
     # `items.step` includes corners that are excluded as starts.
-    distance = items.step - known.step + step
-    return bound.DensePoints(first, points, np.where(loop, distance / 2, 0.0))
+    return bound.DensePoints(
+        first, points, np.where(loop, (items.step - known.step + step) / 2, 0.0)
+    )
 
 
 def search_tour(

@@ -141,8 +141,7 @@ def add_tabs(
         for loop in group:
             on_loop = sorted(_find_nearest_places(loop, points))
             result[loop.number] = _raise_floor(loop, tab, on_loop, job.tolerance.chord)
-        for point in points:
-            middles.append((float(point[0]), float(point[1])))
+        middles += [(float(x), float(y)) for x, y, _ in points]
         if places:
             held += ids
         if is_near_corner:
@@ -430,9 +429,7 @@ def _repeat_around(sections: FloatArray, length: float) -> FloatArray:
 def _find_nearest_place(ideal: float, closed: FloatArray, length: float) -> float | None:
     """The position nearest to `ideal` that is in none of the sections (S, 2); None if none is."""
     places = _select_open(np.append(ideal, closed[(closed >= 0) & (closed <= length)]), closed)
-    if not len(places):
-        return None
-    return float(places[np.argmin(np.abs(places - ideal))])
+    return min(places.tolist(), key=lambda place: abs(place - ideal), default=None)
 
 
 def _select_open(places: FloatArray, closed: FloatArray) -> FloatArray:

@@ -345,10 +345,8 @@ def _find_other_states(
 
 def _find_contacts(problem: TourProblem, lost: Container[int]) -> FloatArray:
     """(K, J) joint values in contact at the start of some of the paths."""
-    paths = []
-    for k, states in enumerate(problem.states):
-        if k not in lost and len(states) and states.branch[0] >= 0:
-            paths.append(k)
+    has_states = np.flatnonzero(count_rows(problem.states)).tolist()
+    paths = [k for k in has_states if k not in lost and problem.states[k].branch[0] >= 0]
     paths = paths[:: max(len(paths) // _CONTACTS, 1)]
     if not paths:
         return np.zeros((0, len(problem.cost_model.home)))

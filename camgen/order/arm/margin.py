@@ -30,12 +30,9 @@ def make_clear_test(scene: Scene, distance: float = 0.0) -> ClearTest:
 
     Pairs with a mesh are tested last, because most collisions are with boxes.
     """
-    has_mesh = np.zeros(len(scene.pairs), dtype=np.bool_)
-    for target in scene.targets:
-        has_mesh[target.of_strike] = True
-    meshed = np.flatnonzero(has_mesh).tolist()
-    boxed = select_pairs(scene, np.flatnonzero(~has_mesh).tolist())
-    at_mesh = select_pairs(scene, meshed)
+    meshed = set[int]().union(*(target.of_strike.tolist() for target in scene.targets))
+    boxed = select_pairs(scene, sorted(set(range(len(scene.pairs))) - meshed))
+    at_mesh = select_pairs(scene, sorted(meshed))
 
     def is_clear(joints: FloatArray) -> BoolArray:
         clear: BoolArray = np.asarray(find_collisions(boxed, joints, near=distance) < 0)

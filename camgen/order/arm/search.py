@@ -19,7 +19,7 @@ from msgspec import Struct, field
 from camgen.geometry.ragged import compute_offsets, count_rows, list_owners, number_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.model.sequences import pick
+from camgen.model.sequences import find_first_places, pick
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
 from camgen.order.arm.detours import find_detour
 from camgen.order.arm.items import (
@@ -262,7 +262,7 @@ def find_colliding_states(
         return np.zeros(0, dtype=np.bool_)
     # States that differ by whole turns or gates have one key, and are tested once.
     keys = make_state_keys(states, item_indices)
-    first_row = dict(zip(keys[::-1], reversed(range(len(keys))), strict=True))
+    first_row = find_first_places(keys)
     rows = list(first_row.values())
     items = pick(item_indices, rows)
     collides = _test_states(problem, items, states.pick(np.array(rows)), max_samples)
@@ -421,8 +421,8 @@ def add_shifted_rolls(
     """
     current = solution.states
     shifted = [k for k in solution.order if current.branch[k] >= 0 and k not in fixed]
-    sides = range(-_STEPS_TO_EACH_SIDE, _STEPS_TO_EACH_SIDE + 1)
-    shifts = step * np.array([k for k in sides if k])
+    one_side = np.arange(1, _STEPS_TO_EACH_SIDE + 1)
+    shifts = step * np.append(-one_side[::-1], one_side)
     owner = np.repeat(shifted, len(shifts))
     roll = current.roll[owner] + np.tile(shifts, len(shifted))
     roll = np.remainder(roll + math.pi, math.tau) - math.pi

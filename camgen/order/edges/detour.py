@@ -64,8 +64,7 @@ class _Space(Struct, eq=False):
         distance = (np.abs(b - a) * self.scale).max(axis=1)
         parts = np.maximum(np.ceil(distance / self.step), 1).astype(np.int64)
         line, part = list_owners(parts), number_rows(parts) + 1
-        fraction = part / parts[line]
-        free = self.are_free(a[line] + fraction[:, None] * (b - a)[line])
+        free = self.are_free(a[line] + (part / parts[line])[:, None] * (b - a)[line])
         first = np.full(len(a), np.iinfo(np.int64).max)
         np.minimum.at(first, line[~free], part[~free])
         return np.asarray(np.minimum((first - 1) / parts, 1.0))

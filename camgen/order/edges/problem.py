@@ -140,7 +140,7 @@ def make_problem(
     """Compute the times of all links between motions, and test those that stay at the part.
 
     retractions: two for each motion, of its start and of its end.
-    edges: at least those of the motions.
+    edges: the edges of the motions, in any order.
     """
     setup, home = cell.setup, cell.home
     speed = options.speeds.part
@@ -169,10 +169,7 @@ def make_problem(
     tested = TestedLinks(*np.zeros((3, size, size), dtype=bool))
     at_part = links.find_links_at_part(ends)
     problem = RouteProblem(cell, tuple(motions), tuple(retractions), ends, at_part, to_home, tested)
-    detours: dict[int, FloatArray] = {}
-    for end, retraction in enumerate(retractions):
-        if len(retraction.via):
-            detours[end] = retraction.via
+    detours = {end: out.via for end, out in enumerate(retractions) if len(out.via)}
     return with_detours(problem, detours, options.speeds)
 
 
@@ -255,10 +252,8 @@ def classify_joint_motions(
     samples = np.stack([(1 - fractions) * rows[0] + fractions * rows[1] for rows, _ in tests])
     clear = np.asarray(cell.setup.clear(samples.reshape(-1, samples.shape[-1])))
     all_clear = np.asarray(clear.reshape(samples.shape[:2]).all(axis=1))
-    verdicts: list[Verdict] = ["blocked"] * len(tests)
+    verdicts: list[Verdict] = np.where(all_clear, "clear", "blocked").tolist()
     clear_tests = np.flatnonzero(all_clear).tolist()
-    for k in clear_tests:
-        verdicts[k] = "clear"
     for space in cell.spaces:
         chosen = [k for k in clear_tests if cell.space_of(*tests[k][1]) is space]
         results = space.look([SampledMotion(tests[k][0]) for k in chosen])

@@ -125,8 +125,7 @@ def _make_tour(problem: Problem, tour: Start) -> _Tour:
 def _rotate_groups(tour: _Tour) -> None:
     """Join each group to a ring, and cut and reverse it where the links to and from it are best."""
     group = tour.group[tour.order]
-    ends = np.flatnonzero(group[1:] != group[:-1])
-    for low, high in pairwise((ends + 1).tolist()):
+    for low, high in pairwise((np.flatnonzero(group[1:] != group[:-1]) + 1).tolist()):
         ring = tour.order[low:high]
         before, after = tour.leave[tour.order[low - 1]], tour.enter[tour.order[high]]
         leave, next_enter = tour.leave[ring], np.roll(tour.enter[ring], -1)
