@@ -259,7 +259,7 @@ def test_a_blocked_edge_is_an_error_with_strict(box: Path, monkeypatch: pytest.M
         camgen.build(box, post="rapid", job={"input": {"select": "e7-e8"}}, strict=True)
 
 
-@pytest.mark.parametrize("where", [{"way": True}, {"at_end": True}], ids=["link", "end of it"])
+@pytest.mark.parametrize("where", [{"on_link": True}, {"at_end": True}], ids=["link", "end of it"])
 def test_a_link_that_is_blocked_once_costs_no_edge(
     box: Path, monkeypatch: pytest.MonkeyPatch, where: dict[str, bool]
 ) -> None:
