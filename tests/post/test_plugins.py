@@ -102,7 +102,7 @@ def test_a_file_that_is_no_post_is_named(tmp_path, text, says):
 
 def test_a_post_file_without_a_readback_is_no_post(tmp_path):
     path = write(tmp_path, POST.format(name="Mini"))
-    with pytest.raises(JobError, match=r"has no function run\(files, ask\)"):
+    with pytest.raises(JobError, match=r"has no function run\(files, request\)"):
         find_readback(path)
 
 
