@@ -20,7 +20,7 @@ from camgen.model.errors import Blocked, BlockedPath
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Program
-from camgen.model.text import short
+from camgen.model.text import join_short, short
 from camgen.motion.cell import FINE, STEP
 from camgen.motion.joint_paths import APART, JointPath
 from camgen.robots.kinematics.forward import compute_flange
@@ -266,7 +266,7 @@ def _place(program: Program, robot: Robot, course: JointPath, at: float) -> str:
     """Format the TCP at a place in rows of the joint path, in the work frame, mm."""
     rotation, origin = compute_flange(robot, _joints_at(course, at)[None])
     tip = origin[0] + rotation[0] @ np.asarray(program.flange_from_tool.origin)
-    return " ".join(short(v, 1) for v in program.base_from_work.inverse().apply(tip))
+    return join_short(program.base_from_work.inverse().apply(tip), 1)
 
 
 def _joints_at(course: JointPath, at: float) -> FloatArray:

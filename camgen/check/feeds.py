@@ -12,7 +12,7 @@ from camgen.geometry.ragged import select_distinct
 from camgen.model.errors import NoSafeProgram
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.program import MoveJ, Program
-from camgen.model.text import short
+from camgen.model.text import join_short, short
 from camgen.motion.joint_paths import JointPath
 from camgen.motion.pose_paths import Index
 from camgen.robots.kinematics.forward import compute_flange, compute_jacobian
@@ -136,8 +136,7 @@ def _check_possible(samples: _Samples, robot: Robot, program: Program, file: str
     top = samples.feed[order[0]]
     fast = order[samples.feed[order] == top]
     chosen = fast[np.linspace(0, len(fast) - 1, min(len(fast), _MAX_SAMPLES)).astype(np.int64)]
-    bounds = bound_speed(robot, samples.joints[chosen], program.flange_from_tool.origin)
-    limit = float(bounds.max())
+    limit = float(bound_speed(robot, samples.joints[chosen], program.flange_from_tool.origin).max())
     if top <= limit:
         return
     what = (
@@ -161,10 +160,9 @@ def bound_speed(robot: Robot, joints: FloatArray, tip: Vec3) -> FloatArray:
 
 def describe_slow_path(slow: SlowPath, name: str) -> str:
     """Describe a slow path `name` for a note."""
-    place = " ".join(short(value, 1) for value in slow.place)
     return (
         f"{name}: its feed of {short(slow.feed, 1)} mm/s falls to {short(slow.speed, 1)} "
-        f"at {place} mm, where axis {slow.joint} is at its maximum speed; "
+        f"at {join_short(slow.place, 1)} mm, where axis {slow.joint} is at its maximum speed; "
         f"{100 * slow.share:.0f} % of its length is slower than its feed"
     )
 

@@ -26,7 +26,14 @@ from camgen.collision.cell import CellScene
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
 from camgen.geometry.halving import find_first
-from camgen.geometry.ragged import find_run_starts, list_owners, mark_run_ends, measure_runs
+from camgen.geometry.ragged import (
+    count_rows,
+    find_run_starts,
+    list_owners,
+    mark_run_ends,
+    measure_runs,
+)
+from camgen.geometry.vectors import interpolate_rows
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Force, MoveJ, Program
@@ -95,9 +102,9 @@ def blend_links(
     is_timed = pace.corner != "zone"
     zones = (0.0,) if is_timed else _ZONES
     options: dict[int, list[_CornerPath]] = {}
+    room = np.where(is_line, flow.room, math.inf).tolist()
     for k in corners:
-        room = [flow.room if is_line[motion] else math.inf for motion in (k, k + 1)]
-        options[k] = _list_corner_paths(profiles[k], profiles[k + 1], zones, room)
+        options[k] = _list_corner_paths(profiles[k], profiles[k + 1], zones, room[k : k + 2])
 
     def are_clear(chosen: Mapping[int, _CornerPath]) -> list[bool]:
         rounded = [
@@ -162,12 +169,13 @@ def _find_widest(
     is_free = dict(zip(widest, are_clear(widest), strict=True))
     # Most corners have room for the widest corner path.
     narrower = {k: options[k][1:] for k in widest if not is_free[k]}
-    first_free = find_first(
-        {k: len(paths) for k, paths in narrower.items()},
-        lambda indices: are_clear({k: narrower[k][index] for k, index in indices.items()}),
-    )
-    chosen = {k: path for k, path in widest.items() if is_free[k]}
-    return chosen | {k: narrower[k][index] for k, index in first_free.items()}
+
+    def select(indices: Mapping[int, int]) -> dict[int, _CornerPath]:
+        return {k: narrower[k][index] for k, index in indices.items()}
+
+    counts = dict(zip(narrower, map(len, narrower.values()), strict=True))
+    first_free = find_first(counts, lambda indices: are_clear(select(indices)))
+    return {k: widest[k] for k in widest if is_free[k]} | select(first_free)
 
 
 def _keeps_above(program: Program, robot: Robot, fan: FloatArray, floor: float) -> bool:
@@ -175,7 +183,7 @@ def _keeps_above(program: Program, robot: Robot, fan: FloatArray, floor: float) 
     if floor == -math.inf:
         return True
     count = max(math.ceil(float(np.ptp(fan, axis=1).max()) / _HEIGHT_STEP), 1)
-    first, second = (part.ravel() for part in np.meshgrid(*[np.arange(count + 1)] * 2))
+    second, first = np.indices((count + 1, count + 1)).reshape(2, -1)
     inside = first + second <= count
     weights = np.column_stack([count - first - second, first, second])[inside] / count
     joints = np.einsum("kc,ncj->nkj", weights, fan).reshape(-1, fan.shape[2])
@@ -235,10 +243,8 @@ def _make_corner(
         table = trace.seconds if is_timed and is_joint[k] else trace.travelled
         first, last = table[rows.start], table[rows.stop - 1]
         at = (table[rows] - first) / (last - first)
-        between = np.linspace(fractions[0], fractions[-1], _CHORDS + 1)
-        samples = np.concatenate([fractions, between])
-        columns = [np.interp(samples, at, column) for column in reach.joints[rows].T]
-        rounding, along = np.split(np.stack(columns, axis=1), 2)
+        samples = np.concatenate([fractions, np.linspace(fractions[0], fractions[-1], _CHORDS + 1)])
+        rounding, along = np.split(interpolate_rows(samples, at, reach.joints[rows]), 2)
         points += rounding - corner
         exact.append(along)
         even.append(along[0] + evenly[:, None] * (along[-1] - along[0]))
@@ -267,9 +273,9 @@ def _are_free(where: CellScene, fans: Sequence[FloatArray], bows: FloatArray) ->
     """
     if not fans:
         return []
-    triangles, owner = np.concatenate(fans), list_owners([len(fan) for fan in fans])
+    triangles, owner = np.concatenate(fans), list_owners(count_rows(fans))
     free = are_free(where.with_margin, triangles, owner, where.margin, bows)
     rest = free[owner]
     left = (np.cumsum(free) - 1)[owner[rest]]
     free[free] = are_free(where.work, triangles[rest], left, 0.0, bows[free])
-    return [bool(each) for each in free]
+    return list(free.tolist())

@@ -23,6 +23,7 @@ from msgspec import Struct
 from camgen.lang.programs import LEVELS, Executed, Finding, Level
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Indices, Mask, MoveC, MoveJ, Output
+from camgen.model.sequences import find_first_places
 from camgen.model.text import short
 
 #: Periods of an output, and arcs of a program, from which a rule is read, at least.
@@ -225,8 +226,7 @@ def find_processes(trace: Trace, outputs: Sequence[tuple[int, Output]]) -> list[
     for signal, steps in switches.items():
         places = np.array([place for place, _ in steps])
         is_set = np.array([False, *(value != 0 for _, value in steps)])
-        step = np.searchsorted(places, trace.place)
-        is_on = is_set[step]
+        is_on = is_set[np.searchsorted(places, trace.place)]
         if not is_on.any() or is_on.all():
             continue
         begins = np.concatenate([is_on[:1], is_on[1:] & ~is_on[:-1]])
@@ -286,8 +286,7 @@ def _find_deep_motions(trace: Trace, process: Process) -> Marks:
     if not process.heights:
         return
     lowest = process.heights[0]
-    is_deep = process.is_comparable & (trace.end[:, 2] < lowest - _DEEPER)
-    deep = np.flatnonzero(is_deep).tolist()
+    deep = np.flatnonzero(process.is_comparable & (trace.end[:, 2] < lowest - _DEEPER)).tolist()
     if len(deep) > max(1, 0.05 * len(trace.line)):
         return
     for motion in deep:
@@ -298,8 +297,7 @@ def _find_deep_motions(trace: Trace, process: Process) -> Marks:
 
 def _find_low_travel(trace: Trace, process: Process) -> Marks:
     """Yield travel at working height while the output is off, and travel that comes down aslant."""
-    travel = _is_travel(trace, process.is_on)
-    for motion in _find_idle(trace, process, travel):
+    for motion in _find_idle(trace, process, _is_travel(trace, process.is_on)):
         height = short(float(trace.end[motion, 2]), 2)
         yield (
             motion,
@@ -356,8 +354,7 @@ def _find_deep_paths(trace: Trace, process: Process) -> Marks:
 
 def _find_stops(trace: Trace, process: Process) -> Marks:
     """Yield the only exact stop without a corner, in a program whose contours run through."""
-    travel = _is_travel(trace, process.is_on)
-    inside = process.is_on & trace.moves & ~travel
+    inside = process.is_on & trace.moves & ~_is_travel(trace, process.is_on)
     # The last motion of a path stops in any case, and so does a part of an arc.
     goes_on = inside[1:] & (process.period[1:] == process.period[:-1])
     inside[:-1] &= goes_on & (trace.line[1:] != trace.line[:-1])
@@ -509,8 +506,7 @@ def _find_odd_speeds(trace: Trace) -> Marks:
     for run in (np.flatnonzero(odd) + 1).tolist():
         is_only = is_work[run] and np.count_nonzero(is_work) == 1
         if is_level[run] and not is_only and _counts(speed, speed[run]) == 1:
-            value = short(float(speed[run]), 3)
-            what = f"the motion runs at {value} mm/s"
+            what = f"the motion runs at {short(float(speed[run]), 3)} mm/s"
             yield int(first[run]), f"{what}, ten times more or less than the motions beside it"
 
 
@@ -536,9 +532,8 @@ def _find_odd_turns(trace: Trace) -> Marks:
 def _number_rotations(trace: Trace) -> Indices:
     """Return a number (M,) for the orientation of each motion, the same for equal ones."""
     rounded = [np.round(rotation, 4).tobytes() for rotation in trace.rotations]
-    first = {key: number for number, key in reversed(list(enumerate(rounded)))}
-    numbers = np.array([first[key] for key in rounded] + [-1], np.int64)
-    return numbers[trace.rotation]
+    first = find_first_places(rounded)
+    return np.array([first[key] for key in rounded] + [-1], np.int64)[trace.rotation]
 
 
 def _turn_between(first: FloatArray, second: FloatArray) -> float:

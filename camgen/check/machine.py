@@ -32,7 +32,7 @@ from camgen.model.job import Job, ToolTable
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import MoveC, Program, ToolChange, switch_off_first
-from camgen.model.text import short
+from camgen.model.text import join_short, short
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import Setup, compute_flange_poses
 from camgen.robots.kinematics.inverse import compute_solutions
@@ -212,6 +212,6 @@ def _refuse(
     program: Program, machine: Robot, file: str, rows: MotionRows, row: int, what: str
 ) -> NoSafeProgram:
     index = int(program.columns.at[rows.motion[row]])
-    position = " ".join(short(value, 1) for value in rows.pose_path.position[row].tolist())
+    position = join_short(rows.pose_path.position[row].tolist(), 1)
     text = f"{machine.name} cannot run {program.place_of(index)} at {position} mm: {what}"
     return NoSafeProgram(file, text, f"instruction {index}", _REMEDY)

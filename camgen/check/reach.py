@@ -22,7 +22,7 @@ from camgen.geometry.ragged import compute_offsets, list_owners, mark_run_ends, 
 from camgen.model.errors import Blocked, BlockedPath, JobError
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
-from camgen.model.text import short
+from camgen.model.text import join_short
 from camgen.motion.joint_paths import JointPath, follow_closely
 from camgen.motion.pose_paths import Index, PosePath, count_parts, divide
 from camgen.motion.setup import Setup, compute_flange_poses
@@ -301,7 +301,7 @@ def _make_error(
 ) -> Blocked:
 
     def locate(row: int) -> tuple[int, str]:
-        position = " ".join(short(v, 1) for v in rows.pose_path.position[row].tolist())
+        position = join_short(rows.pose_path.position[row].tolist(), 1)
         return int(program.columns.at[rows.motion[row]]), f"at {position} mm"
 
     index, position = locate(stop.row)

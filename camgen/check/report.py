@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import measure_arcs, measure_spans
+from camgen.geometry.ragged import compute_first_rows, count_rows
 from camgen.geometry.rotations import measure_angles_between
 from camgen.geometry.vectors import compute_in_blocks, measure_lengths
 from camgen.model.part import Note, Part
@@ -29,7 +30,9 @@ from camgen.model.program import (
     ToolChange,
     Wait,
 )
+from camgen.model.sequences import take_rows
 from camgen.plan import Coverage
+from camgen.plan.columns import join_tables
 
 if TYPE_CHECKING:
     from camgen.check.collide import ClearanceReport
@@ -96,7 +99,6 @@ def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
         objects are not comparable: a motion from one into another has no length.
     """
     speed = columns.speed
-    line, arc, joint = (columns.moves_are(kind) for kind in (MoveL, MoveC, MoveJ))
     work = np.asarray(works, np.intp)[columns.at] if works else np.zeros(len(speed), np.intp)
     extents = _find_extents(columns, work)
     length = motion_lengths(columns)
@@ -108,9 +110,9 @@ def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
         outputs.setdefault(item.signal, {})[item.value] = None
     return Motions(
         counts={kind.__name__: int(columns.are(kind).sum()) for kind in _COUNTED},
-        straight=exact_sum(length[line]),
-        arc=exact_sum(length[arc]),
-        joint=exact_sum(length[joint]),
+        straight=exact_sum(length[columns.moves_are(MoveL)]),
+        arc=exact_sum(length[columns.moves_are(MoveC)]),
+        joint=exact_sum(length[columns.moves_are(MoveJ)]),
         seconds=seconds + waits,
         speeds=(float(speed.min()), float(speed.max())) if len(speed) else (0.0, 0.0),
         extents=next(iter(extents.values()), None),
@@ -139,8 +141,8 @@ def _time_reorientations(columns: Columns) -> FloatArray:
     motions = motions[(motions > 0) & columns.posed[motions - 1]]
     if len(motions):
         table, rotation = columns.table, columns.rotation
-        before = np.stack([table[k] for k in rotation[motions - 1].tolist()])
-        after = np.stack([table[k] for k in rotation[motions].tolist()])
+        before = np.stack(take_rows(table, rotation[motions - 1].tolist()))
+        after = np.stack(take_rows(table, rotation[motions].tolist()))
         seconds[motions] = measure_angles_between(before, after) / columns.turn[motions]
     return seconds
 
@@ -170,13 +172,11 @@ def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
     """Compute length (N,), mm, and time at the feeds (N,), s, of paths with all their passes."""
     if not paths:
         return frozen([]), frozen([])
-    first = np.cumsum([0, *[len(path.position) for path in paths][:-1]])
-    position = np.concatenate([path.position for path in paths])
-    via = np.concatenate([path.via for path in paths])
-    steps = np.concatenate([[0.0], measure_spans(position, via[1:])])
+    first, drawn = compute_first_rows(count_rows(paths)), join_tables(paths)
+    steps = np.concatenate([[0.0], measure_spans(drawn.position, drawn.via[1:])])
     steps[first] = 0.0  # from one path to the next
     passes = np.array([len(path.depths) for path in paths])
-    durations = steps / np.concatenate([path.feed for path in paths])
+    durations = steps / drawn.feed
     length = np.add.reduceat(steps, first) * passes
     return frozen(length), frozen(np.add.reduceat(durations, first) * passes)
 

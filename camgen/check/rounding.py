@@ -17,6 +17,7 @@ from camgen.check.reach import JointTrace
 from camgen.collision.cell import CellScene
 from camgen.collision.motion import check_motions, measure_apart, measure_closer
 from camgen.collision.scene import Scene
+from camgen.geometry.vectors import interpolate_rows
 from camgen.model.cell import Dynamics
 from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
@@ -56,11 +57,11 @@ class _JointPath(Struct, frozen=True, eq=False):
 
     def joints_at(self, mm: FloatArray) -> FloatArray:
         """Interpolate joint values (*, J) at lengths (*,) along the path of the TCP, mm."""
-        return np.stack([np.interp(mm, self.travelled, column) for column in self.joints.T], -1)
+        return interpolate_rows(mm, self.travelled, self.joints)
 
     def tip_at(self, mm: FloatArray) -> FloatArray:
         """Interpolate the TCP (*, 3), mm, at lengths (*,) along its path, mm."""
-        return np.stack([np.interp(mm, self.travelled, column) for column in self.tip.T], -1)
+        return interpolate_rows(mm, self.travelled, self.tip)
 
 
 class _RoundedCorners(Struct, frozen=True, eq=False):
@@ -174,8 +175,9 @@ def _are_clear(
 
 def _measure(scene: Scene, measure: _Measure, first: FloatArray, second: FloatArray) -> FloatArray:
     """Measure the largest distance (K,) between joint values (K, R, J) and others, mm."""
-    rows = (each.reshape(-1, each.shape[-1]) for each in (first, second))
-    return np.asarray(measure(scene, *rows).reshape(first.shape[:2]).max(axis=1))
+    shape = (-1, first.shape[-1])
+    distances = measure(scene, first.reshape(shape), second.reshape(shape))
+    return np.asarray(distances.reshape(first.shape[:2]).max(axis=1))
 
 
 def _round(

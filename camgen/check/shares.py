@@ -91,8 +91,7 @@ def share_joints(
                 turn = min(turn or limit, limit or turn)
         turn = turn if cell.pace.turns else 0.0
         rate = _rate(robot, joints[-1] - joints[0], share)
-        change = replace(move, share=share, rate=rate, speed=speed, turn=turn)
-        body[int(columns.at[swing])] = change
+        body[int(columns.at[swing])] = replace(move, share=share, rate=rate, speed=speed, turn=turn)
     return program.with_body(tuple(body))
 
 

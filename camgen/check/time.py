@@ -19,6 +19,7 @@ from camgen.geometry.vectors import compute_in_blocks, cross, measure_lengths, n
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveJ, Program, Wait, read_column, select_items
+from camgen.model.sequences import take_rows
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.motion.limits import time_from_rest
 
@@ -162,8 +163,8 @@ def _compute_ends(program: Program, arm: Robot | None) -> tuple[FloatArray, Floa
     # A reorientation that starts at joint values is unknown.
     changes = np.flatnonzero((same[1:] != same[:-1]) & (np.diff(motions) == 1))
     if len(changes):
-        before = np.stack([rotations[k] for k in changes.tolist()])
-        after = np.stack([rotations[k + 1] for k in changes.tolist()])
+        before = np.stack(take_rows(rotations, changes.tolist()))
+        after = np.stack(take_rows(rotations, (changes + 1).tolist()))
         turn[motions[changes + 1]] = measure_angles_between(before, after)
     return columns.ends, turn
 

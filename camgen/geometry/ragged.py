@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
-from typing import Any, TypeVar, overload
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from typing import Any, TypeVar
 
 import numpy as np
 from msgspec import Struct
@@ -25,19 +25,6 @@ _Key = TypeVar("_Key")
 def count_rows(groups: Sequence[Sized]) -> IntArray:
     """(G,) the number of rows of each group."""
     return np.fromiter(map(len, groups), np.int64, len(groups))
-
-
-@overload
-def take_rows(items: Sequence[_Item], rows: Iterable[int] | IntArray) -> list[_Item]: ...
-
-
-@overload
-def take_rows(items: Mapping[_Key, _Item], rows: Iterable[_Key]) -> list[_Item]: ...
-
-
-def take_rows(items: Any, rows: Any) -> Any:
-    """The items in `rows`, in the order of `rows`; of a mapping the items of these keys."""
-    return [items[row] for row in rows]
 
 
 def number_kept(rows: Iterable[int] | IntArray) -> dict[int, int]:

@@ -38,6 +38,11 @@ def multiply_rows(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("...d,...d->...", a, b))
 
 
+def interpolate_rows(places: FloatArray, at: FloatArray, rows: FloatArray) -> FloatArray:
+    """(..., D) linear interpolation at `places` (...,) between rows (N, D) at `at` (N,)."""
+    return np.stack([np.interp(places, at, column) for column in rows.T], axis=-1)
+
+
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """(..., 3) cross products of vectors (..., 3), as by `np.cross` in half the time."""
     a_x, a_y, a_z = a[..., 0], a[..., 1], a[..., 2]

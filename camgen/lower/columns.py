@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, make_spans
-from camgen.geometry.ragged import mark_run_starts
+from camgen.geometry.ragged import count_rows, mark_run_starts
 from camgen.geometry.rotations import (
     SURE_TURN,
     find_sideways,
@@ -63,8 +63,7 @@ class Rows(Struct, frozen=True, eq=False):
     def stretch(self, within: slice) -> Rows:
         """Some rows, as if they belonged to one path."""
         columns = {name: getattr(self, name)[within] for name in _COLUMNS}
-        size = len(columns["position"])
-        return Rows(**columns, first=np.array([0]), last=np.array([size - 1]))
+        return Rows(**columns, first=np.array([0]), last=np.array([len(columns["position"]) - 1]))
 
 
 _COLUMNS = ("position", "via", "axis", "force_direction", "force", "feed")
@@ -89,19 +88,19 @@ class Orientations(Struct, frozen=True, eq=False):
     turns: Mask
 
 
-def gather_rows(paths: Sequence[ToolPath], depths: Sequence[float], follow: bool = False) -> Rows:
+def gather_rows(paths: Sequence[ToolPath], depths: FloatArray, follow: bool = False) -> Rows:
     """The rows of all paths, each `depths` mm below its planned height.
 
     follow: whether the tool turns with the surface beside the paths.
     """
-    counts = np.array([len(path) for path in paths])
+    counts = count_rows(paths)
     last = np.cumsum(counts) - 1
     table = np.concatenate([path.table for path in paths])
     columns = {}
     for name, place in PLACES.items():
         if name != "force_direction":
             columns[name] = table[:, place].copy()
-    below = np.repeat(np.asarray(depths, dtype=np.float64), counts)
+    below = np.repeat(depths, counts)
     columns["position"][:, 2] -= below
     columns["via"][:, 2] -= below
     direction = np.empty((0, 6))

@@ -14,6 +14,7 @@ from itertools import chain
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from camgen.geometry.rotations import SURE_TURN, measure_rolls
 from camgen.geometry.vectors import multiply_rows
@@ -48,6 +49,9 @@ from camgen.model.program import (
 from camgen.model.tolerance import SAME_POINT_MM, ZONES
 from camgen.motion.corners import compute_corner_tolerance
 from camgen.order.tours import ArmTour
+
+#: (R,) kinds of paths.
+Operations = NDArray[np.str_]
 
 # Roll of a tool that turns with the contour, and its unwinding in the air between two paths.
 
@@ -98,8 +102,7 @@ def plan_unwinding(rows: Rows, orientations: Orientations) -> list[list[FloatArr
 def _list_roll_steps(a: FloatArray, b: FloatArray, turn: float) -> list[FloatArray]:
     """Rotations from `a` to `b` (3, 3), in steps of a roll about tool z by `turn` rad, `b` last."""
     count = math.ceil(abs(turn) / SURE_TURN - 1e-9)
-    angles = [turn * k / count for k in range(1, count)]
-    return [*(frozen(a @ _about_z(angle)) for angle in angles), frozen(b)]
+    return [*(frozen(a @ _about_z(turn * k / count)) for k in range(1, count)), frozen(b)]
 
 
 def _about_z(angle: float) -> FloatArray:
@@ -279,7 +282,9 @@ class _PassDraft(Struct, frozen=True, eq=False):
     orientations: orientations of the tool at the rows.
     pass_of: (N,) pass to which a row belongs.
     lifted: (N,) whether the tool is raised: no force, after the first row of the pass in contact.
+    depth: (R,) depth of the pass, mm.
     lift: (R,) distance by which it is raised, mm.
+    operation: (R,) kind of the path.
     number: (R,) index of the path.
     linked, down: (R,) see `ToolPass`.
     above_start, above_end: (R, 3) points where the link to the pass ends and the one from it
@@ -298,7 +303,9 @@ class _PassDraft(Struct, frozen=True, eq=False):
     orientations: Orientations
     pass_of: Indices
     lifted: Mask
+    depth: FloatArray
     lift: FloatArray
+    operation: Operations
     number: Indices
     linked: Mask
     down: Mask
@@ -318,8 +325,8 @@ class _PassDraft(Struct, frozen=True, eq=False):
         contact, speed = rows.position[first], process.travel_speed
         is_apart = ~_are_same(rows.position[np.roll(rows.last, 1)], contact)
         free = ~(self.linked | self.down)
-        paths = [tool_pass.path for tool_pass in self.passes]
-        self.draft.insert(first, [Comment(f"path {path.id} layer {path.layer}") for path in paths])
+        titles = [f"path {each.path.id} layer {each.path.layer}" for each in self.passes]
+        self.draft.insert(first, list(map(Comment, titles)))
         if link is not None:
             places = np.repeat(first[:1], len(link))
             targets = self._targets(link, self.orientations.ends[places])
@@ -333,8 +340,7 @@ class _PassDraft(Struct, frozen=True, eq=False):
             self._insert_each(first[free], switch_on(process))
         # A path that starts on an outer corner is faster there than the feed; the plunge before it
         # must not be. A drill only plunges, so it has its feed.
-        slow = plunge(process)
-        limit = [process.feed if path.operation == "drill" else slow for path in paths]
+        limit = np.where(self.operation == "drill", process.feed, plunge(process))
         # A ramp continues from the end of the pass before.
         plunges = np.where(self.linked, is_apart, free & ~_are_same(self.near, contact))
         self._travel(MoveL, first, plunges, contact, np.minimum(rows.feed[first], limit))
@@ -452,11 +458,9 @@ class _PassDraft(Struct, frozen=True, eq=False):
     def _are_hops(self) -> Mask:
         """(N,) segments of pockets that lead over cleared ground above the floor of their pass."""
         rows = self.rows
-        of_pocket = np.array([tool_pass.path.operation == "pocket" for tool_pass in self.passes])
-        floor = -np.array([tool_pass.depth for tool_pass in self.passes])
-        above = rows.position[:, 2] > floor[self.pass_of] + SAME_POINT_MM
-        fast = rows.feed >= self.job.process.travel_speed
-        return np.asarray(of_pocket[self.pass_of] & above & fast)
+        of_pocket = (self.operation == "pocket")[self.pass_of]
+        above = rows.position[:, 2] > SAME_POINT_MM - self.depth[self.pass_of]
+        return np.asarray(of_pocket & above & (rows.feed >= self.job.process.travel_speed))
 
     def _travel(
         self,
@@ -507,8 +511,7 @@ class _PassDraft(Struct, frozen=True, eq=False):
             self.draft.insert(rows, [item] * len(rows))
 
     def _insert_several(self, rows: Indices, items: Mapping[int, Sequence[Instruction]]) -> None:
-        counts = list(map(len, items.values()))
-        places = np.repeat(rows[np.array(list(items), np.intp)], counts)
+        places = np.repeat(rows[np.array(list(items), np.intp)], list(map(len, items.values())))
         self.draft.insert(places, [*chain.from_iterable(items.values())])
 
 
@@ -522,7 +525,7 @@ def _open_draft(
     before: number of paths before those of the tour.
     """
     follow = job.tool.orient == "follow"
-    depths = [tool_pass.depth for tool_pass in passes]
+    depths = np.array([tool_pass.depth for tool_pass in passes])
     rows = lower_rows.gather_rows([tool_pass.path for tool_pass in passes], depths, follow)
     if follow:
         for row in lower_rows.find_unfollowed(rows)[:1].tolist():
@@ -552,7 +555,9 @@ def _open_draft(
         orientations=orientations,
         pass_of=pass_of,
         lifted=_find_lifted(rows, pass_of),
-        lift=np.array(depths) + min(job.process.retract, job.process.clearance),
+        depth=depths,
+        lift=depths + min(job.process.retract, job.process.clearance),
+        operation=np.array(operations),
         number=np.array([tool_pass.number for tool_pass in passes]),
         linked=np.array([tool_pass.linked for tool_pass in passes]),
         down=np.array([tool_pass.down for tool_pass in passes]),
@@ -560,20 +565,20 @@ def _open_draft(
         near=near,
         above_end=above_end,
         unwound={k: rotations for k, rotations in enumerate(unwound) if rotations},
-        joint_links=_list_joint_links(passes, tour, before) if isinstance(tour, ArmTour) else {},
+        joint_links=_list_joint_links(passes, tour, before),
         rapid=MoveJ if isinstance(cell.home, Pose) else MoveL,
     )
 
 
 def _list_joint_links(
-    passes: Sequence[ToolPass], tour: ArmTour, before: int
+    passes: Sequence[ToolPass], tour: Tour, before: int
 ) -> dict[int, list[MoveJ]]:
     """Joint motions to above the start of a pass, by pass. before: paths before those of `tour`."""
     links = {}
     for k, tool_pass in enumerate(passes):
         index = tool_pass.number - before
         starts_low = tool_pass.linked or tool_pass.low or tool_pass.down
-        if not starts_low and len(tour.links[index]):
+        if isinstance(tour, ArmTour) and not starts_low and len(tour.links[index]):
             speeds = tour.link_speeds[index]
             links[k] = [*_make_joint_motions(tour.links[index], speeds, tool_pass.number)]
     return links
@@ -635,8 +640,7 @@ def _make_mask(indices: Iterable[int], count: int) -> Mask:
 
 def _choose_blends(process: ProcessTable, *lengths: FloatArray) -> FloatArray:
     """The blends (R,) at corners of links, at most half of the clearance and both lengths (R,)."""
-    clearance = np.full_like(lengths[0], process.clearance)
-    limit = np.minimum.reduce([clearance, *lengths]) / 2 + 1e-9
+    limit = np.minimum.reduce([np.full_like(lengths[0], process.clearance), *lengths]) / 2 + 1e-9
     return np.asarray(np.select([limit >= zone for zone in ZONES], ZONES, 0.0))
 
 

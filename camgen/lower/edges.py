@@ -172,7 +172,7 @@ def _compute_blends(
     evenly. The tool stops at both ends and at reorientations.
     """
     feeds = np.full(len(path.position), feed)
-    rows = replace(gather_rows([path], [0.0]), feed=feeds)
+    rows = replace(gather_rows([path], np.zeros(1)), feed=feeds)
     blend = compute_blends(
         rows, np.full_like(feeds, compute_corner_tolerance(job, path.operation)), pace
     )

@@ -30,6 +30,7 @@ from camgen.model.program import (
     Program,
     ToolChange,
 )
+from camgen.model.program import motions as list_motions
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.motion.corners import blend_corners, compute_corner_tolerance
 from camgen.order import ReplayTour
@@ -59,7 +60,7 @@ def lower_replay(
     for k, part in enumerate(tour.parts):
         on = _find_on(out)
         if k:
-            out += [*(Output(output.signal, 0.0) for output in on), home]
+            out += [*_switch_off(on), home]
         if part.tool is not None:
             out.append(_make_tool_change(part, job, cell))
         body = [*on, *drop_still_motions(part.body)]
@@ -67,13 +68,10 @@ def lower_replay(
         out += _run_tool(body, part, before, cell, job)
         before += 1 + max(find_owners(Columns(body)))
     out += [*_switch_off_rest(out), home]
-    frame = (
-        None
-        if tour.parts[0].tool is None
-        else _make_tool_change(tour.parts[0], job, cell).flange_from_tool
-    )
-    framed = cell if frame is None else replace(cell, flange_from_tool=frame)
-    return finish_program(out, tour.paths, framed, job, name, header)
+    if tour.parts[0].tool is not None:
+        change = _make_tool_change(tour.parts[0], job, cell)
+        cell = replace(cell, flange_from_tool=change.flange_from_tool)
+    return finish_program(out, tour.paths, cell, job, name, header)
 
 
 def _make_tool_change(part: ToolPart, job: Job, cell: Cell) -> ToolChange:
@@ -104,7 +102,8 @@ def _run_tool(
     cartesian, travel = isinstance(cell.home, Pose), job.process.travel_speed
     first = next(k for k, item in enumerate(body) if isinstance(item, MoveJ))
     columns = Columns(body)
-    path, *following = [owner + before if owner >= 0 else -1 for owner in find_owners(columns)]
+    owner = np.array(find_owners(columns))
+    path, *following = np.where(owner >= 0, owner + before, -1).tolist()
     arrival = _plan_arrival(body[first], cartesian, job, part.entry)  # type: ignore[arg-type]
     motions = [replace(item, path=path) for item in arrival]
     tool = job.tool if part.tool is None else part.tool
@@ -145,13 +144,14 @@ def lower_taught(
     Outputs that it leaves on are switched off at its end.
     """
     body = tour.run.body
-    moves = [item for item in body if isinstance(item, MoveJ | MoveL | MoveC)]
+    motion_at = dict(list_motions(body))
+    moves = list(motion_at.values())
     last = [high for _, high in find_stretches(moves)]
     owner = np.append(np.arange(len(last)), -1)[
         np.searchsorted(last, np.arange(len(moves)), side="right")
     ]
     following = iter(zip(moves, owner.tolist(), strict=True))
-    first = next((k for k, item in enumerate(body) if isinstance(item, MoveJ | MoveL | MoveC)), 0)
+    first = next(iter(motion_at), 0)
     ordered = [*_switch_on_after(body[:first], body[first : first + 1]), *body[first + 1 :]]
     first_outputs = list(takewhile(_is_off, ordered))
     out: list[Instruction] = [*first_outputs, MoveJ(cell.home, job.process.travel_speed)]
@@ -184,12 +184,16 @@ def _is_off(item: Instruction) -> bool:
     return isinstance(item, Output) and item.value == 0
 
 
+def _switch_off(outputs: Sequence[Output]) -> list[Output]:
+    return [Output(output.signal, 0.0) for output in outputs]
+
+
 def _switch_off_rest(body: list[Instruction]) -> list[Instruction]:
     """Instructions that switch off what a program leaves on, as its own machine did at the end."""
-    last = {item.signal: item.value for item in body if isinstance(item, Output)}
-    pressing = next((item.newtons for item in reversed(body) if isinstance(item, Force)), 0.0)
-    force = [Force(0.0)] if pressing else []
-    return [*(Output(name, 0.0) for name, value in last.items() if value), *force]
+    rest: list[Instruction] = [*_switch_off(_find_on(body))]
+    if next((item.newtons for item in reversed(body) if isinstance(item, Force)), 0.0):
+        rest.append(Force(0.0))
+    return rest
 
 
 def _make_rapid(target: Pose, cartesian: bool, speed: float) -> MoveJ | MoveL:

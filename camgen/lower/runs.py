@@ -95,9 +95,9 @@ def make_passes(tour: Tour, job: Job, winds: bool, before: int = 0) -> list[Tool
         gap = math.dist(path.position[0].tolist(), path.position[-1].tolist()) if several else 0.0
         meets = several and gap < SAME_POINT_MM
         zigzag = several and path.reversible and not meets
-        directions = [
-            path.reversed() if zigzag and k % 2 else path for k in range(len(path.depths))
-        ]
+        directions = [path] * len(path.depths)
+        if zigzag:
+            directions[1::2] = [path.reversed()] * (len(directions) // 2)
         linked = (zigzag or (meets and not winds)) and not pressed
         low = meets and not linked and not pressed
         planned = _plan_passes(directions, job, descent, at_depth)
@@ -185,8 +185,7 @@ def _enter_back_and_forth(
     It ends where it starts, and runs back and forth as often as necessary.
     """
     needed = (from_z - to_z) / (descent.slope * shortest(path, descent.chord))
-    length = _measure_before_tabs(path)
-    turns = math.ceil(needed / (2 * length) - 1e-9)
+    turns = math.ceil(needed / (2 * _measure_before_tabs(path)) - 1e-9)
     forth = chorded(head(path, needed / (2 * turns)), descent.chord)
     _check_count(2 * turns * len(forth.position), descent)
     return _descend(join_paths([forth, forth.reversed()] * turns), from_z, to_z, descent.plunge)
@@ -228,8 +227,7 @@ def _enter_by_helix(path: ToolPath, from_z: float, to_z: float, descent: _Descen
     radius = path.entry_radius
     step = _compute_helix_step(radius, descent.chord)
     _check_count((from_z - to_z) / (descent.slope * radius * step), descent)
-    angle = math.atan(descent.slope)
-    helix = make_helix_entry(path, from_z, to_z, radius, angle, descent.chord)
+    helix = make_helix_entry(path, from_z, to_z, radius, math.atan(descent.slope), descent.chord)
     is_down = np.diff(helix.position[:, 2], prepend=np.inf) < 0
     slow = np.minimum(helix.feed, descent.plunge)
     return helix.with_columns(feed=np.where(is_down, slow, helix.feed))
@@ -250,8 +248,7 @@ def _descend(chords: ToolPath, from_z: float, to_z: float, speed: float) -> Tool
     z[-1] = to_z
     if chords.floor is not None:
         z = np.maximum(z, chords.floor - height)
-    slow = chords.with_columns(feed=np.minimum(chords.feed, speed))
-    return _with_heights(slow, height + z)
+    return _with_heights(chords.with_columns(feed=np.minimum(chords.feed, speed)), height + z)
 
 
 def _seen_from_depth(path: ToolPath, depth: float) -> ToolPath:

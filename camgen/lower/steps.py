@@ -63,12 +63,13 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
         changes_tool = step.tool != tool
         if before and (changes_tool or step.process.spindle != spindle):
             draft.add(*_stop_spindle(spindle))
+        if changes_tool and before:
+            draft.add(home)
+        if changes_tool and changes:
+            draft.add(_make_tool_change(step.tool, frame_of(step_job, cell)))
+        draft.add(Comment(format_step(job, number)))
         if changes_tool:
-            draft.add(*([home] if before else []))
-            draft.add(
-                *([_make_tool_change(step.tool, frame_of(step_job, cell))] if changes else [])
-            )
-        draft.add(Comment(format_step(job, number)), *([home] if changes_tool else []))
+            draft.add(home)
         if changes_tool or step.process.spindle != spindle or not spindle:
             draft.add(*start_spindle(step_job, cell))
         tool, spindle = step.tool, step.process.spindle
@@ -120,8 +121,7 @@ def _make_header(program: Program, change: ToolChange, frame: Pose, place: str) 
     place: text for the place of the program among all programs.
     """
     tool = format_tool(change.name, change.diameter, frame)
-    lines = [line for line in program.header if line == tool or not line.startswith(_TOOL)]
-    return (*lines, place)
+    return (*[line for line in program.header if line == tool or not line.startswith(_TOOL)], place)
 
 
 def split_tools(program: Program) -> tuple[Program, ...]:

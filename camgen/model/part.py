@@ -195,6 +195,11 @@ class Contour(Struct, frozen=True, eq=False):
         return f"Contour({self.id!r}, {points}, {'closed' if self.closed else 'open'})"
 
 
+def select_closed(contours: Iterable[Contour]) -> list[Contour]:
+    """The closed contours, in order."""
+    return [contour for contour in contours if contour.closed]
+
+
 class ContourColumns(NamedTuple):
     """The points of C contours in one table.
 
@@ -240,11 +245,6 @@ def tabulate_contours(contours: Sequence[Contour]) -> ContourColumns:
     points, bulges, closed = zip(*rows, strict=True)
     counts = np.array(list(map(len, bulges)))
     return ContourColumns(np.concatenate(points), np.concatenate(bulges), counts, np.array(closed))
-
-
-def select_closed(contours: Iterable[Contour]) -> list[Contour]:
-    """The closed ones of `contours`."""
-    return [contour for contour in contours if contour.closed]
 
 
 def select_open(contours: Iterable[Contour]) -> list[Contour]:

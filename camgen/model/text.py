@@ -60,6 +60,15 @@ def short_each(values: Iterable[float], decimals: int) -> list[str]:
     return [short(value, decimals) for value in values]
 
 
+def join_short(values: Iterable[float], decimals: int) -> str:
+    """Numbers as by `short`, with blanks between them.
+
+    >>> join_short((12.50, -0.0001, 3.0), 3)
+    '12.5 0 3'
+    """
+    return " ".join([short(value, decimals) for value in values])
+
+
 def harmless(text: str, limit: int = 72) -> str:
     """`text` as ASCII that can neither end a comment nor start an instruction in any dialect.
 

@@ -84,10 +84,6 @@ def may_link_by_joints(job: Job) -> bool:
     return any(_may_lift_freely(job_of_step) for job_of_step in jobs)
 
 
-def _may_roll(job: Job) -> bool:
-    return job.tool.symmetric or job.tool.turn is not None
-
-
 def _may_lift_freely(job: Job) -> bool:
     """Whether links may be joint motions.
 
@@ -158,8 +154,7 @@ def _note_later(plan: JobPlan, paths: Sequence[ToolPath], job: Job) -> list[Note
     for place, path in enumerate(paths):
         for name in path.contours:
             first.setdefault(name, place)
-    named = [name for name in job.tour.order if name in first]
-    for before, after in pairwise(named):
+    for before, after in pairwise([name for name in job.tour.order if name in first]):
         if first[after] < first[before]:
             why = (
                 f"operation {owner[first[after]]} runs before operation {owner[first[before]]}; "
@@ -211,7 +206,8 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, joint_li
     # The travel of a machine whose home is a pose is that of the plane already.
     if isinstance(cell, Workcell) and cell.arm is not None and start is None and plan.paths:
         arm = cell
-    free = arm is not None and (_may_roll(job) or (joint_links and _may_lift_freely(job)))
+    may_roll = job.tool.symmetric or job.tool.turn is not None
+    free = arm is not None and (may_roll or (joint_links and _may_lift_freely(job)))
     # Leads and tabs change the paths for which rolls are chosen. Order and starts come first then,
     # and rolls at the end.
     has_leads = operation.lead_in or operation.lead_out or operation.overlap

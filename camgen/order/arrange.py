@@ -16,6 +16,7 @@ from msgspec import Struct
 
 from camgen.model.errors import JobError
 from camgen.model.path import PLAIN, ToolPath, Tour
+from camgen.model.sequences import find_first_places, take_rows
 from camgen.order.proven import MAX_PROVEN_PATHS, improve_few, is_proven
 from camgen.order.search import (
     Choices,
@@ -91,7 +92,7 @@ def order_paths(
     searched = method == "best" and count > 1
     has_bound = is_bound_affordable(seconds, count)
     sampled = sample_paths(paths, where, later, ranks) if searched or has_bound else None
-    ordered = [paths[i] for i in sorted(range(count), key=ranks.__getitem__)]
+    ordered = take_rows(paths, sorted(range(count), key=ranks.__getitem__))
     chosen, end = None, DONE
     starts_greedy = searched and is_crowd(count) and is_free(paths, later, ranks)
     if method != "as-drawn" and not starts_greedy:
@@ -113,8 +114,7 @@ def order_paths(
         length, end = measure_travel(ordered, start), DONE
     if sampled and has_bound and (bound is None or not is_proven(length, bound)):
         bound_seconds = 0.0 if end == STOPPED else seconds
-        tree_bound = compute_lower_bound(sampled, start, length, bound_seconds)
-        bound = max(bound or 0.0, tree_bound)
+        bound = max(bound or 0.0, compute_lower_bound(sampled, start, length, bound_seconds))
     kind = _METHODS[method] + (_describe_search(seconds, count) if searched else "")
     return Tour(tuple(ordered), length, kind, bound, stopped=end == STOPPED, timed=end == TIMED)
 
@@ -134,7 +134,7 @@ def is_free(paths: Sequence[ToolPath], later: Sequence[int], ranks: Sequence[int
     Each path may be reversed, all have one rank, and only a few, such as the outline of a sheet,
     have to come after others. later: result of `_find_later_paths`.
     """
-    enclosing = {parent for parent in later if parent >= 0}
+    enclosing = set(later) - {-1}
     if len(enclosing) > _MAX_ENCLOSING * len(paths) or len(set(ranks)) != 1:
         return False
     if any(_is_cyclic(later, path) for path in enclosing):
@@ -165,7 +165,7 @@ def _compute_ranks(
     paths: Sequence[ToolPath], layers: Sequence[str], order: Sequence[str]
 ) -> list[int]:
     """The rank of each path: the place of its first contour in `order`, otherwise of its layer."""
-    of_layer = {name: place for place, name in reversed(list(enumerate(layers)))}
+    of_layer = find_first_places(layers)
     of_contour = {name: place for place, name in enumerate(order)}
     ranks = []
     for path in paths:
@@ -261,7 +261,8 @@ def _find_nearest_order(
     """The order by the nearest neighbour, rank by rank, of paths with nothing left inside."""
     begins, ends = where.begin.tolist(), where.end.tolist()
     chosen = Choices([], [0] * len(paths), [0.0] * len(paths))
-    tree, waits = StartTree(where), _count_waits(later)
+    tree = StartTree(where)
+    waits = np.bincount(np.array(later) + 1, minlength=len(later) + 1)[1:].tolist()
     walk = _NearestWalk(paths, where, tree, later, ranks, waits, begins, ends, chosen)
     of_rank: dict[int, list[int]] = {rank: [] for rank in sorted(set(ranks))}
     first_rank = min(ranks)
@@ -314,22 +315,15 @@ def _walk_rank(
     return last, x, y
 
 
-def _count_waits(later: Sequence[int]) -> list[int]:
-    counts = [0] * len(later)
-    for parent in later:
-        if parent >= 0:
-            counts[parent] += 1
-    return counts
-
-
 def _run_paths(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
     """The chosen paths, open ones reversed and closed ones rotated to their starts."""
-    loops = [i for i, path in enumerate(paths) if path.closed and chosen.row[i]]
-    reversed_open = [i for i, path in enumerate(paths) if chosen.row[i] and not path.closed]
-    rows, fractions = [chosen.row[i] for i in loops], [chosen.fraction[i] for i in loops]
-    rotated = move_each_start([paths[i] for i in loops], rows, fractions)
-    back = reverse_each([paths[i] for i in reversed_open])
+    moved = np.flatnonzero(chosen.row).tolist()
+    loops = [i for i in moved if paths[i].closed]
+    reversed_open = [i for i in moved if not paths[i].closed]
+    rows, fractions = take_rows(chosen.row, loops), take_rows(chosen.fraction, loops)
+    rotated = move_each_start(take_rows(paths, loops), rows, fractions)
+    back = reverse_each(take_rows(paths, reversed_open))
     result = list(paths)
     for i, path in zip([*loops, *reversed_open], [*rotated, *back], strict=True):
         result[i] = path
-    return [result[i] for i in chosen.order]
+    return take_rows(result, chosen.order)

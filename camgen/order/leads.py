@@ -77,12 +77,10 @@ def add_leads(
     near = f"the part{', a fixture' if fixtures else ''} or a neighbour is too near"
     nowhere = f"there is no place where it would keep clear of {all_bodies}"
     notes = []
-    for shorter, how, why in (
-        (short, "with a shorter lead", near),
-        (without, "without a lead", nowhere),
-    ):
-        if shorter:
-            notes.append(_note_leads(shorter, how, why))
+    if short:
+        notes.append(_note_leads(short, "with a shorter lead", near))
+    if without:
+        notes.append(_note_leads(without, "without a lead", nowhere))
     return result, notes
 
 

@@ -354,8 +354,7 @@ def _compute_step_costs(
         return StepCosts(item, cost, -edge, -edge)
     out, back = enter - home[:, None], home[:, None] - leave
     out_cost = _compute_least_costs(out[0], out[1], [charges])
-    back_cost = _compute_least_costs(back[0], back[1], [charges])
-    return StepCosts(item, cost, out_cost, back_cost)
+    return StepCosts(item, cost, out_cost, _compute_least_costs(back[0], back[1], [charges]))
 
 
 def _compute_least_costs(
@@ -405,8 +404,7 @@ def _polish_tour(
 ) -> _Tour:
     """The tour in this order, with the starts of closed paths at their best points near `along`."""
     loop, items = _find_loops(known), known.items
-    back = ~loop & (along > 0)
-    enter = np.where(back, items.first[1:] - 1, items.first[:-1])
+    enter = np.where(~loop & (along > 0), items.first[1:] - 1, items.first[:-1])
     length = np.where(loop, along, 0.0)
     for _ in range(_POLISH_ROUNDS):
         length = polish_starts(known, Start(order, enter), home, length)

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.nearest import find_nearest_items
-from camgen.geometry.ragged import compute_offsets, list_owners, number_rows
+from camgen.geometry.ragged import compute_offsets, count_rows, list_owners, number_rows
 from camgen.geometry.vectors import measure_plane_lengths
 from camgen.model.part import IntArray
 from camgen.model.path import ToolPath
@@ -158,7 +158,7 @@ def sample_paths(
     count = len(paths)
     along = np.concatenate([[0.0], np.cumsum(where.shape.length)])
     whole = along[where.first[1:]] - along[where.first[:-1]]
-    rows = np.array([len(path) for path in paths])
+    rows = count_rows(paths)
     closed = np.array([path.closed for path in paths])
     reversible = np.array([path.reversible for path in paths])
     loop = closed & (rows > 1) & (whole > 0)
@@ -228,8 +228,9 @@ def _make_dense_points(known: Sampled, max_distances: int) -> bound.DensePoints 
     step = known.whole / samples
     points[inside] = compute_points(known, owner[inside], (number * step[owner])[inside])
     # `items.step` includes corners that are excluded as starts.
-    distance = items.step - known.step + step
-    return bound.DensePoints(first, points, np.where(loop, distance / 2, 0.0))
+    return bound.DensePoints(
+        first, points, np.where(loop, (items.step - known.step + step) / 2, 0.0)
+    )
 
 
 def search_tour(
@@ -375,8 +376,7 @@ def place_starts(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArr
 
     No piece shorter than SEAM is cut off a segment.
     """
-    path = np.arange(len(known.items.kind))
-    number, rest = _locate(known, path, length)
+    number, rest = _locate(known, np.arange(len(known.items.kind)), length)
     whole = known.where.shape.length[number]
     part = np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0)
     part = np.where(np.minimum(rest, whole - rest) < SEAM, np.round(part), part)

@@ -9,7 +9,13 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import Spans, make_spans
-from camgen.geometry.ragged import compute_first_rows, compute_offsets, list_owners, number_rows
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    compute_offsets,
+    count_rows,
+    list_owners,
+    number_rows,
+)
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
@@ -71,7 +77,7 @@ def make_starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
 
     seam: "smooth" excludes the corners of closed paths.
     """
-    rows = np.array([len(path) for path in paths], dtype=np.int64)
+    rows = count_rows(paths)
     closed = np.array([path.closed for path in paths]) & (rows > 1)
     loop = closed & ~np.array([path.pinned for path in paths])
     both = np.array([path.reversible for path in paths]) & (rows > 1) & ~closed

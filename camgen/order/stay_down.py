@@ -24,6 +24,7 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import BESIDE_WORKED_MM, SAME_POINT_MM
+from camgen.plan.starting import find_ends
 
 #: mm: distance by which a link or a lead may be nearer than the tool radius, as a path may.
 CLEARANCE_SLACK_MM = 0.005
@@ -41,12 +42,10 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     level = np.flatnonzero(_are_level(tour.paths, job))
     if not _are_boxes(job):
         level = level[:0]
-    start = np.array([path.position[-1, :2] for path in tour.paths[:-1]])
-    end = np.array([path.position[0, :2] for path in tour.paths[1:]])
+    begins, ends = find_ends(tour.paths)
     low = np.array([_get_end_height(path) for path in tour.paths[:-1]])
-    links = make_segments(start[level], end[level], np.zeros(len(level)), level)
-    clear = _are_clear(links, low[level], part, job)
-    down = frozenset((level[clear] + 1).tolist())
+    links = make_segments(ends[level], begins[level + 1], np.zeros(len(level)), level)
+    down = frozenset((level[_are_clear(links, low[level], part, job)] + 1).tolist())
     why = (
         "these links keep the tool's radius from all drawn contours and from fixtures; "
         "the stock is unknown"

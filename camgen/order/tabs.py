@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import chain as join
-from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -77,11 +76,6 @@ class _Tab(Struct, frozen=True):
     depth: float
     height: float
 
-    @property
-    def whole(self) -> float:
-        """Length of a tab with both slopes."""
-        return self.rise + self.fall
-
 
 class _Loop(Struct, frozen=True, eq=False):
     """The closed part of a path.
@@ -135,24 +129,32 @@ def add_tabs(
         first, ids = group[0], [loop.path.id for loop in group]
         by_spacing = math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9)
         wanted = operation.tabs or max(2, by_spacing)
-        ideals = [(k + 0.5) / wanted * first.length for k in range(wanted)]
+        ideals = ((np.arange(wanted) + 0.5) / wanted * first.length).tolist()
         inner_tabs = list(join.from_iterable(placed.get(k, []) for k in chosen[first.number]))
         if len(inner_tabs) == wanted:
             # Where the kerfs meet, tabs hold only if they are next to each other.
-            ideals = [nearest(first.once, point)[0] for point in inner_tabs]
+            ideals = _find_nearest_places(first, inner_tabs)
         crowded = _find_crowded(first.once, group, planned, job.tool.diameter)
         places, is_near_corner = _choose_places(group, tab, ideals, crowded)
         points = [point_at(first.once, place) for place in places]
         placed[first.number] = points
         for loop in group:
-            on_loop = sorted(nearest(loop.once, point)[0] for point in points)
+            on_loop = sorted(_find_nearest_places(loop, points))
             result[loop.number] = _raise_floor(loop, tab, on_loop, job.tolerance.chord)
-        middles += [(x, y) for x, y, _ in map(np.ndarray.tolist, points)]
-        held += ids if places else []
-        near_corners += ids if is_near_corner else []
-        without += group if len(places) < wanted else []
+        middles += [(float(x), float(y)) for x, y, _ in points]
+        if places:
+            held += ids
+        if is_near_corner:
+            near_corners += ids
+        if len(places) < wanted:
+            without += group
     pieces = [path for path in planned if path.operation == "follow" and not path.closed]
     return result, _note_tabs(held, middles, near_corners, without, pieces, job)
+
+
+def _find_nearest_places(loop: _Loop, points: Sequence[FloatArray]) -> list[float]:
+    """The positions along a loop that are nearest to points (3,), mm."""
+    return [nearest(loop.once, point)[0] for point in points]
 
 
 def _group_loops(loops: Sequence[_Loop], distance: float) -> list[list[_Loop]]:
@@ -178,9 +180,8 @@ def _compute_size(job: Job, chord_fraction: float) -> _Tab:
     operation = job.operation
     top = operation.tab_width / 2 + job.tool.diameter / 2
     slope = 1.0 if operation.entry == "plunge" else math.tan(math.radians(operation.entry_angle))
-    rise, fall = (
-        top + operation.tab_height / (tangent * chord_fraction) for tangent in (1.0, slope)
-    )
+    rise = top + operation.tab_height / chord_fraction
+    fall = top + operation.tab_height / (slope * chord_fraction)
     return _Tab(top, rise, fall, operation.depth, operation.tab_height)
 
 
@@ -203,9 +204,11 @@ def _check_settings(job: Job) -> None:
 
 def _choose_paths(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]:
     """The paths that have tabs, inner ones first, each with the paths around parts within it."""
-    closed = [k for k, path in enumerate(planned) if _is_loop(path)]
-    outer = [k for k in closed if _cuts_out(planned[k])]
-    holes = [k for k in closed if k not in set(outer)]
+    outer: list[int] = []
+    holes: list[int] = []
+    for k, path in enumerate(planned):
+        if path.closed and path.operation == "follow" and len(path.position) >= 3:
+            (outer if _cuts_out(path) else holes).append(k)
     if not outer:
         return {k: [] for k in holes if _leaves_slug(planned[k], job)}
     around = _find_around(planned, outer, holes)
@@ -241,10 +244,6 @@ def _find_around(
     return around
 
 
-def _is_loop(path: ToolPath) -> bool:
-    return path.closed and path.operation == "follow" and len(path.position) >= 3
-
-
 def _cuts_out(path: ToolPath) -> bool:
     """Whether a closed path runs round the outside of its contour: it presses on its inner side."""
     ahead = make_span_chain(path.position, path.via[1:]).tangents()[0][0]
@@ -252,16 +251,17 @@ def _cuts_out(path: ToolPath) -> bool:
     corners = np.empty((2 * len(path.position) - 1, 2))
     corners[::2], corners[1::2] = path.position[:, :2], path.via[1:, :2]
     x, y = corners[~np.isnan(corners[:, 0])].T
-    area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-    return left * area > 0
+    return left * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) > 0
 
 
 def _find_loop(number: int, before: ToolPath, path: ToolPath, job: Job, tab: _Tab) -> _Loop:
     """The closed path `before` within `path`, which may have a lead of one segment before it."""
     length, along = float(lengths_along(before)[-1]), lengths_along(path)
-    row = next((row for row in (0, 1) if _find_row_once_around(path, row, length)), 0)
-    last = _find_row_once_around(path, row, length)
-    if not last:
+    for row in (0, 1):
+        last = _find_row_once_around(path, row, length)
+        if last:
+            break
+    else:
         raise ValueError(f"path {path.id} does not hold the loop from which it was made")
     begin, overlap = float(along[row]), min(job.operation.overlap, length)
     # A lead is a quarter of a circle. It extends by its radius along the contour, and the tool is
@@ -282,7 +282,7 @@ def _find_row_once_around(path: ToolPath, row: int, length: float) -> int:
     difference = np.abs(along - along[row] - length)
     last = int(np.argmin(difference))
     gap = math.dist(path.position[last].tolist(), path.position[row].tolist())
-    return last if difference[last] < _SAME_POINT and gap < _SAME_POINT else 0
+    return last if max(difference[last], gap) < _SAME_POINT else 0
 
 
 def _find_corners(once: ToolPath, radius: float) -> FloatArray:
@@ -303,16 +303,16 @@ def _find_corners(once: ToolPath, radius: float) -> FloatArray:
 
 def _find_crowded(
     once: ToolPath, group: Sequence[_Loop], planned: Sequence[ToolPath], distance: float
-) -> list[tuple[float, float]]:
-    """Sections of a loop at which a path is nearer than a kerf and cuts tabs off, mm.
+) -> FloatArray:
+    """(S, 2) sections of a loop at which a path is nearer than a kerf and cuts tabs off, mm.
 
     That is another path, or the loop itself on the other side of a narrow place.
     """
     import shapely  # noqa: PLC0415 (only for what needs it)
 
     members = {loop.number for loop in group}
-    others = [path for k, path in enumerate(planned) if k not in members]
-    lines = np.array([_make_line(path) for path in others], dtype=object)
+    others = [_make_line(path) for k, path in enumerate(planned) if k not in members]
+    lines = np.array(others, dtype=object)
     near = lines[shapely.STRtree(lines).query(_make_line(once), "dwithin", distance=distance)]
     length = float(lengths_along(once)[-1])
     places = np.linspace(0.0, length, max(2, math.ceil(length / _SAMPLE_MM)) + 1)
@@ -321,7 +321,7 @@ def _find_crowded(
     if len(near):
         close |= shapely.distance(shapely.union_all(near), shapely.points(points)) < distance
     step = float(places[1])
-    return [(place - step, place + step) for place in places[close].tolist()]
+    return np.asarray(places[close][:, None] + np.array([-step, step]))
 
 
 def _are_narrow(points: FloatArray, places: FloatArray, distance: float) -> NDArray[np.bool_]:
@@ -386,33 +386,33 @@ def _choose_places(
     group: Sequence[_Loop],
     tab: _Tab,
     ideals: Sequence[float],
-    crowded: Sequence[tuple[float, float]],
+    crowded: FloatArray,
 ) -> tuple[list[float], bool]:
     """The middles of the tabs along the first loop, mm, and whether some are near corners.
 
     All seams of the group are kept free.
 
     ideals: positions that the tabs should have, mm.
-    crowded: sections that are avoided if there is another position, mm.
+    crowded: (S, 2) sections that are avoided if there is another position, mm.
     """
     loop, places, near_corner = group[0], list[float](), False
     length = loop.length
     # Tabs may be nearer to each other on the other paths of the group.
     largest_difference = max(abs(other.length - length) for other in group)
-    spacing = tab.whole + largest_difference
+    spacing = tab.rise + tab.fall + largest_difference
     seams = []
     for member in group:
         start = nearest(loop.once, member.once.position[0])[0]
         seams.append((start + member.seam[0], start + member.seam[1]))
-    corners = [(a - tab.top, b + tab.top) for a, b in loop.corners.tolist()]
-    near_corners = _repeat_around(corners, length)
-    taken = _repeat_around([(a - tab.fall, b + tab.rise) for a, b in crowded], length)
+    near_corners = _repeat_around(loop.corners + np.array([-tab.top, tab.top]), length)
+    taken = _repeat_around(crowded + np.array([-tab.fall, tab.rise]), length)
     for ideal in ideals:
-        others = [(place - spacing, place + spacing) for place in places]
-        closed = _repeat_around([*seams, *others], length)
-        place = _find_nearest_place(ideal, [*closed, *near_corners, *taken], length)
+        others = np.array(places)[:, None] + np.array([-spacing, spacing])
+        closed = _repeat_around(np.concatenate([seams, others]), length)
+        off_corners = np.concatenate([closed, near_corners])
+        place = _find_nearest_place(ideal, np.concatenate([off_corners, taken]), length)
         if place is None:
-            place = _find_nearest_place(ideal, [*closed, *near_corners], length)
+            place = _find_nearest_place(ideal, off_corners, length)
         if place is None:
             place = _find_farthest_place(ideal, closed, loop.corners, length)
             near_corner |= place is not None
@@ -421,47 +421,44 @@ def _choose_places(
     return places, near_corner
 
 
-def _repeat_around(
-    stretches: Sequence[tuple[float, float]], length: float
-) -> list[tuple[float, float]]:
-    """The sections of a loop, and the same once around before and after."""
-    shifted = product(stretches, (-length, 0.0, length))
-    return [(a + shift, b + shift) for (a, b), shift in shifted]
+def _repeat_around(sections: FloatArray, length: float) -> FloatArray:
+    """(3 S, 2) the sections (S, 2) of a loop, each also once around before and after."""
+    return np.reshape(sections[:, None] + np.array([[-length], [0.0], [length]]), (-1, 2))
 
 
-def _find_nearest_place(
-    ideal: float, closed: Sequence[tuple[float, float]], length: float
-) -> float | None:
-    """The position nearest to `ideal` that is in none of the sections `closed`; None if none is."""
-    places = [ideal, *(end for end in join.from_iterable(closed) if 0 <= end <= length)]
-    return min(
-        (p for p in places if _is_open(p, closed)),
-        key=lambda place: abs(place - ideal),
-        default=None,
+def _find_nearest_place(ideal: float, closed: FloatArray, length: float) -> float | None:
+    """The position nearest to `ideal` that is in none of the sections (S, 2); None if none is."""
+    places = _select_open(np.append(ideal, closed[(closed >= 0) & (closed <= length)]), closed)
+    return min(places.tolist(), key=lambda place: abs(place - ideal), default=None)
+
+
+def _select_open(places: FloatArray, closed: FloatArray) -> FloatArray:
+    """The positions that are in none of the sections (S, 2)."""
+    low, high = closed.T
+    is_after, is_before = (
+        places[:, None] > low + SAME_POINT_MM,
+        places[:, None] < high - SAME_POINT_MM,
     )
-
-
-def _is_open(place: float, closed: Sequence[tuple[float, float]]) -> bool:
-    return all(not low + SAME_POINT_MM < place < high - SAME_POINT_MM for low, high in closed)
+    return np.asarray(places[~(is_after & is_before).any(axis=1)])
 
 
 def _find_farthest_place(
-    ideal: float, closed: Sequence[tuple[float, float]], corners: FloatArray, length: float
+    ideal: float, closed: FloatArray, corners: FloatArray, length: float
 ) -> float | None:
     """The position farthest from all corners that is in none of `closed`; None without any.
 
     The one nearest to `ideal` is taken if several are equally far.
     """
-    around = sorted(_repeat_around([(a, b) for a, b in corners.tolist()], length))
-    middles = [(before[1] + after[0]) / 2 for before, after in pairwise(around)]
-    ends = list(join.from_iterable(closed))
-    places = [p for p in (*middles, *ends) if 0 <= p <= length and _is_open(p, closed)]
+    around = _repeat_around(corners, length)
+    low, high = around[np.lexsort(around.T[::-1])].T
+    places = np.append((high[:-1] + low[1:]) / 2, closed)
+    places = _select_open(places[(places >= 0) & (places <= length)], closed)
 
     def badness(place: float) -> tuple[float, float]:
-        distance = min(max(low - place, place - high, 0.0) for low, high in around)
-        return -round(distance, 3), abs(place - ideal)
+        distance = np.maximum(np.maximum(low - place, place - high), 0.0).min()
+        return -round(float(distance), 3), abs(place - ideal)
 
-    return min(places, key=badness, default=None)
+    return min(places.tolist(), key=badness, default=None)
 
 
 def _raise_floor(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> ToolPath:

@@ -9,6 +9,7 @@ stays short.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from camgen.geometry.arcs import Spans
 from camgen.geometry.ragged import compute_offsets, list_owners, number_rows
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
 from camgen.order.starts import Starts
 from camgen.plan.starting import SEAM
@@ -52,7 +54,7 @@ class StartTree:
         self.leaf_of: list[int] = place.tolist()
         self.piece_of: list[int] = compute_offsets(counts).tolist()
         self.start_of: list[int] = where.first.tolist()
-        sorted_items = [self.items[i] for i in number[order].tolist()]
+        sorted_items = take_rows(self.items, number[order].tolist())
         self.pots = [sorted_items[i : i + _FAN] for i in range(0, len(sorted_items), _FAN)]
         self.entries, self.parents, self.kids = _build_levels(low[order], high[order])
 
@@ -195,7 +197,7 @@ def _make_items(shape: Spans) -> list[Line | Arc]:
     inverse = np.divide(1.0, square, out=np.zeros_like(square), where=square > 0)
     keys = np.arange(len(square))
     columns = (keys, shape.start[:, 0], shape.start[:, 1], reach[:, 0], reach[:, 1], inverse)
-    items: list[Line | Arc] = list(zip(*(column.tolist() for column in columns), strict=True))
+    items: list[Line | Arc] = list(zip(*map(np.ndarray.tolist, columns), strict=True))
     c = shape.curved
     towards, along = shape.towards[c], shape.along[c]
     centre = shape.via[c] - shape.radius[c, None] * towards
@@ -206,9 +208,7 @@ def _make_items(shape: Spans) -> list[Line | Arc]:
         *shape.end[c].T[:2],
         np.where(sign == 0, 1.0, sign) * shape.sweep[c],
     )
-    arcs: list[Arc] = list(
-        zip(keys[c].tolist(), *(column.tolist() for column in (*xy, *ends)), strict=True)
-    )
+    arcs: Iterator[Arc] = zip(*map(np.ndarray.tolist, (keys[c], *xy, *ends)), strict=True)
     for arc in arcs:
         items[arc[0]] = arc
     return items
@@ -262,9 +262,8 @@ def _build_levels(
         cuts = np.arange(0, len(low), _FAN)
         low, high = np.minimum.reduceat(low, cuts), np.maximum.reduceat(high, cuts)
         done, count = len(entries), len(low)
-        row = zip(*low.T.tolist(), *high.T.tolist(), range(done, done + count), strict=True)
-        entries += row
+        entries += zip(*low.T.tolist(), *high.T.tolist(), range(done, done + count), strict=True)
         if count == 1:
             return entries, [*parents, -1], kids
-        parents += [done + count + i // _FAN for i in range(count)]
+        parents += (done + count + np.arange(count) // _FAN).tolist()
         kids += [entries[i : min(i + _FAN, done + count)] for i in range(done, done + count, _FAN)]

@@ -13,7 +13,6 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import take_rows
 from camgen.lang.recorded import Recorded
 from camgen.model.cell import Cell
 from camgen.model.errors import AmbiguousInput, InputError, JobError
@@ -21,6 +20,7 @@ from camgen.model.job import Job, Step
 from camgen.model.part import EarlierRun, Note, Part, drop_ids, list_ids
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, find, list_entries, load
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted
 from camgen.plan.page import fit_to_page, place_on_page
 

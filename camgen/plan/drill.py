@@ -14,13 +14,14 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import count_rows, find_following_rows, list_owners, take_rows
+from camgen.geometry.ragged import count_rows, find_following_rows, list_owners
 from camgen.geometry.segments import BoolArray, IntArray, flatten, make_contour_segments, points_at
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part, Raster, select_closed
 from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.model.tolerance import PECK_CLEARANCE_MM
 

@@ -6,10 +6,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import measure_nearest
-from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import points_at
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, name_ranges
 from camgen.plan.beside import EXACT
 from camgen.plan.columns import make_path_segments

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.intersect import Obstacles, find_near_pairs, measure_distances, measure_nearest
 from camgen.geometry.nesting import Nesting, find_nesting
-from camgen.geometry.ragged import list_owners, number_rows, take_rows
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -39,6 +39,7 @@ from camgen.model.part import (
 )
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, name_ranges, short
 from camgen.plan.beside import (
     EXACT,

@@ -25,10 +25,10 @@ from camgen.geometry.ragged import (
     find_root,
     list_owners,
     mark_run_starts,
-    take_rows,
 )
 from camgen.model.part import BoolArray, Contour, Note, list_ids, tabulate_contours
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.model.tolerance import OFF_GRID, SAME_POINT_MM
 

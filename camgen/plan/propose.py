@@ -24,7 +24,6 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import Nesting, find_nesting
-from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import Segments, flatten, make_contour_segments
 from camgen.model.job import StockTable, ToolRow, ToolTable
 from camgen.model.materials import MATERIALS
@@ -39,6 +38,7 @@ from camgen.model.part import (
     select_closed,
 )
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.plan.drill import Hole, find_circles, select_innermost
 from camgen.plan.open_outlines import check_outlines

@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 
 from camgen.geometry.nesting import find_nesting, measure_loop_areas
-from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.part import Contour, keep_ids, list_ids
+from camgen.model.sequences import take_rows
 
 #: A mill clears enough of pockets if it reaches this share of their area.
 _ENOUGH_SHARE = 0.95

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.nesting import Nesting
-from camgen.geometry.ragged import list_owners, number_rows, take_rows
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -23,6 +23,7 @@ from camgen.model.errors import CamgenError
 from camgen.model.part import Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.plan import JobPlan, plan
 from camgen.plan.columns import make_path_segments
 from camgen.read.job_file import from_mapping

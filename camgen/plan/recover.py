@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import BoolArray, make_contour_segments
 from camgen.geometry.vectors import measure_signed_angles
 from camgen.model.part import Contour, Note, tabulate_contours
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted
 
 #: Minimum number of lines of an arc. Fewer may be corners.

@@ -14,13 +14,14 @@ import shapely
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import find_fractions, make_boxes, measure_distances
-from camgen.geometry.ragged import count_rows, list_owners, take_rows
+from camgen.geometry.ragged import count_rows, list_owners
 from camgen.geometry.segments import Segments, compute_bounds, make_contour_segments
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part, list_ids
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.text import short
 from camgen.plan.columns import make_path_segments
 from camgen.plan.starting import SEAM, move_each_start

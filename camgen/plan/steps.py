@@ -9,11 +9,11 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, Step, ToolTable
 from camgen.model.part import Contour, Note, Part, drop_ids, keep_ids, list_ids, select_closed
+from camgen.model.sequences import take_rows
 from camgen.model.text import name_first
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.open_outlines import check_outlines

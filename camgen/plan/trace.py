@@ -16,12 +16,13 @@ from camgen.geometry.overlap import (
     find_covered,
     measure_covered,
 )
-from camgen.geometry.ragged import number_kept, take_rows
+from camgen.geometry.ragged import number_kept
 from camgen.geometry.segments import make_contour_segments
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part, list_closed_rows, list_ids
 from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.columns import (

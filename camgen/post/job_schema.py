@@ -34,7 +34,8 @@ def schema(post: str = "") -> Schema:
         keys: Schema = {}
         for kind in rows:
             keys |= _make_table(kind, name)["properties"]
-        keys = {key: value for key, value in keys.items() if key not in NOT_IN_ROWS}
+        for key in NOT_IN_ROWS:
+            keys.pop(key, None)
         row = {"type": "object", "properties": keys, "additionalProperties": False}
         tables[name] = {"type": "array", "description": list_row_tables()[name], "items": row}
     tables["post"] = {"type": "object", "description": about["post"]}
@@ -84,8 +85,7 @@ def _make_key(field: Mapping[str, Any], default: object) -> Schema:
 def _add_unit(key: Schema) -> Schema:
     number = {name: value for name, value in key.items() if name not in ("description", "default")}
     rest = {name: value for name, value in key.items() if name in ("description", "default")}
-    units = "|".join(SPEED_UNITS)
-    pattern = rf"^\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*({units})\s*$"
+    pattern = rf"^\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*({'|'.join(SPEED_UNITS)})\s*$"
     return {"anyOf": [number, {"type": "string", "pattern": pattern}], **rest}
 
 

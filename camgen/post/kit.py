@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import partial
-from itertools import chain, pairwise, product
+from itertools import chain, pairwise, product, starmap
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -151,16 +151,18 @@ def _orient(name: str, rotations: list[FloatArray]) -> Case:
     return Case(name, tuple(body))
 
 
+def _turn_tool(axis: int, angles: Iterable[float]) -> list[FloatArray]:
+    """The orientation straight down, turned about an axis of the tool by each angle, deg."""
+    return [frozen(TOOL_DOWN @ rotation_about(axis, math.radians(angle))) for angle in angles]
+
+
 def _orientations() -> Iterator[Case]:
     """Tool down and rotated; all poles of angle triples and quaternions; orientations near them."""
-    turns = [
-        TOOL_DOWN @ rotation_about(2, math.radians(a))
-        for a in (30.0, 45.0, 90.0, 135.0, 180.0, -90.0, -0.001)
-    ]
-    yield _orient("tool turned", [frozen(r) for r in turns])
+    angles_down = (30.0, 45.0, 90.0, 135.0, 180.0, -90.0, -0.001)
+    yield _orient("tool turned", _turn_tool(2, angles_down))
     quarter = (0.0, _PI / 2, _PI, -_PI / 2)
     angles = product(quarter, (0.0, _PI / 2, -_PI / 2), quarter)
-    yield _orient("axes along axes", [rotation_from_fixed_xyz(*triple) for triple in angles])
+    yield _orient("axes along axes", list(starmap(rotation_from_fixed_xyz, angles)))
     poles = [TOOL_DOWN, IDENTITY, rotation_about(1, _PI / 2), rotation_about(1, -_PI / 2)]
     small = product(poles, (0, 1, 2), (1e-3, -1e-5, 1e-7, -1e-10))
     near = [frozen(pole @ rotation_about(axis, angle)) for pole, axis, angle in small]
@@ -168,9 +170,8 @@ def _orientations() -> Iterator[Case]:
     axes = [
         np.array(v) / np.linalg.norm(v) for v in ((1, 2, 3), (-1, 2, 0.5), (3, -1, -2), (0, 1, 1))
     ]
-    yield _orient("half turns", [rotation_about_axis(axis, _PI) for axis in axes])
-    turned = product(axes, (0.3, 1.7, -2.9))
-    yield _orient("any turns", [rotation_about_axis(axis, angle) for axis, angle in turned])
+    yield _orient("half turns", list(starmap(rotation_about_axis, product(axes, (_PI,)))))
+    yield _orient("any turns", list(starmap(rotation_about_axis, product(axes, (0.3, 1.7, -2.9)))))
 
 
 def _numbers() -> Iterator[Case]:
@@ -260,7 +261,7 @@ HOSTILE = (
 
 
 def _words() -> Iterator[Case]:
-    remarks = tuple(Comment(text) for text in HOSTILE)
+    remarks = tuple(map(Comment, HOSTILE))
     moves = tuple(_line(10.0 * i, 5.0) for i in range(3))
     yield Case("hostile comments", (_ABOVE, *remarks, *moves, *remarks), clean=False)
     yield Case("hostile header", (_ABOVE, *moves), header=HOSTILE, clean=False)
@@ -342,13 +343,12 @@ def _change_tools() -> Body:
 
 
 def _reorientations() -> Iterator[Case]:
-    upright = [TOOL_DOWN @ rotation_about(2, math.radians(a)) for a in (30.0, -45.0)]
-    tilted = [TOOL_DOWN @ rotation_about(0, math.radians(a)) for a in (15.0, 40.0)]
+    upright, tilted = _turn_tool(2, (30.0, -45.0)), _turn_tool(0, (15.0, 40.0))
     for name, rotations in (("turns on the spot", upright), ("tilts on the spot", tilted)):
         body: list[Instruction] = [_ABOVE, _line(10.0, 10.0, 5.0)]
         for rotation, speed in zip(rotations, (0.25, 0.5), strict=True):
-            body.append(MoveL(_at(10.0, 10.0, 5.0, frozen(rotation)), 20.0, turn=speed))
-        body.append(MoveL(_at(30.0, 10.0, 5.0, frozen(rotations[-1])), 20.0))
+            body.append(MoveL(_at(10.0, 10.0, 5.0, rotation), 20.0, turn=speed))
+        body.append(MoveL(_at(30.0, 10.0, 5.0, rotations[-1]), 20.0))
         yield Case(name, tuple(body), altered="body")
 
 
@@ -428,8 +428,7 @@ def check_case(
     meaningless: patterns of text that may change without a change of the meaning, such as remarks;
         in a pattern with a group, the text of the group.
     """
-    kit = _Kit(post, language, dict(options or {}), lacks, meaningless)
-    findings = list(_find_findings(kit, case))
+    findings = _list_findings(_Kit(post, language, dict(options or {}), lacks, meaningless), case)
     if findings:
         raise AssertionError("\n".join(findings))
 
@@ -445,8 +444,12 @@ def conformance(
     kit = _Kit(post, language, dict(options or {}), lacks, meaningless)
     findings: list[str] = []
     for case in cases():
-        findings += _find_findings(kit, case)
+        findings += _list_findings(kit, case)
     return findings
+
+
+def _list_findings(kit: _Kit, case: Case) -> list[str]:
+    return [f"{case}: {finding}" for finding in _find_findings(kit, case)]
 
 
 def _spell(program: Program) -> bytes:
@@ -470,32 +473,32 @@ def _find_findings(kit: _Kit, case: Case) -> Iterator[str]:
         files = maker.render(prepared)
         again = other.render(other.prepare(program, CHORD))
     except Refused as refusal:
-        yield from (f"{case}: {line}" for line in _find_unfounded(refusal, program, lacks))
+        yield from _find_unfounded(refusal, program, lacks)
         return
     except CamgenError as error:
-        yield f"{case}: {type(error).__name__}: {error}"
+        yield f"{type(error).__name__}: {error}"
         return
     if _spell(program) != before:
-        yield f"{case}: rendering changes the program"
+        yield "rendering changes the program"
     if files != again:
-        yield f"{case}: the same program gives two texts"
+        yield "the same program gives two texts"
     for file in files:
-        yield from (f"{case}: {line}" for line in _find_illegal(file, post, case.clean))
-    if len({file.name for file in files}) < len(files) or not files:
-        yield f"{case}: no file, or two with one name"
-        return
+        yield from _find_illegal(file, post, case.clean)
     texts = {file.name: file.text for file in files}
+    if len(texts) < len(files) or not files:
+        yield "no file, or two with one name"
+        return
     try:
         language = check_language(kit.language)
         read: Readback = partial(read_back, language.run)
         compare(prepared, read(texts, options), tolerance, maker.list_verified(), files[0].name)
-        yield from (f"{case}: {line}" for line in _find_unknown(language, texts, prepared))
+        yield from _find_unknown(language, texts, prepared)
     except CamgenError as error:
-        yield f"{case}: {error}"
+        yield str(error)
         return
     if case.altered and len(files) == 1:
         check = _Check(maker, read, options, prepared, tolerance)
-        yield from (f"{case}: {line}" for line in _find_unseen(kit, case, check, files[0]))
+        yield from _find_unseen(kit, case, check, files[0])
 
 
 class _Check(NamedTuple):
@@ -525,11 +528,11 @@ def _find_unknown(language: Language, texts: Mapping[str, str], prepared: Progra
     if executed.stopped is not None:
         line, what = executed.stopped
         yield f"as a program of any author, it stops in line {line}: {what}"
-    sides = (Columns(executed.body), prepared.columns)
-    paths = [int(side.moves_are(MoveL, MoveC).sum()) for side in sides]
-    if paths[0] != paths[1]:
-        lines = counted(paths[0], "straight motion or arc", "straight motions and arcs")
-        yield f"as a program of any author, it has {lines} instead of {paths[1]}"
+    read = int(Columns(executed.body).moves_are(MoveL, MoveC).sum())
+    planned = int(prepared.columns.moves_are(MoveL, MoveC).sum())
+    if read != planned:
+        lines = counted(read, "straight motion or arc", "straight motions and arcs")
+        yield f"as a program of any author, it has {lines} instead of {planned}"
 
 
 def _find_unseen(kit: _Kit, case: Case, check: _Check, file: OutputFile) -> Iterator[str]:

@@ -130,7 +130,7 @@ def _along_level(
     those of numpy differ in the last bit.
     """
     u, w = (via - start)[:, :2], (end - start)[:, :2]
-    uu, ww = (side[:, 0] * side[:, 0] + side[:, 1] * side[:, 1] for side in (u, w))
+    uu, ww = (u * u).sum(axis=1), (w * w).sum(axis=1)
     area = u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]
     cx, cy = (uu * w[:, 1] - ww * u[:, 1]) / (2 * area), (ww * u[:, 0] - uu * w[:, 0]) / (2 * area)
     lx, ly = w[:, 0] - cx, w[:, 1] - cy
@@ -140,15 +140,14 @@ def _along_level(
     arm = start[:, :2] - centre
     points = []
     for fraction in fractions:
-        c, s = (_each(f, sweep * fraction) for f in (math.cos, math.sin))
+        c, s = _each(math.cos, sweep * fraction), _each(math.sin, sweep * fraction)
         x, y = c * arm[:, 0] - s * (up * arm[:, 1]), c * arm[:, 1] + s * (up * arm[:, 0])
         points.append(np.column_stack([centre[:, 0] + x, centre[:, 1] + y, start[:, 2]]))
     return np.hypot(arm[:, 0], arm[:, 1]), sweep, points
 
 
 def _each(function: Callable[..., float], *values: FloatArray) -> FloatArray:
-    columns = (column.tolist() for column in values)
-    return np.fromiter(map(function, *columns), np.float64, len(values[0]))
+    return np.fromiter(map(function, *map(np.ndarray.tolist, values)), np.float64, len(values[0]))
 
 
 #: The passes by the name under which a post lists them.

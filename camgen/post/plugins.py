@@ -108,15 +108,19 @@ def list_installed() -> list[Installed]:
     return posts
 
 
+def _list_names(group: str) -> list[str]:
+    return [entry.name for entry in list_entries(group)]
+
+
 def _explain_no_language(name: str) -> str:
-    if name in {entry.name for entry in list_entries(LANGUAGES)}:
+    if name in _list_names(LANGUAGES):
         try:
             find_language(name)
         except JobError as error:
             return str(error)
         return ""
     reason = f"has no language (entry point {LANGUAGES})"
-    if name in {entry.name for entry in list_entries(OLD_READBACKS)}:
+    if name in _list_names(OLD_READBACKS):
         reason += f"; {OLD_READBACKS} is not read any more, see docs/writing-a-post.md"
     return reason
 

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import mark_run_ends, mark_run_starts
@@ -45,6 +45,7 @@ from camgen.model.program import (
     Program,
     read_numbers,
 )
+from camgen.model.sequences import take_rows
 
 #: What an option may let a preparation change, with the words of the summary where the comparison
 #: then says nothing about it. Cycles change no way, so they have no words.
@@ -285,12 +286,11 @@ def _are_pressed(match: _Match, places: Indices) -> Mask:
     press, wanted = b.force_direction[pieces], a.force_direction[rows]
     sound = np.zeros(len(places), np.bool_)
     arcs = np.flatnonzero(a.moves_are(MoveC)[rows])
-    sound[a.moves_are(MoveL)[rows]] = True
     lines = a.moves_are(MoveL)[rows]
     sound[lines] = (press[lines] == wanted[lines]).all(axis=1)
     circle = _make_circles(a, rows[arcs])
     turned = circle.turn(wanted[arcs], -(circle.sweep - circle.measure(b.ends[pieces[arcs]])))
-    along = np.array([b.table[k][:, 2] for k in b.rotation[pieces[arcs]]]).reshape(-1, 3)
+    along = np.reshape(take_rows(b.table, b.rotation[pieces[arcs]].tolist()), (-1, 3, 3))[:, :, 2]
     deviation = np.minimum(
         measure_lengths(press[arcs] - turned), measure_lengths(press[arcs] - along)
     )
@@ -351,8 +351,7 @@ class _Circles(Struct, frozen=True, eq=False):
 
     def take(self, rows: Indices) -> _Circles:
         """The circles of these rows."""
-        columns = (self.centre, self.axis, self.start, self.radius, self.sweep)
-        return _Circles(*(column[rows] for column in columns))
+        return _Circles(*(column[rows] for column in astuple(self)))
 
     def measure(self, points: FloatArray) -> FloatArray:
         """(N,): the angle from the start to points (N, 3), rad, from -pi/2 on.
@@ -600,7 +599,7 @@ def _find_switches(match: _Match, allowed: frozenset[str]) -> Iterator[tuple[int
 
     Gives its index in the body before.
     """
-    old, new = (_list_switches(side, allowed) for side in (match.before, match.after))
+    old, new = _list_switches(match.before, allowed), _list_switches(match.after, allowed)
     size = min(len(old.items), len(new.items))
     # The places after the motions that are matched: those before any motion, and after each.
     places = np.append(0, match.last + 1)
@@ -659,7 +658,7 @@ def _are_same_rotations(
 
 
 def _stack(table: Sequence[FloatArray], places: Places) -> FloatArray:
-    return np.stack([table[place] for place in places.tolist()])
+    return np.stack(take_rows(table, places.tolist()))
 
 
 def _are_same_poses(a: Pose, b: Pose) -> bool:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
-from itertools import chain, pairwise
+from itertools import chain, pairwise, starmap
 from typing import Any, overload
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.body import Indices, Mask
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Instruction
@@ -82,8 +83,7 @@ def make_forms(
     for key in keys:
         combined = combined * (int(key.max(initial=0)) + 1) + key
     _, first, index = np.unique(combined, return_index=True, return_inverse=True)
-    rows_of_keys = np.column_stack([key[first] for key in keys]).astype(np.int64).tolist()
-    table = [form(*row) for row in rows_of_keys]
+    table = list(starmap(form, np.column_stack(keys)[first].astype(np.int64).tolist()))
     return Forms(rows, index, table, numbers[used], used.sum(axis=1))
 
 
@@ -223,9 +223,8 @@ class Printed(Iterable[Sequence[str]]):
             numbers = forms.numbers
             others = np.flatnonzero(alone)
             self._print(texts, counts, others, columns.pick(others))
-        sums = (np.append(0, np.cumsum(each)) for each in (counts, used, counts > 0))
-        before, places, begins = sums
-        return _Texts(texts[counts > 0].tolist(), begins, before, numbers, places)
+        begins, lines = compute_offsets((counts > 0).astype(np.int64)), compute_offsets(counts)
+        return _Texts(texts[counts > 0].tolist(), begins, lines, numbers, compute_offsets(used))
 
     def _print(
         self,
@@ -259,8 +258,7 @@ class Lines(Sequence[str]):
             if isinstance(piece, str):
                 items.append(Lines([piece], self.printed, piece.count("\n") + 1))
                 continue
-            sizes = self.printed.counts(piece).tolist()
-            for k, size in zip(piece, sizes, strict=True):
+            for k, size in zip(piece, self.printed.counts(piece).tolist(), strict=True):
                 items.append(Lines([range(k, k + 1)], self.printed, size))
         return items
 

@@ -9,14 +9,13 @@ others, one instruction after the other. A replaced arc becomes the motions of t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain
 from typing import ClassVar, Protocol
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import is_arc
-from camgen.geometry.ragged import compute_first_rows, list_range_numbers
+from camgen.geometry.ragged import compute_first_rows, count_rows, list_range_numbers
 from camgen.model.errors import Refused
 from camgen.model.pose import Pose
 from camgen.model.program import (
@@ -166,18 +165,15 @@ def _replace_arcs(
     replace = PASSES[controller.passes[0]]
     tried = [replace(refused.start, refused.arc, chord) for refused in arcs]
     # The columns need the start of each arc, so a motion to it stands before its pieces.
-    bodies = [
-        [MoveJ(refused.start, refused.arc.speed), *pieces]
-        for refused, pieces in zip(arcs, tried, strict=True)
-    ]
-    accepted = controller.accepts(Columns(list(chain.from_iterable(bodies))))
-    counts = np.fromiter(map(len, tried), np.intp, len(tried))
+    body: list[Instruction] = []
+    for refused, pieces in zip(arcs, tried, strict=True):
+        body += [MoveJ(refused.start, refused.arc.speed), *pieces]
+    accepted = controller.accepts(Columns(body))
+    counts = count_rows(tried)
     ends, sums = np.cumsum(counts + 1), np.append(0, np.cumsum(accepted))
-    sound = sums[ends] - sums[ends - counts] == counts
-    return [
-        pieces if all_accepted else _replace_arc(controller, refused, chord)
-        for refused, pieces, all_accepted in zip(arcs, tried, sound.tolist(), strict=True)
-    ]
+    for k in np.flatnonzero(sums[ends] - sums[ends - counts] < counts).tolist():
+        tried[k] = _replace_arc(controller, arcs[k], chord)
+    return tried
 
 
 def _replace_arc(controller: Controller, refused: _RefusedArc, chord: float) -> list[MoveL | MoveC]:

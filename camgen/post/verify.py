@@ -63,7 +63,8 @@ from camgen.model.program import (
     Wait,
     read_numbers,
 )
-from camgen.model.text import counted, short
+from camgen.model.sequences import take_rows
+from camgen.model.text import counted, join_short, short
 from camgen.post import Post, Tolerance
 from camgen.post.preparation import CHANGES
 
@@ -156,7 +157,8 @@ class _Bodies(Struct, frozen=True, eq=False):
 
     def compare_motions(self, what: str, name: str, where: Mask, limit: float) -> _Column:
         """Compare an attribute of the motions `where` (M,), by the worst number of each."""
-        a, b = (getattr(side, name)[: self.moves][where] for side in (self.plan, self.read))
+        a = getattr(self.plan, name)[: self.moves][where]
+        b = getattr(self.read, name)[: self.moves][where]
         places = self.find(MoveJ, MoveL, MoveC)[where]
         return _Column(what, places, a, b, _measure_worst(a - b), limit)
 
@@ -172,8 +174,8 @@ class _Bodies(Struct, frozen=True, eq=False):
     ) -> _Column:
         """Compare an attribute of the instructions of one type, a number or a tuple of `width`."""
         places = self.find(kind)
-        sides = (self.plan, self.read)
-        a, b = (read_numbers(side.list_kinds(kind)[: len(places)], name, width) for side in sides)
+        a = read_numbers(self.plan.list_kinds(kind)[: len(places)], name, width)
+        b = read_numbers(self.read.list_kinds(kind)[: len(places)], name, width)
         return _Column(what, places, a, b, _measure_worst(a - b), limit)
 
 
@@ -246,7 +248,7 @@ def _pair(planned: Program, executed: Executed) -> _Bodies:
         instructions = counted(len(executed.body), "instruction")
         raise ValueError(f"{instructions} with {counted(len(executed.lines), 'line')}")
     plan, read = planned.columns, Columns(executed.body)
-    at, read_at = (np.flatnonzero(~side.are(Comment)) for side in (plan, read))
+    at, read_at = np.flatnonzero(~plan.are(Comment)), np.flatnonzero(~read.are(Comment))
     size = min(len(at), len(read_at))
     same = np.ones(size, np.bool_)
     for kind in (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange, Stop):
@@ -254,8 +256,7 @@ def _pair(planned: Program, executed: Executed) -> _Bodies:
     common = _first_false(same)
     for kind, read_column in ((Output, _list_signals), (MoveJ, _count_joints)):
         places = np.flatnonzero(plan.are(kind)[at[:common]])
-        a, b = (read_column(side)[: len(places)] for side in (plan, read))
-        alike = np.fromiter(map(eq, a, b), np.bool_, len(places))
+        alike = np.fromiter(map(eq, read_column(plan), read_column(read)), np.bool_, len(places))
         common = int(np.append(places, common)[_first_false(alike)])
     moves = int(plan.are(MoveJ, MoveL, MoveC)[at[:common]].sum())
     return _Bodies(plan, read, at, read_at, common, moves)
@@ -273,8 +274,7 @@ def _count_joints(side: Columns) -> list[int]:
     count = np.full(len(side.at), -1)
     for place in np.flatnonzero(~side.posed).tolist():
         count[place] = len(side.moves[place].target.values)
-    counts: list[int] = count[side.moves_are(MoveJ)].tolist()
-    return counts
+    return list(count[side.moves_are(MoveJ)].tolist())
 
 
 def _describe(body: Sequence[Instruction], at: Indices, place: int) -> str:
@@ -304,27 +304,20 @@ def _format(value: object) -> str:
         return " ".join(value) or "nothing"
     array = np.atleast_1d(np.asarray(value, dtype=np.float64))
     if array.ndim == 2:
-        return "q " + " ".join(short(v, 9) for v in compute_quaternion(array))
-    return " ".join(short(v, 6) for v in array.tolist())
+        return "q " + join_short(compute_quaternion(array), 9)
+    return join_short(array.tolist(), 6)
 
 
-def _find_first_beyond(column: _Column, first: int) -> list[tuple[int, str, str, str]]:
+def _find_first_beyond(column: _Column, first: int) -> Iterator[tuple[int, str, str, str]]:
     """Find the first instruction beyond the limit.
 
     first: index of the first instruction of the stretch.
 
-    Returns index, property, planned and read value; empty if all are within the limit.
+    Yields index, property, planned and read value; nothing if all are within the limit.
     """
-    rows = np.flatnonzero(~(column.error <= column.limit + _SLACK))[:1].tolist()
-    return [
-        (
-            first + int(column.places[row]),
-            column.what,
-            _format(column.planned[row]),
-            _format(column.read[row]),
-        )
-        for row in rows
-    ]
+    for row in np.flatnonzero(~(column.error <= column.limit + _SLACK))[:1].tolist():
+        planned, read = _format(column.planned[row]), _format(column.read[row])
+        yield first + int(column.places[row]), column.what, planned, read
 
 
 def _compare_frames(
@@ -343,9 +336,8 @@ def _compare_frames(
         distance = np.abs(np.subtract(plan.origin, read.origin)).max()
         angle = float(measure_angles_between(plan.rotation[None], read.rotation[None])[0])
         if not (distance <= tolerance.mm + _SLACK and angle <= tolerance.angle + _SLACK):
-            reads, was = (
-                f"{_format(pose.origin)} {_format(pose.rotation)}" for pose in (read, plan)
-            )
+            reads = f"{_format(read.origin)} {_format(read.rotation)}"
+            was = f"{_format(plan.origin)} {_format(plan.rotation)}"
             raise VerifyError(file, f"the {name} frame reads {reads}, planned is {was}", 0, _REMEDY)
 
 
@@ -409,10 +401,9 @@ class _Case(Struct, frozen=True, eq=False):
 def _compare_places(case: _Case) -> Iterator[_Column]:
     bodies, arcs, limit = case.bodies, case.arcs, case.tolerance.mm
     yield bodies.compare_motions(_END, "ends", case.posed, limit)
-    a, b = (
-        find_arc_middles(side.ends[arcs - 1], side.via[: len(arcs)], side.ends[arcs])
-        for side in (bodies.plan, bodies.read)
-    )
+    plan, read, count = bodies.plan, bodies.read, len(arcs)
+    a = find_arc_middles(plan.ends[arcs - 1], plan.via[:count], plan.ends[arcs])
+    b = find_arc_middles(read.ends[arcs - 1], read.via[:count], read.ends[arcs])
     places = bodies.find(MoveJ, MoveL, MoveC)[arcs]
     yield _Column(_MIDDLE, places, a, b, measure_lengths(a - b), ARC_SLACK * limit)
 
@@ -426,6 +417,9 @@ class _Rotations(Struct, frozen=True, eq=False):
     def __getitem__(self, row: int) -> FloatArray:
         return self.table[int(self.places[row])]
 
+    def stack(self, rows: Indices) -> FloatArray:
+        return np.stack(take_rows(self.table, self.places[rows].tolist()))
+
 
 def _measure_angles(a: _Rotations, b: _Rotations) -> FloatArray:
     """Measure the angle of each pair of rotations (K,), rad.
@@ -437,26 +431,21 @@ def _measure_angles(a: _Rotations, b: _Rotations) -> FloatArray:
         return np.zeros(0)
     first = np.empty(len(pairs), np.intp)
     first[back] = np.arange(len(back))
-    p, q = (np.stack([*map(side.__getitem__, first.tolist())]) for side in (a, b))
-    return np.asarray(measure_angles_between(p, q)[back])
+    return np.asarray(measure_angles_between(a.stack(first), b.stack(first))[back])
 
 
 def _compare_orientations(case: _Case) -> Iterator[_Column]:
     bodies, posed = case.bodies, case.posed
-    a, b = (
-        _Rotations(side.table, side.rotation[: bodies.moves][posed].astype(np.intp))
-        for side in (bodies.plan, bodies.read)
-    )
+    a = _Rotations(bodies.plan.table, bodies.plan.rotation[: bodies.moves][posed].astype(np.intp))
+    b = _Rotations(bodies.read.table, bodies.read.rotation[: bodies.moves][posed].astype(np.intp))
     places = bodies.find(MoveJ, MoveL, MoveC)[posed]
     yield _Column(_TURN, places, a, b, _measure_angles(a, b), case.tolerance.angle)
 
 
 def _compare_via_orientations(case: _Case) -> Iterator[_Column]:
     bodies, arcs = case.bodies, case.arcs
-    a, b = (
-        _Rotations(side.table, side.via_rotation[: len(arcs)].astype(np.intp))
-        for side in (bodies.plan, bodies.read)
-    )
+    a = _Rotations(bodies.plan.table, bodies.plan.via_rotation[: len(arcs)].astype(np.intp))
+    b = _Rotations(bodies.read.table, bodies.read.via_rotation[: len(arcs)].astype(np.intp))
     places = bodies.find(MoveJ, MoveL, MoveC)[arcs]
     angles = _measure_angles(a, b)
     yield _Column("orientation half-way", places, a, b, angles, case.tolerance.angle)
@@ -559,7 +548,7 @@ def _compare_components(
     newtons: _Column, a: FloatArray, b: FloatArray, tolerance: Tolerance
 ) -> _Column:
     """Compare forces by component; each component may deviate by both tolerances together."""
-    planned, read = (np.reshape(size, (-1, 1)) for size in (newtons.planned, newtons.read))
+    planned, read = np.reshape(newtons.planned, (-1, 1)), np.reshape(newtons.read, (-1, 1))
     limit = tolerance.force + tolerance.angle * planned[:, 0]
     planned, read = planned * a, read * b
     error = _measure_worst(planned - read)

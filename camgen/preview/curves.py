@@ -44,11 +44,6 @@ def lift(points: FloatArray, z: float = 0.0) -> FloatArray:
     return np.column_stack([points, np.full(len(points), z)])
 
 
-def interpolate_rows(places: FloatArray, at: FloatArray, rows: FloatArray) -> FloatArray:
-    """The values (M, D) at `places` (M,), linear between the `rows` (N, D) at `at` (N,)."""
-    return np.column_stack([np.interp(places, at, column) for column in rows.T])
-
-
 def draw_spans(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) -> DrawnSpans:
     """Divide M segments into straight pieces.
 

@@ -12,10 +12,10 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import find_run_starts, list_owners, number_rows
+from camgen.geometry.vectors import interpolate_rows
 from camgen.model.part import BoolArray, Solid
 from camgen.model.pose import IDENTITY, FloatArray
 from camgen.preview.aside import TILT, TURN, compute_view_axes
-from camgen.preview.curves import interpolate_rows
 from camgen.preview.view import View
 
 #: Direction of the light for an upright part.

@@ -12,11 +12,12 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import find_run_starts
+from camgen.geometry.vectors import interpolate_rows
 from camgen.model.errors import make_one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
 from camgen.preview.aside import TILT, TURN, compute_view_axes
-from camgen.preview.curves import interpolate_rows, lift
+from camgen.preview.curves import lift
 from camgen.preview.draw import choose_bar, choose_colour
 from camgen.preview.figure import (
     list_figure_edges,

@@ -14,6 +14,7 @@ from camgen.check.executed import Rounding
 from camgen.check.report import clean, path_sums
 from camgen.geometry.corners import check_corners
 from camgen.geometry.ragged import compute_first_rows
+from camgen.geometry.vectors import interpolate_rows
 from camgen.model.part import Contour, Curve, Edge, Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import duration, short, short_each
@@ -22,7 +23,6 @@ from camgen.order.tours import EdgeTour
 from camgen.preview import Built, list_seen
 from camgen.preview.curves import (
     SpaceChains,
-    interpolate_rows,
     lift,
     trace_contours,
     trace_spans,

@@ -102,7 +102,7 @@ def test_a_file_that_is_not_a_post_is_refused_by_name(tmp_path, text, message):
 
 def test_a_post_file_without_a_readback_is_refused(tmp_path):
     path = write(tmp_path, POST.format(name="Mini"))
-    with pytest.raises(JobError, match=r"has no function run\(files, ask\)"):
+    with pytest.raises(JobError, match=r"has no function run\(files, request\)"):
         find_readback(path)
 
 

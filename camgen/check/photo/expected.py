@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
-from camgen.model.part import Contour, Part
+from camgen.model.part import Contour, Part, list_ids, select_closed
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.plan import Plan, find_operation, plan
@@ -61,7 +61,7 @@ def expect(drawing: Part, job: Job) -> Expected:
 
 
 def _make_material(part: Part) -> Expected:
-    closed = [contour for contour in part.contours if contour.closed]
+    closed = select_closed(part.contours)
     if not closed:
         raise InputError(
             part.source,
@@ -73,8 +73,7 @@ def _make_material(part: Part) -> Expected:
 
 def _make_enclosed(source: str, closed: Sequence[Contour]) -> Expected:
     rings = tuple(flatten(make_contour_segments([contour]), _CHORD)[0] for contour in closed)
-    names = tuple(contour.id for contour in closed)
-    return Expected(source, enclose(rings), rings, names, inked=False)
+    return Expected(source, enclose(rings), rings, list_ids(closed), inked=False)
 
 
 class Sought(Struct, frozen=True, eq=False):
@@ -108,14 +107,14 @@ def seek(drawing: Part, job: Job) -> Sought:
     elif job.operations:
         ids = find_boundary(drawing, job)
     elif find_operation(drawing, job).name in _BESIDE:
-        ids = frozenset(contour.id for contour in closed)
+        ids = frozenset(list_ids(closed))
     else:
         ids = frozenset()
     certain = [contour for contour in closed if contour.id in ids]
     if not certain:
         inner = find_enclosed(replace(drawing, contours=tuple(closed)))
         certain = [contour for contour in closed if contour.id not in inner]
-    names = {contour.id for contour in certain}
+    names = set(list_ids(certain))
     possible = tuple(contour for contour in closed if contour.id not in names)
     outline = _make_material(replace(drawing, contours=tuple(certain)))
     return Sought(outline, _make_enclosed(drawing.source, possible))
@@ -138,7 +137,7 @@ def _make_ink(planned: Plan, job: Job) -> Expected:
             "job", "no path is left that would leave ink", remedy="camgen build reports the reasons"
         )
     lines = [_make_stroke(path) for path in planned.paths]
-    strokes = [shapely.buffer(line, job.tool.radius, quad_segs=_PEN_CHORDS) for line in lines]
+    strokes = shapely.buffer(lines, job.tool.radius, quad_segs=_PEN_CHORDS)
     rings = tuple(path.position[:, :2] for path in planned.paths)
     names = tuple(path.id for path in planned.paths)
     return Expected(planned.part.source, shapely.union_all(strokes), rings, names, inked=True)

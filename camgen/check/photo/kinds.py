@@ -5,6 +5,7 @@ A silhouette decides: a chip that lies along an edge and touches it has the shap
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -163,6 +164,12 @@ def sample(line: shapely.Geometry) -> np.ndarray[tuple[int], np.dtype[np.object_
     return np.asarray(shapely.points(np.concatenate(places)))
 
 
+def remove_loose(seen: shapely.Geometry, differences: Sequence[Difference]) -> shapely.Geometry:
+    """The part in the photo without the loose things beside it."""
+    loose = [each.shape for each in differences if each.kind == "loose"]
+    return shapely.difference(seen, shapely.union_all(loose)) if loose else seen
+
+
 def share_of_fit(
     differences: tuple[Difference, ...],
     expected: Expected,
@@ -173,11 +180,9 @@ def share_of_fit(
 
     Loose things do not count, and along burrs and dents the outlines fit.
     """
-    loose = [each.shape for each in differences if each.kind == "loose"]
     known = [each.shape for each in differences if each.kind in ("burr", "dent")]
-    part = shapely.difference(seen, shapely.union_all(loose)) if loose else seen
     explained = shapely.buffer(shapely.union_all(known), near)
-    edges = shapely.boundary(expected.region), shapely.boundary(part)
+    edges = shapely.boundary(expected.region), shapely.boundary(remove_loose(seen, differences))
     shares = []
     for edge, other in (edges, edges[::-1]):
         points = sample(edge)

@@ -27,7 +27,7 @@ from camgen.check.photo import (
     rings_of,
 )
 from camgen.check.photo.expected import Expected, Sought, enclose, seek
-from camgen.check.photo.kinds import sample, share_of_fit
+from camgen.check.photo.kinds import remove_loose, sample, share_of_fit
 from camgen.check.photo.registration import Fit, check_fit, fit_outlines
 from camgen.check.report import clean
 from camgen.model.errors import InputError, NoSafeProgram
@@ -275,9 +275,7 @@ def _measure_distance(a: PlanePose, b: PlanePose) -> float:
 
 def _measure_deviation(seen: shapely.Geometry, trial: _Trial) -> tuple[float, tuple[float, float]]:
     """The largest distance between the outlines, mm, and where it is. Loose things do not count."""
-    loose = [each.shape for each in trial.differences if each.kind == "loose"]
-    part = shapely.difference(seen, shapely.union_all(loose)) if loose else seen
-    points = shapely.get_coordinates(shapely.boundary(part))
+    points = shapely.get_coordinates(shapely.boundary(remove_loose(seen, trial.differences)))
     distances = shapely.distance(shapely.points(points), shapely.boundary(trial.expected.region))
     farthest = int(distances.argmax())
     x, y = points[farthest].tolist()

@@ -96,7 +96,7 @@ def fit_outlines(
     """
     line = _make_line(region)
     points = np.concatenate(borders)
-    coarse, fine = (_thin_out(points, count) for count in (_COARSE_POINTS, _FINE_POINTS))
+    coarse, fine = _thin_out(points, _COARSE_POINTS), _thin_out(points, _FINE_POINTS)
     near = max(_NEAR_SHARE * line.size, 0.2)
     middles = _find_middles(borders, region)
     starts = [middles.fit(k * math.tau / _TURNS) for k in range(_TURNS)]
@@ -136,9 +136,10 @@ def check_fit(
 
 
 def _make_line(region: shapely.Geometry) -> _Line:
-    ends = [np.asarray(ring.coords) for ring in shapely.get_parts(shapely.boundary(region))]
-    start = np.concatenate([ring[:-1] for ring in ends])
-    end = np.concatenate([ring[1:] for ring in ends])
+    rings = shapely.get_parts(shapely.boundary(region))
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    is_side = ring[1:] == ring[:-1]
+    start, end = points[:-1][is_side], points[1:][is_side]
     long = np.linalg.norm(end - start, axis=1) > 1e-9
     start, end = start[long], end[long]
     along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
@@ -166,8 +167,7 @@ class _Middles(NamedTuple):
 
 def _find_middles(borders: Sequence[FloatArray], region: shapely.Geometry) -> _Middles:
     hull = shapely.convex_hull(shapely.MultiPoint(np.concatenate(borders)))
-    middles = (shapely.centroid(shape) for shape in (hull, shapely.convex_hull(region)))
-    return _Middles(*(np.array(middle.coords[0]) for middle in middles))
+    return _Middles(*shapely.get_coordinates(shapely.centroid([hull, shapely.convex_hull(region)])))
 
 
 def _find_nearest(line: _Line, at: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -45,8 +45,9 @@ from camgen.check.proof.travel import (
 from camgen.check.proof.unplaced import Unplaced, count_unplaced
 from camgen.check.proof.visits import find_reached, number_visits
 from camgen.model.job import Job
-from camgen.model.part import Note, Part
+from camgen.model.part import Note, Part, list_ids
 from camgen.model.program import Origin
+from camgen.model.sequences import take_rows
 
 __all__ = [
     "Controller",
@@ -356,7 +357,7 @@ def _are_reached_by_joints(subject: Subject) -> BoolArray:
     """(C,) contours with a path that has motions to joint values, which give no place."""
     motions = subject.motions
     paths = np.unique(motions.path[np.isnan(motions.end[:, 0]) & (motions.path >= 0)])
-    origins = [subject.program.origins[path] for path in paths.tolist()]
+    origins = take_rows(subject.program.origins, paths.tolist())
     names = frozenset(chain.from_iterable(origin.contours for origin in origins))
     return are_named(subject.drawing, names)
 
@@ -393,7 +394,7 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
     SlopeChecker(task, motions, rows, reached, subject.slack).check(visit, levels, findings)
     check_path_order(task, motions, rows, levels, subject.slack, findings)
     checker.check_speeds(rows[levels >= 0], subject.context.rounding.speed, findings)
-    worked = {contour.id for contour in compress(subject.drawing.contours, task.worked)}
+    worked = set(list_ids(compress(subject.drawing.contours, task.worked)))
     if not worked.isdisjoint(subject.context.named.skipped):
         findings.leave(
             "that the area is cleared", "a note says that paths or contours are left out"

@@ -193,8 +193,7 @@ def _check_laps(
     slopes.check_linked(laps, visit, findings)
     fewer = _laps_named(subject, matched, laps, names.tabs)
     skipped = are_named(drawing, names.skipped)
-    tabs = TabChecker(task, drawing, motions, subject.slack, skipped)
-    tabs.check(matched, laps, fewer, findings)
+    TabChecker(task, drawing, motions, subject.slack, skipped).check(matched, laps, fewer, findings)
     return laps, (levels >= 0) | slopes.goes_round(laps)
 
 

@@ -172,8 +172,7 @@ class AreaChecker:
         if self.task.kind != "fill":
             return np.asarray(distance <= self.limit)
         beyond = self.limit + _FILL_SHARE * self.task.job.tool.diameter
-        outside = (distance > beyond) & (distance <= self._radius)
-        for x, y in points[outside][:1].tolist():
+        for x, y in points[(distance > beyond) & (distance <= self._radius)][:1].tolist():
             findings.leave("that strokes stay inside", f"one leaves the area at {x:.2f} {y:.2f}")
         return np.asarray(distance <= max(beyond, self._radius))
 

@@ -51,8 +51,7 @@ def check_corners(
     second = first + 1
     leaves = _direction(motions, first, 1.0)
     arrives = _direction(motions, second, 0.0)
-    cosine = np.clip((leaves * arrives).sum(axis=1), -1.0, 1.0)
-    turn = np.arccos(cosine)
+    turn = np.arccos(np.clip((leaves * arrives).sum(axis=1), -1.0, 1.0))
     for rows in (first, second):
         turn = turn - _turn_of_chords(task, motions, rows)
     deviation = _deviation(motions, first, second, np.sin(turn / 2), pace)

@@ -7,7 +7,7 @@ import math
 from msgspec import Struct, field
 
 from camgen.check.proof.motions import Motions
-from camgen.model.text import short
+from camgen.model.text import join_short
 
 
 class Finding(Struct, frozen=True):
@@ -33,10 +33,10 @@ class Findings(Struct):
 
     def add(self, motions: Motions, row: int, what: str) -> None:
         """Adds a difference of the motion `row`, with its line and the place where it ends."""
-        place = [float(value) for value in motions.end[row]]
+        place = motions.end[row].tolist()
         where = ""
         if all(map(math.isfinite, place)):
-            where = f", ends at {' '.join(short(value, 3) for value in place)} mm"
+            where = f", ends at {join_short(place, 3)} mm"
         self.items.append(Finding(int(motions.line[row]), f"the motion {what}{where}"))
 
     def miss(self, what: str) -> None:

@@ -13,6 +13,7 @@ from camgen.check.proof.motions import Motions, Rounding
 from camgen.check.proof.pieces import BoolArray, IntArray
 from camgen.check.proof.tasks import Drawing, Task, find_circles
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 
 #: A contour counts as a hole if it leaves a circle by this share of its radius, or by this, mm.
 _ROUND_SHARE, _ROUND_MM = 0.01, 0.01
@@ -37,7 +38,7 @@ def select_holes(task: Task, drawing: Drawing) -> Holes:
     """The circles of the task: of those around one centre the smallest, within `holes`."""
     fitted = find_circles(drawing, _ROUND_SHARE, _ROUND_MM)
     index = [k for k, circle in enumerate(fitted) if circle is not None and task.worked[k]]
-    circles = np.array([fitted[k] for k in index], np.float64).reshape(-1, 3)
+    circles = np.array(take_rows(fitted, index), np.float64).reshape(-1, 3)
     low, high = task.operation.holes or (0.0, math.inf)
     wanted = (2 * circles[:, 2] >= low) & (2 * circles[:, 2] <= high)
     smallest = _are_smallest(circles)
@@ -176,8 +177,7 @@ def check_bored(
         for row in rows[:1].tolist():
             findings.add(motions, row, "works where no circle is to be bored")
         return done
-    tree = shapely.STRtree(shapely.points(centres))
-    hole = tree.nearest(shapely.points(motions.end[rows, :2]))
+    hole = shapely.STRtree(shapely.points(centres)).nearest(shapely.points(motions.end[rows, :2]))
     plane = motions.plane
     from_centre = np.zeros(len(rows))
     for points in (plane.start[rows], plane.middle[rows], plane.end[rows]):

@@ -162,8 +162,7 @@ class LeadChecker:
             for lap in np.flatnonzero(claimed)[:1].tolist():
                 what = f"has no full {end.name} beside it, although there is room for it"
                 findings.add(self.motions, int(end.row[lap]), what)
-            bent = (end.count > 0) & ~self._has_shape(end, laps)
-            for lap in np.flatnonzero(bent)[:1].tolist():
+            for lap in np.flatnonzero((end.count > 0) & ~self._has_shape(end, laps))[:1].tolist():
                 what = f"has a {end.name} beside it that differs from a quarter circle"
                 findings.add(self.motions, int(end.row[lap]), what)
 
@@ -244,8 +243,7 @@ class LeadChecker:
             for angle in _LEAD_ANGLES.tolist() if size else ():
                 across = size * (1 - math.cos(angle)) * outward
                 points = end.joint + across + end.sense * size * math.sin(angle) * along
-                distance = everything.find(points, 2 * radius).distance
-                clear &= distance > radius + _CLEAR_ROOM_MM
+                clear &= everything.find(points, 2 * radius).distance > radius + _CLEAR_ROOM_MM
         return np.asarray(clear)
 
     def _has_shape(self, end: _End, laps: Laps) -> BoolArray:

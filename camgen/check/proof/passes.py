@@ -117,8 +117,7 @@ def check_repeats(
         repeated &= total - twice / 2 > allowed
     for index in np.flatnonzero(repeated)[:1].tolist():
         name = checker.drawing.contours[index].id
-        what = f"contour {name} is run again for {total[index]:.3f} mm, depth {depth:g} mm"
-        findings.miss(what)
+        findings.miss(f"contour {name} is run again for {total[index]:.3f} mm, depth {depth:g} mm")
 
 
 def check_inside_first(checker: ContourChecker, matched: Matched, findings: Findings) -> None:

@@ -61,8 +61,7 @@ def check_outputs(task: Task, motions: Motions, rows: IntArray, findings: Findin
     """Finds motions that work with the process output off, or at another spindle speed."""
     signal = process_signal(task.job.process)
     if signal:
-        idle = rows[~motions.on[rows]]
-        for row in idle[:1].tolist():
+        for row in rows[~motions.on[rows]][:1].tolist():
             findings.add(motions, row, f"works with output {signal} off")
     check_spindle(task, motions, rows, findings)
 

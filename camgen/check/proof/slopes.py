@@ -106,8 +106,7 @@ class SlopeChecker:
         return np.asarray((path < 0) | (highest[path] == len(self.task.depths) - 1))
 
     def _check_starts(self, visit: IntArray, levels: IntArray, findings: Findings) -> None:
-        operation = self.task.operation
-        if operation.entry == "plunge" or not len(self.rows):
+        if self.task.operation.entry == "plunge" or not len(self.rows):
             return
         begins = self._begins(visit)
         start = self.motions.start[self.rows, 2]

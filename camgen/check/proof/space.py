@@ -141,15 +141,13 @@ class SpaceChecker:
 
     def _check_rest(self, findings: Findings) -> None:
         motions, process = self.motions, self.job.process
-        stray = (motions.force > 0) & ~self.follows
-        for row in np.flatnonzero(stray)[:1].tolist():
+        for row in np.flatnonzero((motions.force > 0) & ~self.follows)[:1].tolist():
             findings.add(motions, row, "presses where nothing is to be worked")
         fastest = process.feed * process.max_feed_factor * (1 + 1e-3)
         works = motions.force > 0
         if not process.force and not is_switched_in_air(self.job):
             works = motions.on
-        fast = self.follows & works & (motions.speed > fastest)
-        for row in np.flatnonzero(fast)[:1].tolist():
+        for row in np.flatnonzero(self.follows & works & (motions.speed > fastest))[:1].tolist():
             what = f"has a feed of {motions.speed[row]:.4g} mm/s, the job allows {fastest:.4g}"
             findings.add(motions, row, what)
 
@@ -180,8 +178,7 @@ def refine(chain: FloatArray, step: float) -> FloatArray:
 
 def _measure_gaps(chain: FloatArray, bare: BoolArray) -> float:
     """Length of a chain, mm, between points that are bare."""
-    steps = np.sqrt((np.diff(chain, axis=0) ** 2).sum(axis=1))
-    return float(steps[bare[:-1] & bare[1:]].sum())
+    return float(np.sqrt((np.diff(chain, axis=0) ** 2).sum(axis=1))[bare[:-1] & bare[1:]].sum())
 
 
 def arc_points(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:

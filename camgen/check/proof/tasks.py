@@ -97,8 +97,7 @@ def make_drawing(part: Part, job: Job) -> Drawing:
     """The contours of `part`, scaled and moved to the page of `job` if it has one."""
     drawn = part.contours
     if job.stock.layer:
-        layer = job.stock.layer
-        drawn = tuple(each for each in drawn if each.layer != layer or not each.closed)
+        drawn = tuple(each for each in drawn if each.layer != job.stock.layer or not each.closed)
     pieces = drawn_pieces(part.contours)
     ratio, shift = _fit_page(part, pieces, job)
     if ratio != 1.0 or shift.any():

@@ -120,8 +120,7 @@ def check_travel(
     for row in np.flatnonzero(across & motions.on)[:1].tolist():
         findings.add(motions, row, f"travels with output {signal} on")
     low = phases.upright & (motions.end[:, 2] < motions.start[:, 2])
-    lost = low & ~_touches(phases.upright, contact)
-    for row in np.flatnonzero(lost)[:1].tolist():
+    for row in np.flatnonzero(low & ~_touches(phases.upright, contact))[:1].tolist():
         findings.add(motions, row, "goes down where nothing is to be worked")
 
 

@@ -28,7 +28,7 @@ from camgen.geometry.fixtures import Fixtures
 from camgen.model.cell import Dynamics
 from camgen.model.job import StockTable
 from camgen.model.pose import to_vec3
-from camgen.model.text import counted, short
+from camgen.model.text import counted, join_short, short
 
 __all__ = [
     "TOLERANCE_MM",
@@ -249,7 +249,7 @@ def _fault(
 
 
 def _at(place: tuple[float, float, float]) -> str:
-    return f"at {' '.join(short(v, 3) for v in place)} mm"
+    return f"at {join_short(place, 3)} mm"
 
 
 def _gouge(moves: Moves, cuts: Sequence[Cut], gouge: Gouge) -> Fault:

@@ -7,6 +7,7 @@ enclose.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from camgen.geometry.nesting import find_nesting
 from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, make_contour_segments
-from camgen.model.part import Contour
+from camgen.model.part import Contour, list_ids, select_closed
 from camgen.model.pose import FloatArray
 
 #: mm: maximum deviation of the chords of curves in areas. Distances are measured to the curves.
@@ -97,7 +98,7 @@ class Cells(Struct, frozen=True, eq=False):
 
 def make_cells(contours: Sequence[Contour]) -> Cells:
     """Divide the plane by `contours`."""
-    closed = [contour for contour in contours if contour.closed]
+    closed = select_closed(contours)
     nesting = find_nesting(make_contour_segments(closed), len(closed)) if closed else None
     is_valid = np.zeros(0, np.bool_)
     if nesting is not None:
@@ -108,14 +109,14 @@ def make_cells(contours: Sequence[Contour]) -> Cells:
         return Cells((), make_contour_segments([]), empty, empty, rings, area, tuple(contours))
     valid = np.flatnonzero(is_valid)
     left = [contour for contour in contours if not contour.closed]
-    left += [closed[k] for k in np.flatnonzero(~is_valid).tolist()]
-    kept = [closed[k] for k in valid.tolist()]
+    left += compress(closed, ~is_valid)
+    kept = list(compress(closed, is_valid))
     segments = make_contour_segments(kept)
     points, owner = flatten(segments, CHORD_MM)
     cell = np.full(len(closed) + 1, len(valid))
     cell[valid] = np.arange(len(valid))
     return Cells(
-        ids=tuple(contour.id for contour in kept),
+        ids=list_ids(kept),
         segments=segments,
         parent=cell[_find_valid_parents(nesting.parent, is_valid)],
         depth=nesting.depth[valid],

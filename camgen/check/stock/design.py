@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from camgen.geometry.segments import (
     make_contour_segments,
 )
 from camgen.model.job import Job, StockTable
-from camgen.model.part import Contour, Part
+from camgen.model.part import Contour, Part, list_ids, select_closed
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import BESIDE_WORKED_MM
 from camgen.plan.recover import recover_arcs
@@ -58,7 +59,7 @@ def make_task(part: Part, job: Job, operation_part: Part) -> Task:
 
     operation_part: the part for this operation, with the contours that bound its material.
     """
-    bounds = frozenset(contour.id for contour in operation_part.contours)
+    bounds = frozenset(list_ids(operation_part.contours))
     return Task(job, replace(part, worked=operation_part.worked), bounds)
 
 
@@ -213,8 +214,7 @@ def make_kerfs(design: Design, wanted: Sequence[Wanted]) -> list[Wanted]:
         room, ring = rooms[want.cell], cells.rings[want.loop]
         edge = ring if want.cell != want.loop else shapely.boundary(ring)
         band = shapely.buffer(edge, 2 * want.radius, quad_segs=_QUARTER)
-        shape = shapely.intersection(band, room)
-        result.append(replace(want, shape=shape, room=room, ring=ring))
+        result.append(replace(want, shape=shapely.intersection(band, room), room=room, ring=ring))
     return result
 
 
@@ -256,8 +256,7 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
     )
     across = _find_across(inner, tasks)
     cells = make_cells(tuple(contour for contour in inner if contour.id not in across))
-    outline = _make_outline(contours, stock)
-    draft = _Draft(cells, np.zeros(len(cells) + 1), outline, stock.thickness)
+    draft = _Draft(cells, np.zeros(len(cells) + 1), _make_outline(contours, stock), stock.thickness)
     if any(task.job.process.stay_down for task in tasks):
         draft.aside = BESIDE_WORKED_MM
     for number, task in enumerate(tasks):
@@ -301,12 +300,12 @@ def _find_across(contours: Sequence[Contour], tasks: Sequence[Task]) -> frozense
     pocketed: set[str] = set()
     others: set[str] = set()
     for task in tasks:
-        names = {contour.id for contour in _select_worked(contours, task)}
+        names = set(list_ids(_select_worked(contours, task)))
         if _get_kind(task) == "pocket":
             pocketed |= names
         elif _get_kind(task) not in ("drill", "bore"):  # these choose circles of their contours
             others |= names
-    closed = [contour for contour in contours if contour.closed]
+    closed = select_closed(contours)
     walls = [contour for contour in closed if contour.id in pocketed]
     across = _name_crossed(closed) & pocketed if walls else set[str]()
     if not across:
@@ -314,7 +313,7 @@ def _find_across(contours: Sequence[Contour], tasks: Sequence[Task]) -> frozense
     rings = _make_polygons(walls)
     is_across = np.array([contour.id in across for contour in walls])
     near = shapely.intersects(rings, shapely.union_all(rings[is_across]))
-    names = {walls[k].id for k in np.flatnonzero(near).tolist()}
+    names = set(list_ids(compress(walls, near)))
     return frozenset() if names & (others | _name_crossed(walls)) else frozenset(names)
 
 
@@ -331,14 +330,13 @@ def _name_crossed(closed: Sequence[Contour]) -> set[str]:
     if not closed:
         return set()
     crossed = find_nesting(make_contour_segments(closed), len(closed)).crossed >= 0
-    return {closed[k].id for k in np.flatnonzero(crossed).tolist()}
+    return set(list_ids(compress(closed, crossed)))
 
 
 def _make_outline(contours: Sequence[Contour], stock: StockTable) -> Any:
     """Make the stock seen from above: the contours of its layer, or a box around the drawing."""
     if stock.layer:
-        closed = [contour for contour in contours if contour.closed]
-        drawn = [contour for contour in closed if contour.layer == stock.layer]
+        drawn = [contour for contour in select_closed(contours) if contour.layer == stock.layer]
         if drawn:
             return shapely.union_all(_make_polygons(drawn))
     if not contours:
@@ -361,8 +359,8 @@ def _get_depth(task: Task) -> float:
 
 
 def _find_loops(draft: _Draft, worked: Sequence[Contour]) -> IntArray:
-    names = {contour.id for contour in worked}
-    return np.array([k for k, name in enumerate(draft.cells.ids) if name in names], dtype=np.int64)
+    names = set(list_ids(worked))
+    return np.flatnonzero([name in names for name in draft.cells.ids])
 
 
 def _follow(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
@@ -454,8 +452,7 @@ def _list_tabbed(
                 around[cell].append(k)
             cell = int(cells.parent[cell])
     outlines = [Tabbed(k, False, job) for k in outer]
-    holes = [Tabbed(k, True, job, tuple(parts)) for k, parts in around.items() if parts]
-    return outlines + holes
+    return outlines + [Tabbed(k, True, job, tuple(parts)) for k, parts in around.items() if parts]
 
 
 def _list_slugs(cells: Cells, job: Job, inner: Sequence[int]) -> list[Tabbed]:
@@ -495,9 +492,8 @@ def _pocket(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
     walls, islands = loops[around[loops] % 2 == 1], loops[around[loops] % 2 == 0]
     rooms = cells.rings[walls]
     if len(islands):
-        kept = shapely.union_all(cells.rings[islands])
         # A wall within an island is a pocket again, with its own room.
-        rooms = shapely.difference(rooms, kept)
+        rooms = shapely.difference(rooms, shapely.union_all(cells.rings[islands]))
         nested = around[walls] > 1
         rooms[nested] = cells.rings[walls[nested]]
     shapes = [*rooms, *_find_recesses(draft, worked)]
@@ -506,8 +502,8 @@ def _pocket(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
 
 
 def _find_recesses(draft: _Draft, worked: Sequence[Contour]) -> list[Any]:
-    known = {*draft.cells.ids, *(contour.id for contour in draft.cells.left)}
-    walls = [contour for contour in worked if contour.closed and contour.id not in known]
+    known = {*draft.cells.ids, *list_ids(draft.cells.left)}
+    walls = [contour for contour in select_closed(worked) if contour.id not in known]
     if not walls:
         return []
     region = shapely.Polygon()
@@ -628,8 +624,7 @@ def show_stay(design: Design, depth: float) -> Any:
     """
     stays = design.depth < depth
     whole = design.outline if stays[-1] else shapely.Polygon()
-    by_depth = np.argsort(design.cells.depth, kind="stable")
-    for cell in by_depth.tolist():
+    for cell in np.argsort(design.cells.depth, kind="stable").tolist():
         ring = design.cells.rings[cell]
         whole = shapely.union(whole, ring) if stays[cell] else shapely.difference(whole, ring)
     for lines in design.lines:

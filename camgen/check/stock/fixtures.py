@@ -149,11 +149,10 @@ def _list_cases(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Iterat
 
 
 def _list_walls(outline: Any) -> Segments:
-    rings = [
-        shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.get_parts(outline))
-    ]
-    start = np.concatenate([ring[:-1] for ring in rings])
-    end = np.concatenate([ring[1:] for ring in rings])
+    rings = shapely.get_rings(shapely.get_parts(outline))
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    is_side = ring[1:] == ring[:-1]
+    start, end = points[:-1][is_side], points[1:][is_side]
     count = len(start)
     return make_segments(start, end, np.zeros(count), np.arange(count))
 

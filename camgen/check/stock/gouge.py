@@ -139,7 +139,7 @@ def _find_judged(moves: Moves, cuts: Sequence[Cut], design: Design, slack: Float
 
 def _list_limits(design: Design) -> list[float]:
     depths = np.append(design.depth, [0.0, *(bevel.depth for bevel in design.bevels)])
-    return [float(depth) for depth in np.unique(depths[np.isfinite(depths)])]
+    return list(np.unique(depths[np.isfinite(depths)]).tolist())
 
 
 def _find_below(
@@ -198,8 +198,7 @@ def _are_near_at_ends(
     is_near = np.zeros(len(rows), dtype=np.bool_)
     row_allowed = [(bevel, chosen[rows], allowance) for bevel, chosen, allowance in allowed]
     starts = deep.low[rows] == 0.0, deep.plane.start
-    ends = deep.high[rows] == 1.0, deep.plane.end
-    for is_end, points in (starts, ends):
+    for is_end, points in (starts, (deep.high[rows] == 1.0, deep.plane.end)):
         at_rows = points[rows]
         tips = make_segments(at_rows, at_rows, np.zeros(len(rows)), rows)
         gap, _ = _compare_with_walls(tips, stays, float(radius.max()), row_allowed)

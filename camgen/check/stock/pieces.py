@@ -184,8 +184,7 @@ def _sort(pieces: Shapes, design: Design, bottom: float) -> list[tuple[Any, bool
     # Most pieces are in one cell. The others are compared with all cells that stay.
     cores = shapely.buffer(pieces, -_RIM_MM, quad_segs=1)
     cores[is_part] = None
-    crossing = shapely.STRtree(cores).query(shapely.boundary(cells.rings), predicate="intersects")
-    if crossing.size:
+    if shapely.STRtree(cores).query(shapely.boundary(cells.rings), predicate="intersects").size:
         shapes = cells.shapes(np.flatnonzero(stays))
         shapely.prepare(shapes)
         is_part[shapely.STRtree(cores).query(shapes, predicate="intersects")[1]] = True

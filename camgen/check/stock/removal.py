@@ -6,7 +6,7 @@ Rest material that no tool of this radius can reach, such as in inner corners, c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from camgen.check.stock.sweep import QUARTER, merge_shapes, select_distinct, swe
 from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import points_at
+from camgen.model.sequences import take_rows
 
 #: mm: depths that differ by less are one.
 _SAME_MM = 2 * TOLERANCE_MM
@@ -111,7 +112,7 @@ def remove_material(
     volumes = np.zeros(len(cuts))
     slabs: list[Level] = []
     seen: list[set[bytes]] = [set() for _ in cuts]
-    gone: list[Any] = [shapely.Polygon() for _ in cuts]
+    gone: list[Any] = [shapely.Polygon()] * len(cuts)
     deep = moves.deepest > TOLERANCE_MM
     rows = [np.flatnonzero((moves.cut == k) & deep) for k in range(len(cuts))]
     excess: _RestMaterial | None = None
@@ -162,12 +163,11 @@ def _find_rest(
     """Find the rest material of a slab from depth `slab[0]` to `slab[1]`, mm."""
     depth = slab[1]
     chosen = tuple(k for k, want in enumerate(design.wanted) if want.depth >= depth - _SAME_MM)
-    wanted = [design.wanted[k] for k in chosen]
+    wanted = take_rows(design.wanted, chosen)
     is_same = below is not None and below.wanted == chosen and below.gone is gone
     if below is not None and is_same and not any(want.tabs[0] for want in wanted):
         return below
-    done = _find_cleared_kerfs(moves, cuts, design, wanted, sum(slab) / 2).tolist()
-    rest = [want for want, is_done in zip(wanted, done, strict=True) if not is_done]
+    rest = list(compress(wanted, ~_find_cleared_kerfs(moves, cuts, design, wanted, sum(slab) / 2)))
     excess = _make_excess(make_kerfs(design, rest), gone, depth, design.untaken)
     return _RestMaterial(chosen, gone, excess)
 
@@ -282,8 +282,7 @@ def _find_reachable(pieces: Shapes, owner: Any, wanted: Sequence[Wanted]) -> Sha
         room = shapely.clip_by_rect(want.room, *around)
         if want.ring is None:
             # A slot as wide as the tool is reached: its centre may be nearer to a wall by this.
-            radius = want.radius - TOLERANCE_MM / 2
-            centres = shapely.buffer(room, -radius, quad_segs=QUARTER)
+            centres = shapely.buffer(room, -(want.radius - TOLERANCE_MM / 2), quad_segs=QUARTER)
         else:
             centres = _find_kerf_centres(room, want, around)
         reachable[k] = shapely.buffer(centres, want.radius, quad_segs=QUARTER)

@@ -10,10 +10,12 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.collision.cell import make_cell_scene
+from camgen.geometry.ragged import count_rows
 from camgen.model.job import Job
 from camgen.model.part import IntArray, Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.motion.cell import find_home, make_free_space, make_setup
 from camgen.motion.limits import LinkSpeeds, choose_link_speeds, compute_joint_speed, make_limits
@@ -25,6 +27,7 @@ from camgen.order.arm.detours import ClearTest
 from camgen.order.arm.items import (
     Item,
     States,
+    choose_each,
     compute_state_joints,
     find_states,
     join_states,
@@ -264,8 +267,7 @@ def _prove_again(problem: TourProblem, solution: Solution, on_progress: OnProgre
     """Prove a tour, improve it with what the proof has learnt, and prove it again."""
     best = prove_tour(problem, solution, on_progress)
     for _ in range(_IMPROVEMENTS):
-        improved = improve_tour(problem, best, True, on_progress)
-        other = prove_tour(problem, improved, on_progress)
+        other = prove_tour(problem, improve_tour(problem, best, True, on_progress), on_progress)
         if (len(other.order), -other.seconds) <= (len(best.order), -best.seconds):
             break
         best = other
@@ -304,8 +306,7 @@ def _prepare(
     problem = TourProblem(setup, free_space, cost_model, states, request.rules, options)
     keeps_margin = None
     if rolls.free is not None and with_margin.margin != 0:
-        contacts = _find_contacts(problem, lost)
-        keeps_margin = make_margin_test(with_margin, cost_model.home, contacts)
+        keeps_margin = make_margin_test(with_margin, cost_model.home, _find_contacts(problem, lost))
     return _Preparation(problem, profiles, lost, keeps_margin)
 
 
@@ -326,7 +327,7 @@ def _find_other_states(
     profiles: dict[int, RollProfile] = {}
     lost: dict[int, str] = {}
     angles = np.array(rolls.angles)
-    for k in [k for k, path_states in enumerate(states) if not len(path_states)]:
+    for k in np.flatnonzero(count_rows(states) == 0).tolist():
         with_profile = _change_roll_along(setup, paths[k], items[k], job, rolls.free)
         if not isinstance(with_profile, UnreachableEdge):
             profiles[k], states[k] = with_profile
@@ -344,13 +345,13 @@ def _find_other_states(
 
 def _find_contacts(problem: TourProblem, lost: Container[int]) -> FloatArray:
     """(K, J) joint values in contact at the start of some of the paths."""
-    indices = [k for k in range(len(problem.states)) if k not in lost and len(problem.states[k])]
-    paths = [k for k in indices if problem.states[k].branch[0] >= 0]
+    has_states = np.flatnonzero(count_rows(problem.states)).tolist()
+    paths = [k for k in has_states if k not in lost and problem.states[k].branch[0] >= 0]
     paths = paths[:: max(len(paths) // _CONTACTS, 1)]
     if not paths:
         return np.zeros((0, len(problem.cost_model.home)))
-    first = join_states([problem.states[k].single(0) for k in paths])
-    items = [problem.cost_model.items[k] for k in paths]
+    first = choose_each(take_rows(problem.states, paths), np.zeros(len(paths), dtype=np.int64))
+    items = take_rows(problem.cost_model.items, paths)
     state_joints = compute_state_joints(
         problem.setup, items, first.roll, first.branch, first.gate[:, 0], first.enter
     )
@@ -368,8 +369,7 @@ def _change_roll_along(
     setup: Setup, path: ToolPath, item: Item, job: Job, free: OrientationFreedom
 ) -> tuple[RollProfile, States] | UnreachableEdge:
     """Find the one state of a path along which the roll changes, or why it has no state."""
-    last_gate = 0 if item.closed else len(item.gates) - 1
-    start, end = item.position[[0]], item.position[[item.gates[last_gate]]]
+    start, end = item.position[[0]], item.position[[item.gates[item.last_gate]]]
     depth = np.array([0.0, 0.0, max(path.depths)])
     no_via = np.full((1, 3), np.nan)
     pose_path = PosePath(
@@ -391,7 +391,7 @@ def _change_roll_along(
     whole = float(lengths_along(path)[-1])
     vertices = np.unique(np.clip(lengths[motion.at], 0.0, whole))
     profile = RollProfile(np.clip(lengths, 0.0, whole), np.unwrap(motion.roll), vertices)
-    gate = np.array([[0, last_gate]])
+    gate = np.array([[0, item.last_gate]])
     state = States(motion.joints[[0]], motion.joints[[-1]], gate, np.zeros(1), np.array([-1]))
     if item.reversible:
         state = join_states([state, reverse_states(state)])
@@ -417,7 +417,9 @@ def _turn_path(
     if profile is not None:
         divided = split_at(path, profile.vertices)
         roll = np.interp(lengths_along(divided), profile.positions, profile.roll)
-        return (divided.reversed(), roll[::-1]) if gate else (divided, roll)
+        if gate:
+            return divided.reversed(), roll[::-1]
+        return divided, roll
     if gate:
         path = begin_at(path, float(item.along[gate])) if item.closed else path.reversed()
     return path, np.full(len(path.position), current.roll[k])

@@ -12,8 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import count_rows
 from camgen.model.part import IntArray
 from camgen.model.pose import frozen
+from camgen.model.sequences import take_rows
 from camgen.order.arm.items import States, find_states, join_states, select_states
 from camgen.order.arm.search import TourProblem, find_colliding_links, find_colliding_states
 
@@ -51,9 +53,9 @@ def select_clear_states(problem: TourProblem, kept: Sequence[int]) -> None:
     """Remove from `problem` the states of the items `kept` that collide."""
     states, owner = _gather(problem, kept)
     collides = find_colliding_states(problem, owner.tolist(), states, 0)
-    of_items = [problem.states[k] for k in kept]
     problem.tested.update(kept)
-    for k, clear_states in zip(kept, select_states(of_items, ~collides), strict=True):
+    clear = select_states(take_rows(problem.states, kept), ~collides)
+    for k, clear_states in zip(kept, clear, strict=True):
         if len(clear_states):
             problem.states[k] = clear_states
         else:
@@ -75,7 +77,7 @@ def find_blocks(problem: TourProblem, kept: Sequence[int], max_results: int) -> 
     for count in range(1, _MAX_POSTURES + 1):
         blocks = []
         for chosen in itertools.combinations(branches, count):
-            if set().union(*(reached[b] for b in chosen)) != set(kept):
+            if set().union(*map(reached.__getitem__, chosen)) != set(kept):
                 continue
             for ring in itertools.permutations(chosen):
                 if ring > ring[::-1]:
@@ -101,18 +103,18 @@ def _assign(
     """
     branch = [-1] * len(problem.states)
     by_reach = sorted(ring, key=lambda b: (-len(reached[b]), b))
-    for k in sorted(set().union(*(reached[b] for b in ring))):
+    for k in sorted(set().union(*map(reached.__getitem__, ring))):
         states = problem.states[k]
         rolls = [len(np.unique(states.roll[states.branch == b])) for b in by_reach]
-        is_easy = [count >= _EASY_ROLLS for count in rolls]
-        branch[k] = by_reach[int(np.argmax(is_easy if any(is_easy) else rolls))]
+        # All counts of `_EASY_ROLLS` or more are alike, and the first of them is taken.
+        branch[k] = by_reach[int(np.argmax(np.minimum(rolls, _EASY_ROLLS)))]
     return tuple(branch)
 
 
 def _gather(problem: TourProblem, items: Sequence[int]) -> tuple[States, IntArray]:
     """All states of `items`, and the item of each."""
-    count = [len(problem.states[k]) for k in items]
-    return join_states([problem.states[k] for k in items]), np.repeat(np.array(items), count)
+    of_items = take_rows(problem.states, items)
+    return join_states(of_items), np.repeat(np.array(items), count_rows(of_items))
 
 
 def _time_link(
@@ -134,9 +136,9 @@ def _time_link(
         best = seconds.argmin(axis=0)
         fastest = seconds[best, np.arange(len(best))]
         tested = np.argsort(fastest, kind="stable")[:_TESTED_LINKS]
-        links = [(start.leave[best[k]], end.enter[k]) for k in tested.tolist()]
+        links = list(zip(start.leave[best[tested]], end.enter[tested], strict=True))
         clear = ~find_colliding_links(problem, links)
-        link_times[pair] = float(fastest[tested[clear]].min()) if clear.any() else math.inf
+        link_times[pair] = float(fastest[tested[clear]].min(initial=math.inf))
     return link_times[pair]
 
 
@@ -156,11 +158,11 @@ def narrow_states(problem: TourProblem, blocks: PostureBlocks) -> list[States]:
     if not with_few_rolls:
         return narrowed
     rolls = frozen(np.arange(_FINE_ROLLS) * (math.tau / _FINE_ROLLS) - math.pi)
-    items = [problem.cost_model.items[k] for k in with_few_rolls]
+    items = take_rows(problem.cost_model.items, with_few_rolls)
     fine = find_states(problem.setup, items, rolls, np.arange(_FINE_ROLLS)[None])
     for place, k in enumerate(with_few_rolls):
         fine[place] = fine[place].pick(fine[place].branch == blocks.branch[k])
-    owner = np.repeat(with_few_rolls, [len(states) for states in fine]).tolist()
+    owner = np.repeat(with_few_rolls, count_rows(fine)).tolist()
     clear = ~find_colliding_states(problem, owner, join_states(fine))
     for k, clear_states in zip(with_few_rolls, select_states(fine, clear), strict=True):
         narrowed[k] = join_states([narrowed[k], clear_states])

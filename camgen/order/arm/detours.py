@@ -9,6 +9,7 @@ import numpy as np
 
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.motion.limits import MotionLimits
 from camgen.robots.models import Robot
 
@@ -44,8 +45,7 @@ def find_detour(
     a, b = ends
     rng = np.random.Generator(np.random.PCG64(0))
     low, high = robot.limits[:, 0], robot.limits[:, 1]
-    sliding = np.array([joint.sliding for joint in robot.joints])
-    widths = np.where(sliding, high - low, 1.0)
+    widths = np.where(robot.revolute, 1.0, high - low)
     leaving: list[FloatArray] = []
     arriving: list[FloatArray] = []
     candidates = np.concatenate([_mix_ends(a, b), others])
@@ -89,8 +89,7 @@ def _try_candidates(
     if len(candidates):
         seconds = limits.seconds(candidates - a, 0.0) + limits.seconds(b - candidates, 0.0)
         fastest = candidates[np.argsort(seconds, kind="stable")[:_TRIED]]
-        links = [(a, joints) for joints in fastest] + [(joints, b) for joints in fastest]
-        is_blocked = blocked(links)
+        is_blocked = blocked([*itertools.product([a], fastest), *itertools.product(fastest, [b])])
         count = len(fastest)
         for joints, first, second in zip(
             fastest, is_blocked[:count], is_blocked[count:], strict=True
@@ -105,7 +104,7 @@ def _try_candidates(
         return None
     pairs: list[tuple[FloatArray, FloatArray]] = list(itertools.product(leaving, arriving))
     times = [limits.seconds(np.stack([p - a, q - p, b - q]), 0.0).sum() for p, q in pairs]
-    tried = [pairs[int(k)] for k in np.argsort(np.array(times), kind="stable")[: 2 * _TRIED]]
+    tried = take_rows(pairs, np.argsort(np.array(times), kind="stable")[: 2 * _TRIED].tolist())
     for pair, is_pair_blocked in zip(tried, blocked(tried), strict=True):
         if not is_pair_blocked:
             return pair

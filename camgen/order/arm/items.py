@@ -13,7 +13,12 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import make_span_chain
-from camgen.geometry.ragged import compute_offsets, list_owners
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    compute_offsets,
+    count_rows,
+    list_owners,
+)
 from camgen.geometry.rotations import (
     find_sideways,
     make_rotations_about_z,
@@ -78,6 +83,11 @@ class Item(Struct, frozen=True, eq=False):
 
     def __len__(self) -> int:
         return len(self.position)
+
+    @property
+    def last_gate(self) -> int:
+        """Index of the gate at which the path is left."""
+        return 0 if self.closed else len(self.gates) - 1
 
     @property
     def last(self) -> int:
@@ -168,7 +178,7 @@ class States(Struct, frozen=True, eq=False):
 
     def split(self) -> list[States]:
         """Each state by itself."""
-        return [self.single(row) for row in range(len(self))]
+        return list(map(self.single, range(len(self))))
 
     def pick(self, rows: IntArray | BoolArray) -> States:
         """The states of these indices or of this mask."""
@@ -187,10 +197,12 @@ def join_states(several: Sequence[States]) -> States:
 
 def select_states(several: Sequence[States], is_kept: BoolArray) -> list[States]:
     """The kept states of each of `several`. is_kept: (M,) for all their states in order."""
-    ends = np.cumsum([len(states) for states in several])[:-1]
-    return [
-        states.pick(rows) for states, rows in zip(several, np.split(is_kept, ends), strict=True)
-    ]
+    return list(map(States.pick, several, np.split(is_kept, np.cumsum(count_rows(several))[:-1])))
+
+
+def choose_each(several: Sequence[States], rows: IntArray) -> States:
+    """One state of each of `several`, those of these indices (n,)."""
+    return join_states(several).pick(compute_first_rows(count_rows(several)) + rows)
 
 
 def find_states(
@@ -208,10 +220,9 @@ def find_states(
     rolled = make_rotations_about_z(angles)
     results: list[States] = []
     for group in _group(items, len(angles)):
-        position = np.concatenate([item.position for item in group])
-        rotation = np.concatenate([item.rotation for item in group])[:, None] @ rolled
-        goal = compute_flange_poses(setup, position[:, None], rotation)
-        ends = compute_offsets([len(item) for item in group])
+        position, rotation = _join_poses(group)
+        goal = compute_flange_poses(setup, position[:, None], rotation[:, None] @ rolled)
+        ends = compute_offsets(count_rows(group))
         # Without a closed form the joint values of a sample depend on those before it on its path.
         if robot.arm:
             joints = np.split(find_solutions(robot, *goal, around), ends[1:-1])
@@ -222,6 +233,12 @@ def find_states(
         for item, of_item in zip(group, joints, strict=True):
             results.append(_select_valid(robot, item, of_item, turn_counts, angles))
     return results
+
+
+def _join_poses(items: Sequence[Item]) -> tuple[FloatArray, FloatArray]:
+    """(S, 3) TCP and (S, 3, 3) nominal orientation of all samples, one item after the other."""
+    position = np.concatenate([item.position for item in items])
+    return position, np.concatenate([item.rotation for item in items])
 
 
 def _group(items: Sequence[Item], choices: int) -> list[list[Item]]:
@@ -258,9 +275,8 @@ def _select_valid(
     key = roll[order] * joints.shape[2] + branch[order]
     rank = np.arange(len(key)) - np.searchsorted(key, key)
     kept = np.sort(order[rank < _MAX_COPIES])
-    last_gate = 0 if item.closed else len(item.gates) - 1
-    leave = unwound[item.gates[last_gate], roll, branch] + shift
-    gate = np.tile([0, last_gate], (len(roll), 1))
+    leave = unwound[item.gates[item.last_gate], roll, branch] + shift
+    gate = np.tile([0, item.last_gate], (len(roll), 1))
     states = States(enter, leave, gate, angles[roll], branch).pick(kept)
     return join_states([states, reverse_states(states)]) if item.reversible else states
 
@@ -297,12 +313,10 @@ def compute_state_joints(
     near: (E, J) joint values; for an arm without a closed form those above the first gate.
     """
     robot = setup.robot
-    first = compute_offsets([len(item) for item in items])
+    first = compute_offsets(count_rows(items))
     owner = list_owners(np.diff(first))
-    rotation = (
-        np.concatenate([item.rotation for item in items]) @ make_rotations_about_z(roll)[owner]
-    )
-    goal = compute_flange_poses(setup, np.concatenate([item.position for item in items]), rotation)
+    position, nominal = _join_poses(items)
+    goal = compute_flange_poses(setup, position, nominal @ make_rotations_about_z(roll)[owner])
     if robot.arm is None:
         solutions = _follow(robot, goal, items, first, near)
     else:
@@ -347,7 +361,7 @@ def _unwind(
     rows = np.arange(len(before))
     above = np.flatnonzero((before != rows - 1) & (before != rows))
     sums[above] = sums[before[above]] + turns[above]
-    loops = np.array([k for k, item in enumerate(items) if item.closed], dtype=np.int64)
+    loops = np.flatnonzero([item.closed for item in items])
     if len(loops):
         # On a path around the arm's own axis a joint ends a whole turn from where it started.
         last = first[loops] + [items[k].last for k in loops.tolist()]
@@ -364,12 +378,12 @@ def _follow(
 ) -> FloatArray:
     """Joint values (S, J) at all samples, each found from the one before, of all items together."""
     joints = np.full((first[-1], near.shape[1]), np.nan)
-    for sample in range(max(len(item) for item in items)):
-        group = [k for k, item in enumerate(items) if sample < len(item)]
+    for sample in range(np.diff(first).max()):
+        group = np.flatnonzero(sample < np.diff(first))
         rows = first[group] + sample
         guess = near[group]
         if sample:
-            guess = joints[first[group] + [items[k].before[sample] for k in group]]
+            guess = joints[first[group] + [items[k].before[sample] for k in group.tolist()]]
         known = np.isfinite(guess).all(axis=1)
         goals = (goal[0][rows[known]], goal[1][rows[known]])
         joints[rows[known]] = find_nearest(robot, *goals, guess[known])

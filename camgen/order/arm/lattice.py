@@ -15,17 +15,20 @@ from msgspec import Struct
 
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.motion.setup import Blockage, SampledMotion
-from camgen.order.arm.items import States, join_states
+from camgen.order.arm.items import States, choose_each
 from camgen.order.arm.layers import POSTURE_COST, time_links
 from camgen.order.arm.search import (
     Solution,
     TourProblem,
     find_colliding_links,
     find_colliding_states,
+    get_link_ends,
     make_blocked_link,
     make_link_key,
     make_state_key,
+    make_state_keys,
 )
 
 #: Maximum number of tours through the tables that are tested.
@@ -93,14 +96,14 @@ def choose_point_states(
         seconds = float((ahead[-1] + tables[-1][:, 0]).min())
         if not np.isfinite(seconds):
             return None
-        current = [states[k].single(row) for k, row in zip(order, chosen, strict=True)]
-        colliding = _find_colliding(problem, order, states, join_states(current))
+        current = choose_each(take_rows(states, order), np.array(chosen))
+        colliding = _find_colliding(problem, order, states, current)
         for place, rows in colliding:
             tables[place][:, rows] = np.inf
             tables[place + 1][rows] = np.inf
         if colliding:
             continue
-        joints = [home, *(state.enter[0] for state in current), home]
+        joints = [home, *current.enter, home]
         steps = list(pairwise([0, *chosen, 0]))
         untested = [place for place, step in enumerate(steps) if step not in tested[place]]
         results = _test_links(problem, [(joints[place], joints[place + 1]) for place in untested])
@@ -111,9 +114,7 @@ def choose_point_states(
                 continue
             is_done = False
             table = tables[place]
-            before = ahead[place - 1][:, None] if place else 0.0
-            after = back[place] if place < len(order) else 0.0
-            through = before + table + after
+            through = ahead[place][:, None] + table + back[place]
             through[has_detour[place]] = np.inf
             fastest = np.argsort(through.ravel(), kind="stable")[: batches[place]]
             fastest = fastest[np.isfinite(through.ravel()[fastest])]
@@ -123,10 +124,9 @@ def choose_point_states(
             known[min(item, next_item), max(item, next_item)] = float(table.min())
         if is_done:
             break
-    first_states = [of_item.single(0) for of_item in states]
-    for k, state in zip(order, current, strict=True):
-        first_states[k] = state
-    solution_states = join_states(first_states)
+    rows = np.zeros(len(states), dtype=np.int64)
+    rows[list(order)] = chosen
+    solution_states = choose_each(states, rows)
     branch = solution_states.branch[list(order)]
     changes = int((branch[1:] != branch[:-1]).sum())
     return Solution(list(order), solution_states, seconds - POSTURE_COST * changes)
@@ -174,18 +174,11 @@ def reject_links(
     stops = [-1, *solution.order, -1]
     for place in places:
         pair = (stops[place], stops[place + 1])
-        a, b = _joints_of(problem, solution, pair)
+        a, b = get_link_ends(problem, solution.states, pair)
         of_pair = rejected.setdefault(pair, [])
         doublings = len(of_pair) - _REJECTED_ALONE
         radius = min(_FIRST_RADIUS * 2**doublings, _MAX_RADIUS) if doublings >= 0 else 0.0
         of_pair.append((a, b, radius))
-
-
-def _joints_of(
-    problem: TourProblem, solution: Solution, pair: tuple[int, int]
-) -> tuple[FloatArray, FloatArray]:
-    home, enter = problem.cost_model.home, solution.states.enter
-    return (home if pair[0] < 0 else enter[pair[0]], home if pair[1] < 0 else enter[pair[1]])
 
 
 def add_detours(problem: TourProblem, solution: Solution) -> Solution:
@@ -193,7 +186,7 @@ def add_detours(problem: TourProblem, solution: Solution) -> Solution:
     seconds = 0.0
     limits, branch = problem.cost_model.limits, solution.states.branch
     for pair in pairwise([-1, *solution.order, -1]):
-        a, b = _joints_of(problem, solution, pair)
+        a, b = get_link_ends(problem, solution.states, pair)
         key = make_link_key(a, b)
         known = problem.detour_seconds
         if key in problem.colliding and key not in known:
@@ -237,7 +230,7 @@ def prove_links(problem: TourProblem, solution: Solution) -> list[int]:
     """
     links, keys, unproved = [], [], []
     for place, pair in enumerate(pairwise([-1, *solution.order, -1])):
-        links.append(np.stack(_joints_of(problem, solution, pair)))
+        links.append(np.stack(get_link_ends(problem, solution.states, pair)))
         keys.append(make_link_key(*links[place]))
         if b"wide " + keys[place] not in problem.free and keys[place] not in problem.colliding:
             unproved.append(place)
@@ -261,8 +254,7 @@ def _measure_distance(problem: TourProblem, start: int, end: int) -> float:
     if min(start, end) < 0:
         return 0.0
     first, second = problem.cost_model.items[start], problem.cost_model.items[end]
-    moved = first.position[first.gates[0]] - second.position[second.gates[0]]
-    return float(np.linalg.norm(moved))
+    return float(np.linalg.norm(first.position[first.gates[0]] - second.position[second.gates[0]]))
 
 
 def make_pair_key(first: int, second: int) -> bytes:
@@ -283,12 +275,11 @@ def _make_tables(
 
 
 def _sum_times(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """The least times from home to each state of each item, and from each state back home, s."""
-    ahead = [tables[0][0]]
-    for table in tables[1:-1]:
+    """The least times from home to each state at the start of a table, and from its end home, s."""
+    ahead, back = [np.zeros(1)], [np.zeros(1)]
+    for table in tables[:-1]:
         ahead.append((ahead[-1][:, None] + table).min(axis=0))
-    back = [tables[-1][:, 0]]
-    for table in reversed(tables[1:-1]):
+    for table in tables[:0:-1]:
         back.append((table + back[-1]).min(axis=1))
     return ahead, back[::-1]
 
@@ -296,7 +287,7 @@ def _sum_times(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[Flo
 def _trace(tables: Sequence[FloatArray], ahead: Sequence[FloatArray]) -> list[int]:
     row = 0
     chosen = []
-    for table, cost in zip(reversed(tables[1:]), reversed(ahead), strict=True):
+    for table, cost in zip(reversed(tables[1:]), reversed(ahead[1:]), strict=True):
         row = int((cost + table[:, row]).argmin())
         chosen.append(row)
     return chosen[::-1]
@@ -312,20 +303,19 @@ def _find_colliding(
         key = make_state_key(current, place, k)
         if key in problem.colliding and key not in problem.free:
             keys = _test_states(problem, [k] * len(states[k]), states[k])
-            rows = np.flatnonzero([key in problem.colliding for key in keys])
-            colliding.append((place, rows))
+            colliding.append((place, np.flatnonzero([key in problem.colliding for key in keys])))
     return colliding
 
 
 def _test_states(problem: TourProblem, item_indices: Sequence[int], states: States) -> list[bytes]:
     """Test those of the states (E,) of these items that are not known; returns the keys of all."""
-    keys = [make_state_key(states, row, k) for row, k in enumerate(item_indices)]
+    keys = make_state_keys(states, item_indices)
     rows = []
     for row, key in enumerate(keys):
         if key not in problem.free and key not in problem.colliding:
             rows.append(row)
     if rows:
-        items = [item_indices[row] for row in rows]
+        items = take_rows(item_indices, rows)
         collides = find_colliding_states(problem, items, states.pick(np.array(rows)))
         for row in np.array(rows)[collides].tolist():
             problem.colliding.add(keys[row])
@@ -344,7 +334,7 @@ def _test_links(
         if key not in problem.colliding and not is_clear:
             untested.append(k)
     if untested:
-        results = find_colliding_links(problem, [links[k] for k in untested], coarse).tolist()
+        results = find_colliding_links(problem, take_rows(links, untested), coarse).tolist()
         for k, collides in zip(untested, results, strict=True):
             if collides:
                 problem.colliding.add(keys[k])

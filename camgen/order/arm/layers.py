@@ -8,9 +8,10 @@ from itertools import pairwise
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import compute_offsets
+from camgen.geometry.ragged import compute_offsets, count_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.motion.limits import MotionLimits
 from camgen.order.arm.items import Item, States, join_states
 
@@ -38,6 +39,11 @@ class CostModel(Struct, frozen=True, eq=False):
     home: FloatArray
     lines: bool
 
+    @property
+    def posture_cost(self) -> float:
+        """Cost of a change of the posture besides its time, s."""
+        return FORBIDDEN if self.lines else POSTURE_COST
+
 
 class BlockedLink(Struct, frozen=True, eq=False):
     """A link that collides, with all links whose ends are near to its ends, in both directions.
@@ -63,9 +69,7 @@ def compute_gate_positions(item: Item, gate: IntArray) -> FloatArray:
 
 def compute_posture_costs(cost_model: CostModel, start: IntArray, end: IntArray) -> FloatArray:
     """Cost (M, K) of a change of the posture from branches (M,) to branches (K,), s."""
-    return np.asarray(
-        (FORBIDDEN if cost_model.lines else POSTURE_COST) * (start[:, None] != end[None])
-    )
+    return np.asarray(cost_model.posture_cost * (start[:, None] != end[None]))
 
 
 def time_links_home(
@@ -119,12 +123,12 @@ class _NearStates(Struct, frozen=True, eq=False):
 
 
 def _find_near(states: Sequence[States], blocked_links: BlockedLinks) -> _NearStates:
-    first = compute_offsets([len(of_item) for of_item in states])
+    first = compute_offsets(count_rows(states))
     shape = (len(blocked_links), 2, first[-1] if blocked_links else 0)
     near_enter, near_leave = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
     if blocked_links:
-        enter = np.concatenate([of_item.enter for of_item in states])
-        leave = np.concatenate([of_item.leave for of_item in states])
+        all_states = join_states(states)
+        enter, leave = all_states.enter, all_states.leave
     for k, link in enumerate(blocked_links):
         for side, joints in enumerate((link.start, link.end)):
             near_enter[k, side] = np.abs(enter - joints).max(axis=1) < link.radius
@@ -139,14 +143,15 @@ def time_links(
 
     posture_cost: cost of another posture, s. Collisions have no cost here.
     """
-    count = np.array([len(states[k]) for k in order])
+    of_order = take_rows(states, order)
+    count = count_rows(of_order)
     largest = int(count.max())
     if len(order) > 2 and largest * largest * len(order) > _MAX_LINKS_AT_ONCE:
         for pair in pairwise(order):
             yield from time_links(cost_model, pair, states, posture_cost)
         return
     rows = np.minimum(np.arange(largest), count[:, None] - 1) + compute_offsets(count)[:-1, None]
-    joined = join_states([states[k] for k in order])
+    joined = join_states(of_order)
     tips = [compute_gate_positions(cost_model.items[k], states[k].gate) for k in order]
     enter, leave, branch = joined.enter[rows], joined.leave[rows], joined.branch[rows]
     all_tips = np.concatenate(tips)
@@ -171,8 +176,7 @@ def choose_fastest_states(
     near = _find_near(states, blocked_links)
     cost = time_links_home(cost_model, states[order[0]].enter, blocked_links)
     sources: list[IntArray] = []
-    posture_cost = FORBIDDEN if cost_model.lines else POSTURE_COST
-    tables = time_links(cost_model, order, states, posture_cost)
+    tables = time_links(cost_model, order, states, cost_model.posture_cost)
     for (item, next_item), table in zip(pairwise(order), tables, strict=True):
         total = cost[:, None] + near.add_costs(table, item, next_item)
         best = total.argmin(axis=0)

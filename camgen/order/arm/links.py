@@ -56,8 +56,7 @@ def link_paths(problem: TourProblem, solution: Solution) -> LinkedTour:
         learn_blocked_links(problem, solution)
         links, unlinked = _link_all(problem, solution)
         if unlinked is None:
-            leave = solution.states.leave[order[-1]]
-            back = _link_joints(problem, leave, problem.cost_model.home)
+            back = _link_joints(problem, solution.states.leave[order[-1]], problem.cost_model.home)
             if back is not None:
                 return LinkedTour(solution, links, back[:-1], lost)
             unlinked = order[-1]
@@ -117,8 +116,7 @@ def _goes_straight(problem: TourProblem, solution: Solution, before: int, after:
     choice = follow(setup.robot, goal, current.leave[before], min_distance, JUMP)
     if not isinstance(choice, Choice):
         return False
-    ends = [current.leave[before], current.enter[after]]
-    if np.abs(choice.joints[[0, -1]] - ends).max() >= SAME:
+    if np.abs(choice.joints[[0, -1]] - [current.leave[before], current.enter[after]]).max() >= SAME:
         return False
     (result,) = problem.free_space.look([SampledMotion(choice.joints, dense)])
     return not isinstance(result, Blockage)

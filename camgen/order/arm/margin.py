@@ -5,8 +5,8 @@ The margin is tested at samples. The check of the program reports the clearance 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from camgen.collision.hits import find_collisions, measure_clearance
 from camgen.collision.scene import Scene, select_pairs
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.order.arm.detours import ClearTest
+from camgen.order.arm.items import States
 from camgen.order.arm.search import Solution, TourProblem
 from camgen.order.solver import matrix
 
@@ -28,10 +30,9 @@ def make_clear_test(scene: Scene, distance: float = 0.0) -> ClearTest:
 
     Pairs with a mesh are tested last, because most collisions are with boxes.
     """
-    of_targets = itertools.chain.from_iterable(target.of_strike for target in scene.targets)
-    meshed = sorted({int(pair) for pair in of_targets})
-    boxed = select_pairs(scene, [k for k in range(len(scene.pairs)) if k not in meshed])
-    at_mesh = select_pairs(scene, meshed)
+    meshed = set[int]().union(*(target.of_strike.tolist() for target in scene.targets))
+    boxed = select_pairs(scene, sorted(set(range(len(scene.pairs))) - meshed))
+    at_mesh = select_pairs(scene, sorted(meshed))
 
     def is_clear(joints: FloatArray) -> BoolArray:
         clear: BoolArray = np.asarray(find_collisions(boxed, joints, near=distance) < 0)
@@ -53,7 +54,7 @@ def make_margin_test(where: CellScene, home: FloatArray, contacts: FloatArray) -
     scene, distance = where.with_margin, where.margin + _SLACK_MM
     pairs = range(len(scene.pairs))
     kept = [k for k in pairs if not _is_close(select_pairs(scene, [k]), home, contacts, distance)]
-    kept_pairs = {scene.pairs[k] for k in kept}
+    kept_pairs = set(take_rows(scene.pairs, kept))
     others = [k for k, pair in enumerate(where.scene.pairs) if pair not in kept_pairs]
     keeps_margin = make_clear_test(select_pairs(scene, kept), distance)
     are_others_clear = make_clear_test(select_pairs(where.scene, others))
@@ -86,16 +87,17 @@ def insert_items(
     """
     order = list(solution.order)
     current, limits, rules = solution.states, problem.cost_model.limits, problem.rules
-    states = {k: problem.states[k] for k in added} | {k: current.single(k) for k in order}
-    home = problem.cost_model.home[None]
+    states = current.split()
+    for k in added:
+        states[k] = problem.states[k]
+    home = States.fixed(problem.cost_model.home)
     for k in added:
         low, high = _find_allowed_places(rules, order, k, fixed)
-        leave = [home, *(states[item].leave for item in order)]
-        enter = [*(states[item].enter for item in order), home]
+        stops = [home, *take_rows(states, order), home]
         cost = []
-        for place in range(low, high + 1):
-            into = limits.between(leave[place], states[k].enter, 0.0).min(axis=0)
-            out = limits.between(states[k].leave, enter[place], 0.0).min(axis=1)
+        for before, after in pairwise(stops[low : high + 2]):
+            into = limits.between(before.leave, states[k].enter, 0.0).min(axis=0)
+            out = limits.between(states[k].leave, after.enter, 0.0).min(axis=1)
             cost.append((into + out).min())
         order.insert(low + int(np.argmin(cost)), k)
     return order

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.model.sequences import take_rows
 from camgen.motion.limits import time_from_rest
 from camgen.order.arm.blocks import find_blocks, narrow_states, select_clear_states
 from camgen.order.arm.items import States, join_states
@@ -157,8 +158,7 @@ def _list_starts(
     yield problem, order, states
     if divisions:
         best = divisions[0]
-        rank = {branch: k for k, branch in enumerate(best.branches)}
-        by_block = sorted(order, key=lambda k: rank[best.branch[k]])
+        by_block = sorted(order, key=lambda k: best.branches.index(best.branch[k]))
         yield problem, by_block, narrow_states(problem, best)
 
 
@@ -205,8 +205,9 @@ def _run_round(
     at_change = _find_posture_changes(solution, order)
     states = []
     for k, near in enumerate(shifted):
-        is_open = k in at_change
-        others = problem.states[k] if is_open else _select_near(problem, solution.states, k)
+        others = problem.states[k]
+        if k not in at_change:
+            others = _select_near(problem, solution.states, k)
         states.append(join_states([near, others]))
     chosen = choose_point_states(problem, order, states, known)
     factor = _HOPELESS_FACTOR if len(order) <= _FEW_POINTS else 1.0
@@ -217,7 +218,8 @@ def _run_round(
         if result.seconds < FORBIDDEN:
             break
         again = choose_point_states(problem, order, states, known)
-        result = result if again is None else add_detours(problem, again)
+        if again is not None:
+            result = add_detours(problem, again)
     return result
 
 
@@ -229,8 +231,10 @@ def _refine(
         while True:
             states = add_shifted_rolls(problem, solution, step)
             finer = choose_point_states(problem, solution.order, states, known)
-            saved = 0.0 if finer is None else solution.seconds - finer.seconds
-            if finer is not None and saved > 0:
+            if finer is None:
+                break
+            saved = solution.seconds - finer.seconds
+            if saved > 0:
                 solution = finer
             if saved < _MIN_ROLL_GAIN * solution.seconds:
                 break
@@ -261,8 +265,9 @@ def _reorder(
     order, cost_model = solution.order, problem.cost_model
     limits, count = cost_model.limits, len(order)
     table = measure_fastest_links(cost_model, [states[k].enter for k in order])
-    items = [cost_model.items[k] for k in order]
-    positions = np.array([item.position[item.gates[0]] for item in items])
+    positions = np.array(
+        [item.position[item.gates[0]] for item in take_rows(cost_model.items, order)]
+    )
     distances = np.sqrt(((positions[:, None] - positions[None]) ** 2).sum(axis=-1))
     tip_seconds = time_from_rest(distances, limits.speed, limits.acceleration)
     branch = solution.states.branch[order]
@@ -278,5 +283,4 @@ def _reorder(
     ring = np.minimum(table, table.T)
     np.fill_diagonal(ring, 0.0)
     perturbations = (_LATER_PERTURBATIONS if attempt else _FIRST_PERTURBATIONS) * count
-    stops = shorten_ring(ring, range(count + 1), perturbations, attempt)
-    return [order[stop - 1] for stop in stops[1:]]
+    return take_rows([-1, *order], shorten_ring(ring, range(count + 1), perturbations, attempt)[1:])

@@ -11,19 +11,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence, Set
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from msgspec import Struct, field
 
-from camgen.geometry.ragged import compute_offsets
+from camgen.geometry.ragged import compute_offsets, count_rows, list_owners, number_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import find_first_places, take_rows
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
 from camgen.order.arm.detours import find_detour
 from camgen.order.arm.items import (
     StateJoints,
     States,
+    choose_each,
     compute_state_joints,
     join_states,
     reverse_states,
@@ -202,14 +204,13 @@ def choose_states(
     cost_model = problem.cost_model
     while True:
         cost, chosen = choose_fastest_states(cost_model, order, states, problem.blocked_links)
-        current = join_states([states[k].pick(chosen[[k]]) for k in range(len(states))])
+        current = choose_each(states, chosen)
         untested = [k for k in order if prove and not _is_known(problem, current, known, k)]
         tested_states = current.pick(np.array(untested, dtype=np.int64))
         collides = find_colliding_states(problem, untested, tested_states)
         if not collides.any():
             return Solution(order, current, cost)
-        blocked_items = np.array(untested)[collides].tolist()
-        to_reduce = [(k, states[k], int(chosen[k])) for k in blocked_items]
+        to_reduce = [(k, states[k], int(chosen[k])) for k in np.array(untested)[collides].tolist()]
         for (k, _, _), kept in zip(to_reduce, _remove_colliding(problem, to_reduce), strict=True):
             if not len(kept):
                 problem.lost.add(k)
@@ -234,10 +235,15 @@ def make_state_key(states: States, row: int, item: int | None = None) -> bytes:
     return b"%d:%d:%.6f" % (row if item is None else item, states.branch[row], states.roll[row])
 
 
+def make_state_keys(states: States, item_indices: Sequence[int]) -> list[bytes]:
+    """The keys of states (E,) of the items with these indices (E,)."""
+    return [make_state_key(states, row, item) for row, item in enumerate(item_indices)]
+
+
 def _compute_state_joints(
     problem: TourProblem, item_indices: Sequence[int], states: States
 ) -> StateJoints:
-    items = [problem.cost_model.items[k] for k in item_indices]
+    items = take_rows(problem.cost_model.items, item_indices)
     closed = np.array([item.closed for item in items], dtype=np.bool_)
     forward = closed | (states.gate[:, 0] == 0)
     near = np.where(forward[:, None], states.enter, states.leave)
@@ -255,10 +261,10 @@ def find_colliding_states(
     if not len(item_indices):
         return np.zeros(0, dtype=np.bool_)
     # States that differ by whole turns or gates have one key, and are tested once.
-    keys = [make_state_key(states, row, item) for row, item in enumerate(item_indices)]
-    first_row = {key: row for row, key in reversed(list(enumerate(keys)))}
+    keys = make_state_keys(states, item_indices)
+    first_row = find_first_places(keys)
     rows = list(first_row.values())
-    items = [item_indices[row] for row in rows]
+    items = take_rows(item_indices, rows)
     collides = _test_states(problem, items, states.pick(np.array(rows)), max_samples)
     result = dict(zip(first_row, collides.tolist(), strict=True))
     if not max_samples:
@@ -284,13 +290,12 @@ def _test_states(
     if not samples:
         return collides
     flat = np.concatenate(samples)
-    owner = np.repeat(valid, [len(rows) for rows in samples])
+    owner = np.repeat(valid, count_rows(samples))
     # The last sample first: a state that collides there is not tested again.
     is_last = np.append(owner[1:] != owner[:-1], True)
     for group in (is_last, ~is_last):
         tested = np.flatnonzero(group & ~collides[owner])
-        is_clear = problem.setup.clear(state_joints.joints[flat[tested]])
-        collides[owner[tested[~is_clear]]] = True
+        collides[owner[tested[~problem.setup.clear(state_joints.joints[flat[tested]])]]] = True
     return collides
 
 
@@ -314,14 +319,14 @@ def _remove_colliding(
             pending.append(place)
             items += [item] * len(kept[place])
     if items:
-        of_pending = [kept[place] for place in pending]
+        of_pending = take_rows(kept, pending)
         others = join_states(of_pending)
-        keys = [make_state_key(others, row, item) for row, item in enumerate(items)]
+        keys = make_state_keys(others, items)
         is_free = np.array([key in problem.free for key in keys], dtype=np.bool_)
         tested = np.flatnonzero(~is_free & (others.branch >= 0))
         collides = np.zeros(len(items), dtype=np.bool_)
         collides[tested] = find_colliding_states(
-            problem, [items[row] for row in tested], others.pick(tested), _FIRST_SAMPLES
+            problem, take_rows(items, tested), others.pick(tested), _FIRST_SAMPLES
         )
         for place, states in zip(pending, select_states(of_pending, ~collides), strict=True):
             kept[place] = states
@@ -351,8 +356,7 @@ def _order_for_any_roll(problem: TourProblem, solution: Solution, prove: bool) -
     np.fill_diagonal(ring, 0.0)
     branch = current.branch[order]
     ring[1:, 1:] += compute_posture_costs(cost_model, branch, branch)
-    new_order = _order_ring(ring, order, 0)[0]
-    return choose_states(problem, new_order, shifted, prove, current)
+    return choose_states(problem, _order_ring(ring, order, 0)[0], shifted, prove, current)
 
 
 def _order_ring(table: FloatArray, order: list[int], seed: int) -> tuple[list[int], float]:
@@ -364,7 +368,7 @@ def _order_ring(table: FloatArray, order: list[int], seed: int) -> tuple[list[in
     perturbations = min(_PERTURBATIONS * len(order), _MAX_PERTURBATIONS)
     stops = shorten_ring(ring, range(len(ring)), perturbations, seed)
     seconds = float(ring[stops, np.roll(stops, -1)].sum())
-    return [order[stop - 1] for stop in stops[1:]], seconds
+    return take_rows([-1, *order], stops[1:]), seconds
 
 
 def measure_fastest_links(cost_model: CostModel, joints: Sequence[FloatArray]) -> FloatArray:
@@ -372,7 +376,7 @@ def measure_fastest_links(cost_model: CostModel, joints: Sequence[FloatArray]) -
 
     joints: joint values (M, J) of the states of each of n points.
     """
-    first = compute_offsets([len(rows) for rows in joints])
+    first = compute_offsets(count_rows(joints))
     all_joints = np.concatenate(joints)
     table = np.zeros((len(first), len(first)))
     for k, rows in enumerate(joints, 1):
@@ -394,8 +398,8 @@ def improve_rolls(
     problem: TourProblem, solution: Solution, prove: bool, fixed: Set[int] = frozenset()
 ) -> Solution:
     """Move the rolls of all items but `fixed` in finer and finer steps while that saves time."""
-    sizes = [len(problem.cost_model.items[k]) for k in solution.order]
-    if not problem.options.any_roll or sum(sizes) > _MAX_ROLL_SAMPLES:
+    sizes = count_rows(take_rows(problem.cost_model.items, solution.order))
+    if not problem.options.any_roll or sizes.sum() > _MAX_ROLL_SAMPLES:
         return solution
     for step in ROLL_STEPS:
         while True:
@@ -417,8 +421,8 @@ def add_shifted_rolls(
     """
     current = solution.states
     shifted = [k for k in solution.order if current.branch[k] >= 0 and k not in fixed]
-    sides = range(-_STEPS_TO_EACH_SIDE, _STEPS_TO_EACH_SIDE + 1)
-    shifts = step * np.array([k for k in sides if k])
+    one_side = np.arange(1, _STEPS_TO_EACH_SIDE + 1)
+    shifts = step * np.append(-one_side[::-1], one_side)
     owner = np.repeat(shifted, len(shifts))
     roll = current.roll[owner] + np.tile(shifts, len(shifted))
     roll = np.remainder(roll + math.pi, math.tau) - math.pi
@@ -447,8 +451,7 @@ def _replace_joints(
         rows.append(problem.cost_model.items[k].gates[gate] + first)
     joints = state_joints.joints[np.array(rows)]
     is_valid = state_joints.is_valid & np.isfinite(joints).all(axis=(1, 2))
-    placed = States(joints[:, 0], joints[:, 1], states.gate, states.roll, states.branch)
-    return placed, is_valid
+    return States(joints[:, 0], joints[:, 1], states.gate, states.roll, states.branch), is_valid
 
 
 def _move_gates(problem: TourProblem, solution: Solution) -> Solution:
@@ -460,8 +463,7 @@ def _move_gates(problem: TourProblem, solution: Solution) -> Solution:
         if item.reversible:
             states[k] = join_states([states[k], reverse_states(states[k])])
         elif item.closed and len(item.gates) > 1 and current.branch[k] >= 0:
-            state_joints = _compute_state_joints(problem, [k], states[k])
-            joints = state_joints.joints[item.gates]
+            joints = _compute_state_joints(problem, [k], states[k]).joints[item.gates]
             gates, count = np.arange(len(joints)), len(joints)
             roll, branch = np.full(count, current.roll[k]), np.full(count, current.branch[k])
             at_gates = States(joints, joints, np.stack([gates] * 2, axis=1), roll, branch)
@@ -504,7 +506,7 @@ def _reorder(problem: TourProblem, solution: Solution, seed: int) -> Solution:
     leave[reversed_items] = current.enter[reversed_items]
     gate[reversed_items] = current.gate[reversed_items][:, ::-1]
     states = States(enter, leave, gate, current.roll, current.branch)
-    return Solution([order[k] for k in items], states, seconds)
+    return Solution(take_rows(order, items), states, seconds)
 
 
 def _index_parents(parent: IntArray, order: Sequence[int]) -> IntArray:
@@ -602,7 +604,7 @@ def learn_blocked_links(problem: TourProblem, solution: Solution) -> set[int]:
     """
     untested, links = [], []
     for pair in zip([-1, *solution.order], [*solution.order, -1], strict=True):
-        link = _ends_of(problem, solution.states, pair)
+        link = get_link_ends(problem, solution.states, pair)
         is_tested = make_link_key(*link) in problem.free
         if not is_tested and find_known_detour(problem, *link) is None:
             untested.append(pair)
@@ -616,9 +618,10 @@ def learn_blocked_links(problem: TourProblem, solution: Solution) -> set[int]:
     return blocked_items
 
 
-def _ends_of(
+def get_link_ends(
     problem: TourProblem, current: States, pair: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
+    """Joint values (J,) at both ends of the link between two items, -1 for home."""
     home, (a, b) = problem.cost_model.home, pair
     return (home if a < 0 else current.leave[a], home if b < 0 else current.enter[b])
 
@@ -634,16 +637,15 @@ def find_blocked_links(
     untested = np.flatnonzero(blocked)
     if not len(untested):
         return [False] * len(links)
-    collides = find_colliding_links(problem, [links[k] for k in untested.tolist()])
+    collides = find_colliding_links(problem, take_rows(links, untested.tolist()))
     blocked[untested] = collides
     unproved = untested[~collides]
     if prove and len(unproved):
         motions = [SampledMotion(np.stack(links[k])) for k in unproved.tolist()]
         results = problem.free_space.look(motions)
         blocked[unproved] = [isinstance(result, Blockage) for result in results]
-        clear = unproved[~blocked[unproved]].tolist()
-        problem.free.update(make_link_key(*links[k]) for k in clear)
-    return [bool(is_blocked) for is_blocked in blocked]
+        problem.free.update(make_link_key(*links[k]) for k in unproved[~blocked[unproved]].tolist())
+    return list(blocked.tolist())
 
 
 def find_colliding_links(
@@ -657,7 +659,8 @@ def find_colliding_links(
     for a, b in links:
         count = max(math.ceil(float(np.abs(b - a).max()) / _SAMPLE_STEP), 2)
         samples.append(a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a))
-    owner = np.repeat(np.arange(len(links)), [len(rows) for rows in samples])
+    counts = count_rows(samples)
+    owner, step = list_owners(counts), number_rows(counts)
     flat = np.concatenate(samples)
     collides = np.zeros(len(links), dtype=np.bool_)
     if math.isfinite(problem.options.least_height):
@@ -667,7 +670,6 @@ def find_colliding_links(
         height = (tip - np.asarray(base.origin)) @ base.rotation[:, 2]
         collides[owner[height < problem.options.least_height]] = True
     # Every eighth sample first: most motions that collide do so over a long section.
-    step = np.concatenate([np.arange(len(rows)) for rows in samples])
     for group in (step % 8 == 4,) if coarse else (step % 8 == 4, step % 8 != 4):
         tested = np.flatnonzero(group & ~collides[owner])
         collides[owner[tested[~problem.setup.clear(flat[tested])]]] = True
@@ -693,12 +695,12 @@ def make_blocked_link(
     if motion < min_motion:
         return BlockedLink(a, b, radius, FORBIDDEN)
     limits, home = problem.cost_model.limits, problem.cost_model.home
-    known = [np.stack(detour) for detour in problem.detours.values()]
+    known = chain.from_iterable(problem.detours.values())
     detour = find_detour(
         problem.setup.robot,
         limits,
         (a, b),
-        np.concatenate([home[None], *known]),
+        np.stack([home, *known]),
         problem.setup.clear,
         partial(find_blocked_links, problem, prove=False),
     )

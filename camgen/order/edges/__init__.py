@@ -92,16 +92,16 @@ def _note_freed(route: Route, noun: str) -> Iterator[Note]:
 
 def _note_feeds(route: Route, lengths: Sequence[float], job: Job, noun: str) -> Iterator[Note]:
     process = job.process
-    factors = [
-        compute_feed_factor(leg.motion, n) for leg, n in zip(route.legs, lengths, strict=True)
-    ]
-    slow = [k for k, factor in enumerate(factors) if factor > process.max_feed_factor * CAPPED]
+    slow: dict[str, float] = {}
+    for leg, length in zip(route.legs, lengths, strict=True):
+        factor = compute_feed_factor(leg.motion, length)
+        if factor > process.max_feed_factor * CAPPED:
+            slow[leg.motion.id] = factor
     if not slow:
         return
-    slowest = max(slow, key=factors.__getitem__)
+    slowest = max(slow, key=slow.__getitem__)
     what = f"{counted(len(slow), noun)} slower than process.feed"
-    names = tuple(route.legs[k].motion.id for k in slow)
-    yield note_contact_feed(what, route.legs[slowest].motion.id, factors[slowest], process, names)
+    yield note_contact_feed(what, slowest, slow[slowest], process, tuple(slow))
 
 
 def _note_links(route: Route, noun: str) -> Iterator[Note]:
@@ -135,9 +135,8 @@ def _measure_travel(route: Route, setup: Setup, home: FloatArray) -> float:
             rows += [current, motion.joints]
             current = motion.joints
         else:
-            length += (
-                0.0 if isinstance(motion, EdgeMotion) else float(motion.pose_path.length.sum())
-            )
+            if not isinstance(motion, EdgeMotion):
+                length += float(motion.pose_path.length.sum())
             current = motion.joints[-1]
     rotations, origins = compute_flange(setup.robot, np.stack(rows))
     tips = origins + rotations @ np.asarray(setup.flange_from_tool.origin)

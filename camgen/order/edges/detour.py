@@ -15,6 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.vectors import interpolate_rows
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.motion.setup import Blockage, FreeSpace, SampledMotion, Setup
@@ -63,8 +64,7 @@ class _Space(Struct, eq=False):
         distance = (np.abs(b - a) * self.scale).max(axis=1)
         parts = np.maximum(np.ceil(distance / self.step), 1).astype(np.int64)
         line, part = list_owners(parts), number_rows(parts) + 1
-        fraction = part / parts[line]
-        free = self.are_free(a[line] + fraction[:, None] * (b - a)[line])
+        free = self.are_free(a[line] + (part / parts[line])[:, None] * (b - a)[line])
         first = np.full(len(a), np.iinfo(np.int64).max)
         np.minimum.at(first, line[~free], part[~free])
         return np.asarray(np.minimum((first - 1) / parts, 1.0))
@@ -110,8 +110,7 @@ def find_detour(setup: Setup, space: FreeSpace, a: FloatArray, b: FloatArray) ->
     setups = [setup]
     if setup.roomy(both).all():
         setups.insert(0, replace(setup, clear=setup.roomy))
-    sliding = np.array([joint.sliding for joint in setup.robot.joints])
-    scale = np.where(sliding, 1.0 / setup.robot.lever, 1.0)
+    scale = np.where(setup.robot.revolute, 1.0, 1.0 / setup.robot.lever)
     if not (are_within_limits(setup.robot, both) & setup.clear(both)).all():
         return None
     for searched in setups:
@@ -197,7 +196,7 @@ def _shorten(space: _Space, path: FloatArray) -> FloatArray:
         times = np.append(0.0, np.cumsum((np.abs(np.diff(path, axis=0)) / speeds).max(axis=1)))
         ends = np.sort(rng.uniform(0.0, times[-1], (_TARGETS, 2)), axis=1)
         ends[0] = times[0], times[-1]
-        points = np.stack([np.interp(ends, times, column) for column in path.T], axis=2)
+        points = interpolate_rows(ends, times, path)
         saved = ends[:, 1] - ends[:, 0] - (np.abs(points[:, 1] - points[:, 0]) / speeds).max(axis=1)
         saved[space.measure_free(points[:, 0], points[:, 1]) < 1.0] = 0.0
         best = int(saved.argmax())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from camgen.model.part import BoolArray, IntArray, Line
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.motion.limits import LinkSpeeds
 from camgen.motion.setup import Blockage, EdgeMotion, FreeSpace, SampledMotion, Setup
 from camgen.order.edges import links
@@ -139,7 +140,7 @@ def make_problem(
     """Compute the times of all links between motions, and test those that stay at the part.
 
     retractions: two for each motion, of its start and of its end.
-    edges: the edge of each motion.
+    edges: the edges of the motions, in any order.
     """
     setup, home = cell.setup, cell.home
     speed = options.speeds.part
@@ -152,9 +153,9 @@ def make_problem(
     direct = links.time_joint_motions(
         setup, joints[:, None], joints[None], options.speeds, at_part=True
     )
-    vertices = np.concatenate([*map(_find_vertices, motions, edges)])
-    at_vertex = links.find_shared_vertices(vertices, _VERTEX_MM)
-    direct[options.lifted | ~at_vertex] = math.inf
+    edge_of = {edge.id: edge for edge in edges}
+    vertices = np.concatenate([_find_vertices(motion, edge_of[motion.line]) for motion in motions])
+    direct[options.lifted | ~links.find_shared_vertices(vertices, _VERTEX_MM)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
     _bar_links(direct, motions, options.barred)
     pairs = np.argwhere(np.triu(np.isfinite(direct))).tolist()
@@ -164,13 +165,11 @@ def make_problem(
             direct[a, b] = direct[b, a] = direct[a, b] + PENALTIES[verdict]
     ends = links.MotionEnds(joints, safe, out, free, direct, through, speed)
     to_home = links.time_joint_motions(setup, safe, home[None], options.speeds)
-    size = (len(joints) + 1,) * 2
-    tested = TestedLinks(*(np.zeros(size, dtype=bool) for _ in range(3)))
+    size = len(joints) + 1
+    tested = TestedLinks(*np.zeros((3, size, size), dtype=bool))
     at_part = links.find_links_at_part(ends)
     problem = RouteProblem(cell, tuple(motions), tuple(retractions), ends, at_part, to_home, tested)
-    detours = {
-        end: retraction.via for end, retraction in enumerate(retractions) if len(retraction.via)
-    }
+    detours = {end: out.via for end, out in enumerate(retractions) if len(out.via)}
     return with_detours(problem, detours, options.speeds)
 
 
@@ -184,10 +183,10 @@ def _find_vertices(motion: EdgeMotion, edge: Line) -> FloatArray:
 def _bar_links(
     direct: FloatArray, motions: Sequence[EdgeMotion], barred: frozenset[frozenset[str]]
 ) -> None:
-    index_of = {motion.id: k for k, motion in enumerate(motions)}
+    ends_of = {motion.id: slice(2 * k, 2 * k + 2) for k, motion in enumerate(motions)}
     for pair in barred:
-        if pair <= index_of.keys():
-            first, second = (slice(2 * index_of[name], 2 * index_of[name] + 2) for name in pair)
+        if pair <= ends_of.keys():
+            first, second = map(ends_of.__getitem__, pair)
             direct[first, second] = direct[second, first] = math.inf
 
 
@@ -209,7 +208,7 @@ def with_detours(
 
 def without_motions(problem: RouteProblem, left_out: set[int]) -> RouteProblem:
     """The problem without some motions, with the test results of the others."""
-    kept = [k for k in range(len(problem.motions)) if k not in left_out]
+    kept = sorted(set(range(len(problem.motions))) - left_out)
     rows = np.add.outer(2 * np.array(kept), [0, 1]).ravel()
     ends, tested = problem.ends, problem.tested
     square, with_home = np.ix_(rows, rows), np.ix_([*rows, -1], [*rows, -1])
@@ -224,8 +223,8 @@ def without_motions(problem: RouteProblem, left_out: set[int]) -> RouteProblem:
     )
     return RouteProblem(
         cell=problem.cell,
-        motions=tuple(problem.motions[k] for k in kept),
-        out=tuple(problem.out[k] for k in rows),
+        motions=tuple(take_rows(problem.motions, kept)),
+        out=tuple(take_rows(problem.out, rows)),
         ends=ends,
         at_part=links.find_links_at_part(ends),
         to_home=problem.to_home[rows],
@@ -253,12 +252,10 @@ def classify_joint_motions(
     samples = np.stack([(1 - fractions) * rows[0] + fractions * rows[1] for rows, _ in tests])
     clear = np.asarray(cell.setup.clear(samples.reshape(-1, samples.shape[-1])))
     all_clear = np.asarray(clear.reshape(samples.shape[:2]).all(axis=1))
-    verdicts: list[Verdict] = [
-        "clear" if is_clear else "blocked" for is_clear in all_clear.tolist()
-    ]
+    verdicts: list[Verdict] = np.where(all_clear, "clear", "blocked").tolist()
+    clear_tests = np.flatnonzero(all_clear).tolist()
     for space in cell.spaces:
-        of_space = [cell.space_of(*linked) is space for _, linked in tests]
-        chosen = [k for k, verdict in enumerate(verdicts) if verdict == "clear" and of_space[k]]
+        chosen = [k for k in clear_tests if cell.space_of(*tests[k][1]) is space]
         results = space.look([SampledMotion(tests[k][0]) for k in chosen])
         for k, result in zip(chosen, results, strict=True):
             if isinstance(result, Blockage):
@@ -277,21 +274,23 @@ def examine_links(problem: RouteProblem, pairs: set[tuple[int, int]]) -> bool:
     """
     tested, safe, motions = problem.tested, problem.ends.safe, problem.motions
     untested = [pair for pair in sorted(pairs) if not (tested.clear[pair] or tested.blocked[pair])]
-    tests = []
+    tests: list[tuple[FloatArray, tuple[EdgeMotion, ...]]] = []
     for a, b in untested:
-        rows = np.stack([safe[a], problem.cell.home if b < 0 else safe[b]])
-        tests.append((rows, tuple(motions[end // 2] for end in (a, b) if end >= 0)))
+        if b < 0:
+            tests.append((np.stack([safe[a], problem.cell.home]), (motions[a // 2],)))
+        else:
+            tests.append((safe[[a, b]], (motions[a // 2], motions[b // 2])))
     verdicts = classify_joint_motions(problem.cell, tests)
     for (a, b), verdict in zip(untested, verdicts, strict=True):
-        table = tested.blocked if verdict == "blocked" else tested.clear
-        table[a, b] = table[b, a] = True
+        tested.blocked[a, b] = tested.blocked[b, a] = verdict == "blocked"
+        tested.clear[a, b] = tested.clear[b, a] = verdict != "blocked"
         tested.near[a, b] = tested.near[b, a] = verdict == "near"
     return any(verdict != "clear" for verdict in verdicts)
 
 
 def examine_links_home(problem: RouteProblem) -> None:
     """Test the motions from all ends to home."""
-    examine_links(problem, {(end, -1) for end in range(len(problem.to_home))})
+    examine_links(problem, set(product(range(len(problem.to_home)), [-1])))
 
 
 def examine_tour(problem: RouteProblem, order: matrix.Order, first: IntArray) -> bool:

@@ -89,8 +89,8 @@ def find_retractions(
     candidates = [_list_candidates(setup, space, end, joints) for end, joints in ends]
     # A body that is nearer than the margin at the end is as near on all retractions from it.
     wanted = space.gaps(np.stack([joints for _, joints in ends])) - _CLEARANCE_SLACK_MM
-    results: list[Retraction | str] = ["" for _ in ends]
-    clearance = [-1.0 for _ in ends]
+    results: list[Retraction | str] = [""] * len(ends)
+    clearance = [-1.0] * len(ends)
     pending = list(range(len(ends)))
     # Several candidates together take little more time than one.
     batch_size = 1
@@ -190,10 +190,11 @@ def _list_candidates(
     top = outside + up * max(space.level - outside[2], _MIN_LENGTH_MM)
     yield "back and up", _make_path(setup, end, [start, outside, top])
     angles = np.arange(_DIRECTIONS) * (math.tau / _DIRECTIONS) + math.atan2(back[1], back[0])
-    order = sorted(range(_DIRECTIONS), key=lambda k: (min(k, _DIRECTIONS - k), k))
-    vectors = [np.array([math.cos(angles[k]), math.sin(angles[k]), 1.0]) for k in order]
-    slopes = [vector / math.sqrt(2) for vector in vectors]
-    for name, direction in [("up", up), *(("up aside", slope) for slope in slopes)]:
+    directions = [("up", up)]
+    for k in sorted(range(_DIRECTIONS), key=lambda k: (min(k, _DIRECTIONS - k), k)):
+        slope = np.array([math.cos(angles[k]), math.sin(angles[k]), 1.0]) / math.sqrt(2)
+        directions.append(("up aside", slope))
+    for name, direction in directions:
         path = _make_straight(setup, space, end, direction)
         if path is not None:
             yield name, path

@@ -16,6 +16,7 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import count_rows
 from camgen.model.advice import ANOTHER_PLACE
 from camgen.model.part import IntArray, Line
 from camgen.model.pose import FloatArray
@@ -102,12 +103,11 @@ def find_route(
     The search ends after at most `_FIRST_TOURS` and `_HOME_ATTEMPTS` times `_LATER_TOURS` tours,
     and a few more. Motions without a link are in `dropped`.
     """
-    by_id = {edge.id: edge for edge in edges}
     detours = _Detours(cell)
     left, outs, dropped = _find_retractable(detours, motions, options.speeds)
     if not left:
         return Route((), (), tuple(dropped), 0.0, 0.0)
-    problem = make_problem(cell, left, outs, [by_id[motion.line] for motion in left], options)
+    problem = make_problem(cell, left, outs, edges, options)
     for attempt in count():
         tours = _LATER_TOURS if attempt else _FIRST_TOURS
         candidate = _search_tour(problem, options.best, tours, on_progress)
@@ -121,8 +121,7 @@ def find_route(
             problem = _leave_by_other_end(problem, one_sided, options.speeds)
             continue
         if turned := _turn_unlinked(detours, problem, lost):
-            lines = [by_id[motion.line] for motion in problem.motions]
-            problem = make_problem(cell, *turned, lines, options)
+            problem = make_problem(cell, *turned, edges, options)
             continue
         on_progress(f"{counted(len(problem.motions), 'edge')}, detours around obstacles")
         opened = _search_detours(detours, problem, lost)
@@ -131,8 +130,7 @@ def find_route(
             continue
         reason = "no collision-free link to it"
         for k in sorted(lost):
-            name = problem.motions[k].id
-            dropped.append(UnreachableEdge(name, "collision", reason, _REMEDY))
+            dropped.append(UnreachableEdge(problem.motions[k].id, "collision", reason, _REMEDY))
         if len(lost) == len(problem.motions):
             return Route((), (), tuple(dropped), 0.0, 0.0)
         problem = without_motions(problem, lost)
@@ -226,8 +224,10 @@ def _search_retraction(
 ) -> Retraction | None:
     """Search a retraction with a detour home: back a little, then along searched joint values."""
     out = find_short_retraction(detours.cell.setup, space, *end, speeds)
-    via = None if out is None else detours.find_home(out.joints[-1])
-    return None if out is None or via is None else replace(out, via=via)
+    if out is None:
+        return None
+    via = detours.find_home(out.joints[-1])
+    return None if via is None else replace(out, via=via)
 
 
 # The tour.
@@ -284,7 +284,7 @@ def _find_unlinked(problem: RouteProblem, candidate: TourCandidate, strictly: bo
             # At least one end cannot go home, otherwise the link would go by way of home.
             lost.add(b // 2 if no_home[b] else a // 2)
     if strictly:
-        lost |= {end // 2 for end in np.flatnonzero(no_home).tolist()}
+        lost.update((np.flatnonzero(no_home) // 2).tolist())
     return lost
 
 
@@ -295,8 +295,8 @@ def _find_one_sided(problem: RouteProblem, motions: Iterable[int]) -> list[int]:
     """The ends of `motions` whose link to home collides while that of the other end does not."""
     examine_links_home(problem)
     no_home = ~problem.tested.clear[:-1, -1]
-    ends = itertools.chain.from_iterable((2 * k, 2 * k + 1) for k in sorted(motions))
-    return [end for end in ends if no_home[end] and not no_home[end ^ 1]]
+    ends = np.add.outer(2 * np.array(sorted(motions)), [0, 1]).ravel()
+    return list(ends[no_home[ends] & ~no_home[ends ^ 1]].tolist())
 
 
 def _leave_by_other_end(
@@ -370,8 +370,8 @@ def _search_detours(
 
 
 def _count_searched(problem: RouteProblem) -> int:
-    has_detour = [len(out.via) > 0 for out in problem.out]
-    return sum(map(max, has_detour[::2], has_detour[1::2]))
+    counts = count_rows([out.via for out in problem.out])
+    return int(np.count_nonzero(counts[::2] + counts[1::2]))
 
 
 # The motions of the links.
@@ -411,8 +411,7 @@ def _list_link_motions(
     if first[a, b] < 0:
         yield links.make_retract(out[a])
         if first[a, b] == links.BY_HOME:
-            rows = (*out[a].via, problem.cell.home, *out[b].via[::-1])
-            yield from map(links.JointLink, rows)
+            yield from map(links.JointLink, (*out[a].via, problem.cell.home, *out[b].via[::-1]))
         yield links.JointLink(ends.safe[b])
         yield links.make_approach(out[b])
         return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import count, pairwise
+from itertools import count, pairwise, product
 
 import numpy as np
 from msgspec import Struct, field
@@ -63,7 +63,7 @@ class _TurnTimes(Struct, frozen=True, eq=False):
 
     def add(self, problem: RouteProblem, stops: _Stops, speeds: LinkSpeeds) -> None:
         """Adds the motions of two stops, with the test results of the one without turns."""
-        first, second = (self.rows[stop] for stop in stops)
+        first, second = self.rows[stops[0]], self.rows[stops[1]]
         setup, results = problem.cell.setup, problem.tested
         seconds = links.time_joint_motions(setup, first[:, None], second[None], speeds)
         tested = np.zeros(seconds.shape, dtype=np.bool_)
@@ -75,8 +75,8 @@ class _TurnTimes(Struct, frozen=True, eq=False):
 
     def by_home(self, stops: _Stops) -> FloatArray:
         """(T, U) times between two stops by way of home."""
-        first, second = (self.seconds[stop, -1][:, 0] for stop in stops)
-        return np.asarray(first[:, None] + second)
+        first, second = self.seconds[stops[0], -1], self.seconds[stops[1], -1]
+        return np.asarray(first + second[:, 0])
 
     def between(self, stops: _Stops) -> FloatArray:
         """(T, U) times between two stops, directly or by way of home, whichever is faster."""
@@ -87,7 +87,7 @@ class _TurnTimes(Struct, frozen=True, eq=False):
         """The joint motions of the faster of both, for the turns of these indices."""
         if -1 in stops or self.seconds[stops][turns] <= self.by_home(stops)[turns]:
             return [(stops, turns)]
-        return [((stop, -1), (index, 0)) for stop, index in zip(stops, turns, strict=True)]
+        return [((stops[0], -1), (turns[0], 0)), ((stops[1], -1), (turns[1], 0))]
 
     def test(self, problem: RouteProblem, motions: Sequence[_TurnedMotion]) -> None:
         """Tests joint motions and adds the penalties of their verdicts."""
@@ -121,7 +121,7 @@ def choose_turns(
     times = _TurnTimes(rows)
     between = [(before.leave, after.enter) for before, after in pairwise(blocks)]
     used = [(blocks[0].enter, -1), *between, (blocks[-1].leave, -1)]
-    for stops in {*used, *((end, -1) for end in rows if end >= 0)}:
+    for stops in {*used, *product(rows.keys() - {-1}, [-1])}:
         times.add(problem, stops, speeds)
     chosen, direct, saved = _find_turns(problem, times, used)
     if not any(chosen):
@@ -156,9 +156,8 @@ def _list_blocks(problem: RouteProblem, candidate: TourCandidate) -> list[_Block
         enter, leave = group[0][0], group[-1][1]
         motions = tuple(end // 2 for end, _ in group)
         outs = [problem.out[enter], problem.out[leave]]
-        joints = [out.sampled_joints for out in outs] + [
-            problem.motions[k].sampled_joints for k in motions
-        ]
+        joints = [outs[0].sampled_joints, outs[1].sampled_joints]
+        joints += [problem.motions[k].sampled_joints for k in motions]
         turns = list_turns(cell.setup.robot, np.concatenate(joints), cell.home)
         if not fixed.isdisjoint(motions) or any(len(out.via) for out in outs):
             turns = turns[:1]

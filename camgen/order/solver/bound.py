@@ -139,8 +139,7 @@ def _measure_distances(
     # The two ends of an open item are its first and its last point; a closed item has all of its
     # points.
     begin = np.where(closed[item] | ~last, dense.first[item], dense.first[item + 1] - 1)
-    end = np.where(closed[item], dense.first[item + 1], begin + 1)
-    size = end - begin
+    size = np.where(closed[item], dense.first[item + 1], begin + 1) - begin
     distance = np.empty(len(first))
     counts = size[first] * size[second]
     chunk = np.cumsum(counts) // _MAX_PAIRS

@@ -113,7 +113,7 @@ def _make_table(costs: StepCosts, sets: IntArray) -> _Table:
     place[sets] = np.arange(len(sets))
     sizes = np.searchsorted(np.sort(size), np.arange(1, count + 2)).tolist()
     first = np.searchsorted(costs.item, np.arange(count + 1)).tolist()
-    columns = [slice(a, b) for a, b in pairwise(first)]
+    columns = list(map(slice, first[:-1], first[1:]))
     allowed = np.append(place, 0) >= 0
     before = sets[:, None] & ~(1 << items)
     last = (sets[:, None] >> items & 1 == 1) & ((before == 0) | allowed[before])

@@ -89,8 +89,7 @@ def _find_best_samples(
     cost = measure_plane_lengths(points - before[owner]) + measure_plane_lengths(
         points - after[owner]
     )
-    least = np.minimum.reduceat(cost, compute_first_rows(count))
-    best = np.flatnonzero(cost == least[owner])
+    best = np.flatnonzero(cost == np.minimum.reduceat(cost, compute_first_rows(count))[owner])
     return number[best[compute_first_rows(measure_runs(owner[best]))]]
 
 

@@ -15,6 +15,7 @@ from operator import itemgetter
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import count_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -317,7 +318,7 @@ def _improve_orders(states: IntArray, steps: FloatArray, rules: Rules | None = N
             of_order.sort(key=_MOVE_KEY)
             # With rules the limits of a move may change by another one: one move at a time.
             _make_moves(states[k], of_order if rules is None else of_order[:1])
-        active = active[[bool(of_order) for of_order in moves]]
+        active = active[count_rows(moves) > 0]
     return states
 
 

@@ -125,8 +125,7 @@ def _make_tour(problem: Problem, tour: Start) -> _Tour:
 def _rotate_groups(tour: _Tour) -> None:
     """Join each group to a ring, and cut and reverse it where the links to and from it are best."""
     group = tour.group[tour.order]
-    ends = np.flatnonzero(group[1:] != group[:-1])
-    for low, high in pairwise((ends + 1).tolist()):
+    for low, high in pairwise((np.flatnonzero(group[1:] != group[:-1]) + 1).tolist()):
         ring = tour.order[low:high]
         before, after = tour.leave[tour.order[low - 1]], tour.enter[tour.order[high]]
         leave, next_enter = tour.leave[ring], np.roll(tour.enter[ring], -1)
@@ -210,7 +209,7 @@ def _make_moves(tour: _Tour, moves: list[_Moves]) -> IntArray:
     order = np.argsort(change, kind="stable")
     # A link remains until one of its items is touched; its direction may have changed.
     touched: set[int] = set()
-    for a, b, c, d, kind in zip(*(column[order].tolist() for column in columns), strict=True):
+    for a, b, c, d, kind in np.stack(columns)[:, order].T.tolist():
         if not touched.isdisjoint((a, c, d)):
             continue
         if kind != _JOIN:
@@ -222,7 +221,7 @@ def _make_moves(tour: _Tour, moves: list[_Moves]) -> IntArray:
 
 def _reverse_section(tour: _Tour, a: int, b: int, c: int, d: int) -> tuple[int, ...]:
     """Reverse the items between the links a to b and c to d; returns the items at cut links."""
-    pa, pb, pc, pd = (int(tour.place[item]) for item in (a, b, c, d))
+    pa, pb, pc, pd = tour.place[[a, b, c, d]].tolist()
     _, low, high, _ = sorted((pa, pb, pc, pd))
     if pb - pa != pd - pc or tour.group[tour.order[low]] != tour.group[tour.order[high]]:
         return ()
@@ -235,7 +234,7 @@ def _reverse_section(tour: _Tour, a: int, b: int, c: int, d: int) -> tuple[int, 
 
 def _relocate(tour: _Tour, a: int, b: int, c: int, d: int, is_reversed: bool) -> tuple[int, ...]:
     """Move item a, next to b, between c and d; returns the items at cut links."""
-    place, first, second = (int(tour.place[item]) for item in (a, c, d))
+    place, first, second = tour.place[[a, c, d]].tolist()
     before, after = int(tour.order[place - 1]), int(tour.order[place + 1])
     if tour.group[a] not in (tour.group[c], tour.group[d]):
         return ()

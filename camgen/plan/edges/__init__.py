@@ -11,7 +11,6 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.collision.cell import CellScene, make_cell_scene
-from camgen.geometry.ragged import take_rows
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -28,6 +27,7 @@ from camgen.model.part import (
     list_ids,
 )
 from camgen.model.program import Joints
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.motion.cell import find_home, make_free_space, make_setup
 from camgen.motion.coverage import Coverage

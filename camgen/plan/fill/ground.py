@@ -11,12 +11,13 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import count_rows, list_owners, list_range_numbers, take_rows
+from camgen.geometry.ragged import count_rows, list_owners, list_range_numbers
 from camgen.geometry.rings import ComplexArray, Rings, make_rings, normalize
 from camgen.geometry.segments import IntArray, flatten, make_contour_segments
 from camgen.model.errors import JobError
 from camgen.model.part import Part, Raster, list_closed_rows
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.plan.image_space.border import Border, make_border
 
 Pixels = NDArray[np.uint8]

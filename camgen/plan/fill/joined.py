@@ -7,10 +7,11 @@ import numpy as np
 import shapely
 
 from camgen.geometry.nesting import find_nesting
-from camgen.geometry.ragged import concatenate_columns, find_run_starts, take_rows
+from camgen.geometry.ragged import concatenate_columns, find_run_starts
 from camgen.geometry.segments import IntArray, make_contour_segments
 from camgen.model.part import Note, Part
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.plan.fill.ground import FillGrid, Pixels
 

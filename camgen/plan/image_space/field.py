@@ -9,11 +9,12 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import count_rows, take_rows
+from camgen.geometry.ragged import count_rows
 from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.errors import JobError
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 
 Pixels = NDArray[np.uint8]
 Distances = NDArray[np.float32]

@@ -17,13 +17,14 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.intersect import measure_nearest
-from camgen.geometry.ragged import number_kept, take_rows
+from camgen.geometry.ragged import number_kept
 from camgen.geometry.segments import Segments, concatenate_chains, points_at
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part, list_ids, select_closed
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, name_ranges
 from camgen.plan.columns import (
     SLOWEST,

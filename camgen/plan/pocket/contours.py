@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.nesting import Nesting, find_nesting
-from camgen.geometry.ragged import count_rows, list_owners, take_rows
+from camgen.geometry.ragged import count_rows, list_owners
 from camgen.geometry.segments import (
     Segments,
     find_following,
@@ -22,6 +22,7 @@ from camgen.geometry.segments import (
 )
 from camgen.geometry.uncross import find_slips, uncross_loops
 from camgen.model.part import Contour, Note, list_ids, select_closed
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, name_ranges, short
 from camgen.plan.follow import reverse_loops
 from camgen.plan.pocket.regions import (

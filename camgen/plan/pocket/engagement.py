@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.ragged import count_rows, list_owners, number_rows, take_rows
+from camgen.geometry.ragged import count_rows, list_owners, number_rows
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -21,6 +21,7 @@ from camgen.geometry.segments import (
     tangents_at,
 )
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.plan.pocket.channel import Channel, unite_channels
 from camgen.plan.pocket.linking import find_outermost, group_channels
 from camgen.plan.pocket.regions import OffsetRegion

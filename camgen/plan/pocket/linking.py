@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 
 from camgen.geometry.arcs import compute_bulges
 from camgen.geometry.intersect import measure_gaps
-from camgen.geometry.ragged import list_owners, number_rows, take_rows
+from camgen.geometry.ragged import list_owners, number_rows
 from camgen.geometry.segments import IntArray, Segments, make_segments, points_at, tangents_at
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.plan.pocket.chains import (
     cut_out,
     find_nearest,

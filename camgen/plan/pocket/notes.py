@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import shapely
 
-from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import (
     Segments,
     flatten,
@@ -18,6 +17,7 @@ from camgen.geometry.segments import (
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, name_ranges, short
 from camgen.plan.beside import NO_HELIX, explain_misfit
 from camgen.plan.pocket.channel import Channel

@@ -26,7 +26,6 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import measure_loop_areas
-from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import (
     IntArray,
     Segments,
@@ -36,6 +35,7 @@ from camgen.geometry.segments import (
     make_contour_segments,
     reverse_segments,
 )
+from camgen.model.sequences import take_rows
 from camgen.plan.beside import OffsetCurve, make_offset_curve
 from camgen.plan.pocket.chains import cut_out, sample_chain
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import take_rows
 from camgen.geometry.segments import (
     Segments,
     concatenate,
@@ -15,6 +14,7 @@ from camgen.geometry.segments import (
 from camgen.model.job import Job
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.plan.beside import find_channel_lines
 from camgen.plan.columns import (
     Label,
