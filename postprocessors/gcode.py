@@ -38,6 +38,7 @@ from camgen.model.tolerance import PECK_CLEARANCE_MM, SAME_POINT_MM
 from camgen.post import Tolerance, pose_of
 from camgen.post.passes import remove_force
 from camgen.post.printed import Forms
+from camgen.post.values import choose_line, choose_words
 
 from .arc_ends import end_in_chords
 from .rs274 import COOLANT, Rs274, check_signals
@@ -353,8 +354,7 @@ class GCode(Rs274):
 
     def list_changed(self) -> frozenset[str]:
         """Force, if it is left out, and holes, which become cycles."""
-        changes = {"force": self.force == "ignore", "cycles": self.cycles}
-        return frozenset(word for word, is_changed in changes.items() if is_changed)
+        return choose_words({"force": self.force == "ignore", "cycles": self.cycles})
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See `Rs274`; may leave out force, ends some arcs in chords, and makes cycles of holes."""
@@ -424,7 +424,7 @@ class GCode(Rs274):
 
     def _cycle(self, motion: MoveJ | MoveL) -> Sequence[str] | None:
         """Print the cycle that starts with `motion`; empty inside a cycle, None outside."""
-        known, row = self._cycles.get(id(motion), (None, None)) if self._cycles else (None, None)
+        known, row = self._cycles.get(id(motion), (None, None))
         if known is not motion:
             return None
         self._go(motion)
@@ -447,11 +447,11 @@ class GCode(Rs274):
     def output(self, item: Output) -> Sequence[str]:
         """M64 and M65 wait for the end of the motion before them."""
         if item.signal == "spindle":
-            return (f"S{short(item.value, 6)} M3" if item.value else "M5",)
+            return choose_line(item.value, f"S{short(item.value, 6)} M3", "M5")
         word = self.signals[item.signal]
         if word in COOLANT:
-            return (word if item.value else "M9",)
-        return (f"{'M64' if item.value else 'M65'} {word}",)
+            return choose_line(item.value, word, "M9")
+        return choose_line(item.value, f"M64 {word}", f"M65 {word}")
 
     def why_not(self, item: Instruction, before: Motion | None, after: Motion | None) -> str:
         """Also of a tool change."""
@@ -460,8 +460,11 @@ class GCode(Rs274):
         if not item.number:
             name = item.name or short(item.diameter, 3)
             return f"tool {name} has no number in the tool table; set tools.number"
-        what = "post.tool is for programs with one tool; leave it out, the operations name theirs"
-        return what if self.tool else ""
+        if self.tool:
+            return (
+                "post.tool is for programs with one tool; leave it out, the operations name theirs"
+            )
+        return ""
 
     def print_force(self, item: Force) -> Sequence[str]:
         """M68 acts at once, after the motion before it has ended."""

@@ -14,6 +14,7 @@ from camgen.model.errors import JobError, Refused
 from camgen.model.program import Instruction, Motion, Output, Program, Stop
 from camgen.model.text import short
 from camgen.post.passes import remove_force
+from camgen.post.values import choose_line, choose_words
 
 from .rs274 import COOLANT, Rs274, check_signals
 
@@ -66,7 +67,7 @@ class Grbl(Rs274):
 
     def list_changed(self) -> frozenset[str]:
         """Force, if it is left out."""
-        return frozenset({"force"} if self.force == "ignore" else ())
+        return choose_words({"force": self.force == "ignore"})
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See `Rs274`. May leave out force, and allows one use of the spindle line."""
@@ -75,11 +76,12 @@ class Grbl(Rs274):
 
     def output(self, item: Output) -> Sequence[str]:
         """The spindle line or a coolant."""
-        word = "M3" if item.signal == "spindle" else self.signals[item.signal]
+        word, power = "M3", item.value
+        if item.signal != "spindle":
+            word, power = self.signals[item.signal], self.power
         if word in COOLANT:
-            return (word if item.value else "M9",)
-        power = item.value if item.signal == "spindle" else self.power
-        return (f"{word} S{short(power, 6)}" if item.value else "M5",)
+            return choose_line(item.value, word, "M9")
+        return choose_line(item.value, f"{word} S{short(power, 6)}", "M5")
 
     def why_not(self, item: Instruction, before: Motion | None, after: Motion | None) -> str:
         """Also of a stop that depends on a switch: GRBL reads M1 and passes over it."""

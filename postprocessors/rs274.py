@@ -52,6 +52,7 @@ from camgen.model.program import (
 from camgen.model.text import short
 from camgen.post import Post, Tolerance, end_of, pose_of
 from camgen.post.printed import Forms, make_forms, round_numbers
+from camgen.post.values import choose_line
 
 #: mm: smaller arcs are not well defined by three decimals; larger ones exceed GRBL's 32-bit
 #: arithmetic.
@@ -380,7 +381,7 @@ class Rs274(Post):
 
     def stop(self, item: Stop) -> Sequence[str]:
         """M0, and M1 for a stop that the operator can switch off."""
-        return ("M1" if item.optional else "M0",)
+        return choose_line(item.optional, "M1", "M0")
 
     def accepts(self, columns: Columns) -> Mask:
         """Motions within the limits with the tool straight down, and outputs."""

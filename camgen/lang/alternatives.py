@@ -76,8 +76,7 @@ def run_alternatives(
         runs.append(run)
         left -= _measure(run, text_lines)
         waiting += _list_new_options(run, choices)
-    executed = _join(runs, choices)
-    return Alternatives(executed, tuple(choices.values()), len(runs), len(waiting))
+    return Alternatives(_join(runs, choices), tuple(choices.values()), len(runs), len(waiting))
 
 
 def _measure(run: _Run, text_lines: int) -> int:

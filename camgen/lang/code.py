@@ -313,6 +313,11 @@ class Compiler:
         self.labels: dict[str, int] = {}
         self._jumps: list[Jump] = []
 
+    @property
+    def innermost(self) -> Block | None:
+        """The innermost open block, None without one."""
+        return next(reversed(self.blocks), None)
+
     def add(self, step: _AnyStep) -> _AnyStep:
         """Add a step and return it."""
         self.steps.append(step)

@@ -62,8 +62,7 @@ def measure_coverage(codes: Iterable[Code], ran: Collection[int], end: int) -> C
                 is_cut = end in several and several[-1] not in ran
                 done += range(step.line, end + 1) if is_cut else several
     statements = np.unique(np.array(lines, np.intp))
-    all_ran = np.array([*ran, *done], np.intp)
-    return Coverage(statements, np.isin(statements, all_ran))
+    return Coverage(statements, np.isin(statements, np.array([*ran, *done], np.intp)))
 
 
 def join_coverage(coverages: Iterable[Coverage | None]) -> Coverage | None:

@@ -130,28 +130,28 @@ class Rules(Struct, frozen=True):
 
 
 class Language(Protocol):
-    """A language, as the run needs it.
+    """A language, as the run needs it. What it does not override stops the run of the step.
 
     faults: class of the exceptions for a step that cannot be carried out.
+    log: findings and assumptions.
     """
 
     faults: type[Exception]
-
-    @property
-    def log(self) -> Log:
-        """Findings and assumptions."""
+    log: Log
 
     def begin(self, step: Step) -> None:
         """Take note that a step runs now."""
 
-    def evaluate(self, expression: Any) -> Any:
+    def evaluate(self, expression: Any, /) -> Any:
         """Return the value of an expression or of a condition, Unknown if it has none."""
 
     def to_number(self, value: Any) -> float:
         """Return a value as a number."""
+        return float(value)
 
     def matches(self, value: Any, tests: Any) -> bool | Unknown:
         """Return whether a value selects a case."""
+        raise self.faults(f"the case {tests} of {value} is not evaluated")
 
     def open_count(self, count: Any) -> Counter:
         """Return the counter and the bounds of a counted loop."""
@@ -165,8 +165,9 @@ class Language(Protocol):
     def read_state(self) -> object:
         """Return what the next round of a loop depends on, comparable by `==`.
 
-        None for a state that is too large to keep.
+        None for a state that is too large to keep, and if other limits end such a loop.
         """
+        return None
 
     def assume(
         self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
@@ -178,9 +179,25 @@ class Language(Protocol):
         length: number of instructions before the round that a loop repeats; for a loop without end,
             number of instructions after its first round; for a case, its index.
         """
+        del unknown, length
+        raise self.faults(f"{choice.name} of line {step.line} is not evaluated")
 
     def report(self, step: Step, error: Exception) -> None:
         """Add a step that cannot be carried out to the log."""
+
+
+class MachineLanguage(Language, Protocol):
+    """A language whose run has a machine, with the line that runs and the instructions so far."""
+
+    machine: Any
+
+    def begin(self, step: Step) -> None:
+        """Take note that a step runs now."""
+        self.machine.line = step.line
+
+    def count_instructions(self) -> int:
+        """Return the number of instructions so far."""
+        return len(self.machine.body)
 
 
 class CallFrame(Struct, gc=False):
@@ -304,7 +321,7 @@ class Flow:
 
         default: whether it is entered by default.
         """
-        return self._language.log.decide(unknown.what, 0 if default else 1, 2) == 0
+        return self._language.log.decide(unknown.what, int(not default), 2) == 0
 
     def _choose_branch(self, frame: CallFrame, at: int, step: Branch, unknown: Unknown) -> bool:
         code = frame.code

@@ -29,5 +29,4 @@ def is_gcode(text: str) -> bool:
     if len(head) == _BEGINNING:
         head = head.rsplit("\n", 1)[0]  # its last line may be cut
     bare = re.sub(r"\s+", "", _COMMENT.sub("", head))
-    rest = _WORD.sub("", bare)
-    return bool(bare) and len(rest) <= 0.1 * len(bare)
+    return bool(bare) and len(_WORD.sub("", bare)) <= 0.1 * len(bare)

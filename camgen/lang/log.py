@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any
 
 from camgen.lang.programs import LEVELS, Assumption, Finding, Level, OpenChoice
 from camgen.model.errors import make_one_line
@@ -91,8 +92,7 @@ class Log:
             self.lost.setdefault(what, line or self.line())
             return
         what = _shorten(what)
-        entry = Assumption(line or self.line(), what, key, value)
-        self.assumed.setdefault((key, what), entry)
+        self.assumed.setdefault((key, what), Assumption(line or self.line(), what, key, value))
 
     def choose(self, what: str, key: str = "", value: float = 0.0) -> None:
         """Add an assumption that determines a branch: all later refusals are uncertain."""
@@ -179,6 +179,20 @@ class Log:
             more = [f"and {counted(rest, 'more', 'more')}"] if rest > 0 else []
             facts.append((label, separator.join([*list(texts)[:shown], *more])))
         return tuple(facts)
+
+    def list_all(self, separator: str, shown: int) -> dict[str, Any]:
+        """Return all entries, as members of `Executed`. The arguments are those of `list_facts`."""
+        return {
+            "findings": self.list_findings(),
+            "assumed": self.list_assumed(),
+            "facts": self.list_facts(separator, shown),
+            "lost": self.list_lost(),
+            "omitted": self.list_omitted(),
+            "is_limited": self.is_limited,
+            "untimed": self.untimed,
+            "choices": self.list_choices(),
+            "steps": self.steps,
+        }
 
     def list_lost(self) -> tuple[tuple[int, str], ...]:
         """Return line and text of each loss."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import EntryPoint
 from types import NoneType
 from typing import Any, Literal
@@ -66,6 +66,11 @@ def strip_mark(text: str) -> str:
     return text
 
 
+def unify_line_ends(text: str) -> str:
+    """The text with LF line ends."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
 def find_text_fault(data: bytes) -> str:
     """The reason why the bytes of a file cannot be read as text, empty without one."""
     if data.startswith(_WIDE_MARKS):
@@ -98,6 +103,13 @@ class Frames(Struct, frozen=True, eq=False):
     work: str = ""
     flange_from_tool: Pose | None = None
     base_from_work: Pose | None = None
+
+
+def index_frames(frames: Sequence[Frames], indices: Sequence[int]) -> tuple[int, ...]:
+    """The indices of the frames of all instructions, empty if there is at most one frame."""
+    if len(frames) > 1:
+        return tuple(indices)
+    return ()
 
 
 def carry_pose(pose: Pose, then: Frames, now: Frames) -> Pose | None:
@@ -168,6 +180,12 @@ class RunRequest(Struct, frozen=True):
     options: Mapping[str, object] | None = None
     shifts: Mapping[int, int] = field(default_factory=dict)
 
+    def find_flange(self, joints: Sequence[float]) -> Pose | None:
+        """base_from_flange at joint values, rad or mm. None for an arm that is not known."""
+        if self.flange is None:
+            return None
+        return self.flange(joints)
+
 
 class Executed(Struct, frozen=True, eq=False):
     """The effect of a program that is run once.
@@ -206,14 +224,19 @@ class Executed(Struct, frozen=True, eq=False):
     coverage: Coverage | None = None
 
     @property
+    def first_frames(self) -> Frames:
+        """The frames of the first motion."""
+        return next(iter(self.frames), Frames())
+
+    @property
     def work(self) -> Pose | None:
         """base_from_work that the text states for its first motion, None if it states none."""
-        return self.frames[0].base_from_work if self.frames else None
+        return self.first_frames.base_from_work
 
     @property
     def tool(self) -> Pose | None:
         """flange_from_tool that the text states for its first motion, None if it states none."""
-        return self.frames[0].flange_from_tool if self.frames else None
+        return self.first_frames.flange_from_tool
 
 
 class Language(Struct, frozen=True):
@@ -261,8 +284,7 @@ def check_language(language: Any, name: str = "") -> Language:
     """
     plug_in = f"language {name or getattr(language, 'name', '')}"
     check_value(plug_in, _LANGUAGE, language, _REMEDY)
-    run = CheckedRun(plug_in, language.run)
-    return replace(language, run=run)  # type: ignore[no-any-return]
+    return replace(language, run=CheckedRun(plug_in, language.run))  # type: ignore[no-any-return]
 
 
 class CheckedRun(Struct, frozen=True):
@@ -373,6 +395,11 @@ def rename_outputs(
             raise InputError(
                 file, f"switches no output {name!r}", "input.signals", f"it switches {known}"
             )
+    return name_outputs(body, names)
+
+
+def name_outputs(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instruction, ...]:
+    """The body with other names of those outputs that have one in `names`."""
     return tuple(
         Output(names[item.signal], item.value)
         if isinstance(item, Output) and item.signal in names

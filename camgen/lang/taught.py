@@ -286,9 +286,7 @@ def as_far_as_known(executed: Executed) -> OneFrameBody:
 
     Otherwise each motion stays in its own frames, and a note states that.
     """
-    whole = OneFrameBody(
-        executed.body, executed.lines, executed.frames[0] if executed.frames else Frames(), ()
-    )
+    whole = OneFrameBody(executed.body, executed.lines, executed.first_frames, ())
     if len(executed.frames) < 2 or not _has_motion(executed):
         return whole
     try:
@@ -318,7 +316,7 @@ def in_one_frame(executed: Executed, file: str, chord: float) -> OneFrameBody:
     Raises InputError if the frame of a second tool or work object is not known.
     """
     indices = executed.frame or (0,) * len(executed.body)
-    main = executed.frames[_find_main(executed, indices)] if executed.frames else Frames()
+    main = (executed.frames or (Frames(),))[_find_main(executed, indices)]
     changes: dict[int, _Change] = {}
 
     def get_change(index: int, line: int) -> _Change:
@@ -434,7 +432,9 @@ def _transform(item: Motion, start: Pose | None, change: _Change, chord: float) 
     rotation = 0.0
     if start is not None:
         before = change.to_work.inverse() @ start @ change.to_tool.inverse()
-        ends = [item.target.rotation, *([item.via.rotation] if isinstance(item, MoveC) else [])]
+        ends = [item.target.rotation]
+        if isinstance(item, MoveC):
+            ends.append(item.via.rotation)
         rotation = max(angle_between(before.rotation, end) for end in ends)
     radius = math.hypot(*change.to_tool.origin)
     if isinstance(item, MoveJ):
@@ -447,7 +447,7 @@ def _transform(item: Motion, start: Pose | None, change: _Change, chord: float) 
         return
     # The TCP of the other tool leaves its chord by radius * step**2 / 8.
     step = min(math.sqrt(8 * chord / radius), _MAX_ROTATION)
-    count = math.ceil(rotation * (2 if isinstance(item, MoveC) else 1) / step)
+    count = math.ceil(rotation * (1 + isinstance(item, MoveC)) / step)
     seconds = _measure_time(before, item, rotation) / count
     for k in range(1, count + 1):
         pose = change.transform(_pose_at(before, item, k / count))
@@ -457,8 +457,7 @@ def _transform(item: Motion, start: Pose | None, change: _Change, chord: float) 
         if distance > _SAME and seconds > 0:
             piece = replace(piece, speed=distance / seconds)
         elif distance <= _SAME and seconds > 0:
-            angle = angle_between(start.rotation, pose.rotation)
-            piece = replace(piece, turn=angle / seconds)
+            piece = replace(piece, turn=angle_between(start.rotation, pose.rotation) / seconds)
         yield piece
         start = pose
 

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import TypeVar
+
 from msgspec import Struct
+
+_Value = TypeVar("_Value")
 
 
 class Unknown(Struct, frozen=True, gc=False):
@@ -16,3 +21,15 @@ class Unknown(Struct, frozen=True, gc=False):
     what: str = ""
     key: str = ""
     guess: bool | None = None
+
+
+def find_first_unknown(values: Iterable[object]) -> Unknown | None:
+    """The first of the values that is unknown, None if all are known."""
+    return next((value for value in values if isinstance(value, Unknown)), None)
+
+
+def require(value: _Value | None, fault: Exception) -> _Value:
+    """Return a value that is not None. Raises `fault` for None."""
+    if value is None:
+        raise fault
+    return value

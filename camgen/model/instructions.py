@@ -32,6 +32,10 @@ class Posture(Struct, frozen=True, gc=False, omit_defaults=True):
     switches: tuple[str, ...] = ()
 
 
+#: The posture of a motion that states none.
+NO_POSTURE = Posture()
+
+
 class Origin(Struct, frozen=True):
     """The path to which motions belong.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from msgspec import Struct
 
 from camgen.model.pose import Pose
@@ -44,6 +46,18 @@ class Tolerance(Struct, frozen=True):
     turn: float = 1e-5
     share: float = 0.0
     rate: float = 1e-5
+
+
+def choose_words(words: Mapping[str, bool]) -> frozenset[str]:
+    """The words that are true."""
+    return frozenset(word for word, is_chosen in words.items() if is_chosen)
+
+
+def choose_line(condition: object, line: str, other: str) -> tuple[str]:
+    """One line of a program: `line` if the condition is true, else the other one."""
+    if condition:
+        return (line,)
+    return (other,)
 
 
 def end_of(motion: Motion | None) -> Pose | None:

@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import compute_circle
 from camgen.model.cell import Cell
 from camgen.model.errors import Refused
+from camgen.model.instructions import NO_POSTURE
 from camgen.model.part import Note
 from camgen.model.pose import IDENTITY, Pose, Vec3, angle_between, compute_fixed_xyz, translation
 from camgen.model.program import (
@@ -38,6 +39,7 @@ from camgen.model.text import counted, fixed, harmless, short
 from camgen.post import OutputFile, Tolerance, end_of
 from camgen.post.passes import remove_force
 from camgen.post.renamed import note_renamed
+from camgen.post.values import choose_line, choose_words
 
 from .options import PacScriptOptions, derive, is_reserved
 
@@ -100,14 +102,13 @@ class PacScript(PacScriptOptions):
         match item:
             case Output():
                 return self._output_reason(item)
-            case Wait():
-                is_long = item.seconds * 1000 > _LONGEST_DELAY_MS
-                return "the wait is longer than a Delay holds; shorten it" if is_long else ""
+            case Wait() if item.seconds * 1000 > _LONGEST_DELAY_MS:
+                return "the wait is longer than a Delay holds; shorten it"
             case Force():
                 return self._force_reason(item.newtons, item.force_direction)
             case Stop():
                 return "the post has no stop for the operator; leave it out"
-            case Comment() | ToolChange():
+            case Wait() | Comment() | ToolChange():
                 return ""
         reason = self._speed_reason(item.speed) or self._turn_reason(item)
         if not reason and self.pass_mark == "mm" and item.blend != int(item.blend):
@@ -127,10 +128,12 @@ class PacScript(PacScriptOptions):
             if item.value < 0:
                 speed = f"{-item.value:g} rpm"
                 return f"the spindle is to turn backwards ({speed}), and an IO is on or off"
-            remedy = 'set the speed at its drive and post.spindle to "on-off"'
-            is_allowed = self.spindle == "on-off"
-            return "" if is_allowed else f"an IO does not carry a spindle speed; {remedy}"
-        return "" if item.value in (0, 1) else f"an IO is on or off, not {item.value:g}; use 0 or 1"
+            if self.spindle != "on-off":
+                remedy = 'set the speed at its drive and post.spindle to "on-off"'
+                return f"an IO does not carry a spindle speed; {remedy}"
+        elif item.value not in (0, 1):
+            return f"an IO is on or off, not {item.value:g}; use 0 or 1"
+        return ""
 
     def _percent(self, mm_s: float) -> float:
         return 100 * self._scaled(mm_s) / self.rated
@@ -196,13 +199,16 @@ class PacScript(PacScriptOptions):
 
     def list_verified(self) -> frozenset[str]:
         """Tool and work frame if the text defines them; the blend radius if it is in mm."""
-        frames = {option for option in ("tool", "work") if self.define and getattr(self, option)}
-        return self.verified_fields | frames | ({"blend"} if self.pass_mark == "mm" else set())
+        given = {
+            "tool": self.define and bool(self.tool),
+            "work": self.define and bool(self.work),
+            "blend": self.pass_mark == "mm",
+        }
+        return self.verified_fields | choose_words(given)
 
     def list_changed(self) -> frozenset[str]:
         """Force, if it is left out, and the speed of the spindle, which an IO does not carry."""
-        changes = {"force": self.force == "ignore", "spindle": self.spindle == "on-off"}
-        return frozenset(word for word, is_changed in changes.items() if is_changed)
+        return choose_words({"force": self.force == "ignore", "spindle": self.spindle == "on-off"})
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See `Post`. May leave out force, and replaces spindle speeds by comments."""
@@ -238,8 +244,9 @@ class PacScript(PacScriptOptions):
         """
         self._check_shares(program)
         first = next((item for item in program.body if isinstance(item, MoveJ)), None)
-        joints = first is not None and isinstance(first.target, Joints)
-        posture = "fixed by the first joint move" if joints else "that of the arm at the start"
+        posture = "that of the arm at the start"
+        if first is not None and isinstance(first.target, Joints):
+            posture = "fixed by the first joint move"
         if any(_figure(item) is not None for item in program.columns.moves):
             posture += ", then by Fig; -1: as it is"
         lines = [
@@ -261,11 +268,12 @@ class PacScript(PacScriptOptions):
             table = f"table {self.force_table}, N in the work frame"
             lines.append(f"' force: {table}; lines that say verify are assumed")
             lines.append("' force: the sensor is set to zero by the cell, before this program")
-        rated = f", 100 % is {self.rated:g} mm/s" if self.rated else ""
         external = "the pendant's, 100 % for the planned speeds"
         if self.ext_speed:
             external = f"{self.ext_speed:g} %"
-        lines.append(f"' external speed: {external}{rated}")
+        if self.rated:
+            external += f", 100 % is {self.rated:g} mm/s"
+        lines.append(f"' external speed: {external}")
         if slow := self._slowest(program):
             lines.append(f"' slowest motion: {slow}")
         lines.append("Sub Main")
@@ -350,7 +358,8 @@ class PacScript(PacScriptOptions):
 
     def output(self, item: Output) -> Sequence[str]:
         """Set or Reset of an IO."""
-        return (f"{'Set' if item.value else 'Reset'} IO[{self.signals[item.signal]}]",)
+        port = f"IO[{self.signals[item.signal]}]"
+        return choose_line(item.value, f"Set {port}", f"Reset {port}")
 
     def wait(self, item: Wait) -> Sequence[str]:
         """Delay in ms."""
@@ -464,7 +473,7 @@ def _is_off(item: Instruction) -> bool:
 
 
 def _figure(motion: Motion) -> int | None:
-    return motion.posture.figure if motion.posture else None
+    return (motion.posture or NO_POSTURE).figure
 
 
 def _joints_reason(motion: MoveJ) -> str:

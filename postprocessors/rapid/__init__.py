@@ -58,6 +58,7 @@ from camgen.post.printed import (
     round_numbers,
 )
 from camgen.post.renamed import note_renamed
+from camgen.post.values import choose_words
 
 from .force import DIGITS as FORCE_DIGITS
 from .force import (
@@ -138,7 +139,7 @@ class Rapid(RapidOptions):
 
     def list_changed(self) -> frozenset[str]:
         """Force, if it is left out."""
-        return frozenset({"force"} if self.force == "ignore" else ())
+        return choose_words({"force": self.force == "ignore"})
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See `Post`. Each change of force is moved to its motion, or an option leaves it out."""
@@ -371,8 +372,9 @@ class Rapid(RapidOptions):
         return make_forms(rows, [*plain_columns, speed, blend], form, numbers, used)
 
     def _target(self, pose: Pose, motion: Motion) -> str:
-        known = motion.posture.confdata if motion.posture and self.conf != "off" else None
-        conf = ",".join(map(str, known)) if known else _NEUTRAL
+        conf, posture = _NEUTRAL, motion.posture
+        if posture and posture.confdata and self.conf != "off":
+            conf = ",".join(map(str, posture.confdata))
         return self._target_of(fixed_each(pose.origin, self.decimals), pose.rotation, conf)
 
     def _target_of(self, point: str, rotation: FloatArray, conf: str) -> str:
@@ -559,14 +561,16 @@ class Rapid(RapidOptions):
         return [main.lines, *(self._proc(routine, end) for routine in routines)]
 
     def _add_calibrations(self, program: Program, printed: Printed) -> Printed:
-        after = choose_calibrations(self.name, program.body) if self.force_load else frozenset()
+        if not self.force_load:
+            return printed
+        after = choose_calibrations(self.name, program.body)
         extra = (f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};")
 
         def add(instructions: Iterable[Sequence[str]]) -> Iterator[Sequence[str]]:
             for k, lines in enumerate(instructions):
                 yield (*lines, *extra) if k in after else lines
 
-        return printed.changed(add) if after else printed
+        return printed.changed(add)
 
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """One module, or one with main and others with routines, of at most `max_lines` lines."""
@@ -600,9 +604,8 @@ class Rapid(RapidOptions):
 
     def list_verified(self) -> frozenset[str]:
         """Tool and work object if the text declares them; the posture unless `conf` is off."""
-        frames: set[str] = {"work", "tool"} if self.declare else set()
-        words = self.verified_fields.union(frames)
-        return words - {"confdata"} if self.conf == "off" else words
+        frames = choose_words({"work": self.declare, "tool": self.declare})
+        return (self.verified_fields | frames) - choose_words({"confdata": self.conf == "off"})
 
     def tolerance(self) -> Tolerance:
         """Half of the last printed digit; an orientation loses 2e-7 rad at most, pressing 5e-7."""

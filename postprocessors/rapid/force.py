@@ -32,6 +32,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import fixed
 from camgen.post.passes import PASSES
+from camgen.post.values import end_of
 
 #: Digits of a force in N.
 DIGITS = 3
@@ -48,7 +49,7 @@ def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
     """Find the tool axis, 0 to 2, and the sign of a force direction; None if it is not an axis."""
     along = rotation.T @ np.asarray(press)
     axis = int(np.argmax(np.abs(along)))
-    sign = 1 if along[axis] > 0 else -1
+    sign = int(math.copysign(1, along[axis]))
     along[axis] -= sign
     return (axis, sign) if float(np.abs(along).max()) <= _ALIGNED else None
 
@@ -79,7 +80,7 @@ def move_forces(body: Sequence[Instruction], chord: float) -> tuple[Instruction,
                 remarks.clear()
             else:
                 result.append(item)
-            start = item.target if isinstance(item.target, Pose) else None
+            start = end_of(item)
         else:
             result.append(item)
     return tuple(result)
@@ -126,7 +127,7 @@ def check_sections(post: str, body: Sequence[Instruction]) -> None:
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
             section.has_moved = True
             reason = _explain_move(section, item)
-            section.start = item.target if isinstance(item.target, Pose) else None
+            section.start = end_of(item)
         if reason:
             raise Refused(post, index, reason)
     if section.leaving:
@@ -162,8 +163,9 @@ def _change(section: _Section, item: Force) -> str:
 def _explain_move(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
     if section.leaving:
         section.leaving = False
-        is_joint = isinstance(item, MoveJ)
-        return "the motion that leaves the surface must be straight" if is_joint else ""
+        if isinstance(item, MoveJ):
+            return "the motion that leaves the surface must be straight"
+        return ""
     force = section.force
     if force is None:
         return ""
@@ -222,8 +224,8 @@ def _find_farthest(approach: Mapping[int, Motion], leaving: int, press: Vec3) ->
     the one that has just left the surface, at index `leaving`. The last motion of the approach goes
     to the surface.
     """
-    start = approach[max(approach)].target if approach else None
-    if not isinstance(start, Pose):
+    start = end_of(approach.get(max(approach, default=-1)))
+    if start is None:
         return None
     heights = {k: _measure(start, motion.target, press) for k, motion in approach.items()}
     last_height = heights.pop(leaving, 0.0)
@@ -350,8 +352,7 @@ def _make_shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> _Shapes
     sides = [measure_lengths(side) for side in (back, on, chord)]
     with np.errstate(divide="ignore", invalid="ignore"):
         height, shorter = area / sides[2], np.minimum(first, last) / (first + last)
-    angle = np.minimum(first, last)
-    return _Shapes(sweep, angle, height, np.minimum.reduce(sides), shorter)
+    return _Shapes(sweep, np.minimum(first, last), height, np.minimum.reduce(sides), shorter)
 
 
 def _measure_shorter(start: Vec3, via: Vec3, end: Vec3) -> float:

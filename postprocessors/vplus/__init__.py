@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import JobError, Refused
+from camgen.model.instructions import NO_POSTURE
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, Pose, translation
 from camgen.model.program import (
@@ -36,6 +37,7 @@ from camgen.model.text import short
 from camgen.post import OutputFile, Post, Tolerance, end_of, pose_of
 from camgen.post.passes import remove_force
 from camgen.post.renamed import note_renamed
+from camgen.post.values import choose_words
 
 from . import records, rules
 from .lines import IN, Lines
@@ -164,10 +166,11 @@ class VPlus(Post):
                 raise JobError(f"[post] {key}", f"cannot be {getattr(self, key)}", remedy=remedy)
         rules.check_signals(self.signals)
         rules.check_posture(self.posture)
+        self._lines = Lines(self.work, self.decimals)
+        self._spelled = self._lines
         if self.points == "file":
             self._check_file()
-        self._lines = Lines(self.work, self.decimals)
-        self._spelled = Records(self.decimals) if self.points == "file" else self._lines
+            self._spelled = Records(self.decimals)
 
     def _check_file(self) -> None:
         if self.decimals > 3:
@@ -200,13 +203,12 @@ class VPlus(Post):
 
     def list_verified(self) -> frozenset[str]:
         """Tool and work frame if the text declares them; the posture without `posture`."""
-        frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
-        return (self.verified_fields | frames) - ({"switches"} if self.posture else frozenset())
+        frames = choose_words({"work": self.declare, "tool": self.declare})
+        return (self.verified_fields | frames) - choose_words({"switches": bool(self.posture)})
 
     def list_changed(self) -> frozenset[str]:
         """Force, which is left out or an output, and the spindle speed, which no output carries."""
-        changes = {"force": self.force != "refuse", "spindle": self.spindle == "on-off"}
-        return frozenset(word for word, is_changed in changes.items() if is_changed)
+        return choose_words({"force": self.force != "refuse", "spindle": self.spindle == "on-off"})
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See `Post`. Options replace force and spindle. Also refuses axes, postures and frames."""
@@ -231,8 +233,7 @@ class VPlus(Post):
 
     def why_not(self, item: Instruction, before: Motion | None, _after: Motion | None) -> str:
         """Return the reason with its remedy, or an empty text."""
-        reason = records.too_large(item) if self.points == "file" else ""
-        if reason:
+        if self.points == "file" and (reason := records.too_large(item)):
             return reason
         match item:
             case MoveC():
@@ -316,7 +317,8 @@ class VPlus(Post):
         lines += [self.comment(text) for text in self._remarks()]
         if self.declare:
             lines.append(f"{IN}AUTO {', '.join(declared)}")
-        lines += records.declarations() if self.points == "file" else []
+        if self.points == "file":
+            lines += records.declarations()
         # Modal, and as the last program left them: corners and the time rely on both.
         share = short(self.accel, SPEED_DIGITS)
         accel = f"ACCEL ({self.profile}) {share}, {share}"
@@ -367,7 +369,7 @@ class VPlus(Post):
         return [*lines, *self._spelled.to_pose("MOVES", pose_of(motion), motion.blend == 0)]
 
     def _switched(self, motion: MoveJ | MoveL) -> list[str]:
-        words = motion.posture.switches if motion.posture else ()
+        words = (motion.posture or NO_POSTURE).switches
         if not words or words == self._switches:
             return []
         if self.posture:
@@ -419,7 +421,7 @@ class VPlus(Post):
         lines = self._head(program, name, (self.tool,))
         lines += [f"{IN}CALL {name}.{k}()" for k in range(1, len(parts) + 1)]
         lines += self.end(program)
-        speed = ""
+        speed: list[str] = []
         switches: list[str] = []
         planned = any(motion.posture for motion in program.columns.moves)
         # A printed part is one text, which each access to a line splits.
@@ -431,7 +433,7 @@ class VPlus(Post):
                     f"{IN}SET {self.work} = {self._lines.trans(program.base_from_work)}",
                 ]
             # Each part sets its speed and posture: it is not confirmed that a CALL keeps them.
-            lines += [*([speed] if speed else ()), *switches, *part, f"{IN}RETURN", ".END"]
+            lines += [*speed, *switches, *part, f"{IN}RETURN", ".END"]
             speed = _last_speed(part, speed)
             switches = rules.last_switches(part, switches) if planned else []
         return (OutputFile(self.file_name(program), "\n".join(lines) + "\n"),)
@@ -457,5 +459,5 @@ class VPlus(Post):
         return (text, OutputFile(file, records.data(identity, body)))
 
 
-def _last_speed(part: Sequence[str], before: str) -> str:
-    return next((line for line in reversed(part) if line.startswith(f"{IN}SPEED ")), before)
+def _last_speed(part: Sequence[str], before: list[str]) -> list[str]:
+    return next(([line] for line in reversed(part) if line.startswith(f"{IN}SPEED ")), before)

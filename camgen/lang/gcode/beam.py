@@ -48,8 +48,9 @@ class Beam:
 
     def at_rest(self, power: float, spindle: str, mode: str) -> Output | None:
         """The output while the machine stands, None for no change."""
-        is_on = spindle == "M3" and mode in _WORKING_MODES
-        return self._set(power if is_on else 0.0)
+        if spindle == "M3" and mode in _WORKING_MODES:
+            return self._set(power)
+        return self._set(0.0)
 
     def _set(self, level: float) -> Output | None:
         if level == self.level:

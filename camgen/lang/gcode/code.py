@@ -27,6 +27,7 @@ from camgen.lang.code import (
 from camgen.lang.gcode.interpreter import Interpreter, Macro, OWord
 from camgen.lang.gcode.machine import Grammar
 from camgen.lang.gcode.words import BLANKS, LineError, bare, drop_comments
+from camgen.lang.values import require
 
 _START = re.compile(r"[ \t]*/?[ \t]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO]")
 _PROGRAM = re.compile(
@@ -141,9 +142,7 @@ class _Program(Compiler):
 
     def _read_o_word(self, raw: str) -> None:
         text = bare(raw)
-        match = _O_WORD.fullmatch(text)
-        if not match:
-            raise LineError(f"cannot read the O-word {text[:16]!r}")
+        match = require(_O_WORD.fullmatch(text), LineError(f"cannot read the O-word {text[:16]!r}"))
         name, digits, expression, word, rest = match.groups()
         label = expression
         if not label:
@@ -159,7 +158,7 @@ class _Program(Compiler):
 
     def _get_block(self, o_word: OWord, opener: str) -> Block:
         """The innermost block, which an O-word continues or ends. Raises LineError."""
-        top = self.blocks[-1] if self.blocks else None
+        top = self.innermost
         if top is None or top.kind != f"o{o_word.label} {opener}":
             inside = f"; {top.kind} is open" if top else ""
             raise LineError(f"o{o_word.label} {o_word.word} has no {opener} before it{inside}")
@@ -202,7 +201,7 @@ class _Program(Compiler):
         self.close(self._close(o_word, "if"))
 
     def _while(self, o_word: OWord) -> None:
-        top = self.blocks[-1] if self.blocks else None
+        top = self.innermost
         if top is not None and top.kind == f"o{o_word.label} do":
             self.close_loop(self.blocks.pop(), Condition(o_word))
         else:
@@ -247,8 +246,7 @@ class _Program(Compiler):
             self._end_loop(rest, macro)
         elif loop := _LOOP.fullmatch(word + rest):
             macro.number = loop[1].lstrip("0") or "0"
-            condition = Condition(macro)
-            self.open(f"DO {macro.number}", LoopStart(self.line, condition=condition))
+            self.open(f"DO {macro.number}", LoopStart(self.line, condition=Condition(macro)))
         else:
             self.add(Act(self.line, do=Interpreter.test_alone, operand=macro))
 

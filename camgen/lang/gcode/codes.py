@@ -16,7 +16,8 @@ from camgen.lang.gcode.turning import run_lathe_cycle
 from camgen.lang.gcode.words import LineError
 from camgen.model.program import ToolChange, Wait
 
-_INCH = 25.4
+#: mm: the unit of length of each code.
+_UNITS = {"G20": 25.4, "G21": 1.0}
 _POINTED = re.compile(r"p[ \t]*[0-9]*\.", re.IGNORECASE)
 _WORKS = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
 #: Fields of the machine that M70 and M73 save and M72 restores (LinuxCNC manual).
@@ -59,7 +60,7 @@ def feed(m: Machine, words: dict[str, float], codes: Mapping[str, str]) -> None:
         return
     scale, change = m.scale, codes.get("units")
     if change is not None:
-        unit = _INCH if change == "G20" else 1.0
+        unit = _UNITS.get(change, 1.0)
         if m.dialect.unit_first is None and unit != scale:
             raise LineError(
                 "F in the line that changes the unit: controllers differ in which unit it has"
@@ -68,7 +69,7 @@ def feed(m: Machine, words: dict[str, float], codes: Mapping[str, str]) -> None:
             scale = unit
         elif unit != m.unit:
             m.log.find("unusual", f"F{value:g} counts in the unit before {change}", once="unit")
-    m.feed = value * scale / (1.0 if mode == "G95" else 60.0)
+    m.feed = value * scale / m.feed_scale
     m.named.pop("_feed", None)
 
 
@@ -168,7 +169,7 @@ def set_output(m: Machine, code: str, words: dict[str, float]) -> None:
     if index < 0 or index != int(index):
         raise LineError(f"{code} without the number of its output")
     if not analog:
-        m.switch(f"dout{int(index)}", 1.0 if code in ("M62", "M64") else 0.0)
+        m.switch(f"dout{int(index)}", float(code in ("M62", "M64")))
     elif "Q" not in words:
         raise LineError(f"{code} without its value (Q)")
     else:
@@ -178,7 +179,7 @@ def set_output(m: Machine, code: str, words: dict[str, float]) -> None:
 def _wait_for_input(m: Machine, words: dict[str, float]) -> None:
     name = f"din{words.pop('P'):.0f}" if "P" in words else f"ain{words.pop('E', 0.0):.0f}"
     waits, _ = words.pop("L", 0.0), words.pop("Q", 0.0)
-    value = 1.0 if waits in (1.0, 3.0) else 0.0
+    value = float(waits in (1.0, 3.0))
     what = f"{name} is {value:g}"
     if waits:
         what += ", and its wait over at once"
@@ -265,7 +266,7 @@ def _set_mode(m: Machine, code: str, _words: dict[str, float]) -> None:
 
 
 def _units(m: Machine, code: str, _words: dict[str, float]) -> None:
-    unit = _INCH if code == "G20" else 1.0
+    unit = _UNITS.get(code, 1.0)
     if m.feed > 0 and m.unit not in (None, unit):
         # The feed keeps its speed, and F its number.
         m.named.setdefault("_feed", find_feed(m))
@@ -273,7 +274,7 @@ def _units(m: Machine, code: str, _words: dict[str, float]) -> None:
 
 
 def _path(m: Machine, code: str, words: dict[str, float]) -> None:
-    m.blend = 1.0 if code == "G64" else 0.0
+    m.blend = float(code == "G64")
     if code == "G64":
         words.pop("P", None)
         words.pop("Q", None)

@@ -249,8 +249,7 @@ def perform(chunk: Chunk, state: MotionState, low: int, high: int) -> RunEffect 
         of_motion, ends, vias = _insert(divided, ends, vias)
         rows, digit, feed = rows[of_motion], digit[of_motion], feed[of_motion]
     outputs = {line: output for line, output in chunk.outputs.items() if low <= line < end}
-    output_lines = np.fromiter(outputs, np.intp, len(outputs))
-    lines = np.concatenate([rows + chunk.first, output_lines])
+    lines = np.concatenate([rows + chunk.first, np.fromiter(outputs, np.intp, len(outputs))])
     order = np.argsort(lines, kind="stable")
     is_rapid, is_curved = digit == 0, vias[:, 0] == vias[:, 0]  # without NaN
     kinds = np.where(is_rapid, NUMBER[MoveJ], np.where(is_curved, NUMBER[MoveC], NUMBER[MoveL]))

@@ -151,15 +151,15 @@ def speed_of(m: Machine) -> float:
     return m.feed if m.feed_mode == "G94" else per_turn(m)
 
 
-def _plain(m: Machine, hole: _Hole) -> None:
+def _drill(m: Machine, hole: _Hole) -> None:
+    """G81, G82 and G89: the last two wait at the bottom, and G89 retracts at feed."""
     _move_at_feed(m, hole.axis, hole.bottom)
-    _move_rapid(m, hole.axis, hole.clear)
-
-
-def _dwelling(m: Machine, hole: _Hole) -> None:
-    _move_at_feed(m, hole.axis, hole.bottom)
-    m.add(Wait(_seconds(m)))
-    _move_rapid(m, hole.axis, hole.clear)
+    if m.motion != "G81":
+        m.add(Wait(_seconds(m)))
+    if m.motion == "G89":
+        _move_at_feed(m, hole.axis, hole.clear)
+    else:
+        _move_rapid(m, hole.axis, hole.clear)
 
 
 def _bore(m: Machine, hole: _Hole) -> None:
@@ -167,12 +167,6 @@ def _bore(m: Machine, hole: _Hole) -> None:
     _move_at_feed(m, hole.axis, hole.retract)
     if hole.clear != hole.retract:
         _move_rapid(m, hole.axis, hole.clear)
-
-
-def _bore_dwelling(m: Machine, hole: _Hole) -> None:
-    _move_at_feed(m, hole.axis, hole.bottom)
-    m.add(Wait(_seconds(m)))
-    _move_at_feed(m, hole.axis, hole.clear)
 
 
 def _stop(m: Machine, hole: _Hole) -> None:
@@ -262,6 +256,6 @@ def _back_bore(m: Machine, hole: _Hole) -> None:
 
 #: The motions of a hole, by cycle.
 _CYCLES: dict[str, Callable[[Machine, _Hole], None]] = {
-    "G73": _peck, "G81": _plain, "G82": _dwelling, "G83": _peck, "G85": _bore, "G86": _stop,
-    "G89": _bore_dwelling, "G74": _tap, "G84": _tap, "G87": _back_bore, "G88": _by_hand,
+    "G73": _peck, "G81": _drill, "G82": _drill, "G83": _peck, "G85": _bore, "G86": _stop,
+    "G89": _drill, "G74": _tap, "G84": _tap, "G87": _back_bore, "G88": _by_hand,
 }  # fmt: skip

@@ -10,7 +10,7 @@ from functools import lru_cache, partial
 from msgspec import Struct
 
 from camgen.lang.code import Code, End, Jump, Return, Step
-from camgen.lang.flow import Choice, Counter, Flow, Rules
+from camgen.lang.flow import Counter, Flow, MachineLanguage, Rules
 from camgen.lang.gcode.codes import ORDER, feed, speed_and_tool
 from camgen.lang.gcode.machine import Leap, Machine
 from camgen.lang.gcode.macros import read_goto, set_then, test_branch, test_loop
@@ -19,7 +19,6 @@ from camgen.lang.gcode.predefined import find_value
 from camgen.lang.gcode.third_party import begin, end
 from camgen.lang.gcode.words import COMMENT, Line, LineError, Parameters, value_at
 from camgen.lang.run import Budget, Ended, Stopped
-from camgen.lang.values import Unknown
 
 #: Number of different lines whose words are kept.
 _KEPT_LINES = 200
@@ -67,7 +66,7 @@ class RoundCount(Struct):
     value: float = 0.0
 
 
-class Interpreter:
+class Interpreter(MachineLanguage):
     """The run of a program.
 
     machine: the machine that the lines move.
@@ -293,7 +292,7 @@ class Interpreter:
         values = self._read_values(o_word, 2)
         if not self.depth:
             raise LineError(f"o{o_word.label} {o_word.word} outside a subroutine that was called")
-        self._known.shared["_value"] = values[0] if values else 0.0
+        self._known.shared["_value"] = next(iter(values), 0.0)
         self._known.shared["_value_returned"] = float(bool(values))
         return Return(self.machine.line)
 
@@ -360,10 +359,9 @@ class Interpreter:
         return self._jump(self._find_step(read_goto(macro.rest, self._known)))
 
     # -- answers to the engine (`camgen.lang.flow.Language`) -----------------------------------
-
-    def begin(self, step: Step) -> None:
-        """A step begins."""
-        self.machine.line = step.line
+    # No case: G-code has none. No choice: each value is known, or assumed where it is read. No
+    # state: nothing outside of a program changes its parameters, so that a loop which stands still
+    # never ends, and the run stops at its limit.
 
     def evaluate(self, expression: OWord | Macro | RoundCount) -> float:
         """The value of a condition, or of the variable of a repeat."""
@@ -373,12 +371,6 @@ class Interpreter:
             return self._read_values(expression, 1)[0]
         return self._test_macro(expression)
 
-    to_number = staticmethod(float)
-
-    def matches(self, value: float, tests: object) -> bool:
-        """Raises LineError: G-code has no cases."""
-        raise LineError(f"the case {tests} of {value:g} is not evaluated")
-
     def open_count(self, count: OWord) -> Counter:
         """The rounds of a repeat."""
         return Counter(RoundCount(), 1.0, float(int(self._read_values(count, 1)[0])))
@@ -386,23 +378,6 @@ class Interpreter:
     def assign(self, target: RoundCount, value: float) -> None:
         """Set the variable of a repeat."""
         target.value = value
-
-    def count_instructions(self) -> int:
-        """The number of instructions so far."""
-        return len(self.machine.body)
-
-    def read_state(self) -> None:
-        """No state: a loop that stands still never ends, and the run stops at its limit.
-
-        Nothing outside of a G-code program changes its parameters, so nothing ends such a loop.
-        """
-
-    def assume(
-        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
-    ) -> bool:
-        """Raises LineError: each value of G-code is known, or assumed where it is read."""
-        del unknown, length
-        raise LineError(f"{choice.name} of line {step.line} is not evaluated")
 
     def report(self, _step: Step, error: Exception) -> None:
         """Refuse a word of the flow. The run goes on after it, unless the machine stops."""

@@ -334,7 +334,14 @@ class Machine:
     @property
     def scale(self) -> float:
         """Length of one unit of the program, mm; 1 before the program states it."""
-        return 1.0 if self.unit is None else self.unit
+        return self.unit or 1.0
+
+    @property
+    def feed_scale(self) -> float:
+        """F per minute, or per turn (G95), for a feed of 1 per second or per turn."""
+        if self.feed_mode == "G95":
+            return 1.0
+        return 60.0
 
     @property
     def power(self) -> float:

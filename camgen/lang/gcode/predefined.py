@@ -116,7 +116,7 @@ def find_feed(m: Machine) -> float:
     """The number of F for the feed in force, in the unit of the program and its feed mode."""
     if m.feed_mode == "G93":
         return m.feed * 60.0
-    return m.feed / m.scale * (1.0 if m.feed_mode == "G95" else 60.0)
+    return m.feed / m.scale * m.feed_scale
 
 
 def _ask_machine(m: Machine, name: str, value: float) -> float:

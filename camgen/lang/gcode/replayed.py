@@ -62,7 +62,7 @@ def replay(
         _list_remarks(m),
         m.held,
         m.entry,
-        reasons[0] if reasons else None,
+        next(iter(reasons), None),
         ended=m.ended,
         units="mm" if m.scale == 1.0 else "inch",
     )

@@ -20,7 +20,7 @@ from camgen.lang.gcode.dialects import DIALECTS, Dialect, find_other, recognise
 from camgen.lang.gcode.interpreter import Interpreter, has_speed
 from camgen.lang.gcode.machine import Machine, Profile
 from camgen.lang.gcode.words import COMMENT, LineError
-from camgen.lang.programs import Executed, Frames, RunRequest
+from camgen.lang.programs import Executed, Frames, RunRequest, index_frames
 from camgen.lang.run import Stopped
 from camgen.model.program import Output
 
@@ -88,7 +88,7 @@ def run_program(
         on_off=not has_speed(lines),
         pause=dialect.dwell,
         to_start=dialect.to_start or None,
-        fewest_holes=0 if dialect.increments else 1,
+        fewest_holes=int(not dialect.increments),
     )
     _set_beam(m, text)
     words = COMMENT.sub("", "\n".join(files.values()))
@@ -112,8 +112,7 @@ def run_program(
 
 
 def _set_beam(m: Machine, text: str) -> None:
-    is_on = m.given.get("laser", float(sets_laser_mode(text)))
-    if m.dialect.name == "grbl" and is_on:
+    if m.dialect.name == "grbl" and m.given.get("laser", float(sets_laser_mode(text))):
         m.beam = Beam("process" if m.on_off else "spindle")
 
 
@@ -197,7 +196,7 @@ def _list_frames(m: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
             index = table.setdefault((f"T{tool}" if tool else "", work), len(table))
             frame += [index] * (end - begin)
     frames = tuple(Frames(tool=tool, work=work) for tool, work in table)
-    return frames, tuple(frame) if len(frames) > 1 else ()
+    return frames, index_frames(frames, frame)
 
 
 def _list_facts(m: Machine) -> tuple[tuple[str, str], ...]:

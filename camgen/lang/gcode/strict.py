@@ -194,8 +194,7 @@ class Strict:
         number = int(match[2])
         if f"M6{match[1]}" not in self.rules.codes or number >= self.expect.digital:
             return None
-        name = self.expect.names.get(f"dout{number}", f"P{number}")
-        return Output(name, 1.0 if match[1] == "4" else 0.0)
+        return Output(self.expect.names.get(f"dout{number}", f"P{number}"), float(match[1] == "4"))
 
     def clean(self, m: Machine, raw: str) -> str:
         """The words of a line, in lower case and without blanks.

@@ -75,7 +75,7 @@ def _rename_spindle(body: Body, names: Mapping[str, str], power: float) -> Body:
     renamed: list[Instruction] = []
     for item in body.objects:
         if isinstance(item, Output) and item.signal == "spindle":
-            renamed.append(Output(signal, 1.0 if item.value else 0.0))
+            renamed.append(Output(signal, float(item.value != 0)))
         else:
             renamed.append(item)
     return Body(body.packed, body.rotations, renamed)

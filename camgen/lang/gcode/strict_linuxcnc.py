@@ -8,15 +8,14 @@ refused by name.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from camgen.lang.gcode import arcs
 from camgen.lang.gcode.strict import Expect, list_lines, list_written, run, signals, spiral
 from camgen.lang.gcode.strict_text import Controller
 from camgen.lang.log import Log
 from camgen.lang.post_options import read_number
-from camgen.lang.programs import Executed
-from camgen.model.program import Instruction, Output
+from camgen.lang.programs import Executed, name_outputs
 
 _CODES = """
     G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G43 G49 G53 G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3
@@ -91,15 +90,4 @@ def _read_third_party(
         log.find("refused", f"{reason}; nothing from here on is read", line=line)
     elif not program.ended:
         log.find("refused", "the program has no end (M2 or M30)", line=len(lines))
-    body = rename(program.body, names)
-    return Executed(body, program.lines, findings=log.list_findings())
-
-
-def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instruction, ...]:
-    """`body` with the names of signals for the outputs that have one."""
-    return tuple(
-        Output(names[item.signal], item.value)
-        if isinstance(item, Output) and item.signal in names
-        else item
-        for item in body
-    )
+    return Executed(name_outputs(program.body, names), program.lines, findings=log.list_findings())

@@ -84,8 +84,7 @@ _TAKE_AXES = frozenset(["G10", "G28", "G30", "G52", "G92"])
 def read_grammar(m: Machine) -> Grammar:
     """The words that change the flow. All dialects but GRBL have numbers of programs."""
     dialect = m.dialect
-    numbers = dialect.open or dialect.flow
-    return Grammar(dialect.flow, numbers, dialect.increments, dialect.nested)
+    return Grammar(dialect.flow, dialect.open or dialect.flow, dialect.increments, dialect.nested)
 
 
 # -- text -> codes and words -----------------------------------------------------------------------
@@ -369,7 +368,7 @@ def _add_increments(m: Machine, codes: Mapping[str, str], words: dict[str, float
         if letter not in words or axis in words:
             continue
         k, is_diameter = AXES.index(axis), m.dialect.diameter and axis == "X"
-        increment = words.pop(letter) / (2 if is_diameter else 1)
+        increment = words.pop(letter) / (1 + is_diameter)
         start = m.turned(list(m.at), True)[k]
         words[axis] = increment
         if not m.incremental:

@@ -53,8 +53,7 @@ def _spline(m: Machine, code: str, words: dict[str, float]) -> None:
             (x1, y1),
         ]
         m.going_on = (-(last[0] or 0.0), -(last[1] or 0.0))
-    curve = _bezier(points)
-    _feed(m, _divide(m, curve, z0, end[2]), m.feed)
+    _feed(m, _divide(m, _bezier(points), z0, end[2]), m.feed)
 
 
 def _bezier(points: Sequence[Vec2]) -> Callable[[float], Vec2]:
@@ -153,7 +152,7 @@ def _thread(m: Machine, code: str, words: dict[str, float]) -> None:
     if "K" in words:
         pitch = abs(words.pop("K")) * m.scale
     else:
-        pitch = m.feed * (1.0 if m.feed_mode == "G95" else 60.0)
+        pitch = m.feed * m.feed_scale
     if not pitch:
         raise LineError(f"{code} without its pitch (K)")
     start = m.position()
@@ -180,24 +179,25 @@ def _threads(m: Machine, code: str, words: dict[str, float]) -> None:
     power = 1.0 / max(w["R"], 1.0)
     while first * (len(depths) + 1) ** power < full and len(depths) < m.bounds.gcode_pieces:
         depths.append(first * (len(depths) + 1) ** power)
-    tangent, taper, ends = math.tan(math.radians(w["Q"])), w["E"] * m.scale, int(w["L"])
-    bottom = z1 + full * tangent if z1 < z0 else z1 - full * tangent
+    # The thread leads towards -Z, or towards +Z.
+    along = -math.copysign(1.0, z1 - z0)
+    tangent, taper = along * math.tan(math.radians(w["Q"])), along * w["E"] * m.scale
+    ends, bottom = int(w["L"]), z1 + full * tangent
     for depth in [*depths, full, *[full] * min(int(w["H"]), 100)]:
-        back = depth * tangent if z1 < z0 else -depth * tangent
+        back = depth * tangent
         clear, cut = x0 + side * (depth - full), x0 + side * (abs(peak) + depth)
         out = cut - side * full
-        toward = taper if z1 < z0 else -taper
         m.move_rapidly((clear, y0, z0 - back))
         if taper and ends & 1:
-            _feed(m, [(out, y0, z0 - back), (cut, y0, z0 - back - toward)], speed)
+            _feed(m, [(out, y0, z0 - back), (cut, y0, z0 - back - taper)], speed)
         else:
             m.move_rapidly((cut, y0, z0 - back))
         if taper and ends & 2:
-            _feed(m, [(cut, y0, bottom - back + toward), (out, y0, bottom - back)], speed)
+            _feed(m, [(cut, y0, bottom - back + taper), (out, y0, bottom - back)], speed)
         else:
             _feed(m, [(cut, y0, bottom - back)], speed)
         m.move_rapidly((clear, y0, bottom - back))
-    m.move_rapidly((x0, y0, bottom - full * tangent if z1 < z0 else bottom + full * tangent))
+    m.move_rapidly((x0, y0, bottom - full * tangent))
 
 
 def _probe(m: Machine, code: str, words: dict[str, float]) -> None:

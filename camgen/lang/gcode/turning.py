@@ -95,7 +95,7 @@ def _find_start(m: Machine, words: dict[str, float]) -> Vec3:
     if m.dialect.diameter:
         return x, y, z
     if "X" in words:
-        x = words["X"] * m.scale / (2 if m.lathe else 1) + m.shift[0]
+        x = words["X"] * m.scale / (1 + m.lathe) + m.shift[0]
     if "Z" in words:
         z = words["Z"] * m.scale + m.shift[2]
     return x, y, z
@@ -164,8 +164,7 @@ def _finish(m: Machine, words: dict[str, float], steps: range, start: Vec3) -> N
     if first or last:
         m.assume("G70 with D or E: the profile is moved along X by as much")
     for k in range(times):
-        distance = first + (last - first) * k / max(times - 1, 1)
-        _follow(m, profile, (distance, 0.0))
+        _follow(m, profile, (first + (last - first) * k / max(times - 1, 1), 0.0))
 
 
 def _follow(m: Machine, profile: Sequence[Item], shift: tuple[float, float]) -> None:
@@ -207,8 +206,9 @@ def _rough(m: Machine, cycle: _Roughing, profile: Sequence[Item]) -> None:
     start, across, along = cycle.start, cycle.across, 2 - cycle.across
     points = [(x + cycle.shift[0], z + cycle.shift[1]) for x, z in _list_points(profile, start)]
     distances = [point[across // 2] for point in points]
-    across_sign = -1.0 if min(distances) < start[across] - _SAME else 1.0
-    last_level = min(distances) if across_sign < 0 else max(distances)
+    across_sign, last_level = 1.0, max(distances)
+    if min(distances) < start[across] - _SAME:
+        across_sign, last_level = -1.0, min(distances)
     along_sign = -1.0 if points[-1][along // 2] < start[along] else 1.0
     level, passes = start[across] + (across_sign * cycle.cut if cycle.fanuc else 0.0), 0
     while (level - last_level) * -across_sign > _SAME and passes < m.limits.pieces:

@@ -7,7 +7,9 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
+from camgen.lang.values import require
 from camgen.lang.word_tables import by_word
 
 
@@ -52,17 +54,16 @@ class Parameters:
     def get(self, key: int | str) -> float:
         """Return the value of a parameter. Raises LineError if no line has set it."""
         if isinstance(key, str):
-            value = (self.shared if key.startswith("_") else self.named).get(key)
-            value = self.machine(key) if value is None else value
+            value = self._find_table(key).get(key)
+            if value is None:
+                value = self.machine(key)
             if value is None:
                 raise LineError(f"#<{key}> is used before it is set")
             return value
         if key < 1:
             raise LineError(f"#{key} is not a parameter")
-        if key <= LOCALS:
-            return self.arguments.get(key, 0.0)
         if key <= GLOBALS:
-            return self.numbered.get(key, 0.0)
+            return self._find_table(key).get(key, 0.0)
         if key in self.numbered:
             return self.numbered[key]
         value = self.machine(str(key))
@@ -75,17 +76,23 @@ class Parameters:
         if isinstance(key, str):
             if self.machine(key) is not None:
                 raise LineError(f"#<{key}> cannot be set")
-            (self.shared if key.startswith("_") else self.named)[key] = value
         elif key < 1 or 5400 <= key <= 5428:
             raise LineError(f"#{key} is a value of the machine and is not set here")
-        else:
-            (self.arguments if key <= LOCALS else self.numbered)[key] = value
+        self._find_table(key)[key] = value
+
+    def _find_table(self, key: int | str) -> dict[Any, float]:
+        if isinstance(key, str):
+            if key.startswith("_"):
+                return self.shared
+            return self.named
+        if key <= LOCALS:
+            return self.arguments
+        return self.numbered
 
     def has(self, key: int | str) -> bool:
         """Return whether a parameter is set."""
         if isinstance(key, str):
-            known = key in (self.shared if key.startswith("_") else self.named)
-            return known or self.machine(key) is not None
+            return key in self._find_table(key) or self.machine(key) is not None
         return 1 <= key <= GLOBALS
 
 
@@ -331,7 +338,8 @@ def drop_comments(raw: str, nested: bool) -> str:
     nested: whether comments nest. Else the first closing parenthesis ends one, as in GRBL.
     """
     head = raw.partition(";")[0]
-    raw = raw if "(" in head else head
+    if "(" not in head:
+        raw = head
     kept, depth = [], 0
     for letter in raw:
         if letter == "(":
@@ -351,9 +359,7 @@ def without_number(text: str) -> str:
     """A line in lower case without its number, N10. Raises LineError."""
     if not text.startswith("n"):
         return text
-    numbered = _NUMBERED.match(text)
-    if not numbered:
-        raise LineError("N without a number")
+    numbered = require(_NUMBERED.match(text), LineError("N without a number"))
     return text[numbered.end() :]
 
 

@@ -49,6 +49,7 @@ from camgen.lang.pacscript.statements import (
 )
 from camgen.lang.pacscript.values import Unreadable
 from camgen.lang.pacscript.words import RESERVED
+from camgen.lang.values import require
 
 _LABEL = re.compile(
     r"\*\s*([a-z_]\w*)\s*:?\s*(.*)|([a-z_]\w*)\s*:(?!=)\s*(.*)", re.IGNORECASE | re.DOTALL
@@ -167,9 +168,8 @@ class _Compiler(Compiler):
                     text = label[2] or label[4] or ""
                     continue
             verb = VERB.match(text)
-            word = verb[1].lower() if verb else ""
-            if word == "if" or (word in ("else", "elseif") and verb):
-                self.conditional(word, verb[2] if verb else "")
+            if verb and verb[1].lower() in ("if", "else", "elseif"):
+                self.conditional(verb[1].lower(), verb[2])
                 return
             text, rest = _cut_colon(text) if ":" in text else (text, "")
             self.simple(text)
@@ -182,17 +182,14 @@ class _Compiler(Compiler):
 
     def simple(self, text: str) -> None:
         """A statement that is not a condition."""
-        verb = VERB.fullmatch(text)
-        if verb is None:
-            raise Unreadable(f"{text[:60]} is not understood")
+        verb = require(VERB.fullmatch(text), Unreadable(f"{text[:60]} is not understood"))
         word, rest = verb[1].lower(), verb[2]
         if handler := _FLOW.get(word):
             handler(self, rest)
         elif order := ORDERS.get(word):
             self.act(order, order.read(word, rest))
         elif word in DECLARE:
-            declarations = read_declarations(word, rest, self.pac)
-            self.add(Act(self.line, do=declare, operand=declarations))
+            self.add(Act(self.line, do=declare, operand=read_declarations(word, rest, self.pac)))
         elif word in SILENT:
             if rest.count('"') % 2:
                 raise Unreadable("a text has no end")
@@ -232,23 +229,19 @@ class _Compiler(Compiler):
         if word == "if":
             self._if(rest)
             return
-        block = self.blocks[-1] if self.blocks else None
+        block = self.innermost
         if block is None or block.kind != "if" or block.pending is None:
             raise Unreadable(f"{word.capitalize()} without If")
         self.add_alternative(block)
         if word == "elseif":
-            match = _IF.fullmatch(rest)
-            if match is None:
-                raise Unreadable("ElseIf without Then")
+            match = require(_IF.fullmatch(rest), Unreadable("ElseIf without Then"))
             self.add_condition(block, make_condition(parse(match[1].strip())))
             rest = match[3]
         if rest.strip():
             self._statement(rest.strip().removeprefix(":"))
 
     def _if(self, rest: str) -> None:
-        match = _IF.fullmatch(rest)
-        if match is None:
-            raise Unreadable("If without Then")
+        match = require(_IF.fullmatch(rest), Unreadable("If without Then"))
         tail = match[3].strip()
         if match[2].lower() == "goto":
             tail = "goto " + tail
@@ -311,8 +304,7 @@ class _Compiler(Compiler):
             raise Unreadable("For needs a name, = and To")
         step = parse(match[3].strip()) if match[3] is not None else Node("number", 1.0)
         counter, first, last = (parse(text.strip()) for text in (rest[:at], match[1], match[2]))
-        count = CountRange(counter, first, last, step)
-        self.open("for", CountStart(self.line, count=count))
+        self.open("for", CountStart(self.line, count=CountRange(counter, first, last, step)))
 
     def next_(self, _rest: str) -> None:
         """``Next [i]``."""
@@ -324,8 +316,7 @@ class _Compiler(Compiler):
 
     def loop(self, rest: str) -> None:
         """``Loop [While|Until condition]``."""
-        block = self.end("do")
-        self.close_loop(block, read_loop_condition(rest))
+        self.close_loop(self.end("do"), read_loop_condition(rest))
 
     def while_(self, rest: str) -> None:
         """``While condition``."""
@@ -341,8 +332,7 @@ class _Compiler(Compiler):
 
     def until(self, rest: str) -> None:
         """``Until condition``."""
-        block = self.end("repeat")
-        self.close_loop(block, make_condition(parse(rest), wanted=False))
+        self.close_loop(self.end("repeat"), make_condition(parse(rest), wanted=False))
 
     def select(self, rest: str) -> None:
         """``Select Case value``."""
@@ -353,7 +343,7 @@ class _Compiler(Compiler):
 
     def case(self, rest: str) -> None:
         """``Case value, a To b, Is > c`` or ``Case Else``."""
-        block = self.blocks[-1] if self.blocks else None
+        block = self.innermost
         if block is None or block.kind != "select":
             raise Unreadable("Case without Select Case")
         self.end_case(block)
@@ -378,16 +368,16 @@ class _Compiler(Compiler):
 
     def goto(self, rest: str) -> None:
         """``GoTo label``."""
-        goal = _GOAL.fullmatch(rest.strip())
-        if goal is None:
-            raise Unreadable(f"GoTo {rest[:40]} is not understood")
+        goal = require(
+            _GOAL.fullmatch(rest.strip()), Unreadable(f"GoTo {rest[:40]} is not understood")
+        )
         self.jump(goal[1].lower())
 
     def gosub(self, rest: str) -> None:
         """``GoSub label``."""
-        goal = _GOAL.fullmatch(rest.strip())
-        if goal is None:
-            raise Unreadable(f"GoSub {rest[:40]} is not understood")
+        goal = require(
+            _GOAL.fullmatch(rest.strip()), Unreadable(f"GoSub {rest[:40]} is not understood")
+        )
         self.add(Call(self.line, label=goal[1].lower()))
 
     def on(self, rest: str) -> None:

@@ -14,6 +14,7 @@ from camgen.lang.pacscript.functions import (
     FUNCTIONS,
     calculate,
     call,
+    get_value,
     numbers,
     place,
     turned,
@@ -38,7 +39,7 @@ from camgen.lang.pacscript.values import (
     vector,
     with_figure,
 )
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import IDENTITY, Pose
 from camgen.model.program import Joints
 
@@ -222,9 +223,7 @@ def select_element(array: Array, values: list[Value]) -> Value:
 
 def evaluate_call(run: State, word: str, parts: tuple[Node, ...]) -> Value:
     """Evaluate `name(...)`: an element of an array, a procedure of the program, or a function."""
-    held = run.scope.names.get(word)
-    if held is None:
-        held = run.module_scope.names.get(word)
+    held = _find_variable(run, word)
     if isinstance(held, Array):
         return select_element(held, [run.evaluate(part) for part in parts])
     if procedure := run.find_procedure(word):
@@ -240,8 +239,7 @@ def evaluate_call(run: State, word: str, parts: tuple[Node, ...]) -> Value:
         return _construct(word, values) if word in _MADE else call(word, values)
     if word == "outrange":
         run.machine.log.assume("places that OutRange asks for are within reach", word)
-        given = run.machine.given(word)
-        return given if given is not None else 0.0
+        return run.machine.given(word) or 0.0
     if word in ASKED:
         return run.machine.unknown(word, word)
     return run.leave_out(word)
@@ -304,7 +302,7 @@ def _mps(run: State, values: list[Value]) -> Value:
 
 def _to_joints(_run: State, values: list[Value]) -> Value:
     """Evaluate `J2P` or `J2T`. The position is unknown, so the joint values themselves are kept."""
-    value = values[0] if values else 0.0
+    value = get_value(values, 0, 0.0)
     if isinstance(value, tuple):
         value = joints(numbers(list(value)))
     if not isinstance(value, Joints):
@@ -320,8 +318,9 @@ def _ask_operator(run: State, _values: list[Value]) -> Value:
 
 def _shift(run: State, values: list[Value]) -> Value:
     """Evaluate `Dev`. The reference does not state about which axes it rotates."""
-    offset = values[1] if len(values) > 1 else 0.0
-    offset = fit(offset, "position") if isinstance(offset, tuple) else offset
+    offset = get_value(values, 1, 0.0)
+    if isinstance(offset, tuple):
+        offset = fit(offset, "position")
     if isinstance(offset, Pose) and not np.array_equal(offset.rotation, IDENTITY):
         run.machine.log.assume(
             "the angles of Dev are assumed to be turns about the axes of the work frame"
@@ -360,8 +359,7 @@ def _frame(run: State, kind: str, values: list[Value]) -> Value:
     if not values or isinstance(values[0], Unknown):
         return Unknown(f"a {kind} frame")
     at = int(number(values[0]))
-    pose = run.machine.pose_of(kind, at)
-    return pose if pose is not None else Unknown(f"{kind} {at}")
+    return run.machine.pose_of(kind, at) or Unknown(f"{kind} {at}")
 
 
 # Assignments.
@@ -369,8 +367,7 @@ def _frame(run: State, kind: str, values: list[Value]) -> Value:
 
 def _find_variable(run: State, word: str) -> Value | None:
     """Return the value of a variable of the program, None if no variable has that name."""
-    value = run.scope.names.get(word)
-    return run.module_scope.names.get(word) if value is None else value
+    return run.scope.names.get(word, run.module_scope.names.get(word))
 
 
 def assign(run: State, target: Node, value: Value) -> None:
@@ -414,9 +411,9 @@ def _assign_stored(run: State, letter: str, at: int, value: Value) -> None:
 
 def _assign_element(run: State, target: Node, value: Value) -> None:
     word = str(target.content)
-    array = run.scope.names.get(word, run.module_scope.names.get(word))
+    array = _find_variable(run, word)
     indices = [run.evaluate(part) for part in target.parts]
-    if any(isinstance(position_value, Unknown) for position_value in indices):
+    if find_first_unknown(indices) is not None:
         return
     place_of = tuple(int(number(position_value)) for position_value in indices)
     if array is None or not isinstance(array, Array):
@@ -432,9 +429,7 @@ def fit(value: Value, kind: str) -> Value:
     """Convert a value to a type: lists become positions, numbers of integers are rounded."""
     if isinstance(value, Unknown) or kind == "variant":
         return value
-    if isinstance(value, tuple) and (
-        unknown := next((item for item in value if isinstance(item, Unknown)), None)
-    ):
+    if isinstance(value, tuple) and (unknown := find_first_unknown(value)):
         return unknown
     if kind in ("position", "trans"):
         return value if isinstance(value, (Pose, Joints, Array)) else place(value)
@@ -464,13 +459,9 @@ def assign_component(run: State, which: str, target: Node, value: Value) -> None
             return
         raise Unreadable(f"{old.what} is not known")
     if isinstance(old, ExternalPose):
-        assign(
-            run,
-            target,
-            old
-            if which in ("f", "fig")
-            else name_place(f"{old.base} as changed in line {run.machine.line}"),
-        )
+        if which not in ("f", "fig"):
+            old = name_place(f"{old.base} as changed in line {run.machine.line}")
+        assign(run, target, old)
     elif isinstance(value, Unknown):
         assign(run, target, value)
     elif isinstance(old, Vector) and which in "xyz":

@@ -49,6 +49,20 @@ class Node(NamedTuple):
 LEFT_OUT = Node("left out")
 
 
+def parse_optional(text: str | None) -> Node | None:
+    """Parse an expression; None for no text. Raises Unreadable."""
+    if text:
+        return parse(text)
+    return None
+
+
+def list_arguments(text: str) -> list[str]:
+    """Split the text of a list that may have no part."""
+    if text.strip():
+        return arguments(text)
+    return []
+
+
 def arguments(text: str) -> list[str]:
     """Split a text at the commas outside of brackets and quotes; each part is stripped."""
     flat = _PART.findall(text)

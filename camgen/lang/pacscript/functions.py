@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from camgen.lang.pacscript.values import (
     Value,
     Vector,
     Wrong,
+    base_of,
     components,
     describe_value,
     figure_of,
@@ -28,7 +30,7 @@ from camgen.lang.pacscript.values import (
     vector,
     with_figure,
 )
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import Pose, Vec3, frozen, rotation_from_fixed_xyz, to_vec3
 from camgen.model.program import Joints
 
@@ -41,6 +43,13 @@ def numbers(values: list[Value], maximum: int | None = None) -> list[float]:
     if maximum is not None and len(values) > maximum:
         raise Unreadable("too many values")
     return [number(value) for value in values]
+
+
+def get_value(values: Sequence[Value], at: int, default: Value) -> Value:
+    """Return the value at an index from 0, `default` without one."""
+    if at < len(values):
+        return values[at]
+    return default
 
 
 def place(value: Value) -> Pose:
@@ -159,7 +168,7 @@ def _bound(values: list[Value]) -> Value:
     array = values[0]
     if not isinstance(array, Array):
         raise Unreadable(f"{describe_value(array)} is not an array")
-    at = int(number(values[1])) - 1 if len(values) > 1 else 0
+    at = int(number(get_value(values, 1, 1.0))) - 1
     return float(array.tops[at]) if 0 <= at < len(array.tops) else 0.0
 
 
@@ -186,23 +195,23 @@ def _of_degrees(function: Callable[[float], float]) -> Callable[[list[Value]], V
 
 # Texts.
 
-_FORMAT = re.compile(r"%([-+ 0#]*)(\d{0,3})(?:\.(\d{1,3}))?([diufFeEgGsxXcoS%])")
+_FORMAT = re.compile(r"%([-+ 0#]*)(\d{0,3})(\.\d{1,3})?([diufFeEgGsxXcoS%])")
 
 
 def _sprintf(values: list[Value]) -> Value:
     rest = iter(values[1:])
 
     def format_value(match: re.Match[str]) -> str:
-        flags, width, digits, kind = match.groups()
+        flags, width, precision, kind = match.groups("")
         if kind == "%":
             return "%"
         value = next(rest, "")
         if kind in "sSc":
-            text = text_of(value)[: int(digits) if digits else None]
-            return text.ljust(int(width or 0)) if "-" in flags else text.rjust(int(width or 0))
-        whole = kind in "diuxXo"
-        form = f"%{flags}{width}{'.' + digits if digits else ''}{'d' if kind == 'u' else kind}"
-        return form % (int(number(value)) if whole else number(value))
+            return f"%{flags}{width}{precision}s" % text_of(value)
+        amount = number(value)
+        if kind in "diuxXo":
+            amount = int(amount)
+        return f"%{flags}{width}{precision}{kind.replace('u', 'd')}" % amount
 
     return _FORMAT.sub(format_value, text_of(values[0]))
 
@@ -218,7 +227,7 @@ def _value(values: list[Value]) -> Value:
 
 def _middle(values: list[Value]) -> Value:
     text, start = text_of(values[0]), max(0, int(number(values[1])) - 1)
-    return text[start : start + int(number(values[2])) if len(values) > 2 else None]
+    return text[start : start + int(number(get_value(values, 2, float(len(text)))))]
 
 
 def _left(values: list[Value]) -> Value:
@@ -231,9 +240,10 @@ def _right(values: list[Value]) -> Value:
 
 
 def _find(values: list[Value]) -> Value:
-    start = 0 if isinstance(values[0], str) else int(number(values[0])) - 1
-    text, what = (values[0], values[1]) if isinstance(values[0], str) else (values[1], values[2])
-    return float(text_of(text).find(text_of(what), max(0, start)) + 1)
+    if isinstance(values[0], str):
+        values = [1.0, *values]
+    start = int(number(values[0])) - 1
+    return float(text_of(values[1]).find(text_of(values[2]), max(0, start)) + 1)
 
 
 def _text(function: Callable[[str], str]) -> Callable[[list[Value]], Value]:
@@ -368,12 +378,12 @@ _TAKING_EXTERNAL = frozenset(("devh", "p2t", "t2p", "tnorm", "array"))
 
 def calculate(sign: str, a: Value, b: Value) -> Value:
     """Apply an operator to two values. Raises Unreadable. Unknown if one of them is."""
-    if isinstance(a, Unknown) or isinstance(b, Unknown):
-        unknown: Any = a if isinstance(a, Unknown) else b
+    unknown = find_first_unknown((a, b))
+    if unknown is not None:
         return Unknown(unknown.what, unknown.key)
-    if isinstance(a, ExternalPose) or isinstance(b, ExternalPose):
-        stored: Any = a if isinstance(a, ExternalPose) else b
-        return Unknown(stored.base)
+    base = base_of(a) or base_of(b)
+    if base:
+        return Unknown(base)
     if sign in COMPARISONS:
         return _compare(sign, a, b)
     if sign == "&" or (sign == "+" and isinstance(a, str)):
@@ -408,13 +418,10 @@ def _compare(sign: str, a: Value, b: Value) -> bool:
     compare = COMPARISONS[sign]
     if isinstance(a, str) and isinstance(b, str):
         return compare(a, b)
-    if isinstance(a, str) != isinstance(b, str):
-        text, other = (a, b) if isinstance(a, str) else (b, a)
-        return (
-            compare(_value([text]), number(other))
-            if isinstance(a, str)
-            else compare(number(other), _value([text]))
-        )
+    if isinstance(a, str):
+        return compare(_value([a]), number(b))
+    if isinstance(b, str):
+        return compare(number(a), _value([b]))
     if isinstance(a, (Pose, Joints, Vector)) and sign in ("=", "<>"):
         same = type(a) is type(b) and _flat(a) == _flat(b)
         return same == (sign == "=")
@@ -457,8 +464,7 @@ def _with_places(sign: str, a: Value, b: Value) -> Value:
     if isinstance(a, Pose) and isinstance(b, Pose) and sign == "*":
         return a @ b
     if isinstance(a, (Vector, Joints)) and isinstance(b, (float, bool)) and sign in ("*", "/"):
-        values = [_arithmetic(sign, item, float(b)) for item in a.values]
-        return Joints(tuple(values)) if isinstance(a, Joints) else vector(values)
+        return _make_like(a, [_arithmetic(sign, item, float(b)) for item in a.values])
     if isinstance(b, Vector) and isinstance(a, (float, bool)) and sign == "*":
         return vector([_arithmetic(sign, item, float(a)) for item in b.values])
     if isinstance(a, Joints) and isinstance(b, tuple):
@@ -471,9 +477,15 @@ def _with_places(sign: str, a: Value, b: Value) -> Value:
         and isinstance(b, (Vector, Joints))
         and sign in ("+", "-")
     ):
-        values = [x + y if sign == "+" else x - y for x, y in zip(a.values, b.values, strict=False)]
-        return Joints(tuple(values)) if isinstance(a, Joints) else vector(values)
+        combine = {"+": operator.add, "-": operator.sub}[sign]
+        return _make_like(a, list(map(combine, a.values, b.values)))
     raise Unreadable(f"{describe_value(a)} {sign} {describe_value(b)} is not evaluated")
+
+
+def _make_like(old: Joints | Vector, values: list[float]) -> Value:
+    if isinstance(old, Joints):
+        return Joints(tuple(values))
+    return vector(values)
 
 
 def turned(pose: Pose, at: int, degrees: float) -> Pose:

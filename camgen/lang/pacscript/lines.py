@@ -94,7 +94,8 @@ def join(
                 what = "a comment that ends in _: the controller may join the next line to it"
                 remark(number, what)
             statement = begun + end
-            first = first if begun else number
+            if not begun:
+                first = number
             begun = ""
             if GOES_ON.search(statement[-2:]) and len(statement) < LONGEST_GROWN:
                 begun = statement[:-1] + " "

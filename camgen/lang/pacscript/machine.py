@@ -16,9 +16,10 @@ from camgen.lang.pacscript.values import (
     Speed,
     Value,
     Vector,
+    base_of,
     name_place,
 )
-from camgen.lang.programs import Executed, Frames
+from camgen.lang.programs import Executed, Frames, RunRequest, index_frames
 from camgen.lang.run import LimitReached
 from camgen.lang.values import Unknown
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, to_vec3
@@ -73,7 +74,7 @@ class Machine:
     ) -> None:
         self.assume, self.points = assume, points
         #: base_from_flange for joint values, rad; None if the arm is unknown.
-        self.flange: Callable[[Sequence[float]], Pose | None] | None = None
+        self.flange: Callable[[Sequence[float]], Pose | None] = RunRequest().find_flange
         self.line = 0
         self.body: list[Instruction] = []
         self.lines: list[int] = []
@@ -126,8 +127,8 @@ class Machine:
 
     def given(self, key: str) -> float | None:
         """Return the assumption of the user for a key with or without its brackets, or None."""
-        value = self.assume.get(key)
-        return self.assume.get(key.replace("[", "").replace("]", "")) if value is None else value
+        bare = key.replace("[", "").replace("]", "")
+        return self.assume.get(key, self.assume.get(bare))
 
     # Instructions.
 
@@ -237,7 +238,7 @@ class Machine:
 
     def _reach(self, joints: Joints) -> Pose | None:
         """Return work_from_tcp for joint values, None if the arm or a frame is unknown."""
-        flange = self.flange(joints.values) if self.flange is not None else None
+        flange = self.flange(joints.values)
         tool = self.pose_of("tool", self.numbers["tool"])
         work = self.pose_of("work", self.numbers["work"])
         if flange is None or tool is None or work is None:
@@ -296,7 +297,7 @@ class Machine:
         share: share of the joints' maximum speeds, 0 for a speed of the TCP, which limits no turn.
         base: frame of a `ExternalPose` target, empty for one in the work frame.
         """
-        stands = self.current_pose.base if isinstance(self.current_pose, ExternalPose) else ""
+        stands = base_of(self.current_pose)
         limit = Limit(item.speed, math.radians(share * self.rated_turn))
         paced = pace_motion(item, self.current_pose if stands == base else None, limit)
         assert not isinstance(paced, MoveJ)
@@ -355,22 +356,13 @@ class Machine:
                 "force control is on at the end",
                 line=self.lines[-1] if self.lines else 1,
             )
-        several = len(self.frames) > 1
         return Executed(
             tuple(self.body),
             tuple(self.lines),
             tuple(self.frames),
-            tuple(self.frame) if several else (),
-            self.log.list_findings(),
-            self.log.list_assumed(),
-            self.log.list_facts(", ", 20),
-            self.log.list_lost(),
-            self.log.list_omitted(),
-            stopped,
-            self.log.is_limited,
-            self.log.untimed,
-            self.log.list_choices(),
-            self.log.steps,
+            index_frames(self.frames, self.frame),
+            stopped=stopped,
+            **self.log.list_all(", ", 20),
         )
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from camgen.lang.pacscript.expressions import LEFT_OUT, Node, arguments, parse
 from camgen.lang.pacscript.values import Unreadable
+from camgen.lang.values import require
 
 MARK = re.compile(r"@\s*(0|P|E|C|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
 #: The options of a motion that have a value.
@@ -55,9 +56,7 @@ def split_mark(text: str) -> tuple[str, str]:
     head, _, place = text.partition(" ")
     if head in _MARKS:
         return head, place.strip()
-    match = MARK.match(text)
-    if match is None:
-        raise Unreadable(f"the pass mark of {text} is not understood")
+    match = require(MARK.match(text), Unreadable(f"the pass mark of {text} is not understood"))
     return "@" + match[1].strip("[] \t").upper(), text[match.end() :]
 
 
@@ -87,11 +86,14 @@ def read_motion(rest: str, kinds: tuple[str, ...] = ()) -> Motion:
     kinds: words of interpolations of which one must come first; empty for a statement without one.
     """
     parts = arguments(rest)
-    kind = parts[0].lower() if kinds else ""
-    if kinds and kind not in kinds:
-        raise Unreadable(f"{parts[0][:40] or 'nothing'} is not an interpolation of this motion")
+    kind = ""
+    if kinds:
+        first, *parts = parts
+        kind = first.lower()
+        if kind not in kinds:
+            raise Unreadable(f"{first[:40] or 'nothing'} is not an interpolation of this motion")
     goals, options, at_once = [], {}, False
-    for part in parts[1:] if kinds else parts:
+    for part in parts:
         if "=" in part and (option := OPTION.fullmatch(part)):
             name = option[1].lower()
             options[_SHORT.get(name, name)] = parse(option[2])

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from camgen.geometry.arcs import compute_circle, turn_about
 from camgen.lang.pacscript.effects import OMITTED_OPTIONS
 from camgen.lang.pacscript.evaluate import fit
-from camgen.lang.pacscript.expressions import Node, parse
+from camgen.lang.pacscript.expressions import Node, parse_optional
 from camgen.lang.pacscript.functions import numbers
 from camgen.lang.pacscript.machine import PASS_MM, posture_of
 from camgen.lang.pacscript.motion import LINEAR, Axes, Goal, Motion
@@ -23,6 +23,7 @@ from camgen.lang.pacscript.values import (
     Value,
     Vector,
     Wrong,
+    base_of,
     describe_value,
     index,
     keep_frame,
@@ -30,7 +31,7 @@ from camgen.lang.pacscript.values import (
     number,
     vector,
 )
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import (
     Pose,
     Vec3,
@@ -77,7 +78,7 @@ def speed_of(run: State, expression: str) -> Speed:
 
     expression: its own speed, empty for the one in force.
     """
-    return _own_speed(run, parse(expression) if expression else None)
+    return _own_speed(run, parse_optional(expression))
 
 
 def _own_speed(run: State, node: Node | None) -> Speed:
@@ -296,11 +297,7 @@ def arc(
     """Add arcs through `via` to `end`, of at most half a circle, with the via point half-way."""
     machine = run.machine
     start = machine.current_pose
-    bases = {
-        place.base if isinstance(place, ExternalPose) else ""
-        for place in (start, via, end)
-        if isinstance(place, Pose)
-    }
+    bases = {base_of(place) for place in (start, via, end) if isinstance(place, Pose)}
     if not (isinstance(via, Pose) and isinstance(end, Pose)) or len(bases) > 1:
         goal = (
             end
@@ -354,7 +351,7 @@ def _add_arcs(
     manner: speed, blend radius of the last arc, and whether the next statement does not wait.
     """
     machine = run.machine
-    base = start.base if isinstance(start, ExternalPose) else ""
+    base = base_of(start)
     center, axis, sweep = revolution
     speed, blend, at_once = manner
     mm_s, share = machine.speed(speed)
@@ -378,10 +375,10 @@ def _add_arcs(
 def rotate(run: State, motion: Motion) -> None:
     """Run `Rotate XY|YZ|ZX, angle[, center][, pose = 1|2]`: an arc about a work axis."""
     machine = run.machine
-    plane = str(motion.goals[0].value.content) if motion.goals else ""
-    normal = {"xy": (0.0, 0.0, 1.0), "yz": (1.0, 0.0, 0.0), "zx": (0.0, 1.0, 0.0)}.get(plane)
     if len(motion.goals) < 2:
         raise Wrong("Rotate needs a plane and an angle")
+    plane = str(motion.goals[0].value.content)
+    normal = {"xy": (0.0, 0.0, 1.0), "yz": (1.0, 0.0, 0.0), "zx": (0.0, 1.0, 0.0)}.get(plane)
     angle = run.evaluate(motion.goals[1].value)
     about = (
         run.evaluate(motion.goals[2].value) if len(motion.goals) > 2 else Vector((0.0, 0.0, 0.0))
@@ -403,10 +400,9 @@ def rotate(run: State, motion: Motion) -> None:
         )
         return
     towards = start.rotation[:, 2].tolist()
-    if not number(run.evaluate(motion.options.get("static", Node("number", 0.0)))):
-        down = sum(a * b for a, b in zip(normal, towards, strict=True)) < 0
-        if down:
-            normal = (-normal[0], -normal[1], -normal[2])
+    static = number(run.evaluate(motion.options.get("static", Node("number", 0.0))))
+    if not static and sum(a * b for a, b in zip(normal, towards, strict=True)) < 0:
+        normal = (-normal[0], -normal[1], -normal[2])
     sweep = math.radians(number(angle))
     keeps = number(run.evaluate(motion.options.get("pose", Node("number", 2.0)))) != 1
     turned = (
@@ -515,12 +511,11 @@ def _drive(
         if not amounts:
             return
     now = machine.joints.values if machine.joints else ()
-    unknown = next((value for value in amounts.values() if isinstance(value, Unknown)), None)
     whole = not relative and set(amounts) >= set(range(1, 7))
-    if unknown is not None or not (now or whole):
+    if find_first_unknown(amounts.values()) is not None or not (now or whole):
         run.go(False, name_place(f"where the axes of line {machine.line} lead"), *manner)
         return
-    joint_values = [*now, *[0.0] * (max(6 if whole else 0, *amounts) - len(now))]
+    joint_values = [*now, *[0.0] * (max(0, *amounts) - len(now))]
     for axis, value in amounts.items():
         joint_values[axis - 1] = math.radians(number(value)) + (
             joint_values[axis - 1] if relative else 0.0

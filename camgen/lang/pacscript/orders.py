@@ -21,7 +21,7 @@ from camgen.lang.pacscript.machine import copy_value
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import Array, Unreadable, Value, index, number
 from camgen.lang.run import Stopped
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.program import Output
 
 
@@ -116,11 +116,11 @@ def declare(run: State, declarations: Sequence[Declaration]) -> None:
     for name, kind, tops, init in declarations:
         if tops is not None:
             sizes = [run.evaluate(node) for node in tops]
-            known = not any(isinstance(size, Unknown) for size in sizes)
+            limits: tuple[int, ...] = ()
+            if find_first_unknown(sizes) is None:
+                limits = tuple(int(number(size)) for size in sizes)
             run.scope.kinds[name] = kind
-            run.scope.names[name] = Array(
-                tuple(int(number(size)) for size in sizes) if known else (), blank(kind)
-            )
+            run.scope.names[name] = Array(limits, blank(kind))
             if init is not None and isinstance(value := run.evaluate(init), Array):
                 run.scope.names[name] = value.copy()
         elif init is not None:

@@ -10,12 +10,12 @@ from msgspec.structs import replace
 from camgen.lang.beside import sum_up
 from camgen.lang.code import Act, Branch, Effect, Step
 from camgen.lang.coverage import measure_coverage
-from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
+from camgen.lang.flow import Choice, Counter, Flow, MachineLanguage, Raised, Rules
 from camgen.lang.pacscript import motions
 from camgen.lang.pacscript.code import CountRange, ProcedureCode, compile_procedure
 from camgen.lang.pacscript.evaluate import assign, blank, combine, evaluate, fit
 from camgen.lang.pacscript.expressions import Node
-from camgen.lang.pacscript.functions import calculate
+from camgen.lang.pacscript.functions import calculate, get_value
 from camgen.lang.pacscript.machine import Machine, Scope, copy_value
 from camgen.lang.pacscript.points import read_points
 from camgen.lang.pacscript.source import (
@@ -64,7 +64,7 @@ _CHOICES = {
 }
 
 
-class Run(State):
+class Run(State, MachineLanguage):
     """The run of procedures, for all programs.
 
     files: files that are given, by name.
@@ -176,16 +176,15 @@ class Run(State):
     def _execute(self, procedure: Procedure, values: list[Value]) -> Scope:
         scope = Scope()
         for k, parameter in enumerate(procedure.parameters):
-            value = values[k] if k < len(values) else blank(parameter.kind)
+            value = get_value(values, k, blank(parameter.kind))
             scope.kinds[parameter.name] = parameter.kind
-            value = copy_value(value) if parameter.by_value else value
+            if parameter.by_value:
+                value = copy_value(value)
             scope.names[parameter.name] = (
                 value if isinstance(value, Array) else self._fit(value, parameter)
             )
         if procedure.returns not in ("", "program"):
-            scope.names[procedure.name] = (
-                blank(procedure.returns) if procedure.returns != "variant" else 0.0
-            )
+            scope.names[procedure.name] = blank(procedure.returns)
             scope.kinds[procedure.name] = procedure.returns
         self.scope, code = scope, self._code(procedure)
         scope.assigned = code.assigned
@@ -199,10 +198,6 @@ class Run(State):
             return value
 
     # What the engine asks (`camgen.lang.flow.Language`).
-
-    def begin(self, step: Step) -> None:
-        """Start a step."""
-        self.machine.line = step.line
 
     evaluate = evaluate
     combine = combine
@@ -249,10 +244,6 @@ class Run(State):
         )
         return [dict(zip(table, map(comparable, table.values()), strict=True)) for table in tables]
 
-    def count_instructions(self) -> int:
-        """Return the number of instructions so far."""
-        return len(self.machine.body)
-
     def assume(
         self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
     ) -> bool:
@@ -298,7 +289,7 @@ class ProgramRun(Run):
         budget = Budget(0, request.limits.pacscript_steps, "pacscript_steps")
         super().__init__(Machine(assumed, points), budget, Rules(_MAX_DEPTH))
         self.machine.log.shifts = request.shifts
-        self.machine.flange = request.flange
+        self.machine.flange = request.find_flange
         for what in faulty:
             self.machine.log.assume(what)
         self.request = request

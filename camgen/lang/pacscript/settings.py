@@ -7,9 +7,10 @@ from typing import Any
 
 from camgen.lang.pacscript.evaluate import fit
 from camgen.lang.pacscript.expressions import Node
+from camgen.lang.pacscript.functions import get_value
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import Rate, Speed, Value, Wrong, number
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import Pose
 
 #: Longest delay, ms, and highest number of a tool or work frame (RC8 manual 1943).
@@ -82,7 +83,7 @@ def _omit_accelerations(run: State, word: str, parts: Nodes) -> None:
 
 def external_speed(run: State, parts: Nodes) -> None:
     """Run `ExtSpeed`, in % of the internal speed."""
-    value = run.evaluate(parts[0]) if parts else 100.0
+    value = run.evaluate(next(iter(parts), Node("number", 100.0)))
     _omit_accelerations(run, "extspeed", parts)
     if isinstance(value, Unknown):
         run.machine.log.assume(
@@ -101,7 +102,7 @@ def external_speed(run: State, parts: Nodes) -> None:
 
 def change(run: State, parts: Nodes, kind: str) -> None:
     """Run `ChangeTool` or `ChangeWork`. kind: tool or work."""
-    value = run.evaluate(parts[0]) if parts else 0.0
+    value = run.evaluate(next(iter(parts), Node("number", 0.0)))
     if isinstance(value, Unknown):
         run.machine.log.assume(f"{value.what}, a {kind} number, is assumed to be the one in force")
         return
@@ -125,9 +126,9 @@ def define(run: State, parts: Nodes, kind: str) -> None:
 
 def delay(run: State, parts: Nodes) -> None:
     """Run `Delay`, in ms."""
-    value = run.evaluate(parts[0]) if parts else None
-    if value is None:
+    if not parts:
         raise Wrong("Delay needs a number")
+    value = run.evaluate(parts[0])
     if isinstance(value, Unknown):
         run.machine.log.assume(f"{value.what}, a delay, is assumed to be 0", value.key)
         return
@@ -143,7 +144,7 @@ def force_parameter(run: State, parts: Nodes) -> None:
         raise Wrong("ForceParam needs a table, a frame and a force")
     values: list[Any] = [run.evaluate(node) for node in parts[:3]]
     force, machine = fit(values[2], "position"), run.machine
-    if isinstance(force, Pose) and not any(isinstance(item, Unknown) for item in values):
+    if isinstance(force, Pose) and find_first_unknown(values) is None:
         table = int(number(values[0]))
         machine.forces[table] = (int(number(values[1])), force.origin)
         if machine.table == table and not machine.press(table):
@@ -154,12 +155,12 @@ def force_control(run: State, parts: Nodes) -> None:
     """Run `ForceCtrl True, table` or `ForceCtrl False`."""
     values = [run.evaluate(node) for node in parts]
     machine = run.machine
-    if any(isinstance(item, Unknown) for item in values) or not values:
+    if find_first_unknown(values) is not None or not values:
         machine.log.leave_out("force control by values that the text does not hold is left out")
         return
     force_set = None
     if number(values[0]):
-        force_set = int(number(values[1])) if len(values) > 1 else 1
+        force_set = int(number(get_value(values, 1, 1.0)))
     if machine.press(force_set):
         machine.add_force()
     else:
@@ -182,8 +183,7 @@ def arrive(run: State, parts: Nodes) -> None:
 def wait_for_motion(run: State, parts: Nodes) -> None:
     """Note `WaitMotion`."""
     _evaluate_all(run, parts)
-    what = "WaitMotion waits for the motion, as all that follows one does here"
-    run.log.fact("waits", what)
+    run.log.fact("waits", "WaitMotion waits for the motion, as all that follows one does here")
     run.machine.passing = False
 
 

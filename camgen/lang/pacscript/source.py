@@ -10,7 +10,7 @@ from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
 from camgen.lang.columns import Run
-from camgen.lang.pacscript.expressions import Node, arguments, parse
+from camgen.lang.pacscript.expressions import Node, list_arguments, parse
 from camgen.lang.pacscript.functions import COMPARISONS
 from camgen.lang.pacscript.lines import (
     CLOSING,
@@ -25,7 +25,8 @@ from camgen.lang.pacscript.lines import (
 from camgen.lang.pacscript.motion import cut_bracket
 from camgen.lang.pacscript.values import Unreadable
 from camgen.lang.pacscript.words import name_fault
-from camgen.lang.programs import strip_mark
+from camgen.lang.programs import strip_mark, unify_line_ends
+from camgen.lang.values import require
 
 _OPENING = re.compile(
     r"(?:(?:public|private|static)\s+)?(sub|function)\s+([a-z_]\w*)\s*(.*)", re.IGNORECASE
@@ -141,8 +142,7 @@ def read_files(
 
 def normalize(text: str) -> str:
     """Return a text with LF line ends, without a byte order mark."""
-    plain = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-    return strip_mark(plain)
+    return strip_mark(unify_line_ends(text))
 
 
 def base_name(name: str) -> str:
@@ -242,8 +242,7 @@ class Reader:
         match = _DIRECTIVE.fullmatch(text)
         word, rest = (match[1].lower(), match[2].strip()) if match else ("", "")
         if word in ("if", "ifdef", "ifndef"):
-            outside = all(state == "on" for state in active)
-            if not outside:
+            if not all(state == "on" for state in active):
                 active.append("over")
             else:
                 active.append("on" if self.holds(line, word, rest) else "off")
@@ -370,7 +369,8 @@ class Reader:
         if opening[1].lower() == "function":
             kind = returns[1].lower() if returns else "variant"
         self.current = Procedure(name, line, parameters, kind)
-        name = start if name == "main" else name
+        if name == "main":
+            name = start
         if name in self.module.procedures and self.module.procedures[name].line != line:
             self.add_fault(line, f"a second procedure {opening[2]}")
         else:
@@ -379,10 +379,8 @@ class Reader:
 
 def _parse_parameters(inside: str) -> list[Parameter]:
     parameters = []
-    for part in arguments(inside) if inside.strip() else ():
-        match = PARAMETER.fullmatch(part)
-        if match is None:
-            raise Unreadable("parameters that cannot be read")
+    for part in list_arguments(inside):
+        match = require(PARAMETER.fullmatch(part), Unreadable("parameters that cannot be read"))
         parameters.append(
             Parameter(
                 match[2].lower().rstrip("!#%$"),

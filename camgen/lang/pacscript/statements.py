@@ -10,7 +10,14 @@ from typing import Any, NamedTuple
 from camgen.lang.code import Condition, Effect
 from camgen.lang.pacscript import motions, orders, settings
 from camgen.lang.pacscript.effects import LOST, OMITTED
-from camgen.lang.pacscript.expressions import LEFT_OUT, Node, arguments, parse
+from camgen.lang.pacscript.expressions import (
+    LEFT_OUT,
+    Node,
+    arguments,
+    list_arguments,
+    parse,
+    parse_optional,
+)
 from camgen.lang.pacscript.motion import LINEAR, Axes, Motion, cut_bracket, read_axes, read_motion
 from camgen.lang.pacscript.orders import (
     Assignment,
@@ -25,6 +32,7 @@ from camgen.lang.pacscript.orders import (
 )
 from camgen.lang.pacscript.values import Unreadable
 from camgen.lang.pacscript.words import RESERVED
+from camgen.lang.values import require
 
 VERB = re.compile(r"([a-z_]\w*[!#%$]?)\s*(.*)", re.IGNORECASE | re.DOTALL)
 _NAME = re.compile(r"([a-z_]\w*[!#%$]?(?:\s*\.\s*[a-z_]\w*)*)\s*(.*)", re.IGNORECASE | re.DOTALL)
@@ -100,12 +108,11 @@ def read_call(text: str) -> Calling:
     if rest.startswith("("):
         inside, tail = cut_bracket(rest)
         if not tail:
-            parts = arguments(inside) if inside.strip() else []
-            return Calling(name, tuple(parse(part) for part in parts if part))
+            return Calling(name, tuple(parse(part) for part in list_arguments(inside) if part))
         if tail.startswith("."):
             return Calling(parse(f"{match[1]}({inside}){tail.split(None, 1)[0]}"), ())
-    parts = arguments(rest) if rest else []
-    return Calling(name, tuple(LEFT_OUT if part == "" else parse(part) for part in parts))
+    values = (parse_optional(part) or LEFT_OUT for part in list_arguments(rest))
+    return Calling(name, tuple(values))
 
 
 def read_declarations(word: str, rest: str, pac: bool) -> list[Declaration]:
@@ -120,7 +127,7 @@ def read_declarations(word: str, rest: str, pac: bool) -> list[Declaration]:
         inside = (match[2] or "")[1:-1]
         tops = tuple(parse(top) for top in arguments(inside) if top) if match[2] else None
         kind = _TYPED.get(word) or (match[3] or _SUFFIXES.get(match[1][-1], "variant")).lower()
-        value = parse(match[4]) if match[4] else None
+        value = parse_optional(match[4])
         declarations.append(Declaration(match[1].lower().rstrip("!#%$"), kind, tops, value))
     return declarations
 
@@ -158,15 +165,18 @@ def _read_drive(_word: str, rest: str) -> Axes:
 
 def _read_take(_word: str, rest: str) -> list[Node | None]:
     match = TAKE.fullmatch(rest)
-    parts = match.groups() if match else (None, None)
-    return [parse(part) if part else None for part in parts]
+    if match is None:
+        return [None, None]
+    return [parse_optional(part) for part in match.groups()]
 
 
 def _read_switch(word: str, rest: str) -> Switching:
     parts = arguments(rest)
     at = find_equals(parts[0])
-    target = parts[0][:at].strip() if at >= 0 else parts[0]
-    value = parse(parts[0][at + 1 :]) if at >= 0 else None
+    target = parts[0]
+    value: Node | None = None
+    if at >= 0:
+        target, value = parts[0][:at].strip(), parse(parts[0][at + 1 :])
     match = re.fullmatch(r"(io)\s*\[(.*?)\bto\b(.*)\]", target, re.IGNORECASE | re.DOTALL)
     which = parse(match[2].strip()) if match else parse(target)
     upto = parse(match[3].strip()) if match else None
@@ -184,7 +194,7 @@ def _read_wait(_word: str, rest: str) -> Waiting:
 
 def read_list(_word: str, rest: str) -> list[Node]:
     """An ordinary list of values."""
-    return [parse(part) for part in arguments(rest)] if rest.strip() else []
+    return [parse(part) for part in list_arguments(rest)]
 
 
 def _read_force(_word: str, rest: str) -> list[Node]:
@@ -209,11 +219,8 @@ def _read_targets(word: str, rest: str) -> tuple[list[Node], Node]:
 
 
 def _read_defio(_word: str, rest: str) -> Port:
-    match = _DEFIO.fullmatch(rest)
-    if match is None:
-        raise Unreadable("DefIO needs a name, a type and a number")
-    number = parse(arguments(match[3])[0])
-    return Port(match[1].lower().rstrip("!#%$"), match[2].lower(), number)
+    match = require(_DEFIO.fullmatch(rest), Unreadable("DefIO needs a name, a type and a number"))
+    return Port(match[1].lower().rstrip("!#%$"), match[2].lower(), parse(arguments(match[3])[0]))
 
 
 def _read_callee(_word: str, rest: str) -> Calling:
@@ -232,12 +239,8 @@ def _read_in_out(word: str, rest: str) -> Assignment:
     return Assignment(parse(rest[:at].strip()), parse(rest[at + 1 :].strip()))
 
 
-def _read_omitted(word: str, rest: str) -> Remark:
-    return Remark(f"{word} {rest}".rstrip(), OMITTED[word])
-
-
-def _read_lost(word: str, rest: str) -> Remark:
-    return Remark(f"{word} {rest}".rstrip(), LOST[word])
+def _read_remark(word: str, rest: str) -> Remark:
+    return Remark(f"{word} {rest}".rstrip(), (OMITTED | LOST)[word])
 
 
 #: A motion in the usual spelling, an assignment and a call have no word.
@@ -292,6 +295,6 @@ ORDERS: dict[str, Order] = {
     **{f"let{part}": Order(_read_let, orders.assign_part) for part in _PARTS},
     **dict.fromkeys(_INPUTS, Order(_read_input, orders.fill)),
     **dict.fromkeys(("in", "out"), Order(_read_in_out, orders.set_variable)),
-    **dict.fromkeys(OMITTED, Order(_read_omitted, orders.omit)),
-    **dict.fromkeys(LOST, Order(_read_lost, orders.lose)),
+    **dict.fromkeys(OMITTED, Order(_read_remark, orders.omit)),
+    **dict.fromkeys(LOST, Order(_read_remark, orders.lose)),
 }  # fmt: skip

@@ -217,6 +217,13 @@ def keep_frame(pose: Pose, other: Pose) -> Pose:
     )
 
 
+def base_of(place: object) -> str:
+    """Return the name of the external frame of a place, empty for any other value."""
+    if isinstance(place, ExternalPose):
+        return place.base
+    return ""
+
+
 def figure_of(place: object) -> int:
     """Return the figure of a position, -1 if it is open."""
     return place.figure if isinstance(place, PoseWithFigure) else UNDEFINED

@@ -90,7 +90,7 @@ def hint(machine: Machine, condition: Expr, unknown: Unknown, holds: bool) -> tu
         else:
             break
     if not isinstance(expr, Operation) or expr.sign not in _COMPARES:
-        return unknown.key, 1.0 if holds else 0.0
+        return unknown.key, float(holds)
     sides = [_plain(machine, expr.left), _plain(machine, expr.right)]
     if any(isinstance(side, (str, tuple)) for side in sides):
         return "", 0.0

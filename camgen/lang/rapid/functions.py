@@ -86,8 +86,7 @@ def _offs(machine: Machine, call: Calling) -> Value:
         return find_unknown(point)
     if isinstance(point[0], Unknown):
         return point
-    position = tuple(_add(machine, a, b) for a, b in zip(point[0], shift, strict=True))
-    return (position, *point[1:])
+    return (tuple(_add(machine, a, b) for a, b in zip(point[0], shift, strict=True)), *point[1:])
 
 
 def _add(machine: Machine, a: Value, b: Value) -> Value:
@@ -186,7 +185,7 @@ def _orient_zyx(z: float, y: float, x: float) -> Value:
 
 def _euler(machine: Machine, call: Calling) -> Value:
     """The angle of R = Rz Ry Rx that the switch of EulerZYX names, deg."""
-    turn = machine.value(call.args[0]) if call.args else NOTHING
+    turn = machine.value(call.argument(0))
     if find_unknown(turn) is not None:
         return find_unknown(turn)
     names = [name for name, _ in call.options]
@@ -225,7 +224,7 @@ def name_of(machine: Machine, expr: Expr | None) -> str:
 
 def _signal(machine: Machine, call: Calling) -> Value:
     """The value of a signal: the user's, else the one that the program last set."""
-    name = name_of(machine, call.args[0] if call.args else None)
+    name = name_of(machine, call.argument(0))
     key = name.lower()
     if key in machine.outputs and key not in machine.request.assume:
         return machine.outputs[key]
@@ -246,7 +245,7 @@ def _number_text(value: float, digits: float, *_: Value) -> str:
 
 def _value_text(value: Value) -> str:
     if type(value) is bool:
-        return "TRUE" if value else "FALSE"
+        return str(value).upper()
     if type(value) is float:
         return f"{value:.6G}"
     if isinstance(value, (tuple, list)):
@@ -273,8 +272,7 @@ def _find_other(text: str, start: float, unwanted: str) -> float:
 
 
 def _match(text: str, start: float, pattern: str) -> float:
-    place = text.find(pattern, int(start) - 1)
-    return float(place + 1 if place >= 0 else len(text) + 1)
+    return float(text.find(pattern, int(start) - 1) + 1 or len(text) + 1)
 
 
 def _map(text: str, old: str, new: str) -> str:
@@ -283,7 +281,7 @@ def _map(text: str, old: str, new: str) -> str:
 
 def _number_of_text(machine: Machine, call: Calling) -> Value:
     """Assign the value of a text to the second argument; whether it has one (StrToVal)."""
-    text = machine.value(call.args[0]) if call.args else NOTHING
+    text = machine.value(call.argument(0))
     if len(call.args) != 2:
         raise machine.wrong("StrToVal has a string and a variable")
     if not isinstance(text, str):
@@ -336,10 +334,11 @@ def _dimension(machine: Machine, call: Calling) -> Value:
 
 
 def _rounded(machine: Machine, call: Calling) -> Value:
-    value = machine.number(call.args[0]) if call.args else NOTHING
+    value = machine.number(call.argument(0))
     digits = next((machine.number(v) for name, v in call.options if name == "dec"), 0.0)
-    if isinstance(value, Unknown) or isinstance(digits, Unknown):
-        return value if isinstance(value, Unknown) else digits
+    unknown = find_unknown((value, digits))
+    if unknown is not None:
+        return unknown
     scale = 10.0 ** max(0.0, min(15.0, digits))
     if call.name.startswith("trunc"):
         return math.trunc(value * scale) / scale

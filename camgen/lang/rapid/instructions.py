@@ -21,7 +21,7 @@ from .functions import name_of
 from .machine import Machine, RobotPosition
 from .motions import Trigger
 from .places import pose_of, see_here
-from .tree import Calling, Component, Element, Expr, Ref, find_root
+from .tree import Calling, Component, Element, Expr, Ref, find_root, name_reference
 from .values import find_unknown
 
 #: s: length of the pulse of PulseDO without PLength.
@@ -57,8 +57,8 @@ def _set_output(machine: Machine, call: Calling) -> None:
     dvalue = options.get("dvalue")
     if "sdelay" in options:
         machine.log.fact("delays", "SetDO with SDelay is shown without it")
-    name = _signal_of(machine, call, 1 if dvalue is not None else 2)
-    value = machine.number(dvalue if dvalue is not None else call.args[1])
+    name = _signal_of(machine, call, 1 + (dvalue is None))
+    value = machine.number(call.argument(1, dvalue))
     if isinstance(value, Unknown):
         machine.log.assume(f"what {name} is set to is not known: 1 is taken", name.lower(), 1.0)
         value = machine.given(name) or 1.0
@@ -113,8 +113,8 @@ def _wait(machine: Machine, call: Calling) -> None:
 
 
 def _wait_signal(machine: Machine, call: Calling) -> None:
-    name = name_of(machine, call.args[0] if call.args else None)
-    value = machine.number(call.args[1]) if len(call.args) > 1 else 1.0
+    name = name_of(machine, call.argument(0))
+    value = machine.number(call.argument(1, 1.0))
     wanted = f"{value:g}" if type(value) is float else "a value"
     machine.log.assume(f"{name}: the wait for {wanted} is over at once")
     _no_timeout(machine, call)
@@ -124,7 +124,7 @@ def _wait_until(machine: Machine, call: Calling) -> None:
     if call.args and not isinstance(call.args[-1], bool):
         condition = machine.value(call.args[-1])
         if condition is not True:
-            what = condition.what if isinstance(condition, Unknown) else "a condition"
+            what = getattr(condition, "what", "")
             machine.log.assume(f"{what[:60] or 'a condition'}: the wait for it is over at once")
     _no_timeout(machine, call)
 
@@ -155,7 +155,7 @@ def _displace_off(machine: Machine, _call: Calling) -> None:
 
 
 def _displace_set(machine: Machine, call: Calling) -> None:
-    value = machine.value(call.args[0] if call.args else None)
+    value = machine.value(call.argument(0))
     machine.fit("pose", value)
     unknown = find_unknown(value)
     if unknown is not None:
@@ -228,7 +228,7 @@ _CIRCLE_MODES = {"pathframe": "", "objectframe": "", "cirpointori": "circle poin
 
 def _set_circle_mode(machine: Machine, call: Calling) -> None:
     """Set how the tool turns along an arc, PathFrame without a switch. Wrist modes are lost."""
-    mode = call.options[0][0] if call.options else "pathframe"
+    mode, _ = next(iter(call.options), ("pathframe", None))
     if mode not in _CIRCLE_MODES:
         what = "the tool turns as the wrist does; split the arc at taught points"
         machine.log.leave_out(f"{call.name} \\{mode}: {what}")
@@ -305,8 +305,7 @@ def _receive_into(machine: Machine, call: Calling, target: Expr) -> None:
 
 
 def _key_of(target: Expr) -> str:
-    root = find_root(target)
-    return root.name.lower() if isinstance(root, Ref) else ""
+    return name_reference(find_root(target)).lower()
 
 
 #: Indices of the arguments of each instruction that get a value from outside.

@@ -19,7 +19,7 @@ from .motions import Trigger
 from .tree import Calling, Connect, Expr, Routine
 
 
-def _key(machine: Machine, interrupt: Expr) -> InterruptKey | None:
+def _key(machine: Machine, interrupt: Expr | None) -> InterruptKey | None:
     place = machine.place(interrupt)
     return None if place is None else (id(place[0]), place[1])
 
@@ -40,7 +40,7 @@ def connect(machine: Machine, item: Connect) -> None:
 
 def queue_trap(machine: Machine, interrupt: Expr | None) -> None:
     """Let the TRAP of an interrupt run after this statement, once, if the user wants it to come."""
-    key = None if interrupt is None else _key(machine, interrupt)
+    key = _key(machine, interrupt)
     routine = None if key is None else machine.connected.get(key)
     if routine is None or key in machine.asleep or not machine.given(routine.name):
         return
@@ -55,7 +55,7 @@ def _arm(machine: Machine, call: Calling) -> None:
 
 def _watch(machine: Machine, call: Calling) -> None:
     """Switch an interrupt off (ISleep) or on again (IWatch), or remove it (IDelete)."""
-    key = _key(machine, call.args[0]) if call.args else None
+    key = _key(machine, call.argument(0))
     if key is None:
         return
     if call.name == "idelete":
@@ -80,7 +80,7 @@ def _define(machine: Machine, call: Calling) -> None:
     if not call.args:
         return
     options = dict(call.options)
-    place = machine.number(call.args[1]) if len(call.args) > 1 else 0.0
+    place = machine.number(call.argument(1, 0.0))
     distance = place if type(place) is float and "time" not in options else 0.0
     interrupt = call.args[-1] if call.name == "triggint" and len(call.args) > 2 else None
     machine.assign(call.args[0], Trigger(distance, "start" in options, (), interrupt))

@@ -486,7 +486,7 @@ class Machine:
             return self.outputs[key]
         return self.ask_for(name, key)
 
-    def place(self, expr: Expr) -> tuple[Variable, tuple[int, ...], str, int] | None:
+    def place(self, expr: Expr | None) -> tuple[Variable, tuple[int, ...], str, int] | None:
         """The data to which an expression refers: variable, path, type, remaining dimensions.
 
         The path has an index for each component and element. None if this is not known. Raises

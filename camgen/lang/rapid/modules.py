@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from camgen.lang.coverage import measure_coverage
-from camgen.lang.programs import Executed, RunRequest, strip_mark
+from camgen.lang.programs import Executed, RunRequest, index_frames, strip_mark, unify_line_ends
 from camgen.model.program import pack
 
 from .grammar import parse
@@ -26,7 +26,7 @@ def run_modules(files: Mapping[str, str], request: RunRequest) -> Executed:
     modules = []
     line = 1
     for name, text in files.items():
-        plain = strip_mark(text).replace("\r\n", "\n").replace("\r", "\n").rstrip("\x00\x1a")
+        plain = unify_line_ends(strip_mark(text)).rstrip("\x00\x1a")
         if "\x00" in plain[:1000]:
             what = "controllers write modules that may not be seen like this"
             machine.log.find("refused", f"{name[-60:]} is not text: {what}", line=line)
@@ -57,16 +57,8 @@ def _make_executed(machine: Machine, stopped: tuple[int, str] | None) -> Execute
         body=pack(machine.body),
         lines=tuple(machine.lines),
         frames=tuple(machine.frames),
-        frame=tuple(machine.frame_of) if len(machine.frames) > 1 else (),
-        findings=machine.log.list_findings(),
-        assumed=machine.log.list_assumed(),
-        facts=machine.log.list_facts("; ", 8),
-        lost=machine.log.list_lost(),
-        omitted=machine.log.list_omitted(),
-        untimed=machine.log.untimed,
+        frame=index_frames(machine.frames, machine.frame_of),
         stopped=stopped,
-        is_limited=machine.log.is_limited,
-        choices=machine.log.list_choices(),
-        steps=machine.log.steps,
         coverage=measure_coverage(machine.codes.values(), machine.log.ran, machine.line),
+        **machine.log.list_all("; ", 8),
     )

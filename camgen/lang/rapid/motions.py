@@ -64,6 +64,11 @@ class Form(Struct, frozen=True):
     zone: bool = True
     process: str = ""
 
+    @property
+    def point_count(self) -> int:
+        """Number of points: an arc has a circle point too."""
+        return 1 + (self.kind == "c")
+
 
 class Trigger(Struct, frozen=True):
     """An event at a place of a motion, as TriggIO, TriggEquip or TriggInt defines it.
@@ -113,8 +118,7 @@ def find_form(name: str) -> Form | None:
     if match is None:
         return None
     process, plain, kind, _ = match.groups()
-    kinds = {"absj": "abs", "extj": "ext"}
-    return Form(kinds.get(kind, kind), process="" if plain else process)
+    return Form({"absj": "abs", "extj": "ext"}.get(kind, kind), process="" if plain else process)
 
 
 class Bound(Struct, frozen=True):
@@ -172,7 +176,7 @@ def move(machine: Machine, call: Calling) -> Bound | None:
 def _arguments(
     machine: Machine, form: Form, call: Calling
 ) -> tuple[tuple[Expr, ...], Expr, Expr | None, Expr, tuple[Expr, ...]]:
-    count = 2 if form.kind == "c" else 1
+    count = form.point_count
     args = call.args[form.before :]
     after = form.after
     if call.name.endswith("go") and any(name in ("value", "dvalue") for name, _ in call.options):
@@ -281,7 +285,7 @@ def _speed(
     if not mm_s > 0:
         machine.log.find("unusual", f"a speed of {mm_s:g} mm/s: the arm hardly moves")
         mm_s = _SLOWEST
-    return mm_s, math.radians(value[1] * override) if value[1] > 0 else 0.0
+    return mm_s, math.radians(max(0.0, value[1]) * override)
 
 
 def _read_time(machine: Machine, call: Calling, options: dict[str, Expr | None]) -> float:
@@ -304,7 +308,7 @@ def _weld_speed(machine: Machine, call: Calling, value: Value) -> Value:
     """The speed of the weld data, which counts while the arc burns, or `value` without one."""
     # Before the weld data are the points, the speed and the seam data.
     index = (2 if find_form(call.name) == Form("c", process="arc") else 1) + 2
-    weld = machine.value(call.args[index]) if len(call.args) > index else None
+    weld = machine.value(call.argument(index))
     if isinstance(weld, tuple) and weld and type(weld[0]) is float and weld[0] > 0:
         return (weld[0], _USUAL_TURN)
     return value
@@ -464,8 +468,7 @@ def _emit(
             machine.log.find(
                 "unusual", "the tool turns by 180 deg in one straight motion; its sense is open"
             )
-        item = MoveL(target, bound.speed, bound.blend, posture=posture, turn=bound.turn)
-        machine.add(item)
+        machine.add(MoveL(target, bound.speed, bound.blend, posture=posture, turn=bound.turn))
     else:
         _emit_arc(machine, start, via, target, bound, posture)
     machine.position = RobotPosition(target, machine.frame, rest)
@@ -546,8 +549,7 @@ def _limit_speed(
     if via is None:
         extent = measure_line(start, target)
     else:
-        by_via = machine.passes_circle_point
-        extent = measure_arc(start, via, target, turns_by_via=by_via)
+        extent = measure_arc(start, via, target, turns_by_via=machine.passes_circle_point)
     speed, turn = limit_speed(extent, bound.limit)
     return replace(bound, speed=speed, turn=turn, seconds=0.0)
 
@@ -558,8 +560,7 @@ def _limit_speed(
 def _triggers(machine: Machine, form: Form, call: Calling) -> list[Trigger]:
     if not form.trigg or form.process:
         return []
-    count = 2 if form.kind == "c" else 1
-    expressions: list[Expr | None] = [call.args[count + 1]]
+    expressions: list[Expr | None] = [call.args[form.point_count + 1]]
     expressions += [value for name, value in call.options if re.fullmatch(r"t\d", name)]
     triggers: list[Trigger] = []
     for expr in expressions:
@@ -611,8 +612,7 @@ def _trigger_on_line(
 
 def _interpolate(start: Pose, target: Pose, fraction: float) -> Pose:
     x, y, z = (a + (b - a) * fraction for a, b in zip(start.origin, target.origin, strict=True))
-    rotation = rotation_between(start.rotation, target.rotation, fraction)
-    return Pose(frozen(rotation), (x, y, z))
+    return Pose(frozen(rotation_between(start.rotation, target.rotation, fraction)), (x, y, z))
 
 
 def _do_after(
@@ -677,8 +677,7 @@ def _press(
         machine.add(MoveL(target, bound.speed, bound.blend, posture=posture))
         return
     else:
-        count = 2 if via is not None else 1
-        force = machine.number(call.args[count + 1])
+        force = machine.number(call.args[2 + (via is not None)])
         if isinstance(force, Unknown):
             machine.log.assume(
                 f"a force to press with is not known ({force.what[:60]}): 1 N is taken"
@@ -701,7 +700,7 @@ def _begin_pressing(machine: Machine, call: Calling, target: Pose) -> float:
     forces = [
         (names.index(name), machine.number(value)) for name, value in options if name in names
     ]
-    axis, force = forces[0] if forces else (2, 1.0)
+    axis, force = next(iter(forces), (2, 1.0))
     if type(force) is not float or force == 0:
         machine.log.assume("the force to press with is not known: 1 N is taken")
         force = 1.0

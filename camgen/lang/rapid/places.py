@@ -50,7 +50,7 @@ def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) 
     joints: whether the motion leads to joint values.
     """
     tool_name, tool_value = _persistent(machine, tool, "tooldata")
-    work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
+    work_name, work_value = _persistent(machine, work, "wobjdata")
     if joints and work is None and machine.frames:
         # Joint values do not depend on a work object: the one of the motion before remains.
         work_name = machine.frames[machine.frame].work
@@ -73,7 +73,9 @@ def _stamp(value: Value) -> Value:
     return value if isinstance(value, tuple) and find_unknown(value) is None else None
 
 
-def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
+def _persistent(machine: Machine, expr: Expr | None, kind: str) -> tuple[str, Value]:
+    if expr is None:
+        return "", None
     value = machine.value(expr)
     name = ""
     if isinstance(expr, Ref):
@@ -83,8 +85,7 @@ def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
         name = expr.name if variable is None else variable.name
         if variable is not None and variable.storage in ("var", "const") and variable.type == kind:
             rule = f"the {kind} of a motion must be a persistent (PERS)"
-            what = f"{variable.name} is {variable.storage.upper()}: {rule}"
-            machine.log.find("refused", what)
+            machine.log.find("refused", f"{variable.name} is {variable.storage.upper()}: {rule}")
     machine.fit(kind, value)
     return name, value
 
@@ -154,7 +155,7 @@ def see_joints(
     if machine.request.flange is None:
         return None
     tool_name, tool_value = _persistent(machine, tool, "tooldata")
-    work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
+    work_name, work_value = _persistent(machine, work, "wobjdata")
     flange = _tool_frame(machine, tool_name, tool_value)
     base = translation(0, 0, 0) if work is None else _work_frame(machine, work_name, work_value)
     return _compute_pose(machine, joints, Frames(tool_name, work_name, flange, base))
@@ -163,10 +164,10 @@ def see_joints(
 def _compute_pose(machine: Machine, joints: Sequence[float], frames: Frames) -> Pose | None:
     """The pose of the tool at joint values, deg, in the work object. None if it is not known."""
     base_from_work, flange_from_tool = frames.base_from_work, frames.flange_from_tool
-    if machine.request.flange is None or flange_from_tool is None or base_from_work is None:
+    flange = machine.request.find_flange([math.radians(value) for value in joints])
+    if flange is None or flange_from_tool is None or base_from_work is None:
         return None
-    flange = machine.request.flange([math.radians(value) for value in joints])
-    return None if flange is None else base_from_work.inverse() @ flange @ flange_from_tool
+    return base_from_work.inverse() @ flange @ flange_from_tool
 
 
 def see_here(machine: Machine, call: Calling) -> Value:
@@ -190,7 +191,8 @@ def see_here(machine: Machine, call: Calling) -> Value:
     if machine.displaced is not None:
         pose = machine.displaced.inverse() @ pose
     position, turn = encode_pose(pose)
-    rest = rest if len(rest) == 2 else _NO_REST
+    if len(rest) != 2:
+        rest = _NO_REST
     return position if call.name == "cpos" else (position, turn, *rest)
 
 

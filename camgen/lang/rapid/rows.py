@@ -156,7 +156,8 @@ class Spellings:
             gap = self._gap(rest[: parted.start()], rest[parted.end() :], parts=True)
             if gap >= 0:
                 parting = _read_parting(parted)
-                gap = _NONE if parting.name.lower() in RESERVED else gap
+                if parting.name.lower() in RESERVED:
+                    gap = _NONE
         follower = (self._turn(turn[1]), gap, turn.end()), parting
         if parting is None and gap >= 0 and len(self._followers) < _CACHE_LIMIT:
             self._followers[text] = follower
@@ -212,7 +213,8 @@ class Spellings:
                 return _NONE
             statements.append((shape, lines + self.shapes[shape].lead))
             lines += statement.count("\n")
-        tail = tail + ";" if left else ""
+        if left:
+            tail += ";"
         number = self._gap_of[left, head, parts] = len(self.gaps)
         self.gaps.append(_Gap(tail, name, tuple(statements), lines + head.count("\n"), parts))
         return number
@@ -547,8 +549,7 @@ def _find_block(text: str, offset: int, spellings: Spellings) -> _Points:
 
 def read_positions(texts: Sequence[str]) -> tuple[FloatArray, Mask]:
     """The positions (N, 3) of N texts, mm, and which texts are in the usual spelling (N,)."""
-    whole = ";".join(texts)
-    data = whole.encode("ascii", "replace")
+    data = ";".join(texts).encode("ascii", "replace")
     # Numbers of JSON that consist of digits, points and signs are RAPID numbers of the same value.
     if data.translate(None, b"0123456789.-") == b",,;" * (len(texts) - 1) + b",,":
         numbers = read_numbers(data.replace(b";", b","))

@@ -12,8 +12,7 @@ from functools import partial
 from typing import Any
 
 from camgen.lang.code import Step
-from camgen.lang.flow import Choice, Counter, Flow, Raised, Rules
-from camgen.lang.log import Log
+from camgen.lang.flow import Choice, Counter, Flow, MachineLanguage, Raised, Rules
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
 from camgen.model.instructions import Output
@@ -43,7 +42,7 @@ from .tree import (
     Word,
     find_root,
 )
-from .values import NOTHING, Value, Variable, copy_arrays, find_unknown
+from .values import Value, Variable, copy_arrays, find_unknown
 
 #: Depth of calls of routines within each other.
 _DEEPEST = 70
@@ -60,7 +59,7 @@ _MOST_OF_A_TRAP = 5_000
 _MOST_CYCLES = 3
 
 
-class Runner:
+class Runner(MachineLanguage):
     """The run of a program.
 
     entry: routine in which the program begins.
@@ -71,7 +70,7 @@ class Runner:
     faults: type[Exception] = Wrong
 
     def __init__(self, machine: Machine, entry: Routine, budget: Budget) -> None:
-        self.machine, self.entry = machine, entry
+        self.machine, self.log, self.entry = machine, machine.log, entry
         self.flow = Flow(self, budget, _RULES)
         self.ran: set[Routine] = set()
 
@@ -173,15 +172,6 @@ class Runner:
 
     # Answers to the engine (`camgen.lang.flow.Language`).
 
-    @property
-    def log(self) -> Log:
-        """Findings and assumptions."""
-        return self.machine.log
-
-    def begin(self, step: Step) -> None:
-        """Begin a step."""
-        self.machine.line = step.line
-
     def evaluate(self, expression: Question | LoopVariable | Expr) -> Value:
         """The value of a condition, of the variable of a FOR, or of the expression of a TEST."""
         if isinstance(expression, Question):
@@ -190,8 +180,6 @@ class Runner:
             return expression.value
         value = self.machine.value(expression)
         return find_unknown(value) or value
-
-    to_number = staticmethod(float)
 
     def matches(self, value: Value, tests: tuple[Expr, ...]) -> bool | Unknown:
         """Whether a CASE has the value of its TEST among its values."""
@@ -218,10 +206,6 @@ class Runner:
     def assign(self, target: LoopVariable, value: float) -> None:
         """Set the variable of a FOR."""
         target.value = target.variable.value = value
-
-    def count_instructions(self) -> int:
-        """The number of instructions so far."""
-        return len(self.machine.body)
 
     def read_state(self) -> object:
         """The values of all data that the routine sees."""
@@ -281,7 +265,7 @@ def _leave_out(runner: Runner, call: Calling) -> None:
     machine = runner.machine
     if call.name == "callbyvar" and call.args:
         name = machine.value(call.args[0])
-        number = machine.number(call.args[1]) if len(call.args) > 1 else NOTHING
+        number = machine.number(call.argument(1))
         if isinstance(name, str) and type(number) is float:
             _call_by_name(runner, f"{name}{number:g}", Calling(call.line, "callbyvar"))
             return

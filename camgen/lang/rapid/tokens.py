@@ -86,8 +86,7 @@ def tokens(text: str, first_line: int, start: int = 0) -> Iterator[Token]:
 
 def number(text: str, line: int) -> float:
     """The value of a num. Raises Wrong above the limit of a num."""
-    prefix = text[:2].lower()
-    value = float(int(text, 0)) if prefix in _BASES else float(text)
+    value = float(int(text, 0)) if text[:2].lower() in _BASES else float(text)
     if abs(value) > LARGEST:
         raise Wrong(line, f"{text[:40]} is larger than a num can be")
     return value

@@ -80,6 +80,12 @@ class Calling(Struct, frozen=True, eq=False, gc=False):
     args: tuple[Expr, ...] = ()
     options: tuple[tuple[str, Expr | None], ...] = ()
 
+    def argument(self, index: int, default: Expr | None = None) -> Expr | None:
+        """The argument at an index from 0, `default` without one."""
+        if index < len(self.args):
+            return self.args[index]
+        return default
+
 
 Expr = (
     float
@@ -96,6 +102,13 @@ Expr = (
     | Hole
     | Calling
 )
+
+
+def name_reference(expr: Expr | None) -> str:
+    """The name of an expression that is one, empty for any other expression."""
+    if isinstance(expr, Ref):
+        return expr.name
+    return ""
 
 
 def find_root(expr: Expr) -> Expr:

@@ -14,6 +14,7 @@ from itertools import chain, repeat
 
 from msgspec.structs import replace
 
+from camgen.model.instructions import NO_POSTURE
 from camgen.model.pose import Pose
 from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Posture
 
@@ -148,7 +149,7 @@ class Arm(Variables):
     def set_posture(self, word: str) -> None:
         """Apply a posture word from the next motion on. It replaces the word that it excludes."""
         pair = next(pair for pair in PAIRS if word in pair)
-        words = {*(self._posture.switches if self._posture else ()), word}
+        words = {*(self._posture or NO_POSTURE).switches, word}
         words -= {*pair} - {word}
         all_words = chain.from_iterable(PAIRS)
         self._posture = Posture(switches=tuple(word for word in all_words if word in words))

@@ -90,9 +90,10 @@ class ExternalState(Arm):
         base = key.partition("[")[0]
         is_local = table is not self._globals
         given = self._assume.get(key, self._assume.get(base))
-        taken = _REAL if given is None else given
-        what = f"{base} has no value here" if is_local else f"{base} is set outside of this text"
+        taken = self._assume.get(key, self._assume.get(base, _REAL))
+        what = f"{base} is set outside of this text"
         if is_local:
+            what = f"{base} has no value here"
             self.log.find("unusual", f"{base} is used before it has a value")
         self.log.assume(f"{what}: taken for {taken:g}", base, taken)
         table[key] = taken

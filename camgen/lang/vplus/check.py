@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence, Set
 
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
+from camgen.lang.values import require
 from camgen.model.program import Joints
 
 from .code import GOES, read_bounds, read_label
@@ -106,9 +107,10 @@ class _Checker(Machine):
 
     def _check_call(self, _routine: Routine, _index: int, statement: Statement) -> None:
         if statement.word == "CALL":
-            match = CALLED.fullmatch(statement.rest)
-            if match is None:
-                raise Unreadable("CALL wants the name of a program and its arguments")
+            match = require(
+                CALLED.fullmatch(statement.rest),
+                Unreadable("CALL wants the name of a program and its arguments"),
+            )
             for part in split(unwrap(match[2])[0]) if match[2] else ():
                 self.argument("a", part)
         else:

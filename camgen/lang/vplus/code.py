@@ -77,7 +77,7 @@ def compile_routine(
     run_stretch: carries out a stretch.
     table: words of the flow, those of `FLOW` if None. `do` carries out all others.
     """
-    return Translator(routine, do, run_stretch, FLOW if table is None else table).code
+    return Translator(routine, do, run_stretch, table or FLOW).code
 
 
 def read_label(rest: str) -> int:
@@ -92,7 +92,7 @@ def read_bounds(text: Expression) -> tuple[float, float, float]:
     first = text.real()
     text.expect("TO")
     last = text.real()
-    step = text.real() if text.accept("STEP") else 1.0
+    step = text.after("STEP", text.real, 1.0)
     text.finish()
     if step == 0:
         raise Impossible("a loop with step 0")
@@ -109,6 +109,15 @@ def measure_cost(statement: Statement | Stretch) -> int:
 def refuse(_machine: object, reason: str) -> None:
     """Report a statement that V+ does not take."""
     raise Unreadable(reason)
+
+
+def name_statement(step: Step) -> Statement:
+    """The line and the word of the statement of a step, without its operands."""
+    operand = getattr(step, "operand", None)
+    word = ""
+    if isinstance(operand, Statement):
+        word = operand.word
+    return Statement(step.line, word, "")
 
 
 def _do_nothing(_machine: object, _operand: object) -> None:
@@ -130,8 +139,7 @@ class Translator:
         self._has_branches = table.get("IF") is Translator._if
         self._starts = [0]
         for index, statement in enumerate(routine.statements):
-            steps = 2 if self._is_jump(index, statement) else 1
-            self._starts.append(self._starts[-1] + steps)
+            self._starts.append(self._starts[-1] + 1 + self._is_jump(index, statement))
         self.code = Code([])
         for index, statement in enumerate(routine.statements):
             cost = measure_cost(statement)
@@ -265,7 +273,7 @@ class Translator:
         labels = []
         for start in loops:
             end = self.routine.partner.get(start, index)
-            target = self._starts[end if statement.word == "NEXT" else end + 1]
+            target = self._starts[end + (statement.word != "NEXT")]
             labels.append(f"step {target}")
             self.code.labels[labels[-1]] = target
         value = LoopCount(statement.word, statement.rest or "1", len(loops))
@@ -279,8 +287,7 @@ class Translator:
     def _jump(self, _index: int, line: int, label: int) -> Step:
         place = self.routine.labels.get(label)
         if place is None:
-            reason = f"there is no label {label} in this program"
-            return Act(line, do=refuse, operand=reason)
+            return Act(line, do=refuse, operand=f"there is no label {label} in this program")
         return Jump(line, self._starts[place])
 
     def _return(self, _index: int, statement: Statement) -> Step:

@@ -185,6 +185,12 @@ class Reader:
         self._at += 1
         return True
 
+    def after(self, token: str, read: Callable[[], float], default: float) -> float:
+        """Read a number if the next token is `token`, else return `default`."""
+        if self.accept(token):
+            return read()
+        return default
+
     def expect(self, token: str) -> None:
         """Take the next token, which must be `token`."""
         if not self.accept(token):
@@ -263,8 +269,7 @@ class Numbers(Reader, ABC):
             return truth(_COMPARED[sign](left, self.string())), True
         value, compared = self.real(), False
         while self.peek() in _COMPARED:
-            compare = _COMPARED[self.take()]
-            value, compared = truth(compare(value, self.real())), True
+            value, compared = truth(_COMPARED[self.take()](value, self.real())), True
         return value, compared
 
     def real(self) -> float:
@@ -302,7 +307,8 @@ class Numbers(Reader, ABC):
     def _factor(self) -> float:
         sign = 1.0
         while self.peek() in ("+", "-"):
-            sign = sign if self.take() == "+" else -sign
+            if self.take() == "-":
+                sign = -sign
         token = self.take()
         if token == "(":
             return sign * self._bracketed()
@@ -520,7 +526,7 @@ class Numbers(Reader, ABC):
         name += self.subscripts()
         self.expect(",")
         delimiters = self.string()
-        mode = self.logic() if self.accept(",") else 0.0
+        mode = self.after(",", self.logic, 0.0)
         self.expect(")")
         scope = self._named()
         front, remaining = decode(scope.text(name), delimiters, mode)

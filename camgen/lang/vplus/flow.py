@@ -11,16 +11,24 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from camgen.lang.code import Act, Branch, Code, LoopEnd, LoopStart, Step
-from camgen.lang.flow import Choice, Counter, Flow, Rules
+from camgen.lang.code import Branch, Code, LoopEnd, LoopStart, Step
+from camgen.lang.flow import Choice, Counter, Flow, Language, Rules
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
 from camgen.lang.run import Budget, Ended, Stopped
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, require
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL
 from camgen.model.text import counted
 
-from .code import CaseValue, LoopCount, Question, compile_routine, measure_cost, read_bounds
+from .code import (
+    CaseValue,
+    LoopCount,
+    Question,
+    compile_routine,
+    measure_cost,
+    name_statement,
+    read_bounds,
+)
 from .instructions import MOTIONS, REACTIONS
 from .locations import Expression
 from .names import canonical
@@ -41,7 +49,7 @@ _VARIABLES_PER_STEP = 60
 _STEPS_PER_LINE = 100
 
 
-class Machine(FileUnits):
+class Machine(FileUnits, Language):
     """A run of the programs.
 
     stopped: line and reason if the run could not reach its end, otherwise None.
@@ -60,8 +68,7 @@ class Machine(FileUnits):
         self._rounds = max(1, int(min(self._assume.get("rounds", 1.0), 1e6)))
         size = sum(map(measure_cost, chain.from_iterable(item.statements for item in programs)))
         self._budget = Budget(size, request.limits.vplus_steps, "vplus_steps")
-        rules = Rules(_MAX_DEPTH, self._rounds, skips_blocks=True)
-        self._flow = Flow(self, self._budget, rules)
+        self._flow = Flow(self, self._budget, Rules(_MAX_DEPTH, self._rounds, skips_blocks=True))
         self.stopped: tuple[int, str] | None = None
         self.ran: set[str] = set()
 
@@ -153,9 +160,7 @@ class Machine(FileUnits):
     def report(self, step: Step, error: Exception) -> None:
         """Add a finding for a step that cannot be run."""
         assert isinstance(error, Unreadable)
-        operand = step.operand if isinstance(step, Act) else None
-        word = operand.word if isinstance(operand, Statement) else ""
-        self._add_fault(Statement(step.line, word, ""), error)
+        self._add_fault(name_statement(step), error)
 
     def evaluate(self, expression: Question | CaseValue | LoopCount | str) -> Any:
         """Evaluate a condition, a CASE, the count of EXIT or NEXT, or a counter."""
@@ -184,8 +189,6 @@ class Machine(FileUnits):
             self.log.find("refused", "WHILE wants DO", line=self.line)
         is_unknown = bool(self.consulted) if word == "IF" else is_open
         return Unknown(guess=holds) if is_unknown else holds
-
-    to_number = staticmethod(float)
 
     def matches(self, value: float | str, tests: str) -> bool:
         """Whether a VALUE has the value of its CASE."""
@@ -275,9 +278,9 @@ class Machine(FileUnits):
             self._call(call)
 
     def _call(self, rest: str) -> None:
-        match = CALLED.fullmatch(rest)
-        if match is None:
-            raise Unreadable("CALL wants the name of a program and its arguments")
+        match = require(
+            CALLED.fullmatch(rest), Unreadable("CALL wants the name of a program and its arguments")
+        )
         self._enter(match[1], match[2] or "()")
 
     def _call_by_text(self, rest: str) -> None:

@@ -8,6 +8,8 @@ Sources: as ``expressions``; FRAME and SCALE by the Language Reference.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,9 +17,11 @@ from camgen.model.pose import FloatArray, Pose, Vec3, frozen, rotation_about, to
 from camgen.model.program import Joints
 from camgen.model.text import counted
 
-from .expressions import Numbers
+from .expressions import Numbers, Scope
 from .functions import truth
 from .text import NULL, Frame, Impossible, Location, Unreadable, rotation_zyz
+
+_Operand = TypeVar("_Operand")
 
 _TURNS = {"RX": 0, "RY": 1, "RZ": 2}
 _PARTS = {"DX": 0, "DY": 1, "DZ": 2}
@@ -281,6 +285,14 @@ _MORE = {
     "FRAME": Expression._frame, "SCALE": Expression._scale, "NORMAL": Expression._normal,
     "TRANSB": Expression._of_bytes, "LATCH": Expression._latch,
 }  # fmt: skip
+
+
+def read_whole(text: str, scope: Scope, read: Callable[[Expression], _Operand]) -> _Operand:
+    """Evaluate a text that is one operand, by a method of `Expression`."""
+    expression = Expression(text, scope)
+    value = read(expression)
+    expression.finish()
+    return value
 
 
 def to_joints(values: list[float]) -> Joints:

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Mapping
 
 from camgen.lang.log import Log
+from camgen.lang.values import require
 from camgen.model.pose import Pose
 from camgen.model.program import Joints
 from camgen.model.text import counted
@@ -69,9 +70,7 @@ def read_points(files: Mapping[str, str], log: Log) -> dict[str, Value]:
 
 
 def _read(section: str, text: str) -> tuple[str, Value]:
-    match = _NAME.fullmatch(text)
-    if match is None:
-        raise Unreadable(f"not a name and its values: {text[:40]}")
+    match = require(_NAME.fullmatch(text), Unreadable(f"not a name and its values: {text[:40]}"))
     key = canonical(match[1] + "".join(match[2].split()))
     rest = match[3].strip()
     if key[0] == "$":

@@ -22,7 +22,15 @@ from . import words
 from .arm import ROUNDED, is_same
 from .asked import MAX_SIGNAL, RATED, ExternalState
 from .effects import SILENT_SWITCHES
-from .locations import Expression, describe, make_external, to_joints, to_values
+from .functions import truth
+from .locations import (
+    Expression,
+    describe,
+    make_external,
+    read_whole,
+    to_joints,
+    to_values,
+)
 from .text import (
     NULL,
     Frame,
@@ -79,7 +87,7 @@ class Robot(ExternalState):
         self.tool: list[int] = []
         self._held = 0
         self._base: Pose | None = None
-        self._flange = request.flange
+        self._flange = request.find_flange
         self._once_exact = False
         self._hand: float | None = None
         self.detached = False
@@ -104,7 +112,7 @@ class Robot(ExternalState):
 
     def _reach(self, joints: Joints) -> Location | None:
         """Return the location of joint values, None if the arm or the tool is unknown."""
-        flange = self._flange(joints.values) if self._flange is not None else None
+        flange = self._flange(joints.values)
         tool = self.tools[self._held].pose if self._held else NULL
         if flange is None or tool is None:
             return None
@@ -135,15 +143,13 @@ class Robot(ExternalState):
         target = self.target(text)
         if "T" in statement.word:
             text.expect(",")
-            self._hand = 1.0 if text.logic() != 0 else 0.0
+            self._hand = float(text.logic() != 0)
         text.finish()
         self.go(target, "S" in statement.word)
 
     def jmove(self, statement: Statement) -> None:
         """Run `JMOVE`, a motion to joint values."""
-        text = Expression(statement.rest, self)
-        values = text.numbers()
-        text.finish()
+        values = read_whole(statement.rest, self, Expression.numbers)
         if len(values) > 12:
             raise Unreadable(f"JMOVE to {len(values)} joints")
         self.go(to_joints(values), straight=False)
@@ -161,9 +167,7 @@ class Robot(ExternalState):
 
     def depart(self, statement: Statement) -> None:
         """Run `DEPART` or `DEPARTS`: backwards along the tool axis from the last target."""
-        text = Expression(statement.rest, self)
-        distance = text.logic()
-        text.finish()
+        distance = read_whole(statement.rest, self, Expression.logic)
         target = self.current_location("DEST").moved(translation(0, 0, -distance))
         self.go(target, statement.word == "DEPARTS")
 
@@ -173,7 +177,7 @@ class Robot(ExternalState):
         joint = text.logic()
         text.expect(",")
         change = text.logic()
-        speed = text.logic() if text.accept(",") else 100.0
+        speed = text.after(",", text.logic, 100.0)
         text.finish()
         if not (1 <= joint <= 12 and joint == int(joint)):
             raise Impossible(f"DRIVE of joint {joint:g}")
@@ -263,10 +267,7 @@ class Robot(ExternalState):
 
     def delay(self, statement: Statement) -> None:
         """Run `DELAY`, a wait of some seconds."""
-        text = Expression(statement.rest, self)
-        seconds = text.logic()
-        text.finish()
-        self.pause(seconds)
+        self.pause(read_whole(statement.rest, self, Expression.logic))
 
     def stop(self, _: Statement) -> None:
         """Run `PAUSE`, which waits for the operator."""
@@ -342,7 +343,7 @@ class Robot(ExternalState):
 
     def set_switch(self, word: str, name: str, on: bool) -> None:
         """Set a switch of the controller. word: the instruction that sets it."""
-        self.switches[name] = -1.0 if on else 0.0
+        self.switches[name] = truth(on)
         if name == "cp":
             self._path = on
         elif name == "dry.run" and on:
@@ -378,9 +379,7 @@ class Robot(ExternalState):
         if statement.rest.upper() in ("", "NULL"):
             self._base = None
             return
-        text = Expression(statement.rest, self)
-        values = text.reals()
-        text.finish()
+        values = read_whole(statement.rest, self, Expression.reals)
         if len(values) > 4:
             raise Unreadable(f"BASE has {len(values)} values, at most four")
         x, y, z, turn = values + [0.0] * (4 - len(values))
@@ -392,10 +391,7 @@ class Robot(ExternalState):
 
     def signal(self, statement: Statement) -> None:
         """Run `SIGNAL`, which sets one output per number."""
-        text = Expression(statement.rest, self)
-        values = text.numbers()
-        text.finish()
-        for value in values:
+        for value in read_whole(statement.rest, self, Expression.numbers):
             number = abs(value)
             if number != int(number) or number > MAX_SIGNAL:
                 if self.doubt:
@@ -418,7 +414,7 @@ class Robot(ExternalState):
             self.log.find("dangerous", what)
         self.outputs[number] = on
         self.rest_for_output()
-        self.add(self.line, Output(str(number), 1.0 if on else 0.0))
+        self.add(self.line, Output(str(number), float(on)))
 
     def rest_for_output(self) -> None:
         """End the last motion without a blend: an output is set at its target.
@@ -433,7 +429,7 @@ class Robot(ExternalState):
         """Run `BITS first, count = value`."""
         text = Expression(statement.rest, self)
         first = text.logic()
-        count = text.logic() if text.accept(",") else 1.0
+        count = text.after(",", text.logic, 1.0)
         text.expect("=")
         value = text.logic()
         text.finish()
@@ -453,7 +449,7 @@ class Robot(ExternalState):
         word = statement.word
         if statement.rest:
             Expression(statement.rest, self).logic()
-        value = 1.0 if word.startswith("OPEN") else 0.0
+        value = float(word.startswith("OPEN"))
         if word.startswith("RELAX"):
             self.log.fact("hand", f"{word}: neither opened nor closed")
         elif word.endswith("I"):

@@ -17,7 +17,7 @@ from camgen.lang.beside import sum_up
 from camgen.lang.coverage import measure_coverage
 from camgen.lang.log import Log
 from camgen.lang.motion_speed import Limit, pace_motion
-from camgen.lang.programs import Executed, Frames, RunRequest, carry_pose, strip_mark
+from camgen.lang.programs import Executed, Frames, RunRequest, carry_pose, index_frames, strip_mark
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 
@@ -80,17 +80,10 @@ def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
         body,
         tuple(machine.lines),
         placed.frames,
-        placed.places if len(placed.frames) > 1 else (),
-        findings=log.list_findings(),
-        assumed=log.list_assumed(),
-        facts=log.list_facts(", ", 20),
-        lost=log.list_lost(),
-        omitted=log.list_omitted(),
+        index_frames(placed.frames, placed.places),
         stopped=machine.stopped,
-        is_limited=log.is_limited,
-        choices=log.list_choices(),
-        steps=log.steps,
         coverage=measure_coverage(machine.compile_all(), log.ran, end),
+        **log.list_all(", ", 20),
     )
 
 
@@ -134,8 +127,7 @@ def _run_concurrent(machine: Machine, log: Log, make_machine: Callable[[Log], Ma
             log.lose(f"another task, {text}, is not shown: {sum_up(other.body)}", line=line)
         for finding in task_log.list_findings():
             if finding.level != "dangerous":
-                what = f"in {routine.name}: {finding.what}"
-                log.find("unusual", what, line=finding.line)
+                log.find("unusual", f"in {routine.name}: {finding.what}", line=finding.line)
             elif label.startswith("tasks"):
                 log.find(finding.level, finding.what, line=finding.line)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
+from camgen.lang.values import require
 from camgen.model.program import Joints
 
 from .effects import LOST, OMITTED, SILENT, SILENT_PARAMETERS, UNSEEN
@@ -179,7 +180,7 @@ class Statements(Robot):
         elif variable[0] == "#":
             self.assign(variable, self._taught(key, "precision point"))
         else:
-            value = 1.0 if given is None else given
+            value = self._assume.get(key, self._assume.get(base, 1.0))
             self.log.assume(f"{base} comes from outside: taken for {value:g}", base, value)
             self.assign(variable, value)
 
@@ -266,9 +267,10 @@ class Statements(Robot):
         """Note `EXECUTE task program`, which starts a concurrent task."""
         rest = statement.rest
         bare = re.sub(r"^\s*(/\w+\s*)?(\([^)]*\)|\d+)?\s*,?\s*", "", rest)
-        match = _PROGRAM.match(bare) or _PROGRAM.match(bare.partition(" ")[2])
-        if match is None:
-            raise Unreadable("EXECUTE wants the name of a program")
+        match = require(
+            _PROGRAM.match(bare) or _PROGRAM.match(bare.partition(" ")[2]),
+            Unreadable("EXECUTE wants the name of a program"),
+        )
         number = rest[: len(rest) - len(bare)].strip(" ,()")
         task = f" (task {number})" if number else ""
         self.tasks.setdefault(canonical(match[1]), (f"{match[1]}{task}", self.line))
@@ -280,7 +282,7 @@ class Statements(Robot):
         the reaction is noted, and the result is empty.
         """
         parts = [part for part in split(statement.rest) if part]
-        position = 0 if statement.word == "REACTE" else 1
+        position = int(statement.word != "REACTE")
         call = parts[position] if len(parts) > position else ""
         match = _PROGRAM.match(call)
         if match is None:

@@ -32,8 +32,7 @@ _ROBOT = frozenset({"", "()", "(0)"})
 
 def find_data(files: Mapping[str, str]) -> dict[str, str]:
     """Select the files without a program that one of the other files opens to read."""
-    opened = map(_OPENED.findall, files.values())
-    wanted = set(map(strip_folder, chain.from_iterable(opened)))
+    wanted = set(map(strip_folder, chain.from_iterable(map(_OPENED.findall, files.values()))))
     return {
         name: text
         for name, text in files.items()
@@ -114,8 +113,9 @@ class FileUnits(Conditions):
             return
         number, name = self._split_unit(statement.rest)
         text = self._files.get(strip_folder(Expression(name, self).string()))
-        self._status[number] = _NO_FILE if text is None else _SUCCESS
-        self._unread[number] = [] if text is None else text.splitlines()[::-1]
+        self._status[number], self._unread[number] = _NO_FILE, []
+        if text is not None:
+            self._status[number], self._unread[number] = _SUCCESS, text.splitlines()[::-1]
 
     def close(self, statement: Statement) -> None:
         """Run `FCLOSE (lun)`."""

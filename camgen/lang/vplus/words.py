@@ -32,7 +32,7 @@ def parse_speed(text: Expression) -> tuple[float, str, float, bool]:
     missing), and whether the setting holds for more than one motion.
     """
     value = text.real()
-    turning = text.real() if text.accept(",") else 100.0
+    turning = text.after(",", text.real, 100.0)
     if turning <= 0:
         raise Impossible("a rotational speed must be positive")
     words = []

@@ -16,6 +16,7 @@ from msgspec import Struct
 from camgen.lang.pacscript.expressions import Node, parse
 from camgen.lang.pacscript.source import Statement
 from camgen.lang.pacscript.values import Either, Mps, Unreadable, Value
+from camgen.lang.values import require
 
 from .machine import StrictMachine
 from .run import StrictRun
@@ -136,9 +137,10 @@ def _branches(
 
 
 def _assign(run: StrictRun, text: str, taken: list[bool]) -> None:
-    assignment = _ASSIGNMENT.fullmatch(text)
-    if assignment is None:
-        raise Unreadable("where Mps decides, only names can be given a value")
+    assignment = require(
+        _ASSIGNMENT.fullmatch(text),
+        Unreadable("where Mps decides, only names can be given a value"),
+    )
     target = Node("name", assignment[1].lower())
     value: Value = run.evaluate(parse(assignment[2]))
     if not all(taken):
@@ -171,9 +173,9 @@ def _bare(text: str) -> str:
 
 def _compare(run: StrictRun, text: str) -> list[bool]:
     """The result of `Mps(...) < n` or `Mps(...) > n`, by unit."""
-    comparison = _COMPARISON.fullmatch(_bare(text))
-    if comparison is None:
-        raise Unreadable(f"{text.strip()[:60]} is not evaluated")
+    comparison = require(
+        _COMPARISON.fullmatch(_bare(text)), Unreadable(f"{text.strip()[:60]} is not evaluated")
+    )
     left = run.evaluate(parse(comparison[1].strip()))
     right = run.evaluate(parse(comparison[3].strip()))
     greater = comparison[2] == ">"

@@ -224,15 +224,13 @@ class StrictMachine(Machine):
         if not share:
             return item
         start = self.current_pose
-        if isinstance(item, MoveL) and isinstance(item.target, Pose):
-            is_still = not isinstance(start, ExternalPose) and start.origin == item.target.origin
-            if is_still:
-                # Even if the turn is smaller than a printed digit. It has no speed in mm/s.
-                return replace(item, turn=math.radians(share * self.rated_turn))
+        is_line = isinstance(item, MoveL) and isinstance(item.target, Pose)
+        if is_line and not isinstance(start, ExternalPose) and start.origin == item.target.origin:
+            # Even if the turn is smaller than a printed digit. It has no speed in mm/s.
+            return replace(item, turn=math.radians(share * self.rated_turn))
         if not self.is_rated:
             self.is_rated = True
-            what = f"a speed in percent, taken of {RATED:g} mm/s; give the option rated"
-            self.fault(what)
+            self.fault(f"a speed in percent, taken of {RATED:g} mm/s; give the option rated")
         return item
 
     def by_unit(self, value: Mps) -> list[float]:

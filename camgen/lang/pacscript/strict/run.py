@@ -104,8 +104,7 @@ class StrictRun(Run):
         except Ended:
             pass
         except Stopped as error:
-            is_endless = self.budget.left < 0
-            what = "more statements than a program can have" if is_endless else str(error)
+            what = "more statements than a program can have" if self.budget.left < 0 else str(error)
             self.machine.fault(what)
         return True
 

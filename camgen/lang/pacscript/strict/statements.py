@@ -19,6 +19,7 @@ from camgen.lang.pacscript.state import LAST_SIGNAL
 from camgen.lang.pacscript.statements import TAKE
 from camgen.lang.pacscript.values import Unreadable, index
 from camgen.lang.pacscript.words import name_fault
+from camgen.lang.values import require
 from camgen.model.pose import Pose
 from camgen.model.program import Output, Wait
 from camgen.model.text import counted
@@ -171,9 +172,7 @@ def _assign(run: StrictRun, text: str, verb: str) -> None:
 
 def _declare(run: StrictRun, rest: str) -> None:
     for part in arguments(rest):
-        match = _DECLARATION.fullmatch(part)
-        if match is None:
-            raise Unreadable(f"Dim {part} is not evaluated")
+        match = require(_DECLARATION.fullmatch(part), Unreadable(f"Dim {part} is not evaluated"))
         if what := name_fault(match[1]):
             raise Unreadable(what)
         name, kind = match[1].lower(), (match[2] or "variant").lower()
@@ -245,7 +244,7 @@ def _define(run: StrictRun, rest: str, *, kind: str) -> None:
     frame = run.evaluate(parse(parts[1])) if len(parts) == 2 else 0.0
     if not isinstance(frame, Pose):
         raise Unreadable(f"{kind.capitalize()} needs a number and a position")
-    chosen = _read_frame(run, parts[0], kind, 1 if kind == "tool" else 0)
+    chosen = _read_frame(run, parts[0], kind, int(kind == "tool"))
     if not machine.expected.define:
         reason = "though post.define does not ask for it"
         machine.remark(f"{kind} {chosen} is written to the controller, {reason}")
@@ -263,9 +262,9 @@ def _read_frame(run: StrictRun, text: str, kind: str, least: int) -> int:
 
 
 def _switch(run: StrictRun, rest: str, *, level: float) -> None:
-    match = _IO.fullmatch(rest)
-    if match is None:
-        raise Unreadable(f"an output of {rest or 'nothing'} is not evaluated")
+    match = require(
+        _IO.fullmatch(rest), Unreadable(f"an output of {rest or 'nothing'} is not evaluated")
+    )
     io = index(run.read_number(match[1]))
     if io > LAST_SIGNAL:
         raise Unreadable(f"IO[{io}]; the highest is IO[{LAST_SIGNAL}]")

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from camgen.lang.programs import Executed, Frames
+from camgen.lang.programs import Executed, Frames, unify_line_ends
 from camgen.lang.rapid.rows import Spellings
 from camgen.lang.rapid.tokens import Wrong
 from camgen.lang.rapid.tree import Block, Calling, Inline, Routine, Run
+from camgen.lang.values import require
 from camgen.model.program import Force, Output
 
 from .expected import read_expected
@@ -58,12 +59,11 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
 
     plain: whether statements in the usual spelling are read by column. The result is the same.
     """
-    settings = _read_settings(options)
-    state = State(settings=settings)
+    state = State(settings=_read_settings(options))
     line = 1
     spellings = Spellings(Written, MOTIONS)
     for text in files.values():
-        lines = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+        lines = unify_line_ends(text)
         modules, ends = parse(lines, line, spellings if plain else None, state.log)
         for module in modules:
             enter_module(state, module)
@@ -131,9 +131,10 @@ def _run_statement(state: State, routine: Routine, item: Calling | Inline, depth
 
 def _find_called(state: State, routine: Routine, call: Calling, depth: int) -> Routine:
     """The PROC that a statement calls. Raises Wrong if it cannot be called."""
-    called = state.find_routine(state.homes[routine], call.name)
-    if called is None:
-        raise Wrong(call.line, f"{call.name[:40]} is a statement that is not read")
+    called = require(
+        state.find_routine(state.homes[routine], call.name),
+        Wrong(call.line, f"{call.name[:40]} is a statement that is not read"),
+    )
     if call.args or call.options:
         raise Wrong(call.line, f"{call.name[:40]} is called with arguments")
     if depth >= _DEEPEST_CALL:

@@ -16,15 +16,16 @@ def numbers(value: Value) -> tuple[float, ...]:
 
 def record_fault(kind: str, value: Value) -> str:
     """The fault of the numbers of a record, empty without one."""
-    find_fault = _FAULTS.get(kind)
-    return find_fault(numbers(value)) if find_fault else ""
+    if kind == "orient":
+        return orient_fault(numbers(value))
+    return _find_fault(kind, numbers(value))
 
 
 @lru_cache(maxsize=1000)
 def posture_fault(parts: tuple[tuple[float, ...], ...]) -> str:
     """The fault of the configuration or the external axes of a robtarget, empty without one."""
     conf, external = parts
-    return _quarters(conf) or _external(external)
+    return _find_fault("confdata", conf) or _find_fault("extjoint", external)
 
 
 def orient_fault(q: tuple[float, ...]) -> str:
@@ -36,28 +37,23 @@ def orient_fault(q: tuple[float, ...]) -> str:
     return f"a quaternion is not normalised (its square differs from 1 by {deviation:.2g})"
 
 
-def _external(axes: tuple[float, ...]) -> str:
-    return "external axes are not read" if any(v != UNUSED for v in axes) else ""
+def _find_fault(kind: str, parts: tuple[float, ...]) -> str:
+    is_wrong, fault = _FAULTS.get(kind, (None, ""))
+    if is_wrong is not None and is_wrong(parts):
+        return fault
+    return ""
 
 
-def _quarters(conf: tuple[float, ...]) -> str:
-    return "confdata must be whole numbers" if any(v != int(v) for v in conf) else ""
-
-
-def _speed(speed: tuple[float, ...]) -> str:
-    return "a speed that is not positive" if min(speed[:2]) <= 0 or min(speed) < 0 else ""
-
-
-def _zone(zone: tuple[float, ...]) -> str:
-    return (
-        "a zone that is not a stop point must have a radius" if not zone[0] and zone[1] <= 0 else ""
-    )
-
-
-_FAULTS: dict[str, Callable[[tuple[float, ...]], str]] = {
-    "orient": orient_fault,
-    "extjoint": _external,
-    "confdata": _quarters,
-    "speeddata": _speed,
-    "zonedata": _zone,
+#: Test of the numbers of a record for the fault after it.
+_FAULTS: dict[str, tuple[Callable[[tuple[float, ...]], bool], str]] = {
+    "extjoint": (lambda axes: any(v != UNUSED for v in axes), "external axes are not read"),
+    "confdata": (lambda conf: any(v != int(v) for v in conf), "confdata must be whole numbers"),
+    "speeddata": (
+        lambda speed: min(speed[:2]) <= 0 or min(speed) < 0,
+        "a speed that is not positive",
+    ),
+    "zonedata": (
+        lambda zone: not zone[0] and zone[1] <= 0,
+        "a zone that is not a stop point must have a radius",
+    ),
 }

@@ -20,7 +20,7 @@ from camgen.lang.rapid.machine import Machine, RoutineScope
 from camgen.lang.rapid.places import pose_of
 from camgen.lang.rapid.rows import Rows
 from camgen.lang.rapid.tokens import Wrong
-from camgen.lang.rapid.tree import Calling, Expr, Module, Point, Ref, Routine, Run
+from camgen.lang.rapid.tree import Calling, Expr, Module, Point, Ref, Routine, Run, name_reference
 from camgen.lang.rapid.types import LITERAL, PREDEFINED, TYPES, Value
 from camgen.lang.rapid.values import Variable
 from camgen.model.pose import FloatArray, Pose
@@ -265,13 +265,12 @@ class State(Machine):
 
         Raises Wrong if the program has another one already.
         """
-        name = expr.name if isinstance(expr, Ref) else ""
+        name = name_reference(expr)
         if kind not in self.set_up:
             frame = None if value is None else self._read_frame(kind, value)
             self.set_up[kind] = (name.lower(), frame)
             if kind == "tool" and value is not None:
-                load = cast(tuple[Value, ...], value)[2]
-                self.remark(check_load(self.settings.expected, load))
+                self.remark(check_load(self.settings.expected, cast(tuple[Value, ...], value)[2]))
         elif self.set_up[kind][0] != name.lower():
             raise self.wrong(f"{name} is a second {'tool' if kind == 'tool' else 'work object'}")
 

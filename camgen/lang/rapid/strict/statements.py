@@ -11,7 +11,7 @@ import numpy as np
 from camgen.lang.rapid.machine import RobotPosition
 from camgen.lang.rapid.motions import find_direction
 from camgen.lang.rapid.places import pose_of
-from camgen.lang.rapid.tree import Calling, Expr, Inline, Ref
+from camgen.lang.rapid.tree import Calling, Expr, Inline, Ref, name_reference
 from camgen.lang.rapid.types import Value
 from camgen.lang.rapid.ways import (
     find_arc_faults,
@@ -83,11 +83,11 @@ def switch(state: State, call: Calling) -> Output:
         raise state.wrong(
             f"{call.name} of {signal}, which is {'an analog' if analog else 'a digital'} output"
         )
-    count = 2 if call.name in ("setdo", "setao") else 1
+    count = 1 + (call.name in ("setdo", "setao"))
     if len(call.args) != count:
         raise state.wrong(f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}")
     if count == 1:
-        return Output(signal, 1.0 if call.name == "set" else 0.0)
+        return Output(signal, float(call.name == "set"))
     value = cast(float, state.typed(call.args[1], "num"))
     if call.name == "setdo" and value not in (0, 1):
         raise state.wrong("a digital output is 0 or 1")
@@ -168,7 +168,7 @@ def _calibrate(state: State, call: Calling) -> None:
     if len(call.args) != 1 or call.options:
         raise state.wrong("fccalib needs one loaddata")
     argument, expected = call.args[0], state.settings.expected
-    load: str | Value = argument.name.lower() if isinstance(argument, Ref) else ""
+    load: str | Value = name_reference(argument).lower()
     if load != expected.calibration.lower() or state.known(argument):
         value = state.typed(argument, "loaddata")
         load = load or value
@@ -176,8 +176,7 @@ def _calibrate(state: State, call: Calling) -> None:
         raise state.wrong("fccalib while pressing")
     state.remark(check_calibration(expected, load))
     if not state.is_settled:
-        what = "FCCalib without WaitTime\\InPos right before it: the arm may still swing"
-        state.remark(what)
+        state.remark("FCCalib without WaitTime\\InPos right before it: the arm may still swing")
     state.calibrated, state.is_settled = True, False
     state.stopped(call.name)
 
@@ -361,8 +360,9 @@ def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
     start = state.position.pose
     if isinstance(target, Joints) or bound.name == "movej":
         return bound.turn if abs(bound.turn - _USUAL_TURN) > _SAME_TURN else 0.0
-    is_still = start is not None and start.origin == target.origin
-    return bound.turn if is_still else 0.0
+    if start is not None and start.origin == target.origin:
+        return bound.turn
+    return 0.0
 
 
 def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:
@@ -468,8 +468,7 @@ def _check_motion(state: State, bound: Bound, start: Pose, via: Pose | None, tar
         return
     if via is None:
         if is_half_turn(start, target):
-            what = "the tool turns by 180 deg in one straight motion; its sense is open"
-            state.remark(what)
+            state.remark("the tool turns by 180 deg in one straight motion; its sense is open")
     else:
         fault, remark = find_arc_faults(start.origin, via.origin, target.origin)
         if fault:

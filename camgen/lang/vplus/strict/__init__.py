@@ -17,14 +17,20 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.lang.code import Act, Return, Step
-from camgen.lang.flow import Choice, Counter, Flow, Rules
+from camgen.lang.flow import Counter, Flow, Language, Rules
 from camgen.lang.log import Log
 from camgen.lang.post_options import read_positive, read_signals
 from camgen.lang.programs import Executed, Frames
 from camgen.lang.run import Budget, Stopped
-from camgen.lang.values import Unknown
+from camgen.lang.values import require
 from camgen.lang.vplus.arm import POSTURES, is_same
-from camgen.lang.vplus.code import FLOW, Translator, compile_routine, read_bounds
+from camgen.lang.vplus.code import (
+    FLOW,
+    Translator,
+    compile_routine,
+    name_statement,
+    read_bounds,
+)
 from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
 from camgen.lang.vplus.text import (
@@ -66,7 +72,7 @@ _MOTIONS = frozenset({"APPRO", "APPROS", "DEPART", "DEPARTS", "MOVE", "MOVES"})
 _OTHER_MOTIONS = frozenset({"ALIGN", "ALTER", "CLOSE", "DRIVE", "MOVEST", "MOVET", "OPEN", "READY"})
 
 
-class Machine(RobotState):
+class Machine(RobotState, Language):
     """The controller: the robot and the programs that it runs."""
 
     faults: type[Exception] = Unreadable
@@ -120,6 +126,7 @@ class Machine(RobotState):
             self.lose_position()
 
     # -- answers to the engine (`camgen.lang.flow.Language`) ------------------------------------
+    # No program of a post has cases or open choices. The budget ends a loop that repeats itself.
 
     def begin(self, step: Step) -> None:
         """Takes note that a step runs now."""
@@ -128,9 +135,7 @@ class Machine(RobotState):
     def report(self, step: Step, error: Exception) -> None:
         """Adds a finding for a step that cannot be carried out."""
         assert isinstance(error, Unreadable)
-        operand = step.operand if isinstance(step, Act) else None
-        word = operand.word if isinstance(operand, Statement) else ""
-        self._find_fault(Statement(step.line, word, ""), error)
+        self._find_fault(name_statement(step), error)
 
     def open_count(self, count: str) -> Counter:
         """The counter of FOR."""
@@ -146,25 +151,9 @@ class Machine(RobotState):
             self._refuse(expression.word)
         return self.real(expression)
 
-    to_number = staticmethod(float)
-
-    def matches(self, value: object, tests: object) -> bool:
-        """Raises Unreadable: no program of a post has cases."""
-        raise Unreadable(f"the case {tests} of {value} is not evaluated")
-
     def count_instructions(self) -> int:
         """The number of instructions so far."""
         return len(self.body)
-
-    def read_state(self) -> None:
-        """Nothing: the budget ends a loop that repeats itself."""
-
-    def assume(
-        self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
-    ) -> bool:
-        """Raises Unreadable: a strict run has no choices."""
-        del unknown, length
-        raise Unreadable(f"{choice.name} of line {step.line} is not evaluated")
 
     def act(self, statement: Statement) -> None:
         """Runs an instruction."""
@@ -195,12 +184,11 @@ class Machine(RobotState):
 
     def call(self, statement: Statement) -> None:
         """Runs `CALL name()`."""
-        match = _CALL.fullmatch(statement.rest)
-        if match is None:
-            raise Unreadable("CALL wants name()")
-        routine = self._programs.get(canonical(match[1]))
-        if routine is None:
-            raise Unreadable(f"program {match[1]} is not in this text")
+        match = require(_CALL.fullmatch(statement.rest), Unreadable("CALL wants name()"))
+        routine = require(
+            self._programs.get(canonical(match[1])),
+            Unreadable(f"program {match[1]} is not in this text"),
+        )
         if match[2] or routine.arguments:
             raise Unreadable("the arguments of a CALL are not evaluated")
         if self.depth >= _CALLS:
@@ -381,8 +369,7 @@ def _check_frames(machine: Machine) -> None:
         machine.remark(1, f"the tool is {machine.tool_name}, not {tool} as post.tool has it")
     for line, frame in zip(machine.lines, machine.frames, strict=True):
         if frame is not None and frame.external not in ("", work):
-            what = f"a target in {frame.external}, not in {work} as post.work has it"
-            machine.remark(line, what)
+            machine.remark(line, f"a target in {frame.external}, not in {work} as post.work has it")
 
 
 def _find_start(programs: list[Routine], log: Log) -> Routine | None:
@@ -406,7 +393,7 @@ def _find_start(programs: list[Routine], log: Log) -> Routine | None:
             log.find("refused", what, line=routine.line)
     if not roots:
         log.find("refused", "there is no .PROGRAM", line=1)
-    return roots[0] if roots else None
+    return next(iter(roots), None)
 
 
 def _translate(robot: RobotState) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:

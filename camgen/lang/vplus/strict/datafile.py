@@ -221,10 +221,10 @@ def _statements(text: str) -> list[_Statement]:
         if re.search(r"[^\t -~]", raw):
             raise _Wrong(number, "a character that is not printable ASCII")
         code = re.match(r'(?:"[^"]*"|[^";])*', raw)
-        rest = raw[code.end() :] if code else raw
-        if rest and rest[0] != ";":
+        assert code is not None
+        if raw[code.end() :][:1] not in ("", ";"):
             raise _Wrong(number, "a string that does not end")
-        words = _TOKEN.findall(code[0] if code else "")
+        words = _TOKEN.findall(code[0])
         if words:
             statements.append(_Statement(number, " ".join(words)))
     return statements
@@ -256,8 +256,7 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
         index += 1
     if index < len(statements):
         statement = statements[index]
-        what = f"{statement.words[:60]} after the reader of a data file"
-        raise _Wrong(statement.line, what)
+        raise _Wrong(statement.line, f"{statement.words[:60]} after the reader of a data file")
     raw = text.split("\n")
     # The plain program does not have the variables of the reader.
     reader_lines = [s.line for s in statements if s.words.upper().startswith("ATTACH ( CG")]

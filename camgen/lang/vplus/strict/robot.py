@@ -27,6 +27,7 @@ from camgen.lang.vplus.text import (
     parse_plain_speed,
 )
 from camgen.lang.vplus.variables import Table, check_name
+from camgen.model.instructions import NO_POSTURE
 from camgen.model.pose import Pose, translation
 from camgen.model.program import Joints, Output, Stop, Wait
 
@@ -296,7 +297,7 @@ class RobotState(Arm):
             if not straight and "MOVE" not in self._stated:
                 self._compare_posture(line)
         elif posed and self._restated is not None:
-            kept = {*(self._posture.switches if self._posture else ())} - self._restated
+            kept = {*(self._posture or NO_POSTURE).switches} - self._restated
             self._restated = None
             if kept:
                 what = f"{', '.join(sorted(kept))} not set since a CALL or its RETURN"
@@ -305,7 +306,7 @@ class RobotState(Arm):
             self._stated.add("MOVE")
 
     def _compare_posture(self, line: int) -> None:
-        if {*(self._posture.switches if self._posture else ())} != self.settings.posture:
+        if {*(self._posture or NO_POSTURE).switches} != self.settings.posture:
             words_of_posture = ", ".join(sorted(self.settings.posture))
             self.remark(line, f"post.posture asks for {words_of_posture} before the first MOVE")
 
@@ -435,7 +436,7 @@ class RobotState(Arm):
         self._standing(statement, "an output")
         for value in values:
             name = self.settings.signals.get(int(abs(value)), f"signal {abs(value):g}")
-            self.add(statement.line, Output(name, 1.0 if value > 0 else 0.0))
+            self.add(statement.line, Output(name, float(value > 0)))
 
     def wait_event(self, statement: Statement) -> None:
         """Runs `WAIT.EVENT , s`, a dwell."""
