@@ -56,6 +56,7 @@ CALLS = {
     "Impossible": Form("finding: refused", 0),
     "LineError": Form("finding: refused", 0),
     "Wrong": Form("finding: refused", 1),
+    "faults": Form("finding: refused", 0),
     "assume": Form("finding: assumed", 0),
     "choose": Form("finding: assumed", 0),
     "lose": Form("finding: left out", 0),
