@@ -321,7 +321,7 @@ class Flow:
 
         default: whether it is entered by default.
         """
-        return self._language.log.decide(unknown.what, int(not default), 2) == 0
+        return self._language.log.decide(unknown.what, 0 if default else 1, 2) == 0
 
     def _choose_branch(self, frame: CallFrame, at: int, step: Branch, unknown: Unknown) -> bool:
         code = frame.code

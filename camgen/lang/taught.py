@@ -316,7 +316,9 @@ def in_one_frame(executed: Executed, file: str, chord: float) -> OneFrameBody:
     Raises InputError if the frame of a second tool or work object is not known.
     """
     indices = executed.frame or (0,) * len(executed.body)
-    main = (executed.frames or (Frames(),))[_find_main(executed, indices)]
+    main = executed.first_frames
+    if executed.frames:
+        main = executed.frames[_find_main(executed, indices)]
     changes: dict[int, _Change] = {}
 
     def get_change(index: int, line: int) -> _Change:
@@ -447,7 +449,8 @@ def _transform(item: Motion, start: Pose | None, change: _Change, chord: float) 
         return
     # The TCP of the other tool leaves its chord by radius * step**2 / 8.
     step = min(math.sqrt(8 * chord / radius), _MAX_ROTATION)
-    count = math.ceil(rotation * (1 + isinstance(item, MoveC)) / step)
+    halves = 2 if isinstance(item, MoveC) else 1
+    count = math.ceil(rotation * halves / step)
     seconds = _measure_time(before, item, rotation) / count
     for k in range(1, count + 1):
         pose = change.transform(_pose_at(before, item, k / count))

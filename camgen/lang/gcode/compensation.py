@@ -155,8 +155,8 @@ class OffsetPath:
             self.flush()
 
     def _height(self, old: Segment) -> float:
-        heights = (item.height for item in self.pending if isinstance(item, Segment))
-        return [old.height, *heights][-1]
+        heights = [item.height for item in self.pending if isinstance(item, Segment)]
+        return heights[-1] if heights else old.height
 
     def _cross(self, old: Segment, new: Segment) -> complex:
         corner = new.begin

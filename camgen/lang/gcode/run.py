@@ -88,7 +88,7 @@ def run_program(
         on_off=not has_speed(lines),
         pause=dialect.dwell,
         to_start=dialect.to_start or None,
-        fewest_holes=int(not dialect.increments),
+        fewest_holes=0 if dialect.increments else 1,
     )
     _set_beam(m, text)
     words = COMMENT.sub("", "\n".join(files.values()))

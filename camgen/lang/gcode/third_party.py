@@ -368,7 +368,7 @@ def _add_increments(m: Machine, codes: Mapping[str, str], words: dict[str, float
         if letter not in words or axis in words:
             continue
         k, is_diameter = AXES.index(axis), m.dialect.diameter and axis == "X"
-        increment = words.pop(letter) / (1 + is_diameter)
+        increment = words.pop(letter) / (2 if is_diameter else 1)
         start = m.turned(list(m.at), True)[k]
         words[axis] = increment
         if not m.incremental:

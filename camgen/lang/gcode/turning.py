@@ -95,7 +95,7 @@ def _find_start(m: Machine, words: dict[str, float]) -> Vec3:
     if m.dialect.diameter:
         return x, y, z
     if "X" in words:
-        x = words["X"] * m.scale / (1 + m.lathe) + m.shift[0]
+        x = words["X"] * m.scale / (2 if m.lathe else 1) + m.shift[0]
     if "Z" in words:
         z = words["Z"] * m.scale + m.shift[2]
     return x, y, z

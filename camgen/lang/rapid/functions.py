@@ -272,7 +272,8 @@ def _find_other(text: str, start: float, unwanted: str) -> float:
 
 
 def _match(text: str, start: float, pattern: str) -> float:
-    return float(text.find(pattern, int(start) - 1) + 1 or len(text) + 1)
+    place = text.find(pattern, int(start) - 1)
+    return float(place + 1 if place >= 0 else len(text) + 1)
 
 
 def _map(text: str, old: str, new: str) -> str:

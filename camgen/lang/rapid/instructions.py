@@ -57,7 +57,7 @@ def _set_output(machine: Machine, call: Calling) -> None:
     dvalue = options.get("dvalue")
     if "sdelay" in options:
         machine.log.fact("delays", "SetDO with SDelay is shown without it")
-    name = _signal_of(machine, call, 1 + (dvalue is None))
+    name = _signal_of(machine, call, 2 if dvalue is None else 1)
     value = machine.number(call.argument(1, dvalue))
     if isinstance(value, Unknown):
         machine.log.assume(f"what {name} is set to is not known: 1 is taken", name.lower(), 1.0)
@@ -124,7 +124,7 @@ def _wait_until(machine: Machine, call: Calling) -> None:
     if call.args and not isinstance(call.args[-1], bool):
         condition = machine.value(call.args[-1])
         if condition is not True:
-            what = getattr(condition, "what", "")
+            what = condition.what if isinstance(condition, Unknown) else ""
             machine.log.assume(f"{what[:60] or 'a condition'}: the wait for it is over at once")
     _no_timeout(machine, call)
 

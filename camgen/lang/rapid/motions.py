@@ -67,7 +67,7 @@ class Form(Struct, frozen=True):
     @property
     def point_count(self) -> int:
         """Number of points: an arc has a circle point too."""
-        return 1 + (self.kind == "c")
+        return 2 if self.kind == "c" else 1
 
 
 class Trigger(Struct, frozen=True):
@@ -677,7 +677,7 @@ def _press(
         machine.add(MoveL(target, bound.speed, bound.blend, posture=posture))
         return
     else:
-        force = machine.number(call.args[2 + (via is not None)])
+        force = machine.number(call.args[2 if via is None else 3])
         if isinstance(force, Unknown):
             machine.log.assume(
                 f"a force to press with is not known ({force.what[:60]}): 1 N is taken"

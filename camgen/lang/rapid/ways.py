@@ -139,7 +139,7 @@ def split_arc(start: Pose, via: Pose, target: Pose) -> list[Pose]:
     v = _cross((normal[0] / length, normal[1] / length, normal[2] / length), u)
     end = _minus(ac, to_centre)
     angle = math.atan2(_dot(end, v), _dot(end, u)) % (2 * math.pi)
-    pieces = 1 + (angle > math.pi * 1.0001)
+    pieces = 1 if angle <= math.pi * 1.0001 else 2
     poses = []
     for k in range(1, 2 * pieces + 1):
         c, s = math.cos(angle * k / (2 * pieces)), math.sin(angle * k / (2 * pieces))
@@ -160,7 +160,7 @@ def split_at_circle_point(start: Pose, via: Pose, target: Pose) -> list[Pose]:
     poses: list[Pose] = []
     for begin, end, angle in ((start, via, first), (via, target, sweep - first)):
         arm = _minus(begin.origin, centre)
-        pieces = 1 + (angle > math.pi * 1.0001)
+        pieces = 1 if angle <= math.pi * 1.0001 else 2
         for k in range(1, 2 * pieces):
             part = k / (2 * pieces)
             x, y, z = turn_about(arm, axis, part * angle)

@@ -139,7 +139,8 @@ class Translator:
         self._has_branches = table.get("IF") is Translator._if
         self._starts = [0]
         for index, statement in enumerate(routine.statements):
-            self._starts.append(self._starts[-1] + 1 + self._is_jump(index, statement))
+            steps = 2 if self._is_jump(index, statement) else 1
+            self._starts.append(self._starts[-1] + steps)
         self.code = Code([])
         for index, statement in enumerate(routine.statements):
             cost = measure_cost(statement)
@@ -273,7 +274,7 @@ class Translator:
         labels = []
         for start in loops:
             end = self.routine.partner.get(start, index)
-            target = self._starts[end + (statement.word != "NEXT")]
+            target = self._starts[end if statement.word == "NEXT" else end + 1]
             labels.append(f"step {target}")
             self.code.labels[labels[-1]] = target
         value = LoopCount(statement.word, statement.rest or "1", len(loops))

@@ -40,7 +40,7 @@ def remainder(a: float, b: float) -> float:
 
 def truth(value: bool) -> float:
     """Convert a bool to TRUE (-1) or FALSE (0)."""
-    return 0.0 - float(value)
+    return -1.0 if value else 0.0
 
 
 def _root(value: float) -> float:

@@ -282,7 +282,7 @@ class Statements(Robot):
         the reaction is noted, and the result is empty.
         """
         parts = [part for part in split(statement.rest) if part]
-        position = int(statement.word != "REACTE")
+        position = 0 if statement.word == "REACTE" else 1
         call = parts[position] if len(parts) > position else ""
         match = _PROGRAM.match(call)
         if match is None:

@@ -83,7 +83,7 @@ def switch(state: State, call: Calling) -> Output:
         raise state.wrong(
             f"{call.name} of {signal}, which is {'an analog' if analog else 'a digital'} output"
         )
-    count = 1 + (call.name in ("setdo", "setao"))
+    count = 2 if call.name in ("setdo", "setao") else 1
     if len(call.args) != count:
         raise state.wrong(f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}")
     if count == 1:
