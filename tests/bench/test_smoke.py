@@ -95,7 +95,6 @@ SMOKES = [
     Smoke("tours.lkh 10 4 1", (), {}, lacking("elkai")),
     Smoke("plan.engagement shapes 2", (1,), {"above, mm": (0, 15), "m": (0.3, 3)}),
     Smoke("plan.adaptive {here}/none 'motor plate'", (1,), {"gouged mm2": (0, 0), "s": (100, 300)}),
-    Smoke("plan.pocket_series {here}/dxf 1", (1,), {"gouged mm2": (0, 0), "mm": (10, 50000)}),
     Smoke(
         "plan.pockets shapes 5", (1,), {"bare mm2": (0, 0), "gouged mm2": (0, 0), "paths": (4, 20)},
     ),
@@ -117,9 +116,7 @@ SMOKES = [
     ),
     Smoke("plan.stops copper.dxf", (2,), {"strokes": (2, 17), "pen-down motions": (100, 400)}),
     Smoke("plan.drawing {here}/image", (1,), {"strokes": (8, 8), "off (px)": (0.1, 1.5)}),
-    Smoke(
-        "robots.cycle --lines 1000", (10, 2), {"length over speed, s": (1, 60), "time, s": (1, 60)},
-    ),
+    Smoke("robots.cycle planned", (7,), {"length over speed, s": (0.1, 4), "camgen, s": (0.4, 7)}),
     Smoke("robots.kinematics 20", (11,), {"found again": (100, 100), "mm": (0, 1e-3)}),
     Smoke(
         "robots.collision 20", (12,), {"differ from the plain loop": (0, 0), "poses/s": (1, 1e9)},
@@ -132,7 +129,6 @@ SMOKES = [
     Smoke("robots.coverage block", (1,), {"mm": (800, 900), "pieces": (8, 9)}, lacking("OCP")),
     Smoke("robots.set_ups block", (1,), {"two": (16, 16), "left of it": (0, 0)}, lacking("OCP")),
     Smoke("robots.reach_judge none", (0,), {}, lacking("py_opw_kinematics")),
-    Smoke("robots.flow rfa1 'IRB 2400'", (2,), {"less": (20, 80)}),
     Smoke(
         "robots.robotsp made",
         (2,), {"not reached": (0, 0), "cost": (1, 12), "execution, s": (2, 15)},

@@ -470,10 +470,7 @@ def test_a_comment_never_ends_in_a_continuation_mark() -> None:
     assert read({"a.pcs": text}, {}).findings == ()
     (remark,) = read({"a.pcs": text.replace("layer _.", "layer _")}, {}).findings
     assert remark.level == "unusual"
-    assert (
-        remark.what
-        == "a comment that ends in _: the controller may read the next line as a part of it"
-    )
+    assert remark.what == "a comment that ends in _: the controller may join the next line to it"
 
 
 @pytest.mark.parametrize("name", ["unit", "Status", "log", "TrackMove"])
