@@ -68,6 +68,9 @@ def strip_mark(text: str) -> str:
 
 def unify_line_ends(text: str) -> str:
     """The text with LF line ends."""
+    # A search takes a tenth of the time of two replacements.
+    if "\r" not in text:
+        return text
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
