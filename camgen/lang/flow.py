@@ -130,7 +130,9 @@ class Rules(Struct, frozen=True):
 
 
 class Language(Protocol):
-    """A language, as the run needs it. What it does not override stops the run of the step.
+    """A language, as the run needs it.
+
+    The defaults of `matches` and `assume` raise `faults`, so that the step is not run.
 
     faults: class of the exceptions for a step that cannot be carried out.
     log: findings and assumptions.

@@ -49,7 +49,7 @@ def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
     """Find the tool axis, 0 to 2, and the sign of a force direction; None if it is not an axis."""
     along = rotation.T @ np.asarray(press)
     axis = int(np.argmax(np.abs(along)))
-    sign = int(math.copysign(1, along[axis]))
+    sign = 1 if along[axis] > 0 else -1
     along[axis] -= sign
     return (axis, sign) if float(np.abs(along).max()) <= _ALIGNED else None
 

@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from camgen.model.cell import Dynamics
-from camgen.motion.limits import MotionLimits, make_limits, time_from_rest
+from camgen.motion.limits import LinkSpeeds, MotionLimits, make_limits, time_from_rest
 from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.rates import find_held_fraction
 
@@ -77,3 +77,14 @@ def test_joints_that_a_job_slows_down_are_slowed_down_in_free_space() -> None:
     assert find_held_fraction(held, b - a) == pytest.approx(0.25)
     # Another joint determines the time, and the first one needs less than its quarter.
     assert find_held_fraction(held, np.array([0.01, 1.0, 0, 0, 0, 0])) == 1.0
+
+
+def test_an_arm_with_limited_speeds_takes_as_long_to_reach_them() -> None:
+    """The order of paths and the time of a link count the same accelerations, speed by ramp."""
+    arm = find_robot("IRB 120")
+    slow = replace(arm, held=arm.speeds / 4)
+    limits = make_limits(slow, Dynamics(ramp=0.5), 100.0)
+    assert limits.joint_accelerations == pytest.approx(arm.speeds / 4 / 0.5)
+    moved = np.full(6, 0.3)
+    seconds = LinkSpeeds(100.0, 100.0, 1.0, ramp=0.5).time_joints(slow, moved)
+    assert float(limits.seconds(moved, np.array(0.0))) == pytest.approx(float(seconds))
