@@ -3,7 +3,7 @@ const KINDS_OF_NOTE = {
   refused: ["refused", "refused"], dangerous: ["dangerous", "dangerous"], unusual: ["unusual", "unusual"],
   gouge: ["gouge", "gouges"], excess: ["excess", "excesses"],
   skipped: ["left out", "left out"], warning: ["warning", "warnings"], assumed: ["assumption", "assumptions"],
-  repaired: ["mended", "mended"], joined: ["joined", "joined"],
+  repaired: ["repaired", "repaired"], joined: ["joined", "joined"],
 };
 const GRAVE = ["refused", "dangerous", "gouge", "skipped", "warning"];
 const notes = [
@@ -129,7 +129,7 @@ function setNotes() {
     }
     $("notes").append(element);
   });
-  if (!notes.length) $("notes").append(make("p", "Nothing was left out, assumed or mended.", "empty"));
+  if (!notes.length) $("notes").append(make("p", "Nothing was left out, assumed or repaired.", "empty"));
   return grave;
 }
 
