@@ -290,6 +290,8 @@ def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
 
     Enclosed paths run before all stretches of a path: each stretch encloses the one before.
     """
+    if not any(split.zones for split in splits):
+        return plan
     counts = np.array([max(len(split.kept), 1) for split in splits])
     first = np.cumsum(counts) - counts
     around = {path.parent for path in plan.paths}

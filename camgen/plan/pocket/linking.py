@@ -241,7 +241,7 @@ def _freeze_all(builders: Sequence[_PassBuilder]) -> list[LinkedPasses]:
             join_chains(builder.parts),
             builder.pass_count,
             builder.entry_radius,
-            index.get(id(builder.successor), -1),
+            index[id(builder.successor)] if builder.successor is not None else -1,
             builder.channel_segments,
             builder.steep_links,
         )
