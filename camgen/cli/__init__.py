@@ -75,7 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Standard output is for results alone. The output of plug-ins and libraries goes to
         # standard error, with the messages.
         with raise_signals(last=argv is None), redirect_stdout(sys.stderr):
-            return _command(arguments.command)(arguments, terminal)
+            command = _load_command(arguments.command, own_process=argv is None)
+            return command(arguments, terminal)
     except CamgenError as error:
         terminal.error(f"error: {error}")
         _trace(terminal)
@@ -115,13 +116,16 @@ def _trace(terminal: Terminal) -> None:
         importlib.import_module("traceback").print_exc()
 
 
-def _command(name: str) -> Callable[[argparse.Namespace, Terminal], int]:
-    # An import makes thousands of objects and no garbage, so it would find nothing.
+def _load_command(name: str, *, own_process: bool) -> Callable[[argparse.Namespace, Terminal], int]:
+    # An import makes thousands of objects and no garbage. So nothing is searched for it now, nor
+    # later, if the process does nothing else.
     enabled = gc.isenabled()
     gc.disable()
     try:
         command: Callable[[argparse.Namespace, Terminal], int]
         command = importlib.import_module(f"camgen.cli.{name}").run
+        if own_process:
+            gc.freeze()
     finally:
         if enabled:
             gc.enable()

@@ -21,6 +21,10 @@ from camgen.robots.kinematics.forward import compute_link_frames
 
 #: Joint values that are tested together. Their data fit into the cache of the processor.
 ROWS = 1024
+#: Frames of the links at N joint values, see `compute_link_frames`.
+_Links = tuple[FloatArray, FloatArray]
+#: Joint values (N, J), and the frames of the links there.
+_PlacedLinks = tuple[FloatArray, _Links]
 
 
 def find_collisions(
@@ -35,49 +39,74 @@ def find_collisions(
     grow: distance by which moving boxes are larger on all sides, mm, one number or (N, B).
     near: clearance at which bodies collide, mm, one number or (N,). Bodies that touch collide.
     """
-    joints = np.asarray(joints, dtype=np.float64)
+    joints = check_finite(joints)
     grow = np.broadcast_to(grow, (len(joints), len(scene.frame))) * scene.moving
-    growth, near = GrowthTable(grow), np.broadcast_to(near, len(joints))
-    colliding = np.full(len(joints), -1, dtype=np.int64)
+    near = np.broadcast_to(near, len(joints))
+    colliding = np.empty(len(joints), dtype=np.int64)
     for begin in range(0, len(joints), ROWS):
         rows = slice(begin, begin + ROWS)
-        bare = place_boxes(scene, joints[rows])
-        limits = grow[rows] + near[rows, None]
-        placed = bare.grown((grow[rows] + near[rows, None] * scene.moving)[..., None])
-        row, test = _find_near_pairs(scene, placed)
-        met = _test_pairs(
-            scene, (joints[rows], bare), (row, test), growth.select(rows), near[rows], exactly=True
-        )
-        # The last value that is assigned to a row stays. In reverse order that is the first pair.
-        colliding[rows][row[met][::-1]] = scene.of_pair[test[met][::-1]]
-        for target in scene.targets:
-            _add_mesh_hits(scene, joints[rows], target, placed, limits, colliding[rows])
+        placed = joints[rows], compute_link_frames(scene.robot, joints[rows])
+        colliding[rows] = _find_first(scene, placed, grow[rows], near[rows])
     return colliding
 
 
-def split_off_meshes(scene: Scene) -> tuple[Scene, ...]:
+def _find_first(scene: Scene, placed: _PlacedLinks, grow: FloatArray, near: FloatArray) -> IntArray:
+    """`find_collisions` at joint values with placed links."""
+    joints, links = placed
+    bare = _place_boxes(scene, links)
+    limits = grow + near[:, None]
+    grown = bare.grown((grow + near[:, None] * scene.moving)[..., None])
+    row, test = _find_near_pairs(scene, grown)
+    met = _test_pairs(scene, (joints, bare), (row, test), GrowthTable(grow), near, exactly=True)
+    colliding = np.full(len(joints), -1, dtype=np.int64)
+    # The last value that is assigned to a row stays. In reverse order that is the first pair.
+    colliding[row[met][::-1]] = scene.of_pair[test[met][::-1]]
+    for target in scene.targets:
+        _add_mesh_hits(scene, joints, target, grown, limits, colliding)
+    return colliding
+
+
+def split_off_meshes(scene: Scene, near: float = 0.0) -> tuple[tuple[Scene, float], ...]:
     """The pairs of boxes, and those with the mesh of a link, which are ordered for early hits.
 
     Two links meet the less often, the fewer joints are between them.
+
+    near: argument of `find_collisions`, which is returned with each scene, for `are_clear`.
     """
     between = {k: len(closer.joints) for k, closer in enumerate(scene.closer) if closer is not None}
     if not between:
-        return (scene,)
+        return ((scene, near),)
     slow = sorted(between, key=lambda k: -between[k])
     quick = [k for k in range(len(scene.pairs)) if k not in between]
-    return select_pairs(scene, quick), select_pairs(scene, slow)
+    return (select_pairs(scene, quick), near), (select_pairs(scene, slow), near)
 
 
-def are_clear(scenes: Sequence[Scene], joints: FloatArray, near: float = 0.0) -> BoolArray:
-    """Whether nothing collides in any scene at joint values (N, J), (N,); see `find_collisions`.
+def are_clear(tests: Sequence[tuple[Scene, float]], joints: FloatArray) -> BoolArray:
+    """Whether nothing collides at joint values (N, J), (N,); see `find_collisions`.
 
-    Scenes that are tested quickly should come first.
+    tests: scenes of one arm, each with its `near`, in order of their time.
     """
-    is_clear = np.ones(len(joints), dtype=np.bool_)
-    for scene in scenes:
-        rows = np.flatnonzero(is_clear)
-        is_clear[rows] = find_collisions(scene, joints[rows], near=near) < 0
+    joints = check_finite(joints)
+    is_clear = np.zeros(len(joints), dtype=np.bool_)
+    for begin in range(0, len(joints), ROWS):
+        values = joints[begin : begin + ROWS]
+        links = compute_link_frames(tests[0][0].robot, values)
+        clear = np.arange(len(values))
+        for scene, near in tests:
+            placed = values[clear], _take_poses(links, clear)
+            grow = np.zeros((len(clear), len(scene.frame)))
+            hit = _find_first(scene, placed, grow, np.full(len(clear), near))
+            clear = clear[hit < 0]
+        is_clear[begin + clear] = True
     return is_clear
+
+
+def _take_poses(links: _Links, rows: IntArray) -> _Links:
+    if len(rows) == len(links[0]):
+        return links
+    # Links stay stored link by link.
+    rotations, origins = (table.swapaxes(0, 1).take(rows, axis=1) for table in links)
+    return rotations.swapaxes(0, 1), origins.swapaxes(0, 1)
 
 
 class _BoxTests(NamedTuple):
@@ -267,10 +296,6 @@ def join_tests(several: Iterable[Tests]) -> Tests:
     return row, test
 
 
-#: Joint values (N, J), and the frames of the links there, see `frames`.
-_PlacedLinks = tuple[FloatArray, tuple[FloatArray, FloatArray]]
-
-
 def meet_again(
     scene: Scene, placed: _PlacedLinks, growth: Growth, near: FloatArray, tests: Tests
 ) -> Tests:
@@ -381,6 +406,8 @@ def _test_pairs(
     exactly: argument of `_clear_distant_meshes`.
     """
     row, pair = tests
+    if not len(row):
+        return np.zeros(0, dtype=np.bool_)
     first, second, (joints, bare) = scene.first[pair], scene.second[pair], placed
     both = None if growth.closing is None else growth.closing[row, pair]
     grow = _share_growth(growth.grow[row, first], growth.grow[row, second], both)
@@ -414,22 +441,24 @@ def check_finite(joints: FloatArray) -> FloatArray:
 
 def place_boxes(scene: Scene, joints: FloatArray) -> Boxes:
     """All boxes at joint values (N, J), in the base frame: (N, B)."""
-    rotations, origins = compute_link_frames(scene.robot, check_finite(joints))
+    return _place_boxes(scene, compute_link_frames(scene.robot, check_finite(joints)))
+
+
+def _place_boxes(scene: Scene, links: _Links) -> Boxes:
+    rotations, origins = links
     # One matrix product for all poses of a box takes an eighth of the time of a product for each.
-    count = len(scene.frame)
-    rows = rotations.swapaxes(0, 1).take(scene.frame, axis=0).reshape(count, 3 * len(joints), 3)
-    centres = (rows @ scene.origin[..., None]).reshape(count, len(joints), 3)
+    count, poses = len(scene.frame), len(rotations)
+    rows = rotations.swapaxes(0, 1).take(scene.frame, axis=0).reshape(count, 3 * poses, 3)
+    centres = (rows @ scene.origin[..., None]).reshape(count, poses, 3)
     centres += origins.swapaxes(0, 1).take(scene.frame, axis=0)
     # Most boxes have their edges along the axes of their link.
     for box in np.flatnonzero((scene.rotation != np.eye(3)).any(axis=(1, 2))).tolist():
         rows[box] = rows[box] @ scene.rotation[box]
-    axes = rows.reshape(count, len(joints), 3, 3).swapaxes(0, 1)
-    return Boxes(centres.swapaxes(0, 1), axes, np.broadcast_to(scene.half, (len(joints), count, 3)))
+    axes = rows.reshape(count, poses, 3, 3).swapaxes(0, 1)
+    return Boxes(centres.swapaxes(0, 1), axes, np.broadcast_to(scene.half, (poses, count, 3)))
 
 
-def _place_some(
-    scene: Scene, links: tuple[FloatArray, FloatArray], row: IntArray, box: IntArray
-) -> Boxes:
+def _place_some(scene: Scene, links: _Links, row: IntArray, box: IntArray) -> Boxes:
     """Boxes (n,) of the scene, each at one row (n,) of `links`, see `frames`."""
     frame = scene.frame[box]
     # Links are stored link by link. In that order they are taken in a third of the time.
@@ -460,13 +489,11 @@ def _find_near_mesh(target: Target, placed: Boxes) -> tuple[IntArray, IntArray, 
 
     Returns their rows, their indices in `target.striking`, and the boxes in the frame of the mesh.
     """
-    mesh = target.mesh
-    rotation, origin = _get_frame(target)
-    around = Boxes(rotation @ mesh.box.centres + origin, rotation, mesh.box.half)
-    striking = placed[:, target.striking]
-    is_near = np.abs(striking.centres - around.centres) <= striking.reach + around.reach
+    striking, around = target.striking, target.box
+    offset = np.abs(placed.centres[:, striking] - around.centres)
+    is_near = offset <= placed.reach[:, striking] + around.reach
     row, strike = np.nonzero(is_near[..., 0] & is_near[..., 1] & is_near[..., 2])
-    return row, strike, striking[row, strike].seen_from(rotation, origin)
+    return row, strike, placed.pick(row, striking[strike]).seen_from(*_get_frame(target))
 
 
 def _add_mesh_hits(

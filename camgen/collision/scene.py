@@ -9,12 +9,13 @@ from __future__ import annotations
 import itertools
 from collections import defaultdict
 from collections.abc import Sequence
-from functools import cache, lru_cache, partial
+from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.collision.boxes import Boxes
 from camgen.collision.mesh import Mesh, join_surfaces, make_model, select_outermost
 from camgen.collision.pairs import (
     MeshPair,
@@ -36,7 +37,7 @@ PART = "part"
 _NO_SHIFT = Pose(IDENTITY, (0.0, 0.0, 0.0))
 
 
-class Target(Struct, frozen=True, eq=False):
+class Target(Struct, frozen=True, eq=False, dict=True):
     """A mesh that stands.
 
     striking: (M,) indices of the boxes of the scene that are tested against it.
@@ -47,6 +48,13 @@ class Target(Struct, frozen=True, eq=False):
     base_from_mesh: Pose
     striking: IntArray
     of_strike: IntArray
+
+    @cached_property
+    def box(self) -> Boxes:
+        """The box around the mesh, in the base frame."""
+        frame, box = self.base_from_mesh, self.mesh.box
+        centre = frame.rotation @ box.centres + np.asarray(frame.origin)
+        return Boxes(centre, frame.rotation, box.half)
 
 
 class Scene(Struct, frozen=True, eq=False):

@@ -14,7 +14,6 @@ from camgen.collision.motion import MotionCheck, check_motions, measure_apart
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
-from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.motion.joint_paths import APART, JointPath, follow_all
@@ -66,13 +65,8 @@ def make_setup(robot: Robot, cell: Cell, where: CellScene) -> Setup:
     """The set-up of a cell for motions along edges: arm, frames and collision tests."""
     scene = where.scene
     clear = partial(are_clear, split_off_meshes(scene))
-    work_scenes, margin_scenes = split_off_meshes(where.work), split_off_meshes(where.with_margin)
-
-    def keep_margin(joints: FloatArray) -> BoolArray:
-        kept = are_clear(margin_scenes, joints, near=where.margin)
-        kept[kept] = are_clear(work_scenes, joints[kept])
-        return kept
-
+    with_margin = split_off_meshes(where.with_margin, where.margin)
+    roomy = partial(are_clear, (*with_margin, *split_off_meshes(where.work)))
     return Setup(
         robot,
         cell.base_from_work,
@@ -80,19 +74,19 @@ def make_setup(robot: Robot, cell: Cell, where: CellScene) -> Setup:
         clear,
         lambda joints: name_pair(scene, int(find_collisions(scene, joints[None])[0])),
         partial(measure_apart, scene),
-        keep_margin if where.margin > 0 else clear,
+        roomy if where.margin > 0 else clear,
     )
 
 
 def make_free_space(where: CellScene, setup: Setup) -> FreeSpace:
     """The free space of a cell, with the collision tests of motions along edges and links."""
 
-    def test(several: Sequence[SampledMotion]) -> list[Blockage | float]:
+    def test(near: float, several: Sequence[SampledMotion]) -> list[Blockage | float]:
         if not several:
             return []
         paths = follow_all(setup, several)
         rows = [path.joints for path in paths]
-        with_margin = check_motions(where.with_margin, rows, FINE, where.margin, APART)
+        with_margin = check_motions(where.with_margin, rows, FINE, near, APART)
         working = check_motions(where.work, rows, STEP, deviation=APART)
         return list(map(partial(_find_blockage, where), paths, with_margin, working))
 
@@ -101,8 +95,10 @@ def make_free_space(where: CellScene, setup: Setup) -> FreeSpace:
             return measure_clearance(where.with_margin, joints, where.margin)
         return np.zeros(len(joints))
 
+    look, find_blockages = partial(test, where.margin), partial(test, 0.0)
+    corners = where.low, where.high
     return FreeSpace(
-        where.level, where.low, where.high, where.room, where.margin, test, measure_gaps
+        where.level, *corners, where.room, where.margin, look, find_blockages, measure_gaps
     )
 
 

@@ -510,7 +510,8 @@ class Coverage(Struct, frozen=True, eq=False):
                 break
         if not isinstance(proved, EdgeMotion):
             return min(proved[0], stretches - 1)
-        (hit,) = self.space.look([SampledMotion(proved.sampled_joints, proved.sampled_path)])
+        motion = SampledMotion(proved.sampled_joints, proved.sampled_path)
+        (hit,) = self.space.find_blockages([motion])
         if isinstance(hit, Blockage):
             failed = int(np.searchsorted(proved.at, hit.at, "right")) - 1
             return min(failed, stretches - 1)

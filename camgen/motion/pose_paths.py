@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from msgspec import Struct
@@ -25,7 +26,7 @@ Index = NDArray[np.int64]
 _STRAIGHT = np.full((1, 3), np.nan)
 
 
-class PosePath(Struct, frozen=True, eq=False):
+class PosePath(Struct, frozen=True, eq=False, dict=True):
     """Poses of the tool in order, in the work frame. Row i > 0 ends the segment from row i - 1.
 
     position: (N, 3) TCP, mm.
@@ -53,20 +54,20 @@ class PosePath(Struct, frozen=True, eq=False):
         via[:1] = np.nan
         return PosePath(self.position[first:stop], frozen(via), self.rotation[first:stop])
 
-    @property
+    @cached_property
     def spans(self) -> Spans:
         """The N - 1 segments as lines and arcs."""
         return make_span_chain(self.position, self.via[1:])
 
-    @property
+    @cached_property
     def length(self) -> FloatArray:
         """(N - 1,) length of each segment, mm."""
-        return measure_spans(self.position, self.via[1:])
+        return frozen(measure_spans(self.position, self.via[1:]))
 
-    @property
+    @cached_property
     def turn(self) -> FloatArray:
         """(N - 1,) angle by which the tool rotates in each segment, rad."""
-        return measure_angles_between(self.rotation[:-1], self.rotation[1:])
+        return frozen(measure_angles_between(self.rotation[:-1], self.rotation[1:]))
 
 
 def count_parts(path: PosePath, length: float, turn: float) -> Index:

@@ -77,6 +77,7 @@ class FreeSpace(Struct, frozen=True, eq=False):
     holder_distance: distance from that box within which the holder may meet it, mm.
     margin: `cell.margin`, mm.
     look: returns the blockage of each motion, or its clearance, at most `margin`, mm.
+    find_blockages: returns the blockage of each motion, or 0. It is quicker than `look`.
     gaps: returns the clearance of joint values (N, J) without a collision, at most `margin`, (N,)
         mm.
     """
@@ -87,6 +88,7 @@ class FreeSpace(Struct, frozen=True, eq=False):
     holder_distance: float
     margin: float
     look: Callable[[Sequence[SampledMotion]], list[Blockage | float]]
+    find_blockages: Callable[[Sequence[SampledMotion]], list[Blockage | float]]
     gaps: Callable[[FloatArray], FloatArray]
 
 

@@ -220,7 +220,7 @@ def test_the_joint_that_sweeps_a_solid_needs_no_clearance(
 def test_a_test_of_boxes_before_meshes_gives_the_same_result(cell_scene: Scene) -> None:
     joints = draw_joint_values(400, 8)
     for near in (0.0, 12.0):
-        clear = are_clear(split_off_meshes(cell_scene), joints, near)
+        clear = are_clear(split_off_meshes(cell_scene, near), joints)
         assert clear.tolist() == (find_collisions(cell_scene, joints, near=near) < 0).tolist()
         assert 20 < clear.sum() < 380
 

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -32,9 +32,15 @@ OFFSET = 5.0
 FREE = OrientationFreedom(math.radians(15), roll=True)
 RIM = rim((60, 60, 50), 50, outer=True)
 BORE = rim((60, 60, 50), 6, outer=False)
+
+
+def _find_no_blockage(motions: Sequence[SampledMotion]) -> list[Blockage | float]:
+    return [9.0] * len(motions)
+
+
 #: Free space without obstacles: each motion has a clearance of 9 mm.
 EMPTY_SPACE = FreeSpace(
-    0.0, np.zeros(3), np.zeros(3), 0.0, 0.0, lambda motions: [9.0] * len(motions), all_clear
+    0.0, np.zeros(3), np.zeros(3), 0.0, 0.0, _find_no_blockage, _find_no_blockage, all_clear
 )
 Blocked = Callable[[FloatArray], FloatArray]
 
@@ -54,7 +60,7 @@ def find_pieces(
         ]
 
     cell = replace(CELL, clear=clear, roomy=clear)
-    space = replace(EMPTY_SPACE, look=look, gaps=lambda joints: np.zeros(len(joints)))
+    space = replace(EMPTY_SPACE, find_blockages=look, gaps=lambda joints: np.zeros(len(joints)))
     path = make_poses(edge, OFFSET)
     result = Coverage(cell, space, freedom, ProcessTable(feed=feed)).find_pieces(
         edge, path, measure_line(edge, path)
@@ -258,7 +264,7 @@ def test_the_length_of_a_piece_in_a_small_hole_is_measured_along_the_edge() -> N
 
 def test_an_arm_without_a_closed_form_has_no_pieces() -> None:
     path = make_poses(TOP, OFFSET)
-    space = FreeSpace(0.0, path.position[0], path.position[0], 0.0, 0.0, list, all_clear)
+    space = FreeSpace(0.0, path.position[0], path.position[0], 0.0, 0.0, list, list, all_clear)
     without_closed_form = replace(CELL, robot=replace(CELL.robot, arm=None))
     pieces = Coverage(without_closed_form, space, FREE, ProcessTable())
     assert pieces.find_pieces(TOP, path, path.length).motions == ()

@@ -221,7 +221,7 @@ def _clear_between(
     A motion that was chosen for its margin is replaced by the one without it, if that is free.
     """
     moved = [result for result in results if isinstance(result, EdgeMotion)]
-    looks = space.look(
+    looks = space.find_blockages(
         [SampledMotion(motion.sampled_joints, motion.sampled_path) for motion in moved]
     )
     checked = {motion.id: _stop(motion, look) for motion, look in zip(moved, looks, strict=True)}

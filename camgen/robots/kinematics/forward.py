@@ -28,19 +28,20 @@ def compute_link_frames(robot: Robot, joints: FloatArray) -> tuple[FloatArray, F
     factors[..., 0] = 1.0
     np.cos(serial, out=factors[..., 1])
     np.sin(serial, out=factors[..., 2])
-    turns = (factors @ _split_rotations(robot.joints)).reshape(joint_count, count, 3, 3)
+    parts, places = _split_joints(robot.joints)
+    turns = (factors @ parts).reshape(joint_count, count, 3, 3)
     rotations = np.empty((joint_count + 1, count, 3, 3))
     origins = np.empty((joint_count + 1, count, 3))
-    rotations[0], origins[0] = np.eye(3), 0.0
-    for k, joint in enumerate(robot.joints):
-        place = np.asarray(joint.previous_from_joint.origin)
+    rotations[0], rotations[1], origins[0] = np.eye(3), turns[0], 0.0
+    for k, (joint, place) in enumerate(zip(robot.joints, places, strict=True)):
         if joint.sliding:
             along = joint.previous_from_joint.rotation @ np.asarray(joint.axis)
             moved = (rotations[k] @ (place + serial[k][:, None] * along)[..., None])[..., 0]
         else:
             moved = (rotations[k].reshape(-1, 3) @ place).reshape(-1, 3)
         np.add(origins[k], moved, out=origins[k + 1])
-        np.matmul(rotations[k], turns[k], out=rotations[k + 1])
+        if k > 0:
+            np.matmul(rotations[k], turns[k], out=rotations[k + 1])
     return rotations.swapaxes(0, 1), origins.swapaxes(0, 1)
 
 
@@ -94,12 +95,15 @@ def compute_jacobian(robot: Robot, joints: FloatArray) -> tuple[FloatArray, Floa
 
 
 @lru_cache(maxsize=256)
-def _split_rotations(joints: tuple[Joint, ...]) -> FloatArray:
-    """The parts of joint rotations that are constant and that go with cosine and sine (J, 3, 9)."""
+def _split_joints(joints: tuple[Joint, ...]) -> tuple[FloatArray, FloatArray]:
+    """The parts of joint rotations that are constant and that go with cosine and sine (J, 3, 9).
+
+    Also the origins of the joints in the frames of the previous ones (J, 3), mm.
+    """
     parts = []
     for joint in joints:
         turn = joint.previous_from_joint.rotation
         constant = np.stack([turn, 0 * turn, 0 * turn])
         split = constant if joint.sliding else turn @ compute_rotation_terms(np.asarray(joint.axis))
         parts.append(split.reshape(3, 9))
-    return np.stack(parts)
+    return np.stack(parts), np.array([joint.previous_from_joint.origin for joint in joints])
