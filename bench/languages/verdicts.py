@@ -36,8 +36,7 @@ from typing import NamedTuple
 from bench.languages.choose import RULES, Entry, Program, read_programs
 from bench.languages.examine import verify
 from bench.support.runner import Missed, Table, must_be_none, open_table, read_words
-from camgen.cli.judge import add_harm
-from camgen.cli.program_texts import read_texts
+from camgen.cli.judge import add_harm, read_texts
 from camgen.lang.alternatives import run_alternatives
 from camgen.lang.programs import Finding, RunRequest, find_language
 from camgen.read.files import Files

@@ -22,7 +22,7 @@ from camgen.check.photo import (
     list_rework,
 )
 from camgen.check.photo.rework import WITHOUT_FORCE, check_following, check_pose
-from camgen.cli.inputs import open_inputs, to_path
+from camgen.cli.inputs import check_suffix, open_inputs, to_path
 from camgen.cli.rework import write_drawing, write_job
 from camgen.cli.say import Terminal, format_table, label_rows, rows_of_notes
 from camgen.model.errors import JobError, NoSafeProgram, VerifyError
@@ -36,12 +36,11 @@ from camgen.read.image import read_outlines
 from camgen.read.job_file import find_job_file, load_job
 from camgen.read.move import move_part
 
-_PICTURES = (".svg", ".png")
 #: Maximum number of differences in the printed list; the largest ones come first.
 _MAX_LISTED = 40
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Compare a photo with a part, print the differences, and write the picture and the rework.
 
     Raises VerifyError for any difference with `--strict`, JobError for unusable arguments,
@@ -67,7 +66,6 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         part = move_part(drawn, part_job)
         terminal.stage("comparing")
         inspection = inspect_photo(seen, part, part_job, arguments.least)
-        terminal.clear()
         works: Sequence[Rework] = ()
         not_reworked: Sequence[NotReworked] = ()
         if arguments.removal is not None:
@@ -100,29 +98,28 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
             terminal.rows([("warning", WITHOUT_FORCE, "look")])
     terminal.rows(rows_of_notes(note for note in inspection.notes if note.kind == "warning"))
     terminal.rows(label_rows("written", list_paths(written), "good"))
-    return 0
 
 
 def _check_arguments(arguments: Namespace) -> None:
     """Raises JobError for file names or combinations of options that cannot be used."""
-    if arguments.preview and Path(arguments.preview).suffix.lower() not in _PICTURES:
-        raise JobError(
-            arguments.preview,
-            "is not a kind of picture of an inspection",
-            remedy="end it in .svg or .png",
-        )
+    check_suffix(
+        arguments.preview,
+        (".svg", ".png"),
+        "is not a kind of picture of an inspection",
+        "end it in .svg or .png",
+    )
     if arguments.rework and arguments.removal is None:
         raise JobError(
             "--rework",
             "needs --removal",
             remedy="give what one pass takes off, mm, e.g. --removal 0.2",
         )
-    if arguments.rework and Path(arguments.rework).suffix.lower() != ".toml":
-        raise JobError(
-            arguments.rework,
-            "is not the name of a job file",
-            remedy="end it in .toml; a drawing comes beside it",
-        )
+    check_suffix(
+        arguments.rework,
+        (".toml",),
+        "is not the name of a job file",
+        "end it in .toml; a drawing comes beside it",
+    )
 
 
 def _check_clamps(job: Job) -> None:
@@ -194,13 +191,15 @@ def _format_page(
     ]
     lines += [note.what for note in inspection.notes if note.what.startswith("photo laid")]
     lines += [_format_total(inspection, True), _format_total(inspection, False)]
-    listed = inspection.differences[:_MAX_LISTED]
-    if listed:
-        head = ("", "what", "x mm", "y mm", "height mm", "length mm", "mm2", "at")
-        rows = [_format_row(number, difference) for number, difference in enumerate(listed, 1)]
-        lines.append(format_table([head, *rows]).rstrip("\n"))
-    more = len(inspection.differences) - len(listed)
-    if more:
+    if inspection.differences:
+        rows: list[tuple[str, ...]] = [
+            ("", "what", "x mm", "y mm", "height mm", "length mm", "mm2", "at")
+        ]
+        for number, difference in enumerate(inspection.differences[:_MAX_LISTED], 1):
+            rows.append(_format_row(number, difference))
+        lines.append(format_table(rows).rstrip("\n"))
+    more = len(inspection.differences) - _MAX_LISTED
+    if more > 0:
         lines.append(f"and {counted(more, 'more place')}")
     lines += _list_rework_lines(inspection, works, not_reworked)
     return "\n".join(lines) + "\n"
@@ -212,15 +211,16 @@ def _make_json(
     """The result as data for `--json`."""
     rows = []
     for difference in inspection.differences:
-        row = {
-            "kind": difference.kind,
-            "place": difference.place,
-            "height": difference.height,
-            "length": difference.length,
-            "area": difference.area,
-            "contour": difference.contour,
-        }
-        rows.append(row)
+        rows.append(
+            {
+                "kind": difference.kind,
+                "place": difference.place,
+                "height": difference.height,
+                "length": difference.length,
+                "area": difference.area,
+                "contour": difference.contour,
+            }
+        )
     return {
         "source": inspection.photo.source,
         "against": inspection.expected.source,
@@ -271,9 +271,11 @@ def _list_rework_lines(
     for why, numbers in reasons.items():
         yield f"not to be reworked: {', '.join(name_ranges(numbers))}: {why}"
     if inspection.burrs and not works and not not_reworked:
-        count = counted(len(inspection.burrs), "burr")
-        highest = f"{count}, the highest {inspection.burrs[0].height:.2f} mm"
-        yield f"{highest}: --removal MM, the height that a pass takes off, says how many passes"
+        burrs = counted(len(inspection.burrs), "burr")
+        yield (
+            f"{burrs}, the highest {inspection.burrs[0].height:.2f} mm: "
+            "--removal MM, the height that a pass takes off, says how many passes"
+        )
 
 
 def _list_unplanned(inspection: Inspection) -> list[NotReworked]:

@@ -33,6 +33,7 @@ from camgen.cli.inputs import to_path
 from camgen.cli.say import Terminal, format_table, label_rows
 from camgen.cli.stop import Stopped, exit_code, format_reason
 from camgen.model.errors import JobError, make_one_line
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, duration
 from camgen.post.plugins import find_post, find_readback
 from camgen.read.job_file import load_job
@@ -94,7 +95,7 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         return exit_code(error)
     if batch.written:
         state.write_records(folder, records)
-    rows = [batch.rows[place] for place in range(len(parts))]
+    rows = take_rows(batch.rows, range(len(parts)))
     if report:
         write_all([(report, _report(rows, arguments.post))], read)
     _print_table(rows, terminal)
@@ -169,9 +170,8 @@ class _Batch(Struct):
                 self.take(place, part.outcome)
             elif part.record:
                 target, source = self.folder / part.input.folder, str(part.input.source)
-                names = sorted(str(target / name) for name in part.record.files)
-                sums = part.record.sums
-                self._add(place, _Row(source, "unchanged", files=tuple(names), sums=sums))
+                names = tuple(sorted(str(target / name) for name in part.record.files))
+                self._add(place, _Row(source, "unchanged", files=names, sums=part.record.sums))
 
     def take(self, place: int, outcome: Outcome) -> None:
         """Write a program, all files or none, and then its record."""
@@ -225,9 +225,9 @@ class _Batch(Struct):
         done, total = len(self.rows), len(self.parts)
         if self.terminal.is_interactive:
             bar = "#" * (_BAR * done // total)
-            failed = f"{self.statuses['failed']} failed"
-            progress = f"{done} of {total}, {failed}{self._format_rest(done, total)}"
-            self.terminal.stage(f"[{bar:-<{_BAR}}] {progress}")
+            progress = f"{done} of {total}, {self.statuses['failed']} failed"
+            rest = self._format_rest(done, total)
+            self.terminal.stage(f"[{bar:-<{_BAR}}] {progress}{rest}")
         elif row.status != "unchanged":
             self.terminal.rows([(row.status, _name(row), "look" if row.error else "plain")])
 
@@ -247,7 +247,6 @@ def _print_table(rows: list[_Row], terminal: Terminal) -> None:
             if row.error:
                 terminal.error(f"error: {_name(row)}")
         return
-    terminal.clear()
     cells = [("file", "status", "paths", "time", "notes")]
     below = ""
     for row in rows:
@@ -258,8 +257,8 @@ def _print_table(rows: list[_Row], terminal: Terminal) -> None:
         below = f"\n{below}"
     terminal.out(format_table(cells) + below)
     counts = Counter(row.status for row in rows)
-    statuses = [status for status in ("built", "unchanged", "failed") if counts[status]]
-    text = ", ".join(f"{counts[status]} {status}" for status in statuses)
+    statuses = ("built", "unchanged", "failed")
+    text = ", ".join(f"{counts[status]} {status}" for status in statuses if counts[status])
     tone = "bad" if counts["failed"] else "good"
     terminal.rows([("batch", f"{counted(len(rows), 'part')}: {text}", tone)])
 

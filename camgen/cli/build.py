@@ -7,7 +7,7 @@ import math
 import os
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from pathlib import Path
 from time import perf_counter
 
@@ -41,11 +41,11 @@ from camgen.cli.say import (
 from camgen.lang.recorded import Recorded
 from camgen.model.errors import JobError, rename_errors
 from camgen.model.job import CameraTable, ImageTable, Job, Step
-from camgen.model.part import GRAVEST, Note, NoteKind, describe_bodies
+from camgen.model.part import GRAVEST, Note, NoteKind, Part, describe_bodies
 from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, ToolChange
-from camgen.model.text import counted, duration, grouped, short, short_each
+from camgen.model.text import counted, duration, grouped, join_short, short
 from camgen.pipeline import ProgramFile, Result, build, list_program_files
 from camgen.pipeline.memory import pause_collector
 from camgen.pipeline.motion import format_motions, list_reasons
@@ -72,8 +72,9 @@ def list_rows(
     verbose: int,
 ) -> list[Row]:
     """Label, text and tone of each line of the summary."""
+    part = result.part
     return [
-        ("input", _input(result), "plain"),
+        ("input", f"{part.source}: {part.units}, {_describe_content(part)}", "plain"),
         *_job(job, inputs),
         *_located(result),
         *list_notes(result.notes, verbose),
@@ -102,11 +103,13 @@ def _located(result: Result) -> list[Row]:
     located = result.located
     if located is None:
         return []
-    fit = located.inspection.fit
     x, y = located.place
-    what = f"by {located.inspection.photo.source}: {located.pose}; "
-    what += f"{100 * located.share:.1f} % of the outline fits, {short(fit.rms, 4)} mm rms, "
-    what += f"largest deviation {short(located.deviation, 3)} mm at {x:.2f}, {y:.2f} mm"
+    what = (
+        f"by {located.inspection.photo.source}: {located.pose}; "
+        f"{100 * located.share:.1f} % of the outline fits, "
+        f"{short(located.inspection.fit.rms, 4)} mm rms, "
+        f"largest deviation {short(located.deviation, 3)} mm at {x:.2f}, {y:.2f} mm"
+    )
     return [("located", what, "look" if located.inspection.differences else "plain")]
 
 
@@ -119,7 +122,7 @@ def _fixtures(result: Result) -> list[Row]:
         return []
     from camgen.cli.stock import rows_of_fixtures  # noqa: PLC0415 (shapely, only with fixtures)
 
-    rows: list[Row] = list(rows_of_fixtures(result.fixtures, result.job))
+    rows = rows_of_fixtures(result.fixtures, result.job)
     if result.proof is None:
         rows += label_rows("fixtures", result.fixtures.notes, "look")
     return rows
@@ -135,15 +138,14 @@ def _rounded(result: Result) -> Row:
         return ("rounded", "0 mm: the tool stops at each corner", "good")
     if not rounded.mm:
         return ("rounded", "0 mm: the controller stays on the path", "good")
-    place = " ".join(short_each(rounded.place, 3))
-    distance = f"{rounded.mm:.4f} mm by the model of the controller"
     limit = f"{short(rounded.allowed, 4)} mm are allowed"
     if rounded.allowed >= UNLIMITED:
         limit = "as in the program that was read"
-    where = f"at {place} mm, line {rounded.line}"
+    what = f"{rounded.mm:.4f} mm by the model of the controller, {limit}; "
+    what += f"at {join_short(rounded.place, 3)} mm, line {rounded.line}"
     if rounded.largest > rounded.mm:
-        where += f"; {short(rounded.largest, 4)} mm between chords of an arc"
-    return ("rounded", f"{distance}, {limit}; {where}", "good")
+        what += f"; {short(rounded.largest, 4)} mm between chords of an arc"
+    return ("rounded", what, "good")
 
 
 #: Properties that matter only in some programs, with the column of motions that shows them.
@@ -158,11 +160,10 @@ def _text(result: Result) -> Row:
     """The comparison of the text with the program, and what the text does not carry."""
     compared = counted(result.deviation.instructions, "instruction")
     equal = f"read back, {compared} equal, largest deviation {result.deviation.max_mm:.6f} mm"
-    columns = result.program.columns
     missing = []
     for aspect in list_uncompared(result.post):
         column = _ONLY_WITH.get(aspect)
-        if column is None or np.any(getattr(columns, column)):
+        if column is None or np.any(getattr(result.program.columns, column)):
             missing.append(aspect)
     if missing:
         return ("text", f"{equal}; not in the text: {', '.join(missing)}", "look")
@@ -183,22 +184,18 @@ def _motion(result: Result) -> Row:
     return ("motion", f"verified: {what}", "good")
 
 
+_NO_ROBOT: Row = ("collision", "not proven: no robot model", "look")
+
+
 def _reach(result: Result) -> list[Row]:
     """Whether the arm reaches all poses, and whether it collides."""
     if result.travel is not None:
         tone = "good" if result.travel.placed else "look"
-        return [
-            ("reach", str(result.travel), tone),
-            ("collision", "not proven: no robot model", "look"),
-        ]
+        return [("reach", str(result.travel), tone), _NO_ROBOT]
     if result.reach is None:
         usual = result.post.cell().robot
         hint = f'; cell.robot = "{usual}" checks it, camgen robots lists others' if usual else ""
-        return [
-            ("reach", f"not proven: no robot model{hint}", "look"),
-            ("collision", "not proven: no robot model", "look"),
-        ]
-    samples = counted(result.reach.samples, "pose")
+        return [("reach", f"not proven: no robot model{hint}", "look"), _NO_ROBOT]
     bounds, tone = "travel", "good"
     if isinstance(result.cell.home, Joints):
         bounds = f"limits, {_posture(result)}"
@@ -206,7 +203,8 @@ def _reach(result: Result) -> list[Row]:
     if result.slow:
         tone = "look"
         robot += f", not at its feed on {counted(len(result.slow), 'path')}"
-    return [("reach", f"{robot} ({samples})", tone), describe_collision(result)]
+    robot += f" ({counted(result.reach.samples, 'pose')})"
+    return [("reach", robot, tone), describe_collision(result)]
 
 
 def describe_collision(result: Result) -> Row:
@@ -250,30 +248,26 @@ def _posture(result: Result) -> str:
     return "in a posture that the text does not state"
 
 
-def _input(result: Result) -> str:
-    if isinstance(result.part, Recorded):
-        count = counted(len(result.part.run.body), "instruction")
-        kind = "a robot program" if result.part.run.whole else "G-code"
-        return f"{result.part.source}: {result.part.units}, {kind} that gives {count}"
-    if result.part.curves:
-        total = len(result.part.curves)
-        flat = sum(curve.level is not None for curve in result.part.curves)
-        kinds = f"{grouped(total - flat)} in space, {grouped(flat)} flat"
-        count = f"{counted(total, 'curve')} ({kinds})"
-        return f"{result.part.source}: {result.part.units}, {count}"
-    if result.part.solid is not None:
-        solid = result.part.solid
-        convex = sum(edge.convex for edge in solid.edges)
-        count = f"{counted(len(solid.edges), 'edge')}, {grouped(convex)} convex"
-        bodies = f"bodies: {describe_bodies(solid.bodies)}"
-        return f"{result.part.source}: {result.part.units}, {count}, {bodies}"
-    contours = result.part.contours
-    closed = sum(c.closed for c in contours)
-    layers = sorted({c.layer for c in contours})
-    kinds = f"{grouped(closed)} closed, {grouped(len(contours) - closed)} open"
-    shapes = f"{counted(len(contours), 'contour')} ({kinds})"
+def _describe_content(part: Part) -> str:
+    """The number of instructions, curves, edges or contours of the input."""
+    if isinstance(part, Recorded):
+        kind = "a robot program" if part.run.whole else "G-code"
+        return f"{kind} that gives {counted(len(part.run.body), 'instruction')}"
+    if part.curves:
+        total = len(part.curves)
+        flat = sum(curve.level is not None for curve in part.curves)
+        return f"{counted(total, 'curve')} ({grouped(total - flat)} in space, {grouped(flat)} flat)"
+    if part.solid is not None:
+        edges = part.solid.edges
+        convex = grouped(sum(edge.convex for edge in edges))
+        edge_text = f"{counted(len(edges), 'edge')}, {convex} convex"
+        return f"{edge_text}, bodies: {describe_bodies(part.solid.bodies)}"
+    total = len(part.contours)
+    closed = sum(contour.closed for contour in part.contours)
+    layers = sorted({contour.layer for contour in part.contours})
+    kinds = f"{grouped(closed)} closed, {grouped(total - closed)} open"
     noun = "layer" if len(layers) == 1 else "layers"
-    return f"{result.part.source}: {result.part.units}, {shapes}, {noun} {join_names(layers)}"
+    return f"{counted(total, 'contour')} ({kinds}), {noun} {join_names(layers)}"
 
 
 def _job(job: Path | None, inputs: Sequence[Path]) -> list[Row]:
@@ -306,19 +300,13 @@ def list_notes(notes: Sequence[Note], verbose: int) -> list[Row]:
 def _list_plan_rows(result: Result) -> list[Row]:
     work = math.fsum(path_sums(result.tour.paths)[0].tolist())
     tour = result.tour
-    hint = ""
+    what = f"{tour.method}: work {format_length(work)}, "
+    what += f"travel {format_length(tour.travel)}{_above(tour)}"
     if PLAIN in tour.method:
-        hint = "; the extra fast (pip install '.[fast]' in the folder of camgen) "
-        hint += "searches farther in this time"
-    return [
-        ("plan", f"{counted(len(tour.paths), 'path')}, work {format_length(work)}", "plain"),
-        (
-            "tour",
-            f"{tour.method}: work {format_length(work)}, "
-            f"travel {format_length(tour.travel)}{_above(tour)}{hint}",
-            "plain",
-        ),
-    ]
+        what += "; the extra fast (pip install '.[fast]' in the folder of camgen) "
+        what += "searches farther in this time"
+    paths = counted(len(tour.paths), "path")
+    return [("plan", f"{paths}, work {format_length(work)}", "plain"), ("tour", what, "plain")]
 
 
 def _operations(result: Result) -> list[Row]:
@@ -348,8 +336,10 @@ def _programs(result: Result, programs: Sequence[tuple[Path, ProgramFile]]) -> l
         label, text, tone = rows[first]
         size = f", diameter {change.diameter:g} mm" if change.diameter else ""
         rows[first] = (label, f"{text}: {change.name or 'tool'}{size}", tone)
-    why = f"a program of {result.post.name} cannot change tools"
-    what = f"{len(result.counts)}: {why}; run them in this order, each with its tool"
+    what = (
+        f"{len(result.counts)}: a program of {result.post.name} cannot change tools; "
+        "run them in this order, each with its tool"
+    )
     return [*rows, ("programs", what, "look")]
 
 
@@ -370,7 +360,7 @@ def _coverage(result: Result) -> list[Row]:
     if result.coverage is None:
         return []
     if result.coverage.enough:
-        return [("coverage", f"{result.coverage}", "plain")]
+        return [("coverage", str(result.coverage), "plain")]
     return [("coverage", f"{result.coverage}; use a finer tool", "look")]
 
 
@@ -395,33 +385,29 @@ class _Stages(Struct):
 
     terminal: output of the command.
     files: cache of the inputs, which is emptied after they are read.
-    names: names of the stages so far.
-    times: start of each stage, on the clock `perf_counter`, s.
+    starts: name of each stage so far, and its start on the clock `perf_counter`, s.
     """
 
     terminal: Terminal
     files: Files
-    names: list[str] = field(default_factory=list)
-    times: list[float] = field(default_factory=list)
+    starts: list[tuple[str, float]] = field(default_factory=list)
 
     def __call__(self, name: str) -> None:
         if name == "planning":
             self.files.release()
             gc.collect()  # The inputs are full of reference cycles.
         self.terminal.stage(name)
-        if self.names and name.startswith(f"{self.names[-1]} "):
+        if self.starts and name.startswith(f"{self.starts[-1][0]} "):
             return  # progress of the same stage
-        self.names.append(name)
-        self.times.append(perf_counter())
+        self.starts.append((name, perf_counter()))
 
     def spent(self) -> str:
         """The time of each stage, that of the last one up to now."""
-        seconds = np.diff(self.times, append=perf_counter()).tolist()
-        stages = zip(self.names, seconds, strict=True)
-        return ", ".join(f"{name} {time:.2f} s" for name, time in stages)
+        stages = pairwise([*self.starts, ("", perf_counter())])
+        return ", ".join(f"{name} {end - start:.2f} s" for (name, start), (_, end) in stages)
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Build a program, write it and print the summary."""
     start = _start(arguments.start)
     names = [*arguments.inputs, *([arguments.locate] if arguments.locate is not None else [])]
@@ -440,13 +426,12 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
             files.read(arguments.post)  # Registers the file, which Python imports by itself.
         job = load_job(job_file, arguments.sets, files)
         job, photo_rows = _take_photo_settings(job, photo, job_file, files)
-        name = program.stem if program else ""
         with rename_errors("job", str(job_file or "job")):
             result = build(
                 inputs,
                 post=arguments.post,
                 job=job,
-                name=name,
+                name=program.stem if program else "",
                 strict=arguments.strict,
                 watch=stages,
                 files=files,
@@ -477,7 +462,6 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     terminal.rows([*summary[:1], *photo_rows, *summary[1:]])
     if terminal.verbose:
         terminal.rows([("timing", stages.spent(), "plain")])
-    return 0
 
 
 def _start(text: str | None) -> list[float] | None:
@@ -500,11 +484,11 @@ def _take_photo_settings(
     if photo_file is None or photo_file == job_file:
         return job, []
     if job.camera != CameraTable() or job.image != ImageTable():
-        why = "[camera] and [image] are those of the job"
-        return job, [("warning", f"{photo_file} is not used: {why}", "look")]
+        what = f"{photo_file} is not used: [camera] and [image] are those of the job"
+        return job, [("warning", what, "look")]
     tables = load_job(photo_file, [], files)
-    row = ("photo", f"[camera] and [image] of {photo_file}", "plain")
-    return replace(job, camera=tables.camera, image=tables.image), [row]
+    rows: list[Row] = [("photo", f"[camera] and [image] of {photo_file}", "plain")]
+    return replace(job, camera=tables.camera, image=tables.image), rows
 
 
 def _place(output: str | None) -> tuple[Path, Path | None]:

@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, list_paths, write_all
-from camgen.cli.inputs import to_path
+from camgen.cli.inputs import check_suffix, to_path
 from camgen.cli.say import Row, Terminal, format_table, label_rows, rows_of_notes
 from camgen.model.errors import JobError
 from camgen.model.text import counted, short
@@ -21,23 +21,22 @@ from camgen.vision.camera.residuals import draw_residuals
 _COUNTS = re.compile(r"([0-9]{1,4})x([0-9]{1,4})")
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Write the camera, print the error of each photo, and report the photos that were left out."""
     target = _target(arguments)
     paths = list(map(Path, arguments.photos))
     camera_file = Path(arguments.output)
     preview = to_path(arguments.preview)
-    if preview is not None and preview.suffix.lower() != ".svg":
-        raise JobError(
-            str(preview),
-            "is not a kind of picture that camgen calibrate draws",
-            remedy="end the name in .svg",
-        )
+    check_suffix(
+        preview,
+        (".svg",),
+        "is not a kind of picture that camgen calibrate draws",
+        "end the name in .svg",
+    )
     check_targets([camera_file, preview], paths)
     files = Files()
-    photos = [files.read(path) for path in paths]
+    photos = list(map(files.read, paths))
     calibration = calibrate(photos, target, camera_file.stem, terminal.stage)
-    terminal.clear()
     written = [(camera_file, format_camera_info(calibration.camera).encode())]
     if preview is not None:
         drawing = draw_residuals(calibration, f"{target.label}: {camera_file.name}")
@@ -47,16 +46,17 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         terminal.out(_errors(calibration))
     terminal.rows(_summary(calibration, target))
     terminal.rows(label_rows("written", list_paths(written), "good"))
-    return 0
 
 
 def _target(arguments: Namespace) -> Target:
     counts = _COUNTS.fullmatch(arguments.board)
     if counts is None:
-        remedy = (
-            "give columns x rows: inner corners of a chessboard (9x6), squares of a ChArUco board"
+        raise JobError(
+            "--board",
+            f"{arguments.board!r} is not the size of a board",
+            remedy="give columns x rows: inner corners of a chessboard (9x6), "
+            "squares of a ChArUco board",
         )
-        raise JobError("--board", f"{arguments.board!r} is not the size of a board", remedy=remedy)
     columns, rows = int(counts[1]), int(counts[2])
     if arguments.marker is not None:
         dictionary = arguments.dictionary or DICTIONARY
@@ -85,15 +85,13 @@ def _summary(calibration: Calibration, target: Target) -> list[Row]:
     sfx, sfy, scx, scy = calibration.deviations[:4].tolist()
     total = counted(len(used) + len(left_out), "photo")
     photos = f"{len(used)} of {total}, {counted(corners, 'corner')}"
-    rows: list[Row] = [
+    return [
         ("board", f"{target.label}, squares of {short(target.square, 3)} mm", "plain"),
         ("photos", photos, "plain"),
-    ]
-    rows += [("left out", f"{photo.name}: {photo.why}", "look") for photo in left_out]
-    rows += [
+        *(("left out", f"{photo.name}: {photo.why}", "look") for photo in left_out),
         ("error", f"{calibration.rms:.3f} px rms", "plain"),
         ("focal", f"{fx:.2f} +- {sfx:.2f} px across, {fy:.2f} +- {sfy:.2f} px down", "plain"),
         ("principal", f"{cx:.2f} +- {scx:.2f} px, {cy:.2f} +- {scy:.2f} px", "plain"),
         ("lens", " ".join(f"{value:.5g}" for value in camera.distortion.tolist()), "plain"),
+        *rows_of_notes(calibration.notes),
     ]
-    return rows + rows_of_notes(calibration.notes)

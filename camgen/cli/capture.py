@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.inputs import to_path
+from camgen.cli.inputs import check_suffix, to_path
 from camgen.cli.say import Terminal, label_rows
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.read.capture import MOST_FRAMES, capture, encode, format_shot, note_marks
@@ -19,7 +19,7 @@ from camgen.vision.frames import note_faults
 _SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Write the picture, and report its markers, its sharpness and the remedies for its faults."""
     target, source = Path(arguments.output), arguments.source
     _check_arguments(arguments, target)
@@ -31,24 +31,22 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     shot = capture(source, arguments.frames, arguments.skip, arguments.timeout)
     seen, missing = note_marks(shot, job)
     notes = (*note_faults(shot), *missing)
-    terminal.clear()
     if arguments.strict and notes:
         raise NoSafeProgram(source, f"--strict and {notes[0].what}", remedy=notes[0].why)
     write_all([(target, encode(shot, target.suffix.lower()))], files.opened)
     rows = [("camera", f"{source}: {format_shot(shot)}", "plain"), *label_rows("markers", seen)]
     rows += [("warning", f"{note.what} ({note.why})", "look") for note in notes]
     terminal.rows([*rows, ("written", str(target), "good")])
-    return 0
 
 
 def _check_arguments(arguments: Namespace, target: Path) -> None:
     """Raise JobError for values that are out of range."""
-    if target.suffix.lower() not in _SUFFIXES:
-        raise JobError(
-            str(target),
-            "is not a kind of picture that camgen capture writes",
-            remedy="end the name in .png, .tif or .bmp, which lose nothing",
-        )
+    check_suffix(
+        target,
+        _SUFFIXES,
+        "is not a kind of picture that camgen capture writes",
+        "end the name in .png, .tif or .bmp, which lose nothing",
+    )
     for name, value, least in (
         ("--frames", arguments.frames, 1),
         ("--skip", arguments.skip or 0, 0),

@@ -6,7 +6,6 @@ settings of the moment, so that completion does not start Python.
 
 from __future__ import annotations
 
-import argparse
 from argparse import Namespace
 from collections.abc import Iterator
 
@@ -22,34 +21,24 @@ from camgen.robots.catalogue import list_robots
 _FILES = ("FILE", "DIR", "INPUT", "GLOB", "PROGRAM", "PLAN", "PHOTO", "MODEL", "SCAN")
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Prints the script."""
     top, commands = make_parsers()
-    known = _list_known()
-    for sub in commands.values():
-        for action in sub._actions:  # argparse has no public list
-            _teach(action, known)
-    terminal.out(_amend(shtab.complete(top, arguments.shell), arguments.shell))
-    return 0
-
-
-def _teach(action: argparse.Action, known: dict[str, shtab.CompleteType]) -> None:
-    """Set the values of an argument for shtab, which knows the choices by itself."""
-    if action.dest in known:
-        action.complete = known[action.dest]  # type: ignore[attr-defined]
-    elif action.nargs != 0 and str(action.metavar).startswith(_FILES):
-        action.complete = shtab.FILE  # type: ignore[attr-defined]
-
-
-def _list_known() -> dict[str, shtab.CompleteType]:
-    """The values that camgen knows, by the name of the argument."""
     # The name of a robot is recognised without capitals, spaces and hyphens: then it is one word.
     arms = ["".join(filter(str.isalnum, robot.name.casefold())) for robot in list_robots()]
-    return {
+    known = {
         "post": _words_or_files("post", [post.name for post in list_installed()]),
         "robot": _words_or_files("robot", arms),
         "sets": _settings(list(_assignments(arms))),
     }
+    for sub in commands.values():
+        for action in sub._actions:  # argparse has no public list
+            # shtab knows the choices by itself.
+            if action.dest in known:
+                action.complete = known[action.dest]  # type: ignore[attr-defined]
+            elif action.nargs != 0 and str(action.metavar).startswith(_FILES):
+                action.complete = shtab.FILE  # type: ignore[attr-defined]
+    terminal.out(_amend(shtab.complete(top, arguments.shell), arguments.shell))
 
 
 def _assignments(arms: list[str]) -> Iterator[str]:
@@ -64,9 +53,8 @@ def _assignments(arms: list[str]) -> Iterator[str]:
 def _words_or_files(name: str, values: list[str]) -> shtab.CompleteType:
     """Words or files. shtab knows by the name of a function that bash has to escape file names."""
     words = " ".join(values)
-    function = f"_camgen_{name}_or_file"
     return _functions(
-        function,
+        f"_camgen_{name}_or_file",
         bash=f'compgen -W "{words}" -- "$1"; compgen -f -- "$1"',
         zsh=f"compadd -- {words}; _files",
         fish=f"printf '%s\\n' {words}; __fish_complete_path (commandline -ct)",

@@ -66,13 +66,12 @@ def find_stale_frames(texts: Mapping[str, str], frames: Sequence[Frames]) -> lis
 
     Frames that only the controller stores are not compared.
     """
-    kinds = (
-        (_WORK, "work", [frame.base_from_work for frame in frames]),
-        (_TOOL, "tool", [frame.flange_from_tool for frame in frames]),
-    )
     head = next(iter(texts.values()), "").split("\n", _LINES)[:_LINES]
     findings = []
-    for pattern, kind, poses in kinds:
+    for pattern, kind, poses in (
+        (_WORK, "work", [frame.base_from_work for frame in frames]),
+        (_TOOL, "tool", [frame.flange_from_tool for frame in frames]),
+    ):
         stated = {format_frame(pose) for pose in poses if pose is not None}
         if not stated or None in poses:
             continue

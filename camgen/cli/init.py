@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.proposal import describe, list_proposed, tabulate
+from camgen.cli.proposal import WHY_LEFT, describe, list_proposed, tabulate
 from camgen.cli.say import Terminal, label_rows
 from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job, OperationTable
@@ -29,13 +29,14 @@ from camgen.model.text import counted, name_first
 from camgen.model.toml import format_toml
 from camgen.plan.propose import Proposal
 from camgen.post import Post
+from camgen.post.job_schema import read_default
 from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
 from camgen.read.files import Files, identity
 from camgen.read.job_file import load_job, parse_assignment
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Write the job file into the current folder, never over an existing one.
 
     With `--operations` the job is built once, so that it makes a checked program.
@@ -74,7 +75,12 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
             terminal.rows([("held", f"by a skin, not by tabs: {error.what}", "look")])
             error = _try_program(part, text, terminal)
         if error is not None:
-            raise _refuse_proposal(part, error) from error
+            raise InputError(
+                part.source,
+                f"the proposed operations make no program: {error}",
+                "--operations",
+                "without it they are written as comments",
+            ) from error
     write_all([(target, text.encode())], files.opened)
     in_file = f"; {source.name}: {units}" if units else ""
     terminal.rows([("job", f"{target}: every setting with its default{in_file}", "plain")])
@@ -87,12 +93,10 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         terminal.rows(label_rows("operation", tabulate(proposal)))
         if proposal.left:
             what = f"{counted(len(proposal.left), 'contour')} in no operation"
-            why = "they cross others, enclose nothing, or no tool fits"
-            terminal.rows([("left", f"{what}: {name_first(proposal.left)} ({why})", "look")])
+            terminal.rows([("left", f"{what}: {name_first(proposal.left)} ({WHY_LEFT})", "look")])
     if identity(source.path.parent) != identity(target.parent):
         command = f"camgen build {source.path} --job {target}"
         terminal.rows([("use", f"{command}: the job file is not beside the input", "look")])
-    return 0
 
 
 def _with_material(sets: Sequence[str], name: str | None) -> list[str]:
@@ -165,12 +169,6 @@ def _try_program(part: Part, text: str, terminal: Terminal) -> CamgenError | Non
     except CamgenError as error:
         return error
     return None
-
-
-def _refuse_proposal(part: Part, error: CamgenError) -> InputError:
-    what = f"the proposed operations make no program: {error}"
-    remedy = "without it they are written as comments"
-    return InputError(part.source, what, "--operations", remedy)
 
 
 class Chosen(Struct, frozen=True, eq=False):
@@ -253,26 +251,23 @@ def _assignment(key: str, default: object, allowed: str) -> list[str]:
 
 def _post_lines() -> list[str]:
     """The options of all posts as comments, since they depend on the chosen post."""
-    common = {f.name for f in dataclasses.fields(Post)}
-    shared: list[str] = []
-    special: list[str] = []
+    shared = dataclasses.fields(Post)
+    common = {option.name for option in shared}
+    lines = ["# every post:", *map(_option, shared)]
     for post in list_installed():
         if post.broken:
             continue
         kind = find_post(post.name)
-        special.append(f"# {kind.name}:")
-        fields = dataclasses.fields(kind)
-        shared = shared or ["# every post:", *(_option(f) for f in fields if f.name in common)]
-        special += [_option(f) for f in fields if f.init and f.name not in common]
-    return shared + special
+        lines.append(f"# {kind.name}:")
+        for option in dataclasses.fields(kind):
+            if option.init and option.name not in common:
+                lines.append(_option(option))
+    return lines
 
 
 def _option(option: dataclasses.Field[object]) -> str:
-    default = option.default
-    if option.default_factory is not dataclasses.MISSING:
-        default = option.default_factory()
     about = option.metadata.get("help", "")
-    line = f"# {option.name} = {format_toml(default)}"
+    line = f"# {option.name} = {format_toml(read_default(option))}"
     return f"{line}  # {about}" if about else line
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -21,6 +21,14 @@ CAMERA = "camera:"
 def to_path(name: str | None) -> Path | None:
     """The file that an option names; None without one."""
     return Path(name) if name else None
+
+
+def check_suffix(
+    name: str | Path | None, suffixes: Collection[str], what: str, remedy: str
+) -> None:
+    """Raise JobError for a file that is named and has none of `suffixes`."""
+    if name and Path(name).suffix.lower() not in suffixes:
+        raise JobError(str(name), what, remedy=remedy)
 
 
 @contextmanager

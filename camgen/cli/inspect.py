@@ -19,7 +19,7 @@ from camgen.read.job_file import find_job_file, load_job
 from camgen.read.move import move_part
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Prints the summary of a drawing, read with the `[input]` of the job.
 
     With `--against`, prints the differences of a photo.
@@ -28,7 +28,8 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         # OpenCV and shapely, which only photos need.
         from camgen.cli.against import run as run_against  # noqa: PLC0415
 
-        return run_against(arguments, terminal)
+        run_against(arguments, terminal)
+        return
     for option in ("least", "preview", "removal", "rework", "strict"):
         if getattr(arguments, option):
             raise JobError(
@@ -46,9 +47,7 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         source = files.read(paths[0])
         terminal.stage("reading")
         facts = _inspect(source, job, files)
-        is_read = terminal.verbose or job.input.origin
-        part = _read_drawing(source, job, files) if is_read else None
-    terminal.clear()
+        part = _read_drawing(source, job, files) if terminal.verbose or job.input.origin else None
     contours = list_contours(part) if part is not None and terminal.verbose else []
     moved = part.moved if part is not None else None
     if arguments.json:
@@ -58,13 +57,12 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         if moved:
             data["moved"] = moved
         terminal.data(data)
-        return 0
+        return
     lines = [str(facts).rstrip("\n"), *map(str, contours), ""]
     if moved:
         x, y = short_each(moved, 6)
         lines.insert(1, f"moved by x {x}, y {y} mm: input.origin is x 0, y 0")
     terminal.out("\n".join(lines))
-    return 0
 
 
 def _read_drawing(source: Source, job: Job, files: Files) -> Part | None:

@@ -1,4 +1,4 @@
-"""The command `verify` on a third-party program: judged by its language, without a post."""
+"""Reads the texts of programs, and judges third-party ones by their language, without a post."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from camgen.cli.header import find_stale_frames
-from camgen.cli.program_texts import read_texts
 from camgen.cli.say import join_names
 from camgen.lang.programs import (
     LEVELS,
@@ -22,13 +21,14 @@ from camgen.lang.programs import (
     Places,
     RunRequest,
     find_language,
+    find_text_fault,
     list_languages,
 )
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, make_one_line
 from camgen.model.job import Job
 from camgen.model.pose import format_frame
 from camgen.model.text import counted, duration
-from camgen.read.files import Files
+from camgen.read.files import Files, reason
 
 Row = tuple[str, str]
 _LINE = re.compile(r"\bline (\d{1,9})\b")
@@ -37,6 +37,28 @@ _ASSUMPTIONS = 40
 #: Maximum number of tools and frames in the summary.
 _FRAMES = 20
 _WORDS = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
+
+
+def read_texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
+    """The texts by file name, in order, with LF line ends. Raises InputError for other files."""
+    texts: dict[str, str] = {}
+    for path in paths:
+        try:
+            data = files.open(path).data
+        except (OSError, ValueError) as error:
+            raise InputError(str(path), f"cannot be read: {reason(error)}") from error
+        fault = find_text_fault(data)
+        if fault:
+            raise InputError(str(path), fault, remedy="give a program that is saved as text")
+        if path.name in texts:
+            raise InputError(
+                str(path),
+                "another file has this name",
+                remedy="the files of a program differ in name",
+            )
+        # Comments of other programs may hold any byte, so each byte is a character.
+        texts[path.name] = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
+    return texts
 
 
 def recognise_language(name: str, texts: Mapping[str, str]) -> Language:
@@ -71,12 +93,8 @@ def make_run_options(
     if dialect and dialect not in language.dialects:
         known = f"it has {join_names(language.dialects) or 'none'}"
         raise JobError("--dialect", f"{language.name} has no dialect {dialect}", remedy=known)
-    for name in ("entry", "points"):
+    for name, what in (("entry", "has no routines"), ("points", "has its locations in its text")):
         if getattr(arguments, name) and name not in language.takes:
-            what = {
-                "entry": "has no routines",
-                "points": "has its locations in its text",
-            }[name]
             raise JobError(f"--{name}", f"{language.name} {what}", remedy="leave it out")
     points = read_texts(list(map(Path, arguments.points)), files)
     flange = None
@@ -136,10 +154,10 @@ def add_harm(executed: Executed, texts: Mapping[str, str]) -> Executed:
     """
     from camgen.check.harm import find_harm  # noqa: PLC0415 (numpy, only to judge programs)
 
-    findings = list(executed.findings)
-    is_assumed = _is_assumed(executed)
-    for finding in [*find_harm(executed), *find_stale_frames(texts, executed.frames)]:
-        findings.append(_if_as_assumed(finding) if is_assumed else finding)
+    harm = [*find_harm(executed), *find_stale_frames(texts, executed.frames)]
+    if _is_assumed(executed):
+        harm = list(map(_if_as_assumed, harm))
+    findings = [*executed.findings, *harm]
     findings.sort(key=lambda finding: (finding.line, LEVELS.index(finding.level)))
     return replace(executed, findings=tuple(findings))
 
@@ -194,13 +212,6 @@ def format_time(seconds: float, untimed: int) -> str:
     return f"not known: {motions} of external axes; the arm moves for about {duration(seconds)}"
 
 
-def check_page(name: str) -> None:
-    """Raise JobError for a report without the suffix of a page."""
-    if Path(name).suffix.lower() != ".html":
-        what, remedy = "the report of a program is a page", "give a name that ends in .html"
-        raise JobError(name, what, remedy=remedy)
-
-
 def list_rows(executed: Executed, place: Places) -> list[Row]:
     """Rows of the summary on frames, facts, omissions and assumptions."""
     rows = [*_frames(executed.frames), *executed.facts]
@@ -245,8 +256,9 @@ def convert_findings(executed: Executed, place: Places) -> dict[str, object]:
     coverage = executed.coverage
     assumptions = []
     for row in executed.assumed:
-        data = {"place": place(row.line), "what": row.what, "key": row.key, "value": row.value}
-        assumptions.append(data)
+        assumptions.append(
+            {"place": place(row.line), "what": row.what, "key": row.key, "value": row.value}
+        )
     return {
         "faults": list_as_data(executed.findings, place),
         "assumed": assumptions,

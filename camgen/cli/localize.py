@@ -33,7 +33,7 @@ _LISTED = 6
 _UNKNOWN = "unknown"
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Write and print the frame, and report its evidence and other poses that fit as well."""
     model, scan, target = Path(arguments.model), Path(arguments.scan), Path(arguments.output)
     unit, start = _unit("--units", arguments.units), _start(arguments.start)
@@ -53,7 +53,6 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         return localize(scan.name, triangles, scan_in_mm.points, start, terminal.stage, eye)
 
     location = localize_or_advise(search, part, seen, lambda unit: _part(source, unit))
-    terminal.clear()
     names, units = (model.name, scan.name), (part.unit, seen.unit)
     if arguments.viewpoint is None:
         stood = _describe_place(seen.viewpoint, ", as the scan says")
@@ -62,18 +61,19 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     write_all([(target, job(names, units, location, stood).encode())], files.opened)
     if not terminal.quiet:
         terminal.out(_line(location.base_from_work) + "\n")
-    x, y, z = np.ptp(part.vertices, axis=0).tolist()
-    size = f"{short(x, 3)} x {short(y, 3)} x {short(z, 3)} mm"
-    triangles = counted(len(part.faces), "triangle")
-    points = counted(len(seen.points), "point")
-    terminal.rows(
-        [("model", f"{names[0]}: {size}, {triangles}, {_describe_unit(part.unit)}", "plain")]
-    )
-    terminal.rows([("scan", f"{names[1]}: {points}, {_describe_unit(seen.unit)}", "plain")])
+    size = " x ".join(short_each(np.ptp(part.vertices, axis=0).tolist(), 3))
+    model_text = f"{model.name}: {size} mm, {counted(len(part.faces), 'triangle')}"
+    scan_text = f"{scan.name}: {counted(len(seen.points), 'point')}"
     notes = [*part.notes, *seen.notes, *_note_drawn(seen, location), *_note_far(location)]
-    terminal.rows(rows_of_notes(notes))
-    terminal.rows([*_describe(location, stood), ("written", str(target), "good")])
-    return 0
+    terminal.rows(
+        [
+            ("model", f"{model_text}, {_describe_unit(part.unit)}", "plain"),
+            ("scan", f"{scan_text}, {_describe_unit(seen.unit)}", "plain"),
+            *rows_of_notes(notes),
+            *_describe(location, stood),
+            ("written", str(target), "good"),
+        ]
+    )
 
 
 def _note_far(location: Location) -> list[Note]:
@@ -216,8 +216,8 @@ def _describe(location: Location, stood: str) -> list[Row]:
         )
     elif location.rivals:
         rows.append(("ambiguous", f"other poses that fit as well: {len(location.rivals)}", "look"))
-        rivals = [_describe_rival(rival, location.noise_limit) for rival in location.rivals]
-        rows += label_rows("", rivals[:_LISTED], "look")
+        for rival in location.rivals[:_LISTED]:
+            rows.append(("", _describe_rival(rival, location.noise_limit), "look"))
         if len(location.rivals) > _LISTED:
             rows.append(("", f"and {len(location.rivals) - _LISTED} more", "look"))
     elif location.next_best is not None:
@@ -252,9 +252,10 @@ def _list_left_out(location: Location) -> list[tuple[str, str, str]]:
 
 
 def _describe_rival(rival: Rival, noise_limit: float) -> str:
-    distance = f", surface up to {short(rival.distance, 2)} mm elsewhere"
-    elsewhere = distance if rival.distance > noise_limit else ""
-    return f"turned by {rival.turn:.1f} deg{elsewhere}: {_line(rival.base_from_work)}"
+    turned = f"turned by {rival.turn:.1f} deg"
+    if rival.distance > noise_limit:
+        turned += f", surface up to {short(rival.distance, 2)} mm elsewhere"
+    return f"{turned}: {_line(rival.base_from_work)}"
 
 
 def _percent(share: float) -> str:

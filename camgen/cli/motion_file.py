@@ -100,7 +100,6 @@ def _define_line(kind: type[Struct], keys: str) -> type[_Line]:
 
 
 _LINES = {kind: _define_line(kind, keys) for kind, keys in _KEYS.items()}
-_KINDS = {line: kind for kind, line in _LINES.items()}
 _AnyLine: Any = reduce(or_, _LINES.values())
 
 
@@ -150,9 +149,9 @@ class _Rotations(Struct, frozen=True):
 def encode(program: Program, post: str, options: Mapping[str, object], chord: float) -> bytes:
     """The plan file of ``program``, one instruction a line. ``decode`` is its inverse."""
     known = _Rotations()
-    work, tool = program.base_from_work, program.flange_from_tool
     encoder = msgspec.json.Encoder(order="deterministic")
-    work_frame, tool_frame = _frame(work, known), _frame(tool, known)
+    work = _frame(program.base_from_work, known)
+    tool = _frame(program.flange_from_tool, known)
     lines = [encoder.encode(_line(item, known)) for item in program.body]
     head = _File(
         format="camgen-plan 2",
@@ -160,15 +159,14 @@ def encode(program: Program, post: str, options: Mapping[str, object], chord: fl
         options=dict(options),
         chord_mm=chord,
         name=clean(program.name),
-        base_from_work=work_frame,
-        flange_from_tool=tool_frame,
+        base_from_work=work,
+        flange_from_tool=tool,
         header=tuple(map(clean, program.header)),
         rotations=tuple(known.matrices),
         paths=tuple(map(_clean, program.paths)),
         body=(),
     )
-    start = encoder.encode(head).removesuffix(b"[]}")
-    return start + b"[\n" + b",\n".join(lines) + b"\n]}\n"
+    return encoder.encode(head).removesuffix(b"]}") + b"\n" + b",\n".join(lines) + b"\n]}\n"
 
 
 def _clean(origin: Origin) -> Origin:
@@ -276,11 +274,6 @@ def _read_target(line: Any, pose: _FindPose) -> Pose | Joints:
     return pose(line.to, line.rotation)
 
 
-def _read_tool(line: Any, pose: _FindPose) -> Pose | None:
-    frame = line.flange_from_tool
-    return None if frame is None else pose(frame.origin, frame.rotation)
-
-
 #: How a field of an instruction is made of a line, if it is not the value of a key of its name.
 _READ: Mapping[str, _Read] = {
     "target": _read_target,
@@ -288,7 +281,9 @@ _READ: Mapping[str, _Read] = {
     "force_direction": lambda line, _: line.press or _NO_PRESS,
     "joints": lambda line, _: Joints(line.posture) if line.posture else None,
     "posture": lambda line, _: line.called,
-    "flange_from_tool": _read_tool,
+    "flange_from_tool": lambda line, pose: (
+        line.flange_from_tool and pose(line.flange_from_tool.origin, line.flange_from_tool.rotation)
+    ),
 }
 
 
@@ -300,11 +295,12 @@ def _find_reader(name: str) -> _Read:
     return _READ.get(name, lambda line, _: read(line))
 
 
-#: How the fields of each instruction are made of a line.
-_READERS = {line: list(map(_find_reader, kind.__struct_fields__)) for line, kind in _KINDS.items()}
+#: The instruction of each line, and how its fields are made of the line.
+_READERS = {
+    line: (kind, list(map(_find_reader, kind.__struct_fields__))) for kind, line in _LINES.items()
+}
 
 
 def _instruction(line: _Line, pose: _FindPose) -> Instruction:
-    kind = type(line)
-    values = [read(line, pose) for read in _READERS[kind]]
-    return cast("Instruction", _KINDS[kind](*values))
+    kind, readers = _READERS[type(line)]
+    return cast("Instruction", kind(*[read(line, pose) for read in readers]))

@@ -16,7 +16,7 @@ from camgen.read import find_reader
 from camgen.read.files import Files
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Serve the workbench until its pages are closed, or Ctrl-C."""
     try:
         from camgen.workbench.server import CommandLine, open_socket, serve  # noqa: PLC0415
@@ -59,9 +59,8 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         ending = serve(session, CommandLine(list_rows, warn, ready), token, door)
     terminal.clear()
     if not ending.changes:
-        return 0
-    verb = "is" if ending.changes == 1 else "are"
-    what = f"{counted(ending.changes, 'change')} {verb} not saved"
+        return
+    what = f"{counted(ending.changes, 'change is', 'changes are')} not saved"
     if ending.kept is None:
         raise JobError(str(session.job_file), f"{what}, and lost: {ending.fault}")
     raise JobError(
@@ -78,9 +77,8 @@ def _inputs(names: Sequence[str], job: str | None) -> tuple[list[Path], str | No
                 "--job", "a job file is opened already", remedy="name the input, or leave it out"
             )
         return [_find_input(paths[0])], names[0]
-    files = Files()
     for path in paths:
-        find_reader(files.read(path))  # Raises for an unknown format before a page is opened.
+        find_reader(Files().read(path))  # Raises for an unknown format before a page is opened.
     return paths, job
 
 

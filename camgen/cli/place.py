@@ -47,7 +47,7 @@ from camgen.read.job_file import find_job_file, load_job
 _LISTED = 12
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Searches, writes the cell and the set-ups, and sums up."""
     source, target = Path(arguments.input), Path(arguments.output)
     if arguments.height is not None and not math.isfinite(arguments.height):
@@ -58,10 +58,9 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
         )
     job_file = find_job_file(arguments.job, source)
     read_files = [source, job_file]
-    numbers = range(1, SET_UPS + 1)
     possible = [target]
-    for number in numbers:
-        job_target = _place_beside(target, number, ".toml")
+    for number in range(1, SET_UPS + 1):
+        job_target = _name_job(target, number)
         possible += [job_target, job_target.with_suffix(".svg")]
     check_targets(possible, read_files)
     files = Files()
@@ -77,22 +76,20 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
             (target, _write_cell(result, source.name, target.parent).encode())
         ]
         if len(result.set_ups) > 1:
-            for number in numbers:
+            for number in range(1, SET_UPS + 1):
                 written += _write_set_up(result, number, source.name, target)
     targets = list_paths(written)
     check_targets(targets, read_files)
     write_all(written, files.opened)
-    terminal.clear()
     if not terminal.quiet:
         terminal.out(f"base_from_work = {list(result.best[0].base_from_work)}\n")
     terminal.rows([*_describe(result), *_list_edges(result, _LISTED)])
     terminal.rows(label_rows("written", targets, "good"))
-    return 0
 
 
-def _place_beside(target: Path, number: int, suffix: str) -> Path:
-    """The file of a set-up beside the file of the cell."""
-    return target.with_name(name_set_up(target.stem, number) + suffix)
+def _name_job(target: Path, number: int) -> Path:
+    """The job file of a set-up, beside the file of the cell."""
+    return target.with_name(f"{name_set_up(target.stem, number)}.toml")
 
 
 def _write_cell(result: Search, part: str, folder: Path) -> str:
@@ -111,7 +108,7 @@ def _write_set_up(
     """
     trial = result.set_ups[number - 1]
     assert trial.result is not None
-    job = _place_beside(target, number, ".toml")
+    job = _name_job(target, number)
     suffix = Path(trial.result.files[0].name).suffix
     programs = list_program_files(trial.result, job.parent, job.with_suffix(suffix))
     check_programs([(path, file.head(HEADER_BYTES)) for path, file in programs])
@@ -121,17 +118,17 @@ def _write_set_up(
             raise JobError(
                 str(path), "was edited since camgen wrote it", remedy="give another name with -o"
             )
+    picture = job.with_suffix(".svg")
     names = ", ".join(path.name for path in targets)
     head = [
         f"camgen {__version__}: set-up {number} of {len(result.set_ups)} of {harmless(part)}",
-        f"program: {harmless(names)}, picture: {harmless(job.with_suffix('.svg').name)}",
+        f"program: {harmless(names)}, picture: {harmless(picture.name)}",
         f"set-up {number}: {_describe_trial(result, trial)}",
         *_describe_frame(trial),
         *join_rows([*_list_findings(trial), *_list_edges(result)]),
     ]
     yield job, _join(head, write_tables(trial.job, job.parent)).encode()
     yield from programs
-    picture = job.with_suffix(".svg")
     yield picture, draw_preview(trial.result, picture)
 
 
@@ -171,19 +168,19 @@ def _describe_search(result: Search) -> str:
 def _describe_trial(result: Search, trial: Trial) -> str:
     """The place of the part, and the edges that are worked there."""
     spot = trial.spot
-    where = (
-        f"{_describe_resting_pose(trial.resting_pose)}, {short(spot.distance, 1)} mm from axis 1, "
-        f"{short(spot.height, 1)} mm up, turned by {short(spot.turn, 2)} deg"
-    )
     time = f", about {duration(trial.seconds)}" if trial.worked else ""
-    return f"{where}: {_format_worked(result, [trial])}{time}"
+    return (
+        f"{_describe_resting_pose(trial.resting_pose)}, {short(spot.distance, 1)} mm from axis 1, "
+        f"{short(spot.height, 1)} mm up, turned by {short(spot.turn, 2)} deg: "
+        f"{_format_worked(result, [trial])}{time}"
+    )
 
 
 def _format_worked(result: Search, trials: Sequence[Trial]) -> str:
     worked = result.measure_worked(trials)
     length, total = short_each((sum(worked.values()), result.length), 1)
-    edges = f"{grouped(len(worked))} of {counted(len(result.edges), 'edge')}"
-    return f"{edges}, {length} of {total} mm"
+    edges = counted(len(result.edges), "edge")
+    return f"{grouped(len(worked))} of {edges}, {length} of {total} mm"
 
 
 def _describe_resting_pose(resting_pose: RestingPose) -> str:
@@ -197,14 +194,11 @@ def _describe_frame(trial: Trial) -> list[str]:
     """The face, the rotation and the frame, for the operator."""
     resting_pose, lines = trial.resting_pose, []
     if resting_pose.face is not None:
-        normal, middle = (
-            _format_vector(resting_pose.face.normal),
-            _format_vector(resting_pose.face.middle),
-        )
-        longer, shorter = short_each(resting_pose.face.size, 1)
+        face = resting_pose.face
         lines.append(
-            f"rests on the face of {longer} x {shorter} mm with the middle {middle} mm and the "
-            f"normal {normal}, in the frame of the part"
+            f"rests on the face of {' x '.join(short_each(face.size, 1))} mm with the middle "
+            f"{_format_vector(face.middle)} mm and the normal {_format_vector(face.normal)}, "
+            "in the frame of the part"
         )
     if not resting_pose.is_own:
         axis, angle = resting_pose.turned

@@ -8,14 +8,13 @@ from camgen.cli.say import Terminal, format_table
 from camgen.post.plugins import list_installed
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Prints the table of posts."""
     if arguments.json:
         terminal.data(list_installed())
-        return 0
+        return
     rows = [("name", "suffix", "origin", "about")]
     for post in list_installed():
         about = f"broken: {post.broken}" if post.broken else post.about
         rows.append((post.name, post.suffix, post.origin, about))
     terminal.out(format_table(rows))
-    return 0

@@ -10,6 +10,8 @@ from camgen.model.toml import format_toml
 from camgen.plan.propose import Proposal
 
 _WIDE = 116
+#: Reasons why contours are in no operation.
+WHY_LEFT = "they cross others, enclose nothing, or no tool fits"
 
 
 def list_proposed(proposal: Proposal, active: bool) -> list[str]:
@@ -29,8 +31,7 @@ def list_proposed(proposal: Proposal, active: bool) -> list[str]:
     if not active:
         about += " Delete the # in front to use it."
     if proposal.left:
-        why = "they cross others, enclose nothing, or no tool fits"
-        about += f" In no operation: {', '.join(proposal.left)} ({why})."
+        about += f" In no operation: {', '.join(proposal.left)} ({WHY_LEFT})."
     lines = ["", *textwrap.wrap(about, _WIDE, initial_indent="# ", subsequent_indent="# ")]
     rows: list[str] = []
     for tool in proposal.tools:

@@ -24,7 +24,8 @@ from camgen.read.files import Files
 
 Row = tuple[str, str]
 
-_STATES: Mapping[State, str] = {
+#: The states of a program in words.
+STATES: Mapping[State, str] = {
     "as written": "the text is as camgen wrote it",
     "edited": "the text was edited since camgen wrote it",
     "unsigned": "the text has no digest of camgen",
@@ -36,27 +37,14 @@ class Origin(NamedTuple):
 
     header: its header.
     part: part for which it was written.
+    job: job for which it was written.
     name: name that it would have alone.
     """
 
     header: Header
     part: Path
-    name: str
-
-
-class Text(NamedTuple):
-    """A program that was read back.
-
-    path: its file.
-    post: post that wrote it.
-    executed: strict run of its text.
-    job: its job.
-    """
-
-    path: Path
-    post: Post
-    executed: Executed
     job: Job
+    name: str
 
 
 def read_state(texts: Mapping[str, str]) -> State:
@@ -70,17 +58,16 @@ def read_state(texts: Mapping[str, str]) -> State:
     return "as written" if "as written" in states else "unsigned"
 
 
-def format_state(state: State) -> str:
-    """The state in words."""
-    return _STATES[state]
-
-
 def compare_rebuilt(
-    text: Text, origin: Origin, terminal: Terminal, files: Files
+    path: Path, post: Post, executed: Executed, origin: Origin, terminal: Terminal, files: Files
 ) -> tuple[Row, VerifyError | None]:
     """The comparison of a program with the one that its job and part make.
 
     Another version of camgen, or one with other extras, may make another program of them.
+
+    path: file of the program.
+    post: post that wrote it.
+    executed: strict run of its text.
 
     Returns the row of the summary, and the first difference.
     """
@@ -88,41 +75,32 @@ def compare_rebuilt(
     if origin.header.version != __version__:
         why = f"camgen {origin.header.version} wrote it, this is {__version__}"
         return ("plan", f"not compared with {target}: {why}"), None
+    from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only for our texts)
+
     try:
-        program, chord = _rebuild(text, origin, terminal, files)
+        result = build(
+            origin.part,
+            post=post.name,
+            job=origin.job,
+            name=origin.name,
+            watch=terminal.stage,
+            files=files,
+        )
+        chord = result.job.tolerance.chord
+        program = prepare_program(post, pick_program(result.program, post, path), chord)
     except CamgenError as error:
         return ("plan", f"not compared with {target}: {error}"), None
-    finally:
-        terminal.clear()
-    tolerance = limit_tolerance(text.post.tolerance(), chord)
-    compared = text.post.list_verified()
+    tolerance = limit_tolerance(post.tolerance(), chord)
     try:
-        equal = compare(program, text.executed, tolerance, compared, str(text.path))
+        equal = compare(program, executed, tolerance, post.list_verified(), str(path))
     except VerifyError as error:
         what = f"differs from {target}"
-        remedy = f"--post {text.post.name} examines the text by itself"
+        remedy = f"--post {post.name} examines the text by itself"
         where = f"line {error.line}: " if error.line else ""
         different = VerifyError(error.file, f"{what}: {error.what}", error.line, remedy)
         return ("plan", f"{what}: {where}{error.what}"), different
     instructions = counted(equal.instructions, "instruction")
     return ("plan", f"{instructions} equal to {target}, {equal.max_mm:.6f} mm"), None
-
-
-def _rebuild(text: Text, origin: Origin, terminal: Terminal, files: Files) -> tuple[Program, float]:
-    """The program that job and part make, and its tolerance of chords, mm."""
-    from camgen.pipeline import build  # noqa: PLC0415 (all of camgen, only for our texts)
-
-    post = text.post
-    result = build(
-        origin.part,
-        post=post.name,
-        job=text.job,
-        name=origin.name,
-        watch=terminal.stage,
-        files=files,
-    )
-    chord = result.job.tolerance.chord
-    return prepare_program(post, pick_program(result.program, post, text.path), chord), chord
 
 
 def pick_program(program: Program, post: Post, path: Path) -> Program:

@@ -22,7 +22,7 @@ _JOINTS = {
 }
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Print the table of robots, with -v their notes too; or the description of one robot."""
     if arguments.robot:
         chosen = find_robot(arguments.robot)
@@ -30,20 +30,18 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
             terminal.data(_as_data(chosen))
         else:
             terminal.out(_describe(chosen))
-        return 0
-    listed = list_robots()
+        return
     if arguments.json:
-        terminal.data(list(map(_as_data, listed)))
-        return 0
+        terminal.data(list(map(_as_data, list_robots())))
+        return
     rows = [("name", "maker", "joints", "kind", "kinematics", "limits")]
     notes = ""
-    for robot in listed:
+    for robot in list_robots():
         joints, trust = str(len(robot.joints)), robot.trust
         rows.append((robot.name, robot.maker, joints, robot.kind, trust.kinematics, trust.limits))
         if terminal.verbose:
             notes += "".join(f"{robot.name}: {note}\n" for note in robot.notes)
     terminal.out(format_table(rows) + notes)
-    return 0
 
 
 def _as_data(robot: Robot) -> dict[str, object]:
@@ -51,22 +49,24 @@ def _as_data(robot: Robot) -> dict[str, object]:
     joints = []
     for k, joint in enumerate(robot.joints):
         unit = 1.0 if joint.sliding else math.degrees(1)
-        row = {
-            "name": joint.name,
-            "sliding": joint.sliding,
-            "limits": [round(value * unit, 6) for value in robot.limits[k].tolist()],
-            "speed": round(float(robot.speeds[k]) * unit, 6),
-            "home": round(float(robot.home[k]) * unit, 6),
-        }
-        joints.append(row)
-    trust = {"kinematics": robot.trust.kinematics, "limits": robot.trust.limits}
-    names = {
+        joints.append(
+            {
+                "name": joint.name,
+                "sliding": joint.sliding,
+                "limits": [round(value * unit, 6) for value in robot.limits[k].tolist()],
+                "speed": round(float(robot.speeds[k]) * unit, 6),
+                "home": round(float(robot.home[k]) * unit, 6),
+            }
+        )
+    return {
         "name": robot.name,
         "maker": robot.maker,
         "kind": robot.kind,
         "convention": robot.convention,
+        "trust": {"kinematics": robot.trust.kinematics, "limits": robot.trust.limits},
+        "joints": joints,
+        "notes": robot.notes,
     }
-    return {**names, "trust": trust, "joints": joints, "notes": robot.notes}
 
 
 def _describe(robot: Robot) -> str:

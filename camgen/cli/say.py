@@ -38,6 +38,7 @@ class Terminal(NamedTuple):
 
     def out(self, text: str) -> None:
         """Print a result on standard output."""
+        self.clear()
         _write(self.results, text)
 
     def data(self, value: object) -> None:

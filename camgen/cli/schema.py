@@ -10,10 +10,9 @@ from camgen.cli.say import Terminal
 from camgen.post.job_schema import schema
 
 
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> None:
     """Prints the schema."""
     terminal.out(
         msgspec.json.format(msgspec.json.encode(schema(arguments.post or "")), indent=2).decode()
         + "\n"
     )
-    return 0

@@ -33,7 +33,7 @@ from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.model.program import Columns, MoveJ, ToolChange
-from camgen.model.text import counted, short, short_each
+from camgen.model.text import counted, join_short, short
 from camgen.motion.corners import compute_corner_tolerance
 from camgen.pipeline.stock import REMEDY_FOR_PIECES
 from camgen.plan.page import place_on_page
@@ -85,14 +85,13 @@ def check_stock(
             "has no flat contours to prove a program against",
             remedy="give the drawing of the part",
         )
-    executed = proven.executed
-    columns = Columns(executed.body)
+    columns = Columns(proven.executed.body)
     if job.operations:
         shares, _ = split_part(part, job)
         tasks = [make_task(part, make_step_job(job, share.step), share.part) for share in shares]
     else:
         tasks = [_task(part, job, columns)]
-    cuts = _list_cuts(program, executed, columns, job)
+    cuts = _list_cuts(program, proven.executed, columns, job)
     if proven.states_job:
         cuts = [replace(cut, stated=_state(cut, job)) for cut in cuts]
     designed = design(tasks, job.stock)
@@ -100,8 +99,8 @@ def check_stock(
     lines = _format_faults(proof.faults, place)
     for breach in proof.set_up.breaches:
         lines += f"{place(breach.line)}: warning: {breach.what} ({breach.remedy})\n"
-    rows = _rows(proof, tasks, cuts, job)
-    return StockVerdict(_drop_tones(rows), lines, _refuse(program, proof, place))
+    rows = _drop_tones(_rows(proof, tasks, cuts, job))
+    return StockVerdict(rows, lines, _refuse(program, proof, place))
 
 
 def _drop_tones(rows: Sequence[Row]) -> tuple[tuple[str, str], ...]:
@@ -212,11 +211,14 @@ def _cut(program: str, executed: Executed, columns: Columns, job: Job) -> Cut:
 def rows_of_build(proof: StockProof) -> list[Row]:
     """Rows of the summary of a build: stock, excess material, loose parts and set-up."""
     tone = "look" if proof.bite is None else "good"
-    rows = [("stock", f"{_format_result(proof)}; {volume(proof.volume)} removed", tone)]
-    rows += label_rows("excess", _list_excess(proof))
-    rows += [("loose", fault.text, "look") for fault in proof.loose if fault.serious]
-    rows += label_rows("stock", proof.notes, "look")
-    return rows + label_rows("set-up", _list_examined(proof), "look")
+    loose = [fault.text for fault in proof.loose if fault.serious]
+    return [
+        ("stock", f"{_format_result(proof)}; {volume(proof.volume)} removed", tone),
+        *label_rows("excess", _list_excess(proof)),
+        *label_rows("loose", loose, "look"),
+        *label_rows("stock", proof.notes, "look"),
+        *label_rows("set-up", _list_examined(proof), "look"),
+    ]
 
 
 def volume(mm3: float) -> str:
@@ -306,14 +308,10 @@ def _list_excess(proof: StockProof) -> list[str]:
         )
         parts = [f"{short(mm2, 2)} mm2 {cause}" for mm2, cause in areas if mm2 >= _MIN_EXCESS]
         if excess.unexplained.area >= _MIN_EXCESS and excess.place is not None:
-            position = " ".join(short_each(excess.place, 2))
-            area = short(excess.unexplained.area, 2)
-            parts.append(f"{area} mm2 else, up to {short(excess.size, 2)} mm wide at {position}")
+            size = f"{short(excess.unexplained.area, 2)} mm2 else, up to {short(excess.size, 2)} mm"
+            parts.append(f"{size} wide at {join_short(excess.place, 2)}")
         depths_of.setdefault(", ".join(parts), []).append(level.bottom)
-    lines = []
-    for text, depths in depths_of.items():
-        lines.append(f"at z {' '.join(short_each(depths, 3))}: {text}")
-    return lines
+    return [f"at z {join_short(depths, 3)}: {text}" for text, depths in depths_of.items()]
 
 
 def _format_faults(faults: Sequence[Fault], place: Callable[[int], str]) -> str:

@@ -12,10 +12,10 @@ from msgspec.structs import replace
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
 from camgen.cli.header import find_part, name_source, read_header
-from camgen.cli.inputs import to_path
+from camgen.cli.inputs import check_suffix, to_path
 from camgen.cli.judge import (
+    Row,
     add_harm,
-    check_page,
     convert_findings,
     find_error,
     format_findings,
@@ -24,24 +24,24 @@ from camgen.cli.judge import (
     list_rows,
     make_run_options,
     name_files,
+    read_texts,
     recognise_language,
 )
 from camgen.cli.motion_file import MotionFile
 from camgen.cli.motion_file import load as load_plan
-from camgen.cli.program_texts import read_texts
 from camgen.cli.proven import Proven
-from camgen.cli.rebuild import Origin, Text, compare_rebuilt, format_state, pick_program, read_state
+from camgen.cli.rebuild import STATES, Origin, compare_rebuilt, pick_program, read_state
 from camgen.cli.say import Terminal, format_length, format_table
 from camgen.lang.alternatives import format_alternatives, run_alternatives
 from camgen.lang.coverage import format_coverage
 from camgen.lang.programs import CERTAIN, LANGUAGES, Executed, Finding, Frames, Places
+from camgen.lang.recorded import format_box
 from camgen.lang.taught import OneFrameBody, as_far_as_known
 from camgen.lower.steps import split_tools
-from camgen.model.cell import Dynamics
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.plugins import list_entries
-from camgen.model.pose import Pose, Vec3
+from camgen.model.pose import Pose
 from camgen.model.program import Columns, ToolChange
 from camgen.model.text import counted, short, short_each
 from camgen.post import Post
@@ -76,7 +76,6 @@ _NAMES = {
     "ToolChange": "tool change",
     "Stop": "stop",
 }
-Row = tuple[str, str]
 
 
 class _Request(NamedTuple):
@@ -101,15 +100,8 @@ class _Request(NamedTuple):
     origin: Origin | None = None
     states_job: bool = False
 
-    @property
-    def known_drawing(self) -> Path | None:
-        """The drawing that the user names, else the unchanged part beside the program."""
-        if self.drawing is None and self.origin is not None:
-            return self.origin.part
-        return self.drawing
 
-
-def run(arguments: Namespace, terminal: Terminal) -> int:
+def run(arguments: Namespace, terminal: Terminal) -> int | None:
     """Print the sums and the findings of a program.
 
     Raises InputError for refused lines, VerifyError for a difference from the plan, and
@@ -134,13 +126,11 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     texts = read_texts(paths, files)
     header = read_header(texts)
     if drawing is not None and header is not None and header.is_located:
-        remedy = (
-            "leave it out; camgen build has proven the program against the drawing at that place"
-        )
         raise JobError(
             "--part",
             "lies as drawn, and the program is for the place of the part in a photo",
-            remedy=remedy,
+            remedy="leave it out; camgen build has proven the program against the drawing at "
+            "that place",
         )
     source = name_source(paths[0], header)
     named = find_job_file(arguments.job, None if arguments.plan else source)
@@ -148,39 +138,49 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     ours = bool(arguments.plan or named or job.post)
     origin = None
     if ours and header and not arguments.post and not arguments.plan:
-        origin = Origin(header, find_part(header, source, job, files), source.stem)
+        origin = Origin(header, find_part(header, source, job, files), job, source.stem)
         arguments.post = header.post
     request = _Request(arguments, paths, texts, job, drawing, files, origin, header is not None)
     post = arguments.post
     if ours or (post and post not in [entry.name for entry in list_entries(LANGUAGES)]):
-        return _verify_own(request, terminal)
-    return _verify_third_party(request, terminal)
+        _verify_own(request, terminal)
+    else:
+        _verify_third_party(request, terminal)
+    return None
 
 
-def _verify_third_party(request: _Request, terminal: Terminal) -> int:
+def _verify_third_party(request: _Request, terminal: Terminal) -> None:
     """Verify a third-party program by the rules of its language."""
     arguments, paths, texts, job, drawing, files, *_ = request
     place = Places(texts)
     language = recognise_language(arguments.post or "", texts)
     options = make_run_options(language, arguments, job, files)
     if arguments.report:
-        check_page(arguments.report)
+        check_suffix(
+            arguments.report,
+            (".html",),
+            "the report of a program is a page",
+            "give a name that ends in .html",
+        )
         check_targets([Path(arguments.report)], [*paths, *map(Path, arguments.points)])
     terminal.stage("running")
     alternatives = run_alternatives(language, texts, options)
     executed = add_harm(alternatives.executed, texts)
-    terminal.clear()
     if len(texts) > 1:
         executed = name_files(executed, place)
     carried = as_far_as_known(executed)
     motions = sum_up(Columns(carried.body), carried.works)
     if carried.body is not executed.body:
         motions = replace(motions, counts=sum_up(Columns(executed.body)).counts)
-    rows = [("language", language.about), *_rows(motions, _lines(texts), executed.untimed)]
-    rows += _list_extents(motions, executed.frames)
-    rows += [*list_rows(executed, place), *format_alternatives(alternatives)]
-    rows += format_coverage(executed.coverage, place.find)
-    rows += [("told", f"{note.what} ({note.why})") for note in carried.notes]
+    rows = [
+        ("language", language.about),
+        *_rows(motions, texts, executed.untimed),
+        *_list_extents(motions, executed.frames),
+        *list_rows(executed, place),
+        *format_alternatives(alternatives),
+        *format_coverage(executed.coverage, place.find),
+        *(("told", f"{note.what} ({note.why})") for note in carried.notes),
+    ]
     error = find_error(executed, paths[0], place)
     if arguments.report:
         _report(Path(arguments.report), request, executed, carried, rows, terminal)
@@ -192,9 +192,9 @@ def _verify_third_party(request: _Request, terminal: Terminal) -> int:
         more = _leave_unproven("the run does not come to the end")
     elif error is None:
         fixtures = _read_fixtures(language.name, job, files, drawing)
-        on_arm = _is_for_arm(_post_of(language.name))
-        dynamics = _dynamics_of_text(language.name)
-        proven = Proven(executed, dynamics=dynamics, fixtures=fixtures, on_arm=on_arm)
+        post = _post_of(language.name)
+        dynamics = post.dynamics() if language.name in _STATES_ZONES else None
+        proven = Proven(executed, dynamics=dynamics, fixtures=fixtures, on_arm=_is_for_arm(post))
         more, also, error = _prove(request, proven, place, terminal)
     if arguments.json:
         terminal.data({"sums": motions, "told": rows + more, **convert_findings(executed, place)})
@@ -202,17 +202,16 @@ def _verify_third_party(request: _Request, terminal: Terminal) -> int:
         terminal.out(format_table([*rows, *more]) + format_findings(executed, place) + also)
     if error is not None:
         raise error
-    return 0
 
 
-def _verify_own(request: _Request, terminal: Terminal) -> int:
+def _verify_own(request: _Request, terminal: Terminal) -> None:
     """Verify a program of camgen strictly, against its plan if there is one.
 
     Against a plan an unusual line is a fault too.
     """
     from camgen.pipeline.rounding import limit_path_tolerance  # noqa: PLC0415 (only for our texts)
 
-    arguments, paths, texts, job, _, files, *_ = request
+    arguments, paths, texts, job, drawing, files, origin, states_job = request
     _check_options(arguments)
     plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
     options = (plan.options if plan else {}) | limit_path_tolerance(job, arguments.post).post
@@ -222,11 +221,9 @@ def _verify_own(request: _Request, terminal: Terminal) -> int:
     kinds = [{**options, **post.name_tool(*tool)} for tool in tools] or [options]
     terminal.stage("reading")
     executed = _read_back(arguments.post, post, kinds, texts)
-    terminal.clear()
     motions = sum_up(Columns(executed.body))
-    rows = _rows(motions, _lines(texts))
     state = read_state(texts)
-    rows.append(("digest", format_state(state)))
+    rows = [*_rows(motions, texts), ("digest", STATES[state])]
     listing = _format_findings(executed.findings, place)
 
     def print_report(more: Sequence[Row] = (), also: str = "") -> None:
@@ -256,21 +253,19 @@ def _verify_own(request: _Request, terminal: Terminal) -> int:
         terminal.stage("comparing")
         rows += _compare_plan(plan, post, executed, paths[0])
     different = None
-    if request.origin is not None:
-        program = Text(paths[0], post, executed, job)
-        row, different = compare_rebuilt(program, request.origin, terminal, files)
+    if origin is not None:
+        drawing = drawing or origin.part
+        row, different = compare_rebuilt(paths[0], post, executed, origin, terminal, files)
         rows.append(row)
-    terminal.clear()
-    fixtures = _read_fixtures(post.name, job, files, request.known_drawing)
+    fixtures = _read_fixtures(post.name, job, files, drawing)
     dynamics = dynamics_of(post, job) if states_rounding(post) else None
-    proven = Proven(executed, post, dynamics, _is_for_arm(post), request.states_job, fixtures)
+    proven = Proven(executed, post, dynamics, _is_for_arm(post), states_job, fixtures)
     more, also, error = _prove(request, proven, place, terminal)
     print_report(more, also)
     if error is not None:
         raise error
     if different is not None and state == "edited":
         raise different
-    return 0
 
 
 def _compare_plan(plan: MotionFile, post: Post, executed: Executed, path: Path) -> list[Row]:
@@ -278,8 +273,8 @@ def _compare_plan(plan: MotionFile, post: Post, executed: Executed, path: Path) 
     tolerance = limit_tolerance(post.tolerance(), plan.chord)
     prepared = prepare_program(post, pick_program(plan.program, post, path), plan.chord)
     equal = compare(prepared, executed, tolerance, post.list_verified(), str(path))
-    instructions = f"{counted(equal.instructions, 'instruction')} equal"
-    return [("plan", instructions), ("deviation", f"{equal.max_mm:.6f} mm")]
+    instructions = counted(equal.instructions, "instruction")
+    return [("plan", f"{instructions} equal"), ("deviation", f"{equal.max_mm:.6f} mm")]
 
 
 def _list_tools(plan: MotionFile | None, job: Job, post: Post, path: Path) -> list[tuple[int, str]]:
@@ -348,7 +343,6 @@ def _prove(
     terminal.stage("proving")
     if drawing is None:
         judged = check_fixtures(str(request.paths[0]), request.job, proven, place)
-        terminal.clear()
         rows = [*_UNEXAMINED[:2], *judged.rows, *_UNEXAMINED[2:]]
         return rows, judged.fault_lines, judged.error
     part = read(drawing, request.job, request.files)
@@ -361,7 +355,6 @@ def _prove(
         cell = read_cell(part, request.job, cell_of(proven.post, request.job), request.files)
         controller = describe_controller(proven.post, request.job, cell)
     motion = compare_text(part, request.job, executed.body, executed.lines, place, controller)
-    terminal.clear()
     return [("motion", motion), *stock.rows, *_UNEXAMINED[2:]], stock.fault_lines, stock.error
 
 
@@ -388,16 +381,8 @@ def _post_of(language: str) -> Post:
     return make_post(find_post(language), {})
 
 
-def _dynamics_of_text(language: str) -> Dynamics | None:
-    """How the controller rounds corners, as far as a text in its language says it; else None.
-
-    RAPID states a zone for each motion. The corners of other languages depend on settings that
-    their texts do not hold.
-    """
-    return _post_of(language).dynamics() if language in _STATES_ZONES else None
-
-
-#: Languages that state how far each corner is rounded.
+#: Languages that state how far each corner is rounded: RAPID has a zone for each motion. The
+#: corners of other languages depend on settings that their texts do not hold.
 _STATES_ZONES = frozenset({"rapid"})
 #: Proofs that a text alone does not allow, with the reason.
 _UNEXAMINED: list[Row] = [
@@ -427,31 +412,26 @@ def _report(
     from camgen.preview.third_party import view_program  # noqa: PLC0415 (only for a page)
 
     terminal.stage("drawing")
-    drawn = format_page(
-        view_program(
-            ", ".join(request.texts), request.texts, executed, carried, rows, Places(request.texts)
-        )
-    )
-    terminal.clear()
-    write_all([(target, drawn.encode("utf-8"))], request.files.opened)
+    texts = request.texts
+    view = view_program(", ".join(texts), texts, executed, carried, rows, Places(texts))
+    write_all([(target, format_page(view).encode("utf-8"))], request.files.opened)
 
 
-def _lines(texts: Mapping[str, str]) -> int:
-    return sum(text.count("\n") for text in texts.values())
-
-
-def _rows(motions: Motions, lines: int, untimed: int = 0) -> list[tuple[str, str]]:
+def _rows(motions: Motions, texts: Mapping[str, str], untimed: int = 0) -> list[Row]:
+    lines = sum(text.count("\n") for text in texts.values())
     kinds = [counted(n, _NAMES[kind]) for kind, n in motions.counts.items() if n]
-    rows = [("program", f"{counted(lines, 'line')}: {', '.join(kinds) or 'no instruction'}")]
-    rows.append(("straight", format_length(motions.straight)))
-    rows.append(("arcs", format_length(motions.arc)))
-    rows.append(("joint", f"{format_length(motions.joint)} between the ends"))
-    rows.append(("time", format_time(motions.seconds, untimed)))
+    rows = [
+        ("program", f"{counted(lines, 'line')}: {', '.join(kinds) or 'no instruction'}"),
+        ("straight", format_length(motions.straight)),
+        ("arcs", format_length(motions.arc)),
+        ("joint", f"{format_length(motions.joint)} between the ends"),
+        ("time", format_time(motions.seconds, untimed)),
+    ]
     if motions.speeds[1] > 0:
         speeds = " to ".join(dict.fromkeys(short_each(motions.speeds, 3)))
         rows.append(("speed", f"{speeds} mm/s"))
     if motions.extents and not motions.extents_by_work:
-        rows.append(("extents", _format_extents(*motions.extents)))
+        rows.append(("extents", format_box(*motions.extents)))
     for name, values in motions.outputs.items():
         rows.append(("output", f"{name}: {', '.join(short_each(values, 3))}"))
     if motions.force:
@@ -459,17 +439,12 @@ def _rows(motions: Motions, lines: int, untimed: int = 0) -> list[tuple[str, str
     return rows
 
 
-def _format_extents(least: Vec3, greatest: Vec3) -> str:
-    spans = zip("xyz", least, greatest, strict=True)
-    return ", ".join(f"{axis} {short(a, 3)} to {short(b, 3)}" for axis, a, b in spans) + " mm"
-
-
 def _list_extents(motions: Motions, frames: Sequence[Frames]) -> list[Row]:
     """The extents in each of several work objects whose poses are unknown."""
     rows = []
     for number, extents in motions.extents_by_work.items():
         frame = frames[number].work or "of the base"
-        rows.append(("extents", f"{_format_extents(*extents)}, in the frame {frame}"))
+        rows.append(("extents", f"{format_box(*extents)}, in the frame {frame}"))
     left = len(rows) - _MOST_WORKS
     if left > 0:
         rows[_MOST_WORKS:] = [("extents", f"and in {counted(left, 'more work object')}")]

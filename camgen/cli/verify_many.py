@@ -24,9 +24,9 @@ from camgen.cli.judge import (
     list_as_data,
     make_run_options,
     name_files,
+    read_texts,
     recognise_language,
 )
-from camgen.cli.program_texts import read_texts
 from camgen.cli.say import Terminal, format_table
 from camgen.lang.alternatives import run_alternatives
 from camgen.lang.coverage import Coverage
@@ -108,15 +108,13 @@ def run(arguments: Namespace, terminal: Terminal) -> int:
     for number, (group, language) in enumerate(programs, 1):
         terminal.stage(f"{number} of {len(programs)}: {group[0]}")
         judged.append(_verify_group(group, language, arguments, files))
-    terminal.clear()
     if arguments.json:
-        terminal.data([_as_data(program) for program in judged])
+        terminal.data(list(map(_as_data, judged)))
     elif arguments.sarif:
         terminal.data(_as_sarif(judged))
     else:
         terminal.out(_as_table(judged, others))
-    codes = {program.exit_code for program in judged}
-    return next(code for code in _CODES if code in codes)
+    return min((program.exit_code for program in judged), key=_CODES.index)
 
 
 def _list_files(names: Sequence[str]) -> tuple[list[Path], int]:
@@ -212,7 +210,7 @@ def _verify_group(
     group: Sequence[Path], language: Language | None, arguments: Namespace, files: Files
 ) -> Judged:
     """Return a program with its findings, or with the error for which it has none."""
-    names = tuple(str(path) for path in group)
+    names = tuple(map(str, group))
     try:
         texts = read_texts(group, files)
         place = Places(texts)
@@ -226,20 +224,27 @@ def _verify_group(
     if len(group) > 1:
         executed = name_files(executed, place)
     refusal = find_error(executed, group[0], place)
-    code = 0 if refusal is None else refusal.exit_code
     findings = (*executed.findings, *find_stop(executed))
     carried = as_far_as_known(executed)
-    seconds = sum_up(Columns(carried.body), carried.works).seconds
-    untimed = executed.untimed
-    coverage = executed.coverage
-    return Judged(names, language.name, findings, place, seconds, untimed, code, "", coverage)
+    return Judged(
+        names=names,
+        language=language.name,
+        findings=findings,
+        place=place,
+        seconds=sum_up(Columns(carried.body), carried.works).seconds,
+        untimed=executed.untimed,
+        exit_code=0 if refusal is None else refusal.exit_code,
+        error="",
+        coverage=executed.coverage,
+    )
 
 
 def _as_table(judged: Sequence[Judged], others: int) -> str:
     rows = [("program", "language", *LEVELS, "coverage", "time", "exit code")]
     for program in judged:
-        more = f" and {counted(len(program.names) - 1, 'more file')}"
-        name = program.names[0] + (more if len(program.names) > 1 else "")
+        name = program.names[0]
+        if len(program.names) > 1:
+            name += f" and {counted(len(program.names) - 1, 'more file')}"
         share = "-" if program.coverage is None else f"{int(100 * program.coverage.share)} %"
         counts = [str(program.count(level)) for level in LEVELS]
         time = program.error or format_time(program.seconds, program.untimed)

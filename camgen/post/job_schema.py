@@ -83,18 +83,24 @@ def _make_key(field: Mapping[str, Any], default: object) -> Schema:
 
 
 def _add_unit(key: Schema) -> Schema:
-    number = {name: value for name, value in key.items() if name not in ("description", "default")}
-    rest = {name: value for name, value in key.items() if name in ("description", "default")}
+    """The schema of a number `key`, which may also be a text with a unit."""
+    rest: Schema = {name: key.pop(name) for name in ("description", "default") if name in key}
     pattern = rf"^\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*({'|'.join(SPEED_UNITS)})\s*$"
-    return {"anyOf": [number, {"type": "string", "pattern": pattern}], **rest}
+    return {"anyOf": [key, {"type": "string", "pattern": pattern}], **rest}
+
+
+def read_default(option: dataclasses.Field[Any]) -> object:
+    """The default of an option of a post."""
+    if option.default_factory is dataclasses.MISSING:
+        return option.default
+    return option.default_factory()
 
 
 def _make_options(kind: type[Post]) -> Schema:
     hints = get_type_hints(kind)
     options = [option for option in dataclasses.fields(kind) if option.init]
-    fields = [(option.name, hints[option.name]) for option in options]
     (_,), components = msgspec.json.schema_components(
-        [defstruct("Options", fields)],
+        [defstruct("Options", [(option.name, hints[option.name]) for option in options])],
         # A type of a third-party post may have any value.
         schema_hook=lambda option_type: {"title": option_type.__name__},
         ref_template="{name}",
@@ -102,10 +108,7 @@ def _make_options(kind: type[Post]) -> Schema:
     keys = components["Options"]["properties"]
     properties = {}
     for option in options:
-        default = option.default
-        if option.default_factory is not dataclasses.MISSING:
-            default = option.default_factory()
-        properties[option.name] = _make_key(keys[option.name], default)
+        properties[option.name] = _make_key(keys[option.name], read_default(option))
         if about := option.metadata.get("help"):
             properties[option.name]["description"] = about
     return {

@@ -158,8 +158,7 @@ def _turn_tool(axis: int, angles: Iterable[float]) -> list[FloatArray]:
 
 def _orientations() -> Iterator[Case]:
     """Tool down and rotated; all poles of angle triples and quaternions; orientations near them."""
-    angles_down = (30.0, 45.0, 90.0, 135.0, 180.0, -90.0, -0.001)
-    yield _orient("tool turned", _turn_tool(2, angles_down))
+    yield _orient("tool turned", _turn_tool(2, (30.0, 45.0, 90.0, 135.0, 180.0, -90.0, -0.001)))
     quarter = (0.0, _PI / 2, _PI, -_PI / 2)
     angles = product(quarter, (0.0, _PI / 2, -_PI / 2), quarter)
     yield _orient("axes along axes", list(starmap(rotation_from_fixed_xyz, angles)))
@@ -490,19 +489,18 @@ def _find_findings(kit: _Kit, case: Case) -> Iterator[str]:
         return
     try:
         language = check_language(kit.language)
-        read: Readback = partial(read_back, language.run)
-        compare(prepared, read(texts, options), tolerance, maker.list_verified(), files[0].name)
+        check = _Check(maker, partial(read_back, language.run), options, prepared, tolerance)
+        check.run(texts)
         yield from _find_unknown(language, texts, prepared)
     except CamgenError as error:
         yield str(error)
         return
     if case.altered and len(files) == 1:
-        check = _Check(maker, read, options, prepared, tolerance)
         yield from _find_unseen(kit, case, check, files[0])
 
 
 class _Check(NamedTuple):
-    """The check of a text of a case: the read-back with its options, and the comparison."""
+    """The check of the texts of a case: the read-back with its options, and the comparison."""
 
     post: Post
     readback: Readback
@@ -510,10 +508,11 @@ class _Check(NamedTuple):
     prepared: Program
     tolerance: Tolerance
 
-    def run(self, file: OutputFile) -> Executed:
-        """Run a text. Raises VerifyError for a text that is not the prepared program."""
-        executed = self.readback({file.name: file.text}, self.options)
-        compare(self.prepared, executed, self.tolerance, self.post.list_verified(), file.name)
+    def run(self, texts: Mapping[str, str]) -> Executed:
+        """Run texts by file name. Raises VerifyError if they are not the prepared program."""
+        executed = self.readback(texts, self.options)
+        words = self.post.list_verified()
+        compare(self.prepared, executed, self.tolerance, words, next(iter(texts)))
         return executed
 
 
@@ -536,11 +535,11 @@ def _find_unknown(language: Language, texts: Mapping[str, str], prepared: Progra
 
 
 def _find_unseen(kit: _Kit, case: Case, check: _Check, file: OutputFile) -> Iterator[str]:
-    lines = check.run(file).lines
+    lines = check.run({file.name: file.text}).lines
     first_line = int(lines[0]) if case.altered == "body" else 1
     for change in alter_numbers(file.text, first_line):
         try:
-            check.run(OutputFile(file.name, change.text))
+            check.run({file.name: change.text})
         except VerifyError:
             continue
         except CamgenError as error:
@@ -555,8 +554,8 @@ def _find_unfounded(refusal: Refused, program: Program, lacks: Collection[str]) 
         yield "refused without a reason"
     if refusal.index < 0:
         if not set(WHOLE) & set(lacks):
-            lacked = f"neither {WHOLE[0]} nor {WHOLE[1]}"
-            yield f"refused as a whole, though it lacks {lacked}: {refusal}"
+            lacked = " nor ".join(WHOLE)
+            yield f"refused as a whole, though it lacks neither {lacked}: {refusal}"
     elif refusal.index >= len(program.body):
         yield f"refused instruction {refusal.index}, which is not there: {refusal}"
     elif not any(

@@ -25,7 +25,7 @@ from msgspec import Struct
 from msgspec.structs import astuple, replace
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import mark_run_ends, mark_run_starts
+from camgen.geometry.ragged import list_owners, mark_run_ends, mark_run_starts, number_rows
 from camgen.geometry.rotations import measure_angles_between
 from camgen.geometry.vectors import cross, measure_lengths, multiply_rows
 from camgen.model.errors import VerifyError
@@ -321,8 +321,11 @@ def _compare_special(match: _Match) -> Iterator[_Fault]:
         any(_list_joints(motion)[:2]) or getattr(motion, "turn", 0.0) != 0
         for motion in b.pick(b.at[match.pieces[inner]])
     ]
-    what = "states joint values or a speed of turning inside of a motion"
-    yield from _first(np.array(stated, np.bool_), match.owner[inner], what)
+    yield from _first(
+        np.array(stated, np.bool_),
+        match.owner[inner],
+        "states joint values or a speed of turning inside of a motion",
+    )
 
 
 def _list_joints(motion: Any) -> tuple[object, object, object]:
@@ -377,10 +380,6 @@ class _Circles(Struct, frozen=True, eq=False):
 def _make_circles(columns: Columns, arcs: Indices) -> _Circles:
     """The circles of motions that are arcs. Not a number where the three points are on a line."""
     start, via, end = columns.ends[arcs - 1], columns.vias_of(arcs), columns.ends[arcs]
-    return _through(start, via, end)
-
-
-def _through(start: FloatArray, via: FloatArray, end: FloatArray) -> _Circles:
     u, w = via - start, end - start
     normal = cross(u, w)
     square = multiply_rows(normal, normal)
@@ -418,10 +417,8 @@ def _check_curves(match: _Match, chord: float) -> Iterator[_Fault]:
 def _list_pieces(match: _Match, rows: Indices) -> tuple[Indices, Indices]:
     """The pieces that stand for `rows`: for each the place of its row in `rows`, and its motion."""
     count = match.count[rows]
-    which = np.repeat(np.arange(len(rows)), count)
-    first = np.cumsum(count) - count
-    place = np.arange(len(which)) - first[which] + (match.last[rows] - count + 1)[which]
-    return which, match.pieces[place]
+    which = list_owners(count)
+    return which, match.pieces[number_rows(count) + (match.last[rows] - count + 1)[which]]
 
 
 def _check_arcs(match: _Match, rows: Indices, chord: float) -> Iterator[_Fault]:
@@ -437,9 +434,8 @@ def _check_arcs(match: _Match, rows: Indices, chord: float) -> Iterator[_Fault]:
     begin[mark_run_starts(which)] = 0.0
     slack = _ON_CURVE / np.maximum(circle.radius, _ON_CURVE)
     yield from _first(~(angle >= begin - slack), owner, "runs back along an arc")
-    starts, ends = b.ends[pieces - 1], b.ends[pieces]
     # A chord leaves its arc most half-way, by the sagitta, and no more than its ends besides.
-    leaves = np.maximum(circle.leave(starts), circle.leave(ends))
+    leaves = np.maximum(circle.leave(b.ends[pieces - 1]), circle.leave(b.ends[pieces]))
     leaves += circle.radius * (1 - np.cos((angle - begin) / 2))
     round_pieces = np.flatnonzero(b.moves_are(MoveC)[pieces])
     leaves[round_pieces] = _leave_arcs(match, circle, pieces, round_pieces, (begin, angle))
@@ -520,8 +516,7 @@ def _check_between(
     turn = _stack(b.table, turns)
     longest = measure_angles_between(start, via) + measure_angles_between(via, end) + _ON_TURN
     taken = measure_angles_between(start, turn) + measure_angles_between(turn, end)
-    what = "changes the orientation inside an arc"
-    yield from _first(~(taken <= longest), owner[which], what)
+    yield from _first(~(taken <= longest), owner[which], "changes the orientation inside an arc")
 
 
 def _check_lines(match: _Match, rows: Indices) -> Iterator[_Fault]:

@@ -43,8 +43,9 @@ def round_numbers(values: FloatArray, decimals: int) -> FloatArray:
         # The product may be on the other side of the middle between two digits than the number.
         limit = np.maximum(_NEAR, 4 * np.spacing(np.abs(scaled)))
         near = np.abs(np.abs(scaled - whole) - 0.5) <= limit
-        exact = [float(fixed(value, decimals)) for value in values[block][near].tolist()]
-        result[block][near] = exact
+        result[block][near] = [
+            float(fixed(value, decimals)) for value in values[block][near].tolist()
+        ]
     return result
 
 
@@ -102,10 +103,6 @@ class _Texts(Struct, frozen=True, eq=False):
     lines: Indices
     numbers: FloatArray
     places: Indices
-
-    def take(self, span: range) -> list[str]:
-        """Return the texts of the instructions in `span`."""
-        return self.texts[self.begins[span.start] : self.begins[span.stop]]
 
 
 class Printed(Iterable[Sequence[str]]):
@@ -190,7 +187,7 @@ class Printed(Iterable[Sequence[str]]):
                 continue
             for low in range(piece.start, piece.stop, _BLOCK):
                 span = range(low, min(low + _BLOCK, piece.stop))
-                texts += printed.take(span)
+                texts += printed.texts[printed.begins[span.start] : printed.begins[span.stop]]
                 if spans and spans[-1].stop == span.start:
                     spans[-1] = range(spans[-1].start, span.stop)
                 else:
@@ -269,8 +266,7 @@ class Lines(Sequence[str]):
                 if isinstance(piece, str):
                     self._size += piece.count("\n") + 1
                 else:
-                    before = self.printed.lines_before(np.array([piece.start, piece.stop]))
-                    self._size += int(before[1] - before[0])
+                    self._size += int(self.printed.counts(piece).sum())
         return self._size
 
     def __iter__(self) -> Iterator[str]:

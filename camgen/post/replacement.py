@@ -136,7 +136,11 @@ def _find_refused(
     neighbours = zip(*columns.neighbours(undecided), strict=True)
     for index, item, (before, after) in zip(undecided.tolist(), items, neighbours, strict=True):
         start = end_of(before)
-        if isinstance(item, MoveC) and start is not None and not _is_arc(start, item):
+        if (
+            isinstance(item, MoveC)
+            and start is not None
+            and not is_arc(start.origin, item.via.origin, item.target.origin)
+        ):
             return arcs, Refused(
                 controller.name,
                 index,
@@ -150,10 +154,6 @@ def _find_refused(
             return arcs, Refused(controller.name, index, reason)
         arcs.append(_RefusedArc(index, start, item, before, after))
     return arcs, None
-
-
-def _is_arc(start: Pose, arc: MoveC) -> bool:
-    return is_arc(start.origin, arc.via.origin, arc.target.origin)
 
 
 def _replace_arcs(

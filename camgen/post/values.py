@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from msgspec import Struct
 
+from camgen.model.part import Note
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, Motion
 
@@ -72,3 +73,19 @@ def pose_of(motion: Motion) -> Pose:
     if isinstance(motion.target, Joints):
         raise ValueError("a motion to joints has no pose")
     return motion.target
+
+
+def note_renamed(text: str, name: str, controller: str) -> tuple[Note, ...]:
+    """The note that a program is not called as its input.
+
+    text: name of the input.
+    name: name of the program on the controller.
+    controller: language of the controller.
+    """
+    return (
+        Note(
+            "assumed",
+            f"the program is called {name}, not {text}",
+            f"{text} is a word of {controller}, or a name that the controller has already",
+        ),
+    )

@@ -159,8 +159,20 @@ class _Bodies(Struct, frozen=True, eq=False):
         """Compare an attribute of the motions `where` (M,), by the worst number of each."""
         a = getattr(self.plan, name)[: self.moves][where]
         b = getattr(self.read, name)[: self.moves][where]
+        return self.make_column(what, where, a, b, _measure_worst(a - b), limit)
+
+    def make_column(
+        self,
+        what: str,
+        where: Mask | Indices,
+        planned: Any,
+        read: Any,
+        error: FloatArray,
+        limit: float,
+    ) -> _Column:
+        """A property of the motions `where`: a mask (M,), or their numbers."""
         places = self.find(MoveJ, MoveL, MoveC)[where]
-        return _Column(what, places, a, b, _measure_worst(a - b), limit)
+        return _Column(what, places, planned, read, error, limit)
 
     def select(self, where: Mask) -> Iterator[tuple[Columns, Mask]]:
         """Return both sides, with the mask `where` (moves,) extended to all motions of each."""
@@ -323,11 +335,10 @@ def _find_first_beyond(column: _Column, first: int) -> Iterator[tuple[int, str, 
 def _compare_frames(
     planned: Program, frames: Frames, tolerance: Tolerance, carries: frozenset[str], file: str
 ) -> None:
-    both = (
-        (planned.base_from_work, frames.base_from_work),
-        (planned.flange_from_tool, frames.flange_from_tool),
-    )
-    for name, (plan, read) in zip(_FRAMES, both, strict=True):
+    for name, plan, read in (
+        ("work", planned.base_from_work, frames.base_from_work),
+        ("tool", planned.flange_from_tool, frames.flange_from_tool),
+    ):
         if read is None:
             # A program without poses uses no frame.
             if name in carries and planned.columns.posed.any():
@@ -404,8 +415,7 @@ def _compare_places(case: _Case) -> Iterator[_Column]:
     plan, read, count = bodies.plan, bodies.read, len(arcs)
     a = find_arc_middles(plan.ends[arcs - 1], plan.via[:count], plan.ends[arcs])
     b = find_arc_middles(read.ends[arcs - 1], read.via[:count], read.ends[arcs])
-    places = bodies.find(MoveJ, MoveL, MoveC)[arcs]
-    yield _Column(_MIDDLE, places, a, b, measure_lengths(a - b), ARC_SLACK * limit)
+    yield bodies.make_column(_MIDDLE, arcs, a, b, measure_lengths(a - b), ARC_SLACK * limit)
 
 
 class _Rotations(Struct, frozen=True, eq=False):
@@ -438,17 +448,16 @@ def _compare_orientations(case: _Case) -> Iterator[_Column]:
     bodies, posed = case.bodies, case.posed
     a = _Rotations(bodies.plan.table, bodies.plan.rotation[: bodies.moves][posed].astype(np.intp))
     b = _Rotations(bodies.read.table, bodies.read.rotation[: bodies.moves][posed].astype(np.intp))
-    places = bodies.find(MoveJ, MoveL, MoveC)[posed]
-    yield _Column(_TURN, places, a, b, _measure_angles(a, b), case.tolerance.angle)
+    yield bodies.make_column(_TURN, posed, a, b, _measure_angles(a, b), case.tolerance.angle)
 
 
 def _compare_via_orientations(case: _Case) -> Iterator[_Column]:
     bodies, arcs = case.bodies, case.arcs
     a = _Rotations(bodies.plan.table, bodies.plan.via_rotation[: len(arcs)].astype(np.intp))
     b = _Rotations(bodies.read.table, bodies.read.via_rotation[: len(arcs)].astype(np.intp))
-    places = bodies.find(MoveJ, MoveL, MoveC)[arcs]
-    angles = _measure_angles(a, b)
-    yield _Column("orientation half-way", places, a, b, angles, case.tolerance.angle)
+    yield bodies.make_column(
+        "orientation half-way", arcs, a, b, _measure_angles(a, b), case.tolerance.angle
+    )
 
 
 def _compare_joint_values(case: _Case) -> Iterator[_Column]:
@@ -458,13 +467,15 @@ def _compare_joint_values(case: _Case) -> Iterator[_Column]:
     planned, read = values
     pairs = zip(planned, read, strict=True)
     error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in pairs])
-    places = case.bodies.find(MoveJ, MoveL, MoveC)[~case.posed]
-    yield _Column("joint values", places, planned, read, error, case.tolerance.joint)
+    yield case.bodies.make_column(
+        "joint values", ~case.posed, planned, read, error, case.tolerance.joint
+    )
 
 
 def _compare_joint_shares(case: _Case) -> Iterator[_Column]:
-    what, limit = "share of the joints' speeds", case.tolerance.share
-    yield case.bodies.compare_motions(what, "share", case.shared, limit)
+    yield case.bodies.compare_motions(
+        "share of the joints' speeds", "share", case.shared, case.tolerance.share
+    )
 
 
 def _compare_joint_rates(case: _Case) -> Iterator[_Column]:
@@ -478,9 +489,8 @@ def _compare_joint_speeds(case: _Case) -> Iterator[_Column]:
 
 def _compare_speeds(case: _Case) -> Iterator[_Column]:
     # In a reorientation the TCP has no speed.
-    travels = case.bodies.plan.turn[: case.bodies.moves] == 0
-    limit = case.tolerance.speed
-    yield case.bodies.compare_motions("speed", "speed", ~case.joint & travels, limit)
+    where = ~case.joint & (case.bodies.plan.turn[: case.bodies.moves] == 0)
+    yield case.bodies.compare_motions("speed", "speed", where, case.tolerance.speed)
 
 
 def _compare_reorientation_speeds(case: _Case) -> Iterator[_Column]:
@@ -518,8 +528,7 @@ def _compare_force_directions(case: _Case) -> Iterator[_Column]:
     changes = bodies.compare_others(Force, "force", "newtons", tolerance.force)
     if np.any(changes.planned):
         press = bodies.compare_others(Force, "force_direction", "force_direction", 0.0, 3)
-        a, b = np.asarray(press.planned), np.asarray(press.read)
-        yield _compare_components(changes, a, b, tolerance)
+        yield _compare_components(changes, press.planned, press.read, tolerance)
 
 
 def _compare_postures(case: _Case, name: str) -> Iterator[_Column]:
@@ -535,22 +544,23 @@ def _compare_postures(case: _Case, name: str) -> Iterator[_Column]:
     for side, where in bodies.select(stated):
         values.append([_get_posture(motion, name) for motion in side.pick(side.at[where])])
     a, b = values
-    places = bodies.find(MoveJ, MoveL, MoveC)[stated]
-    yield _Column(name, places, a, b, np.fromiter(map(ne, a, b), np.float64, len(a)), 0.0)
+    error = np.fromiter(map(ne, a, b), np.float64, len(a))
+    yield bodies.make_column(name, stated, a, b, error, 0.0)
 
 
 def _get_posture(motion: MoveJ | MoveL | MoveC, name: str) -> object:
     value = getattr(motion.posture, name, None)
-    return _NEUTRAL[name] if value is None else value
+    if value is None:
+        return _NEUTRAL[name]
+    return value
 
 
 def _compare_components(
     newtons: _Column, a: FloatArray, b: FloatArray, tolerance: Tolerance
 ) -> _Column:
     """Compare forces by component; each component may deviate by both tolerances together."""
-    planned, read = np.reshape(newtons.planned, (-1, 1)), np.reshape(newtons.read, (-1, 1))
-    limit = tolerance.force + tolerance.angle * planned[:, 0]
-    planned, read = planned * a, read * b
+    limit = tolerance.force + tolerance.angle * newtons.planned.ravel()
+    planned, read = np.reshape(newtons.planned, (-1, 1)) * a, np.reshape(newtons.read, (-1, 1)) * b
     error = _measure_worst(planned - read)
     return _Column("force along x y z", newtons.places, planned, read, error, limit)
 
@@ -589,7 +599,6 @@ COMPARED: Mapping[str, Compared] = {
     "stop": Compared((_STOPS,), _compare_stops),
     "force-direction": Compared(("directions of forces",), _compare_force_directions),
 }
-_FRAMES = tuple(word for word, compared in COMPARED.items() if compared.columns is None)
 
 
 def list_uncompared(post: Post) -> list[str]:

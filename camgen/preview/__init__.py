@@ -74,5 +74,4 @@ def list_seen(result: Built) -> list[FloatArray]:
         return []
     from shapely import boundary, get_coordinates, get_parts  # noqa: PLC0415 (only for photos)
 
-    outlines = get_parts(boundary(result.located.inspection.seen))
-    return [get_coordinates(outline) for outline in outlines]
+    return list(map(get_coordinates, get_parts(boundary(result.located.inspection.seen))))

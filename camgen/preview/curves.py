@@ -13,6 +13,8 @@ from camgen.model.pose import FloatArray
 
 #: Smallest and largest step in which an arc is drawn, rad.
 _FINEST, _COARSEST = np.radians(2.0), np.radians(15.0)
+#: Tolerance with which arcs are drawn, as a fraction of the size of the program.
+_SAG_FRACTION = 2e-5
 
 
 class DrawnSpans(Struct, frozen=True, eq=False):
@@ -37,6 +39,22 @@ class SpaceChains(Struct, frozen=True, eq=False):
 
     points: FloatArray
     counts: NDArray[np.int64]
+
+
+def choose_sag(points: FloatArray) -> float:
+    """The distance of a drawn arc from the true one, mm, for a program with these points (N, 3).
+
+    Rows that are NaN do not count.
+    """
+    points = points[~np.isnan(points[:, 0])]
+    if not len(points):
+        return 1e-3
+    return max(float(np.linalg.norm(np.ptp(points, axis=0))) * _SAG_FRACTION, 1e-4)
+
+
+def measure_length(points: FloatArray) -> float:
+    """The length of a chain of lines, mm."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def lift(points: FloatArray, z: float = 0.0) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -39,6 +39,18 @@ def choose_bar(limit: float) -> float:
     """Length of a scale bar: the largest 1, 2 or 5 times a power of ten up to `limit`."""
     power = 10.0 ** math.floor(math.log10(limit))
     return float(max(m * power for m in (1, 2, 5) if m * power <= limit * (1 + 1e-12)))
+
+
+def format_bar(right: float, y: float, scale: float, text_y: float) -> Iterator[str]:
+    """A scale bar that ends at the page position `right`, `y`, with its length below it.
+
+    scale: page mm per mm.
+    text_y: position of the text, page mm.
+    """
+    bar = choose_bar(45 / scale)
+    left = right - bar * scale
+    yield f'<path class="bar" d="M{left:.2f} {y - 2.4:.2f}v1.6H{right:.2f}v-1.6"/>'
+    yield f'<text x="{right:.2f}" y="{text_y:.2f}" text-anchor="end">{bar:g} mm</text>'
 
 
 def escape_line(text: str) -> str:
@@ -94,7 +106,7 @@ def make_line_chains(rows: Sequence[FloatArray]) -> PageChains:
 def make_path_chains(paths: Sequence[ToolPath]) -> PageChains:
     """The tool paths as chains."""
     if not paths:
-        return _join_chains([], [])
+        return make_line_chains([])
     points = np.concatenate([path.position for path in paths])[:, :2]
     via = np.concatenate([path.via for path in paths])[:, :2]
     before = np.concatenate([points[:1], points[:-1]])

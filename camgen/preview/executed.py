@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from msgspec import Struct
 
 from camgen.check.executed import find_transitions, pick_shapes, pick_transitions
 from camgen.geometry.arcs import Spans
-from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.ragged import concatenate_columns, list_owners, number_rows
 from camgen.model.cell import Dynamics
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
@@ -22,7 +23,7 @@ from camgen.preview.curves import SpaceChains
 _BLOCK = 4096
 
 
-class _Points(Struct, frozen=True, eq=False):
+class _Points(NamedTuple):
     """Points of motions or corners.
 
     points: (N, 3) mm.
@@ -58,8 +59,7 @@ def trace_executed(result: Built, sag: float) -> SpaceChains | None:
     motions = _draw_motions(pick_shapes(columns, linear), after[linear], before[linear], sag)
     motions = _Points(motions.points, linear[motions.motion])
     # A corner follows the motion before it.
-    points = np.concatenate([motions.points, *(corner.points for corner in corners)])
-    motion = np.concatenate([motions.motion, *(corner.motion for corner in corners)])
+    points, motion = concatenate_columns([motions, *corners])
     order = np.argsort(motion, kind="stable")
     points, motion = points[order], motion[order]
     first = np.flatnonzero(np.diff(motion, prepend=-2) > 1)

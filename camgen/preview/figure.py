@@ -16,6 +16,7 @@ from camgen.geometry.vectors import interpolate_rows
 from camgen.model.part import BoolArray, Solid
 from camgen.model.pose import IDENTITY, FloatArray
 from camgen.preview.aside import TILT, TURN, compute_view_axes
+from camgen.preview.curves import measure_length
 from camgen.preview.view import View
 
 #: Direction of the light for an upright part.
@@ -45,7 +46,7 @@ def make_oblique(upright: FloatArray = IDENTITY) -> Projection:
     upright: (3, 3) rotation of the part from the work frame to its upright orientation.
     """
     toward = (math.cos(TILT) * math.cos(TURN), math.cos(TILT) * math.sin(TURN), math.sin(TILT))
-    axes = np.array(compute_view_axes(TURN, TILT))
+    axes = compute_view_axes(TURN, TILT)
     return Projection(axes @ upright, np.array(toward) @ upright, _LIGHT @ upright)
 
 
@@ -195,10 +196,6 @@ def _subdivide(chain: FloatArray, max_step: float) -> FloatArray:
     return interpolate_rows(places, np.arange(float(len(chain))), chain)
 
 
-def _measure_length(points: FloatArray) -> float:
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-
-
 def _interpolate(points: FloatArray, fractions: Sequence[float]) -> FloatArray:
     """The points at fractions of the length."""
     steps = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
@@ -213,18 +210,20 @@ def split_visibility(edge: FigureEdge) -> Iterator[tuple[bool, FloatArray]]:
 
 def place_labels(
     edges: list[FigureEdge], projection: Projection, spacing: float
-) -> list[tuple[FloatArray, bool]]:
-    """Choose the place (2,) of each edge's text on the sheet.
+) -> Iterator[tuple[FigureEdge, FloatArray, bool]]:
+    """Choose the place (2,) of the text of each edge that has one.
 
     It is on the longest visible stretch if that is long enough, and at least `spacing` mm from the
-    other texts if there is room. Returns the places, each with whether the edge is visible there.
+    other texts if there is room. Yields the edge, the place on the sheet, and whether the edge is
+    visible there.
     """
     placed: list[FloatArray] = []
-    labels = []
     for edge in edges:
+        if not edge.text:
+            continue
         visible = [points for is_seen, points in split_visibility(edge) if is_seen]
-        longest = max(visible, key=_measure_length, default=edge.points[:1])
-        is_visible = _measure_length(longest) >= _VISIBLE_FRACTION * _measure_length(edge.points)
+        longest = max(visible, key=measure_length, default=edge.points[:1])
+        is_visible = measure_length(longest) >= _VISIBLE_FRACTION * measure_length(edge.points)
         points = longest if is_visible else edge.points
         places = projection.place(_interpolate(points, _PLACES))
         distances = np.full(len(places), spacing)
@@ -233,7 +232,5 @@ def place_labels(
             distances = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=1)
         is_free = distances >= spacing
         best = places[int(np.argmax(is_free) if is_free.any() else np.argmax(distances))]
-        labels.append((best, is_visible))
-        if edge.text:
-            placed.append(best)
-    return labels
+        placed.append(best)
+        yield edge, best, is_visible

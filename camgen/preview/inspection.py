@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from camgen.check.photo import Difference, Inspection
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.preview.draw import choose_bar, escape_line
+from camgen.preview.draw import choose_bar, escape_line, format_bar
 from camgen.preview.panels import Pixels, format_image, format_line
 
 #: Maximum width and height of the picture, its margin, the title above, the legend below, page mm.
@@ -180,11 +180,11 @@ def _format_places(page: _Page, inspection: Inspection) -> Iterator[str]:
             colour = "#{:02x}{:02x}{:02x}".format(*_COLOURS[kind])
             x, y = page.place(np.array([difference.place]))[0].tolist()
             yield f'<circle class="ring" stroke="{colour}" cx="{x:.2f}" cy="{y:.2f}" r="{_RING}"/>'
-            is_beyond = x + _RING + _LETTER * len(label) > page.wide
-            anchor = ' text-anchor="end"' if is_beyond else ""
-            x = x - _RING if is_beyond else x + _RING
+            left, anchor = x + _RING, ""
+            if left + _LETTER * len(label) > page.wide:
+                left, anchor = x - _RING, ' text-anchor="end"'
             style = f'{anchor} class="tag" style="fill:{colour}"'
-            yield f'<text x="{x:.2f}" y="{y - _RING:.2f}"{style}>{label}</text>'
+            yield f'<text x="{left:.2f}" y="{y - _RING:.2f}"{style}>{label}</text>'
 
 
 def _format_legend(page: _Page) -> Iterator[str]:
@@ -199,11 +199,7 @@ def _format_legend(page: _Page) -> Iterator[str]:
         text = f'<text x="{x + 10}" y="{y}">{label}</text>'
         yield f'<path class="{kind}" d="M{x} {y - 2}h8v1.6h-8Z"/>{text}'
         x += 16 + 1.9 * len(label)
-    bar = choose_bar(45 / page.scale)
-    right = page.wide - _MARGIN
-    left = right - bar * page.scale
-    yield f'<path class="bar" d="M{left:.2f} {y - 2.4:.2f}v1.6H{right:.2f}v-1.6"/>'
-    yield f'<text x="{right:.2f}" y="{y + 3.4:.2f}" text-anchor="end">{bar:g} mm</text>'
+    yield from format_bar(page.wide - _MARGIN, y, page.scale, y + 3.4)
 
 
 # PNG.
@@ -291,5 +287,5 @@ def _write_words(sheet: Pixels, page: _Page, inspection: Inspection) -> None:
 
 
 def _find_colour(difference: Difference) -> tuple[int, int, int]:
-    red, green, blue = _COLOURS[_find_class(difference)]
-    return blue, green, red
+    """Blue, green, red."""
+    return _COLOURS[_find_class(difference)][::-1]

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from msgspec import Struct
 
 from camgen.model.text import counted
-from camgen.preview import Built
 from camgen.preview.track import IntArray
 
 #: Maximum number of characters and of lines of a text on the page.
@@ -25,11 +24,6 @@ class Listing(Struct, frozen=True, eq=False):
     files: tuple[tuple[str, str], ...]
     lines: IntArray
     why: str = ""
-
-
-def list_program(result: Built, instruction: IntArray) -> Listing:
-    """The text of `result`. instruction: (E,) index of each event in the body of the program."""
-    return list_texts([(file.name, file.text) for file in result.files], result.lines[instruction])
 
 
 def list_texts(files: Sequence[tuple[str, str]], lines: IntArray) -> Listing:

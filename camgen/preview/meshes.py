@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from camgen.geometry.ragged import compute_first_rows, count_rows
 from camgen.model.pose import FloatArray
 from camgen.preview.track import IntArray
 from camgen.robots.models import Surface
@@ -24,8 +25,9 @@ def merge_surfaces(surfaces: Sequence[Surface]) -> tuple[FloatArray, IntArray] |
     """
     if not surfaces:
         return None
-    first = np.cumsum([0, *(len(surface.vertices) for surface in surfaces[:-1])]).tolist()
-    vertices = np.concatenate([surface.vertices for surface in surfaces])
+    parts = [surface.vertices for surface in surfaces]
+    vertices = np.concatenate(parts)
+    first = compute_first_rows(count_rows(parts)).tolist()
     faces = np.concatenate([surface.faces + k for surface, k in zip(surfaces, first, strict=True)])
     low, size = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max())
     mesh = vertices, faces

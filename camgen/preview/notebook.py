@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from camgen.geometry.ragged import compute_first_rows
 from camgen.model.drawing import draw_svg
 from camgen.model.part import Line, Part
 from camgen.model.path import Tour
@@ -37,8 +38,6 @@ def _draw_part(part: Part) -> str:
 def _draw_tour(tour: Tour) -> str:
     """Paths in the colours of their order, and the links between them."""
     count = len(tour.paths)
-    if not count:
-        return _draw([])
     ends = [np.stack([a.position[-1, :2], b.position[0, :2]]) for a, b in pairwise(tour.paths)]
     links = make_line_chains(ends)
     colours = [choose_colour(k, count) for k in range(count)]
@@ -55,7 +54,7 @@ def _make_chains(part: Part) -> list[PageChains]:
     spans = trace_spans([(line.points, line.via) for line in lines], 1e-3 * size)
     if not len(spans.points):
         return []
-    first = np.cumsum([0, *spans.counts[:-1].tolist()])
+    first = compute_first_rows(spans.counts)
     return [PageChains(spans.points[:, :2], np.zeros(len(spans.points)), first)]
 
 

@@ -1,10 +1,9 @@
-"""The notes of a build, with the lines, paths and places of the preview that each is about."""
+"""The lines of a preview, and the notes with the lines, paths and places that each is about."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain
-from typing import Protocol
+from itertools import chain, islice
 
 from msgspec import Struct
 
@@ -36,17 +35,30 @@ class ViewNote(Struct, frozen=True):
     text: int = 0
 
 
-class _Line(Protocol):
-    """The fields of `ViewLine` that are used here."""
+class ViewLine(Struct, frozen=True):
+    """A contour or an edge, a part of one, a ring around a place, or an outline in a photo.
 
-    @property
-    def id(self) -> str: ...
-    @property
-    def state(self) -> str: ...
+    id: id of the contour or edge.
+    layer: its layer, or the kind of an edge.
+    closed: whether it is closed.
+    length: length as drawn, mm.
+    state: "done", "skipped" or "unused" (no operation applies to it) for contours and edges;
+        "wrong" or "noted" for a ring; "seen" for an outline in a photo.
+    why: reason why it is skipped, or the note on the place of a ring.
+    path: id of the path of a piece of an edge.
+    """
+
+    id: str
+    layer: str
+    closed: bool
+    length: float
+    state: str
+    why: str
+    path: str = ""
 
 
 def link_notes(
-    notes: Sequence[Note], lines: Sequence[_Line], paths: Sequence[str]
+    notes: Sequence[Note], lines: Sequence[ViewLine], paths: Sequence[str]
 ) -> tuple[ViewNote, ...]:
     """Link notes to the lines and paths that they are about; their order is kept.
 
@@ -68,16 +80,16 @@ def link_notes(
         skipped = [k for k in rows if lines[k].state == "skipped"]
         if note.kind == "skipped" and skipped:
             rows = skipped
-        # The number of rings that are taken is the number of places of the note.
-        rows += [ring for _, ring in zip(note.places, rings, strict=False)]
-        view_note = ViewNote(
-            note.kind,
-            clean(note.what),
-            clean(note.why),
-            note.fails_strict,
-            tuple(rows),
-            tuple(path_of[ident] for ident in ids if ident in path_of),
-            tuple((x, y, 0.0) for x, y in note.places),
+        rows += islice(rings, len(note.places))
+        linked.append(
+            ViewNote(
+                note.kind,
+                clean(note.what),
+                clean(note.why),
+                note.fails_strict,
+                tuple(rows),
+                tuple(path_of[ident] for ident in ids if ident in path_of),
+                tuple((x, y, 0.0) for x, y in note.places),
+            )
         )
-        linked.append(view_note)
     return tuple(linked)

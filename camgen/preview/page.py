@@ -22,6 +22,7 @@ from camgen.geometry.ragged import find_run_starts
 from camgen.model.errors import make_one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, Pose
+from camgen.model.sequences import take_rows
 from camgen.preview.curves import lift
 from camgen.preview.meshes import merge_surfaces
 from camgen.preview.stock import Mark
@@ -74,8 +75,7 @@ def format_page(view: View, edits: Edits | None = None) -> str:
     style = _read_asset("viewer.css")
     first = '"use strict";\n' + "\n".join(map(_read_asset, _FIRST))
     needed = (_has_tools(view) or view.marks, view.photo is not None, edits is not None)
-    extra = compress((_CUT, _PHOTO, _EDIT), needed)
-    names = [*_SCRIPTS[:-1], *extra, _SCRIPTS[-1]]
+    names = [*_SCRIPTS[:-1], *compress((_CUT, _PHOTO, _EDIT), needed), _SCRIPTS[-1]]
     script = '(() => {\n"use strict";\n' + "\n".join(map(_read_asset, names)) + "})();\n"
     values = {
         "title": escape(make_one_line(view.title)),
@@ -87,7 +87,7 @@ def format_page(view: View, edits: Edits | None = None) -> str:
         "script": script,
     }
     pieces = _read_asset("index.html").split("@@")
-    pieces[1::2] = [values[name] for name in pieces[1::2]]
+    pieces[1::2] = take_rows(values, pieces[1::2])
     return "".join(pieces)
 
 
@@ -119,7 +119,7 @@ def _list_view(view: View, edits: Edits | None) -> dict[str, object]:
     if len(points):
         origin = np.round((points.min(axis=0) + points.max(axis=0)) / 2)
     events = track.events
-    return {
+    content: dict[str, object] = {
         "title": make_one_line(view.title),
         "facts": view.facts,
         "origin": origin.tolist(),
@@ -132,8 +132,14 @@ def _list_view(view: View, edits: Edits | None) -> dict[str, object]:
         "solid": view.solid and _pack_mesh(view.solid, origin),
         "paths": view.rows,
         **_list_cut(view, origin),
-        **_list_photo(view, origin),
-        **_list_edits(edits, origin),
+    }
+    if view.photo is not None:
+        corners = lift(view.photo.corners) - origin
+        content["photo"] = {"address": view.photo.address, "corners": corners.tolist()}
+    if edits is not None:
+        seams = [place and (np.array(place) - origin).tolist() for place in edits.seams]
+        content["edits"] = {"seams": seams, "pinned": edits.pinned, "ordered": edits.ordered}
+    content |= {
         "numbers": _list_numbers(view, origin),
         "notes": [
             [
@@ -164,7 +170,13 @@ def _list_view(view: View, edits: Edits | None) -> dict[str, object]:
             "feed": _pack_runs(events.feed),
             "force": _pack_runs(events.force),
         },
-        **_list_executed(view, origin),
+    }
+    if view.executed is not None:
+        content["executed"] = {
+            "points": _pack(view.executed.points - origin),
+            "counts": view.executed.counts.tolist(),
+        }
+    return content | {
         "switches": [[switch.time, clean(switch.signal), switch.value] for switch in view.switches],
         "tool": {
             "diameter": view.diameter,
@@ -175,27 +187,6 @@ def _list_view(view: View, edits: Edits | None) -> dict[str, object]:
         "meshes": [[name, _pack_mesh(shape, origin)] for name, shape in view.meshes],
         "arm": _list_arm(view),
     }
-
-
-def _list_executed(view: View, origin: FloatArray) -> dict[str, object]:
-    if view.executed is None:
-        return {}
-    points, counts = view.executed.points - origin, view.executed.counts.tolist()
-    return {"executed": {"points": _pack(points), "counts": counts}}
-
-
-def _list_photo(view: View, origin: FloatArray) -> dict[str, object]:
-    if view.photo is None:
-        return {}
-    corners = lift(view.photo.corners) - origin
-    return {"photo": {"address": view.photo.address, "corners": corners.tolist()}}
-
-
-def _list_edits(edits: Edits | None, origin: FloatArray) -> dict[str, object]:
-    if edits is None:
-        return {}
-    seams = [place and (np.array(place) - origin).tolist() for place in edits.seams]
-    return {"edits": {"seams": seams, "pinned": edits.pinned, "ordered": edits.ordered}}
 
 
 def _has_tools(view: View) -> bool:

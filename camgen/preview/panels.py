@@ -138,9 +138,8 @@ def format_crop(crop: Crop, pixels: Pixels, smooth: bool = True) -> str:
 
 def format_background(raster: Raster, crop: Crop) -> str:
     """The view, paler, as a background to draw on."""
-    shown = raster.view[crop.top : crop.bottom, crop.left : crop.right]
-    pale = (shown // 3 + np.uint8(170)).astype(np.uint8)
-    return format_image(np.ascontiguousarray(pale), WIDE, crop.high)
+    pale = (raster.view // 3 + np.uint8(170)).astype(np.uint8)
+    return format_crop(crop, pale)
 
 
 def format_line(points: FloatArray) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from camgen.geometry.arcs import compute_bulges
 from camgen.model.part import Note, Part, Raster
 from camgen.model.path import Tour
-from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.preview.draw import PageChains, format_path_data, join_path_data, make_contour_chains
 from camgen.preview.panels import (
     WIDE,
@@ -50,7 +50,6 @@ _RAMP = (
 def svg(part: Part, raster: Raster, tour: Tour, notes: Sequence[Note], title: str) -> str:
     """The picture as SVG text, sized in mm."""
     crop = make_crop(raster)
-    feeds, forces = [path.feed for path in tour.paths], [path.force for path in tour.paths]
     panels = [
         Panel(
             "photo and work plane",
@@ -70,8 +69,8 @@ def svg(part: Part, raster: Raster, tour: Tour, notes: Sequence[Note], title: st
             crop.high,
             [format_background(raster, crop), *_normals(tour, raster, crop)],
         ),
-        _make_colour_panel("path by feed, mm/s", feeds, None, tour, raster, crop),
-        _make_colour_panel("path by force, N", forces, 0.0, tour, raster, crop),
+        _make_colour_panel("path by feed, mm/s", "feed", None, tour, raster, crop),
+        _make_colour_panel("path by force, N", "force", 0.0, tour, raster, crop),
     ]
     return format_sheet(panels, notes, title)
 
@@ -143,7 +142,7 @@ def _normals(tour: Tour, raster: Raster, crop: Crop) -> Iterator[str]:
 
 def _make_colour_panel(
     name: str,
-    values: Sequence[FloatArray],
+    column: str,
     least: float | None,
     tour: Tour,
     raster: Raster,
@@ -152,10 +151,11 @@ def _make_colour_panel(
     """The paths with a colour for each value.
 
     name: name of the panel, with the unit of the values.
-    values: value at each waypoint of each path. Segments with the value 0 are grey.
+    column: name of the values, one per waypoint of a path. Segments with the value 0 are grey.
     least: value of the first colour; None for the smallest value above 0.
     """
-    by_segment = np.concatenate([v[1:] for v in values]) if values else np.zeros(0)
+    values = [getattr(path, column)[1:] for path in tour.paths]
+    by_segment = np.concatenate([np.zeros(0), *values])
     shown = by_segment[by_segment > 0]
     lowest, highest = (float(shown.min()), float(shown.max())) if len(shown) else (0.0, 0.0)
     if least is not None:
@@ -168,7 +168,7 @@ def _make_colour_panel(
     pieces = format_path_data(_segments(tour), make_paper(raster, crop))
     lines = [format_background(raster, crop)]
     for k in np.unique(colour).tolist():
-        data = "".join(pieces[row] for row in np.flatnonzero(colour == k).tolist())
+        data = "".join(take_rows(pieces, np.flatnonzero(colour == k).tolist()))
         style = 'class="off"' if k < 0 else f'class="track" stroke="{_RAMP[k]}"'
         lines.append(f'<path {style} d="{data}"/>')
     extent = f"{lowest:.3g} to {highest:.3g}" if highest > 0 else "none"

@@ -134,12 +134,10 @@ def _draw_solid(image: Pixels, view: View, solid: Solid, sheet: _Sheet) -> None:
             drawn, thickness = chains[state, is_seen], width + (state == "skipped")
             cv2.polylines(image, drawn, False, colour, thickness, cv2.LINE_AA, _SHIFT)
     _draw_track(image, view, sheet)
-    labels = place_labels(edges, projection, 46 / sheet.scale)
-    for edge, (place, seen) in zip(edges, labels, strict=True):
-        if edge.text:
-            x, y = (place * (1.0, -1.0) * sheet.scale + sheet.shift).round().astype(int).tolist()
-            colour = _choose_shade(edge.number, len(view.rows))
-            _draw_disc(image, edge.text, (x, y), colour, is_full=seen)
+    for edge, place, seen in place_labels(edges, projection, 46 / sheet.scale):
+        x, y = (place * (1.0, -1.0) * sheet.scale + sheet.shift).round().astype(int).tolist()
+        colour = _choose_shade(edge.number, len(view.rows))
+        _draw_disc(image, edge.text, (x, y), colour, is_full=seen)
 
 
 def _choose_shade(number: int, count: int) -> Colour:

@@ -156,10 +156,7 @@ def _numbers(edges: list[FigureEdge], sheet: _Sheet, count: int) -> Iterator[str
 
     The disc of a hidden edge is hollow.
     """
-    labels = place_labels(edges, sheet.projection, 2.1 * _RADIUS / sheet.scale)
-    for edge, (place, seen) in zip(edges, labels, strict=True):
-        if not edge.text:
-            continue
+    for edge, place, seen in place_labels(edges, sheet.projection, 2.1 * _RADIUS / sheet.scale):
         ((x, y),) = sheet.place(place[None]).tolist()
         colour = choose_colour(edge.number, count) if edge.number >= 0 else "#d0103a"
         fill, ink = (colour, "#fff") if seen else ("#fff", colour)

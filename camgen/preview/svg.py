@@ -19,10 +19,10 @@ from camgen.preview.aside import project_aside
 from camgen.preview.draw import (
     PageChains,
     Paper,
-    choose_bar,
     choose_colour,
     draw_places,
     escape_line,
+    format_bar,
     format_path_data,
     join_path_data,
     list_faults,
@@ -117,6 +117,8 @@ def format_svg(
     letters = int((sheet.width - 2 * _MARGIN) / 1.9)
     warnings = format_warnings(list_faults(notes), letters, _MARGIN, sheet.bottom + 12)
     height = sheet.bottom + 14 + 5 * len(warnings)
+    facts = f"drawing in {part.units}, {counted(len(tour.paths), 'path')}, {tour.method}, "
+    facts += f"travel {tour.travel:.1f} mm"
     return "\n".join(
         [
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{sheet.width:.2f}mm" '
@@ -125,7 +127,7 @@ def format_svg(
             f"<style>{_STYLE}{_FIXTURES if standing.fixtures else ''}</style>",
             '<rect class="bg" width="100%" height="100%"/>',
             f'<text class="big" x="{_MARGIN}" y="9">{escape_line(title)}</text>',
-            f'<text x="{_MARGIN}" y="14">{_facts(part, tour)}</text>',
+            f'<text x="{_MARGIN}" y="14">{escape_line(facts)}</text>',
             *_contours(used, sheet.page, "part"),
             *_contours(unused, sheet.page, "unused"),
             *_fixtures(standing.fixtures, sheet.page),
@@ -152,11 +154,6 @@ def _fit_sheet(part: Part, tour: Tour, others: Sequence[PageChains]) -> _Sheet:
     top = _TITLE + 6
     page = Paper(scale, left - float(low[0]) * scale, top + float(high[1]) * scale)
     return _Sheet(page, width, top + high_mm * scale + 8)
-
-
-def _facts(part: Part, tour: Tour) -> str:
-    travel = f"{tour.method}, travel {tour.travel:.1f} mm"
-    return escape_line(f"drawing in {part.units}, {counted(len(tour.paths), 'path')}, {travel}")
 
 
 def _contours(contours: Sequence[Contour], page: Paper, kind: str) -> Iterator[str]:
@@ -262,11 +259,7 @@ def _legend(
             yield f'<rect {size} fill="{choose_colour(k, 12)}"/>'
         label = "first to last" if standing.fixtures else "tool centre, first to last; dot: start"
         yield f'<text x="{x + 14}" y="{y}">{label}</text>'
-    bar = choose_bar(45 / sheet.page.scale)
-    right = sheet.width - _MARGIN
-    left = right - bar * sheet.page.scale
-    yield f'<path class="bar" d="M{left:.2f} {y - 2.4:.2f}v1.6H{right:.2f}v-1.6"/>'
-    yield f'<text x="{right:.2f}" y="{y + 3.6:.2f}" text-anchor="end">{bar:g} mm</text>'
+    yield from format_bar(sheet.width - _MARGIN, y, sheet.page.scale, y + 3.6)
 
 
 def format_warnings(

@@ -12,7 +12,7 @@ from camgen.lang.taught import OneFrameBody
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Wait
 from camgen.plan.taught import find_stretches, make_paths
-from camgen.preview.curves import SpaceChains
+from camgen.preview.curves import SpaceChains, choose_sag
 from camgen.preview.listing import list_texts
 from camgen.preview.notes import ViewNote
 from camgen.preview.stock import Cutter
@@ -21,8 +21,6 @@ from camgen.preview.view import Row, View
 
 #: Diameter with which the tool is drawn, mm. The tool of the program is not known.
 _DRAWN_DIAMETER = 2.0
-#: Tolerance with which arcs are drawn: as a fraction of the size of the program, and at least, mm.
-_SAG_FRACTION, _LEAST_SAG = 2e-5, 1e-4
 #: A program with a lower height, as a fraction of its width, is shown from above if its tool axis
 #: is vertical: 1 - cos of the angle that is still vertical.
 _FLAT_FRACTION, _UPRIGHT = 0.2, 1e-9
@@ -51,13 +49,9 @@ def view_program(
         # A page needs at least one event.
         body, lines = (Wait(0.0), *body), (1, *lines)
     columns = Columns(body)
-    lengths = motion_lengths(columns)
     paths, _ = make_paths(body, lines)
     ends = columns.ends[~np.isnan(columns.ends[:, 0])]
-    sag = _LEAST_SAG
-    if len(ends):
-        sag = max(float(np.linalg.norm(np.ptp(ends, axis=0))) * _SAG_FRACTION, _LEAST_SAG)
-    seconds = lengths / columns.speed
+    seconds = motion_lengths(columns) / columns.speed
     events = make_events(columns, *find_ends(columns), _assign_paths(body), seconds)
     rows = []
     for path, length, time in zip(
@@ -65,7 +59,6 @@ def view_program(
     ):
         feed = length / time if time > 0 else float(path.feed[0])
         rows.append(Row(path.id, path.layer, length, feed, 0.0, time, 1))
-    tool = Cutter("tool", "end mill", _DRAWN_DIAMETER, (), _NO_OFFSET)
     return View(
         title=clean(title),
         facts=tuple((label[:1].upper() + label[1:], clean(text)) for label, text in facts),
@@ -74,7 +67,7 @@ def view_program(
         solid=None,
         flat=_is_flat(ends) and bool((events.last_axis[:, 2] < -1 + _UPRIGHT).all()),
         rows=tuple(rows),
-        track=make_tool_track(events, sag),
+        track=make_tool_track(events, choose_sag(ends)),
         arm=None,
         base_from_work=_NO_OFFSET,
         flange_from_tool=_NO_OFFSET,
@@ -86,7 +79,7 @@ def view_program(
         listing=list_texts(
             list(texts.items()), np.array(lines, dtype=np.int64)[events.instruction]
         ),
-        tools=(tool,),
+        tools=(Cutter("tool", "end mill", _DRAWN_DIAMETER, (), _NO_OFFSET),),
         tool_of=np.zeros(len(events.kind), dtype=np.int64),
         stock=None,
         switches=list_switches(columns, events),

@@ -17,20 +17,22 @@ from camgen.geometry.ragged import compute_first_rows
 from camgen.geometry.vectors import interpolate_rows
 from camgen.model.part import Contour, Curve, Edge, Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
-from camgen.model.text import duration, short, short_each
+from camgen.model.text import duration, join_short, short, short_each
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order.tours import EdgeTour
 from camgen.preview import Built, list_seen
 from camgen.preview.curves import (
     SpaceChains,
+    choose_sag,
     lift,
+    measure_length,
     trace_contours,
     trace_spans,
 )
 from camgen.preview.executed import trace_executed
 from camgen.preview.fixtures import FixtureView, clip_fixtures
-from camgen.preview.listing import Listing, list_program
-from camgen.preview.notes import ViewNote, link_notes
+from camgen.preview.listing import Listing, list_texts
+from camgen.preview.notes import ViewLine, ViewNote, link_notes
 from camgen.preview.photo import Photo, make_photo
 from camgen.preview.stock import (
     Cutter,
@@ -120,8 +122,7 @@ def split_chain(
     for low, high in pairwise(marks):
         if high - low < SAME_POINT_MM:
             continue
-        inner = lengths[(lengths > low) & (lengths < high)]
-        places = np.concatenate([[low], inner, [high]])
+        places = np.concatenate([[low], lengths[(lengths > low) & (lengths < high)], [high]])
         middle = (low + high) / 2
         number = next((k for start, end, k in worked if start < middle < end), -1)
         parts.append((number, interpolate_rows(places, lengths, points)))
@@ -136,30 +137,6 @@ def split_chain(
 _TRIMMED = "operation.trim allows it"
 #: Points of a ring around a place.
 _RING_POINTS = 33
-#: Tolerance with which arcs are drawn, as a fraction of the size of the picture.
-_SAG_FRACTION = 2e-5
-
-
-class ViewLine(Struct, frozen=True):
-    """A contour or an edge, a part of one, a ring around a place, or an outline in a photo.
-
-    id: id of the contour or edge.
-    layer: its layer, or the kind of an edge.
-    closed: whether it is closed.
-    length: length as drawn, mm.
-    state: "done", "skipped" or "unused" (no operation applies to it) for contours and edges;
-        "wrong" or "noted" for a ring; "seen" for an outline in a photo.
-    why: reason why it is skipped, or the note on the place of a ring.
-    path: id of the path of a piece of an edge.
-    """
-
-    id: str
-    layer: str
-    closed: bool
-    length: float
-    state: str
-    why: str
-    path: str = ""
 
 
 class Row(Struct, frozen=True):
@@ -259,7 +236,8 @@ def _find_upright(result: Built) -> FloatArray:
 def make_view(result: Built) -> View:
     """The content of the preview of `result`."""
     part, program = result.part, result.program
-    sag = _choose_sag(result)
+    ends = [program.columns.ends, *(path.position for path in result.tour.paths)]
+    sag = choose_sag(np.concatenate(ends))
     track, arm = make_track(result, sag)
     lines, chains = _make_lines(result, sag)
     surroundings = find_bodies(result)
@@ -287,7 +265,10 @@ def make_view(result: Built) -> View:
         standing=surroundings.standing,
         meshes=surroundings.meshes,
         notes=link_notes(result.notes, lines, [row.id for row in rows]),
-        listing=list_program(result, track.events.instruction),
+        listing=list_texts(
+            [(file.name, file.text) for file in result.files],
+            result.lines[track.events.instruction],
+        ),
         tools=cutters.tools,
         tool_of=assign_tools(result, cutters, track.events.instruction, track.events.path),
         stock=stock,
@@ -307,16 +288,6 @@ def list_reasons(notes: Sequence[Note]) -> dict[str, str]:
         if note.kind == "skipped":
             reasons |= dict.fromkeys(note.ids, clean(note.why or note.what))
     return reasons
-
-
-def _choose_sag(result: Built) -> float:
-    """The maximum distance of a drawn arc from the true one, mm."""
-    ends = [result.program.columns.ends, *(path.position for path in result.tour.paths)]
-    points = np.concatenate(ends)
-    points = points[~np.isnan(points[:, 0])]
-    if not len(points):
-        return 1e-3
-    return max(float(np.linalg.norm(np.ptp(points, axis=0))) * _SAG_FRACTION, 1e-4)
 
 
 def _make_lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains]:
@@ -361,26 +332,31 @@ def _list_blocked(result: Built, sag: float) -> Iterator[tuple[ViewLine, FloatAr
     """The paths and stretches of paths that are left out for a fixture."""
     why = list_reasons(result.notes)
     for path in result.blocked:
-        chains = trace_spans([(path.position, path.via[1:])], sag)
-        length = float(np.linalg.norm(np.diff(chains.points, axis=0), axis=1).sum())
-        reason = why.get(path.id, "")
-        line = ViewLine(clean(path.id), clean(path.layer), False, length, "skipped", reason)
-        yield line, chains.points
+        points = trace_spans([(path.position, path.via[1:])], sag).points
+        yield (
+            ViewLine(
+                id=clean(path.id),
+                layer=clean(path.layer),
+                closed=False,
+                length=measure_length(points),
+                state="skipped",
+                why=why.get(path.id, ""),
+            ),
+            points,
+        )
 
 
 def _list_seen(result: Built) -> Iterator[tuple[ViewLine, FloatArray]]:
     for outline in list_seen(result):
         points = lift(outline)
-        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-        yield ViewLine("photo", "", False, length, "seen", ""), points
+        yield ViewLine("photo", "", False, measure_length(points), "seen", ""), points
 
 
-def _mark_places(result: Built) -> list[tuple[ViewLine, FloatArray]]:
+def _mark_places(result: Built) -> Iterator[tuple[ViewLine, FloatArray]]:
     """A ring of the tool's size at each place of a note: "noted" for an assumption, or "wrong"."""
     radius = result.job.tool.radius
     angle = np.linspace(0.0, 2 * np.pi, _RING_POINTS)
     ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(_RING_POINTS)])
-    rings = []
     for note in result.notes:
         state = "noted" if note.kind == "assumed" else "wrong"
         for x, y in note.places:
@@ -392,8 +368,7 @@ def _mark_places(result: Built) -> list[tuple[ViewLine, FloatArray]]:
                 state,
                 clean(note.what),
             )
-            rings.append((line, ring + np.array([x, y, 0.0])))
-    return rings
+            yield line, ring + np.array([x, y, 0.0])
 
 
 def _mark_gaps(
@@ -444,17 +419,18 @@ def _make_rows(result: Built, cutters: Cutters) -> tuple[Row, ...]:
     sums = zip(lengths.tolist(), seconds.tolist(), result.cycle.paths.tolist(), strict=True)
     rows = []
     for path, operation, (length, time, spent) in zip(paths, cutters.operations, sums, strict=True):
-        row = Row(
-            id=clean(path.id),
-            layer=clean(path.layer) if result.part.raster is None else "",
-            length=length,
-            feed=length / time if time > 0 else float(path.feed[0]),
-            force=float(path.force.max()),
-            seconds=spent,
-            passes=len(path.depths),
-            operation=operation,
+        rows.append(
+            Row(
+                id=clean(path.id),
+                layer=clean(path.layer) if result.part.raster is None else "",
+                length=length,
+                feed=length / time if time > 0 else float(path.feed[0]),
+                force=float(path.force.max()),
+                seconds=spent,
+                passes=len(path.depths),
+                operation=operation,
+            )
         )
-        rows.append(row)
     return tuple(rows)
 
 
@@ -489,8 +465,8 @@ def _list_facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
             clearance += f", least {clean(str(result.clear.nearest))}"
         facts.append(("Collision", f"none, {clearance}; tested: {tested}"))
     if result.motions.extents:
-        size = np.ptp(result.motions.extents, axis=0).tolist()
-        facts.insert(9, ("Extents", f"{' x '.join(short_each(size, 1))} mm"))
+        size = short_each(np.ptp(result.motions.extents, axis=0).tolist(), 1)
+        facts.insert(9, ("Extents", f"{' x '.join(size)} mm"))
     return tuple(facts)
 
 
@@ -509,7 +485,7 @@ def _format_rounding(rounded: Rounding | None) -> str:
         return "not modelled for this controller"
     if not rounded.mm:
         return "none"
-    place = " ".join(short_each(rounded.place, 2))
+    place = join_short(rounded.place, 2)
     return f"{short(rounded.mm, 4)} mm off the path at {place} mm, line {rounded.line}"
 
 
@@ -525,4 +501,6 @@ def _list_cut(cutters: Cutters, stock: Stock | None) -> list[tuple[str, str]]:
         facts.append((f"Tool {number}", f"{tool.name}: {tool.kind}, {short(tool.diameter, 2)} mm"))
     if len(facts) == 1:
         facts = []
-    return [*facts, ("Stock", format_stock(stock))] if stock else facts
+    if stock:
+        facts.append(("Stock", format_stock(stock)))
+    return facts

@@ -12,8 +12,9 @@ from itertools import chain, pairwise
 from typing import Any
 
 from camgen.model.errors import JobError
+from camgen.model.sequences import find_first_places
 from camgen.workbench.perform import MOVABLE, InputSummary
-from camgen.workbench.session import Tables, list_rows, set_value
+from camgen.workbench.session import Tables, get_table, list_rows, set_value
 
 _SPECIAL = re.compile(r"[\[*?]")
 #: Distance below which two start points are the same, mm.
@@ -35,7 +36,7 @@ def switch_layer(tables: Tables, name: str, on: bool) -> Tables:
 
 
 def _list_globs(tables: Tables) -> list[str]:
-    globs = _get_input(tables).get("layers", ["*"])
+    globs = get_table(tables, "input").get("layers", ["*"])
     return list(map(str, globs)) if isinstance(globs, list) else ["*"]
 
 
@@ -63,8 +64,12 @@ def leave_out(tables: Tables, summary: InputSummary, names: Sequence[str], row: 
     if not rows and (remaining := _drop(dict(summary.contours), names)):
         kept = [{"ids": remaining}]
     if not kept:
-        what, remedy = "nothing would be left to work on", "leave out the layer instead"
-        raise JobError("job", what, ", ".join(names), remedy)
+        raise JobError(
+            "job",
+            "nothing would be left to work on",
+            ", ".join(names),
+            "leave out the layer instead",
+        )
     return set_value(tables, ["operations"], kept)
 
 
@@ -83,8 +88,12 @@ def restore(tables: Tables, summary: InputSummary, names: Sequence[str]) -> Tabl
     rows = list_rows(tables, "operations")
     number = next((k for k in reversed(range(len(rows))) if rows[k].get("ids")), None)
     if number is None:
-        what, remedy = "no operation names its contours", "add an operation for them"
-        raise JobError("job", what, ", ".join(names), remedy)
+        raise JobError(
+            "job",
+            "no operation names its contours",
+            ", ".join(names),
+            "add an operation for them",
+        )
     order = dict(summary.contours)
     wanted = {*rows[number]["ids"], *names}
     if len(rows) == 1 and set(rows[0]) == {"ids"} and wanted >= set(order):
@@ -105,11 +114,6 @@ def list_left_out(tables: Tables, summary: InputSummary) -> list[str]:
     return _drop(dict(summary.contours), set(chain(*ids, *summary.worked)))
 
 
-def order_layers(tables: Tables, names: Sequence[str]) -> Tables:
-    """The job that runs its layers in this order, by `tour.layers`."""
-    return set_value(tables, ["tour", "layers"], list(names))
-
-
 def move_path(tables: Tables, summary: InputSummary, path: int, to: int) -> Tables:
     """The job that runs a path at the position of another one of its operation, by `tour.order`.
 
@@ -122,13 +126,17 @@ def move_path(tables: Tables, summary: InputSummary, path: int, to: int) -> Tabl
     runs = summary.runs
     same_row = [k for k, run in enumerate(runs) if run.row == runs[path].row]
     if runs[to].row != runs[path].row:
-        what = "belongs to another operation, which keeps its place in the order of the operations"
-        raise JobError("page", f"path {to + 1} {what}", remedy="move the path within its operation")
+        raise JobError(
+            "page",
+            f"path {to + 1} belongs to another operation, which keeps its place in the order of "
+            "the operations",
+            remedy="move the path within its operation",
+        )
     moved = [k for k in same_row if k != path]
     moved.insert(same_row.index(to), path)
     last = max([moved.index(path), *(place for place, k in enumerate(moved) if runs[k].ordered)])
     first = _list_names(summary, moved[: last + 1])
-    rank = {name: number for number, name in enumerate(first)}
+    rank = find_first_places(first)
     path_rank = min((rank.get(name, len(first)) for name in runs[path].contours), default=-1)
     to_rank = min((rank.get(name, len(first)) for name in runs[to].contours), default=-1)
     if path_rank == to_rank or (path_rank < to_rank) == (path < to):
@@ -156,8 +164,9 @@ def move_seam(
     _check_moves(summary, path)
     run = summary.runs[path]
     if run.seam is None:
-        what, remedy = f"path {path + 1} is not closed", "it starts at one of its ends"
-        raise JobError("page", what, remedy=remedy)
+        raise JobError(
+            "page", f"path {path + 1} is not closed", remedy="it starts at one of its ends"
+        )
     listed = tables.get("tour", {}).get("seams", [])
     seams = [[*point] for point in listed] if isinstance(listed, list) else []
     replaced = len(seams)
@@ -204,12 +213,7 @@ def _check_contours(summary: InputSummary) -> None:
 
 
 def _list_words(tables: Tables) -> list[str]:
-    return str(_get_input(tables).get("select", "convex")).replace(",", " ").split()
-
-
-def _get_input(tables: Tables) -> dict[str, Any]:
-    table = tables.get("input", {})
-    return table if isinstance(table, dict) else {}
+    return str(get_table(tables, "input").get("select", "convex")).replace(",", " ").split()
 
 
 def _remove_names(words: Sequence[str], names: Sequence[str], negated: bool) -> list[str]:
@@ -229,5 +233,4 @@ def _remove_names(words: Sequence[str], names: Sequence[str], negated: bool) -> 
 
 def _join_words(words: Sequence[str]) -> str:
     """The text of a selection as a user would write it."""
-    text = " ".join(words or ["convex"])
-    return re.sub(r" (?=not )", ", ", text)
+    return re.sub(r" (?=not )", ", ", " ".join(words or ["convex"]))

@@ -22,7 +22,7 @@ from camgen.workbench import session as steps
 from camgen.workbench.builder import Builder, Report, Stage, Stopped
 from camgen.workbench.choose import list_left_out
 from camgen.workbench.form import Form, make_form
-from camgen.workbench.job_text import keeps_comments, write_job
+from camgen.workbench.job_text import keeps_comments
 from camgen.workbench.journal import Journal, Leftover, list_leftovers
 from camgen.workbench.perform import BuildRequest, Built, Failed, InputSummary, Proposed, Summarize
 from camgen.workbench.session import Change, Session, Tables
@@ -46,9 +46,11 @@ class Edited(JobError):
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
-        what = "was changed by hand since camgen wrote it"
-        remedy = "replace it, or move it away and save again"
-        super().__init__(", ".join(map(str, paths)), what, remedy=remedy)
+        super().__init__(
+            ", ".join(map(str, paths)),
+            "was changed by hand since camgen wrote it",
+            remedy="replace it, or move it away and save again",
+        )
         self.names = [path.name for path in paths]
 
 
@@ -92,9 +94,8 @@ class Desk:
         self._idle = asyncio.Event()
         self._pause: asyncio.TimerHandle | None = None
         self._stamps: dict[Path, Stamp] = {}
-        loop = asyncio.get_running_loop()
-        self._loop = loop
-        self.builder = Builder(summarize, self._receive, loop)
+        self._loop = asyncio.get_running_loop()
+        self.builder = Builder(summarize, self._receive, self._loop)
         self.remember_files()
         self.request_build()
 
@@ -144,7 +145,10 @@ class Desk:
         elif isinstance(outcome, Failed):
             self.failed = outcome
         elif isinstance(outcome, Stopped):
-            self.failed = Failed(outcome.number, self._format_stopped(), 130, (), {})
+            line = "stopped: the page shows the last good program"
+            if self.built is None:
+                line = "stopped: there is no program yet"
+            self.failed = Failed(outcome.number, line, 130, (), {})
         else:
             tables: Tables = {
                 **self.session.tables,
@@ -158,12 +162,6 @@ class Desk:
                 "set them for tool and material"
             )
             self.request_build()
-
-    def _format_stopped(self) -> str:
-        """The line of a cancelled build."""
-        if self.built is None:
-            return "stopped: there is no program yet"
-        return "stopped: the page shows the last good program"
 
     def replace_session(self, session: Session) -> None:
         """Replace the state of the job, and build it after a short pause."""
@@ -221,11 +219,10 @@ class Desk:
                 leftover.close(keep=False)
                 continue
             self._offers.append(leftover)
-            changes = counted(leftover.changes, "change")
-            text = (
-                f"{changes} of {self.session.job_file} that were not saved are in {leftover.path}"
+            self._warn(
+                f"{counted(leftover.changes, 'change')} of {self.session.job_file} that were not "
+                f"saved are in {leftover.path}; the page offers them"
             )
-            self._warn(f"{text}; the page offers them")
             self.notify_pages()
 
     def answer_offer(self, counts: bool) -> None:
@@ -272,8 +269,8 @@ class Desk:
                 session = steps.apply_changes(self.session, [draft])
             except CamgenError as error:
                 refused = f"error: {error}"
-                continue
-            self.replace_session(session)
+            else:
+                self.replace_session(session)
         if refused:
             self.message = refused
 
@@ -304,8 +301,11 @@ class Desk:
         await self.check_files()
         await self._idle.wait()
         if self.changed_outside:
-            what, remedy = "was changed outside the workbench", "choose on the page: file or form"
-            raise JobError(str(self.session.job_file), what, remedy=remedy)
+            raise JobError(
+                str(self.session.job_file),
+                "was changed outside the workbench",
+                remedy="choose on the page: file or form",
+            )
         session, built = self.session, self.built
         if built is None or built.number != self.number:
             why = self.failed.line.removeprefix("error: ") if self.failed else "nothing is built"
@@ -320,19 +320,19 @@ class Desk:
         if edited:
             raise Edited(edited)
         write_all(files, built.opened)
-        lost = session.base and not keeps_comments(session.base, text)
         self.session = replace(session, base=text if files[0][0] == session.job_file else "")
         self.journal.begin(self.session)
         self._keep(self.session)
         self._stamps[session.job_file] = read_stamp(session.job_file)
         self.message = f"written: {', '.join(map(str, paths))}"
-        self.message += f"; comments of {session.job_file} are lost" if lost else ""
+        if session.base and not keeps_comments(session.base, text):
+            self.message += f"; comments of {session.job_file} are lost"
         self.notify_pages()
         return paths
 
     def remember_files(self) -> None:
         """Remember the stamps of the files that a build reads. Known stamps stay."""
-        paths = (*self.session.inputs, self.session.job_file, *self._last.opened.values())
+        paths = (*self.session.inputs, self.session.job_file, *self.last.opened.values())
         self._stamps = {
             path: self._stamps[path] if path in self._stamps else read_stamp(path) for path in paths
         }
@@ -346,10 +346,7 @@ class Desk:
 
     async def check_files(self) -> None:
         """Build again if a file has changed. Read the job file again if no change would be lost."""
-        loop = asyncio.get_running_loop()
-        stamps = await loop.run_in_executor(
-            None, lambda: {path: read_stamp(path) for path in self._stamps}
-        )
+        stamps = await asyncio.to_thread(lambda: {path: read_stamp(path) for path in self._stamps})
         new = stamps.items() - self._stamps.items()
         changed = {path: stamp for path, stamp in new if path in self._stamps}
         if not changed:
@@ -387,8 +384,8 @@ class Desk:
         session, base = self.session, self._read_base()
         tables = steps.parse_tables(base)
         names = {identity(session.job_file.parent / name) for name in steps.list_files(tables)}
-        loaded = replace(session, base=base, allowed=session.allowed | names)
-        self.session = steps.add_step(loaded, tables)
+        session = replace(session, base=base, allowed=session.allowed | names)
+        self.session = steps.add_step(session, tables)
         self.journal.begin(self.session)
         self._keep(self.session)
         self.changed_outside = False
@@ -431,14 +428,16 @@ class Desk:
         return len(self._listeners)
 
     @property
-    def summary(self) -> InputSummary:
-        """The content of the input in the last successful build."""
-        return self._last.summary
-
-    @property
-    def _last(self) -> Built:
+    def last(self) -> Built:
         """The last successful build, an empty one before there is any."""
         return self.built or _NO_BUILD
+
+    @property
+    def pictured(self) -> Built | Failed:
+        """The newest build with the stages of a photo. Without one, its picture is ""."""
+        if self.failed is not None and self.failed.picture:
+            return self.failed
+        return self.last
 
     def state(self) -> dict[str, Any]:
         """The state for a page as plain data, without the summary of the input."""
@@ -463,26 +462,24 @@ class Desk:
             "changed_outside": self.changed_outside,
             "command": format_command(session),
             "closing": self.closing,
-            "built": built and self._describe_built(built),
+            "built": built
+            and {
+                "number": built.number,
+                "rows": built.rows,
+                "seconds": round(built.seconds, 2),
+                "programs": [path.name for path, _ in built.programs],
+                "bytes": sum(len(data) for _, data in built.programs),
+            },
             "failed": failed and {"line": failed.line, "code": failed.code, "place": failed.place},
             "usual": self._find_defaults(),
-            "picture": self._find_picture_number(),
-            "left_out": list_left_out(session.tables, self.summary),
+            "picture": self.pictured.number if self.pictured.picture else 0,
+            "left_out": list_left_out(session.tables, self.last.summary),
         }
 
     def _find_defaults(self) -> Defaults:
         """The defaults of the last successful build, replaced by those that follow from the job."""
-        built, current = self._last.usual, list_defaults(self.session.tables)
+        built, current = self.last.usual, list_defaults(self.session.tables)
         return {name: {**built.get(name, {}), **current.get(name, {})} for name in built | current}
-
-    def _describe_built(self, built: Built) -> dict[str, Any]:
-        return {
-            "number": built.number,
-            "rows": built.rows,
-            "seconds": round(built.seconds, 2),
-            "programs": [path.name for path, _ in built.programs],
-            "bytes": sum(len(data) for _, data in built.programs),
-        }
 
     def _describe_offer(self) -> dict[str, Any] | None:
         """The journal that the page offers, None without one.
@@ -495,25 +492,13 @@ class Desk:
         if not self._offers:
             return None
         leftover, session = self._offers[0], self.session
-        source = session.inputs[0].name
+        resumed = replace(session, tables=leftover.steps[-1].tables)
         return {
             "changes": leftover.changes,
             "time": f"{leftover.time:%Y-%m-%d %H:%M}",
             "fits": leftover.fits(session),
-            "text": write_job(session.base, leftover.steps[-1].tables, source),
+            "text": resumed.text,
         }
-
-    def picture(self) -> str:
-        """The stages of a photo in the newest build, "" for any other input."""
-        if self.failed is not None and self.failed.picture:
-            return self.failed.picture
-        return self._last.picture
-
-    def _find_picture_number(self) -> int:
-        """The number of the build of the picture, 0 for none."""
-        if self.failed is not None and self.failed.picture:
-            return self.failed.number
-        return self._last.number if self._last.picture else 0
 
 
 def convert_plain(value: object) -> object:

@@ -171,9 +171,11 @@ def _find_kind(rule: Mapping[str, Any]) -> FieldKind:
 
 def find_setting(error: CamgenError) -> list[str | int]:
     """The setting that an error is about, as a path in the tables of the job, empty for none."""
-    text = f"{error.where} {error.file} {error.what}"
-    in_table = _find_in_table(error.where, error.what)
-    return _find_dotted(text) or in_table or _find_dotted(error.remedy)
+    return (
+        _find_dotted(f"{error.where} {error.file} {error.what}")
+        or _find_in_table(error.where, error.what)
+        or _find_dotted(error.remedy)
+    )
 
 
 def _find_dotted(text: str) -> list[str | int]:

@@ -128,7 +128,7 @@ async def _refuse(send: Send, status: int, why: str) -> None:
         (b"content-type", b"text/plain; charset=utf-8"),
         (b"content-length", str(len(body)).encode()),
         *_HEADERS,
+        (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'"),
     ]
-    headers.append((b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'"))
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})

@@ -67,8 +67,7 @@ def find_state_folder(
 ) -> Path:
     """The folder of camgen for the state of a user. RuntimeError if the user has no home."""
     if platform == "win32":
-        local = environment.get("LOCALAPPDATA")
-        return Path(local or Path.home() / "AppData" / "Local") / "camgen"
+        return Path(environment.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "camgen"
     if platform == "darwin":
         return Path.home() / "Library" / "Application Support" / "camgen"
     state = environment.get("XDG_STATE_HOME", "")
@@ -344,10 +343,8 @@ def _lock(handle: int) -> bool:
             import fcntl  # noqa: PLC0415 (not on Windows)
 
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        return False
-    except OSError:
-        return True
+    except OSError as error:
+        return not isinstance(error, (BlockingIOError, PermissionError))
     return True
 
 

@@ -191,8 +191,9 @@ def run_request(request: BuildRequest, watch: Watch, summarize: Summarize) -> Ou
             line, code, place = f"fault: {type(error).__name__}: {error}", 1, ()
         finally:
             gc.collect()
-        picture = _draw_progress(request, files)
-        return Failed(request.number, line, code, place, dict(files.opened), picture)
+        return Failed(
+            request.number, line, code, place, dict(files.opened), _draw_progress(request, files)
+        )
 
 
 def _build(
@@ -203,7 +204,13 @@ def _build(
     programs = list_program_files(result, request.output, None)
     watch("drawing")
     runs = summarize_paths(result)
-    edits = _make_edits(runs) if find_part_kind(result.part) in MOVABLE else None
+    edits = None
+    if find_part_kind(result.part) in MOVABLE:
+        edits = Edits(
+            tuple(run.seam for run in runs),
+            tuple(run.point is not None for run in runs),
+            tuple(run.ordered for run in runs),
+        )
     job_file = request.job_file if request.text else None
     return Built(
         number=request.number,
@@ -227,7 +234,6 @@ def _summarize_input(
     kind = find_part_kind(result.part)
     if kind == "solid":
         return InputSummary(kind, runs=runs)
-    contours = tuple((contour.id, contour.layer) for contour in result.part.contours)
     worked = [dict[str, None]() for _ in result.job.operations]
     for run in runs:
         if run.row >= 0:
@@ -235,7 +241,7 @@ def _summarize_input(
     return InputSummary(
         kind=kind,
         layers=_list_layers(request, result, files),
-        contours=contours,
+        contours=tuple((contour.id, contour.layer) for contour in result.part.contours),
         worked=tuple(map(tuple, worked)),
         runs=runs,
     )
@@ -292,14 +298,6 @@ def _find_seam(path: ToolPath, planned: ToolPath) -> tuple[float, float, float]:
 
         row = int(project_point(planned, path.position[0, :2])[2] > SAME_MM)
     return to_vec3(path.position[row])
-
-
-def _make_edits(runs: Sequence[PathSummary]) -> Edits:
-    return Edits(
-        tuple(run.seam for run in runs),
-        tuple(run.point is not None for run in runs),
-        tuple(run.ordered for run in runs),
-    )
 
 
 def _find_rows(tour: Tour) -> list[int]:
@@ -405,6 +403,9 @@ def _propose(request: BuildRequest, files: Files) -> Proposed:
         raise InputError(
             part.source, "has no closed contour that a drill or a mill of 1 mm or more could make"
         )
-    tools = tuple(dict(tool.row) for tool in proposal.tools)
-    rows = tuple(dict(operation.row) for operation in proposal.operations)
-    return Proposed(request.number, tools, rows, proposal.thickness)
+    return Proposed(
+        number=request.number,
+        tools=tuple(dict(tool.row) for tool in proposal.tools),
+        operations=tuple(dict(operation.row) for operation in proposal.operations),
+        thickness=proposal.thickness,
+    )

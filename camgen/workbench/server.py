@@ -7,6 +7,7 @@ import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib import resources
+from typing import Any
 
 import msgspec
 import uvicorn
@@ -31,8 +32,8 @@ _BEAT = 10.0
 #: A browser opens six connections to a server, and each page keeps one for its state. The page
 #: waits for the answer to a change, which needs another one.
 _MOST_PAGES = 5
-#: Answers a request. None stands for an empty answer.
-Answer = Callable[[Desk, Request], Awaitable[Response | None]]
+#: Answers a request, or what it holds if its type is known. None stands for an empty answer.
+Answer = Callable[[Desk, Any], Awaitable[Response | None]]
 _TYPES = {
     ".html": "text/html",
     ".js": "text/javascript",
@@ -76,7 +77,11 @@ def serve(session: Session, terminal: CommandLine, token: str, door: socket.sock
     """Serve the workbench until its last page is closed, or Ctrl-C is pressed."""
     desks: list[Desk] = []
     servers: list[uvicorn.Server] = []
-    app = _make_app(session, terminal, desks, lambda: _end(servers[0]))
+
+    def end() -> None:
+        servers[0].should_exit = True
+
+    app = _make_app(session, terminal, desks, end)
     settings = uvicorn.Config(
         guard(app, token, door.getsockname()[1]),
         log_level="critical",
@@ -90,10 +95,6 @@ def serve(session: Session, terminal: CommandLine, token: str, door: socket.sock
     with suppress(KeyboardInterrupt):
         servers[0].run(sockets=[door])
     return desks[0].end()
-
-
-def _end(server: uvicorn.Server) -> None:
-    server.should_exit = True
 
 
 def _make_app(
@@ -117,9 +118,9 @@ def _make_app(
                 task.cancel()
             desk.builder.close()
 
-    def route(path: str, answer: Answer, method: str = "GET") -> Route:
+    def route(path: str, answer: Answer, method: str, content: type | None) -> Route:
         async def respond(request: Request) -> Response:
-            return await _answer(desks[0], request, answer)
+            return await _answer(desks[0], request, answer, content)
 
         return Route("/{token}" + path, respond, methods=[method])
 
@@ -131,35 +132,41 @@ def _make_app(
         "/form": _form,
         "/events": _events,
     }
-    posts: dict[str, Answer] = {
-        "/change": _change,
-        "/draft": _draft,
-        "/journal": _journal,
-        "/post": _post,
-        "/layer": _layer,
-        "/order": _order,
-        "/move": _move,
-        "/seam": _seam,
-        "/leave": _leave,
-        "/take": _take,
-        "/undo": _undo,
-        "/redo": _redo,
-        "/build": _build,
-        "/stop": _stop,
-        "/propose": _propose,
-        "/save": _save,
-        "/file": _file,
-        "/close": _close,
+    posts: dict[str, tuple[Answer, type | None]] = {
+        "/change": (_change, _Changes),
+        "/draft": (_draft, Change),
+        "/journal": (_journal, _File),
+        "/post": (_post, _Post),
+        "/layer": (_layer, _Layer),
+        "/order": (_order, _Layers),
+        "/move": (_move, _Move),
+        "/seam": (_seam, _Seam),
+        "/leave": (_leave, _Names),
+        "/take": (_take, _Names),
+        "/undo": (_undo, None),
+        "/redo": (_redo, None),
+        "/build": (_build, None),
+        "/stop": (_stop, None),
+        "/propose": (_propose, None),
+        "/save": (_save, _Save),
+        "/file": (_file, _File),
+        "/close": (_close, None),
     }
-    routes = [*(route(path, answer) for path, answer in gets.items())]
-    routes += [route(path, answer, "POST") for path, answer in posts.items()]
+    routes = [route(path, answer, "GET", None) for path, answer in gets.items()]
+    routes += [route(path, answer, "POST", content) for path, (answer, content) in posts.items()]
     return Starlette(routes=routes, lifespan=run_desk)
 
 
-async def _answer(desk: Desk, request: Request, answer: Answer) -> Response:
-    """The answer to a request. An error becomes one line, as on the command line."""
+async def _answer(desk: Desk, request: Request, answer: Answer, content: type | None) -> Response:
+    """The answer to a request. An error becomes one line, as on the command line.
+
+    content: the type of what the request holds; None if `answer` takes the request itself.
+    """
     try:
-        return await answer(desk, request) or _json({})
+        if content is None:
+            return await answer(desk, request) or _json({})
+        held: object = msgspec.json.decode(await request.body(), type=content)
+        return await answer(desk, held) or _json({})
     except Edited as error:
         return JSONResponse({"line": f"error: {error}", "edited": error.names}, 409)
     except CamgenError as error:
@@ -218,7 +225,7 @@ async def _page(desk: Desk, request: Request) -> Response:
 
 
 async def _picture(desk: Desk, _request: Request) -> Response:
-    text = desk.picture()
+    text = desk.pictured.picture
     headers = {"content-security-policy": PICTURE_POLICY}
     return Response(text, 200 if text else 404, media_type="image/svg+xml", headers=headers)
 
@@ -241,8 +248,8 @@ async def _states(desk: Desk) -> AsyncIterator[bytes]:
             with suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(queue.get(), _BEAT)
                 state = desk.state()
-                if desk.summary is not sent:
-                    sent = state["looked"] = desk.summary
+                if desk.last.summary is not sent:
+                    sent = state["looked"] = desk.last.summary
                 yield b"data: " + msgspec.json.encode(state) + b"\n\n"
                 if desk.closing:
                     return
@@ -319,50 +326,45 @@ def _replace_tables(desk: Desk, tables: Tables) -> None:
     desk.replace_session(steps.add_step(desk.session, tables))
 
 
-async def _change(desk: Desk, request: Request) -> None:
-    desk.change(msgspec.json.decode(await request.body(), type=_Changes).changes)
+async def _change(desk: Desk, content: _Changes) -> None:
+    desk.change(content.changes)
 
 
-async def _draft(desk: Desk, request: Request) -> None:
+async def _draft(desk: Desk, change: Change) -> None:
     """Keep a text while it is typed."""
-    desk.draft(msgspec.json.decode(await request.body(), type=Change))
+    desk.draft(change)
 
 
-async def _journal(desk: Desk, request: Request) -> None:
+async def _journal(desk: Desk, journal: _File) -> None:
     """Take up, or drop, the changes of an earlier workbench."""
-    desk.answer_offer(msgspec.json.decode(await request.body(), type=_File).counts)
+    desk.answer_offer(journal.counts)
 
 
-async def _post(desk: Desk, request: Request) -> None:
+async def _post(desk: Desk, chosen: _Post) -> None:
     """Choose an installed controller, or the file that the command named, never another file."""
-    post = msgspec.json.decode(await request.body(), type=_Post).post
-    if post not in desk.session.posts:
+    if chosen.post not in desk.session.posts:
         raise JobError(
-            f"post {post[:60]}",
+            f"post {chosen.post[:60]}",
             "is not installed",
             remedy=f"one of {', '.join(desk.session.posts)}",
         )
-    desk.replace_session(steps.add_step(desk.session, desk.session.tables, post))
+    desk.replace_session(steps.add_step(desk.session, desk.session.tables, chosen.post))
 
 
-async def _layer(desk: Desk, request: Request) -> None:
-    change = msgspec.json.decode(await request.body(), type=_Layer)
+async def _layer(desk: Desk, change: _Layer) -> None:
     _replace_tables(desk, choose.switch_layer(desk.session.tables, change.layer, change.on))
 
 
-async def _order(desk: Desk, request: Request) -> None:
-    layers = msgspec.json.decode(await request.body(), type=_Layers).layers
-    _replace_tables(desk, choose.order_layers(desk.session.tables, layers))
+async def _order(desk: Desk, order: _Layers) -> None:
+    _replace_tables(desk, steps.set_value(desk.session.tables, ["tour", "layers"], order.layers))
 
 
-async def _move(desk: Desk, request: Request) -> None:
-    move = msgspec.json.decode(await request.body(), type=_Move)
+async def _move(desk: Desk, move: _Move) -> None:
     summary = _get_summary(desk, move.build)
     _replace_tables(desk, choose.move_path(desk.session.tables, summary, move.path, move.to))
 
 
-async def _seam(desk: Desk, request: Request) -> None:
-    seam = msgspec.json.decode(await request.body(), type=_Seam)
+async def _seam(desk: Desk, seam: _Seam) -> None:
     place = None if seam.x is None or seam.y is None else (seam.x, seam.y)
     summary = _get_summary(desk, seam.build)
     tables = choose.move_seam(desk.session.tables, summary, seam.path, place)
@@ -375,16 +377,13 @@ async def _seam(desk: Desk, request: Request) -> None:
         desk.draft(change)
 
 
-async def _leave(desk: Desk, request: Request) -> None:
-    chosen = msgspec.json.decode(await request.body(), type=_Names)
-    summary = _get_summary(desk)
-    tables = choose.leave_out(desk.session.tables, summary, chosen.names, chosen.row)
+async def _leave(desk: Desk, chosen: _Names) -> None:
+    tables = choose.leave_out(desk.session.tables, _get_summary(desk), chosen.names, chosen.row)
     _replace_tables(desk, tables)
 
 
-async def _take(desk: Desk, request: Request) -> None:
-    names = msgspec.json.decode(await request.body(), type=_Names).names
-    _replace_tables(desk, choose.restore(desk.session.tables, _get_summary(desk), names))
+async def _take(desk: Desk, chosen: _Names) -> None:
+    _replace_tables(desk, choose.restore(desk.session.tables, _get_summary(desk), chosen.names))
 
 
 def _get_summary(desk: Desk, build: int | None = None) -> InputSummary:
@@ -419,14 +418,13 @@ async def _propose(desk: Desk, _request: Request) -> None:
     desk.request_build(propose=True)
 
 
-async def _save(desk: Desk, request: Request) -> Response:
-    settings = msgspec.json.decode(await request.body(), type=_Save)
+async def _save(desk: Desk, settings: _Save) -> Response:
     return _json({"written": [str(path) for path in await desk.save(settings.replace)]})
 
 
-async def _file(desk: Desk, request: Request) -> None:
+async def _file(desk: Desk, file: _File) -> None:
     """Choose the job file or the form, if both were changed."""
-    if msgspec.json.decode(await request.body(), type=_File).counts:
+    if file.counts:
         desk.load_job()
     else:
         desk.keep_job()

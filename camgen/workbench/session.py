@@ -132,6 +132,12 @@ def _apply_assignment(tables: Tables, text: str, folder: Path) -> Tables:
     return set_value(tables, path, value)
 
 
+def get_table(tables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """A table of a job, empty if the file has none, or anything else there."""
+    table = tables.get(name, {})
+    return table if isinstance(table, Mapping) else {}
+
+
 def list_rows(tables: Tables, name: str) -> list[dict[str, Any]]:
     """The rows of `[[tools]]` or `[[operations]]`, empty if the file has anything else there."""
     rows = tables.get(name, [])
@@ -232,8 +238,13 @@ def undo(session: Session) -> Session:
     if not session.before:
         return session
     *before, last = session.before
-    after = (*session.after, session.step)
-    return replace(session, tables=last.tables, post=last.post, before=tuple(before), after=after)
+    return replace(
+        session,
+        tables=last.tables,
+        post=last.post,
+        before=tuple(before),
+        after=(*session.after, session.step),
+    )
 
 
 def redo(session: Session) -> Session:
@@ -241,9 +252,12 @@ def redo(session: Session) -> Session:
     if not session.after:
         return session
     *after, following = session.after
-    before = (*session.before, session.step)
     return replace(
-        session, tables=following.tables, post=following.post, before=before, after=tuple(after)
+        session,
+        tables=following.tables,
+        post=following.post,
+        before=(*session.before, session.step),
+        after=tuple(after),
     )
 
 
@@ -267,13 +281,11 @@ def _check_folder(session: Session, tables: Tables) -> None:
 def list_files(tables: Mapping[str, Any]) -> Iterator[str]:
     """The files that the tables of a job name, as written there."""
     for table, key in FILES:
-        content = tables.get(table, {})
-        name = content.get(key) if isinstance(content, Mapping) else None
+        name = get_table(tables, table).get(key)
         if isinstance(name, str) and name and _names_file(table, key, name):
             robot = split_name(name) if (table, key) == ("cell", "robot") else None
             yield robot[0] if robot else name
-    cell = tables.get("cell", {})
-    fixtures = cell.get("fixtures") if isinstance(cell, Mapping) else None
+    fixtures = get_table(tables, "cell").get("fixtures")
     if isinstance(fixtures, list):
         yield from (fixture for fixture in fixtures if isinstance(fixture, str))
 

@@ -45,6 +45,7 @@ CALLS = {
     "InputError": Form("exit code 2: the input", 1, remedy=3),
     "AmbiguousInput": Form("exit code 2: the input", 1, remedy=3),
     "JobError": Form("exit code 2: the job or the command", 1, remedy=3),
+    "check_suffix": Form("exit code 2: the job or the command", 2, remedy=3),
     "NoSafeProgram": Form("exit code 3: no safe program", 1, remedy=3),
     "Refused": Form("exit code 3: no safe program", 2, remedy=3),
     "Blocked": Form("exit code 3: no safe program", 1, remedy=3),

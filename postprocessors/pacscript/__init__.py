@@ -38,8 +38,7 @@ from camgen.model.program import (
 from camgen.model.text import counted, fixed, harmless, short
 from camgen.post import OutputFile, Tolerance, end_of
 from camgen.post.passes import remove_force
-from camgen.post.renamed import note_renamed
-from camgen.post.values import choose_line, choose_words
+from camgen.post.values import choose_line, choose_words, note_renamed
 
 from .options import PacScriptOptions, derive, is_reserved
 

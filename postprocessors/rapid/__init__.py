@@ -57,8 +57,7 @@ from camgen.post.printed import (
     make_printed,
     round_numbers,
 )
-from camgen.post.renamed import note_renamed
-from camgen.post.values import choose_words
+from camgen.post.values import choose_words, note_renamed
 
 from .force import DIGITS as FORCE_DIGITS
 from .force import (

@@ -36,8 +36,7 @@ from camgen.model.program import (
 from camgen.model.text import short
 from camgen.post import OutputFile, Post, Tolerance, end_of, pose_of
 from camgen.post.passes import remove_force
-from camgen.post.renamed import note_renamed
-from camgen.post.values import choose_words
+from camgen.post.values import choose_words, note_renamed
 
 from . import records, rules
 from .lines import IN, Lines
