@@ -142,15 +142,12 @@ def compute_quaternion(rotation: FloatArray) -> Quaternion:
     """Unit quaternion (w, x, y, z). The first component that is not zero is positive (Shepperd)."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     candidates = (a + e + i, a, e, i)
-    largest = max(range(4), key=lambda k: candidates[k])
-    if largest == 0:
-        q = (1 + a + e + i, h - f, c - g, d - b)
-    elif largest == 1:
-        q = (h - f, 1 + a - e - i, b + d, c + g)
-    elif largest == 2:
-        q = (c - g, b + d, 1 - a + e - i, f + h)
-    else:
-        q = (d - b, c + g, f + h, 1 - a - e + i)
+    q = (
+        (1 + a + e + i, h - f, c - g, d - b),
+        (h - f, 1 + a - e - i, b + d, c + g),
+        (c - g, b + d, 1 - a + e - i, f + h),
+        (d - b, c + g, f + h, 1 - a - e + i),
+    )[candidates.index(max(candidates))]
     norm = math.sqrt(sum(v * v for v in q))
     lead = next(v for v in q if abs(v) > 1e-12 * norm)
     if lead < 0:

@@ -33,6 +33,7 @@ from camgen.model.instructions import (
     Wait,
 )
 from camgen.model.pose import FloatArray, Pose
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted
 from camgen.model.tolerance import SAME_POINT_MM
 
@@ -161,7 +162,7 @@ class Columns:
         objects = self.pick(self.at[different[exists]])
         for place, motion in zip(np.flatnonzero(exists).tolist(), objects, strict=True):
             motions[place] = motion
-        neighbours = [motions[place] for place in places.tolist()]
+        neighbours = take_rows(motions, places.tolist())
         return neighbours[: len(indices)], neighbours[len(indices) :]
 
     @cached_property
@@ -526,8 +527,8 @@ def _find_pressing(columns: Columns) -> Iterator[tuple[int, str]]:
     switches: list[Any] = columns.list_kinds(Force)
     newtons = np.append(0.0, read_column(switches, "newtons"))
     on = newtons[np.searchsorted(np.flatnonzero(columns.are(Force)), columns.at)] > 0
-    is_wrong = (columns.force > 0) & ~on
-    yield from _first(columns.at[is_wrong], "a motion presses while force control is off")
+    wrong = columns.at[(columns.force > 0) & ~on]
+    yield from _first(wrong, "a motion presses while force control is off")
 
 
 def _find_left_on(columns: Columns) -> Iterator[tuple[int, str]]:
@@ -568,7 +569,7 @@ def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
 
     The first motion after a tool change must be joint-interpolated.
     """
-    on = set[str]()
+    values: dict[str, float] = {}
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
     for index in changes:
         _, (next_motion,) = columns.neighbours(np.array([index]))
@@ -578,15 +579,11 @@ def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
         return
     for index in np.flatnonzero(columns.are(Output, Force, ToolChange)).tolist():
         item = columns.body[index]
-        if isinstance(item, ToolChange):
-            if on:
-                yield index, f"{min(on)} is on at a tool change"
-            continue
-        name, value = _name_switch(item)
-        if value:
-            on.add(name)
-        else:
-            on.discard(name)
+        if not isinstance(item, ToolChange):
+            name, value = _name_switch(item)
+            values[name] = value
+        elif any(values.values()):
+            yield index, f"{min(filter(values.get, values))} is on at a tool change"
 
 
 def _name_switch(item: Instruction) -> tuple[str, float]:
