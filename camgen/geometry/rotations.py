@@ -54,7 +54,7 @@ def make_rotations_from_quaternions(
 def make_rotations_from_axes(z: FloatArray, towards: FloatArray) -> FloatArray:
     """(N, 3, 3) rotations with z along `z` (N, 3) and x towards `towards` (N, 3).
 
-    x is the part of `towards` that is perpendicular to z, as in `pose.rotation_from_axes`.
+    x is the part of `towards` that is perpendicular to z.
     """
     z = normalize(z)
     x = normalize(towards - z * multiply_rows(z, towards)[:, None])

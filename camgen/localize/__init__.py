@@ -18,6 +18,7 @@ from msgspec.structs import replace
 
 from camgen.localize.clutter import find_isolated
 from camgen.localize.doubt import (
+    SAME_COST,
     Alternatives,
     Rival,
     SeenShare,
@@ -54,14 +55,13 @@ from camgen.localize.words import describe_patch, format_values
 from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, angle_between, frozen, to_vec3
+from camgen.model.sequences import take_rows
 from camgen.model.text import short
 
 #: Maximum number of points of a scan that are used. More are drawn with a fixed seed.
 _MANY = 400_000
 #: Number of points that decide between poses that fit about equally well.
 _DECIDING = 4 * FEW
-#: Poses fit equally well if their costs (0..1, see `compute_cost`) differ by less.
-_SAME_COST = 0.004
 #: Minimum number of poses that are compared. All whose cost is near to the best one are.
 _COMPARED = 24
 #: The part was not found if less than this share of the scan lies on the model.
@@ -172,10 +172,10 @@ def _compare_fits(tries: Tries) -> Alternatives:
     model, within, (best, lowest) = tries.prepared.model, tries.prepared.within, tries.best()
     gate = min(max(best.noise, 1e-6 * model.size) * TUKEY, within)
     near = int((np.array(tries.costs) <= lowest + FAR_COST).sum())
-    fits = [tries.fits[k] for k in tries.sort()[: max(near, _COMPARED)]]
-    costs = compute_costs(model, tries.view.first(FEW), fits, gate, _SAME_COST)
+    fits = take_rows(tries.fits, tries.sort()[: max(near, _COMPARED)])
+    costs = compute_costs(model, tries.view.first(FEW), fits, gate, SAME_COST)
     order = sorted(range(len(fits)), key=costs.__getitem__)
-    return Alternatives([fits[k] for k in order], sorted(costs), gate, _SAME_COST)
+    return Alternatives(take_rows(fits, order), sorted(costs), gate)
 
 
 def _choose_fit(model: Model, equal: list[ScanFit], given: Pose, known: bool) -> ScanFit:
@@ -261,7 +261,7 @@ def _collect_evidence(
         )
     seen = _measure_shown(name, prepared, view, final, others.gate)
     rivals, following = find_rivals(model, points[:_DECIDING], final, others, centred.middle)
-    free, moved = find_free_motion(model, view.first(FEW), final, others.gate, others.same)
+    free, moved = find_free_motion(model, view.first(FEW), final, others.gate)
     location = Location(
         base_from_work=final.invert(centred.middle),
         points=len(centred.points),
@@ -351,9 +351,8 @@ def _check_rivals(centred: _CentredScan, model: Model, location: Location, moved
     else:
         others = []
         for rival in location.rivals:
-            if start is not None and is_decided(model, start, pose, rival.base_from_work):
-                continue
-            if rival.distance > location.noise_limit:
+            is_open = start is None or not is_decided(model, start, pose, rival.base_from_work)
+            if is_open and rival.distance > location.noise_limit:
                 others.append(rival)
         if not others:
             return
@@ -399,7 +398,7 @@ def _check_shape(centred: _CentredScan, model: Model, location: Location) -> Non
 
 def _describe_patches(patches: Sequence[Patch]) -> str:
     more = f" and {len(patches) - _LISTED} more" if len(patches) > _LISTED else ""
-    return "; ".join(describe_patch(patch) for patch in patches[:_LISTED]) + more
+    return "; ".join(map(describe_patch, patches[:_LISTED])) + more
 
 
 def _not_found(name: str, where: str) -> InputError:

@@ -55,7 +55,7 @@ def localize_or_advise(
     try:
         return search(part, scan)
     except InputError as error:
-        tried = [_try(search, part, scan, reread, option) for option in _list_options(part, scan)]
+        tried = [_try(search, part, scan, reread, *option) for option in _list_options(part, scan)]
         advice = list(filter(None, tried))
         if not advice:
             raise
@@ -64,14 +64,8 @@ def localize_or_advise(
         ) from error
 
 
-class _Option(Struct, frozen=True):
-    """An option with a unit in which the scan is about as large as the model."""
-
-    name: str
-    unit: str
-
-
-def _list_options(part: ModelPart, scan: Scan) -> list[_Option]:
+def _list_options(part: ModelPart, scan: Scan) -> list[tuple[str, str]]:
+    """The options with the units in which the scan is about as large as the model."""
     sides = np.ptp(part.vertices, axis=0)
     size = float(np.linalg.norm(sides))
     low, high = np.percentile(scan.points, (1, 99), axis=0)
@@ -85,7 +79,7 @@ def _list_options(part: ModelPart, scan: Scan) -> list[_Option]:
             model, cloud = (factor, 1.0) if file is part else (1.0, factor)
             usual = SMALLEST <= float(sides.max()) * model <= LARGEST
             if usual and _LEAST_RATIO < extent * cloud / (size * model) < _MOST_RATIO:
-                options.append(_Option(name, unit))
+                options.append((name, unit))
     return options
 
 
@@ -94,16 +88,17 @@ def _try(
     part: ModelPart,
     scan: Scan,
     reread: Callable[[str], ModelPart],
-    option: _Option,
+    option: str,
+    unit: str,
 ) -> str:
-    """The option and the size of the part with it; "" if the part is not found with it.
+    """An option with its unit and the size of the part; "" if the part is not found with it.
 
     A part that is found and may be elsewhere as well is found.
     """
-    if option.name == "--units":
-        scan = scan.scaled(option.unit)
+    if option == "--units":
+        scan = scan.scaled(unit)
     else:
-        part = reread(option.unit)
+        part = reread(unit)
     try:
         search(part, scan)
     except NoSafeProgram:
@@ -111,4 +106,4 @@ def _try(
     except InputError:
         return ""
     size = " x ".join(short(side, 3) for side in np.ptp(part.vertices, axis=0).tolist())
-    return f"{option.name} {option.unit} (a part of {size} mm)"
+    return f"{option} {unit} (a part of {size} mm)"

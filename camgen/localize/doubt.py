@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 from msgspec import Struct
@@ -43,6 +44,8 @@ from camgen.localize.starts import list_corners
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose, angle_between, frozen
 
+#: Poses fit equally well if their costs (0..1, see `compute_cost`) differ by less.
+SAME_COST = 0.004
 #: Two poses are different if a corner of the model's box moves by more than this part of its size.
 _DIFFERENT_SHARE = 0.01
 #: The search may confuse two sides of a part that are nearer than this part of the model's size.
@@ -111,13 +114,11 @@ class Alternatives(Struct, frozen=True, eq=False):
 
     fits, costs: each fit with its cost, 0..1.
     gate: distance of the costs, mm.
-    same: difference of two costs up to which fits are equally good.
     """
 
     fits: list[ScanFit]
     costs: list[float]
     gate: float
-    same: float
 
 
 # Other poses that fit as well.
@@ -132,7 +133,7 @@ def select_best(model: Model, view: View, others: Alternatives, final: ScanFit) 
     limit = _compute_pose_limit(model, final)
     kept: list[ScanFit] = []
     for fit, cost in zip(others.fits, others.costs, strict=True):
-        if cost <= others.costs[0] + others.same and _is_different(model, fit, kept, limit):
+        if cost <= others.costs[0] + SAME_COST and _is_different(model, fit, kept, limit):
             kept.append(fit)
     losses = [compute_losses(model, view, fit, others.gate) for fit in kept]
     best = min(losses, key=lambda loss: float(loss.sum()))
@@ -158,18 +159,17 @@ def find_rivals(
         excess = cost - others.costs[0]
         if _measure_corner_distance(model, fit, final) <= limit:
             continue
-        if excess > others.same:
+        if excess > SAME_COST:
             following = _make_rival(model, fit, final, excess, middle, math.inf)
             break
         if not _is_different(model, fit, different, limit):
             continue
         different.append(fit)
         refined, distance = _refine_rival(model, points, final, fit, others.gate)
-        if distance > noise and is_worse(
+        if distance <= noise or not is_worse(
             compute_losses(model, View(points), refined, others.gate), final_losses
         ):
-            continue
-        rivals.append(_make_rival(model, refined, final, excess, middle, distance))
+            rivals.append(_make_rival(model, refined, final, excess, middle, distance))
     rivals.sort(key=lambda rival: (round(rival.turn, 1), rival.shift))
     return tuple(rivals), following
 
@@ -302,8 +302,7 @@ def find_other_sides(model: Model, points: FloatArray, fits: list[ScanFit]) -> P
     for fit in _select_different(model, points, fits):
         places = fit.apply(points)
         axes = _find_face_axes(model.sample_normals[model.cloud.find_nearest(places)[0]])
-        signs = np.stack(np.meshgrid(*[(-1, 0, 1)] * len(axes), indexing="ij"), axis=-1)
-        signs = signs.reshape(-1, len(axes))
+        signs = np.array([*product((-1, 0, 1), repeat=len(axes))])
         wanted = signs[signs.any(axis=1)].T.astype(np.float64)
         shifts = thickness * np.linalg.lstsq(axes, wanted, rcond=None)[0].T
         distances = [model.cloud.find_nearest(places + shift)[1] for shift in shifts]
@@ -356,16 +355,13 @@ def is_thin(model: Model) -> bool:
 # Motions that the scan does not hold.
 
 
-def find_free_motion(
-    model: Model, view: View, final: ScanFit, gate: float, same: float
-) -> tuple[str, float]:
+def find_free_motion(model: Model, view: View, final: ScanFit, gate: float) -> tuple[str, float]:
     """A motion of the part that changes nothing, in words, and how far it moves the surface, mm.
 
     The part is moved along the motion that the points hold least, and refined. If it stays there
     and fits as well, the motion is free. Without a free motion the result is "" and 0.
 
     gate: distance of the costs, mm.
-    same: difference of two costs up to which poses are equally good.
     """
     motion = np.linalg.eigh(final.information)[1][:, 0]
     turn, shift = motion[:3] / final.arm, motion[3:]
@@ -376,7 +372,7 @@ def find_free_motion(
     nudged = refine(model, view.points, (rotation @ final.rotation, origin), 2 * gate)
     excess = compute_cost(model, view, nudged, gate) - compute_cost(model, view, final, gate)
     moved = _measure_corner_distance(model, nudged, final)
-    if moved < 0.5 * _NUDGE * model.size or excess > same:
+    if moved < 0.5 * _NUDGE * model.size or excess > SAME_COST:
         return "", 0.0
     return _describe_motion(final, motion), measure_surface_distance(model, final, nudged)
 
@@ -419,11 +415,10 @@ def measure_stray(model: Model, points: FloatArray, fit: ScanFit, within: float)
     within: distance up to which a point is on the model, mm.
     """
     places = fit.apply(points)
-    is_off = np.ones(len(places), dtype=bool)
-    is_off[find_touched_within(model, places, within).point] = False
+    touched = find_touched_within(model, places, within).point
     inside = ((places > model.low + 2 * within) & (places < model.high - 2 * within)).all(axis=1)
-    stray, lying = np.count_nonzero(is_off & inside), np.count_nonzero(~is_off)
-    return float(stray) / max(float(lying), 1.0)
+    stray = np.count_nonzero(np.delete(inside, touched))
+    return float(stray) / max(float(len(touched)), 1.0)
 
 
 def measure_seen(model: Model, view: View, final: ScanFit, within: float) -> SeenShare:
@@ -438,8 +433,11 @@ def measure_seen(model: Model, view: View, final: ScanFit, within: float) -> See
     if view.eye is not None:
         eyes = final.apply(view.eye)[None]
     elif hit.any() and float(np.linalg.norm(normals[hit].mean(axis=0))) > _ONE_SIDED:
-        shown = (pick_rows(places, _VIEW_SAMPLES), pick_rows(normals, _VIEW_SAMPLES))
-        seen = SeenPlaces(*shown, pick_rows(hit, _VIEW_SAMPLES))
+        seen = SeenPlaces(
+            pick_rows(places, _VIEW_SAMPLES),
+            pick_rows(normals, _VIEW_SAMPLES),
+            pick_rows(hit, _VIEW_SAMPLES),
+        )
         eyes = estimate_eye(model, seen, _FACING).eye[None]
     else:
         eyes = make_far_eyes(model, spread_directions())

@@ -23,6 +23,7 @@ from camgen.localize.model import (
 from camgen.localize.sight import find_hidden
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
+from camgen.model.sequences import take_rows
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 
 #: Tukey's biweight: points beyond this many standard deviations have no weight. It is 95 %
@@ -109,10 +110,10 @@ def refine_all(
         moving = [k for k, (_, limits) in questions.items() if limits is None]
         if not moving:
             moving = list(questions)
-            answers = _find_all_candidates(model, [questions[k] for k in moving])
+            answers = _find_all_candidates(model, take_rows(questions, moving))
             pairs = dict(zip(moving, answers, strict=True))
         places = [questions[k][0] for k in moving]
-        touches = _find_all_touched(model, [pairs[k] for k in moving], places)
+        touches = _find_all_touched(model, take_rows(pairs, moving), places)
         for k, touch in zip(moving, touches, strict=True):
             try:
                 questions[k] = refinements[k].send(touch)
@@ -316,9 +317,8 @@ def compute_costs(
     places = np.concatenate([fit.apply(view.points) for fit in fits])
     touch = find_touched_within(model, places, gate)
     ends = np.searchsorted(touch.point, count * np.arange(1, len(fits)))
-    results = []
-    for near in np.split(touch.distance, ends):
-        results.append(1 - (len(near) - float(((near / gate) ** 2).sum())) / count)
+    groups = np.split(touch.distance, ends)
+    results = [1 - (len(near) - float(((near / gate) ** 2).sum())) / count for near in groups]
     if view.eye is None and view.up is None:
         return results
     best = np.inf

@@ -103,15 +103,15 @@ def measure_run_on(model: Model, points: FloatArray, final: ScanFit) -> float:
     # At this distance from the rim, points on the other side of it are out of reach.
     clear = reach + noise
     beyond = rims.places + 2 * clear * rims.out
-    ends = np.ones(len(beyond), dtype=bool)
-    ends[find_touched_within(model, beyond, clear).point] = False
+    has_surface = find_touched_within(model, beyond, clear).point
 
     def is_shown(places: FloatArray) -> BoolArray:
         nearest, distance = cloud.find_nearest(places)
         heights = np.abs(multiply_rows(at[nearest] - places, rims.normals))
         return np.asarray((distance <= reach) & (heights <= noise))
 
-    seen = ends & is_shown(rims.places - clear * rims.out)
+    seen = is_shown(rims.places - clear * rims.out)
+    seen[has_surface] = False
     if np.count_nonzero(seen) < _FEW_RIMS * _PLACES:
         return 0.0
     return float(is_shown(beyond)[seen].mean())

@@ -182,7 +182,5 @@ def _spread_over_mesh(source: Source) -> FileCloud:
     corners = soup.vertices[soup.faces]
     if not np.linalg.norm(cross_edges(corners), axis=1).any():
         raise InputError(source.name, "has no face with an area", remedy=AGAIN)
-    points = spread_points(corners, _SPREAD)[0]
-    faces = counted(len(corners), "face")
-    note = Note("assumed", f"{_SPREAD} points were spread over the {faces} of the scan")
-    return FileCloud(points, (*soup.notes, note))
+    what = f"{_SPREAD} points were spread over the {counted(len(corners), 'face')} of the scan"
+    return FileCloud(spread_points(corners, _SPREAD)[0], (*soup.notes, Note("assumed", what)))

@@ -28,6 +28,7 @@ from camgen.localize.fine import (
 from camgen.localize.model import Model, find_touched_within
 from camgen.localize.starts import find_starts, find_symmetries, list_things, split_heaps
 from camgen.model.pose import IDENTITY, FloatArray, Pose
+from camgen.model.sequences import take_rows
 
 #: Points that choose among poses, and points that choose the poses for a closer look.
 FEW, _FEWER = 1500, 300
@@ -138,11 +139,10 @@ def list_views(model: Model, points: FloatArray, eye: FloatArray | None) -> list
     views = []
     for bench in find_benches(model, points):
         rest = points[~bench.holds(points)]
-        if len(rest) < LEAST or (eye is not None and eye @ bench.normal < bench.height):
-            continue
-        views.append(View(rest, eye, bench.normal))
-        if bench.certain:
-            return views
+        if len(rest) >= LEAST and (eye is None or eye @ bench.normal >= bench.height):
+            views.append(View(rest, eye, bench.normal))
+            if bench.certain:
+                return views
     return [*views, View(points, eye)]
 
 
@@ -209,7 +209,7 @@ def remove_bench(tries: Tries, points: FloatArray) -> Tries:
     view = _without_bench(tries, points)
     if len(view.points) == len(tries.view.points):
         return tries
-    fits = [tries.fits[k] for k in tries.sort()[:_CARRIED]]
+    fits = take_rows(tries.fits, tries.sort()[:_CARRIED])
     rotations = np.stack([fit.rotation for fit in fits])
     without = Tries(tries.prepared, view)
     _try_poses(without, Poses(rotations, np.stack([fit.origin for fit in fits])))
@@ -241,11 +241,10 @@ def find_further(prepared: PreparedModel, view: View, final: ScanFit) -> list[Sc
         return []
     further = []
     for heap in split_heaps(rest, model.size / _APART):
-        if len(heap) < max(LEAST, _LIKE_FIRST * len(on_first)):
-            continue
-        heap_view = View(heap, view.eye, view.up)
-        best, cost = search_poses(prepared, [heap_view], given, lambda _: None).best()
-        seen = measure_seen(model, heap_view, best, prepared.within)
-        if cost < _AGAIN and seen.near >= LEAST_SEEN:
-            further.append(best)
+        if len(heap) >= max(LEAST, _LIKE_FIRST * len(on_first)):
+            heap_view = View(heap, view.eye, view.up)
+            best, cost = search_poses(prepared, [heap_view], given, lambda _: None).best()
+            seen = measure_seen(model, heap_view, best, prepared.within)
+            if cost < _AGAIN and seen.near >= LEAST_SEEN:
+                further.append(best)
     return further

@@ -61,9 +61,7 @@ def find_hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) 
         places.take(ray, axis=0),
         directions.take(ray, axis=0),
     )
-    blocked = np.zeros(len(places), dtype=bool)
-    blocked[ray[distances > gap]] = True
-    return blocked
+    return np.isin(np.arange(len(places)), ray[distances > gap])
 
 
 def _measure_ray(corners: FloatArray, places: FloatArray, directions: FloatArray) -> FloatArray:

@@ -164,5 +164,5 @@ def select_different(model: Model, poses: Poses, distance: float, limit: int = 2
 
 def split_heaps(points: FloatArray, cell: float) -> list[FloatArray]:
     """The points (N, 3) of each of the largest things that stand apart by more than a cell (mm)."""
-    groups = group_places(points, cell)[:_HEAPS]
-    return [points[group] for group in groups if len(group) >= _FEWEST]
+    largest = group_places(points, cell)[:_HEAPS]
+    return [points[group] for group in largest if len(group) >= _FEWEST]

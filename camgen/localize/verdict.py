@@ -13,12 +13,18 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.vectors import measure_lengths, multiply_rows
-from camgen.localize.evidence import DISC, Evidence, find_sides, gather_evidence
 from camgen.localize.fine import ScanFit, View
 from camgen.localize.groups import group_places
 from camgen.localize.model import Cloud, Model, find_touched_within
 from camgen.localize.rims import Rims, find_rims
-from camgen.localize.viewpoint import Sight, find_sight
+from camgen.localize.viewpoint import (
+    DISC,
+    Evidence,
+    Sight,
+    find_sides,
+    find_sight,
+    gather_evidence,
+)
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -180,9 +186,8 @@ def _find_inward(evidence: Evidence, rims: Rims, depth: FloatArray) -> BoolArray
     inward = rims.places - depth[:, None] * rims.out
     touch = find_touched_within(evidence.model, inward, evidence.within)
     normals = evidence.model.normals[touch.triangle]
-    reaches = np.zeros(len(inward), dtype=bool)
-    reaches[touch.point[multiply_rows(normals, rims.normals[touch.point]) > _ALIKE]] = True
-    return reaches
+    is_same_face = multiply_rows(normals, rims.normals[touch.point]) > _ALIKE
+    return np.isin(np.arange(len(inward)), touch.point[is_same_face])
 
 
 def _find_ends(evidence: Evidence, rims: Rims, reach: FloatArray) -> BoolArray:

@@ -516,10 +516,11 @@ def merge(pieces: list[tuple[Indices, Body]]) -> Body:
     for at, (_, body) in zip(ranks, pieces, strict=True):
         kind[at], kept[at] = body.packed.kind, body.packed.kept
     moving, arc = kind <= _ARC, kind == _ARC
-    like = pieces[0][1]
-    columns = {name: _empty_column(like, name, int(moving.sum())) for name in _MOTION_COLUMNS}
-    columns |= {name: _empty_column(like, name, int(arc.sum())) for name in _ARC_COLUMNS}
-    del like
+    columns: dict[str, NDArray[Any]] = {}
+    for names, mask in ((_MOTION_COLUMNS, moving), (_ARC_COLUMNS, arc)):
+        for name in names:
+            dtype, shape = _TYPES[name]
+            columns[name] = np.empty((int(mask.sum()), *shape), dtype)
     move_row, arc_row, object_row = (
         np.cumsum(mask, dtype=np.int32) - mask for mask in (moving, arc, kept)
     )
@@ -536,12 +537,6 @@ def merge(pieces: list[tuple[Indices, Body]]) -> Body:
         body_objects = np.fromiter(body.objects, np.object_, len(body.objects))
         objects[object_row[at[packed.kept]]] = body_objects
     return Body(Packed(kind=kind, kept=kept, **columns), rotations.table, objects.tolist())
-
-
-def _empty_column(like: Body, name: str, size: int) -> NDArray[Any]:
-    """An unfilled array of `size` rows with the type and row shape of a column of `like`."""
-    column = getattr(like.packed, name)
-    return np.empty((size, *column.shape[1:]), column.dtype)
 
 
 def _table_places(body: Body, rotations: _Rotations) -> NDArray[np.int32]:

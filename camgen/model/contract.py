@@ -95,8 +95,7 @@ def be(kind: type | tuple[type, ...], noun: str) -> Check:
     """A check that a value is of the type `kind`; a bool is not a number."""
 
     def check(value: Any) -> str:
-        is_other_bool = isinstance(value, bool) and kind is not bool
-        if isinstance(value, kind) and not is_other_bool:
+        if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
             return ""
         return f"is {_show(value)}, not {noun}"
 
@@ -132,29 +131,21 @@ def be_each(kind: type | tuple[type, ...], check: Check, noun: str) -> Check:
 
     noun: describes the collection.
     """
-    is_kind = be(kind, noun)
 
     def check_each(value: Any) -> str:
-        fault = is_kind(value)
-        if fault:
-            return fault
         for element in value:
             fault = check(element)
             if fault:
                 return f"has an element that {fault}"
         return ""
 
-    return check_each
+    return be_all(be(kind, noun), check_each)
 
 
 def be_words(kind: type | tuple[type, ...], words: Collection[str], noun: str) -> Check:
     """A check that a value is a collection of the type `kind` and holds only `words`."""
-    is_kind = be(kind, noun)
 
-    def check(value: Any) -> str:
-        fault = is_kind(value)
-        if fault:
-            return fault
+    def check_words(value: Any) -> str:
         for word in sorted(value, key=repr):
             if not isinstance(word, str):
                 return f"has {_show(word)}, which is not a word"
@@ -162,7 +153,7 @@ def be_words(kind: type | tuple[type, ...], words: Collection[str], noun: str) -
                 return f"has the unknown word {word!r}, {suggest(word, words)}"
         return ""
 
-    return check
+    return be_all(be(kind, noun), check_words)
 
 
 def be_body(body: Any) -> str:

@@ -159,6 +159,8 @@ def list_row_tables() -> dict[str, str]:
     return purposes
 
 
+#: Signs of the bounds of a setting, by their names in `Meta`.
+_BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 _PLURALS: dict[object, str] = {
     float: "numbers",
@@ -171,10 +173,10 @@ _PLURALS: dict[object, str] = {
 def _describe_type(hint: Any) -> str:
     if get_origin(hint) is Annotated:
         base, *metas = get_args(hint)
-        bounds = [f" > {_number(m.gt)}" for m in metas if m.gt is not None]
-        bounds += [f" >= {_number(m.ge)}" for m in metas if m.ge is not None]
-        bounds += [f" < {_number(m.lt)}" for m in metas if m.lt is not None]
-        bounds += [f" <= {_number(m.le)}" for m in metas if m.le is not None]
+        bounds = []
+        for name, sign in _BOUNDS.items():
+            values = [getattr(meta, name) for meta in metas]
+            bounds += [f" {sign} {value:g}" for value in values if value is not None]
         return _describe_type(base) + " and".join(bounds)
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(json.dumps(value) for value in get_args(hint))
@@ -190,7 +192,3 @@ def _describe_type(hint: Any) -> str:
             _describe_type(kind) for kind in get_args(hint) if kind is not type(None)
         )
     return _WORDS[hint]
-
-
-def _number(value: float) -> str:
-    return f"{value:g}"

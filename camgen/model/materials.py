@@ -149,8 +149,7 @@ def _sheet(name: MaterialName, mill: Chart, speed: Speeds | None = None) -> Mate
     """
     keys = [("mill", "carbide"), ("mill", "hss")]
     feeds = dict.fromkeys(keys, mill)
-    speeds = {} if speed is None else dict.fromkeys(keys, speed)
-    return Material(name, feeds, speeds, 3.0)
+    return Material(name, feeds, {} if speed is None else dict.fromkeys(keys, speed), 3.0)
 
 
 #: The materials, by the names in the job.
@@ -273,6 +272,5 @@ def recommend(material: Material, tool: ToolTable, fastest: float) -> Cutting | 
         speed = min(fastest, speeds.turns(tool.diameter)[0])
         source = " and ".join(dict.fromkeys((chart.source, speeds.source)))
     is_drill = tool.kind == "drill"
-    edges = 1 if is_drill else tool.flutes
-    feed = chart.lowest(tool.diameter) * edges * speed / 60
+    feed = chart.lowest(tool.diameter) * (1 if is_drill else tool.flutes) * speed / 60
     return Cutting(speed, feed, feed if is_drill else feed / 3, source)

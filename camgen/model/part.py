@@ -426,11 +426,11 @@ class Part(Struct, frozen=True, eq=False):
 
     def list_worked_rows(self) -> list[int]:
         """The rows of the contours on which an operation works, or on a source of which."""
-        rows = []
-        for row, contour in enumerate(self.contours):
-            if self.works_on(contour.sources or (contour.id,)):
-                rows.append(row)
-        return rows
+        return [
+            row
+            for row, contour in enumerate(self.contours)
+            if self.works_on(contour.sources or (contour.id,))
+        ]
 
     def __repr__(self) -> str:
         geometry = counted(len(self.contours), "contour")

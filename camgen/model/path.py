@@ -143,7 +143,7 @@ class ToolPath(Struct, frozen=True, eq=False):
             self,
             table=make_waypoints(
                 position=self.position[::-1],
-                via=_clear_first(_backwards(self.via)),
+                via=np.concatenate([np.full((1, 3), np.nan), self.via[:0:-1]]),
                 axis=self.axis[::-1],
                 force_direction=_backwards(self.force_direction)[:, ::-1],
                 force=_backwards(self.force),
@@ -227,10 +227,3 @@ def _join_columns(columns: Sequence[FloatArray]) -> FloatArray:
 def _backwards(column: FloatArray) -> FloatArray:
     """A column of segments, reversed: segment i becomes segment N - i, row 0 repeats segment 1."""
     return column if len(column) < 2 else np.concatenate([column[-1:], column[:0:-1]])
-
-
-def _clear_first(via: FloatArray) -> FloatArray:
-    """`via` with NaN in row 0, because no segment ends at the start."""
-    cleared = via.copy()
-    cleared[0] = np.nan
-    return cleared

@@ -138,32 +138,16 @@ def rotation_between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArra
     return frozen(a @ rotation_about_axis(axis, 2 * half * fraction))
 
 
-def rotation_from_axes(axis: Sequence[float], towards: Sequence[float]) -> FloatArray:
-    """Rotation whose z is `axis`, and whose x is the part of `towards` that is square to z.
-
-    axis, towards: (3,), not parallel.
-    """
-    z = np.asarray(axis, dtype=np.float64)
-    z = z / np.linalg.norm(z)
-    x = np.asarray(towards, dtype=np.float64)
-    x = x - z * float(x @ z)
-    x = x / np.linalg.norm(x)
-    return frozen(np.column_stack([x, np.cross(z, x), z]))
-
-
 def compute_quaternion(rotation: FloatArray) -> Quaternion:
     """Unit quaternion (w, x, y, z). The first component that is not zero is positive (Shepperd)."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     candidates = (a + e + i, a, e, i)
-    largest = max(range(4), key=lambda k: candidates[k])
-    if largest == 0:
-        q = (1 + a + e + i, h - f, c - g, d - b)
-    elif largest == 1:
-        q = (h - f, 1 + a - e - i, b + d, c + g)
-    elif largest == 2:
-        q = (c - g, b + d, 1 - a + e - i, f + h)
-    else:
-        q = (d - b, c + g, f + h, 1 - a - e + i)
+    q = (
+        (1 + a + e + i, h - f, c - g, d - b),
+        (h - f, 1 + a - e - i, b + d, c + g),
+        (c - g, b + d, 1 - a + e - i, f + h),
+        (d - b, c + g, f + h, 1 - a - e + i),
+    )[candidates.index(max(candidates))]
     norm = math.sqrt(sum(v * v for v in q))
     lead = next(v for v in q if abs(v) > 1e-12 * norm)
     if lead < 0:
@@ -210,11 +194,6 @@ def compute_zyz(rotation: FloatArray) -> Vec3:
             return (0.0, 0.0, math.atan2(r[1, 0], r[0, 0]))
         return (0.0, math.pi, math.atan2(r[1, 0], r[1, 1]))
     return (math.atan2(r[1, 2], r[0, 2]), math.atan2(s, r[2, 2]), math.atan2(r[2, 1], -r[2, 0]))
-
-
-def rotation_from_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
-    """R = Rz(yaw) Ry(pitch) Rz(roll), angles in rad."""
-    return frozen(rotation_about(2, yaw) @ rotation_about(1, pitch) @ rotation_about(2, roll))
 
 
 def rotation_vector(rotation: FloatArray) -> Vec3:

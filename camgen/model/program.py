@@ -33,6 +33,7 @@ from camgen.model.instructions import (
     Wait,
 )
 from camgen.model.pose import FloatArray, Pose
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted
 from camgen.model.tolerance import SAME_POINT_MM
 
@@ -161,7 +162,7 @@ class Columns:
         objects = self.pick(self.at[different[exists]])
         for place, motion in zip(np.flatnonzero(exists).tolist(), objects, strict=True):
             motions[place] = motion
-        neighbours = [motions[place] for place in places.tolist()]
+        neighbours = take_rows(motions, places.tolist())
         return neighbours[: len(indices)], neighbours[len(indices) :]
 
     @cached_property
@@ -314,8 +315,6 @@ class Columns:
         Then the first one whose rotation half-way does not.
         """
         wrong = [place for place, item in enumerate(self.table) if not is_valid(item)]
-        if not wrong:
-            return
         for at, places in ((self.at, self.rotation), (self._packed.arcs, self.via_rotation)):
             yield from at[np.isin(places, wrong)][:1].tolist()
 
@@ -423,8 +422,7 @@ def check(columns: Columns, paths: int = 0) -> None:
     """
     at, speed, blend = columns.at, columns.speed, columns.blend
     share, rate, path, turn = columns.share, columns.rate, columns.path, columns.turn
-    wrong_waits = read_column(columns.list_kinds(Wait), "seconds") < 0
-    wrong_waits_at = np.flatnonzero(columns.are(Wait))[wrong_waits]
+    wrong_waits = np.flatnonzero(columns.alike(Wait, lambda wait: wait.seconds < 0))
     not_joint = ~columns.moves_are(MoveJ)[:1]
     broken = [
         *_first(at[:1][not_joint], "the first motion must be joint-interpolated"),
@@ -444,7 +442,7 @@ def check(columns: Columns, paths: int = 0) -> None:
             "a motion that only turns the tool has no speed of turning",
         ),
         *_first(at[~(turn >= 0)], "a speed of turning must not be negative"),
-        *_first(wrong_waits_at, "a wait must not be negative"),
+        *_first(wrong_waits, "a wait must not be negative"),
         *_find_blending(columns),
         *_find_pressing(columns),
         *_find_left_on(columns),
@@ -468,7 +466,7 @@ def _first(indices: Indices, what: str) -> Iterator[tuple[int, str]]:
 
 
 def _find_not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
-    """Yield instructions with a number that is not finite, the first of each kind of number."""
+    """Yield instructions with a number that is not finite, at least the first of all."""
     message = "a number is not finite"
     for values in (
         columns.speed,
@@ -482,24 +480,18 @@ def _find_not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
     yield from _first(columns.at[columns.arcs[~_are_finite(columns.via)]], message)
     for index in columns.find_rotations(_is_finite):
         yield index, message
-    places, special = columns.special
-    wrong_joints, wrong_targets = np.zeros((2, len(special)), np.bool_)
-    for row, move in enumerate(special):
-        wrong_joints[row] = move.joints is not None and not _is_finite(move.joints.values)
-        is_joint_target = isinstance(move.target, Joints)
-        wrong_targets[row] = is_joint_target and not _is_finite(move.target.values)
-    yield from _first(columns.at[places[wrong_joints]], message)
-    yield from _first(columns.at[places[wrong_targets]], message)
-    for kind, name in (
-        (Output, "value"),
-        (Wait, "seconds"),
-        (Force, "newtons"),
-        (Force, "force_direction"),
+    for place, move in zip(*columns.special, strict=True):
+        for joints in (move.joints, move.target):
+            if isinstance(joints, Joints) and not _is_finite(joints.values):
+                yield int(columns.at[place]), message
+    for kind, name, width in (
+        (Output, "value", 1),
+        (Wait, "seconds", 1),
+        (Force, "newtons", 1),
+        (Force, "force_direction", 3),
     ):
-        different = columns.outputs if kind is Output else columns.list_kinds(kind)
-        if not all(map(_is_finite, list_distinct(different, name))):
-            wrong = [not _is_finite(getattr(item, name)) for item in columns.list_kinds(kind)]
-            yield from _first(np.flatnonzero(columns.are(kind))[wrong], message)
+        values = read_numbers(columns.list_kinds(kind), name, width)
+        yield from _first(np.flatnonzero(columns.are(kind))[~_are_finite(values)], message)
 
 
 def _are_finite(values: FloatArray) -> Mask:
@@ -535,8 +527,8 @@ def _find_pressing(columns: Columns) -> Iterator[tuple[int, str]]:
     switches: list[Any] = columns.list_kinds(Force)
     newtons = np.append(0.0, read_column(switches, "newtons"))
     on = newtons[np.searchsorted(np.flatnonzero(columns.are(Force)), columns.at)] > 0
-    is_wrong = (columns.force > 0) & ~on
-    yield from _first(columns.at[is_wrong], "a motion presses while force control is off")
+    wrong = columns.at[(columns.force > 0) & ~on]
+    yield from _first(wrong, "a motion presses while force control is off")
 
 
 def _find_left_on(columns: Columns) -> Iterator[tuple[int, str]]:
@@ -549,29 +541,25 @@ def _find_left_on(columns: Columns) -> Iterator[tuple[int, str]]:
     first = int(columns.at[0]) if len(columns.at) else len(columns.body)
     before = _last_values(switches[: int(np.searchsorted(at, first))])
     after = _last_values(switches)
-    names = {signal: "force control" if signal is None else f"output {signal}" for signal in after}
     if len(columns.at):
-        for signal, name in names.items():
-            if before.get(signal, 1.0) != 0:
+        for name in after:
+            if before.get(name, 1.0) != 0:
                 yield first, f"{name} is not switched off before the first motion"
-    for signal, name in names.items():
-        if after[signal] != 0:
+    for name, value in after.items():
+        if value != 0:
             yield len(columns.body) - 1, f"{name} must be off at the end"
 
 
-def _last_values(switches: Sequence[Output | Force]) -> dict[str | None, float]:
-    """The last value of each signal, and of the force under the key None.
+def _last_values(switches: Sequence[Instruction]) -> dict[str, float]:
+    """The last value of each output and of the force, by their names in messages.
 
     Each object is read once: it may be in a body many times.
     """
     keys = list(map(id, switches))
     last = dict(zip(keys, range(len(keys)), strict=True))
-    values: dict[str | None, tuple[int, float]] = {}
+    values: dict[str, tuple[int, float]] = {}
     for key, item in dict(zip(keys, switches, strict=True)).items():
-        if isinstance(item, Output):
-            name, value = item.signal, item.value
-        else:
-            name, value = None, item.newtons
+        name, value = _name_switch(item)
         values[name] = max(values.get(name, (-1, 0.0)), (last[key], value))
     return {name: value for name, (_, value) in values.items()}
 
@@ -581,7 +569,7 @@ def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
 
     The first motion after a tool change must be joint-interpolated.
     """
-    on = set[str]()
+    values: dict[str, float] = {}
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
     for index in changes:
         _, (next_motion,) = columns.neighbours(np.array([index]))
@@ -591,15 +579,11 @@ def _find_changing(columns: Columns) -> Iterator[tuple[int, str]]:
         return
     for index in np.flatnonzero(columns.are(Output, Force, ToolChange)).tolist():
         item = columns.body[index]
-        if isinstance(item, ToolChange):
-            if on:
-                yield index, f"{min(on)} is on at a tool change"
-            continue
-        name, value = _name_switch(item)
-        if value:
-            on.add(name)
-        else:
-            on.discard(name)
+        if not isinstance(item, ToolChange):
+            name, value = _name_switch(item)
+            values[name] = value
+        elif any(values.values()):
+            yield index, f"{min(filter(values.get, values))} is on at a tool change"
 
 
 def _name_switch(item: Instruction) -> tuple[str, float]:
@@ -687,8 +671,7 @@ class Program(Struct, frozen=True, eq=False, dict=True):
         origin = self.path_of(index)
         if origin is not None:
             return f"{'edge' if origin.operation == 'edges' else 'path'} {origin.id}"
-        begun = self.columns.path[: int(np.searchsorted(self.columns.at, index, side="right"))] >= 0
-        return "the link home" if begun.any() else "the link to the first path"
+        return "the link home" if self.path_at(index) >= 0 else "the link to the first path"
 
     def with_body(self, body: Sequence[Instruction]) -> Program:
         """A copy with another body."""

@@ -44,5 +44,4 @@ def read_signature(text: str) -> State:
 def _digest(text: str) -> str:
     if "\r" in text or " \n" in text or "\t\n" in text:
         text = _BLANKS.sub("", text.replace("\r\n", "\n"))
-    data = text.rstrip().encode("utf-8", "surrogateescape")
-    return hashlib.sha256(data).hexdigest()[:_DIGITS]
+    return hashlib.sha256(text.rstrip().encode("utf-8", "surrogateescape")).hexdigest()[:_DIGITS]

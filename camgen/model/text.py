@@ -146,8 +146,7 @@ def name_ranges(ids: Iterable[str]) -> list[str]:
     """
     runs: list[list[str]] = []
     for name in ids:
-        follows = runs and name[1:].isdigit() and runs[-1][-1] == f"c{int(name[1:]) - 1}"
-        if follows:
+        if runs and name[1:].isdigit() and runs[-1][-1] == f"c{int(name[1:]) - 1}":
             runs[-1].append(name)
         else:
             runs.append([name])

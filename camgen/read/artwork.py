@@ -74,7 +74,7 @@ def _make_contours(
         pieces = divide_ink(ink, job.image.lines == "centre")
         middles, is_thin = find_centre_lines(pieces)
         lines = [line for line in lines if not is_thin[find_piece(line[0], pieces)]]
-        lines += [(middle.points, middle.closed) for middle in middles]
+        lines += middles
         if is_thin.any():
             count = int(is_thin.sum())
             others = len(is_thin) - 1 - count

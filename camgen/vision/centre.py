@@ -72,22 +72,14 @@ def divide_ink(ink: Ink, all_lines: bool) -> Pieces:
     length_in_widths = area / np.maximum(width, 1) ** 2
     has_even_width = 2 * (max_depth - _HALF_PIXEL) <= _MAX_BULGE * width
     is_narrow = width <= max(_MAX_WIDTH_FRACTION * max(mask.shape), _MAX_WIDTH_PX)
-    lines = has_even_width & is_narrow & (length_in_widths >= _MIN_LENGTH)
-    if all_lines:
-        lines = np.ones(count, dtype=np.bool_)
+    lines = (has_even_width & is_narrow & (length_in_widths >= _MIN_LENGTH)) | all_lines
     lines[0] = False
     return Pieces(np.asarray(label, np.int32), lines, width.astype(np.float64), depth)
 
 
-class Middle(Struct, frozen=True, eq=False):
-    """The centre line of a line of ink, or a part of it between junctions.
-
-    points: (N, 2) u, v, px, N > 1.
-    closed: the last point is followed by the first.
-    """
-
-    points: FloatArray
-    closed: bool
+#: The centre line of a line of ink, or a part of it between junctions: its points (N, 2) u, v, px,
+#: N > 1, and whether the last point is followed by the first.
+Middle = tuple[FloatArray, bool]
 
 
 def find_centre_lines(pieces: Pieces) -> tuple[list[Middle], BoolArray]:
@@ -136,7 +128,7 @@ def _average_points(lines: list[Stroke]) -> list[Middle]:
         total += np.where(np.abs(offset) <= reach, points[rows], 0.0)
     mean = total / (2 * reach + 1)
     parts = np.split(np.column_stack([mean.real, mean.imag]), first[1:])
-    return [Middle(part, stroke.closed) for part, stroke in zip(parts, lines, strict=True)]
+    return [(part, stroke.closed) for part, stroke in zip(parts, lines, strict=True)]
 
 
 def find_piece(border: FloatArray, pieces: Pieces) -> int:

@@ -176,9 +176,8 @@ def _is_cross(local: ComplexArray, weight: FloatArray, arms: FloatArray) -> bool
     """
     reach, widths = arms.T
     width = float(widths.mean())
-    if reach.min() < _MIN_LENGTH_RATIO * reach.max() or reach.min() < _MIN_LENGTH * width:
-        return False
-    if np.ptp(widths) > _MAX_WIDTH_DIFFERENCE * width:
+    min_length = max(_MIN_LENGTH_RATIO * reach.max(), _MIN_LENGTH * width)
+    if reach.min() < min_length or np.ptp(widths) > _MAX_WIDTH_DIFFERENCE * width:
         return False
     half = width / 2 + 0.75
     x, y = np.abs(local.real), np.abs(local.imag)

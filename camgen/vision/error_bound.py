@@ -23,10 +23,16 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.pose import FloatArray
-from camgen.vision.boards.lens import AGREES, compute_homography_slopes, find_bend
+from camgen.vision.boards.lens import AGREES, find_bend
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
-from camgen.vision.plane import Plane, compute_depth, map_points, raise_plane
+from camgen.vision.plane import (
+    Plane,
+    compute_depth,
+    compute_homography_slopes,
+    map_points,
+    raise_plane,
+)
 
 #: The bound covers this many standard deviations on either side. Three are enough for independent
 #: corners. Near corners err alike, and their residuals do not show that.
@@ -74,10 +80,9 @@ def compute_error_bound(
     below = np.linalg.inv(plane.work_from_pairs).astype(np.float64, copy=False)
     places = map_points(below, outline)
     outside = _distance_outside(plane.pairs_mm, places)
-    raised = np.zeros(len(places))
+    raised = _by_height(plane, outline)
     if plane.lens is not None:
         camera = None
-        raised = _by_height(plane, plane.lens, outline)
     if plane.lens is not None and plane.lens.bends:
         noise, lens = _by_fitted_lens(plane, plane.lens, homography, places)
     else:
@@ -85,7 +90,9 @@ def compute_error_bound(
         freedom = 2 * len(measured) - (8 if camera is not None else 9)
         if freedom < _LEAST_FREEDOM:
             return ErrorBound(0.0, 0.0, outside, known=False)
-        noise, lens = _by_points(plane, measured, homography, places, None if camera else size)
+        noise, lens = _by_points(
+            plane, measured, homography, places, freedom, None if camera else size
+        )
     worst = int(np.argmax(noise + lens + raised))
     return ErrorBound(float(noise[worst]), float(lens[worst]), outside, float(raised[worst]))
 
@@ -95,13 +102,14 @@ def _by_points(
     measured: FloatArray,
     homography: FloatArray,
     places: FloatArray,
+    freedom: int,
     size: tuple[int, int] | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Shares (N,), mm, of the noise and of a lens that nothing corrects.
 
+    freedom: number of measurements beyond the unknowns.
     size: width and height of the photo, px; None with a calibrated camera.
     """
-    freedom = 2 * len(measured) - (8 if size is None else 9)
     error = (measured - map_points(homography, plane.pairs_mm)).ravel()
     by_homography = compute_homography_slopes(homography, plane.pairs_mm).reshape(-1, 9)
     inverse = np.linalg.pinv(by_homography)
@@ -146,9 +154,10 @@ def _by_fitted_lens(
     return noise, np.maximum(total - noise, 0)
 
 
-def _by_height(plane: Plane, lens: SheetLens, outline: FloatArray) -> FloatArray:
+def _by_height(plane: Plane, outline: FloatArray) -> FloatArray:
     """Share (N,), mm, of a focal length and a principal point that the photo of the sheet gave."""
-    if lens.focal is None or not plane.height:
+    lens = plane.lens
+    if lens is None or lens.focal is None or not plane.height:
         return np.zeros(len(outline))
     below = plane.pixel_from_work @ plane.work_from_pairs
     px = map_points(plane.pixel_from_work, outline)

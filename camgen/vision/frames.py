@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.text import counted
-from camgen.vision.image import Pixels, convert_to_grey
+from camgen.vision.image import WHITE, Pixels, convert_to_grey
 
 Float32 = NDArray[np.float32]
 
-WHITE = 255
 #: px: a note warns of more blur than this. Outlines of parts are fitted up to about three times of
 #: it, with growing errors.
 _MAX_BLUR_PX = 2.0
@@ -168,8 +167,7 @@ def _find_edges(pixels: Pixels) -> _Edges | None:
         return None
     # Grain on a plateau may have a step within reach without being an edge: it is far less steep.
     widths = np.where(candidates, step / np.maximum(slope, 1e-6), np.inf)
-    is_edge = widths < 2 * np.percentile(widths[candidates], 20)
-    return _Edges(is_edge, slope, step)
+    return _Edges(widths < 2 * np.percentile(widths[candidates], 20), slope, step)
 
 
 def _smooth(pixels: Pixels) -> Float32:

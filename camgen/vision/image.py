@@ -255,8 +255,7 @@ def _read_directory(data: bytes, order: str, offset: int) -> tuple[_Ifd, int]:
 
 def _read_number(data: bytes, order: str, entry: tuple[int, int, int]) -> int:
     kind, _, place = entry
-    value: int = struct.unpack_from(order + ("H" if kind == 3 else "I"), data, place)[0]
-    return value
+    return int(struct.unpack_from(order + ("H" if kind == 3 else "I"), data, place)[0])
 
 
 def _read_ratio(data: bytes, order: str, entry: tuple[int, int, int]) -> float:
@@ -341,9 +340,7 @@ def read_picture(source: Source, *, sensor: bool = False) -> Picture:
         notes.append(
             Note("skipped", "all pages but the first", "camgen reads one picture from a file")
         )
-    eight_bits = _convert_to_eight_bits(stored, name, notes)
-    alpha = _find_transparency(eight_bits)
-    pixels = _blend_onto_white(eight_bits, notes)
+    pixels, alpha = _blend_onto_white(_convert_to_eight_bits(stored, name, notes), notes)
     # OpenCV has turned a TIFF already.
     turned = head.orientation != 1 and not (sensor and head.kind != "TIFF")
     if turned:
@@ -411,12 +408,11 @@ def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[
         )
     # libjpeg fills parts that it cannot decode with grey and continues, so they are lost.
     for message in messages:
-        if "orrupt" not in message:
-            continue
-        line = make_one_line(message)
-        if not _HARMLESS.search(line):
-            raise InputError(name, f"is damaged: {line}", remedy=remedy)
-        notes.append(Note("warning", f"the decoder says: {line}", "nothing seems to be lost"))
+        if "orrupt" in message:
+            line = make_one_line(message)
+            if not _HARMLESS.search(line):
+                raise InputError(name, f"is damaged: {line}", remedy=remedy)
+            notes.append(Note("warning", f"the decoder says: {line}", "nothing seems to be lost"))
     return stored
 
 
@@ -471,25 +467,23 @@ def _convert_to_eight_bits(stored: NDArray[np.generic], name: str, notes: list[N
     return scaled.astype(np.uint8, copy=False)
 
 
-def _find_transparency(pixels: Pixels) -> Pixels | None:
-    """The fourth channel (H, W); None without one, or if all of it is opaque."""
-    if pixels.ndim == 2 or pixels.shape[2] == 3 or pixels[..., 3].min() == WHITE:
-        return None
-    return np.ascontiguousarray(pixels[..., 3])
+def _blend_onto_white(pixels: Pixels, notes: list[Note]) -> tuple[Pixels, Pixels | None]:
+    """The pixels without their fourth channel, and that channel (H, W).
 
-
-def _blend_onto_white(pixels: Pixels, notes: list[Note]) -> Pixels:
+    None takes its place if it is missing, or if all of it is opaque.
+    """
     if pixels.ndim == 2 or pixels.shape[2] == 3:
-        return pixels
-    clear = pixels[..., 3] < 255
-    flat = np.ascontiguousarray(pixels[..., :3])
+        return pixels, None
+    flat, alpha = np.ascontiguousarray(pixels[..., :3]), np.ascontiguousarray(pixels[..., 3])
+    clear = alpha < WHITE
     count = int(np.count_nonzero(clear))
-    if count:
-        alpha = pixels[..., 3][clear].astype(np.uint16)[:, None]
-        blended = (flat[clear] * alpha + np.uint16(255) * (255 - alpha) + 127) // 255
-        flat[clear] = blended.astype(np.uint8)
-        notes.append(Note("assumed", f"{counted(count, 'transparent pixel')} blended onto white"))
-    return flat
+    if not count:
+        return flat, None
+    opacity = alpha[clear].astype(np.uint16)[:, None]
+    blended = (flat[clear] * opacity + np.uint16(255) * (255 - opacity) + 127) // 255
+    flat[clear] = blended.astype(np.uint8)
+    notes.append(Note("assumed", f"{counted(count, 'transparent pixel')} blended onto white"))
+    return flat, alpha
 
 
 def _turn_upright(pixels: Pixels, head: Header) -> Pixels:
@@ -519,10 +513,9 @@ def _find_scale(head: Header, notes: list[Note]) -> float | None:
     why = _explain_no_scale(head, x, y)
     if not why:
         return (x + y) / 2
-    what = f"{short(x, 2)} DPI in the file is not used as a scale"
     if x > 0:
         why += f"; if it is meant, set [image] mm_per_px = {short(25.4 / x, 5)}"
-    notes.append(Note("assumed", what, why))
+    notes.append(Note("assumed", f"{short(x, 2)} DPI in the file is not used as a scale", why))
     return None
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import list_chains
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
@@ -64,14 +65,12 @@ def find_ink(pixels: Pixels, threshold: float | None, invert: bool) -> Ink | Non
     light = grey > level
     border = np.concatenate([light[0], light[-1], light[:, 0], light[:, -1]])
     is_on_dark = 2 * int(border.sum()) < len(border)
-    how = "half-way" if threshold is None else "as given"
-    why = f"grey level {short(level, 1)}, {how}; "
+    why = f"grey level {short(level, 1)}, {'half-way' if threshold is None else 'as given'}; "
     why += f"the picture's border is mostly {'dark' if is_on_dark else 'light'}"
     if invert:
         why += ", inverted"
     ink = light == (is_on_dark != invert)
-    padded_ink = np.zeros((ink.shape[0] + 2, ink.shape[1] + 2), dtype=np.bool_)
-    padded_ink[1:-1, 1:-1] = ink
+    padded_ink = np.pad(ink, 1)
     # Ink at the edge of the picture continues as its mirror image about the threshold. So the
     # border of ink that is cut off lies on the edge.
     values = np.pad(grey.astype(np.float32), 1, mode="edge")
@@ -95,19 +94,9 @@ def trace_borders(ink: Ink) -> list[FloatArray]:
     """
     tail, head, direction, point = _find_edges(ink)
     order = np.argsort(tail, kind="stable")
-    following = _find_following(tail[order], head[order], direction[order]).tolist()
+    following = _find_following(tail[order], head[order], direction[order])
     points = point[order]
-    loops, seen = [], bytearray(len(following))
-    for first in range(len(following)):
-        if seen[first]:
-            continue
-        loop, edge = [], first
-        while not seen[edge]:
-            seen[edge] = 1
-            loop.append(edge)
-            edge = following[edge]
-        loops.append(points[loop])
-    return loops
+    return [points[chain] for chain in list_chains(following)]
 
 
 #: Directions 0 to 3 as steps (rows, columns): south, west, north, east. Each one points to the

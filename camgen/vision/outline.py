@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import count_rows
 from camgen.geometry.rings import ComplexArray, Rings, make_rings
 from camgen.model.errors import InputError
 from camgen.model.part import BoolArray, IntArray, Note
@@ -72,14 +73,12 @@ class _Profiles(Struct, frozen=True, eq=False):
     """Pixels across the border at N border pixels.
 
     loops: the loops of the border pixels.
-    chain: (N,) border pixels, u + iv.
     axis: (N,) 1, -1, 1j or -1j, the direction out of the part.
     values: (N, K) grey values at `_STEPS` along the axis.
     weight: (N, K) 1 for values that no other edge disturbs, else 0.
     """
 
     loops: Rings
-    chain: ComplexArray
     axis: ComplexArray
     values: Float32
     weight: Float32
@@ -110,7 +109,7 @@ def fit_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexA
     outward = 1j * measure_directions(loops, chain)
     axis = _choose_axes(outward)
     values = _read_pixels(grey, chain, axis, _STEPS).astype(np.float32)
-    profiles = _Profiles(loops, chain, axis, values, _find_weights(mask, chain, axis))
+    profiles = _Profiles(loops, axis, values, _find_weights(mask, chain, axis))
     zero = np.zeros(len(chain), dtype=np.float32)
     blur = np.ones(len(loops.count), dtype=np.float32)
     fit = _Fit(np.full(len(chain), 0.5), blur, np.ones(len(chain)), zero, zero)
@@ -228,12 +227,9 @@ def _fit_plateaus(
     )
     sums = np.stack([_dot(a, b) for a, b in pairs], axis=1) * trust[:, None]
     inside, outside = _solve_plateaus(loops.mean(sums) + np.array([1e-6, 0, 1e-6, 0, 0]))
-    window_sums = loops.around(sums, _WINDOW)
-    window_sums[:, 0] += _LOOP_WEIGHT
-    window_sums[:, 2] += _LOOP_WEIGHT
-    window_sums[:, 3] += _LOOP_WEIGHT * inside[loops.loop]
-    window_sums[:, 4] += _LOOP_WEIGHT * outside[loops.loop]
-    inside, outside = _solve_plateaus(window_sums)
+    unit = np.ones(len(loops))
+    of_loop = np.column_stack([unit, 0 * unit, unit, inside[loops.loop], outside[loops.loop]])
+    inside, outside = _solve_plateaus(loops.around(sums, _WINDOW) + _LOOP_WEIGHT * of_loop)
     return inside.astype(np.float32), outside.astype(np.float32)
 
 
@@ -372,26 +368,24 @@ def find_outlines(
     notes = list(_note_soft(widths))
     if lacks_edge.any():
         edge = _merge_edges(loops, edge, _fit_mask_edge(mask_pixels, loops, chain), lacks_edge)
-        bare_count = int(lacks_edge.sum())
         notes.append(
             Note(
                 "warning",
-                f"{bare_count} of {counted(len(lacks_edge), 'outline')} taken from the mask alone",
+                f"{int(lacks_edge.sum())} of {counted(len(lacks_edge), 'outline')} "
+                "taken from the mask alone",
                 "the grey picture shows no edge there; their noise is about a tenth of a pixel",
             )
         )
     results: list[Outline] = []
-    small_count = 0
     for loop, rows in enumerate(_select_rows(loops, edge.halfway)):
-        if len(rows) < _MIN_POINTS:
-            small_count += 1
-            continue
-        halfway, shift = edge.halfway[rows], edge.shift[rows]
-        has_edge = not lacks_edge[loop]
-        sigma = max(_measure_noise(halfway), _MIN_SIGMA if has_edge else _MASK_SIGMA)
-        points, blur = _convert_points(halfway + shift), float(edge.blur[loop])
-        hole, halfway_points = bool(holes[loop]), _convert_points(halfway)
-        results.append(Outline(points, halfway_points, hole, sigma, blur, has_edge, is_shadow))
+        if len(rows) >= _MIN_POINTS:
+            halfway, shift = edge.halfway[rows], edge.shift[rows]
+            has_edge = not lacks_edge[loop]
+            sigma = max(_measure_noise(halfway), _MIN_SIGMA if has_edge else _MASK_SIGMA)
+            points, blur = _convert_points(halfway + shift), float(edge.blur[loop])
+            hole, halfway_points = bool(holes[loop]), _convert_points(halfway)
+            results.append(Outline(points, halfway_points, hole, sigma, blur, has_edge, is_shadow))
+    small_count = len(loops.count) - len(results)
     if small_count:
         notes.append(
             Note(
@@ -425,11 +419,9 @@ def _find_chains(mask: Pixels) -> tuple[Rings, ComplexArray, NDArray[np.bool_]]:
 
     chains, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if not chains:
-        loops = make_rings(np.zeros(0, dtype=np.int64))
-        return loops, np.zeros(0, dtype=complex), np.zeros(0, dtype=bool)
+        return make_rings(()), np.zeros(0, dtype=complex), np.zeros(0, dtype=bool)
     flat = np.concatenate(chains)[:, 0].astype(np.float64)
-    loops = make_rings(np.array([len(chain) for chain in chains]))
-    return loops, flat @ np.array([1, 1j]), tree[0, :, 3] >= 0
+    return make_rings(count_rows(chains)), flat @ np.array([1, 1j]), tree[0, :, 3] >= 0
 
 
 def _find_without_edge(loops: Rings, edge: MaskEdge) -> NDArray[np.bool_]:
@@ -471,12 +463,12 @@ def _note_soft(widths: _EdgeWidths) -> tuple[Note, ...]:
     fraction = float(np.mean(widths.soft[measured]))
     if fraction < _MIN_SOFT:
         return ()
-    why = "a shadow is soft on the side of the bench; a camera that moves blurs along its motion"
     return (
         Note(
             "warning",
             f"{100 * fraction:.0f} % of the outlines are soft, the rest is sharp",
-            f"{why}; look at the preview",
+            "a shadow is soft on the side of the bench; a camera that moves blurs along its "
+            "motion; look at the preview",
         ),
     )
 

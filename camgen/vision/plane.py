@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 from numpy.typing import ArrayLike
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.part import Note
-from camgen.model.pose import FloatArray, Pose, frozen, to_vec3
-from camgen.model.text import counted, short
+from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, to_vec3
+from camgen.model.text import counted, short, short_each
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
 from camgen.vision.image import Picture
@@ -53,6 +52,19 @@ def map_points(homography: FloatArray, points: FloatArray) -> FloatArray:
 def compute_depth(homography: FloatArray, points: FloatArray) -> FloatArray:
     """The divisor (N,) of a homography at points (N, 2); its sign changes at the horizon."""
     return np.asarray(points @ homography[2, :2] + homography[2, 2])
+
+
+def compute_homography_slopes(homography: FloatArray, places: FloatArray) -> FloatArray:
+    """Derivatives (N, 2, 9) of the image of each place by the nine numbers of the homography."""
+    lifted = (
+        np.column_stack([places, np.ones(len(places))]) / compute_depth(homography, places)[:, None]
+    )
+    image = map_points(homography, places)
+    slopes = np.zeros((len(places), 2, 9))
+    slopes[:, 0, 0:3] = lifted
+    slopes[:, 1, 3:6] = lifted
+    slopes[:, :, 6:9] = -image[:, :, None] * lifted[:, None, :]
+    return slopes
 
 
 def fit_homography(source: FloatArray, image: FloatArray) -> FloatArray:
@@ -121,8 +133,7 @@ def find_most_distorted(
     """
     oddness = []
     for i in range(len(source)):
-        others = np.arange(len(source)) != i
-        homography = fit_homography(source[others], image[others])
+        homography = fit_homography(np.delete(source, i, axis=0), np.delete(image, i, axis=0))
         if camera is None:
             oddness.append(_measure_stretch(homography, source))
         else:
@@ -163,16 +174,14 @@ def _measure_stretch(homography: FloatArray, source: FloatArray) -> float:
 
 def _measure_error(source: FloatArray, image: FloatArray, index: int) -> float:
     """Distance of an image point from where the other pairs put it, px."""
-    others = np.arange(len(source)) != index
-    homography = fit_homography(source[others], image[others])
+    homography = fit_homography(np.delete(source, index, axis=0), np.delete(image, index, axis=0))
     predicted = map_points(homography, source[index : index + 1])
     return float(np.linalg.norm(predicted[0] - image[index]))
 
 
 def _sum_squares_without(source: FloatArray, image: FloatArray, index: int) -> float:
     """Sum of the squared residuals of the other pairs, px2; inf if they are on a line."""
-    others = np.arange(len(source)) != index
-    source, image = source[others], image[others]
+    source, image = np.delete(source, index, axis=0), np.delete(image, index, axis=0)
     if find_off_line(source) is not None or find_off_line(image) is not None:
         return np.inf
     return float(np.sum((map_points(fit_homography(source, image), source) - image) ** 2))
@@ -191,8 +200,7 @@ def _fit_dlt(source: FloatArray, image: FloatArray) -> FloatArray:
     first = np.hstack([lifted, zeros, -image[:, :1] * lifted])
     second = np.hstack([zeros, lifted, -image[:, 1:] * lifted])
     rows = np.vstack([first, second])
-    flat: FloatArray = np.linalg.svd(rows, full_matrices=len(rows) < 9)[2][-1]
-    return flat.reshape(3, 3)
+    return np.asarray(np.linalg.svd(rows, full_matrices=len(rows) < 9)[2][-1].reshape(3, 3))
 
 
 def _refine(start: FloatArray, source: FloatArray, image: FloatArray) -> FloatArray:
@@ -200,21 +208,17 @@ def _refine(start: FloatArray, source: FloatArray, image: FloatArray) -> FloatAr
 
     The last of its nine elements stays 1. A step that does not reduce the squares ends it.
     """
-    lifted = np.column_stack([source, np.ones(len(source))])
-    zeros = np.zeros_like(lifted)
     best, least_squares = start, np.inf
     current = start
     for _ in range(_MAX_ITERATIONS):
-        moved = map_points(current, source)
-        error = image - moved
+        error = image - map_points(current, source)
         squares = float(np.sum(error**2))
         if not squares < least_squares * (1 - 1e-12):
             break
         best, least_squares = current, squares
-        scaled = lifted / compute_depth(current, source)[:, None]
-        first = np.hstack([scaled, zeros, -moved[:, :1] * scaled[:, :2]])
-        second = np.hstack([zeros, scaled, -moved[:, 1:] * scaled[:, :2]])
-        step = np.linalg.lstsq(np.vstack([first, second]), error.T.ravel())[0]
+        slopes = compute_homography_slopes(current, source)[:, :, :8]
+        rows = slopes.transpose(1, 0, 2).reshape(-1, 8)
+        step = np.linalg.lstsq(rows, error.T.ravel())[0]
         current = current + np.append(step, 0.0).reshape(3, 3)
     return best
 
@@ -264,7 +268,7 @@ class Plane(Struct, frozen=True, eq=False):
     residuals_mm: FloatArray = frozen([])
     residuals_px: FloatArray = frozen([])
     notes: tuple[Note, ...] = ()
-    work_from_pairs: FloatArray = frozen(np.eye(3))
+    work_from_pairs: FloatArray = IDENTITY
     pairs_px: FloatArray = frozen(np.zeros((0, 2)))
     pairs_mm: FloatArray = frozen(np.zeros((0, 2)))
     height: float = 0.0
@@ -310,7 +314,7 @@ def fit_plane(
     homography = fit_homography(work, ideal)
     residuals = np.linalg.norm(map_points(homography, work) - ideal, axis=1)
     labels = [
-        f"{name} (pixel {_format_point(p)}, work {_format_point(w)} mm)"
+        f"{name} (pixel {format_numbers(p)}, work {format_numbers(w)} mm)"
         for name, p, w in zip(names, image, work, strict=True)
     ]
     notes = _check_consistency(camera, ideal, work, residuals, labels, source)
@@ -326,19 +330,28 @@ def fit_plane(
         )
     work_from_pixel: FloatArray = np.linalg.inv(homography).astype(np.float64, copy=False)
     residuals_mm = np.linalg.norm(map_points(work_from_pixel, ideal) - work, axis=1)
-    pairs = {"pairs_px": frozen(image), "pairs_mm": frozen(work)}
-    if not height or camera is None:
-        return replace(_make_plane(homography, residuals_mm, residuals, notes), **pairs)
-    raised = raise_plane(homography, camera, height)
-    if compute_depth(raised, work).min() <= 0:
-        raise JobError(
-            "[camera] height",
-            f"a top face {short(height, 3)} mm above the points lies behind the camera",
-            remedy="give the height of the part, in mm",
-        )
-    plane = _make_plane(raised, residuals_mm, residuals, notes)
-    work_from_pairs = frozen(np.linalg.solve(raised, homography))
-    return replace(plane, work_from_pairs=work_from_pairs, height=height, **pairs)
+    raised, work_from_pairs = homography, IDENTITY
+    if height and camera is not None:
+        raised = raise_plane(homography, camera, height)
+        if compute_depth(raised, work).min() <= 0:
+            raise JobError(
+                "[camera] height",
+                f"a top face {short(height, 3)} mm above the points lies behind the camera",
+                remedy="give the height of the part, in mm",
+            )
+        work_from_pairs = frozen(np.linalg.solve(raised, homography))
+    return Plane(
+        *_scale_homography(raised),
+        rms_mm=math.sqrt(float(residuals_mm @ residuals_mm) / len(residuals_mm)),
+        max_mm=float(residuals_mm.max()),
+        residuals_mm=frozen(residuals_mm),
+        residuals_px=frozen(residuals),
+        notes=tuple(notes),
+        work_from_pairs=work_from_pairs,
+        pairs_px=frozen(image),
+        pairs_mm=frozen(work),
+        height=height,
+    )
 
 
 def make_plane(
@@ -365,8 +378,7 @@ def make_plane(
             source, "the camera sees the part from below, its z points away", remedy=remedy
         )
     axes = np.column_stack([camera_from_work.rotation[:, :2], origin])
-    nothing = np.zeros(0)
-    return _make_plane(camera.matrix @ axes, nothing, nothing, [])
+    return Plane(*_scale_homography(camera.matrix @ axes))
 
 
 def check_pixels(picture: Picture, camera: Camera) -> None:
@@ -400,24 +412,10 @@ def compute_pose(plane_homography: FloatArray, matrix: FloatArray) -> Pose:
     return Pose(frozen(u @ v), to_vec3(axes[:, 2]))
 
 
-def _make_plane(
-    homography: FloatArray, residuals_mm: FloatArray, residuals_px: FloatArray, notes: list[Note]
-) -> Plane:
-    """The plane of a homography from mm to undistorted px, with residuals (N,) or empty ones."""
-    pixel_from_work = homography / np.linalg.norm(homography)
-    rms, largest = 0.0, 0.0
-    if len(residuals_mm):
-        rms = math.sqrt(float(residuals_mm @ residuals_mm) / len(residuals_mm))
-        largest = float(residuals_mm.max())
-    return Plane(
-        frozen(pixel_from_work),
-        frozen(np.linalg.inv(pixel_from_work)),
-        rms,
-        largest,
-        frozen(residuals_mm),
-        frozen(residuals_px),
-        tuple(notes),
-    )
+def _scale_homography(homography: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A homography with a Frobenius norm of 1, and its inverse."""
+    scaled = homography / np.linalg.norm(homography)
+    return frozen(scaled), frozen(np.linalg.inv(scaled))
 
 
 def raise_plane(homography: FloatArray, camera: Camera, height: float) -> FloatArray:
@@ -475,7 +473,7 @@ def _check_general_position(
             raise JobError(
                 source,
                 f"{names[twin]} and {names[int(repeated[0])]} are the same point {kind}",
-                _format_point(points[twin]),
+                format_numbers(points[twin]),
                 "give four or more different points",
             )
         odd = find_off_line(points)
@@ -561,5 +559,6 @@ def _check_seen_from_above(homography: FloatArray, work: FloatArray, source: str
         )
 
 
-def _format_point(values: FloatArray) -> str:
-    return "[" + ", ".join(short(float(v), 3) for v in values) + "]"
+def format_numbers(values: Iterable[float]) -> str:
+    """The coordinates of a point or a region, mm or px, for messages: "[1.5, 20]"."""
+    return f"[{', '.join(short_each(values, 3))}]"

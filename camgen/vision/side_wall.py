@@ -125,8 +125,9 @@ def list_cameras(picture: Picture, plane: Plane, camera: Camera | None) -> list[
     if camera is not None and plane.lens is None:
         return [camera]
     height, width = picture.pixels.shape[:2]
-    size, pairs = (width, height), (plane.pairs_px, plane.pairs_mm)
-    lens = plane.lens or fit_sheet_lens(*pairs, size, needs_focal=True, focal_px=picture.focal_px)
+    lens = plane.lens or fit_sheet_lens(
+        plane.pairs_px, plane.pairs_mm, (width, height), True, picture.focal_px
+    )
     if lens is None:
         return []
     half = float(np.hypot(width - 1, height - 1)) / 2

@@ -9,17 +9,19 @@ spurs are removed, near junctions are merged, and branches that run straight on 
 
 from __future__ import annotations
 
-from collections import defaultdict
+import itertools
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from itertools import compress
 
 import cv2
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import find_root
 from camgen.geometry.rings import ComplexArray
 from camgen.model.part import BoolArray, IntArray
+from camgen.model.sequences import take_rows
 from camgen.vision.image import Pixels
 
 #: The eight neighbours (rows down, columns right) from the one above, clockwise. Neighbour k has
@@ -173,16 +175,13 @@ def make_graph(lines: Pixels, kept: Pixels | None, depth: Float32) -> Graph:
     place = u + 1j * v
     # For each pixel of a line the node of the kept pixel that it touches, -1 for none.
     anchor = np.full(len(flat), -1)
-    places, held = [place], [np.zeros(len(flat), dtype=bool)]
     if kept is not None and len(flat):
         rows, anchor_places = _find_anchors(u, v, kept)
         anchor[rows] = len(flat) + np.arange(len(rows))
-        places.append(anchor_places)
-        held.append(np.ones(len(rows), dtype=bool))
-    place = np.concatenate(places)
+        place = np.concatenate([place, anchor_places])
     node_depth = depth[place.imag.astype(np.int64), place.real.astype(np.int64)].astype(np.float64)
     branches = _find_branches(neighbours, anchor.tolist(), place)
-    return Graph(branches, place, np.concatenate(held), node_depth)
+    return Graph(branches, place, np.arange(len(place)) >= len(flat), node_depth)
 
 
 def _find_neighbours(flat: IntArray, width: int) -> list[list[int]]:
@@ -257,23 +256,21 @@ def _find_branches(
 
     neighbours: the anchors are added to it.
     """
-    for pixels, node in zip(neighbours, anchor, strict=True):
-        if node >= 0:
-            pixels.append(node)
+    attached = [pixel for pixel, node in enumerate(anchor) if node >= 0]
+    for pixel in attached:
+        neighbours[pixel].append(anchor[pixel])
     is_node = [len(pixels) != 2 for pixels in neighbours]
     net = _Net(neighbours, is_node, bytearray(len(neighbours)))
     chains: list[list[int]] = []
-    for pixel in compress(range(len(is_node)), is_node):
+    for pixel in itertools.compress(range(len(is_node)), is_node):
         chains += _follow_from_node(net, pixel)
-    attached = [pixel for pixel, node in enumerate(anchor) if node >= 0]
     for pixel in (*attached, *range(len(anchor))):
-        if is_node[pixel] or net.done[pixel]:
-            continue
-        if anchor[pixel] >= 0:
-            chains.append(net.follow(anchor[pixel], pixel))
-        else:
-            chains.append(net.follow(pixel, neighbours[pixel][0]))
-        net.done[pixel] = 1
+        if not is_node[pixel] and not net.done[pixel]:
+            if anchor[pixel] >= 0:
+                chains.append(net.follow(anchor[pixel], pixel))
+            else:
+                chains.append(net.follow(pixel, neighbours[pixel][0]))
+            net.done[pixel] = 1
     return [Branch(place[chain], chain[0], chain[-1]) for chain in chains]
 
 
@@ -358,31 +355,30 @@ def join_strokes(net: Graph) -> list[Stroke]:
     place, junction_of = _merge_junctions(net, lines)
     kept: list[Branch] = []
     for branch in lines:
-        is_merged = junction_of[branch.start] == junction_of[branch.end]
-        is_inside = is_merged and branch.start != branch.end
-        if not is_inside or branch.length > _LOOP_DEPTHS * net.depth[branch.start]:
+        is_apart = junction_of[branch.start] != junction_of[branch.end]
+        if (
+            is_apart
+            or branch.start == branch.end
+            or branch.length > _LOOP_DEPTHS * net.depth[branch.start]
+        ):
             kept.append(branch)
-    node: list[int] = []
-    for branch in kept:
-        node += [junction_of[branch.start], junction_of[branch.end]]
+    node = take_rows(junction_of, _list_ends(kept))
     meeting: dict[int, list[int]] = defaultdict(list)
     for end, junction in enumerate(node):
         meeting[junction].append(end)
     return dots + _join_branches(_Junctions(net, kept, node, dict(meeting), place))
 
 
-def _count_ends(branches: list[Branch]) -> dict[int, int]:
-    count: dict[int, int] = defaultdict(int)
-    for branch in branches:
-        count[branch.start] += 1
-        count[branch.end] += 1
-    return count
+def _list_ends(branches: list[Branch]) -> list[int]:
+    """The nodes at the ends of branches: the start and the end of each in turn."""
+    ends = [(branch.start, branch.end) for branch in branches]
+    return list(itertools.chain.from_iterable(ends))
 
 
 def _remove_spurs(net: Graph, branches: list[Branch]) -> list[Branch]:
     """The branches without spurs, at most twice. A node that loses all its branches is a dot."""
     for _ in range(2):
-        count = _count_ends(branches)
+        count = Counter(_list_ends(branches))
         kept: list[Branch] = []
         roots: list[int] = []
         for branch in branches:
@@ -394,7 +390,7 @@ def _remove_spurs(net: Graph, branches: list[Branch]) -> list[Branch]:
                 kept.append(branch)
         if not roots:
             break
-        kept_count = _count_ends(kept)
+        kept_count = Counter(_list_ends(kept))
         lonely = dict.fromkeys(n for n in roots if not kept_count[n] and not net.held[n])
         branches = kept + [Branch(net.place[[n]], n, n) for n in lonely]
     return branches
@@ -408,25 +404,17 @@ def _merge_junctions(
     Returns the place of each junction, u + iv, by the node that represents it, and the node that
     represents each node of a branch.
     """
-    count = _count_ends(branches)
+    count = Counter(_list_ends(branches))
     # A forest of nodes (union-find): a root represents all nodes of its tree.
-    parent: dict[int, int] = {n: n for n in count}
-
-    def find_root(n: int) -> int:
-        while parent[n] != n:
-            parent[n] = parent[parent[n]]
-            n = parent[n]
-        return n
-
+    parents = list(range(len(net.place)))
     for branch in branches:
         start, end = branch.start, branch.end
-        if start == end or count[start] <= 2 or count[end] <= 2:
-            continue
-        if net.held[start] or net.held[end]:
+        are_junctions = start != end and count[start] > 2 and count[end] > 2
+        if not are_junctions or net.held[start] or net.held[end]:
             continue
         if branch.length <= _MERGE_DEPTHS * max(net.depth[start], net.depth[end]):
-            parent[find_root(end)] = find_root(start)
-    root_of = {n: find_root(n) for n in parent}
+            parents[find_root(parents, end)] = find_root(parents, start)
+    root_of = {n: find_root(parents, n) for n in count}
     members: dict[int, list[int]] = defaultdict(list)
     for n, root in root_of.items():
         members[root].append(n)
@@ -503,5 +491,4 @@ def _follow_stroke(
     if end == start:
         return Stroke(np.concatenate(parts), True, False, False)
     parts.append(np.array([junctions.place[junctions.node[last]]]))
-    free_ends = junctions.is_free(start), junctions.is_free(last)
-    return Stroke(np.concatenate(parts), False, *free_ends)
+    return Stroke(np.concatenate(parts), False, junctions.is_free(start), junctions.is_free(last))

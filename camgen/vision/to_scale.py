@@ -23,7 +23,14 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.vision.camera.camera import Camera, distort, sample_photo, undistort
 from camgen.vision.image import Picture, Pixels
-from camgen.vision.plane import Plane, check_pixels, compute_depth, compute_scales, map_points
+from camgen.vision.plane import (
+    Plane,
+    check_pixels,
+    compute_depth,
+    compute_scales,
+    format_numbers,
+    map_points,
+)
 
 # The map from pixels of the view to pixels of the photo. It is exact at the nodes of a coarse grid
 # and linear between nodes, and is computed in strips.
@@ -185,9 +192,13 @@ def remap(
         )
         strip = np.s_[top : top + rows, left:right]
         # One map holds u and v; OpenCV's stubs do not know that the second one is None then.
-        border = cv2.BORDER_CONSTANT
         cv2.remap(  # type: ignore[call-overload]
-            photo, places, None, cv2.INTER_LINEAR, dst=view[strip], borderMode=border
+            photo,
+            places,
+            None,
+            cv2.INTER_LINEAR,
+            dst=view[strip],
+            borderMode=cv2.BORDER_CONSTANT,
         )
         inside_columns = np.all(inside[node_rows, columns], axis=0)
         _mark_valid(valid[strip], inside_columns, step, places, shown.size)
@@ -248,9 +259,7 @@ def _make_nodes(
         exact = _compute_exact_nodes(shown, work_from_view, size, exact_step)
         if exact.fourth_difference * 3 / 128 <= _CUBIC_ERROR:
             break
-    for step in _STEPS:
-        if step > exact.step:
-            continue
+    for step in _STEPS[_STEPS.index(exact.step) :]:
         if exact.second_difference * (step / exact.step) ** 2 <= _LINEAR_ERROR * 16:
             break
     return step, _interpolate_nodes(exact, step, size)
@@ -373,44 +382,42 @@ class ScaledView(Struct, frozen=True, eq=False):
     valid: NDArray[np.bool_] | None = None
     notes: tuple[Note, ...] = ()
 
+    def convert_to_work(self, pixels: FloatArray) -> tuple[tuple[float, float], ...]:
+        """Convert pixels (N, 2) of the view to places in the work frame, mm."""
+        lifted = np.column_stack([pixels, np.ones(len(pixels))])
+        return tuple((x, y) for x, y in (lifted @ self.work_from_view.T).tolist())
+
 
 def make_scaled_view(
-    picture: Picture,
-    mm_per_px: float | None = None,
-    width_mm: float | None = None,
-    dpi: float | None = None,
+    picture: Picture, mm_per_px: float | None = None, width_mm: float | None = None
 ) -> ScaledView:
     """Make the view of a picture that is to scale already.
 
-    The origin is the lower left corner of its lower left pixel. The scale is one of the three
-    values, else that of the DPI in the picture's file.
+    The origin is the lower left corner of its lower left pixel. The scale is one of the two values,
+    else that of the DPI in the picture's file.
 
     Raises JobError for two values or one that is not positive, InputError without any scale.
     """
     height, width = picture.pixels.shape[:2]
-    scales_by_name = {"mm_per_px": mm_per_px, "width_mm": width_mm, "dpi": dpi}
-    given = {name: value for name, value in scales_by_name.items() if value is not None}
-    if len(given) > 1:
+    if mm_per_px is not None and width_mm is not None:
         raise JobError(
-            "[image]", f"{' and '.join(given)} are both given", remedy="give one of them"
+            "[image]", "mm_per_px and width_mm are both given", remedy="give one of them"
         )
-    for name, value in given.items():
-        if not (math.isfinite(value) and value > 0):
+    for name, value in (("mm_per_px", mm_per_px), ("width_mm", width_mm)):
+        if value is not None and not (math.isfinite(value) and value > 0):
             raise JobError(f"[image] {name}", f"must be more than 0, not {value}")
-    if mm_per_px is None:
-        dots = dpi if dpi is not None else picture.dpi
-        if width_mm is not None:
-            mm_per_px = width_mm / width
-        elif dots is not None:
-            mm_per_px = _MM_PER_INCH / dots
-        else:
-            raise _describe_missing_scale(picture)
     notes: tuple[Note, ...] = ()
-    if not given:
+    if width_mm is not None:
+        mm_per_px = width_mm / width
+    elif mm_per_px is None:
+        if picture.dpi is None:
+            raise _describe_missing_scale(picture)
+        mm_per_px = _MM_PER_INCH / picture.dpi
         notes = (Note("assumed", f"scale of {short(mm_per_px, 5)} mm/px from the file's DPI"),)
-    s = mm_per_px
-    work_from_view = frozen([[s, 0, s / 2], [0, -s, (height - 0.5) * s]])
-    return ScaledView(picture.pixels, work_from_view, s, None, notes)
+    work_from_view = frozen(
+        [[mm_per_px, 0, mm_per_px / 2], [0, -mm_per_px, (height - 0.5) * mm_per_px]]
+    )
+    return ScaledView(picture.pixels, work_from_view, mm_per_px, None, notes)
 
 
 def cut_out(view: ScaledView, region: Region | None, coarser: int = 1) -> ScaledView:
@@ -432,7 +439,7 @@ def cut_out(view: ScaledView, region: Region | None, coarser: int = 1) -> Scaled
             raise InputError(
                 "picture",
                 "does not show the region",
-                _format_region(region),
+                f"{format_numbers(region)} mm",
                 "check its corners, in mm from the lower left corner of the picture",
             )
         pixels = np.ascontiguousarray(pixels[top:bottom, left:right])
@@ -453,7 +460,6 @@ def _describe_missing_scale(picture: Picture) -> InputError:
     for note in picture.notes:
         if "not used as a scale" in note.what:
             unused = f" ({note.what}: {note.why})"
-            break
     return InputError(
         picture.name,
         f"has no scale{unused}",
@@ -575,14 +581,10 @@ def _find_scale(shown: PlaneView, picture: Picture, region: Region) -> float:
         raise InputError(
             picture.name,
             "does not show the region",
-            _format_region(region),
+            f"{format_numbers(region)} mm",
             "check its corners, in mm of the work frame",
         )
     return float(measure_mm_per_pixel(shown, inside)[0].min())
-
-
-def _format_region(region: Region) -> str:
-    return "[" + ", ".join(short(v, 3) for v in region) + "] mm"
 
 
 def _round_down(scale: float) -> float:

@@ -15,7 +15,6 @@ from camgen.model.pose import (
     angle_between,
     frozen,
     rotation_about,
-    rotation_from_axes,
     translation,
 )
 from camgen.model.program import (
@@ -128,7 +127,7 @@ def reorientation(degrees: float, speed: float = 100.0, angle: float = 1.0) -> P
 def on_disc(angle: float, z: float = -2.0) -> Pose:
     """Pose on the border of a disc of radius 20 about the origin, tool x towards its centre."""
     c, s = math.cos(angle), math.sin(angle)
-    return Pose(rotation_from_axes((0, 0, -1), (-c, -s, 0)), (20 * c, 20 * s, z))
+    return Pose(frozen([[-c, -s, 0], [-s, c, 0], [0, 0, -1]]), (20 * c, 20 * s, z))
 
 
 def inward(angle: float) -> tuple[float, float, float]:

@@ -19,10 +19,7 @@ _WORDS = ("coord", "coordinate", "koordinate", "pos", "position", "location", "p
 
 def _decorate(axis: str) -> frozenset[str]:
     """Names such as `x coord`, without blanks and underscores."""
-    names: set[str] = set()
-    for word in _WORDS:
-        names |= {axis + word, word + axis}
-    return frozenset(names)
+    return frozenset({axis + word for word in _WORDS} | {word + axis for word in _WORDS})
 
 
 _EAST = frozenset({"e", "east", "easting", "eastings", "rechtswert"})
@@ -84,11 +81,10 @@ def find_columns(names: Sequence[str]) -> Columns | None:
                 raise ValueError(f"the column {names[indices[1]].strip()!r} is there twice")
         x, y, z = (indices[0] for indices in places)
         stated = {units[x], units[y], units[z]}
+        three = (names[x], names[y], names[z])
         if len(stated) > 1:
-            three = f"{names[x].strip()}, {names[y].strip()}, {names[z].strip()}"
-            raise ValueError(f"the columns {three} have different units")
-        compass = family is _FAMILIES[-1]
-        return Columns((x, y, z), stated.pop(), (names[x], names[y], names[z]), compass)
+            raise ValueError(f"the columns {', '.join(map(str.strip, three))} have different units")
+        return Columns((x, y, z), stated.pop(), three, compass=family is _FAMILIES[-1])
     return None
 
 

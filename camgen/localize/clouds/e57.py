@@ -19,7 +19,6 @@ _STATE = "cartesianInvalidState"
 _LEAST_BITS = 3
 #: A quaternion turns if its length is one to this.
 _UNIT_LENGTH = 1e-3
-_METRES = "E57 is in m by its standard (ASTM E2807)"
 
 
 def read_e57(name: str, data: bytes) -> FileCloud:
@@ -44,8 +43,12 @@ def read_e57(name: str, data: bytes) -> FileCloud:
             raise InputError(name, f"is damaged or not an E57 file: {why}", remedy=AGAIN) from error
     if not scans:
         raise InputError(name, "has no scan", remedy=AGAIN)
-    whys = ("the scanner marks them as invalid", "each by its own pose")
-    return join_scans(scans, ("point was", "points were"), whys, _METRES)
+    return join_scans(
+        scans,
+        ("point was", "points were"),
+        ("the scanner marks them as invalid", "each by its own pose"),
+        "E57 is in m by its standard (ASTM E2807)",
+    )
 
 
 def _read_scan(file: Any, index: int, limit: int) -> StationScan:

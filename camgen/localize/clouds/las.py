@@ -75,8 +75,7 @@ def _check_records(data: bytes) -> None:
 
 def _check_points(header: Any, size: int) -> None:
     """Raises ValueError if the file is too short for its points: laspy allocates them first."""
-    wanted = header.offset_to_point_data + header.point_count * header.point_format.size
-    if wanted > size:
+    if header.offset_to_point_data + header.point_count * header.point_format.size > size:
         raise ValueError(f"it claims {header.point_count:,} points and ends before the last")
 
 
@@ -90,7 +89,8 @@ def _find_unit(name: str, records: list[Any]) -> str:
     for record in records:
         for key in getattr(record, "geo_keys", ()):
             keys[key.id] = key.value_offset
-        texts += [record.string] if hasattr(record, "string") else []
+        if hasattr(record, "string"):
+            texts.append(record.string)
     if keys.get(_MODEL_KEY) == _GEOGRAPHIC or any(map(_WKT_DEGREES.match, texts)):
         raise InputError(
             name,

@@ -38,14 +38,17 @@ def read_ptx(name: str, data: bytes) -> FileCloud:
     lines = data.decode("ascii", "replace").splitlines()
     scans, begin = [], 0
     while begin < len(lines):
-        if not lines[begin].strip():
+        if lines[begin].strip():
+            scan, begin = _read_scan(name, lines, begin)
+            scans.append(scan)
+        else:
             begin += 1
-            continue
-        scan, begin = _read_scan(name, lines, begin)
-        scans.append(scan)
-    missing = ("row without a point was", "rows without a point were")
-    whys = ("the scanner saw nothing there", "each by its own matrix")
-    return join_scans(scans, missing, whys, "Leica Cyclone writes PTX in m")
+    return join_scans(
+        scans,
+        ("row without a point was", "rows without a point were"),
+        ("the scanner saw nothing there", "each by its own matrix"),
+        "Leica Cyclone writes PTX in m",
+    )
 
 
 def _read_scan(name: str, lines: Sequence[str], begin: int) -> tuple[StationScan, int]:
@@ -94,11 +97,10 @@ def _read_head(name: str, lines: Sequence[str], begin: int) -> list[list[float]]
         line = lines[begin + k] if begin + k < len(lines) else ""
         numbers = parse_numbers(line.split())
         if len(numbers) != wanted:
-            numbers_there = counted(wanted, "number")
             raise InputError(
                 name,
                 f"{make_one_line(line[:40])!r} is not in the head of a scan: "
-                f"that has {numbers_there}",
+                f"that has {counted(wanted, 'number')}",
                 f"line {begin + k + 1}",
                 AGAIN,
             )

@@ -82,8 +82,7 @@ def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) 
         places = _find_axes([column for column, _ in head.columns])
         if not 0 <= head.count < _MOST_ENTRIES:
             raise ValueError("the number of points cannot be")
-        body = data[head.body :]
-        return _LAYOUTS[head.layout](head, body, places)
+        return _LAYOUTS[head.layout](head, data[head.body :], places)
     except (ValueError, LookupError, OverflowError) as error:
         raise InputError(
             name, f"is damaged or no {kind} point cloud: {error}", remedy=AGAIN
@@ -139,8 +138,8 @@ def _pcd_head(data: bytes) -> _Head:
 
 def _check_count(present: int, head: _Head) -> None:
     if present < head.count:
-        verbs = (f"of {head.count} points is there", f"of {head.count} points are there")
-        raise ValueError(counted(present, *verbs))
+        points = f"of {head.count} points"
+        raise ValueError(counted(present, f"{points} is there", f"{points} are there"))
 
 
 def _parse_text(head: _Head, body: bytes, places: list[int]) -> FloatArray:
@@ -214,12 +213,10 @@ def _viewpoint(name: str, data: bytes) -> FloatArray | None:
 
     Programs that do not know it write 0, 0, 0 without a turn, which says nothing.
     """
-    for line in data.splitlines():
-        if line.startswith(b"VIEWPOINT"):
-            values = parse_numbers(line.split()[1:])
-            break
-    else:
+    lines = [line for line in data.splitlines() if line.startswith(b"VIEWPOINT")]
+    if not lines:
         return None
+    values = parse_numbers(lines[0].split()[1:])
     if len(values) != 7:
         raise InputError(
             name,

@@ -191,14 +191,13 @@ def _read_head(name: str, head: Sequence[str], rows: _Rows) -> tuple[Columns | N
     others = []
     for number, line in reversed([*enumerate(head, 1)]):
         text = _COMMENT.sub("", line, count=1).strip()
-        if not text or text.isdecimal():
-            continue
-        where = f"line {number}, {make_one_line(text[:40])!r}"
-        columns = _name_columns(name, text, where, rows)
-        if columns is not None:
-            return _state_unit(name, columns, head[number:], rows), _note_names(columns)
-        if not _COMMENT.match(line):
-            others.append((text, where))
+        if text and not text.isdecimal():
+            where = f"line {number}, {make_one_line(text[:40])!r}"
+            columns = _name_columns(name, text, where, rows)
+            if columns is not None:
+                return _state_unit(name, columns, head[number:], rows), _note_names(columns)
+            if not _COMMENT.match(line):
+                others.append((text, where))
     for text, where in others:
         if _count_words(_split_names(text, rows.mark)) == rows.width:
             raise InputError(
@@ -228,19 +227,18 @@ def _name_columns(name: str, line: str, where: str, rows: _Rows) -> Columns | No
             columns = find_columns(names)
         except ValueError as error:
             raise AmbiguousInput(name, str(error), where, "leave one of them") from error
-        if columns is None:
-            continue
-        wide = _count_words(names)
-        leading = sorted(columns.places) == [0, 1, 2] and rows.mark != ","
-        if wide != rows.width and not leading:
-            below = f"the line below it has {counted(rows.width, 'word')}"
-            raise InputError(
-                name,
-                f"its head names {counted(wide, 'column')}, and {below}",
-                where,
-                "name each column once, without blanks",
-            )
-        return columns
+        if columns is not None:
+            wide = _count_words(names)
+            leading = sorted(columns.places) == [0, 1, 2] and rows.mark != ","
+            if wide != rows.width and not leading:
+                raise InputError(
+                    name,
+                    f"its head names {counted(wide, 'column')}, "
+                    f"and the line below it has {counted(rows.width, 'word')}",
+                    where,
+                    "name each column once, without blanks",
+                )
+            return columns
     return None
 
 
@@ -318,10 +316,9 @@ def _explain_fault(name: str, rows: _Rows, places: Sequence[int]) -> InputError:
     first: dict[str, int] = {}
     for line, number in zip(rows.lines, rows.numbers, strict=True):
         where, words = f"line {number}", _split(line, rows.mark)
-        numbers = []
-        for k in places:
-            if k < len(words) and _NUMBER.fullmatch(words[k].strip()):
-                numbers.append(words[k])
+        numbers = [
+            words[k] for k in places if k < len(words) and _NUMBER.fullmatch(words[k].strip())
+        ]
         if len(numbers) < 3:
             text = make_one_line(line[:40])
             return InputError(name, f"{text!r} is not a point", where, "a line is x y z")

@@ -236,15 +236,8 @@ class SeenBoard(Struct, frozen=True, eq=False):
     corner_count: int
 
 
-class _Rough(Struct, frozen=True, eq=False):
-    """The inner corners as OpenCV finds them.
-
-    corners: (N, 2) px.
-    numbers: (N,), their numbers on the board, row by row.
-    """
-
-    corners: FloatArray
-    numbers: IntArray
+#: Inner corners (N, 2) as OpenCV finds them, px, and their numbers (N,) on the board, row by row.
+_Corners = tuple[FloatArray, IntArray]
 
 
 def make_chessboard(columns: int, rows: int, square: float) -> Chessboard:
@@ -311,14 +304,14 @@ def find_board(pixels: Pixels, target: Target) -> SeenBoard | None:
     """Finds a board in a photo, (H, W) or (H, W, 3) blue, green, red; None if it is not there."""
     grey = convert_to_grey(pixels)
     for factor in dict.fromkeys((math.ceil(math.sqrt(grey.size / _SEARCHED_PIXELS)), 1)):
-        for rough in _search_reduced(grey, factor, target):
-            board = _measure_board(grey, rough, target)
+        for corners, numbers in _search_reduced(grey, factor, target):
+            board = _measure_board(grey, corners, numbers, target)
             if board is not None:
                 return board
     return None
 
 
-def _search_reduced(grey: Pixels, factor: int, target: Target) -> Iterator[_Rough]:
+def _search_reduced(grey: Pixels, factor: int, target: Target) -> Iterator[_Corners]:
     """Candidates for the board in the picture reduced by `factor`, in px of the full one."""
     height, width = grey.shape
     size, small = (width // factor, height // factor), grey
@@ -328,12 +321,11 @@ def _search_reduced(grey: Pixels, factor: int, target: Target) -> Iterator[_Roug
         candidates = _search_chessboard(small, target, factor > 1)
     else:
         candidates = _search_charuco(small, target)
-    for rough in candidates:
-        corners = (rough.corners + 0.5) * (np.array([width, height]) / size) - 0.5
-        yield _Rough(corners, rough.numbers)
+    for corners, numbers in candidates:
+        yield (corners + 0.5) * (np.array([width, height]) / size) - 0.5, numbers
 
 
-def _search_chessboard(grey: Pixels, target: Chessboard, reduced: bool) -> Iterator[_Rough]:
+def _search_chessboard(grey: Pixels, target: Chessboard, reduced: bool) -> Iterator[_Corners]:
     """Candidates by two detectors.
 
     The older one finds boards that lie flat in the photo, the newer one blurred ones, and each
@@ -346,18 +338,18 @@ def _search_chessboard(grey: Pixels, target: Chessboard, reduced: bool) -> Itera
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
         is_found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
         if is_found:
-            yield _Rough(np.asarray(corners, dtype=np.float64).reshape(-1, 2), numbers)
+            yield np.asarray(corners, dtype=np.float64).reshape(-1, 2), numbers
     cv2.setRNGSeed(0)  # its search of neighbours is a random one
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
     is_found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
     if is_found:
-        yield _Rough(np.asarray(corners, dtype=np.float64).reshape(-1, 2), numbers)
+        yield np.asarray(corners, dtype=np.float64).reshape(-1, 2), numbers
 
 
-def _search_charuco(grey: Pixels, target: Board) -> Iterator[_Rough]:
+def _search_charuco(grey: Pixels, target: Board) -> Iterator[_Corners]:
     for pattern in find_patterns(grey, target):
         if len(pattern.numbers) >= _MIN_CORNERS:
-            yield _Rough(pattern.corners, pattern.numbers)
+            yield pattern.corners, pattern.numbers
 
 
 class Pattern(Struct, frozen=True, eq=False):
@@ -415,30 +407,34 @@ def refine_corners(grey: Pixels, pattern: Pattern, board: Board) -> tuple[FloatA
 
     If too few of them are corners of such a board, those of OpenCV are returned.
     """
-    fitted = None
     if len(pattern.numbers) >= _MIN_CORNERS:
-        fitted = _measure_board(grey, _Rough(pattern.corners, pattern.numbers), board)
-    if fitted is None:
-        return pattern.corners, pattern.numbers
-    column, row = np.rint(fitted.places / board.square).astype(np.int64).T
-    return fitted.corners, row * (board.columns - 1) + column
+        fitted = _measure_board(grey, pattern.corners, pattern.numbers, board)
+        if fitted is not None:
+            column, row = np.rint(fitted.places / board.square).astype(np.int64).T
+            return fitted.corners, row * (board.columns - 1) + column
+    return pattern.corners, pattern.numbers
 
 
-def _measure_board(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:
+def _measure_board(
+    grey: Pixels, rough: FloatArray, numbers: IntArray, target: Target
+) -> SeenBoard | None:
     """The board with fitted corners; None if too few of them are corners of such a board."""
-    is_chessboard = isinstance(target, Chessboard)
-    inner = 0 if is_chessboard else 1
-    columns, rows = target.columns - inner, target.rows - inner
-    row, column = np.divmod(rough.numbers, columns)
+    columns, rows = target.columns, target.rows
+    # Around a corner there are only its two edges within this distance, mm, less the blur, px.
+    free, blur = _WINDOW_SHARE * target.square, 0.0
+    if isinstance(target, Board):
+        columns, rows = columns - 1, rows - 1
+        # The markers lie diagonally from the corner.
+        free, blur = min(free, (target.square - target.marker) / math.sqrt(2)), _BLUR_PX
+    row, column = np.divmod(numbers, columns)
     places = np.column_stack([column, row]) * target.square
-    if find_off_line(places) is not None or find_off_line(rough.corners) is not None:
+    if find_off_line(places) is not None or find_off_line(rough) is not None:
         return None
-    homography = fit_homography(places, rough.corners)
+    homography = fit_homography(places, rough)
     if compute_depth(homography, places).min() <= 0:
         return None
-    window = _measure_window(target) * compute_scales(homography, places)[:, 0]
-    axes = _find_axes(homography, places)
-    saddles = fit_saddles(grey, rough.corners, axes, window - (0 if is_chessboard else _BLUR_PX))
+    window = free * compute_scales(homography, places)[:, 0] - blur
+    saddles = fit_saddles(grey, rough, _find_axes(homography, places), window)
     contrast = saddles.contrast * np.where((row + column) % 2, -1, 1)
     sign = np.sign(np.median(contrast))
     contrast = contrast * sign
@@ -451,20 +447,10 @@ def _measure_board(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | N
     if is_short or find_off_line(places[good]) is not None:
         return None
     corners, places = saddles.corners[good], places[good]
-    if is_chessboard and (columns + rows) % 2 and sign < 0:
+    if isinstance(target, Chessboard) and (columns + rows) % 2 and sign < 0:
         last = np.array([columns - 1, rows - 1]) * target.square
         corners, places = corners[::-1], (last - places)[::-1]
     return SeenBoard(frozen(corners), frozen(places), columns * rows)
-
-
-def _measure_window(target: Target) -> float:
-    """The distance around a corner in which there are only its two edges, mm.
-
-    The markers of a ChArUco board lie diagonally from the corner.
-    """
-    if isinstance(target, Chessboard):
-        return _WINDOW_SHARE * target.square
-    return min(_WINDOW_SHARE * target.square, (target.square - target.marker) / math.sqrt(2))
 
 
 def _find_axes(homography: FloatArray, places: FloatArray) -> FloatArray:

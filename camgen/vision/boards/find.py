@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import compress
+from itertools import compress, product
 from typing import NamedTuple
 
 import cv2
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.vision.boards.corners import (
     Pattern,
@@ -100,11 +101,6 @@ class _MarkCorners(NamedTuple):
     middles: FloatArray
     notes: tuple[Note, ...]
 
-    @property
-    def markers(self) -> int:
-        """The number of corners that belong to markers."""
-        return sum(self.marks[owner].startswith("marker") for owner in self.owners.tolist())
-
 
 def find(
     picture: Picture, camera: Camera | None, target: Sheet | Board, *, height: float = 0.0
@@ -163,7 +159,6 @@ def _fit_lens(
 
     Returns the marks, and the lens or None.
     """
-    lens: SheetLens | None = None
     height_px, width_px = picture.pixels.shape[:2]
     kept = np.ones(len(marks.px), dtype=np.bool_)
     for _ in range(_LENS_ROUNDS):
@@ -171,7 +166,7 @@ def _fit_lens(
         lens = fit_sheet_lens(px, mm, (width_px, height_px), bool(height), picture.focal_px)
         camera = None if lens is None else lens.camera
         moved = 0.0
-        count = marks.markers
+        count = sum(name.startswith("marker") for name in marks.names)
         if count and camera is not None:
             corners = _measure(
                 convert_to_grey(picture.pixels), marks.px[:count].reshape(-1, 4, 2), camera
@@ -230,7 +225,7 @@ def _find_sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _MarkC
             )
         )
     corners_of = dict(seen)
-    corners = _measure(grey, np.array([corners_of[number] for number in usable]), camera)
+    corners = _measure(grey, np.array(take_rows(corners_of, usable)), camera)
     marker_names = [f"marker {number}" for number in usable]
     return _MarkCorners(
         corners.reshape(-1, 2),
@@ -262,7 +257,7 @@ def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkC
         usable = []
     rows = [pattern.markers.tolist().index(number) for number in usable]
     corners = _measure(grey, pattern.marker_corners[rows], camera).reshape(-1, 2)
-    around = np.array([middles[number] for number in usable]).reshape(-1, 2).repeat(4, axis=0)
+    around = np.array(take_rows(middles, usable)).reshape(-1, 2).repeat(4, axis=0)
     marker_mm = around + board.marker / 2 * np.tile(_SQUARE, (len(usable), 1))
     marker_names = [f"marker {number}" for number in usable]
     inner_names = [f"corner {number}" for number in inner.tolist()]
@@ -279,10 +274,7 @@ def _find_board(picture: Picture, camera: Camera | None, board: Board) -> _MarkC
 
 
 def _name_corners(markers: Sequence[str]) -> list[str]:
-    names: list[str] = []
-    for marker in markers:
-        names += [f"{marker} corner {corner}" for corner in (1, 2, 3, 4)]
-    return names
+    return [f"{marker} corner {corner}" for marker, corner in product(markers, (1, 2, 3, 4))]
 
 
 def _fit_marker_size(marks: _MarkCorners, camera: Camera | None) -> _MarkCorners:
@@ -299,8 +291,7 @@ def _fit_marker_size(marks: _MarkCorners, camera: Camera | None) -> _MarkCorners
     side = np.sign(marks.mm[:count] - marks.middles)
     half = (map_points(to_mm, ideal[:count]) - marks.middles) * side
     shown = float(np.nanmedian(half.reshape(-1, 8).mean(axis=1)))
-    mm = np.concatenate([marks.middles + shown * side, marks.mm[count:]])
-    return marks._replace(mm=mm)
+    return marks._replace(mm=np.concatenate([marks.middles + shown * side, marks.mm[count:]]))
 
 
 def _choose_pattern(pixels: Pixels, board: Board) -> Pattern:
@@ -378,10 +369,9 @@ def _missing_lines(pattern: Pattern, board: Board) -> tuple[Note, ...]:
 
 
 def _note_missing(missing: int, side: _Side, board: Board) -> Note:
-    lines = f"the {side.name} {side.line}"
-    if missing > 1:
-        lines = f"the {missing} {side.name} {side.line}s"
-    what = f"no corner of {lines} of the {board.label} is found"
+    line = f"{side.name} {side.line}"
+    lines = f"{missing} {line}s" if missing > 1 else line
+    what = f"no corner of the {lines} of the {board.label} is found"
     if side.name != "lower":
         return Note(
             "assumed", what, "covered, or out of the picture: the origin does not depend on it"

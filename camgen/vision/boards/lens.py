@@ -26,7 +26,7 @@ from camgen.model.text import counted, short
 from camgen.vision.camera.calibrate import can_undistort_border
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.camera.sheet_lens import SheetLens
-from camgen.vision.plane import compute_depth, fit_homography, map_points
+from camgen.vision.plane import compute_homography_slopes, fit_homography, map_points
 
 #: Corners below this number show no lens. They may show a focal length.
 LEAST_CORNERS = 12
@@ -113,23 +113,9 @@ class Bend:
         """The priors as measurements of deviation ``sigma``: slopes (5, 15) and values (5,)."""
         rows = np.zeros((5, _COUNT))
         values = np.array([*self.centre, self.lens[1], *self.lens[2:]])
-        sizes = [_PRIORS["c"]] * 2 + [_PRIORS["k2"]] + [_PRIORS["p"]] * 2
-        for row, (column, size) in enumerate(zip((9, 10, 12, 13, 14), sizes, strict=True)):
-            rows[row, column] = sigma / size
-        return rows, -values * sigma / np.array(sizes)
-
-
-def compute_homography_slopes(homography: FloatArray, places: FloatArray) -> FloatArray:
-    """Derivatives (N, 2, 9) of the image of each place by the nine numbers of the homography."""
-    lifted = (
-        np.column_stack([places, np.ones(len(places))]) / compute_depth(homography, places)[:, None]
-    )
-    image = map_points(homography, places)
-    slopes = np.zeros((len(places), 2, 9))
-    slopes[:, 0, 0:3] = lifted
-    slopes[:, 1, 3:6] = lifted
-    slopes[:, :, 6:9] = -image[:, :, None] * lifted[:, None, :]
-    return slopes
+        sizes = np.array([_PRIORS["c"]] * 2 + [_PRIORS["k2"]] + [_PRIORS["p"]] * 2)
+        rows[np.arange(5), (9, 10, 12, 13, 14)] = sigma / sizes
+        return rows, -values * sigma / sizes
 
 
 def find_bend(camera: Camera) -> tuple[Bend, FloatArray, float]:
@@ -160,7 +146,6 @@ class _Fit:
         self.bend = Bend(np.zeros(2), np.zeros(4))
         used = np.arange(_COUNT if bends else _K.start)
         freedom = 2 * len(px) - (14 if bends else 8)
-        self.sigma = self.squares = 0.0
         for _ in range(_ROUNDS):
             seen, slopes = self.bend.slopes(self.homography, mm)
             error = (px - seen).ravel()
@@ -254,9 +239,13 @@ def fit_sheet_lens(
         fits += f", {rms[1]:.2f} px with it"
     if not can_undistort_border(camera):
         fits += "; it does not reach the corners of the photo"
-    distance = np.linalg.norm(camera.matrix[:2, 2] - (np.array(camera.size) - 1) / 2)
-    axis = f"principal point {distance:.0f} px from the middle of the photo, which must not be cut"
-    note = Note("assumed", f"lens from the photo: {lens}", f"{fits}; {source}; {axis}")
+    distance = np.linalg.norm(camera.matrix[:2, 2] - middle)
+    note = Note(
+        "assumed",
+        f"lens from the photo: {lens}",
+        f"{fits}; {source}; principal point {distance:.0f} px from the middle of the photo, "
+        "which must not be cut",
+    )
     return SheetLens(camera, bends, bounds, is_known, frozen(deviations), note)
 
 

@@ -176,7 +176,9 @@ def draw_svg(what: Sheet) -> bytes:
     width, height = what.page
     paths = ""
     for group in _list_rectangles(what):
-        outline = "".join(_format_rectangle(rectangle, height) for rectangle in group)
+        outline = "".join(
+            f"M{_mm(x)} {_mm(height - y - h)}h{_mm(w)}v{_mm(h)}h{_mm(-w)}z" for x, y, w, h in group
+        )
         paths += f'<path d="{outline}"/>\n'
     words = "".join(
         f'<text x="{_mm(x)}" y="{_mm(height - y)}" font-family="Helvetica, Arial, sans-serif" '
@@ -203,13 +205,13 @@ def draw_pdf(what: Sheet) -> bytes:
         content.append(f"BT /F1 {_mm(size)} Tf {_mm(x)} {_mm(y)} Td ({text}) Tj ET")
     stream = "\n".join(content)
     width, height = what.page
-    box = f"[0 0 {width * point:.4f} {height * point:.4f}]"
     return _make_pdf(
         [
             "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
             "<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
-            f"<< /Type /Page /Parent 2 0 R /MediaBox {box} /Contents 4 0 R "
-            "/Resources << /Font << /F1 5 0 R >> >> >>",
+            "<< /Type /Page /Parent 2 0 R "
+            f"/MediaBox [0 0 {width * point:.4f} {height * point:.4f}] "
+            "/Contents 4 0 R /Resources << /Font << /F1 5 0 R >> >> >>",
             f"<< /Length {len(stream)} >>\nstream\n{stream}\nendstream",
             "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
         ]
@@ -279,11 +281,6 @@ def _list_words(what: Sheet) -> list[tuple[float, float, float, str]]:
     text = "Measure this: 100 mm over all. If it is not, give what it measures as printed_length."
     left = (_MARGIN + RULER + 5) * scale
     return [(left, 12.0 * scale, 2.8, text), (left, 8.0 * scale, 2.8, what.label)]
-
-
-def _format_rectangle(rectangle: _Rectangle, height: float) -> str:
-    x, y, w, h = rectangle
-    return f"M{_mm(x)} {_mm(height - y - h)}h{_mm(w)}v{_mm(h)}h{_mm(-w)}z"
 
 
 def _mm(value: float) -> str:

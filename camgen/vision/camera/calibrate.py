@@ -387,12 +387,11 @@ def fit_camera(photos: Sequence[Photo], target: Target, name: str) -> Calibratio
     good, left_out = _select_distinct(same, target)
     left_out = [*other_sizes, *left_out]
     if len(good) < LEAST_PHOTOS:
-        usable = f"{len(good)} of {counted(len(photos), 'photo')}"
-        what = f"{usable} can be used with the {target.label}, {LEAST_PHOTOS} are needed"
         why = f" ({left_out[0].name}: {left_out[0].why})" if left_out else ""
         raise InputError(
             _name_all(photos),
-            what + why,
+            f"{len(good)} of {counted(len(photos), 'photo')} can be used with the {target.label}, "
+            f"{LEAST_PHOTOS} are needed{why}",
             remedy="take 10 to 20 different ones: the whole board, sharp, tilted, "
             "in all parts of the view",
         )
@@ -419,14 +418,9 @@ def _select_size(photos: Sequence[Photo]) -> tuple[tuple[int, int], list[Photo],
     for photo in photos:
         if photo.size == size:
             selected.append(photo)
-            continue
-        left_out.append(
-            LeftOut(
-                photo.name,
-                f"is {photo.size[0]} x {photo.size[1]} px, not {size[0]} x {size[1]}: "
-                "a calibration is for one size",
-            )
-        )
+        else:
+            why = f"is {photo.size[0]} x {photo.size[1]} px, not {size[0]} x {size[1]}"
+            left_out.append(LeftOut(photo.name, f"{why}: a calibration is for one size"))
     return size, selected, left_out
 
 
@@ -508,11 +502,11 @@ def _note_weaknesses(camera: Camera, fit: LensFit) -> list[Note]:
             )
         )
     elif fraction < _MIN_REACH:
-        percent = short(100 * fraction, 0)
         notes.append(
             Note(
                 "warning",
-                f"no corner seen beyond {percent} % of the way to the photo's corners",
+                f"no corner seen beyond {short(100 * fraction, 0)} % of the way "
+                "to the photo's corners",
                 "the lens is a guess further out: take photos with the board there",
             )
         )

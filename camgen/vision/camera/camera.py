@@ -220,10 +220,7 @@ def _is_number(text: str) -> bool:
 
 def _find_first(root: Mapping[str, Stored], names: Sequence[str]) -> str:
     """The first of several names that is a key; "" for none."""
-    for name in names:
-        if name in root:
-            return name
-    return ""
+    return next(filter(root.__contains__, names), "")
 
 
 def _read_size(file: str, root: Mapping[str, Stored]) -> tuple[int, int]:
@@ -232,14 +229,11 @@ def _read_size(file: str, root: Mapping[str, Stored]) -> tuple[int, int]:
     if pair_key:
         pair = find_numbers(file, pair_key, root[pair_key])
     else:
-        sides: list[float] = []
         keys = [_find_first(root, names) for names in (_WIDTH_KEYS, _HEIGHT_KEYS)]
         if "" in keys:
             raise InputError(file, "does not say the size of the photos", remedy=_SIZE_REMEDY)
-        for key in keys:
-            number = find_numbers(file, key, root[key])
-            sides.append(number.item() if number.ndim == 0 else np.nan)
-        pair = np.array(sides)
+        sides = [find_numbers(file, key, root[key]) for key in keys]
+        pair = np.array([side.item() if side.ndim == 0 else np.nan for side in sides])
     if pair.size != 2 or not np.isfinite(pair).all() or (pair % 1).any():
         raise InputError(
             file, "has a size of the photos that is not two whole numbers", remedy=_SIZE_REMEDY
@@ -365,8 +359,8 @@ def format_camera_info(camera: Camera) -> str:
 
 def _format_matrix(name: str, values: FloatArray) -> list[str]:
     rows, columns = values.shape
-    numbers = values.ravel().tolist()
-    return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {numbers}"]
+    data = f"  data: {values.ravel().tolist()}"
+    return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", data]
 
 
 def _quote(name: str) -> str:
@@ -383,8 +377,9 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
             f"has the lens model {model!r}, camgen knows {' and '.join(_MODELS)}",
             remedy="calibrate again with one of these",
         )
-    _check_finite(file, data.matrix_key, data.matrix)
-    _check_finite(file, data.lens_key, data.lens)
+    for key, values in ((data.matrix_key, data.matrix), (data.lens_key, data.lens)):
+        if not np.isfinite(values).all():
+            raise InputError(file, f"{key} holds a number that is not finite", remedy=AGAIN)
     matrix, lens = data.matrix, data.lens.ravel()
     if matrix.shape != (3, 3):
         raise InputError(
@@ -420,11 +415,6 @@ def _make_camera(data: CameraData, source: Source) -> Camera:
         size=(width, height),
         name=data.name or source.stem,
     )
-
-
-def _check_finite(file: str, key: str, values: FloatArray) -> None:
-    if not np.isfinite(values).all():
-        raise InputError(file, f"{key} holds a number that is not finite", remedy=AGAIN)
 
 
 def _check_matrix(file: str, key: str, matrix: FloatArray) -> None:

@@ -133,9 +133,8 @@ def _evaluate_model(c: FloatArray, ideal: FloatArray) -> tuple[FloatArray, Float
         u_by_y = mixed + y * prism_u
         v_by_x = mixed + x * prism_v
         v_by_y = f + y * y * f_slope + 6 * p1 * y + 2 * p2 * x + y * prism_v
-        u_slopes = np.stack([u_by_x, u_by_y], axis=1)
-        slopes = np.stack([u_slopes, np.stack([v_by_x, v_by_y], axis=1)], axis=1)
-    return np.column_stack([u, v]), slopes
+        slopes = np.stack([u_by_x, u_by_y, v_by_x, v_by_y], axis=1)
+    return np.column_stack([u, v]), slopes.reshape(-1, 2, 2)
 
 
 def _is_before_fold(slopes: FloatArray, ideal: FloatArray, max_radius: float) -> NDArray[np.bool_]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import compress
 
 import numpy as np
-from numpy.typing import NDArray
 
 from camgen.model.errors import make_one_line
 from camgen.model.pose import FloatArray
@@ -60,7 +60,9 @@ def draw_residuals(calibration: Calibration, title: str) -> str:
     lines = len(calibration.used) + 2 + len(calibration.left_out) + bool(calibration.left_out)
     page_width = 2 * _MARGIN + photo_width + 8 + _NAMES + _BARS
     page_height = _TOP + max(photo_height + 10 + _CLOUD, lines * _LINE_HEIGHT) + _MARGIN
-    factor = _choose_factor(calibration.rms / _STROKE * scale)
+    # The largest factor of 1, 2 or 5 times a power of ten: no stroke as large as the rms is longer.
+    inverse = calibration.rms / _STROKE * scale
+    factor = 1 / _round_up(inverse) if inverse > 0 else 1.0
     legend = (
         f"{short(calibration.rms, 3)} px rms; strokes {short(factor, 1)} times their length in px, "
         "coloured by direction"
@@ -86,8 +88,7 @@ def draw_residuals(calibration: Calibration, title: str) -> str:
 def _draw_strokes(calibration: Calibration, scale: float, factor: float) -> Iterator[str]:
     """Yield the frame of the photo, the strokes and the principal point.
 
-    A stroke begins at the corner as calculated and points to the corner as seen. There is one SVG
-    path per direction.
+    A stroke begins at the corner as calculated and points to the corner as seen.
 
     scale: page mm per px.
     factor: length of a stroke divided by that of its residual to scale.
@@ -100,15 +101,11 @@ def _draw_strokes(calibration: Calibration, scale: float, factor: float) -> Iter
     # The centre of the first pixel is (0, 0): the photo begins half a pixel before it.
     start = (corners - errors + 0.5) * scale + (_MARGIN, _TOP)
     end = start + errors * (factor * scale)
-    hues = _compute_hues(errors)
-    for hue in range(_HUES):
-        rows = hues == hue
-        strokes = [
-            f"M{x0:.2f} {y0:.2f}L{x1:.2f} {y1:.2f}"
-            for x0, y0, x1, y1 in np.hstack([start, end])[rows].tolist()
-        ]
-        if strokes:
-            yield f'<path class="arrow" stroke="{_format_colour(hue)}" d="{"".join(strokes)}"/>'
+    strokes = [
+        f"M{x0:.2f} {y0:.2f}L{x1:.2f} {y1:.2f}"
+        for x0, y0, x1, y1 in np.hstack([start, end]).tolist()
+    ]
+    yield from _colour_by_direction("arrow", strokes, errors)
     x, y = ((calibration.camera.matrix[:2, 2] + 0.5) * scale + (_MARGIN, _TOP)).tolist()
     yield f'<path class="cross" d="M{x - 2:.2f} {y:.2f}h4M{x:.2f} {y - 2:.2f}v4"/>'
 
@@ -122,12 +119,9 @@ def _draw_cloud(calibration: Calibration, top: float) -> Iterator[str]:
     x, y = _MARGIN + half, top + half
     yield f'<rect class="frame" x="{_MARGIN}" y="{top:.2f}" width="{_CLOUD}" height="{_CLOUD}"/>'
     yield f'<path class="axis" d="M{_MARGIN} {y:.2f}h{_CLOUD}M{x:.2f} {top:.2f}v{_CLOUD}"/>'
-    dots = errors * (half / reach) + (x, y)
-    hues = _compute_hues(errors)
-    for hue in range(_HUES):
-        marks = [f"M{u:.2f} {v:.2f}h0" for u, v in dots[hues == hue].tolist()]
-        if marks:
-            yield f'<path class="dot" stroke="{_format_colour(hue)}" d="{"".join(marks)}"/>'
+    places = errors * (half / reach) + (x, y)
+    dots = [f"M{u:.2f} {v:.2f}h0" for u, v in places.tolist()]
+    yield from _colour_by_direction("dot", dots, errors)
     words = ("all corners, seen less calculated:", f"the square is {short(2 * reach, 6)} px wide")
     left = _MARGIN + _CLOUD + 4
     for i, line in enumerate(words):
@@ -148,31 +142,26 @@ def _draw_bars(calibration: Calibration, left: float) -> Iterator[str]:
             f'<rect class="bar" x="{bar_left:.2f}" y="{y - 2.6:.2f}" '
             f'width="{length:.2f}" height="3"/>'
         )
-        text_left = bar_left + length + 1.5
-        yield f'<text x="{text_left:.2f}" y="{y:.2f}">{short(photo.rms, 3)}</text>'
+        yield f'<text x="{bar_left + length + 1.5:.2f}" y="{y:.2f}">{short(photo.rms, 3)}</text>'
     if calibration.left_out:
         y += 2 * _LINE_HEIGHT
         yield f'<text class="warn" x="{left:.2f}" y="{y:.2f}">left out</text>'
     for unused in calibration.left_out:
         y += _LINE_HEIGHT
-        hint = f"<title>{_escape(unused.why)}</title>"
-        name = _shorten_name(unused.name)
-        yield f'<text class="warn" x="{left:.2f}" y="{y:.2f}">{name}{hint}</text>'
+        yield (
+            f'<text class="warn" x="{left:.2f}" y="{y:.2f}">{_shorten_name(unused.name)}'
+            f"<title>{_escape(unused.why)}</title></text>"
+        )
 
 
-def _compute_hues(errors: FloatArray) -> NDArray[np.int64]:
-    """Number of the colour, 0 to `_HUES` - 1, for the direction of each residual (N, 2)."""
+def _colour_by_direction(name: str, marks: list[str], errors: FloatArray) -> Iterator[str]:
+    """Yield a path of the class `name` for each colour, with the marks of its residuals (N, 2)."""
     revolutions = np.arctan2(errors[:, 1], errors[:, 0]) / (2 * np.pi)
-    return np.rint(revolutions * _HUES).astype(np.int64) % _HUES
-
-
-def _format_colour(hue: int) -> str:
-    return f"hsl({360 * hue // _HUES},70%,45%)"
-
-
-def _choose_factor(inverse: float) -> float:
-    """The largest factor of 1, 2 or 5 times a power of ten whose inverse is not below `inverse`."""
-    return 1 / _round_up(inverse) if inverse > 0 else 1.0
+    hues = np.rint(revolutions * _HUES).astype(np.int64) % _HUES
+    for hue in range(_HUES):
+        path = "".join(compress(marks, hues == hue))
+        if path:
+            yield f'<path class="{name}" stroke="hsl({360 * hue // _HUES},70%,45%)" d="{path}"/>'
 
 
 def _round_up(value: float) -> float:

@@ -8,6 +8,7 @@ free).
 from __future__ import annotations
 
 import json
+from itertools import chain
 from xml.etree import ElementTree
 
 import numpy as np
@@ -100,10 +101,8 @@ def _parse_xml(file: str, text: str) -> Stored:
     try:
         root = ElementTree.fromstring(text.lstrip())
     except ElementTree.ParseError as error:
-        line = error.position[0]
-        raise InputError(
-            file, f"is not XML: {str(error).partition(':')[0]}", f"line {line}", AGAIN
-        ) from error
+        what = f"is not XML: {str(error).partition(':')[0]}"
+        raise InputError(file, what, f"line {error.position[0]}", AGAIN) from error
     return _convert_element(root)
 
 
@@ -163,11 +162,8 @@ def _convert_list(file: str, key: str, value: list[Stored]) -> FloatArray:
     # One number more than allowed is enough to find out that there are too many.
     limit = _MAX_NUMBERS + 1
     rows = [row if isinstance(row, list) else [row] for row in value[:limit]]
-    flat: list[Stored] = []
-    if len({len(row) for row in rows}) == 1:
-        for row in rows:
-            flat += row[:limit]
-    if not flat or len(flat) > _MAX_NUMBERS:
+    flat = list(chain.from_iterable(row[:limit] for row in rows))
+    if len({len(row) for row in rows}) != 1 or not 0 < len(flat) <= _MAX_NUMBERS:
         raise InputError(file, f"{key} is not a matrix of numbers", remedy=AGAIN)
     numbers = np.array([_convert_number(file, key, number) for number in flat])
     return numbers.reshape(len(rows), -1) if isinstance(value[0], list) else numbers

@@ -7,13 +7,15 @@ points is far more exact than each point, and a corner is where two of them cros
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, compress
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import count_rows
 from camgen.geometry.rings import ComplexArray, Rings, make_rings
-from camgen.model.part import BoolArray, Contour, IntArray, Note
+from camgen.model.part import BoolArray, Contour, IntArray, Note, list_ids
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.vision.lines_arcs.fit import Curves
@@ -160,9 +162,8 @@ def _give_away(runs: Runs, loops: Rings, small: BoolArray, curves: Curves) -> Ru
     np.add.at(count, before[removed], half)
     np.add.at(count, after[removed], other_half)
     np.add.at(first, after[removed], -other_half)
-    keep = np.ones(len(runs), dtype=np.bool_)
-    keep[removed] = False
-    return wrap_rows(Runs(first[keep], count[keep], runs.loop[keep]), loops)
+    kept = np.delete(np.arange(len(runs)), removed)
+    return wrap_rows(Runs(first[kept], count[kept], runs.loop[kept]), loops)
 
 
 def _correct_blur(
@@ -228,8 +229,9 @@ def make_contours(
     measure_scale(matrix)
     if not outlines:
         return (), (), ()
-    loops = make_rings(np.array([len(outline.halfway) for outline in outlines]))
-    halfway = np.concatenate([outline.halfway for outline in outlines]) @ np.array([1, 1j])
+    borders = [outline.halfway for outline in outlines]
+    loops = make_rings(count_rows(borders))
+    halfway = np.concatenate(borders) @ np.array([1, 1j])
     sigma = np.array([np.hypot(outline.sigma, _SYSTEMATIC_PX) for outline in outlines])
     parts = divide_loops(loops, halfway, sigma, np.array([outline.blur for outline in outlines]))
     rows, begin = parts.runs.rows(loops)
@@ -245,42 +247,30 @@ def make_contours(
             notes.append(
                 Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
             )
-            continue
-        (points, bulges), fit = shape
-        contours.append(Contour(points, bulges, True, layer, f"c{len(contours) + 1}"))
-        fits.append(fit)
+        else:
+            (points, bulges), fit = shape
+            contours.append(Contour(points, bulges, True, layer, f"c{len(contours) + 1}"))
+            fits.append(fit)
     return tuple(contours), tuple(fits), (*notes, *_note_lines(contours, fits))
 
 
 def _note_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
     """Notes on stretches that are kept as lines, and on loops that were cut off."""
     notes = []
-    doubtful = [k for k, fit in enumerate(fits) if fit.doubtful]
-    if doubtful:
-        count = sum(fits[k].doubtful for k in doubtful)
-        length = sum(fits[k].lines_mm for k in doubtful)
+    places = tuple(chain.from_iterable(fit.places for fit in fits))
+    if places:
+        length = sum(fit.lines_mm for fit in fits)
+        ids = list_ids(compress(contours, (fit.doubtful for fit in fits)))
         what = (
-            f"{counted(count, 'stretch', 'stretches')} of {counted(len(doubtful), 'outline')} "
+            f"{counted(len(places), 'stretch', 'stretches')} of {counted(len(ids), 'outline')} "
             f"kept as lines, {short(length, 1)} mm in all"
         )
-        ids = tuple(contours[k].id for k in doubtful)
-        places: list[tuple[float, float]] = []
-        for k in doubtful:
-            places += fits[k].places
-        notes.append(
-            Note("warning", what, "no lines and arcs fit them reliably", ids, tuple(places))
-        )
-    cut = [k for k, fit in enumerate(fits) if fit.cut]
-    if cut:
-        area = sum(fits[k].cut for k in cut)
-        notes.append(
-            Note(
-                "warning",
-                f"{short(area, 1)} px2 of {counted(len(cut), 'outline')} cut off",
-                "small loops where they cross themselves",
-                tuple(contours[k].id for k in cut),
-            )
-        )
+        notes.append(Note("warning", what, "no lines and arcs fit them reliably", ids, places))
+    area = sum(fit.cut for fit in fits)
+    if area:
+        ids = list_ids(compress(contours, (fit.cut for fit in fits)))
+        what = f"{short(area, 1)} px2 of {counted(len(ids), 'outline')} cut off"
+        notes.append(Note("warning", what, "small loops where they cross themselves", ids))
     return tuple(notes)
 
 
@@ -302,20 +292,23 @@ def _make_contour(
         circle = _make_circle(parts, runs, points, sigma, matrix)
         if circle is not None:
             return circle
-        chain, piece = _make_point_chain(points), np.zeros(len(points), dtype=np.int64)
+        # A single piece without a curve, as no circle follows the points.
+        smooth = np.zeros(1, dtype=np.bool_)
+        fitted = FittedChain(points[:1], np.zeros(1), ~smooth, smooth)
+        piece = np.zeros(len(points), dtype=np.int64)
     else:
-        chain, piece = _fit_chain(parts, runs, points, counts)
-    if len(chain.corners) < 3 and chain.straight.all():
-        fillets, bad = make_no_fillets(chain), np.ones(len(chain.corners), dtype=np.bool_)
+        fitted, piece = _fit_chain(parts, runs, points, counts)
+    if len(fitted.corners) < 3 and fitted.straight.all():
+        fillets, bad = make_no_fillets(fitted), np.ones(len(fitted.corners), dtype=np.bool_)
     else:
-        fillets = measure_fillets(chain, points, piece, blur, sigma)
-        counts = counts & select_beyond(chain, fillets, points, piece)
-        bad = find_astray(chain, fillets, points, piece, counts, sigma)
-    sound = make_sound(chain, fillets, bad, points, piece, compute_astray_limit(sigma))
+        fillets = measure_fillets(fitted, points, piece, blur, sigma)
+        counts = counts & select_beyond(fitted, fillets, points, piece)
+        bad = find_astray(fitted, fillets, points, piece, counts, sigma)
+    sound = make_sound(fitted, fillets, bad, points, piece, compute_astray_limit(sigma))
     if sound is None:
         return None
     shape = _convert_to_work(sound.ring.corners, sound.ring.bulges, matrix)
-    error = measure_errors(chain, points, piece)[counts & (sound.drawn == FITTED)[piece]]
+    error = measure_errors(fitted, points, piece)[counts & (sound.drawn == FITTED)[piece]]
     middles, lengths = find_stretches(sound.drawn, points, piece)
     fit = _measure_fit(error, shape[1], matrix)
     middles_mm, _ = _convert_to_work(middles, np.zeros(len(middles)), matrix)
@@ -326,12 +319,6 @@ def _make_contour(
     )
 
 
-def _make_point_chain(points: ComplexArray) -> FittedChain:
-    """A chain of a single piece without a curve, for points that no circle follows."""
-    smooth = np.zeros(1, dtype=np.bool_)
-    return FittedChain(points[:1], np.zeros(1), ~smooth, smooth)
-
-
 def _measure_fit(error: FloatArray, bulges: FloatArray, matrix: FloatArray) -> OutlineFit:
     """Measure how well a contour with these bulges (N,) fits.
 
@@ -339,10 +326,8 @@ def _measure_fit(error: FloatArray, bulges: FloatArray, matrix: FloatArray) -> O
     """
     distance = measure_scale(matrix) * np.abs(error)
     arcs = int((bulges != 0).sum())
-    rms, largest = 0.0, 0.0
-    if len(distance):
-        rms, largest = float(np.sqrt((distance**2).mean())), float(distance.max())
-    return OutlineFit(rms, largest, len(bulges) - arcs, arcs)
+    rms = float(np.sqrt((distance**2).sum() / max(len(distance), 1)))
+    return OutlineFit(rms, float(distance.max(initial=0.0)), len(bulges) - arcs, arcs)
 
 
 def _make_circle(
@@ -383,8 +368,8 @@ def _fit_chain(
     sweep += 2 * np.pi * np.round((curves.curvature * length - sweep) / (2 * np.pi))
     straight = curves.curvature == 0
     bulges = np.where(straight, 0.0, np.tan(sweep.clip(-6.25, 6.25) / 4))
-    chain = FittedChain(corners, bulges, straight, smooth)
-    return polish(chain, points, piece, counts.astype(np.float64)), piece
+    fitted = FittedChain(corners, bulges, straight, smooth)
+    return polish(fitted, points, piece, counts.astype(np.float64)), piece
 
 
 def _convert_to_work(

@@ -54,14 +54,12 @@ class CornerJoints(Struct, frozen=True, eq=False):
 
     vertex: (P,) place of the joint, px.
     turn: (P,) change of direction, rad, signed.
-    crossing: (P,) the curves cross there.
     smooth: (P,) the curves touch within the noise, and the joint is tangential.
     zone: (P,) distance from the vertex up to which the blur has rounded the corner, px.
     """
 
     vertex: ComplexArray
     turn: FloatArray
-    crossing: BoolArray
     smooth: BoolArray
     zone: FloatArray
 
@@ -108,7 +106,7 @@ def find_joints(
     vertex = np.where(smooth, touch, np.where(crossing, vertex, between))
     turn = _compute_turn(curves, following, vertex)
     zone = np.where(smooth, 0.0, compute_zone(turn, run_blur))
-    return CornerJoints(vertex, turn, crossing, smooth, zone)
+    return CornerJoints(vertex, turn, smooth, zone)
 
 
 def find_crossings(
@@ -157,13 +155,8 @@ def find_small_corners(
     wider = wrap_rows(Runs(runs.first - 2, runs.count + 4, runs.loop), loops)
     depth = _measure_depths(wider, loops, points, vertex, inwards)
     expected = np.interp(np.abs(turn), TURNS, PASSES) * run_blur
-    is_small = (
-        crossing
-        & (before != after)
-        & (reach < 1.5 * zone + 2.0)
-        & (depth < _ROUNDING_FACTOR * expected + _ROUNDING_PX)
-    )
-    return np.asarray(is_small & (depth > -0.5))
+    is_rounding = (depth > -0.5) & (depth < _ROUNDING_FACTOR * expected + _ROUNDING_PX)
+    return np.asarray(crossing & (before != after) & (reach < 1.5 * zone + 2.0) & is_rounding)
 
 
 def find_walls(
@@ -258,8 +251,7 @@ def _compute_gradient(curves: Curves, points: ComplexArray) -> ComplexArray:
 def compute_normals(curves: Curves, points: ComplexArray) -> ComplexArray:
     """Unit vectors (P,) at points (P,) in which the signed distance from the curves grows."""
     gradient = _compute_gradient(curves, points)
-    size = np.abs(gradient)
-    return np.asarray(gradient / np.maximum(size, 1e-9))
+    return np.asarray(gradient / np.maximum(np.abs(gradient), 1e-9))
 
 
 def compute_tangents(curves: Curves, points: ComplexArray) -> ComplexArray:
@@ -314,7 +306,7 @@ def _find_touching(
     is_bent = np.abs(bend) > 1e-5
     safe_bend = np.where(is_bent, bend, 1.0)
     # Along the tangent the gap is gap - theta x - bend x^2 / 2. The curves touch where it is least.
-    theta = np.angle(compute_tangents(second, near) * compute_tangents(first, near).conj())
+    theta = _compute_turn(first, second, near)
     x = np.where(is_bent, -theta / safe_bend, 0.0)
     least_gap = gap - theta * x - bend * x * x / 2
     allowed = _SIGMAS * sigma * np.sqrt(4.0 / first_count + 4.0 / second_count) + _GAP_PX

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import compute_first_rows
+from camgen.geometry.ragged import compute_first_rows, count_rows, list_owners
 from camgen.geometry.rings import ComplexArray
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -192,12 +192,11 @@ def _add_tangents(chain: FittedChain, matrix: FloatArray, right: FloatArray) -> 
     error = _measure_kinks(chain)[k]
     turn0 = 1j * into / np.maximum(np.abs(into), 1e-6) ** 2
     turn1 = 1j * out / np.maximum(np.abs(out), 1e-6) ** 2
-    zero = np.zeros(len(k))
     bulge0 = -2 / (1 + g0 * g0) * ~chain.straight[before]
     bulge1 = -2 / (1 + g1 * g1) * ~chain.straight[k]
     of_before = np.stack([turn0.real, turn0.imag, bulge0], axis=1)
     of_corner = np.stack([-(turn0 + turn1).real, -(turn0 + turn1).imag, bulge1], axis=1)
-    of_after = np.stack([turn1.real, turn1.imag, zero], axis=1)
+    of_after = np.stack([turn1.real, turn1.imag, np.zeros(len(k))], axis=1)
     rows = np.stack([of_before, of_corner, of_after], axis=1) * _TANGENT_WEIGHT
     places = np.stack([before, k, after], axis=1)
     for i in range(3):
@@ -398,8 +397,8 @@ def measure_fillets(
         & (angle == np.abs(turn))
         & (reach < max_reach)
         & ~chain.smooth
+        & (len(turn) > 2)
     )
-    has_radius &= len(turn) > 2
     max_depth = np.minimum(
         _MIN_RADIUS_FACTOR * sharp_depth + _MAX_PASS_PX, _MAX_PASS_BLURS * blur + _MAX_PASS_BLURS_PX
     )
@@ -445,10 +444,8 @@ def repair(
     """
     rounded = np.where(bad | np.roll(bad, 1), 0.0, fillets.reach)
     begin = np.searchsorted(piece, np.arange(len(bad) + 1))
-    low, high = (
-        rounded / _measure_lengths(chain),
-        1 - np.roll(rounded, -1) / _measure_lengths(chain),
-    )
+    length = _measure_lengths(chain)
+    low, high = rounded / length, 1 - np.roll(rounded, -1) / length
     # The corner beside a bad piece is unreliable, so the piece next to it ends at its own points.
     low = np.where(np.roll(bad, 1), _find_fractions(chain, points[begin[:-1]]), low)
     high = np.where(np.roll(bad, -1), _find_fractions(chain, points[begin[1:] - 1]), high)
@@ -468,8 +465,7 @@ def repair(
             shape = np.append(shape, 0.0 if bad[after] else np.tan(fillets.turn[after] / 4))
         corners.append(piece_corners)
         shapes.append(shape)
-    counts = [len(piece_corners) for piece_corners in corners]
-    return np.concatenate(corners), np.concatenate(shapes), np.repeat(np.arange(len(bad)), counts)
+    return np.concatenate(corners), np.concatenate(shapes), list_owners(count_rows(corners))
 
 
 def _measure_lengths(chain: FittedChain) -> FloatArray:

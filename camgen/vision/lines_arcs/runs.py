@@ -131,10 +131,9 @@ def merge(
         ends[chosen] = ends[merged]
         count = runs.count.copy()
         count[chosen] += runs.count[merged]
-        keep = np.ones(len(runs), dtype=np.bool_)
-        keep[merged] = False
-        runs = Runs(runs.first[keep], count[keep], runs.loop[keep])
-        sums, cost, begins, ends = sums.take(keep), cost[keep], begins[keep], ends[keep]
+        kept = np.delete(np.arange(len(runs)), merged)
+        runs = Runs(runs.first[kept], count[kept], runs.loop[kept])
+        sums, cost, begins, ends = sums.take(kept), cost[kept], begins[kept], ends[kept]
     return runs
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.ragged import find_true_runs, list_owners, number_rows
 from camgen.geometry.rings import ComplexArray
 from camgen.geometry.thinning import Polylines, thin_chains
 from camgen.model.part import BoolArray, IntArray
@@ -89,23 +89,20 @@ def make_sound(
     for _ in range(_MAX_ROUNDS):
         ring = halve(_draw_ring(chain, fillets, drawn, points, piece, tolerance))
         pairs = _find_crossings(ring)
+        wrong = np.unique(ring.piece[pairs])
         if not len(pairs):
             missing = np.unique(piece[_measure_distances(ring, points) > max_distance])
-            missing = missing[drawn[missing] == FITTED]
-            if not len(missing):
+            wrong = missing[drawn[missing] == FITTED]
+            if not len(wrong):
                 return Sound(ring, drawn)
-            drawn = drawn.copy()
-            drawn[missing] = THINNED
-            continue
-        crossing = np.unique(ring.piece[pairs])
-        if (drawn[crossing] == POINTS).all():
+        elif (drawn[wrong] == POINTS).all():
             sound = _cut_loops(ring, drawn)
             if sound is not None:
                 return sound
-            neighbours = np.concatenate([crossing - 1, crossing, crossing + 1])
-            crossing = np.unique(neighbours % len(drawn))
+            neighbours = np.concatenate([wrong - 1, wrong, wrong + 1])
+            wrong = np.unique(neighbours % len(drawn))
         drawn = drawn.copy()
-        drawn[crossing] = np.minimum(drawn[crossing] + 1, POINTS)
+        drawn[wrong] = np.minimum(drawn[wrong] + 1, POINTS)
     drawn = np.full(len(drawn), POINTS)
     return _cut_loops(halve(_draw_ring(chain, fillets, drawn, points, piece, tolerance)), drawn)
 
@@ -119,26 +116,21 @@ def _draw_ring(
     tolerance: float,
 ) -> Ring:
     """The ring of a chain whose pieces are drawn as `drawn` (K,) states."""
-    kept = np.ones(len(points), dtype=np.bool_)
-    if (drawn == THINNED).any():
-        kept = _select_points(points, drawn[piece] == THINNED, tolerance)
+    kept = _select_points(points, drawn[piece] == THINNED, tolerance)
     return Ring(*repair(chain, fillets, drawn != FITTED, points[kept], piece[kept]))
 
 
-def _select_points(points: ComplexArray, thinned: BoolArray, tolerance: float) -> BoolArray:
-    """Select the points (N,) that lines within `tolerance` px of all points need.
+def _select_points(points: ComplexArray, thinned: BoolArray, tolerance: float) -> IntArray:
+    """The rows of the points (N,) that lines within `tolerance` px of all points need.
 
     Only points in stretches of `thinned` (N,) points are left out.
     """
-    is_end = thinned & ~(np.roll(thinned, 1) & np.roll(thinned, -1))
-    is_fixed = ~thinned | is_end
+    is_fixed = ~(thinned & np.roll(thinned, 1) & np.roll(thinned, -1))
     is_fixed[[0, -1]] = True
     plane = np.column_stack([points.real, points.imag])
     ends = np.array([0, len(points)])
     polylines = Polylines(plane, np.zeros(len(points)), ends, np.flatnonzero(is_fixed))
-    kept = np.zeros(len(points), dtype=np.bool_)
-    kept[thin_chains(polylines, tolerance)] = True
-    return kept
+    return thin_chains(polylines, tolerance)
 
 
 def halve(ring: Ring) -> Ring:
@@ -147,9 +139,8 @@ def halve(ring: Ring) -> Ring:
     is_large = np.abs(ring.bulges) > 1
     large = np.flatnonzero(is_large)
     half = np.where(is_large, np.tan(np.arctan(ring.bulges) / 2), ring.bulges)
-    corners = np.insert(ring.corners, large + 1, middle[large])
     return Ring(
-        corners,
+        np.insert(ring.corners, large + 1, middle[large]),
         np.insert(half, large + 1, half[large]),
         np.insert(ring.piece, large + 1, ring.piece[large]),
     )
@@ -225,9 +216,8 @@ def _cut_loops(ring: Ring, drawn: IntArray) -> Sound | None:
         cut += abs(_compute_area(ring.corners[loop]))
         if cut > _MAX_CUT * ring_area:
             return None
-        keep = np.ones(count, dtype=np.bool_)
-        keep[loop] = False
-        ring = Ring(ring.corners[keep], ring.bulges[keep], ring.piece[keep])
+        kept = np.delete(np.arange(count), loop)
+        ring = Ring(ring.corners[kept], ring.bulges[kept], ring.piece[kept])
 
 
 def _compute_area(corners: ComplexArray) -> float:
@@ -246,13 +236,10 @@ def find_stretches(
     Returns the middles (S,) and the lengths (S,) of the stretches, px.
     """
     is_line = (drawn != FITTED)[piece]
-    if not is_line.any():
-        return np.zeros(0, dtype=complex), np.zeros(0)
     # Begin at a fitted point, so that no stretch is divided.
-    start = 0 if is_line.all() else int(np.argmin(is_line))
+    start = int(np.argmin(is_line))
     is_line, places = np.roll(is_line, -start), np.roll(points, -start)
     step = np.abs(np.roll(places, -1) - places)
-    begin = np.flatnonzero(is_line & ~np.append(False, is_line[:-1]))
-    stop = np.flatnonzero(is_line & ~np.append(is_line[1:], False)) + 1
+    begin, stop = find_true_runs(is_line).T
     length = np.append(0.0, np.cumsum(step))
     return places[(begin + stop) // 2], length[stop] - length[begin]

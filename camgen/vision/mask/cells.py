@@ -8,6 +8,8 @@ pull it away.
 
 from __future__ import annotations
 
+from itertools import product
+
 import cv2
 import numpy as np
 from msgspec import Struct
@@ -38,10 +40,8 @@ Powers = tuple[tuple[int, int], ...]
 
 
 def _list_powers(degree: int) -> Powers:
-    powers: list[tuple[int, int]] = []
-    for n in range(degree + 1):
-        powers += [(m, n) for m in range(degree + 1 - n)]
-    return tuple(powers)
+    exponents = product(range(degree + 1), repeat=2)
+    return tuple((m, n) for n, m in exponents if m + n <= degree)
 
 
 _QUADRATIC, _QUARTIC = _list_powers(2), _list_powers(4)
@@ -62,11 +62,10 @@ def compute_terms(shape: tuple[int, ...], places: Places, powers: Powers = _QUAD
     """
     x, y = _compute_axes(shape)
     rows, columns = places
-    x_powers, y_powers = [np.ones_like(x[columns])], [np.ones_like(y[rows])]
-    for _ in range(max(max(powers))):
-        x_powers.append(x_powers[-1] * x[columns])
-        y_powers.append(y_powers[-1] * y[rows])
-    return np.column_stack([x_powers[m] * y_powers[n] for m, n in powers])
+    count = max(max(powers)) + 1
+    x_powers = np.vander(x[columns], count, increasing=True)
+    y_powers = np.vander(y[rows], count, increasing=True)
+    return np.column_stack([x_powers[:, m] * y_powers[:, n] for m, n in powers])
 
 
 def evaluate_surface(shape: tuple[int, ...], coefficients: Doubles) -> NDArray[np.float32]:

@@ -357,10 +357,8 @@ def find_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) -> 
         compute_pixels = partial(_compute_difference, pixels, empty, light, even, cells.size)
         channel = Channel(compute_pixels, even.apply(now, difference), black=None)
         segmentation = redraw_part(channel, part, cells)
-        if segmentation is None:
-            continue
         # A part that is lighter than the bench here and darker there shows in the size alone.
-        if axis is None or is_same_part(segmentation.part, part):
+        if segmentation is not None and (axis is None or is_same_part(segmentation.part, part)):
             return segmentation
     return None
 
@@ -402,8 +400,7 @@ def remove_shadows(pixels: Bytes, other: Bytes, name: str) -> Bytes:
     """
     now = np.atleast_3d(make_cells(pixels, None).values)
     before = np.atleast_3d(make_cells(other, None).values)
-    valid = np.ones(now.shape[:2], np.bool_)
-    light = _fit_light(before, now, valid, name, "with the lamp moved")
+    light = _fit_light(before, now, np.ones(now.shape[:2], np.bool_), name, "with the lamp moved")
     brighter = np.empty_like(pixels)
     size = max(1, pixels.shape[0] // now.shape[0])
     for rows, gain in interpolate_strips(light.gains, size, pixels.shape):
@@ -419,11 +416,11 @@ def _fit_light(before: Floats, now: Floats, valid: Bools, name: str, which: str)
 
     Raises InputError if the other photo shows another bench.
     """
-    gains, offsets = [], []
-    for k in range(now.shape[2]):
-        gain, offset = _fit_channel_light(before[..., k], now[..., k], valid, name, which)
-        gains.append(gain)
-        offsets.append(offset)
+    fits = [
+        _fit_channel_light(before[..., k], now[..., k], valid, name, which)
+        for k in range(now.shape[2])
+    ]
+    gains, offsets = zip(*fits, strict=True)
     return _Light(np.dstack(gains), np.array(offsets, np.float32))
 
 
@@ -658,8 +655,7 @@ def _segment_distance(
         distance = np.empty(pixels.shape[:2], np.float32)
         strips = interpolate_strips(np.ascontiguousarray(bench), cells.size, distance.shape)
         for rows, bench_rows in strips:
-            colours = pixels[rows].astype(np.float32)
-            distance[rows] = _measure_lab_distance(colours, bench_rows)
+            distance[rows] = _measure_lab_distance(pixels[rows].astype(np.float32), bench_rows)
         return distance
 
     in_cells = _measure_lab_distance(cells.values, bench)
@@ -699,10 +695,13 @@ def smooth_noise(
     # of neighbours that is alike.
     wanted = 1.5 * _MIN_NOISE_RATIO / ratio / (2 * np.sqrt(np.pi))
     sigma = float(np.clip(wanted, _MIN_SMOOTHING, _MAX_SMOOTHING))
-    what = f"picture smoothed by {short(sigma, 1)} px"
-    why = f"its noise is {short(noise, 1)}, part and bench are {short(contrast, 0)} apart"
     smooth = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), sigma), np.float32)
-    return smooth, (Note("assumed", what, why),)
+    note = Note(
+        "assumed",
+        f"picture smoothed by {short(sigma, 1)} px",
+        f"its noise is {short(noise, 1)}, part and bench are {short(contrast, 0)} apart",
+    )
+    return smooth, (note,)
 
 
 def _measure_noise(grey: Bytes | Floats, region: Bools, size: int) -> float:

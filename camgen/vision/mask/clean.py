@@ -74,15 +74,14 @@ def clean_mask(
     _check_whole(list(compress(rings, is_part)), view, name)
     limit = f"below {short(min_pixels * mm2, 3)} mm2"
     why = "set [image] min_area lower if they are more than dirt, glare or noise"
-    kinds = (
-        ("speck", limit + " left out", specks, pixels),
-        ("hole", limit + " filled", small_holes, filled),
-    )
     notes: list[Note] = []
-    for noun, action, selected, sizes in kinds:
+    for noun, action, selected, sizes in (
+        ("speck", "left out", specks, pixels),
+        ("hole", "filled", small_holes, filled),
+    ):
         if selected.any():
-            what = f"{counted(int(selected.sum()), noun)} {action}, "
-            what += f"{short(sizes[selected].sum() * mm2, 3)} mm2 in all"
+            area = short(sizes[selected].sum() * mm2, 3)
+            what = f"{counted(int(selected.sum()), noun)} {limit} {action}, {area} mm2 in all"
             notes.append(Note("assumed", what, why))
     notes += _note_loose(view, list(compress(rings, loose)), filled[loose])
     return tuple(notes)
@@ -143,14 +142,17 @@ def _note_loose(
     if not rings:
         return ()
     sizes = filled * view.mm_per_px**2
-    what = (
-        f"{counted(len(rings), 'loose thing')} beside the part, {short(sizes.max(), 1)} mm2 or less"
-    )
-    why = 'not worked; image.accept = ["specks"] takes them for parts'
     order = np.argsort(-sizes, kind="stable")[:_MAX_PLACES]
-    middles = np.array([[*rings[k][:, 0].mean(axis=0), 1.0] for k in order])
-    places = tuple((x, y) for x, y in (middles @ view.work_from_view.T).tolist())
-    return (Note("skipped", what, why, places=places),)
+    middles = np.array([rings[k][:, 0].mean(axis=0) for k in order])
+    return (
+        Note(
+            "skipped",
+            f"{counted(len(rings), 'loose thing')} beside the part, "
+            f"{short(sizes.max(), 1)} mm2 or less",
+            'not worked; image.accept = ["specks"] takes them for parts',
+            places=view.convert_to_work(middles),
+        ),
+    )
 
 
 def _erase(mask: Bytes, ring: Ring, hole_pixels: float) -> None:
@@ -192,19 +194,18 @@ def _check_whole(rings: list[Ring], view: ScaledView, name: str) -> None:
         u, v = ring[:, 0, 0], ring[:, 0, 1]
         sides = np.array([u == 0, v == 0, u == width - 1, v == height - 1])
         touching = sides.any(axis=0) | near_unseen[v, u]
-        if not touching.any():
-            continue
         if sides.any(axis=1).all():
             raise InputError(
                 name,
                 "the part fills the picture, or a frame surrounds it",
                 remedy="leave bench around the whole part, crop what is not bench",
             )
-        first = int(np.argmax(touching))
-        x, y = (view.work_from_view @ (u[first], v[first], 1)).tolist()
-        raise InputError(
-            name,
-            "the part, or something as dark or bright, touches the border of the picture",
-            f"near x {short(x, 1)}, y {short(y, 1)} mm",
-            "leave bench around the whole part, crop or cover what is not the part",
-        )
+        if touching.any():
+            first = int(np.argmax(touching))
+            x, y = (view.work_from_view @ (u[first], v[first], 1)).tolist()
+            raise InputError(
+                name,
+                "the part, or something as dark or bright, touches the border of the picture",
+                f"near x {short(x, 1)}, y {short(y, 1)} mm",
+                "leave bench around the whole part, crop or cover what is not the part",
+            )

@@ -78,10 +78,9 @@ def find_main_tone(segmentation: Segmentation) -> Bools | None:
     if not 0 < light_fraction < 1:
         return None
     difference = float(tones[is_light].mean() - tones[~is_light].mean())
-    if difference < _MIN_TONE_DIFFERENCE:
-        return None
     between_variance = light_fraction * (1 - light_fraction) * difference**2
-    if between_variance < _BETWEEN_VARIANCE * float(tones.var()):
+    is_single = between_variance < _BETWEEN_VARIANCE * float(tones.var())
+    if difference < _MIN_TONE_DIFFERENCE or is_single:
         return None
     return np.asarray(segmentation.part & ((values > level) == (light_fraction > 0.5)), np.bool_)
 

@@ -80,8 +80,7 @@ def measure_thresholds(
     inner, outer = _weigh_cells(part, cells), _weigh_cells(~part, cells)
     inner_band, outer_band = inner == 1, outer == 1
     tile = max(4, math.ceil(max(values.shape) / _TILES))
-    offset = np.median(values[outer_band] - bench.values[outer_band])
-    outside = bench.values + np.float32(offset)
+    outside = bench.values + np.float32(np.median(values[outer_band] - bench.values[outer_band]))
     inside = _model_part(values, inner_band, outside, black)
     tiles = average_tiles(np.asarray((inside + outside) / 2, np.float32), tile)
     tiles += (

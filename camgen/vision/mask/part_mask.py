@@ -154,6 +154,15 @@ def choose_mask(
     )
 
 
+def _make_choice(
+    method: Method, why: str, segmentation: Segmentation | None, level: float | None = None
+) -> MaskChoice | None:
+    """The choice of a segmentation; None without one."""
+    if segmentation is None:
+        return None
+    return MaskChoice(method, why, segmentation, level)
+
+
 def _make_grey_channel(pixels: Bytes, cells: Cells) -> Channel:
     if pixels.ndim == 2:
         return Channel(lambda: pixels, cells.values)
@@ -164,14 +173,17 @@ def _make_grey_channel(pixels: Bytes, cells: Cells) -> Channel:
     )
 
 
+def _split_by_otsu(values: Floats, cells: Cells, invert: bool) -> tuple[float, Bools]:
+    """Otsu's threshold of `values` (h, w), and the part (h, w) at it."""
+    level = compute_otsu_threshold(values[cells.valid])
+    return level, split_at_threshold(values, cells, level, invert)
+
+
 def _segment_by_otsu(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
     channel = _make_grey_channel(pixels, cells)
-    level = compute_otsu_threshold(channel.cells[cells.valid])
-    part = split_at_threshold(channel.cells, cells, level, options.invert)
-    segmentation = redraw_part(channel, part, cells)
-    if segmentation is None:
-        return None
-    return MaskChoice("otsu", f"Otsu's threshold, {short(level, 1)}, finds the part", segmentation)
+    level, part = _split_by_otsu(channel.cells, cells, options.invert)
+    why = f"Otsu's threshold, {short(level, 1)}, finds the part"
+    return _make_choice("otsu", why, redraw_part(channel, part, cells))
 
 
 def _segment_by_threshold(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
@@ -210,9 +222,12 @@ def _segment_adaptively(pixels: Bytes, cells: Cells, options: MaskOptions) -> Ma
     segmentation = redraw_part(channel, part, cells, bench)
     if segmentation is None:
         return None
-    why = "the threshold follows the light on the bench"
-    notes = _note_other_side(segmentation, cells)
-    return MaskChoice("adaptive", why, segmentation, notes=notes)
+    return MaskChoice(
+        "adaptive",
+        "the threshold follows the light on the bench",
+        segmentation,
+        notes=_note_other_side(segmentation, cells),
+    )
 
 
 def _note_other_side(segmentation: Segmentation, cells: Cells) -> tuple[Note, ...]:
@@ -244,22 +259,16 @@ def _segment_by_colour(pixels: Bytes, cells: Cells, options: MaskOptions) -> Mas
         raise InputError(
             options.name, "is grey", remedy='[image] mask = "color" needs a picture in colour'
         )
-    segmentation = find_by_colour(pixels, cells, options.color)
-    if segmentation is None:
-        return None
-    why = "a colour is given"
-    if options.color is None:
-        why = "the bench's colour is measured along the border"
-    return MaskChoice("color", why, segmentation)
+    is_given = options.color is not None
+    why = "a colour is given" if is_given else "the bench's colour is measured along the border"
+    return _make_choice("color", why, find_by_colour(pixels, cells, options.color))
 
 
 def _segment_by_background(
     pixels: Bytes, empty: Bytes, cells: Cells, options: MaskOptions
 ) -> MaskChoice | None:
     segmentation = find_by_background(pixels, cells, empty, options.name)
-    if segmentation is None:
-        return None
-    return MaskChoice("background", "a photo of the empty bench is given", segmentation)
+    return _make_choice("background", "a photo of the empty bench is given", segmentation)
 
 
 def _segment_automatically(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
@@ -298,8 +307,7 @@ def _list_others(
         others["adaptive"] = grey.segmentation.part
         if _measure_light_variation(grey.segmentation, cells) <= _EVEN_LIGHT:
             values = grey.segmentation.channel.cells
-            threshold = compute_otsu_threshold(values[cells.valid])
-            others["otsu"] = split_at_threshold(values, cells, threshold, options.invert)
+            _, others["otsu"] = _split_by_otsu(values, cells, options.invert)
     if sampled is None or choice.method == "color":
         return others
     if sampled.segmentation.clarity >= _MIN_CLARITY:
@@ -309,18 +317,18 @@ def _list_others(
 
 def _leave_out_moved_outline(choice: MaskChoice, cells: Cells) -> MaskChoice:
     """The part without a shadow that is its own outline, moved; `choice` itself without one."""
-    bare = find_part_beside_shadow(choice.segmentation, cells)
-    if bare is None:
+    beside_shadow = find_part_beside_shadow(choice.segmentation, cells)
+    if beside_shadow is None:
         return choice
-    why = f"by {bare.shift * cells.size:.0f} px of the view; if it is part, give image.threshold"
+    bare, shift = beside_shadow
     note = Note(
         "warning",
         "a shadow or a wall is left out: it is the outline of the part, moved",
-        f"{why}; look at the preview",
+        f"by {shift * cells.size:.0f} px of the view; if it is part, give image.threshold; "
+        "look at the preview",
     )
     others = {"with its shadow": choice.segmentation.part}
-    notes = (*choice.notes, note)
-    return replace(choice, segmentation=bare.segmentation, notes=notes, others=others)
+    return replace(choice, segmentation=bare, notes=(*choice.notes, note), others=others)
 
 
 def _leave_out_shadow(pixels: Bytes, cells: Cells, choice: MaskChoice) -> MaskChoice:
@@ -407,13 +415,10 @@ def _segment_by_alpha(pixels: Bytes, cells: Cells, options: MaskOptions) -> Mask
     """The opaque area of a view of the transparency. Half-covered pixels are half opaque."""
     channel = _make_grey_channel(pixels, cells)
     part = ((channel.cells > HALF_OPAQUE) ^ options.invert) & cells.valid
-    segmentation = measure_part(channel, np.asarray(part, np.bool_), cells)
-    if segmentation is None:
-        return None
-    return MaskChoice(
+    return _make_choice(
         "alpha",
         "the picture is transparent around it; image.mask chooses by grey or color",
-        segmentation,
+        measure_part(channel, np.asarray(part, np.bool_), cells),
         HALF_OPAQUE,
     )
 
@@ -464,16 +469,13 @@ def _choose_by_light(cells: Cells, options: MaskOptions, grey: MaskChoice) -> Ma
     variation = _measure_light_variation(grey.segmentation, cells)
     if variation > _EVEN_LIGHT:
         return _with_reason(grey, f"the light varies by {100 * variation:.0f} % over the picture")
-    values = grey.segmentation.channel.cells
-    threshold = compute_otsu_threshold(values[cells.valid])
-    part = split_at_threshold(values, cells, threshold, options.invert)
+    _, part = _split_by_otsu(grey.segmentation.channel.cells, cells, options.invert)
     if not is_same_part(part, grey.segmentation.part):
         return _with_reason(
             grey,
             "one threshold for the whole picture finds something else than the bench's rim says",
         )
-    otsu = MaskChoice("otsu", "", grey.segmentation, notes=grey.notes)
-    return _with_reason(otsu, "the light is even")
+    return _with_reason(replace(grey, method="otsu"), "the light is even")
 
 
 def _measure_light_variation(segmentation: Segmentation, cells: Cells) -> float:
@@ -592,8 +594,9 @@ def make_mask(
         _restore_segmentation(pixels, segmentation, cells)
     if view.valid is not None:
         pixels[~view.valid] = 0
-    accepts_specks = "specks" in settings.accept
-    notes += clean_mask(pixels, view, settings.min_area, name, accepts_specks=accepts_specks)
+    notes += clean_mask(
+        pixels, view, settings.min_area, name, accepts_specks="specks" in settings.accept
+    )
     uncertain = _find_uncertain(choice, cells, settings.min_area / view.mm_per_px**2)
     doubt: Bytes | None = None
     if uncertain is not None:
@@ -614,8 +617,7 @@ def _restore_segmentation(pixels: Bytes, segmentation: Segmentation, cells: Cell
     These are tones within the part, and the texture of the bench. The border is left as it is.
     """
     part = segmentation.part
-    beyond = select_part_cells(segmentation.channel, segmentation.thresholds, cells)
-    differs = beyond ^ part
+    differs = select_part_cells(segmentation.channel, segmentation.thresholds, cells) ^ part
     if not differs.any():
         return
     around = cv2.dilate(differs.view(np.uint8), np.ones((3, 3), np.uint8)).view(np.bool_)
@@ -630,20 +632,19 @@ def _restore_segmentation(pixels: Bytes, segmentation: Segmentation, cells: Cell
 def _note_uncertain(uncertain: UncertainRegions, cells: Cells, view: ScaledView) -> Note:
     mm2 = (cells.size * view.mm_per_px) ** 2
     count = len(uncertain.places)
-    what = (
-        f"{counted(count, 'place')}, {short(int(uncertain.cells.sum()) * mm2, 1)} mm2 in all, "
-        f"{'are' if count > 1 else 'is'} part or bench by the method: "
-        "a shadow, a shine, or uneven light?"
-    )
     methods = ", ".join(
         f"{name} by {short(size * mm2, 1)} mm2" for name, size in uncertain.by_method
     )
-    why = (
-        f"others differ there: {methods}; look at the preview, set image.mask or image.threshold, "
-        "or give image.background"
-    )
     middles = [(u, v) for v, u in uncertain.places[:_MAX_PLACES]]
-    return Note("warning", what, why, places=_convert_to_work(middles, cells, view))
+    return Note(
+        "warning",
+        f"{counted(count, 'place')}, {short(int(uncertain.cells.sum()) * mm2, 1)} mm2 in all, "
+        f"{'are' if count > 1 else 'is'} part or bench by the method: "
+        "a shadow, a shine, or uneven light?",
+        f"others differ there: {methods}; look at the preview, set image.mask or image.threshold, "
+        "or give image.background",
+        places=_convert_to_work(middles, cells, view),
+    )
 
 
 def _note_touching(
@@ -652,28 +653,26 @@ def _note_touching(
     if not touching:
         return ()
     listed = touching[:_MAX_PLACES]
-    what = (
-        f"parts seem to touch or overlap in {counted(len(touching), 'place')}: "
-        "taken for one, with one outline"
-    )
     lengths = ", ".join(
         f"{short(place.length * cells.size * view.mm_per_px, 1)} mm" for place in listed
     )
-    why = (
-        f"two sharp notches face each other there, {lengths} apart; "
-        "move the parts apart, or crop with image.region"
+    return (
+        Note(
+            "warning",
+            f"parts seem to touch or overlap in {counted(len(touching), 'place')}: "
+            "taken for one, with one outline",
+            f"two sharp notches face each other there, {lengths} apart; "
+            "move the parts apart, or crop with image.region",
+            places=_convert_to_work([place.middle for place in listed], cells, view),
+        ),
     )
-    places = _convert_to_work([place.middle for place in listed], cells, view)
-    return (Note("warning", what, why, places=places),)
 
 
 def _convert_to_work(
     points: Sequence[tuple[float, float]], cells: Cells, view: ScaledView
 ) -> tuple[tuple[float, float], ...]:
     """Convert points (u, v) in cells to (x, y) in the work frame, mm."""
-    pixels = np.array([[*point, 1.0] for point in points]) * (cells.size, cells.size, 1.0)
-    pixels[:, :2] += (cells.size - 1) / 2
-    return tuple((x, y) for x, y in (pixels @ view.work_from_view.T).tolist())
+    return view.convert_to_work(np.array(points) * cells.size + (cells.size - 1) / 2)
 
 
 def _choose_method(settings: ImageTable, background: ScaledView | None) -> Method:
@@ -695,10 +694,7 @@ def _choose_method(settings: ImageTable, background: ScaledView | None) -> Metho
         )
     if method != "auto":
         return method
-    for candidate, is_given in given.items():
-        if is_given:
-            return candidate
-    return "auto"
+    return next((candidate for candidate, is_given in given.items() if is_given), "auto")
 
 
 def _check_colour(settings: ImageTable) -> Colour | None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.vision.mask.cells import Bools, Cells
@@ -29,19 +28,10 @@ _LEAST_GAP = 0.2
 _MOST_SHIFT = 0.25
 
 
-class PartBesideShadow(Struct, frozen=True, eq=False):
-    """A part without its shadow.
+def find_part_beside_shadow(grey: Segmentation, cells: Cells) -> tuple[Segmentation, float] | None:
+    """The part without the shadow that is joined to it, and the length of the vector, cells.
 
-    segmentation: the part.
-    shift: the length of the vector, cells.
-    """
-
-    segmentation: Segmentation
-    shift: float
-
-
-def find_part_beside_shadow(grey: Segmentation, cells: Cells) -> PartBesideShadow | None:
-    """The part without the shadow that is joined to it; None if it has none.
+    None if it has no shadow.
 
     grey: the part with its shadow, in the grey picture. A shadow that differs more from the bench
         than the part does is not found.
@@ -54,19 +44,17 @@ def find_part_beside_shadow(grey: Segmentation, cells: Cells) -> PartBesideShado
     rest = _opened(whole & ~part)
     if not part.any():
         return None
-    share = np.count_nonzero(rest) / np.count_nonzero(part)
-    if not _LEAST_SHARE < share < _MOST_SHARE:
+    if not _LEAST_SHARE < np.count_nonzero(rest) / np.count_nonzero(part) < _MOST_SHARE:
         return None
     shift = _find_shift(part, rest)
     length = float(np.hypot(*shift))
     if length < _LEAST_SHIFT:
         return None
     covered = _opened(_moved(part, shift) & ~part)
-    together = np.count_nonzero(covered | rest)
-    if np.count_nonzero(covered & rest) < _AGREES * together:
+    if np.count_nonzero(covered & rest) < _AGREES * np.count_nonzero(covered | rest):
         return None
     segmentation = _between(grey, part, rest, cells)
-    return None if segmentation is None else PartBesideShadow(segmentation, length)
+    return None if segmentation is None else (segmentation, length)
 
 
 def _between(grey: Segmentation, part: Bools, shadow: Bools, cells: Cells) -> Segmentation | None:
@@ -118,8 +106,7 @@ def _moved(area: Bools, shift: tuple[int, int]) -> Bools:
 
 def _opened(area: Bools) -> Bools:
     """`area` without strips of two cells or fewer: blurred borders."""
-    kernel = np.ones((3, 3), np.uint8)
-    opened = cv2.morphologyEx(area.view(np.uint8), cv2.MORPH_OPEN, kernel)
+    opened = cv2.morphologyEx(area.view(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     return np.asarray(opened, np.uint8).view(np.bool_)
 
 

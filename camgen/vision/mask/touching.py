@@ -8,6 +8,7 @@ and if one side is nearly convex or the line is only a thin neck.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -68,19 +69,13 @@ def _search_piece(ring: NDArray[np.int32]) -> Iterator[TouchingPlace]:
     points = ring[:, 0].astype(np.float64)
     piece_area = abs(_compute_area(points))
     used: set[int] = set()
-    for length, i, j in sorted(_list_lines(points, _find_notches(points))):
-        if used & {i, j} or not _separates_parts(points, i, j, length, piece_area):
-            continue
-        used |= {i, j}
-        u, v = ((points[i] + points[j]) / 2).tolist()
-        yield TouchingPlace((u, v), length)
-
-
-def _list_lines(points: Ring, notches: list[int]) -> Iterator[tuple[float, int, int]]:
-    """Yield the length (cells) and both rows of the line between any two notches."""
-    for k, i in enumerate(notches):
-        for j in notches[k + 1 :]:
-            yield float(np.hypot(*(points[j] - points[i]))), i, j
+    pairs = combinations(_find_notches(points), 2)
+    lines = [(float(np.hypot(*(points[j] - points[i]))), i, j) for i, j in pairs]
+    for length, i, j in sorted(lines):
+        if used.isdisjoint((i, j)) and _separates_parts(points, i, j, length, piece_area):
+            used |= {i, j}
+            u, v = ((points[i] + points[j]) / 2).tolist()
+            yield TouchingPlace((u, v), length)
 
 
 def _find_notches(points: Ring) -> list[int]:
@@ -95,8 +90,8 @@ def _find_notches(points: Ring) -> list[int]:
     cross = (px * qy - py * qx) * np.sign(_compute_area(points))
     angle = np.degrees(np.arctan2(cross, px * qx + py * qy))
     opening = np.where(angle > 0, angle, 360.0)
-    shifts = range(-reach, reach + 1)
-    smallest_near = np.min([np.roll(opening, shift) for shift in shifts], axis=0)
+    near = [np.roll(opening, shift) for shift in range(-reach, reach + 1)]
+    smallest_near = np.min(near, axis=0)
     rows = np.flatnonzero((opening == smallest_near) & (opening <= _MAX_NOTCH_ANGLE))
     # The first of several equal angles side by side counts.
     tips = rows[np.diff(rows, prepend=-reach - 1) > reach]
@@ -108,12 +103,10 @@ def _separates_parts(points: Ring, i: int, j: int, length: float, piece_area: fl
     sides = points[i : j + 1], np.concatenate([points[j:], points[: i + 1]])
     areas = [abs(_compute_area(side)) for side in sides]
     smaller = min(areas)
-    if smaller < _MIN_SIDE * piece_area:
-        return False
     # A line that crosses the bench adds to the sides the area that it cuts off.
-    if abs(sum(areas) - piece_area) > _AREA_TOLERANCE * piece_area:
-        return False
-    if length > _MAX_LENGTH * (4 * smaller / np.pi) ** 0.5:
+    crosses_bench = abs(sum(areas) - piece_area) > _AREA_TOLERANCE * piece_area
+    is_long = length > _MAX_LENGTH * (4 * smaller / np.pi) ** 0.5
+    if smaller < _MIN_SIDE * piece_area or crosses_bench or is_long:
         return False
     # The point of a star narrows away from the line, and a stem keeps its width. A part that
     # touches another one is wider than the line between them.

@@ -7,7 +7,7 @@ import pytest
 
 from camgen.lang.programs import RunRequest
 from camgen.lang.vplus.language import run
-from camgen.model.pose import rotation_from_zyz
+from camgen.model.pose import rotation_about
 from camgen.model.program import MoveJ, MoveL
 
 
@@ -137,7 +137,8 @@ def evaluate_location(expression, *before):
 
 def test_a_compound_location_is_given_in_the_frame_of_its_first_component():
     assert evaluate_location("TRANS(1,2,3,40,50,60)").origin == (1, 2, 3)
-    rotation = rotation_from_zyz(*np.radians([40, 50, 60]))
+    yaw, pitch, roll = np.radians([40, 50, 60])
+    rotation = rotation_about(2, yaw) @ rotation_about(1, pitch) @ rotation_about(2, roll)
     assert np.allclose(evaluate_location("TRANS(1,2,3,40,50,60)").rotation, rotation)
     executed = execute("SET a = TRANS(10,0,0,90)", "MOVE a:TRANS(5,0,0)")
     assert executed.body[0].target.origin == (5, 0, 0)
