@@ -60,11 +60,11 @@ def find_in_reach(part: camgen.Part) -> tuple[set[str], int]:
     spots = list_spots(case, None)
     names = np.array(list(case.paths))
     rows = []
-    for number, face in enumerate(case.stands):
-        face_spots = [spot for spot in spots if spot.stand == number]
-        for start in range(0, len(face_spots), 20):
-            batch = face_spots[start : start + 20]
-            rows.append(reach_joints(case, batch, face.samples).shares > 1 - 1e-9)
+    for number, resting_pose in enumerate(case.resting_poses):
+        own_spots = [spot for spot in spots if spot.resting_pose == number]
+        for start in range(0, len(own_spots), 20):
+            batch = own_spots[start : start + 20]
+            rows.append(reach_joints(case, batch, resting_pose.samples).shares > 1 - 1e-9)
     is_reached = np.concatenate(rows)
     counts = is_reached.sum(axis=1)
     weights = is_reached.astype(np.float64)
