@@ -27,7 +27,15 @@ from bench.support.runner import Cells, Scenario, run, verdict
 from bench.support.timing import timed
 from camgen.pipeline import make_job_post
 from camgen.pipeline.inputs import read_inputs
-from camgen.pipeline.place import Request, Search, list_spots, make_case, reach_joints, search_place
+from camgen.pipeline.place import (
+    Request,
+    Search,
+    list_spots,
+    make_case,
+    measure_worked,
+    reach_joints,
+    search_place,
+)
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping
 
@@ -78,10 +86,10 @@ def measure(name: str, part: camgen.Part) -> Iterator[Cells]:
     result, seconds = timed(partial(search, part))
     cells: list[object] = [len(edges), sum(edge.length for edge in edges)]
     for trials in ([result.as_given], [result.best[0]], result.set_ups):
-        worked = result.measure_worked(trials)
+        worked = measure_worked(result.case.edges, trials)
         cells += [len(worked), sum(worked.values())]
     in_reach, by_two = find_in_reach(part)
-    left = in_reach - result.measure_worked(result.set_ups).keys()
+    left = in_reach - measure_worked(result.case.edges, result.set_ups).keys()
     is_met = len(in_reach) - len(left) >= by_two
     yield name, *cells, len(in_reach), len(left), by_two, verdict(is_met), seconds
 

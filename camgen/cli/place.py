@@ -36,6 +36,7 @@ from camgen.pipeline.place import (
     RestingPose,
     Search,
     Trial,
+    measure_worked,
     name_set_up,
     search_place,
 )
@@ -161,9 +162,9 @@ def _describe(result: Search) -> list[Row]:
 
 def _describe_search(result: Search) -> str:
     grid, near = result.places
-    searched = sum(resting_pose.face is not None for resting_pose in result.resting_poses)
-    faces = counted(result.faces, "resting face")
-    if searched < result.faces:
+    searched = sum(resting_pose.face is not None for resting_pose in result.case.resting_poses)
+    faces = counted(result.case.faces, "resting face")
+    if searched < result.case.faces:
         faces = f"the {searched} largest of {faces}"
     return f"{faces}, {counted(grid, 'place')} by the joints alone, {near} with collisions"
 
@@ -180,9 +181,9 @@ def _describe_trial(result: Search, trial: Trial) -> str:
 
 
 def _format_worked(result: Search, trials: Sequence[Trial]) -> str:
-    worked = result.measure_worked(trials)
+    worked = measure_worked(result.case.edges, trials)
     length, total = short_each((sum(worked.values()), result.length), 1)
-    edges = f"{grouped(len(worked))} of {counted(len(result.edges), 'edge')}"
+    edges = f"{grouped(len(worked))} of {counted(len(result.case.edges), 'edge')}"
     return f"{edges}, {length} of {total} mm"
 
 
@@ -232,7 +233,7 @@ def _list_edges(result: Search, limit: int | None = None) -> list[Row]:
 
     limit: number of edges that are listed, those first of which something is left.
     """
-    names = list(result.edges)
+    names = list(result.case.edges)
     if limit is not None:
         names.sort(key=lambda name: _order_edge(result, name))
     rows = [_row_of_edge(result, name) for name in names[:limit]]
@@ -250,7 +251,7 @@ def _order_edge(result: Search, name: str) -> int:
 
 
 def _row_of_edge(result: Search, name: str) -> Row:
-    length = result.edges[name].length
+    length = result.case.edges[name].length
     parts = []
     for number, trial in enumerate(result.set_ups, 1):
         if name in trial.whole:

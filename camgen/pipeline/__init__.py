@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -273,20 +273,20 @@ def build(  # noqa: PLR0913 (the public call, whose keywords users write)
     posted = post_programs(
         checks, readback, fill_tables(type(poster), settings.post), settings.tolerance.chord
     )
-    proof = prove_stock(full_plan, planned, tour, request, checks, posted)
+    proof = prove_stock(full_plan, planned, tour, request, posted.texts)
     if len(tour.paths) < len(full_plan.paths):
         planned = _forget_coverage(planned)
-    fixtures = prove_fixtures(proof, tour, request, checks, posted)
+    fixtures = prove_fixtures(proof, tour, request, posted.texts)
     result = _sum_up(planned, tour, request, checks, posted, proof)
     _check_outcome(result.part, result.notes, True, strict)
-    motion = prove_motion(read.part, planned, request, checks, posted, result.notes)
-    rounded = check_rounding(tour, settings, checks, posted)
+    motion = prove_motion(read.part, planned, request, posted, result.notes)
+    rounded = check_rounding(tour, settings, posted)
     result = replace(result, motion=motion, rounded=rounded, located=located, fixtures=fixtures)
     if read.cell.machine is None:
         return result
     from camgen.pipeline.travel import check_travel, note_rates  # noqa: PLC0415 (only for a mill)
 
-    travel = check_travel(settings, read.cell, checks, posted)
+    travel = check_travel(settings, read.cell, posted.texts)
     notes = sort_notes(result.notes, note_rates(read.cell, result.program))
     return replace(result, travel=travel, notes=notes)
 
@@ -427,13 +427,13 @@ def _sum_up(
                 *note_close_positions(plan.part, checks.program, cell),
                 *_note_corners(checks.program, cell.pace, job),
                 *list_warnings(post, checks.program),
-                *note_harm(posted),
+                *note_harm(posted.texts),
             ),
         ),
         program=checks.program,
-        files=posted.files,
-        counts=posted.counts,
-        lines=find_lines(checked, posted),
+        files=tuple(chain.from_iterable(text.files for text in posted.texts)),
+        counts=tuple(len(text.files) for text in posted.texts),
+        lines=find_lines(checks.program.body, posted.texts),
         deviation=posted.deviation,
         motions=checked.motions,
         cycle=checked.cycle,
@@ -506,8 +506,10 @@ def _check_outcome(part: Part, notes: Sequence[Note], has_paths: bool, strict: b
     if not has_paths and not _is_taught(part):
         # The notes of the planner come last. A note of the reader is not the reason why the
         # contours have no path.
-        nothing = Note("skipped", "nothing fits")
-        last = next((note for note in reversed(skipped) if note not in part.notes), nothing)
+        last = next(
+            (note for note in reversed(skipped) if note not in part.notes),
+            Note("skipped", "nothing fits"),
+        )
         raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
     failing = skipped or [note for note in notes if note.strict]
     if strict and failing:

@@ -64,9 +64,8 @@ def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell
     cell: cell of the post, whose values hold where the job has none.
     """
     files = files.within(job.limits)
-    if job.cell.machine:
-        return add_machine(_read_cell(part, job, cell, files), job, files)
-    return _read_cell(part, job, cell, files)
+    workcell = _read_cell(part, job, cell, files)
+    return add_machine(workcell, job, files) if job.cell.machine else workcell
 
 
 def _read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell:
@@ -221,9 +220,11 @@ def _prefix_each(lines: Sequence[_Line], prefix: str) -> list[_Line]:
 
 def _prefix_ids(outline: OpenOutline, prefix: str) -> OpenOutline:
     """The outline with `prefix` in front of all its ids."""
-    ids = tuple(prefix + name for name in outline.ids)
-    inside = tuple(prefix + name for name in outline.inside)
-    return replace(outline, ids=ids, inside=inside)
+    return replace(
+        outline,
+        ids=tuple(prefix + name for name in outline.ids),
+        inside=tuple(prefix + name for name in outline.inside),
+    )
 
 
 def _join_heads(parts: Sequence[Part]) -> Part:
@@ -245,8 +246,7 @@ def _join_curves(parts: Sequence[Part], solid: Solid | None) -> Part:
     several = sum(bool(part.curves) for part in parts) > 1
     curves: list[Curve] = []
     for k, part in enumerate(parts, 1):
-        prefix = f"{k}/" if several else ""
-        curves += _prefix_each(part.curves, prefix)
+        curves += _prefix_each(part.curves, f"{k}/" if several else "")
     return replace(_join_heads(parts), curves=tuple(curves), solid=solid)
 
 
@@ -329,16 +329,21 @@ def compute_digest(job: Job, sources: Sequence[Path | Part], files: Files) -> st
         seen.add(identity(source))
         total.update(b"%d:" % len(data))
         total.update(data)
-    named = [("image.background", job.image.background), ("camera.file", job.camera.file)]
-    named.append(("image.lamp_moved", job.image.lamp_moved))
+    named = [
+        ("image.background", job.image.background),
+        ("camera.file", job.camera.file),
+        ("image.lamp_moved", job.image.lamp_moved),
+    ]
     if described := split_name(job.cell.robot):
         from camgen.robots.urdf.xml import list_urdf_files  # noqa: PLC0415 (only for a URDF)
 
-        for path in list_urdf_files(described[0], files):
-            named.append(("cell.robot", str(path)))
+        named += [("cell.robot", str(path)) for path in list_urdf_files(described[0], files)]
     named.append(("cell.machine", job.cell.machine))
-    fixtures = job.cell.fixtures or ()
-    named += [("cell.fixtures", fixture) for fixture in fixtures if isinstance(fixture, str)]
+    named += [
+        ("cell.fixtures", fixture)
+        for fixture in job.cell.fixtures or ()
+        if isinstance(fixture, str)
+    ]
     for setting, name in named:
         if name or setting == "cell.fixtures":
             total.update(_read_setting(setting, name, files))
@@ -389,8 +394,10 @@ def _list_changes(job: Job) -> dict[str, object]:
         cell = replace(cell, robot="#".join((Path(described[0]).name, described[1])))
     cell = replace(cell, machine=Path(cell.machine).name)
     if cell.fixtures:
-        fixtures = [Path(row).name if isinstance(row, str) else row for row in cell.fixtures]
-        cell = replace(cell, fixtures=fixtures)
+        cell = replace(
+            cell,
+            fixtures=[Path(row).name if isinstance(row, str) else row for row in cell.fixtures],
+        )
     tables = msgspec.to_builtins(replace(job, image=image, camera=camera, cell=cell))
     defaults = msgspec.to_builtins(Job())
     changes: dict[str, object] = {}

@@ -86,19 +86,35 @@ class CheckedPrograms(Struct, frozen=True, eq=False):
     cycle: Cycle
 
 
-class PostedPrograms(Struct, frozen=True, eq=False):
-    """The texts of all programs in their order.
+class PostedText(Struct, frozen=True, eq=False):
+    """The text of one program. The comparison has shown that its instructions are those of the
+    program except its comments, one by one.
 
-    files: the files of all programs.
-    counts: number of files of each program.
-    executed: the strict run of the text of each program.
+    post, program: the program with its post.
+    files: the files of the text.
+    executed: the strict run of the text.
+    """
+
+    post: Post
+    program: Program
+    files: tuple[OutputFile, ...]
+    executed: Executed
+
+    @property
+    def name(self) -> str:
+        """The name of its first file."""
+        return self.files[0].name
+
+
+class PostedPrograms(Struct, frozen=True, eq=False):
+    """The texts of all programs.
+
+    texts: the texts in the order of the programs.
     deviation: largest deviation of a text from its program.
     tolerance: tolerance with which the texts were compared.
     """
 
-    files: tuple[OutputFile, ...]
-    counts: tuple[int, ...]
-    executed: tuple[Executed, ...]
+    texts: tuple[PostedText, ...]
     deviation: Deviation
     tolerance: Tolerance
 
@@ -194,14 +210,19 @@ def _make_flow(tour: Tour, job: Job) -> Flow | None:
     """
     runs: list[tuple[Tour, ProcessTable]] = [(tour, job.process)]
     if isinstance(tour, JobTour):
-        pairs = zip(tour.tours, tour.steps, strict=True)
-        runs = [(step_tour, step.process) for step_tour, step in pairs if step_tour.paths]
+        runs = [
+            (step_tour, step.process)
+            for step_tour, step in zip(tour.tours, tour.steps, strict=True)
+            if step_tour.paths
+        ]
     if not all(isinstance(step_tour, ArmTour) for step_tour, _ in runs):
         return None
     processes = [process for _, process in runs]
-    highest_feed = max(max(process.feed, plunge(process)) for process in processes)
-    max_blend = min(process.clearance for process in processes) / 2
-    return Flow(highest_feed, max_blend, max(process.least_height for process in processes))
+    return Flow(
+        max(max(process.feed, plunge(process)) for process in processes),
+        min(process.clearance for process in processes) / 2,
+        max(process.least_height for process in processes),
+    )
 
 
 def _list_tools(tour: Tour) -> list[ToolTable]:
@@ -252,28 +273,24 @@ def _join_joints(program: Program, traces: Sequence[JointTrace], starts: IntArra
     return replace(traces[0], joints=joints, owner=np.concatenate(owners), program=program)
 
 
-def find_lines(checked: CheckedPrograms, posted: PostedPrograms) -> IntArray:
+def find_lines(body: Sequence[Instruction], texts: Sequence[PostedText]) -> IntArray:
     """The line from which each instruction of the whole program was read, shape (N,).
 
     Lines count from 1 through all files. 0 is for comments, and for tool changes between programs.
+
+    body: the N instructions of the whole program.
     """
-    body, several = checked.whole.program.body, len(checked.programs) > 1
+    several = len(texts) > 1
     lines = np.zeros(len(body), dtype=np.int64)
-    first_row = len(body) - sum(len(program.body) + several for _, program in checked.programs)
-    first_file = lines_above = 0
-    for count, executed, (_, program) in zip(
-        posted.counts, posted.executed, checked.programs, strict=True
-    ):
+    first_row = len(body) - sum(len(text.program.body) + several for text in texts)
+    lines_above = 0
+    for text in texts:
         first_row += several
-        # The comparison has shown that the read-back has the instructions of the program except
-        # its comments, one by one.
-        rows = first_row + np.flatnonzero(~program.columns.are(Comment))
-        lines[rows] = lines_above + np.array(executed.lines, dtype=np.int64)
-        first_row += len(program.body)
+        rows = first_row + np.flatnonzero(~text.program.columns.are(Comment))
+        lines[rows] = lines_above + np.array(text.executed.lines, dtype=np.int64)
+        first_row += len(text.program.body)
         if several:
-            for file in posted.files[first_file : first_file + count]:
-                lines_above += file.text.count("\n")
-        first_file += count
+            lines_above += sum(file.text.count("\n") for file in text.files)
     return lines
 
 
@@ -303,41 +320,36 @@ def post_programs(
     shared = dict(options)
     if len(checked.programs) > 1:
         shared.pop("program", None)
-    files: list[OutputFile] = []
-    counts, runs, worst = [], [], Deviation(0.0, 0.0, 0)
+    texts, worst = [], Deviation(0.0, 0.0, 0)
     for post, program in checked.programs:
-        posted = [replace(file, text=sign(file.text)) for file in render_program(post, program)]
+        rendered = render_program(post, program)
+        files = tuple(replace(file, text=sign(file.text)) for file in rendered)
         release_memory()
         changed = _list_changed_options(post, shared)
-        executed = read({file.name: file.text for file in posted}, shared | changed)
+        executed = read({file.name: file.text for file in files}, shared | changed)
         release_memory()
         tolerance = limit_tolerance(post.tolerance(), chord)
-        deviation = compare(program, executed, tolerance, post.list_verified(), posted[0].name)
+        deviation = compare(program, executed, tolerance, post.list_verified(), files[0].name)
         worst = Deviation(
             max(worst.max_mm, deviation.max_mm),
             max(worst.max_angle, deviation.max_angle),
             worst.instructions + deviation.instructions,
         )
-        runs.append(executed)
-        counts.append(len(posted))
-        files += posted
-    return PostedPrograms(tuple(files), tuple(counts), tuple(runs), worst, tolerance)
+        texts.append(PostedText(post, program, files, executed))
+    return PostedPrograms(tuple(texts), worst, tolerance)
 
 
-def note_harm(posted: PostedPrograms) -> tuple[Note, ...]:
+def note_harm(texts: Sequence[PostedText]) -> tuple[Note, ...]:
     """Warnings of motions in the texts that may do harm.
 
     A program that camgen plans has no such motions. An old program is repeated as it is.
     """
     notes: list[Note] = []
-    first = 0
-    for count, executed in zip(posted.counts, posted.executed, strict=True):
-        file = posted.files[first].name
-        first += count
-        harm = find_harm(executed)
+    for text in texts:
+        harm = find_harm(text.executed)
         for finding in harm[:_HARM_NOTES]:
-            notes.append(Note("warning", f"{file} line {finding.line}: {finding.what}"))
+            notes.append(Note("warning", f"{text.name} line {finding.line}: {finding.what}"))
         if len(harm) > _HARM_NOTES:
-            more = counted(len(harm) - _HARM_NOTES, "other line")
-            notes.append(Note("warning", f"{file}: {more} may do harm", "camgen verify lists them"))
+            more = f"{text.name}: {counted(len(harm) - _HARM_NOTES, 'other line')} may do harm"
+            notes.append(Note("warning", more, "camgen verify lists them"))
     return tuple(notes)

@@ -183,7 +183,7 @@ def preview(result: Result, suffix: str = ".svg") -> bytes:
     return draw_preview(result, Path(f"preview{suffix}"))
 
 
-def _find_cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
+def _find_cell(cell: CellLike | None, job: Job, part: Part | None) -> Workcell | None:
     if not isinstance(cell, str):
         return cell
     return read_cell(part, job, _make_post_cell(cell, job), Files())
@@ -191,15 +191,14 @@ def _find_cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
 
 def _take_cell(cell: CellLike | None, job: Job) -> Workcell:
     """The cell of a program. Raises JobError for None: frames and home are never guessed."""
-    if cell is None:
+    workcell = _find_cell(cell, job, None)
+    if workcell is None:
         raise JobError(
             "cell",
             "is not given",
             remedy='give a result of camgen.cell, or the name of a post: "rapid"',
         )
-    if not isinstance(cell, str):
-        return cell
-    return read_cell(None, job, _make_post_cell(cell, job), Files())
+    return workcell
 
 
 def _make_post_cell(post: str, job: Job) -> Cell:
