@@ -228,8 +228,9 @@ def _read_head(target: Path) -> bytes:
 
 
 def _make_overwrite_error(target: Path, read: Path) -> JobError:
-    what = f"would overwrite {read}, which is read"
-    return JobError(str(target), what, remedy="give another name")
+    return JobError(
+        str(target), f"would overwrite {read}, which is read", remedy="give another name"
+    )
 
 
 def _check_target(target: Path) -> None:

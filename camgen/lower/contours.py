@@ -114,8 +114,12 @@ def _check_size(tour: Tour, limit: float) -> None:
     motions = sum(len(path) * len(path.depths) for path in tour.paths)
     if motions > limit:
         what = f"paths and passes need {motions:,} motions; the limit is {format_limit(limit)}"
-        remedy = "use fewer passes, build the part in several programs, or raise limits.motions"
-        raise JobError("job", what, "operation.passes", remedy)
+        raise JobError(
+            "job",
+            what,
+            "operation.passes",
+            "use fewer passes, build the part in several programs, or raise limits.motions",
+        )
 
 
 def _check_home_height(cell: Cell, job: Job) -> None:
@@ -334,8 +338,9 @@ class _PassDraft(Struct, frozen=True, eq=False):
             is_apart[0] = True
         self._travel(MoveL, first, self.down & is_apart, contact, speed)
         self._add_links(free)
-        low = free & ~_are_same(self.above_start, self.near)
-        self._travel(self.rapid, first, low, self.near, speed)
+        self._travel(
+            self.rapid, first, free & ~_are_same(self.above_start, self.near), self.near, speed
+        )
         if is_switched_in_air(self.job):
             self._insert_each(first[free], switch_on(process))
         # A path that starts on an outer corner is faster there than the feed; the plunge before it
@@ -394,8 +399,9 @@ class _PassDraft(Struct, frozen=True, eq=False):
             next_point = np.roll(self.above_start, -1, axis=0)
             lengths = _measure_distances(end, up), _measure_distances(up, next_point)
             blend = np.where(is_continued, _choose_blends(process, *lengths), 0.0)
-        moved = leaving & ~_are_same(end, up)
-        self._travel(self.rapid, last, moved, up, process.travel_speed, blend)
+        self._travel(
+            self.rapid, last, leaving & ~_are_same(end, up), up, process.travel_speed, blend
+        )
         if has_signal:
             self._insert_each(last[leaving], [Output(find_signal(process), 0.0)])
 
@@ -488,8 +494,9 @@ class _PassDraft(Struct, frozen=True, eq=False):
         kind: type[MoveJ | MoveL] = MoveL,
     ) -> Body:
         """Motions (K,) of the passes to which `rows` (K,) belong, see `make_plain_motions`."""
-        path = self.number[self.pass_of[rows]]
-        return make_plain_motions(kind, targets, speed=speed, blend=blend, path=path, work=work)
+        return make_plain_motions(
+            kind, targets, speed=speed, blend=blend, path=self.number[self.pass_of[rows]], work=work
+        )
 
     def _targets(self, origin: FloatArray, rotation: Places) -> Targets:
         """K poses of the tool.
@@ -579,8 +586,9 @@ def _list_joint_links(
         index = tool_pass.number - before
         starts_low = tool_pass.linked or tool_pass.low or tool_pass.down
         if isinstance(tour, ArmTour) and not starts_low and len(tour.links[index]):
-            speeds = tour.link_speeds[index]
-            links[k] = [*_make_joint_motions(tour.links[index], speeds, tool_pass.number)]
+            links[k] = [
+                *_make_joint_motions(tour.links[index], tour.link_speeds[index], tool_pass.number)
+            ]
     return links
 
 
@@ -611,8 +619,9 @@ def _compute_heights(
     if len(low):
         path_id = passes[int(low[0])].path.id
         what = f"{process.clearance:g} mm is below where the tool approaches path {path_id}"
-        remedy = "raise process.clearance or lower process.approach"
-        raise JobError("job", what, "process.clearance", remedy)
+        raise JobError(
+            "job", what, "process.clearance", "raise process.clearance or lower process.approach"
+        )
     above_end = end + up_end * lift_end[:, None]
     above_start = start + up_start * lift_start[:, None]
     starts_low = np.flatnonzero([tool_pass.low for tool_pass in passes])

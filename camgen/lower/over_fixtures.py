@@ -68,8 +68,9 @@ def _find_heights(
                 near = rows[shapely.dwithin(lines[rows], fixture.outline, room)]
                 for layer in fixture.layers:
                     crossing = near[shapely.dwithin(lines[near], layer.outline, room)]
-                    height = layer.top + fixtures.lift - body.height
-                    heights[crossing] = np.maximum(heights[crossing], height)
+                    heights[crossing] = np.maximum(
+                        heights[crossing], layer.top + fixtures.lift - body.height
+                    )
     return heights
 
 

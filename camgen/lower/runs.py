@@ -125,10 +125,9 @@ def _plan_passes(directions: _Directions, job: Job, descent: _Descent, down: boo
     """The passes of a path. down: whether it is reached at its depth."""
     path, entry = directions[0], job.operation.entry
     if entry == "plunge" or max(path.depths) <= 0 or lengths_along(path)[-1] < SAME_POINT_MM:
-        pairs = zip(directions, path.depths, strict=True)
         return [
             _Pass(_raise_over_tabs(directed, depth, descent.plunge), depth)
-            for directed, depth in pairs
+            for directed, depth in zip(directions, path.depths, strict=True)
         ]
     helix = entry == "helix" and path.entry_radius > 0
     _check_entry(path, job, down, helix)
@@ -237,8 +236,9 @@ def _check_count(motions: float, descent: _Descent) -> None:
     if motions > descent.limit:
         limit = format_limit(descent.limit)
         what = f"a ramp at this angle needs {motions:,.0f} motions; the limit is {limit}"
-        remedy = "use a steeper angle, or raise limits.motions"
-        raise JobError("job", what, "operation.entry_angle", remedy)
+        raise JobError(
+            "job", what, "operation.entry_angle", "use a steeper angle, or raise limits.motions"
+        )
 
 
 def _descend(chords: ToolPath, from_z: float, to_z: float, speed: float) -> ToolPath:
@@ -299,8 +299,7 @@ def make_helix_entry(
     step = _compute_helix_step(radius, chord)
     sweep = (from_z - to_z) / (math.tan(angle) * radius * math.sin(step / 2) / (step / 2))
     count = math.ceil(sweep / step)
-    sense = _find_turn_direction(path)
-    turn = sense * np.concatenate(
+    turn = _find_turn_direction(path) * np.concatenate(
         [np.linspace(0.0, sweep, count + 1), sweep + np.array([0.5, 1.0, 1.5, 2.0]) * np.pi]
     )
     x, y, z = path.position[0].tolist()

@@ -51,8 +51,7 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
     # One tool that has no number is in the spindle already.
     first = tour.steps[0].tool
     changes = first.number > 0 or any(step.tool != first for step in tour.steps)
-    links = (*tour.links, None)
-    tour_ends = [TourEnds(link, after is not None) for link, after in pairwise(links)]
+    tour_ends = [TourEnds(link, after is not None) for link, after in pairwise((*tour.links, None))]
     for step, number, part, ends in zip(
         tour.steps, tour.numbers, tour.tours, tour_ends, strict=True
     ):
@@ -82,9 +81,11 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
 
 def _check_lengths(tour: JobTour) -> None:
     if len({step.tool.length for step in tour.steps}) > 1:
-        what = "is one frame, and the tools have several lengths"
         raise JobError(
-            "job", what, "cell.flange_from_tool", "leave it out: each tool is as long as its length"
+            "job",
+            "is one frame, and the tools have several lengths",
+            "cell.flange_from_tool",
+            "leave it out: each tool is as long as its length",
         )
 
 
