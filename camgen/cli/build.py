@@ -198,7 +198,7 @@ def _reach(result: Result) -> list[Row]:
             ("reach", f"not proven: no robot model{hint}", "look"),
             ("collision", "not proven: no robot model", "look"),
         ]
-    samples = counted(result.reach.samples, "pose")
+    samples = counted(len(result.reach.joints), "pose")
     bounds, tone = "travel", "good"
     if isinstance(result.cell.home, Joints):
         bounds = f"limits, {_posture(result)}"

@@ -41,8 +41,6 @@ from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.check.collide import ClearanceReport
-    from camgen.check.reach import JointTrace
     from camgen.collision.cell import CellScene
 
 
@@ -247,30 +245,21 @@ def _join_checks(lowered: Program, results: Sequence[Checks]) -> Checks:
         starts.append(len(body))
         body += checks.program.body
     program = replace(lowered, body=switch_off_first(body))
+    traces = [checks.reach for checks in results if checks.reach is not None]
+    reports = [checks.clear for checks in results if checks.clear is not None]
+    if not traces:
+        return Checks(program)
+    from camgen.check.collide import join_reports  # noqa: PLC0415 (as in `camgen.check`)
+    from camgen.check.reach import join_traces  # noqa: PLC0415
+
     inserted = len(program.body) - len(body)
-    reach = [checks.reach for checks in results if checks.reach is not None]
-    clear = [checks.clear for checks in results if checks.clear is not None]
     return Checks(
         program,
-        _join_joints(program, reach, np.array(starts) + inserted) if reach else None,
-        _join_clearances(clear) if clear else None,
+        join_traces(program, traces, [start + inserted for start in starts]),
+        join_reports(reports),
         results[0].where,
         tuple(itertools.chain.from_iterable(checks.slow for checks in results)),
     )
-
-
-def _join_clearances(reports: Sequence[ClearanceReport]) -> ClearanceReport:
-    """The report with the smallest clearance, with the notes of all."""
-    smallest = min(reports, key=lambda report: report.clearance)
-    notes = itertools.chain.from_iterable(report.notes for report in reports)
-    return replace(smallest, notes=tuple(notes))
-
-
-def _join_joints(program: Program, traces: Sequence[JointTrace], starts: IntArray) -> JointTrace:
-    """Join joint values. starts: index in `program` of the first instruction of each trace."""
-    joints = np.concatenate([trace.joints for trace in traces])
-    owners = [trace.owner + start for trace, start in zip(traces, starts, strict=True)]
-    return replace(traces[0], joints=joints, owner=np.concatenate(owners), program=program)
 
 
 def find_lines(body: Sequence[Instruction], texts: Sequence[PostedText]) -> IntArray:
@@ -290,7 +279,8 @@ def find_lines(body: Sequence[Instruction], texts: Sequence[PostedText]) -> IntA
         lines[rows] = lines_above + np.array(text.executed.lines, dtype=np.int64)
         first_row += len(text.program.body)
         if several:
-            lines_above += sum(file.text.count("\n") for file in text.files)
+            for file in text.files:
+                lines_above += file.text.count("\n")
     return lines
 
 
@@ -304,6 +294,11 @@ def _list_changed_options(post: Post, options: dict[str, object]) -> dict[str, o
             if value != getattr(reference, option.name):
                 changed[option.name] = value
     return changed
+
+
+def print_program(post: Post, program: Program) -> tuple[OutputFile, ...]:
+    """The files of a prepared program, with their signatures."""
+    return tuple(replace(file, text=sign(file.text)) for file in render_program(post, program))
 
 
 def post_programs(
@@ -322,8 +317,7 @@ def post_programs(
         shared.pop("program", None)
     texts, worst = [], Deviation(0.0, 0.0, 0)
     for post, program in checked.programs:
-        rendered = render_program(post, program)
-        files = tuple(replace(file, text=sign(file.text)) for file in rendered)
+        files = print_program(post, program)
         release_memory()
         changed = _list_changed_options(post, shared)
         executed = read({file.name: file.text for file in files}, shared | changed)

@@ -15,8 +15,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msgspec.structs import replace
-
 from camgen.check import Checks
 from camgen.check import check as check_program
 from camgen.lang.programs import Executed
@@ -27,16 +25,16 @@ from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.model.path import Tour
 from camgen.model.program import Program
-from camgen.model.signature import sign
 from camgen.order import order as order_plan
 from camgen.pipeline import Input, JobLike, Result, list_inputs, load_settings, make_job_post
 from camgen.pipeline.fixtures import leave_out_blocked
 from camgen.pipeline.inputs import read_cell, read_parts
+from camgen.pipeline.programs import print_program
 from camgen.pipeline.rounding import limit_path_tolerance
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
 from camgen.post import OutputFile
-from camgen.post.contract import prepare_program, render_program
+from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import cell_of, fill_tables, find_post, find_readback
 from camgen.post.verify import Deviation, compare
@@ -146,8 +144,7 @@ def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, 
     """
     settings = limit_path_tolerance(load_settings(job, Files()), post)
     poster = make_job_post(post, settings, "job")
-    rendered = render_program(poster, prepare_program(poster, program, settings.tolerance.chord))
-    return tuple(replace(file, text=sign(file.text)) for file in rendered)
+    return print_program(poster, prepare_program(poster, program, settings.tolerance.chord))
 
 
 def read_back(
