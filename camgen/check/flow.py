@@ -21,7 +21,7 @@ from camgen.check.passing import (
     make_speed_profile,
     trace_motions,
 )
-from camgen.check.reach import JointTrace
+from camgen.check.reach import JointTrace, compute_tips
 from camgen.collision.cell import CellScene
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
@@ -39,7 +39,6 @@ from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Force, MoveJ, Program
 from camgen.model.text import counted
 from camgen.motion.corners import TURNING, Flow
-from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -187,8 +186,7 @@ def _keeps_above(program: Program, robot: Robot, fan: FloatArray, floor: float) 
     inside = first + second <= count
     weights = np.column_stack([count - first - second, first, second])[inside] / count
     joints = np.einsum("kc,ncj->nkj", weights, fan).reshape(-1, fan.shape[2])
-    rotation, origin = compute_flange(robot, joints)
-    tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    tip = compute_tips(robot, joints, program.flange_from_tool)
     base = program.base_from_work
     return bool(((tip - np.asarray(base.origin)) @ base.rotation[:, 2] >= floor).all())
 
@@ -207,8 +205,9 @@ def _overlap(before: SpeedProfile, after: SpeedProfile) -> _CornerPath:
     left = np.maximum(brake - t, 0.0) ** 2 * before.acceleration / 2
     run = np.where(t < ramp, t**2 * after.acceleration / 2, after.peak * (t - ramp / 2))
     blend = round(float(left[0]) * before.mm / before.length, 3)
-    done = np.minimum(run / after.length, 0.5)
-    return _CornerPath(max(blend, _MIN_BLEND), left / before.length, done)
+    return _CornerPath(
+        max(blend, _MIN_BLEND), left / before.length, np.minimum(run / after.length, 0.5)
+    )
 
 
 class _Corner(Struct, frozen=True, eq=False):
@@ -276,6 +275,7 @@ def _are_free(where: CellScene, fans: Sequence[FloatArray], bows: FloatArray) ->
     triangles, owner = np.concatenate(fans), list_owners(count_rows(fans))
     free = are_free(where.with_margin, triangles, owner, where.margin, bows)
     rest = free[owner]
-    left = (np.cumsum(free) - 1)[owner[rest]]
-    free[free] = are_free(where.work, triangles[rest], left, 0.0, bows[free])
+    free[free] = are_free(
+        where.work, triangles[rest], (np.cumsum(free) - 1)[owner[rest]], 0.0, bows[free]
+    )
     return list(free.tolist())

@@ -43,9 +43,8 @@ class Stretch(Struct, frozen=True, eq=False):
 
     def select(self, rows: Index) -> Stretch:
         """Return some of the rows; the joints are free where rows are left out."""
-        gap = np.append(True, np.diff(rows) > 1)
         rotations, origins = self.rotations[rows], self.origins[rows]
-        free = self.free[rows] | gap
+        free = self.free[rows] | np.append(True, np.diff(rows) > 1)
         return Stretch(self.robot, rotations, origins, self.path[rows], self.on_link[rows], free)
 
 
@@ -73,10 +72,13 @@ def find_failures(stretch: Stretch, stuck: Stuck) -> tuple[JointFailure, list[Jo
     first = explain_stuck(stretch.robot, stretch.rotations, stretch.origins, stuck)
     stop = JointFailure(first.row, first.text, False)
     failures = _find_unreachable(stretch, stuck) if stretch.robot.arm is not None else []
-    blocked = [int(stretch.path[failure.row]) for failure in failures if not failure.on_link]
-    failed = [int(stretch.path[failure.row]) for failure in failures]
-    is_blocked = np.isin(stretch.path, blocked)
-    is_failed_link = stretch.on_link & np.isin(stretch.path, failed)
+    is_blocked = np.isin(
+        stretch.path,
+        [int(stretch.path[failure.row]) for failure in failures if not failure.on_link],
+    )
+    is_failed_link = stretch.on_link & np.isin(
+        stretch.path, [int(stretch.path[failure.row]) for failure in failures]
+    )
     failures += _find_interrupted(stretch, np.flatnonzero(~is_blocked & ~is_failed_link))
     return stop, sorted(failures, key=lambda failure: failure.row) or [stop]
 
@@ -88,8 +90,9 @@ def _find_unreachable(stretch: Stretch, stuck: Stuck) -> list[JointFailure]:
     _, first = np.unique(stretch.path[bad] * 2 + stretch.on_link[bad], return_index=True)
     failures = []
     for row in bad[first].tolist():
-        at_row = Stuck(row, stuck.candidates, none)
-        reason = explain_stuck(robot, stretch.rotations, stretch.origins, at_row)
+        reason = explain_stuck(
+            robot, stretch.rotations, stretch.origins, Stuck(row, stuck.candidates, none)
+        )
         failures.append(JointFailure(row, reason.text, bool(stretch.on_link[row])))
     return failures
 

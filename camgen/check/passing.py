@@ -7,12 +7,11 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.check.reach import JointTrace
+from camgen.check.reach import JointTrace, compute_tips
 from camgen.model.cell import Dynamics
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.program import Comment, MoveJ, Program
-from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 
 #: mm: a motion on which the TCP travels less has no speed profile.
@@ -47,15 +46,15 @@ class MotionTrace(Struct, frozen=True, eq=False):
 
 def trace_motions(program: Program, reach: JointTrace, robot: Robot) -> MotionTrace:
     """Compute TCP and times at all samples of `reach`."""
-    rotation, origin = compute_flange(robot, reach.joints)
-    tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    tip = compute_tips(robot, reach.joints, program.flange_from_tool)
     scaled = reach.joints / robot.speeds
     steps_mm = np.linalg.norm(np.diff(tip, axis=0), axis=1)
     steps_s = np.abs(np.diff(scaled, axis=0)).max(axis=1)
     travelled = np.append(0.0, np.cumsum(steps_mm))
     seconds = np.append(0.0, np.cumsum(steps_s))
-    owner = np.searchsorted(program.columns.at, reach.owner)
-    return MotionTrace(scaled, tip, owner, travelled, seconds)
+    return MotionTrace(
+        scaled, tip, np.searchsorted(program.columns.at, reach.owner), travelled, seconds
+    )
 
 
 def find_corners(program: Program) -> IntArray:
@@ -106,9 +105,13 @@ def make_speed_profile(
     if isinstance(move, MoveJ) and pace.shares and move.share > 0:
         return SpeedProfile(seconds, move.share, 1 / pace.ramp, mm, seconds)
     if isinstance(move, MoveJ):
-        max_speed = min(1.0, move.speed * seconds / mm)
-        gain = min(1 / pace.ramp, pace.acceleration * seconds / mm)
-        return SpeedProfile(seconds, max_speed, gain, mm, seconds)
+        return SpeedProfile(
+            seconds,
+            min(1.0, move.speed * seconds / mm),
+            min(1 / pace.ramp, pace.acceleration * seconds / mm),
+            mm,
+            seconds,
+        )
     steps = np.diff(trace.seconds[rows])
     moving = steps > 0
     slowest = float((np.diff(trace.travelled[rows])[moving] / steps[moving]).min(initial=math.inf))
@@ -138,11 +141,11 @@ def compute_saved_seconds(
             continue
         if pace.corner == "overlap":
             # The next motion accelerates while this one brakes, so the shorter ramp saves its time.
-            ramps = before.peak / before.acceleration, after.peak / after.acceleration
-            saved[corner + 1] += min(ramps)
+            saved[corner + 1] += min(
+                before.peak / before.acceleration, after.peak / after.acceleration
+            )
             continue
-        blend = float(columns.blend[corner])
-        fraction, held = _pass(trace, corner, (before, after), blend, pace)
+        fraction, held = _pass(trace, corner, (before, after), float(columns.blend[corner]), pace)
         for motion, profile in ((corner, before), (corner + 1, after)):
             # From seconds at full speed to the unit of the motion's length.
             scale = profile.length / profile.seconds

@@ -36,7 +36,6 @@ from camgen.check.proof.slopes import SlopeChecker
 from camgen.check.proof.subject import Context, Named, Program, Subject, are_named
 from camgen.check.proof.tasks import BESIDE, Drawing, Task, make_drawing, make_tasks
 from camgen.check.proof.travel import (
-    Phases,
     check_rest,
     check_travel,
     cut_at_clearance,
@@ -150,17 +149,18 @@ def _prove_space(
     )
 
     if job.operation.depth:
-        reason = "curves in space with a depth are not examined"
-        return MotionProof(0, 0.0, 0, Unplaced(), (), (reason,))
+        return MotionProof(
+            0, 0.0, 0, Unplaced(), (), ("curves in space with a depth are not examined",)
+        )
     findings = Findings()
-    signal = process_signal(job.process)
     program = programs[0]
-    motions = tabulate(program.body, program.lines, program.path, signal)
+    motions = tabulate(program.body, program.lines, program.path, process_signal(job.process))
     distance = 0.0 if part.curves else job.operation.offset
     limit = 2 * rounding.mm + _SLACK_MM + job.tolerance.chord + job.tolerance.arc_fit
     lines = select_lines(part, job, program.origins, findings)
-    checker = SpaceChecker(job, motions, distance, limit, named.gaps)
-    done = checker.check(lines, program.origins, findings)
+    done = SpaceChecker(job, motions, distance, limit, named.gaps).check(
+        lines, program.origins, findings
+    )
     for line in lines:
         if line.id not in done and line.id not in named.skipped:
             findings.miss(f"{line.id} is not worked, and no note says so")
@@ -212,8 +212,9 @@ def _find_earlier(
             of_task = _of_task(program, other)[motions.path]
             works = split_phases(motions, other.job.process, 2 * context.rounding.mm).works
             cuts.append(EarlierCut(other, motions, works & of_task))
-    limit = 2 * context.rounding.mm + _SLACK_MM + context.drawing.slack
-    return EarlierCuts(cuts, limit, task.job.tool.radius)
+    return EarlierCuts(
+        cuts, 2 * context.rounding.mm + _SLACK_MM + context.drawing.slack, task.job.tool.radius
+    )
 
 
 def _prove_task(
@@ -242,7 +243,13 @@ def _prove_task(
         subject = Subject(task, context, program, stretch, phases, mine, slack, earlier)
         _check_motions(subject, totals, findings)
         contact = prover.examine(subject, low, findings)
-        check_travel(stretch, _only(phases, mine), process_signal(process), contact, findings)
+        task_phases = replace(
+            phases,
+            known=phases.known & mine,
+            upright=phases.upright & mine,
+            works=phases.works & mine,
+        )
+        check_travel(stretch, task_phases, process_signal(process), contact, findings)
     done = prover.finish(motions, findings)
     for index in np.flatnonzero(task.worked & ~done).tolist():
         contour = drawing.contours[index]
@@ -268,19 +275,24 @@ def _check_motions(subject: Subject, totals: _Count, findings: Findings) -> None
     DescentChecker(task, motions, phases, of_task, slack, context.rounding).check(findings)
     if context.controller is not None:
         goes_on = (np.diff(phases.chain) == 0) & (phases.works & of_task)[:-1]
-        pace = context.controller.pace
-        check_corners(task, motions, np.flatnonzero(goes_on), pace, slack, findings)
+        check_corners(
+            task, motions, np.flatnonzero(goes_on), context.controller.pace, slack, findings
+        )
 
 
 def _check_whole(program: Program, job: Job, context: Context, findings: Findings) -> None:
     slack = 2 * context.rounding.mm + _SLACK_MM
-    processes = [step.process for step in job.operations] or [job.process]
-    lowest = min(processes, key=lambda process: process.clearance)
+    lowest = min(
+        [step.process for step in job.operations] or [job.process],
+        key=lambda process: process.clearance,
+    )
     motions = context.tabulate(program, lowest)
     if job.operations:
-        works = split_phases(motions, lowest, slack).works
-        for row in np.flatnonzero(works & (program.path < 0))[:1].tolist():
-            findings.add(motions, row, "works, and belongs to no path")
+        findings.add_first(
+            motions,
+            split_phases(motions, lowest, slack).works & (program.path < 0),
+            "works, and belongs to no path",
+        )
     check_rest(motions, lowest.clearance - slack, findings)
 
 
@@ -298,17 +310,6 @@ def _why_not(task: Task, part: Part, slack: float) -> str:
     if task.kind == "drill" and part.raster is not None:
         return "marks and rings are found in the pixels of a picture"
     return ""
-
-
-def _only(phases: Phases, rows: BoolArray) -> Phases:
-    return Phases(
-        phases.known & rows,
-        phases.upright & rows,
-        phases.works & rows,
-        phases.chain,
-        phases.first,
-        phases.last,
-    )
 
 
 _Result = tuple[BoolArray, BoolArray]
@@ -344,8 +345,7 @@ def _prove_drilled(subject: Subject, findings: Findings) -> _Result:
     contact, done = check_drilled(
         subject.task, subject.drawing, subject.motions, upright, subject.context.rounding, findings
     )
-    for row in subject.works[:1].tolist():
-        findings.add(subject.motions, row, "moves across in a hole")
+    findings.add_first(subject.motions, subject.works, "moves across in a hole")
     done = _without_others(subject, done)
     by_joints = _are_reached_by_joints(subject) & subject.task.worked & ~done
     if by_joints.any():
@@ -372,9 +372,8 @@ def _prove_bored(subject: Subject, findings: Findings) -> _Result:
 
 def _without_others(subject: Subject, done: BoolArray) -> BoolArray:
     """Counts contours that are not a hole of the task as done: nothing is to be worked there."""
-    holes = select_holes(subject.task, subject.drawing)
     wanted = np.zeros(len(done), np.bool_)
-    wanted[holes.contour] = True
+    wanted[select_holes(subject.task, subject.drawing).contour] = True
     return np.asarray(done | (subject.task.worked & ~wanted))
 
 
@@ -383,15 +382,17 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
 
     task, motions, phases = subject.task, subject.motions, subject.phases
     rows = subject.works
-    region = make_region(task, subject.drawing)
-    checker = AreaChecker(task, subject.drawing, region, motions, subject.limit)
+    checker = AreaChecker(
+        task, subject.drawing, make_region(task, subject.drawing), motions, subject.limit
+    )
     checker.check_inside(rows, findings)
     levels = find_levels(task, motions, rows, subject.slack)
     check_heights(task, motions, rows, levels, subject.slack, findings)
     checker.check_hops(phases, subject.of_task, subject.slack, findings)
     visit = number_visits(motions, phases, task.job.process.clearance, subject.slack)[rows]
-    reached = find_reached(task, motions, rows, visit)
-    SlopeChecker(task, motions, rows, reached, subject.slack).check(visit, levels, findings)
+    SlopeChecker(
+        task, motions, rows, find_reached(task, motions, rows, visit), subject.slack
+    ).check(visit, levels, findings)
     check_path_order(task, motions, rows, levels, subject.slack, findings)
     checker.check_speeds(rows[levels >= 0], subject.context.rounding.speed, findings)
     worked = set(list_ids(compress(subject.drawing.contours, task.worked)))
@@ -417,8 +418,9 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
         left = task.operation.finish if number < last else 0.0
         if not left:
             checker.check_direction(at_level, findings)
-        places = checker.list_places(depth, subject)
-        checker.check_covered(np.concatenate([at_level, below]), places, left, findings)
+        checker.check_covered(
+            np.concatenate([at_level, below]), checker.list_places(depth, subject), left, findings
+        )
     return task.worked & subject.drawing.closed, phases.works | dots
 
 

@@ -52,9 +52,8 @@ class ContourProver:
         earlier: EarlierCuts | None = None,
     ) -> None:
         self.task, self.context, self.slack = _leave_unclear(task, context), context, slack
-        lists = _hint(context.drawing, program.origins)
         self._earlier = earlier
-        self._place = Workplace(self.task, context.drawing, lists)
+        self._place = Workplace(self.task, context.drawing, _hint(context.drawing, program.origins))
         self._matched: list[Matched] = []
         self._depths: list[FloatArray] = []
 
@@ -76,10 +75,11 @@ class ContourProver:
             check_outputs(task, motions, rows[matched.follows], findings)
         levels = find_levels(task, motions, rows, subject.slack)
         leads = LeadChecker(checker, matched)
-        leading = leads.find(phases.chain[rows], levels >= 0)
-        strange = ~matched.follows & ~leading & ~matched.rounds
-        for index in np.flatnonzero(strange)[:1].tolist():
-            findings.add(motions, int(rows[index]), "works where nothing is drawn to be worked")
+        findings.add_first(
+            motions,
+            rows[~matched.follows & ~leads.find(phases.chain[rows], levels >= 0) & ~matched.rounds],
+            "works where nothing is drawn to be worked",
+        )
         laps, directed = _check_laps(subject, leads, levels, findings)
         checker.check_direction(matched, directed, findings)
         check_pass_order(checker, matched, levels, findings)
@@ -123,9 +123,10 @@ class ContourProver:
             check_repeats(checker, matched.covered.take(at_distance), depth, findings)
             if last:
                 chosen = at_distance
-            rows = matched.rows[at_depth]
             covered = matched.covered.take(chosen)
-            gaps = checker.find_uncovered(covered, rows, distance, named, findings)
+            gaps = checker.find_uncovered(
+                covered, matched.rows[at_depth], distance, named, findings
+            )
             if self._earlier is not None:
                 gaps = gaps.take(~self._earlier.touch(gaps, checker.pieces, depth, self.slack))
             for piece, low, high in zip(gaps.piece, gaps.low, gaps.high, strict=True):
@@ -134,8 +135,9 @@ class ContourProver:
                 left_out = not skipped.isdisjoint({contour.id, *contour.sources})
                 if left_out or not touched[owner[piece]]:
                     continue
-                share = np.array([(low + high) / 2])
-                x, y = points_along(checker.pieces, np.array([piece]), share)[0].tolist()
+                x, y = points_along(
+                    checker.pieces, np.array([piece]), np.array([(low + high) / 2])
+                )[0].tolist()
                 place = f"at {x:.3f} {y:.3f} mm, depth {depth:g} mm"
                 findings.miss(f"contour {contour.id} is not worked {place}")
                 return done
@@ -150,8 +152,9 @@ def _leave_unclear(task: Task, context: Context) -> Task:
         # An open contour has no outside: a note has to say that it is left out.
         task = replace(task, worked=task.worked & drawing.closed)
     if task.kept_clear.any():
-        suspects = task.kept_clear & are_named(drawing, context.named.others)
-        unclear = find_unclear(drawing.pieces, suspects, task.near)
+        unclear = find_unclear(
+            drawing.pieces, task.kept_clear & are_named(drawing, context.named.others), task.near
+        )
         task = replace(task, kept_clear=task.kept_clear & ~unclear, worked=task.worked & ~unclear)
     return task
 
@@ -191,9 +194,10 @@ def _check_laps(
     slopes = SlopeChecker(task, motions, matched.rows, laps.reached, subject.slack)
     slopes.check(visit, levels, findings)
     slopes.check_linked(laps, visit, findings)
-    fewer = _laps_named(subject, matched, laps, names.tabs)
     skipped = are_named(drawing, names.skipped)
-    TabChecker(task, drawing, motions, subject.slack, skipped).check(matched, laps, fewer, findings)
+    TabChecker(task, drawing, motions, subject.slack, skipped).check(
+        matched, laps, _laps_named(subject, matched, laps, names.tabs), findings
+    )
     return laps, (levels >= 0) | slopes.goes_round(laps)
 
 
@@ -202,8 +206,7 @@ def _laps_named(subject: Subject, matched: Matched, laps: Laps, names: frozenset
     if not names:
         return np.zeros(len(laps.first), np.bool_)
     on_path = [not names.isdisjoint(origin.contours) for origin in subject.program.origins]
-    path = subject.motions.path[matched.rows[laps.first]]
-    by_path = np.array([*on_path, False], np.bool_)[path]
+    by_path = np.array([*on_path, False], np.bool_)[subject.motions.path[matched.rows[laps.first]]]
     return np.asarray(by_path | are_named(subject.drawing, names)[laps.contour])
 
 

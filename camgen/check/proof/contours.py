@@ -32,6 +32,7 @@ from camgen.check.proof.pieces import (
     IntArray,
     Pieces,
     find_shares,
+    find_ways_to,
     normals_along,
     points_along,
     rows_of,
@@ -91,8 +92,9 @@ class Matched(Struct, frozen=True, eq=False):
 
 def find_rolling(motions: Motions, matched: Matched) -> BoolArray:
     """(W,) motions that roll about an outer corner: arcs about it, or chords of such an arc."""
-    is_line = motions.plane.turn[matched.rows] == 0
-    return np.asarray((matched.side == 0) & (matched.has_tool_radius | is_line))
+    return np.asarray(
+        (matched.side == 0) & (matched.has_tool_radius | (motions.plane.turn[matched.rows] == 0))
+    )
 
 
 def may_roll(motions: Motions, matched: Matched, pieces: Pieces) -> BoolArray:
@@ -124,9 +126,10 @@ class Workplace:
     def __init__(self, task: Task, drawing: Drawing, lists: Ragged) -> None:
         self.task, self.drawing, self.lists = task, drawing, lists
         self.pieces = drawing.pieces
-        bounds = (task.worked | task.kept_clear)[drawing.pieces.owner]
         #: All pieces that are worked or kept clear of, by place.
-        self.walls = PieceTree(drawing.pieces, np.flatnonzero(bounds))
+        self.walls = PieceTree(
+            drawing.pieces, np.flatnonzero((task.worked | task.kept_clear)[drawing.pieces.owner])
+        )
 
     @cached_property
     def near(self) -> Ragged:
@@ -241,8 +244,10 @@ class ContourChecker:
         """
         if not wrong.any():
             return []
-        group = (self.motions.path[rows] + 1) * len(self.drawing.contours) + contour
-        _, number = np.unique(group, return_inverse=True)
+        _, number = np.unique(
+            (self.motions.path[rows] + 1) * len(self.drawing.contours) + contour,
+            return_inverse=True,
+        )
         length = self.motions.plane.length[rows]
         share = np.bincount(number, length * wrong) / np.maximum(np.bincount(number, length), 1e-9)
         return list(np.flatnonzero(wrong & (share[number] > 0.5))[:1].tolist())
@@ -296,8 +301,7 @@ class ContourChecker:
         reach = distance / 2 + self.limit
         places = [plane.middle, plane.start, plane.end] if ends else [plane.middle]
         for place in (column[rows] for column in places):
-            share = np.clip(find_shares(place, self.pieces, piece), 0.0, 1.0)
-            arm = place - points_along(self.pieces, piece, share)
+            arm = -find_ways_to(place, self.pieces, piece)
             length = np.maximum(np.sqrt((arm**2).sum(axis=1)), 1e-9)[:, None]
             beyond = place + distance / 2 * arm / length
             between |= self._distance_to_walls(beyond, self.pieces.owner[piece], reach) <= reach
@@ -321,8 +325,11 @@ class ContourChecker:
         for index in np.flatnonzero(near)[:1].tolist():
             other = nearest.piece.reshape(2, -1)[:, index]
             name = self.drawing.contours[int(self.pieces.owner[other.max()])].id
-            what = f"comes nearer to contour {name} than the tool's radius"
-            findings.add(self.motions, int(matched.rows[rows[index]]), what)
+            findings.add(
+                self.motions,
+                int(matched.rows[rows[index]]),
+                f"comes nearer to contour {name} than the tool's radius",
+            )
 
     # -- the drawing beside the motions
 
@@ -355,8 +362,10 @@ class ContourChecker:
             piece, share = gaps.piece[index : index + 1], gaps.low[index : index + 1]
             x, y = points_along(self.pieces, piece, share)[0].tolist()
             name = self.drawing.contours[int(self.pieces.owner[piece[0]])].id
-            why = f"near {x:.3f} {y:.3f} mm it just fits, and no motion is near"
-            findings.leave(f"that contour {name} is worked wherever the tool fits", why)
+            findings.leave(
+                f"that contour {name} is worked wherever the tool fits",
+                f"near {x:.3f} {y:.3f} mm it just fits, and no motion is near",
+            )
         return gaps.take(reachable & ~isolated)
 
     def _is_reachable(
@@ -390,8 +399,9 @@ class ContourChecker:
         if len(chosen):
             plane = self.motions.plane
             near = np.full(len(points), np.inf)
-            farthest = max(_NEAR_MM, self.limit)
-            near[chosen] = PieceTree(plane, rows).find(centre[chosen], farthest).distance
+            near[chosen] = (
+                PieceTree(plane, rows).find(centre[chosen], max(_NEAR_MM, self.limit)).distance
+            )
             open_[near <= self.limit] = False
         samples = np.bincount(gap[open_], minlength=len(count))
         alone = np.ones(len(count), np.bool_)

@@ -17,6 +17,7 @@ from camgen.check.proof.pieces import (
     dot,
     find_feet,
     find_shares,
+    find_ways_to,
     normals_along,
     points_along,
 )
@@ -98,13 +99,13 @@ class LeadChecker:
             lead_in = lead_out = 0.0
         for candidates, wanted in ((before, lead_in), (after, lead_out)):
             total = np.bincount(chain[candidates], length[candidates], count)
-            longest = wanted + self.checker.limit
-            allowed |= candidates & (wanted > 0) & (total[chain] <= longest)
+            allowed |= candidates & (wanted > 0) & (total[chain] <= wanted + self.checker.limit)
         if process.stay_down:
             allowed |= free & (plane.turn[matched.rows] == 0)
         chosen = np.flatnonzero(allowed)
         if len(chosen) and task.kind in BESIDE:
-            points = self._points_on(matched.rows[chosen])
+            rows = np.tile(matched.rows[chosen], len(_LEAD_SHARES))
+            points = points_along(plane, rows, np.repeat(_LEAD_SHARES, len(chosen)))
             distance = self.checker.place.walls.find(points, max(task.distances)).distance
             least = min(task.distances) - _CLEAR_SLACK_MM - self.checker.limit
             near = (distance.reshape(len(_LEAD_SHARES), -1) < least).any(axis=0)
@@ -118,8 +119,9 @@ class LeadChecker:
     def _are_flat(self) -> BoolArray:
         """(W,) motions at one height. The last chords of a ramp are slopes, however flat."""
         rows = self.matched.rows
-        rise = self.motions.end[rows, 2] - self.motions.start[rows, 2]
-        return np.asarray(np.abs(rise) < _FLAT_MM)
+        return np.asarray(
+            np.abs(self.motions.end[rows, 2] - self.motions.start[rows, 2]) < _FLAT_MM
+        )
 
     def _are_kinked(self, rows: IntArray) -> BoolArray:
         """(W - 1,) whether two motions that follow each other meet at a corner."""
@@ -129,10 +131,6 @@ class LeadChecker:
         ahead = normals_along(plane, rows[:-1], np.ones(len(rows) - 1))
         after = normals_along(plane, rows[1:], np.zeros(len(rows) - 1))
         return np.asarray(dot(ahead, after) < _TANGENT)
-
-    def _points_on(self, rows: IntArray) -> FloatArray:
-        shares = np.repeat(_LEAD_SHARES, len(rows))
-        return points_along(self.motions.plane, np.tile(rows, len(_LEAD_SHARES)), shares)
 
     # -- length and shape
 
@@ -153,18 +151,21 @@ class LeadChecker:
             # The passes of an open path may run in alternating directions.
             is_wrong &= ~swapped | self._length_error(end, other.wanted, shorter)
             for lap in np.flatnonzero(is_wrong)[:1].tolist():
-                what = f"has a {end.name} of {end.length[lap]:.3f} mm beside it"
-                what += f", the job asks for {end.wanted:.3f} mm"
-                findings.add(self.motions, int(end.row[lap]), what)
+                findings.add(
+                    self.motions,
+                    int(end.row[lap]),
+                    f"has a {end.name} of {end.length[lap]:.3f} mm beside it, "
+                    f"the job asks for {end.wanted:.3f} mm",
+                )
             claimed = shorter & (end.length < end.wanted - _LENGTH_MM)
             if claimed.any():
                 claimed &= self._have_room(laps)
-            for lap in np.flatnonzero(claimed)[:1].tolist():
-                what = f"has no full {end.name} beside it, although there is room for it"
-                findings.add(self.motions, int(end.row[lap]), what)
-            for lap in np.flatnonzero((end.count > 0) & ~self._has_shape(end, laps))[:1].tolist():
-                what = f"has a {end.name} beside it that differs from a quarter circle"
-                findings.add(self.motions, int(end.row[lap]), what)
+            what = f"has no full {end.name} beside it, although there is room for it"
+            findings.add_first(self.motions, end.row[claimed], what)
+            what = f"has a {end.name} beside it that differs from a quarter circle"
+            findings.add_first(
+                self.motions, end.row[(end.count > 0) & ~self._has_shape(end, laps)], what
+            )
 
     def _find_end(self, laps: Laps, name: str, shorter: BoolArray) -> _End:
         """The leads of one end; what may round an inner corner counts as lead where it fits."""
@@ -221,9 +222,7 @@ class LeadChecker:
         piece = self.matched.piece[laps.first if end.sense < 0 else laps.last]
         at = np.full(len(piece), 0.0 if end.sense < 0 else 1.0)
         left = normals_along(plane, end.row, at)
-        middle = plane.middle[end.row]
-        share = np.clip(find_shares(middle, pieces, piece), 0.0, 1.0)
-        from_contour = middle - points_along(pieces, piece, share)
+        from_contour = -find_ways_to(plane.middle[end.row], pieces, piece)
         left_there = normals_along(plane, end.row, np.full(len(piece), 0.5))
         outward = left * np.sign(dot(left_there, from_contour))[:, None]
         return np.column_stack([left[:, 1], -left[:, 0]]), outward
@@ -286,9 +285,12 @@ class LeadChecker:
             wanted = np.minimum(speed[rows[edge[lap]]], feed)
             is_wrong = chosen & (np.abs(speed[rows] - wanted) > speed_slack + _FEED_SHARE * feed)
             for index in np.flatnonzero(is_wrong)[:1].tolist():
-                what = f"has a feed of {speed[rows[index]]:.4g} mm/s on a lead"
-                what += f", the job asks for {wanted[index]:.4g}"
-                findings.add(self.motions, int(rows[index]), what)
+                findings.add(
+                    self.motions,
+                    int(rows[index]),
+                    f"has a feed of {speed[rows[index]]:.4g} mm/s on a lead, "
+                    f"the job asks for {wanted[index]:.4g}",
+                )
 
     # -- overlap
 
@@ -315,9 +317,11 @@ class LeadChecker:
         right = at_seam & (np.abs(beyond - wanted) <= slack)
         meets = np.bincount(lap[chosen[at_seam]], minlength=len(laps.first)) > 0
         fits = np.bincount(lap[chosen[right]], minlength=len(laps.first)) > 0
-        for index in np.flatnonzero(meets & ~fits)[:1].tolist():
-            what = f"does not end {overlap:g} mm beyond the seam, as operation.overlap asks for"
-            findings.add(self.motions, int(rows[laps.last[index]]), what)
+        findings.add_first(
+            self.motions,
+            rows[laps.last[meets & ~fits]],
+            f"does not end {overlap:g} mm beyond the seam, as operation.overlap asks for",
+        )
 
 
 def _distance(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -90,8 +90,9 @@ def find_nearest(points: FloatArray, path: IntArray, pieces: Pieces, lists: Ragg
     count = np.where(path >= 0, lists.count[path], 0) if len(lists.count) else 0 * path
     often = np.bincount(np.maximum(path, 0), minlength=max(len(lists.count), 1))
     chosen = np.flatnonzero((count > 0) & (often[np.maximum(path, 0)] * count <= _MOST_PAIRS))
-    total = np.cumsum(count[chosen])
-    blocks = np.searchsorted(total, np.arange(0, count[chosen].sum(), BLOCK), "right")
+    blocks = np.searchsorted(
+        np.cumsum(count[chosen]), np.arange(0, count[chosen].sum(), BLOCK), "right"
+    )
     for low, high in pairwise([*blocks.tolist(), len(chosen)]):
         if low < high:
             rows = chosen[low:high]
@@ -126,9 +127,8 @@ def measure_ends(points: FloatArray, middles: Nearest, first: IntArray, pieces: 
     points: (2 N + F, 2) middles and ends of N motions, and starts of the motions `first` (F,).
     middles: nearest pieces of the N middles.
     """
-    count = len(middles.piece)
     piece = np.concatenate([middles.piece, middles.piece[first]])
-    feet = find_feet(points[count:], pieces, np.maximum(piece, 0))
+    feet = find_feet(points[len(middles.piece) :], pieces, np.maximum(piece, 0))
     distance = np.where(piece >= 0, feet.distance, np.inf)
     return Nearest(
         np.concatenate([middles.distance, distance]),
@@ -145,8 +145,9 @@ def join_tables(tables: Sequence[Table]) -> Table:
     columns = []
     for name in tables[0].__struct_fields__:
         parts = [getattr(table, name) for table in tables]
-        is_table = isinstance(parts[0], Struct)
-        columns.append(join_tables(parts) if is_table else np.concatenate(parts))
+        columns.append(
+            join_tables(parts) if isinstance(parts[0], Struct) else np.concatenate(parts)
+        )
     return type(tables[0])(*columns)
 
 
@@ -168,8 +169,9 @@ class PieceTree:
             np.zeros(len(points)),
         )
         for low in range(0, len(points), 50_000):
-            part = shapely.points(points[low : low + 50_000])
-            row, piece = self._tree.query(part, predicate="dwithin", distance=distance)
+            row, piece = self._tree.query(
+                shapely.points(points[low : low + 50_000]), predicate="dwithin", distance=distance
+            )
             if not len(row):
                 continue
             first = np.flatnonzero(np.append(True, row[1:] != row[:-1]))
@@ -177,8 +179,10 @@ class PieceTree:
             hits = _nearest_pairs(points, rows, self._rows[piece], self._pieces, first)
             # The box of a slanting piece is near to more places than the piece itself.
             within = hits.distance <= distance
-            chosen = Nearest(hits.distance[within], hits.piece[within], hits.side[within])
-            nearest.replace(rows[first][within], chosen)
+            nearest.replace(
+                rows[first][within],
+                Nearest(hits.distance[within], hits.piece[within], hits.side[within]),
+            )
         return nearest
 
 
@@ -208,8 +212,9 @@ class Covered(Struct, frozen=True, eq=False):
 
 def cover(motions: Pieces, rows: IntArray, piece: IntArray, pieces: Pieces) -> Covered:
     """The stretch of `piece` (N,) along which each of the motions `rows` (N,) runs."""
-    ends = [rows_of(motions.start, rows), rows_of(motions.end, rows)]
-    begin, end = find_all_shares(ends, pieces, piece)
+    begin, end = find_all_shares(
+        [rows_of(motions.start, rows), rows_of(motions.end, rows)], pieces, piece
+    )
     low, high = np.minimum(begin, end), np.maximum(begin, end)
     low, high = np.clip(low, 0, 1), np.clip(high, 0, 1)
     return Covered(piece, low, high, begin <= end, rows, motions.length[rows])

@@ -35,11 +35,10 @@ def check_pass_order(
     covered = matched.covered
     path = checker.motions.path[covered.motion]
     far = matched.distance[matched.place] > checker.task.distances[-1] + 1e-9
-    group = (path + 1) * 2 * len(checker.pieces) + 2 * covered.piece + far
     _find_early(
         checker.motions,
         covered.motion,
-        group,
+        (path + 1) * 2 * len(checker.pieces) + 2 * covered.piece + far,
         levels[matched.place],
         (depths, checker.limit),
         findings,
@@ -80,8 +79,9 @@ def _find_early(
     early = (first[:, 1:] < first[:, :-1]) & (first[:, :-1] < _NEVER)
     early &= np.diff(depths) > slack
     for key, index in np.argwhere(early)[:1].tolist():
-        what = f"runs pass {index + 2} before the pass above it"
-        findings.add(motions, int(first[key, index + 1]), what)
+        findings.add(
+            motions, int(first[key, index + 1]), f"runs pass {index + 2} before the pass above it"
+        )
 
 
 def check_repeats(
@@ -101,8 +101,9 @@ def check_repeats(
     times = int((np.abs(np.array(task.depths) - depth) <= _SAME_DEPTH_MM).sum())
     again = run * np.maximum(share - times, 0) / np.maximum(share, 1)
     total = np.bincount(pieces.owner, again, count)
-    whole = np.bincount(pieces.owner, run, count)
-    allowed = task.operation.overlap + _AGAIN_MM + _AGAIN_SHARE * whole
+    allowed = (
+        task.operation.overlap + _AGAIN_MM + _AGAIN_SHARE * np.bincount(pieces.owner, run, count)
+    )
     for lead in (task.operation.lead_in, task.operation.lead_out):
         allowed = allowed + followed_part(lead, checker.limit)
     if abs(tab_top(task) + depth) <= _SAME_DEPTH_MM and task.operation.entry != "plunge":
@@ -139,5 +140,8 @@ def check_inside_first(checker: ContourChecker, matched: Matched, findings: Find
     early[early] = path[last[outer[early]]] != path[first[inner[early]]]
     for index in np.flatnonzero(early)[:1].tolist():
         name = checker.drawing.contours[int(inner[index])].id
-        what = f"works around contour {name}, which is worked later"
-        findings.add(checker.motions, int(first[outer[index]]), what)
+        findings.add(
+            checker.motions,
+            int(first[outer[index]]),
+            f"works around contour {name}, which is worked later",
+        )

@@ -157,8 +157,9 @@ def drawn_pieces(contours: Sequence[Contour]) -> Pieces:
     begin, chord = rows_of(start, arcs), rows_of(end, arcs) - rows_of(start, arcs)
     # The sagitta of an arc is its chord times half the bulge, to the right of the chord.
     right = np.column_stack([chord[:, 1], -chord[:, 0]])
-    via = begin + chord / 2 + right * (bulge[arcs] / 2)[:, None]
-    return arcs_through(start, end, owner, arcs, via)
+    return arcs_through(
+        start, end, owner, arcs, begin + chord / 2 + right * (bulge[arcs] / 2)[:, None]
+    )
 
 
 class Feet(Struct, frozen=True, eq=False):
@@ -257,6 +258,12 @@ def points_along(pieces: Pieces, rows: IntArray, shares: FloatArray) -> FloatArr
         arm = rows_of(pieces.middle, chosen) - rows_of(pieces.centre, chosen)
         points[arc] = rows_of(pieces.centre, chosen) + _rotate(arm, angle)
     return np.asarray(points)
+
+
+def find_ways_to(points: FloatArray, pieces: Pieces, rows: IntArray) -> FloatArray:
+    """(N, 2) vectors, mm, from `points` (N, 2) to the nearest point of the piece `rows` (N,)."""
+    shares = np.clip(find_shares(points, pieces, rows), 0.0, 1.0)
+    return points_along(pieces, rows, shares) - points
 
 
 def normals_along(pieces: Pieces, rows: IntArray, shares: FloatArray) -> FloatArray:

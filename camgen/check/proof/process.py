@@ -22,9 +22,8 @@ from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
     dot,
-    find_shares,
+    find_ways_to,
     normals_along,
-    points_along,
 )
 from camgen.check.proof.tasks import Drawing, Task
 from camgen.model.job import Job, ProcessTable
@@ -61,8 +60,7 @@ def check_outputs(task: Task, motions: Motions, rows: IntArray, findings: Findin
     """Finds motions that work with the process output off, or at another spindle speed."""
     signal = process_signal(task.job.process)
     if signal:
-        for row in rows[~motions.on[rows]][:1].tolist():
-            findings.add(motions, row, f"works with output {signal} off")
+        findings.add_first(motions, rows[~motions.on[rows]], f"works with output {signal} off")
     check_spindle(task, motions, rows, findings)
 
 
@@ -76,8 +74,11 @@ def check_spindle(task: Task, motions: Motions, rows: IntArray, findings: Findin
             findings.leave("spindle speed", "the text only switches the spindle on and off")
             turning |= switched
         for row in rows[~turning][:1].tolist():
-            what = f"works at {motions.spindle[row]:g} rpm, process.spindle is {process.spindle:g}"
-            findings.add(motions, row, what)
+            findings.add(
+                motions,
+                row,
+                f"works at {motions.spindle[row]:g} rpm, process.spindle is {process.spindle:g}",
+            )
 
 
 def check_switches(
@@ -96,8 +97,9 @@ def check_switches(
         for output in columns.pick(np.flatnonzero(switches)[-1:]):
             if output.value != 0:
                 findings.miss(f"output {name} is on at the end of the program")
-    on = columns.alike(Output, lambda item: item.signal in names and item.value > 0)
-    places = np.flatnonzero(on)
+    places = np.flatnonzero(
+        columns.alike(Output, lambda item: item.signal in names and item.value > 0)
+    )
     following = np.searchsorted(columns.at, places)
     kept = np.append(of_task, False)[following]
     places, following = places[kept], following[kept]
@@ -131,8 +133,9 @@ def check_joint_motions(job: Job, motions: Motions, unknown: BoolArray, findings
     works = motions.force > 0
     if not is_switched_in_air(job):
         works = works | motions.on
-    for row in np.flatnonzero(unknown & motions.joint & works)[:1].tolist():
-        findings.add(motions, row, "goes to joint values with the process on")
+    findings.add_first(
+        motions, unknown & motions.joint & works, "goes to joint values with the process on"
+    )
 
 
 def check_orientation(job: Job, motions: Motions, rows: IntArray, findings: Findings) -> None:
@@ -143,9 +146,10 @@ def check_orientation(job: Job, motions: Motions, rows: IntArray, findings: Find
     for index, rotation in enumerate(motions.axes):
         difference = rotation[:, 2] - down[:, 2] if turns else rotation - down
         wrong[index] = float(np.abs(difference).max()) > _ANGLE
-    for row in rows[wrong[motions.rotation[rows]]][:1].tolist():
-        what = "works with the tool not straight down"
-        findings.add(motions, row, what if turns else f"{what}, or turned about its axis")
+    what = "works with the tool not straight down"
+    if not turns:
+        what += ", or turned about its axis"
+    findings.add_first(motions, rows[wrong[motions.rotation[rows]]], what)
 
 
 def check_feeds(
@@ -170,12 +174,16 @@ def check_feeds(
         is_wrong &= ~(np.abs(speed - process.feed) <= slack)
     # Between two walls the tool's centre has the plain feed.
     plain = np.flatnonzero(is_wrong & (np.abs(speed - process.feed) <= slack))
-    piece = matched.piece[matched.follows][plain]
-    is_wrong[plain] = ~checker.are_between(rows[plain], piece, ends=True)
+    is_wrong[plain] = ~checker.are_between(
+        rows[plain], matched.piece[matched.follows][plain], ends=True
+    )
     for index in np.flatnonzero(is_wrong)[:1].tolist():
         wanted = process.feed * np.clip(speed[index] / process.feed, low[index], high[index])
-        what = f"has a feed of {speed[index]:.4g} mm/s, the job asks for {wanted:.4g}"
-        findings.add(motions, int(rows[index]), what)
+        findings.add(
+            motions,
+            int(rows[index]),
+            f"has a feed of {speed[index]:.4g} mm/s, the job asks for {wanted:.4g}",
+        )
 
 
 def _contact_factors(
@@ -250,8 +258,11 @@ def check_forces(task: Task, motions: Motions, matched: Matched, findings: Findi
     if task.operation.corner_radius:
         is_wrong &= force != 0
     for index in np.flatnonzero(is_wrong)[:1].tolist():
-        what = f"presses with {force[index]:g} N, the job asks for {wanted[index]:g} N"
-        findings.add(motions, int(rows[index]), what)
+        findings.add(
+            motions,
+            int(rows[index]),
+            f"presses with {force[index]:g} N, the job asks for {wanted[index]:g} N",
+        )
 
 
 class Towards(NamedTuple):
@@ -275,9 +286,7 @@ def find_directions(drawing: Drawing, motions: Motions, matched: Matched, limit:
     plane, pieces = motions.plane, drawing.pieces
     places = np.flatnonzero(matched.follows & (plane.length[matched.rows] >= SHORT_MM))
     rows, piece = matched.rows[places], matched.piece[places]
-    middle = plane.middle[rows]
-    share = np.clip(find_shares(middle, pieces, piece), 0.0, 1.0)
-    to_contour = points_along(pieces, piece, share) - middle
+    to_contour = find_ways_to(plane.middle[rows], pieces, piece)
     on_left = np.sign(dot(normals_along(plane, rows, np.full(len(rows), 0.5)), to_contour))
     direction = normals_along(plane, rows, np.ones(len(rows))) * on_left[:, None]
     # A chord that leaves its arc by s turns away from it by 4 s / length.
@@ -288,15 +297,15 @@ def find_directions(drawing: Drawing, motions: Motions, matched: Matched, limit:
 def check_tool_turns(motions: Motions, towards: Towards, findings: Findings) -> None:
     """Finds motions at whose end tool x does not point at the contour (`tool.orient`)."""
     rotation = motions.rotation[towards.rows]
-    tool_x = motions.axes[np.maximum(rotation, 0), :2, 0]
-    wrong = (rotation >= 0) & (dot(tool_x, towards.direction) < towards.least)
-    for row in towards.rows[wrong][:1].tolist():
-        findings.add(motions, row, "ends with tool x away from the contour")
+    wrong = (rotation >= 0) & (
+        dot(motions.axes[np.maximum(rotation, 0), :2, 0], towards.direction) < towards.least
+    )
+    findings.add_first(motions, towards.rows[wrong], "ends with tool x away from the contour")
 
 
 def check_force_directions(motions: Motions, towards: Towards, findings: Findings) -> None:
     """Finds motions that press in another direction than that of the contour."""
-    pressed = motions.force_direction[towards.rows, :2]
-    wrong = (motions.force[towards.rows] > 0) & (dot(pressed, towards.direction) < towards.least)
-    for row in towards.rows[wrong][:1].tolist():
-        findings.add(motions, row, "presses away from the contour")
+    wrong = (motions.force[towards.rows] > 0) & (
+        dot(motions.force_direction[towards.rows, :2], towards.direction) < towards.least
+    )
+    findings.add_first(motions, towards.rows[wrong], "presses away from the contour")

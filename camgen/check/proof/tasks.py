@@ -107,9 +107,10 @@ def make_drawing(part: Part, job: Job) -> Drawing:
         drawn, pieces = tuple(moved), drawn_pieces(moved)
     elif len(drawn) < len(part.contours):
         pieces = drawn_pieces(drawn)
-    closed = tabulate_contours(drawn).closed
     length = np.bincount(pieces.owner, pieces.length, len(drawn)).astype(np.float64)
-    return Drawing(drawn, pieces, closed, length, _allowed_slack(part, job, ratio))
+    return Drawing(
+        drawn, pieces, tabulate_contours(drawn).closed, length, _allowed_slack(part, job, ratio)
+    )
 
 
 def _fit_page(part: Part, pieces: Pieces, job: Job) -> tuple[float, FloatArray]:
@@ -246,9 +247,7 @@ def _bounds_material(job: Job, chosen: Sequence[BoolArray]) -> BoolArray:
 
 def _choose(drawing: Drawing, choice: Choice, operation: OperationTable) -> BoolArray:
     """(C,) contours that a row of `[[operations]]` chooses."""
-    colors: frozenset[str] = frozenset()
-    for name in choice.colors:
-        colors |= frozenset(resolve_named(name))
+    colors = set[str]().union(*map(resolve_named, choice.colors))
     chosen = np.zeros(len(drawing.contours), np.bool_)
     for index, contour in enumerate(drawing.contours):
         chosen[index] = (

@@ -25,15 +25,12 @@ class Phases(Struct, frozen=True, eq=False):
     upright: (M,) the TCP moves up or down, or only turns.
     works: (M,) the TCP moves across, in contact: below the clearance height or with the process on.
     chain: (M,) number of the run of working motions, -1 for the others.
-    first, last: (M,) whether a motion begins or ends its chain.
     """
 
     known: BoolArray
     upright: BoolArray
     works: BoolArray
     chain: IntArray
-    first: BoolArray
-    last: BoolArray
 
 
 def split_phases(
@@ -54,10 +51,8 @@ def split_phases(
     if hops:
         works &= ~find_fast(motions, process)
     before = np.append(False, works[:-1]) & np.append(False, motions.path[1:] == motions.path[:-1])
-    first = works & ~before
-    after = np.append(before[1:], False)
-    chain = np.where(works, np.cumsum(first) - 1, -1)
-    return Phases(known, upright, works, chain, first, works & ~after)
+    chain = np.where(works, np.cumsum(works & ~before) - 1, -1)
+    return Phases(known, upright, works, chain)
 
 
 def find_fast(motions: Motions, process: ProcessTable) -> BoolArray:
@@ -99,12 +94,16 @@ def check_rest(motions: Motions, clearance: float, findings: Findings) -> None:
     """
     rests = np.isnan(motions.end[:, 0]) & (motions.path < 0)
     low = motions.end[:, 2] < clearance
-    leaves = rests & np.append(False, low[:-1])
-    arrives = low & np.append(False, rests[:-1])
-    for row in np.flatnonzero(leaves)[:1].tolist():
-        findings.add(motions, row, "goes to the rest position from below process.clearance")
-    for row in np.flatnonzero(arrives)[:1].tolist():
-        findings.add(motions, row, "comes from the rest position to below process.clearance")
+    findings.add_first(
+        motions,
+        rests & np.append(False, low[:-1]),
+        "goes to the rest position from below process.clearance",
+    )
+    findings.add_first(
+        motions,
+        low & np.append(False, rests[:-1]),
+        "comes from the rest position to below process.clearance",
+    )
     if len(motions) and low[-1]:
         findings.add(motions, len(motions) - 1, "ends the program below process.clearance")
 
@@ -117,11 +116,11 @@ def check_travel(
     contact: (M,) motions that reach the part: paths, and holes.
     """
     across = phases.known & ~phases.upright & ~phases.works
-    for row in np.flatnonzero(across & motions.on)[:1].tolist():
-        findings.add(motions, row, f"travels with output {signal} on")
+    findings.add_first(motions, across & motions.on, f"travels with output {signal} on")
     low = phases.upright & (motions.end[:, 2] < motions.start[:, 2])
-    for row in np.flatnonzero(low & ~_touches(phases.upright, contact))[:1].tolist():
-        findings.add(motions, row, "goes down where nothing is to be worked")
+    findings.add_first(
+        motions, low & ~_touches(phases.upright, contact), "goes down where nothing is to be worked"
+    )
 
 
 def _touches(upright: BoolArray, contact: BoolArray) -> BoolArray:

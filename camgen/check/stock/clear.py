@@ -101,8 +101,7 @@ def index_motions(moves: Moves, cuts: Sequence[Cut]) -> SweptAreas:
 def find_rapids(gone: SweptAreas, design: Design) -> list[Struck]:
     """Find the rapid motions through material that no motion before them has removed."""
     moves = gone.moves
-    rows = np.flatnonzero(moves.rapid & (moves.deepest > TOLERANCE_MM))
-    rows = rows[~moves.rising[rows]]
+    rows = np.flatnonzero(moves.rapid & (moves.deepest > TOLERANCE_MM) & ~moves.rising)
     rows = rows[~find_in_own_hole(moves, rows)]
     widest: list[Struck] = []
     for row in rows.tolist():
@@ -134,10 +133,11 @@ def find_in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
     position = position.reshape(-1)
     order = np.argsort(position, kind="stable")
     reached = np.where(moves.rapid, -np.inf, moves.down[:, 1])[order]
-    first = mark_run_starts(position[order])
     deepest = np.full(len(moves), -np.inf)
     so_far = -np.inf
-    for k, (is_new, value) in enumerate(zip(first.tolist(), reached.tolist(), strict=True)):
+    for k, (is_new, value) in enumerate(
+        zip(mark_run_starts(position[order]).tolist(), reached.tolist(), strict=True)
+    ):
         so_far = -np.inf if is_new else so_far
         deepest[order[k]] = so_far
         so_far = max(so_far, value)

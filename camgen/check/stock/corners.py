@@ -85,8 +85,9 @@ def find_bites(cuts: Sequence[Cut], design: Design, dynamics: Dynamics) -> list[
             bites.append(Bite(number, line, place, dynamics.deviation, cut.corner))
             continue
         for low in range(0, len(rows), _BLOCK):
-            corners = _Corners(columns, rows[low : low + _BLOCK], depth)
-            bites += _measure(corners, cuts, number, design, dynamics)
+            bites += _measure(
+                _Corners(columns, rows[low : low + _BLOCK], depth), cuts, number, design, dynamics
+            )
     return bites
 
 
@@ -136,9 +137,8 @@ def _tabulate(curve: FloatArray, beam: FloatArray, distance: FloatArray, number:
     distance: (K,) distance, mm, of each path from the programmed one.
     number: number of the cut.
     """
-    count = curve.shape[1] - 1
     start, end = curve[:, :-1].reshape(-1, 3), curve[:, 1:].reshape(-1, 3)
-    corner = np.repeat(np.arange(len(curve)), count)
+    corner = np.repeat(np.arange(len(curve)), curve.shape[1] - 1)
     total = len(corner)
     plane = make_segments(start[:, :2], end[:, :2], np.zeros(total), np.arange(total))
     depth = np.column_stack([-start[:, 2], -end[:, 2]])

@@ -20,8 +20,7 @@ from msgspec.structs import replace
 from camgen.check.stock.cells import CHORD_MM
 from camgen.check.stock.design import Bevel, Design, Lines
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Portions
-from camgen.check.stock.profile import compute_radius
-from camgen.check.stock.sweep import QUARTER, find_same_curves
+from camgen.check.stock.sweep import QUARTER, find_same_curves, measure_radii
 from camgen.geometry.intersect import make_boxes, measure_distances, measure_gaps
 from camgen.geometry.segments import (
     BoolArray,
@@ -108,10 +107,11 @@ def measure_bites(moves: Moves, cuts: Sequence[Cut], design: Design) -> FloatArr
         deep = moves.below(limit + TOLERANCE_MM, rows)
         if not len(deep.row) or not stays.cells.any():
             continue
-        radius = _compute_radii(moves, cuts, deep, limit)
+        radius = measure_radii(cuts, moves.cut[deep.row], moves.deepest[deep.row] - limit)
         allowed = _list_allowances(moves, cuts, deep, design, limit)
-        every_row = np.arange(len(deep.row))
-        aside = radius - _measure_gaps(deep.plane, every_row, stays, float(radius.max()), allowed)
+        aside = radius - _measure_gaps(
+            deep.plane, np.arange(len(deep.row)), stays, float(radius.max()), allowed
+        )
         # A tool that leaves the path by its radius may have its axis in material that stays.
         far = np.flatnonzero(moves.chord[deep.row] >= radius)
         middles = points_at(deep.plane.take(far), np.full(len(far), 0.5))
@@ -119,8 +119,9 @@ def measure_bites(moves: Moves, cuts: Sequence[Cut], design: Design) -> FloatArr
         aside[within] = 2 * radius[within]
         cutting = np.flatnonzero(aside > 0)
         middles = points_at(deep.plane.take(cutting), np.full(len(cutting), 0.5))
-        lengths = deep.plane.length[cutting]
-        cutting = cutting[~_are_off_stock(middles, lengths, radius[cutting], design)]
+        cutting = cutting[
+            ~_are_off_stock(middles, deep.plane.length[cutting], radius[cutting], design)
+        ]
         depth = np.minimum(aside[cutting], moves.deepest[deep.row[cutting]] - limit)
         np.maximum.at(bites, deep.row[cutting], depth)
     return bites
@@ -133,8 +134,10 @@ def _find_judged(moves: Moves, cuts: Sequence[Cut], design: Design, slack: Float
     """
     if design.free or not len(moves):
         return np.zeros(0, dtype=np.intp)
-    cutting = (moves.deepest > TOLERANCE_MM) & ~moves.rising
-    return np.flatnonzero(cutting & ~_are_explained(moves, cuts, design, slack))
+    return np.flatnonzero(
+        ((moves.deepest > TOLERANCE_MM) & ~moves.rising)
+        & ~_are_explained(moves, cuts, design, slack)
+    )
 
 
 def _list_limits(design: Design) -> list[float]:
@@ -149,7 +152,7 @@ def _find_below(
     stays = _find_stays(design, limit)
     if not len(deep.row) or not stays.cells.any():
         return []
-    radius = _compute_radii(moves, cuts, deep, limit)
+    radius = measure_radii(cuts, moves.cut[deep.row], moves.deepest[deep.row] - limit)
     allowed = _list_allowances(moves, cuts, deep, design, limit)
     gap, within = _compare_with_walls(deep.plane, stays, float(radius.max()), allowed)
     middles = points_at(deep.plane, np.full(len(deep.plane), 0.5))
@@ -197,22 +200,15 @@ def _are_near_at_ends(
     """Whether the portions `rows` (R,) are too near to the walls at an end of their motion."""
     is_near = np.zeros(len(rows), dtype=np.bool_)
     row_allowed = [(bevel, chosen[rows], allowance) for bevel, chosen, allowance in allowed]
-    starts = deep.low[rows] == 0.0, deep.plane.start
-    for is_end, points in (starts, (deep.high[rows] == 1.0, deep.plane.end)):
+    for is_end, points in (
+        (deep.low[rows] == 0.0, deep.plane.start),
+        (deep.high[rows] == 1.0, deep.plane.end),
+    ):
         at_rows = points[rows]
         tips = make_segments(at_rows, at_rows, np.zeros(len(rows)), rows)
         gap, _ = _compare_with_walls(tips, stays, float(radius.max()), row_allowed)
         is_near |= is_end & (gap < radius[rows] - TOLERANCE_MM)
     return is_near
-
-
-def _compute_radii(moves: Moves, cuts: Sequence[Cut], deep: Portions, limit: float) -> FloatArray:
-    height = moves.deepest[deep.row] - limit
-    radius = np.empty(len(deep.row))
-    for number, cut in enumerate(cuts):
-        of_cut = moves.cut[deep.row] == number
-        radius[of_cut] = compute_radius(cut.tool, height[of_cut])
-    return radius
 
 
 def _list_allowances(
@@ -238,11 +234,10 @@ def _compare_with_walls(
     """
     first, same = find_same_curves(plane)
     unique = plane.take(first)
-    gap = _measure_gaps(unique, same, stays, reach, allowed)
     within = stays.contains(points_at(unique, np.full(len(unique), 0.5)))[same]
     for _, chosen, allowance in allowed:
         within &= ~(chosen & (allowance > 0))
-    return gap, within
+    return _measure_gaps(unique, same, stays, reach, allowed), within
 
 
 def _measure_gaps(
@@ -293,8 +288,9 @@ def _measure(moves: Moves, stays: _Stays, deep: Portions, k: int, radius: float)
     tip = moves.start[row] + at * (moves.end[row] - moves.start[row])
     aside = radius + float(signed[best])
     if signed[best] < 0:
-        walls = stays.design.cells.segments.take(stays.walls)
-        gap = measure_gaps(curve.take(np.array([0])), walls, radius)[0]
+        gap = measure_gaps(
+            curve.take(np.array([0])), stays.design.cells.segments.take(stays.walls), radius
+        )[0]
         aside = max(aside, radius - float(gap)) if np.isfinite(gap) else aside
     up = float(moves.deepest[row]) - stays.limit
     mm = min(aside, up)
@@ -320,8 +316,9 @@ def _measure_signed(points: FloatArray, stays: _Stays) -> FloatArray:
 
 def _select_near_walls(points: FloatArray, segments: Segments, walls: IntArray) -> IntArray:
     edges = segments.take(walls)
-    to_start = np.hypot(*(edges.start - points[0]).T)
-    distance = np.minimum(to_start, np.hypot(*(edges.end - points[0]).T))
+    distance = np.minimum(
+        np.hypot(*(edges.start - points[0]).T), np.hypot(*(edges.end - points[0]).T)
+    )
     limit = float(distance.min()) + 2 * float(np.hypot(*np.ptp(points, axis=0)))
     return np.asarray(walls[distance - edges.length <= limit])
 
@@ -344,8 +341,9 @@ def _are_explained(
         allowed = cutting & (moves.deepest <= recess.depth + TOLERANCE_MM)
         for number, cut in enumerate(cuts):
             rows = np.flatnonzero(allowed & (moves.cut == number) & ~explained)
-            inset = TOLERANCE_MM - cut.tool.radius
-            centres = shapely.buffer(recess.shape, inset, quad_segs=QUARTER)
+            centres = shapely.buffer(
+                recess.shape, TOLERANCE_MM - cut.tool.radius, quad_segs=QUARTER
+            )
             explained[rows[_are_within(moves.plane.take(rows), centres)]] = True
     return explained
 
@@ -380,10 +378,13 @@ def _are_along(plane: Segments, lines: Lines, slack: FloatArray) -> BoolArray:
     if not count:
         return np.zeros(0, dtype=np.bool_)
     which = np.repeat(np.arange(count), len(_PLACES))
-    points = points_at(plane.take(which), np.tile(_PLACES, count))
     low, high = lines.distances
     slack_at = np.repeat(slack, len(_PLACES))
-    near, side = _find_nearest(points, lines.segments, high + _TRACED_MM + float(slack.max()))
+    near, side = _find_nearest(
+        points_at(plane.take(which), np.tile(_PLACES, count)),
+        lines.segments,
+        high + _TRACED_MM + float(slack.max()),
+    )
     good = (near >= low - TOLERANCE_MM - slack_at) & (near <= high + _TRACED_MM + slack_at)
     good &= (lines.side == 0) | (side == lines.side)
     return np.asarray(good.reshape(count, -1).all(axis=1))
@@ -397,8 +398,9 @@ def _find_nearest(
     The distance is infinite beyond `reach` mm.
     """
     near, side = np.full(len(points), np.inf), np.zeros(len(points))
-    tree = shapely.STRtree(make_boxes(compute_bounds(segments)))
-    point, row = tree.query(make_boxes(np.column_stack([points - reach, points + reach])))
+    point, row = shapely.STRtree(make_boxes(compute_bounds(segments))).query(
+        make_boxes(np.column_stack([points - reach, points + reach]))
+    )
     distance = measure_distances(points[point], segments, row)
     order = np.argsort(-distance, kind="stable")
     near[point[order]] = distance[order]

@@ -169,9 +169,8 @@ def tabulate(cuts: Sequence[Cut]) -> Moves:
 
 
 def _join(tables: list[Moves]) -> Moves:
-    columns = ("start", "end", "down", "rapid", "cut", "line", "motion", "chord")
     joined = {}
-    for column in columns:
+    for column in ("start", "end", "down", "rapid", "cut", "line", "motion", "chord"):
         joined[column] = np.concatenate([getattr(table, column) for table in tables])
     bulge = np.concatenate([table.plane.bulge for table in tables])
     start, end, low = joined["start"], joined["end"], joined["down"].min(axis=1, initial=np.inf)
@@ -198,14 +197,14 @@ def _tabulate_cut(cut: Cut, number: int, before: FloatArray) -> Moves:
     line = np.asarray(cut.lines, dtype=np.int64)[columns.at]
     down = find_depths(cut, columns, start, end, rapid)
     straight = _are_straight_down(columns)
-    known = np.flatnonzero(columns.posed & straight)
-    row, low, high, bulge, start, end = _divide(cut.tool, start, columns.vias, end, known)
+    row, low, high, bulge, start, end = _divide(
+        cut.tool, start, columns.vias, end, np.flatnonzero(columns.posed & straight)
+    )
     first, last = down[row].T
     with np.errstate(invalid="ignore"):
         part = np.where(np.isfinite(first) & np.isfinite(last), last - first, 0.0)
     down = np.column_stack([first + part * low, first + part * high])
     plane = make_segments(start[:, :2], end[:, :2], bulge, np.arange(len(row)))
-    lines = (plane.bulge == 0) & (plane.length > 0)
     return Moves(
         start=start,
         end=end,
@@ -216,7 +215,7 @@ def _tabulate_cut(cut: Cut, number: int, before: FloatArray) -> Moves:
         line=line[row],
         motion=row,
         stroke=np.zeros(len(row), np.int64),
-        chord=np.where(lines, cut.chord, 0.0),
+        chord=np.where((plane.bulge == 0) & (plane.length > 0), cut.chord, 0.0),
         tilted=int((columns.posed & ~straight).sum()),
         lost=int((~columns.posed).sum()),
     )
@@ -224,8 +223,9 @@ def _tabulate_cut(cut: Cut, number: int, before: FloatArray) -> Moves:
 
 def find_rapid(columns: Columns, travel: float) -> BoolArray:
     """Whether motions (M,) are rapid: joint motions, and lines at `travel` mm/s."""
-    fast = columns.moves_are(MoveL) & (columns.speed >= _NEARLY * travel)
-    return np.asarray(columns.moves_are(MoveJ) | fast)
+    return np.asarray(
+        columns.moves_are(MoveJ) | (columns.moves_are(MoveL) & (columns.speed >= _NEARLY * travel))
+    )
 
 
 def find_depths(
@@ -241,8 +241,11 @@ def find_depths(
         return np.full_like(down, -np.inf)
     if cut.tool.kind not in BEAMS:
         return down
-    has_outputs = columns.are(Output).any()
-    on = _are_switched_on(columns) if has_outputs else (down >= -TOLERANCE_MM).all(axis=1)
+    on = (
+        _are_switched_on(columns)
+        if columns.are(Output).any()
+        else (down >= -TOLERANCE_MM).all(axis=1)
+    )
     return np.where((on & ~rapid)[:, None], np.inf, -np.inf) * np.ones(2)
 
 

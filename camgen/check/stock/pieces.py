@@ -121,10 +121,9 @@ def find_pieces(
     pieces = shapely.get_parts(material)
     pieces = pieces[~shapely.is_empty(pieces)]
     rim = _find_rim(gone, design, cut, through, bottom)
-    free = pieces[~_are_held(pieces, rim, held)]
     find = _make_finder(gone, design, bottom, through, drops)
     loose = []
-    for shape, is_part in _sort(free, design, bottom):
+    for shape, is_part in _sort(pieces[~_are_held(pieces, rim, held)], design, bottom):
         piece = find.piece(shape, is_part)
         if piece is not None:
             loose.append(piece)
@@ -145,10 +144,9 @@ def _find_rim(gone: SweptAreas, design: Design, cut: Any, through: IntArray, bot
     """
     rim = shapely.boundary(design.outline)
     wide = _widest(gone, through) + _BEYOND_MM
-    cells = design.cells
     kerfs_outside = [kerf for kerf in design.wanted if kerf.loop >= 0 and kerf.cell != kerf.loop]
     outer = [kerf.loop for kerf in kerfs_outside if kerf.depth > bottom]
-    outlines = cells.rings[np.unique(np.array(outer, dtype=np.int64))]
+    outlines = design.cells.rings[np.unique(np.array(outer, dtype=np.int64))]
     near = outlines[shapely.dwithin(outlines, rim, wide)]
     kerfs = shapely.get_parts(cut)
     kerfs = kerfs[shapely.dwithin(kerfs, rim, _REACHED_MM)]
@@ -164,8 +162,9 @@ def _find_rim(gone: SweptAreas, design: Design, cut: Any, through: IntArray, bot
 
 
 def _widest(gone: SweptAreas, rows: IntArray) -> float:
-    diameters = np.array([cut.tool.diameter for cut in gone.cuts])
-    return float(diameters[gone.moves.cut[rows]].max(initial=0.0))
+    return float(
+        np.array([cut.tool.diameter for cut in gone.cuts])[gone.moves.cut[rows]].max(initial=0.0)
+    )
 
 
 def _are_held(pieces: Shapes, rim: Any, held: Any) -> BoolArray:
@@ -379,8 +378,9 @@ def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[Missing
         if not 0 < count < wanted or length <= find_tab_room(operation, tool.diameter, count):
             continue
         rows = find.near(loop.line, operation.finish + _BEYOND_MM)
-        name = design.cells.ids[loop.tabbed.loop]
-        missing.append(MissingTabs(name, count, wanted, int(rows[-1])))
+        missing.append(
+            MissingTabs(design.cells.ids[loop.tabbed.loop], count, wanted, int(rows[-1]))
+        )
     return tuple(missing)
 
 
@@ -415,8 +415,11 @@ def _widen(design: Design, outlines: Sequence[Tabbed]) -> dict[int, _Kerfs]:
         by_cell.setdefault(int(cells.parent[tabbed.loop]), []).append(tabbed)
     kerfs = {}
     for cell, group in by_cell.items():
-        rings = cells.rings[[tabbed.loop for tabbed in group]]
-        shapes = shapely.buffer(rings, group[0].job.tool.radius, quad_segs=QUARTER)
+        shapes = shapely.buffer(
+            cells.rings[[tabbed.loop for tabbed in group]],
+            group[0].job.tool.radius,
+            quad_segs=QUARTER,
+        )
         kerfs[cell] = _Kerfs(group, np.asarray(shapes))
     return kerfs
 
