@@ -28,7 +28,7 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
 from camgen.model.limits import format_limit
 from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, to_vec3
+from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, rotation_about, to_vec3
 from camgen.model.program import (
     Body,
     Columns,
@@ -102,21 +102,15 @@ def plan_unwinding(rows: Rows, orientations: Orientations) -> list[list[FloatArr
 def _list_roll_steps(a: FloatArray, b: FloatArray, turn: float) -> list[FloatArray]:
     """Rotations from `a` to `b` (3, 3), in steps of a roll about tool z by `turn` rad, `b` last."""
     count = math.ceil(abs(turn) / SURE_TURN - 1e-9)
-    return [*(frozen(a @ _about_z(turn * k / count)) for k in range(1, count)), frozen(b)]
-
-
-def _about_z(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return [*(frozen(a @ rotation_about(2, turn * k / count)) for k in range(1, count)), frozen(b)]
 
 
 def _check_size(tour: Tour, limit: float) -> None:
     motions = sum(len(path) * len(path.depths) for path in tour.paths)
     if motions > limit:
-        what = f"paths and passes need {motions:,} motions; the limit is {format_limit(limit)}"
         raise JobError(
             "job",
-            what,
+            f"paths and passes need {motions:,} motions; the limit is {format_limit(limit)}",
             "operation.passes",
             "use fewer passes, build the part in several programs, or raise limits.motions",
         )
@@ -130,8 +124,12 @@ def _check_home_height(cell: Cell, job: Job) -> None:
     clearance = job.process.clearance
     if isinstance(cell.home, Pose) and cell.home.origin[2] < clearance - SAME_POINT_MM:
         height = cell.home.origin[2]
-        what = f"a home at z {height:g} mm is below the clearance height, {clearance:g} mm"
-        raise JobError("job", what, "cell.home", "raise it, or lower process.clearance")
+        raise JobError(
+            "job",
+            f"a home at z {height:g} mm is below the clearance height, {clearance:g} mm",
+            "cell.home",
+            "raise it, or lower process.clearance",
+        )
 
 
 def lower_paths(
@@ -150,7 +148,7 @@ def lower_paths(
     home = MoveJ(cell.home, process.travel_speed)
     draft = Draft()
     draft.add(home, *start_spindle(job, cell))
-    add_paths(draft, tour, cell, job)
+    add_paths(draft, tour, cell, job, 0, TourEnds())
     draft.add(*([Output("spindle", 0.0)] if process.spindle > 0 else []), home)
     return finish_program(draft.body(), tour.paths, cell, job, name, header)
 
@@ -160,12 +158,13 @@ def start_spindle(job: Job, cell: Cell) -> list[Instruction]:
     if job.process.spindle > 0:
         return [Output("spindle", job.process.spindle), *make_dwell(job.process)]
     if isinstance(cell.home, Pose) and job.operation.depth and _is_cutter_at_rest(job.process):
-        what = f"a cut of {job.operation.depth:g} mm with the spindle at rest"
-        remedy = (
+        raise JobError(
+            "job",
+            f"a cut of {job.operation.depth:g} mm with the spindle at rest",
+            "process.spindle",
             "set it to the speed in rpm, "
-            'or process.switch to "contact" for a laser or a plasma torch'
+            'or process.switch to "contact" for a laser or a plasma torch',
         )
-        raise JobError("job", what, "process.spindle", remedy)
     return []
 
 
@@ -185,15 +184,14 @@ def add_paths(
     tour: Tour,
     cell: Cell,
     job: Job,
-    before: int = 0,
-    ends: TourEnds | None = None,
+    before: int,
+    ends: TourEnds,
 ) -> None:
     """Add the paths of a tour to a draft, each from above its start to above its end.
 
     before: number of paths of the program that come before them.
-    ends: approach to the first path and retract from the last one; None for from above and upwards.
+    ends: approach to the first path and retract from the last one.
     """
-    ends = ends or TourEnds()
     _check_size(tour, job.limits.motions)
     _check_home_height(cell, job)
     if ends.link is not None:
@@ -211,7 +209,7 @@ def _make_joint_motions(
     joints: Sequence[FloatArray], speeds: Sequence[tuple[float, float]], path: int
 ) -> Iterator[MoveJ]:
     for values, (speed, fraction) in zip(joints, speeds, strict=True):
-        yield MoveJ(make_joint_target(values), speed, path=path, share=fraction)
+        yield MoveJ(Joints(tuple(values.tolist())), speed, path=path, share=fraction)
 
 
 def join_rolls(passes: Sequence[ToolPass], tour: ArmTour, before: int) -> FloatArray:
@@ -231,11 +229,6 @@ def join_rolls(passes: Sequence[ToolPass], tour: ArmTour, before: int) -> FloatA
         is_reversed = not np.array_equal(position[:, :2], path.position[:, :2])
         rolls.append(of_path[::-1] if is_reversed else of_path)
     return np.concatenate(rolls)
-
-
-def make_joint_target(values: FloatArray) -> Joints:
-    """Joint values (J,) as a target."""
-    return Joints(tuple(values.tolist()))
 
 
 def _is_cutter_at_rest(process: ProcessTable) -> bool:
@@ -618,9 +611,11 @@ def _compute_heights(
     low = np.append(low, np.flatnonzero(lift_end < -SAME_POINT_MM))
     if len(low):
         path_id = passes[int(low[0])].path.id
-        what = f"{process.clearance:g} mm is below where the tool approaches path {path_id}"
         raise JobError(
-            "job", what, "process.clearance", "raise process.clearance or lower process.approach"
+            "job",
+            f"{process.clearance:g} mm is below where the tool approaches path {path_id}",
+            "process.clearance",
+            "raise process.clearance or lower process.approach",
         )
     above_end = end + up_end * lift_end[:, None]
     above_start = start + up_start * lift_start[:, None]

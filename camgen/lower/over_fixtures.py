@@ -29,11 +29,12 @@ def lift_over_fixtures(
     """
     columns = program.columns
     ends = columns.ends
-    rapid = columns.moves_are(MoveJ)
     start = np.roll(ends, 1, axis=0)
     crosses = np.hypot(*(ends - start)[:, :2].T) > SAME_POINT_MM
     links = np.flatnonzero(
-        rapid & crosses & np.append(False, columns.posed[:-1] & columns.posed[1:])
+        columns.moves_are(MoveJ)
+        & crosses
+        & np.append(False, columns.posed[:-1] & columns.posed[1:])
     )
     if not len(links):
         return program
@@ -91,11 +92,10 @@ def _lift(
             changed[previous] = (_at_height(columns.moves[link - 1], before, height),)
         else:
             motions.append(_at_height(move, before, height))
-    if columns.ends[link][2] < height - SAME_POINT_MM:
+    ends_low = columns.ends[link][2] < height - SAME_POINT_MM
+    if ends_low:
         motions.append(_at_height(move, columns.ends[link], height))
-        if not _goes_on_down(program, link):
-            motions.append(move)
-    else:
+    if not (ends_low and _goes_on_down(program, link)):
         motions.append(move)
     changed[index] = tuple(motions)
 

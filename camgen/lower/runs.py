@@ -235,9 +235,11 @@ def _enter_by_helix(path: ToolPath, from_z: float, to_z: float, descent: _Descen
 def _check_count(motions: float, descent: _Descent) -> None:
     if motions > descent.limit:
         limit = format_limit(descent.limit)
-        what = f"a ramp at this angle needs {motions:,.0f} motions; the limit is {limit}"
         raise JobError(
-            "job", what, "operation.entry_angle", "use a steeper angle, or raise limits.motions"
+            "job",
+            f"a ramp at this angle needs {motions:,.0f} motions; the limit is {limit}",
+            "operation.entry_angle",
+            "use a steeper angle, or raise limits.motions",
         )
 
 
@@ -311,12 +313,11 @@ def make_helix_entry(
     ends = np.concatenate([circle[: count + 1], circle[foot[1::2]], [[x, y, z + to_z]]])
     via = np.full(ends.shape, np.nan)
     via[count + 1 : count + 3] = circle[foot[::2]]
-    size = len(ends)
     return replace(
         path,
         table=make_waypoints(ends, via, path.feed[0], axis=path.axis[0]),
         closed=False,
-        floor=None if path.floor is None else frozen(np.full(size, path.floor[0])),
+        floor=None if path.floor is None else frozen(np.full(len(ends), path.floor[0])),
     )
 
 

@@ -135,9 +135,7 @@ def split_tools(program: Program) -> tuple[Program, ...]:
     if not changes:
         return (program,)
     programs = []
-    for k, (start, end) in enumerate(
-        zip(changes, [*changes[1:], len(program.body)], strict=True), start=1
-    ):
+    for k, (start, end) in enumerate(pairwise([*changes, len(program.body)]), start=1):
         change = program.body[start]
         assert isinstance(change, ToolChange)
         body = switch_off_first(tuple(dropwhile(_is_off, program.body[start + 1 : end])))
