@@ -337,7 +337,8 @@ def compute_digest(job: Job, sources: Sequence[Path | Part], files: Files) -> st
     if described := split_name(job.cell.robot):
         from camgen.robots.urdf.xml import list_urdf_files  # noqa: PLC0415 (only for a URDF)
 
-        named += [("cell.robot", str(path)) for path in list_urdf_files(described[0], files)]
+        for path in list_urdf_files(described[0], files):
+            named.append(("cell.robot", str(path)))
     named.append(("cell.machine", job.cell.machine))
     named += [
         ("cell.fixtures", fixture)
@@ -387,8 +388,11 @@ def _list_changes(job: Job) -> dict[str, object]:
     old jobs. A file has its name alone, wherever it lies; its bytes are in the digest.
     """
     image, camera, cell = job.image, job.camera, job.cell
-    background, lamp_moved = Path(image.background).name, Path(image.lamp_moved).name
-    image = replace(image, background=background, lamp_moved=lamp_moved)
+    image = replace(
+        image,
+        background=Path(image.background).name,
+        lamp_moved=Path(image.lamp_moved).name,
+    )
     camera = replace(camera, file=Path(camera.file).name)
     if described := split_name(cell.robot):
         cell = replace(cell, robot="#".join((Path(described[0]).name, described[1])))

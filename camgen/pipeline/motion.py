@@ -94,10 +94,9 @@ def compare_text(
     if job.operations:
         return "not proven: the text does not say which motion belongs to which operation"
     columns = Columns(body)
-    named = {output.signal for output in columns.outputs}
     signal = proof.process_signal(job.process)
     unknown = []
-    if signal not in {"", *named}:
+    if signal not in {"", *(output.signal for output in columns.outputs)}:
         unknown.append(f"output {signal}: the text names none so")
         job = replace(job, process=replace(job.process, signal=""))
     path = np.full(len(columns.at), -1, np.intp)

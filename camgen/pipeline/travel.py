@@ -17,7 +17,7 @@ from camgen.model.job import Job
 from camgen.model.machine import Machine
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, Vec3, to_vec3
-from camgen.model.program import Columns, MoveJ, Program, ToolChange
+from camgen.model.program import Columns, MoveJ, Program, ToolChange, read_column
 from camgen.model.text import counted, grouped, short
 from camgen.robots.workcell import Workcell
 
@@ -126,7 +126,7 @@ def _find_shift(text: PostedText, job: Job, cell: Workcell, placed: bool) -> Flo
     columns = text.program.columns
     shift = np.zeros((len(columns.moves), 3))
     changes = np.flatnonzero(columns.are(ToolChange))
-    lengths = [job.tool.length if getattr(text.post, _TOOL, 0) else 0.0]
-    lengths += [change.length for change in columns.list_kinds(ToolChange)]
-    shift[:, 2] = np.array(lengths)[np.searchsorted(changes, columns.at)]
+    first = job.tool.length if getattr(text.post, _TOOL, 0) else 0.0
+    lengths = np.append(first, read_column(columns.list_kinds(ToolChange), "length"))
+    shift[:, 2] = lengths[np.searchsorted(changes, columns.at)]
     return np.asarray(shift + (np.asarray(cell.base_from_work.origin) if placed else -shift[:1]))
