@@ -121,9 +121,8 @@ def _make_part(
         outcome = Outcome(error.exit_code, str(error))
         program = (batch_input.folder / (name + suffix)).as_posix()
         return BatchPart(batch_input, program, "", files.opened, outcome=outcome)
-    task = Task(
-        place, source, options.post, job, str(job_file or "job"), options.strict, __version__
-    )
+    job_name = str(job_file or "job")
+    task = Task(place, source, options.post, job, job_name, options.strict, __version__)
     text = f"{post} {source.name} {name} {options.strict} {digest}"
     digest = hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
     program = (batch_input.folder / (name + suffix)).as_posix()

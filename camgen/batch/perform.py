@@ -43,9 +43,8 @@ def _build(task: Task) -> Outcome:
     except CamgenError as error:
         return Outcome(error.exit_code, str(error))
     except Exception as error:  # any fault is the line of this part, as in cli.main
-        return make_fault(
-            f"{task.source}: fault: {type(error).__name__}: {error}", traceback.format_exc()
-        )
+        what = f"{task.source}: fault: {type(error).__name__}: {error}"
+        return make_fault(what, traceback.format_exc())
 
 
 def _sum_report(result: Result) -> BuildSums:

@@ -228,9 +228,8 @@ def _read_head(target: Path) -> bytes:
 
 
 def _make_overwrite_error(target: Path, read: Path) -> JobError:
-    return JobError(
-        str(target), f"would overwrite {read}, which is read", remedy="give another name"
-    )
+    what = f"would overwrite {read}, which is read"
+    return JobError(str(target), what, remedy="give another name")
 
 
 def _check_target(target: Path) -> None:

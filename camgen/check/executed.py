@@ -86,20 +86,18 @@ def measure_text(text: ReadText, dynamics: Dynamics, chord: float) -> Rounding:
         k = int(np.argmax(mm - limits))
         row = int(rows[k])
         limit, place = float(limits[k]), to_vec3(columns.ends[row])
+        line = int(text.lines[row])
         largest = float(mm.max())
-        rounding = Rounding(
-            len(first), float(mm[k]), limit, place, int(text.lines[row]), text.file, largest
-        )
+        rounding = Rounding(len(first), float(mm[k]), limit, place, line, text.file, largest)
         worst = join_roundings(worst, rounding)
     return worst
 
 
 def join_roundings(first: Rounding, second: Rounding) -> Rounding:
     """The rounding that exceeds the allowed one more, with the largest distance of both."""
+    largest = max(first.largest, second.largest)
     is_first = first.line and first.excess >= second.excess
-    return replace(
-        first if is_first or not second.line else second, largest=max(first.largest, second.largest)
-    )
+    return replace(first if is_first or not second.line else second, largest=largest)
 
 
 def allow_chords(transitions: Transitions, chord: float) -> FloatArray:
@@ -129,12 +127,9 @@ def find_transitions(columns: Columns, works: BoolArray, dynamics: Dynamics) -> 
 
 def pick_transitions(columns: Columns, first: IntArray) -> Transitions:
     """The transitions from the motions `first` (K,) into the next ones."""
-    return Transitions(
-        pick_shapes(columns, first),
-        pick_shapes(columns, first + 1),
-        columns.blend[first],
-        np.maximum(columns.speed[first], columns.speed[first + 1]),
-    )
+    fast = np.maximum(columns.speed[first], columns.speed[first + 1])
+    pair = (pick_shapes(columns, first), pick_shapes(columns, first + 1))
+    return Transitions(*pair, columns.blend[first], fast)
 
 
 def pick_shapes(columns: Columns, rows: IntArray) -> Spans:

@@ -205,9 +205,8 @@ def _overlap(before: SpeedProfile, after: SpeedProfile) -> _CornerPath:
     left = np.maximum(brake - t, 0.0) ** 2 * before.acceleration / 2
     run = np.where(t < ramp, t**2 * after.acceleration / 2, after.peak * (t - ramp / 2))
     blend = round(float(left[0]) * before.mm / before.length, 3)
-    return _CornerPath(
-        max(blend, _MIN_BLEND), left / before.length, np.minimum(run / after.length, 0.5)
-    )
+    done = np.minimum(run / after.length, 0.5)
+    return _CornerPath(max(blend, _MIN_BLEND), left / before.length, done)
 
 
 class _Corner(Struct, frozen=True, eq=False):
@@ -275,7 +274,6 @@ def _are_free(where: CellScene, fans: Sequence[FloatArray], bows: FloatArray) ->
     triangles, owner = np.concatenate(fans), list_owners(count_rows(fans))
     free = are_free(where.with_margin, triangles, owner, where.margin, bows)
     rest = free[owner]
-    free[free] = are_free(
-        where.work, triangles[rest], (np.cumsum(free) - 1)[owner[rest]], 0.0, bows[free]
-    )
+    left = (np.cumsum(free) - 1)[owner[rest]]
+    free[free] = are_free(where.work, triangles[rest], left, 0.0, bows[free])
     return list(free.tolist())

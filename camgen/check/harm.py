@@ -458,10 +458,8 @@ def _find_odd_frames(trace: Trace) -> Marks:
     frame = trace.frame
     single = _find_single(frame, ~trace.is_joint)
     if len(single) == 1 and np.count_nonzero(frame == frame[single[0] - 1]) > 2 * _LEAST:
-        yield (
-            single[0],
-            "the motion runs with another tool or in another frame than the motions beside it",
-        )
+        what = "the motion runs with another tool or in another frame than the motions beside it"
+        yield single[0], what
 
 
 def _find_single(values: Indices, is_compared: Mask) -> list[int]:

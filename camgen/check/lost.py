@@ -72,13 +72,10 @@ def find_failures(stretch: Stretch, stuck: Stuck) -> tuple[JointFailure, list[Jo
     first = explain_stuck(stretch.robot, stretch.rotations, stretch.origins, stuck)
     stop = JointFailure(first.row, first.text, False)
     failures = _find_unreachable(stretch, stuck) if stretch.robot.arm is not None else []
-    is_blocked = np.isin(
-        stretch.path,
-        [int(stretch.path[failure.row]) for failure in failures if not failure.on_link],
-    )
-    is_failed_link = stretch.on_link & np.isin(
-        stretch.path, [int(stretch.path[failure.row]) for failure in failures]
-    )
+    blocked = [int(stretch.path[failure.row]) for failure in failures if not failure.on_link]
+    failed = [int(stretch.path[failure.row]) for failure in failures]
+    is_blocked = np.isin(stretch.path, blocked)
+    is_failed_link = stretch.on_link & np.isin(stretch.path, failed)
     failures += _find_interrupted(stretch, np.flatnonzero(~is_blocked & ~is_failed_link))
     return stop, sorted(failures, key=lambda failure: failure.row) or [stop]
 
@@ -90,9 +87,8 @@ def _find_unreachable(stretch: Stretch, stuck: Stuck) -> list[JointFailure]:
     _, first = np.unique(stretch.path[bad] * 2 + stretch.on_link[bad], return_index=True)
     failures = []
     for row in bad[first].tolist():
-        reason = explain_stuck(
-            robot, stretch.rotations, stretch.origins, Stuck(row, stuck.candidates, none)
-        )
+        at_row = Stuck(row, stuck.candidates, none)
+        reason = explain_stuck(robot, stretch.rotations, stretch.origins, at_row)
         failures.append(JointFailure(row, reason.text, bool(stretch.on_link[row])))
     return failures
 

@@ -164,9 +164,8 @@ def _check_limits(
     value = float(axes[worst, axis])
     low, high = machine.limits[axis].tolist()
     limit = f"begins at {short(low, 3)}" if value < low else f"ends at {short(high, 3)}"
-    what = (
-        f"axis {machine.joints[axis].name} would be at {short(value, 3)} mm, its travel {limit} mm"
-    )
+    name = machine.joints[axis].name
+    what = f"axis {name} would be at {short(value, 3)} mm, its travel {limit} mm"
     raise _refuse(program, machine, file, rows, int(row[worst]), what)
 
 

@@ -105,13 +105,9 @@ def make_speed_profile(
     if isinstance(move, MoveJ) and pace.shares and move.share > 0:
         return SpeedProfile(seconds, move.share, 1 / pace.ramp, mm, seconds)
     if isinstance(move, MoveJ):
-        return SpeedProfile(
-            seconds,
-            min(1.0, move.speed * seconds / mm),
-            min(1 / pace.ramp, pace.acceleration * seconds / mm),
-            mm,
-            seconds,
-        )
+        max_speed = min(1.0, move.speed * seconds / mm)
+        gain = min(1 / pace.ramp, pace.acceleration * seconds / mm)
+        return SpeedProfile(seconds, max_speed, gain, mm, seconds)
     steps = np.diff(trace.seconds[rows])
     moving = steps > 0
     slowest = float((np.diff(trace.travelled[rows])[moving] / steps[moving]).min(initial=math.inf))
@@ -141,11 +137,11 @@ def compute_saved_seconds(
             continue
         if pace.corner == "overlap":
             # The next motion accelerates while this one brakes, so the shorter ramp saves its time.
-            saved[corner + 1] += min(
-                before.peak / before.acceleration, after.peak / after.acceleration
-            )
+            ramps = before.peak / before.acceleration, after.peak / after.acceleration
+            saved[corner + 1] += min(ramps)
             continue
-        fraction, held = _pass(trace, corner, (before, after), float(columns.blend[corner]), pace)
+        blend = float(columns.blend[corner])
+        fraction, held = _pass(trace, corner, (before, after), blend, pace)
         for motion, profile in ((corner, before), (corner + 1, after)):
             # From seconds at full speed to the unit of the motion's length.
             scale = profile.length / profile.seconds

@@ -60,10 +60,8 @@ def sample_motions(program: Program, pose_path: PosePath) -> MotionRows:
     """Sample the motions of `program`; `pose_path` has the TCP at the end of each motion."""
     free = program.columns.moves_are(MoveJ)
     pose_path, owner = _divide_arcs(pose_path, program)
-    parts = np.maximum(
-        count_parts(pose_path, STEP, _STEP_TURN),
-        np.ceil(pose_path.spans.sweep / _STEP_SWEEP).astype(np.int64),
-    )
+    arc_parts = np.ceil(pose_path.spans.sweep / _STEP_SWEEP).astype(np.int64)
+    parts = np.maximum(count_parts(pose_path, STEP, _STEP_TURN), arc_parts)
     parts[free[owner[1:]]] = 1
     motion = np.concatenate([owner[:1], np.repeat(owner[1:], parts)])
     at = np.flatnonzero(mark_run_ends(motion))
@@ -293,15 +291,13 @@ def _follow(
         part = slice(first + 1, last)
         free = rows.free[part]
         poses = rotations[part], origins[part]
-        choice = follow(
-            robot, poses, anchors[number], ties=Ties(joined=not free[0], end=end, free=free)
-        )
+        ties = Ties(joined=not free[0], end=end, free=free)
+        choice = follow(robot, poses, anchors[number], ties=ties)
         if not isinstance(choice, Stuck):
             joints[part] = choice.joints
             continue
-        stop, stretch_failures = find_failures(
-            Stretch(robot, *poses, path[part], on_link[part], free), choice
-        )
+        stretch = Stretch(robot, *poses, path[part], on_link[part], free)
+        stop, stretch_failures = find_failures(stretch, choice)
         stops.append(replace(stop, row=stop.row + first + 1))
         failures += [replace(each, row=each.row + first + 1) for each in stretch_failures]
     if stops:
@@ -337,10 +333,9 @@ def _fill(program: Program, robot: Robot, joints: FloatArray) -> Program:
     columns = program.columns
     postures_at = compute_postures(robot, joints, ~columns.moves_are(MoveJ))
     body = list(program.body)
-    values = joints.tolist()
+    values = [tuple(row) for row in joints.tolist()]
     for motion in np.flatnonzero(columns.posed).tolist():
         index = int(columns.at[motion])
-        body[index] = replace(
-            body[index], joints=Joints(tuple(values[motion])), posture=postures_at[motion]
-        )
+        target = Joints(values[motion])
+        body[index] = replace(body[index], joints=target, posture=postures_at[motion])
     return program.with_body(tuple(body))

@@ -202,6 +202,5 @@ def _round(
     distance = np.linalg.norm(tip - path.tip[rows, None], axis=2).min(axis=1)
     modelled = pick_transitions(columns, corners)._replace(blend=blend)
     more = np.maximum(np.nan_to_num(measure_rounding(modelled, pace)) - distance, 0.0)
-    return _RoundedCorners(
-        path.joints_at(along), rounded, path.joints_at((along[:, 1:] + along[:, :-1]) / 2), more
-    )
+    middle = path.joints_at((along[:, 1:] + along[:, :-1]) / 2)
+    return _RoundedCorners(path.joints_at(along), rounded, middle, more)

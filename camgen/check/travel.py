@@ -89,9 +89,8 @@ def leave_travel(extent: Extent, machine: Machine) -> Excess | None:
         axis = int(above.argmax())
         limit = f"ends at {machine.high[axis]:.10g}"
         motion, position = extent.high_motion[axis], extent.high[axis]
-    return Excess(
-        int(motion), f"axis {'XYZ'[axis]} would be at {_mm(position)} mm, its travel {limit} mm"
-    )
+    text = f"axis {'XYZ'[axis]} would be at {_mm(position)} mm, its travel {limit} mm"
+    return Excess(int(motion), text)
 
 
 def exceed_travel(extent: Extent, machine: Machine) -> Excess | None:
@@ -101,13 +100,11 @@ def exceed_travel(extent: Extent, machine: Machine) -> Excess | None:
     if (size - travel).max() <= _ROUNDING_MM:
         return None
     axis = int((size - travel).argmax())
-    return Excess(
-        int(max(extent.low_motion[axis], extent.high_motion[axis])),
-        (
-            f"axis {'XYZ'[axis]} runs from {_mm(extent.low[axis])} to {_mm(extent.high[axis])} mm, "
-            f"{_mm(size[axis])} mm; its travel is {_mm(travel[axis])} mm"
-        ),
+    text = (
+        f"axis {'XYZ'[axis]} runs from {_mm(extent.low[axis])} to {_mm(extent.high[axis])} mm, "
+        f"{_mm(size[axis])} mm; its travel is {_mm(travel[axis])} mm"
     )
+    return Excess(int(max(extent.low_motion[axis], extent.high_motion[axis])), text)
 
 
 def size_of(low: Vec3, high: Vec3) -> str:

@@ -37,9 +37,8 @@ def lower(
         from camgen.lower.steps import lower_steps  # noqa: PLC0415 (only for several operations)
 
         program = lower_steps(tour, cell, job, name, header)
-        tools = [
-            (step.tool, len(part.paths)) for step, part in zip(tour.steps, tour.tours, strict=True)
-        ]
+        steps = zip(tour.steps, tour.tours, strict=True)
+        tools = [(step.tool, len(part.paths)) for step, part in steps]
     else:
         program = lower_paths(tour, cell, job, name, header)
         tools = [(job.tool, len(tour.paths))]

@@ -106,9 +106,8 @@ def gather_rows(paths: Sequence[ToolPath], depths: FloatArray, follow: bool = Fa
     direction = np.empty((0, 6))
     if follow or columns["force"].any():
         direction = table[:, PLACES["force_direction"]].copy()
-    return Rows(
-        **columns, force_direction=direction.reshape(-1, 2, 3), first=last - counts + 1, last=last
-    )
+    first = last - counts + 1
+    return Rows(**columns, force_direction=direction.reshape(-1, 2, 3), first=first, last=last)
 
 
 def compute_blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:

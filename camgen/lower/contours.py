@@ -108,12 +108,9 @@ def _list_roll_steps(a: FloatArray, b: FloatArray, turn: float) -> list[FloatArr
 def _check_size(tour: Tour, limit: float) -> None:
     motions = sum(len(path) * len(path.depths) for path in tour.paths)
     if motions > limit:
-        raise JobError(
-            "job",
-            f"paths and passes need {motions:,} motions; the limit is {format_limit(limit)}",
-            "operation.passes",
-            "use fewer passes, build the part in several programs, or raise limits.motions",
-        )
+        what = f"paths and passes need {motions:,} motions; the limit is {format_limit(limit)}"
+        remedy = "use fewer passes, build the part in several programs, or raise limits.motions"
+        raise JobError("job", what, "operation.passes", remedy)
 
 
 def _check_home_height(cell: Cell, job: Job) -> None:
@@ -124,12 +121,8 @@ def _check_home_height(cell: Cell, job: Job) -> None:
     clearance = job.process.clearance
     if isinstance(cell.home, Pose) and cell.home.origin[2] < clearance - SAME_POINT_MM:
         height = cell.home.origin[2]
-        raise JobError(
-            "job",
-            f"a home at z {height:g} mm is below the clearance height, {clearance:g} mm",
-            "cell.home",
-            "raise it, or lower process.clearance",
-        )
+        what = f"a home at z {height:g} mm is below the clearance height, {clearance:g} mm"
+        raise JobError("job", what, "cell.home", "raise it, or lower process.clearance")
 
 
 def lower_paths(
@@ -158,13 +151,12 @@ def start_spindle(job: Job, cell: Cell) -> list[Instruction]:
     if job.process.spindle > 0:
         return [Output("spindle", job.process.spindle), *make_dwell(job.process)]
     if isinstance(cell.home, Pose) and job.operation.depth and _is_cutter_at_rest(job.process):
-        raise JobError(
-            "job",
-            f"a cut of {job.operation.depth:g} mm with the spindle at rest",
-            "process.spindle",
+        what = f"a cut of {job.operation.depth:g} mm with the spindle at rest"
+        remedy = (
             "set it to the speed in rpm, "
-            'or process.switch to "contact" for a laser or a plasma torch',
+            'or process.switch to "contact" for a laser or a plasma torch'
         )
+        raise JobError("job", what, "process.spindle", remedy)
     return []
 
 
@@ -331,9 +323,8 @@ class _PassDraft(Struct, frozen=True, eq=False):
             is_apart[0] = True
         self._travel(MoveL, first, self.down & is_apart, contact, speed)
         self._add_links(free)
-        self._travel(
-            self.rapid, first, free & ~_are_same(self.above_start, self.near), self.near, speed
-        )
+        low = free & ~_are_same(self.above_start, self.near)
+        self._travel(self.rapid, first, low, self.near, speed)
         if is_switched_in_air(self.job):
             self._insert_each(first[free], switch_on(process))
         # A path that starts on an outer corner is faster there than the feed; the plunge before it
@@ -392,9 +383,8 @@ class _PassDraft(Struct, frozen=True, eq=False):
             next_point = np.roll(self.above_start, -1, axis=0)
             lengths = _measure_distances(end, up), _measure_distances(up, next_point)
             blend = np.where(is_continued, _choose_blends(process, *lengths), 0.0)
-        self._travel(
-            self.rapid, last, leaving & ~_are_same(end, up), up, process.travel_speed, blend
-        )
+        moved = leaving & ~_are_same(end, up)
+        self._travel(self.rapid, last, moved, up, process.travel_speed, blend)
         if has_signal:
             self._insert_each(last[leaving], [Output(find_signal(process), 0.0)])
 
@@ -487,9 +477,8 @@ class _PassDraft(Struct, frozen=True, eq=False):
         kind: type[MoveJ | MoveL] = MoveL,
     ) -> Body:
         """Motions (K,) of the passes to which `rows` (K,) belong, see `make_plain_motions`."""
-        return make_plain_motions(
-            kind, targets, speed=speed, blend=blend, path=self.number[self.pass_of[rows]], work=work
-        )
+        path = self.number[self.pass_of[rows]]
+        return make_plain_motions(kind, targets, speed=speed, blend=blend, path=path, work=work)
 
     def _targets(self, origin: FloatArray, rotation: Places) -> Targets:
         """K poses of the tool.
@@ -579,9 +568,8 @@ def _list_joint_links(
         index = tool_pass.number - before
         starts_low = tool_pass.linked or tool_pass.low or tool_pass.down
         if isinstance(tour, ArmTour) and not starts_low and len(tour.links[index]):
-            links[k] = [
-                *_make_joint_motions(tour.links[index], tour.link_speeds[index], tool_pass.number)
-            ]
+            speeds = tour.link_speeds[index]
+            links[k] = [*_make_joint_motions(tour.links[index], speeds, tool_pass.number)]
     return links
 
 
@@ -611,12 +599,9 @@ def _compute_heights(
     low = np.append(low, np.flatnonzero(lift_end < -SAME_POINT_MM))
     if len(low):
         path_id = passes[int(low[0])].path.id
-        raise JobError(
-            "job",
-            f"{process.clearance:g} mm is below where the tool approaches path {path_id}",
-            "process.clearance",
-            "raise process.clearance or lower process.approach",
-        )
+        what = f"{process.clearance:g} mm is below where the tool approaches path {path_id}"
+        remedy = "raise process.clearance or lower process.approach"
+        raise JobError("job", what, "process.clearance", remedy)
     above_end = end + up_end * lift_end[:, None]
     above_start = start + up_start * lift_start[:, None]
     starts_low = np.flatnonzero([tool_pass.low for tool_pass in passes])

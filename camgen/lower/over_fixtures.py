@@ -29,12 +29,11 @@ def lift_over_fixtures(
     """
     columns = program.columns
     ends = columns.ends
+    rapid = columns.moves_are(MoveJ)
     start = np.roll(ends, 1, axis=0)
     crosses = np.hypot(*(ends - start)[:, :2].T) > SAME_POINT_MM
     links = np.flatnonzero(
-        columns.moves_are(MoveJ)
-        & crosses
-        & np.append(False, columns.posed[:-1] & columns.posed[1:])
+        rapid & crosses & np.append(False, columns.posed[:-1] & columns.posed[1:])
     )
     if not len(links):
         return program
@@ -69,9 +68,8 @@ def _find_heights(
                 near = rows[shapely.dwithin(lines[rows], fixture.outline, room)]
                 for layer in fixture.layers:
                     crossing = near[shapely.dwithin(lines[near], layer.outline, room)]
-                    heights[crossing] = np.maximum(
-                        heights[crossing], layer.top + fixtures.lift - body.height
-                    )
+                    height = layer.top + fixtures.lift - body.height
+                    heights[crossing] = np.maximum(heights[crossing], height)
     return heights
 
 

@@ -69,9 +69,8 @@ def lower_replay(
         before += 1 + max(find_owners(Columns(body)))
     out += [*_switch_off_rest(out), home]
     if tour.parts[0].tool is not None:
-        cell = replace(
-            cell, flange_from_tool=_make_tool_change(tour.parts[0], job, cell).flange_from_tool
-        )
+        change = _make_tool_change(tour.parts[0], job, cell)
+        cell = replace(cell, flange_from_tool=change.flange_from_tool)
     return finish_program(out, tour.paths, cell, job, name, header)
 
 
@@ -234,9 +233,8 @@ def _compute_blends(columns: Columns, tolerance: float, pace: Dynamics) -> Float
         return blend
     rounded = blend_corners(make_span_chain(ends, vias[1:]), columns.speed[1:], tolerance, pace)
     working = ~columns.moves_are(MoveJ)
-    blend[1:-1] = np.where(
-        working[1:-1] & working[2:] & (columns.blend[1:-1] > 0) & (np.diff(columns.at)[1:] == 1),
-        rounded,
-        0.0,
+    allowed = (
+        working[1:-1] & working[2:] & (columns.blend[1:-1] > 0) & (np.diff(columns.at)[1:] == 1)
     )
+    blend[1:-1] = np.where(allowed, rounded, 0.0)
     return blend

@@ -235,12 +235,9 @@ def _enter_by_helix(path: ToolPath, from_z: float, to_z: float, descent: _Descen
 def _check_count(motions: float, descent: _Descent) -> None:
     if motions > descent.limit:
         limit = format_limit(descent.limit)
-        raise JobError(
-            "job",
-            f"a ramp at this angle needs {motions:,.0f} motions; the limit is {limit}",
-            "operation.entry_angle",
-            "use a steeper angle, or raise limits.motions",
-        )
+        what = f"a ramp at this angle needs {motions:,.0f} motions; the limit is {limit}"
+        remedy = "use a steeper angle, or raise limits.motions"
+        raise JobError("job", what, "operation.entry_angle", remedy)
 
 
 def _descend(chords: ToolPath, from_z: float, to_z: float, speed: float) -> ToolPath:

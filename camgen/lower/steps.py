@@ -81,11 +81,9 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
 
 def _check_lengths(tour: JobTour) -> None:
     if len({step.tool.length for step in tour.steps}) > 1:
+        what = "is one frame, and the tools have several lengths"
         raise JobError(
-            "job",
-            "is one frame, and the tools have several lengths",
-            "cell.flange_from_tool",
-            "leave it out: each tool is as long as its length",
+            "job", what, "cell.flange_from_tool", "leave it out: each tool is as long as its length"
         )
 
 

@@ -506,10 +506,8 @@ def _check_outcome(part: Part, notes: Sequence[Note], has_paths: bool, strict: b
     if not has_paths and not _is_taught(part):
         # The notes of the planner come last. A note of the reader is not the reason why the
         # contours have no path.
-        last = next(
-            (note for note in reversed(skipped) if note not in part.notes),
-            Note("skipped", "nothing fits"),
-        )
+        nothing = Note("skipped", "nothing fits")
+        last = next((note for note in reversed(skipped) if note not in part.notes), nothing)
         raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
     failing = skipped or [note for note in notes if note.strict]
     if strict and failing:

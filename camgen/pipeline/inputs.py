@@ -220,11 +220,9 @@ def _prefix_each(lines: Sequence[_Line], prefix: str) -> list[_Line]:
 
 def _prefix_ids(outline: OpenOutline, prefix: str) -> OpenOutline:
     """The outline with `prefix` in front of all its ids."""
-    return replace(
-        outline,
-        ids=tuple(prefix + name for name in outline.ids),
-        inside=tuple(prefix + name for name in outline.inside),
-    )
+    ids = tuple(prefix + name for name in outline.ids)
+    inside = tuple(prefix + name for name in outline.inside)
+    return replace(outline, ids=ids, inside=inside)
 
 
 def _join_heads(parts: Sequence[Part]) -> Part:
@@ -329,22 +327,16 @@ def compute_digest(job: Job, sources: Sequence[Path | Part], files: Files) -> st
         seen.add(identity(source))
         total.update(b"%d:" % len(data))
         total.update(data)
-    named = [
-        ("image.background", job.image.background),
-        ("camera.file", job.camera.file),
-        ("image.lamp_moved", job.image.lamp_moved),
-    ]
+    named = [("image.background", job.image.background), ("camera.file", job.camera.file)]
+    named.append(("image.lamp_moved", job.image.lamp_moved))
     if described := split_name(job.cell.robot):
         from camgen.robots.urdf.xml import list_urdf_files  # noqa: PLC0415 (only for a URDF)
 
         for path in list_urdf_files(described[0], files):
             named.append(("cell.robot", str(path)))
     named.append(("cell.machine", job.cell.machine))
-    named += [
-        ("cell.fixtures", fixture)
-        for fixture in job.cell.fixtures or ()
-        if isinstance(fixture, str)
-    ]
+    fixtures = job.cell.fixtures or ()
+    named += [("cell.fixtures", fixture) for fixture in fixtures if isinstance(fixture, str)]
     for setting, name in named:
         if name or setting == "cell.fixtures":
             total.update(_read_setting(setting, name, files))
@@ -388,20 +380,15 @@ def _list_changes(job: Job) -> dict[str, object]:
     old jobs. A file has its name alone, wherever it lies; its bytes are in the digest.
     """
     image, camera, cell = job.image, job.camera, job.cell
-    image = replace(
-        image,
-        background=Path(image.background).name,
-        lamp_moved=Path(image.lamp_moved).name,
-    )
+    background, lamp_moved = Path(image.background).name, Path(image.lamp_moved).name
+    image = replace(image, background=background, lamp_moved=lamp_moved)
     camera = replace(camera, file=Path(camera.file).name)
     if described := split_name(cell.robot):
         cell = replace(cell, robot="#".join((Path(described[0]).name, described[1])))
     cell = replace(cell, machine=Path(cell.machine).name)
     if cell.fixtures:
-        cell = replace(
-            cell,
-            fixtures=[Path(row).name if isinstance(row, str) else row for row in cell.fixtures],
-        )
+        fixtures = [Path(row).name if isinstance(row, str) else row for row in cell.fixtures]
+        cell = replace(cell, fixtures=fixtures)
     tables = msgspec.to_builtins(replace(job, image=image, camera=camera, cell=cell))
     defaults = msgspec.to_builtins(Job())
     changes: dict[str, object] = {}

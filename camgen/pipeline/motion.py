@@ -143,8 +143,5 @@ def describe_controller(post: Post, job: Job, cell: Workcell) -> Controller:
     """The controller of the texts of a post, as far as the proof has to know it."""
     from camgen.check.proof import Controller  # noqa: PLC0415 (shapely, only for this)
 
-    return Controller(
-        dynamics_of(post, job),
-        frozenset(post.list_verified()),
-        cell.home if isinstance(cell.home, Joints) else None,
-    )
+    home = cell.home if isinstance(cell.home, Joints) else None
+    return Controller(dynamics_of(post, job), frozenset(post.list_verified()), home)

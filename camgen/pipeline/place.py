@@ -442,11 +442,9 @@ def make_case(
     """A part with its edges and all its resting poses. Raises JobError as `search_place` does."""
     solid, robot = part.solid, cell.arm
     if solid is None or robot is None or robot.arm is None:
+        what = "needs an arm whose joints have a closed form" if solid else "is not a 3-D part"
         raise JobError(
-            part.source,
-            "needs an arm whose joints have a closed form" if solid else "is not a 3-D part",
-            "camgen place",
-            "give a mesh or a STEP model, and a post of an arm",
+            part.source, what, "camgen place", "give a mesh or a STEP model, and a post of an arm"
         )
     edges = select_edges_of_job(solid, job)
     direction = read_offset(job, solid, edges.values())
@@ -494,11 +492,12 @@ def make_case(
             )
         )
     x, y, _ = cell.base_from_work.origin + rotation_of_job @ resting_poses[0].middle
+    azimuth = math.atan2(y, x) if math.hypot(x, y) > 1.0 else 0.0
     return Case(
         request=request,
         robot=robot,
         solid=solid,
-        azimuth=math.atan2(y, x) if math.hypot(x, y) > 1.0 else 0.0,
+        azimuth=azimuth,
         edges=edges,
         paths=marks,
         resting_poses=tuple(resting_poses),

@@ -208,19 +208,14 @@ def _make_flow(tour: Tour, job: Job) -> Flow | None:
     """
     runs: list[tuple[Tour, ProcessTable]] = [(tour, job.process)]
     if isinstance(tour, JobTour):
-        runs = [
-            (step_tour, step.process)
-            for step_tour, step in zip(tour.tours, tour.steps, strict=True)
-            if step_tour.paths
-        ]
+        pairs = zip(tour.tours, tour.steps, strict=True)
+        runs = [(step_tour, step.process) for step_tour, step in pairs if step_tour.paths]
     if not all(isinstance(step_tour, ArmTour) for step_tour, _ in runs):
         return None
     processes = [process for _, process in runs]
-    return Flow(
-        max(max(process.feed, plunge(process)) for process in processes),
-        min(process.clearance for process in processes) / 2,
-        max(process.least_height for process in processes),
-    )
+    highest_feed = max(max(process.feed, plunge(process)) for process in processes)
+    max_blend = min(process.clearance for process in processes) / 2
+    return Flow(highest_feed, max_blend, max(process.least_height for process in processes))
 
 
 def _list_tools(tour: Tour) -> list[ToolTable]:

@@ -105,10 +105,8 @@ def _suggest_unit(part: Part) -> str:
     if not len(points) or np.abs(points).max() <= LARGEST:
         return ""
     lower, upper = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-    reach = ", ".join(
-        f"{axis} {short(low, 0)} to {short(high, 0)}"
-        for axis, low, high in zip("xyz", lower, upper, strict=False)
-    )
+    spans = zip("xyz", lower, upper, strict=False)
+    reach = ", ".join(f"{axis} {short(a, 0)} to {short(b, 0)}" for axis, a, b in spans)
     remedies = [choose_remedy(part.source)]
     if np.ptp(points, axis=0).max() <= LARGEST:
         is_flat = part.solid is None and not part.curves

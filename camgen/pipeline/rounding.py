@@ -77,18 +77,11 @@ def report_rounding(rounded: Rounding | None) -> dict[str, object]:
     """The rounding as a table of the report, mm; empty without a model."""
     if rounded is None:
         return {}
-    table: dict[str, object] = {
-        "transitions": rounded.transitions,
-        "mm": rounded.mm,
-        "largest_mm": rounded.largest,
-    }
+    table: dict[str, object] = {"transitions": rounded.transitions, "mm": rounded.mm}
+    table["largest_mm"] = rounded.largest
     if rounded.line:
-        table |= {
-            "allowed_mm": rounded.allowed,
-            "place": list(rounded.place),
-            "file": clean(rounded.file),
-            "line": rounded.line,
-        }
+        table |= {"allowed_mm": rounded.allowed, "place": list(rounded.place)}
+        table |= {"file": clean(rounded.file), "line": rounded.line}
     return {"rounded": table}
 
 
@@ -96,10 +89,8 @@ def list_tolerances(tour: Tour, job: Job) -> FloatArray:
     """(P + 1,) distance, mm, by which each path may be left in corners; the last is for no path."""
     parts = [(tour, job)]
     if isinstance(tour, JobTour):
-        parts = [
-            (part, replace(job, tool=step.tool))
-            for part, step in zip(tour.tours, tour.steps, strict=True)
-        ]
+        steps = zip(tour.tours, tour.steps, strict=True)
+        parts = [(part, replace(job, tool=step.tool)) for part, step in steps]
     tolerances: list[float] = []
     for part, settings in parts:
         tolerances += [_find_tolerance(settings, path.operation) for path in part.paths]
@@ -119,9 +110,8 @@ def _refuse(worst: Rounding, post: Post) -> NoSafeProgram:
         f"the controller rounds the corner at {place} mm by {short(worst.mm, 4)} mm, "
         f"the job allows {short(worst.allowed, 4)} mm"
     )
-    return NoSafeProgram(
-        worst.file, what, f"line {worst.line}", remedy_for_corners(post, worst.allowed)
-    )
+    remedy = remedy_for_corners(post, worst.allowed)
+    return NoSafeProgram(worst.file, what, f"line {worst.line}", remedy)
 
 
 def remedy_for_corners(post: Post, allowed: float) -> str:

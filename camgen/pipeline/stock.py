@@ -240,17 +240,16 @@ def report_operations(
     rows = []
     for operation_sum in sums:
         step, volume = job.operations[operation_sum.number], operation_sum.removed
-        rows.append(
-            {
-                "number": operation_sum.number,
-                "kind": step.operation.kind,
-                "tool": clean(step.tool.name),
-                "tool_number": step.tool.number,
-                "paths": operation_sum.paths,
-                "time_s": round(operation_sum.seconds, 1),
-                "removed_mm3": None if volume is None else round(volume, 1),
-            }
-        )
+        row = {
+            "number": operation_sum.number,
+            "kind": step.operation.kind,
+            "tool": clean(step.tool.name),
+            "tool_number": step.tool.number,
+            "paths": operation_sum.paths,
+            "time_s": round(operation_sum.seconds, 1),
+            "removed_mm3": None if volume is None else round(volume, 1),
+        }
+        rows.append(row)
     if rows:
         tables["operations"] = rows
     if proof:

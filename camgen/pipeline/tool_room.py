@@ -105,9 +105,8 @@ def make_samples(
         rotation.append(turned[row, choice])
         count += len(samples)
     if not position:
-        return Samples(
-            np.zeros((0, 3)), np.zeros((0, 0)), np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3))
-        )
+        none = np.zeros(0, dtype=np.int64)
+        return Samples(np.zeros((0, 3)), np.zeros((0, 0)), none, np.zeros((0, 3, 3)))
     return Samples(
         np.concatenate(position),
         np.concatenate(weights),

@@ -53,15 +53,14 @@ class Travel(Struct, frozen=True):
     def report(self) -> dict[str, object]:
         """The machine and the travel that the program takes, as a table of the report."""
         machine = self.machine
-        return {
-            "machine": {
-                "file": clean(machine.file),
-                "controller": machine.controller,
-                "travel_mm": [_digits(machine.low), _digits(machine.high)],
-                "extent_mm": [_digits(self.low), _digits(self.high)],
-                "placed": self.placed,
-            }
+        table = {
+            "file": clean(machine.file),
+            "controller": machine.controller,
+            "travel_mm": [_digits(machine.low), _digits(machine.high)],
+            "extent_mm": [_digits(self.low), _digits(self.high)],
+            "placed": self.placed,
         }
+        return {"machine": table}
 
 
 def _digits(position: Vec3) -> list[float]:

@@ -139,9 +139,8 @@ def list_rework(
     left: list[NotReworked] = []
     for number, each in enumerate(differences, 1):
         if each.kind != "burr" or is_off:
-            left.append(
-                NotReworked(number, WHY_NOT_OFF if each.kind == "burr" else WHY_NOT[each.kind])
-            )
+            reason = WHY_NOT[each.kind] if each.kind != "burr" else WHY_NOT_OFF
+            left.append(NotReworked(number, reason))
             continue
         work = plan_burr(number, each, inspection.expected, job, removal)
         if isinstance(work, NotReworked):
@@ -162,10 +161,8 @@ def outlines_of_part(borders: list[FloatArray], region: shapely.Geometry) -> lis
 
 def rings_of(pieces: Sequence[shapely.Geometry]) -> list[FloatArray]:
     """Return the outlines of polygons, (N, 2) each, without the first point at the end."""
-    return [
-        shapely.get_coordinates(ring)[:-1]
-        for ring in shapely.get_parts(shapely.boundary(shapely.multipolygons(pieces)))
-    ]
+    rings = shapely.get_parts(shapely.boundary(shapely.multipolygons(pieces)))
+    return [shapely.get_coordinates(ring)[:-1] for ring in rings]
 
 
 def borders_in_work(raster: Raster) -> list[FloatArray]:

@@ -126,10 +126,8 @@ def enclose(rings: Sequence[FloatArray]) -> shapely.Geometry:
     # Neighbours are merged first, so that no step handles all of them.
     while len(shapes) > 1:
         odd = shapes[len(shapes) // 2 * 2 :]
-        shapes = [
-            shapely.symmetric_difference(a, b)
-            for a, b in zip(shapes[::2], shapes[1::2], strict=False)
-        ] + odd
+        pairs = zip(shapes[::2], shapes[1::2], strict=False)
+        shapes = [shapely.symmetric_difference(a, b) for a, b in pairs] + odd
     return shapes[0] if shapes else shapely.Polygon()
 
 
@@ -138,9 +136,8 @@ def _make_ink(planned: Plan, job: Job) -> Expected:
         raise JobError(
             "job", "no path is left that would leave ink", remedy="camgen build reports the reasons"
         )
-    strokes = shapely.buffer(
-        [_make_stroke(path) for path in planned.paths], job.tool.radius, quad_segs=_PEN_CHORDS
-    )
+    lines = [_make_stroke(path) for path in planned.paths]
+    strokes = shapely.buffer(lines, job.tool.radius, quad_segs=_PEN_CHORDS)
     rings = tuple(path.position[:, :2] for path in planned.paths)
     names = tuple(path.id for path in planned.paths)
     return Expected(planned.part.source, shapely.union_all(strokes), rings, names, inked=True)

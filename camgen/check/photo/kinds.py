@@ -98,11 +98,10 @@ class _Outlines:
             for name, ring in zip(expected.names, expected.rings, strict=True)
         }
         parts = shapely.get_parts(expected.region)
+        rings = shapely.get_rings(parts)
         outer = shapely.get_exterior_ring(parts)
         self.holes = [
-            shapely.Polygon(ring)
-            for ring in shapely.get_rings(parts)
-            if not shapely.equals(ring, outer).any()
+            shapely.Polygon(ring) for ring in rings if not shapely.equals(ring, outer).any()
         ]
         self.deviations = {
             name: _measure_deviations(line, seen, foot) for name, line in self.lines.items()
@@ -181,10 +180,8 @@ def share_of_fit(
 
     Loose things do not count, and along burrs and dents the outlines fit.
     """
-    explained = shapely.buffer(
-        shapely.union_all([each.shape for each in differences if each.kind in ("burr", "dent")]),
-        near,
-    )
+    known = [each.shape for each in differences if each.kind in ("burr", "dent")]
+    explained = shapely.buffer(shapely.union_all(known), near)
     edges = shapely.boundary(expected.region), shapely.boundary(remove_loose(seen, differences))
     shares = []
     for edge, other in (edges, edges[::-1]):

@@ -210,13 +210,10 @@ def _check_side(photo: str, outlines: list[FloatArray], sought: Sought, fit: Fit
         return
     mirrored = fit_outlines([outline * (-1.0, 1.0) for outline in outlines], sought.region)
     if mirrored.share >= LEAST_FIT and mirrored.share * _AS_WELL > fit.share:
-        raise NoSafeProgram(
-            photo,
-            f"shows the other side of {sought.certain.source}: "
-            f"mirrored {100 * mirrored.share:.0f} % of its outline lies within {fit.near:.2f} mm "
-            f"of that, as it is {100 * fit.share:.0f} %",
-            remedy="turn the part over, or mirror the drawing",
-        )
+        source = sought.certain.source
+        what = f"shows the other side of {source}: mirrored {100 * mirrored.share:.0f} % of its "
+        what += f"outline lies within {fit.near:.2f} mm of that, as it is {100 * fit.share:.0f} %"
+        raise NoSafeProgram(photo, what, remedy="turn the part over, or mirror the drawing")
 
 
 def _try_fit(fit: Fit, sought: Sought, raster: Raster, seen: shapely.Geometry) -> _Trial:
@@ -234,9 +231,8 @@ def _try_fit(fit: Fit, sought: Sought, raster: Raster, seen: shapely.Geometry) -
             names.append(name)
         else:
             hidden.append(name)
-    expected = Expected(
-        sought.certain.source, enclose(rings), tuple(rings), tuple(names), inked=False
-    )
+    source = sought.certain.source
+    expected = Expected(source, enclose(rings), tuple(rings), tuple(names), inked=False)
     differences = list_differences(seen, expected, raster, choose_limit(raster))
     share = share_of_fit(differences, expected, seen, fit.near)
     return _Trial(fit, expected, differences, share, tuple(hidden))

@@ -134,14 +134,11 @@ def check_fit(
     Raises `refusal` if it is not.
     """
     if share < least:
-        raise refusal(
-            name,
-            f"does not show {source}: {100 * share:.0f} % of its outline "
-            f"lies within {near:.2f} mm of that",
-            f"{100 * least:.0f} % must",
-            "give the drawing of this part, "
-            "check the scale of the photo, or its mask by camgen inspect",
-        )
+        what = f"does not show {source}: {100 * share:.0f} % of its outline "
+        what += f"lies within {near:.2f} mm of that"
+        remedy = "give the drawing of this part, "
+        remedy += "check the scale of the photo, or its mask by camgen inspect"
+        raise refusal(name, what, f"{100 * least:.0f} % must", remedy)
 
 
 def _make_line(region: shapely.Geometry) -> _Line:
@@ -221,9 +218,8 @@ def _score(fit: Fit, line: _Line, points: FloatArray, near: float) -> Fit:
 def _select_rivals(alike: Sequence[Fit], chosen: Fit) -> tuple[Fit, ...]:
     rivals: list[Fit] = []
     for fit in alike:
-        turns = [
-            abs(math.remainder(fit.turn - other.turn, math.tau)) for other in (chosen, *rivals)
-        ]
+        others = (chosen, *rivals)
+        turns = [abs(math.remainder(fit.turn - other.turn, math.tau)) for other in others]
         if min(turns) > _SAME_TURN:
             rivals.append(fit)
     return tuple(rivals)

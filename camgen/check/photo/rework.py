@@ -116,9 +116,8 @@ def cut_stretches(
         rest = _wear(burr.shape, line, gone) if gone else burr.shape
         begin, length = _find_contact(line, centres, rest, radius)
         margin = later if done else BESIDE
-        stretch = _along(
-            ring, line, (begin - margin) % line.length, min(length + 2 * margin, line.length)
-        )
+        reach = min(length + 2 * margin, line.length)
+        stretch = _along(ring, line, (begin - margin) % line.length, reach)
         if stretches and _measure_length(stretches[-1]) - _measure_length(stretch) < SHORTER:
             stretch = stretches[-1]
         stretches.append(stretch)
@@ -171,17 +170,13 @@ def plan_burr(
     passes, feed = plan_passes(burr.height, removal, job.process.feed)
     if passes > MOST_PASSES:
         x, y = burr.place
+        what = f"{removal:g} mm would make {passes} passes over the burr "
+        what += f"of {burr.height:.2f} mm at {x:.2f}, {y:.2f}"
         least = burr.height / MOST_PASSES
-        raise JobError(
-            "--removal",
-            f"{removal:g} mm would make {passes} passes over the burr "
-            f"of {burr.height:.2f} mm at {x:.2f}, {y:.2f}",
-            f"{MOST_PASSES} at most",
-            f"take a tool, a force or a feed that takes off {least:.2g} mm a pass or more",
-        )
-    stretches = cut_stretches(
-        burr, expected, job.tool.radius, passes, NEXT_TO if stays_down(job) else BESIDE
-    )
+        remedy = f"take a tool, a force or a feed that takes off {least:.2g} mm a pass or more"
+        raise JobError("--removal", what, f"{MOST_PASSES} at most", remedy)
+    later = NEXT_TO if stays_down(job) else BESIDE
+    stretches = cut_stretches(burr, expected, job.tool.radius, passes, later)
     if not is_clear(stretches[0], expected.region, job.tool.radius):
         return NotReworked(number, f"a {job.tool.diameter:g} mm tool does not fit beside it")
     return Rework(number, burr, feed, stretches)
@@ -245,7 +240,6 @@ def _along(ring: FloatArray, line: shapely.Geometry, begin: float, length: float
     ahead = (np.concatenate([[0.0], np.cumsum(steps)[:-1]]) - begin) % line.length
     order = np.argsort(ahead, kind="stable")
     order = order[(ahead[order] > 1e-6) & (ahead[order] < length - 1e-6)]
-    first, last = shapely.get_coordinates(
-        shapely.line_interpolate_point(line, [begin, (begin + length) % line.length])
-    )
+    ends = shapely.line_interpolate_point(line, [begin, (begin + length) % line.length])
+    first, last = shapely.get_coordinates(ends)
     return np.concatenate([[first], ring[order], [last]])

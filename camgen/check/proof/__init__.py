@@ -149,18 +149,17 @@ def _prove_space(
     )
 
     if job.operation.depth:
-        return MotionProof(
-            0, 0.0, 0, Unplaced(), (), ("curves in space with a depth are not examined",)
-        )
+        reason = "curves in space with a depth are not examined"
+        return MotionProof(0, 0.0, 0, Unplaced(), (), (reason,))
     findings = Findings()
+    signal = process_signal(job.process)
     program = programs[0]
-    motions = tabulate(program.body, program.lines, program.path, process_signal(job.process))
+    motions = tabulate(program.body, program.lines, program.path, signal)
     distance = 0.0 if part.curves else job.operation.offset
     limit = 2 * rounding.mm + _SLACK_MM + job.tolerance.chord + job.tolerance.arc_fit
     lines = select_lines(part, job, program.origins, findings)
-    done = SpaceChecker(job, motions, distance, limit, named.gaps).check(
-        lines, program.origins, findings
-    )
+    checker = SpaceChecker(job, motions, distance, limit, named.gaps)
+    done = checker.check(lines, program.origins, findings)
     for line in lines:
         if line.id not in done and line.id not in named.skipped:
             findings.miss(f"{line.id} is not worked, and no note says so")
@@ -212,9 +211,8 @@ def _find_earlier(
             of_task = _of_task(program, other)[motions.path]
             works = split_phases(motions, other.job.process, 2 * context.rounding.mm).works
             cuts.append(EarlierCut(other, motions, works & of_task))
-    return EarlierCuts(
-        cuts, 2 * context.rounding.mm + _SLACK_MM + context.drawing.slack, task.job.tool.radius
-    )
+    limit = 2 * context.rounding.mm + _SLACK_MM + context.drawing.slack
+    return EarlierCuts(cuts, limit, task.job.tool.radius)
 
 
 def _prove_task(
@@ -275,24 +273,19 @@ def _check_motions(subject: Subject, totals: _Count, findings: Findings) -> None
     DescentChecker(task, motions, phases, of_task, slack, context.rounding).check(findings)
     if context.controller is not None:
         goes_on = (np.diff(phases.chain) == 0) & (phases.works & of_task)[:-1]
-        check_corners(
-            task, motions, np.flatnonzero(goes_on), context.controller.pace, slack, findings
-        )
+        pace = context.controller.pace
+        check_corners(task, motions, np.flatnonzero(goes_on), pace, slack, findings)
 
 
 def _check_whole(program: Program, job: Job, context: Context, findings: Findings) -> None:
     slack = 2 * context.rounding.mm + _SLACK_MM
-    lowest = min(
-        [step.process for step in job.operations] or [job.process],
-        key=lambda process: process.clearance,
-    )
+    processes = [step.process for step in job.operations] or [job.process]
+    lowest = min(processes, key=lambda process: process.clearance)
     motions = context.tabulate(program, lowest)
     if job.operations:
-        findings.add_first(
-            motions,
-            split_phases(motions, lowest, slack).works & (program.path < 0),
-            "works, and belongs to no path",
-        )
+        works = split_phases(motions, lowest, slack).works
+        for row in np.flatnonzero(works & (program.path < 0))[:1].tolist():
+            findings.add(motions, row, "works, and belongs to no path")
     check_rest(motions, lowest.clearance - slack, findings)
 
 
@@ -382,17 +375,15 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
 
     task, motions, phases = subject.task, subject.motions, subject.phases
     rows = subject.works
-    checker = AreaChecker(
-        task, subject.drawing, make_region(task, subject.drawing), motions, subject.limit
-    )
+    region = make_region(task, subject.drawing)
+    checker = AreaChecker(task, subject.drawing, region, motions, subject.limit)
     checker.check_inside(rows, findings)
     levels = find_levels(task, motions, rows, subject.slack)
     check_heights(task, motions, rows, levels, subject.slack, findings)
     checker.check_hops(phases, subject.of_task, subject.slack, findings)
     visit = number_visits(motions, phases, task.job.process.clearance, subject.slack)[rows]
-    SlopeChecker(
-        task, motions, rows, find_reached(task, motions, rows, visit), subject.slack
-    ).check(visit, levels, findings)
+    reached = find_reached(task, motions, rows, visit)
+    SlopeChecker(task, motions, rows, reached, subject.slack).check(visit, levels, findings)
     check_path_order(task, motions, rows, levels, subject.slack, findings)
     checker.check_speeds(rows[levels >= 0], subject.context.rounding.speed, findings)
     worked = set(list_ids(compress(subject.drawing.contours, task.worked)))
@@ -418,9 +409,8 @@ def _prove_area(subject: Subject, findings: Findings) -> _Result:
         left = task.operation.finish if number < last else 0.0
         if not left:
             checker.check_direction(at_level, findings)
-        checker.check_covered(
-            np.concatenate([at_level, below]), checker.list_places(depth, subject), left, findings
-        )
+        places = checker.list_places(depth, subject)
+        checker.check_covered(np.concatenate([at_level, below]), places, left, findings)
     return task.worked & subject.drawing.closed, phases.works | dots
 
 

@@ -75,11 +75,10 @@ class ContourProver:
             check_outputs(task, motions, rows[matched.follows], findings)
         levels = find_levels(task, motions, rows, subject.slack)
         leads = LeadChecker(checker, matched)
-        findings.add_first(
-            motions,
-            rows[~matched.follows & ~leads.find(phases.chain[rows], levels >= 0) & ~matched.rounds],
-            "works where nothing is drawn to be worked",
-        )
+        leading = leads.find(phases.chain[rows], levels >= 0)
+        strange = ~matched.follows & ~leading & ~matched.rounds
+        for index in np.flatnonzero(strange)[:1].tolist():
+            findings.add(motions, int(rows[index]), "works where nothing is drawn to be worked")
         laps, directed = _check_laps(subject, leads, levels, findings)
         checker.check_direction(matched, directed, findings)
         check_pass_order(checker, matched, levels, findings)
@@ -123,10 +122,9 @@ class ContourProver:
             check_repeats(checker, matched.covered.take(at_distance), depth, findings)
             if last:
                 chosen = at_distance
+            rows = matched.rows[at_depth]
             covered = matched.covered.take(chosen)
-            gaps = checker.find_uncovered(
-                covered, matched.rows[at_depth], distance, named, findings
-            )
+            gaps = checker.find_uncovered(covered, rows, distance, named, findings)
             if self._earlier is not None:
                 gaps = gaps.take(~self._earlier.touch(gaps, checker.pieces, depth, self.slack))
             for piece, low, high in zip(gaps.piece, gaps.low, gaps.high, strict=True):
@@ -135,9 +133,8 @@ class ContourProver:
                 left_out = not skipped.isdisjoint({contour.id, *contour.sources})
                 if left_out or not touched[owner[piece]]:
                     continue
-                x, y = points_along(
-                    checker.pieces, np.array([piece]), np.array([(low + high) / 2])
-                )[0].tolist()
+                share = np.array([(low + high) / 2])
+                x, y = points_along(checker.pieces, np.array([piece]), share)[0].tolist()
                 place = f"at {x:.3f} {y:.3f} mm, depth {depth:g} mm"
                 findings.miss(f"contour {contour.id} is not worked {place}")
                 return done
@@ -152,9 +149,8 @@ def _leave_unclear(task: Task, context: Context) -> Task:
         # An open contour has no outside: a note has to say that it is left out.
         task = replace(task, worked=task.worked & drawing.closed)
     if task.kept_clear.any():
-        unclear = find_unclear(
-            drawing.pieces, task.kept_clear & are_named(drawing, context.named.others), task.near
-        )
+        suspects = task.kept_clear & are_named(drawing, context.named.others)
+        unclear = find_unclear(drawing.pieces, suspects, task.near)
         task = replace(task, kept_clear=task.kept_clear & ~unclear, worked=task.worked & ~unclear)
     return task
 
@@ -194,10 +190,9 @@ def _check_laps(
     slopes = SlopeChecker(task, motions, matched.rows, laps.reached, subject.slack)
     slopes.check(visit, levels, findings)
     slopes.check_linked(laps, visit, findings)
+    fewer = _laps_named(subject, matched, laps, names.tabs)
     skipped = are_named(drawing, names.skipped)
-    TabChecker(task, drawing, motions, subject.slack, skipped).check(
-        matched, laps, _laps_named(subject, matched, laps, names.tabs), findings
-    )
+    TabChecker(task, drawing, motions, subject.slack, skipped).check(matched, laps, fewer, findings)
     return laps, (levels >= 0) | slopes.goes_round(laps)
 
 

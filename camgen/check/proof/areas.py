@@ -74,26 +74,25 @@ class AreaChecker:
         points = np.concatenate([plane.start[rows], plane.middle[rows], plane.end[rows]])
         room = 0.0 if fills else self._radius - self.limit
         inside = shapely.contains_xy(self.region, points[:, 0], points[:, 1])
-        walls = PieceTree(
-            self.drawing.pieces, np.flatnonzero(self.task.worked[self.drawing.pieces.owner])
-        )
+        worked = self.task.worked[self.drawing.pieces.owner]
+        walls = PieceTree(self.drawing.pieces, np.flatnonzero(worked))
         distance = walls.find(points, room + 2 * self.limit + fills * self._radius).distance
         # A track thinner than the tool is filled along its middle, so a fill may touch its border.
         beyond = self.limit + (_FILL_SHARE * self.task.job.tool.diameter if fills else 0.0)
         outside = ~inside & ((distance > beyond) | (not fills))
-        owner = np.tile(rows, 3)
-        if not fills:
-            findings.add_first(self.motions, owner[outside], "leaves the area")
-        else:
-            # Thin tracks are filled along a middle that follows a raster.
-            for x, y in points[outside][:1].tolist():
-                where = f"one leaves the area at {x:.2f} {y:.2f}"
-                findings.leave("that strokes stay inside", where)
-        findings.add_first(
-            self.motions,
-            owner[inside & (distance < room)],
-            "comes nearer to a wall than the tool's radius",
-        )
+        near = inside & (distance < room)
+        for index in np.flatnonzero(outside)[:1].tolist():
+            if fills:
+                # Thin tracks are filled along a middle that follows a raster.
+                x, y = points[index].tolist()
+                findings.leave(
+                    "that strokes stay inside", f"one leaves the area at {x:.2f} {y:.2f}"
+                )
+                continue
+            findings.add(self.motions, int(rows[index % len(rows)]), "leaves the area")
+        for index in np.flatnonzero(near)[:1].tolist():
+            what = "comes nearer to a wall than the tool's radius"
+            findings.add(self.motions, int(rows[index % len(rows)]), what)
 
     def check_hops(
         self, phases: Phases, of_task: BoolArray, slack: float, findings: Findings
@@ -112,11 +111,9 @@ class AreaChecker:
         deviation = np.zeros(len(rows))
         for end in (motions.start[rows, 2], motions.end[rows, 2]):
             deviation = np.maximum(deviation, np.abs(end[:, None] - heights).min(axis=1))
-        findings.add_first(
-            motions,
-            rows[deviation > slack],
-            "is a rapid motion that is not level above the floor of a pass",
-        )
+        for index in np.flatnonzero(deviation > slack)[:1].tolist():
+            what = "is a rapid motion that is not level above the floor of a pass"
+            findings.add(motions, int(rows[index]), what)
         self.check_inside(rows, findings)
 
     def check_direction(self, rows: IntArray, findings: Findings) -> None:
@@ -164,11 +161,8 @@ class AreaChecker:
         slack = speed_slack + _FEED_SHARE * feed
         is_wrong = (speed > feed + slack) | (speed < _SLOWEST * feed - slack)
         for index in np.flatnonzero(is_wrong)[:1].tolist():
-            findings.add(
-                self.motions,
-                int(rows[index]),
-                f"has a feed of {speed[index]:.4g} mm/s, the job asks for {feed:.4g}",
-            )
+            what = f"has a feed of {speed[index]:.4g} mm/s, the job asks for {feed:.4g}"
+            findings.add(self.motions, int(rows[index]), what)
 
     def are_inside(self, rows: IntArray, findings: Findings) -> BoolArray:
         """(N,) whether motions end inside the area or on its border; a fill may touch it only."""
@@ -218,24 +212,18 @@ class AreaChecker:
             return
         near = shapely.distance(shapely.points(places), reachable) < self._radius - _BORDER_MM
         for x, y in places[near][:1].tolist():
-            findings.miss(
-                f"the area is not cleared at {x:.3f} {y:.3f} mm, which the tool can reach"
-            )
+            what = f"the area is not cleared at {x:.3f} {y:.3f} mm, which the tool can reach"
+            findings.miss(what)
 
     def _find_channels(self) -> Any:
         """Middles of channels and round holes as wide as the tool: thin polygons and points."""
         radius = self._radius
+        inner = shapely.buffer(self.region, -(radius - _CHANNEL_MM), quad_segs=64)
         wide = shapely.buffer(self.region, -(radius + self.limit), quad_segs=64)
-        rest = shapely.difference(
-            shapely.buffer(self.region, -(radius - _CHANNEL_MM), quad_segs=64),
-            shapely.buffer(wide, 2 * self.limit, quad_segs=64),
-        )
+        rest = shapely.difference(inner, shapely.buffer(wide, 2 * self.limit, quad_segs=64))
         thin = shapely.get_parts(rest)
-        same = [
-            c
-            for c in compress(find_circles(self.drawing), self.task.worked)
-            if c is not None and abs(c[2] - radius) <= _CHANNEL_MM
-        ]
+        circles = compress(find_circles(self.drawing), self.task.worked)
+        same = [c for c in circles if c is not None and abs(c[2] - radius) <= _CHANNEL_MM]
         middles = [shapely.Point(circle[:2]) for circle in same]
         return shapely.union_all([*thin[shapely.length(thin) > 2 * radius], *middles])
 

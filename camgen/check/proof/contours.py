@@ -92,9 +92,8 @@ class Matched(Struct, frozen=True, eq=False):
 
 def find_rolling(motions: Motions, matched: Matched) -> BoolArray:
     """(W,) motions that roll about an outer corner: arcs about it, or chords of such an arc."""
-    return np.asarray(
-        (matched.side == 0) & (matched.has_tool_radius | (motions.plane.turn[matched.rows] == 0))
-    )
+    is_line = motions.plane.turn[matched.rows] == 0
+    return np.asarray((matched.side == 0) & (matched.has_tool_radius | is_line))
 
 
 def may_roll(motions: Motions, matched: Matched, pieces: Pieces) -> BoolArray:
@@ -126,10 +125,9 @@ class Workplace:
     def __init__(self, task: Task, drawing: Drawing, lists: Ragged) -> None:
         self.task, self.drawing, self.lists = task, drawing, lists
         self.pieces = drawing.pieces
+        bounds = (task.worked | task.kept_clear)[drawing.pieces.owner]
         #: All pieces that are worked or kept clear of, by place.
-        self.walls = PieceTree(
-            drawing.pieces, np.flatnonzero((task.worked | task.kept_clear)[drawing.pieces.owner])
-        )
+        self.walls = PieceTree(drawing.pieces, np.flatnonzero(bounds))
 
     @cached_property
     def near(self) -> Ragged:
@@ -244,10 +242,8 @@ class ContourChecker:
         """
         if not wrong.any():
             return []
-        _, number = np.unique(
-            (self.motions.path[rows] + 1) * len(self.drawing.contours) + contour,
-            return_inverse=True,
-        )
+        group = (self.motions.path[rows] + 1) * len(self.drawing.contours) + contour
+        _, number = np.unique(group, return_inverse=True)
         length = self.motions.plane.length[rows]
         share = np.bincount(number, length * wrong) / np.maximum(np.bincount(number, length), 1e-9)
         return list(np.flatnonzero(wrong & (share[number] > 0.5))[:1].tolist())
@@ -325,11 +321,8 @@ class ContourChecker:
         for index in np.flatnonzero(near)[:1].tolist():
             other = nearest.piece.reshape(2, -1)[:, index]
             name = self.drawing.contours[int(self.pieces.owner[other.max()])].id
-            findings.add(
-                self.motions,
-                int(matched.rows[rows[index]]),
-                f"comes nearer to contour {name} than the tool's radius",
-            )
+            what = f"comes nearer to contour {name} than the tool's radius"
+            findings.add(self.motions, int(matched.rows[rows[index]]), what)
 
     # -- the drawing beside the motions
 
@@ -362,10 +355,8 @@ class ContourChecker:
             piece, share = gaps.piece[index : index + 1], gaps.low[index : index + 1]
             x, y = points_along(self.pieces, piece, share)[0].tolist()
             name = self.drawing.contours[int(self.pieces.owner[piece[0]])].id
-            findings.leave(
-                f"that contour {name} is worked wherever the tool fits",
-                f"near {x:.3f} {y:.3f} mm it just fits, and no motion is near",
-            )
+            why = f"near {x:.3f} {y:.3f} mm it just fits, and no motion is near"
+            findings.leave(f"that contour {name} is worked wherever the tool fits", why)
         return gaps.take(reachable & ~isolated)
 
     def _is_reachable(
@@ -399,9 +390,8 @@ class ContourChecker:
         if len(chosen):
             plane = self.motions.plane
             near = np.full(len(points), np.inf)
-            near[chosen] = (
-                PieceTree(plane, rows).find(centre[chosen], max(_NEAR_MM, self.limit)).distance
-            )
+            farthest = max(_NEAR_MM, self.limit)
+            near[chosen] = PieceTree(plane, rows).find(centre[chosen], farthest).distance
             open_[near <= self.limit] = False
         samples = np.bincount(gap[open_], minlength=len(count))
         alone = np.ones(len(count), np.bool_)

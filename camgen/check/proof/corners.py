@@ -57,11 +57,8 @@ def check_corners(
     deviation = _deviation(motions, first, second, np.sin(turn / 2), pace)
     wrong = (turn > _FLAT) & (deviation > allowed_rounding(task) + limit)
     for index in np.flatnonzero(wrong)[:1].tolist():
-        findings.add(
-            motions,
-            int(first[index]),
-            f"ends in a corner that is rounded by {deviation[index]:.3f} mm",
-        )
+        what = f"ends in a corner that is rounded by {deviation[index]:.3f} mm"
+        findings.add(motions, int(first[index]), what)
 
 
 def _turn_of_chords(task: Task, motions: Motions, rows: IntArray) -> FloatArray:
@@ -71,18 +68,16 @@ def _turn_of_chords(task: Task, motions: Motions, rows: IntArray) -> FloatArray:
     """
     chord = task.job.tolerance.chord
     length = motions.plane.length[rows]
-    may_be_chord = (motions.plane.turn[rows] == 0) & (
-        length <= math.sqrt(8 * chord * _LARGEST_ARC_MM)
-    )
+    longest = math.sqrt(8 * chord * _LARGEST_ARC_MM)
+    may_be_chord = (motions.plane.turn[rows] == 0) & (length <= longest)
     return np.where(may_be_chord, 4 * chord / np.maximum(length, 1e-9), 0.0)
 
 
 def _direction(motions: Motions, rows: IntArray, share: float) -> FloatArray:
     left = normals_along(motions.plane, rows, np.full(len(rows), share))
     length = motions.plane.length[rows]
-    along = np.column_stack(
-        [left[:, 1] * length, -left[:, 0] * length, motions.end[rows, 2] - motions.start[rows, 2]]
-    )
+    rise = motions.end[rows, 2] - motions.start[rows, 2]
+    along = np.column_stack([left[:, 1] * length, -left[:, 0] * length, rise])
     size = np.sqrt((along**2).sum(axis=1))
     return np.asarray(along / np.maximum(size, 1e-12)[:, None])
 

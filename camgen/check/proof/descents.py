@@ -116,11 +116,8 @@ class DescentChecker:
         slack = self.rounding.speed + _SPEED_SHARE * wanted
         wrong = rows & ((speed > wanted + slack) | ((speed < wanted - slack) & (not slower)))
         for row in np.flatnonzero(wrong)[:1].tolist():
-            findings.add(
-                self.motions,
-                row,
-                f"has a speed of {speed[row]:.4g} mm/s, the job asks for {wanted:.4g}",
-            )
+            what = f"has a speed of {speed[row]:.4g} mm/s, the job asks for {wanted:.4g}"
+            findings.add(self.motions, row, what)
 
     def _check_outputs(self, plunges: BoolArray, findings: Findings) -> None:
         job, motions = self.task.job, self.motions

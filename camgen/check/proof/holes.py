@@ -67,9 +67,8 @@ def find_hole(points: FloatArray, holes: Holes, reach: float) -> IntArray:
     """(N,) index of the hole whose centre is within `reach` mm of each point, or -1."""
     hole = np.full(len(points), -1, np.intp)
     if len(holes.centre) and len(points):
-        row, index = shapely.STRtree(shapely.points(holes.centre)).query(
-            shapely.points(points), "dwithin", distance=reach
-        )
+        tree = shapely.STRtree(shapely.points(holes.centre))
+        row, index = tree.query(shapely.points(points), "dwithin", distance=reach)
         hole[row] = index
     return hole
 
@@ -100,11 +99,8 @@ def check_drilled(
     for index in np.flatnonzero(reached & ~(np.abs(deepest + depth) <= limit))[:1].tolist():
         name = drawing.contours[int(holes.contour[index])].id
         at = rows[(hole == index) & (motions.end[rows, 2] == deepest[index])]
-        findings.add(
-            motions,
-            int(at[0]),
-            f"ends {-deepest[index]:.4g} mm deep in hole {name}, the job asks for {depth:.4g}",
-        )
+        what = f"ends {-deepest[index]:.4g} mm deep in hole {name}, the job asks for {depth:.4g}"
+        findings.add(motions, int(at[0]), what)
     _check_strokes(task, motions, rows[hole >= 0], hole[hole >= 0], (limit, rounding), findings)
     return contact, done
 
@@ -140,19 +136,14 @@ def _check_strokes(
     )
     returns = (end < start - limit) & (end < process.approach - limit) & ~deeper
     for row in rows[returns & is_wrong & ~(quick & begun)][:1].tolist():
-        findings.add(
-            motions, row, f"goes down at {motions.speed[row]:.4g} mm/s, the feed is {feed:g}"
-        )
+        what = f"goes down at {motions.speed[row]:.4g} mm/s, the feed is {feed:g}"
+        findings.add(motions, row, what)
     highest = np.maximum(process.approach, before) + limit
-    findings.add_first(
-        motions, rows[deeper & (start > highest)], "drills from above process.approach"
-    )
+    for row in rows[deeper & (start > highest)][:1].tolist():
+        findings.add(motions, row, "drills from above process.approach")
     peck = operation.depth / operation.passes
-    findings.add_first(
-        motions,
-        rows[deeper & (before - end > peck + limit)],
-        f"drills deeper at once than {peck:.4g} mm",
-    )
+    for row in rows[deeper & (before - end > peck + limit)][:1].tolist():
+        findings.add(motions, row, f"drills deeper at once than {peck:.4g} mm")
 
 
 def _deepest_before(motions: Motions, rows: IntArray, hole: IntArray) -> FloatArray:
@@ -183,7 +174,8 @@ def check_bored(
     done = np.zeros(len(drawing.contours), np.bool_)
     centres = holes.centre
     if not len(centres):
-        findings.add_first(motions, rows, "works where no circle is to be bored")
+        for row in rows[:1].tolist():
+            findings.add(motions, row, "works where no circle is to be bored")
         return done
     hole = shapely.STRtree(shapely.points(centres)).nearest(shapely.points(motions.end[rows, :2]))
     plane = motions.plane
@@ -194,16 +186,12 @@ def check_bored(
     room = holes.radius[hole] - tool
     for index in np.flatnonzero(from_centre > room + limit)[:1].tolist():
         name = drawing.contours[int(holes.contour[hole[index]])].id
-        findings.add(
-            motions,
-            int(rows[index]),
-            f"leaves circle {name} by {from_centre[index] - room[index]:.4g} mm",
-        )
+        what = f"leaves circle {name} by {from_centre[index] - room[index]:.4g} mm"
+        findings.add(motions, int(rows[index]), what)
     deep = np.abs(motions.end[rows, 2] + task.operation.depth) <= limit
     deep &= np.abs(motions.start[rows, 2] + task.operation.depth) <= limit
-    total = np.bincount(
-        hole[deep], _swept_angle(motions, rows, centres[hole], room, limit)[deep], len(centres)
-    )
+    sweep = _swept_angle(motions, rows, centres[hole], room, limit)
+    total = np.bincount(hole[deep], sweep[deep], len(centres))
     done[holes.contour[total >= 2 * math.pi - 0.01]] = True
     return done
 

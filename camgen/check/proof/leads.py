@@ -119,9 +119,8 @@ class LeadChecker:
     def _are_flat(self) -> BoolArray:
         """(W,) motions at one height. The last chords of a ramp are slopes, however flat."""
         rows = self.matched.rows
-        return np.asarray(
-            np.abs(self.motions.end[rows, 2] - self.motions.start[rows, 2]) < _FLAT_MM
-        )
+        rise = self.motions.end[rows, 2] - self.motions.start[rows, 2]
+        return np.asarray(np.abs(rise) < _FLAT_MM)
 
     def _are_kinked(self, rows: IntArray) -> BoolArray:
         """(W - 1,) whether two motions that follow each other meet at a corner."""
@@ -151,21 +150,18 @@ class LeadChecker:
             # The passes of an open path may run in alternating directions.
             is_wrong &= ~swapped | self._length_error(end, other.wanted, shorter)
             for lap in np.flatnonzero(is_wrong)[:1].tolist():
-                findings.add(
-                    self.motions,
-                    int(end.row[lap]),
-                    f"has a {end.name} of {end.length[lap]:.3f} mm beside it, "
-                    f"the job asks for {end.wanted:.3f} mm",
-                )
+                what = f"has a {end.name} of {end.length[lap]:.3f} mm beside it"
+                what += f", the job asks for {end.wanted:.3f} mm"
+                findings.add(self.motions, int(end.row[lap]), what)
             claimed = shorter & (end.length < end.wanted - _LENGTH_MM)
             if claimed.any():
                 claimed &= self._have_room(laps)
-            what = f"has no full {end.name} beside it, although there is room for it"
-            findings.add_first(self.motions, end.row[claimed], what)
-            what = f"has a {end.name} beside it that differs from a quarter circle"
-            findings.add_first(
-                self.motions, end.row[(end.count > 0) & ~self._has_shape(end, laps)], what
-            )
+            for lap in np.flatnonzero(claimed)[:1].tolist():
+                what = f"has no full {end.name} beside it, although there is room for it"
+                findings.add(self.motions, int(end.row[lap]), what)
+            for lap in np.flatnonzero((end.count > 0) & ~self._has_shape(end, laps))[:1].tolist():
+                what = f"has a {end.name} beside it that differs from a quarter circle"
+                findings.add(self.motions, int(end.row[lap]), what)
 
     def _find_end(self, laps: Laps, name: str, shorter: BoolArray) -> _End:
         """The leads of one end; what may round an inner corner counts as lead where it fits."""
@@ -285,12 +281,9 @@ class LeadChecker:
             wanted = np.minimum(speed[rows[edge[lap]]], feed)
             is_wrong = chosen & (np.abs(speed[rows] - wanted) > speed_slack + _FEED_SHARE * feed)
             for index in np.flatnonzero(is_wrong)[:1].tolist():
-                findings.add(
-                    self.motions,
-                    int(rows[index]),
-                    f"has a feed of {speed[rows[index]]:.4g} mm/s on a lead, "
-                    f"the job asks for {wanted[index]:.4g}",
-                )
+                what = f"has a feed of {speed[rows[index]]:.4g} mm/s on a lead"
+                what += f", the job asks for {wanted[index]:.4g}"
+                findings.add(self.motions, int(rows[index]), what)
 
     # -- overlap
 
@@ -317,11 +310,9 @@ class LeadChecker:
         right = at_seam & (np.abs(beyond - wanted) <= slack)
         meets = np.bincount(lap[chosen[at_seam]], minlength=len(laps.first)) > 0
         fits = np.bincount(lap[chosen[right]], minlength=len(laps.first)) > 0
-        findings.add_first(
-            self.motions,
-            rows[laps.last[meets & ~fits]],
-            f"does not end {overlap:g} mm beyond the seam, as operation.overlap asks for",
-        )
+        for index in np.flatnonzero(meets & ~fits)[:1].tolist():
+            what = f"does not end {overlap:g} mm beyond the seam, as operation.overlap asks for"
+            findings.add(self.motions, int(rows[laps.last[index]]), what)
 
 
 def _distance(a: FloatArray, b: FloatArray) -> FloatArray:

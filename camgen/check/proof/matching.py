@@ -90,9 +90,8 @@ def find_nearest(points: FloatArray, path: IntArray, pieces: Pieces, lists: Ragg
     count = np.where(path >= 0, lists.count[path], 0) if len(lists.count) else 0 * path
     often = np.bincount(np.maximum(path, 0), minlength=max(len(lists.count), 1))
     chosen = np.flatnonzero((count > 0) & (often[np.maximum(path, 0)] * count <= _MOST_PAIRS))
-    blocks = np.searchsorted(
-        np.cumsum(count[chosen]), np.arange(0, count[chosen].sum(), BLOCK), "right"
-    )
+    total = np.cumsum(count[chosen])
+    blocks = np.searchsorted(total, np.arange(0, count[chosen].sum(), BLOCK), "right")
     for low, high in pairwise([*blocks.tolist(), len(chosen)]):
         if low < high:
             rows = chosen[low:high]
@@ -145,9 +144,8 @@ def join_tables(tables: Sequence[Table]) -> Table:
     columns = []
     for name in tables[0].__struct_fields__:
         parts = [getattr(table, name) for table in tables]
-        columns.append(
-            join_tables(parts) if isinstance(parts[0], Struct) else np.concatenate(parts)
-        )
+        is_table = isinstance(parts[0], Struct)
+        columns.append(join_tables(parts) if is_table else np.concatenate(parts))
     return type(tables[0])(*columns)
 
 
@@ -169,9 +167,8 @@ class PieceTree:
             np.zeros(len(points)),
         )
         for low in range(0, len(points), 50_000):
-            row, piece = self._tree.query(
-                shapely.points(points[low : low + 50_000]), predicate="dwithin", distance=distance
-            )
+            part = shapely.points(points[low : low + 50_000])
+            row, piece = self._tree.query(part, predicate="dwithin", distance=distance)
             if not len(row):
                 continue
             first = np.flatnonzero(np.append(True, row[1:] != row[:-1]))
@@ -179,10 +176,8 @@ class PieceTree:
             hits = _nearest_pairs(points, rows, self._rows[piece], self._pieces, first)
             # The box of a slanting piece is near to more places than the piece itself.
             within = hits.distance <= distance
-            nearest.replace(
-                rows[first][within],
-                Nearest(hits.distance[within], hits.piece[within], hits.side[within]),
-            )
+            chosen = Nearest(hits.distance[within], hits.piece[within], hits.side[within])
+            nearest.replace(rows[first][within], chosen)
         return nearest
 
 
@@ -212,9 +207,8 @@ class Covered(Struct, frozen=True, eq=False):
 
 def cover(motions: Pieces, rows: IntArray, piece: IntArray, pieces: Pieces) -> Covered:
     """The stretch of `piece` (N,) along which each of the motions `rows` (N,) runs."""
-    begin, end = find_all_shares(
-        [rows_of(motions.start, rows), rows_of(motions.end, rows)], pieces, piece
-    )
+    ends = [rows_of(motions.start, rows), rows_of(motions.end, rows)]
+    begin, end = find_all_shares(ends, pieces, piece)
     low, high = np.minimum(begin, end), np.maximum(begin, end)
     low, high = np.clip(low, 0, 1), np.clip(high, 0, 1)
     return Covered(piece, low, high, begin <= end, rows, motions.length[rows])

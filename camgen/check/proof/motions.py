@@ -100,10 +100,9 @@ class Motions(Struct, frozen=True, eq=False, dict=True):
         """The motions from `low` to before `high`."""
         columns = {name: getattr(self, name)[low:high] for name in _BY_MOTION}
         first, last = np.searchsorted(self.arc, (low, high)).tolist()
+        before = self.end[low - 1] if low else self.before
         arc, via = self.arc[first:last] - low, self.via[first:last]
-        return replace(
-            self, before=self.end[low - 1] if low else self.before, arc=arc, via=via, **columns
-        )
+        return replace(self, before=before, arc=arc, via=via, **columns)
 
     @cached_property
     def vias(self) -> FloatArray:

@@ -79,9 +79,8 @@ def _find_early(
     early = (first[:, 1:] < first[:, :-1]) & (first[:, :-1] < _NEVER)
     early &= np.diff(depths) > slack
     for key, index in np.argwhere(early)[:1].tolist():
-        findings.add(
-            motions, int(first[key, index + 1]), f"runs pass {index + 2} before the pass above it"
-        )
+        what = f"runs pass {index + 2} before the pass above it"
+        findings.add(motions, int(first[key, index + 1]), what)
 
 
 def check_repeats(
@@ -101,9 +100,8 @@ def check_repeats(
     times = int((np.abs(np.array(task.depths) - depth) <= _SAME_DEPTH_MM).sum())
     again = run * np.maximum(share - times, 0) / np.maximum(share, 1)
     total = np.bincount(pieces.owner, again, count)
-    allowed = (
-        task.operation.overlap + _AGAIN_MM + _AGAIN_SHARE * np.bincount(pieces.owner, run, count)
-    )
+    whole = np.bincount(pieces.owner, run, count)
+    allowed = task.operation.overlap + _AGAIN_MM + _AGAIN_SHARE * whole
     for lead in (task.operation.lead_in, task.operation.lead_out):
         allowed = allowed + followed_part(lead, checker.limit)
     if abs(tab_top(task) + depth) <= _SAME_DEPTH_MM and task.operation.entry != "plunge":
@@ -140,8 +138,5 @@ def check_inside_first(checker: ContourChecker, matched: Matched, findings: Find
     early[early] = path[last[outer[early]]] != path[first[inner[early]]]
     for index in np.flatnonzero(early)[:1].tolist():
         name = checker.drawing.contours[int(inner[index])].id
-        findings.add(
-            checker.motions,
-            int(first[outer[index]]),
-            f"works around contour {name}, which is worked later",
-        )
+        what = f"works around contour {name}, which is worked later"
+        findings.add(checker.motions, int(first[outer[index]]), what)

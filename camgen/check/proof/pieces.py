@@ -157,9 +157,8 @@ def drawn_pieces(contours: Sequence[Contour]) -> Pieces:
     begin, chord = rows_of(start, arcs), rows_of(end, arcs) - rows_of(start, arcs)
     # The sagitta of an arc is its chord times half the bulge, to the right of the chord.
     right = np.column_stack([chord[:, 1], -chord[:, 0]])
-    return arcs_through(
-        start, end, owner, arcs, begin + chord / 2 + right * (bulge[arcs] / 2)[:, None]
-    )
+    via = begin + chord / 2 + right * (bulge[arcs] / 2)[:, None]
+    return arcs_through(start, end, owner, arcs, via)
 
 
 class Feet(Struct, frozen=True, eq=False):

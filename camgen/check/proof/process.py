@@ -74,11 +74,8 @@ def check_spindle(task: Task, motions: Motions, rows: IntArray, findings: Findin
             findings.leave("spindle speed", "the text only switches the spindle on and off")
             turning |= switched
         for row in rows[~turning][:1].tolist():
-            findings.add(
-                motions,
-                row,
-                f"works at {motions.spindle[row]:g} rpm, process.spindle is {process.spindle:g}",
-            )
+            what = f"works at {motions.spindle[row]:g} rpm, process.spindle is {process.spindle:g}"
+            findings.add(motions, row, what)
 
 
 def check_switches(
@@ -97,9 +94,8 @@ def check_switches(
         for output in columns.pick(np.flatnonzero(switches)[-1:]):
             if output.value != 0:
                 findings.miss(f"output {name} is on at the end of the program")
-    places = np.flatnonzero(
-        columns.alike(Output, lambda item: item.signal in names and item.value > 0)
-    )
+    on = columns.alike(Output, lambda item: item.signal in names and item.value > 0)
+    places = np.flatnonzero(on)
     following = np.searchsorted(columns.at, places)
     kept = np.append(of_task, False)[following]
     places, following = places[kept], following[kept]
@@ -133,9 +129,8 @@ def check_joint_motions(job: Job, motions: Motions, unknown: BoolArray, findings
     works = motions.force > 0
     if not is_switched_in_air(job):
         works = works | motions.on
-    findings.add_first(
-        motions, unknown & motions.joint & works, "goes to joint values with the process on"
-    )
+    for row in np.flatnonzero(unknown & motions.joint & works)[:1].tolist():
+        findings.add(motions, row, "goes to joint values with the process on")
 
 
 def check_orientation(job: Job, motions: Motions, rows: IntArray, findings: Findings) -> None:
@@ -174,16 +169,12 @@ def check_feeds(
         is_wrong &= ~(np.abs(speed - process.feed) <= slack)
     # Between two walls the tool's centre has the plain feed.
     plain = np.flatnonzero(is_wrong & (np.abs(speed - process.feed) <= slack))
-    is_wrong[plain] = ~checker.are_between(
-        rows[plain], matched.piece[matched.follows][plain], ends=True
-    )
+    piece = matched.piece[matched.follows][plain]
+    is_wrong[plain] = ~checker.are_between(rows[plain], piece, ends=True)
     for index in np.flatnonzero(is_wrong)[:1].tolist():
         wanted = process.feed * np.clip(speed[index] / process.feed, low[index], high[index])
-        findings.add(
-            motions,
-            int(rows[index]),
-            f"has a feed of {speed[index]:.4g} mm/s, the job asks for {wanted:.4g}",
-        )
+        what = f"has a feed of {speed[index]:.4g} mm/s, the job asks for {wanted:.4g}"
+        findings.add(motions, int(rows[index]), what)
 
 
 def _contact_factors(
@@ -258,11 +249,8 @@ def check_forces(task: Task, motions: Motions, matched: Matched, findings: Findi
     if task.operation.corner_radius:
         is_wrong &= force != 0
     for index in np.flatnonzero(is_wrong)[:1].tolist():
-        findings.add(
-            motions,
-            int(rows[index]),
-            f"presses with {force[index]:g} N, the job asks for {wanted[index]:g} N",
-        )
+        what = f"presses with {force[index]:g} N, the job asks for {wanted[index]:g} N"
+        findings.add(motions, int(rows[index]), what)
 
 
 class Towards(NamedTuple):
@@ -297,15 +285,15 @@ def find_directions(drawing: Drawing, motions: Motions, matched: Matched, limit:
 def check_tool_turns(motions: Motions, towards: Towards, findings: Findings) -> None:
     """Finds motions at whose end tool x does not point at the contour (`tool.orient`)."""
     rotation = motions.rotation[towards.rows]
-    wrong = (rotation >= 0) & (
-        dot(motions.axes[np.maximum(rotation, 0), :2, 0], towards.direction) < towards.least
-    )
-    findings.add_first(motions, towards.rows[wrong], "ends with tool x away from the contour")
+    tool_x = motions.axes[np.maximum(rotation, 0), :2, 0]
+    wrong = (rotation >= 0) & (dot(tool_x, towards.direction) < towards.least)
+    for row in towards.rows[wrong][:1].tolist():
+        findings.add(motions, row, "ends with tool x away from the contour")
 
 
 def check_force_directions(motions: Motions, towards: Towards, findings: Findings) -> None:
     """Finds motions that press in another direction than that of the contour."""
-    wrong = (motions.force[towards.rows] > 0) & (
-        dot(motions.force_direction[towards.rows, :2], towards.direction) < towards.least
-    )
-    findings.add_first(motions, towards.rows[wrong], "presses away from the contour")
+    pressed = motions.force_direction[towards.rows, :2]
+    wrong = (motions.force[towards.rows] > 0) & (dot(pressed, towards.direction) < towards.least)
+    for row in towards.rows[wrong][:1].tolist():
+        findings.add(motions, row, "presses away from the contour")

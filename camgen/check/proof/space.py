@@ -141,19 +141,15 @@ class SpaceChecker:
 
     def _check_rest(self, findings: Findings) -> None:
         motions, process = self.motions, self.job.process
-        findings.add_first(
-            motions, (motions.force > 0) & ~self.follows, "presses where nothing is to be worked"
-        )
+        for row in np.flatnonzero((motions.force > 0) & ~self.follows)[:1].tolist():
+            findings.add(motions, row, "presses where nothing is to be worked")
         fastest = process.feed * process.max_feed_factor * (1 + 1e-3)
         works = motions.force > 0
         if not process.force and not is_switched_in_air(self.job):
             works = motions.on
         for row in np.flatnonzero(self.follows & works & (motions.speed > fastest))[:1].tolist():
-            findings.add(
-                motions,
-                row,
-                f"has a feed of {motions.speed[row]:.4g} mm/s, the job allows {fastest:.4g}",
-            )
+            what = f"has a feed of {motions.speed[row]:.4g} mm/s, the job allows {fastest:.4g}"
+            findings.add(motions, row, what)
 
 
 def _vias(line: Line) -> FloatArray:

@@ -55,18 +55,17 @@ class Named(NamedTuple):
     @classmethod
     def from_notes(cls, notes: Sequence[Note]) -> Named:
         """The ids that `notes` name."""
+        skipped = [note.ids for note in notes if note.kind == "skipped"]
+        leads = [note.ids for note in notes if note.lacks == "leads"]
+        tabs = [note.ids for note in notes if note.lacks == "tabs"]
+        others = [note.ids for note in notes if not note.lacks]
+        groups = [frozenset(chain.from_iterable(ids)) for ids in (skipped, leads, tabs, others)]
         gaps: dict[str, float] = {}
         for note in notes:
             if note.kind == "skipped" and note.length > 0:
                 for name in note.ids:
                     gaps[name] = gaps.get(name, 0.0) + note.length
-        return cls(
-            _join_ids(note for note in notes if note.kind == "skipped"),
-            _join_ids(note for note in notes if note.lacks == "leads"),
-            _join_ids(note for note in notes if note.lacks == "tabs"),
-            _join_ids(note for note in notes if not note.lacks),
-            gaps,
-        )
+        return cls(groups[0], groups[1], groups[2], groups[3], gaps)
 
 
 def _join_ids(notes: Iterable[Note]) -> frozenset[str]:

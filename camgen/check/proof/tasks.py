@@ -107,10 +107,9 @@ def make_drawing(part: Part, job: Job) -> Drawing:
         drawn, pieces = tuple(moved), drawn_pieces(moved)
     elif len(drawn) < len(part.contours):
         pieces = drawn_pieces(drawn)
+    closed = tabulate_contours(drawn).closed
     length = np.bincount(pieces.owner, pieces.length, len(drawn)).astype(np.float64)
-    return Drawing(
-        drawn, pieces, tabulate_contours(drawn).closed, length, _allowed_slack(part, job, ratio)
-    )
+    return Drawing(drawn, pieces, closed, length, _allowed_slack(part, job, ratio))
 
 
 def _fit_page(part: Part, pieces: Pieces, job: Job) -> tuple[float, FloatArray]:

@@ -94,16 +94,12 @@ def check_rest(motions: Motions, clearance: float, findings: Findings) -> None:
     """
     rests = np.isnan(motions.end[:, 0]) & (motions.path < 0)
     low = motions.end[:, 2] < clearance
-    findings.add_first(
-        motions,
-        rests & np.append(False, low[:-1]),
-        "goes to the rest position from below process.clearance",
-    )
-    findings.add_first(
-        motions,
-        low & np.append(False, rests[:-1]),
-        "comes from the rest position to below process.clearance",
-    )
+    leaves = rests & np.append(False, low[:-1])
+    arrives = low & np.append(False, rests[:-1])
+    for row in np.flatnonzero(leaves)[:1].tolist():
+        findings.add(motions, row, "goes to the rest position from below process.clearance")
+    for row in np.flatnonzero(arrives)[:1].tolist():
+        findings.add(motions, row, "comes from the rest position to below process.clearance")
     if len(motions) and low[-1]:
         findings.add(motions, len(motions) - 1, "ends the program below process.clearance")
 
@@ -116,11 +112,11 @@ def check_travel(
     contact: (M,) motions that reach the part: paths, and holes.
     """
     across = phases.known & ~phases.upright & ~phases.works
-    findings.add_first(motions, across & motions.on, f"travels with output {signal} on")
+    for row in np.flatnonzero(across & motions.on)[:1].tolist():
+        findings.add(motions, row, f"travels with output {signal} on")
     low = phases.upright & (motions.end[:, 2] < motions.start[:, 2])
-    findings.add_first(
-        motions, low & ~_touches(phases.upright, contact), "goes down where nothing is to be worked"
-    )
+    for row in np.flatnonzero(low & ~_touches(phases.upright, contact))[:1].tolist():
+        findings.add(motions, row, "goes down where nothing is to be worked")
 
 
 def _touches(upright: BoolArray, contact: BoolArray) -> BoolArray:

@@ -113,9 +113,8 @@ def find_reached(task: Task, motions: Motions, rows: IntArray, visit: IntArray) 
 def _level_of(task: Task, height: FloatArray) -> IntArray:
     """(W,) index of the pass at whose depth each height is, -1 for none."""
     deviation = np.abs(height[:, None] + np.array(task.depths))
-    return np.where(
-        deviation.min(axis=1, initial=np.inf) <= _HEIGHT_MM, deviation.argmin(axis=1), -1
-    )
+    index = deviation.argmin(axis=1)
+    return np.where(deviation.min(axis=1, initial=np.inf) <= _HEIGHT_MM, index, -1)
 
 
 def _deepest_so_far(visit: IntArray, levels: IntArray) -> IntArray:

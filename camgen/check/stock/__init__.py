@@ -123,16 +123,8 @@ class StockProof(Struct, frozen=True, eq=False):
     @property
     def faults(self) -> tuple[Fault, ...]:
         """All faults in order of cut and line."""
-        faults = (
-            *self.gouges,
-            *self.corners,
-            *self.rapids,
-            *self.holders,
-            *self.spindles,
-            *self.unheld,
-            *self.loose,
-            *self.fixtures,
-        )
+        cutting = (*self.gouges, *self.corners, *self.rapids, *self.holders)
+        faults = (*cutting, *self.spindles, *self.unheld, *self.loose, *self.fixtures)
         return tuple(sorted(faults, key=lambda fault: (fault.cut, fault.line)))
 
     @property

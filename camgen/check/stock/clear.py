@@ -133,11 +133,10 @@ def find_in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
     position = position.reshape(-1)
     order = np.argsort(position, kind="stable")
     reached = np.where(moves.rapid, -np.inf, moves.down[:, 1])[order]
+    first = mark_run_starts(position[order])
     deepest = np.full(len(moves), -np.inf)
     so_far = -np.inf
-    for k, (is_new, value) in enumerate(
-        zip(mark_run_starts(position[order]).tolist(), reached.tolist(), strict=True)
-    ):
+    for k, (is_new, value) in enumerate(zip(first.tolist(), reached.tolist(), strict=True)):
         so_far = -np.inf if is_new else so_far
         deepest[order[k]] = so_far
         so_far = max(so_far, value)

@@ -85,9 +85,8 @@ def find_bites(cuts: Sequence[Cut], design: Design, dynamics: Dynamics) -> list[
             bites.append(Bite(number, line, place, dynamics.deviation, cut.corner))
             continue
         for low in range(0, len(rows), _BLOCK):
-            bites += _measure(
-                _Corners(columns, rows[low : low + _BLOCK], depth), cuts, number, design, dynamics
-            )
+            corners = _Corners(columns, rows[low : low + _BLOCK], depth)
+            bites += _measure(corners, cuts, number, design, dynamics)
     return bites
 
 

@@ -214,9 +214,8 @@ def make_kerfs(design: Design, wanted: Sequence[Wanted]) -> list[Wanted]:
             result.append(want)
             continue
         if want.cell not in rooms and want.cell == cells.outside:
-            rooms[want.cell] = design.outline - shapely.union_all(
-                cells.rings[cells.parent == cells.outside]
-            )
+            outer = cells.rings[cells.parent == cells.outside]
+            rooms[want.cell] = design.outline - shapely.union_all(outer)
         elif want.cell not in rooms:
             rooms[want.cell] = cells.shape(want.cell)
         room, ring = rooms[want.cell], cells.rings[want.loop]
@@ -428,9 +427,8 @@ def _list_tabbed(
             if cell in around:
                 around[cell].append(k)
             cell = int(cells.parent[cell])
-    return [Tabbed(k, False, job) for k in outer] + [
-        Tabbed(k, True, job, tuple(parts)) for k, parts in around.items() if parts
-    ]
+    outlines = [Tabbed(k, False, job) for k in outer]
+    return outlines + [Tabbed(k, True, job, tuple(parts)) for k, parts in around.items() if parts]
 
 
 def _list_slugs(cells: Cells, job: Job, inner: Sequence[int]) -> list[Tabbed]:
@@ -537,9 +535,8 @@ def _find_circles(draft: Design, task: Task, worked: Sequence[Contour]) -> IntAr
 def _select_innermost(cells: Cells, loops: IntArray) -> IntArray:
     loops = loops[np.argsort(cells.area[loops], kind="stable")]
     middles = _find_middles(cells, loops)
-    later, earlier = shapely.STRtree(middles).query(
-        middles, predicate="dwithin", distance=_SAME_CENTRE_MM
-    )
+    tree = shapely.STRtree(middles)
+    later, earlier = tree.query(middles, predicate="dwithin", distance=_SAME_CENTRE_MM)
     return np.delete(loops, later[earlier < later])
 
 

@@ -166,9 +166,8 @@ def _take(case: _Case, which: IntArray, height: FloatArray, below: bool) -> Port
 
 
 def _find_hits(case: _Case, margin: float) -> Iterator[Hit]:
-    height = case.layer.top + np.where(
-        (case.moves.rapid & ~case.moves.upright)[case.rows], margin, 0.0
-    )
+    travels = (case.moves.rapid & ~case.moves.upright)[case.rows]
+    height = case.layer.top + np.where(travels, margin, 0.0)
     radius = case.body.radius + margin
     which = np.flatnonzero(
         (case.lowest < height - TOLERANCE_MM) & (case.around < radius - TOLERANCE_MM)
@@ -250,9 +249,8 @@ def _measure_aside(case: _Case, known: float) -> float:
 
 def _measure_above(case: _Case) -> float:
     top = case.layer.top
-    which = np.flatnonzero(
-        (np.maximum(case.first, case.last) > top) & (case.around < case.body.radius)
-    )
+    highest = np.maximum(case.first, case.last)
+    which = np.flatnonzero((highest > top) & (case.around < case.body.radius))
     if not len(which):
         return _FAR
     portions = _take(case, which, np.full(len(which), top), below=False)

@@ -134,10 +134,8 @@ def _find_judged(moves: Moves, cuts: Sequence[Cut], design: Design, slack: Float
     """
     if design.free or not len(moves):
         return np.zeros(0, dtype=np.intp)
-    return np.flatnonzero(
-        ((moves.deepest > TOLERANCE_MM) & ~moves.rising)
-        & ~_are_explained(moves, cuts, design, slack)
-    )
+    cutting = (moves.deepest > TOLERANCE_MM) & ~moves.rising
+    return np.flatnonzero(cutting & ~_are_explained(moves, cuts, design, slack))
 
 
 def _list_limits(design: Design) -> list[float]:
@@ -200,10 +198,8 @@ def _are_near_at_ends(
     """Whether the portions `rows` (R,) are too near to the walls at an end of their motion."""
     is_near = np.zeros(len(rows), dtype=np.bool_)
     row_allowed = [(bevel, chosen[rows], allowance) for bevel, chosen, allowance in allowed]
-    for is_end, points in (
-        (deep.low[rows] == 0.0, deep.plane.start),
-        (deep.high[rows] == 1.0, deep.plane.end),
-    ):
+    starts = deep.low[rows] == 0.0, deep.plane.start
+    for is_end, points in (starts, (deep.high[rows] == 1.0, deep.plane.end)):
         at_rows = points[rows]
         tips = make_segments(at_rows, at_rows, np.zeros(len(rows)), rows)
         gap, _ = _compare_with_walls(tips, stays, float(radius.max()), row_allowed)
@@ -288,9 +284,8 @@ def _measure(moves: Moves, stays: _Stays, deep: Portions, k: int, radius: float)
     tip = moves.start[row] + at * (moves.end[row] - moves.start[row])
     aside = radius + float(signed[best])
     if signed[best] < 0:
-        gap = measure_gaps(
-            curve.take(np.array([0])), stays.design.cells.segments.take(stays.walls), radius
-        )[0]
+        walls = stays.design.cells.segments.take(stays.walls)
+        gap = measure_gaps(curve.take(np.array([0])), walls, radius)[0]
         aside = max(aside, radius - float(gap)) if np.isfinite(gap) else aside
     up = float(moves.deepest[row]) - stays.limit
     mm = min(aside, up)
@@ -316,9 +311,8 @@ def _measure_signed(points: FloatArray, stays: _Stays) -> FloatArray:
 
 def _select_near_walls(points: FloatArray, segments: Segments, walls: IntArray) -> IntArray:
     edges = segments.take(walls)
-    distance = np.minimum(
-        np.hypot(*(edges.start - points[0]).T), np.hypot(*(edges.end - points[0]).T)
-    )
+    to_start = np.hypot(*(edges.start - points[0]).T)
+    distance = np.minimum(to_start, np.hypot(*(edges.end - points[0]).T))
     limit = float(distance.min()) + 2 * float(np.hypot(*np.ptp(points, axis=0)))
     return np.asarray(walls[distance - edges.length <= limit])
 
@@ -341,9 +335,8 @@ def _are_explained(
         allowed = cutting & (moves.deepest <= recess.depth + TOLERANCE_MM)
         for number, cut in enumerate(cuts):
             rows = np.flatnonzero(allowed & (moves.cut == number) & ~explained)
-            centres = shapely.buffer(
-                recess.shape, TOLERANCE_MM - cut.tool.radius, quad_segs=QUARTER
-            )
+            inset = TOLERANCE_MM - cut.tool.radius
+            centres = shapely.buffer(recess.shape, inset, quad_segs=QUARTER)
             explained[rows[_are_within(moves.plane.take(rows), centres)]] = True
     return explained
 
@@ -378,13 +371,10 @@ def _are_along(plane: Segments, lines: Lines, slack: FloatArray) -> BoolArray:
     if not count:
         return np.zeros(0, dtype=np.bool_)
     which = np.repeat(np.arange(count), len(_PLACES))
+    points = points_at(plane.take(which), np.tile(_PLACES, count))
     low, high = lines.distances
     slack_at = np.repeat(slack, len(_PLACES))
-    near, side = _find_nearest(
-        points_at(plane.take(which), np.tile(_PLACES, count)),
-        lines.segments,
-        high + _TRACED_MM + float(slack.max()),
-    )
+    near, side = _find_nearest(points, lines.segments, high + _TRACED_MM + float(slack.max()))
     good = (near >= low - TOLERANCE_MM - slack_at) & (near <= high + _TRACED_MM + slack_at)
     good &= (lines.side == 0) | (side == lines.side)
     return np.asarray(good.reshape(count, -1).all(axis=1))
@@ -398,9 +388,8 @@ def _find_nearest(
     The distance is infinite beyond `reach` mm.
     """
     near, side = np.full(len(points), np.inf), np.zeros(len(points))
-    point, row = shapely.STRtree(make_boxes(compute_bounds(segments))).query(
-        make_boxes(np.column_stack([points - reach, points + reach]))
-    )
+    tree = shapely.STRtree(make_boxes(compute_bounds(segments)))
+    point, row = tree.query(make_boxes(np.column_stack([points - reach, points + reach])))
     distance = measure_distances(points[point], segments, row)
     order = np.argsort(-distance, kind="stable")
     near[point[order]] = distance[order]

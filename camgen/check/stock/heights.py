@@ -51,12 +51,10 @@ def carve_grid(moves: Moves, cuts: Sequence[Cut], outline: Any) -> Grid:
     """Compute the grid after all motions, in order of the cuts."""
     deep = np.flatnonzero((moves.deepest > TOLERANCE_MM) & np.isfinite(moves.deepest))
     wide = max((cut.tool.radius for cut in cuts), default=1.0)
+    narrow = min((cut.tool.radius for cut in cuts), default=1.0)
     ends = np.concatenate([moves.start[deep, :2], moves.end[deep, :2], np.zeros((0, 2))])
     low, high = ends.min(axis=0) - wide, ends.max(axis=0) + wide
-    pitch = max(
-        min((cut.tool.radius for cut in cuts), default=1.0) / _ACROSS,
-        float(np.sqrt(np.prod(high - low) / _MAX_CELLS)),
-    )
+    pitch = max(narrow / _ACROSS, float(np.sqrt(np.prod(high - low) / _MAX_CELLS)))
     # So that no cell has its middle on the rim of a straight slot.
     low = low - 0.37 * pitch
     columns, lines = (int(n) for n in np.ceil((high - low) / pitch) + 1)
@@ -111,9 +109,8 @@ def _lower(depth: FloatArray, line: int, column: int, shape: FloatArray) -> None
 def _keep_deepest(points: FloatArray, tip: FloatArray) -> tuple[FloatArray, FloatArray]:
     order = np.lexsort((tip, points[:, 1], points[:, 0]))
     points = points[order]
-    last = np.append(
-        (points[1:] != points[:-1]).any(axis=1), np.ones(min(len(points), 1), np.bool_)
-    )
+    changes = (points[1:] != points[:-1]).any(axis=1)
+    last = np.append(changes, np.ones(min(len(points), 1), np.bool_))
     return points[last], tip[order][last]
 
 

@@ -197,14 +197,14 @@ def _tabulate_cut(cut: Cut, number: int, before: FloatArray) -> Moves:
     line = np.asarray(cut.lines, dtype=np.int64)[columns.at]
     down = find_depths(cut, columns, start, end, rapid)
     straight = _are_straight_down(columns)
-    row, low, high, bulge, start, end = _divide(
-        cut.tool, start, columns.vias, end, np.flatnonzero(columns.posed & straight)
-    )
+    known = np.flatnonzero(columns.posed & straight)
+    row, low, high, bulge, start, end = _divide(cut.tool, start, columns.vias, end, known)
     first, last = down[row].T
     with np.errstate(invalid="ignore"):
         part = np.where(np.isfinite(first) & np.isfinite(last), last - first, 0.0)
     down = np.column_stack([first + part * low, first + part * high])
     plane = make_segments(start[:, :2], end[:, :2], bulge, np.arange(len(row)))
+    lines = (plane.bulge == 0) & (plane.length > 0)
     return Moves(
         start=start,
         end=end,
@@ -215,7 +215,7 @@ def _tabulate_cut(cut: Cut, number: int, before: FloatArray) -> Moves:
         line=line[row],
         motion=row,
         stroke=np.zeros(len(row), np.int64),
-        chord=np.where((plane.bulge == 0) & (plane.length > 0), cut.chord, 0.0),
+        chord=np.where(lines, cut.chord, 0.0),
         tilted=int((columns.posed & ~straight).sum()),
         lost=int((~columns.posed).sum()),
     )
@@ -223,9 +223,8 @@ def _tabulate_cut(cut: Cut, number: int, before: FloatArray) -> Moves:
 
 def find_rapid(columns: Columns, travel: float) -> BoolArray:
     """Whether motions (M,) are rapid: joint motions, and lines at `travel` mm/s."""
-    return np.asarray(
-        columns.moves_are(MoveJ) | (columns.moves_are(MoveL) & (columns.speed >= _NEARLY * travel))
-    )
+    fast = columns.moves_are(MoveL) & (columns.speed >= _NEARLY * travel)
+    return np.asarray(columns.moves_are(MoveJ) | fast)
 
 
 def find_depths(
@@ -241,11 +240,8 @@ def find_depths(
         return np.full_like(down, -np.inf)
     if cut.tool.kind not in BEAMS:
         return down
-    on = (
-        _are_switched_on(columns)
-        if columns.are(Output).any()
-        else (down >= -TOLERANCE_MM).all(axis=1)
-    )
+    has_outputs = columns.are(Output).any()
+    on = _are_switched_on(columns) if has_outputs else (down >= -TOLERANCE_MM).all(axis=1)
     return np.where((on & ~rapid)[:, None], np.inf, -np.inf) * np.ones(2)
 
 

@@ -162,9 +162,8 @@ def _find_rim(gone: SweptAreas, design: Design, cut: Any, through: IntArray, bot
 
 
 def _widest(gone: SweptAreas, rows: IntArray) -> float:
-    return float(
-        np.array([cut.tool.diameter for cut in gone.cuts])[gone.moves.cut[rows]].max(initial=0.0)
-    )
+    diameters = np.array([cut.tool.diameter for cut in gone.cuts])
+    return float(diameters[gone.moves.cut[rows]].max(initial=0.0))
 
 
 def _are_held(pieces: Shapes, rim: Any, held: Any) -> BoolArray:
@@ -378,9 +377,8 @@ def _find_missing_tabs(design: Design, cut: Any, find: _Finder) -> tuple[Missing
         if not 0 < count < wanted or length <= find_tab_room(operation, tool.diameter, count):
             continue
         rows = find.near(loop.line, operation.finish + _BEYOND_MM)
-        missing.append(
-            MissingTabs(design.cells.ids[loop.tabbed.loop], count, wanted, int(rows[-1]))
-        )
+        name = design.cells.ids[loop.tabbed.loop]
+        missing.append(MissingTabs(name, count, wanted, int(rows[-1])))
     return tuple(missing)
 
 
@@ -415,11 +413,8 @@ def _widen(design: Design, outlines: Sequence[Tabbed]) -> dict[int, _Kerfs]:
         by_cell.setdefault(int(cells.parent[tabbed.loop]), []).append(tabbed)
     kerfs = {}
     for cell, group in by_cell.items():
-        shapes = shapely.buffer(
-            cells.rings[[tabbed.loop for tabbed in group]],
-            group[0].job.tool.radius,
-            quad_segs=QUARTER,
-        )
+        rings = cells.rings[[tabbed.loop for tabbed in group]]
+        shapes = shapely.buffer(rings, group[0].job.tool.radius, quad_segs=QUARTER)
         kerfs[cell] = _Kerfs(group, np.asarray(shapes))
     return kerfs
 

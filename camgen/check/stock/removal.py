@@ -292,9 +292,8 @@ def _find_kerf_centres(room: Any, want: Wanted, around: tuple[float, float, floa
         shapely.buffer(room, _SEAM_MM, quad_segs=1), shapely.buffer(material, _SEAM_MM, quad_segs=1)
     )
     # A little farther than from the contour itself: a wall in line with it ends the curve.
-    return shapely.intersection(
-        curve, shapely.buffer(free, -want.radius - 2 * TOLERANCE_MM, quad_segs=QUARTER)
-    )
+    allowed = shapely.buffer(free, -want.radius - 2 * TOLERANCE_MM, quad_segs=QUARTER)
+    return shapely.intersection(curve, allowed)
 
 
 def _is_tab(piece: Any, wanted: Wanted, depth: float) -> bool:

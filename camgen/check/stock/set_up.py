@@ -193,13 +193,10 @@ def _exceed_edges(case: _Case) -> Breach | None:
     if case.tool.cutting_length is None:
         return None
     edges = case.tool.cutting_length
-    return _breach_of_rows(
-        case,
-        case.gone.moves.deepest[case.rows],
-        edges + TOLERANCE_MM,
-        f"{case.name} goes {{}} mm deep, its cutting edges are {short(edges, 3)} mm long",
-        "set operation.depth or tool.cutting_length",
-    )
+    what = f"{case.name} goes {{}} mm deep, its cutting edges are {short(edges, 3)} mm long"
+    remedy = "set operation.depth or tool.cutting_length"
+    depths = case.gone.moves.deepest[case.rows]
+    return _breach_of_rows(case, depths, edges + TOLERANCE_MM, what, remedy)
 
 
 def _exceed_pass(case: _Case) -> Breach | None:
@@ -222,10 +219,8 @@ def _exceed_pass(case: _Case) -> Breach | None:
         f"{case.name} takes {{}} mm in one pass, {case.where} {short(limit, 3)} mm are usual "
         f"({short(diameters, 1)} diameters)"
     )
-    remedy = (
-        "charts of mills end at one diameter in metal, at three in wood and plastics; "
-        "set operation.passes"
-    )
+    source = "charts of mills end at one diameter in metal, at three in wood and plastics"
+    remedy = f"{source}; set operation.passes"
     return _breach_of_rows(case._replace(rows=rows), depths, limit + TOLERANCE_MM, what, remedy)
 
 
@@ -240,10 +235,8 @@ def _plunge(case: _Case) -> Breach | None:
     rows, points = rows[meets], points[meets]
     depths = moves.deepest[rows] - _find_cleared(case.gone, rows, points)
     what = f"{case.name} goes straight down, {{}} mm into material"
-    remedy = (
-        "not every end mill cuts over its centre; "
-        'set operation.entry = "ramp" or "helix", or tool.center_cutting = true'
-    )
+    source = "not every end mill cuts over its centre"
+    remedy = f'{source}; set operation.entry = "ramp" or "helix", or tool.center_cutting = true'
     return _breach_of_rows(case._replace(rows=rows), depths, 10 * TOLERANCE_MM, what, remedy)
 
 
@@ -321,19 +314,14 @@ def _exceed_tooth(case: _Case) -> Breach | None:
     judged = case.rows[case.gone.moves.upright[case.rows] == is_drill]
 
     def feed(running: Running) -> FloatArray:
-        return np.where(
-            running.speed > _SWITCHED_ON, running.columns.speed * 60 / running.speed / edges, 0.0
-        )
+        per_edge = running.columns.speed * 60 / running.speed / edges
+        return np.where(running.speed > _SWITCHED_ON, per_edge, 0.0)
 
     noun = "turn" if is_drill else "tooth"
-    return _breach_of_text(
-        case._replace(rows=judged),
-        feed,
-        limit,
-        f"{case.name} is fed {{}} mm a {noun}, {case.where} {short(limit, 3)} mm are usual",
-        f"{chart.source}; set the feed or the speed of the tool, tool.flutes, or "
-        "process.max_feed_factor",
-    )
+    what = f"{case.name} is fed {{}} mm a {noun}, {case.where} {short(limit, 3)} mm are usual"
+    keys = "the feed or the speed of the tool, tool.flutes, or process.max_feed_factor"
+    remedy = f"{chart.source}; set {keys}"
+    return _breach_of_text(case._replace(rows=judged), feed, limit, what, remedy)
 
 
 def _exceed_speed(case: _Case) -> Breach | None:
@@ -341,17 +329,16 @@ def _exceed_speed(case: _Case) -> Breach | None:
     if speeds is None:
         return None
     limit = speeds.turns(case.tool.diameter)[1]
+
+    def turning(running: Running) -> FloatArray:
+        return running.speed
+
     what = (
         f"{case.name} turns at {{}} rpm, {case.where} {short(limit, 0)} rpm are usual at this "
         "diameter"
     )
-    return _breach_of_text(
-        case,
-        lambda running: running.speed,
-        limit,
-        what,
-        f"{speeds.source}; set the speed of the tool",
-    )
+    remedy = f"{speeds.source}; set the speed of the tool"
+    return _breach_of_text(case, turning, limit, what, remedy)
 
 
 def _exceed_job(case: _Case) -> Breach | None:
