@@ -27,7 +27,15 @@ from bench.support.runner import Cells, Scenario, run, verdict
 from bench.support.timing import timed
 from camgen.pipeline import make_job_post
 from camgen.pipeline.inputs import read_inputs
-from camgen.pipeline.place import Request, Search, list_spots, make_case, reach_joints, search_place
+from camgen.pipeline.place import (
+    Request,
+    Search,
+    list_spots,
+    make_case,
+    measure_worked,
+    reach_joints,
+    search_place,
+)
 from camgen.read.files import Files
 from camgen.read.job_file import from_mapping
 
@@ -60,11 +68,11 @@ def find_in_reach(part: camgen.Part) -> tuple[set[str], int]:
     spots = list_spots(case, None)
     names = np.array(list(case.paths))
     rows = []
-    for number, face in enumerate(case.stands):
-        face_spots = [spot for spot in spots if spot.stand == number]
-        for start in range(0, len(face_spots), 20):
-            batch = face_spots[start : start + 20]
-            rows.append(reach_joints(case, batch, face.samples).shares > 1 - 1e-9)
+    for number, resting_pose in enumerate(case.resting_poses):
+        own_spots = [spot for spot in spots if spot.resting_pose == number]
+        for start in range(0, len(own_spots), 20):
+            batch = own_spots[start : start + 20]
+            rows.append(reach_joints(case, batch, resting_pose.samples).shares > 1 - 1e-9)
     is_reached = np.concatenate(rows)
     counts = is_reached.sum(axis=1)
     weights = is_reached.astype(np.float64)
@@ -78,10 +86,10 @@ def measure(name: str, part: camgen.Part) -> Iterator[Cells]:
     result, seconds = timed(partial(search, part))
     cells: list[object] = [len(edges), sum(edge.length for edge in edges)]
     for trials in ([result.as_given], [result.best[0]], result.set_ups):
-        worked = result.measure_worked(trials)
+        worked = measure_worked(result.case.edges, trials)
         cells += [len(worked), sum(worked.values())]
     in_reach, by_two = find_in_reach(part)
-    left = in_reach - result.measure_worked(result.set_ups).keys()
+    left = in_reach - measure_worked(result.case.edges, result.set_ups).keys()
     is_met = len(in_reach) - len(left) >= by_two
     yield name, *cells, len(in_reach), len(left), by_two, verdict(is_met), seconds
 

@@ -6,9 +6,7 @@ import gc
 import traceback
 from collections import Counter
 from pathlib import Path
-
-import msgspec
-from msgspec import Struct
+from typing import Any
 
 from camgen.batch.state import BuildSums, Outcome, Task, make_fault
 from camgen.model.errors import CamgenError, rename_errors
@@ -18,18 +16,6 @@ from camgen.model.version import __version__
 from camgen.pipeline import Result, build, list_program_files
 from camgen.pipeline.memory import pause_collector
 from camgen.read.files import Files
-
-
-class _Lengths(Struct):
-    work_mm: float
-    travel_mm: float
-
-
-class _ReportSums(Struct):
-    """The values that are taken from the report of a build."""
-
-    tour: _Lengths
-    time_s: float
 
 
 def build_task(task: Task) -> Outcome:
@@ -62,10 +48,12 @@ def _build(task: Task) -> Outcome:
 
 
 def _sum_report(result: Result) -> BuildSums:
-    sums = msgspec.convert(result.report, _ReportSums)
+    report: Any = result.report
+    tour = report["tour"]
     notes = dict(sorted(Counter[str](note.kind for note in result.notes).items()))
-    tour = sums.tour
-    return BuildSums(len(result.tour.paths), tour.work_mm, tour.travel_mm, sums.time_s, notes)
+    return BuildSums(
+        len(result.tour.paths), tour["work_mm"], tour["travel_mm"], report["time_s"], notes
+    )
 
 
 def list_carried(job: Job) -> list[str]:

@@ -66,8 +66,7 @@ def check(
     if isinstance(cell.home, Pose):
         from camgen.check.machine import check_machine  # noqa: PLC0415 (as below)
 
-        result = check_machine(program, job, cell, name or program.name)
-        return Checks(program, result.reach, result.clear, result.where)
+        return Checks(program, *check_machine(program, job, cell, name or program.name))
     # fcl and kinematics are loaded for programs of arms only.
     from camgen.check.collide import check_clear  # noqa: PLC0415
     from camgen.check.feeds import find_slow_paths  # noqa: PLC0415

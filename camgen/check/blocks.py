@@ -81,8 +81,7 @@ def _stretches(chords: IntArray, stops: BoolArray) -> Iterator[slice]:
     blocks = np.append(0, np.cumsum(chords))[last]
     begin, done = 0, 0
     while begin < len(stops):
-        place = int(np.searchsorted(blocks, done + _STRETCH))
-        place = min(place, len(last) - 1)
+        place = min(int(np.searchsorted(blocks, done + _STRETCH)), len(last) - 1)
         end = int(last[place])
         yield slice(begin, end)
         begin, done = end, int(blocks[place])

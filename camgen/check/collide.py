@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -96,6 +96,15 @@ class ClearanceReport(Struct, frozen=True):
             table = work if near.works else links
             table[near.path] = min(table[near.path], near.distance)
         return work, links[:-1], links[-1]
+
+
+def join_reports(reports: Sequence[ClearanceReport]) -> ClearanceReport:
+    """The report of several programs that run one after the other, with one margin."""
+    return ClearanceReport(
+        reports[0].bound,
+        tuple(chain.from_iterable(report.close for report in reports)),
+        tuple(chain.from_iterable(report.notes for report in reports)),
+    )
 
 
 class _Collision(Struct, frozen=True):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.check.reach import JointTrace
+from camgen.check.reach import JointTrace, compute_tips
 from camgen.geometry.ragged import select_distinct
 from camgen.model.errors import NoSafeProgram
 from camgen.model.pose import FloatArray, Vec3
@@ -15,7 +15,7 @@ from camgen.model.program import MoveJ, Program
 from camgen.model.text import join_short, short
 from camgen.motion.joint_paths import JointPath
 from camgen.motion.pose_paths import Index
-from camgen.robots.kinematics.forward import compute_flange, compute_jacobian
+from camgen.robots.kinematics.forward import compute_jacobian
 from camgen.robots.models import Robot
 
 #: Fraction of a feed from which on it counts as kept.
@@ -93,8 +93,7 @@ def find_slow_paths(
 def _sample(reach: JointTrace, course: JointPath, robot: Robot) -> _Samples:
     program, columns = reach.program, reach.program.columns
     motion = reach.rows.motion[np.ceil(course.at[1:] - 1e-9).astype(np.int64)]
-    rotation, origin = compute_flange(robot, course.joints)
-    place = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    place = compute_tips(robot, course.joints, program.flange_from_tool)
     length = np.linalg.norm(np.diff(place, axis=0), axis=1)
     at_feed = columns.works & ~columns.moves_are(MoveJ) & (columns.path >= 0)
     used = at_feed[motion] & (length > _STANDS_MM)

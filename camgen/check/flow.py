@@ -21,7 +21,7 @@ from camgen.check.passing import (
     make_speed_profile,
     trace_motions,
 )
-from camgen.check.reach import JointTrace
+from camgen.check.reach import JointTrace, compute_tips
 from camgen.collision.cell import CellScene
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
@@ -39,7 +39,6 @@ from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Force, MoveJ, Program
 from camgen.model.text import counted
 from camgen.motion.corners import TURNING, Flow
-from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -187,8 +186,7 @@ def _keeps_above(program: Program, robot: Robot, fan: FloatArray, floor: float) 
     inside = first + second <= count
     weights = np.column_stack([count - first - second, first, second])[inside] / count
     joints = np.einsum("kc,ncj->nkj", weights, fan).reshape(-1, fan.shape[2])
-    rotation, origin = compute_flange(robot, joints)
-    tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    tip = compute_tips(robot, joints, program.flange_from_tool)
     base = program.base_from_work
     return bool(((tip - np.asarray(base.origin)) @ base.rotation[:, 2] >= floor).all())
 

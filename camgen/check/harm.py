@@ -16,6 +16,7 @@ A part that differs as often as not is how the program is meant. `_FEW` says how
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from msgspec import Struct
@@ -291,8 +292,8 @@ def _find_deep_motions(trace: Trace, process: Process) -> Marks:
         return
     for motion in deep:
         depth = lowest - float(trace.end[motion, 2])
-        others = f"the motions with {process.signal} on"
-        yield motion, f"the tool goes {short(depth, 2)} mm deeper than in {others}"
+        what = f"{short(depth, 2)} mm deeper than in the motions with {process.signal} on"
+        yield motion, f"the tool goes {what}"
 
 
 def _find_low_travel(trace: Trace, process: Process) -> Marks:
@@ -474,14 +475,9 @@ def _find_single(values: Indices, is_compared: Mask) -> list[int]:
     return motions
 
 
-def _find_odd_frames_on(trace: Trace, process: Process) -> Marks:
-    """Yield such a motion while the output is on."""
-    yield from (mark for mark in _find_odd_frames(trace) if process.is_on[mark[0]])
-
-
-def _find_odd_turns_on(trace: Trace, process: Process) -> Marks:
-    """Yield such a turn while the output is on."""
-    yield from (mark for mark in _find_odd_turns(trace) if process.is_on[mark[0]])
+def _find_while_on(find: Callable[[Trace], Marks], trace: Trace, process: Process) -> Marks:
+    """Yield what `find` yields while the output is on."""
+    yield from (mark for mark in find(trace) if process.is_on[mark[0]])
 
 
 def _find_odd_speeds(trace: Trace) -> Marks:
@@ -505,13 +501,9 @@ def _find_odd_speeds(trace: Trace) -> Marks:
     is_work = is_level & (speed < trace.speed.max())
     for run in (np.flatnonzero(odd) + 1).tolist():
         is_only = is_work[run] and np.count_nonzero(is_work) == 1
-        if is_level[run] and not is_only and _counts(speed, speed[run]) == 1:
+        if is_level[run] and not is_only and np.count_nonzero(speed == speed[run]) == 1:
             what = f"the motion runs at {short(float(speed[run]), 3)} mm/s"
             yield int(first[run]), f"{what}, ten times more or less than the motions beside it"
-
-
-def _counts(values: FloatArray, value: float) -> int:
-    return int(np.count_nonzero(values == value))
 
 
 def _find_odd_turns(trace: Trace) -> Marks:
@@ -574,8 +566,8 @@ _PROCESS_CHECKS: tuple[tuple[Level, Callable[[Trace, Process], Marks]], ...] = (
     ("dangerous", _find_travel_on),
     ("dangerous", _find_deep_motions),
     ("dangerous", _find_low_travel),
-    ("dangerous", _find_odd_frames_on),
-    ("dangerous", _find_odd_turns_on),
+    ("dangerous", partial(_find_while_on, _find_odd_frames)),
+    ("dangerous", partial(_find_while_on, _find_odd_turns)),
     ("unusual", _find_idle_work),
     ("unusual", _find_deep_paths),
     ("unusual", _find_stops),

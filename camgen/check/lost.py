@@ -43,9 +43,8 @@ class Stretch(Struct, frozen=True, eq=False):
 
     def select(self, rows: Index) -> Stretch:
         """Return some of the rows; the joints are free where rows are left out."""
-        gap = np.append(True, np.diff(rows) > 1)
         rotations, origins = self.rotations[rows], self.origins[rows]
-        free = self.free[rows] | gap
+        free = self.free[rows] | np.append(True, np.diff(rows) > 1)
         return Stretch(self.robot, rotations, origins, self.path[rows], self.on_link[rows], free)
 
 

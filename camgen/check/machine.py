@@ -10,28 +10,29 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.collide import ClearanceReport, ClosestApproach, check_clear
+from camgen.check.collide import ClearanceReport, check_clear, join_reports
 from camgen.check.reach import (
     JointTrace,
     MotionRows,
-    compute_ends,
     interpolate_joints,
+    join_traces,
+    make_pose_path,
     sample_motions,
     trace_joints,
 )
 from camgen.collision.cell import CellScene, make_cell_scene
 from camgen.collision.motion import measure_apart
-from camgen.geometry.arcs import find_arc_middles
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, ToolTable
-from camgen.model.part import IntArray, Note
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.model.program import MoveC, Program, ToolChange, switch_off_first
+from camgen.model.program import Program, ToolChange, switch_off_first
 from camgen.model.text import join_short, short
 from camgen.motion.pose_paths import PosePath
 from camgen.motion.setup import Setup, compute_flange_poses
@@ -41,19 +42,6 @@ from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
 _REMEDY = "move the part in the machine: cell.base_from_work"
-
-
-class MachineChecks(Struct, frozen=True, eq=False):
-    """The result for a whole program.
-
-    reach: axis positions along the program, mm.
-    clear: the minimum clearance of all tools.
-    where: the scene of the first tool.
-    """
-
-    reach: JointTrace
-    clear: ClearanceReport
-    where: CellScene
 
 
 class _Section(Struct, frozen=True, eq=False):
@@ -69,8 +57,10 @@ class _Section(Struct, frozen=True, eq=False):
     shift: int
 
 
-def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> MachineChecks:
-    """The axis positions along `program`, and its clearance.
+def check_machine(
+    program: Program, job: Job, cell: Workcell, file: str
+) -> tuple[JointTrace, ClearanceReport, CellScene]:
+    """The axis positions along `program`, mm, its clearances, and the scene of the first tool.
 
     file: the input, for messages.
     Raises NoSafeProgram for a motion beyond the travel of an axis or with a leaning tool, Blocked
@@ -81,25 +71,20 @@ def check_machine(program: Program, job: Job, cell: Workcell, file: str) -> Mach
     reaches: list[JointTrace] = []
     clears: list[ClearanceReport] = []
     scenes: list[CellScene] = []
-    for section in _split(program, job):
+    sections = _split(program, job)
+    for section in sections:
         reach = check_travel(section.program, machine, file)
-        with_tool = replace(cell, flange_from_tool=section.program.flange_from_tool)
-        scene = make_cell_scene(replace(job, tool=section.tool), with_tool, None)
+        scene = make_cell_scene(
+            replace(job, tool=section.tool),
+            replace(cell, flange_from_tool=section.program.flange_from_tool),
+            None,
+        )
         course = trace_joints(reach, machine, partial(measure_apart, scene.scene), file)
         clears.append(check_clear(scene, reach, course, machine, file))
-        reaches.append(replace(reach, owner=reach.owner + section.shift))
+        reaches.append(reach)
         scenes.append(scene)
-    joints = np.concatenate([reach.joints for reach in reaches])
-    owner = np.concatenate([reach.owner for reach in reaches])
-    whole = replace(reaches[0], joints=joints, owner=owner, program=program)
-    close: list[ClosestApproach] = []
-    notes: list[Note] = []
-    for clear in clears:
-        close += clear.close
-        notes += clear.notes
-    return MachineChecks(
-        whole, ClearanceReport(clears[0].bound, tuple(close), tuple(notes)), scenes[0]
-    )
+    whole = join_traces(program, reaches, [section.shift for section in sections])
+    return whole, join_reports(clears), scenes[0]
 
 
 def _split(program: Program, job: Job) -> list[_Section]:
@@ -107,7 +92,7 @@ def _split(program: Program, job: Job) -> list[_Section]:
     if not changes:
         return [_Section(program, job.tool, 0)]
     sections = []
-    for start, end in zip(changes, [*changes[1:], len(program.body)], strict=True):
+    for start, end in pairwise([*changes, len(program.body)]):
         change = program.body[start]
         assert isinstance(change, ToolChange)
         body = program.body[start + 1 : end]
@@ -115,8 +100,9 @@ def _split(program: Program, job: Job) -> list[_Section]:
         whole = switch_off_first(body)
         frame = change.flange_from_tool or program.flange_from_tool
         part = replace(program, body=whole, flange_from_tool=frame)
-        shift = start + 1 - (len(whole) - len(body))
-        sections.append(_Section(part, _find_tool(change, job), shift))
+        sections.append(
+            _Section(part, _find_tool(change, job), start + 1 - (len(whole) - len(body)))
+        )
     return sections
 
 
@@ -141,11 +127,8 @@ def check_travel(program: Program, machine: Robot, file: str) -> JointTrace:
     Raises NoSafeProgram for the position farthest beyond the travel of an axis, or a leaning tool.
     """
     columns = program.columns
-    position, rotation = compute_ends(program, machine, np.empty((0, len(machine.home))))
-    middles = columns.vias.copy()
-    arcs = np.flatnonzero(columns.moves_are(MoveC))
-    middles[arcs] = find_arc_middles(position[arcs - 1], middles[arcs], position[arcs])
-    rows = sample_motions(program, PosePath(position, middles, rotation))
+    no_anchors = np.empty((0, len(machine.home)))
+    rows = sample_motions(program, make_pose_path(program, machine, no_anchors))
     setup = Setup(machine, program.base_from_work, program.flange_from_tool)
 
     def find_axes(position: FloatArray, rotation: FloatArray) -> FloatArray:

@@ -7,12 +7,11 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.check.reach import JointTrace
+from camgen.check.reach import JointTrace, compute_tips
 from camgen.model.cell import Dynamics
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.program import Comment, MoveJ, Program
-from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 
 #: mm: a motion on which the TCP travels less has no speed profile.
@@ -47,15 +46,15 @@ class MotionTrace(Struct, frozen=True, eq=False):
 
 def trace_motions(program: Program, reach: JointTrace, robot: Robot) -> MotionTrace:
     """Compute TCP and times at all samples of `reach`."""
-    rotation, origin = compute_flange(robot, reach.joints)
-    tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    tip = compute_tips(robot, reach.joints, program.flange_from_tool)
     scaled = reach.joints / robot.speeds
     steps_mm = np.linalg.norm(np.diff(tip, axis=0), axis=1)
     steps_s = np.abs(np.diff(scaled, axis=0)).max(axis=1)
     travelled = np.append(0.0, np.cumsum(steps_mm))
     seconds = np.append(0.0, np.cumsum(steps_s))
-    owner = np.searchsorted(program.columns.at, reach.owner)
-    return MotionTrace(scaled, tip, owner, travelled, seconds)
+    return MotionTrace(
+        scaled, tip, np.searchsorted(program.columns.at, reach.owner), travelled, seconds
+    )
 
 
 def find_corners(program: Program) -> IntArray:

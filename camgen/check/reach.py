@@ -20,7 +20,7 @@ from camgen.check.lost import JointFailure, Stretch, find_failures, join_losses
 from camgen.geometry.arcs import find_arc_middles
 from camgen.geometry.ragged import compute_offsets, list_owners, mark_run_ends, number_rows
 from camgen.model.errors import Blocked, BlockedPath, JobError
-from camgen.model.pose import FloatArray
+from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import join_short
 from camgen.motion.joint_paths import JointPath, follow_closely
@@ -168,10 +168,23 @@ class JointTrace(Struct, frozen=True, eq=False):
     rows: MotionRows
     at: Index
 
-    @property
-    def samples(self) -> int:
-        """The number of rows."""
-        return len(self.joints)
+
+def join_traces(
+    program: Program, traces: Sequence[JointTrace], shifts: Sequence[int]
+) -> JointTrace:
+    """Join the joint values of several programs to those of `program`, which runs them in order.
+
+    shifts: (N,) index of an instruction in `program` less that in its own program, by trace.
+    """
+    joints = np.concatenate([trace.joints for trace in traces])
+    owners = [trace.owner + shift for trace, shift in zip(traces, shifts, strict=True)]
+    return replace(traces[0], joints=joints, owner=np.concatenate(owners), program=program)
+
+
+def compute_tips(robot: Robot, joints: FloatArray, flange_from_tool: Pose) -> FloatArray:
+    """Compute the TCP (N, 3) in the base frame, mm, at joint values (N, J)."""
+    rotation, origin = compute_flange(robot, joints)
+    return np.asarray(origin + rotation @ np.asarray(flange_from_tool.origin))
 
 
 def check_reach(program: Program, robot: Robot, file: str) -> JointTrace:
@@ -183,7 +196,7 @@ def check_reach(program: Program, robot: Robot, file: str) -> JointTrace:
     motion that the arm cannot run, the reason, and all paths that cannot be run.
     """
     anchors = _read_anchors(program, robot, file)
-    rows = sample_motions(program, _make_pose_path(program, robot, anchors))
+    rows = sample_motions(program, make_pose_path(program, robot, anchors))
     joints = _follow(program, robot, file, rows, anchors)
     dense, at = interpolate_joints(robot, joints, rows.free)
     owner = program.columns.at[np.repeat(rows.motion, np.diff(at, prepend=-1))]
@@ -245,7 +258,8 @@ def _read_anchors(program: Program, robot: Robot, file: str) -> FloatArray:
     return anchors
 
 
-def _make_pose_path(program: Program, robot: Robot, anchors: FloatArray) -> PosePath:
+def make_pose_path(program: Program, robot: Robot, anchors: FloatArray) -> PosePath:
+    """Compute the TCP at the ends of the motions, as `compute_ends`, with the middles of arcs."""
     position, rotation = compute_ends(program, robot, anchors)
     middles = program.columns.vias.copy()
     arc = np.flatnonzero(program.columns.moves_are(MoveC))

@@ -104,7 +104,6 @@ def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
     length = motion_lengths(columns)
     length[1:][work[1:] != work[:-1]] = 0.0
     seconds = exact_sum(np.maximum(length / speed, _time_reorientations(columns)))
-    waits = math.fsum(item.seconds for item in columns.list_kinds(Wait))
     outputs: dict[str, dict[float, None]] = {}
     for item in columns.outputs:
         outputs.setdefault(item.signal, {})[item.value] = None
@@ -113,7 +112,7 @@ def sum_up(columns: Columns, works: Sequence[int] = ()) -> Motions:
         straight=exact_sum(length[columns.moves_are(MoveL)]),
         arc=exact_sum(length[columns.moves_are(MoveC)]),
         joint=exact_sum(length[columns.moves_are(MoveJ)]),
-        seconds=seconds + waits,
+        seconds=seconds + math.fsum(item.seconds for item in columns.list_kinds(Wait)),
         speeds=(float(speed.min()), float(speed.max())) if len(speed) else (0.0, 0.0),
         extents=next(iter(extents.values()), None),
         outputs={name: tuple(values) for name, values in outputs.items()},
@@ -127,9 +126,8 @@ def _find_extents(columns: Columns, work: Indices) -> dict[int, tuple[Vec3, Vec3
 
     work: (M,) number of the work object of each motion.
     """
-    counts = Counter(work[columns.posed].tolist())
     extents = {}
-    for number, _ in counts.most_common():
+    for number, _ in Counter(work[columns.posed].tolist()).most_common():
         points = columns.ends[work == number], columns.via[work[columns.arcs] == number]
         extents[number] = _corner(np.fmin, *points), _corner(np.fmax, *points)
     return extents
@@ -176,9 +174,8 @@ def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
     steps = np.concatenate([[0.0], measure_spans(drawn.position, drawn.via[1:])])
     steps[first] = 0.0  # from one path to the next
     passes = np.array([len(path.depths) for path in paths])
-    durations = steps / drawn.feed
     length = np.add.reduceat(steps, first) * passes
-    return frozen(length), frozen(np.add.reduceat(durations, first) * passes)
+    return frozen(length), frozen(np.add.reduceat(steps / drawn.feed, first) * passes)
 
 
 class Verified(Struct, frozen=True):
@@ -211,7 +208,6 @@ def report(
     contours = part.curves or part.contours
     lengths, durations = path_sums(tour.paths)
     times = (column.tolist() for column in (lengths, durations, time.paths, time.links))
-    rows = zip(tour.paths, *times, strict=True)
     return {
         "input": {
             "source": clean(part.source),
@@ -223,7 +219,7 @@ def report(
             **({} if part.solid is None else {"edges": len(part.solid.edges)}),
             **({"curves": len(part.curves)} if part.curves else {}),
         },
-        "paths": [_make_path_row(*row) for row in rows],
+        "paths": [_make_path_row(*row) for row in zip(tour.paths, *times, strict=True)],
         "skipped": [
             {"what": clean(n.what), "why": clean(n.why)} for n in notes if n.kind == "skipped"
         ],

@@ -13,7 +13,7 @@ from msgspec import Struct
 
 from camgen.check.executed import pick_transitions
 from camgen.check.passing import find_corners
-from camgen.check.reach import JointTrace
+from camgen.check.reach import JointTrace, compute_tips
 from camgen.collision.cell import CellScene
 from camgen.collision.motion import check_motions, measure_apart, measure_closer
 from camgen.collision.scene import Scene
@@ -28,7 +28,6 @@ from camgen.motion.cell import FINE, STEP
 from camgen.motion.corners import TURNING
 from camgen.motion.joint_paths import APART, JointPath
 from camgen.motion.rounding import measure_rounding
-from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -99,7 +98,9 @@ def reduce_blends(
         more is not tested again.
     """
     columns, pace = program.columns, cell.pace
-    corners = _find_rounded(columns, find_corners(program))
+    corners = find_corners(program)
+    corners = corners[columns.works[corners] & columns.works[corners + 1]]
+    corners = corners[columns.blend[corners] > 0]
     if not len(corners):
         return program, ()
     assert cell.arm is not None
@@ -120,18 +121,13 @@ def reduce_blends(
         return program, ()
     blends = dict(zip(changed.tolist(), blend[changed].tolist(), strict=True))
     what = f"blends are smaller at {len(changed)} of {counted(len(corners), 'corner')} along paths"
-    note = Note("assumed", what, "a wider corner path there is not proven to be free")
-    return program.with_blends(blends), (note,)
-
-
-def _find_rounded(columns: Columns, corners: IntArray) -> IntArray:
-    inside = columns.works[corners] & columns.works[corners + 1]
-    return corners[(columns.blend[corners] > 0) & inside]
+    return program.with_blends(blends), (
+        Note("assumed", what, "a wider corner path there is not proven to be free"),
+    )
 
 
 def _follow(program: Program, reach: JointTrace, joint_path: JointPath, robot: Robot) -> _JointPath:
-    rotation, origin = compute_flange(robot, joint_path.joints)
-    tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    tip = compute_tips(robot, joint_path.joints, program.flange_from_tool)
     travelled = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(tip, axis=0), axis=1)))
     return _JointPath(
         joint_path.joints, travelled, np.searchsorted(joint_path.at, reach.rows.at), tip

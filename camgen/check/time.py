@@ -85,8 +85,7 @@ def _arc(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
     Its length is 2 h r; v^2 = a r and e = r (1 / cos(h) - 1).
     """
     cosine = np.cos(corners.half)
-    within = pace.deviation * cosine / (1 - cosine)
-    radius = np.minimum(within, corners.room / np.tan(corners.half))
+    radius = np.minimum(pace.deviation * cosine / (1 - cosine), corners.room / np.tan(corners.half))
     return pace.across * corners.gain * radius, radius * corners.half
 
 
@@ -141,8 +140,9 @@ def _shape_arcs(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     """Compute (K, 8) of arcs: length and radius, mm, and the directions of travel at both ends."""
     spans = make_spans_through(start, via, end)
     tangents = (normalize(np.nan_to_num(tangent)) for tangent in spans.tangents())
-    radius = np.where(spans.curved, spans.radius, np.inf)
-    return np.column_stack([measure_arcs(start, via, end), radius, *tangents])
+    return np.column_stack(
+        [measure_arcs(start, via, end), np.where(spans.curved, spans.radius, np.inf), *tangents]
+    )
 
 
 def _compute_ends(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
@@ -203,8 +203,8 @@ class _Pieces(Struct, frozen=True, eq=False):
 
 def time_motions(
     program: Program, pace: Dynamics, reach: JointTrace | None, arm: Robot | None
-) -> tuple[FloatArray, FloatArray]:
-    """Compute the seconds (M,) of all motions, and their ends, (M, 3) mm, NaN if unknown.
+) -> FloatArray:
+    """Compute the seconds (M,) of all motions.
 
     Lines and arcs are timed by acceleration and look-ahead, joint motions by the slowest joint.
 
@@ -232,11 +232,13 @@ def time_motions(
         seconds[shared] = _time_joints(steps, count, pace, np.where(share > 0, share, 1.0))[shared]
         mm = _sum_by_motion(steps.motion, steps.mm, count)
         paced = np.flatnonzero(is_joint & (share == 0))
-        by_length = time_from_rest(mm[paced], columns.speed[paced], pace.acceleration)
-        seconds[paced] = np.maximum(seconds[paced], by_length)
+        seconds[paced] = np.maximum(
+            seconds[paced], time_from_rest(mm[paced], columns.speed[paced], pace.acceleration)
+        )
     turned = np.flatnonzero(is_joint & (columns.turn > 0))
-    by_turn = time_from_rest(shape.turn[turned], columns.turn[turned], gain)
-    seconds[turned] = np.maximum(seconds[turned], by_turn)
+    seconds[turned] = np.maximum(
+        seconds[turned], time_from_rest(shape.turn[turned], columns.turn[turned], gain)
+    )
     timed = ~is_joint & ~still
     if timed.any():
         pieces = _make_pieces(program, shape, pace, timed, steps)
@@ -248,15 +250,14 @@ def time_motions(
         from camgen.check.passing import compute_saved_seconds  # noqa: PLC0415
 
         seconds = np.maximum(seconds - compute_saved_seconds(program, reach, arm, pace), 0.0)
-    return seconds, shape.end
+    return seconds
 
 
 def _make_joint_steps(program: Program, reach: JointTrace, arm: Robot) -> _JointSteps:
-    from camgen.robots.kinematics.forward import compute_flange  # noqa: PLC0415
+    from camgen.check.reach import compute_tips  # noqa: PLC0415
 
     owner = np.searchsorted(program.columns.at, reach.owner)[1:]
-    rotation, origin = compute_flange(arm, reach.joints)
-    tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    tip = compute_tips(arm, reach.joints, program.flange_from_tool)
     step = np.abs(np.diff(reach.joints, axis=0)) / arm.speeds
     mm = np.linalg.norm(np.diff(tip, axis=0), axis=1)
     gain = None if arm.accelerations is None else arm.accelerations / arm.speeds
@@ -461,7 +462,7 @@ def compute_cycle(
 ) -> Cycle:
     """Compute the time of a program in total and per path; `reach`, `arm`: see `time_motions`."""
     columns = program.columns
-    seconds, _ = time_motions(program, pace, reach, arm)
+    seconds = time_motions(program, pace, reach, arm)
     path = assign_paths(program)
     # A wait belongs to the next motion. So the wait after an output is set on, and pauses in a
     # path, belong to the path.

@@ -203,7 +203,7 @@ def _reach(result: Result) -> list[Row]:
     if result.slow:
         tone = "look"
         robot += f", not at its feed on {counted(len(result.slow), 'path')}"
-    robot += f" ({counted(result.reach.samples, 'pose')})"
+    robot += f" ({counted(len(result.reach.joints), 'pose')})"
     return [("reach", robot, tone), describe_collision(result)]
 
 

@@ -36,6 +36,7 @@ from camgen.pipeline.place import (
     RestingPose,
     Search,
     Trial,
+    measure_worked,
     name_set_up,
     search_place,
 )
@@ -158,9 +159,9 @@ def _describe(result: Search) -> list[Row]:
 
 def _describe_search(result: Search) -> str:
     grid, near = result.places
-    searched = sum(resting_pose.face is not None for resting_pose in result.resting_poses)
-    faces = counted(result.faces, "resting face")
-    if searched < result.faces:
+    searched = sum(resting_pose.face is not None for resting_pose in result.case.resting_poses)
+    faces = counted(result.case.faces, "resting face")
+    if searched < result.case.faces:
         faces = f"the {searched} largest of {faces}"
     return f"{faces}, {counted(grid, 'place')} by the joints alone, {near} with collisions"
 
@@ -177,9 +178,9 @@ def _describe_trial(result: Search, trial: Trial) -> str:
 
 
 def _format_worked(result: Search, trials: Sequence[Trial]) -> str:
-    worked = result.measure_worked(trials)
+    worked = measure_worked(result.case.edges, trials)
     length, total = short_each((sum(worked.values()), result.length), 1)
-    edges = counted(len(result.edges), "edge")
+    edges = counted(len(result.case.edges), "edge")
     return f"{grouped(len(worked))} of {edges}, {length} of {total} mm"
 
 
@@ -226,7 +227,7 @@ def _list_edges(result: Search, limit: int | None = None) -> list[Row]:
 
     limit: number of edges that are listed, those first of which something is left.
     """
-    names = list(result.edges)
+    names = list(result.case.edges)
     if limit is not None:
         names.sort(key=lambda name: _order_edge(result, name))
     rows = [_row_of_edge(result, name) for name in names[:limit]]
@@ -244,7 +245,7 @@ def _order_edge(result: Search, name: str) -> int:
 
 
 def _row_of_edge(result: Search, name: str) -> Row:
-    length = result.edges[name].length
+    length = result.case.edges[name].length
     parts = []
     for number, trial in enumerate(result.set_ups, 1):
         if name in trial.whole:

@@ -184,12 +184,11 @@ def orient_along(rows: Rows) -> Orientations:
     """
     end = rows.force_direction[:, 1].copy()
     end[rows.first] = rows.force_direction[rows.first, 0]
-    spans = rows.spans
     return _make_orientations(
         rows,
         rows.force_direction[:, 0],
         end,
-        lambda arc: spans.pick(arc).to_middle(rows.force_direction[arc, 0]),
+        lambda arc: rows.spans.pick(arc).to_middle(rows.force_direction[arc, 0]),
     )
 
 
@@ -211,7 +210,6 @@ def halve_arcs(rows: Rows) -> Rows:
     counts = 1 + wide.astype(np.intp)
     index = np.repeat(np.arange(len(wide)), counts)
     second = np.flatnonzero(~mark_run_starts(index))
-    axis = normalize(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
     out = replace(
         rows,
         **{name: getattr(rows, name)[index] for name in _COLUMNS},
@@ -219,7 +217,7 @@ def halve_arcs(rows: Rows) -> Rows:
         last=rows.last + np.cumsum(counts - 1)[rows.last],
     )
     out.position[second - 1] = arcs.via
-    out.axis[second - 1] = axis
+    out.axis[second - 1] = normalize(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
     out.via[second - 1] = arcs.point(np.full(len(second), 0.25))
     out.via[second] = arcs.point(np.full(len(second), 0.75))
     out.force_direction[second - 1, 1] = out.force_direction[second, 0] = middle

@@ -28,7 +28,7 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
 from camgen.model.limits import format_limit
 from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, to_vec3
+from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, rotation_about, to_vec3
 from camgen.model.program import (
     Body,
     Columns,
@@ -102,12 +102,7 @@ def plan_unwinding(rows: Rows, orientations: Orientations) -> list[list[FloatArr
 def _list_roll_steps(a: FloatArray, b: FloatArray, turn: float) -> list[FloatArray]:
     """Rotations from `a` to `b` (3, 3), in steps of a roll about tool z by `turn` rad, `b` last."""
     count = math.ceil(abs(turn) / SURE_TURN - 1e-9)
-    return [*(frozen(a @ _about_z(turn * k / count)) for k in range(1, count)), frozen(b)]
-
-
-def _about_z(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return [*(frozen(a @ rotation_about(2, turn * k / count)) for k in range(1, count)), frozen(b)]
 
 
 def _check_size(tour: Tour, limit: float) -> None:
@@ -146,7 +141,7 @@ def lower_paths(
     home = MoveJ(cell.home, process.travel_speed)
     draft = Draft()
     draft.add(home, *start_spindle(job, cell))
-    add_paths(draft, tour, cell, job)
+    add_paths(draft, tour, cell, job, 0, TourEnds())
     draft.add(*([Output("spindle", 0.0)] if process.spindle > 0 else []), home)
     return finish_program(draft.body(), tour.paths, cell, job, name, header)
 
@@ -181,15 +176,14 @@ def add_paths(
     tour: Tour,
     cell: Cell,
     job: Job,
-    before: int = 0,
-    ends: TourEnds | None = None,
+    before: int,
+    ends: TourEnds,
 ) -> None:
     """Add the paths of a tour to a draft, each from above its start to above its end.
 
     before: number of paths of the program that come before them.
-    ends: approach to the first path and retract from the last one; None for from above and upwards.
+    ends: approach to the first path and retract from the last one.
     """
-    ends = ends or TourEnds()
     _check_size(tour, job.limits.motions)
     _check_home_height(cell, job)
     if ends.link is not None:
@@ -207,7 +201,7 @@ def _make_joint_motions(
     joints: Sequence[FloatArray], speeds: Sequence[tuple[float, float]], path: int
 ) -> Iterator[MoveJ]:
     for values, (speed, fraction) in zip(joints, speeds, strict=True):
-        yield MoveJ(make_joint_target(values), speed, path=path, share=fraction)
+        yield MoveJ(Joints(tuple(values.tolist())), speed, path=path, share=fraction)
 
 
 def join_rolls(passes: Sequence[ToolPass], tour: ArmTour, before: int) -> FloatArray:
@@ -227,11 +221,6 @@ def join_rolls(passes: Sequence[ToolPass], tour: ArmTour, before: int) -> FloatA
         is_reversed = not np.array_equal(position[:, :2], path.position[:, :2])
         rolls.append(of_path[::-1] if is_reversed else of_path)
     return np.concatenate(rolls)
-
-
-def make_joint_target(values: FloatArray) -> Joints:
-    """Joint values (J,) as a target."""
-    return Joints(tuple(values.tolist()))
 
 
 def _is_cutter_at_rest(process: ProcessTable) -> bool:

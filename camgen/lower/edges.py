@@ -15,7 +15,6 @@ from camgen.lower.contours import (
     finish_program,
     is_switched_in_air,
     make_dwell,
-    make_joint_target,
     switch_on,
 )
 from camgen.lower.runs import plunge
@@ -114,7 +113,7 @@ def _run_link(link: Sequence[LinkMotion], job: Job) -> Iterator[Instruction]:
 
 
 def _make_joint_motion(link: JointLink) -> MoveJ:
-    return MoveJ(make_joint_target(link.joints), link.speed, share=link.share)
+    return MoveJ(Joints(tuple(link.joints.tolist())), link.speed, share=link.share)
 
 
 def _state_pose(pose_path: PosePath, process: ProcessTable) -> Iterator[Instruction]:

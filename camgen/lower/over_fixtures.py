@@ -90,11 +90,10 @@ def _lift(
             changed[previous] = (_at_height(columns.moves[link - 1], before, height),)
         else:
             motions.append(_at_height(move, before, height))
-    if columns.ends[link][2] < height - SAME_POINT_MM:
+    ends_low = columns.ends[link][2] < height - SAME_POINT_MM
+    if ends_low:
         motions.append(_at_height(move, columns.ends[link], height))
-        if not _goes_on_down(program, link):
-            motions.append(move)
-    else:
+    if not (ends_low and _goes_on_down(program, link)):
         motions.append(move)
     changed[index] = tuple(motions)
 

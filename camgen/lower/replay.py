@@ -116,21 +116,18 @@ def _run_tool(
     )
     last: MoveJ | MoveL | MoveC = body[first]  # type: ignore[assignment]
     for item in body[first + 1 :]:
+        if not isinstance(item, (MoveJ, MoveL, MoveC)):
+            out.append(item)
+            continue
+        blend, path = next(blends_and_paths)
+        last = item
         if isinstance(item, MoveJ):
-            _, path = next(blends_and_paths)
             rapid = _make_rapid(item.target, cartesian, travel)  # type: ignore[arg-type]
             out.append(replace(rapid, path=path))
-            last = item
         elif isinstance(item, MoveL):
-            blend, path = next(blends_and_paths)
             out.append(MoveL(item.target, item.speed, blend, path=path, work=True))
-            last = item
-        elif isinstance(item, MoveC):
-            blend, path = next(blends_and_paths)
-            out.append(MoveC(item.via, item.target, item.speed, blend, path=path, work=True))
-            last = item
         else:
-            out.append(item)
+            out.append(MoveC(item.via, item.target, item.speed, blend, path=path, work=True))
     out += _plan_departure(last.target, cartesian, job)  # type: ignore[arg-type]
     return out
 

@@ -125,10 +125,9 @@ def _plan_passes(directions: _Directions, job: Job, descent: _Descent, down: boo
     """The passes of a path. down: whether it is reached at its depth."""
     path, entry = directions[0], job.operation.entry
     if entry == "plunge" or max(path.depths) <= 0 or lengths_along(path)[-1] < SAME_POINT_MM:
-        pairs = zip(directions, path.depths, strict=True)
         return [
             _Pass(_raise_over_tabs(directed, depth, descent.plunge), depth)
-            for directed, depth in pairs
+            for directed, depth in zip(directions, path.depths, strict=True)
         ]
     helix = entry == "helix" and path.entry_radius > 0
     _check_entry(path, job, down, helix)
@@ -299,8 +298,7 @@ def make_helix_entry(
     step = _compute_helix_step(radius, chord)
     sweep = (from_z - to_z) / (math.tan(angle) * radius * math.sin(step / 2) / (step / 2))
     count = math.ceil(sweep / step)
-    sense = _find_turn_direction(path)
-    turn = sense * np.concatenate(
+    turn = _find_turn_direction(path) * np.concatenate(
         [np.linspace(0.0, sweep, count + 1), sweep + np.array([0.5, 1.0, 1.5, 2.0]) * np.pi]
     )
     x, y, z = path.position[0].tolist()
@@ -312,12 +310,11 @@ def make_helix_entry(
     ends = np.concatenate([circle[: count + 1], circle[foot[1::2]], [[x, y, z + to_z]]])
     via = np.full(ends.shape, np.nan)
     via[count + 1 : count + 3] = circle[foot[::2]]
-    size = len(ends)
     return replace(
         path,
         table=make_waypoints(ends, via, path.feed[0], axis=path.axis[0]),
         closed=False,
-        floor=None if path.floor is None else frozen(np.full(size, path.floor[0])),
+        floor=None if path.floor is None else frozen(np.full(len(ends), path.floor[0])),
     )
 
 

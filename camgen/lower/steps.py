@@ -51,8 +51,7 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
     # One tool that has no number is in the spindle already.
     first = tour.steps[0].tool
     changes = first.number > 0 or any(step.tool != first for step in tour.steps)
-    links = (*tour.links, None)
-    tour_ends = [TourEnds(link, after is not None) for link, after in pairwise(links)]
+    tour_ends = [TourEnds(link, after is not None) for link, after in pairwise((*tour.links, None))]
     for step, number, part, ends in zip(
         tour.steps, tour.numbers, tour.tours, tour_ends, strict=True
     ):
@@ -134,9 +133,7 @@ def split_tools(program: Program) -> tuple[Program, ...]:
     if not changes:
         return (program,)
     programs = []
-    for k, (start, end) in enumerate(
-        zip(changes, [*changes[1:], len(program.body)], strict=True), start=1
-    ):
+    for k, (start, end) in enumerate(pairwise([*changes, len(program.body)]), start=1):
         change = program.body[start]
         assert isinstance(change, ToolChange)
         body = switch_off_first(tuple(dropwhile(_is_off, program.body[start + 1 : end])))

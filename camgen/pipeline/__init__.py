@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -273,20 +273,20 @@ def build(  # noqa: PLR0913 (the public call, whose keywords users write)
     posted = post_programs(
         checks, readback, fill_tables(type(poster), settings.post), settings.tolerance.chord
     )
-    proof = prove_stock(full_plan, planned, tour, request, checks, posted)
+    proof = prove_stock(full_plan, planned, tour, request, posted.texts)
     if len(tour.paths) < len(full_plan.paths):
         planned = _forget_coverage(planned)
-    fixtures = prove_fixtures(proof, tour, request, checks, posted)
+    fixtures = prove_fixtures(proof, tour, request, posted.texts)
     result = _sum_up(planned, tour, request, checks, posted, proof)
     _check_outcome(result.part, result.notes, True, strict)
-    motion = prove_motion(read.part, planned, request, checks, posted, result.notes)
-    rounded = check_rounding(tour, settings, checks, posted)
+    motion = prove_motion(read.part, planned, request, posted, result.notes)
+    rounded = check_rounding(tour, settings, posted)
     result = replace(result, motion=motion, rounded=rounded, located=located, fixtures=fixtures)
     if read.cell.machine is None:
         return result
     from camgen.pipeline.travel import check_travel, note_rates  # noqa: PLC0415 (only for a mill)
 
-    travel = check_travel(settings, read.cell, checks, posted)
+    travel = check_travel(settings, read.cell, posted.texts)
     notes = sort_notes(result.notes, note_rates(read.cell, result.program))
     return replace(result, travel=travel, notes=notes)
 
@@ -427,13 +427,13 @@ def _sum_up(
                 *note_close_positions(plan.part, checks.program, cell),
                 *_note_corners(checks.program, cell.pace, job),
                 *list_warnings(post, checks.program),
-                *note_harm(posted),
+                *note_harm(posted.texts),
             ),
         ),
         program=checks.program,
-        files=posted.files,
-        counts=posted.counts,
-        lines=find_lines(checked, posted),
+        files=tuple(chain.from_iterable(text.files for text in posted.texts)),
+        counts=tuple(len(text.files) for text in posted.texts),
+        lines=find_lines(checks.program.body, posted.texts),
         deviation=posted.deviation,
         motions=checked.motions,
         cycle=checked.cycle,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.check.stock import Clearance, StockProof
-    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms, Request
+    from camgen.pipeline.programs import PostedText, Request
 
 
 def leave_out_blocked(plan: Plan, job: Job, cell: Workcell | None) -> Plan:
@@ -56,8 +57,7 @@ def prove_fixtures(
     proof: StockProof | None,
     tour: Tour,
     request: Request,
-    checked: CheckedPrograms,
-    posted: PostedPrograms,
+    texts: Sequence[PostedText],
 ) -> Clearance | None:
     """The distances of the texts from the fixtures; None for a job without fixtures.
 
@@ -68,7 +68,7 @@ def prove_fixtures(
         return proof.clearance if proof else None
     from camgen.check.stock import examine_fixtures  # noqa: PLC0415 (shapely: only with fixtures)
 
-    cuts = list(make_text_cuts(tour, request, checked, posted))
+    cuts = list(make_text_cuts(tour, request, texts))
     clearance, faults = examine_fixtures(cuts, request.cell.fixtures)
     if faults:
         first = faults[0]

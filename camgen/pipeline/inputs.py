@@ -64,9 +64,8 @@ def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell
     cell: cell of the post, whose values hold where the job has none.
     """
     files = files.within(job.limits)
-    if job.cell.machine:
-        return add_machine(_read_cell(part, job, cell, files), job, files)
-    return _read_cell(part, job, cell, files)
+    workcell = _read_cell(part, job, cell, files)
+    return add_machine(workcell, job, files) if job.cell.machine else workcell
 
 
 def _read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell:
@@ -245,8 +244,7 @@ def _join_curves(parts: Sequence[Part], solid: Solid | None) -> Part:
     several = sum(bool(part.curves) for part in parts) > 1
     curves: list[Curve] = []
     for k, part in enumerate(parts, 1):
-        prefix = f"{k}/" if several else ""
-        curves += _prefix_each(part.curves, prefix)
+        curves += _prefix_each(part.curves, f"{k}/" if several else "")
     return replace(_join_heads(parts), curves=tuple(curves), solid=solid)
 
 

@@ -62,9 +62,8 @@ def check_placing(job: Job, by_photo: bool, start: Sequence[float] | None) -> Pl
             )
     if start is None:
         return None
-    remedy = "give X,Y,TURN in mm and deg"
     if len(start) != 3 or not all(map(math.isfinite, start)):
-        raise JobError("--start", f"{[*start]} is not a pose", remedy=remedy)
+        raise JobError("--start", f"{[*start]} is not a pose", remedy="give X,Y,TURN in mm and deg")
     x, y, turn = start
     return PlanePose(math.radians(turn), x, y)
 

@@ -20,7 +20,7 @@ from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
     from camgen.check.proof import Controller, MotionProof
-    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms, Request
+    from camgen.pipeline.programs import PostedPrograms, Request
     from camgen.post import Post
 
 #: Rounding of a text, mm and mm/s, and rad, whose digits are not known.
@@ -32,7 +32,6 @@ def prove_motion(
     part: Part,
     plan: Plan,
     request: Request,
-    checked: CheckedPrograms,
     posted: PostedPrograms,
     notes: Sequence[Note],
 ) -> MotionProof:
@@ -45,20 +44,17 @@ def prove_motion(
     from camgen.check import proof  # noqa: PLC0415 (shapely, after planning has loaded it)
 
     job = request.job
-    if reason := explain_unproven(plan):
+    if isinstance(plan, ReplayPlan):
+        reason = "the input is a program, its motions are compared with the text alone"
         return proof.MotionProof(0, 0.0, 0, proof.Unplaced(), (), (reason,))
     programs = []
-    first = 0
-    for count, executed, (_, program) in zip(
-        posted.counts, posted.executed, checked.programs, strict=True
-    ):
-        file = posted.files[first].name
-        first += count
-        path = program.columns.path
-        programs.append(proof.Program(executed.body, executed.lines, path, program.paths, file))
+    for text in posted.texts:
+        path, origins = text.program.columns.path, text.program.paths
+        body, lines = text.executed.body, text.executed.lines
+        programs.append(proof.Program(body, lines, path, origins, text.name))
     tolerance = posted.tolerance
     rounding = proof.Rounding(tolerance.mm, tolerance.speed, tolerance.joint)
-    controller = describe_controller(checked.programs[0][0], job, request.cell)
+    controller = describe_controller(posted.texts[0].post, job, request.cell)
     result = proof.prove_motion(part, job, programs, notes, rounding, controller)
     if part.raster is not None:
         # Borders of a picture are planned with less than a pixel of freedom, in ways of their own.
@@ -98,10 +94,9 @@ def compare_text(
     if job.operations:
         return "not proven: the text does not say which motion belongs to which operation"
     columns = Columns(body)
-    named = {output.signal for output in columns.outputs}
     signal = proof.process_signal(job.process)
     unknown = []
-    if signal not in {"", *named}:
+    if signal not in {"", *(output.signal for output in columns.outputs)}:
         unknown.append(f"output {signal}: the text names none so")
         job = replace(job, process=replace(job.process, signal=""))
     path = np.full(len(columns.at), -1, np.intp)
@@ -150,10 +145,3 @@ def describe_controller(post: Post, job: Job, cell: Workcell) -> Controller:
 
     home = cell.home if isinstance(cell.home, Joints) else None
     return Controller(dynamics_of(post, job), frozenset(post.list_verified()), home)
-
-
-def explain_unproven(plan: Plan) -> str:
-    """Why motions are not compared with the part, empty if they are."""
-    if isinstance(plan, ReplayPlan):
-        return "the input is a program, its motions are compared with the text alone"
-    return ""

@@ -146,31 +146,20 @@ class Search(Struct, frozen=True, eq=False):
     best: the set-ups that were built and work something, the best one first.
     set_ups: the best set-up, or two that together work more. The first one leaves to the second
         what that works whole.
-    edges: the edges that were asked for, by their ids.
-    resting_poses: the resting poses that were searched.
-    faces: number of resting faces of the part.
+    case: the part with its edges and the resting poses that were searched.
     places: number of places that were examined by the joints alone, and with collisions.
     """
 
     as_given: Trial
     best: tuple[Trial, ...]
     set_ups: tuple[Trial, ...]
-    edges: Mapping[str, Edge]
-    resting_poses: tuple[RestingPose, ...]
-    faces: int
+    case: Case
     places: tuple[int, int]
 
     @property
     def length(self) -> float:
         """Length of all edges, mm."""
-        return sum(edge.length for edge in self.edges.values())
-
-    def measure_worked(self, trials: Sequence[Trial]) -> dict[str, float]:
-        """Length that the set-ups work of each edge of which they work something, mm.
-
-        A stretch that several of them work counts once.
-        """
-        return _measure(self.edges, trials)
+        return sum(edge.length for edge in self.case.edges.values())
 
 
 class Request(Struct, frozen=True, eq=False):
@@ -355,17 +344,14 @@ def search_place(
             part.source, "no place was found from which an edge is reached", "", "give another tool"
         )
     set_ups = _find_set_ups(case, hunt, best[0])
-    places = len(spots), len(hunt.known)
-    return Search(
-        job_trial, tuple(best), set_ups, case.edges, case.resting_poses, case.faces, places
-    )
+    return Search(job_trial, tuple(best), set_ups, case, (len(spots), len(hunt.known)))
 
 
 def _find_set_ups(case: Case, hunt: _Hunt, best: Trial) -> tuple[Trial, ...]:
     """The best set-up with the second one to it, or two others that together work more."""
     set_ups = _find_second(case, hunt, best)
     spot, length = hunt.choose_pair(case.lengths)
-    gain = length - sum(_measure(case.edges, set_ups).values())
+    gain = length - sum(measure_worked(case.edges, set_ups).values())
     if spot == best.spot or gain < _GAIN * case.lengths.sum():
         return set_ups
     first = _build(case, spot, _name(hunt.watch, "building another set-up 1"))
@@ -375,7 +361,7 @@ def _find_set_ups(case: Case, hunt: _Hunt, best: Trial) -> tuple[Trial, ...]:
 
 def _find_second(case: Case, hunt: _Hunt, first: Trial) -> tuple[Trial, ...]:
     """The first set-up, and a second one for what it leaves if that works any of it."""
-    done = _measure(case.edges, [first])
+    done = measure_worked(case.edges, [first])
     pending: dict[str, float] = {}
     for name, edge in case.edges.items():
         left = edge.length - done.get(name, 0.0)
@@ -413,18 +399,22 @@ def _find_second(case: Case, hunt: _Hunt, first: Trial) -> tuple[Trial, ...]:
 
 def _find_added(case: Case, first: Trial, second: Trial) -> set[str]:
     """Edges of which the second set-up works a piece that the first one leaves."""
-    done = _measure(case.edges, [first])
-    both = _measure(case.edges, [first, second])
+    done = measure_worked(case.edges, [first])
+    both = measure_worked(case.edges, [first, second])
     return {name for name in both if name not in done or both[name] - done[name] >= SHORTEST_MM}
 
 
 def _order_trial(case: Case, *trials: Trial) -> tuple[float, float, Spot]:
     """A key that is least for the best set-ups: worked length, then time."""
-    worked = round(sum(_measure(case.edges, trials).values()), 1)
+    worked = round(sum(measure_worked(case.edges, trials).values()), 1)
     return -worked, sum(trial.seconds for trial in trials), trials[-1].spot
 
 
-def _measure(edges: Mapping[str, Edge], trials: Sequence[Trial]) -> dict[str, float]:
+def measure_worked(edges: Mapping[str, Edge], trials: Sequence[Trial]) -> dict[str, float]:
+    """Length that the set-ups work of each edge of which they work something, mm.
+
+    A stretch that several of them work counts once.
+    """
     worked = {}
     for name, edge in edges.items():
         marks = [trial.worked[name] for trial in trials if name in trial.worked]
@@ -586,8 +576,7 @@ def reach_joints(case: Case, spots: Sequence[Spot], samples: Samples) -> Reached
         return Reached(np.zeros((len(spots), len(case.paths))), np.zeros(len(spots)))
     _, margins = _find_joints(case, spots, samples)
     best = np.maximum.reduceat(margins.max(axis=2), samples.starts, axis=1)
-    room = np.clip(best, 0.0, _ROOM) / _ROOM
-    return Reached(samples.sum_by_edge(best >= 0), room.mean(axis=1))
+    return Reached(samples.sum_by_edge(best >= 0), (np.clip(best, 0.0, _ROOM) / _ROOM).mean(axis=1))
 
 
 def _find_joints(
@@ -683,8 +672,7 @@ def _build(
     pieces: dict[str, list[PosePath]] = {}
     for path in result.tour.paths:
         eye = np.broadcast_to(np.eye(3), (len(path), 3, 3))
-        piece = PosePath(path.position, path.via, eye)
-        pieces.setdefault(path.contours[0], []).append(piece)
+        pieces.setdefault(path.contours[0], []).append(PosePath(path.position, path.via, eye))
     whole = frozenset(path.id for path in result.tour.paths if path.id in case.edges)
     worked = {name: _mark(case.paths[name], edge_pieces) for name, edge_pieces in pieces.items()}
     return Trial(spot, resting_pose, job, worked, whole, reasons, result.cycle.total, result)

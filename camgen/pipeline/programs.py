@@ -41,8 +41,6 @@ from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.check.collide import ClearanceReport
-    from camgen.check.reach import JointTrace
     from camgen.collision.cell import CellScene
 
 
@@ -86,19 +84,35 @@ class CheckedPrograms(Struct, frozen=True, eq=False):
     cycle: Cycle
 
 
-class PostedPrograms(Struct, frozen=True, eq=False):
-    """The texts of all programs in their order.
+class PostedText(Struct, frozen=True, eq=False):
+    """The text of one program. The comparison has shown that its instructions are those of the
+    program except its comments, one by one.
 
-    files: the files of all programs.
-    counts: number of files of each program.
-    executed: the strict run of the text of each program.
+    post, program: the program with its post.
+    files: the files of the text.
+    executed: the strict run of the text.
+    """
+
+    post: Post
+    program: Program
+    files: tuple[OutputFile, ...]
+    executed: Executed
+
+    @property
+    def name(self) -> str:
+        """The name of its first file."""
+        return self.files[0].name
+
+
+class PostedPrograms(Struct, frozen=True, eq=False):
+    """The texts of all programs.
+
+    texts: the texts in the order of the programs.
     deviation: largest deviation of a text from its program.
     tolerance: tolerance with which the texts were compared.
     """
 
-    files: tuple[OutputFile, ...]
-    counts: tuple[int, ...]
-    executed: tuple[Executed, ...]
+    texts: tuple[PostedText, ...]
     deviation: Deviation
     tolerance: Tolerance
 
@@ -226,54 +240,42 @@ def _join_checks(lowered: Program, results: Sequence[Checks]) -> Checks:
         starts.append(len(body))
         body += checks.program.body
     program = replace(lowered, body=switch_off_first(body))
+    traces = [checks.reach for checks in results if checks.reach is not None]
+    reports = [checks.clear for checks in results if checks.clear is not None]
+    if not traces:
+        return Checks(program)
+    from camgen.check.collide import join_reports  # noqa: PLC0415 (as in `camgen.check`)
+    from camgen.check.reach import join_traces  # noqa: PLC0415
+
     inserted = len(program.body) - len(body)
-    reach = [checks.reach for checks in results if checks.reach is not None]
-    clear = [checks.clear for checks in results if checks.clear is not None]
     return Checks(
         program,
-        _join_joints(program, reach, np.array(starts) + inserted) if reach else None,
-        _join_clearances(clear) if clear else None,
+        join_traces(program, traces, [start + inserted for start in starts]),
+        join_reports(reports),
         results[0].where,
         tuple(itertools.chain.from_iterable(checks.slow for checks in results)),
     )
 
 
-def _join_clearances(reports: Sequence[ClearanceReport]) -> ClearanceReport:
-    """The report with the smallest clearance, with the notes of all."""
-    smallest = min(reports, key=lambda report: report.clearance)
-    notes = itertools.chain.from_iterable(report.notes for report in reports)
-    return replace(smallest, notes=tuple(notes))
-
-
-def _join_joints(program: Program, traces: Sequence[JointTrace], starts: IntArray) -> JointTrace:
-    """Join joint values. starts: index in `program` of the first instruction of each trace."""
-    joints = np.concatenate([trace.joints for trace in traces])
-    owners = [trace.owner + start for trace, start in zip(traces, starts, strict=True)]
-    return replace(traces[0], joints=joints, owner=np.concatenate(owners), program=program)
-
-
-def find_lines(checked: CheckedPrograms, posted: PostedPrograms) -> IntArray:
+def find_lines(body: Sequence[Instruction], texts: Sequence[PostedText]) -> IntArray:
     """The line from which each instruction of the whole program was read, shape (N,).
 
     Lines count from 1 through all files. 0 is for comments, and for tool changes between programs.
+
+    body: the N instructions of the whole program.
     """
-    body, several = checked.whole.program.body, len(checked.programs) > 1
+    several = len(texts) > 1
     lines = np.zeros(len(body), dtype=np.int64)
-    first_row = len(body) - sum(len(program.body) + several for _, program in checked.programs)
-    first_file = lines_above = 0
-    for count, executed, (_, program) in zip(
-        posted.counts, posted.executed, checked.programs, strict=True
-    ):
+    first_row = len(body) - sum(len(text.program.body) + several for text in texts)
+    lines_above = 0
+    for text in texts:
         first_row += several
-        # The comparison has shown that the read-back has the instructions of the program except
-        # its comments, one by one.
-        rows = first_row + np.flatnonzero(~program.columns.are(Comment))
-        lines[rows] = lines_above + np.array(executed.lines, dtype=np.int64)
-        first_row += len(program.body)
+        rows = first_row + np.flatnonzero(~text.program.columns.are(Comment))
+        lines[rows] = lines_above + np.array(text.executed.lines, dtype=np.int64)
+        first_row += len(text.program.body)
         if several:
-            for file in posted.files[first_file : first_file + count]:
+            for file in text.files:
                 lines_above += file.text.count("\n")
-        first_file += count
     return lines
 
 
@@ -287,6 +289,11 @@ def _list_changed_options(post: Post, options: dict[str, object]) -> dict[str, o
             if value != getattr(reference, option.name):
                 changed[option.name] = value
     return changed
+
+
+def print_program(post: Post, program: Program) -> tuple[OutputFile, ...]:
+    """The files of a prepared program, with their signatures."""
+    return tuple(replace(file, text=sign(file.text)) for file in render_program(post, program))
 
 
 def post_programs(
@@ -303,41 +310,35 @@ def post_programs(
     shared = dict(options)
     if len(checked.programs) > 1:
         shared.pop("program", None)
-    files: list[OutputFile] = []
-    counts, runs, worst = [], [], Deviation(0.0, 0.0, 0)
+    texts, worst = [], Deviation(0.0, 0.0, 0)
     for post, program in checked.programs:
-        posted = [replace(file, text=sign(file.text)) for file in render_program(post, program)]
+        files = print_program(post, program)
         release_memory()
         changed = _list_changed_options(post, shared)
-        executed = read({file.name: file.text for file in posted}, shared | changed)
+        executed = read({file.name: file.text for file in files}, shared | changed)
         release_memory()
         tolerance = limit_tolerance(post.tolerance(), chord)
-        deviation = compare(program, executed, tolerance, post.list_verified(), posted[0].name)
+        deviation = compare(program, executed, tolerance, post.list_verified(), files[0].name)
         worst = Deviation(
             max(worst.max_mm, deviation.max_mm),
             max(worst.max_angle, deviation.max_angle),
             worst.instructions + deviation.instructions,
         )
-        runs.append(executed)
-        counts.append(len(posted))
-        files += posted
-    return PostedPrograms(tuple(files), tuple(counts), tuple(runs), worst, tolerance)
+        texts.append(PostedText(post, program, files, executed))
+    return PostedPrograms(tuple(texts), worst, tolerance)
 
 
-def note_harm(posted: PostedPrograms) -> tuple[Note, ...]:
+def note_harm(texts: Sequence[PostedText]) -> tuple[Note, ...]:
     """Warnings of motions in the texts that may do harm.
 
     A program that camgen plans has no such motions. An old program is repeated as it is.
     """
     notes: list[Note] = []
-    first = 0
-    for count, executed in zip(posted.counts, posted.executed, strict=True):
-        file = posted.files[first].name
-        first += count
-        harm = find_harm(executed)
+    for text in texts:
+        harm = find_harm(text.executed)
         for finding in harm[:_HARM_NOTES]:
-            notes.append(Note("warning", f"{file} line {finding.line}: {finding.what}"))
+            notes.append(Note("warning", f"{text.name} line {finding.line}: {finding.what}"))
         if len(harm) > _HARM_NOTES:
-            more = counted(len(harm) - _HARM_NOTES, "other line")
-            notes.append(Note("warning", f"{file}: {more} may do harm", "camgen verify lists them"))
+            more = f"{text.name}: {counted(len(harm) - _HARM_NOTES, 'other line')} may do harm"
+            notes.append(Note("warning", more, "camgen verify lists them"))
     return tuple(notes)

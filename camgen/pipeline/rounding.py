@@ -22,7 +22,7 @@ from camgen.post import Post
 from camgen.post.plugins import dynamics_of, find_post, states_rounding
 
 if TYPE_CHECKING:
-    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms
+    from camgen.pipeline.programs import PostedPrograms
 
 #: The option of a post with the distance that its controller keeps in corners.
 _PATH = "path_tolerance"
@@ -30,31 +30,25 @@ _PATH = "path_tolerance"
 _ENDS = 2
 
 
-def check_rounding(
-    tour: Tour, job: Job, checked: CheckedPrograms, posted: PostedPrograms
-) -> Rounding | None:
+def check_rounding(tour: Tour, job: Job, posted: PostedPrograms) -> Rounding | None:
     """The rounding of the texts, as they were read back, that comes nearest to its tolerance.
 
     None for a post that does not state how its controller rounds.
 
     Raises NoSafeProgram for a corner that is rounded farther than the job allows.
     """
-    post = checked.programs[0][0]
+    post = posted.texts[0].post
     if not states_rounding(post):
         return None
     dynamics = dynamics_of(post, job)
     by_path = list_tolerances(tour, job)
     worst = Rounding()
-    first = count = 0
-    for files, executed, (_, program) in zip(
-        posted.counts, posted.executed, checked.programs, strict=True
-    ):
-        columns, planned = Columns(executed.body), program.columns
-        lines = np.asarray(executed.lines)[columns.at]
-        allowed = by_path[planned.path]
-        text = ReadText(columns, lines, planned.works, allowed, posted.files[first].name)
-        first += files
-        rounding = measure_text(text, dynamics, job.tolerance.chord)
+    count = 0
+    for text in posted.texts:
+        columns, planned = Columns(text.executed.body), text.program.columns
+        lines = np.asarray(text.executed.lines)[columns.at]
+        read = ReadText(columns, lines, planned.works, by_path[planned.path], text.name)
+        rounding = measure_text(read, dynamics, job.tolerance.chord)
         count += rounding.transitions
         worst = join_roundings(worst, rounding)
     worst = replace(worst, transitions=count)

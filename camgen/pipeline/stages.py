@@ -15,8 +15,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msgspec.structs import replace
-
 from camgen.check import Checks
 from camgen.check import check as check_program
 from camgen.lang.programs import Executed
@@ -27,16 +25,16 @@ from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.model.path import Tour
 from camgen.model.program import Program
-from camgen.model.signature import sign
 from camgen.order import order as order_plan
 from camgen.pipeline import Input, JobLike, Result, list_inputs, load_settings, make_job_post
 from camgen.pipeline.fixtures import leave_out_blocked
 from camgen.pipeline.inputs import read_cell, read_parts
+from camgen.pipeline.programs import print_program
 from camgen.pipeline.rounding import limit_path_tolerance
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
 from camgen.post import OutputFile
-from camgen.post.contract import prepare_program, render_program
+from camgen.post.contract import prepare_program
 from camgen.post.limits import limit_tolerance
 from camgen.post.plugins import cell_of, fill_tables, find_post, find_readback
 from camgen.post.verify import Deviation, compare
@@ -146,8 +144,7 @@ def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, 
     """
     settings = limit_path_tolerance(load_settings(job, Files()), post)
     poster = make_job_post(post, settings, "job")
-    rendered = render_program(poster, prepare_program(poster, program, settings.tolerance.chord))
-    return tuple(replace(file, text=sign(file.text)) for file in rendered)
+    return print_program(poster, prepare_program(poster, program, settings.tolerance.chord))
 
 
 def read_back(
@@ -183,7 +180,7 @@ def preview(result: Result, suffix: str = ".svg") -> bytes:
     return draw_preview(result, Path(f"preview{suffix}"))
 
 
-def _find_cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
+def _find_cell(cell: CellLike | None, job: Job, part: Part | None) -> Workcell | None:
     if not isinstance(cell, str):
         return cell
     return read_cell(part, job, _make_post_cell(cell, job), Files())
@@ -191,15 +188,14 @@ def _find_cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
 
 def _take_cell(cell: CellLike | None, job: Job) -> Workcell:
     """The cell of a program. Raises JobError for None: frames and home are never guessed."""
-    if cell is None:
+    workcell = _find_cell(cell, job, None)
+    if workcell is None:
         raise JobError(
             "cell",
             "is not given",
             remedy='give a result of camgen.cell, or the name of a post: "rapid"',
         )
-    if not isinstance(cell, str):
-        return cell
-    return read_cell(None, job, _make_post_cell(cell, job), Files())
+    return workcell
 
 
 def _make_post_cell(post: str, job: Job) -> Cell:

@@ -27,7 +27,7 @@ from camgen.post.plugins import dynamics_of, states_rounding
 
 if TYPE_CHECKING:
     from camgen.check.stock import Cut, StockProof
-    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms, Request
+    from camgen.pipeline.programs import PostedText, Request
 
 #: Remedy for a tool that meets a fixture.
 MOVE_FIXTURE = "move the fixture: cell.fixtures"
@@ -43,10 +43,9 @@ def prove_stock(
     plan: Plan,
     tour: Tour,
     request: Request,
-    checked: CheckedPrograms,
-    posted: PostedPrograms,
+    texts: Sequence[PostedText],
 ) -> StockProof | None:
-    """The stock proof of the texts `posted`; None for a plan that cuts nothing, or no flat part.
+    """The stock proof of `texts`; None for a plan that cuts nothing, or no flat part.
 
     full_plan: the plan before paths were left out. The material of those paths is reported as rest
         material.
@@ -69,9 +68,9 @@ def prove_stock(
         make_task(plan.part, step_job, step_plan.part)
         for step_job, step_plan in zip(jobs, plans, strict=True)
     ]
-    post = checked.programs[0][0]
+    post = texts[0].post
     proof = prove(
-        list(make_text_cuts(tour, request, checked, posted)),
+        list(make_text_cuts(tour, request, texts)),
         design(tasks, job.stock, _sweep_left_out(full_plan, tour, jobs)),
         dynamics_of(post, job) if states_rounding(post) else None,
         job.stock,
@@ -140,21 +139,12 @@ class StatedProgram(NamedTuple):
     program: Program
 
 
-def make_text_cuts(
-    tour: Tour, request: Request, checked: CheckedPrograms, posted: PostedPrograms
-) -> Iterator[Cut]:
-    """The cuts of each operation, in order, with the instructions of the texts.
-
-    The comparison has shown that the read-back has the instructions of the program except its
-    comments, one by one.
-    """
-    stated, first_file = [], 0
-    for count, executed, (_, program) in zip(
-        posted.counts, posted.executed, checked.programs, strict=True
-    ):
-        name = posted.files[first_file].name
-        stated.append(StatedProgram(name, executed.body, executed.lines, program))
-        first_file += count
+def make_text_cuts(tour: Tour, request: Request, texts: Sequence[PostedText]) -> Iterator[Cut]:
+    """The cuts of each operation, in order, with the instructions of the texts."""
+    stated = []
+    for text in texts:
+        body, lines = text.executed.body, text.executed.lines
+        stated.append(StatedProgram(text.name, body, lines, text.program))
     return make_cuts(tour, request, stated)
 
 
@@ -180,8 +170,7 @@ def make_cuts(tour: Tour, request: Request, stated: Sequence[StatedProgram]) -> 
     rapid_speed = process.travel_speed if is_slower and not isinstance(home, Pose) else float("inf")
     for text in stated:
         row_steps = _find_steps(text.program, step_of)
-        edges = [*find_run_starts(row_steps).tolist(), len(row_steps)]
-        for start, end in pairwise(edges):
+        for start, end in pairwise([*find_run_starts(row_steps).tolist(), len(row_steps)]):
             step = int(row_steps[start])
             tool, step_name = steps[step]
             yield Cut(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,19 +11,18 @@ from msgspec import Struct
 from camgen.check.axis_limits import limit_along
 from camgen.check.report import clean
 from camgen.check.time import compute_motion_shapes
-from camgen.check.travel import Extent, exceed_travel, leave_travel, measure_extent, size_of
+from camgen.check.travel import exceed_travel, leave_travel, measure_extent, size_of
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.machine import Machine
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, Vec3, to_vec3
-from camgen.model.program import Columns, MoveJ, Program, ToolChange
+from camgen.model.program import Columns, MoveJ, Program, ToolChange, read_column
 from camgen.model.text import counted, grouped, short
-from camgen.post import Post
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.pipeline.programs import CheckedPrograms, PostedPrograms
+    from camgen.pipeline.programs import PostedText
 
 #: A feed is above a rate from this multiple of it on, beyond the digits of a feed.
 _SAME_RATE = 1 + 1e-6
@@ -68,9 +68,7 @@ def _digits(position: Vec3) -> list[float]:
     return [round(value, 3) + 0.0 for value in position]
 
 
-def check_travel(
-    job: Job, cell: Workcell, checked: CheckedPrograms, posted: PostedPrograms
-) -> Travel:
+def check_travel(job: Job, cell: Workcell, texts: Sequence[PostedText]) -> Travel:
     """The travel that the texts take, as they were read back.
 
     cell: a cell with a machine.
@@ -81,22 +79,18 @@ def check_travel(
     assert machine is not None
     placed = job.cell.base_from_work is not None
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    first = 0
-    for files, executed, (post, program) in zip(
-        posted.counts, posted.executed, checked.programs, strict=True
-    ):
-        columns = Columns(executed.body)
-        extent = measure_extent(columns, _find_shift(program, post, job, cell, placed))
+    for text in texts:
+        columns = Columns(text.executed.body)
+        extent = measure_extent(columns, _find_shift(text, job, cell, placed))
         excess = (leave_travel if placed else exceed_travel)(extent, machine)
         if excess is not None:
-            line = int(np.asarray(executed.lines)[columns.at][excess.motion])
+            line = text.executed.lines[columns.at[excess.motion]]
             what = f"the program leaves the travel of {machine.file}: {excess.text}"
             remedy = "move the part: cell.base_from_work" if placed else "divide the part"
             if cell.fixtures is not None:
                 remedy += "; cell.safety is the room above fixtures"
-            raise NoSafeProgram(posted.files[first].name, what, f"line {line}", remedy)
-        low, high = _widen(low, high, extent)
-        first += files
+            raise NoSafeProgram(text.name, what, f"line {line}", remedy)
+        low, high = np.minimum(low, extent.low), np.maximum(high, extent.high)
     return Travel(machine, to_vec3(low), to_vec3(high), placed)
 
 
@@ -122,23 +116,16 @@ def note_rates(cell: Workcell, program: Program) -> tuple[Note, ...]:
     return (Note("warning", what, "the controller runs them slower, and the time counts that"),)
 
 
-def _widen(low: FloatArray, high: FloatArray, extent: Extent) -> tuple[FloatArray, FloatArray]:
-    return np.minimum(low, extent.low), np.maximum(high, extent.high)
-
-
-def _find_shift(program: Program, post: Post, job: Job, cell: Workcell, placed: bool) -> FloatArray:
+def _find_shift(text: PostedText, job: Job, cell: Workcell, placed: bool) -> FloatArray:
     """(M, 3) mm from the positions of the text to positions of the machine.
 
     The work offset is added, and the length of a tool where the program applies it (G43). Without a
     work offset the positions of the first tool are not shifted.
     """
-    columns = program.columns
+    columns = text.program.columns
     shift = np.zeros((len(columns.moves), 3))
     changes = np.flatnonzero(columns.are(ToolChange))
-    lengths = [job.tool.length if getattr(post, _TOOL, 0) else 0.0]
-    for index in changes.tolist():
-        change = program.body[index]
-        assert isinstance(change, ToolChange)
-        lengths.append(change.length)
-    shift[:, 2] = np.array(lengths)[np.searchsorted(changes, columns.at)]
+    first = job.tool.length if getattr(text.post, _TOOL, 0) else 0.0
+    lengths = np.append(first, read_column(columns.list_kinds(ToolChange), "length"))
+    shift[:, 2] = lengths[np.searchsorted(changes, columns.at)]
     return np.asarray(shift + (np.asarray(cell.base_from_work.origin) if placed else -shift[:1]))

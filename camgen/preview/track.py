@@ -197,7 +197,7 @@ def make_track(result: Built, sag: float) -> tuple[Track, Arm | None]:
     sag: maximum distance of a piece of an arc from the arc, mm.
     """
     program, reach, robot = result.program, result.reach, result.cell.arm
-    seconds, _ = time_motions(program, result.cell.pace, reach, robot)
+    seconds = time_motions(program, result.cell.pace, reach, robot)
     ends, axes = find_ends(program.columns, program, robot)
     events = make_events(program.columns, ends, axes, assign_paths(program), seconds)
     stations = _sample_stations(events, sag)

@@ -39,7 +39,7 @@ def make_pose(x: float, y: float, z: float = 0.0) -> Pose:
 def seconds(*body: Instruction, dynamics: Dynamics) -> list[float]:
     """Seconds of each motion of a program that starts at the origin."""
     program = Program("p", FRAME, FRAME, whole((MoveJ(make_pose(0, 0), 100.0), *body)))
-    spent: list[float] = time_motions(program, dynamics, None, None)[0].tolist()
+    spent: list[float] = time_motions(program, dynamics, None, None).tolist()
     return spent[1:]
 
 

@@ -236,7 +236,7 @@ def time_joint_motions(
     home = MoveJ(Joints(tuple(ARM.home.tolist())), 100.0)
     program = Program("p", frame, translation(0, 0, 100), whole((home, Comment("x"), *body)))
     trace = check_reach(program, ARM, "p")
-    seconds: list[float] = time_motions(program, pace, trace, ARM)[0].tolist()
+    seconds: list[float] = time_motions(program, pace, trace, ARM).tolist()
     return seconds[1:]
 
 

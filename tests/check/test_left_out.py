@@ -222,6 +222,22 @@ def test_a_tool_without_a_path_in_reach_is_not_changed_to() -> None:
     assert all(change.number == 2 for change in changes)
 
 
+def test_a_path_has_its_clearance_in_the_report_whichever_tool_runs_it() -> None:
+    """The fixture ends 12 mm before the drawing. The hole c2 begins 11 mm behind its edge, and the
+    tool of 4 mm is 2 mm nearer: 21 mm. The outline c1 is 10 mm away.
+    """
+    rows = operations(
+        {"kind": "trace", "tool": 1, "ids": ["c1"]},
+        {"kind": "trace", "tool": 2, "ids": ["c2"]},
+    )
+    cell = {**NEAR, "margin": 30.0, "fixtures": [[-40, -40, 0, -12, 40, 30]]}
+    result, _ = build_counted(cell=cell, **rows)
+    assert len(result.counts) == 2
+    paths = result.report["paths"]
+    assert isinstance(paths, list)
+    assert [(row["id"], row["clearance_mm"]) for row in paths] == [("0:c1", 10.0), ("1:c2", 21.0)]
+
+
 def test_paths_out_of_reach_of_several_tools_are_found_in_one_check() -> None:
     rows = operations(
         {"kind": "trace", "tool": 1, "ids": ["c1", "c2"]},

@@ -57,7 +57,6 @@ def test_the_joint_values_lead_along_the_program() -> None:
     assert np.linalg.norm(np.diff(path_positions, axis=0), axis=1).max() <= 10.0 + 1e-6
     assert np.all((trace.joints >= arm.limits[:, 0]) & (trace.joints <= arm.limits[:, 1]))
     assert np.abs(np.diff(trace.joints, axis=0)).max() < math.radians(30)
-    assert trace.samples == len(trace.joints)
 
 
 def test_a_line_out_of_reach_is_refused_with_path_and_position() -> None:

@@ -145,14 +145,14 @@ def test_the_time_of_a_joint_motion_follows_its_speed_fraction() -> None:
     a, b = find_ends(program, 1)
     fraction = program.columns.share[1]
     longest = float(np.max(np.abs(np.subtract(b.values, a.values)) / ARM.speeds))
-    seconds, _ = time_motions(program, Dynamics(shares=True), trace, ARM)
+    seconds = time_motions(program, Dynamics(shares=True), trace, ARM)
     assert seconds[1] == pytest.approx(longest / fraction + 0.2 * fraction, rel=1e-6)
-    by_speed, _ = time_motions(program, Dynamics(), trace, ARM)
+    by_speed = time_motions(program, Dynamics(), trace, ARM)
     without_fractions = program.with_body(
         tuple(replace(item, share=0.0) for item in program.body if isinstance(item, MoveJ))
     )
     assert (
         by_speed.tolist()
-        == time_motions(without_fractions, Dynamics(shares=True), trace, ARM)[0].tolist()
+        == time_motions(without_fractions, Dynamics(shares=True), trace, ARM).tolist()
     )
     assert by_speed[1] < seconds[1]  # the mean speed of the TCP is below its maximum

@@ -44,7 +44,7 @@ def make_pose(x: float, y: float, z: float = 0.0) -> Pose:
 def seconds(*body: Instruction, pace: Dynamics = PACE, start: Pose | None = None) -> list[float]:
     """Seconds of each motion of a program that starts at the origin, or at `start`."""
     program = Program("p", FRAME, FRAME, whole((MoveJ(start or make_pose(0, 0), 100.0), *body)))
-    times: list[float] = time_motions(program, pace, None, None)[0].tolist()
+    times: list[float] = time_motions(program, pace, None, None).tolist()
     assert times[0] == 0.0  # the start of the motion to the origin is unknown
     return times[1:]
 
@@ -394,7 +394,7 @@ READY = (0.0, 0.3, 0.2, 0.0, 1.07, 0.0)  # the tool points straight down: 0.3 + 
 def time_with_arm(*body: Instruction, pace: Dynamics = INSTANT) -> list[float]:
     program = Program("p", FRAME, FRAME, (MoveJ(Joints(READY), 100.0), *body))
     trace = check_reach(program, ARM, "p")
-    return [float(value) for value in time_motions(trace.program, pace, trace, ARM)[0]]
+    return [float(value) for value in time_motions(trace.program, pace, trace, ARM)]
 
 
 def test_a_joint_motion_takes_as_long_as_its_slowest_joint() -> None:
@@ -419,6 +419,6 @@ def test_a_line_is_no_faster_than_its_joints() -> None:
     step = np.abs(np.diff(trace.joints, axis=0)) / ARM.speeds
     lower = float(step.max(axis=1).sum())
     assert lower > 0.15 / 2  # the joints allow far less than 2 m/s on the 150 mm
-    assert time_motions(trace.program, INSTANT, trace, ARM)[0][1] == pytest.approx(lower, rel=1e-6)
+    assert time_motions(trace.program, INSTANT, trace, ARM)[1] == pytest.approx(lower, rel=1e-6)
     slow = program.with_body((program.body[0], replace(line, speed=10.0)))
-    assert time_motions(slow, INSTANT, trace, ARM)[0][1] == pytest.approx(15.0)
+    assert time_motions(slow, INSTANT, trace, ARM)[1] == pytest.approx(15.0)

@@ -85,10 +85,8 @@ def find_differences(
     """
     region = expected.region
     both = _Compared(seen, expected, blur, _find_sharp_corners(region))
-    surplus = _find_pieces(seen, region, least)
-    missing = _find_pieces(region, seen, least)
-    differences = [_measure(piece, both, True) for piece in surplus]
-    differences += [_measure(piece, both, False) for piece in missing]
+    differences = [_measure(piece, both, True) for piece in _find_pieces(seen, region, least)]
+    differences += [_measure(piece, both, False) for piece in _find_pieces(region, seen, least)]
     listed = [each for each in differences if each.whole or each.height >= least]
     return tuple(sorted(listed, key=lambda each: (-each.height, each.place)))
 

@@ -147,27 +147,39 @@ def locate(photo: Part, drawing: Part, job: Job, start: PlanePose | None = None)
     fits = [fit_outlines(outlines, sought.region, turn) for outlines in candidates]
     best = max(range(len(fits)), key=lambda number: fits[number].share)
     _check_side(photo.source, candidates[best], sought, fits[best])
-    _check_share(photo, drawing, fits[best], fits[best].share, LEAST_FITTING)
+    check_fit(
+        photo.source,
+        drawing.source,
+        fits[best].share,
+        fits[best].near,
+        LEAST_FITTING,
+        NoSafeProgram,
+    )
     trials = [
         _try_fit(fit, sought, photo.raster, seen) for fit in fits if fit.share >= LEAST_FITTING
     ]
     surest = max(trials, key=lambda trial: trial.share)
-    _check_share(photo, drawing, surest.fit, surest.share, LEAST_FIT)
-    alike = [trial for trial in trials if trial.share >= LEAST_FIT]
-    chosen = _choose(alike, start, f"{drawing.source} lies in {photo.source}")
+    check_fit(photo.source, drawing.source, surest.share, surest.fit.near, LEAST_FIT, NoSafeProgram)
+    chosen = _choose(
+        [trial for trial in trials if trial.share >= LEAST_FIT],
+        start,
+        f"{drawing.source} lies in {photo.source}",
+    )
     limit = choose_limit(photo.raster)
     inspection = Inspection(
         photo, chosen.expected, seen, chosen.fit, limit, chosen.differences, photo.notes
     )
     placed = place_part(drawing, chosen.pose)
-    notes = (
-        *placed.notes,
-        *_note_photo(photo),
-        *_note_hidden(photo.source, chosen),
-        *_note_differences(inspection),
-    )
     deviation, place = _measure_deviation(seen, chosen)
-    part = replace(placed, notes=notes)
+    part = replace(
+        placed,
+        notes=(
+            *placed.notes,
+            *_note_photo(photo),
+            *_note_hidden(photo.source, chosen),
+            *_note_differences(inspection),
+        ),
+    )
     return Located(chosen.pose, part, inspection, chosen.share, deviation, place, job.image.tones)
 
 
@@ -202,10 +214,6 @@ def _check_side(photo: str, outlines: list[FloatArray], sought: Sought, fit: Fit
         what = f"shows the other side of {source}: mirrored {100 * mirrored.share:.0f} % of its "
         what += f"outline lies within {fit.near:.2f} mm of that, as it is {100 * fit.share:.0f} %"
         raise NoSafeProgram(photo, what, remedy="turn the part over, or mirror the drawing")
-
-
-def _check_share(photo: Part, drawing: Part, fit: Fit, share: float, least: float) -> None:
-    check_fit(photo.source, drawing.source, share, fit.near, least, NoSafeProgram)
 
 
 def _try_fit(fit: Fit, sought: Sought, raster: Raster, seen: shapely.Geometry) -> _Trial:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -98,9 +97,16 @@ def fit_outlines(
     points = np.concatenate(borders)
     coarse, fine = _thin_out(points, _COARSE_POINTS), _thin_out(points, _FINE_POINTS)
     near = max(_NEAR_SHARE * line.size, 0.2)
-    middles = _find_middles(borders, region)
-    starts = [middles.fit(k * math.tau / _TURNS) for k in range(_TURNS)]
-    starts.insert(0, Fit(0.0, (0.0, 0.0), 0.0, 0.0) if turn is None else middles.fit(turn))
+    hulls = shapely.convex_hull([shapely.MultiPoint(points), region])
+    seen, expected = shapely.get_coordinates(shapely.centroid(hulls))
+
+    def fit_middles(turn: float) -> Fit:
+        """Return the fit that rotates by `turn` rad and shifts one middle to the other."""
+        x, y = (expected - PlanePose(turn, 0.0, 0.0).apply(seen[None])[0]).tolist()
+        return Fit(turn, (x, y), 0.0, 0.0)
+
+    starts = [fit_middles(k * math.tau / _TURNS) for k in range(_TURNS)]
+    starts.insert(0, Fit(0.0, (0.0, 0.0), 0.0, 0.0) if turn is None else fit_middles(turn))
     fits = []
     for start in starts:
         refined = _refine(line, coarse, start, _COARSE_ROUNDS, line.size / 10)
@@ -143,31 +149,13 @@ def _make_line(region: shapely.Geometry) -> _Line:
     long = np.linalg.norm(end - start, axis=1) > 1e-9
     start, end = start[long], end[long]
     along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
-    normal = np.column_stack([along[:, 1], -along[:, 0]])
     tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
     size = float(np.hypot(*np.ptp(np.concatenate([start, end]), axis=0)))
-    return _Line(tree, start, end, normal, size)
+    return _Line(tree, start, end, np.column_stack([along[:, 1], -along[:, 0]]), size)
 
 
 def _thin_out(points: FloatArray, count: int) -> FloatArray:
     return points[:: max(1, len(points) // count)]
-
-
-class _Middles(NamedTuple):
-    """The middles (2,) of the outlines in the photo and of the expected ones, mm."""
-
-    seen: FloatArray
-    expected: FloatArray
-
-    def fit(self, turn: float) -> Fit:
-        """Return the fit that rotates by `turn` rad and shifts one middle to the other."""
-        x, y = (self.expected - PlanePose(turn, 0.0, 0.0).apply(self.seen[None])[0]).tolist()
-        return Fit(turn, (x, y), 0.0, 0.0)
-
-
-def _find_middles(borders: Sequence[FloatArray], region: shapely.Geometry) -> _Middles:
-    hull = shapely.convex_hull(shapely.MultiPoint(np.concatenate(borders)))
-    return _Middles(*shapely.get_coordinates(shapely.centroid([hull, shapely.convex_hull(region)])))
 
 
 def _find_nearest(line: _Line, at: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -180,9 +168,8 @@ def _find_nearest(line: _Line, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     along = end - start
     t = np.einsum("ni,ni->n", at - start, along) / np.einsum("ni,ni->n", along, along)
     t = np.clip(t, 0.0, 1.0)
-    foot = start + t[:, None] * along
     normal = line.normal[which]
-    gap = at - foot
+    gap = at - (start + t[:, None] * along)
     far = np.linalg.norm(gap, axis=1)
     corner = ((t <= 0) | (t >= 1)) & (far > 1e-9)
     normal = np.where(corner[:, None], gap / np.maximum(far, 1e-9)[:, None], normal)

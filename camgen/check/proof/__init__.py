@@ -36,7 +36,6 @@ from camgen.check.proof.slopes import SlopeChecker
 from camgen.check.proof.subject import Context, Named, Program, Subject, are_named
 from camgen.check.proof.tasks import BESIDE, Drawing, Task, make_drawing, make_tasks
 from camgen.check.proof.travel import (
-    Phases,
     check_rest,
     check_travel,
     cut_at_clearance,
@@ -242,7 +241,13 @@ def _prove_task(
         subject = Subject(task, context, program, stretch, phases, mine, slack, earlier)
         _check_motions(subject, totals, findings)
         contact = prover.examine(subject, low, findings)
-        check_travel(stretch, _only(phases, mine), process_signal(process), contact, findings)
+        task_phases = replace(
+            phases,
+            known=phases.known & mine,
+            upright=phases.upright & mine,
+            works=phases.works & mine,
+        )
+        check_travel(stretch, task_phases, process_signal(process), contact, findings)
     done = prover.finish(motions, findings)
     for index in np.flatnonzero(task.worked & ~done).tolist():
         contour = drawing.contours[index]
@@ -300,17 +305,6 @@ def _why_not(task: Task, part: Part, slack: float) -> str:
     return ""
 
 
-def _only(phases: Phases, rows: BoolArray) -> Phases:
-    return Phases(
-        phases.known & rows,
-        phases.upright & rows,
-        phases.works & rows,
-        phases.chain,
-        phases.first,
-        phases.last,
-    )
-
-
 _Result = tuple[BoolArray, BoolArray]
 _Prover = Callable[[Subject, Findings], _Result]
 
@@ -344,8 +338,7 @@ def _prove_drilled(subject: Subject, findings: Findings) -> _Result:
     contact, done = check_drilled(
         subject.task, subject.drawing, subject.motions, upright, subject.context.rounding, findings
     )
-    for row in subject.works[:1].tolist():
-        findings.add(subject.motions, row, "moves across in a hole")
+    findings.add_first(subject.motions, subject.works, "moves across in a hole")
     done = _without_others(subject, done)
     by_joints = _are_reached_by_joints(subject) & subject.task.worked & ~done
     if by_joints.any():
@@ -372,9 +365,8 @@ def _prove_bored(subject: Subject, findings: Findings) -> _Result:
 
 def _without_others(subject: Subject, done: BoolArray) -> BoolArray:
     """Counts contours that are not a hole of the task as done: nothing is to be worked there."""
-    holes = select_holes(subject.task, subject.drawing)
     wanted = np.zeros(len(done), np.bool_)
-    wanted[holes.contour] = True
+    wanted[select_holes(subject.task, subject.drawing).contour] = True
     return np.asarray(done | (subject.task.worked & ~wanted))
 
 

@@ -52,9 +52,8 @@ class ContourProver:
         earlier: EarlierCuts | None = None,
     ) -> None:
         self.task, self.context, self.slack = _leave_unclear(task, context), context, slack
-        lists = _hint(context.drawing, program.origins)
         self._earlier = earlier
-        self._place = Workplace(self.task, context.drawing, lists)
+        self._place = Workplace(self.task, context.drawing, _hint(context.drawing, program.origins))
         self._matched: list[Matched] = []
         self._depths: list[FloatArray] = []
 
@@ -202,8 +201,7 @@ def _laps_named(subject: Subject, matched: Matched, laps: Laps, names: frozenset
     if not names:
         return np.zeros(len(laps.first), np.bool_)
     on_path = [not names.isdisjoint(origin.contours) for origin in subject.program.origins]
-    path = subject.motions.path[matched.rows[laps.first]]
-    by_path = np.array([*on_path, False], np.bool_)[path]
+    by_path = np.array([*on_path, False], np.bool_)[subject.motions.path[matched.rows[laps.first]]]
     return np.asarray(by_path | are_named(subject.drawing, names)[laps.contour])
 
 

@@ -16,9 +16,8 @@ from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
     dot,
-    find_shares,
+    find_ways_to,
     normals_along,
-    points_along,
 )
 from camgen.check.proof.subject import Subject
 from camgen.check.proof.tasks import HOP_MM, Drawing, Task, find_circles
@@ -46,9 +45,8 @@ _FILLED = 0.98
 def make_region(task: Task, drawing: Drawing) -> Any:
     """The area between walls and islands, by the even-odd rule, as a shapely geometry."""
     region = shapely.Polygon()
-    owner = drawing.pieces.owner
     for index in np.flatnonzero(task.worked & drawing.closed).tolist():
-        ring = flatten(drawing.pieces.take(owner == index))
+        ring = flatten(drawing.pieces.take(drawing.pieces.owner == index))
         if len(ring) > 3:
             area = shapely.make_valid(shapely.polygons(shapely.linearrings(ring)))
             region = shapely.symmetric_difference(region, area)
@@ -135,8 +133,7 @@ class AreaChecker:
         at_wall &= np.isfinite(nearest.distance).reshape(3, -1)
         along = at_wall.all(axis=0) & (nearest.side[: len(rows)] != 0)
         rows, piece = rows[along], nearest.piece[: len(along)][along]
-        share = np.clip(find_shares(plane.middle[rows], pieces, piece), 0.0, 1.0)
-        to_wall = points_along(pieces, piece, share) - plane.middle[rows]
+        to_wall = find_ways_to(plane.middle[rows], pieces, piece)
         on_left = dot(normals_along(plane, rows, np.full(len(rows), 0.5)), to_wall) > 0
         against = on_left == (direction == "climb")
         # Between two walls as far apart as the tool is wide, a motion runs along both.
@@ -149,8 +146,11 @@ class AreaChecker:
         wrong = np.bincount(wall, length, len(self.drawing.contours)) > 0
         for index in np.flatnonzero(against & wrong[wall])[:1].tolist():
             name = self.drawing.contours[int(wall[index])].id
-            what = f"and others run along wall {name} against operation.direction"
-            findings.add(self.motions, int(rows[index]), what)
+            findings.add(
+                self.motions,
+                int(rows[index]),
+                f"and others run along wall {name} against operation.direction",
+            )
 
     def check_speeds(self, rows: IntArray, speed_slack: float, findings: Findings) -> None:
         """Finds motions at the depth of a pass that are faster than the feed.

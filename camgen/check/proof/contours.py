@@ -32,6 +32,7 @@ from camgen.check.proof.pieces import (
     IntArray,
     Pieces,
     find_shares,
+    find_ways_to,
     normals_along,
     points_along,
     rows_of,
@@ -296,8 +297,7 @@ class ContourChecker:
         reach = distance / 2 + self.limit
         places = [plane.middle, plane.start, plane.end] if ends else [plane.middle]
         for place in (column[rows] for column in places):
-            share = np.clip(find_shares(place, self.pieces, piece), 0.0, 1.0)
-            arm = place - points_along(self.pieces, piece, share)
+            arm = -find_ways_to(place, self.pieces, piece)
             length = np.maximum(np.sqrt((arm**2).sum(axis=1)), 1e-9)[:, None]
             beyond = place + distance / 2 * arm / length
             between |= self._distance_to_walls(beyond, self.pieces.owner[piece], reach) <= reach

@@ -60,29 +60,19 @@ class DescentChecker:
         process, motions, slack = self.task.job.process, self.motions, self.slack
         start, end = motions.start[:, 2], motions.end[:, 2]
         highest = max(process.approach, process.retract) if process.force else process.approach
-        self._report(
-            plunges & ((start > highest + slack) | motions.joint),
-            "goes down to the part without a stop at process.approach",
-            findings,
-        )
+        what = "goes down to the part without a stop at process.approach"
+        findings.add_first(motions, plunges & ((start > highest + slack) | motions.joint), what)
         hops = self._end_hops() & ~motions.joint
         self._check_speed(hops, process.feed, True, findings)
         self._check_speed(plunges & ~motions.joint & ~hops, plunge_speed(process), True, findings)
         rests = self._rest_heights()
-        lowered = self.down & ~plunges & (end < process.clearance - slack)
-        self._report(
-            lowered & ~_is_one_of(end, rests, slack),
-            "goes down to a height that is neither that of approach nor that of work",
-            findings,
-        )
-        short = self.up & (end < process.clearance - slack)
+        low = (end < process.clearance - slack) & ~_is_one_of(end, rests, slack)
+        what = "goes down to a height that is neither that of approach nor that of work"
+        findings.add_first(motions, self.down & ~plunges & low, what)
         # A tool that turns with the contour is turned back at the height of approach.
         first = 0 if self.task.job.tool.orient == "follow" else 1
-        self._report(
-            short & ~_is_one_of(end, rests[first:], slack),
-            "goes up to less than process.clearance",
-            findings,
-        )
+        low = (end < process.clearance - slack) & ~_is_one_of(end, rests[first:], slack)
+        findings.add_first(motions, self.up & low, "goes up to less than process.clearance")
 
     def _end_hops(self) -> BoolArray:
         """(M,) motions down to the floor of a pocket's pass from the height of a hop."""
@@ -144,11 +134,7 @@ class DescentChecker:
         on = (self.down & (start > self.slack)) | self.up
         if len(self.task.depths) > 1:
             on &= ~self.up
-        self._report(on & motions.on, f"goes up or down with output {signal} on", findings)
-
-    def _report(self, wrong: BoolArray, what: str, findings: Findings) -> None:
-        for row in np.flatnonzero(wrong)[:1].tolist():
-            findings.add(self.motions, row, what)
+        findings.add_first(motions, on & motions.on, f"goes up or down with output {signal} on")
 
 
 def _rise(motions: Motions) -> FloatArray:

@@ -62,11 +62,14 @@ class EarlierCuts:
         gap = np.repeat(np.arange(len(count)), count)
         place = join_ranges(np.zeros(len(count), np.intp), count)
         inside = ends[gap] + (1 - 2 * ends[gap]) * place / (count[gap] - 1)
-        share = gaps.low[gap] + (gaps.high - gaps.low)[gap] * inside
-        points = points_along(pieces, gaps.piece[gap], share)
+        points = points_along(
+            pieces, gaps.piece[gap], gaps.low[gap] + (gaps.high - gaps.low)[gap] * inside
+        )
         touched = np.zeros(len(points), np.bool_)
         for cut in self._cuts:
-            touched |= self._touches(cut, points, depth, slack)
+            if float(max(cut.task.depths)) >= depth - slack:
+                highest = max(-depth, tab_top(cut.task)) + slack
+                touched |= self._reach(cut, points, highest, _LEFT_MM)
         return np.asarray(np.bincount(gap, ~touched, len(length)) == 0)
 
     def clear(self, points: FloatArray, depth: float, slack: float) -> BoolArray:
@@ -77,26 +80,19 @@ class EarlierCuts:
         """
         cleared = np.zeros(len(points), np.bool_)
         for cut in self._cuts:
-            motions = cut.motions
-            highest = np.maximum(motions.start[:, 2], motions.end[:, 2])
-            deep = cut.of_task & (highest <= slack - depth)
-            reach = cut.task.job.tool.radius + self._limit
-            tree = PieceTree(motions.plane, np.flatnonzero(deep))
-            cleared |= np.isfinite(tree.find(points, reach).distance)
+            cleared |= self._reach(cut, points, slack - depth, 0.0)
         return cleared
 
-    def _touches(
-        self, cut: EarlierCut, points: FloatArray, depth: float, slack: float
-    ) -> BoolArray:
+    def _reach(self, cut: EarlierCut, points: FloatArray, highest: float, left: float) -> BoolArray:
+        """(N,) whether the tool of a cut comes to `points` (N, 2), `left` mm aside of it or less.
+
+        highest: largest height of the motions that count, mm.
+        """
         motions = cut.motions
-        highest = np.maximum(motions.start[:, 2], motions.end[:, 2])
-        if float(max(cut.task.depths)) < depth - slack:
-            return np.zeros(len(points), np.bool_)
-        deep = cut.of_task & (highest <= max(-depth, tab_top(cut.task)) + slack)
-        tree = PieceTree(motions.plane, np.flatnonzero(deep))
-        reach = cut.task.job.tool.radius + self._limit + _LEFT_MM
-        near: BoolArray = np.isfinite(tree.find(points, reach).distance)
-        return near
+        top = np.maximum(motions.start[:, 2], motions.end[:, 2])
+        tree = PieceTree(motions.plane, np.flatnonzero(cut.of_task & (top <= highest)))
+        nearest = tree.find(points, cut.task.job.tool.radius + self._limit + left)
+        return np.asarray(np.isfinite(nearest.distance))
 
 
 def cuts_before(task: Task, tasks: Sequence[Task]) -> list[Task]:

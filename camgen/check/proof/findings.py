@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from msgspec import Struct, field
 
 from camgen.check.proof.motions import Motions
+from camgen.check.proof.pieces import BoolArray, IntArray
 from camgen.model.text import join_short
 
 
@@ -38,6 +40,13 @@ class Findings(Struct):
         if all(map(math.isfinite, place)):
             where = f", ends at {join_short(place, 3)} mm"
         self.items.append(Finding(int(motions.line[row]), f"the motion {what}{where}"))
+
+    def add_first(self, motions: Motions, rows: IntArray | BoolArray, what: str) -> None:
+        """Adds a difference of the first motion at the indices or in the mask `rows`, if any."""
+        if rows.dtype == np.bool_:
+            rows = np.flatnonzero(rows)
+        for row in rows[:1].tolist():
+            self.add(motions, row, what)
 
     def miss(self, what: str) -> None:
         """Adds a difference without a motion: something is missing in the text."""

@@ -17,6 +17,7 @@ from camgen.check.proof.pieces import (
     dot,
     find_feet,
     find_shares,
+    find_ways_to,
     normals_along,
     points_along,
 )
@@ -98,13 +99,13 @@ class LeadChecker:
             lead_in = lead_out = 0.0
         for candidates, wanted in ((before, lead_in), (after, lead_out)):
             total = np.bincount(chain[candidates], length[candidates], count)
-            longest = wanted + self.checker.limit
-            allowed |= candidates & (wanted > 0) & (total[chain] <= longest)
+            allowed |= candidates & (wanted > 0) & (total[chain] <= wanted + self.checker.limit)
         if process.stay_down:
             allowed |= free & (plane.turn[matched.rows] == 0)
         chosen = np.flatnonzero(allowed)
         if len(chosen) and task.kind in BESIDE:
-            points = self._points_on(matched.rows[chosen])
+            rows = np.tile(matched.rows[chosen], len(_LEAD_SHARES))
+            points = points_along(plane, rows, np.repeat(_LEAD_SHARES, len(chosen)))
             distance = self.checker.place.walls.find(points, max(task.distances)).distance
             least = min(task.distances) - _CLEAR_SLACK_MM - self.checker.limit
             near = (distance.reshape(len(_LEAD_SHARES), -1) < least).any(axis=0)
@@ -129,10 +130,6 @@ class LeadChecker:
         ahead = normals_along(plane, rows[:-1], np.ones(len(rows) - 1))
         after = normals_along(plane, rows[1:], np.zeros(len(rows) - 1))
         return np.asarray(dot(ahead, after) < _TANGENT)
-
-    def _points_on(self, rows: IntArray) -> FloatArray:
-        shares = np.repeat(_LEAD_SHARES, len(rows))
-        return points_along(self.motions.plane, np.tile(rows, len(_LEAD_SHARES)), shares)
 
     # -- length and shape
 
@@ -221,9 +218,7 @@ class LeadChecker:
         piece = self.matched.piece[laps.first if end.sense < 0 else laps.last]
         at = np.full(len(piece), 0.0 if end.sense < 0 else 1.0)
         left = normals_along(plane, end.row, at)
-        middle = plane.middle[end.row]
-        share = np.clip(find_shares(middle, pieces, piece), 0.0, 1.0)
-        from_contour = middle - points_along(pieces, piece, share)
+        from_contour = -find_ways_to(plane.middle[end.row], pieces, piece)
         left_there = normals_along(plane, end.row, np.full(len(piece), 0.5))
         outward = left * np.sign(dot(left_there, from_contour))[:, None]
         return np.column_stack([left[:, 1], -left[:, 0]]), outward

@@ -126,9 +126,8 @@ def measure_ends(points: FloatArray, middles: Nearest, first: IntArray, pieces: 
     points: (2 N + F, 2) middles and ends of N motions, and starts of the motions `first` (F,).
     middles: nearest pieces of the N middles.
     """
-    count = len(middles.piece)
     piece = np.concatenate([middles.piece, middles.piece[first]])
-    feet = find_feet(points[count:], pieces, np.maximum(piece, 0))
+    feet = find_feet(points[len(middles.piece) :], pieces, np.maximum(piece, 0))
     distance = np.where(piece >= 0, feet.distance, np.inf)
     return Nearest(
         np.concatenate([middles.distance, distance]),

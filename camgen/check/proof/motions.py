@@ -136,7 +136,6 @@ def tabulate(
     """
     columns = Columns(body)
     at = columns.at
-    axes = np.array(columns.table, np.float64).reshape(-1, 3, 3)
     return Motions(
         line=np.asarray(lines, np.intp)[at],
         joint=columns.moves_are(MoveJ),
@@ -150,7 +149,7 @@ def tabulate(
         force=columns.force,
         force_direction=columns.force_direction,
         rotation=columns.rotation,
-        axes=axes,
+        axes=np.array(columns.table, np.float64).reshape(-1, 3, 3),
         on=_switched(columns, signal) if signal else np.zeros(len(at), np.bool_),
         spindle=_spindle(columns),
     )
@@ -165,8 +164,6 @@ def _switched(columns: Columns, signal: str) -> BoolArray:
 
 def _spindle(columns: Columns) -> FloatArray:
     """(M,) spindle speed during each motion, rpm."""
-    if not any(item.signal == "spindle" for item in columns.outputs):
-        return np.zeros(len(columns.at))
     setting = columns.alike(Output, lambda item: item.signal == "spindle")
     values = [item.value for item in columns.pick(np.flatnonzero(setting))]
     return np.asarray(_during(columns.at, setting, values, 0.0))

@@ -259,6 +259,12 @@ def points_along(pieces: Pieces, rows: IntArray, shares: FloatArray) -> FloatArr
     return np.asarray(points)
 
 
+def find_ways_to(points: FloatArray, pieces: Pieces, rows: IntArray) -> FloatArray:
+    """(N, 2) vectors, mm, from `points` (N, 2) to the nearest point of the piece `rows` (N,)."""
+    shares = np.clip(find_shares(points, pieces, rows), 0.0, 1.0)
+    return points_along(pieces, rows, shares) - points
+
+
 def normals_along(pieces: Pieces, rows: IntArray, shares: FloatArray) -> FloatArray:
     """(N, 2) unit vectors to the left of the pieces `rows` at `shares` of their length."""
     along = rows_of(pieces.end, rows) - rows_of(pieces.start, rows)

@@ -22,9 +22,8 @@ from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
     dot,
-    find_shares,
+    find_ways_to,
     normals_along,
-    points_along,
 )
 from camgen.check.proof.tasks import Drawing, Task
 from camgen.model.job import Job, ProcessTable
@@ -61,8 +60,7 @@ def check_outputs(task: Task, motions: Motions, rows: IntArray, findings: Findin
     """Finds motions that work with the process output off, or at another spindle speed."""
     signal = process_signal(task.job.process)
     if signal:
-        for row in rows[~motions.on[rows]][:1].tolist():
-            findings.add(motions, row, f"works with output {signal} off")
+        findings.add_first(motions, rows[~motions.on[rows]], f"works with output {signal} off")
     check_spindle(task, motions, rows, findings)
 
 
@@ -143,9 +141,10 @@ def check_orientation(job: Job, motions: Motions, rows: IntArray, findings: Find
     for index, rotation in enumerate(motions.axes):
         difference = rotation[:, 2] - down[:, 2] if turns else rotation - down
         wrong[index] = float(np.abs(difference).max()) > _ANGLE
-    for row in rows[wrong[motions.rotation[rows]]][:1].tolist():
-        what = "works with the tool not straight down"
-        findings.add(motions, row, what if turns else f"{what}, or turned about its axis")
+    what = "works with the tool not straight down"
+    if not turns:
+        what += ", or turned about its axis"
+    findings.add_first(motions, rows[wrong[motions.rotation[rows]]], what)
 
 
 def check_feeds(
@@ -275,9 +274,7 @@ def find_directions(drawing: Drawing, motions: Motions, matched: Matched, limit:
     plane, pieces = motions.plane, drawing.pieces
     places = np.flatnonzero(matched.follows & (plane.length[matched.rows] >= SHORT_MM))
     rows, piece = matched.rows[places], matched.piece[places]
-    middle = plane.middle[rows]
-    share = np.clip(find_shares(middle, pieces, piece), 0.0, 1.0)
-    to_contour = points_along(pieces, piece, share) - middle
+    to_contour = find_ways_to(plane.middle[rows], pieces, piece)
     on_left = np.sign(dot(normals_along(plane, rows, np.full(len(rows), 0.5)), to_contour))
     direction = normals_along(plane, rows, np.ones(len(rows))) * on_left[:, None]
     # A chord that leaves its arc by s turns away from it by 4 s / length.

@@ -17,9 +17,8 @@ from camgen.check.proof.pieces import (
     IntArray,
     cross,
     dot,
-    find_shares,
+    find_ways_to,
     normals_along,
-    points_along,
 )
 from camgen.check.proof.process import plunge_speed
 from camgen.check.proof.tasks import BESIDE, Drawing, Task
@@ -71,13 +70,15 @@ class SlopeChecker:
         may_be_45 = over_tab & ((self.rise > 0) | (operation.entry == "plunge"))
         steepest = np.where(may_be_45, 1.0, math.tan(math.radians(operation.entry_angle)))
         allowed = _STEEPER * steepest * self.flat + 2 * self.slack
-        self._report(
-            (np.abs(self.rise) > allowed) & (self.flat > _FLAT_MM),
+        findings.add_first(
+            self.motions,
+            self.rows[(np.abs(self.rise) > allowed) & (self.flat > _FLAT_MM)],
             "is steeper than the job allows",
-            findings,
         )
-        self._report(
-            (self.rise > self.slack) & ~over_tab, "goes up on a slope where no tab is", findings
+        findings.add_first(
+            self.motions,
+            self.rows[(self.rise > self.slack) & ~over_tab],
+            "goes up on a slope where no tab is",
         )
         down = self.rise < -self.slack
         speed = self.motions.speed[self.rows]
@@ -85,15 +86,20 @@ class SlopeChecker:
         length = np.hypot(self.flat, self.rise)
         drop = np.maximum(-self.rise - self.slack, 0.0)
         falling = np.where(over_tab, speed * drop / np.maximum(length, 1e-9), speed)
-        self._report(
-            down & (falling > _FASTER * plunge_speed(process) + 1e-6) & (self.flat > _FLAT_MM),
+        findings.add_first(
+            self.motions,
+            self.rows[
+                down & (falling > _FASTER * plunge_speed(process) + 1e-6) & (self.flat > _FLAT_MM)
+            ],
             "goes down on a slope faster than process.plunge",
-            findings,
         )
         heights = np.append(-np.array(self.task.depths), 0.0)
         following = heights[np.minimum(self.reached + 1, len(self.task.depths) - 1)]
-        deeper = (self.low < following - self.slack) & ~self._finish(levels)
-        self._report(deeper, "goes deeper at once than one pass", findings)
+        findings.add_first(
+            self.motions,
+            self.rows[(self.low < following - self.slack) & ~self._finish(levels)],
+            "goes deeper at once than one pass",
+        )
         self._check_starts(visit, levels, findings)
 
     def _finish(self, levels: IntArray) -> BoolArray:
@@ -109,13 +115,16 @@ class SlopeChecker:
         if self.task.operation.entry == "plunge" or not len(self.rows):
             return
         begins = self._begins(visit)
-        start = self.motions.start[self.rows, 2]
         heights = np.append(-np.array(self.task.depths), 0.0)[levels]
         done = _lowest_before(self.motions.path[self.rows], np.minimum(heights, 0.0))
-        self._report(
-            begins & (start < done - self.slack) & ~self._finish(levels),
+        findings.add_first(
+            self.motions,
+            self.rows[
+                begins
+                & (self.motions.start[self.rows, 2] < done - self.slack)
+                & ~self._finish(levels)
+            ],
             "begins deeper than its path has run before",
-            findings,
         )
 
     def goes_round(self, laps: Laps) -> BoolArray:
@@ -143,13 +152,14 @@ class SlopeChecker:
         visit: (W,) number of the visit of each motion.
         """
         path = self.motions.path[self.rows]
-        lifted = self._begins(visit) & ~np.append(True, path[1:] != path[:-1])
-        what = "begins a pass of a closed path after a lift"
-        self._report(lifted & self.goes_round(laps), what, findings)
-
-    def _report(self, wrong: BoolArray, what: str, findings: Findings) -> None:
-        for place in np.flatnonzero(wrong)[:1].tolist():
-            findings.add(self.motions, int(self.rows[place]), what)
+        findings.add_first(
+            self.motions,
+            self.rows[
+                (self._begins(visit) & ~np.append(True, path[1:] != path[:-1]))
+                & self.goes_round(laps)
+            ],
+            "begins a pass of a closed path after a lift",
+        )
 
 
 class TabChecker:
@@ -206,9 +216,12 @@ class TabChecker:
         greatest[~(may & below & (closed | ramped))] = 0
         for lap in np.flatnonzero((counts < least) | (counts > greatest))[:1].tolist():
             name = self.drawing.contours[int(laps.contour[lap])].id
-            what = f"begins a lap around contour {name} with {counts[lap]} tabs"
-            what += f", the job asks for {greatest[lap]}"
-            findings.add(self.motions, int(matched.rows[laps.first[lap]]), what)
+            findings.add(
+                self.motions,
+                int(matched.rows[laps.first[lap]]),
+                f"begins a lap around contour {name} with {counts[lap]} tabs, "
+                f"the job asks for {greatest[lap]}",
+            )
 
     def _have_tabs(self, matched: Matched, laps: Laps) -> tuple[BoolArray, BoolArray]:
         drawing, task = self.drawing, self.task
@@ -270,8 +283,7 @@ class TabChecker:
         )
         area = np.bincount(lap, cross(start, middle) + cross(middle, end), len(laps.first))
         row, piece = matched.rows[laps.first], matched.piece[laps.first]
-        share = np.clip(find_shares(plane.middle[row], pieces, piece), 0.0, 1.0)
-        to_contour = points_along(pieces, piece, share) - plane.middle[row]
+        to_contour = find_ways_to(plane.middle[row], pieces, piece)
         left = dot(to_contour, normals_along(plane, row, np.full(len(row), 0.5))) > 0
         return np.asarray(left == (area > 0))
 

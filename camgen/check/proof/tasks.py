@@ -246,9 +246,7 @@ def _bounds_material(job: Job, chosen: Sequence[BoolArray]) -> BoolArray:
 
 def _choose(drawing: Drawing, choice: Choice, operation: OperationTable) -> BoolArray:
     """(C,) contours that a row of `[[operations]]` chooses."""
-    colors: frozenset[str] = frozenset()
-    for name in choice.colors:
-        colors |= frozenset(resolve_named(name))
+    colors = set[str]().union(*map(resolve_named, choice.colors))
     chosen = np.zeros(len(drawing.contours), np.bool_)
     for index, contour in enumerate(drawing.contours):
         chosen[index] = (

@@ -25,15 +25,12 @@ class Phases(Struct, frozen=True, eq=False):
     upright: (M,) the TCP moves up or down, or only turns.
     works: (M,) the TCP moves across, in contact: below the clearance height or with the process on.
     chain: (M,) number of the run of working motions, -1 for the others.
-    first, last: (M,) whether a motion begins or ends its chain.
     """
 
     known: BoolArray
     upright: BoolArray
     works: BoolArray
     chain: IntArray
-    first: BoolArray
-    last: BoolArray
 
 
 def split_phases(
@@ -54,10 +51,8 @@ def split_phases(
     if hops:
         works &= ~find_fast(motions, process)
     before = np.append(False, works[:-1]) & np.append(False, motions.path[1:] == motions.path[:-1])
-    first = works & ~before
-    after = np.append(before[1:], False)
-    chain = np.where(works, np.cumsum(first) - 1, -1)
-    return Phases(known, upright, works, chain, first, works & ~after)
+    chain = np.where(works, np.cumsum(works & ~before) - 1, -1)
+    return Phases(known, upright, works, chain)
 
 
 def find_fast(motions: Motions, process: ProcessTable) -> BoolArray:

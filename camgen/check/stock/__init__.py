@@ -180,8 +180,7 @@ def prove(
         volumes = grid.volumes
     else:
         levels, volumes = remove_material(moves, cuts, design, depths)
-    held = fixtures.clamped if fixtures else None
-    pieces = find_pieces(gone, design, held, drops=on_arm)
+    pieces = find_pieces(gone, design, fixtures.clamped if fixtures else None, drops=on_arm)
     freed = [_loose(moves, cuts, piece, stock, pieces.has_frame) for piece in pieces.loose]
     if not on_arm and stock.held == "frame":
         freed += [_missing(moves, cuts, tabs) for tabs in pieces.missing]
@@ -242,7 +241,7 @@ def _notes(moves: Moves, unseen: int) -> list[str]:
 
 
 def _fault(
-    moves: Moves, cuts: Sequence[Cut], kind: FaultKind, finding: Gouge | Struck, text: str
+    moves: Moves, cuts: Sequence[Cut], kind: FaultKind, finding: Gouge | Struck | Hit, text: str
 ) -> Fault:
     number, line = int(moves.cut[finding.row]), int(moves.line[finding.row])
     return Fault(kind, line, cuts[number].file, *finding.place, finding.mm, text, number)
@@ -295,13 +294,12 @@ def _spindle(cuts: Sequence[Cut], wrong: WrongSpindle) -> Fault:
 
 
 def _rapid(moves: Moves, cuts: Sequence[Cut], hit: Struck) -> Fault:
-    depth = short(hit.depth, 3)
     return _fault(
         moves,
         cuts,
         "rapid",
         hit,
-        f"rapid motion through material, {depth} mm below the top, {_at(hit.place)}",
+        f"rapid motion through material, {short(hit.depth, 3)} mm below the top, {_at(hit.place)}",
     )
 
 
@@ -327,8 +325,7 @@ def _hit(moves: Moves, cuts: Sequence[Cut], hit: Hit, margin: float) -> Fault:
             f"the {hit.body} passes fixture {hit.fixture} {short(hit.gap, 3)} mm apart, "
             f"cell.margin asks for {short(margin, 3)} mm"
         )
-    struck = Struck(hit.row, hit.place, hit.mm, 0.0)
-    fault = _fault(moves, cuts, "fixture", struck, f"{text}, {_at(hit.place)}")
+    fault = _fault(moves, cuts, "fixture", hit, f"{text}, {_at(hit.place)}")
     return replace(fault, fixture=hit.fixture)
 
 

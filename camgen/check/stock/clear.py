@@ -101,8 +101,7 @@ def index_motions(moves: Moves, cuts: Sequence[Cut]) -> SweptAreas:
 def find_rapids(gone: SweptAreas, design: Design) -> list[Struck]:
     """Find the rapid motions through material that no motion before them has removed."""
     moves = gone.moves
-    rows = np.flatnonzero(moves.rapid & (moves.deepest > TOLERANCE_MM))
-    rows = rows[~moves.rising[rows]]
+    rows = np.flatnonzero(moves.rapid & (moves.deepest > TOLERANCE_MM) & ~moves.rising)
     rows = rows[~find_in_own_hole(moves, rows)]
     widest: list[Struck] = []
     for row in rows.tolist():

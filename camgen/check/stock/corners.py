@@ -136,9 +136,8 @@ def _tabulate(curve: FloatArray, beam: FloatArray, distance: FloatArray, number:
     distance: (K,) distance, mm, of each path from the programmed one.
     number: number of the cut.
     """
-    count = curve.shape[1] - 1
     start, end = curve[:, :-1].reshape(-1, 3), curve[:, 1:].reshape(-1, 3)
-    corner = np.repeat(np.arange(len(curve)), count)
+    corner = np.repeat(np.arange(len(curve)), curve.shape[1] - 1)
     total = len(corner)
     plane = make_segments(start[:, :2], end[:, :2], np.zeros(total), np.arange(total))
     depth = np.column_stack([-start[:, 2], -end[:, 2]])

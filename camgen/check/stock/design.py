@@ -120,7 +120,6 @@ class Wanted(Struct, frozen=True, eq=False):
     room: area in which the tool may be; it cannot reach all corners of it.
     radius: radius of the tool, mm; 0 if no corner excuses rest material.
     depth: depth down to which it goes, mm.
-    task: number of its task.
     tabs: height of the tabs, their width, and the length of both slopes, mm; all 0 without tabs.
     loop: contour beside which a kerf runs; -1 for other shapes.
     cell: cell that contains a kerf.
@@ -132,7 +131,6 @@ class Wanted(Struct, frozen=True, eq=False):
     room: Any
     radius: float
     depth: float
-    task: int
     tabs: tuple[float, float, float] = (0.0, 0.0, 0.0)
     loop: int = -1
     cell: int = -1
@@ -163,38 +161,47 @@ class Tabbed(Struct, frozen=True, eq=False):
         return max(2, math.ceil((length - slack) / (operation.tab_spacing or math.inf)))
 
 
-class Design(Struct, frozen=True, eq=False):
+class Design(Struct, eq=False):
     """Material that the operations may remove, and material that they must remove.
+
+    `design` makes it: each task adds what it may and must remove.
 
     cells: the cells of the drawing.
     depth: (C + 1,) depth to which each cell may be cut, mm; the last of them is the outside.
+    outline: polygons of the stock.
+    thickness: thickness of the stock, mm; None if it is unknown.
+    untaken: polygons of material that paths would remove which are left out; None: no such paths.
+    aside: distance from a contour at which the tool returns to the next operation, mm.
     lines: contours along which a tool cuts.
     bevels: chamfers.
     wanted: material that must be removed.
-    outline: polygons of the stock.
-    thickness: thickness of the stock, mm; None if it is unknown.
-    free: whether anything may be cut, because the limits of an operation are unknown.
-    notes: parts of the proof that are missing, with the reasons.
+    recesses: pockets across contours of other operations.
     tabbed: contours with tabs.
     waste: cells within holes along whose contour a tool cuts: they are waste, although they may not
         be cut.
-    untaken: polygons of material that paths would remove which are left out; None: no such paths.
-    recesses: pockets across contours of other operations.
+    free: whether anything may be cut, because the limits of an operation are unknown.
+    notes: parts of the proof that are missing, with the reasons.
     """
 
     cells: Cells
     depth: FloatArray
-    lines: tuple[Lines, ...]
-    bevels: tuple[Bevel, ...]
-    wanted: tuple[Wanted, ...]
     outline: Any
     thickness: float | None
-    free: bool
-    notes: tuple[str, ...]
-    tabbed: tuple[Tabbed, ...] = ()
-    waste: tuple[int, ...] = ()
-    untaken: Any = None
-    recesses: tuple[Recess, ...] = ()
+    untaken: Any
+    aside: float
+    lines: list[Lines] = []
+    bevels: list[Bevel] = []
+    wanted: list[Wanted] = []
+    recesses: list[Recess] = []
+    tabbed: list[Tabbed] = []
+    waste: set[int] = set()
+    free: bool = False
+    notes: list[str] = []
+
+    def allow(self, cells: Iterable[int], depth: float) -> None:
+        """Allow cuts in some cells down to a depth, mm."""
+        for cell in cells:
+            self.depth[cell] = max(self.depth[cell], depth)
 
 
 def make_kerfs(design: Design, wanted: Sequence[Wanted]) -> list[Wanted]:
@@ -218,29 +225,6 @@ def make_kerfs(design: Design, wanted: Sequence[Wanted]) -> list[Wanted]:
     return result
 
 
-class _Draft(Struct):
-    """A design while the tasks are added to it."""
-
-    cells: Cells
-    depth: FloatArray
-    outline: Any
-    thickness: float | None
-    lines: list[Lines] = []
-    bevels: list[Bevel] = []
-    wanted: list[Wanted] = []
-    notes: list[str] = []
-    free: bool = False
-    tabbed: list[Tabbed] = []
-    waste: set[int] = set()
-    recesses: list[Recess] = []
-    #: Distance from a contour at which the tool returns to the next operation, mm.
-    aside: float = 0.0
-
-    def allow(self, cells: Iterable[int], depth: float) -> None:
-        for cell in cells:
-            self.depth[cell] = max(self.depth[cell], depth)
-
-
 def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Design:
     """Compute the material that `tasks` may remove and must remove of `stock`.
 
@@ -256,10 +240,16 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
     )
     across = _find_across(inner, tasks)
     cells = make_cells(tuple(contour for contour in inner if contour.id not in across))
-    draft = _Draft(cells, np.zeros(len(cells) + 1), _make_outline(contours, stock), stock.thickness)
-    if any(task.job.process.stay_down for task in tasks):
-        draft.aside = BESIDE_WORKED_MM
-    for number, task in enumerate(tasks):
+    stays_down = any(task.job.process.stay_down for task in tasks)
+    draft = Design(
+        cells,
+        np.zeros(len(cells) + 1),
+        _make_outline(contours, stock),
+        stock.thickness,
+        untaken,
+        BESIDE_WORKED_MM if stays_down else 0.0,
+    )
+    for task in tasks:
         kind = _get_kind(task)
         add = _BY_KIND.get(kind)
         if add is None:
@@ -268,27 +258,13 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
                 f"the material that {kind} may remove is not known: no cut counts as a gouge"
             )
         else:
-            add(draft, task, number, _select_worked(inner, task))
+            add(draft, task, _select_worked(inner, task))
     if stock.thickness is None:
         draft.notes.append(
             "stock.thickness is not set: "
             "cuts below the stock, and pieces that come loose, are not judged"
         )
-    return Design(
-        draft.cells,
-        draft.depth,
-        tuple(draft.lines),
-        tuple(draft.bevels),
-        tuple(draft.wanted),
-        draft.outline,
-        draft.thickness,
-        draft.free,
-        tuple(draft.notes),
-        tuple(draft.tabbed),
-        tuple(sorted(draft.waste)),
-        untaken,
-        tuple(draft.recesses),
-    )
+    return draft
 
 
 def _find_across(contours: Sequence[Contour], tasks: Sequence[Task]) -> frozenset[str]:
@@ -358,12 +334,12 @@ def _get_depth(task: Task) -> float:
     return math.inf if task.job.tool.kind in BEAMS else task.job.operation.depth
 
 
-def _find_loops(draft: _Draft, worked: Sequence[Contour]) -> IntArray:
+def _find_loops(draft: Design, worked: Sequence[Contour]) -> IntArray:
     names = set(list_ids(worked))
     return np.flatnonzero([name in names for name in draft.cells.ids])
 
 
-def _follow(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
+def _follow(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """The material side of each contour stays; the other side may be cut to the next contours."""
     cells, side = draft.cells, task.job.operation.side
     if side in ("left", "right"):
@@ -380,7 +356,7 @@ def _follow(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
     else:
         removed = np.flatnonzero(~cells.within(outer.tolist()))
     draft.allow(removed.tolist(), _get_depth(task))
-    _add_kerfs(draft, task, number, loops, removed)
+    _add_kerfs(draft, task, loops, removed)
 
 
 def _are_inside(cells: Cells, loops: IntArray, task: Task) -> BoolArray:
@@ -419,7 +395,7 @@ def _add_joined(cells: Cells, task: Task, chosen: IntArray) -> IntArray:
     return np.flatnonzero(np.isin(group, group[chosen]))
 
 
-def _add_kerfs(draft: _Draft, task: Task, number: int, loops: IntArray, removed: IntArray) -> None:
+def _add_kerfs(draft: Design, task: Task, loops: IntArray, removed: IntArray) -> None:
     cells, operation = draft.cells, task.job.operation
     inner = np.intersect1d(loops, removed)
     outer = np.setdiff1d(loops, inner)
@@ -432,7 +408,7 @@ def _add_kerfs(draft: _Draft, task: Task, number: int, loops: IntArray, removed:
     depth, radius = _get_depth(task), task.job.tool.radius
     for k in (*inner.tolist(), *outer.tolist()):
         cell = k if k in inner else int(cells.parent[k])
-        draft.wanted.append(Wanted(None, None, radius, depth, number, tabs, k, cell))
+        draft.wanted.append(Wanted(None, None, radius, depth, tabs, k, cell))
 
 
 def _list_tabbed(
@@ -465,7 +441,7 @@ def _list_slugs(cells: Cells, job: Job, inner: Sequence[int]) -> list[Tabbed]:
     return tabbed
 
 
-def _follow_one_side(draft: _Draft, task: Task, worked: Sequence[Contour]) -> None:
+def _follow_one_side(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     operation, radius = task.job.operation, task.job.tool.radius
     side = 1 if operation.side == "left" else -1
     far = radius + max(operation.lead_in, operation.lead_out, draft.aside) + operation.finish
@@ -476,12 +452,12 @@ def _follow_one_side(draft: _Draft, task: Task, worked: Sequence[Contour]) -> No
         draft.lines.append(lines)
 
 
-def _add_waste(draft: _Draft, task: Task, worked: Sequence[Contour]) -> None:
+def _add_waste(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     loops = _find_loops(draft, worked)
     draft.waste.update(loops[_are_holes(draft.cells, loops, task)].tolist())
 
 
-def _pocket(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
+def _pocket(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """All between walls and islands; contours of other operations are not islands."""
     cells, deep = draft.cells, _get_depth(task)
     loops = _find_loops(draft, worked)
@@ -498,10 +474,10 @@ def _pocket(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
         rooms[nested] = cells.rings[walls[nested]]
     shapes = [*rooms, *_find_recesses(draft, worked)]
     draft.recesses += [Recess(shape, deep) for shape in shapes[len(rooms) :]]
-    draft.wanted += [Wanted(shape, shape, radius, deep, number) for shape in shapes]
+    draft.wanted += [Wanted(shape, shape, radius, deep) for shape in shapes]
 
 
-def _find_recesses(draft: _Draft, worked: Sequence[Contour]) -> list[Any]:
+def _find_recesses(draft: Design, worked: Sequence[Contour]) -> list[Any]:
     known = {*draft.cells.ids, *list_ids(draft.cells.left)}
     walls = [contour for contour in select_closed(worked) if contour.id not in known]
     if not walls:
@@ -512,15 +488,15 @@ def _find_recesses(draft: _Draft, worked: Sequence[Contour]) -> list[Any]:
     return list(shapely.get_parts(region))
 
 
-def _bore(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
+def _bore(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """The whole area of circles, contours within them included."""
     cells, deep = draft.cells, _get_depth(task)
     loops = _find_circles(draft, task, worked)
     draft.allow(np.flatnonzero(cells.within(loops.tolist())).tolist(), deep)
-    draft.wanted += [Wanted(ring, ring, 0.0, deep, number) for ring in cells.rings[loops]]
+    draft.wanted += [Wanted(ring, ring, 0.0, deep) for ring in cells.rings[loops]]
 
 
-def _drill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
+def _drill(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """A hole as wide as the tool in the smallest of concentric circles.
 
     The holes at marks of a picture are not in the drawing, so they are not judged.
@@ -533,11 +509,13 @@ def _drill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) ->
         return
     draft.allow(np.flatnonzero(cells.within(loops.tolist())).tolist(), deep)
     wide = np.minimum(radius, np.sqrt(cells.area[loops] / np.pi))
-    discs = shapely.buffer(_find_middles(cells, loops), wide, quad_segs=2 * _QUARTER)
-    draft.wanted += [Wanted(disc, disc, 0.0, deep, number) for disc in discs]
+    draft.wanted += [
+        Wanted(disc, disc, 0.0, deep)
+        for disc in shapely.buffer(_find_middles(cells, loops), wide, quad_segs=2 * _QUARTER)
+    ]
 
 
-def _find_circles(draft: _Draft, task: Task, worked: Sequence[Contour]) -> IntArray:
+def _find_circles(draft: Design, task: Task, worked: Sequence[Contour]) -> IntArray:
     """Find the innermost of concentric circles whose diameters are within `operation.holes`.
 
     To bore, the innermost is chosen among circles of these diameters, otherwise among all circles.
@@ -575,7 +553,7 @@ def _is_round(cells: Cells, loop: int) -> bool:
     return len(points) > 6 and float(np.ptp(radii)) <= 2 * slack
 
 
-def _trace(draft: _Draft, task: Task, _number: int, worked: Sequence[Contour]) -> None:
+def _trace(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     _add_waste(draft, task, worked)
     if worked:
         draft.lines.append(
@@ -583,16 +561,17 @@ def _trace(draft: _Draft, task: Task, _number: int, worked: Sequence[Contour]) -
         )
 
 
-def _fill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
+def _fill(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """The area within closed contours, even-odd; narrow places by a line in their middle."""
-    _pocket(draft, task, number, worked)
-    radius = task.job.tool.radius
+    _pocket(draft, task, worked)
     if worked:
         lines = make_contour_segments(worked)
-        draft.lines.append(Lines(lines, _get_depth(task), task.job.tool.diameter, (0.0, radius)))
+        draft.lines.append(
+            Lines(lines, _get_depth(task), task.job.tool.diameter, (0.0, task.job.tool.radius))
+        )
 
 
-def _chamfer(draft: _Draft, task: Task, _number: int, worked: Sequence[Contour]) -> None:
+def _chamfer(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """A cone on the material side of contours; on the other side the tip may be `_TIP_MM` away."""
     cells, operation, tool = draft.cells, task.job.operation, task.job.tool
     slope = compute_slope(tool)
@@ -600,12 +579,14 @@ def _chamfer(draft: _Draft, task: Task, _number: int, worked: Sequence[Contour])
     loops = _find_loops(draft, worked)
     draft.bevels.append(Bevel(width, slope, loops, tool.diameter))
     inside = _are_inside(cells, loops, task)
-    cut = np.concatenate([loops[inside], cells.parent[loops[~inside]]])
-    draft.allow(cut.tolist(), operation.depth or (width + _TIP_MM) / slope)
+    draft.allow(
+        np.concatenate([loops[inside], cells.parent[loops[~inside]]]).tolist(),
+        operation.depth or (width + _TIP_MM) / slope,
+    )
 
 
 #: The function that adds the material of an operation to a draft, by kind of operation.
-_BY_KIND: dict[str, Callable[[_Draft, Task, int, Sequence[Contour]], None]] = {
+_BY_KIND: dict[str, Callable[[Design, Task, Sequence[Contour]], None]] = {
     "follow": _follow,
     "pocket": _pocket,
     "bore": _bore,

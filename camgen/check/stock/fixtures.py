@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
+from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Portions
 from camgen.check.stock.profile import compute_radius
 from camgen.geometry.fixtures import Body, Fixture, Fixtures, Layer, list_bodies
 from camgen.geometry.intersect import measure_gaps
@@ -100,20 +100,6 @@ class _Case(Struct, frozen=True, eq=False):
         return np.minimum(self.first, self.last)
 
 
-class _Portions(Struct, frozen=True, eq=False):
-    """Parts of motions of a case that are below a height, or above it.
-
-    which: (P,) places of the motions in the rows of the case.
-    low, high: (P,) fractions of the motions.
-    plane: the parts, seen from above.
-    """
-
-    which: IntArray
-    low: FloatArray
-    high: FloatArray
-    plane: Segments
-
-
 def examine(moves: Moves, cuts: Sequence[Cut], fixtures: Fixtures) -> Clearance:
     """The motions of `cuts` against all fixtures."""
     worst: dict[tuple[int, int, str], Hit] = {}
@@ -165,16 +151,18 @@ def _measure_around(boxes: FloatArray, outline: tuple[float, float, float, float
     return np.asarray(np.hypot(x, y))
 
 
-def _take(case: _Case, which: IntArray, height: FloatArray, below: bool) -> _Portions:
-    """The portions of the motions `which` of a case below `height` (K,), mm, or above it."""
+def _take(case: _Case, which: IntArray, height: FloatArray, below: bool) -> Portions:
+    """The portions of the motions `which` of a case below `height` (K,), mm, or above it.
+
+    Their rows count within the rows of the case.
+    """
     first, last = case.first[which], case.last[which]
     if not below:
         first, last, height = -first, -last, -height
     with np.errstate(invalid="ignore", divide="ignore"):
         at = np.clip((height - first) / (last - first), 0.0, 1.0)
     low, high = np.where(first < height, 0.0, at), np.where(last < height, 1.0, at)
-    plane = split_segments(case.moves.plane, case.rows[which], low, high)
-    return _Portions(which, low, high, plane)
+    return Portions(which, low, high, split_segments(case.moves.plane, case.rows[which], low, high))
 
 
 def _find_hits(case: _Case, margin: float) -> Iterator[Hit]:
@@ -195,7 +183,7 @@ def _find_hits(case: _Case, margin: float) -> Iterator[Hit]:
             yield hit
 
 
-def _is_within(portions: _Portions, case: _Case) -> BoolArray:
+def _is_within(portions: Portions, case: _Case) -> BoolArray:
     """(P,) whether parts begin inside of the outline."""
     return np.asarray(shapely.contains_xy(case.layer.outline, portions.plane.start))
 
@@ -207,10 +195,10 @@ def _radius_at(case: _Case, z: FloatArray) -> FloatArray:
     return compute_radius(case.cut.tool, np.maximum(case.layer.top - z, 0.0))
 
 
-def _measure(case: _Case, portions: _Portions, k: int, margin: float) -> Hit | None:
+def _measure(case: _Case, portions: Portions, k: int, margin: float) -> Hit | None:
     share = np.linspace(0.0, 1.0, _SAMPLES)
     points = points_at(portions.plane.take(np.full(_SAMPLES, k)), share)
-    row = int(portions.which[k])
+    row = int(portions.row[k])
     along = portions.low[k] + share * (portions.high[k] - portions.low[k])
     z = case.first[row] + along * (case.last[row] - case.first[row])
     radius = _radius_at(case, z)

@@ -20,8 +20,7 @@ from msgspec.structs import replace
 from camgen.check.stock.cells import CHORD_MM
 from camgen.check.stock.design import Bevel, Design, Lines
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Portions
-from camgen.check.stock.profile import compute_radius
-from camgen.check.stock.sweep import QUARTER, find_same_curves
+from camgen.check.stock.sweep import QUARTER, find_same_curves, measure_radii
 from camgen.geometry.intersect import make_boxes, measure_distances, measure_gaps
 from camgen.geometry.segments import (
     BoolArray,
@@ -108,10 +107,11 @@ def measure_bites(moves: Moves, cuts: Sequence[Cut], design: Design) -> FloatArr
         deep = moves.below(limit + TOLERANCE_MM, rows)
         if not len(deep.row) or not stays.cells.any():
             continue
-        radius = _compute_radii(moves, cuts, deep, limit)
+        radius = measure_radii(cuts, moves.cut[deep.row], moves.deepest[deep.row] - limit)
         allowed = _list_allowances(moves, cuts, deep, design, limit)
-        every_row = np.arange(len(deep.row))
-        aside = radius - _measure_gaps(deep.plane, every_row, stays, float(radius.max()), allowed)
+        aside = radius - _measure_gaps(
+            deep.plane, np.arange(len(deep.row)), stays, float(radius.max()), allowed
+        )
         # A tool that leaves the path by its radius may have its axis in material that stays.
         far = np.flatnonzero(moves.chord[deep.row] >= radius)
         middles = points_at(deep.plane.take(far), np.full(len(far), 0.5))
@@ -119,8 +119,9 @@ def measure_bites(moves: Moves, cuts: Sequence[Cut], design: Design) -> FloatArr
         aside[within] = 2 * radius[within]
         cutting = np.flatnonzero(aside > 0)
         middles = points_at(deep.plane.take(cutting), np.full(len(cutting), 0.5))
-        lengths = deep.plane.length[cutting]
-        cutting = cutting[~_are_off_stock(middles, lengths, radius[cutting], design)]
+        cutting = cutting[
+            ~_are_off_stock(middles, deep.plane.length[cutting], radius[cutting], design)
+        ]
         depth = np.minimum(aside[cutting], moves.deepest[deep.row[cutting]] - limit)
         np.maximum.at(bites, deep.row[cutting], depth)
     return bites
@@ -149,7 +150,7 @@ def _find_below(
     stays = _find_stays(design, limit)
     if not len(deep.row) or not stays.cells.any():
         return []
-    radius = _compute_radii(moves, cuts, deep, limit)
+    radius = measure_radii(cuts, moves.cut[deep.row], moves.deepest[deep.row] - limit)
     allowed = _list_allowances(moves, cuts, deep, design, limit)
     gap, within = _compare_with_walls(deep.plane, stays, float(radius.max()), allowed)
     middles = points_at(deep.plane, np.full(len(deep.plane), 0.5))
@@ -206,15 +207,6 @@ def _are_near_at_ends(
     return is_near
 
 
-def _compute_radii(moves: Moves, cuts: Sequence[Cut], deep: Portions, limit: float) -> FloatArray:
-    height = moves.deepest[deep.row] - limit
-    radius = np.empty(len(deep.row))
-    for number, cut in enumerate(cuts):
-        of_cut = moves.cut[deep.row] == number
-        radius[of_cut] = compute_radius(cut.tool, height[of_cut])
-    return radius
-
-
 def _list_allowances(
     moves: Moves, cuts: Sequence[Cut], deep: Portions, design: Design, limit: float
 ) -> list[_Allowance]:
@@ -238,11 +230,10 @@ def _compare_with_walls(
     """
     first, same = find_same_curves(plane)
     unique = plane.take(first)
-    gap = _measure_gaps(unique, same, stays, reach, allowed)
     within = stays.contains(points_at(unique, np.full(len(unique), 0.5)))[same]
     for _, chosen, allowance in allowed:
         within &= ~(chosen & (allowance > 0))
-    return gap, within
+    return _measure_gaps(unique, same, stays, reach, allowed), within
 
 
 def _measure_gaps(

@@ -169,9 +169,8 @@ def tabulate(cuts: Sequence[Cut]) -> Moves:
 
 
 def _join(tables: list[Moves]) -> Moves:
-    columns = ("start", "end", "down", "rapid", "cut", "line", "motion", "chord")
     joined = {}
-    for column in columns:
+    for column in ("start", "end", "down", "rapid", "cut", "line", "motion", "chord"):
         joined[column] = np.concatenate([getattr(table, column) for table in tables])
     bulge = np.concatenate([table.plane.bulge for table in tables])
     start, end, low = joined["start"], joined["end"], joined["down"].min(axis=1, initial=np.inf)

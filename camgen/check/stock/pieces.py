@@ -121,10 +121,9 @@ def find_pieces(
     pieces = shapely.get_parts(material)
     pieces = pieces[~shapely.is_empty(pieces)]
     rim = _find_rim(gone, design, cut, through, bottom)
-    free = pieces[~_are_held(pieces, rim, held)]
     find = _make_finder(gone, design, bottom, through, drops)
     loose = []
-    for shape, is_part in _sort(free, design, bottom):
+    for shape, is_part in _sort(pieces[~_are_held(pieces, rim, held)], design, bottom):
         piece = find.piece(shape, is_part)
         if piece is not None:
             loose.append(piece)
@@ -145,10 +144,9 @@ def _find_rim(gone: SweptAreas, design: Design, cut: Any, through: IntArray, bot
     """
     rim = shapely.boundary(design.outline)
     wide = _widest(gone, through) + _BEYOND_MM
-    cells = design.cells
     kerfs_outside = [kerf for kerf in design.wanted if kerf.loop >= 0 and kerf.cell != kerf.loop]
     outer = [kerf.loop for kerf in kerfs_outside if kerf.depth > bottom]
-    outlines = cells.rings[np.unique(np.array(outer, dtype=np.int64))]
+    outlines = design.cells.rings[np.unique(np.array(outer, dtype=np.int64))]
     near = outlines[shapely.dwithin(outlines, rim, wide)]
     kerfs = shapely.get_parts(cut)
     kerfs = kerfs[shapely.dwithin(kerfs, rim, _REACHED_MM)]

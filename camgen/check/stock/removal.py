@@ -46,7 +46,6 @@ class Excess(Struct, frozen=True, eq=False):
     tabs: part of it that is tabs of the job, mm2.
     size: diameter of the largest disc in the unexplained part, mm.
     place: centre of that disc, mm.
-    pieces: polygons of all rest material.
     unexplained: polygons of the part that is none of corners, tabs and `untaken`.
     untaken: part of it that paths would remove which are left out, mm2.
     """
@@ -56,7 +55,6 @@ class Excess(Struct, frozen=True, eq=False):
     tabs: float
     size: float
     place: tuple[float, float] | None
-    pieces: Any
     unexplained: Any
     untaken: float = 0.0
 
@@ -66,15 +64,11 @@ class Level(Struct, frozen=True, eq=False):
 
     top: z of its top, mm, 0 or negative.
     bottom: z of its bottom, mm.
-    gone: polygons of the removed material half-way down.
-    removed: area of `gone` within the stock, mm2.
     excess: rest material.
     """
 
     top: float
     bottom: float
-    gone: Any
-    removed: float
     excess: Excess
 
 
@@ -129,15 +123,14 @@ def remove_material(
             volumes[k] += (area - before) * (bottom - top)
             before = area
         excess = _find_rest(moves, cuts, design, (top, bottom), whole, excess)
-        slabs.append(Level(-top, -bottom, whole, before, excess.excess))
+        slabs.append(Level(-top, -bottom, excess.excess))
     return tuple(reversed(slabs)), tuple(volumes.tolist())
 
 
 def _area_within(shape: Any, outline: Any) -> float:
     if shape.is_empty:
         return 0.0
-    low_x, low_y, high_x, high_y = shape.bounds
-    inside = outline.covers(shapely.box(low_x, low_y, high_x, high_y))
+    inside = outline.covers(shapely.box(*shape.bounds))
     return float(shape.area if inside else shape.intersection(outline).area)
 
 
@@ -208,7 +201,7 @@ def _find_cleared_kerfs(
 def _make_excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any) -> Excess:
     pieces, owner = _find_pieces(wanted, gone)
     if not len(pieces):
-        return Excess(0.0, 0.0, 0.0, 0.0, None, shapely.MultiPolygon(), shapely.MultiPolygon())
+        return Excess(0.0, 0.0, 0.0, 0.0, None, shapely.MultiPolygon())
     reachable = _find_reachable(pieces, owner, wanted)
     corners = _remove_slivers(shapely.difference(pieces, reachable))
     plain = _remove_slivers(shapely.intersection(pieces, reachable))
@@ -230,7 +223,6 @@ def _make_excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any
         tabs=float(shapely.area(plain[tab]).sum()),
         size=size,
         place=place,
-        pieces=merge_shapes(pieces),
         unexplained=merge_shapes(rest),
         untaken=untaken_mm2,
     )
@@ -242,9 +234,8 @@ def _find_pieces(wanted: Sequence[Wanted], gone: Any) -> tuple[Shapes, Any]:
     if not len(shapes):
         return shapes, np.zeros(0, np.int64)
     parts = shapely.get_parts(gone)
-    tree = shapely.STRtree(parts)
     left = shapes.copy()
-    which, part = tree.query(shapes, predicate="intersects")
+    which, part = shapely.STRtree(parts).query(shapes, predicate="intersects")
     order = np.argsort(which, kind="stable")
     chosen, first = np.unique(which[order], return_index=True)
     covers = np.split(parts[part[order]], first[1:]) if len(chosen) else []

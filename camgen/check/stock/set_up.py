@@ -174,13 +174,12 @@ def _exceed_stock(case: _Case) -> Breach | None:
     if stock.thickness is None:
         return None
     depths = case.gone.moves.deepest[case.rows] - _tip(case.tool)
-    allowed = stock.thickness + stock.below
     what = (
         f"{case.name} goes {{}} mm deep, the stock is {short(stock.thickness, 3)} mm thick and "
         f"{short(stock.below, 3)} mm below it are allowed"
     )
     remedy = "set operation.depth, stock.thickness or stock.below"
-    return _breach_of_rows(case, depths, allowed + TOLERANCE_MM, what, remedy)
+    return _breach_of_rows(case, depths, stock.thickness + stock.below + TOLERANCE_MM, what, remedy)
 
 
 def _tip(tool: ToolTable) -> float:

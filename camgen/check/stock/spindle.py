@@ -104,8 +104,7 @@ def _find_faults(cut: Cut, number: int, columns: Columns, speeds: FloatArray) ->
 
     speeds: (M,) speed of the spindle during each motion in material, rpm, else NaN.
     """
-    fastest = cut.tool.max_speed or np.inf
-    faults = [speeds == 0, speeds < 0, speeds > fastest * _NEARLY]
+    faults = [speeds == 0, speeds < 0, speeds > (cut.tool.max_speed or np.inf) * _NEARLY]
     kinds = np.select(faults, [1, 2, 3], 0)
     states: tuple[State, ...] = ("at rest", "to the left", "too fast")
     ends, wrong = columns.ends, []

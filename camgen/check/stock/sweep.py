@@ -92,9 +92,14 @@ def compute_radii(
         rise = (portions.low + portions.high) / 2 * (down[:, 1] - down[:, 0])
         mean = down[:, 0] + np.where(np.isfinite(down[:, 0]), rise, 0)
     height = np.where(moves.upright[portions.row], moves.deepest[portions.row], mean) - depth
+    return measure_radii(cuts, moves.cut[portions.row], height)
+
+
+def measure_radii(cuts: Sequence[Cut], number: IntArray, height: FloatArray) -> FloatArray:
+    """Compute the radius (K,) of the tools of the cuts `number` (K,) at heights (K,), mm."""
     radius = np.empty(len(height))
-    for number, cut in enumerate(cuts):
-        of_cut = moves.cut[portions.row] == number
+    for k, cut in enumerate(cuts):
+        of_cut = number == k
         radius[of_cut] = compute_radius(cut.tool, height[of_cut])
     return radius
 

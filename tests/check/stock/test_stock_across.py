@@ -123,5 +123,5 @@ def test_crossing_contours_of_one_pocket_are_not_a_recess() -> None:
     part = Part("part", "part.dxf", "mm", (rectangle(0, 0, 40, 40), RECESS), ())
     job = Job(operation=OperationTable(kind="pocket", depth=2.0), tool=MILL)
     crossing = Part("part", "part.dxf", "mm", (PLATE, RECESS), ())
-    assert design([Task(job, crossing)], StockTable()).recesses == ()
-    assert design([Task(job, part)], StockTable()).recesses == ()
+    assert design([Task(job, crossing)], StockTable()).recesses == []
+    assert design([Task(job, part)], StockTable()).recesses == []
