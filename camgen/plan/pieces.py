@@ -41,8 +41,7 @@ def split_at(path: ToolPath, lengths: FloatArray) -> ToolPath:
     added = np.unique(lengths)
     added = added[np.diff(added, prepend=-np.inf) > SAME_POINT_MM]
     after = np.clip(np.searchsorted(vertices, added), 1, len(vertices) - 1)
-    is_new = added - vertices[after - 1] > SAME_POINT_MM
-    is_new &= vertices[after] - added > SAME_POINT_MM
+    is_new = np.minimum(added - vertices[after - 1], vertices[after] - added) > SAME_POINT_MM
     added, after = added[is_new], after[is_new]
     fraction = (added - vertices[after - 1]) / (vertices[after] - vertices[after - 1])
     return _expand(path, after - 1, fraction)[0]
