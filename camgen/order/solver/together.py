@@ -13,6 +13,7 @@ of 6,000 items it takes 0.37 s to the length that this module reaches in 0.03 s,
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -167,7 +168,7 @@ def _find_joins(tour: _Tour, touched: IntArray, step: int) -> _Moves:
     return _select_better(change, a, b, c, d, np.full(len(a), _JOIN))
 
 
-def _find_carries(tour: _Tour, touched: IntArray) -> list[_Moves]:
+def _find_carries(tour: _Tour, touched: IntArray) -> Iterator[_Moves]:
     """Or-opt: each of the touched items moved to before or after a near one."""
     a = touched[_has_next(tour, touched, 1) & _has_next(tour, touched, -1)]
     before, after = tour.order[tour.place[a] - 1], tour.order[tour.place[a] + 1]
@@ -176,7 +177,6 @@ def _find_carries(tour: _Tour, touched: IntArray) -> list[_Moves]:
     saved = saved - tour.measure(out, back)
     row, column = np.nonzero((tour.near[a] >= 0) & (tour.distance[a] < saved[:, None]))
     a, before, c, saved = a[row], before[row], tour.near[a[row], column], saved[row]
-    moves = []
     for step in (1, -1):
         # Every near item has a home or an item on both sides.
         neighbour = tour.order[tour.place[c] + step]
@@ -187,8 +187,7 @@ def _find_carries(tour: _Tour, touched: IntArray) -> list[_Moves]:
         change = np.minimum(ahead, turned) - tour.measure(leave, enter) - saved
         change[neighbour == a] = 0.0
         kind = np.where(turned < ahead, _CARRY_REVERSED, _CARRY)
-        moves.append(_select_better(change, a, before, low, high, kind))
-    return moves
+        yield _select_better(change, a, before, low, high, kind)
 
 
 def _has_next(tour: _Tour, item: IntArray, step: int) -> BoolArray:
