@@ -223,7 +223,7 @@ def _find_nearest_order(
     waits = np.bincount(np.array(later) + 1, minlength=len(later) + 1)[1:].tolist()
 
     def walk_rank(rank: int, number: int, x: float, y: float) -> tuple[int, float, float]:
-        """Run all paths of one rank from a start and x, y of the tool, mm; returns the last."""
+        """Run all paths of one rank from a start with the tool at x, y; returns the last start."""
         last = max(number, 0)
         while number >= 0:
             index, row = path_of[number], row_of[number]

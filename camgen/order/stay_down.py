@@ -66,9 +66,10 @@ def lead_beside(before: ToolPath, path: ToolPath, part: Part, job: Job) -> Float
 
     job: settings of the operation of `path`.
     """
-    if not (job.process.stay_down and job.operation.entry == "plunge" and _are_boxes(job)):
-        return None
-    if not _are_level([before, path], job).all():
+    if (
+        not (job.process.stay_down and job.operation.entry == "plunge" and _are_boxes(job))
+        or not _are_level([before, path], job).all()
+    ):
         return None
     left, met = before.position[-1], path.position[0]
     out = left - BESIDE_WORKED_MM * before.force_direction[-1, 1]

@@ -435,10 +435,8 @@ def _find_nearest_place(ideal: float, closed: FloatArray, length: float) -> floa
 def _select_open(places: FloatArray, closed: FloatArray) -> FloatArray:
     """The positions that are in none of the sections (S, 2)."""
     low, high = closed.T
-    is_after, is_before = (
-        places[:, None] > low + SAME_POINT_MM,
-        places[:, None] < high - SAME_POINT_MM,
-    )
+    is_after = places[:, None] > low + SAME_POINT_MM
+    is_before = places[:, None] < high - SAME_POINT_MM
     return np.asarray(places[~(is_after & is_before).any(axis=1)])
 
 

@@ -14,6 +14,7 @@ from itertools import chain
 
 import numpy as np
 
+from camgen.geometry.ragged import concatenate_columns
 from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
@@ -55,7 +56,7 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
         ]
     )
     smallest, largest = limits = read_diameters(job)
-    circles = find_circles(part)
+    circles = list(find_circles(part))
     in_range = [hole for hole in circles if smallest <= hole.diameter <= largest]
     if not in_range:
         what = f"no circle to bore among {len(circles)} found" if circles else "no circle to bore"
@@ -154,13 +155,11 @@ def _make_path(hole: Hole, job: Job) -> ToolPath:
     helix = _make_helix(helix_radius, depth, sense, job)
     ends, vias = _make_circle(helix_radius, -depth, sense)
     # The helix ends at the start of the circle at the bottom.
-    positions, all_vias = [helix, ends[1:]], [np.full_like(helix, np.nan), vias[1:]]
+    columns = [(helix, np.full_like(helix, np.nan)), (ends[1:], vias[1:])]
     if job.operation.finish:
-        ends, vias = _make_circle(radius, -depth, sense)
-        positions.append(ends)
-        all_vias.append(vias)
-    position = np.vstack([*positions, [0.0, 0.0, -depth]])
-    via = np.vstack([*all_vias, np.full(3, np.nan)])
+        columns.append(_make_circle(radius, -depth, sense))
+    columns.append((np.array([[0.0, 0.0, -depth]]), np.full((1, 3), np.nan)))
+    position, via = concatenate_columns(columns)
     centre = np.array([hole.x, hole.y, 0.0])
     # The feed holds at the wall; the centre of the tool runs on a smaller circle.
     centre_radius = np.hypot(*position[:, :2].T)

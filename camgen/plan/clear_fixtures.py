@@ -83,7 +83,8 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
     """The plan without the paths and stretches that a fixture blocks, which its notes name."""
     if isinstance(plan, (EdgePlan, ReplayPlan)):
         return plan
-    areas, in_space = _Areas(fixtures), bool(plan.part.curves)
+    areas = _Areas(fixtures)
+    in_space = bool(plan.part.curves)
     whole: dict[str, str] = {}
     notes: list[Note] = []
     cleared: list[Plan] = []
@@ -101,17 +102,15 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
         cleared.append(_replace_paths(operation, splits))
     if not whole and not notes:
         return plan
-    all_notes = (*plan.notes, *notes)
-    if not isinstance(plan, JobPlan):
-        return leave_out_paths(replace(cleared[0], notes=all_notes), whole)
-    clear_plan = replace(
-        plan,
-        plans=tuple(cleared),
-        paths=join_paths(cleared),
-        notes=all_notes,
-        left_out=tuple(chain.from_iterable(operation.left_out for operation in cleared)),
-    )
-    return leave_out_paths(clear_plan, whole)
+    clear_plan = cleared[0]
+    if isinstance(plan, JobPlan):
+        clear_plan = replace(
+            plan,
+            plans=tuple(cleared),
+            paths=join_paths(cleared),
+            left_out=tuple(chain.from_iterable(operation.left_out for operation in cleared)),
+        )
+    return leave_out_paths(replace(clear_plan, notes=(*plan.notes, *notes)), whole)
 
 
 def _list_operations(plan: Plan, job: Job) -> Iterator[tuple[Plan, ToolTable, str]]:

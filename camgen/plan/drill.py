@@ -164,11 +164,11 @@ def _note_not_round(centres: FloatArray, holes: Sequence[Hole]) -> Iterator[Note
         yield Note("assumed", f"{spaces} not drilled", why)
 
 
-def find_circles(part: Part) -> list[Hole]:
+def find_circles(part: Part) -> Iterator[Hole]:
     """All circles of a drawing that the operation works on."""
     closed = select_closed(take_rows(part.contours, part.list_worked_rows()))
     if not closed:
-        return []
+        return
     segments = make_contour_segments(closed)
     fractions = (0.0, 0.25, 0.5, 0.75)
     points = np.concatenate([points_at(segments, np.full(len(segments), f)) for f in fractions])
@@ -176,11 +176,9 @@ def find_circles(part: Part) -> list[Hole]:
     centre, radius, deviation = _fit_circles(points, owner, len(closed))
     is_round = deviation <= np.maximum(_DEVIATION_MM, _DEVIATION_FRACTION * radius)
     is_full = _has_circle_area(*flatten(segments, _DEVIATION_MM), radius, len(closed))
-    circles = []
     for k in np.flatnonzero(is_round & is_full).tolist():
         name = closed[k].id
-        circles.append(_make_hole(centre[k], 2 * radius[k], closed[k].layer, name, name))
-    return circles
+        yield _make_hole(centre[k], 2 * radius[k], closed[k].layer, name, name)
 
 
 def select_innermost(holes: Sequence[Hole]) -> list[Hole]:
@@ -195,7 +193,7 @@ def _tabulate_holes(holes: Sequence[Hole]) -> FloatArray:
 
 
 def _find_in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
-    circles = find_circles(part)
+    circles = list(find_circles(part))
     holes = select_innermost(circles)
     pads = len(circles) - len(holes)
     others = len(part.list_worked_rows()) - len(circles)

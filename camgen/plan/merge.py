@@ -350,19 +350,12 @@ def _label_networks(vertices: _Vertices, count: int) -> IntArray:
     """(C,) the network of each contour, named by its lowest contour."""
     order = np.argsort(vertices.node, kind="stable")
     together = np.flatnonzero(np.diff(vertices.node[order]) == 0)
-    first, second = vertices.owner[order[together]], vertices.owner[order[together + 1]]
-    label = np.arange(count)
-    differs = first != second
-    first, second = first[differs], second[differs]
-    while True:
-        lowest = np.minimum(label[first], label[second])
-        updated = label.copy()
-        np.minimum.at(updated, label[first], lowest)
-        np.minimum.at(updated, label[second], lowest)
-        updated = updated[updated]
-        if (updated == label).all():
-            return label
-        label = updated
+    owner = vertices.owner[order]
+    label = list(range(count))
+    for a, b in zip(owner[together].tolist(), owner[together + 1].tolist(), strict=True):
+        low, high = sorted((find_root(label, a), find_root(label, b)))
+        label[high] = low
+    return np.array([find_root(label, k) for k in range(count)])
 
 
 def _cut(contours: list[Contour], vertices: _Vertices, chosen: IntArray, label: IntArray) -> Pieces:

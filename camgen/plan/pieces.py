@@ -186,11 +186,9 @@ def _expand(
     order = np.lexsort((part, owner))
     owner, part = owner[order], part[order]
     before = np.where(np.diff(owner, prepend=-1) > 0, 0.0, np.roll(part, 1))
-    shape, is_whole, row = (
-        make_span_chain(path.position, path.via[1:]),
-        (before == 0) & (part == 1),
-        owner + 1,
-    )
+    shape = make_span_chain(path.position, path.via[1:])
+    is_whole = (before == 0) & (part == 1)
+    row = owner + 1
     is_inside, axis = (part < 1)[:, None], path.axis
     position = np.where(is_inside, shape.point(part, owner), path.position[row])
     via = np.where(is_whole[:, None], path.via[row], shape.point((before + part) / 2, owner))

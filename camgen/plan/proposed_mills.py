@@ -269,7 +269,8 @@ def sample(segments: Segments, nesting: Nesting, rows: IntArray) -> Samples:
     step = max(_SPACING_MM, float(segments.length[chosen].sum()) / _MOST_SAMPLES)
     count = np.maximum(np.ceil(segments.length[chosen] / step), 1).astype(np.int64)
     owner = list_owners(count)
-    row, share = chosen[owner], (number_rows(count) + 0.5) / count[owner]
+    row = chosen[owner]
+    share = (number_rows(count) + 0.5) / count[owner]
     length = segments.length[row] / count[owner]
     # A disc of radius r in a corner of half angle a touches its sides r / tan(a) from the corner.
     radius = np.minimum(

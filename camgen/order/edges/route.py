@@ -117,8 +117,8 @@ def find_route(
             legs, back = _make_legs(problem, candidate, options.speeds)
             counts = count_rows([out.via for out in problem.out])
             searched = int(np.count_nonzero(counts[::2] + counts[1::2]))
-            seconds, nearest = candidate.seconds, candidate.nearest
-            return Route(legs, back, tuple(dropped), seconds, nearest, searched)
+            seconds = candidate.seconds
+            return Route(legs, back, tuple(dropped), seconds, candidate.nearest, searched)
         if one_sided := _find_one_sided(problem, lost):
             problem = _leave_by_other_end(problem, one_sided, options.speeds)
             continue
@@ -211,13 +211,10 @@ _End = tuple[PosePath, FloatArray]
 
 
 def _ends_of(motion: EdgeMotion) -> tuple[_End, _End]:
-    position, rotation, no_via = (
-        motion.pose_path.position,
-        motion.pose_path.rotation,
-        np.full((1, 3), np.nan),
-    )
-    start = PosePath(position[[0]], no_via, rotation[[0]])
-    end = PosePath(position[[-1]], no_via, rotation[[-1]])
+    path = motion.pose_path
+    no_via = np.full((1, 3), np.nan)
+    start = PosePath(path.position[[0]], no_via, path.rotation[[0]])
+    end = PosePath(path.position[[-1]], no_via, path.rotation[[-1]])
     return (start, motion.joints[0]), (end, motion.joints[-1])
 
 

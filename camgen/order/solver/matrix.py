@@ -277,9 +277,7 @@ def _find_limits(states: IntArray, rules: Rules) -> tuple[IntArray, IntArray]:
     Both are (n,), for the positions 1..n; 0 and n + 1 if no item must come before or after.
     """
     items = states[1:-1] >> 1
-    count = len(items)
-    place = np.empty(count, dtype=np.int64)
-    place[items] = np.arange(1, count + 1)
+    place = np.argsort(items) + 1
     parent, rank = rules.parent[items], rules.rank[items]
     # Ranks increase along an order that keeps the rules.
     before = np.searchsorted(rank, rank, side="left")
@@ -292,8 +290,7 @@ def _find_limits(states: IntArray, rules: Rules) -> tuple[IntArray, IntArray]:
 
 def _keeps_rules(states: IntArray, rules: Rules) -> bool:
     items = states[1:-1] >> 1
-    place = np.empty(len(items), dtype=np.int64)
-    place[items] = np.arange(len(items))
+    place = np.argsort(items)
     has_parent = rules.parent >= 0
     return bool(
         (np.diff(rules.rank[items]) >= 0).all()

@@ -119,7 +119,8 @@ def make_discs(items: Items) -> Discs:
     if len(loops):
         # A disc is not much larger than the usual room of an item.
         number, stretch = _divide_into_sections(items, loops)
-        firsts, points = find_run_starts(stretch), items.points[number]
+        firsts = find_run_starts(stretch)
+        points = items.points[number]
         low, high = np.minimum.reduceat(points, firsts), np.maximum.reduceat(points, firsts)
         middle = (low + high) / 2
         owner_of_point = list_owners(measure_runs(stretch))

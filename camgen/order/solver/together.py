@@ -112,14 +112,20 @@ def _make_tour(problem: Problem, tour: Start) -> _Tour:
     xy = np.concatenate([items.points, np.full((1, 2), np.nan) if home is None else home[None]])
     table, distance = add_home(items, xy[-1], *problem.near.table(count, WIDTH), home is None)
     order = np.concatenate([[count], tour.order, [count + 1]])
-    place = np.empty(count + 2, dtype=np.int64)
-    place[order] = np.arange(count + 2)
     leave = np.where(items.kind == CLOSED, tour.enter, sum_ends(items) - tour.enter)
     enter, leave = np.append(tour.enter, [last, last]), np.append(leave, [last, last])
     group = np.append(make_groups(items), [-1, -1])
     near, distance = np.concatenate([table, table[-1:]]), np.concatenate([distance, distance[-1:]])
     return _Tour(
-        order, place, enter, leave, xy[:, 0].copy(), xy[:, 1].copy(), group, near, distance
+        order,
+        np.argsort(order),
+        enter,
+        leave,
+        xy[:, 0].copy(),
+        xy[:, 1].copy(),
+        group,
+        near,
+        distance,
     )
 
 

@@ -114,7 +114,7 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
         pockets.walls.segments.take(pockets.walls.pocket == k) for k in range(len(pockets.names))
     ]
     linked = link_passes(regions, pocket_walls, radius + finish, stepover, channels, limit)
-    linked = _add_hops_over_channels(_sort_by_pocket(linked), regions, channels, job)
+    linked = list(_add_hops_over_channels(_sort_by_pocket(linked), regions, channels, job))
     borders = select_outermost(_leave_out(walls.regions, failed))
     slots = find_slots(walls, pockets.walls, job)
     paths = (
@@ -298,7 +298,7 @@ def _add_hops_over_channels(
     regions: Sequence[OffsetRegion],
     channels: Sequence[Sequence[Channel]],
     job: Job,
-) -> list[LinkedPasses]:
+) -> Iterator[LinkedPasses]:
     """The linked passes with hops over the area that channels clear, if the tool can lift.
 
     A ramp goes down along the first stretch of a path. This stretch has to be level, so paths that
@@ -306,19 +306,18 @@ def _add_hops_over_channels(
     """
     process, operation = job.process, job.operation
     if not (process.spindle and operation.depth) or process.stay_down:
-        return list(linked)
+        yield from linked
+        return
     cleared = {}
     for pocket_index, pocket_channels in group_channels(regions, channels).items():
         cleared[pocket_index] = make_cleared_area(pocket_channels, job.tool.radius)
     speeds = Speeds(process.feed, process.travel_speed)
-    result = []
     for passes in linked:
         lacks_helix = operation.entry == "helix" and passes.entry_radius <= 0
         if passes.pocket not in cleared or operation.entry == "ramp" or lacks_helix:
-            result.append(passes)
-            continue
-        result.append(add_hops(passes, cleared[passes.pocket], job.tool.radius, speeds))
-    return result
+            yield passes
+        else:
+            yield add_hops(passes, cleared[passes.pocket], job.tool.radius, speeds)
 
 
 def _sort_by_pocket(linked: Sequence[LinkedPasses]) -> list[LinkedPasses]:
@@ -358,12 +357,13 @@ def _make_paths(
     borders: outermost regions of the finishing passes; empty without finishing passes.
     regions: offset regions of the linked passes.
     """
-    can_finish = _can_finish_at_depth(borders, regions, job)
+    outermost = group_by_pocket(select_outermost(regions))
     drafts: list[_PathDraft] = []
     for pocket_index in range(len(pockets.names)):
         finishing: list[tuple[Segments, bool]] = []
-        for border, full_depth in zip(borders, can_finish, strict=True):
+        for border in borders:
             if border.pocket == pocket_index:
+                full_depth = _can_finish_at_depth(border, outermost[pocket_index], job)
                 finishing += [(chain, full_depth) for chain in border.passes]
         drafts += _draft_linked(pocket_index, linked, len(drafts), bool(finishing), pockets, job)
         drafts += _draft_finishing(pocket_index, finishing, len(drafts), pockets)
@@ -459,18 +459,13 @@ def _compute_feeds(
     return np.asarray(job.process.feed * np.maximum(np.where(is_inner, fraction, 1.0), SLOWEST))
 
 
-def _can_finish_at_depth(
-    borders: Sequence[OffsetRegion], regions: Sequence[OffsetRegion], job: Job
-) -> list[bool]:
-    """Whether the finishing pass of each border can run at the full depth at once.
+def _can_finish_at_depth(border: OffsetRegion, outermost: Sequence[OffsetRegion], job: Job) -> bool:
+    """Whether the finishing pass of a border can run at the full depth at once.
 
     It cannot in places too narrow for the passes before it: there it would cut a slot.
+
+    outermost: the outermost regions of the passes before it.
     """
     max_width = max(job.operation.finish, job.operation.stepover * job.tool.diameter)
-    result = []
-    outermost = group_by_pocket(select_outermost(regions))
-    for border in borders:
-        rough = unite_regions(outermost[border.pocket])
-        reached = rough.buffer(max_width + CHORD_MM, quad_segs=QUARTER_CHORDS)
-        result.append(bool(border.polygon.difference(reached).is_empty))
-    return result
+    reached = unite_regions(outermost).buffer(max_width + CHORD_MM, quad_segs=QUARTER_CHORDS)
+    return bool(border.polygon.difference(reached).is_empty)

@@ -210,8 +210,9 @@ def _find_unclear(
 
 def _note_not_cleared(contours: Sequence[Contour], problem: str, why: str) -> Iterator[Note]:
     if contours:
-        ids, layers = list_ids(contours), set(list_layers(contours))
-        yield Note("skipped", format_not_cleared(ids, layers, problem), why, ids)
+        ids = list_ids(contours)
+        what = format_not_cleared(ids, set(list_layers(contours)), problem)
+        yield Note("skipped", what, why, ids)
 
 
 def format_not_cleared(names: Sequence[str], layers: set[str], problem: str) -> str:

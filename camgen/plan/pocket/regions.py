@@ -192,13 +192,12 @@ def _append_regions(
     candidates: dict[int, list[int]] = {}
     for k in outside:
         candidates.setdefault(regions[k].pocket, []).append(k)
-    indices = []
+    first = len(regions)
     for region in added:
         parents = candidates.get(region.pocket, [])
         parent = _find_enclosing(region, take_rows(regions, parents))
-        indices.append(len(regions))
         regions.append(replace(region, parent=parents[parent] if parent >= 0 else -1))
-    return indices
+    return list(range(first, len(regions)))
 
 
 def _find_enclosing(region: OffsetRegion, candidates: Sequence[OffsetRegion]) -> int:
