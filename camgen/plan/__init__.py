@@ -384,24 +384,20 @@ def find_part_kind(part: Part) -> Kind:
 
 
 def _make_kind_error(kind: Kind, name: str, part: Part) -> JobError:
-    what = f'"{name}" is not for a {kind}'
-    if name == "replay":
-        what = f'"replay" is for G-code, {part.source} is not G-code'
-    faults = {
-        "program": (
-            f"G-code is replayed, it cannot be used to {name}",
-            'set operation.kind to "replay" or leave it out',
-        ),
-        "solid": (
-            f'"{name}" is for flat parts, this is a 3-D part',
-            'set operation.kind to "edges"',
-        ),
-        "curves": (
-            f'"{name}" is for flat parts, these are curves in space',
-            'set operation.kind to "trace"',
-        ),
-    }
-    what, remedy = faults.get(kind, (what, "leave it out"))
+    remedy = "leave it out"
+    if kind == "program":
+        what = f"G-code is replayed, it cannot be used to {name}"
+        remedy = 'set operation.kind to "replay" or leave it out'
+    elif kind == "solid":
+        what = f'"{name}" is for flat parts, this is a 3-D part'
+        remedy = 'set operation.kind to "edges"'
+    elif kind == "curves":
+        what = f'"{name}" is for flat parts, these are curves in space'
+        remedy = 'set operation.kind to "trace"'
+    else:
+        is_replay = name == "replay"
+        suited = f"G-code, {part.source} is not G-code"
+        what = f'"replay" is for {suited}' if is_replay else f'"{name}" is not for a {kind}'
     return JobError("job", what, "operation.kind", remedy)
 
 
