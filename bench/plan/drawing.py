@@ -17,8 +17,9 @@ import shapely
 from bench.support.runner import SHARED, Cells, Scenario, find_files, read_words, run
 from bench.support.timing import timed
 from camgen.geometry.segments import flatten, make_contour_segments
+from camgen.model.job import TourTable
 from camgen.model.part import Contour, Part
-from camgen.order.arrange import TourSettings, measure_travel, order_paths
+from camgen.order.arrange import measure_travel, order_paths
 from camgen.plan.page import place_on_page
 from camgen.plan.simplify import simplify
 from camgen.plan.trace import trace
@@ -62,7 +63,7 @@ def measure(path: Path) -> Iterator[Cells]:
     paths = trace(drawn, JOB)
     travel = []
     for method in METHODS:
-        tour = order_paths(paths, TourSettings(method, (0.0, 0.0), False))
+        tour = order_paths(paths, TourTable(method), (0.0, 0.0), False)
         travel.append(measure_travel(tour.paths, (0.0, 0.0)) / 1000)
     distance = measure_distance(raw, drawn, px / 4) / px
     yield path.name, len(paths), before, after, arcs, distance, *travel, seconds

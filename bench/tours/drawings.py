@@ -33,9 +33,9 @@ CHAINS, LINKS = 100_000, 9
 
 def million(chains: int) -> None:
     """Loose segments in no order, some drawn twice, joined to chains and ordered."""
-    from camgen.model.job import Job, OperationTable  # noqa: PLC0415
+    from camgen.model.job import Job, OperationTable, TourTable  # noqa: PLC0415
     from camgen.model.part import Part  # noqa: PLC0415
-    from camgen.order.arrange import TourSettings, order_paths  # noqa: PLC0415
+    from camgen.order.arrange import order_paths  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read.join import make_contours  # noqa: PLC0415
 
@@ -49,9 +49,7 @@ def million(chains: int) -> None:
 
     (joined, notes), joining = timed(lambda: make_contours(soup, job.input.join))
     (paths, merged), planning = timed(lambda: plan(joined))
-    tour, ordering = timed(
-        lambda: order_paths(paths, TourSettings("best", None, inside_first=True))
-    )
+    tour, ordering = timed(lambda: order_paths(paths, TourTable("best"), None, True))
     seconds = joining, planning, ordering, joining + planning + ordering
     remarks = "; ".join(note.what for note in (*notes, *merged))
     table = Table(
@@ -87,8 +85,8 @@ def measure(file: Path, tool: str | None) -> list[object] | None:
     from bench.tours.scenes import write_svg  # noqa: PLC0415
     from bench.tours.search import measure_svg  # noqa: PLC0415
     from camgen.model.errors import CamgenError  # noqa: PLC0415
-    from camgen.model.job import Job, OperationTable  # noqa: PLC0415
-    from camgen.order.arrange import TourSettings, measure_travel, order_paths  # noqa: PLC0415
+    from camgen.model.job import Job, OperationTable, TourTable  # noqa: PLC0415
+    from camgen.order.arrange import measure_travel, order_paths  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read import read  # noqa: PLC0415
 
@@ -100,10 +98,10 @@ def measure(file: Path, tool: str | None) -> list[object] | None:
     if len(part.contours) < 5:
         return None
     paths, merged = trace(part, job), trace(with_few_lifts(part, job)[0], job)
-    best = TourSettings("best", None, inside_first=False)
-    longer = TourSettings("best", None, inside_first=False, seconds=1.0)
-    travel = [measure_travel(paths, None), order_paths(paths, best).travel]
-    travel.append(order_paths(merged, longer).travel)
+    best = TourTable("best")
+    longer = TourTable("best", seconds=1.0)
+    travel = [measure_travel(paths, None), order_paths(paths, best, None, False).travel]
+    travel.append(order_paths(merged, longer, None, False).travel)
     if tool:
         with tempfile.TemporaryDirectory() as folder:
             scene, result = Path(folder) / "scene.svg", Path(folder) / "result.svg"
@@ -113,7 +111,7 @@ def measure(file: Path, tool: str | None) -> list[object] | None:
                 measure_process([*sort, "write", str(result)])
                 # vpype writes px of 1/96 inch as it read them.
                 travel.append(measure_svg(result))
-    return [file.name, len(paths), *travel, order_paths(merged, best).bound]
+    return [file.name, len(paths), *travel, order_paths(merged, best, None, False).bound]
 
 
 def main(folders: list[str]) -> None:

@@ -56,19 +56,20 @@ class Row(NamedTuple):
 def order_scene(count: int, method: str, seconds: float, is_plain: bool) -> None:
     """Prints travel, seconds and processor seconds of an order, and its bound."""
     from bench.tours.scenes import draw_paths  # noqa: PLC0415 (the parent does not hold numpy)
+    from camgen.model.job import TourTable  # noqa: PLC0415
     from camgen.order import search  # noqa: PLC0415
-    from camgen.order.arrange import TourSettings, order_paths  # noqa: PLC0415
+    from camgen.order.arrange import order_paths  # noqa: PLC0415
     from camgen.order.solver import speed  # noqa: PLC0415
 
-    settings = TourSettings("best", None, inside_first=False, seconds=0.3)
+    settings = TourTable("best", seconds=0.3)
     if is_plain:
         speed.available = search.available = lambda: False
     elif speed.available():
-        order_paths(draw_paths(50), settings)  # loads compiled code
+        order_paths(draw_paths(50), settings, None, inside_first=False)  # loads compiled code
     paths = draw_paths(count)
-    settings = TourSettings(method, None, inside_first=False, seconds=seconds)
+    settings = TourTable(method, seconds=seconds)
     start, worked = time.perf_counter(), time.process_time()
-    tour = order_paths(paths, settings)
+    tour = order_paths(paths, settings, None, inside_first=False)
     print(tour.travel, time.perf_counter() - start, time.process_time() - worked, tour.bound)
 
 

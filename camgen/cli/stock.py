@@ -37,7 +37,7 @@ from camgen.model.text import counted, join_short, short
 from camgen.motion.corners import compute_corner_tolerance
 from camgen.pipeline.stock import REMEDY_FOR_PIECES
 from camgen.plan.page import place_on_page
-from camgen.plan.steps import make_step_job, make_step_jobs, name_drills, split_part
+from camgen.plan.steps import make_step_jobs, name_drills, split_part
 
 #: mm: a smaller depth does not count.
 _NO_BITE_MM = 0.0001
@@ -87,8 +87,9 @@ def check_stock(
         )
     columns = Columns(proven.executed.body)
     if job.operations:
-        shares, _ = split_part(part, job)
-        tasks = [make_task(part, make_step_job(job, share.step), share.part) for share in shares]
+        step_parts, _ = split_part(part, job)
+        pairs = zip(make_step_jobs(job), step_parts, strict=True)
+        tasks = [make_task(part, step_job, step_part) for step_job, step_part in pairs]
     else:
         tasks = [_task(part, job, columns)]
     cuts = _list_cuts(program, proven.executed, columns, job)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
@@ -78,9 +78,9 @@ def may_link_by_joints(job: Job) -> bool:
     """Whether an arm may link paths by joint motions, in at least one operation of the job."""
     jobs = [job]
     if job.operations:
-        from camgen.plan.steps import make_step_job  # noqa: PLC0415 (shapely: only for operations)
+        from camgen.plan.steps import make_step_jobs  # noqa: PLC0415 (shapely: only for operations)
 
-        jobs = [make_step_job(job, step) for step in job.operations]
+        jobs = make_step_jobs(job)
     return any(_may_lift_freely(job_of_step) for job_of_step in jobs)
 
 
@@ -100,10 +100,10 @@ def _order_steps(
     from camgen.plan.steps import make_step_job  # noqa: PLC0415 (shapely: only where needed)
 
     watch("ordering")
-    tours = [
-        _order_paths(step_plan, make_step_job(job, step), cell, watch, joint_links)
-        for step_plan, step in zip(plan.plans, plan.steps, strict=True)
-    ]
+    jobs = [make_step_job(job, step) for step in plan.steps]
+    tours = []
+    for step_plan, step_job in zip(plan.plans, jobs, strict=True):
+        tours.append(_order_paths(step_plan, step_job, cell, watch, joint_links))
     paths: list[ToolPath] = []
     down: list[int] = []
     for tour in tours:
@@ -122,26 +122,24 @@ def _order_steps(
         steps=plan.steps,
         numbers=plan.numbers,
         tours=tuple(tours),
-        links=_link_steps(plan, tours, job),
+        links=_link_steps(plan, tours, jobs),
     )
 
 
-def _link_steps(plan: JobPlan, tours: Sequence[Tour], job: Job) -> tuple[FloatArray | None, ...]:
+def _link_steps(
+    plan: JobPlan, tours: Sequence[Tour], jobs: Sequence[Job]
+) -> tuple[FloatArray | None, ...]:
     """The links at working height from operation to operation, see `JobTour`."""
     from camgen.order.stay_down import lead_beside  # noqa: PLC0415
-    from camgen.plan.steps import make_step_job  # noqa: PLC0415 (shapely: only where needed)
 
     links: list[FloatArray | None] = [None] * len(tours)
-    for number in range(1, len(tours)):
+    for number, (before, job) in enumerate(pairwise(jobs), 1):
         pair = tours[number - 1 : number + 1]
-        before, step = plan.steps[number - 1 : number + 1]
-        same = before.tool == step.tool and before.process.spindle == step.process.spindle
+        same = before.tool == job.tool and before.process.spindle == job.process.spindle
         # The joints of an arm lead from above a path to above the next one.
         if same and all(tour.paths and not isinstance(tour, ArmTour) for tour in pair):
             left, met = pair[0].paths[-1], pair[1].paths[0]
-            links[number] = lead_beside(
-                left, met, plan.plans[number].part, make_step_job(job, step)
-            )
+            links[number] = lead_beside(left, met, plan.plans[number].part, job)
     return tuple(links)
 
 
@@ -176,11 +174,7 @@ def make_changed_paths_error() -> JobError:
 
 def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, joint_links: bool) -> Tour:
     """The paths of a flat part with their leads, tabs and, for an arm, rolls."""
-    from camgen.order.arrange import (  # noqa: PLC0415 (5 ms)
-        TourSettings,
-        measure_travel,
-        order_paths,
-    )
+    from camgen.order.arrange import measure_travel, order_paths  # noqa: PLC0415 (5 ms)
     from camgen.order.leads import add_leads  # noqa: PLC0415 (shapely: only for flat parts)
     from camgen.order.stay_down import stay_down  # noqa: PLC0415
     from camgen.order.tabs import add_tabs  # noqa: PLC0415 (only for what needs it)
@@ -191,17 +185,8 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, joint_li
     def report(fraction: float) -> None:
         watch(f"ordering {fraction:.0%}, Ctrl-C {MAY_END}")
 
-    settings = TourSettings(
-        choice.method,
-        start,
-        operation.inside_first,
-        choice.seconds,
-        choice.seed,
-        choice.layers,
-        choice.seam,
-        choice.order,
-    )
-    tour = order_paths(plan.paths, settings, None if watch is ignore_stages else report)
+    on_progress = None if watch is ignore_stages else report
+    tour = order_paths(plan.paths, choice, start, operation.inside_first, on_progress)
     arm = None
     # The travel of a machine whose home is a pose is that of the plane already.
     if isinstance(cell, Workcell) and cell.arm is not None and start is None and plan.paths:
@@ -233,25 +218,22 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, joint_li
     return replace(tour, travel=measure_travel(tour.paths, start))
 
 
-def _note_end(tour: Tour, seconds: float) -> list[Note]:
-    notes = []
+def _note_end(tour: Tour, seconds: float) -> Iterator[Note]:
     if tour.stopped:
         why = (
             "the best tour so far is used; without the interrupt the same job may give another one"
         )
-        notes.append(Note("warning", "the search for a short tour was stopped", why))
+        yield Note("warning", "the search for a short tour was stopped", why)
     if tour.timed:
         what = f"the search for a short tour was ended by the clock, tour.seconds = {seconds:g}"
         why = "the order may differ from run to run; without tour.seconds it does not"
-        notes.append(Note("assumed", what, why))
-    return notes
+        yield Note("assumed", what, why)
 
 
 def _rules(plan: Plan, tour: Tour, job: Job) -> Rules:
     from camgen.order.arrange import make_rules  # noqa: PLC0415 (5 ms, which edges do not need)
 
-    inside_first, settings = job.operation.inside_first, job.tour
-    return make_rules(plan.paths, tour.paths, inside_first, settings.layers, settings.order)
+    return make_rules(plan.paths, tour.paths, job.tour, job.operation.inside_first)
 
 
 def _order_on_arm(

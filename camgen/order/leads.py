@@ -8,7 +8,7 @@ with a note.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import Any
 
@@ -22,7 +22,7 @@ from camgen.geometry.fixtures import Fixtures
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import make_contour_segments
 from camgen.model.job import Job
-from camgen.model.part import Note, Part
+from camgen.model.part import Note, Part, list_ids
 from camgen.model.path import ToolPath, join_paths, make_waypoints
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, name_first
@@ -76,18 +76,18 @@ def add_leads(
     all_bodies = "the part and the fixtures" if fixtures else "the part"
     near = f"the part{', a fixture' if fixtures else ''} or a neighbour is too near"
     nowhere = f"there is no place where it would keep clear of {all_bodies}"
-    notes = []
-    if short:
-        notes.append(_note_leads(short, "with a shorter lead", near))
-    if without:
-        notes.append(_note_leads(without, "without a lead", nowhere))
+    notes = [
+        *_note_leads(short, "with a shorter lead", near),
+        *_note_leads(without, "without a lead", nowhere),
+    ]
     return result, notes
 
 
-def _note_leads(paths: Sequence[ToolPath], how: str, why: str) -> Note:
-    ids = tuple(chain.from_iterable(path.contours for path in paths))
-    names = name_first([path.id for path in paths])
-    return Note("warning", f"{counted(len(paths), 'path')} {how}: {names}", why, ids, lacks="leads")
+def _note_leads(paths: Sequence[ToolPath], how: str, why: str) -> Iterator[Note]:
+    if paths:
+        ids = tuple(chain.from_iterable(path.contours for path in paths))
+        what = f"{counted(len(paths), 'path')} {how}: {name_first(list_ids(paths))}"
+        yield Note("warning", what, why, ids, lacks="leads")
 
 
 def _with_leads(
@@ -107,21 +107,13 @@ def _with_leads(
                 for length, side in ends
             ]
             if all(
-                lead is None
-                or (
-                    _is_clear(lead, obstacles, job.tool.diameter / 2) and _is_outside(lead, blocked)
-                )
+                lead is None or _is_clear(lead, obstacles, job.tool.diameter / 2, blocked)
                 for lead in leads
             ):
                 before, after = ([] if lead is None else [lead.path] for lead in leads)
                 pieces = [*before, overlapped, *after]
                 return (join_paths(pieces) if len(pieces) > 1 else overlapped), scale
     return _add_overlap(path, operation.overlap), 0.0
-
-
-def _is_outside(lead: _Lead, blocked: Any) -> bool:
-    """Whether a lead keeps out of an area."""
-    return not shapely.contains_xy(blocked, lead.samples).any()
 
 
 def _list_starts(path: ToolPath) -> list[ToolPath]:
@@ -192,7 +184,8 @@ def _travel_sign(path: ToolPath) -> float:
     return float(np.sign(np.cross(path.force_direction[1, 0], path.axis[0]) @ ahead))
 
 
-def _is_clear(lead: _Lead, obstacles: Obstacles, radius: float) -> bool:
-    """Whether the tool keeps its radius from all drawn contours along the lead."""
+def _is_clear(lead: _Lead, obstacles: Obstacles, radius: float, blocked: Any) -> bool:
+    """Whether the tool keeps its radius from all drawn contours, and its axis out of `blocked`."""
     gap = obstacles.nearest(lead.samples, np.zeros(len(lead.samples), dtype=np.int64), radius)
-    return bool((gap >= radius - CLEARANCE_SLACK_MM).all())
+    is_clear = (gap >= radius - CLEARANCE_SLACK_MM) & ~shapely.contains_xy(blocked, lead.samples)
+    return bool(is_clear.all())

@@ -26,9 +26,9 @@ from camgen.order.search import (
     Sampled,
     compute_ends,
     compute_points,
+    make_choices,
     measure_sections,
     measure_starts,
-    place_starts,
     polish_starts,
 )
 from camgen.order.solver.exact import StepCosts, find_best_through, find_steps, list_first_sets
@@ -164,7 +164,8 @@ def improve_few(
         bound = min(bounds)
     # Rounding of the sums must not lift the bound above the best tour.
     bound = max(0.0, min(bound, best.length) * (1 - 1e-12) - 1e-9)
-    return start if best is first else _make_choices(known, best), bound
+    choices = make_choices(known, best.order, best.along, _find_loops(known))
+    return start if best is first else choices, bound
 
 
 def _narrow(
@@ -268,8 +269,7 @@ def _find_precedence(known: Sampled, order: IntArray) -> list[int]:
 
 def _make_first_sections(known: Sampled) -> _Sections:
     loop = _find_loops(known)
-    directions = np.where(known.items.kind == BOTH_WAYS, 2, 1)
-    count = np.where(loop, _FIRST_SECTIONS, directions)
+    count = np.where(loop, _FIRST_SECTIONS, np.where(known.items.kind == BOTH_WAYS, 2, 1))
     item, number = list_owners(count), number_rows(count)
     size = np.where(loop, known.whole / _FIRST_SECTIONS, 0.0)[item]
     return _Sections(item, np.where(loop[item], number * size, number), size)
@@ -410,11 +410,3 @@ def _polish_tour(
         length = polish_starts(known, Start(order, enter), home, length)
     along = np.where(loop, length, along)
     return _Tour(order, along, _measure_travel(known, order, along, home))
-
-
-def _make_choices(known: Sampled, tour: _Tour) -> Choices:
-    loop, along = _find_loops(known), tour.along
-    row, fraction = place_starts(known, np.where(loop, along, 0.0))
-    last = known.where.row[known.where.first[1:] - 1]
-    row = np.where(loop, row, np.where(along > 0, last, 0))
-    return Choices(tour.order.tolist(), row.tolist(), np.where(loop, fraction, 0.0).tolist())

@@ -11,7 +11,7 @@ from msgspec import Struct
 from camgen.geometry.nearest import find_nearest_items
 from camgen.geometry.ragged import compute_offsets, count_rows, list_owners, number_rows
 from camgen.geometry.vectors import measure_plane_lengths
-from camgen.model.part import IntArray
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -263,14 +263,8 @@ def search_tour(
     tour = shorten_tour(problem, start, budget, seed, on_progress, clock) if budget else start
     closed = items.kind == CLOSED
     number = tour.enter - items.first[:-1]
-    length = np.where(closed, number * known.step, 0.0)
-    length = polish_starts(known, tour, point, length)
-    row, fraction = place_starts(known, length)
-    reversed_open = ~closed & (number > 0)
-    last_row = known.where.row[known.where.first[1:] - 1]
-    row = np.where(closed, row, np.where(reversed_open, last_row, 0))
-    fraction = np.where(closed, fraction, 0.0)
-    return Choices(tour.order.tolist(), row.tolist(), fraction.tolist(), tour.end)
+    length = polish_starts(known, tour, point, np.where(closed, number * known.step, 0.0))
+    return make_choices(known, tour.order, np.where(closed, length, number), closed, tour.end)
 
 
 def _measure_travel(items: Items, tour: Start, home: FloatArray | None) -> float:
@@ -371,16 +365,25 @@ def compute_ends(known: Sampled, along: FloatArray) -> tuple[FloatArray, FloatAr
     return enter, leave
 
 
-def place_starts(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Row and fraction of the point at a position along each path, mm.
+def make_choices(
+    known: Sampled, order: IntArray, along: FloatArray, closed: BoolArray, end: int = DONE
+) -> Choices:
+    """The choices of a tour.
 
     No piece shorter than SEAM is cut off a segment.
+
+    along: (N,) position at which each closed path begins, mm; above 0 for a reversed open path.
+    closed: (N,) paths that may begin at any position.
     """
-    number, rest = _locate(known, np.arange(len(known.items.kind)), length)
-    whole = known.where.shape.length[number]
+    where = known.where
+    number, rest = _locate(known, np.arange(len(closed)), np.where(closed, along, 0.0))
+    whole = where.shape.length[number]
     part = np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0)
     part = np.where(np.minimum(rest, whole - rest) < SEAM, np.round(part), part)
-    return known.where.row[number], known.where.low[number] + part * known.where.span[number]
+    fraction = np.where(closed, where.low[number] + part * where.span[number], 0.0)
+    row_of_open = np.where(along > 0, where.row[where.first[1:] - 1], 0)
+    row = np.where(closed, where.row[number], row_of_open)
+    return Choices(order.tolist(), row.tolist(), fraction.tolist(), end)
 
 
 def polish_starts(
@@ -392,8 +395,6 @@ def polish_starts(
     """
     items, order = known.items, tour.order
     count = len(order)
-    if count == 0:
-        return length
     enter = items.points[tour.enter]
     leave = items.points[sum_ends(items) - tour.enter]
     closed = (items.kind == CLOSED) & (np.diff(items.first) > 1)

@@ -55,7 +55,7 @@ class Starts(Struct, frozen=True, eq=False):
         path = self.path[number]
         return int(self.first[path] + self.first[path + 1]) - 1 - number
 
-    def leftmost(self, allowed: Sequence[bool]) -> tuple[int, float, float]:
+    def leftmost(self, allowed: BoolArray) -> tuple[int, float, float]:
         """The leftmost start of the allowed paths, the first of equal ones, with its point x, y.
 
         Its index is -1 if no path is allowed.
@@ -67,7 +67,7 @@ class Starts(Struct, frozen=True, eq=False):
         radius = shape.radius[has_left_point]
         centre = shape.via[has_left_point] - radius[:, None] * shape.towards[has_left_point]
         x[has_left_point], y[has_left_point] = centre[:, 0] - radius, centre[:, 1]
-        is_allowed = np.array(allowed)[self.path]
+        is_allowed = allowed[self.path]
         number = int(np.argmin(np.where(is_allowed, x, np.inf)))
         return number if is_allowed[number] else -1, float(x[number]), float(y[number])
 

@@ -40,20 +40,19 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     if not job.process.stay_down or len(tour.paths) < 2:
         return tour, ()
     level = np.flatnonzero(_are_level(tour.paths, job))
-    if not _are_boxes(job):
-        level = level[:0]
-    begins, ends = find_ends(tour.paths)
-    low = np.array([_get_end_height(path) for path in tour.paths[:-1]])
-    links = make_segments(ends[level], begins[level + 1], np.zeros(len(level)), level)
-    down = frozenset((level[_are_clear(links, low[level], part, job)] + 1).tolist())
     why = (
         "these links keep the tool's radius from all drawn contours and from fixtures; "
         "the stock is unknown"
     )
     if not _are_boxes(job):
+        level = level[:0]
         why = (
             "only fixtures that are boxes are tested here, so every link is lifted over the others"
         )
+    begins, ends = find_ends(tour.paths)
+    low = np.array([_get_end_height(path) for path in tour.paths[:-1]])
+    links = make_segments(ends[level], begins[level + 1], np.zeros(len(level)), level)
+    down = frozenset((level[_are_clear(links, low[level], part, job)] + 1).tolist())
     what = f"lifts saved: {len(down)} of {len(tour.paths) - 1}"
     return replace(tour, down=down), (Note("assumed" if down else "warning", what, why),)
 
@@ -67,9 +66,10 @@ def lead_beside(before: ToolPath, path: ToolPath, part: Part, job: Job) -> Float
 
     job: settings of the operation of `path`.
     """
-    if not (job.process.stay_down and job.operation.entry == "plunge" and _are_boxes(job)):
-        return None
-    if not _are_level([before, path], job).all():
+    if (
+        not (job.process.stay_down and job.operation.entry == "plunge" and _are_boxes(job))
+        or not _are_level([before, path], job).all()
+    ):
         return None
     left, met = before.position[-1], path.position[0]
     out = left - BESIDE_WORKED_MM * before.force_direction[-1, 1]

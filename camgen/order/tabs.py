@@ -15,11 +15,12 @@ tool only rolls about a point.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain as join
 from typing import Any
 
 import numpy as np
+import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
@@ -27,9 +28,8 @@ from numpy.typing import NDArray
 from camgen.geometry.arcs import make_span_chain
 from camgen.geometry.segments import flatten
 from camgen.geometry.vectors import cross, measure_angles, multiply_rows
-from camgen.model.errors import JobError
 from camgen.model.job import Job
-from camgen.model.part import Note
+from camgen.model.part import Note, list_ids
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, name_first, short
@@ -44,6 +44,7 @@ from camgen.plan.pieces import (
     shortest,
     split_at,
 )
+from camgen.plan.unused import check_rules
 
 #: rad: change of the tangent from which a vertex is a corner. Curves that were drawn as many lines
 #: change by less.
@@ -149,7 +150,7 @@ def add_tabs(
         if len(places) < wanted:
             without += group
     pieces = [path for path in planned if path.operation == "follow" and not path.closed]
-    return result, _note_tabs(held, middles, near_corners, without, pieces, job)
+    return result, list(_note_tabs(held, middles, near_corners, without, pieces, job))
 
 
 def _find_nearest_places(loop: _Loop, points: Sequence[FloatArray]) -> list[float]:
@@ -187,19 +188,32 @@ def _compute_size(job: Job, chord_fraction: float) -> _Tab:
 
 def _check_settings(job: Job) -> None:
     operation, kind = job.operation, job.tool.kind
-    if operation.tabs and operation.tab_spacing:
-        what = "both their number and their spacing are given"
-        raise JobError("job", what, "operation.tab_spacing", "leave out one of the two")
-    if operation.tab_height >= operation.depth:
-        height, depth = short(operation.tab_height, 3), short(operation.depth, 3)
-        what = f"tabs of {height} mm in a depth of {depth} mm"
-        remedy = "set operation.depth to the thickness that is cut through"
-        if operation.depth:
-            remedy = "make it less than operation.depth"
-        raise JobError("job", what, "operation.tab_height", remedy)
-    if kind in ("laser", "plasma"):
-        what = f"a {kind} cuts through tabs at any height of its head"
-        raise JobError("job", what, "operation.tabs", "leave them out")
+    height, depth = short(operation.tab_height, 3), short(operation.depth, 3)
+    remedy = "set operation.depth to the thickness that is cut through"
+    if operation.depth:
+        remedy = "make it less than operation.depth"
+    check_rules(
+        [
+            (
+                operation.tabs > 0 and operation.tab_spacing is not None,
+                "both their number and their spacing are given",
+                "operation.tab_spacing",
+                "leave out one of the two",
+            ),
+            (
+                operation.tab_height >= operation.depth,
+                f"tabs of {height} mm in a depth of {depth} mm",
+                "operation.tab_height",
+                remedy,
+            ),
+            (
+                kind in ("laser", "plasma"),
+                f"a {kind} cuts through tabs at any height of its head",
+                "operation.tabs",
+                "leave them out",
+            ),
+        ]
+    )
 
 
 def _choose_paths(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]:
@@ -216,15 +230,11 @@ def _choose_paths(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]
 
 
 def _leaves_slug(path: ToolPath, job: Job) -> bool:
-    import shapely  # noqa: PLC0415 (only for what needs it)
-
     slug = shapely.buffer(_make_polygon(path), -job.tool.radius)
     return bool(shapely.area(shapely.get_parts(slug)).max(initial=0.0) >= job.tool.chip_area)
 
 
 def _make_polygon(path: ToolPath) -> Any:
-    import shapely  # noqa: PLC0415 (only for what needs it)
-
     points = flatten(make_path_segments((path,)), _CHORD_MM)[0]
     return shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
 
@@ -233,8 +243,6 @@ def _find_around(
     planned: Sequence[ToolPath], outer: Sequence[int], holes: Sequence[int]
 ) -> dict[int, list[int]]:
     """The paths around parts within each of the paths in holes."""
-    import shapely  # noqa: PLC0415 (only for what needs it)
-
     rooms = np.array([_make_polygon(planned[k]) for k in holes], dtype=object)
     starts = shapely.points([planned[k].position[0, :2] for k in outer])
     start, room = shapely.STRtree(rooms).query(starts, predicate="within")
@@ -308,8 +316,6 @@ def _find_crowded(
 
     That is another path, or the loop itself on the other side of a narrow place.
     """
-    import shapely  # noqa: PLC0415 (only for what needs it)
-
     members = {loop.number for loop in group}
     others = [_make_line(path) for k, path in enumerate(planned) if k not in members]
     lines = np.array(others, dtype=object)
@@ -331,8 +337,6 @@ def _are_narrow(points: FloatArray, places: FloatArray, distance: float) -> NDAr
     places: (P,) their positions along the loop, mm, the last one once around.
     distance: distance below which two points are near, mm.
     """
-    import shapely  # noqa: PLC0415 (only for what needs it)
-
     close = np.zeros(len(places), np.bool_)
     # Maximum length of a section that only rounds a corner.
     corner = math.pi * distance
@@ -352,8 +356,6 @@ def _list_near_points(
     The loop is compared in pieces as long as the distance. On a line, pieces within the distance of
     each other are neighbours, which are too near to each other along the loop.
     """
-    import shapely  # noqa: PLC0415 (only for what needs it)
-
     piece = np.arange(len(places)) // max(1, int(distance / float(places[1])))
     first = np.flatnonzero(np.diff(piece, prepend=-1))
     last = np.append(first[1:], len(piece)) - 1
@@ -373,8 +375,6 @@ def _measure_along(lengths: FloatArray, once: float) -> FloatArray:
 
 
 def _make_line(path: ToolPath) -> Any:
-    import shapely  # noqa: PLC0415 (only for what needs it)
-
     last = path.position[-1:, :2]
     if len(path.position) == 1:
         return shapely.Point(last[0])
@@ -435,10 +435,8 @@ def _find_nearest_place(ideal: float, closed: FloatArray, length: float) -> floa
 def _select_open(places: FloatArray, closed: FloatArray) -> FloatArray:
     """The positions that are in none of the sections (S, 2)."""
     low, high = closed.T
-    is_after, is_before = (
-        places[:, None] > low + SAME_POINT_MM,
-        places[:, None] < high - SAME_POINT_MM,
-    )
+    is_after = places[:, None] > low + SAME_POINT_MM
+    is_before = places[:, None] < high - SAME_POINT_MM
     return np.asarray(places[~(is_after & is_before).any(axis=1)])
 
 
@@ -466,8 +464,7 @@ def _raise_floor(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) 
     if not places:
         return loop.path
     middles = loop.begin + np.array(places)
-    ends = np.array([-tab.rise, -tab.top, tab.top, tab.fall])
-    positions = (middles[:, None] + ends).ravel()
+    positions = (middles[:, None] + np.array([-tab.rise, -tab.top, tab.top, tab.fall])).ravel()
     low, high = -tab.depth, tab.height - tab.depth
     split = split_at(loop.path, positions)
     heights = np.tile([low, high, high, low], len(places))
@@ -485,20 +482,19 @@ def _note_tabs(
     without: Sequence[_Loop],
     pieces: Sequence[ToolPath],
     job: Job,
-) -> list[Note]:
+) -> Iterator[Note]:
     """Notes on the tabs: their number, size and positions, and the paths with fewer or none."""
-    size = f"{short(job.operation.tab_width, 3)} x {short(job.operation.tab_height, 3)} mm"
-    notes = []
     if held:
+        size = f"{short(job.operation.tab_width, 3)} x {short(job.operation.tab_height, 3)} mm"
         what = f"{counted(len(middles), 'tab')} of {size} on {name_first(held)}"
         why = "they hold the part; cut them when it is out"
-        notes.append(Note("assumed", what, why, places=tuple(middles)))
+        yield Note("assumed", what, why, places=tuple(middles))
     elif not without:
         why = "only a path all around a part, or a slug larger than a chip, has them"
-        notes.append(Note("warning", "no tabs: no path cuts anything out", why))
+        yield Note("warning", "no tabs: no path cuts anything out", why)
     if near_corners:
         why = "no place is as far from all corners as the tool's radius and half the tab's width"
-        notes.append(Note("warning", f"tabs near corners on {name_first(near_corners)}", why))
+        yield Note("warning", f"tabs near corners on {name_first(near_corners)}", why)
     if without:
         why = (
             "there is no room for more beside the seam, its leads and each other; "
@@ -506,10 +502,9 @@ def _note_tabs(
         )
         what = f"fewer tabs than requested on {name_first([loop.path.id for loop in without])}"
         ids = tuple(join.from_iterable(loop.path.contours for loop in without))
-        notes.append(Note("warning", what, why, ids, lacks="tabs"))
+        yield Note("warning", what, why, ids, lacks="tabs")
     if pieces and (held or without):
         why = "only a closed path has tabs; a piece that other paths cut free comes loose"
-        what = f"no tabs on {name_first([path.id for path in pieces])}"
+        what = f"no tabs on {name_first(list_ids(pieces))}"
         ids = tuple(join.from_iterable(path.contours for path in pieces))
-        notes.append(Note("warning", what, why, ids, lacks="tabs"))
-    return notes
+        yield Note("warning", what, why, ids, lacks="tabs")

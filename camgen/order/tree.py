@@ -48,10 +48,8 @@ class StartTree:
         order = np.argsort(_order_along_curve((low + high) / 2), kind="stable")
         self.items = _make_items(where.shape)
         self.leaves = -(-len(number) // _FAN)
-        place = np.empty(len(number), dtype=np.int64)
-        place[order] = np.arange(len(number)) // _FAN
         counts = np.bincount(number, minlength=len(self.items))
-        self.leaf_of: list[int] = place.tolist()
+        self.leaf_of: list[int] = (np.argsort(order) // _FAN).tolist()
         self.piece_of: list[int] = compute_offsets(counts).tolist()
         self.start_of: list[int] = where.first.tolist()
         sorted_items = take_rows(self.items, number[order].tolist())

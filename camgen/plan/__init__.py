@@ -6,7 +6,7 @@ other packages alike (docs/writing-an-operation.md).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 import msgspec
@@ -238,33 +238,30 @@ def _split_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
 
 def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPlan:
     from camgen.plan.steps import (  # noqa: PLC0415 (shapely is loaded only by what needs it)
-        find_enclosed_by,
+        find_enclosed,
         make_step_job,
         order_steps,
         split_part,
     )
 
-    shares, unused_notes = split_part(part, job)
+    step_parts, unused_notes = split_part(part, job)
     notes = [*part.notes, *unused_notes]
     has_rest = any(step.operation.rest for step in job.operations)
     plans = []
     earlier: list[tuple[frozenset[str], list[EarlierRun]]] = []
-    for share in shares:
-        number, kind = share.number, share.step.operation.kind
-        share_part = share.part
-        worked = share_part.worked
-        works_on_all = worked is not None and len(worked) == len(part.contours)
-        if share.step.operation.rest:
-            share_part = replace(share_part, earlier=_find_earlier(share_part, earlier))
-        planned = _plan_share(
-            share_part, make_step_job(job, share.step), number, works_on_all, cell, watch
-        )
+    for number, step in enumerate(job.operations):
+        step_part = step_parts[number]
+        worked = step_part.worked or frozenset()
+        works_on_all = len(worked) == len(part.contours)
+        if step.operation.rest:
+            step_part = replace(step_part, earlier=tuple(_find_earlier(step_part, earlier)))
+        planned = _plan_step(step_part, make_step_job(job, step), number, works_on_all, cell, watch)
         if has_rest:
             from camgen.plan.rest import list_runs  # noqa: PLC0415 (only for jobs that ask for it)
 
-            earlier.append((worked or frozenset(), list_runs(planned.paths, share.step.tool)))
+            earlier.append((worked, [*list_runs(planned.paths, step.tool)]))
         notes += [
-            replace(note, what=f"operation {number} ({kind}): {note.what}")
+            replace(note, what=f"operation {number} ({step.operation.kind}): {note.what}")
             for note in planned.notes
         ]
         paths = tuple(replace(path, id=f"{number}:{path.id}") for path in planned.paths)
@@ -276,7 +273,7 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
             ids = frozenset[str]().union(*(path.contours for path in planned.paths))
             cuts_profiles = step.operation.kind == "follow" and step.operation.inside_first
             path_ids.append(ids)
-            enclosed.append(find_enclosed_by(part, ids) if cuts_profiles else frozenset[str]())
+            enclosed.append(find_enclosed(part, ids) if cuts_profiles else frozenset[str]())
         numbers = order_steps(job.operations, path_ids, enclosed)
     ordered = tuple(take_rows(plans, numbers))
     return JobPlan(
@@ -291,19 +288,17 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
 
 def _find_earlier(
     part: Part, earlier: Sequence[tuple[frozenset[str], list[EarlierRun]]]
-) -> tuple[EarlierRun, ...]:
+) -> Iterator[EarlierRun]:
     """The runs of earlier operations that work on one of the contours of `part`.
 
     earlier: contours and runs of the operations that are listed before.
     """
-    runs: list[EarlierRun] = []
-    for ids, listed in earlier:
+    for ids, runs in earlier:
         if part.works_on(tuple(ids)):
-            runs += listed
-    return tuple(runs)
+            yield from runs
 
 
-def _plan_share(
+def _plan_step(
     part: Part, job: Job, number: int, works_on_all: bool, cell: Cell | None, watch: Watch
 ) -> Plan:
     """Plan one of several operations. If it finds nothing to do, it has a note and no paths.

@@ -83,22 +83,19 @@ def make_offset_curve(
         radius, and one of radius back (PIST, section 3.2.4).
     """
     out = _offset(source, following, group, distance + corner_radius)
-    if corner_radius == 0.0:
-        lost = np.zeros(len(out.segments), dtype=bool)
-        sound = np.ones(len(out.closed), dtype=bool)
-        other = np.full(len(out.segments), -1)
-        curve = OffsetCurve(out.segments, out.closed, out.source, out.turn, lost, sound, other)
-        return _check(curve, source, closed, group, distance)
-    turned, rows = reverse_segments(_weld(out))
-    label = group[out.source[rows]]
-    back = _offset(turned, find_following(turned, out.closed), label, corner_radius)
-    segments, order = reverse_segments(back.segments)
-    origin = rows[back.source[order]]
-    lost = back.corner[order]
-    turn = np.where(lost, 0.0, out.turn[origin])
-    sound = np.ones(len(back.closed), dtype=bool)
-    other = np.full(len(segments), -1)
-    curve = OffsetCurve(segments, back.closed, out.source[origin], turn, lost, sound, other)
+    lost = np.zeros(len(out.segments), dtype=bool)
+    if corner_radius != 0.0:
+        turned, rows = reverse_segments(_weld(out))
+        label = group[out.source[rows]]
+        back = _offset(turned, find_following(turned, out.closed), label, corner_radius)
+        segments, order = reverse_segments(back.segments)
+        origin = rows[back.source[order]]
+        lost = back.corner[order]
+        turn = np.where(lost, 0.0, out.turn[origin])
+        out = replace(back, segments=segments, source=out.source[origin], turn=turn)
+    sound = np.ones(len(out.closed), dtype=bool)
+    other = np.full(len(out.segments), -1)
+    curve = OffsetCurve(out.segments, out.closed, out.source, out.turn, lost, sound, other)
     return _check(curve, source, closed, group, distance)
 
 
@@ -228,20 +225,5 @@ def select_segments(curve: OffsetCurve, keep: BoolArray) -> OffsetCurve:
         curve.turn[rows],
         curve.lost[rows],
         curve.sound[chains],
-        curve.other[rows],
-    )
-
-
-def select_chains(curve: OffsetCurve, chosen: BoolArray) -> OffsetCurve:
-    """The `chosen` (chains,) of a curve."""
-    rows = np.flatnonzero(chosen[curve.segments.owner])
-    owner = (np.cumsum(chosen) - 1)[curve.segments.owner[rows]]
-    return OffsetCurve(
-        replace(curve.segments.take(rows), owner=owner),
-        curve.closed[chosen],
-        curve.source[rows],
-        curve.turn[rows],
-        curve.lost[rows],
-        curve.sound[chosen],
         curve.other[rows],
     )

@@ -11,11 +11,8 @@ border.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from camgen.geometry.curves import measure_from_arc
 from camgen.geometry.ragged import (
@@ -24,12 +21,12 @@ from camgen.geometry.ragged import (
     list_owners,
     list_range_numbers,
 )
-from camgen.geometry.thinning import IntArray, Polylines, measure_from_lines
+from camgen.geometry.rings import ComplexArray
+from camgen.geometry.thinning import Polylines, measure_from_lines
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
-
-BoolArray = NDArray[np.bool_]
-ComplexArray = NDArray[np.complex128]
+from camgen.plan.recover import find_farthest
 
 # Lines and circles through many points, for many stretches at once.
 
@@ -311,9 +308,9 @@ def _find_knots(borders: _Borders, kept: IntArray, tolerance: float) -> _Knots:
     while start < len(rows):
         limit = int(limits[start])
         first, shortest = start + 1, start + _MIN_LINES
-        line_end = _find_farthest(is_line, start, first, limit) if longer[start] else first
+        line_end = find_farthest(is_line, start, first, limit) if longer[start] else first
         may_bend = curved[start] and line_end < limit
-        arc_end = _find_farthest(is_arc, start, shortest, limit) if may_bend else start
+        arc_end = find_farthest(is_arc, start, shortest, limit) if may_bend else start
         starts.append(start)
         arcs.append(arc_end > line_end)
         start = max(line_end, arc_end)
@@ -335,22 +332,6 @@ def _find_corners(points: ComplexArray, ends: BoolArray) -> IntArray:
     inner, sharp = np.flatnonzero(~ends), np.flatnonzero(is_sharp)
     limits[inner] = sharp[np.searchsorted(sharp, inner, side="right")]
     return limits
-
-
-def _find_farthest(fits: Callable[[int, int], bool], k: int, good: int, limit: int) -> int:
-    """The last index up to `limit` to which a line or an arc from `k` fits, by doubling steps.
-
-    It fits to `good`, and is assumed to fit to all indices before the last one.
-    """
-    step = 1
-    while good + step <= limit and fits(k, good + step):
-        good += step
-        step *= 2
-    while step > 1:
-        step //= 2
-        if good + step <= limit and fits(k, good + step):
-            good += step
-    return good
 
 
 def _drop_chamfers(borders: _Borders, knots: _Knots, tolerance: float) -> _Knots:

@@ -9,12 +9,13 @@ takes it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 
 import numpy as np
 
-from camgen.model.errors import InputError, JobError
+from camgen.geometry.ragged import concatenate_columns
+from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, make_waypoints
@@ -23,6 +24,7 @@ from camgen.model.text import counted, short
 from camgen.plan.beside import NO_HELIX
 from camgen.plan.columns import SLOWEST, plunge_path
 from camgen.plan.drill import Hole, find_circles, read_diameters, select_innermost
+from camgen.plan.unused import check_rules
 
 #: Largest difference of two diameters that count as equal, mm.
 _SAME_MM = 0.01
@@ -37,22 +39,24 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
 
     Raises InputError without any circle, and JobError for settings that do not suit a bore.
     """
-    if job.process.force != 0:
-        raise JobError(
-            "job",
-            "a bore goes to a depth, not to a force",
-            "process.force",
-            "set process.force to 0",
-        )
-    if job.tool.kind in ("drill", "v"):
-        raise JobError(
-            "job",
-            f'a tool of kind "{job.tool.kind}" cuts no straight wall',
-            "tool.kind",
-            "choose a mill",
-        )
+    check_rules(
+        [
+            (
+                job.process.force != 0,
+                "a bore goes to a depth, not to a force",
+                "process.force",
+                "set process.force to 0",
+            ),
+            (
+                job.tool.kind in ("drill", "v"),
+                f'a tool of kind "{job.tool.kind}" cuts no straight wall',
+                "tool.kind",
+                "choose a mill",
+            ),
+        ]
+    )
     smallest, largest = limits = read_diameters(job)
-    circles = find_circles(part)
+    circles = list(find_circles(part))
     in_range = [hole for hole in circles if smallest <= hole.diameter <= largest]
     if not in_range:
         what = f"no circle to bore among {len(circles)} found" if circles else "no circle to bore"
@@ -62,7 +66,7 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
             remedy="camgen inspect shows what the file holds; see operation.holes",
         )
     chosen = select_innermost(in_range)
-    notes = _note_others(part, len(circles), len(in_range), len(chosen), limits)
+    notes = [*_note_others(part, len(circles), len(in_range), len(chosen), limits)]
     narrow, same, wide, full, good = _sort_by_width(chosen, job)
     tool = f"{short(job.tool.diameter, 3)} mm"
     core = f"a core would stay in the middle; use a pocket, or a tool over {tool}"
@@ -105,37 +109,29 @@ def _sort_by_width(holes: Sequence[Hole], job: Job) -> tuple[list[Hole], ...]:
 
 def _note_others(
     part: Part, circles: int, in_range: int, chosen: int, limits: tuple[float, float]
-) -> list[Note]:
+) -> Iterator[Note]:
     """Notes on contours that are not circles, and on circles that are not chosen.
 
     circles, in_range, chosen: number of all circles, of those in the range of diameters, and of
         those of them without a smaller one around the same centre.
     limits: smallest and largest diameter, mm.
     """
-    notes = []
     others = len(part.list_worked_rows()) - circles
     if others:
         what = counted(others, "contour is not a circle and is", "contours are not circles and are")
-        notes.append(Note("assumed", f"{what} not bored"))
+        yield Note("assumed", f"{what} not bored")
     if in_range < circles:
         what = counted(
             circles - in_range, "circle of another diameter", "circles of other diameters"
         )
-        notes.append(
-            Note(
-                "assumed",
-                f"{what} not bored",
-                f"operation.holes is {short(limits[0], 3)} to {short(limits[1], 3)} mm",
-            )
-        )
+        why = f"operation.holes is {short(limits[0], 3)} to {short(limits[1], 3)} mm"
+        yield Note("assumed", f"{what} not bored", why)
     if chosen < in_range:
         what = counted(
             in_range - chosen, "circle around a smaller one", "circles around smaller ones"
         )
-        notes.append(
-            Note("assumed", f"{what} not bored", "the smallest of a centre is; see operation.holes")
-        )
-    return notes
+        why = "the smallest of a centre is; see operation.holes"
+        yield Note("assumed", f"{what} not bored", why)
 
 
 def _note_not_bored(holes: Sequence[Hole], how: str, why: str) -> Note:
@@ -157,19 +153,13 @@ def _make_path(hole: Hole, job: Job) -> ToolPath:
     helix_radius = radius - job.operation.finish
     sense = -1.0 if job.operation.direction == "conventional" else 1.0
     helix = _make_helix(helix_radius, depth, sense, job)
-    bottom_ends, bottom_vias = _make_circle(helix_radius, sense)
+    ends, vias = _make_circle(helix_radius, -depth, sense)
     # The helix ends at the start of the circle at the bottom.
-    circles = [(bottom_ends[1:], bottom_vias[1:])]
+    columns = [(helix, np.full_like(helix, np.nan)), (ends[1:], vias[1:])]
     if job.operation.finish:
-        circles.append(_make_circle(radius, sense))
-    rows = [helix, *(np.column_stack([ends, np.full(len(ends), -depth)]) for ends, _ in circles)]
-    position = np.vstack([*rows, [0.0, 0.0, -depth]])
-    via = np.full_like(position, np.nan)
-    first = len(helix)
-    for ends, vias in circles:
-        via[first : first + len(ends), :2] = vias
-        via[first : first + len(ends), 2] = np.where(np.isnan(vias[:, 0]), np.nan, -depth)
-        first += len(ends)
+        columns.append(_make_circle(radius, -depth, sense))
+    columns.append((np.array([[0.0, 0.0, -depth]]), np.full((1, 3), np.nan)))
+    position, via = concatenate_columns(columns)
     centre = np.array([hole.x, hole.y, 0.0])
     # The feed holds at the wall; the centre of the tool runs on a smaller circle.
     centre_radius = np.hypot(*position[:, :2].T)
@@ -207,6 +197,6 @@ def _make_helix(radius: float, depth: float, sense: float, job: Job) -> FloatArr
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
 
 
-def _make_circle(radius: float, sense: float) -> tuple[FloatArray, FloatArray]:
-    ends = np.array([[radius, 0.0], [-radius, 0.0], [radius, 0.0]])
-    return ends, np.array([[np.nan, np.nan], [0.0, sense * radius], [0.0, -sense * radius]])
+def _make_circle(radius: float, z: float, sense: float) -> tuple[FloatArray, FloatArray]:
+    ends = np.array([[radius, 0.0, z], [-radius, 0.0, z], [radius, 0.0, z]])
+    return ends, np.array([[np.nan] * 3, [0.0, sense * radius, z], [0.0, -sense * radius, z]])

@@ -19,6 +19,7 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.plan.columns import compute_depths
 from camgen.plan.follow import run_beside
+from camgen.plan.unused import check_rules
 
 #: Usual and minimum distance of the tip from the wall, mm. Small tools run nearer than usual.
 _GAP, _MIN_GAP = 0.5, 0.1
@@ -50,44 +51,46 @@ def chamfer(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...
 def compute_bevel(job: Job) -> Bevel:
     """The position of the tool for `operation.width`. Raises JobError for unsuitable settings."""
     tool, width = job.tool, job.operation.width
-    if tool.kind != "v":
-        raise JobError(
-            "job",
-            f'a tool of kind "{tool.kind}" cuts no chamfer',
-            "tool.kind",
-            'set tool.kind to "v"',
-        )
-    if width is None:
-        raise JobError(
-            "job", "a chamfer has a width", "operation.width", "set it, mm seen from above"
-        )
-    if job.operation.depth != 0:
-        raise JobError(
-            "job",
-            "the depth of a chamfer follows from its width",
-            "operation.depth",
-            "leave it out",
-        )
-    if job.process.force != 0:
-        raise JobError(
-            "job",
-            "a chamfer has a width, not a force",
-            "process.force",
-            "set process.force to 0",
-        )
-    if job.operation.side == "on":
-        raise JobError(
-            "job",
-            "a chamfer is beside a contour",
-            "operation.side",
-            "choose a side, or trace it",
-        )
+    check_rules(
+        [
+            (
+                tool.kind != "v",
+                f'a tool of kind "{tool.kind}" cuts no chamfer',
+                "tool.kind",
+                'set tool.kind to "v"',
+            ),
+            (
+                width is None,
+                "a chamfer has a width",
+                "operation.width",
+                "set it, mm seen from above",
+            ),
+            (
+                job.operation.depth != 0,
+                "the depth of a chamfer follows from its width",
+                "operation.depth",
+                "leave it out",
+            ),
+            (
+                job.process.force != 0,
+                "a chamfer has a width, not a force",
+                "process.force",
+                "set process.force to 0",
+            ),
+            (
+                job.operation.side == "on",
+                "a chamfer is beside a contour",
+                "operation.side",
+                "choose a side, or trace it",
+            ),
+        ]
+    )
+    assert width is not None
     tip = tool.tip_diameter / 2
     room = tool.radius - tip - width
     if room < _MIN_GAP - 1e-9:
-        largest = tool.radius - tip - _MIN_GAP
         # Rounded down: the width that the remedy names is accepted.
-        accepted = math.floor(largest * 1000 + 1e-6) / 1000
+        accepted = math.floor((tool.radius - tip - _MIN_GAP) * 1000 + 1e-6) / 1000
         remedy = f"{accepted:g} mm at most" if accepted > 0 else "take a larger tool"
         raise JobError(
             "job",

@@ -7,7 +7,7 @@ paths. A hole, a pocket and a filled area are left out as a whole.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -84,14 +84,13 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
     if isinstance(plan, (EdgePlan, ReplayPlan)):
         return plan
     areas = _Areas(fixtures)
+    in_space = bool(plan.part.curves)
     whole: dict[str, str] = {}
     notes: list[Note] = []
     cleared: list[Plan] = []
     for operation, tool, prefix in _list_operations(plan, job):
-        paths = operation.paths
-        in_space = bool(plan.part.curves)
-        splits = [_split(path, areas.find(path, tool), in_space) for path in paths]
-        for path, split in zip(paths, splits, strict=True):
+        splits = [_split(path, areas.find(path, tool), in_space) for path in operation.paths]
+        for path, split in zip(operation.paths, splits, strict=True):
             if not split.zones:
                 continue
             areas.remember(path, tool)
@@ -103,20 +102,15 @@ def clear_fixtures(plan: Plan, job: Job, fixtures: Fixtures) -> Plan:
         cleared.append(_replace_paths(operation, splits))
     if not whole and not notes:
         return plan
-    all_notes = (*plan.notes, *notes)
-    if not isinstance(plan, JobPlan):
-        return leave_out_paths(replace(cleared[0], notes=all_notes), whole)
-    left_out: list[ToolPath] = []
-    for operation in cleared:
-        left_out += operation.left_out
-    clear_plan = replace(
-        plan,
-        plans=tuple(cleared),
-        paths=join_paths(cleared),
-        notes=all_notes,
-        left_out=tuple(left_out),
-    )
-    return leave_out_paths(clear_plan, whole)
+    clear_plan = cleared[0]
+    if isinstance(plan, JobPlan):
+        clear_plan = replace(
+            plan,
+            plans=tuple(cleared),
+            paths=join_paths(cleared),
+            left_out=tuple(chain.from_iterable(operation.left_out for operation in cleared)),
+        )
+    return leave_out_paths(replace(clear_plan, notes=(*plan.notes, *notes)), whole)
 
 
 def _list_operations(plan: Plan, job: Job) -> Iterator[tuple[Plan, ToolTable, str]]:
@@ -128,33 +122,36 @@ def _list_operations(plan: Plan, job: Job) -> Iterator[tuple[Plan, ToolTable, st
         yield planned, step.tool, f"operation {number} ({step.operation.kind}): "
 
 
-class _Areas:
+class _Areas(Struct, eq=False):
     """The blocked areas of all tools and heights, each made once.
 
     At a contour a later tool leaves out all that an earlier, wider one has left: its paths are
     tested with the areas of both.
+
+    fixtures: the fixtures.
+    earlier: the tools that have left something at a contour.
+    known: the areas by their tools and their height.
     """
 
-    def __init__(self, fixtures: Fixtures) -> None:
-        self._fixtures = fixtures
-        self._earlier: dict[str, list[ToolTable]] = {}
-        self._known: dict[tuple[object, ...], _Blocked] = {}
+    fixtures: Fixtures
+    earlier: dict[str, list[ToolTable]] = {}
+    known: dict[tuple[object, ...], _Blocked] = {}
 
     def find(self, path: ToolPath, tool: ToolTable) -> _Blocked:
         """The closed areas of a path of this tool."""
         tools = [tool]
         for name in path.contours:
-            tools += self._earlier.get(name, [])
+            tools += self.earlier.get(name, [])
         lowest = float(path.position[:, 2].min()) - max(path.depths)
         key = (*map(id, tools), lowest)
-        if key not in self._known:
-            self._known[key] = _block(tools, lowest, self._fixtures)
-        return self._known[key]
+        if key not in self.known:
+            self.known[key] = _block(tools, lowest, self.fixtures)
+        return self.known[key]
 
     def remember(self, path: ToolPath, tool: ToolTable) -> None:
         """Remembers that the tool has left something at the contours of a path."""
         for name in path.contours:
-            self._earlier.setdefault(name, []).append(tool)
+            self.earlier.setdefault(name, []).append(tool)
 
 
 def _block(tools: Sequence[ToolTable], lowest: float, fixtures: Fixtures) -> _Blocked:
@@ -260,7 +257,7 @@ def _cut(
 ) -> tuple[tuple[ToolPath, ...], tuple[ToolPath, ...]]:
     if path.closed:
         # Begun where a blocked stretch ends, it is free at its start and blocked at its end.
-        first = 0 if begins_blocked else 1
+        first = int(not begins_blocked)
         whole = float(lengths_along(path)[-1])
         path = begin_at(path, float(ends[first]))
         ends = np.sort((ends - ends[first]) % whole)
@@ -274,10 +271,9 @@ def _cut(
     for k, (low, high) in enumerate(pairwise(vertices)):
         if high <= low:
             continue
-        stretch = path.rows(low, high + 1)
         is_free = (k % 2 == 1) == begins_blocked
         is_long = along[high] - along[low] > _SHORTEST_MM
-        (kept if is_free and is_long else lost).append(stretch)
+        (kept if is_free and is_long else lost).append(path.rows(low, high + 1))
     named = tuple(
         replace(stretch, id=f"{path.id}.{number}", pinned=False, entry_radius=0.0)
         for number, stretch in enumerate(kept, 1)
@@ -302,10 +298,8 @@ def _replace_paths(plan: Plan, splits: Sequence[_Split]) -> Plan:
         for number, stretch in enumerate(stretches, 1):
             goes_on = k in around and number < len(stretches)
             paths.append(replace(stretch, parent=len(paths) + 1 if goes_on else parent))
-    lost: list[ToolPath] = []
-    for split in splits:
-        lost += split.lost
-    return replace(plan, paths=tuple(paths), left_out=tuple(lost))
+    lost = tuple(chain.from_iterable(split.lost for split in splits))
+    return replace(plan, paths=tuple(paths), left_out=lost)
 
 
 def _state_reason(zones: Sequence[_Zone], fixtures: Fixtures) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.ragged import mark_run_starts
+from camgen.geometry.ragged import mark_run_ends, mark_run_starts
 from camgen.lang.recorded import Recorded
 from camgen.model.part import BoolArray, Note
 from camgen.model.pose import FloatArray
@@ -66,14 +66,10 @@ def _find_runs(columns: Columns, chosen: BoolArray) -> list[tuple[int, int]]:
     """
     steps = np.append(np.inf, np.linalg.norm(np.diff(columns.ends, axis=0), axis=1))
     is_short: BoolArray = chosen & (steps < CLOSE_MM)
-    goes_on = np.append(False, np.diff(columns.at) == 1)
-    goes_on &= np.append(False, np.diff(columns.speed) == 0)
+    goes_on = np.append(False, (np.diff(columns.at) == 1) & (np.diff(columns.speed) == 0))
     number = np.cumsum(~goes_on | ~is_short)
     rows = np.flatnonzero(is_short)
-    if not len(rows):
-        return []
-    first = rows[mark_run_starts(number[rows])]
-    last = rows[np.append(np.flatnonzero(mark_run_starts(number[rows]))[1:] - 1, len(rows) - 1)]
+    first, last = rows[mark_run_starts(number[rows])], rows[mark_run_ends(number[rows])]
     runs = zip(first.tolist(), (last + 1).tolist(), strict=True)
     return [(begin, end) for begin, end in runs if end - begin > 1 and begin > 0]
 

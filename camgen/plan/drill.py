@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -24,6 +24,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.model.tolerance import PECK_CLEARANCE_MM
+from camgen.plan.unused import check_rules
 
 #: Maximum deviation of a loop from a circle: in a drawing, mm or as a fraction of the radius, and
 #: in a picture, px.
@@ -61,15 +62,22 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
     Raises InputError without any hole, and JobError for settings that do not suit a drill.
     """
     smallest, largest = read_diameters(job)
-    if job.process.force != 0:
-        raise JobError(
-            "job",
-            "a drill goes to a depth, not to a force",
-            "process.force",
-            "set process.force to 0",
-        )
-    if job.process.plunge is not None:
-        raise JobError("job", "a drill goes down at process.feed", "process.plunge", "leave it out")
+    check_rules(
+        [
+            (
+                job.process.force != 0,
+                "a drill goes to a depth, not to a force",
+                "process.force",
+                "set process.force to 0",
+            ),
+            (
+                job.process.plunge is not None,
+                "a drill goes down at process.feed",
+                "process.plunge",
+                "leave it out",
+            ),
+        ]
+    )
     raster = part.raster
     holes, notes = _find_in_drawing(part) if raster is None else _find_in_picture(part, raster)
     chosen = [h for h in holes if not h.diameter or smallest <= h.diameter <= largest]
@@ -131,14 +139,14 @@ def _find_in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]
     rings = rings[_find_innermost(centre_mm[rings], diameter_mm[rings])]
     for number, k in enumerate(rings.tolist(), 1):
         holes.append(_make_hole(centre_mm[k], diameter_mm[k], layer, f"hole{number}"))
-    return holes, _note_not_round(centre_mm[is_hollow & ~is_round], holes)
+    return holes, list(_note_not_round(centre_mm[is_hollow & ~is_round], holes))
 
 
 def _to_work(pixels: FloatArray, work_from_view: FloatArray) -> FloatArray:
     return np.asarray(pixels @ work_from_view[:, :2].T + work_from_view[:, 2])
 
 
-def _note_not_round(centres: FloatArray, holes: Sequence[Hole]) -> list[Note]:
+def _note_not_round(centres: FloatArray, holes: Sequence[Hole]) -> Iterator[Note]:
     """A note on spaces without ink that are not circles, except the borders around drilled holes.
 
     centres: (N, 2) of the spaces, mm.
@@ -146,27 +154,21 @@ def _note_not_round(centres: FloatArray, holes: Sequence[Hole]) -> list[Note]:
     table = _tabulate_holes(holes)
     distances = np.linalg.norm(centres[:, None] - table[None, :, :2], axis=2)
     count = int((distances > np.maximum(table[:, 2], 1.0)).all(axis=1).sum())
-    if not count:
-        return []
-    spaces = counted(
-        count,
-        "space in the ink is not a circle and is",
-        "spaces in the ink are not circles and are",
-    )
-    return [
-        Note(
-            "assumed",
-            f"{spaces} not drilled",
-            f"they leave one by more than {short(_DEVIATION_PX, 2)} px",
+    if count:
+        spaces = counted(
+            count,
+            "space in the ink is not a circle and is",
+            "spaces in the ink are not circles and are",
         )
-    ]
+        why = f"they leave one by more than {short(_DEVIATION_PX, 2)} px"
+        yield Note("assumed", f"{spaces} not drilled", why)
 
 
-def find_circles(part: Part) -> list[Hole]:
+def find_circles(part: Part) -> Iterator[Hole]:
     """All circles of a drawing that the operation works on."""
     closed = select_closed(take_rows(part.contours, part.list_worked_rows()))
     if not closed:
-        return []
+        return
     segments = make_contour_segments(closed)
     fractions = (0.0, 0.25, 0.5, 0.75)
     points = np.concatenate([points_at(segments, np.full(len(segments), f)) for f in fractions])
@@ -174,11 +176,9 @@ def find_circles(part: Part) -> list[Hole]:
     centre, radius, deviation = _fit_circles(points, owner, len(closed))
     is_round = deviation <= np.maximum(_DEVIATION_MM, _DEVIATION_FRACTION * radius)
     is_full = _has_circle_area(*flatten(segments, _DEVIATION_MM), radius, len(closed))
-    circles = []
     for k in np.flatnonzero(is_round & is_full).tolist():
         name = closed[k].id
-        circles.append(_make_hole(centre[k], 2 * radius[k], closed[k].layer, name, name))
-    return circles
+        yield _make_hole(centre[k], 2 * radius[k], closed[k].layer, name, name)
 
 
 def select_innermost(holes: Sequence[Hole]) -> list[Hole]:
@@ -193,7 +193,7 @@ def _tabulate_holes(holes: Sequence[Hole]) -> FloatArray:
 
 
 def _find_in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
-    circles = find_circles(part)
+    circles = list(find_circles(part))
     holes = select_innermost(circles)
     pads = len(circles) - len(holes)
     others = len(part.list_worked_rows()) - len(circles)
@@ -249,8 +249,6 @@ def _has_circle_area(
 def _find_innermost(centre: FloatArray, radius: FloatArray) -> IntArray:
     from shapely import STRtree, points  # noqa: PLC0415 (loaded only by what needs it)
 
-    if not len(centre):
-        return np.zeros(0, dtype=np.int64)
     centres = points(centre)
     first, second = STRtree(centres).query(centres, predicate="dwithin", distance=_SAME_HOLE_MM)
     is_smaller = radius[second] < radius[first]
@@ -300,7 +298,7 @@ def _plan_pecks(job: Job) -> list[float]:
     return [*(first - np.arange(1, count) * step).tolist(), -depth]
 
 
-def _note_diameters(holes: Sequence[Hole], job: Job) -> list[Note]:
+def _note_diameters(holes: Sequence[Hole], job: Job) -> Iterator[Note]:
     steps = np.round(_tabulate_holes(holes)[:, 2] / _DIAMETER_STEP_MM)
     sizes = Counter((steps * _DIAMETER_STEP_MM).tolist())
     counts = []
@@ -310,16 +308,11 @@ def _note_diameters(holes: Sequence[Hole], job: Job) -> list[Note]:
         counts.append(f"{count} of {short(size, 2)} mm" if size else at_marks)
         if size and abs(size - job.tool.diameter) > _DIAMETER_STEP_MM:
             others += count
-    notes = [
-        Note("assumed", f"{counted(len(holes), 'hole')}: {', '.join(counts)}", "sizes to 0.05 mm")
-    ]
+    yield Note("assumed", f"{counted(len(holes), 'hole')}: {', '.join(counts)}", "sizes to 0.05 mm")
     if others:
         drawn = counted(others, "hole is drawn", "holes are drawn")
-        notes.append(
-            Note(
-                "warning",
-                f"{drawn} wider or narrower than the tool of {short(job.tool.diameter, 3)} mm",
-                "choose holes with operation.holes, or another tool",
-            )
+        yield Note(
+            "warning",
+            f"{drawn} wider or narrower than the tool of {short(job.tool.diameter, 3)} mm",
+            "choose holes with operation.holes, or another tool",
         )
-    return notes

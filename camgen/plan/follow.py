@@ -25,7 +25,6 @@ from camgen.geometry.segments import (
     reverse_segments,
 )
 from camgen.geometry.uncross import find_slips, uncross_loops
-from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import (
     Contour,
@@ -47,7 +46,6 @@ from camgen.plan.beside import (
     explain_misfit,
     find_channel_lines,
     make_offset_curve,
-    select_chains,
     select_segments,
     with_centre_lines,
 )
@@ -62,7 +60,8 @@ from camgen.plan.columns import (
 from camgen.plan.contact_feed import CAPPED, note_contact_feed
 from camgen.plan.finish import add_finishing
 from camgen.plan.open_outlines import check_outlines
-from camgen.read.join import format_gaps
+from camgen.plan.unused import check_rules
+from camgen.read.join import Places, format_gaps
 
 #: Minimum angle of a sharp outer corner, rad. The tool only rolls around it, so it gets no force
 #: (PIST, section 4.2.1).
@@ -105,19 +104,26 @@ def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     With `operation.finish` there are two paths for each: roughing passes, which leave that
     allowance, and a finishing pass. Raises JobError for a tool that does not cut sideways.
     """
-    if job.tool.kind == "drill":
-        raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
     radius, finish = job.tool.radius, job.operation.finish
+    check_rules(
+        [
+            (
+                job.tool.kind == "drill",
+                "a drill does not cut sideways",
+                "tool.kind",
+                "choose a mill",
+            ),
+            (
+                finish != 0 and not job.operation.inside_first,
+                "the allowance at the walls is taken last",
+                "operation.inside_first",
+                "leave it out, or operation.finish",
+            ),
+        ]
+    )
     depths = compute_depths(job.operation.depth, job.operation.passes)
     if not finish:
         return run_beside(part, job, radius, depths, "follow")
-    if not job.operation.inside_first:
-        raise JobError(
-            "job",
-            "the allowance at the walls is taken last",
-            "operation.inside_first",
-            "leave it out, or operation.finish",
-        )
     rough, _ = run_beside(part, job, radius + finish, depths, "follow")
     last, notes = run_beside(part, job, radius, depths, "follow")
     return add_finishing(rough, last, finish, notes)
@@ -158,10 +164,15 @@ def run_beside(
         is_opposite = (curve.other >= 0) & worked[curve.other]
         curve = select_segments(curve, worked[curve.source] | is_opposite)
         near = _is_too_near(curve, source, loops, reach)
+        is_near = near[curve.segments.owner]
         spoiled = np.zeros(len(contours), dtype=bool)
-        spoiled[source.owner[curve.source[near[curve.segments.owner]]]] = True
-        notes += _note_near(list(compress(contours, spoiled)))
-        curve = select_chains(curve, ~near)
+        spoiled[source.owner[curve.source[is_near]]] = True
+        why = (
+            "the tool would cut the edge of a contour that is not worked on; "
+            "take a smaller one, or work on both"
+        )
+        notes += _note_not_followed(list(compress(contours, spoiled)), "too near to others", why)
+        curve = select_segments(curve, ~is_near)
         expected = expected & ~spoiled
     reached = curve
     if job.operation.rest:
@@ -169,7 +180,7 @@ def run_beside(
 
         curve = keep_rest(curve, part, job)
         notes += _note_nothing_left(reached, curve, source, contours)
-    labels, order = _make_labels(curve, source, contours, loops, job)
+    labels, place = _make_labels(curve, source, contours, loops, job)
     tool = f"a V tool whose middle is {distance:.4g} mm off the wall"
     if operation == "follow":
         tool = f"a {job.tool.diameter:g} mm tool"
@@ -178,26 +189,23 @@ def run_beside(
     notes += _note_unfollowed(reached, source, contours, expected, tool, distance)
     if job.process.force:
         notes += _note_feeds(curve, source, contours, job)
-    segments, work = _order_chains(curve, source, order, job)
+    segments, work = _order_chains(curve, source, place, job)
     return make_tool_paths(segments, labels, work, depths, operation), tuple(notes)
 
 
 def _note_nothing_left(
     reached: OffsetCurve, curve: OffsetCurve, source: Segments, contours: list[Contour]
-) -> list[Note]:
+) -> Iterator[Note]:
     before = set(source.owner[reached.source].tolist())
     finished = sorted(before - set(source.owner[curve.source].tolist()))
-    if not finished:
-        return []
-    ids = list_ids(take_rows(contours, finished))
-    return [
-        Note(
+    if finished:
+        ids = list_ids(take_rows(contours, finished))
+        yield Note(
             "assumed",
             f"nothing is left at {counted(len(ids), 'contour')}: {', '.join(name_ranges(ids))}",
             "earlier operations reach all that this tool does",
             ids,
         )
-    ]
 
 
 def _is_too_near(curve: OffsetCurve, source: Segments, loops: _Loops, reach: float) -> BoolArray:
@@ -214,14 +222,6 @@ def _is_too_near(curve: OffsetCurve, source: Segments, loops: _Loops, reach: flo
     return near
 
 
-def _note_near(contours: list[Contour]) -> list[Note]:
-    if not contours:
-        return []
-    what = "the tool would cut the edge of a contour that is not worked on"
-    why = f"{what}; take a smaller one, or work on both"
-    return [_note_not_followed(contours, "too near to others", why)]
-
-
 def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note]]:
     chosen = part.list_worked_rows()
     selected = take_rows(part.contours, chosen)
@@ -232,10 +232,7 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
         flip, parent = np.full(len(index), side == "left"), np.full(len(index), -1)
         return _Loops(index, drawn, count >= 0, flip, count, parent, 0 * count), []
     index = list_closed_rows(part.contours)
-    notes = _note_open(select_open(selected), join)
-    if not index:
-        none = np.zeros(0, dtype=np.int64)
-        return _Loops([], make_contour_segments([]), none == 0, none == 0, none, none, none), notes
+    notes = list(_note_open(select_open(selected), join))
     closed: Sequence[Contour] = part.contours
     # `part.contours` may be views of one table, which is then not copied.
     if len(index) < len(closed):
@@ -269,27 +266,25 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
     ), notes
 
 
-def _note_open(contours: list[Contour], join: float) -> list[Note]:
-    if not contours:
-        return []
-    gaps, places = format_gaps([contour.points for contour in contours], join)
-    remedy = f"{gaps}, or " if gaps else ""
-    why = f"an open contour has no outside; {remedy}set operation.side to left, right or on"
-    return [replace(_note_not_followed(contours, "open", why), places=places)]
+def _note_open(contours: list[Contour], join: float) -> Iterator[Note]:
+    if contours:
+        gaps, places = format_gaps([contour.points for contour in contours], join)
+        remedy = f"{gaps}, or " if gaps else ""
+        why = f"an open contour has no outside; {remedy}set operation.side to left, right or on"
+        yield from _note_not_followed(contours, "open", why, places)
 
 
-def _note_crossing(contours: Sequence[Contour], nesting: Nesting, worked: BoolArray) -> list[Note]:
-    notes = []
+def _note_crossing(
+    contours: Sequence[Contour], nesting: Nesting, worked: BoolArray
+) -> Iterator[Note]:
     others = list_ids(compress(contours, ((nesting.crossed >= 0) | nesting.empty) & ~worked))
     if others:
         count = counted(len(others), "contour")
-        notes.append(
-            Note(
-                "warning",
-                f"{count} not kept clear of: {', '.join(name_ranges(others))}",
-                "no clear inside, and not worked on",
-                others,
-            )
+        yield Note(
+            "warning",
+            f"{count} not kept clear of: {', '.join(name_ranges(others))}",
+            "no clear inside, and not worked on",
+            others,
         )
     crosses_itself = nesting.crossed == np.arange(len(contours))
     crosses_other = (nesting.crossed >= 0) & ~crosses_itself
@@ -298,21 +293,22 @@ def _note_crossing(contours: Sequence[Contour], nesting: Nesting, worked: BoolAr
         "crossing each other": crosses_other,
         "without an inside": nesting.empty & ~crosses_other,
     }.items():
-        crossed = list(compress(contours, is_crossed & worked))
-        if crossed:
-            notes.append(_note_not_followed(crossed, how, _CROSSING))
-    return notes
+        yield from _note_not_followed(list(compress(contours, is_crossed & worked)), how, _CROSSING)
 
 
-def _note_not_followed(contours: list[Contour], how: str, why: str) -> Note:
-    layers, ids = ", ".join(list_layers(contours)), list_ids(contours)
-    names = ", ".join(name_ranges(ids))
-    return Note(
-        "skipped",
-        f"{counted(len(contours), 'contour')} not followed, {how}: {names} on layer {layers}",
-        why,
-        ids,
-    )
+def _note_not_followed(
+    contours: list[Contour], how: str, why: str, places: Places = ()
+) -> Iterator[Note]:
+    if contours:
+        layers, ids = ", ".join(list_layers(contours)), list_ids(contours)
+        names = ", ".join(name_ranges(ids))
+        yield Note(
+            "skipped",
+            f"{counted(len(contours), 'contour')} not followed, {how}: {names} on layer {layers}",
+            why,
+            ids,
+            places,
+        )
 
 
 def reverse_loops(drawn: Segments, flip: BoolArray) -> Segments:
@@ -327,6 +323,7 @@ def reverse_loops(drawn: Segments, flip: BoolArray) -> Segments:
 def _make_labels(
     curve: OffsetCurve, source: Segments, contours: list[Contour], loops: _Loops, job: Job
 ) -> tuple[list[Label], IntArray]:
+    """The labels of the paths, and the index (chains,) of the path of each chain; -1 for none."""
     main, chain, contour = _match_contours(curve, source, len(contours))
     order = np.flatnonzero(curve.sound)
     order = order[np.argsort(main[order], kind="stable")]
@@ -358,7 +355,7 @@ def _make_labels(
         if has_several[k]:
             name += f".{seen[k]}"
         labels.append(Label(name, layer, closed, any_direction and not closed, outer, names))
-    return labels, order
+    return labels, place
 
 
 def _match_contours(
@@ -386,7 +383,7 @@ def _note_unfollowed(
     worked: BoolArray,
     tool: str,
     distance: float,
-) -> list[Note]:
+) -> Iterator[Note]:
     """Notes on `worked` (contours,) without a path, and on the length that no path touches.
 
     tool: name of the tool in the notes.
@@ -399,12 +396,10 @@ def _note_unfollowed(
     causes = _find_causes(source, contours, failed)
     narrow = worked & ~touched & ~failed
     too_narrow = (narrow, _explain_narrow(contours, narrow, tool, distance))
-    notes = []
     for how, (cause, why) in {"too narrow": too_narrow, **causes}.items():
-        unfollowed = list(compress(contours, cause & ~touched))
-        if unfollowed:
-            notes.append(_note_not_followed(unfollowed, how, why))
-    contact = np.where(is_sound, _measure_contact(curve, source), 0.0)
+        yield from _note_not_followed(list(compress(contours, cause & ~touched)), how, why)
+    is_touching = is_sound & (curve.turn <= 0) & ~curve.lost
+    contact = np.where(is_touching, curve.segments.length / _compute_ratio(curve, source), 0.0)
     reached = np.bincount(source.owner[curve.source], contact, len(contours))
     length = np.where(worked, np.bincount(source.owner, source.length, len(contours)), 0.0)
     missing = np.where(touched, np.maximum(length - reached, 0.0), 0.0)
@@ -413,19 +408,16 @@ def _note_unfollowed(
     if _is_much(missing, length):
         lengths = f"{short(float(missing.sum()), 2)} mm of {short(float(length.sum()), 2)} mm"
         worst = contours[int(np.argmax(missing))].id
-        notes.append(
-            Note(
-                "warning",
-                f"{lengths} of contour not touched, most of it on {worst}",
-                f"inner corners and narrow places that {tool} does not reach",
-            )
+        yield Note(
+            "warning",
+            f"{lengths} of contour not touched, most of it on {worst}",
+            f"inner corners and narrow places that {tool} does not reach",
         )
     unsound = int((~curve.sound).sum())
     if unsound and not (failed & ~touched).any():
         what = f"{counted(unsound, 'piece', 'pieces')} of path left out"
         why = next(why for cause, why in causes.values() if cause.any())
-        notes.append(Note("skipped", what, why, list_ids(compress(contours, failed))))
-    return notes
+        yield Note("skipped", what, why, list_ids(compress(contours, failed)))
 
 
 def _explain_narrow(contours: list[Contour], narrow: BoolArray, tool: str, distance: float) -> str:
@@ -544,14 +536,8 @@ def _note_feeds(
     )
 
 
-def _measure_contact(curve: OffsetCurve, source: Segments) -> FloatArray:
-    return np.where(
-        (curve.turn > 0) | curve.lost, 0.0, curve.segments.length / _compute_ratio(curve, source)
-    )
-
-
 def _order_chains(
-    curve: OffsetCurve, source: Segments, order: IntArray, job: Job
+    curve: OffsetCurve, source: Segments, place: IntArray, job: Job
 ) -> tuple[Segments, SegmentWork]:
     process = job.process
     rounding = (curve.turn > 0) & ~curve.lost
@@ -560,8 +546,6 @@ def _order_chains(
     # Between two walls the tool cuts with all of its width: its centre has the feed.
     feed = process.feed * np.where(curve.other >= 0, 1.0, factor)
     force = np.where(curve.lost | (curve.turn > _SHARP), 0.0, process.force)
-    place = np.full(len(curve.closed), -1)
-    place[order] = np.arange(len(order))
     rows = np.flatnonzero(place[curve.segments.owner] >= 0)
     rows = rows[np.argsort(place[curve.segments.owner[rows]], kind="stable")]
     segments = curve.segments.take(rows)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -66,7 +66,7 @@ def make_trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, 
     for end, node in enumerate(pieces.nodes):
         ends_by_node[node].append(end)
     odd = np.flatnonzero(count_rows(ends_by_node) % 2).tolist()
-    directions = _compute_directions(pieces, contours)
+    directions = list(_compute_directions(pieces, contours))
     partner = _pair_ends(ends_by_node, directions)
     # An odd node has one end without a partner: there the pen is lifted, and moved to another one.
     alone = np.flatnonzero(np.array(partner) < 0)
@@ -83,9 +83,8 @@ def make_trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, 
     ]
 
 
-def _compute_directions(pieces: Pieces, contours: list[Contour]) -> list[tuple[float, float]]:
+def _compute_directions(pieces: Pieces, contours: list[Contour]) -> Iterator[tuple[float, float]]:
     """For each end the unit vector along its piece, away from the node."""
-    directions = []
     for k, a, b in pieces.rows:
         points, bulges = contours[k].points, contours[k].bulges
         size = len(points)
@@ -93,8 +92,7 @@ def _compute_directions(pieces: Pieces, contours: list[Contour]) -> list[tuple[f
             (px, py), (qx, qy) = points[row % size].tolist(), points[(row + 1) % size].tolist()
             # The tangent differs from the chord by half the sweep, atan(bulge) twice, at both ends.
             angle = math.atan2(qy - py, qx - px) - sign * 2 * math.atan(float(bulges[row % size]))
-            directions.append((sign * math.cos(angle), sign * math.sin(angle)))
-    return directions
+            yield sign * math.cos(angle), sign * math.sin(angle)
 
 
 def _pair_ends(ends_by_node: list[list[int]], directions: list[tuple[float, float]]) -> list[int]:
@@ -170,10 +168,9 @@ def _number_circuits(jumps: list[int]) -> list[int]:
     return circuit
 
 
-def _list_trails(jumps: list[int], lifts: list[int]) -> list[tuple[list[int], bool]]:
+def _list_trails(jumps: list[int], lifts: list[int]) -> Iterator[tuple[list[int], bool]]:
     """For each trail the ends at which its pieces are entered, and whether it is closed."""
     seen = [False] * (len(jumps) // 2)
-    listed = []
     for start in [*np.flatnonzero(np.array(lifts) >= 0).tolist(), *range(0, len(jumps), 2)]:
         run: list[int] = []
         end = start
@@ -184,8 +181,7 @@ def _list_trails(jumps: list[int], lifts: list[int]) -> list[tuple[list[int], bo
                 break
             end = jumps[end ^ 1]
         if run:
-            listed.append((run, lifts[start] < 0))
-    return listed
+            yield run, lifts[start] < 0
 
 
 def _draw_trail(pieces: Pieces, contours: list[Contour], run: list[int], closed: bool) -> Contour:
@@ -266,7 +262,7 @@ def merge(
             count += len(merged)
             for row in rows:
                 result[row] = []
-            result[rows[0]] = _name_trails(merged, chosen_ids)
+            result[rows[0]] = list(_name_trails(merged, chosen_ids))
     if not ids:
         return tuple(contours), ()
     note = Note(
@@ -279,15 +275,13 @@ def merge(
     return tuple(itertools.chain.from_iterable(result)), (note,)
 
 
-def _name_trails(merged: list[Contour], sources: tuple[str, ...]) -> list[Contour]:
+def _name_trails(merged: list[Contour], sources: tuple[str, ...]) -> Iterator[Contour]:
     """Name each trail after its first contour; a number follows from the second of a name on."""
     seen: dict[str, int] = {}
-    named = []
     for contour in merged:
         seen[contour.id] = count = seen.get(contour.id, 0) + 1
         name = contour.id if count == 1 else f"{contour.id}.{count}"
-        named.append(replace(contour, id=name, sources=sources))
-    return named
+        yield replace(contour, id=name, sources=sources)
 
 
 def _merge_layer(
@@ -356,19 +350,12 @@ def _label_networks(vertices: _Vertices, count: int) -> IntArray:
     """(C,) the network of each contour, named by its lowest contour."""
     order = np.argsort(vertices.node, kind="stable")
     together = np.flatnonzero(np.diff(vertices.node[order]) == 0)
-    first, second = vertices.owner[order[together]], vertices.owner[order[together + 1]]
-    label = np.arange(count)
-    differs = first != second
-    first, second = first[differs], second[differs]
-    while True:
-        lowest = np.minimum(label[first], label[second])
-        updated = label.copy()
-        np.minimum.at(updated, label[first], lowest)
-        np.minimum.at(updated, label[second], lowest)
-        updated = updated[updated]
-        if (updated == label).all():
-            return label
-        label = updated
+    owner = vertices.owner[order]
+    label = list(range(count))
+    for a, b in zip(owner[together].tolist(), owner[together + 1].tolist(), strict=True):
+        low, high = sorted((find_root(label, a), find_root(label, b)))
+        label[high] = low
+    return np.array([find_root(label, k) for k in range(count)])
 
 
 def _cut(contours: list[Contour], vertices: _Vertices, chosen: IntArray, label: IntArray) -> Pieces:

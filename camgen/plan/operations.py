@@ -7,17 +7,23 @@ from collections.abc import Callable
 from msgspec.structs import replace
 
 from camgen.model.cell import Cell
-from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.plan import Operation, Plan, Watch, find_part_kind
-from camgen.plan.unused import check_clearance, check_idle, check_roll, check_use
+from camgen.model.path import ToolPath
+from camgen.plan import Coverage, Operation, Plan, Watch, find_part_kind
+from camgen.plan.unused import check_clearance, check_idle, check_roll, check_rules, check_use
+
+#: The paths of a part, with notes, and their coverage if they fill it.
+_Planned = tuple[tuple[ToolPath, ...], tuple[Note, ...], Coverage | None]
 
 
 def _plan_flat(
-    name: str, make: Callable[[Part, Job], Plan]
+    name: str, make: Callable[[Part, Job], _Planned], *, with_arcs: bool = False
 ) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
-    """The plan function of the operation `name`, which needs only the part and its job."""
+    """The plan function of the operation `name`, which needs only the part and its job.
+
+    with_arcs: `make` gets arcs in place of the many short lines by which they were drawn.
+    """
 
     def plan_part(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
         check_idle(job, f"a {find_part_kind(part)}")
@@ -27,112 +33,105 @@ def _plan_flat(
         if job.operation.planner == "image":
             return _plan_in_image(part, job)
         check_idle(job, "the geometric planner")
-        return make(part, job)
+        drawn, notes = _recover(part, job) if with_arcs else (part, ())
+        paths, more, coverage = make(drawn, job)
+        return Plan(part, paths, (*part.notes, *notes, *more), coverage)
 
     return plan_part
 
 
 def _plan_in_image(part: Part, job: Job) -> Plan:
-    if part.raster is None:
-        raise JobError(
-            "job",
-            '"image" plans in a picture, and this is not one',
-            "operation.planner",
-            'set operation.planner to "geometric"',
-        )
-    if job.operation.kind not in ("auto", "follow"):
-        raise JobError(
-            "job",
-            f"the image-space planner follows contours, it cannot {job.operation.kind}",
-            "operation.planner",
-            'set operation.planner to "geometric"',
-        )
-    if job.operation.finish != 0:
-        raise JobError(
-            "job",
-            "the image-space planner makes no last passes",
-            "operation.finish",
-            'leave it out, or set operation.planner to "geometric"',
-        )
+    raster = part.raster
+    check_rules(
+        [
+            (
+                raster is None,
+                '"image" plans in a picture, and this is not one',
+                "operation.planner",
+                'set operation.planner to "geometric"',
+            ),
+            (
+                job.operation.kind not in ("auto", "follow"),
+                f"the image-space planner follows contours, it cannot {job.operation.kind}",
+                "operation.planner",
+                'set operation.planner to "geometric"',
+            ),
+            (
+                job.operation.finish != 0,
+                "the image-space planner makes no last passes",
+                "operation.finish",
+                'leave it out, or set operation.planner to "geometric"',
+            ),
+        ]
+    )
     from camgen.plan.image_space import image_space  # noqa: PLC0415 (it loads OpenCV)
 
-    raster = part.raster
+    assert raster is not None
     paths, notes = image_space(raster.mask, raster.work_from_view, job, borders=raster.borders)
     return Plan(part, paths, (*part.notes, *notes))
 
 
-def _follow(part: Part, job: Job) -> Plan:
+def _follow(part: Part, job: Job) -> _Planned:
     if job.operation.side == "on":
         check_use(job, "trace")
         return _trace(part, job)
     from camgen.plan.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
-    recovered, notes = _recover(part, job)
-    paths, more = follow(recovered, job)
-    return Plan(part, paths, (*part.notes, *notes, *more))
+    return *follow(part, job), None
 
 
-def _trace(part: Part, job: Job) -> Plan:
+def _trace(part: Part, job: Job) -> _Planned:
     # shapely takes long to import.
     from camgen.plan.trace import share_edges, trace, with_few_lifts  # noqa: PLC0415
 
-    recovered, notes = _recover(part, job)
-    shared, edges = share_edges(recovered, job)
+    shared, edges = share_edges(part, job)
     merged, lifts = with_few_lifts(shared, job)
-    return Plan(part, trace(merged, job), (*part.notes, *notes, *edges, *lifts))
+    return trace(merged, job), (*edges, *lifts), None
 
 
 def _trace_any(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
     if not part.curves:
-        return _plan_flat("trace", _trace)(part, job, cell, watch)
+        return _plan_flat("trace", _trace, with_arcs=True)(part, job, cell, watch)
     from camgen.plan.space import plan_space  # noqa: PLC0415 (only for what needs it)
 
     return plan_space(part, job, cell, watch)
 
 
 def _recover(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
-    """The part with arcs in place of the many short lines by which they were drawn."""
     from camgen.plan.recover import recover_arcs  # noqa: PLC0415 (only for what needs it)
 
     contours, notes = recover_arcs(part.contours, job.tolerance.arc_fit)
     return replace(part, contours=contours), notes
 
 
-def _fill(part: Part, job: Job) -> Plan:
+def _fill(part: Part, job: Job) -> _Planned:
     from camgen.plan.fill import fill  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
 
-    paths, notes, coverage = fill(part, job)
-    return Plan(part, paths, (*part.notes, *notes), coverage)
+    return fill(part, job)
 
 
-def _pocket(part: Part, job: Job) -> Plan:
+def _pocket(part: Part, job: Job) -> _Planned:
     from camgen.plan.pocket import pocket  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
-    recovered, notes = _recover(part, job)
-    paths, more = pocket(recovered, job)
-    return Plan(part, paths, (*part.notes, *notes, *more))
+    return *pocket(part, job), None
 
 
-def _bore(part: Part, job: Job) -> Plan:
+def _bore(part: Part, job: Job) -> _Planned:
     from camgen.plan.bore import bore  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
-    paths, notes = bore(part, job)
-    return Plan(part, paths, (*part.notes, *notes))
+    return *bore(part, job), None
 
 
-def _chamfer(part: Part, job: Job) -> Plan:
+def _chamfer(part: Part, job: Job) -> _Planned:
     from camgen.plan.chamfer import chamfer  # noqa: PLC0415 (it loads shapely)
 
-    recovered, notes = _recover(part, job)
-    paths, more = chamfer(recovered, job)
-    return Plan(part, paths, (*part.notes, *notes, *more))
+    return *chamfer(part, job), None
 
 
-def _drill(part: Part, job: Job) -> Plan:
+def _drill(part: Part, job: Job) -> _Planned:
     from camgen.plan.drill import drill  # noqa: PLC0415 (only for what needs it)
 
-    paths, notes = drill(part, job)
-    return Plan(part, paths, (*part.notes, *notes))
+    return *drill(part, job), None
 
 
 def _edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
@@ -155,7 +154,7 @@ FOLLOW = Operation(
     "follow",
     "beside the contours, outer loops outside, holes inside",
     ("drawing", "picture"),
-    _plan_flat("follow", _follow),
+    _plan_flat("follow", _follow, with_arcs=True),
 )
 TRACE = Operation("trace", "on the drawn lines", ("drawing", "picture", "curves"), _trace_any)
 FILL = Operation(
@@ -168,7 +167,7 @@ POCKET = Operation(
     "pocket",
     "passes that clear what closed contours enclose",
     ("drawing", "picture"),
-    _plan_flat("pocket", _pocket),
+    _plan_flat("pocket", _pocket, with_arcs=True),
 )
 BORE = Operation(
     "bore", "circles larger than the tool, on a helix", ("drawing",), _plan_flat("bore", _bore)
@@ -177,7 +176,7 @@ CHAMFER = Operation(
     "chamfer",
     "a bevel of a given width along edges, with a V tool",
     ("drawing",),
-    _plan_flat("chamfer", _chamfer),
+    _plan_flat("chamfer", _chamfer, with_arcs=True),
 )
 DRILL = Operation(
     "drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat("drill", _drill)

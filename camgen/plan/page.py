@@ -38,30 +38,18 @@ def place_on_page(part: Part, job: Job) -> Part:
     page = job.page
     if not page.size:
         if page != PageTable():
-            what, remedy = "[page] has no effect without a size", 'set page.size, for example "A4"'
-            raise JobError("job", what, "page.size", remedy)
+            raise JobError(
+                "job",
+                "[page] has no effect without a size",
+                "page.size",
+                'set page.size, for example "A4"',
+            )
         return part
     if part.solid is not None:
         raise JobError(
             "job", "a page is for drawings, and this is a 3-D part", "page.size", "leave [page] out"
         )
-    if not part.contours:
-        return part
-    low, high = _measure_box(part)
-    size = compute_page_size(page)
-    extent = high - low
-    room = np.array(size) - 2 * page.margin
-    if room.min() <= 0:
-        raise JobError(
-            "job",
-            f"{page.margin:g} mm on each side leaves nothing of {_format_size(size)}",
-            "page.margin",
-            "lower page.margin",
-        )
-    ratio = _compute_ratio(part, page, extent, room)
-    if (extent * ratio > room + _ROUNDING).any():
-        raise _make_page_error(part, page, size, extent * ratio)
-    return _place_part(part, size, (low, high), ratio, ratio)
+    return _place_part(part, page, 1.0) if part.contours else part
 
 
 def fit_to_page(part: Part, placed: Part, simplified: Part, job: Job) -> Part:
@@ -78,19 +66,13 @@ def fit_to_page(part: Part, placed: Part, simplified: Part, job: Job) -> Part:
     is_same = simplified.contours is placed.contours
     if not page.size or not simplified.contours or is_same or on_pixels:
         return simplified
-    size = compute_page_size(page)
-    low, high = _measure_box(simplified)
-    extent = high - low
-    room = np.array(size) - 2 * page.margin
-    ratio = _compute_ratio(simplified, page, extent, room) if page.scale == "fit" else 1.0
-    if (extent * ratio > room + _ROUNDING).any():
-        raise _make_page_error(simplified, page, size, extent)
+    if page.scale != "fit":
+        page = replace(page, scale="true")  # the scale is that of the first placement
     placed_extent = np.ptp(_measure_box(placed), axis=0).max()
     placed_ratio = float(placed_extent / np.ptp(_measure_box(part), axis=0).max())
     # The note of the first placement is replaced by that of the second one.
     notes = tuple(note for note in simplified.notes if note is not placed.notes[-1])
-    unplaced = replace(simplified, notes=notes)
-    return _place_part(unplaced, size, (low, high), ratio, placed_ratio * ratio)
+    return _place_part(replace(simplified, notes=notes), page, placed_ratio)
 
 
 def _measure_box(part: Part) -> tuple[FloatArray, FloatArray]:
@@ -98,23 +80,38 @@ def _measure_box(part: Part) -> tuple[FloatArray, FloatArray]:
     return box[:, :2].min(axis=0), box[:, 2:].max(axis=0)
 
 
-def _place_part(
-    part: Part,
-    size: tuple[float, float],
-    box: tuple[FloatArray, FloatArray],
-    ratio: float,
-    input_ratio: float,
-) -> Part:
-    """Scale `part` by `ratio` and move the centre of its `box` to that of the page, with a note.
+def _place_part(part: Part, page: PageTable, placed_ratio: float) -> Part:
+    """Scale `part` as `page.scale` states and centre it on the page, with a note.
 
-    input_ratio: ratio to the part as it was read.
+    placed_ratio: ratio of `part` to the part as it was read.
     """
-    low, high = box
+    size = compute_page_size(page)
+    low, high = _measure_box(part)
+    extent = high - low
+    room = np.array(size) - 2 * page.margin
+    if room.min() <= 0:
+        raise JobError(
+            "job",
+            f"{page.margin:g} mm on each side leaves nothing of {_format_size(size)}",
+            "page.margin",
+            "lower page.margin",
+        )
+    ratio = _compute_ratio(part, page, extent, room)
+    if (extent * ratio > room + _ROUNDING).any():
+        margin = f"with a margin of {short(page.margin, 3)} mm"
+        raise InputError(
+            part.source,
+            f"leaves the page: the drawing is {_format_size(extent * ratio)}, "
+            f"the page {_format_size(size)} {margin}",
+            "page.scale",
+            'set page.scale to "fit" or a larger page',
+        )
+    input_ratio = placed_ratio * ratio
     shift = np.array(size) / 2 - ratio * (low + high) / 2
     has_pixels = part.raster is not None
     unit = (ratio if has_pixels else input_ratio) * _measure_unit(part)
     name = "px" if has_pixels else "unit"
-    scale = f"1 {name} = {short(unit, 5)} mm, drawing {_format_size((high - low) * ratio)}"
+    scale = f"1 {name} = {short(unit, 5)} mm, drawing {_format_size(extent * ratio)}"
     note = Note(
         "assumed",
         f"centred on a page of {_format_size(size)}: {scale}",
@@ -165,18 +162,6 @@ def _measure_unit(part: Part) -> float:
         f"a scale per unit does not go with units {part.units}",
         "page.scale",
         'set page.scale to "fit" or "true"',
-    )
-
-
-def _make_page_error(
-    part: Part, page: PageTable, size: tuple[float, float], extent: FloatArray
-) -> InputError:
-    page_text = f"the page {_format_size(size)} with a margin of {short(page.margin, 3)} mm"
-    return InputError(
-        part.source,
-        f"leaves the page: the drawing is {_format_size(extent)}, {page_text}",
-        "page.scale",
-        'set page.scale to "fit" or a larger page',
     )
 
 

@@ -41,8 +41,7 @@ def split_at(path: ToolPath, lengths: FloatArray) -> ToolPath:
     added = np.unique(lengths)
     added = added[np.diff(added, prepend=-np.inf) > SAME_POINT_MM]
     after = np.clip(np.searchsorted(vertices, added), 1, len(vertices) - 1)
-    is_new = added - vertices[after - 1] > SAME_POINT_MM
-    is_new &= vertices[after] - added > SAME_POINT_MM
+    is_new = np.minimum(added - vertices[after - 1], vertices[after] - added) > SAME_POINT_MM
     added, after = added[is_new], after[is_new]
     fraction = (added - vertices[after - 1]) / (vertices[after] - vertices[after - 1])
     return _expand(path, after - 1, fraction)[0]
@@ -187,11 +186,9 @@ def _expand(
     order = np.lexsort((part, owner))
     owner, part = owner[order], part[order]
     before = np.where(np.diff(owner, prepend=-1) > 0, 0.0, np.roll(part, 1))
-    shape, is_whole, row = (
-        make_span_chain(path.position, path.via[1:]),
-        (before == 0) & (part == 1),
-        owner + 1,
-    )
+    shape = make_span_chain(path.position, path.via[1:])
+    is_whole = (before == 0) & (part == 1)
+    row = owner + 1
     is_inside, axis = (part < 1)[:, None], path.axis
     position = np.where(is_inside, shape.point(part, owner), path.position[row])
     via = np.where(is_whole[:, None], path.via[row], shape.point((before + part) / 2, owner))

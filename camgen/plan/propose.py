@@ -15,7 +15,7 @@ fits are left to the user.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, compress
 
 import numpy as np
@@ -47,6 +47,7 @@ from camgen.plan.proposed_mills import (
     FINISH_MM,
     MOST_TRIED,
     ChosenMill,
+    Row,
     choose_mills,
     sample,
 )
@@ -97,8 +98,6 @@ _SPREAD = 1.15
 #: Room for the seam of an outline beside its tabs, in lengths of a tab.
 _SEAM_TABS = 1.0
 
-Row = Mapping[str, object]
-
 
 class Proposed(Struct, frozen=True):
     """One operation.
@@ -139,11 +138,13 @@ class _Tabs(Struct, frozen=True):
 
     def keys(self, number: int) -> dict[str, object]:
         """Keys of the operation."""
-        default = self == _TABS[0]
+        if self == _TABS[0]:
+            return {"tabs": number}
         return {
             "tabs": number,
-            **({} if default else {"tab_width": self.width, "tab_height": self.height}),
-            **({} if default else {"entry_angle": self.angle}),
+            "tab_width": self.width,
+            "tab_height": self.height,
+            "entry_angle": self.angle,
         }
 
 
@@ -211,21 +212,6 @@ class _Loops(Struct, frozen=True, eq=False):
         return list(list_ids(take_rows(self.contours, rows)))
 
 
-class _Sorted(Struct, frozen=True):
-    """Rows of loops, sorted by their kind of operation.
-
-    holes: round holes to be drilled or bored, one list for each size.
-    bores: counterbores around such holes.
-    inner: other loops inside others.
-    outer: other loops inside no loop.
-    """
-
-    holes: list[list[int]]
-    bores: list[int]
-    inner: list[int]
-    outer: list[int]
-
-
 def propose(
     part: Part,
     stock: StockTable | None = None,
@@ -263,15 +249,15 @@ def propose(
         with_tabs,
         across,
     )
-    kinds = _sort(loops)
+    holes, bores, inner, outer = _sort(loops)
     # A drilled hole bounds no cut.
-    drilled = set(loops.name(chain.from_iterable(kinds.holes)))
+    drilled = set(loops.name(chain.from_iterable(holes)))
     loops = replace(loops, part=replace(part, contours=drop_ids(part.contours, drilled)))
     rack = ToolRack(library, MATERIALS[stock.material] if stock.material else None)
     operations = [
-        *_drill(loops, kinds.holes, rack),
+        *_drill(loops, holes, rack),
         *_clear(loops, rack),
-        *_cut(loops, kinds, rack),
+        *_cut(loops, bores, inner, outer, rack),
     ]
     if not operations:
         return None
@@ -287,11 +273,14 @@ def propose(
     )
 
 
-def _sort(loops: _Loops) -> _Sorted:
-    """Sort the loops by their kind of operation.
+def _sort(loops: _Loops) -> tuple[list[list[int]], list[int], list[int], list[int]]:
+    """Rows of loops, sorted by their kind of operation.
 
     A hole is an empty circle of the size of a drill. It lies in material, in a counterbore, or
     inside no loop.
+
+    Returns the holes to be drilled or bored, one list for each size, the counterbores around such
+    holes, the other loops inside others, and the other loops inside no loop.
     """
     nesting = loops.nesting
     # Number of loops directly inside each loop.
@@ -310,7 +299,7 @@ def _sort(loops: _Loops) -> _Sorted:
                 continue
         (inner if depth[k] else outer).append(k)
     inner = [k for k in inner if k not in set(bores)]
-    return _Sorted(_by_size(loops, holes), bores, inner, outer)
+    return _by_size(loops, holes), bores, inner, outer
 
 
 def _has_drill_size(diameter: float) -> bool:
@@ -346,6 +335,7 @@ def _drill(
     loops: _Loops, sizes: list[list[int]], rack: ToolRack
 ) -> Iterator[tuple[Proposed, list[str]]]:
     """An operation for each size: a standard drill, else a mill that bores."""
+    through = loops.thickness + _THROUGH_MM
     for rows in sizes:
         diameters = [_diameter(loops, k) for k in rows]
         smallest, largest = min(diameters), max(diameters)
@@ -356,14 +346,13 @@ def _drill(
         # A mill leaves no core of a hole that is at most twice as wide.
         fitting = [mill for mill in rack.mills if largest / 2 <= mill <= _BORING_SHARE * smallest]
         if drill:
-            deepest = loops.thickness + _THROUGH_MM + drill / 2 / math.tan(_TIP)
-            depth = math.floor(deepest * 10) / 10
+            depth = math.floor((through + drill / 2 / math.tan(_TIP)) * 10) / 10
             row = {"kind": "drill", "tool": rack.take("drill", drill), **chosen, "depth": depth}
             pecks = math.ceil(depth / (_PECK * drill))
             row |= {"passes": pecks} if pecks > 1 else {}
             yield Proposed(about, row, "a standard size"), loops.name(rows)
         elif fitting:
-            tool, through = rack.take("end mill", max(fitting)), loops.thickness + _THROUGH_MM
+            tool = rack.take("end mill", max(fitting))
             row = {"kind": "bore", "tool": tool, **chosen, "depth": through}
             yield Proposed(about, row, "no drill has this size"), loops.name(rows)
 
@@ -401,17 +390,19 @@ def _clear(loops: _Loops, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]
     yield Proposed(about, row, "the largest mill that reaches enough of them"), ids
 
 
-def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]]:
+def _cut(
+    loops: _Loops, bores: list[int], inner: list[int], outer: list[int], rack: ToolRack
+) -> Iterator[tuple[Proposed, list[str]]]:
     """Counterbores, contours inside others, and the outlines."""
     through = loops.thickness + _THROUGH_MM
-    for rows in _by_size(loops, sorted(set(kinds.bores))):
+    for rows in _by_size(loops, sorted(set(bores))):
         count = counted(len(rows), "counterbore")
         what = f"{count} of {short(_diameter(loops, rows[0]), 3)} mm: how deep?"
         yield from _follow(
             loops, rows, {"side": "inside", "depth": loops.thickness / 2}, what, rack
         )
     slugs, chips, inner_parts = list[int](), list[int](), list[int]()
-    for k in kinds.inner:
+    for k in inner:
         if loops.nesting.depth[k] % 2 == 0:
             inner_parts.append(k)
         elif _leaves_slug(loops, k, max(rack.mills)):
@@ -420,12 +411,10 @@ def _cut(loops: _Loops, kinds: _Sorted, rack: ToolRack) -> Iterator[tuple[Propos
             chips.append(k)
     what = f"{counted(len(chips), 'contour')} inside others"
     yield from _follow(loops, chips, {"depth": through}, what, rack)
-    for room in _by_room(loops, slugs, max(rack.mills)):
-        what = f"{counted(len(room.rows), 'contour')} around slugs"
-        yield from _follow(loops, room.rows, {"depth": through}, what, rack, room)
     for name, plural, parts in (
+        ("contour around slugs", "contours around slugs", slugs),
         ("part inside others", "parts inside others", inner_parts),
-        ("outline", "outlines", kinds.outer),
+        ("outline", "outlines", outer),
     ):
         for room in _by_room(loops, parts, max(rack.mills)):
             what = counted(len(room.rows), name, plural)
@@ -501,9 +490,7 @@ def _follow(
         samples = sample(loops.segments, loops.nesting, np.array(rows))
         ids = dict(zip(rows, loops.name(rows), strict=True))
         mills = choose_mills(loops.part, ids, keys, samples, rack.mills)
-    held: dict[str, object] = {}
-    if room and mills:
-        held = _choose_hold(loops, mills, room)
+    held = _choose_hold(loops, mills, room) if room and mills else {}
     if "tabs" in held:
         # A smaller mill in the corners would cut tabs off.
         mills = [mill for mill in mills if not mill.before]

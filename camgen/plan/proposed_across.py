@@ -38,16 +38,16 @@ def find_across(closed: Sequence[Contour]) -> tuple[Contour, ...]:
         crosses = bool(_list_crossing(take_rows(crossing, [*kept, k])))
         (across if crosses else kept).append(k)
     smaller = take_rows(crossing, across)
-    if not kept or _list_crossing(smaller):
-        return ()
-    if areas[across].max() > _LARGEST_SHARE * areas[kept].min():
+    if (
+        not kept
+        or _list_crossing(smaller)
+        or areas[across].max() > _LARGEST_SHARE * areas[kept].min()
+    ):
         return ()
     return keep_ids(closed, list_ids(smaller))
 
 
 def _list_crossing(closed: Sequence[Contour]) -> list[Contour]:
-    if not closed:
-        return []
     nesting = find_nesting(make_contour_segments(closed), len(closed))
     return list(compress(closed, nesting.crossed >= 0))
 

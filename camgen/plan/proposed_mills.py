@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -105,7 +105,7 @@ def choose_mills(
     keys: keys of the operation.
     """
     mills = sorted(diameters, reverse=True)
-    groups = _share_out(part, ids, keys, samples, mills)
+    groups = list(_share_out(part, ids, keys, samples, mills))
     if len(groups) > 1 and not all(_runs_round(part, ids, keys, group) for group in groups):
         # Contours beside each other have common paths, which need one mill.
         groups = [(min(diameter for diameter, _ in groups), list(ids))]
@@ -141,7 +141,7 @@ def _runs_round(
 
 def _share_out(
     part: Part, ids: Mapping[int, str], keys: Row, samples: Samples, mills: Sequence[float]
-) -> list[tuple[float, list[int]]]:
+) -> Iterator[tuple[float, list[int]]]:
     """The mills that follow whole contours, the largest first, with the rows of their contours."""
     rows = np.array(list(ids), np.int64)
     lengths = np.bincount(samples.loop, samples.length, int(rows.max()) + 1)
@@ -160,17 +160,14 @@ def _share_out(
             break
     groups = [(d, rows[mill_of[rows] == d].tolist()) for d in mills if (mill_of[rows] == d).any()]
     least = _FEW_SHARE * float(lengths.sum())
-    kept: list[tuple[float, list[int]]] = []
     moved: list[int] = []
-    for number, (diameter, members) in enumerate(groups):
+    for diameter, members in groups:
         loops = sorted([*moved, *members])
-        is_last = number == len(groups) - 1
-        if float(lengths[loops].sum()) < least and not is_last:
+        if float(lengths[loops].sum()) < least and diameter != groups[-1][0]:
             moved = loops
             continue
-        kept.append((diameter, loops))
+        yield diameter, loops
         moved = []
-    return kept
 
 
 def _find_rest(
@@ -265,16 +262,16 @@ def sample(segments: Segments, nesting: Nesting, rows: IntArray) -> Samples:
     """Places on the loops `rows` of `segments`; a loop is a hole if its depth is odd."""
     closed = np.ones(int(segments.owner.max(initial=-1)) + 1, np.bool_)
     following = find_following(segments, closed)
-    half = _half_angles(segments, nesting, following)
-    at_end = half
-    at_start = np.full(len(half), np.inf)
-    at_start[following] = half
+    at_end = _half_angles(segments, nesting, following)
+    at_start = np.full(len(at_end), np.inf)
+    at_start[following] = at_end
     chosen = np.flatnonzero(np.isin(segments.owner, rows))
     step = max(_SPACING_MM, float(segments.length[chosen].sum()) / _MOST_SAMPLES)
     count = np.maximum(np.ceil(segments.length[chosen] / step), 1).astype(np.int64)
-    row, place = chosen[list_owners(count)], number_rows(count)
-    share = (place + 0.5) / count[list_owners(count)]
-    length = segments.length[row] / count[list_owners(count)]
+    owner = list_owners(count)
+    row = chosen[owner]
+    share = (number_rows(count) + 0.5) / count[owner]
+    length = segments.length[row] / count[owner]
     # A disc of radius r in a corner of half angle a touches its sides r / tan(a) from the corner.
     radius = np.minimum(
         share * segments.length[row] * np.tan(np.minimum(at_start[row], np.pi / 2)),
@@ -300,6 +297,5 @@ def _half_angles(segments: Segments, nesting: Nesting, following: IntArray) -> F
     hole = nesting.depth[segments.owner] % 2 == 1
     turns_left = turn > 0
     counter_clockwise = nesting.area[segments.owner] > 0
-    inner = hole == (turns_left == counter_clockwise)
-    sharp = inner & (np.abs(turn) > _SMOOTH)
+    sharp = (hole == (turns_left == counter_clockwise)) & (np.abs(turn) > _SMOOTH)
     return np.where(sharp, (np.pi - np.minimum(np.abs(turn), np.pi - 0.01)) / 2, np.inf)

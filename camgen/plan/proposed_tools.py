@@ -146,8 +146,7 @@ def _choose_cutting(
         cutting = recommend(MATERIALS[_UNKNOWN], tool, _FASTEST)
         lacking = f"placeholder, that of {_UNKNOWN}"
         lacking += f": no chart of {material.name} for a {tool.kind}" if material else ""
-    if cutting is None:
-        raise ValueError(f"{_UNKNOWN} has no chart for a {tool.kind}")
+    assert cutting is not None, f"{_UNKNOWN} has charts for all proposed tools"
     step = 10.0 if cutting.speed >= 100 else 1.0
     speed = math.floor(cutting.speed / step) * step
     share = speed / cutting.speed

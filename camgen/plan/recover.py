@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from msgspec.structs import replace
@@ -102,16 +102,31 @@ def _find_arc_end(
     points: FloatArray, line: BoolArray, turn: FloatArray, k: int, tolerance: float
 ) -> int:
     """The vertex up to which the lines from vertex `k` on are one arc; k + 1 without an arc."""
+
+    def is_arc(first: int, last: int) -> bool:
+        return _is_arc(points[first : last + 1], tolerance)
+
     limit = _find_turn_end(line, turn, k)
-    if limit - k < _MIN_LINES or not _is_arc(points[k : k + _MIN_LINES + 1], tolerance):
+    if limit - k < _MIN_LINES or not is_arc(k, k + _MIN_LINES):
         return k + 1
-    good, step = k + _MIN_LINES, _MIN_LINES
-    while good + step <= limit and _is_arc(points[k : good + step + 1], tolerance):
+    return find_farthest(is_arc, k, k + _MIN_LINES, limit, _MIN_LINES)
+
+
+def find_farthest(
+    fits: Callable[[int, int], bool], k: int, good: int, limit: int, step: int = 1
+) -> int:
+    """The last index up to `limit` to which a line or an arc from `k` fits, by doubling steps.
+
+    It fits to `good`, and is assumed to fit to all indices before the last one.
+
+    step: the first step.
+    """
+    while good + step <= limit and fits(k, good + step):
         good += step
         step *= 2
     while step > 1:
         step //= 2
-        if good + step <= limit and _is_arc(points[k : good + step + 1], tolerance):
+        if good + step <= limit and fits(k, good + step):
             good += step
     return good
 

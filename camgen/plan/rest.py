@@ -6,7 +6,7 @@ is kept where its disc meets material that the sweep leaves, and a little before
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -75,20 +75,15 @@ def find_rest(area: Any, part: Part, job: Job) -> Any:
     return shapely.difference(area, shapely.buffer(cleared, _NARROW_MM, quad_segs=2))
 
 
-def list_runs(paths: Sequence[ToolPath], tool: ToolTable) -> list[EarlierRun]:
+def list_runs(paths: Sequence[ToolPath], tool: ToolTable) -> Iterator[EarlierRun]:
     """The lines and arcs of a tool along `paths`, for operations that take what it leaves.
 
     A tool that is not flat has none: it clears no whole disc at its depth.
     """
-    if tool.kind not in _FLAT:
-        return []
-    runs = []
     for path in paths:
-        if path.depths:
+        if path.depths and tool.kind in _FLAT:
             lines = make_path_segments((path,))
-            depth = max(path.depths)
-            runs.append(EarlierRun(lines.start, lines.end, lines.bulge, tool.radius, depth))
-    return runs
+            yield EarlierRun(lines.start, lines.end, lines.bulge, tool.radius, max(path.depths))
 
 
 def _clear(earlier: Iterable[EarlierRun], depth: float) -> Any:

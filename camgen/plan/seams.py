@@ -25,6 +25,7 @@ from camgen.model.sequences import take_rows
 from camgen.model.text import short
 from camgen.plan.columns import make_path_segments
 from camgen.plan.starting import SEAM, move_each_start
+from camgen.plan.unused import check_rules
 
 #: Maximum distance of a point from its path or contour, mm. Paths whose distances differ by at
 #: most `SAME_MM` all get the point.
@@ -91,10 +92,8 @@ def choose_points(
             far.append(number)
             continue
         limit = min(near.values()) + SAME_MM
-        distances: dict[int, float] = {}
-        for path, distance in near.items():
-            if distance <= limit:
-                distances[path] = project_point(closed[path], points[number])[2]
+        paths = [path for path, distance in near.items() if distance <= limit]
+        distances = {path: project_point(closed[path], points[number])[2] for path in paths}
         for path, distance in distances.items():
             # A pass elsewhere on the contour, as around an island of a pocket, is farther away than
             # the nearest path of its operation, by more than `NEAR_MM`.
@@ -111,15 +110,22 @@ def check_order(part: Part, job: Job) -> None:
     known = {*list_ids(part.contours), *list_ids(part.curves)}
     named = set[str]()
     for name in job.tour.order:
-        if name not in known:
-            raise JobError(
-                "job",
-                f"there is no contour {name!r} in {part.source}",
-                "tour.order",
-                "camgen inspect -v shows their ids",
-            )
-        if name in named:
-            raise JobError("job", f"contour {name!r} is listed twice", "tour.order", "name it once")
+        check_rules(
+            [
+                (
+                    name not in known,
+                    f"there is no contour {name!r} in {part.source}",
+                    "tour.order",
+                    "camgen inspect -v shows their ids",
+                ),
+                (
+                    name in named,
+                    f"contour {name!r} is listed twice",
+                    "tour.order",
+                    "name it once",
+                ),
+            ]
+        )
         named.add(name)
 
 

@@ -37,9 +37,8 @@ def simplify(part: Part, job: Job) -> Part:
     """Apply `tolerance.simplify` and `input.min_length` to `part`, with a note on each."""
     raster = part.raster if is_drawing(job) else None
     tolerance = job.tolerance.simplify
-    if tolerance is None:
-        view = None if raster is None else raster.work_from_view
-        tolerance = 0.0 if view is None else _choose_tolerance(part.contours, view)
+    if tolerance is None and raster is not None:
+        tolerance = _choose_tolerance(part.contours, raster.work_from_view)
     contours, notes = part.contours, list(part.notes)
     if job.input.min_length and contours:
         contours = _select_long(contours, job.input.min_length, notes)

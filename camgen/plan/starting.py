@@ -7,18 +7,16 @@ from itertools import pairwise
 
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, make_spans
 from camgen.geometry.ragged import compute_first_rows, count_rows, list_owners, number_rows
 from camgen.geometry.rotations import turn_vectors
 from camgen.geometry.vectors import cross, measure_angles
+from camgen.model.part import IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.columns import join_tables
-
-IntArray = NDArray[np.int64]
 
 #: Minimum length of a piece that is cut off a segment, mm. A shorter one saves no travel, and the
 #: ends of a short arc, rounded to the digits of a program text, lie on any circle.

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import compress
+from collections.abc import Container, Iterator, Sequence
+from itertools import combinations, permutations
 
 import numpy as np
-from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.segments import make_contour_segments
@@ -62,24 +61,11 @@ def name_drills(jobs: Sequence[Job]) -> list[ToolTable]:
     return tools
 
 
-class Share(Struct, frozen=True, eq=False):
-    """The part of a job that one operation does.
+def split_part(part: Part, job: Job) -> tuple[list[Part], list[Note]]:
+    """The flat `part` with the contours of each operation of `job`, as listed, and notes.
 
-    number: index in `Job.operations`.
-    step: the operation.
-    part: the part with the contours of the operation. For `follow` and `chamfer` it has also those
-        that bound material.
-    """
-
-    number: int
-    step: Step
-    part: Part
-
-
-def split_part(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
-    """The share of each operation of `job` in the flat `part`, as listed, with notes.
-
-    Raises InputError if an operation has no contour, and JobError if the part is not flat.
+    For `follow` and `chamfer` it has also the contours that bound material. Raises InputError if an
+    operation has no contour, and JobError if the part is not flat.
     """
     if part.solid is not None or part.curves:
         raise JobError(
@@ -87,15 +73,13 @@ def split_part(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
         )
     chosen = _choose_each(part, job)
     boundary = _find_bounding(part, job.operations, chosen)
-    shares = []
+    step_parts = []
     for number, step in enumerate(job.operations):
         needs_boundary = step.operation.kind in _ALONG_MATERIAL
         ids = boundary | chosen[number] if needs_boundary else chosen[number]
-        step_part = replace(
-            part, contours=keep_ids(part.contours, ids), notes=(), worked=chosen[number]
-        )
-        shares.append(Share(number, step, step_part))
-    return shares, _note_unused(part, chosen)
+        contours = keep_ids(part.contours, ids)
+        step_parts.append(replace(part, contours=contours, notes=(), worked=chosen[number]))
+    return step_parts, list(_note_unused(part, chosen))
 
 
 def find_boundary(part: Part, job: Job) -> frozenset[str]:
@@ -114,18 +98,15 @@ def format_step(job: Job, number: int) -> str:
     return f"operation {number} {step.operation.kind} - {step.tool.name or number_or_size}"
 
 
-def _note_unused(part: Part, chosen: Sequence[frozenset[str]]) -> list[Note]:
+def _note_unused(part: Part, chosen: Sequence[frozenset[str]]) -> Iterator[Note]:
     ids = list_ids(drop_ids(part.contours, frozenset[str]().union(*chosen)))
-    if not ids:
-        return []
-    return [
-        Note(
+    if ids:
+        yield Note(
             "assumed",
             f"{len(ids)} of {len(part.contours)} contours in no operation: {name_first(ids)}",
             "no row of [[operations]] chooses them",
             ids,
         )
-    ]
 
 
 def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
@@ -151,7 +132,7 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
         chosen = [c for c in chosen if not c.is_mark]
     chosen = [c for c in chosen if not choice.colors or c.color in colors]
     if choice.nesting != "any":
-        inner = find_enclosed(part)
+        inner = find_enclosed(part, known)
         outer = inner.symmetric_difference(list_ids(select_closed(part.contours)))
         check_outlines(part, outer, f"choose by layers or ids in place of {where}.nesting")
         chosen = list(keep_ids(chosen, inner if choice.nesting == "inner" else outer))
@@ -159,13 +140,12 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
     if holes is not None and step.operation.kind not in _HOLES:
         chosen = [c for c in chosen if _has_diameter(c, holes)]
     if not chosen and part.raster is None:
-        what = "chooses no contour of the drawing"
-        shown = "camgen inspect shows layers and colors"
         raise InputError(
             part.source,
-            what,
+            "chooses no contour of the drawing",
             where,
-            f"{shown}; see layers, colors, ids, nesting and holes of the row",
+            "camgen inspect shows layers and colors; "
+            "see layers, colors, ids, nesting and holes of the row",
         )
     return frozenset(list_ids(chosen))
 
@@ -189,17 +169,6 @@ def _choose_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
             )
         chosen = chosen.union(colors)
     return chosen
-
-
-def find_enclosed(part: Part) -> frozenset[str]:
-    """The ids of the closed contours that lie inside another one."""
-    closed = select_closed(part.contours)
-    if not closed:
-        return frozenset()
-    from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (it loads shapely)
-
-    depth = find_nesting(make_contour_segments(closed), len(closed)).depth
-    return frozenset(list_ids(compress(closed, depth > 0)))
 
 
 def _has_diameter(contour: Contour, diameters: Sequence[float]) -> bool:
@@ -231,7 +200,7 @@ def _find_bounding(
     )
 
 
-def find_enclosed_by(part: Part, ids: frozenset[str]) -> frozenset[str]:
+def find_enclosed(part: Part, ids: Container[str]) -> frozenset[str]:
     """The ids of the closed contours of `part` that lie inside one of the contours `ids`."""
     closed = select_closed(part.contours)
     if not closed:
@@ -280,17 +249,14 @@ def _find_earlier(
     steps: Sequence[Step], worked: Sequence[frozenset[str]], enclosed: Sequence[frozenset[str]]
 ) -> list[set[int]]:
     """The operations before each: listed before it for the same contours, or inside it."""
-    count = range(len(steps))
     earlier: list[set[int]] = [set() for _ in steps]
-    for k in count:
-        for j in count:
-            if j < k and worked[j] & worked[k]:
-                earlier[k].add(j)
-    for k in count:
-        for j in count:
-            inside = worked[j] & enclosed[k] and not worked[k] & enclosed[j]
-            if inside and not worked[j] & worked[k] and not _comes_before(earlier, k, j):
-                earlier[k].add(j)
+    for j, k in combinations(range(len(steps)), 2):
+        if worked[j] & worked[k]:
+            earlier[k].add(j)
+    for k, j in permutations(range(len(steps)), 2):
+        inside = worked[j] & enclosed[k] and not worked[k] & enclosed[j]
+        if inside and not worked[j] & worked[k] and not _comes_before(earlier, k, j):
+            earlier[k].add(j)
     return earlier
 
 

@@ -8,7 +8,7 @@ home of that arm; the home of the cell replaces them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -89,19 +89,15 @@ def _drop_joint_turns(body: list[Instruction], cell: Cell | None) -> tuple[list[
     return body, len(turns)
 
 
-def _note_frames(part: TaughtProgram, job: Job) -> list[Note]:
+def _note_frames(part: TaughtProgram, job: Job) -> Iterator[Note]:
     tool, work = f"tool {part.frames.tool}".strip(), f"frame {part.frames.work}".strip()
-    notes = []
     for key, name in (("flange_from_tool", tool), ("base_from_work", work)):
         if getattr(part.frames, key) is None and getattr(job.cell, key) is None:
-            notes.append(
-                Note(
-                    "assumed",
-                    f"the {name} is that of the cell",
-                    f"the text does not state it; set cell.{key}",
-                )
+            yield Note(
+                "assumed",
+                f"the {name} is that of the cell",
+                f"the text does not state it; set cell.{key}",
             )
-    return notes
 
 
 # Joint values.
@@ -245,20 +241,18 @@ def _stop_before_others(body: list[Instruction]) -> tuple[list[Instruction], int
     return stopped, stops
 
 
-def find_stretches(moves: Sequence[Motion]) -> list[tuple[int, int]]:
+def find_stretches(moves: Sequence[Motion]) -> Iterator[tuple[int, int]]:
     """The ranges of motions that are lines and arcs.
 
     A range starts with the joint motion before, if its target is a pose: the start of the path.
     """
     if not moves:
-        return []
+        return
     cuts = [0, *(k for k, move in enumerate(moves) if k and isinstance(move, MoveJ)), len(moves)]
-    ranges = []
     for low, high in pairwise(cuts):
         first = low if isinstance(moves[low].target, Pose) else low + 1
         if high - first > 1:
-            ranges.append((first, high))
-    return ranges
+            yield first, high
 
 
 def make_paths(

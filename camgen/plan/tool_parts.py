@@ -111,8 +111,8 @@ def split_by_tool(
 
 
 def _make_part(section: _Section, tool: ToolTable | None, known: bool, entry: float) -> ToolPart:
-    body = tuple(item for item, _ in section.rows)
-    return ToolPart(tool, known, body, tuple(line for _, line in section.rows), entry)
+    body, lines = zip(*section.rows, strict=True)
+    return ToolPart(tool, known, body, lines, entry)
 
 
 def _split_at_changes(part: Recorded) -> list[_Section]:

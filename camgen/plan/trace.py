@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import chain
 
 import numpy as np
@@ -80,7 +81,7 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
         head = int(np.searchsorted(segments.owner, number))
         local = {row - head: parts for row, parts in rows.items()}
         chains = cut_chain(contour.points, contour.bulges, contour.closed, local)
-        result[traced[number]] = _name_rests(contour, chains)
+        result[traced[number]] = list(_name_rests(contour, chains))
     total = measure_covered(segments, covered)
     ids = list_ids(take_rows(contours, sorted(parts_of)))
     note = Note(
@@ -92,22 +93,18 @@ def share_edges(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     return replace(part, contours=tuple(chain.from_iterable(result))), (note,)
 
 
-def _name_rests(contour: Contour, chains: list[Chain]) -> list[Contour]:
+def _name_rests(contour: Contour, chains: list[Chain]) -> Iterator[Contour]:
     sources = contour.sources or (contour.id,)
-    rests = []
     for number, (points, bulges) in enumerate(chains, 1):
         name = contour.id if number == 1 else f"{contour.id}.{number}"
-        rests.append(
-            replace(
-                contour,
-                points=frozen(points),
-                bulges=frozen(bulges),
-                closed=False,
-                id=name,
-                sources=sources,
-            )
+        yield replace(
+            contour,
+            points=frozen(points),
+            bulges=frozen(bulges),
+            closed=False,
+            id=name,
+            sources=sources,
         )
-    return rests
 
 
 def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
@@ -130,22 +127,19 @@ def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     return (replace(part, contours=contours) if notes else part), notes
 
 
-def _parents_of(part: Part, mine: list[int]) -> list[int]:
+def _parents_of(part: Part, mine: list[int]) -> Iterator[int]:
     parents, index = _parents(part), number_kept(mine)
-    nearest = []
     for k in mine:
         around = parents[k]
         while around >= 0 and around not in index:
             around = parents[around]
-        nearest.append(index.get(around, -1))
-    return nearest
+        yield index.get(around, -1)
 
 
 def _parents(part: Part) -> list[int]:
     closed = list_closed_rows(part.contours)
     parent = [-1] * len(part.contours)
-    if closed:
-        nesting = find_nesting(make_contour_segments(take_rows(part.contours, closed)), len(closed))
-        for k, enclosing in zip(closed, nesting.parent.tolist(), strict=True):
-            parent[k] = closed[enclosing] if enclosing >= 0 else -1
+    nesting = find_nesting(make_contour_segments(take_rows(part.contours, closed)), len(closed))
+    for k, enclosing in zip(closed, nesting.parent.tolist(), strict=True):
+        parent[k] = closed[enclosing] if enclosing >= 0 else -1
     return parent

@@ -1,8 +1,9 @@
-"""Refuses settings that have no effect on an operation or on a kind of input."""
+"""Refuses settings that exclude each other, or have no effect on an operation or an input."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 from msgspec.structs import asdict, replace
 
@@ -127,6 +128,17 @@ _PARTNERS: dict[str, tuple[str, ...]] = {
 _DEEP = ("entry", "tabs", "tab_spacing")
 
 
+#: A rule for a job: whether it is broken, the fault, the setting, and the remedy.
+Rule = tuple[bool, str, str, str]
+
+
+def check_rules(rules: Iterable[Rule]) -> None:
+    """Raise JobError for the first rule that is broken."""
+    for is_broken, what, where, remedy in rules:
+        if is_broken:
+            raise JobError("job", what, where, remedy)
+
+
 def check_use(job: Job, operation: str) -> None:
     """Raise JobError for a changed setting of [operation] that `operation` does not read."""
     given, default = asdict(job.operation), asdict(Job().operation)
@@ -135,24 +147,28 @@ def check_use(job: Job, operation: str) -> None:
         where = f"operation.{key}"
         readers = _READERS.get(key, (operation,))
         partners = _PARTNERS.get(key, (key,))
-        if operation not in readers:
-            raise JobError(
-                "job",
-                f"has no effect on {operation}",
-                where,
-                f"leave it out; it is for {' and '.join(readers)}",
-            )
-        if operation != "bore" and set(changed).isdisjoint(partners):
-            raise JobError(
-                "job", f"has no effect without operation.{partners[0]}", where, "leave it out"
-            )
-        if key in _DEEP and not given["depth"]:
-            raise JobError(
-                "job",
-                "has no effect without a depth",
-                where,
-                "set operation.depth, or leave it out",
-            )
+        check_rules(
+            [
+                (
+                    operation not in readers,
+                    f"has no effect on {operation}",
+                    where,
+                    f"leave it out; it is for {' and '.join(readers)}",
+                ),
+                (
+                    operation != "bore" and set(changed).isdisjoint(partners),
+                    f"has no effect without operation.{partners[0]}",
+                    where,
+                    "leave it out",
+                ),
+                (
+                    key in _DEEP and not given["depth"],
+                    "has no effect without a depth",
+                    where,
+                    "set operation.depth, or leave it out",
+                ),
+            ]
+        )
 
 
 def check_roll(job: Job, cell: Cell | None) -> None:
@@ -161,31 +177,34 @@ def check_roll(job: Job, cell: Cell | None) -> None:
     if not tool.symmetric and tool.turn is None:
         return
     key = "tool.symmetric" if tool.symmetric else "tool.turn"
-    if cell is not None and isinstance(cell.home, Pose):
-        raise JobError(
-            "job", "has no effect on a machine, which turns no tool", key, "leave it out"
-        )
-    if not isinstance(cell, Workcell) or cell.arm is None:
-        raise JobError(
-            "job",
-            "has no effect without an arm that is checked",
-            key,
-            "set cell.robot, or leave it out",
-        )
-    if tool.orient == "follow":
-        raise JobError(
-            "job",
-            "a tool that turns with the contour has no turn to choose",
-            key,
-            "leave out one of the two",
-        )
-    if job.process.stay_down:
-        raise JobError(
-            "job",
-            "a tool that is turned between the paths is lifted",
-            "process.stay_down",
-            f"leave it out, or {key}",
-        )
+    check_rules(
+        [
+            (
+                cell is not None and isinstance(cell.home, Pose),
+                "has no effect on a machine, which turns no tool",
+                key,
+                "leave it out",
+            ),
+            (
+                not isinstance(cell, Workcell) or cell.arm is None,
+                "has no effect without an arm that is checked",
+                key,
+                "set cell.robot, or leave it out",
+            ),
+            (
+                tool.orient == "follow",
+                "a tool that turns with the contour has no turn to choose",
+                key,
+                "leave out one of the two",
+            ),
+            (
+                job.process.stay_down,
+                "a tool that is turned between the paths is lifted",
+                "process.stay_down",
+                f"leave it out, or {key}",
+            ),
+        ]
+    )
 
 
 def check_clearance(job: Job, operation: str) -> None:

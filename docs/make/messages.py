@@ -19,6 +19,8 @@ ROOT = Path(__file__).parents[2]
 FOLDERS = ("camgen", "postprocessors")
 #: Sign for a value that only a run has.
 GAP = "…"
+#: Entries of a rule of `check_rules`: whether it is broken, the fault, its place, the remedy.
+_RULE = 4
 #: Texts that one expression may have; the others are left out.
 _MOST = 6
 
@@ -144,6 +146,12 @@ def _list_in(tree: ast.Module, *, is_language: bool) -> Iterator[Message]:
             form = CALLS.get(name)
             if form is not None and (is_language or name not in _OF_LANGUAGES):
                 yield from _read_call(node, form, texts)
+            if name == "check_rules":
+                # The rows of its table hold what JobError is given.
+                for row in ast.walk(node):
+                    if isinstance(row, ast.Tuple) and len(row.elts) == _RULE:
+                        error = ast.Call(node.func, row.elts, [])
+                        yield from _read_call(error, CALLS["JobError"], texts)
 
 
 def _list_scopes(tree: ast.Module) -> list[ast.AST]:

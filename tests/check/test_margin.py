@@ -19,9 +19,9 @@ from camgen.order.edges.problem import RouteCell, RouteOptions
 from camgen.order.edges.retract import Retraction, find_retractions
 from camgen.order.edges.route import find_route
 from camgen.pipeline import Result
-from camgen.plan.edges.poses import reach
 from camgen.read.solid import mesh
 from tests.support.built import build
+from tests.support.edge_shapes import reach
 from tests.support.files import source
 
 SOLID = mesh.read(source(PARTS / "rfa1.stl"))

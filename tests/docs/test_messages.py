@@ -24,6 +24,10 @@ def look(job, log):
     yield Note(kind, f"the scale is {job.scale} mm", "give image.width")
     log.find("refused", "no speed before the motion")
     raise JobError("job", f"{name}")
+
+
+def test(job, depth):
+    check_rules([(depth < 0, "a depth goes down", "operation.depth", "leave out the sign")])
 """
 
 
@@ -37,6 +41,9 @@ def test_a_text_is_followed_through_variables() -> None:
         Message("summary: warning", scale, "give image.width", ""),
         Message("summary: assumed", scale, "give image.width", ""),
         Message("finding: refused", "no speed before the motion", "", ""),
+        Message(
+            "exit code 2: the job or the command", "a depth goes down", "", "leave out the sign"
+        ),
     }
 
 

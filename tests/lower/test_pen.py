@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from camgen.geometry.arcs import measure_path
 from camgen.lower import lower
 from camgen.model.errors import NoSafeProgram
+from camgen.model.job import TourTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
-from camgen.order.arrange import TourSettings, order_paths
+from camgen.order.arrange import order_paths
 from camgen.pipeline import build
 from camgen.plan.trace import trace
 from camgen.post.plugins import find_post, find_readback, make_post
@@ -109,7 +110,7 @@ def test_the_pen_does_not_mark_on_links(
     job = from_mapping({"operation": {"kind": "trace"}, "process": process, "post": options})
     part = part_of(drawing)
     post = make_post(find_post(name), job.post)
-    tour = order_paths(trace(part, job), TourSettings("nearest", None, False))
+    tour = order_paths(trace(part, job), TourTable("nearest"), None, False)
     program = post.prepare(
         lower(tour, equip_cell(post.cell(), job), job, "drawing", ()), job.tolerance.chord
     )

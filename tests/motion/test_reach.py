@@ -14,13 +14,13 @@ from camgen.model.pose import FloatArray, Pose, pose_from_values, translation
 from camgen.motion.pose_paths import PosePath, cut
 from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
 from camgen.plan.edges.last_face import TOP as UPPER
-from camgen.plan.edges.poses import make_poses, reach
+from camgen.plan.edges.poses import make_poses
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import find_robot
 from camgen.robots.kinematics.forward import compute_flange
 from camgen.robots.kinematics.joint_limits import are_within_limits
 from tests.support.arm_models import by_hand
-from tests.support.edge_shapes import rim, straight
+from tests.support.edge_shapes import reach, rim, straight
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"

@@ -18,7 +18,7 @@ from camgen.model.job import Job, TourTable
 from camgen.model.part import Part
 from camgen.model.path import ToolPath
 from camgen.order import ArmTour
-from camgen.order.arrange import TourSettings, measure_travel, order_paths
+from camgen.order.arrange import measure_travel, order_paths
 from camgen.order.starts import make_starts
 from camgen.pipeline import Result, build
 from camgen.plan.leave_out import leave_out_paths
@@ -153,7 +153,7 @@ def test_listed_contours_come_first_in_their_order_and_pinned_starts_stay(
                 chosen.add(path.id)
     order = [path.id for path in paths if path.id in chosen]
     start = (0.0, 0.0) if at else None
-    tour = order_paths(paths, TourSettings(method, start, True, layers=["b"], order=order))
+    tour = order_paths(paths, TourTable(method, layers=["b"], order=order), start, True)
     assert [path.id for path in tour.paths[: len(order)]] == order
     assert sorted(path.id for path in tour.paths) == sorted(path.id for path in paths)
     rest = [{"b": 0}.get(path.layer, 1) for path in tour.paths[len(order) :]]
@@ -209,7 +209,7 @@ def test_a_tour_of_few_pinned_paths_with_an_order_is_proven_the_shortest() -> No
     # Three pinned squares in a row, the farthest of them first.
     squares = number_paths([square(20.0 * k, 0.0, 4.0) for k in range(3)])
     row = [replace(path, contours=(path.id,), pinned=True) for path in squares]
-    tour = order_paths(row, TourSettings("best", (0.0, 0.0), True, order=["c2"]))
+    tour = order_paths(row, TourTable("best", order=["c2"]), (0.0, 0.0), True)
     assert [path.id for path in tour.paths] == ["c2", "c1", "c0"]
     assert tour.travel == pytest.approx(80.0)
     assert tour.bound == pytest.approx(80.0, abs=0.01)
@@ -369,5 +369,5 @@ def test_the_order_may_list_a_thousand_contours() -> None:
     )
     paths = [replace(path, contours=(path.id,)) for path in paths]
     order = [path.id for path in reversed(paths)]
-    tour = order_paths(paths, TourSettings("best", (0.0, 0.0), True, order=order))
+    tour = order_paths(paths, TourTable("best", order=order), (0.0, 0.0), True)
     assert [path.id for path in tour.paths] == order

@@ -11,8 +11,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from camgen.model.job import TourTable
 from camgen.model.path import ToolPath, make_waypoints
-from camgen.order.arrange import TourSettings, order_paths
+from camgen.order.arrange import order_paths
 from camgen.order.proven import MAX_PROVEN_PATHS, is_proven
 from camgen.order.starts import make_starts
 from camgen.plan.starting import SEAM
@@ -88,7 +89,7 @@ def test_open_paths_are_run_in_the_shortest_order(
     ends = [list_ends(p, *r, 1) for p, r in zip(paths, rings, strict=True)]
     best = measure_shortest(ends, before, 0j if at_home else None)
     tour = order_paths(
-        paths, TourSettings("best", (0, 0) if at_home else None, False, layers=["a", "b"])
+        paths, TourTable("best", layers=["a", "b"]), (0, 0) if at_home else None, False
     )
     assert tour.travel == pytest.approx(best, abs=1e-6)
     assert tour.bound is not None
@@ -104,7 +105,7 @@ def test_no_start_of_closed_paths_is_better(seed: int, count: int, at_home: bool
     home = 0j if at_home else None
     ends = [list_ends(p, *r, 60) for p, r in zip(paths, rings, strict=True)]
     best = measure_shortest(ends, [set() for _ in paths], home)
-    tour = order_paths(paths, TourSettings("best", (0, 0) if at_home else None, False))
+    tour = order_paths(paths, TourTable("best"), (0, 0) if at_home else None, False)
     assert tour.bound is not None
     assert tour.bound <= best + 1e-9
     assert tour.bound <= tour.travel + 1e-9
@@ -144,7 +145,7 @@ def test_no_start_on_polygons_is_better_than_the_bound(
         for path, point in zip(starts.path, points, strict=True):
             ends[path].append((complex(*point[:2]),) * 2)
     best = measure_shortest(ends, [set() for _ in paths], 0j)
-    tour = order_paths(paths, TourSettings("best", (0, 0), False, seam=seam))
+    tour = order_paths(paths, TourTable("best", seam=seam), (0, 0), False)
     assert tour.bound is not None
     assert tour.bound <= best + 1e-9
     assert tour.bound <= tour.travel + 1e-9
@@ -158,7 +159,7 @@ def test_inner_paths_come_first_in_a_proven_tour() -> None:
     # The hole is farther from home than its outline.
     # Without the rule the outline would come first.
     holes = [circle(100, 0, 2, parent=1), circle(50, 0, 5)]
-    tour = order_paths(number_paths(holes), TourSettings("best", (0, 0), True))
+    tour = order_paths(number_paths(holes), TourTable("best"), (0, 0), True)
     assert [path.id for path in tour.paths] == ["c0", "c1"]
     assert tour.travel == pytest.approx(2 * 98, abs=1e-2)
     assert tour.bound is not None
@@ -172,7 +173,7 @@ def test_the_tour_of_a_grid_is_at_most_the_best_of_many_starts_and_its_bound_is_
     # Many orders of a grid are as short as the best one, so its bound improves slowly.
     middles = [(20.0 * (k % 3), 20.0 * (k // 3)) for k in range(6)]
     grid = number_paths([circle(x, y, 5) for x, y in middles])
-    tour = order_paths(grid, TourSettings("best", None if home is None else (0, 0), False))
+    tour = order_paths(grid, TourTable("best"), None if home is None else (0, 0), False)
     ends = [list_ends(path, complex(*xy), 5, 16) for path, xy in zip(grid, middles, strict=True)]
     assert tour.travel <= measure_shortest(ends, [set() for _ in grid], home) + 1e-6
     assert tour.bound is not None
@@ -186,9 +187,9 @@ def test_the_largest_proven_number_of_paths_is_proven_and_one_more_is_searched()
         x, y = rng.uniform(0, 90), rng.uniform(0, 90)
         paths.append(line((x, y), (x + 3, y)))
     paths = number_paths(paths)
-    proven = order_paths(paths[:MAX_PROVEN_PATHS], TourSettings("best", (0, 0), False))
+    proven = order_paths(paths[:MAX_PROVEN_PATHS], TourTable("best"), (0, 0), False)
     assert proven.bound is not None
     assert is_proven(proven.travel, proven.bound)
-    searched = order_paths(paths, TourSettings("best", (0, 0), False))
+    searched = order_paths(paths, TourTable("best"), (0, 0), False)
     assert searched.bound is not None
     assert searched.bound < searched.travel

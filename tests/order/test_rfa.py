@@ -45,13 +45,14 @@ from camgen.order.edges.problem import RouteCell, RouteOptions
 from camgen.order.edges.retract import Retraction, find_retractions
 from camgen.order.edges.route import Route, find_route
 from camgen.order.edges.turns import list_turns
-from camgen.plan.edges.poses import make_poses, reach
+from camgen.plan.edges.poses import make_poses
 from camgen.plan.edges.select import select_edges
 from camgen.read.job_file import load_job
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import find_robot
 from camgen.robots.workcell import equip_cell
 from tests.support.arm_models import by_hand
+from tests.support.edge_shapes import reach
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"

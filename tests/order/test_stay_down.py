@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from camgen.geometry.intersect import measure_gaps
 from camgen.geometry.segments import make_contour_segments, make_segments, points_at
-from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToolTable
+from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToolTable, TourTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
-from camgen.order.arrange import TourSettings, order_paths
+from camgen.order.arrange import order_paths
 from camgen.order.stay_down import stay_down
 from camgen.pipeline import build
 from camgen.plan.follow import follow
@@ -208,7 +208,7 @@ def test_a_link_near_a_block_is_lifted() -> None:
         process=ProcessTable(stay_down=True),
         cell=CellTable(),
     )
-    tour = order_paths(follow(part, job)[0], TourSettings("best", (0.0, 0.0), True))
+    tour = order_paths(follow(part, job)[0], TourTable("best"), (0.0, 0.0), True)
     lowered, _ = stay_down(tour, part, job)
     assert 5 < len(lowered.down) < 30
     t = np.linspace(0, 1, 801)[:, None]

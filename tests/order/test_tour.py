@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import measure_path
+from camgen.model.job import TourTable
 from camgen.model.path import ToolPath, make_waypoints
 from camgen.model.pose import frozen
 from camgen.order import search, tree
-from camgen.order.arrange import TourSettings, measure_travel, order_paths
+from camgen.order.arrange import measure_travel, order_paths
 from camgen.order.solver import speed
 from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.plane import make_discs
@@ -178,7 +179,7 @@ def contains_any(paths: list[ToolPath], outer: int, items: list[int]) -> bool:
 
 
 def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_first: bool) -> None:
-    tour = order_paths(paths, TourSettings("nearest", start, inside_first))
+    tour = order_paths(paths, TourTable("nearest"), start, inside_first)
     assert sorted(p.id for p in tour.paths) == sorted(p.id for p in paths)
     assert tour.method == "nearest neighbour"
     left = list(range(len(paths)))
@@ -226,7 +227,7 @@ def test_the_nearest_tour_takes_the_nearest_allowed_start_at_each_step(
 def test_the_search_keeps_all_paths_and_rules_and_is_between_bound_and_nearest_neighbour(
     paths: list[ToolPath], start: XY | None, inside_first: bool, seed: int
 ) -> None:
-    tour = order_paths(paths, TourSettings("best", start, inside_first, seed=seed))
+    tour = order_paths(paths, TourTable("best", seed=seed), start, inside_first)
     order = [int(path.id[1:]) for path in tour.paths]
     assert sorted(order) == list(range(len(paths)))
     for k, index in enumerate(order):
@@ -238,12 +239,12 @@ def test_the_search_keeps_all_paths_and_rules_and_is_between_bound_and_nearest_n
     assert tour.travel == measure_travel(tour.paths, start)
     assert tour.bound is not None
     assert 0 <= tour.bound <= tour.travel + 1e-6
-    nearest = order_paths(paths, TourSettings("nearest", start, inside_first))
+    nearest = order_paths(paths, TourTable("nearest"), start, inside_first)
     assert tour.travel <= nearest.travel
     assert nearest.bound is not None
     # No tour is shorter than the lower bound, by whichever method the bound was computed.
     assert nearest.bound <= tour.travel + 1e-6
-    as_drawn = order_paths(paths, TourSettings("as-drawn", start, inside_first))
+    as_drawn = order_paths(paths, TourTable("as-drawn"), start, inside_first)
     assert as_drawn.bound <= tour.travel + 1e-6
 
 
@@ -251,7 +252,7 @@ def test_the_search_finds_the_shortest_tour_over_a_circle() -> None:
     # The tour leads from home over a circle to a line.
     # The best start of the circle is the point that would reflect a ray from home to the line.
     paths = number_paths([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)])
-    tour = order_paths(paths, TourSettings("best", (0, -8), inside_first=False))
+    tour = order_paths(paths, TourTable("best"), (0, -8), False)
     assert [p.id for p in tour.paths] == ["c0", "c1"]
     assert tour.paths[0].position[0, :2].tolist() == pytest.approx([5, -3], abs=0.02)
     assert tour.travel == pytest.approx(2 * math.hypot(5, 5) + 1, abs=1e-4)
@@ -267,19 +268,18 @@ def test_tours_of_every_size_are_searched(fast: bool, monkeypatch: pytest.Monkey
     starts = [(rng.uniform(0, 900), rng.uniform(0, 900)) for _ in range(1300)]
     lines = number_paths([line((x, y), (x + 1, y)) for x, y in starts])
     first_lines = lines[:300]
-    searched = order_paths(first_lines, TourSettings("best", None, False))
+    searched = order_paths(first_lines, TourTable("best"), None, False)
     assert searched.method == "local search"
     assert (
-        searched.travel
-        < 0.86 * order_paths(first_lines, TourSettings("nearest", None, False)).travel
+        searched.travel < 0.86 * order_paths(first_lines, TourTable("nearest"), None, False).travel
     )
-    nearest = order_paths(lines, TourSettings("nearest", None, False))
-    best = order_paths(lines, TourSettings("best", None, False))
+    nearest = order_paths(lines, TourTable("nearest"), None, False)
+    best = order_paths(lines, TourTable("best"), None, False)
     assert best.method == ("local search, compiled" if fast else "local search, plain Python")
     assert best.travel < (0.82 if fast else 0.86) * nearest.travel
     assert best.bound is not None
     assert 0.7 * best.travel < best.bound <= best.travel
-    again = order_paths(lines, TourSettings("best", None, False))
+    again = order_paths(lines, TourTable("best"), None, False)
     assert [path.id for path in again.paths] == [path.id for path in best.paths]
     assert not best.timed
 
@@ -297,8 +297,8 @@ def test_a_tour_of_very_many_paths_is_shortened_at_all_paths_together(
         x, y = rng.uniform(0, 3000), rng.uniform(0, 3000)
         inside.append(line((x, y), (x + rng.uniform(-9, 9), y + 3), parent=count - 1))
     inside = number_paths([*inside, circle(1500, 1500, 2200)])
-    tour = order_paths(inside, TourSettings("best", (0, 0), True))
-    nearest = order_paths(inside, TourSettings("nearest", (0, 0), True))
+    tour = order_paths(inside, TourTable("best"), (0, 0), True)
+    nearest = order_paths(inside, TourTable("nearest"), (0, 0), True)
     assert sorted(path.id for path in tour.paths) == sorted(path.id for path in inside)
     assert tour.paths[-1].id == inside[-1].id
     assert tour.travel < 0.84 * nearest.travel  # greedy alone: 0.92
@@ -314,11 +314,11 @@ def test_a_search_stops_after_its_seconds(seconds: float, monkeypatch: pytest.Mo
     circles = number_paths(
         [circle(rng.uniform(0, 900), rng.uniform(0, 900), 5) for _ in range(200)]
     )
-    tour = order_paths(circles, TourSettings("best", (0, 0), False, seconds=seconds))
+    tour = order_paths(circles, TourTable("best", seconds=seconds), (0, 0), False)
     assert tour.timed
     assert tour.method == f"local search of {seconds:g} s"
     assert next(ticks) <= 100 * seconds + 3
-    assert tour.travel < 0.9 * order_paths(circles, TourSettings("nearest", (0, 0), False)).travel
+    assert tour.travel < 0.9 * order_paths(circles, TourTable("nearest"), (0, 0), False).travel
     assert sorted(path.id for path in tour.paths) == sorted(path.id for path in circles)
 
 
@@ -383,7 +383,9 @@ def test_lines_are_reversed_and_closed_paths_start_between_vertices() -> None:
     square = make_path([(0, 5), (10, 5), (10, 15), (0, 15), (0, 5)], [None] * 4, True)
     tour = order_paths(
         number_paths([far, square, circle(50, -30, 10)]),
-        TourSettings("nearest", (4, 0), inside_first=True),
+        TourTable("nearest"),
+        (4, 0),
+        True,
     )
     assert [p.id for p in tour.paths] == ["c1", "c0", "c2"]
     # The square starts right above the start of the tour, and the line is reversed.
@@ -402,33 +404,35 @@ def test_lines_are_reversed_and_closed_paths_start_between_vertices() -> None:
 def test_a_path_that_is_not_reversible_is_entered_at_its_start() -> None:
     tour = order_paths(
         [line((50, 0), (1, 0), reversible=False)],
-        TourSettings("nearest", (0, 0), inside_first=False),
+        TourTable("nearest"),
+        (0, 0),
+        False,
     )
     assert tour.paths[0].position[0].tolist() == [50, 0, 0]
     assert tour.travel == pytest.approx(51)
 
 
 def test_without_a_start_the_leftmost_path_comes_first() -> None:
-    settings = TourSettings("nearest", None, False)
+    settings = TourTable("nearest")
     paths = number_paths([line((0, 0), (5, 0)), circle(6, 40, 10), line((9, 9), (-3, 9))])
-    tour = order_paths(paths, settings)
+    tour = order_paths(paths, settings, None, False)
     assert [p.id for p in tour.paths] == ["c1", "c2", "c0"]
     assert tour.paths[0].position[0].tolist() == pytest.approx([-4, 40, 0])
     twins = number_paths([line((0, 0), (1, 0)), line((0, 0), (1, 0))])
-    assert [p.id for p in order_paths(twins, settings).paths] == ["c0", "c1"]
+    assert [p.id for p in order_paths(twins, settings, None, False).paths] == ["c0", "c1"]
 
 
 def test_holes_come_before_the_outline_around_them() -> None:
     island, hole, outline = circle(0, 0, 2, parent=1), circle(0, 0, 5, parent=2), circle(0, 0, 9)
     paths = number_paths([island, hole, outline])
     for inside_first, order in ((False, ["c2", "c1", "c0"]), (True, ["c0", "c1", "c2"])):
-        tour = order_paths(paths, TourSettings("nearest", (20, 0), inside_first))
+        tour = order_paths(paths, TourTable("nearest"), (20, 0), inside_first)
         assert [p.id for p in tour.paths] == order
 
 
 def test_a_tour_as_drawn_keeps_order_and_starts() -> None:
     paths = number_paths([circle(0, 0, 9), circle(0, 0, 2, parent=0), line((9, 9), (20, 9))])
-    tour = order_paths(paths, TourSettings("as-drawn", (0, 0), inside_first=True))
+    tour = order_paths(paths, TourTable("as-drawn"), (0, 0), True)
     assert list(tour.paths) == paths
     assert tour.method == "as drawn"
     assert tour.travel == pytest.approx(9 + 7 + math.hypot(7, 9) + math.hypot(20, 9))
@@ -436,18 +440,18 @@ def test_a_tour_as_drawn_keeps_order_and_starts() -> None:
 
 def test_a_tour_without_paths_is_empty() -> None:
     for method in ("nearest", "as-drawn"):
-        tour = order_paths([], TourSettings(method, (1, 1), inside_first=True))
+        tour = order_paths([], TourTable(method), (1, 1), True)
         assert (tour.paths, tour.travel) == ((), 0.0)
 
 
 def test_an_unknown_method_and_paths_that_enclose_each_other_are_refused() -> None:
     with pytest.raises(ValueError, match="unknown method"):
-        order_paths([circle(0, 0, 1)], TourSettings("shortest", None, inside_first=False))
+        order_paths([circle(0, 0, 1)], TourTable("shortest"), None, False)
     ring = [circle(0, 0, 1, parent=1), circle(0, 0, 2, parent=0), circle(9, 0, 1)]
     for paths in (ring, ring[:2]):
         for start in (None, (0.0, 0.0)):
             with pytest.raises(ValueError, match="enclose each other"):
-                order_paths(paths, TourSettings("nearest", start, inside_first=True))
+                order_paths(paths, TourTable("nearest"), start, True)
 
 
 @fewer(12)
@@ -561,7 +565,7 @@ def test_the_work_for_thousands_of_paths_at_one_point_is_not_quadratic(
     monkeypatch.setattr(tree, "_scan", count_scanned)
     count = 5_000
     fan = [line((0, 0), (math.cos(i), math.sin(i))) for i in range(count)]
-    assert len(order_paths(fan, TourSettings("nearest", (0, 0), inside_first=False)).paths) == count
+    assert len(order_paths(fan, TourTable("nearest"), (0, 0), False).paths) == count
     assert count <= scanned[0] < 40 * count  # quadratic work would be 2500 times as much
 
 

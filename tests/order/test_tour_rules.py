@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.model.job import Job
+from camgen.model.job import Job, TourTable
 from camgen.model.path import ToolPath
-from camgen.order.arrange import TourSettings, is_free, measure_travel, order_paths
+from camgen.order.arrange import is_free, measure_travel, order_paths
 from camgen.pipeline import build
 from camgen.plan.columns import straight_path
 from tests.order.test_tour import circle, line, make_path, number_paths, slot
@@ -57,7 +57,7 @@ def test_layers_come_in_the_order_of_the_job_and_inner_paths_first_within_a_laye
 ) -> None:
     paths = make_mixed(random.Random(seed), count)
     start = (0.0, 0.0) if at else None
-    tour = order_paths(paths, TourSettings(method, start, True, layers=["b", "c"]))
+    tour = order_paths(paths, TourTable(method, layers=["b", "c"]), start, True)
     assert sorted(p.id for p in tour.paths) == sorted(p.id for p in paths)
     rank = {"a": 2, "b": 0, "c": 1}
     ranks = [rank[p.layer] for p in tour.paths]
@@ -76,10 +76,11 @@ def test_layers_come_in_the_order_of_the_job_and_inner_paths_first_within_a_laye
 
 def test_the_first_layer_of_the_job_comes_before_a_nearer_one() -> None:
     near, far = line((1, 0), (2, 0), layer="mark"), line((90, 0), (91, 0), layer="cut")
-    best = order_paths([near, far], TourSettings("best", (0, 0), True, layers=["cut"]))
+    best = order_paths([near, far], TourTable("best", layers=["cut"]), (0, 0), True)
     assert [path.layer for path in best.paths] == ["cut", "mark"]
-    settings = TourSettings("as-drawn", (0, 0), True, layers=["mark", "cut"])
-    assert [path.layer for path in order_paths([far, near], settings).paths] == ["mark", "cut"]
+    settings = TourTable("as-drawn", layers=["mark", "cut"])
+    kept = order_paths([far, near], settings, (0, 0), True)
+    assert [path.layer for path in kept.paths] == ["mark", "cut"]
 
 
 def measure_corner_distance(path: ToolPath) -> float:
@@ -96,7 +97,7 @@ def test_smooth_seams_keep_away_from_corners(seed: int, count: int, method: str)
     paths = number_paths(
         [square(rng.uniform(0, 200), rng.uniform(0, 200), rng.uniform(1, 30)) for _ in range(count)]
     )
-    tour = order_paths(paths, TourSettings(method, (0.0, 0.0), False, seam="smooth"))
+    tour = order_paths(paths, TourTable(method, seam="smooth"), (0.0, 0.0), False)
     for path in tour.paths:
         side = float(np.ptp(path.position[:, 0]))
         assert measure_corner_distance(path) >= min(1.0, side / 3) - 1e-6
@@ -107,14 +108,14 @@ def test_smooth_seams_keep_away_from_corners(seed: int, count: int, method: str)
 
 def test_a_free_seam_is_at_the_nearest_corner_and_a_smooth_one_next_to_it() -> None:
     paths = [square(10, 10, 8)]
-    anywhere = order_paths(paths, TourSettings("best", (0, 0), False))
+    anywhere = order_paths(paths, TourTable("best"), (0, 0), False)
     assert anywhere.paths[0].position[0, :2].tolist() == pytest.approx([10, 10], abs=0.1)
-    smooth = order_paths(paths, TourSettings("best", (0, 0), False, seam="smooth"))
+    smooth = order_paths(paths, TourTable("best", seam="smooth"), (0, 0), False)
     assert math.dist(smooth.paths[0].position[0, :2], (10, 10)) == pytest.approx(1.0, abs=1e-6)
     # A slot and a circle have no corners, so both kinds of seams are at the nearest point.
     for path, nearest in ((circle(10, 0, 3), (7.0, 0.0)), (slot(10, -4), (6.0, 0.0))):
         for seam in ("any", "smooth"):
-            tour = order_paths([path], TourSettings("nearest", (0, 0), False, seam=seam))
+            tour = order_paths([path], TourTable("nearest", seam=seam), (0, 0), False)
             assert tour.paths[0].position[0, :2] == pytest.approx(nearest, abs=1e-6)
 
 
@@ -150,12 +151,12 @@ def test_the_search_reports_its_progress_and_the_watcher_may_stop_it(tmp_path: P
 def test_the_lower_bound_counts_the_gaps_between_squares(side: float) -> None:
     # Ten squares in a row, 5 mm apart, have nine links of at least 5 mm.
     row = number_paths([square(k * (side + 5), 0, side) for k in range(10)])
-    tour = order_paths(row, TourSettings("best", None, False, seconds=0.1))
+    tour = order_paths(row, TourTable("best", seconds=0.1), None, False)
     assert tour.bound is not None
     assert 0.93 * 45 < tour.bound <= tour.travel + 1e-6
     # The lines are in one row, so the tour is one line, and its lower bound is exact.
     ends = number_paths([line((10.0 * k, 0), (10.0 * k + 4, 0)) for k in range(10)])
-    along = order_paths(ends, TourSettings("best", None, False, seconds=0.1))
+    along = order_paths(ends, TourTable("best", seconds=0.1), None, False)
     assert along.travel == pytest.approx(54)
     assert along.bound == pytest.approx(54)
 

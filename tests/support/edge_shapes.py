@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray
+from camgen.motion.reach import reach_paths
+from camgen.motion.setup import EdgeMotion, OrientationFreedom, Setup, UnreachableEdge
+from camgen.plan.edges.last_face import Offset
+from camgen.plan.edges.poses import make_poses
 
 Vector = Sequence[float]
+_NOMINAL = OrientationFreedom()
 
 
 def straight(start: Vector, end: Vector, first: Vector, second: Vector, name: str = "e1") -> Edge:
@@ -36,3 +41,15 @@ def rim(centre: Vector, radius: float, outer: bool, name: str = "e1") -> Edge:
         name, "circle", points[::2], points[1::2], normals[::2], normals[1::2],
         math.pi / 2, True, True, radius, math.tau * radius,
     )  # fmt: skip
+
+
+def reach(
+    edges: Iterable[Edge],
+    setup: Setup,
+    offset: float,
+    direction: Offset = "mean",
+    freedom: OrientationFreedom = _NOMINAL,
+) -> tuple[EdgeMotion | UnreachableEdge, ...]:
+    """Run the arm along `edges`, `offset` mm away from them, as `reach_paths` says."""
+    paths = [(edge, make_poses(edge, offset, direction)) for edge in edges]
+    return reach_paths(paths, setup, freedom)

@@ -112,7 +112,7 @@ def seek(drawing: Part, job: Job) -> Sought:
         ids = frozenset()
     certain = [contour for contour in closed if contour.id in ids]
     if not certain:
-        inner = find_enclosed(replace(drawing, contours=tuple(closed)))
+        inner = find_enclosed(replace(drawing, contours=tuple(closed)), set(list_ids(closed)))
         certain = [contour for contour in closed if contour.id not in inner]
     names = set(list_ids(certain))
     possible = tuple(contour for contour in closed if contour.id not in names)

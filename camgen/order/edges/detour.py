@@ -141,8 +141,9 @@ def _search(space: _Space, a: FloatArray, b: FloatArray) -> FloatArray | None:
             for node in nodes:
                 match = _find_node(other, reached, tree.joints[node])
                 if match is not None:
-                    back = other.list_branch(match)[::-1][1:]
-                    path = np.concatenate([tree.list_branch(node), back])
+                    path = np.concatenate(
+                        [tree.list_branch(node), other.list_branch(match)[-2::-1]]
+                    )
                     return path if growing == 0 else path[::-1]
         growing = 1 - growing
         targets = _draw(space, rng, a, b)

@@ -8,7 +8,7 @@ serves all links: O(n) motions, not O(n^2).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import numpy as np
@@ -121,8 +121,7 @@ def find_shared_vertices(vertices: FloatArray, tolerance: float) -> BoolArray:
     """
     same = np.linalg.norm(vertices[:, None] - vertices[None], axis=2) < tolerance
     edge_of = np.arange(len(vertices)) // 2
-    same &= edge_of[:, None] != edge_of[None]
-    return np.asarray(same)
+    return np.asarray(same & (edge_of[:, None] != edge_of))
 
 
 def find_links_at_part(ends: MotionEnds) -> tuple[FloatArray, IntArray]:
@@ -165,23 +164,21 @@ def choose_links(
 
 def replace_speeds(
     setup: Setup, motions: Sequence[LinkMotion], start: FloatArray, speeds: LinkSpeeds
-) -> tuple[LinkMotion, ...]:
+) -> Iterator[LinkMotion]:
     """The motions of a link, the joint motions as fast as the joints and `speeds` allow.
 
     start: (J,) joint values at which the link begins.
     """
-    result: list[LinkMotion] = []
     for motion in motions:
         if isinstance(motion, JointLink):
             speed, share = speeds.part, 0.0
             if motion.free:
                 speed, share = compute_joint_speed(setup, start, motion.joints, speeds)
-            result.append(replace(motion, speed=speed, share=share))
+            yield replace(motion, speed=speed, share=share)
             start = motion.joints
         else:
-            result.append(motion)
+            yield motion
             start = motion.joints[-1]
-    return tuple(result)
 
 
 def make_retract(out: Retraction) -> PathLink:

@@ -260,10 +260,11 @@ def classify_joint_motions(
         for k, result in zip(chosen, results, strict=True):
             if isinstance(result, Blockage):
                 verdicts[k] = "blocked"
-            elif result < space.margin:
-                clearance = space.gaps(tests[k][0]).min()
-                if result < clearance - _CLEARANCE_SLACK_MM:
-                    verdicts[k] = "near"
+            elif (
+                result < space.margin
+                and result < space.gaps(tests[k][0]).min() - _CLEARANCE_SLACK_MM
+            ):
+                verdicts[k] = "near"
     return verdicts
 
 

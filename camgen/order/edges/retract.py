@@ -101,8 +101,8 @@ def find_retractions(
             next_candidates = list(islice(candidates[k], batch_size))
             owners += [k] * len(next_candidates)
             batch += next_candidates
-        followed = _follow(setup, batch, [ends[k][1] for k in owners], speeds)
-        free = iter(_examine(space, followed))
+        followed = list(_follow(setup, batch, [ends[k][1] for k in owners], speeds))
+        free = _examine(space, followed)
         for k, result in zip(owners, followed, strict=True):
             verdict = result if isinstance(result, str) else next(free)
             if clearance[k] >= wanted[k]:
@@ -116,14 +116,12 @@ def find_retractions(
     return [result or "the tool points up" for result in results]
 
 
-def _examine(space: FreeSpace, results: Sequence[Retraction | str]) -> list[float | str]:
+def _examine(space: FreeSpace, results: Sequence[Retraction | str]) -> Iterator[float | str]:
     """The clearance of each retraction, mm, or the name and reason of the collision."""
     retractions = [result for result in results if isinstance(result, Retraction)]
-    verdicts: list[float | str] = []
     looks = space.look([SampledMotion(out.sampled_joints, out.sampled_path) for out in retractions])
     for out, result in zip(retractions, looks, strict=True):
-        verdicts.append(f"{out.name} {result.what}" if isinstance(result, Blockage) else result)
-    return verdicts
+        yield f"{out.name} {result.what}" if isinstance(result, Blockage) else result
 
 
 def find_short_retraction(
@@ -137,7 +135,7 @@ def find_short_retraction(
     for length in _SHORT_LENGTHS_MM:
         path = _make_path(setup, end, [start, start + length * back])
         (result,) = _follow(setup, [("back", path)], [joints], speeds)
-        if isinstance(result, Retraction) and not isinstance(_examine(space, [result])[0], str):
+        if isinstance(result, Retraction) and not isinstance(next(_examine(space, [result])), str):
             return result
     return None
 
@@ -151,24 +149,22 @@ def _locate(setup: Setup, end: PosePath) -> tuple[FloatArray, FloatArray]:
 
 def _follow(
     setup: Setup, candidates: Sequence[_Candidate], starts: Sequence[FloatArray], speeds: LinkSpeeds
-) -> list[Retraction | str]:
+) -> Iterator[Retraction | str]:
     """The retraction on each candidate, from joint values (J,), or why the arm cannot follow it."""
     parts = [count_samples(path) for _, path in candidates]
     dense = [divide(path, counts) for (_, path), counts in zip(candidates, parts, strict=True)]
     goals = [compute_flange_poses(setup, poses.position, poses.rotation) for poses in dense]
-    results: list[Retraction | str] = []
     choices = follow_each(setup.robot, goals, starts, MARGIN, JUMP)
     for (name, path), counts, samples, start, choice in zip(
         candidates, parts, dense, starts, choices, strict=True
     ):
         if not isinstance(choice, Choice) or np.abs(choice.joints[0] - start).max() >= 1e-6:
-            results.append(f"{name} the arm cannot follow")
+            yield f"{name} the arm cannot follow"
             continue
         joints, rows = choice.joints, compute_offsets(counts)
         speed = compute_line_speeds(setup, speeds, samples, joints, rows)
         at_rows, no_via = frozen(joints[rows]), frozen(start[None][:0])
-        results.append(Retraction(path, at_rows, samples, frozen(joints), speed, name, no_via))
-    return results
+        yield Retraction(path, at_rows, samples, frozen(joints), speed, name, no_via)
 
 
 def _list_candidates(
@@ -182,10 +178,9 @@ def _list_candidates(
         and compute_link_frames(setup.robot, joints[None])[1][0, 5, 2] < space.level
     )
     over_wrist = _make_over_wrist(setup, space, end, joints) if has_low_wrist else None
-    if straight is not None:
-        yield "along the tool", straight
-    if over_wrist is not None:
-        yield "over the wrist", over_wrist
+    for name, path in (("along the tool", straight), ("over the wrist", over_wrist)):
+        if path is not None:
+            yield name, path
     outside = start + back * _measure_distance_out(space, start, back)
     top = outside + up * max(space.level - outside[2], _MIN_LENGTH_MM)
     yield "back and up", _make_path(setup, end, [start, outside, top])

@@ -44,7 +44,7 @@ from camgen.order.edges.problem import (
 )
 from camgen.order.edges.retract import Retraction, find_retractions, find_short_retraction
 from camgen.order.edges.turned_tour import choose_turns
-from camgen.order.edges.turns import list_turns, turn_motion, turn_retraction
+from camgen.order.edges.turns import list_turns, turn_motion
 from camgen.order.solver import matrix
 from camgen.plan import ignore_stages
 
@@ -115,8 +115,10 @@ def find_route(
         if not lost:
             problem, candidate = choose_turns(problem, candidate, options.speeds)
             legs, back = _make_legs(problem, candidate, options.speeds)
-            nearest, searched = candidate.nearest, _count_searched(problem)
-            return Route(legs, back, tuple(dropped), candidate.seconds, nearest, searched)
+            counts = count_rows([out.via for out in problem.out])
+            searched = int(np.count_nonzero(counts[::2] + counts[1::2]))
+            seconds = candidate.seconds
+            return Route(legs, back, tuple(dropped), seconds, candidate.nearest, searched)
         if one_sided := _find_one_sided(problem, lost):
             problem = _leave_by_other_end(problem, one_sided, options.speeds)
             continue
@@ -209,13 +211,10 @@ _End = tuple[PosePath, FloatArray]
 
 
 def _ends_of(motion: EdgeMotion) -> tuple[_End, _End]:
-    position, rotation, no_via = (
-        motion.pose_path.position,
-        motion.pose_path.rotation,
-        np.full((1, 3), np.nan),
-    )
-    start = PosePath(position[[0]], no_via, rotation[[0]])
-    end = PosePath(position[[-1]], no_via, rotation[[-1]])
+    path = motion.pose_path
+    no_via = np.full((1, 3), np.nan)
+    start = PosePath(path.position[[0]], no_via, path.rotation[[0]])
+    end = PosePath(path.position[[-1]], no_via, path.rotation[[-1]])
     return (start, motion.joints[0]), (end, motion.joints[-1])
 
 
@@ -346,7 +345,7 @@ def _turn_unlinked(
         if "clear" in verdicts:
             whole = turns[verdicts.index("clear") // 2]
             motions[index] = turn_motion(motion, whole)
-            outs[2 * index : 2 * index + 2] = [turn_retraction(out, whole) for out in both]
+            outs[2 * index : 2 * index + 2] = [turn_motion(out, whole) for out in both]
             has_turned = True
     return (motions, outs) if has_turned else None
 
@@ -367,11 +366,6 @@ def _search_detours(
                 opened[end] = via
                 break
     return opened
-
-
-def _count_searched(problem: RouteProblem) -> int:
-    counts = count_rows([out.via for out in problem.out])
-    return int(np.count_nonzero(counts[::2] + counts[1::2]))
 
 
 # The motions of the links.
@@ -395,12 +389,12 @@ def _make_legs(
         else:
             link = list(_list_link_motions(problem, candidate.first, before, enter))
         motion = problem.motions[item].reversed() if back else problem.motions[item]
-        legs.append(Leg(links.replace_speeds(setup, link, current, speeds), motion))
+        legs.append(Leg(tuple(links.replace_speeds(setup, link, current, speeds)), motion))
         current, before = motion.joints[-1], leave
     out = problem.out[before]
     to_home: list[links.LinkMotion] = [links.make_retract(out)]
     to_home += map(links.JointLink, (*out.via, home))
-    return tuple(legs), links.replace_speeds(setup, to_home, current, speeds)
+    return tuple(legs), tuple(links.replace_speeds(setup, to_home, current, speeds))
 
 
 def _list_link_motions(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import count, pairwise, product
 
 import numpy as np
@@ -23,7 +23,7 @@ from camgen.order.edges.problem import (
     remove_penalty,
     round_to_ticks,
 )
-from camgen.order.edges.turns import find_cheapest, list_turns, turn_motion, turn_retraction
+from camgen.order.edges.turns import find_cheapest, list_turns, turn_motion
 
 #: Rounds of tests, after which motions that were not tested count as blocked.
 _TEST_ROUNDS = 6
@@ -101,17 +101,12 @@ class _TurnTimes(Struct, frozen=True, eq=False):
             self.tested[stops][turns] = True
             self.seconds[stops][turns] += PENALTIES[verdict]
 
-    def block_untested(self) -> None:
-        """Counts motions that were not tested as blocked."""
-        for stops, tested in self.tested.items():
-            self.seconds[stops][~tested] = math.inf
-
 
 def choose_turns(
     problem: RouteProblem, candidate: TourCandidate, speeds: LinkSpeeds
 ) -> tuple[RouteProblem, TourCandidate]:
     """The problem and the tour with the whole turns of its motions that take least time."""
-    blocks = _list_blocks(problem, candidate)
+    blocks = list(_list_blocks(problem, candidate))
     if all(len(block.turns) == 1 for block in blocks):
         return problem, candidate
     rows = {-1: problem.cell.home[None]}
@@ -133,7 +128,7 @@ def choose_turns(
     return turned, replace(candidate, first=first, seconds=candidate.seconds - saved)
 
 
-def _list_blocks(problem: RouteProblem, candidate: TourCandidate) -> list[_Block]:
+def _list_blocks(problem: RouteProblem, candidate: TourCandidate) -> Iterator[_Block]:
     """The blocks of a tour.
 
     A block with a link along another edge or with a detour keeps its turns.
@@ -151,7 +146,6 @@ def _list_blocks(problem: RouteProblem, candidate: TourCandidate) -> list[_Block
             if next_end == end ^ 1:
                 fixed |= {end // 2, state[0] // 2}
             end = next_end
-    blocks = []
     for group in groups:
         enter, leave = group[0][0], group[-1][1]
         motions = tuple(end // 2 for end, _ in group)
@@ -161,8 +155,7 @@ def _list_blocks(problem: RouteProblem, candidate: TourCandidate) -> list[_Block
         turns = list_turns(cell.setup.robot, np.concatenate(joints), cell.home)
         if not fixed.isdisjoint(motions) or any(len(out.via) for out in outs):
             turns = turns[:1]
-        blocks.append(_Block(enter, leave, motions, turns))
-    return blocks
+        yield _Block(enter, leave, motions, turns)
 
 
 def _find_turns(
@@ -175,7 +168,8 @@ def _find_turns(
     """
     for attempt in count():
         if attempt == _TEST_ROUNDS:
-            times.block_untested()
+            for stops, tested in times.tested.items():
+                times.seconds[stops][~tested] = math.inf
         tables = [times.between(stops) for stops in links_in_order]
         chosen, seconds = find_cheapest(tables[0][:, 0], tables[1:-1], tables[-1][:, 0])
         turns_of_links = [(chosen[0], 0), *pairwise(chosen), (chosen[-1], 0)]
@@ -202,7 +196,7 @@ def _turn_blocks(
             motions[k] = turn_motion(motions[k], whole)
             joints[2 * k : 2 * k + 2] += math.tau * whole
         for end in {block.enter, block.leave} if whole.any() else ():
-            outs[end] = turn_retraction(outs[end], whole)
+            outs[end] = turn_motion(outs[end], whole)
             safe[end] += math.tau * whole
     ends = replace(ends, joints=joints, safe=safe)
     return replace(problem, motions=tuple(motions), out=tuple(outs), ends=ends)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from msgspec.structs import replace
@@ -22,6 +23,8 @@ from camgen.robots.models import Robot
 
 #: Turns of a motion that are tried.
 MOST_TURNS = 8
+
+_Motion = TypeVar("_Motion", EdgeMotion, Retraction)
 
 
 def list_turns(robot: Robot, joints: FloatArray, home: FloatArray) -> IntArray:
@@ -50,21 +53,13 @@ def list_turns(robot: Robot, joints: FloatArray, home: FloatArray) -> IntArray:
     return np.concatenate([no_turns, table[order][: MOST_TURNS - 1]])
 
 
-def turn_motion(motion: EdgeMotion, whole: IntArray) -> EdgeMotion:
-    """A motion moved by whole turns (J,)."""
+def turn_motion(motion: _Motion, whole: IntArray) -> _Motion:
+    """A motion, or a retraction without detour, moved by whole turns (J,)."""
     angle = math.tau * whole
     return replace(
         motion,
         joints=frozen(motion.joints + angle),
         sampled_joints=frozen(motion.sampled_joints + angle),
-    )
-
-
-def turn_retraction(out: Retraction, whole: IntArray) -> Retraction:
-    """A retraction, without detour, moved by whole turns (J,)."""
-    angle = math.tau * whole
-    return replace(
-        out, joints=frozen(out.joints + angle), sampled_joints=frozen(out.sampled_joints + angle)
     )
 
 

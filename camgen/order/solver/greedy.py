@@ -14,6 +14,7 @@ from camgen.geometry.nearest import Discs, IntArray, find_nearest_items
 from camgen.geometry.ragged import (
     compute_first_rows,
     find_first_occurrences,
+    find_root,
     list_owners,
     measure_runs,
     number_rows,
@@ -45,8 +46,7 @@ def join_greedily(items: Items, discs: Discs, home: FloatArray | None) -> Start 
     for number in select_distinct(group):
         joined, entered = _join_group(items, discs, np.flatnonzero(group == number))
         # The group is reversed if its other end is nearer to the group before.
-        is_closed = items.kind[joined] == CLOSED
-        left = np.where(is_closed, entered, sum_ends(items)[joined] - entered)
+        left = np.where(items.kind[joined] == CLOSED, entered, sum_ends(items)[joined] - entered)
         if position is not None:
             first, last = items.points[entered[0]] - position, items.points[left[-1]] - position
             if float((last**2).sum()) < float((first**2).sum()):
@@ -150,7 +150,7 @@ def _link_nodes(discs: Discs, item: IntArray, allowed: IntArray) -> list[list[in
         before = parts
         for a, b in zip(first[rows].tolist(), second[rows].tolist(), strict=True):
             if free[a] and free[b]:
-                k, m = _find_root(label, item_of[a]), _find_root(label, item_of[b])
+                k, m = find_root(label, item_of[a]), find_root(label, item_of[b])
                 if k != m:
                     label[m] = k
                     free[a] -= 1
@@ -161,13 +161,6 @@ def _link_nodes(discs: Discs, item: IntArray, allowed: IntArray) -> list[list[in
         if parts == before:
             break
     return links
-
-
-def _find_root(label: list[int], item: int) -> int:
-    while label[item] != item:
-        label[item] = label[label[item]]
-        item = label[item]
-    return item
 
 
 def _follow_links(

@@ -128,8 +128,7 @@ def push(r: Run, item: int) -> None:
     """Queues the item for an evaluation, unless it waits already."""
     if not r.waits[item]:
         r.waits[item] = 1
-        size = len(r.queue)
-        r.queue[(r.marks[HEAD] + r.marks[QUEUED]) % size] = item
+        r.queue[(r.marks[HEAD] + r.marks[QUEUED]) % len(r.queue)] = item
         r.marks[QUEUED] += 1
 
 

@@ -277,9 +277,7 @@ def _find_limits(states: IntArray, rules: Rules) -> tuple[IntArray, IntArray]:
     Both are (n,), for the positions 1..n; 0 and n + 1 if no item must come before or after.
     """
     items = states[1:-1] >> 1
-    count = len(items)
-    place = np.empty(count, dtype=np.int64)
-    place[items] = np.arange(1, count + 1)
+    place = np.argsort(items) + 1
     parent, rank = rules.parent[items], rules.rank[items]
     # Ranks increase along an order that keeps the rules.
     before = np.searchsorted(rank, rank, side="left")
@@ -292,8 +290,7 @@ def _find_limits(states: IntArray, rules: Rules) -> tuple[IntArray, IntArray]:
 
 def _keeps_rules(states: IntArray, rules: Rules) -> bool:
     items = states[1:-1] >> 1
-    place = np.empty(len(items), dtype=np.int64)
-    place[items] = np.arange(len(items))
+    place = np.argsort(items)
     has_parent = rules.parent >= 0
     return bool(
         (np.diff(rules.rank[items]) >= 0).all()
@@ -412,8 +409,10 @@ def _add_relocations(
             best = change.argmin(axis=2)
             least = np.take_along_axis(change, best[:, :, None], axis=2)[:, :, 0]
             for k, i in np.argwhere(least < -eps).tolist():
-                saving = float(least[k, i])
-                moves[k].append(_make_move(i + 1, size, int(best[k, i]), is_reversed, saving))
+                # The section from position i + 1 on comes after position j.
+                j = int(best[k, i])
+                ends = (j + 1, i + size) if j <= i else (i + 1, j)
+                moves[k].append((*ends, i + 1, size, is_reversed, float(least[k, i])))
 
 
 def _find_forbidden(
@@ -430,9 +429,3 @@ def _find_forbidden(
     if is_reversed:
         forbidden |= (after <= high[:, None]).any(axis=1)[:, None]
     return np.asarray(forbidden)
-
-
-def _make_move(low: int, size: int, place: int, is_reversed: bool, change: float) -> _Move:
-    """The move of the section of `size` from position `low` to after position `place`."""
-    ends = (place + 1, low + size - 1) if place < low else (low, place)
-    return *ends, low, size, is_reversed, change

@@ -159,8 +159,7 @@ def insert(s: Scene, r: Run, a: int, count: int, leading: bool) -> float:  # noq
     size = len(r.ring)
     low = r.place[a] if leading else (r.place[a] - count + 1) % size
     head, tail = r.ring[low], r.ring[(low + count - 1) % size]
-    home = (low + count - 1) % size < count - 1 or low == 0
-    if s.directed and home:
+    if s.directed and ((low + count - 1) % size < count - 1 or low == 0):
         return 0.0
     p, n = ahead(r, head), after(r, tail)
     lp, en = r.leave[p], r.enter[n]

@@ -12,8 +12,12 @@ from camgen.geometry.nearest import Discs, IntArray, NearestItems
 from camgen.geometry.ragged import (
     compute_first_rows,
     compute_offsets,
+    find_run_starts,
     list_owners,
     list_range_numbers,
+    mark_run_starts,
+    measure_runs,
+    number_rows,
 )
 from camgen.geometry.vectors import measure_plane_lengths
 from camgen.model.pose import FloatArray
@@ -105,7 +109,7 @@ class Clock(Struct, frozen=True):
 def make_discs(items: Items) -> Discs:
     """Discs that cover all points of the items, one for each end of an open item."""
     count = np.diff(items.first)
-    owner = np.repeat(np.arange(len(count)), count)
+    owner = list_owners(count)
     loop = (items.kind == CLOSED) & (count > 1)
     lone = ~loop[owner]
     centre = [items.points[lone]]
@@ -115,12 +119,11 @@ def make_discs(items: Items) -> Discs:
     if len(loops):
         # A disc is not much larger than the usual room of an item.
         number, stretch = _divide_into_sections(items, loops)
-        firsts = np.flatnonzero(np.concatenate([[True], stretch[1:] != stretch[:-1]]))
-        lasts = np.concatenate([firsts[1:], [len(stretch)]])
+        firsts = find_run_starts(stretch)
         points = items.points[number]
         low, high = np.minimum.reduceat(points, firsts), np.maximum.reduceat(points, firsts)
         middle = (low + high) / 2
-        owner_of_point = np.repeat(np.arange(len(firsts)), lasts - firsts)
+        owner_of_point = list_owners(measure_runs(stretch))
         distance_from_middle = measure_plane_lengths(points - middle[owner_of_point])
         item = owner[number[firsts]]
         centre.append(middle)
@@ -137,10 +140,7 @@ def split_ends(items: Items, discs: Discs) -> tuple[Discs, IntArray]:
     ends = ~closed[discs.owner]
     owner = first[discs.owner]
     # The two ends of an open item follow each other.
-    owner_of_end = discs.owner[ends]
-    owner[ends] += (
-        np.concatenate([[False], owner_of_end[1:] == owner_of_end[:-1]]) if len(owner_of_end) else 0
-    )
+    owner[ends] += ~mark_run_starts(discs.owner[ends])
     return Discs(owner, discs.centre, discs.radius), first
 
 
@@ -156,8 +156,7 @@ def _divide_into_sections(items: Items, loops: IntArray) -> tuple[IntArray, IntA
     lengths = count * items.step[loops]
     parts = np.where(lengths > 4 * distance, np.ceil(lengths / max(distance, NONZERO)), 1.0)
     parts = np.minimum(parts, count).astype(np.int64)
-    place = number - items.first[loops][owner]
-    stretch = place * parts[owner] // count[owner] + compute_first_rows(parts)[owner]
+    stretch = number_rows(count) * parts[owner] // count[owner] + compute_first_rows(parts)[owner]
     return number, stretch
 
 
@@ -239,8 +238,6 @@ def _make_scene(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
     children = np.argsort(items.parent, kind="stable")
     children = children[np.sort(items.parent) >= 0]
     counts = np.bincount(items.parent[items.parent >= 0], minlength=count + 1)
-    first = np.concatenate([items.first, [points + 1]])
-    rank = np.concatenate([items.rank, [0]])
     directed = bool(
         (items.kind == kernel.ONE_WAY).any()
         or (items.parent >= 0).any()
@@ -249,7 +246,7 @@ def _make_scene(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
     scene = Scene(
         x=xy[:, 0].tolist(),
         y=xy[:, 1].tolist(),
-        first=first.tolist(),
+        first=[*items.first.tolist(), points + 1],
         kind=[*items.kind.tolist(), CLOSED],
         step=[*items.step.tolist(), 1.0],
         near=table.reshape(-1).tolist(),
@@ -258,7 +255,7 @@ def _make_scene(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
         parent=[*items.parent.tolist(), -1],
         children=compute_offsets(counts).tolist(),
         child=children.tolist() or [0],
-        rank=rank.tolist(),
+        rank=[*items.rank.tolist(), 0],
         nowhere=points if home is None else -1,
         directed=directed,
         table=[],
@@ -268,16 +265,12 @@ def _make_scene(problem: Problem, start: Start, seed: int) -> tuple[Scene, Run]:
         newest_first=False,
     )
     ring = np.concatenate([[count], start.order])
-    where = np.empty(count + 1, dtype=np.int64)
-    where[ring] = np.arange(count + 1)
-    enter = np.concatenate([start.enter, [points]])
-    turned = (sum_ends(items) - start.enter) if count else start.enter
-    leave = np.concatenate([np.where(items.kind == CLOSED, start.enter, turned), [points]])
+    leave = np.where(items.kind == CLOSED, start.enter, sum_ends(items) - start.enter)
     run = Run(
         ring=ring.tolist(),
-        place=where.tolist(),
-        enter=enter.tolist(),
-        leave=leave.tolist(),
+        place=np.argsort(ring).tolist(),
+        enter=[*start.enter.tolist(), points],
+        leave=[*leave.tolist(), points],
         queue=ring.tolist(),
         waits=[1] * (count + 1),
         log=[0] * (5 * local_search.LOG),

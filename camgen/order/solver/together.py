@@ -13,6 +13,7 @@ of 6,000 items it takes 0.37 s to the length that this module reaches in 0.03 s,
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -111,14 +112,20 @@ def _make_tour(problem: Problem, tour: Start) -> _Tour:
     xy = np.concatenate([items.points, np.full((1, 2), np.nan) if home is None else home[None]])
     table, distance = add_home(items, xy[-1], *problem.near.table(count, WIDTH), home is None)
     order = np.concatenate([[count], tour.order, [count + 1]])
-    place = np.empty(count + 2, dtype=np.int64)
-    place[order] = np.arange(count + 2)
     leave = np.where(items.kind == CLOSED, tour.enter, sum_ends(items) - tour.enter)
     enter, leave = np.append(tour.enter, [last, last]), np.append(leave, [last, last])
     group = np.append(make_groups(items), [-1, -1])
     near, distance = np.concatenate([table, table[-1:]]), np.concatenate([distance, distance[-1:]])
     return _Tour(
-        order, place, enter, leave, xy[:, 0].copy(), xy[:, 1].copy(), group, near, distance
+        order,
+        np.argsort(order),
+        enter,
+        leave,
+        xy[:, 0].copy(),
+        xy[:, 1].copy(),
+        group,
+        near,
+        distance,
     )
 
 
@@ -167,7 +174,7 @@ def _find_joins(tour: _Tour, touched: IntArray, step: int) -> _Moves:
     return _select_better(change, a, b, c, d, np.full(len(a), _JOIN))
 
 
-def _find_carries(tour: _Tour, touched: IntArray) -> list[_Moves]:
+def _find_carries(tour: _Tour, touched: IntArray) -> Iterator[_Moves]:
     """Or-opt: each of the touched items moved to before or after a near one."""
     a = touched[_has_next(tour, touched, 1) & _has_next(tour, touched, -1)]
     before, after = tour.order[tour.place[a] - 1], tour.order[tour.place[a] + 1]
@@ -176,7 +183,6 @@ def _find_carries(tour: _Tour, touched: IntArray) -> list[_Moves]:
     saved = saved - tour.measure(out, back)
     row, column = np.nonzero((tour.near[a] >= 0) & (tour.distance[a] < saved[:, None]))
     a, before, c, saved = a[row], before[row], tour.near[a[row], column], saved[row]
-    moves = []
     for step in (1, -1):
         # Every near item has a home or an item on both sides.
         neighbour = tour.order[tour.place[c] + step]
@@ -187,8 +193,7 @@ def _find_carries(tour: _Tour, touched: IntArray) -> list[_Moves]:
         change = np.minimum(ahead, turned) - tour.measure(leave, enter) - saved
         change[neighbour == a] = 0.0
         kind = np.where(turned < ahead, _CARRY_REVERSED, _CARRY)
-        moves.append(_select_better(change, a, before, low, high, kind))
-    return moves
+        yield _select_better(change, a, before, low, high, kind)
 
 
 def _has_next(tour: _Tour, item: IntArray, step: int) -> BoolArray:

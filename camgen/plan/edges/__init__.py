@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from itertools import compress, starmap
 from typing import Literal
@@ -56,7 +56,7 @@ from camgen.plan.edges.pieces import LinePaths, PieceSearch
 from camgen.plan.edges.poses import make_poses
 from camgen.plan.edges.remedy import Attempt, find_remedies
 from camgen.plan.edges.select import select_edges
-from camgen.plan.unused import check_idle
+from camgen.plan.unused import check_idle, check_rules
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
@@ -102,7 +102,7 @@ class LineTask(Struct, frozen=True, eq=False):
 
     pose_paths: Iterable[tuple[Line, PosePath | UnreachableEdge]]
     surround: Surround
-    notes: Sequence[Note]
+    notes: Iterable[Note]
     noun: str
     contacts: Mapping[str, float] = {}
 
@@ -132,8 +132,9 @@ def plan_lines(part: Part, job: Job, cell: Workcell, watch: Watch, task: LineTas
 
     for group, tip in task.by_contact(listed):
         if tip:
-            at_rims = task.surround(job, tip)
-            where = replace(at_rims, rims=frozenset(task.contacts), strict=where.work)
+            where = replace(
+                task.surround(job, tip), rims=frozenset(task.contacts), strict=where.work
+            )
         setup = make_setup(cell.arm, cell, where)
         space = make_free_space(where, setup)
         results = _clear_between(reach_paths(group, setup, freedom, report), space)
@@ -199,18 +200,15 @@ def _attempt(
     return attempt
 
 
-def _note_contacts(contacts: Mapping[str, float]) -> list[Note]:
-    if not contacts:
-        return []
-    depth = short(max(contacts.values()), 2)
-    return [
-        Note(
+def _note_contacts(contacts: Mapping[str, float]) -> Iterator[Note]:
+    if contacts:
+        depth = short(max(contacts.values()), 2)
+        yield Note(
             "assumed",
             f"the rim of {counted(len(contacts), 'edge')} may enter the tool's tip",
             f"it bends into the tip by up to {depth} mm: tool.diameter, operation.offset",
             tuple(contacts),
         )
-    ]
 
 
 def _clear_between(
@@ -267,17 +265,22 @@ def select_edges_of_job(solid: Solid, job: Job) -> dict[str, Edge]:
 
 
 def _check(job: Job, cell: Cell) -> None:
-    if job.tour.method == "as-drawn":
-        raise JobError(
-            "job",
-            "the edges of a part have no drawn order",
-            "tour.method",
-            'set it to "best" or "nearest"',
-        )
-    if not isinstance(cell.home, Joints):
-        raise JobError(
-            "job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus"
-        )
+    check_rules(
+        [
+            (
+                job.tour.method == "as-drawn",
+                "the edges of a part have no drawn order",
+                "tour.method",
+                'set it to "best" or "nearest"',
+            ),
+            (
+                not isinstance(cell.home, Joints),
+                "edges of 3-D parts need an arm",
+                "--post",
+                "give rapid, pacscript or vplus",
+            ),
+        ]
+    )
     check_idle(job, "a 3-D part")
 
 

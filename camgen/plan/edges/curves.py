@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import compress
 
 import numpy as np
@@ -65,21 +66,18 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
     )
 
 
-def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:
+def _note_faces(part: Part, job: Job) -> Iterator[Note]:
     solid = part.solid
     square = [curve for curve in part.curves if choose_axis(curve, job) == "normal"]
     if solid is None or not square:
-        return ()
+        return
     distances = np.array([find_nearest(solid, curve.points).distance.max() for curve in square])
     far = list_ids(compress(square, distances > _ON_IT))
-    if not far:
-        return ()
-    largest = short(float(distances.max()), 3)
-    return (
-        Note(
+    if far:
+        largest = short(float(distances.max()), 3)
+        yield Note(
             "assumed",
             f"{counted(len(far), 'curve')} up to {largest} mm off {solid.source}",
             "the tool is square to the nearest face, wherever that is",
             far,
-        ),
-    )
+        )

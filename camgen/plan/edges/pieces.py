@@ -52,9 +52,7 @@ class PieceSearch(Struct):
         """
         pieces: dict[str, tuple[EdgeMotion, ...]] = {}
         for (line, path), result in zip(lines, whole, strict=True):
-            if not isinstance(result, UnreachableEdge):
-                continue
-            if isinstance(path, UnreachableEdge) and not isinstance(path, FoldedEdge):
+            if isinstance(result, EdgeMotion) or not isinstance(path, PosePath | FoldedEdge):
                 continue
             if self.unsought:
                 self.unsought.append(line.id)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from msgspec.structs import replace
 
@@ -14,20 +12,11 @@ from camgen.model.part import BoolArray, Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.motion.pose_paths import PosePath, divide
-from camgen.motion.reach import reach_paths
-from camgen.motion.setup import (
-    EdgeMotion,
-    FoldedEdge,
-    OrientationFreedom,
-    Setup,
-    UnreachableEdge,
-)
+from camgen.motion.setup import FoldedEdge, UnreachableEdge
 from camgen.plan.edges.last_face import Offset
 
 #: Below this the sum of two unit normals has no direction.
 _OPPOSED = 1e-3
-#: The tool keeps its nominal orientation.
-_NOMINAL = OrientationFreedom()
 #: An offset that leaves less than this part of an arc has closed it.
 _CLOSED = 1e-3
 
@@ -140,16 +129,3 @@ def _frames(outward: FloatArray, tangent: FloatArray, closed: bool) -> FloatArra
     clear = scores[np.abs(scores) > 1e-6]
     sign = -1.0 if len(clear) and clear[0] < 0 else 1.0
     return np.stack([sign * x, sign * y, z], axis=2)
-
-
-def reach(
-    edges: Iterable[Edge],
-    setup: Setup,
-    offset: float,
-    direction: Offset = "mean",
-    freedom: OrientationFreedom = _NOMINAL,
-) -> tuple[EdgeMotion | UnreachableEdge, ...]:
-    """Run the arm along `edges`, `offset` mm away from them, as `reach_paths` says."""
-    return reach_paths(
-        [(edge, make_poses(edge, offset, direction)) for edge in edges], setup, freedom
-    )

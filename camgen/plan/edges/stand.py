@@ -19,6 +19,7 @@ from camgen.model.pose import TOOL_DOWN, FloatArray, frozen, rotation_from_fixed
 from camgen.model.text import counted, short
 from camgen.motion.pose_paths import PosePath, count_parts, divide
 from camgen.motion.setup import UnreachableEdge
+from camgen.plan.unused import check_rules
 
 #: Distance of the samples at which the normal of the nearest face is taken, mm.
 _SAMPLE_MM = 1.0
@@ -57,17 +58,22 @@ def choose_axis(curve: Curve, job: Job) -> str:
     axis: str = tool.axis
     if axis == "auto":
         axis = "fixed" if curve.rotations is None else "given"
-    if axis == "given" and curve.rotations is None:
-        raise JobError(
-            "job",
-            f"curve {curve.id} has no angles",
-            "tool.axis",
-            'give points with x,y,z,rx,ry,rz, or set it to "fixed" or "normal"',
-        )
-    if axis != "fixed" and tool.angles is not None:
-        raise JobError(
-            "job", f"has no effect on a tool that stands as {axis}", "tool.angles", "leave it out"
-        )
+    check_rules(
+        [
+            (
+                axis == "given" and curve.rotations is None,
+                f"curve {curve.id} has no angles",
+                "tool.axis",
+                'give points with x,y,z,rx,ry,rz, or set it to "fixed" or "normal"',
+            ),
+            (
+                axis != "fixed" and tool.angles is not None,
+                f"has no effect on a tool that stands as {axis}",
+                "tool.angles",
+                "leave it out",
+            ),
+        ]
+    )
     return axis
 
 

@@ -9,7 +9,7 @@ found in the painted picture and get their own strokes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 import cv2
@@ -39,11 +39,11 @@ from camgen.plan import Coverage
 from camgen.plan.columns import compute_depths
 from camgen.plan.fill.bridges import join_passes
 from camgen.plan.fill.cover import SAG, measure_areas, paint, run_along, split_lines
-from camgen.plan.fill.ground import Distances, FillGrid, Pixels, compute_slope, make_grid
+from camgen.plan.fill.ground import FillGrid, compute_slope, make_grid
 from camgen.plan.fill.joined import note_joined
 from camgen.plan.fill.lines import CentreLine, centre_strokes, find_centre_lines
 from camgen.plan.image_space.border import CLOSE, find_foot, find_near
-from camgen.plan.image_space.field import mask_beyond, sample_field
+from camgen.plan.image_space.field import Pixels, mask_beyond, sample_field
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.simplify import thin_out
 from camgen.vision.similarity import measure_scale
@@ -58,13 +58,12 @@ _PIXELS_PER_POINT = 3
 _DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 
-def make_passes(field: FillGrid, radius: float, spacing: float) -> list[ComplexArray]:
+def make_passes(field: FillGrid, radius: float, spacing: float) -> Iterator[ComplexArray]:
     """Closed lines (N,) px at `radius`, `radius + spacing`, ... px from the border.
 
     The first point is not repeated.
     """
     offset = radius
-    passes: list[ComplexArray] = []
     deepest = float(field.depth.max()) if field.depth.size else 0.0
     window = (0, 0, field.mask.shape[1], field.mask.shape[0])
     while offset + ROOM <= deepest:
@@ -76,11 +75,10 @@ def make_passes(field: FillGrid, radius: float, spacing: float) -> list[ComplexA
         stride, rounds = (1, 3) if offset == radius else (_PIXELS_PER_POINT, 1)
         corner = np.array([u, v], dtype=np.float64)
         pixels = [pixel[::stride, 0] + corner for pixel in chains if len(pixel) > 2]
-        passes += _move_to_offset(field, pixels, offset, rounds)
+        yield from _move_to_offset(field, pixels, offset, rounds)
         box = cv2.boundingRect(core)
         window = (max(u + box[0] - 1, 0), max(v + box[1] - 1, 0), box[2] + 2, box[3] + 2)
         offset += spacing
-    return passes
 
 
 def _move_to_offset(
@@ -127,19 +125,6 @@ _PAYS = 2.0
 _TRIED = np.linspace(0.0, 1.0, 9).tolist()
 
 
-class _Bare(Struct, frozen=True, eq=False):
-    """Pieces of the area without ink.
-
-    labels: (H, W) piece of each pixel, 0 for inked pixels.
-    facts: (N, 5) statistics of the pieces as OpenCV returns them.
-    depth: (N,) depth of the deepest pixel of each piece, px.
-    """
-
-    labels: NDArray[np.int32]
-    facts: IntArray
-    depth: Distances
-
-
 def find_uncovered(
     field: FillGrid, ink: Pixels, radius: float, min_area: float
 ) -> list[CentreLine]:
@@ -149,57 +134,64 @@ def find_uncovered(
     """
     pixels = np.asarray(cv2.bitwise_and(field.mask, cv2.bitwise_not(ink)), dtype=np.uint8)
     count, labels, facts, _ = cv2.connectedComponentsWithStats(pixels)
+    # The deepest pixel of each piece; piece 0 is the pixels with ink.
     depth = np.zeros(count, dtype=np.float32)
     bare_rows = np.flatnonzero(pixels)
     piece: NDArray[np.int32] = np.asarray(labels, dtype=np.int32)
     np.maximum.at(depth, piece.ravel()[bare_rows], field.depth.ravel()[bare_rows])
-    bare = _Bare(piece, np.asarray(facts, dtype=np.int64), depth)
-    area = bare.facts[:, cv2.CC_STAT_AREA]
+    area = np.asarray(facts, dtype=np.int64)[:, cv2.CC_STAT_AREA]
     is_large = area >= min_area
     is_large[0] = False
-    lines = _find_lines(field, bare, is_large & (depth >= _ROOM_FRACTION * radius), radius)
+    is_wide = is_large & (depth >= _ROOM_FRACTION * radius)
+    lines = list(_find_lines(field, is_wide[piece], radius))
     pending = is_large & (area >= _TOUCH * min_area + _GRAIN)
     if lines:
         drawn = np.concatenate([line.points for line in lines])
         v, u = np.rint(drawn.imag).astype(np.int64), np.rint(drawn.real).astype(np.int64)
-        pending[bare.labels[v, u]] = False
+        pending[piece[v, u]] = False
     for k in np.flatnonzero(pending).tolist():
-        touch = _find_touch(field, ink, bare, k, radius)
+        touch = _find_touch(field, ink, piece, k, facts[k].tolist(), radius)
         if touch is not None:
             lines.append(touch)
     return lines
 
 
-def _find_lines(field: FillGrid, bare: _Bare, chosen: BoolArray, radius: float) -> list[CentreLine]:
-    """The centre lines of the `chosen` pieces (N,), where the tool has room."""
-    mask = chosen[bare.labels].astype(np.uint8) * np.uint8(255)
+def _find_lines(field: FillGrid, area: BoolArray, radius: float) -> Iterator[CentreLine]:
+    """The centre lines of an `area` (H, W), where the tool has room."""
+    mask = area.astype(np.uint8) * np.uint8(255)
     if not cv2.countNonZero(mask):
-        return []
+        return
     width = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     strokes = join_strokes(make_graph(thin_mask(mask), None, np.asarray(width, dtype=np.float32)))
     if not strokes:
-        return []
-    lines = []
+        return
     for stroke, points in zip(strokes, centre_strokes(strokes, field, radius)[1], strict=True):
         has_room = sample_field(field.depth, points) >= _ROOM_FRACTION * radius
         closed = stroke.closed and bool(has_room.all()) and len(points) > 2
-        runs = find_true_runs(has_room).tolist()
-        lines += [CentreLine(points[first:end], closed, radius) for first, end in runs]
-    return lines
+        for first, end in find_true_runs(has_room).tolist():
+            yield CentreLine(points[first:end], closed, radius)
 
 
 def _find_touch(
-    field: FillGrid, ink: Pixels, bare: _Bare, piece: int, radius: float
+    field: FillGrid,
+    ink: Pixels,
+    pieces: NDArray[np.int32],
+    number: int,
+    facts: list[int],
+    radius: float,
 ) -> CentreLine | None:
     """One touch between the middle of a piece and the deepest place near it.
 
     None if every position inks too much outside.
+
+    pieces: (H, W) piece of each pixel.
+    facts: the statistics of the piece `number` as OpenCV returns them.
     """
-    left, top, width, height, _ = bare.facts[piece].tolist()
+    left, top, width, height, _ = facts
     reach = int(np.ceil(radius))
     u, v = max(left - 2 * reach, 0), max(top - 2 * reach, 0)
     window = (slice(v, top + height + 2 * reach), slice(u, left + width + 2 * reach))
-    is_piece = bare.labels[window] == piece
+    is_piece = pieces[window] == number
     rows, columns = np.nonzero(is_piece)
     middle = complex(columns.mean(), rows.mean())
     y, x = np.ogrid[: is_piece.shape[0], : is_piece.shape[1]]
@@ -267,7 +259,8 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     kinds = _make_strokes(field, radius, job, _compute_tolerance(part, field, job))
     region: IntArray = np.asarray(cv2.connectedComponents(field.mask)[1], dtype=np.int32)
     border_region = _find_border_regions(field, region)
-    paths = _make_paths(field, kinds, _group_contours(part, field, border_region), region, job)
+    around = _group_contours(part, field, border_region)
+    paths = tuple(_make_paths(field, kinds, around, region, job))
     thin: list[bool] = []
     lines: list[ComplexArray] = []
     for kind in kinds:
@@ -277,7 +270,7 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     ink = paint(*split_lines(lines), radius, field.mask.shape[:2])
     notes = (
         *_note_open(part),
-        *_note_rules(kinds, region, job),
+        _note_rules(kinds, region, job),
         *note_joined(part, field, ink, region, border_region, job.tool.diameter),
     )
     return paths, notes, coverage
@@ -296,10 +289,10 @@ def _compute_tolerance(part: Part, field: FillGrid, job: Job) -> float:
 
 def _make_strokes(field: FillGrid, radius: float, job: Job, tolerance: float) -> list[StrokeKind]:
     spacing = 2 * radius * job.operation.stepover
-    passes = make_passes(field, radius, spacing)
+    passes = list(make_passes(field, radius, spacing))
     joined = join_passes(field, passes, radius, spacing)
     wide = [CentreLine(points, True, radius) for points in joined]
-    narrow = find_centre_lines(field, radius, mask_beyond(field.depth, radius + ROOM))
+    narrow = list(find_centre_lines(field, radius, mask_beyond(field.depth, radius + ROOM)))
     # The lines as found: thinning out does not decide which pieces get a stroke.
     drawn = []
     for line in (*wide, *narrow):
@@ -379,7 +372,7 @@ def _make_paths(
     contours: dict[int, list[Contour]],
     region: IntArray,
     job: Job,
-) -> tuple[ToolPath, ...]:
+) -> Iterator[ToolPath]:
     """All strokes as tool paths.
 
     contours: contours around each region.
@@ -391,7 +384,7 @@ def _make_paths(
         strokes += kind.strokes
         names += [f"{kind.mark}{k}" for k in range(1, len(kind.strokes) + 1)]
     if not strokes:
-        return ()
+        return
     columns = tabulate_contours(strokes)
     counts = columns.counts + columns.closed
     first = compute_first_rows(counts).tolist()
@@ -406,10 +399,9 @@ def _make_paths(
         force=job.process.force,
     )
     fallback = contours[min(contours)]
-    paths = []
     for k, stroke in enumerate(strokes):
         around = contours.get(regions[k], ())
-        path = ToolPath(
+        yield ToolPath(
             id=names[k],
             layer=(around or fallback)[0].layer,
             table=table[first[k] : first[k] + counts[k]],
@@ -418,8 +410,6 @@ def _make_paths(
             contours=tuple(dict.fromkeys(list_ids(around))),
             operation="fill",
         )
-        paths.append(path)
-    return tuple(paths)
 
 
 def _join_strokes(strokes: Sequence[Contour]) -> tuple[ComplexArray, ComplexArray]:
@@ -454,21 +444,18 @@ def measure_coverage(
     return measure_areas(field.edge.table, edge, wide, narrow, radius)
 
 
-def _note_open(part: Part) -> tuple[Note, ...]:
+def _note_open(part: Part) -> Iterator[Note]:
     ids = list_ids(select_open(part.contours))
-    if not ids:
-        return ()
-    return (
-        Note(
+    if ids:
+        yield Note(
             "skipped",
             f"{counted(len(ids), 'open contour')} not filled",
             "only closed contours have an inside; join gaps with input.join, or trace them",
             ids,
-        ),
-    )
+        )
 
 
-def _note_rules(kinds: Sequence[StrokeKind], region: IntArray, job: Job) -> tuple[Note, ...]:
+def _note_rules(kinds: Sequence[StrokeKind], region: IntArray, job: Job) -> Note:
     passes, centre, rest = kinds
     by_passes, by_lines = set[int](), set[int]()
     for kind, regions in ((passes, by_passes), (centre, by_lines)):
@@ -484,13 +471,11 @@ def _note_rules(kinds: Sequence[StrokeKind], region: IntArray, job: Job) -> tupl
     what = f"{counted(len(by_passes | by_lines), 'region')} to fill: {shares}"
     strokes = f" in {counted(len(passes.lines), 'stroke')}"
     joined = strokes if len(passes.lines) < passes.count else ""
-    return (
-        Note(
-            "assumed",
-            what,
-            f"{counted(passes.count, 'pass', 'passes')}{joined}, "
-            f"{counted(len(centre.lines), 'centre line')} "
-            f"({sum(centre.thin)} of places thinner than the tool), "
-            f"{counted(len(rest.lines), 'stroke')} for the rest",
-        ),
+    return Note(
+        "assumed",
+        what,
+        f"{counted(passes.count, 'pass', 'passes')}{joined}, "
+        f"{counted(len(centre.lines), 'centre line')} "
+        f"({sum(centre.thin)} of places thinner than the tool), "
+        f"{counted(len(rest.lines), 'stroke')} for the rest",
     )

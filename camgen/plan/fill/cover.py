@@ -17,12 +17,12 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO
 from camgen.plan import Coverage
 from camgen.plan.fill.ground import (
-    Pixels,
     expand_ranges,
     find_crossings,
     find_outlines,
     mask_even_odd,
 )
+from camgen.plan.image_space.field import Pixels
 
 # The covered area is measured on the strokes as they will be run, along rows across them.
 
@@ -101,9 +101,8 @@ def measure_areas(
     radius: radius of the tool.
     """
     borders = borders * _TURN
-    pitch = 2 * radius / _ROWS
     height = float(np.ptp(borders.imag)) if len(borders) else 0.0
-    pitch = max(pitch, height / _MAX_ROWS)
+    pitch = max(2 * radius / _ROWS, height / _MAX_ROWS)
     following = borders[table.shifted(1)]
     start = borders.real + 1j * (borders.imag / pitch)
     edge, place = find_crossings(start, following.real + 1j * (following.imag / pitch))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from camgen.geometry.ragged import count_rows, list_owners, list_range_numbers
 from camgen.geometry.rings import ComplexArray, Rings, make_rings, normalize
@@ -19,9 +18,7 @@ from camgen.model.part import Part, Raster, list_closed_rows
 from camgen.model.pose import FloatArray
 from camgen.model.sequences import take_rows
 from camgen.plan.image_space.border import Border, make_border
-
-Pixels = NDArray[np.uint8]
-Distances = NDArray[np.float32]
+from camgen.plan.image_space.field import Distances, Pixels
 
 #: Radius of the tool in pixels of the grid: usual one for a picture and for a drawing, minimum.
 _PICTURE_RADIUS_PX, _DRAWING_RADIUS_PX, _MIN_RADIUS_PX = 2.2, 6.0, 1.4
@@ -91,8 +88,7 @@ def compute_slope(field: FillGrid, pixels: ComplexArray) -> tuple[FloatArray, Co
     flat = field.depth.ravel()
     slopes = []
     for step, across in ((1, width), (width, 1)):
-        offsets = (-across, 0, across)
-        rises = [flat[index + step + k] - flat[index - step + k] for k in offsets]
+        rises = [flat[index + step + k] - flat[index - step + k] for k in (-across, 0, across)]
         slopes.append(np.sum(rises, axis=0, dtype=np.float64))
     right, down = slopes
     return flat[index].astype(np.float64), normalize(np.asarray(right + 1j * down))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 import shapely
@@ -13,7 +15,8 @@ from camgen.model.part import Note, Part
 from camgen.model.pose import FloatArray
 from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
-from camgen.plan.fill.ground import FillGrid, Pixels
+from camgen.plan.fill.ground import FillGrid
+from camgen.plan.image_space.field import Pixels
 
 #: Maximum number of positions in a message; the preview shows all.
 _LISTED = 5
@@ -126,7 +129,7 @@ def note_joined(
     region: IntArray,
     border_region: IntArray,
     diameter: float,
-) -> tuple[Note, ...]:
+) -> Iterator[Note]:
     """Notes on regions that `ink` joins or does not reach; --strict makes both an error.
 
     region, border_region: region of each pixel (H, W) and of each border (L,).
@@ -138,29 +141,23 @@ def note_joined(
     lost = np.concatenate([find_bare(ink, region), without_ink])
     bare = field.to_work(lost @ np.array([1, 1j]))
     tool = f"a {diameter:g} mm tool"
-    notes = []
     if len(bridges):
         count = counted(len(bridges), "place")
-        notes.append(
-            Note(
-                "warning",
-                f"ink joins what the artwork keeps apart at {count}: {_format_places(bridges)}",
-                f"{tool} leaves no gap there; take a narrower one, or draw them farther apart",
-                places=_to_pairs(bridges),
-                strict=True,
-            )
+        yield Note(
+            "warning",
+            f"ink joins what the artwork keeps apart at {count}: {_format_places(bridges)}",
+            f"{tool} leaves no gap there; take a narrower one, or draw them farther apart",
+            places=_to_pairs(bridges),
+            strict=True,
         )
     if len(bare):
         remedy = "take a narrower one, or remove what does not belong to the artwork"
-        notes.append(
-            Note(
-                "skipped",
-                f"{counted(len(bare), 'region')} not inked at all: {_format_places(bare)}",
-                f"much smaller than {tool}; {remedy}",
-                places=_to_pairs(bare),
-            )
+        yield Note(
+            "skipped",
+            f"{counted(len(bare), 'region')} not inked at all: {_format_places(bare)}",
+            f"much smaller than {tool}; {remedy}",
+            places=_to_pairs(bare),
         )
-    return tuple(notes)
 
 
 def _to_pairs(places: FloatArray) -> tuple[tuple[float, float], ...]:

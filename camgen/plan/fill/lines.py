@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -11,9 +11,9 @@ from camgen.geometry.ragged import compute_first_rows, list_owners, number_rows
 from camgen.geometry.rings import ComplexArray, normalize
 from camgen.geometry.segments import IntArray
 from camgen.model.pose import FloatArray
-from camgen.plan.fill.ground import FillGrid, Pixels
+from camgen.plan.fill.ground import FillGrid
 from camgen.plan.image_space.border import CLOSE, find_foot, find_near
-from camgen.plan.image_space.field import sample_field
+from camgen.plan.image_space.field import Pixels, sample_field
 from camgen.vision.skeleton import Stroke, join_strokes, make_graph, thin_mask
 
 #: Distance to both sides at which the depth is compared to find the middle, as a fraction of the
@@ -45,21 +45,18 @@ class CentreLine(Struct, frozen=True, eq=False):
     wide: float
 
 
-def find_centre_lines(field: FillGrid, radius: float, kept: Pixels) -> list[CentreLine]:
+def find_centre_lines(field: FillGrid, radius: float, kept: Pixels) -> Iterator[CentreLine]:
     """The centre lines of the area except `kept` (H, W), for a tool of `radius` px."""
     strokes = join_strokes(make_graph(thin_mask(field.mask, kept), kept, field.depth))
     if not strokes:
-        return []
+        return
     widths, points = centre_strokes(strokes, field, radius)
-    result = []
     for stroke, centred, half in zip(strokes, points, widths, strict=True):
-        is_open = not stroke.closed
-        line = _move_ends(centred, stroke, field, radius, half) if is_open else centred
+        line = centred if stroke.closed else _move_ends(centred, stroke, field, radius, half)
         if half > _WIDER * radius and len(line) > 2:
-            result += _make_parallel(line, stroke.closed, half, radius)
+            yield from _make_parallel(line, stroke.closed, half, radius)
         else:
-            result.append(CentreLine(line, stroke.closed and len(line) > 2, half))
-    return result
+            yield CentreLine(line, stroke.closed and len(line) > 2, half)
 
 
 def centre_strokes(
@@ -118,11 +115,10 @@ def _move_ends(
     """The line with its free ends moved, so that the round end of the tool covers the tip best."""
     # Bare area and ink outside are equal if half the width of the tip is inside the tool.
     from_tip = float(np.sqrt(radius**2 - min(half, radius) ** 2 / 4))
-    for is_free, is_start in ((stroke.start, True), (stroke.end, False)):
-        if is_free:
-            points = points[::-1] if is_start else points
-            points = _move_end(points, field, from_tip, max(half, 1.0))
-            points = points[::-1] if is_start else points
+    if stroke.start:
+        points = _move_end(points[::-1], field, from_tip, max(half, 1.0))[::-1]
+    if stroke.end:
+        points = _move_end(points, field, from_tip, max(half, 1.0))
     is_dot = float(np.abs(np.diff(points)).sum()) < _DOT * radius
     return _centre_dot(points[[0, -1]].mean(keepdims=True), field) if is_dot else points
 
@@ -130,8 +126,7 @@ def _move_ends(
 def _move_end(points: ComplexArray, field: FillGrid, from_tip: float, half: float) -> ComplexArray:
     """The line with its last point `from_tip` px before the border."""
     run = np.append(0.0, np.cumsum(np.abs(np.diff(points))))
-    back = int(np.searchsorted(run, run[-1] - 3 * half))
-    direction = points[-1] - points[back]
+    direction = points[-1] - points[np.searchsorted(run, run[-1] - 3 * half)]
     if abs(direction) < 0.5:
         return points
     direction /= abs(direction)
@@ -142,8 +137,7 @@ def _move_end(points: ComplexArray, field: FillGrid, from_tip: float, half: floa
     if length <= 0:
         # The tool is longer than the line: one touch in the middle.
         return np.array([np.interp(run[-1] / 2, run, points)])
-    k = int(np.searchsorted(run, length))
-    return np.append(points[:k], np.interp(length, run, points))
+    return np.append(points[run < length], np.interp(length, run, points))
 
 
 def _measure_tip(end: complex, direction: complex, field: FillGrid, half: float) -> float:

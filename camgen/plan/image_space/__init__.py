@@ -10,7 +10,7 @@ averaged.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -28,12 +28,12 @@ from camgen.geometry.rings import (
 )
 from camgen.geometry.segments import BoolArray, IntArray, make_segments, reverse_segments
 from camgen.geometry.vectors import find_nearest_row
-from camgen.model.errors import InputError, JobError
+from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted, short
+from camgen.model.text import counted, name_first, short
 from camgen.plan.columns import Label, SegmentWork, compute_depths, make_tool_paths
 from camgen.plan.image_space.border import Border, fit_border, make_border
 from camgen.plan.image_space.field import Field, Pixels, find_chains, make_field, sample_field
@@ -59,6 +59,7 @@ from camgen.plan.image_space.tool_path import (
     smooth,
     spread_slow,
 )
+from camgen.plan.unused import check_rules
 from camgen.vision.similarity import measure_scale
 
 # Names of the paths of an image, and notes on contours without a path.
@@ -85,7 +86,7 @@ def match_borders(edge: Border, table: Rings, points: ComplexArray, touched: Int
     return main
 
 
-def make_labels(main: IntArray, parent: IntArray, is_sound: BoolArray) -> list[Label | None]:
+def make_labels(main: IntArray, parent: IntArray, is_sound: BoolArray) -> Iterator[Label | None]:
     """The labels of paths, named by the border that each follows; None for unsound paths.
 
     main: (L,) border of each path.
@@ -95,10 +96,9 @@ def make_labels(main: IntArray, parent: IntArray, is_sound: BoolArray) -> list[L
     has_several = np.bincount(main[is_sound], minlength=1) > 1
     place = np.where(is_sound, np.cumsum(is_sound) - 1, -1).tolist()
     seen = [0] * len(has_several)
-    labels: list[Label | None] = []
     for k, border in enumerate(main.tolist()):
         if not is_sound[k]:
-            labels.append(None)
+            yield None
             continue
         seen[border] += 1
         contour = f"c{border + 1}"
@@ -107,8 +107,7 @@ def make_labels(main: IntArray, parent: IntArray, is_sound: BoolArray) -> list[L
         while around >= 0 and place[around] < 0:
             around = int(parent[around])
         outer = place[around] if around >= 0 else -1
-        labels.append(Label(name, _LAYER, True, False, outer, (contour,)))
-    return labels
+        yield Label(name, _LAYER, True, False, outer, (contour,))
 
 
 def note_left_out(
@@ -118,7 +117,7 @@ def note_left_out(
     is_sound: BoolArray,
     job: Job,
     mm_per_px: float,
-) -> list[Note]:
+) -> Iterator[Note]:
     """Notes on borders without a path, and on the length that no tool of this size can touch.
 
     reached: (N,) of `edge`, true if the tool can touch that point.
@@ -135,40 +134,33 @@ def note_left_out(
     # A border without a path of its own may be touched by the path of a near neighbour.
     touched = np.bincount(edge.table.loop, reached, count) > 0
     narrow = ~followed & ~failed & ~touched
-    notes = []
-    if narrow.any():
-        why = f"{tool} does not fit"
-        notes.append(_note_not_followed(np.flatnonzero(narrow), "too narrow", why))
-    if failed.any():
-        remedy = "use waypoints that are closer together, or report it"
-        why = f"the path did not keep its distance; {remedy}"
-        notes.append(_note_not_followed(np.flatnonzero(failed), "check failed", why))
+    yield from _note_not_followed(narrow, "too narrow", f"{tool} does not fit")
+    why = "the path did not keep its distance; use waypoints that are closer together, or report it"
+    yield from _note_not_followed(failed, "check failed", why)
     length = measure_steps(edge.table, edge.points) * mm_per_px
     whole = float(length.sum())
     missing = np.bincount(edge.table.loop, np.where(reached, 0.0, length), count)
     missing = np.where(touched & ~failed, missing, 0.0)
     total = float(missing.sum())
     if total > max(1e-3 * whole, _MIN_NOTED * mm_per_px):
-        notes.append(
-            Note(
-                "warning",
-                f"{short(total, 2)} mm of {short(whole, 2)} mm of contour not touched, "
-                f"most of it on c{int(np.argmax(missing)) + 1}",
-                f"inner corners and narrow places that {tool} does not reach",
-            )
+        yield Note(
+            "warning",
+            f"{short(total, 2)} mm of {short(whole, 2)} mm of contour not touched, "
+            f"most of it on c{int(np.argmax(missing)) + 1}",
+            f"inner corners and narrow places that {tool} does not reach",
         )
-    return notes
 
 
-def _note_not_followed(borders: IntArray, how: str, why: str) -> Note:
-    ids = [f"c{k + 1}" for k in borders.tolist()]
-    names = ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
-    return Note(
-        "skipped",
-        f"{counted(len(ids), 'contour')} not followed, {how}: {names} on layer {_LAYER}",
-        why,
-        tuple(ids),
-    )
+def _note_not_followed(borders: BoolArray, how: str, why: str) -> Iterator[Note]:
+    ids = tuple(f"c{k + 1}" for k in np.flatnonzero(borders).tolist())
+    if ids:
+        yield Note(
+            "skipped",
+            f"{counted(len(ids), 'contour')} not followed, {how}: {name_first(ids)} "
+            f"on layer {_LAYER}",
+            why,
+            ids,
+        )
 
 
 #: Minimum radius of the tool, px.
@@ -247,14 +239,15 @@ def image_space(
     limit = distance - (_CONTACT_GAP_PX if exact else _PIXEL_GAP)
     gouges = sample_field(picture.far, points.points) < limit
     is_sound = np.bincount(points.table.loop, gouges, len(main)) == 0
-    notes = note_left_out(
-        edge, is_reached(path, picture, edge, distance, radius), main, is_sound, job, mm_per_px
-    )
+    reached = is_reached(path, picture, edge, distance, radius)
+    notes = tuple(note_left_out(edge, reached, main, is_sound, job, mm_per_px))
     rate = np.radians(job.operation.waypoint_turn) * mm_per_px
     chain = _make_chain(points, Limits(rate, job.tolerance.chord / mm_per_px))
-    work_from_field = _move_corner(work_from_view, picture.corner)
-    labels = make_labels(main, path.parent, is_sound)
-    return _make_paths(chain, labels, work_from_field, job), tuple(notes)
+    work_from_field = np.array(work_from_view, dtype=np.float64)
+    corner = np.array([picture.corner.real, picture.corner.imag])
+    work_from_field[:, 2] += work_from_field[:, :2] @ corner
+    labels = list(make_labels(main, path.parent, is_sound))
+    return _make_paths(chain, labels, work_from_field, job), notes
 
 
 def _check_input(mask_pixels: Pixels, job: Job, distance: float) -> None:
@@ -265,20 +258,22 @@ def _check_input(mask_pixels: Pixels, job: Job, distance: float) -> None:
             remedy="give (H, W) uint8",
         )
     rim = (mask_pixels[0], mask_pixels[-1], mask_pixels[:, 0], mask_pixels[:, -1])
-    if job.operation.side != "auto":
-        raise JobError(
-            "job",
-            f'"{job.operation.side}" is not known to the image-space planner',
-            "operation.side",
-            "set operation.side to auto",
-        )
-    if distance < _MIN_RADIUS_PX:
-        raise JobError(
-            "job",
-            f"{job.tool.diameter:g} mm is {2 * distance:.2g} px of the view",
-            "tool.diameter",
-            "use a larger tool or a finer view",
-        )
+    check_rules(
+        [
+            (
+                job.operation.side != "auto",
+                f'"{job.operation.side}" is not known to the image-space planner',
+                "operation.side",
+                "set operation.side to auto",
+            ),
+            (
+                distance < _MIN_RADIUS_PX,
+                f"{job.tool.diameter:g} mm is {2 * distance:.2g} px of the view",
+                "tool.diameter",
+                "use a larger tool or a finer view",
+            ),
+        ]
+    )
     if np.concatenate(rim).any():
         raise InputError(
             "mask", "the part touches the border of the view", remedy="show the whole part"
@@ -388,12 +383,6 @@ def _make_chain(points: _Waypoints, limits: Limits) -> _Chain:
     feed = (run[high] - run[low]) / (time[high] - time[low])
     directions = np.column_stack([direction[low], direction[high]])
     return _Chain(position[low], position[high], directions, feed, force[high], closed.loop[low])
-
-
-def _move_corner(work_from_view: FloatArray, corner: complex) -> FloatArray:
-    matrix = np.array(work_from_view, dtype=np.float64)
-    matrix[:, 2] += matrix[:, :2] @ np.array([corner.real, corner.imag])
-    return matrix
 
 
 def _make_paths(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from camgen.geometry.ragged import count_rows
 from camgen.geometry.rings import ComplexArray, Rings, make_rings
-from camgen.geometry.segments import BoolArray, IntArray
+from camgen.geometry.segments import IntArray
 from camgen.model.errors import JobError
 from camgen.model.pose import FloatArray
 from camgen.model.sequences import take_rows
@@ -43,13 +43,11 @@ class FieldCurves(Struct, frozen=True, eq=False):
 
     table: lengths of the borders.
     pixels: (N,) integer pixels of the mask along the borders, u + iv.
-    hole: (L,) true for the border of a hole.
     parent: (L,) index of the border around each, or -1.
     """
 
     table: Rings
     pixels: ComplexArray
-    hole: BoolArray
     parent: IntArray
 
 
@@ -97,13 +95,12 @@ def find_chains(mask: Pixels, min_pixels: int = 1) -> FieldCurves:
     """
     borders, tree = cv2.findContours(mask, cv2.RETR_TREE, cv2.CHAIN_APPROX_NONE)
     above = [] if tree is None else tree[0, :, 3].tolist()
-    is_hole, new_index = [False] * len(borders), [-1] * len(borders)
+    new_index = [-1] * len(borders)
     kept: list[int] = []
     # A border starts at its topmost pixel, so it is sorted before the borders inside it.
     starts = [(int(border[0, 0, 1]), int(border[0, 0, 0])) for border in borders]
     for k in sorted(range(len(borders)), key=starts.__getitem__):
         outer = above[k]
-        is_hole[k] = outer >= 0 and not is_hole[outer]
         if len(borders[k]) >= min_pixels and (outer < 0 or new_index[outer] >= 0):
             new_index[k] = len(kept)
             kept.append(k)
@@ -114,7 +111,6 @@ def find_chains(mask: Pixels, min_pixels: int = 1) -> FieldCurves:
     return FieldCurves(
         make_rings(count_rows(chains)),
         pixels[:, 0] + 1j * pixels[:, 1],
-        np.array(take_rows(is_hole, kept), dtype=bool),
         np.array(parents, dtype=int),
     )
 

@@ -82,12 +82,8 @@ def compute_ratios(table: Rings, along: FloatArray, step: FloatArray, noise: flo
     while len(fewer := _drop_bridges(first, padded, columns, worse)) < len(first):
         first = _refine(fewer, padded, columns)
     slope = _compute_slopes(first, padded, columns, worse)
-    return np.maximum(slope[find_inner_rows(table, extension)] + 1.0, 0.0)
-
-
-def find_inner_rows(table: Rings, extension: int) -> IntArray:
-    """The rows of a padded table that are the rows of `table`."""
-    return np.asarray(np.arange(len(table)) + (2 * table.loop + 1) * extension)
+    inner_rows: IntArray = np.arange(len(table)) + (2 * table.loop + 1) * extension
+    return np.maximum(slope[inner_rows] + 1.0, 0.0)
 
 
 def _join(padded: Rings, columns: FloatArray, worse: float) -> IntArray:

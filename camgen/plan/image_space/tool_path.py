@@ -212,8 +212,7 @@ def sharpen_corners(
     sharpened = ratio.copy()
     before, after = table.along(start, -1), table.along(start, size[start])
     sharpened[row] = np.where(place < shift[start], ratio[before], sharpened[row])
-    is_end = place >= size[start] - shift[start]
-    sharpened[row] = np.where(is_end, ratio[after], sharpened[row])
+    sharpened[row] = np.where(place >= size[start] - shift[start], ratio[after], sharpened[row])
     return sharpened
 
 

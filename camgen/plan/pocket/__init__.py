@@ -7,7 +7,7 @@ passes are exact offset curves of the walls: arcs stay arcs, and the last pass r
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from camgen.geometry.intersect import measure_nearest
 from camgen.geometry.ragged import number_kept
 from camgen.geometry.segments import Segments, concatenate_chains, points_at
-from camgen.model.errors import InputError, JobError
+from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part, list_ids, select_closed
 from camgen.model.path import ToolPath
@@ -55,6 +55,7 @@ from camgen.plan.pocket.regions import (
     unite_regions,
 )
 from camgen.plan.pocket.slots import find_slots, plan_slots
+from camgen.plan.unused import check_rules
 
 #: Maximum stepover, as a fraction of the tool diameter. With a larger one, passes leave ridges on a
 #: real machine.
@@ -85,7 +86,7 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     Raises InputError if no contour is closed, JobError if settings contradict each other.
     """
     _check_settings(job)
-    contours = [contour for contour in part.contours if part.works_on((contour.id,))]
+    contours = take_rows(part.contours, part.list_worked_rows())
     if not select_closed(contours):
         raise InputError(
             part.source,
@@ -113,15 +114,20 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
         pockets.walls.segments.take(pockets.walls.pocket == k) for k in range(len(pockets.names))
     ]
     linked = link_passes(regions, pocket_walls, radius + finish, stepover, channels, limit)
-    linked = _add_hops_over_channels(_sort_by_pocket(linked), regions, channels, job)
+    linked = list(_add_hops_over_channels(_sort_by_pocket(linked), regions, channels, job))
     borders = select_outermost(_leave_out(walls.regions, failed))
     slots = find_slots(walls, pockets.walls, job)
-    paths = _make_paths(linked, borders if finish else [], regions, pockets, job)
-    paths = (*paths, *plan_slots(slots, pockets, job))
-    notes += note_failed(failed, borders, slots, pockets, job)
-    notes += note_passes(linked, regions, channels, pockets, job)
-    notes += note_slots(slots, pockets)
-    return paths, (*notes, *note_rest_material(borders, slots, pockets, job))
+    paths = (
+        *_make_paths(linked, borders if finish else [], regions, pockets, job),
+        *plan_slots(slots, pockets, job),
+    )
+    return paths, (
+        *notes,
+        *note_failed(failed, borders, slots, pockets, job),
+        *note_passes(linked, regions, channels, pockets, job),
+        *note_slots(slots, pockets),
+        *note_rest_material(borders, slots, pockets, job),
+    )
 
 
 def _keep_rest(pockets: Pockets, part: Part, job: Job) -> tuple[Pockets, list[Note]]:
@@ -131,27 +137,20 @@ def _keep_rest(pockets: Pockets, part: Part, job: Job) -> tuple[Pockets, list[No
     """
     from camgen.plan.pocket.rest import find_rest_of_pockets  # noqa: PLC0415 (only where asked for)
 
-    rest = find_rest_of_pockets(pockets.walls, part, job)
+    walls, pocket_of, cleared_area = find_rest_of_pockets(pockets.walls, part, job)
     names: list[str] = []
-    for n, k in enumerate(rest.pocket):
-        names.append(f"{pockets.names[k]}.rest{rest.pocket[: n + 1].count(k)}")
-    layers = take_rows(pockets.layers, rest.pocket)
-    contours = take_rows(pockets.contours, rest.pocket)
-    cleared = sorted(set(range(len(pockets.names))) - set(rest.pocket))
+    for n, k in enumerate(pocket_of):
+        names.append(f"{pockets.names[k]}.rest{pocket_of[: n + 1].count(k)}")
+    layers = take_rows(pockets.layers, pocket_of)
+    contours = take_rows(pockets.contours, pocket_of)
+    cleared = sorted(set(range(len(pockets.names))) - set(pocket_of))
     notes: list[Note] = []
     if cleared:
-        walls = take_rows(pockets.names, cleared)
-        count = counted(len(walls), "pocket")
-        what = f"nothing is left of {count}: {', '.join(name_ranges(walls))}"
-        notes.append(
-            Note(
-                "assumed",
-                what,
-                "earlier operations reach all that this tool does",
-                pockets.list_contours(cleared),
-            )
-        )
-    return Pockets(rest.walls, names, layers, contours, rest.cleared), notes
+        cleared_names = ", ".join(name_ranges(take_rows(pockets.names, cleared)))
+        what = f"nothing is left of {counted(len(cleared), 'pocket')}: {cleared_names}"
+        why = "earlier operations reach all that this tool does"
+        notes.append(Note("assumed", what, why, pockets.list_contours(cleared)))
+    return Pockets(walls, names, layers, contours, cleared_area), notes
 
 
 def _check_settings(job: Job) -> None:
@@ -159,44 +158,42 @@ def _check_settings(job: Job) -> None:
     engagement = math.inf if operation.engagement is None else operation.engagement
     min_engagement = operation.stepover + _MIN_MARGIN
     passes = f"passes {operation.stepover:g} of the diameter apart"
-    if tool.kind == "drill":
-        raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
-    if job.process.force != 0:
-        raise JobError(
-            "job",
-            "a pocket goes to a depth, not to a force",
-            "process.force",
-            "set process.force to 0",
-        )
-    if operation.stepover > _MAX_STEPOVER:
-        raise JobError(
-            "job",
-            f"{passes} leave ridges between them",
-            "operation.stepover",
-            f"{_MAX_STEPOVER:g} at most",
-        )
-    if engagement < min_engagement:
-        raise JobError(
-            "job",
-            f"{passes} engage more of it than {engagement:g}",
-            "operation.engagement",
-            f"{min_engagement:g} at least, or a smaller operation.stepover",
-        )
-    if operation.finish > tool.radius:
-        raise JobError(
-            "job",
-            f"{operation.finish:g} mm is more than the radius of the tool, "
-            "a last pass would leave some of it",
-            "operation.finish",
-            "leave less at the walls",
-        )
-    if not operation.inside_first:
-        raise JobError(
-            "job",
-            "pockets are cut from the middle outwards",
-            "operation.inside_first",
-            "leave it out",
-        )
+    check_rules(
+        [
+            (tool.kind == "drill", "a drill does not cut sideways", "tool.kind", "choose a mill"),
+            (
+                job.process.force != 0,
+                "a pocket goes to a depth, not to a force",
+                "process.force",
+                "set process.force to 0",
+            ),
+            (
+                operation.stepover > _MAX_STEPOVER,
+                f"{passes} leave ridges between them",
+                "operation.stepover",
+                f"{_MAX_STEPOVER:g} at most",
+            ),
+            (
+                engagement < min_engagement,
+                f"{passes} engage more of it than {engagement:g}",
+                "operation.engagement",
+                f"{min_engagement:g} at least, or a smaller operation.stepover",
+            ),
+            (
+                operation.finish > tool.radius,
+                f"{operation.finish:g} mm is more than the radius of the tool, "
+                "a last pass would leave some of it",
+                "operation.finish",
+                "leave less at the walls",
+            ),
+            (
+                not operation.inside_first,
+                "pockets are cut from the middle outwards",
+                "operation.inside_first",
+                "leave it out",
+            ),
+        ]
+    )
 
 
 def _leave_out(regions: Sequence[OffsetRegion], pockets: frozenset[int]) -> list[OffsetRegion]:
@@ -266,10 +263,7 @@ def _find_needed(
     radius: tool radius, mm.
     """
     roots = find_outermost(regions)
-    cleared: dict[int, Any] = {}
-    for k, region_channels in enumerate(channels):
-        if region_channels:
-            cleared[k] = unite_channels(region_channels, radius)
+    cleared = {k: unite_channels(group, radius) for k, group in enumerate(channels) if group}
     needed: set[int] = set()
     # Children come after their parents.
     for k in range(len(regions) - 1, -1, -1):
@@ -304,7 +298,7 @@ def _add_hops_over_channels(
     regions: Sequence[OffsetRegion],
     channels: Sequence[Sequence[Channel]],
     job: Job,
-) -> list[LinkedPasses]:
+) -> Iterator[LinkedPasses]:
     """The linked passes with hops over the area that channels clear, if the tool can lift.
 
     A ramp goes down along the first stretch of a path. This stretch has to be level, so paths that
@@ -312,32 +306,18 @@ def _add_hops_over_channels(
     """
     process, operation = job.process, job.operation
     if not (process.spindle and operation.depth) or process.stay_down:
-        return list(linked)
+        yield from linked
+        return
     cleared = {}
     for pocket_index, pocket_channels in group_channels(regions, channels).items():
         cleared[pocket_index] = make_cleared_area(pocket_channels, job.tool.radius)
-    speeds = _get_speeds(job)
-    result = []
+    speeds = Speeds(process.feed, process.travel_speed)
     for passes in linked:
         lacks_helix = operation.entry == "helix" and passes.entry_radius <= 0
         if passes.pocket not in cleared or operation.entry == "ramp" or lacks_helix:
-            result.append(passes)
-            continue
-        area, segments = cleared[passes.pocket], passes.channel_segments
-        path = add_hops(passes.chain, segments, area, job.tool.radius, speeds)
-        result.append(
-            replace(
-                passes,
-                chain=path.chain,
-                is_hop=path.is_hop,
-                channel_segments=path.channel_segments,
-            )
-        )
-    return result
-
-
-def _get_speeds(job: Job) -> Speeds:
-    return Speeds(job.process.feed, job.process.travel_speed)
+            yield passes
+        else:
+            yield add_hops(passes, cleared[passes.pocket], job.tool.radius, speeds)
 
 
 def _sort_by_pocket(linked: Sequence[LinkedPasses]) -> list[LinkedPasses]:
@@ -371,23 +351,24 @@ def _make_paths(
     regions: Sequence[OffsetRegion],
     pockets: Pockets,
     job: Job,
-) -> tuple[ToolPath, ...]:
+) -> Iterator[ToolPath]:
     """The paths by pocket: first the linked passes, then the finishing passes.
 
     borders: outermost regions of the finishing passes; empty without finishing passes.
     regions: offset regions of the linked passes.
     """
-    can_finish = _can_finish_at_depth(borders, regions, job)
+    outermost = group_by_pocket(select_outermost(regions))
     drafts: list[_PathDraft] = []
     for pocket_index in range(len(pockets.names)):
         finishing: list[tuple[Segments, bool]] = []
-        for border, full_depth in zip(borders, can_finish, strict=True):
+        for border in borders:
             if border.pocket == pocket_index:
+                full_depth = _can_finish_at_depth(border, outermost[pocket_index], job)
                 finishing += [(chain, full_depth) for chain in border.passes]
         drafts += _draft_linked(pocket_index, linked, len(drafts), bool(finishing), pockets, job)
         drafts += _draft_finishing(pocket_index, finishing, len(drafts), pockets)
     if not drafts:
-        return ()
+        return
     segments = concatenate_chains([draft.chain for draft in drafts])
     depths = compute_depths(job.operation.depth, job.operation.passes)
     work = SegmentWork(
@@ -396,12 +377,11 @@ def _make_paths(
         _compute_feeds(segments, drafts, pockets.walls.segments, job),
     )
     paths = make_tool_paths(segments, [draft.label for draft in drafts], work, depths, "pocket")
-    planned = []
+    speeds = Speeds(job.process.feed, job.process.travel_speed)
     for path, draft in zip(paths, drafts, strict=True):
         path_depths = depths[-1:] if draft.full_depth else depths
         at_depths = replace(path, entry_radius=draft.entry_radius, depths=path_depths)
-        planned.append(lift_hops(at_depths, np.append(False, draft.is_hop), _get_speeds(job)))
-    return tuple(planned)
+        yield lift_hops(at_depths, np.append(False, draft.is_hop), speeds)
 
 
 def _draft_linked(
@@ -411,7 +391,7 @@ def _draft_linked(
     is_finished: bool,
     pockets: Pockets,
     job: Job,
-) -> list[_PathDraft]:
+) -> Iterator[_PathDraft]:
     """The drafts of the linked passes of a pocket.
 
     first: index of their first path.
@@ -420,7 +400,6 @@ def _draft_linked(
     rows = [k for k, passes in enumerate(linked) if passes.pocket == pocket_index]
     max_radius = _HELIX_FRACTION * job.tool.diameter
     layer, contours = pockets.layers[pocket_index], pockets.contours[pocket_index]
-    drafts = []
     for number, k in enumerate(rows, 1):
         passes = linked[k]
         successor = first + len(rows) if is_finished else -1
@@ -430,36 +409,31 @@ def _draft_linked(
         if len(rows) > 1:
             name += f".{number}"
         label = Label(name, layer, False, False, successor, contours)
-        drafts.append(
-            _PathDraft(
-                label,
-                passes.chain,
-                max(0.0, min(passes.entry_radius, max_radius)),
-                passes.channel_segments,
-                is_hop=passes.is_hop,
-            )
+        yield _PathDraft(
+            label,
+            passes.chain,
+            max(0.0, min(passes.entry_radius, max_radius)),
+            passes.channel_segments,
+            is_hop=passes.is_hop,
         )
-    return drafts
 
 
 def _draft_finishing(
     pocket_index: int, finishing: Sequence[tuple[Segments, bool]], first: int, pockets: Pockets
-) -> list[_PathDraft]:
+) -> Iterator[_PathDraft]:
     """The drafts of the finishing passes of a pocket, each the successor of the one before.
 
     finishing: each pass, and whether it runs only at the full depth.
     first: index of their first path.
     """
     layer, contours = pockets.layers[pocket_index], pockets.contours[pocket_index]
-    drafts = []
     for number, (chain, full_depth) in enumerate(finishing, 1):
         name = f"{pockets.names[pocket_index]}.finish"
         if len(finishing) > 1:
             name += f".{number}"
         successor = first + number if number < len(finishing) else -1
         label = Label(name, layer, True, False, successor, contours)
-        drafts.append(_PathDraft(label, chain, full_depth=full_depth))
-    return drafts
+        yield _PathDraft(label, chain, full_depth=full_depth)
 
 
 def _compute_feeds(
@@ -485,18 +459,13 @@ def _compute_feeds(
     return np.asarray(job.process.feed * np.maximum(np.where(is_inner, fraction, 1.0), SLOWEST))
 
 
-def _can_finish_at_depth(
-    borders: Sequence[OffsetRegion], regions: Sequence[OffsetRegion], job: Job
-) -> list[bool]:
-    """Whether the finishing pass of each border can run at the full depth at once.
+def _can_finish_at_depth(border: OffsetRegion, outermost: Sequence[OffsetRegion], job: Job) -> bool:
+    """Whether the finishing pass of a border can run at the full depth at once.
 
     It cannot in places too narrow for the passes before it: there it would cut a slot.
+
+    outermost: the outermost regions of the passes before it.
     """
     max_width = max(job.operation.finish, job.operation.stepover * job.tool.diameter)
-    result = []
-    outermost = group_by_pocket(select_outermost(regions))
-    for border in borders:
-        rough = unite_regions(outermost[border.pocket])
-        reached = rough.buffer(max_width + CHORD_MM, quad_segs=QUARTER_CHORDS)
-        result.append(bool(border.polygon.difference(reached).is_empty))
-    return result
+    reached = unite_regions(outermost).buffer(max_width + CHORD_MM, quad_segs=QUARTER_CHORDS)
+    return bool(border.polygon.difference(reached).is_empty)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -131,7 +131,7 @@ def unite_channels(channels: Sequence[Channel], growth: float) -> Any:
 
 def plan_channels(
     axis: MedialAxis, min_distance: float, limit: EngagementLimit, helix_radius: float
-) -> list[Channel]:
+) -> Iterator[Channel]:
     """Plan one channel for each connected part of a medial axis that has room for loops.
 
     min_distance: minimum distance of the tool centre from the walls, mm.
@@ -146,7 +146,6 @@ def plan_channels(
     pending = set(np.flatnonzero(fits).tolist())
     # A channel starts at the point farthest from the walls, in the middle of an open area.
     by_distance = sorted(pending, key=lambda k: (-float(axis.wall_distance[k]), k))
-    channels = []
     for root in by_distance:
         if root not in pending:
             continue
@@ -154,8 +153,7 @@ def plan_channels(
         pending -= set(sources)
         builder = _ChannelBuilder(axis.points, radii, limit)
         _cut_channel(builder, root, sources, helix_radius)
-        channels.append(builder.make_channel(float(axis.wall_distance[root]) - min_distance))
-    return channels
+        yield builder.make_channel(float(axis.wall_distance[root]) - min_distance)
 
 
 def _find_shortest_paths(
@@ -196,7 +194,7 @@ def _list_ends(sources: dict[int, int], root: int) -> list[int]:
     return ends
 
 
-class _ChannelBuilder:
+class _ChannelBuilder(Struct, eq=False):
     """A channel while its loops are added.
 
     points: (N, 2) points of the medial axis, mm.
@@ -209,16 +207,15 @@ class _ChannelBuilder:
     engagements, lengths: arrays as in `Channel`, one pair for each arc.
     """
 
-    def __init__(self, points: FloatArray, radii: FloatArray, limit: EngagementLimit) -> None:
-        self.points = points
-        self.radii = radii
-        self.limit = limit
-        self.discs: list[Disc] = []
-        self.current = 0
-        self.corners: list[FloatArray] = []
-        self.bulges: list[float] = []
-        self.engagements: list[FloatArray] = []
-        self.lengths: list[FloatArray] = []
+    points: FloatArray
+    radii: FloatArray
+    limit: EngagementLimit
+    discs: list[Disc] = []
+    current: int = 0
+    corners: list[FloatArray] = []
+    bulges: list[float] = []
+    engagements: list[FloatArray] = []
+    lengths: list[FloatArray] = []
 
     def move_to(self, point: FloatArray, bulge: float = 0.0) -> None:
         """Add a line or arc to a point (2,); nothing if the tool is there."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, compress
 from typing import Any
 
@@ -21,7 +21,7 @@ from camgen.geometry.segments import (
     make_contour_segments,
 )
 from camgen.geometry.uncross import find_slips, uncross_loops
-from camgen.model.part import Contour, Note, list_ids, select_closed
+from camgen.model.part import Contour, Note, list_ids, list_layers, select_closed, select_open
 from camgen.model.sequences import take_rows
 from camgen.model.text import counted, name_ranges, short
 from camgen.plan.follow import reverse_loops
@@ -66,25 +66,23 @@ def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     crossings = _find_crossings(closed)
     for k in crossings:
         nesting.crossed[k] = k
-    loose = [contour for contour in contours if not contour.closed]
     why_loose = "only closed contours have an inside; raise input.join to close gaps"
-    unfit = [*_find_unfit(closed, nesting, crossings), (loose, "open", why_loose)]
+    loose = (select_open(contours), "open", why_loose)
+    unfit = [*_find_unfit(closed, nesting, crossings), loose]
     notes: list[Note] = []
     unfit_contours: list[Contour] = []
     for chosen, problem, why in unfit:
         unfit_contours += chosen
-        if chosen:
-            notes.append(_note_not_cleared(chosen, problem, why))
+        notes += _note_not_cleared(chosen, problem, why)
     is_valid = (nesting.crossed < 0) & ~nesting.empty
     outer = np.flatnonzero(is_valid & (nesting.depth % 2 == 0))
     unclear = _find_unclear(closed, outer.tolist(), unfit_contours)
-    if unclear:
-        why = (
-            "their purpose is not clear: as islands they would be cut away; "
-            "repair them or leave them out"
-        )
-        problem = "with contours in them that are open or cross others"
-        notes.append(_note_not_cleared(take_rows(closed, unclear), problem, why))
+    why = (
+        "their purpose is not clear: as islands they would be cut away; "
+        "repair them or leave them out"
+    )
+    problem = "with contours in them that are open or cross others"
+    notes += _note_not_cleared(take_rows(closed, unclear), problem, why)
     members: list[list[int]] = []
     for k in outer.tolist():
         if k not in unclear:
@@ -210,10 +208,11 @@ def _find_unclear(
     return take_rows(outer, np.unique(touched))
 
 
-def _note_not_cleared(contours: Sequence[Contour], problem: str, why: str) -> Note:
-    ids = list_ids(contours)
-    layers = {contour.layer for contour in contours}
-    return Note("skipped", format_not_cleared(ids, layers, problem), why, ids)
+def _note_not_cleared(contours: Sequence[Contour], problem: str, why: str) -> Iterator[Note]:
+    if contours:
+        ids = list_ids(contours)
+        what = format_not_cleared(ids, set(list_layers(contours)), problem)
+        yield Note("skipped", what, why, ids)
 
 
 def format_not_cleared(names: Sequence[str], layers: set[str], problem: str) -> str:

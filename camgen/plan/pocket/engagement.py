@@ -71,8 +71,7 @@ def measure_engagement(
             if k in parents or not regions[k].is_whole or root_channels[k]:
                 rows.append(k)
         if rows:
-            is_before = distance > current
-            is_before &= distance <= current + _REACHED_STEPOVERS * stepover
+            is_before = (distance > current) & (distance <= current + _REACHED_STEPOVERS * stepover)
             before = Obstacles(*_gather_passes(regions, np.flatnonzero(is_before).tolist()))
             passes, pocket = _gather_passes(regions, rows)
             wall_side = -1 if climb else 1

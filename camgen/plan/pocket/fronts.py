@@ -7,7 +7,7 @@ cuts nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -68,7 +68,7 @@ def bare_spans(
     return bare
 
 
-def crossings(clear: Sequence[tuple[float, float]], begin: float, end: float) -> list[float]:
+def crossings(clear: Sequence[tuple[float, float]], begin: float, end: float) -> Iterator[float]:
     """Angles from `begin` to `end` between which straight lines cross the cleared area.
 
     Each angle and the one before it lie in one stretch of `clear`, so the line between them stays
@@ -76,9 +76,7 @@ def crossings(clear: Sequence[tuple[float, float]], begin: float, end: float) ->
 
     clear: stretches from `unrolled` that cover all angles from `begin` to `end`.
     """
-    angles = []
     reached = begin
     while reached < end:
         reached = min(end, max(last for first, last in clear if first <= reached + _SAME_RAD))
-        angles.append(reached)
-    return angles
+        yield reached

@@ -10,7 +10,7 @@ Returns between two loops are hops in any case.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from camgen.model.path import PLACES, ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.plan.pocket.chains import make_polyline
 from camgen.plan.pocket.channel import Channel
+from camgen.plan.pocket.linking import LinkedPasses
 
 #: Height of a hop above the floor of the pass, mm.
 LIFT_MM = 0.3
@@ -65,19 +66,6 @@ class Speeds(Struct, frozen=True):
         return cut / self.feed - travelled / self.travel - lifts
 
 
-class HopPath(Struct, frozen=True, eq=False):
-    """Linked passes with hops.
-
-    chain: N segments in order.
-    is_hop: (N,) whether a segment is part of a hop.
-    channel_segments: number of segments at the start that are a trochoidal channel.
-    """
-
-    chain: Segments
-    is_hop: BoolArray
-    channel_segments: int
-
-
 def make_cleared_area(channels: Sequence[Channel], radius: float) -> Any:
     """The area in which the tool centre touches no material after `channels` are cut, as polygons.
 
@@ -98,18 +86,15 @@ def make_cleared_area(channels: Sequence[Channel], radius: float) -> Any:
     return area
 
 
-def add_hops(
-    chain: Segments, channel_segments: int, cleared: Any, radius: float, speeds: Speeds
-) -> HopPath:
+def add_hops(linked: LinkedPasses, cleared: Any, radius: float, speeds: Speeds) -> LinkedPasses:
     """Replace the returns of a channel, and all stretches over the cleared area, by hops.
 
-    chain: passes and links in order.
-    channel_segments: number of segments at the start of `chain` that are a channel.
     cleared: polygons in which the tool centre touches no material.
     radius: tool radius, mm.
     """
     if shapely.is_empty(cleared):
-        return HopPath(chain, np.zeros(len(chain), dtype=np.bool_), channel_segments)
+        return linked
+    chain, channel_segments = linked.chain, linked.channel_segments
     channel = chain.take(np.arange(channel_segments))
     is_return = ~channel.is_arc
     # The first lines lead to the point at which the tool enters.
@@ -141,26 +126,30 @@ def add_hops(
         is_hop.append(np.full(len(chosen), hops))
         new_channel_segments += len(chosen) if first < channel_segments else 0
         done = last
-    return HopPath(concatenate(parts), np.concatenate(is_hop), new_channel_segments)
+    return replace(
+        linked,
+        chain=concatenate(parts),
+        is_hop=np.concatenate(is_hop),
+        channel_segments=new_channel_segments,
+    )
 
 
 def _find_idle_runs(
     chain: Segments, is_idle: BoolArray, channel_segments: int, cleared: Any
-) -> list[tuple[int, int]]:
+) -> Iterator[tuple[int, int]]:
     """First row and end row of each run of idle segments.
 
     is_idle: (N,) whether nothing is cut on a segment.
 
     A run over the end of the channel is split there, unless a hop can replace all of it.
     """
-    runs: list[tuple[int, int]] = []
     for first, last in find_true_runs(is_idle).tolist():
         leaves_channel = first < channel_segments < last
         if leaves_channel and _shorten(chain.take(np.arange(first, last)), cleared) is None:
-            runs += [(first, channel_segments), (channel_segments, last)]
+            yield first, channel_segments
+            yield channel_segments, last
         else:
-            runs.append((first, last))
-    return runs
+            yield first, last
 
 
 def _split_at_border(chain: Segments, cleared: Any, radius: float) -> tuple[Segments, BoolArray]:

@@ -127,7 +127,7 @@ class _LinkLimits(Struct, frozen=True, eq=False):
         return replace(self, max_uncut=_CLEAR_MM)
 
 
-class _PassBuilder:
+class _PassBuilder(Struct, eq=False):
     """Linked passes while they are collected.
 
     Most attributes are those of `LinkedPasses`.
@@ -137,15 +137,14 @@ class _PassBuilder:
     successor: the linked passes that must come after these, if any.
     """
 
-    def __init__(self, pocket: int, entry_radius: float) -> None:
-        self.pocket = pocket
-        self.entry_radius = entry_radius
-        self.parts: list[Segments] = []
-        self.pass_count = 0
-        self.channel_segments = 0
-        self.steep_links = 0
-        self.last_ring: Segments | None = None
-        self.successor: _PassBuilder | None = None
+    pocket: int
+    entry_radius: float
+    parts: list[Segments] = []
+    pass_count: int = 0
+    channel_segments: int = 0
+    steep_links: int = 0
+    last_ring: Segments | None = None
+    successor: _PassBuilder | None = None
 
     @property
     def position(self) -> FloatArray:
@@ -412,8 +411,7 @@ def _add_linked(
 def _add_linked_open(builder: _PassBuilder, chain: Segments, limits: _LinkLimits) -> bool:
     """Add an open pass with a link to its start; False, without any change, if none is found."""
     start = chain.start[:1]
-    keeps_limit = limits.lean_length > 0
-    keeps_limit = keeps_limit and _is_linked(builder, start, limits.in_cleared_area())
+    keeps_limit = limits.lean_length > 0 and _is_linked(builder, start, limits.in_cleared_area())
     over_channel = None if keeps_limit else _find_way_over_channel(builder, start, limits)
     if over_channel is not None:
         builder.parts.append(over_channel[0])
@@ -564,16 +562,13 @@ def _advance_on_ring(builder: _PassBuilder, ends: FloatArray, limits: _LinkLimit
     distances = np.hypot(*np.moveaxis(points[:, None] - ends[None], 2, 0))
     shortest = _sort_ascending(distances.ravel())[: 2 * _TRIED_POINTS]
     from_row, to_row = np.unravel_index(shortest, distances.shape)
-    free = _find_first_free(_make_pairs(points[from_row], ends[to_row]), limits)
+    count = len(shortest)
+    lines = make_segments(points[from_row], ends[to_row], np.zeros(count), np.arange(count))
+    free = _find_first_free(lines, limits)
     if len(free):
         leave = float(lengths[from_row[free[0]]])
         builder.parts.append(cut_out(ring, start, leave if leave > start else leave + total))
     return np.asarray(to_row[free])
-
-
-def _make_pairs(starts: FloatArray, ends: FloatArray) -> Segments:
-    lines = make_lines(np.zeros(2), ends)
-    return Segments(starts, lines.end, lines.bulge, lines.centre, lines.radius, lines.owner)
 
 
 def _sort_ascending(sizes: FloatArray) -> IntArray:

@@ -155,8 +155,6 @@ def _find_corners(samples: FloatArray, rings: FloatArray) -> IntArray:
 
     rings: (4 T, 2) corners of the triangles as closed rings of four points.
     """
-    if not len(rings):
-        return np.zeros((0, 3), dtype=np.int64)
     corners = rings.reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     # The coordinates of a corner equal those of its sample exactly. The first of several equal
     # samples counts.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import Any
 
@@ -47,7 +47,7 @@ def note_failed(
     slots: Slots,
     pockets: Pockets,
     job: Job,
-) -> list[Note]:
+) -> Iterator[Note]:
     """Notes on pockets without a path."""
     round_pockets = [] if job.tool.center_cutting else list(slots.hole_pocket)
     explained = {*group_by_pocket(borders), *slots.pocket, *slots.hole_pocket, *failed}
@@ -60,7 +60,6 @@ def note_failed(
         "the border of the tool's way does not close there, as where edges lie on one line: "
         "draw one outline, or take another tool"
     )
-    notes = []
     for chosen, problem, why in (
         (narrow, "too narrow", why_narrow),
         (round_pockets, "round and as wide as the tool", NO_HELIX),
@@ -69,23 +68,19 @@ def note_failed(
         if chosen:
             layers = set(take_rows(pockets.layers, chosen))
             what = format_not_cleared(take_rows(pockets.names, chosen), layers, problem)
-            notes.append(Note("skipped", what, why, pockets.list_contours(chosen)))
-    return notes
+            yield Note("skipped", what, why, pockets.list_contours(chosen))
 
 
-def note_slots(slots: Slots, pockets: Pockets) -> list[Note]:
+def note_slots(slots: Slots, pockets: Pockets) -> Iterator[Note]:
     """A note on channels as wide as the tool, in which engagement is not limited."""
-    if not slots.chains:
-        return []
-    names = ", ".join(name_ranges(take_rows(pockets.names, dict.fromkeys(slots.pocket))))
-    length = short(sum(float(chain.length.sum()) for chain in slots.chains), 1)
-    return [
-        Note(
+    if slots.chains:
+        names = ", ".join(name_ranges(take_rows(pockets.names, dict.fromkeys(slots.pocket))))
+        length = short(sum(float(chain.length.sum()) for chain in slots.chains), 1)
+        yield Note(
             "assumed",
             f"{counted(len(slots.chains), 'channel')} as wide as the tool, {length} mm: {names}",
             "along the middle, with all of its width in the material",
         )
-    ]
 
 
 def note_passes(
@@ -145,10 +140,10 @@ def _count_slot_entries(
 ) -> int:
     parents = {region.parent for region in regions}
     roots = find_outermost(regions)
-    count = 0
-    for k, region in enumerate(regions):
-        count += k not in parents and region.is_whole and not channels[roots[k]]
-    return count
+    return sum(
+        k not in parents and region.is_whole and not channels[roots[k]]
+        for k, region in enumerate(regions)
+    )
 
 
 def _percent(fraction: float) -> str:
@@ -157,7 +152,7 @@ def _percent(fraction: float) -> str:
 
 def note_rest_material(
     borders: Sequence[OffsetRegion], slots: Slots, pockets: Pockets, job: Job
-) -> list[Note]:
+) -> Iterator[Note]:
     """A note on rest material in the pockets that have paths: in corners and narrow places."""
     radius = job.tool.radius
     rest_area, whole_area = 0.0, 0.0
@@ -181,16 +176,14 @@ def note_rest_material(
         places += [(part.area, *part.representative_point().coords[0]) for part in large]
         if len(large):
             ids += pockets.contours[pocket_index]
-    if rest_area <= max(1e-4 * whole_area, 0.05 * radius**2):
-        return []
-    places.sort(reverse=True)
-    what = f"{short(rest_area, 2)} mm2 of {short(whole_area, 2)} mm2 not cleared"
-    if places:
-        what += f", {counted(len(places), 'place')} of {short(places[0][0], 2)} mm2 or less"
-    why = f"inner corners and narrow places that a {job.tool.diameter:g} mm tool does not reach"
-    return [
-        Note("warning", what, why, tuple(ids), tuple((x, y) for _, x, y in places[:_MAX_PLACES]))
-    ]
+    if rest_area > max(1e-4 * whole_area, 0.05 * radius**2):
+        places.sort(reverse=True)
+        what = f"{short(rest_area, 2)} mm2 of {short(whole_area, 2)} mm2 not cleared"
+        if places:
+            what += f", {counted(len(places), 'place')} of {short(places[0][0], 2)} mm2 or less"
+        why = f"inner corners and narrow places that a {job.tool.diameter:g} mm tool does not reach"
+        largest = tuple((x, y) for _, x, y in places[:_MAX_PLACES])
+        yield Note("warning", what, why, tuple(ids), largest)
 
 
 def _make_line(chain: Segments) -> Any:

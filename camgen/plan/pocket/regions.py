@@ -15,7 +15,7 @@ near such material are additional passes.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from operator import attrgetter
 from typing import Any, TypeVar
@@ -179,7 +179,7 @@ def compute_wall_passes(walls: PocketWalls, distance: float, climb: bool) -> Reg
 
 
 def _append_regions(
-    regions: list[OffsetRegion], added: Sequence[OffsetRegion], outside: list[int]
+    regions: list[OffsetRegion], added: Iterable[OffsetRegion], outside: list[int]
 ) -> list[int]:
     """Append regions and set their parents.
 
@@ -192,13 +192,12 @@ def _append_regions(
     candidates: dict[int, list[int]] = {}
     for k in outside:
         candidates.setdefault(regions[k].pocket, []).append(k)
-    indices = []
+    first = len(regions)
     for region in added:
         parents = candidates.get(region.pocket, [])
         parent = _find_enclosing(region, take_rows(regions, parents))
-        indices.append(len(regions))
         regions.append(replace(region, parent=parents[parent] if parent >= 0 else -1))
-    return indices
+    return list(range(first, len(regions)))
 
 
 def _find_enclosing(region: OffsetRegion, candidates: Sequence[OffsetRegion]) -> int:
@@ -278,8 +277,7 @@ def make_pocket_polygon(walls: PocketWalls, pocket: int) -> Any:
         if len(points) >= MIN_CORNERS:
             outline = shapely.LinearRing(points)
             area = shapely.make_valid(shapely.Polygon(outline))
-            same_side = islands if outline.is_ccw else outer
-            same_side.append(area)
+            (islands if outline.is_ccw else outer).append(area)
     return shapely.difference(shapely.union_all(outer), shapely.union_all(islands))
 
 
@@ -388,37 +386,34 @@ def _group_loops(outer: IntArray, holes: IntArray, loops: Sequence[Any]) -> list
 
 def _select_needed(
     between: Sequence[OffsetRegion], inner: Sequence[OffsetRegion], stepover: float, radius: float
-) -> list[OffsetRegion]:
+) -> Iterator[OffsetRegion]:
     """The regions between two passes that are needed, each with the stretches near rest material.
 
     between: regions one tool radius inside the outer pass.
     inner: regions one stepover inside the outer pass.
     stepover, radius: mm.
     """
-    needed = []
     inside = group_by_pocket(inner)
     for region in between:
         cut = unite_regions(inside[region.pocket]).intersection(region.polygon)
         if cut.is_empty:
-            needed.append(region)
+            yield region
             continue
         swept = cut.buffer(radius - _THIN_MM, quad_segs=QUARTER_CHORDS)
         rest = region.polygon.difference(swept).buffer(-_THIN_MM)
         if not rest.is_empty:
-            stretches = _select_stretches(region.passes, rest, stepover - radius, radius)
-            needed.append(replace(region, passes=stretches, is_whole=False))
-    return needed
+            stretches = tuple(_select_stretches(region.passes, rest, stepover - radius, radius))
+            yield replace(region, passes=stretches, is_whole=False)
 
 
 def _select_stretches(
     chains: Sequence[Segments], rest: Any, distance: float, radius: float
-) -> tuple[Segments, ...]:
+) -> Iterator[Segments]:
     """The stretches of closed chains that come within `distance` mm of rest material.
 
     rest: polygons.
     radius: tool radius, mm.
     """
-    result: list[Segments] = []
     for chain in chains:
         spacing = min(_SPACING_FRACTION * radius, float(chain.length.sum()) / 8)
         lengths, points = sample_chain(chain, spacing)
@@ -426,7 +421,7 @@ def _select_stretches(
         search = distance + spacing + 2 * _THIN_MM
         is_near = shapely.dwithin(shapely.points(points), rest, search)[:-1]
         if is_near.all():
-            result.append(chain)
+            yield chain
         elif is_near.any():
             begin = np.flatnonzero(is_near & ~np.roll(is_near, 1))
             end = np.flatnonzero(is_near & ~np.roll(is_near, -1))
@@ -435,5 +430,4 @@ def _select_stretches(
             total, count = lengths[-1], len(is_near)
             for first, last in zip(begin.tolist(), end.tolist(), strict=True):
                 low, high = lengths[(first - 1) % count], lengths[(last + 1) % count]
-                result.append(cut_out(chain, low, high if high > low else high + total))
-    return tuple(result)
+                yield cut_out(chain, low, high if high > low else high + total)

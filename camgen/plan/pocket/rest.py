@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from msgspec import Struct
 
 from camgen.geometry.segments import find_following, make_contour_segments
 from camgen.model.errors import JobError
@@ -31,24 +30,16 @@ _NARROW_MM = 0.01
 _EXTRA_FRACTION = 0.05
 
 
-class Rest(Struct, frozen=True, eq=False):
-    """The areas of pockets that earlier operations leave.
-
-    walls: walls of the areas that are left, in the order of their pockets.
-    pocket: (A,) the pocket of each area.
-    cleared: polygons of the pockets that earlier operations clear.
-    """
-
-    walls: PocketWalls
-    pocket: list[int]
-    cleared: Any
-
-
-def find_rest_of_pockets(pocket_walls: PocketWalls, part: Part, job: Job) -> Rest:
+def find_rest_of_pockets(
+    pocket_walls: PocketWalls, part: Part, job: Job
+) -> tuple[PocketWalls, list[int], Any]:
     """The areas that earlier operations leave of pockets.
 
     pocket_walls: walls of the pockets.
     part: part with its earlier operations.
+
+    Returns the walls of these areas in the order of their pockets, the pocket (A,) of each area,
+    and polygons of the pockets that earlier operations clear.
 
     Raises JobError if no operation with a larger tool comes before.
     """
@@ -76,7 +67,7 @@ def find_rest_of_pockets(pocket_walls: PocketWalls, part: Part, job: Job) -> Res
     walls = make_contour_segments(recover_arcs(loops, _ARC_MM)[0])
     following = find_following(walls, np.ones(len(loops), np.bool_))
     rest_walls = PocketWalls(walls, following, np.array(group, np.int64)[walls.owner], len(pocket))
-    return Rest(rest_walls, pocket, shapely.difference(whole, rest))
+    return rest_walls, pocket, shapely.difference(whole, rest)
 
 
 def _grow(region: Any, rest: Any, radius: float) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from msgspec import Struct
 
@@ -65,7 +67,7 @@ def find_slots(wall_passes: RegionForest, walls: PocketWalls, job: Job) -> Slots
     )
 
 
-def plan_slots(slots: Slots, pockets: Pockets, job: Job) -> list[ToolPath]:
+def plan_slots(slots: Slots, pockets: Pockets, job: Job) -> Iterator[ToolPath]:
     """A path along each channel as wide as the tool, and a plunge into each hole.
 
     There are no plunges without `tool.center_cutting`.
@@ -81,15 +83,13 @@ def plan_slots(slots: Slots, pockets: Pockets, job: Job) -> list[ToolPath]:
         is_reversible = job.operation.direction == "any" and not is_closed
         layer, contours = pockets.layers[pocket_index], pockets.contours[pocket_index]
         labels.append(Label(name, layer, is_closed, is_reversible, -1, contours))
-    paths: list[ToolPath] = []
     if labels:
         segments = concatenate_chains(slots.chains)
         zeros = np.zeros(len(segments))
         work = SegmentWork(compute_sideways(segments, 0), zeros, zeros + job.process.feed)
-        paths += make_tool_paths(segments, labels, work, depths, "pocket")
+        yield from make_tool_paths(segments, labels, work, depths, "pocket")
     if job.tool.center_cutting:
         for (x, y), pocket_index in zip(slots.holes.tolist(), slots.hole_pocket, strict=True):
             name, layer = pockets.names[pocket_index], pockets.layers[pocket_index]
             contours = pockets.contours[pocket_index]
-            paths.append(plunge_path(name, layer, (x, y), job, "pocket", contours))
-    return paths
+            yield plunge_path(name, layer, (x, y), job, "pocket", contours)

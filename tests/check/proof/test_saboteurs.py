@@ -226,7 +226,7 @@ def narrow_bores(patch: Patch) -> None:
     """The last circle of a bore is missing."""
     original = module("plan.bore")._make_circle
     patch.setattr(
-        module("plan.bore"), "_make_circle", lambda radius, sense: original(radius / 2, sense)
+        module("plan.bore"), "_make_circle", lambda radius, z, sense: original(radius / 2, z, sense)
     )
 
 
