@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 from msgspec import Struct
@@ -115,8 +116,7 @@ def _place_lines(
             np.einsum("nd,nd->n", direction, end[parallel]),
         ]
     )
-    forward = ends[:, 1] >= ends[:, 0]
-    at_low = np.where(forward, 0.0, 1.0)
+    at_low = np.where(ends[:, 1] >= ends[:, 0], 0.0, 1.0)
     return _Intervals(rows, group, ends.min(axis=1), ends.max(axis=1), at_low, 1 - at_low)
 
 
@@ -240,8 +240,8 @@ def _cover(
                 if first > done:
                     free.append((done, first))
                 done = max(done, last)
-                covers = owners[place] != owner[row] and rank[row] > lowest
-                if covers and last - first > least:
+                is_other = owners[place] != owner[row]
+                if is_other and rank[row] > lowest and last - first > least:
                     ends = (at_low + (first - low) * scale, at_low + (last - low) * scale)
                     covered.setdefault(row, []).append((min(ends), max(ends)))
             place += 1
@@ -310,10 +310,7 @@ def cut_chain(
 
 
 def _list_free(covered: Parts) -> Parts:
-    edges = [0.0]
-    for part in covered:
-        edges += part
-    edges.append(1.0)
+    edges = [0.0, *chain.from_iterable(covered), 1.0]
     return [(low, high) for low, high in zip(edges[::2], edges[1::2], strict=True) if high > low]
 
 

@@ -192,8 +192,7 @@ def _fraction(angle: FloatArray | float, middle: FloatArray, sweep: FloatArray) 
 
 def points_at(segments: Segments, fraction: FloatArray) -> FloatArray:
     """(N, 2) points at `fraction` (N,) of the length of each segment, mm; exact at 0 and 1."""
-    f = fraction[:, None]
-    points = segments.start + f * (segments.end - segments.start)
+    points = segments.start + fraction[:, None] * (segments.end - segments.start)
     rows = np.flatnonzero(segments.is_arc & (fraction != 0.0) & (fraction != 1.0))
     if len(rows):
         arcs = segments.take(rows)
@@ -210,6 +209,23 @@ def tangents_at(segments: Segments, fraction: FloatArray) -> FloatArray:
     chord = segments.end - segments.start
     angle = np.arctan2(chord[:, 1], chord[:, 0]) + segments.sweep * (fraction - 0.5)
     return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def measure_triangles(
+    start: FloatArray, end: FloatArray, owner: IntArray, count: int
+) -> FloatArray:
+    """(N,) twice the signed areas between lines and the first point of their loop, mm2.
+
+    For each of `count` loops they add up to twice the area of its polygon (shoelace formula).
+
+    start, end: (N, 2) ends of the lines, sorted by `owner` (N,), the loop of each.
+    """
+    if not len(owner):
+        return np.zeros(0)
+    first = np.searchsorted(owner, np.arange(count))
+    origin = start[np.minimum(first, len(owner) - 1)][owner]
+    a, b = start - origin, end - origin
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def split_segments(

@@ -24,7 +24,8 @@ from camgen.geometry.ragged import (
     list_owners,
     list_range_numbers,
 )
-from camgen.geometry.thinning import IntArray, Polylines, measure_from_lines
+from camgen.geometry.thinning import Polylines, measure_from_lines
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 
