@@ -178,8 +178,7 @@ def follow(
     """
     start = robot.home if start is None else start
     solutions = find_candidates(robot, *poses, start)
-    usable = _find_usable(robot, solutions, margin)
-    return _choose(robot, solutions, usable, start, jump, ties)
+    return _choose(robot, solutions, _find_usable(robot, solutions, margin), start, jump, ties)
 
 
 def follow_each(

@@ -7,12 +7,11 @@ import numpy as np
 from camgen.geometry.rotations import measure_rolls
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import Gantry, Scara
+from camgen.robots.kinematics.wrists import REACH, measure_beyond
 
 #: rad that a tool may lean from the orientation of the robot: the digits of quaternions and joint
 #: values in programs.
 LEAN = 1e-5
-#: mm that a pose may be out of reach: rounding.
-_REACH = 1e-9
 
 
 def scara_angles(arm: Scara, rotations: FloatArray, origins: FloatArray) -> FloatArray:
@@ -24,7 +23,7 @@ def scara_angles(arm: Scara, rotations: FloatArray, origins: FloatArray) -> Floa
     yaw, x, y, z = _axis_four(arm, rotations, origins)
     cosine = (x**2 + y**2 - arm.l1**2 - arm.l2**2) / (2 * arm.l1 * arm.l2)
     bend = np.arccos(np.clip(cosine, -1.0, 1.0))
-    lost = (scara_shortfall(arm, rotations, origins) > _REACH) | (scara_lean(arm, rotations) > LEAN)
+    lost = (scara_shortfall(arm, rotations, origins) > REACH) | (scara_lean(arm, rotations) > LEAN)
     elbow = np.where(lost, np.nan, bend)[:, None] * np.array([1.0, -1.0])
     lead = np.arctan2(arm.l2 * np.sin(elbow), arm.l1 + arm.l2 * np.cos(elbow))
     theta1 = np.arctan2(y, x)[:, None] - lead
@@ -37,8 +36,7 @@ def _axis_four(arm: Scara, rotations: FloatArray, origins: FloatArray) -> tuple[
 
     They are in the frame of the arm, (N,) each.
     """
-    turn = arm.base_from_arm.rotation.T @ rotations @ arm.arm_from_flange.rotation.T
-    yaw = measure_rolls(turn)
+    yaw = measure_rolls(arm.base_from_arm.rotation.T @ rotations @ arm.arm_from_flange.rotation.T)
     x, y, z = ((origins - arm.base_from_arm.origin) @ arm.base_from_arm.rotation).T
     ahead, side, _ = arm.arm_from_flange.origin
     c, s = np.cos(yaw), np.sin(yaw)
@@ -51,9 +49,7 @@ def scara_shortfall(arm: Scara, rotations: FloatArray, origins: FloatArray) -> F
     Joint limits are ignored.
     """
     _, x, y, _ = _axis_four(arm, rotations, origins)
-    distance = np.hypot(x, y)
-    missing = np.maximum(distance - (arm.l1 + arm.l2), abs(arm.l1 - arm.l2) - distance)
-    return np.asarray(missing.clip(0.0))
+    return measure_beyond(np.hypot(x, y), arm.l1, arm.l2).clip(0.0)
 
 
 def scara_lean(arm: Scara, rotations: FloatArray) -> FloatArray:

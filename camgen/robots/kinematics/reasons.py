@@ -31,15 +31,11 @@ class Reason(Struct, frozen=True):
     """The reason why a path cannot be followed.
 
     row: first row that cannot be reached.
-    joint: index of the joint that is the cause, -1 for none.
-    amount: mm or rad out of reach, of the lean, beyond the limit, from the singularity, or of the
-        jump.
+    text: the reason, with its amount.
     """
 
     row: int
     kind: Literal["reach", "lean", "limit", "singular", "jump"]
-    joint: int
-    amount: float
     text: str
 
 
@@ -81,10 +77,10 @@ def _explain_reach(robot: Robot, rotation: FloatArray, origin: FloatArray, row: 
     elif arm:
         short_of = float(spherical.measure_shortfall(arm, rotation, origin)[0])
     else:
-        return Reason(row, "reach", -1, math.nan, "no joints were found for this pose")
+        return Reason(row, "reach", "no joints were found for this pose")
     if lean > flat.LEAN:
-        return Reason(row, "lean", -1, lean, f"the robot cannot lean its tool by {_degrees(lean)}")
-    return Reason(row, "reach", -1, short_of, f"out of reach by {short(short_of, 3)} mm")
+        return Reason(row, "lean", f"the robot cannot lean its tool by {_degrees(lean)}")
+    return Reason(row, "reach", f"out of reach by {short(short_of, 3)} mm")
 
 
 def describe_limit(robot: Robot, joints: FloatArray) -> str:
@@ -100,7 +96,7 @@ def _explain_limit(robot: Robot, joints: FloatArray, row: int) -> Reason:
     amount = float(nearest[joint])
     name, is_sliding = robot.joints[joint].name, robot.joints[joint].sliding
     distance = f"{short(amount, 3)} mm" if is_sliding else _degrees(amount)
-    return Reason(row, "limit", joint, amount, f"{name} is beyond its limit by {distance}")
+    return Reason(row, "limit", f"{name} is beyond its limit by {distance}")
 
 
 def _explain_singularity(robot: Robot, joints: FloatArray, row: int) -> Reason:
@@ -108,7 +104,7 @@ def _explain_singularity(robot: Robot, joints: FloatArray, row: int) -> Reason:
     distances = measure_singularity_distance(robot, joints)
     best = distances[distances.min(axis=1).argmax()]
     name, distance = list_singularities(robot)[int(best.argmin())], float(best.min())
-    return Reason(row, "singular", -1, distance, f"singular, {name}: {_degrees(distance)} away")
+    return Reason(row, "singular", f"singular, {name}: {_degrees(distance)} away")
 
 
 def _explain_gap(
@@ -129,15 +125,13 @@ def _explain_gap(
         return explain(robot, after, row)
     before, branch = np.unravel_index(leaps.argmin(), leaps.shape)
     joint = int(np.where(robot.revolute, np.abs(moved[before, branch]), 0.0).argmax())
-    amount = float(leaps[before, branch])
-    text = f"{robot.joints[joint].name} would turn by {_degrees(amount)} at once"
-    ends = np.stack([reached[before], solutions[branch]])
-    distances = measure_singularity_distance(robot, ends)
+    turn = _degrees(float(leaps[before, branch]))
+    text = f"{robot.joints[joint].name} would turn by {turn} at once"
+    distances = measure_singularity_distance(robot, np.stack([reached[before], solutions[branch]]))
     if distances.min(initial=math.inf) < max(_NEAR_SINGULAR, margin):
         name = list_singularities(robot)[int(distances.min(axis=0).argmin())]
-        nearest = float(distances.min())
-        return Reason(row, "singular", joint, nearest, f"singular, {name}: {text}")
-    return Reason(row, "jump", joint, amount, text)
+        return Reason(row, "singular", f"singular, {name}: {text}")
+    return Reason(row, "jump", text)
 
 
 def _degrees(angle: float) -> str:

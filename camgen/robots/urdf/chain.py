@@ -75,8 +75,7 @@ def make_chain(description: Description, tip: str) -> JointChain:
     bodies, loose = _find_bodies(description, root, moving)
     base = _BASE if _BASE in bodies[0] else root
     base_from_root = bodies[0][base].inverse()
-    rebased = {name: base_from_root @ place for name, place in bodies[0].items()}
-    bodies = (rebased, *bodies[1:])
+    bodies = ({name: base_from_root @ place for name, place in bodies[0].items()}, *bodies[1:])
     joints: list[Joint] = []
     for joint, body in zip(moving, bodies, strict=False):
         if joint.type == "continuous":
