@@ -115,8 +115,7 @@ def _find_blockage(
     collisions = []
     for scene, check in ((where.with_margin, with_margin), (where.work, working)):
         if check.hit:
-            pair = scene.pairs[check.pair]
-            collisions.append((check.at, where.scene.pairs.index(pair)))
+            collisions.append((check.at, where.scene.pairs.index(scene.pairs[check.pair])))
     if not collisions:
         return with_margin.clearance
     first, index = min(collisions)

@@ -44,7 +44,7 @@ from camgen.motion.setup import (
     compute_tip_feed,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
-from camgen.robots.kinematics.joint_limits import list_turn_counts
+from camgen.robots.kinematics.joint_limits import ON_LIMIT, list_turn_counts
 from camgen.robots.models import Robot
 
 #: mm: shorter pieces are not worked.
@@ -66,8 +66,6 @@ _MAX_STRETCHES = 400
 _SAME_JOINTS = 1e-6
 #: Fraction of a time by which a joint may be late.
 _SAME_TIME = 1e-6
-#: rad or mm: a joint that is beyond its limit by less is at the limit.
-_ON_LIMIT = 1e-9
 #: Number of moves that may fail in a stretch before no chain runs through it.
 _FAILURES = 3
 #: Parts of the stretch beyond the end of a chain, by which the chain is extended.
@@ -183,8 +181,7 @@ class _Ladder(Struct, frozen=True, eq=False):
         """Close the colliding states of some stations (K,)."""
         tested = self.states.usable.any(axis=-1) & stations[:, None, None]
         if tested.any():
-            free = setup.roomy(self.states.joints[tested])
-            self.states.usable[tested] &= free[:, None]
+            self.states.usable[tested] &= setup.roomy(self.states.joints[tested])[:, None]
         self.checked[stations] = True
 
     def locate(self, station: float) -> tuple[int, float]:
@@ -265,15 +262,8 @@ class _Piece(Struct, frozen=True, eq=False):
         return replace(thin_out(motion, kept, thin), trimmed=self.trimmed)
 
 
-class _Lengthened(Struct, frozen=True, eq=False):
-    """A proven motion.
-
-    motion: the motion of a chain and of its extensions.
-    beyond: fraction of the stretch after the chain that it uses.
-    """
-
-    motion: EdgeMotion
-    beyond: float
+#: The motion of a chain and of its extensions, and the fraction of the stretch after it in use.
+_Lengthened = tuple[EdgeMotion, float]
 
 
 class _Failure(Struct, frozen=True, eq=False):
@@ -337,8 +327,7 @@ class Coverage(Struct, frozen=True, eq=False):
         if folded is None:
             folded = np.zeros(len(lengths), dtype=np.bool_)
         result = self._find(line, path, lengths, folded, _STATION_TURN)
-        missing = line.length - result.measure(line)
-        if missing < SHORTEST_MM or result.late < _MOSTLY:
+        if line.length - result.measure(line) < SHORTEST_MM or result.late < _MOSTLY:
             return result
         wide = self._find(line, path, lengths, folded, _WIDE_TURN)
         return wide if wide.measure(line) > result.measure(line) + SAME_POINT_MM else result
@@ -401,9 +390,7 @@ class Coverage(Struct, frozen=True, eq=False):
         is_possible, is_in_time = np.isfinite(transitions.time), np.isfinite(in_time)
         too_fast = np.asarray(is_possible.any(axis=(1, 2, 3)) & ~is_in_time.any(axis=(1, 2, 3)))
         late = 1 - int(is_in_time.sum()) / max(int(is_possible.sum()), 1)
-        transitions = replace(transitions, time=in_time)
         states.open[folded[list_owners(parts)]] = False
-        checked = np.zeros(len(stations), dtype=np.bool_)
         return _Ladder(
             path,
             lengths,
@@ -411,8 +398,8 @@ class Coverage(Struct, frozen=True, eq=False):
             parts,
             stations,
             states,
-            transitions,
-            checked,
+            replace(transitions, time=in_time),
+            np.zeros(len(stations), dtype=np.bool_),
             too_fast,
             late,
         )
@@ -462,8 +449,9 @@ class Coverage(Struct, frozen=True, eq=False):
                 if isinstance(proved, _Failure):
                     return proved
                 known[key] = proved
-            motions.append(known[key].motion)
-            free = chain.last + known[key].beyond
+            motion, beyond = known[key]
+            motions.append(motion)
+            free = chain.last + beyond
         return motions
 
     def _lengthen(
@@ -492,7 +480,7 @@ class Coverage(Struct, frozen=True, eq=False):
             if isinstance(proved, EdgeMotion):
                 late = self._find_too_fast(ladder, piece)
                 if not len(late):
-                    return _Lengthened(piece.thin_out(ladder, proved), ends[1].share)
+                    return piece.thin_out(ladder, proved), ends[1].share
                 failed = int(late[0])
             else:
                 failed = proved - len(ends[0].joints)
@@ -512,8 +500,7 @@ class Coverage(Struct, frozen=True, eq=False):
             return min(proved[0], stretches - 1)
         (hit,) = self.space.look([SampledMotion(proved.sampled_joints, proved.sampled_path)])
         if isinstance(hit, Blockage):
-            failed = int(np.searchsorted(proved.at, hit.at, "right")) - 1
-            return min(failed, stretches - 1)
+            return min(int(np.searchsorted(proved.at, hit.at, "right")), stretches) - 1
         return proved
 
     def _find_too_fast(self, ladder: _Ladder, piece: _Piece) -> Index:
@@ -561,8 +548,7 @@ def _divide_evenly(path: PosePath, turn: float) -> Index:
 
     turn: largest turn of the tool between two stations, rad.
     """
-    step = max(_STATION_MM, float(path.length.sum()) / _MAX_STRETCHES)
-    return count_parts(path, step, turn)
+    return count_parts(path, max(_STATION_MM, float(path.length.sum()) / _MAX_STRETCHES), turn)
 
 
 def _close(ladder: _Ladder, failure: _Failure, failures: Index) -> None:
@@ -583,8 +569,8 @@ def _close(ladder: _Ladder, failure: _Failure, failures: Index) -> None:
 def _turn_to_home(robot: Robot, chain: PoseChain) -> PoseChain:
     """The chain, moved next to home by whole turns, within the limits of its joints."""
     low, high = chain.joints.min(axis=0), chain.joints.max(axis=0)
-    lower = np.ceil((robot.limits[:, 0] - _ON_LIMIT - low) / math.tau)
-    upper = (robot.limits[:, 1] + _ON_LIMIT - high) // math.tau
+    lower = np.ceil((robot.limits[:, 0] - ON_LIMIT - low) / math.tau)
+    upper = (robot.limits[:, 1] + ON_LIMIT - high) // math.tau
     whole = np.clip(np.rint((robot.home - (low + high) / 2) / math.tau), lower, upper)
     return replace(
         chain, joints=chain.joints + math.tau * whole * list_turn_counts(robot).any(axis=0)

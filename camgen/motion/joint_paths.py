@@ -13,7 +13,7 @@ from msgspec import Struct
 from camgen.geometry.ragged import compute_offsets, select_distinct
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
-from camgen.motion.pose_paths import Index, PosePath, PoseSampler
+from camgen.motion.pose_paths import Index, PosePath, sample_poses
 from camgen.motion.setup import SampledMotion, Setup, compute_flange_poses
 from camgen.robots.kinematics.inverse import find_nearest
 
@@ -52,7 +52,7 @@ def follow_closely(
     at = np.arange(len(joints), dtype=np.float64)
     is_open: BoolArray = np.asarray(on_path, dtype=bool)
     lost: list[FloatArray] = []
-    sampler = PoseSampler.make(path)
+    spans, turns = path.spans, path.turn_vectors
     for _ in range(_HALVINGS):
         before = np.flatnonzero(is_open)
         if not len(before):
@@ -60,7 +60,8 @@ def follow_closely(
         kept = compute_offsets(1 + is_open)
         middle, place = kept[before] + 1, (at[before] + at[before + 1]) / 2
         even = (joints[before] + joints[before + 1]) / 2
-        exact = find_nearest(setup.robot, *compute_flange_poses(setup, *sampler.poses(place)), even)
+        poses = compute_flange_poses(setup, *sample_poses(path, spans, turns, place))
+        exact = find_nearest(setup.robot, *poses, even)
         is_missing: BoolArray = np.asarray(np.isnan(exact).any(axis=1))
         lost.append(at[before[is_missing]])
         exact = np.where(is_missing[:, None], even, exact)

@@ -71,8 +71,7 @@ class MotionLimits(Struct, frozen=True, eq=False):
             moved = np.abs(start[..., :, None, joint] - end[..., None, :, joint])
             # A joint that reaches its speed takes the time of the way and of one acceleration.
             full = moved >= speed * speed / acceleration
-            time = moved / speed + speed / acceleration
-            np.maximum(long, np.where(full, time, 0.0), out=long)
+            np.maximum(long, np.where(full, moved / speed + speed / acceleration, 0.0), out=long)
             np.maximum(short, moved / acceleration, out=short)
         joints = np.maximum(2 * np.sqrt(short), long)
         tool = time_from_rest(np.asarray(length), self.speed, self.acceleration)
@@ -146,13 +145,17 @@ def choose_link_speeds(
     dynamics: dynamics of the controller.
     pressed: whether an edge is left and approached with a force.
     """
-    part, acceleration = process.travel_speed, dynamics.acceleration
+    free, share = min(dynamics.fastest, REDUCED_SPEED), dynamics.max_fraction
     if process.travel:
-        return LinkSpeeds(part, process.travel, 0.0, acceleration, pressed, ramp=dynamics.ramp)
-    free = min(dynamics.fastest, REDUCED_SPEED)
-    points = limit_points(process)
+        free, share = process.travel, 0.0
     return LinkSpeeds(
-        part, free, dynamics.max_fraction, acceleration, pressed, points, dynamics.ramp
+        process.travel_speed,
+        free,
+        share,
+        dynamics.acceleration,
+        pressed,
+        limit_points(process),
+        dynamics.ramp,
     )
 
 

@@ -153,8 +153,7 @@ def find_cheapest_chain(
         used = np.flatnonzero(usable)
         state, turn = used // turns, used % turns
         if row:
-            total = add_steps(cost, states, steps, row, used)
-            least = total.min(axis=0)
+            least = add_steps(cost, states, steps, row, used).min(axis=0)
             costs.append(cost)
             cost = np.full(cost.shape, math.inf)
         else:
@@ -170,8 +169,7 @@ def _trace(states: States, steps: Steps, cost: FloatArray, costs: list[FloatArra
 
     cost, costs: (C, B, T + 1) s, of the last row, and of each row before it.
     """
-    end = np.unravel_index(int(cost.argmin()), cost.shape)
-    orientation, branch, turns = map(int, end)
+    orientation, branch, turns = map(int, np.unravel_index(int(cost.argmin()), cost.shape))
     chain, moves = [(orientation, turns)], []
     for row in reversed(range(len(costs))):
         sources = states.moves[:, orientation]

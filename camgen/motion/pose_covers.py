@@ -116,8 +116,8 @@ def _trace(rows: _Rows, states: States, transitions: Steps) -> list[CoverChain]:
 
 
 def _trace_chain(rows: _Rows, states: States, transitions: Steps, row: int) -> CoverChain:
-    end = np.unravel_index(rows.ending[row], states.usable.shape[1:])
-    orientation, branch, turn = (int(k) for k in end)
+    ending = rows.ending[row]
+    orientation, branch, turn = map(int, np.unravel_index(ending, states.usable.shape[1:]))
     passed, moves = [(orientation, turn)], []
     while (move := int(rows.moves[row][orientation, branch, turn])) != _BEGINS:
         turn = int(transitions.before[row - 1, move, orientation, branch, turn])

@@ -130,8 +130,7 @@ def _overlap(
     time = np.linspace(0.0, 1.0, _POINTS) * np.maximum(*seconds)
     left = acceleration / 2 * np.maximum(seconds[0] - time, 0.0) ** 2
     ramp = np.minimum(time, seconds[1])
-    run = acceleration * ramp * (time - ramp / 2)
-    return _add(transitions, left, run)
+    return _add(transitions, left, acceleration * ramp * (time - ramp / 2))
 
 
 def _add(transitions: Transitions, left: FloatArray, run: FloatArray) -> FloatArray:
@@ -229,8 +228,7 @@ def _distance_to_lines(motion: Spans, points: FloatArray) -> FloatArray:
     arm = points - motion.start[:, None]
     along = add_coordinates(arm * motion.along[:, None])
     along = np.clip(along, 0.0, motion.length[:, None])
-    offset = arm - along[..., None] * motion.along[:, None]
-    return np.asarray(measure_lengths(offset))
+    return measure_lengths(arm - along[..., None] * motion.along[:, None])
 
 
 def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:
