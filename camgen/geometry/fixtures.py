@@ -94,10 +94,7 @@ class Fixtures(Struct, frozen=True, eq=False):
         Such a fixture stands above the top face, z = 0, and reaches down to it. Its border holds
         nothing.
         """
-        lying = []
-        for fixture in self.listed:
-            if fixture.bottom <= _SAME_MM < fixture.top:
-                lying.append(fixture.outline)
+        lying = [each.outline for each in self.listed if each.bottom <= _SAME_MM < each.top]
         return shapely.buffer(shapely.union_all(lying), -_GRIP_MM)
 
     @property

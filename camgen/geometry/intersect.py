@@ -166,15 +166,21 @@ def find_crossings(a: Segments, b: Segments) -> tuple[IntArray, FloatArray, Floa
     slack_a = TOUCH / np.maximum(a.length, TOUCH)
     slack_b = TOUCH / np.maximum(b.length, TOUCH)
     crossings = [(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))]
-    for kind_a, kind_b in ((False, False), (False, True), (True, False), (True, True)):
-        rows = np.flatnonzero((arc_a == kind_a) & (arc_b == kind_b))
+    for is_kind, cross_carriers in (
+        (~arc_a & ~arc_b, _line_line),
+        (~arc_a & arc_b, _line_circle),
+        (arc_a & ~arc_b, _circle_line),
+        (arc_a & arc_b, _circle_circle),
+    ):
+        rows = np.flatnonzero(is_kind)
         if not len(rows):
             continue
         a_rows, b_rows = a.take(rows), b.take(rows)
-        for points in _cross_carriers(a_rows, b_rows, kind_a, kind_b):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            places = cross_carriers(a_rows, b_rows)
+        for points in places:
             on_a, on_b = find_fractions(a_rows, points), find_fractions(b_rows, points)
             is_crossing = _are_on(slack_a[rows], on_a) & _are_on(slack_b[rows], on_b)
-            is_crossing &= np.isfinite(points[:, 0])
             crossings.append((rows[is_crossing], on_a[is_crossing], on_b[is_crossing]))
     pair, first, second = concatenate_columns(crossings)
     return pair, first, second
@@ -218,29 +224,18 @@ def find_fractions(segments: Segments, points: FloatArray) -> FloatArray:
     return np.asarray(fraction)
 
 
-def _cross_carriers(a: Segments, b: Segments, a_is_arc: bool, b_is_arc: bool) -> list[FloatArray]:
-    """Crossing points of the lines and circles that carry the segments of each pair.
-
-    Returns one or two arrays (N, 2), NaN where there is no crossing.
-    """
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        if a_is_arc and b_is_arc:
-            return _circle_circle(a, b)
-        if a_is_arc:
-            return _line_circle(b, a)
-        if b_is_arc:
-            return _line_circle(a, b)
-        return [_line_line(a, b)]
+# Crossing points of the lines and circles that carry the segments of each pair: one or two arrays
+# (N, 2), NaN where there is no crossing.
 
 
-def _line_line(a: Segments, b: Segments) -> FloatArray:
+def _line_line(a: Segments, b: Segments) -> list[FloatArray]:
     u, v, w = a.end - a.start, b.end - b.start, b.start - a.start
     cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     size = np.hypot(u[:, 0], u[:, 1]) * np.hypot(v[:, 0], v[:, 1])
     # Parallel lines touch along a stretch or not at all. `_cut_pairs` finds that from their ends.
     cross = np.where(np.abs(cross) <= _PARALLEL_SINE * size, np.nan, cross)
     t = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / cross
-    return np.asarray(a.start + t[:, None] * u)
+    return [a.start + t[:, None] * u]
 
 
 def _line_circle(line: Segments, arc: Segments) -> list[FloatArray]:
@@ -250,6 +245,10 @@ def _line_circle(line: Segments, arc: Segments) -> list[FloatArray]:
     foot = (w * u).sum(axis=1)
     half = _half_chord(arc.radius, np.abs(w[:, 0] * u[:, 1] - w[:, 1] * u[:, 0]))
     return [line.start + (foot + sign * half)[:, None] * u for sign in (-1, 1)]
+
+
+def _circle_line(arc: Segments, line: Segments) -> list[FloatArray]:
+    return _line_circle(line, arc)
 
 
 def _circle_circle(a: Segments, b: Segments) -> list[FloatArray]:

@@ -231,9 +231,7 @@ def _round_open_ends(source: Segments, following: IntArray, distance: float) -> 
     The offset does not run along them, but it ends where it meets one.
     """
     last = np.flatnonzero(following < 0)
-    begins = np.ones(len(source), dtype=bool)
-    begins[following[following >= 0]] = False
-    first = np.flatnonzero(begins)
+    first = np.flatnonzero(np.bincount(following[following >= 0], minlength=len(source)) == 0)
     centre = np.concatenate([source.start[first], source.end[last]])
     owner = np.concatenate([first, last])
     across = np.array([distance, 0.0])

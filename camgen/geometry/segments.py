@@ -242,8 +242,7 @@ def reverse_segments(segments: Segments) -> tuple[Segments, IntArray]:
 
     Owners keep their order.
     """
-    rows = np.argsort(segments.owner[::-1], kind="stable")
-    rows = (len(segments) - 1 - rows).astype(np.int64)
+    rows = len(segments) - 1 - np.argsort(segments.owner[::-1], kind="stable")
     old = segments.take(rows)
     return Segments(old.end, old.start, -old.bulge, old.centre, old.radius, old.owner), rows
 

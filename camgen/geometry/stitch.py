@@ -144,13 +144,12 @@ def _find_following(
         options.setdefault(piece, []).append(successor)
     is_short, taken, linked = short.tolist(), set(starts[is_clear].tolist()), set[int]()
     for first in sorted(options, key=lambda piece: (is_short[piece], piece)):
-        if first in linked:
-            continue
-        connection = _find_connection(first, options, is_short, taken)
-        for piece, successor in itertools.pairwise([first, *connection]):
-            following[piece] = successor
-            taken.add(successor)
-            linked.add(piece)
+        if first not in linked:
+            connection = _find_connection(first, options, is_short, taken)
+            for piece, successor in itertools.pairwise([first, *connection]):
+                following[piece] = successor
+                taken.add(successor)
+                linked.add(piece)
     return following
 
 

@@ -58,8 +58,8 @@ def compute_angles(
     free = np.where(np.isfinite(near[:, ::4, 0]), near[:, ::4, 0], [0.0, math.pi])
     theta1 = np.where(seen.on_axis[:, None], free, seen.theta1)
     psi, fore = math.atan2(arm.a2, arm.c3), math.hypot(arm.a2, arm.c3)
-    square = x**2 + z**2
-    bend = np.arccos(np.clip((square - arm.c2**2 - fore**2) / (2 * arm.c2 * fore), -1.0, 1.0))
+    cosine = (x**2 + z**2 - arm.c2**2 - fore**2) / (2 * arm.c2 * fore)
+    bend = np.arccos(np.clip(cosine, -1.0, 1.0))
     beyond = measure_beyond(np.hypot(x, z), arm.c2, fore)
     bend = np.where((beyond > REACH) | (seen.too_near > REACH)[:, None], np.nan, bend)
     elbow = np.stack([bend, -bend], axis=2)

@@ -132,7 +132,7 @@ def _make_links(
             ]
             unread += shapes.unread
             notes += shapes.notes
-            is_whole = is_whole and shapes.whole
+            is_whole &= not shapes.unread and len(shapes.surfaces) == len(shapes.parts)
         # Without one of its shapes the meshes of a link would have a gap.
         links.append(Link(name, tuple(boxes), tuple(surfaces) if is_whole else (), tuple(unread)))
     return tuple(links), notes

@@ -51,11 +51,6 @@ class Shapes(Struct, frozen=True):
     unread: tuple[str, ...]
     notes: tuple[str, ...]
 
-    @property
-    def whole(self) -> bool:
-        """Whether the meshes are all shapes of the link."""
-        return not self.unread and len(self.surfaces) == len(self.parts)
-
     def boxes(self) -> list[Box]:
         """Cuboids around the parts."""
         boxes: list[Box] = []
@@ -63,9 +58,9 @@ class Shapes(Struct, frozen=True):
             if triangles is None:
                 boxes += _enclose_shape(shape)
             else:
-                place = shape.link_from_shape
                 boxes += [
-                    Box(place @ box.link_from_box, box.half) for box in enclose_mesh(*triangles)
+                    Box(shape.link_from_shape @ box.link_from_box, box.half)
+                    for box in enclose_mesh(*triangles)
                 ]
         return boxes
 
