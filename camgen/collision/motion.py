@@ -137,8 +137,8 @@ def _check(
     at, first, is_cut = _find_undecided(scene, lines, step, sparse.distance, deviation, is_hasty)
     rows = _interpolate(lines.waypoints, at)
     pairs, splits = find_collisions(scene, rows), first[1:-1]
-    collides = np.logical_or.reduceat(pairs >= 0, first[:-1])
-    limits = np.where(is_cut | collides, 0.0, sparse.distance)
+    is_found = is_cut | np.logical_or.reduceat(pairs >= 0, first[:-1])
+    limits = np.where(is_found, 0.0, sparse.distance)
     closer = _find_nearest(scene, rows, first, limits)
     places = np.split(at - np.repeat(lines.first[:-1], np.diff(first)), splits)
     make_check = partial(_make_check, sparse, closer)
