@@ -1,7 +1,7 @@
 """Finds the pieces of an edge that the arm can work if it cannot work the whole edge.
 
 Stations along the edge, orientations of the tool and branches of the inverse kinematics form a
-ladder graph (`pose_covers`). Each chain of the best cover is examined as the robot runs it. A
+ladder graph (`pose_chains`). Each chain of the best cover is examined as the robot runs it. A
 stretch in which a chain fails is closed, and the best cover is searched again.
 """
 
@@ -20,13 +20,12 @@ from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, find_steps
-from camgen.motion.pose_covers import CoverChain, find_cover
+from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, find_cover, find_steps
 from camgen.motion.pose_paths import Index, PosePath, count_parts, cut, divide, join
 from camgen.motion.reach import widest_grid
 from camgen.motion.search import (
     Grid,
-    Knots,
+    check_states,
     make_states,
     prove,
     thin_out,
@@ -97,7 +96,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     too_fast: BoolArray
     late: float
 
-    def find_chains(self, setup: Setup) -> list[CoverChain]:
+    def find_chains(self, setup: Setup) -> list[PoseChain]:
         """The best cover of the edge by states that are free.
 
         All states of a station are checked if a chain is not free there.
@@ -154,7 +153,7 @@ class _Ladder(Struct, frozen=True, eq=False):
             self.late,
         )
 
-    def find_lone_states(self, chains: Sequence[CoverChain], setup: Setup) -> list[CoverChain]:
+    def find_lone_states(self, chains: Sequence[PoseChain], setup: Setup) -> list[PoseChain]:
         """Chains of one station each, at stations next to no chain that the arm can reach.
 
         A stretch that is twice as long as `_STATION_MM` may have no two stations.
@@ -174,14 +173,12 @@ class _Ladder(Struct, frozen=True, eq=False):
                 joints = self.states.joints[station, orientation, branch]
                 joints = joints + math.tau * self.states.table[turn]
                 chosen, none = np.array([orientation]), np.zeros(0, dtype=np.int64)
-                lone.append(CoverChain(station, chosen, none, int(branch), joints[None]))
+                lone.append(PoseChain(station, chosen, none, int(branch), joints[None]))
         return lone
 
     def _check(self, setup: Setup, stations: BoolArray) -> None:
         """Close the colliding states of some stations (K,)."""
-        tested = self.states.usable.any(axis=-1) & stations[:, None, None]
-        if tested.any():
-            self.states.usable[tested] &= setup.roomy(self.states.joints[tested])[:, None]
+        check_states(setup.roomy, self.states, np.flatnonzero(stations).tolist())
         self.checked[stations] = True
 
     def locate(self, station: float) -> tuple[int, float]:
@@ -214,14 +211,14 @@ class _Extension(Struct, frozen=True, eq=False):
 class _Piece(Struct, frozen=True, eq=False):
     """A chain with its pose path.
 
-    knots: the path, with a row at each station and at each end.
+    path: the pose path, with a row at each station and at each end.
     chain: the states at these rows.
     marks: places of these rows along the path of the whole edge, mm.
     trimmed: lengths of the edge before and after the piece, mm.
     segments: segment of the edge between each two rows.
     """
 
-    knots: Knots
+    path: PosePath
     chain: PoseChain
     marks: FloatArray
     trimmed: tuple[float, float]
@@ -229,7 +226,7 @@ class _Piece(Struct, frozen=True, eq=False):
 
     @classmethod
     def make(
-        cls, ladder: _Ladder, chain: CoverChain, before: _Extension, after: _Extension
+        cls, ladder: _Ladder, chain: PoseChain, before: _Extension, after: _Extension
     ) -> _Piece:
         """The piece of a chain that is extended at its ends."""
         ends = len(before.joints), len(after.joints)
@@ -242,16 +239,15 @@ class _Piece(Struct, frozen=True, eq=False):
         marks = np.array([ladder.measure(place, ladder.path.length) for place in places.tolist()])
         low, high = (ladder.measure(place, ladder.lengths) for place in (places[0], places[-1]))
         trimmed = low, max(float(ladder.lengths.sum()) - high, 0.0)
-        parts = np.ones(len(marks) - 1, dtype=np.int64)
         path = join([cut(ladder.path, *pair) for pair in pairwise(marks.tolist())])
         longer = PoseChain(
+            chain.first - ends[0],
             np.pad(chain.orientation, ends, mode="edge"),
             np.pad(chain.moves, ends),
             chain.branch,
             np.concatenate([before.joints, chain.joints, after.joints]),
-            0.0,
         )
-        return cls(Knots(path, path, parts), longer, marks, trimmed, segments)
+        return cls(path, longer, marks, trimmed, segments)
 
     def thin_out(self, ladder: _Ladder, motion: EdgeMotion) -> EdgeMotion:
         """The motion with the rows at which a segment ends or the orientation begins to change."""
@@ -269,7 +265,7 @@ _Lengthened = tuple[EdgeMotion, float]
 class _Failure(Struct, frozen=True, eq=False):
     """A chain without a motion, and the number of its stretch that fails."""
 
-    chain: CoverChain
+    chain: PoseChain
     stretch: int
 
 
@@ -424,7 +420,7 @@ class Coverage(Struct, frozen=True, eq=False):
         self,
         name: str,
         ladder: _Ladder,
-        chains: list[CoverChain],
+        chains: list[PoseChain],
         choice: Grid,
         known: dict[_ChainKey, _Lengthened],
     ) -> list[EdgeMotion] | _Failure:
@@ -458,7 +454,7 @@ class Coverage(Struct, frozen=True, eq=False):
         self,
         name: str,
         ladder: _Ladder,
-        chain: CoverChain,
+        chain: PoseChain,
         choice: Grid,
         room: tuple[int, int],
     ) -> _Lengthened | _Failure | None:
@@ -493,7 +489,7 @@ class Coverage(Struct, frozen=True, eq=False):
         tilt, stretches = self.freedom.tilt, len(piece.segments)
         # Between two stations the turns next to home may be beyond a limit.
         for chain in (_turn_to_home(self.setup.robot, piece.chain), piece.chain):
-            proved = prove(self.setup, name, piece.knots, choice, chain, tilt)
+            proved = prove(self.setup, name, piece.path, choice, chain, tilt)
             if isinstance(proved, EdgeMotion) or proved[1]:
                 break
         if not isinstance(proved, EdgeMotion):
@@ -505,14 +501,14 @@ class Coverage(Struct, frozen=True, eq=False):
 
     def _find_too_fast(self, ladder: _Ladder, piece: _Piece) -> Index:
         """The stretches that take a joint longer than the tool at the feed of the piece."""
-        length = piece.knots.path.length
+        length = piece.path.length
         along_edge = float(ladder.lengths.sum()) - sum(piece.trimmed)
         feed = compute_tip_feed(length.sum() / along_edge, self.process)
         moved = np.abs(np.diff(piece.chain.joints, axis=0)) / self.setup.robot.fastest
         return np.flatnonzero(moved.max(axis=1) > (1 + _SAME_TIME) * length / feed)
 
     def _extend(
-        self, ladder: _Ladder, chain: CoverChain, choice: Grid, end: int, parts: int
+        self, ladder: _Ladder, chain: PoseChain, choice: Grid, end: int, parts: int
     ) -> _Extension:
         """The extension of a chain beyond an end, in the orientation at that end.
 
@@ -577,7 +573,7 @@ def _turn_to_home(robot: Robot, chain: PoseChain) -> PoseChain:
     )
 
 
-def _choose_start(chains: list[CoverChain], last: int) -> int:
+def _choose_start(chains: list[PoseChain], last: int) -> int:
     """The station at which the motions along a closed edge should begin: in the longest gap.
 
     last: number of the last station, which is at the position of the first.

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import compute_offsets, select_distinct
+from camgen.geometry.ragged import compute_offsets, count_rows, select_distinct
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import Index, PosePath, sample_poses
@@ -80,36 +80,27 @@ def _insert(old: FloatArray, kept: Index, middle: Index, added: FloatArray) -> F
 
 
 def follow_all(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointPath]:
-    """The joint path of each of several motions, computed together."""
+    """The joint path of each of several motions. Pose paths are followed as one, with seams."""
     none = np.zeros(0, np.int64)
-    paths = [
+    followed = [
         JointPath(motion.joints, np.arange(len(motion.joints), dtype=np.float64), none)
         for motion in motions
     ]
     on_paths = [k for k, motion in enumerate(motions) if motion.pose_path is not None]
-    followed = _follow_paths(setup, [motions[k] for k in on_paths])
-    for k, joint_path in zip(on_paths, followed, strict=True):
-        paths[k] = joint_path
-    return paths
-
-
-def _follow_paths(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointPath]:
-    """The joint paths of motions along pose paths, computed as one pose path with seams."""
-    if not motions:
-        return []
+    if not on_paths:
+        return followed
     paths = [motion.pose_path for motion in motions if motion.pose_path is not None]
-    first = compute_offsets(list(map(len, paths)))
+    first = compute_offsets(count_rows(paths))
     columns = zip(*((path.position, path.via, path.rotation) for path in paths), strict=True)
     whole = PosePath(*map(np.concatenate, columns))
     on_path = np.ones(len(whole) - 1, dtype=bool)
     on_path[first[1:-1] - 1] = False
-    joints = np.concatenate([motion.joints for motion in motions])
+    joints = np.concatenate([motions[k].joints for k in on_paths])
     joined = follow_closely(setup, whole, joints, on_path)
     # The seam from one path to the next has no rows in between.
     ends = np.searchsorted(joined.at, first - 0.5)
-    followed = []
-    for begin, end, low, high in zip(first[:-1], first[1:], ends[:-1], ends[1:], strict=True):
-        lost = joined.lost[(joined.lost >= begin) & (joined.lost < end)]
-        at = joined.at[low:high] - begin
-        followed.append(JointPath(joined.joints[low:high], at, lost - begin))
+    for number, k in enumerate(on_paths):
+        begin, rows = first[number], slice(*ends[number : number + 2])
+        lost = joined.lost[(joined.lost >= begin) & (joined.lost < first[number + 1])]
+        followed[k] = JointPath(joined.joints[rows], joined.at[rows] - begin, lost - begin)
     return followed

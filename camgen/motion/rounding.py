@@ -226,8 +226,7 @@ def _distance(motion: Spans, points: FloatArray) -> FloatArray:
 
 def _distance_to_lines(motion: Spans, points: FloatArray) -> FloatArray:
     arm = points - motion.start[:, None]
-    along = add_coordinates(arm * motion.along[:, None])
-    along = np.clip(along, 0.0, motion.length[:, None])
+    along = np.clip(add_coordinates(arm * motion.along[:, None]), 0.0, motion.length[:, None])
     return measure_lengths(arm - along[..., None] * motion.along[:, None])
 
 
