@@ -22,6 +22,8 @@ from camgen.geometry.ragged import (
     list_chains,
     list_owners,
     list_range_numbers,
+    mark_run_ends,
+    mark_run_starts,
     number_rows,
 )
 from camgen.geometry.segments import (
@@ -217,8 +219,6 @@ class _Walls:
 
     def opposite(self, rows: IntArray, middles: FloatArray) -> IntArray:
         """(K,) wall segment on the other side of each of `middles` (K, 2)."""
-        if not len(rows):
-            return rows
         fraction = np.clip(find_fractions(self.source.take(rows), middles), 0.0, 1.0)
         arm = middles - points_at(self.source.take(rows), fraction)
         length = np.maximum(np.hypot(*arm.T), _LEAST_LENGTH_MM)[:, None]
@@ -249,11 +249,10 @@ def _find_parts(
         return np.asarray(pieces.low[which] + (place + 0.5) / count[which] * span[which])
 
     at = fraction(which, place)
-    holds = test(pieces.row[which], at)
-    follows = np.zeros(len(at), dtype=bool)
-    follows[1:] = (np.diff(which) == 0) & (np.diff(place) == 1) & holds[:-1]
-    begin = np.flatnonzero(holds & ~follows)
-    end = np.flatnonzero(holds & ~np.append((follows & holds)[1:], False)[: len(at)])
+    rows = np.flatnonzero(test(pieces.row[which], at))
+    # The second number stays the same from a sample to the next one of its piece.
+    runs = np.column_stack([which[rows], place[rows] - np.arange(len(rows))])
+    begin, end = rows[mark_run_starts(runs)], rows[mark_run_ends(runs)]
     piece = which[begin]
     before = fraction(piece, place[begin] - 1)
     before = np.where(place[begin] == 0, pieces.low[piece], before)
@@ -303,13 +302,9 @@ def _split_holes(walls: _Walls, pieces: _Pieces) -> tuple[IntArray, _Pieces]:
     whole = np.bincount(source.owner, covered < 1 - _WHOLE_ROUNDING, count) == 0
     candidates = pieces.take(whole[source.owner[pieces.row]])
     middle = walls.middles(candidates.row, (candidates.low + candidates.high) / 2)
-    owner = source.owner[candidates.row]
-    holes: list[int] = []
-    for number in np.unique(owner).tolist():
-        members = np.flatnonzero(owner == number)
-        if np.ptp(middle[members], axis=0).max() <= _SAME * walls.slack:
-            holes.append(int(candidates.row[members[0]]))
-    rows = np.array(holes, dtype=np.int64)
+    first = find_run_starts(source.owner[candidates.row])
+    extent = np.maximum.reduceat(middle, first) - np.minimum.reduceat(middle, first)
+    rows = candidates.row[first[extent.max(axis=1) <= _SAME * walls.slack]]
     return rows, pieces.take(~np.isin(source.owner[pieces.row], source.owner[rows]))
 
 

@@ -146,9 +146,8 @@ def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
     x, y = x[rows], y[rows]
     at_end = np.ones(len(rows), dtype=bool)
     for k in (i[rows], j[rows]):
-        offsets = []
-        for end in (segments.start.take(k, axis=0), segments.end.take(k, axis=0)):
-            offsets.append(np.maximum(np.abs(end[:, 0] - x), np.abs(end[:, 1] - y)))
+        ends = segments.start.take(k, axis=0), segments.end.take(k, axis=0)
+        offsets = [np.maximum(np.abs(end[:, 0] - x), np.abs(end[:, 1] - y)) for end in ends]
         at_end &= np.minimum(*offsets) <= _CORNER
         at_end &= np.abs(segments.bulge[k]) <= _HALF_CIRCLE_BULGE
     result = np.zeros(len(i), dtype=bool)
@@ -401,8 +400,6 @@ def measure_gaps(lines: Segments, segments: Segments, reach: float) -> FloatArra
     an arc to a line.
     """
     best = np.full(len(lines), np.inf)
-    if not len(lines) or not len(segments):
-        return best
     tree = shapely.STRtree(make_boxes(compute_bounds(segments)))
     boxes = compute_bounds(lines) + np.array([-reach, -reach, reach, reach])
     for row, other in query_tree(tree, boxes):

@@ -112,9 +112,7 @@ def find_nearest_items(discs: Discs, count: int, wanted: int) -> NearestItems:
     order = np.argsort(key)
     key, distance = key[order], distance[order]
     first = find_run_starts(key)
-    key = key[first]
-    if len(key):
-        distance = np.minimum.reduceat(distance, first)
+    key, distance = key[first], np.minimum.reduceat(distance, first)
     item, other = key // count, key % count
     order = _sort_by_distance(item, distance)
     sure = np.full(count, np.inf)

@@ -164,8 +164,6 @@ def _mark_self_crossings(
     area: (count,) mm2, by the shoelace formula.
     """
     invalid = np.flatnonzero(~shapely.is_valid(polygons))
-    if not len(invalid):
-        return
     suspects = np.asarray(polygons)[invalid]
     enclosed = shapely.area(shapely.make_valid(suspects))
     slack = _CHORD * shapely.length(suspects)
@@ -221,8 +219,7 @@ def _compare(first: NDArray[Any], second: NDArray[Any]) -> IntArray:
     common = shapely.area(shapely.intersection(first, second))
     smaller = np.minimum(shapely.area(first), shapely.area(second))
     slack = _CHORD * np.minimum(shapely.length(first), shapely.length(second))
-    overlapping = np.where(smaller - common > slack, _PARTLY, _INSIDE)
-    return np.where(common > slack, overlapping, _BESIDE)
+    return np.where(common > slack, np.where(smaller - common > slack, _PARTLY, _INSIDE), _BESIDE)
 
 
 def _find_parents(

@@ -203,8 +203,7 @@ def _plain_corners(
     extension = distance * np.abs(turn) / 2
     before, after = (np.maximum(r, _LEAST_RADIUS_MM) for r in (radius_before, radius_after))
     miss = extension**2 / 2 * (1 / before + 1 / after)
-    is_flat = (turn > 0) & (turn < _PLAIN_TURN)
-    return np.asarray(is_flat & (overshoot <= mitre) & (miss <= _MISS))
+    return np.asarray((turn > 0) & (turn < _PLAIN_TURN) & (overshoot <= mitre) & (miss <= _MISS))
 
 
 def _may_have_room(
@@ -219,9 +218,8 @@ def _may_have_room(
     half = candidates.length / 2
     short = np.flatnonzero(half < distance / 2)
     may_have_room = np.ones(len(candidates), dtype=bool)
-    if len(short):
-        nearest = obstacles.nearest(middle[short], label[short], distance)
-        may_have_room[short] = nearest + half[short] > distance - _BEYOND[1]
+    nearest = obstacles.nearest(middle[short], label[short], distance)
+    may_have_room[short] = nearest + half[short] > distance - _BEYOND[1]
     return may_have_room
 
 

@@ -18,8 +18,6 @@ from camgen.model.part import BoolArray, IntArray
 PAIRS = 500_000
 
 _Value = TypeVar("_Value", bound=np.generic)
-_Item = TypeVar("_Item")
-_Key = TypeVar("_Key")
 
 
 def count_rows(groups: Sequence[Sized]) -> IntArray:

@@ -75,8 +75,8 @@ def thin_chains(chains: Polylines, tolerance: float) -> IntArray:
     """
     points = chains.points
     kept = [chains.fixed]
-    chain = np.searchsorted(chains.first, chains.fixed[:-1], side="right")
-    same_chain = chain == np.searchsorted(chains.first, chains.fixed[1:], side="right")
+    chain = np.searchsorted(chains.first, chains.fixed, side="right")
+    same_chain = chain[:-1] == chain[1:]
     low, high = chains.fixed[:-1][same_chain], chains.fixed[1:][same_chain]
     while True:
         has_inner = high - low > 1

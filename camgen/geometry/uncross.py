@@ -15,7 +15,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 
 from camgen.geometry.intersect import find_crossings, find_near_pairs, only_at_ends
 from camgen.geometry.nesting import measure_loop_areas
@@ -25,6 +24,7 @@ from camgen.geometry.segments import (
     IntArray,
     Segments,
     concatenate,
+    concatenate_chains,
     reverse_segments,
     split_segments,
     tangents_at,
@@ -150,8 +150,7 @@ def _split_loop(
     high = np.where(last, 1.0, np.append(low[1:], 1.0))
     begin = find_run_starts(row)
     after = np.where(last, begin[np.searchsorted(rows, following[row])], np.arange(len(row)) + 1)
-    place_of = np.empty(len(order), dtype=np.int64)
-    place_of[order] = np.arange(len(order))
+    place_of = np.argsort(order)
     leaving_first = place_of[len(rows) : len(rows) + count]
     leaving_second = place_of[len(rows) + count :]
     after[leaving_first - 1], after[leaving_second - 1] = leaving_second, leaving_first
@@ -162,12 +161,8 @@ def _split_loop(
 def _make_loops(pieces: _Pieces) -> Iterator[Segments]:
     """Yield the loops of which a split loop consists, without those that lie inside the part."""
     loops = list_chains(pieces.following)
-    tables, areas = [], []
-    for rows in loops:
-        table = pieces.segments.take(np.array(rows))
-        one_loop = replace(table, owner=np.zeros_like(table.owner))
-        tables.append(table)
-        areas.append(float(np.abs(measure_loop_areas(one_loop, 1))[0]))
+    tables = [pieces.segments.take(np.array(rows)) for rows in loops]
+    areas = np.abs(measure_loop_areas(concatenate_chains(tables), len(tables)))
     senses = _find_senses(pieces, loops, int(np.argmax(areas)))
     for table, sense in zip(tables, senses, strict=True):
         if sense:
