@@ -121,9 +121,7 @@ def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
     It is not below the clearance height of any operation, and `cell.safety` above all fixtures.
     """
     x, y, z = home.origin
-    z = max(z, job.process.clearance)
-    for step in job.operations:
-        z = max(z, step.process.clearance)
+    z = max(z, job.process.clearance, *(step.process.clearance for step in job.operations))
     if fixtures is not None:
         z = max(z, fixtures.travel)
     return replace(home, origin=(x, y, z))

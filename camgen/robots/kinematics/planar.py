@@ -23,7 +23,9 @@ def scara_angles(arm: Scara, rotations: FloatArray, origins: FloatArray) -> Floa
     yaw, x, y, z = _axis_four(arm, rotations, origins)
     cosine = (x**2 + y**2 - arm.l1**2 - arm.l2**2) / (2 * arm.l1 * arm.l2)
     bend = np.arccos(np.clip(cosine, -1.0, 1.0))
-    lost = (scara_shortfall(arm, rotations, origins) > REACH) | (scara_lean(arm, rotations) > LEAN)
+    lost = (scara_shortfall(arm, rotations, origins) > REACH) | (
+        measure_lean(arm, rotations) > LEAN
+    )
     elbow = np.where(lost, np.nan, bend)[:, None] * np.array([1.0, -1.0])
     lead = np.arctan2(arm.l2 * np.sin(elbow), arm.l1 + arm.l2 * np.cos(elbow))
     theta1 = np.arctan2(y, x)[:, None] - lead
@@ -52,26 +54,20 @@ def scara_shortfall(arm: Scara, rotations: FloatArray, origins: FloatArray) -> F
     return measure_beyond(np.hypot(x, y), arm.l1, arm.l2).clip(0.0)
 
 
-def scara_lean(arm: Scara, rotations: FloatArray) -> FloatArray:
-    """Angle (N,) between the flange and axis 4, rad."""
-    return _lean(arm.base_from_arm.rotation @ arm.arm_from_flange.rotation, rotations)
-
-
 def gantry_values(arm: Gantry, rotations: FloatArray, origins: FloatArray) -> FloatArray:
     """Slide values (N, 1, 3), mm; nan if the spindle does not point along its axis.
 
     The rotation of the spindle is free.
     """
     slides = np.linalg.solve(arm.directions, (origins - arm.base_from_flange.origin).T).T
-    return np.where((gantry_lean(arm, rotations) > LEAN)[:, None], np.nan, slides)[:, None]
+    return np.where((measure_lean(arm, rotations) > LEAN)[:, None], np.nan, slides)[:, None]
 
 
-def gantry_lean(arm: Gantry, rotations: FloatArray) -> FloatArray:
-    """Angle (N,) between the spindle and its axis, rad."""
-    return _lean(arm.base_from_flange.rotation, rotations)
-
-
-def _lean(held: FloatArray, rotations: FloatArray) -> FloatArray:
-    """The angle between z of `held` and z of the rotations (N, 3, 3), rad (N,)."""
+def measure_lean(arm: Scara | Gantry, rotations: FloatArray) -> FloatArray:
+    """Angle (N,) between the flange and axis 4, or between the spindle and its axis, rad."""
+    if isinstance(arm, Gantry):
+        held = arm.base_from_flange.rotation
+    else:
+        held = arm.base_from_arm.rotation @ arm.arm_from_flange.rotation
     z, goal = held[:, 2], rotations[:, :, 2]
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(goal, z), axis=1), goal @ z))

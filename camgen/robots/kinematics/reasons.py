@@ -12,7 +12,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import short
 from camgen.robots.kinematics import planar as flat
 from camgen.robots.kinematics import spherical, three_parallel
-from camgen.robots.kinematics.arms import Gantry, Scara
+from camgen.robots.kinematics.arms import Gantry, Scara, Spherical
 from camgen.robots.kinematics.continuity import JUMP, Stuck
 from camgen.robots.kinematics.joint_limits import (
     are_within_limits,
@@ -67,16 +67,15 @@ def explain_stuck(
 
 def _explain_reach(robot: Robot, rotation: FloatArray, origin: FloatArray, row: int) -> Reason:
     arm, lean, short_of = robot.arm, 0.0, 0.0
-    if isinstance(arm, Gantry):
-        lean = float(flat.gantry_lean(arm, rotation)[0])
-    elif isinstance(arm, Scara):
-        lean = float(flat.scara_lean(arm, rotation)[0])
+    if isinstance(arm, Gantry | Scara):
+        lean = float(flat.measure_lean(arm, rotation)[0])
+    if isinstance(arm, Scara):
         short_of = float(flat.scara_shortfall(arm, rotation, origin)[0])
     elif isinstance(arm, ThreeParallel):
         short_of = float(three_parallel.measure_shortfall(arm, rotation, origin)[0])
-    elif arm:
+    elif isinstance(arm, Spherical):
         short_of = float(spherical.measure_shortfall(arm, rotation, origin)[0])
-    else:
+    elif arm is None:
         return Reason(row, "reach", "no joints were found for this pose")
     if lean > flat.LEAN:
         return Reason(row, "lean", f"the robot cannot lean its tool by {_degrees(lean)}")

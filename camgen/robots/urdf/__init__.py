@@ -171,7 +171,7 @@ def _make_robot(
         convention=f"The joints of the URDF, from link {chain.base} to link {chain.tip}.",
         joints=chain.joints,
         limits=limits,
-        speeds=frozen([joint.limit.velocity for joint in chain.raw]),
+        speeds=frozen([joint.velocity for joint in chain.raw]),
         flange=chain.flange,
         coupling=frozen(np.eye(count)),
         serial_limits=frozen(np.tile([-math.inf, math.inf], (count, 1))),
