@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from msgspec import Struct
@@ -108,7 +109,7 @@ def make_cell_scene(
     walls = tuple(
         StandingMesh(name, make_mesh(shape), base_from_work) for name, shape in cell.meshes
     )
-    holder = [check_corners("tool.holder", box) for box in job.tool.holder or ()]
+    holder = list(map(partial(check_corners, "tool.holder"), job.tool.holder or ()))
     contact = job.tool.radius * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
     contact = min(contact, job.tool.radius * 0.99)
     shaft = _make_shaft(job, cell, holder)

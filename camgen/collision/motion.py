@@ -145,8 +145,7 @@ def _check(
     checks = list(map(make_check, range(len(several)), places, np.split(pairs, splits)))
     # The last place of each motion is its end, which is beyond the place where a motion is cut.
     is_before_end = np.arange(len(pairs)) < np.repeat(first[1:] - 1, np.diff(first))
-    is_final = ~is_cut | np.logical_or.reduceat((pairs >= 0) & is_before_end, first[:-1])
-    return checks, is_final
+    return checks, ~is_cut | np.logical_or.reduceat((pairs >= 0) & is_before_end, first[:-1])
 
 
 def _make_check(
@@ -318,8 +317,7 @@ def _find_undecided(
         tests = divide_tests(select_tests((row, test), meets), parts)
     owner, at = map(np.concatenate, zip(*undecided, strict=True))
     order = np.lexsort((at, owner))
-    first = compute_offsets(np.bincount(owner, minlength=len(start)))
-    return at[order], first, np.isfinite(last)
+    return at[order], compute_offsets(np.bincount(owner, minlength=len(start))), np.isfinite(last)
 
 
 def _measure_changes(table: FloatArray, places: FloatArray) -> FloatArray:

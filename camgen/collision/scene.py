@@ -114,8 +114,7 @@ class _Body(Struct, frozen=True, eq=False):
         if self.mesh is None:
             return _measure_reach(np.concatenate([*map(_corners, self.boxes)]) - origin, axis)
         place, corners = self.base_from_mesh, self.mesh.tree.corners.reshape(-1, 3)
-        placed = corners @ place.rotation.T + np.asarray(place.origin)
-        return _measure_reach(placed - origin, axis)
+        return _measure_reach(corners @ place.rotation.T + np.asarray(place.origin) - origin, axis)
 
     def shape(self) -> Shape:
         """The body for fcl."""
