@@ -88,8 +88,6 @@ def make_free_space(where: CellScene, setup: Setup) -> FreeSpace:
     """The free space of a cell, with the collision tests of motions along edges and links."""
 
     def test(several: Sequence[SampledMotion]) -> list[Blockage | float]:
-        if not several:
-            return []
         paths = follow_all(setup, several)
         rows = [path.joints for path in paths]
         with_margin = check_motions(where.with_margin, rows, FINE, where.margin, APART)

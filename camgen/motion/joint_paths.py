@@ -9,8 +9,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import astuple
 
-from camgen.geometry.ragged import compute_offsets, count_rows, select_distinct
+from camgen.geometry.ragged import (
+    compute_offsets,
+    concatenate_columns,
+    count_rows,
+    select_distinct,
+)
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.motion.pose_paths import Index, PosePath, sample_poses
@@ -91,8 +97,7 @@ def follow_all(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointPath
         return followed
     paths = [motion.pose_path for motion in motions if motion.pose_path is not None]
     first = compute_offsets(count_rows(paths))
-    columns = zip(*((path.position, path.via, path.rotation) for path in paths), strict=True)
-    whole = PosePath(*map(np.concatenate, columns))
+    whole = PosePath(*concatenate_columns(map(astuple, paths)))
     on_path = np.ones(len(whole) - 1, dtype=bool)
     on_path[first[1:-1] - 1] = False
     joints = np.concatenate([motions[k].joints for k in on_paths])

@@ -83,8 +83,9 @@ def make_limits(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
 
     speed: maximum speed of the TCP, mm/s.
     """
-    accelerations = _choose_accelerations(robot, dynamics.ramp)
-    return MotionLimits(robot.fastest, accelerations, speed, dynamics.acceleration)
+    return MotionLimits(
+        robot.fastest, _choose_accelerations(robot, dynamics.ramp), speed, dynamics.acceleration
+    )
 
 
 def _choose_accelerations(robot: Robot, ramp: float) -> FloatArray:
@@ -191,14 +192,13 @@ def compute_line_speeds(
     at: (N,) the samples at which segments begin and end.
     """
     slowest = (_peak_rates(joints, dense.length, at) / setup.robot.fastest).max(axis=1)
-    with np.errstate(divide="ignore"):
-        by_joints = np.minimum.reduceat(1.0 / slowest, at[:-1])
     reached = np.sqrt(speeds.acceleration * np.add.reduceat(dense.length, at[:-1]))
     allowed = np.asarray(speeds.part if speeds.pressed else speeds.free)
-    if math.isfinite(speeds.point):
-        with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore"):
+        by_joints = np.minimum.reduceat(1.0 / slowest, at[:-1])
+        if math.isfinite(speeds.point):
             by_points = speeds.point * dense.length / setup.measure_apart(joints[:-1], joints[1:])
-        allowed = np.minimum(allowed, np.minimum.reduceat(by_points, at[:-1]))
+            allowed = np.minimum(allowed, np.minimum.reduceat(by_points, at[:-1]))
     speed = np.minimum(np.minimum(by_joints, reached), allowed)
     return frozen(np.where(speed >= _WHOLE, np.floor(speed), speed))
 

@@ -246,9 +246,11 @@ def find_cover(
             value, move = total[best, np.arange(len(used))], best.astype(np.int8)
             value += lengths[row - 1]
             value -= cost
-        end = int(value.argmax()) if len(used) else None
-        rows.ending.append(0 if end is None else int(used[end]))
-        rows.best[row + 1] = rows.best[row] if end is None else max(rows.best[row], value[end])
+        # A row without usable states ends no chain.
+        ended = np.append(value, -math.inf)
+        end = int(ended.argmax())
+        rows.ending.append(int(np.append(used, 0)[end]))
+        rows.best[row + 1] = max(rows.best[row], ended[end])
         start = rows.best[row + 1] - price - cost
         move[start > value] = _BEGINS
         moves = np.full(usable.shape, _BEGINS, dtype=np.int8)

@@ -198,12 +198,8 @@ def _tangents_at(motion: Spans, length: FloatArray, *, end: bool) -> tuple[Float
 
 def _measure_deviation(transitions: Transitions, path: FloatArray) -> FloatArray:
     """(K,) distance, mm, between executed paths (K, P, 3) and the programmed ones."""
-    from_first, from_second = (
-        _distance(transitions.first, path),
-        _distance(transitions.second, path),
-    )
-    distance = np.minimum(from_first, from_second).max(axis=1)
-    return np.asarray(np.maximum(distance, _measure_pass(path, transitions.first.end)))
+    nearest = np.minimum(_distance(transitions.first, path), _distance(transitions.second, path))
+    return np.asarray(np.maximum(nearest.max(axis=1), _measure_pass(path, transitions.first.end)))
 
 
 def _measure_pass(path: FloatArray, corner: FloatArray) -> FloatArray:

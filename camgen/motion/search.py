@@ -28,7 +28,7 @@ from camgen.motion.setup import (
     count_samples,
 )
 from camgen.robots.kinematics import iterative as damped
-from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.continuity import Choice, find_needed, follow
 from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.kinematics.joint_limits import (
     are_turned_within_limits,
@@ -261,8 +261,7 @@ def make_states(
     columns = np.flatnonzero(reaches.all(axis=0) if is_whole else reaches.any(axis=0))
     joints, usable = joints[:, :, columns], usable[:, :, columns] & stands[:, :, columns, None]
     safe = _are_safe(robot, joints)
-    limit = np.abs(table[usable.any(axis=(0, 1, 2))]).max(axis=0, initial=0)
-    is_needed = (np.abs(table) <= limit).all(axis=1)
+    is_needed = find_needed(table, usable)
     table, usable = table[is_needed], usable[..., is_needed]
     opened = np.ones((len(parts), len(grid.moves), *usable.shape[1:]), dtype=bool)
     opened[:, 0] = _can_stay(robot, joints, safe, parts, table)
