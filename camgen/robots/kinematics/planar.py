@@ -7,7 +7,7 @@ import numpy as np
 from camgen.geometry.rotations import measure_rolls
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import Gantry, Scara
-from camgen.robots.kinematics.wrists import REACH, measure_beyond
+from camgen.robots.kinematics.wrists import bend_elbow, measure_beyond
 
 #: rad that a tool may lean from the orientation of the robot: the digits of quaternions and joint
 #: values in programs.
@@ -21,12 +21,9 @@ def scara_angles(arm: Scara, rotations: FloatArray, origins: FloatArray) -> Floa
     one to the left. They are nan out of reach, or if the flange does not point along axis 4.
     """
     yaw, x, y, z = _axis_four(arm, rotations, origins)
-    cosine = (x**2 + y**2 - arm.l1**2 - arm.l2**2) / (2 * arm.l1 * arm.l2)
-    bend = np.arccos(np.clip(cosine, -1.0, 1.0))
-    lost = (scara_shortfall(arm, rotations, origins) > REACH) | (
-        measure_lean(arm, rotations) > LEAN
-    )
-    elbow = np.where(lost, np.nan, bend)[:, None] * np.array([1.0, -1.0])
+    bend = bend_elbow(x, y, arm.l1, arm.l2)
+    bend[measure_lean(arm, rotations) > LEAN] = np.nan
+    elbow = bend[:, None] * np.array([1.0, -1.0])
     lead = np.arctan2(arm.l2 * np.sin(elbow), arm.l1 + arm.l2 * np.cos(elbow))
     theta1 = np.arctan2(y, x)[:, None] - lead
     height = np.broadcast_to(z[:, None], elbow.shape)

@@ -19,7 +19,7 @@ from camgen.robots.kinematics.joint_limits import (
     list_turn_counts,
     measure_excess,
 )
-from camgen.robots.kinematics.singular import list_singularities, measure_singularity_distance
+from camgen.robots.kinematics.singular import SINGULARITIES, measure_singularity_distance
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
@@ -91,18 +91,16 @@ def _explain_limit(robot: Robot, joints: FloatArray, row: int) -> Reason:
     """The reason by the joint values among (M, J) that exceed the limits least."""
     beyond = measure_excess(robot, joints)
     nearest = beyond[beyond.max(axis=1).argmin()]
-    joint = int(nearest.argmax())
-    amount = float(nearest[joint])
-    name, is_sliding = robot.joints[joint].name, robot.joints[joint].sliding
-    distance = f"{short(amount, 3)} mm" if is_sliding else _degrees(amount)
-    return Reason(row, "limit", f"{name} is beyond its limit by {distance}")
+    joint, amount = robot.joints[int(nearest.argmax())], float(nearest.max())
+    distance = f"{short(amount, 3)} mm" if joint.sliding else _degrees(amount)
+    return Reason(row, "limit", f"{joint.name} is beyond its limit by {distance}")
 
 
 def _explain_singularity(robot: Robot, joints: FloatArray, row: int) -> Reason:
     """The reason by the joint values among (M, J) that are farthest from a singularity."""
     distances = measure_singularity_distance(robot, joints)
     best = distances[distances.min(axis=1).argmax()]
-    name, distance = list_singularities(robot)[int(best.argmin())], float(best.min())
+    name, distance = SINGULARITIES[robot.kind][int(best.argmin())], float(best.min())
     return Reason(row, "singular", f"singular, {name}: {_degrees(distance)} away")
 
 
@@ -128,7 +126,7 @@ def _explain_gap(
     text = f"{robot.joints[joint].name} would turn by {turn} at once"
     distances = measure_singularity_distance(robot, np.stack([reached[before], solutions[branch]]))
     if distances.min(initial=math.inf) < max(_NEAR_SINGULAR, margin):
-        name = list_singularities(robot)[int(distances.min(axis=0).argmin())]
+        name = SINGULARITIES[robot.kind][int(distances.min(axis=0).argmin())]
         return Reason(row, "singular", f"singular, {name}: {text}")
     return Reason(row, "jump", text)
 

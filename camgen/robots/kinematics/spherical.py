@@ -18,6 +18,7 @@ from camgen.robots.kinematics.wrists import (
     REACH,
     STRAIGHT_SINE,
     Wrists,
+    bend_elbow,
     find_wrists,
     measure_beyond,
 )
@@ -58,10 +59,8 @@ def compute_angles(
     free = np.where(np.isfinite(near[:, ::4, 0]), near[:, ::4, 0], [0.0, math.pi])
     theta1 = np.where(seen.on_axis[:, None], free, seen.theta1)
     psi, fore = math.atan2(arm.a2, arm.c3), math.hypot(arm.a2, arm.c3)
-    cosine = (x**2 + z**2 - arm.c2**2 - fore**2) / (2 * arm.c2 * fore)
-    bend = np.arccos(np.clip(cosine, -1.0, 1.0))
-    beyond = measure_beyond(np.hypot(x, z), arm.c2, fore)
-    bend = np.where((beyond > REACH) | (seen.too_near > REACH)[:, None], np.nan, bend)
+    bend = bend_elbow(x, z, arm.c2, fore)
+    bend[seen.too_near > REACH] = np.nan
     elbow = np.stack([bend, -bend], axis=2)
     tilt = np.arctan2(x, z)[:, :, None]
     theta2 = tilt - np.arctan2(fore * np.sin(elbow), arm.c2 + fore * np.cos(elbow))

@@ -16,7 +16,13 @@ from msgspec import Struct
 
 from camgen.model.pose import FloatArray, Pose, frozen
 from camgen.robots.chain import AtZero
-from camgen.robots.kinematics.wrists import REACH, STRAIGHT_SINE, find_wrists, measure_beyond
+from camgen.robots.kinematics.wrists import (
+    REACH,
+    STRAIGHT_SINE,
+    bend_elbow,
+    find_wrists,
+    measure_beyond,
+)
 
 #: Branch: 4 with the wrist behind axis 1, + 2 with axis 3 < 0, + 1 with axis 5 < 0.
 BRANCHES = 8
@@ -136,10 +142,8 @@ def compute_angles(
         sum4 = np.arctan2((axis5 * ahead).sum(axis=-1), axis5 @ up)
         x = seen.ahead - arm.c5 * np.sin(sum4) - arm.a1
         z = seen.height - arm.c5 * np.cos(sum4) - arm.c1
-        bend = (x**2 + z**2 - arm.c2**2 - arm.c3**2) / (2 * arm.c2 * arm.c3)
-        theta3 = np.arccos(np.clip(bend, -1.0, 1.0))
-        beyond = measure_beyond(np.hypot(x, z), arm.c2, arm.c3)
-        theta3[(beyond > REACH) | (seen.too_near > REACH)[:, None]] = np.nan
+        theta3 = bend_elbow(x, z, arm.c2, arm.c3)
+        theta3[seen.too_near > REACH] = np.nan
         for elbow, turned in enumerate((theta3, -theta3)):
             across = arm.c3 * np.sin(turned)
             theta2 = np.arctan2(x, z) - np.arctan2(across, arm.c2 + arm.c3 * np.cos(turned))

@@ -61,3 +61,14 @@ def measure_beyond(distance: FloatArray, upper: float, fore: float) -> FloatArra
     upper, fore: lengths of the bodies, mm.
     """
     return np.asarray(np.maximum(distance - (upper + fore), abs(upper - fore) - distance))
+
+
+def bend_elbow(x: FloatArray, z: FloatArray, upper: float, fore: float) -> FloatArray:
+    """Angle between two bodies that reach a point, rad, 0 to pi; NaN out of reach.
+
+    x, z: the point from the first axis, mm.
+    upper, fore: lengths of the bodies, mm.
+    """
+    cosine = (x**2 + z**2 - upper**2 - fore**2) / (2 * upper * fore)
+    bend = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return np.where(measure_beyond(np.hypot(x, z), upper, fore) > REACH, np.nan, bend)
