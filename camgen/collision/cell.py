@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from msgspec import Struct
@@ -108,7 +109,7 @@ def make_cell_scene(
     walls = tuple(
         StandingMesh(name, make_mesh(shape), base_from_work) for name, shape in cell.meshes
     )
-    holder = [check_corners("tool.holder", box) for box in job.tool.holder or ()]
+    holder = list(map(partial(check_corners, "tool.holder"), job.tool.holder or ()))
     contact = job.tool.radius * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
     contact = min(contact, job.tool.radius * 0.99)
     shaft = _make_shaft(job, cell, holder)
@@ -123,9 +124,8 @@ def make_cell_scene(
     allowed = Allowed(contact, tip, overlaps)
     whole = make_scene(robot, tool, (*standing, *walls), part, base_from_work, allowed)
     close = _find_close(robot, whole, tool, job.cell.margin)
-    is_work = np.zeros(len(whole.pairs), dtype=np.bool_)
-    for k, pair in enumerate(whole.pairs):
-        is_work[k] = pair == ("tool", "part") or pair in close
+    intended = {("tool", "part"), *close}
+    is_work = np.array([pair in intended for pair in whole.pairs], dtype=np.bool_)
     for (a, b), distance in close.items():
         why = f"they are {short(distance, 2)} mm apart at home"
         notes.append(Note("assumed", f"{a} and {b} keep no margin", why))
@@ -138,9 +138,7 @@ def make_cell_scene(
         if link.name != "table":
             tops += map(_measure_top, link.boxes)
     tops += [_measure_extent(base_from_work, shape.vertices)[1][2] for _, shape in cell.meshes]
-    widths = [job.tool.diameter]
-    for lower, upper in holder:
-        widths.append(math.hypot(*(upper - lower)[:2]))
+    widths = [job.tool.diameter, *(math.hypot(*(high - low)[:2]) for low, high in holder)]
     room = max(widths) / 2 + job.cell.safety
     return CellScene(
         scene=whole,
@@ -204,8 +202,7 @@ def _find_overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str
     for k in _find_meeting(bare, robot.home[None]):
         pair = bare.pairs[k]
         is_tool = bool(bodies & set(pair))
-        is_coarse = is_tool or bare.closer[k] is None
-        is_spared = is_coarse and bool(wrist & set(pair))
+        is_spared = (is_tool or bare.closer[k] is None) and bool(wrist & set(pair))
         if not (is_spared or is_tool):
             rng = np.random.default_rng(1)
             spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_SAMPLES, count))
@@ -228,13 +225,11 @@ def _list_untested(robot: Robot, overlaps: tuple[tuple[str, str], ...]) -> tuple
     ]
     untested = [Untested(pair, "their boxes overlap at home") for pair in (*spared, *overlaps)]
     for link in robot.links:
+        pair = link.name, "all others"
         if link.unread:
-            why = f"{', '.join(link.unread)} could not be read"
+            untested.append(Untested(pair, f"{', '.join(link.unread)} could not be read"))
         elif not link.boxes and link is not robot.links[0]:
-            why = "it has no shape"
-        else:
-            continue
-        untested.append(Untested((link.name, "all others"), why))
+            untested.append(Untested(pair, "it has no shape"))
     return tuple(untested)
 
 
@@ -291,9 +286,7 @@ def _make_shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:
     """
     flange_from_tool = cell.flange_from_tool
     tip, back = np.asarray(flange_from_tool.origin), -flange_from_tool.rotation[:, 2]
-    length = math.inf
-    for low, high in holder:
-        length = min(length, _find_entry(tip, back, low, high))
+    length = min((_find_entry(tip, back, *box) for box in holder), default=math.inf)
     if length == math.inf:
         length = float(tip[2] / -back[2]) if back[2] < 0 else 0.0
     if not holder and float(np.linalg.norm(tip)) < _NO_TOOL:

@@ -130,8 +130,7 @@ def _tile(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     # The corners are renamed so that ab is the longest side and c is above it.
     ab_is_longest = (ab == longest)[:, None]
     bc_is_longest = (bc == longest)[:, None]
-    renamed = np.where(bc_is_longest, (b, c, a), (c, a, b))
-    a, b, c = np.where(ab_is_longest, (a, b, c), renamed)
+    a, b, c = np.where(ab_is_longest, (a, b, c), np.where(bc_is_longest, (b, c, a), (c, a, b)))
     width = np.sqrt(longest)
     along = (b - a) / np.maximum(width, NONZERO)[:, None]
     foot = ((c - a) * along).sum(axis=1)

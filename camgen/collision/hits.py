@@ -525,24 +525,11 @@ def _add_mesh_hits(
 _SAME_DISTANCE_MM = 1e-6
 
 
-class Nearest(Struct, frozen=True):
-    """The smallest clearance at several joint values.
-
-    distance: mm.
-    row: index of the joint values.
-    pair: index in `scene.pairs`; -1 if no pair is nearer than the largest distance asked for.
-    """
-
-    distance: float
-    row: int
-    pair: int
-
-
-class _NearestPairs(Struct, frozen=True, eq=False):
-    """The smallest clearance found at each of n places. It is lowered as more is measured.
+class Nearest(Struct, frozen=True, eq=False):
+    """The smallest clearance of each of n groups of joint values, lowered as more is measured.
 
     distance: (n,) mm.
-    row: (n,) index of the joint values.
+    row: (n,) index of the joint values, -1 without a pair.
     pair: (n,) index in `scene.pairs`; -1 if no pair is nearer than the first distance.
     """
 
@@ -550,11 +537,19 @@ class _NearestPairs(Struct, frozen=True, eq=False):
     row: IntArray
     pair: IntArray
 
-    @classmethod
-    def make(cls, distance: FloatArray) -> _NearestPairs:
-        """Places without any pair nearer than `distance` (n,)."""
-        none = np.full(len(distance), -1)
-        return cls(distance, none, none.copy())
+
+class _Measurement(Struct, frozen=True, eq=False):
+    """Joint values whose clearances are measured.
+
+    joints: (N, J).
+    owner: (N,) the group of each.
+    nearest: the smallest clearance of each group.
+    """
+
+    scene: Scene
+    joints: FloatArray
+    owner: IntArray
+    nearest: Nearest
 
 
 def measure_clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
@@ -566,13 +561,12 @@ def measure_clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArr
     joints = np.asarray(joints, dtype=np.float64)
     distances = np.where(are_clear(split_off_meshes(scene), joints), near, 0.0)
     free = np.flatnonzero(distances)
-    _lower(scene, joints[free], free, _NearestPairs.make(distances))
-    return distances
+    return find_nearest_pairs(scene, joints[free], free, distances).distance
 
 
 def find_nearest_pairs(
     scene: Scene, joints: FloatArray, owner: IntArray, near: FloatArray
-) -> list[Nearest]:
+) -> Nearest:
     """The smallest clearance of each of n groups of joint values that do not collide.
 
     It is cheaper than to measure each clearance.
@@ -580,107 +574,83 @@ def find_nearest_pairs(
     owner: (N,) the group of each of the joint values.
     near: (n,) largest distance asked for in each group, mm.
     """
-    nearest = _NearestPairs.make(near.copy())
-    _lower(scene, joints, owner, nearest)
-    distances, rows, pairs = nearest.distance, nearest.row, nearest.pair
-    return list(map(Nearest, distances.tolist(), rows.tolist(), pairs.tolist()))
+    none = np.full(len(near), -1)
+    measurement = _Measurement(scene, joints, owner, Nearest(near.copy(), none, none.copy()))
+    for begin in range(0, len(joints), ROWS):
+        rows = np.arange(begin, min(begin + ROWS, len(joints)))
+        placed = place_boxes(scene, joints[rows])
+        _measure_pairs(measurement, rows, placed)
+        for target in scene.targets:
+            _measure_strikes(measurement, target, rows, placed)
+    return measurement.nearest
 
 
 class _Candidates(Struct, frozen=True, eq=False):
-    """Pairs that may be the nearest ones at some place.
+    """Pairs that may be the nearest ones of some group.
 
-    joints: (n, J).
-    place: (n,) place for which each pair is measured.
     row: (n,) index of the joint values.
     pair: (n,) index in `scene.pairs`.
     bound: (n,) lower bound of the distance, mm.
     """
 
-    joints: FloatArray
-    place: IntArray
     row: IntArray
     pair: IntArray
     bound: FloatArray
 
 
-class _Rows(NamedTuple):
-    """Joint values that are measured together.
+def _measure_pairs(measurement: _Measurement, rows: IntArray, placed: Boxes) -> None:
+    """Lower the clearances to the distances of pairs of boxes, or of meshes of links.
 
-    joints: (n, J).
+    rows: (n,) indices of joint values.
     placed: all boxes there, (n, B).
-    row: (n,) indices of the joint values.
-    place: (n,) their places in the results.
     """
-
-    joints: FloatArray
-    placed: Boxes
-    row: IntArray
-    place: IntArray
-
-    def make_candidates(self, row: IntArray, pair: IntArray, bound: FloatArray) -> _Candidates:
-        return _Candidates(self.joints[row], self.place[row], self.row[row], pair, bound)
-
-
-def _lower(scene: Scene, joints: FloatArray, owner: IntArray, nearest: _NearestPairs) -> None:
-    """Lower `nearest` at the places `owner` (N,) to the distances at joint values (N, J)."""
-    for begin in range(0, len(joints), ROWS):
-        index = np.arange(begin, min(begin + ROWS, len(joints)))
-        rows = _Rows(joints[index], place_boxes(scene, joints[index]), index, owner[index])
-        _measure_pairs(scene, rows, nearest)
-        for target in scene.targets:
-            _measure_strikes(scene, target, rows, nearest)
-
-
-def _measure_pairs(scene: Scene, rows: _Rows, nearest: _NearestPairs) -> None:
-    placed = rows.placed
-    distances = nearest.distance[rows.place][:, None, None]
+    scene = measurement.scene
+    distances = measurement.nearest.distance[measurement.owner[rows]][:, None, None]
     row, test = _find_near_pairs(scene, placed.grown(distances * scene.moving[:, None]))
     first, second = placed.pick(row, scene.first[test]), placed.pick(row, scene.second[test])
-    candidates = rows.make_candidates(row, scene.of_pair[test], bound_distances(first, second))
-    _raise_bounds(scene, candidates, nearest)
+    candidates = _Candidates(rows[row], scene.of_pair[test], bound_distances(first, second))
     _measure_candidates(
-        scene,
+        measurement,
         candidates,
-        nearest,
         lambda batch, limit: candidates.bound[batch] < limit,
         lambda k: measure_distance(make_box_object(first, k), make_box_object(second, k)),
     )
 
 
-def _measure_strikes(scene: Scene, target: Target, rows: _Rows, nearest: _NearestPairs) -> None:
-    """Lower `nearest` to the distances of boxes, or of meshes of links, from a mesh that stands."""
-    distances = nearest.distance[rows.place][:, None, None]
-    row, strike, grown = _find_near_mesh(target, rows.placed.grown(distances))
-    boxes = Boxes(grown.centres, grown.axes, rows.placed.half[row, target.striking[strike]])
-    candidates = rows.make_candidates(row, target.of_strike[strike], np.zeros(len(row)))
-    _raise_bounds(scene, candidates, nearest)
+def _measure_strikes(
+    measurement: _Measurement, target: Target, rows: IntArray, placed: Boxes
+) -> None:
+    """`_measure_pairs` for the distances from a mesh that stands."""
+    distances = measurement.nearest.distance[measurement.owner[rows]][:, None, None]
+    row, strike, grown = _find_near_mesh(target, placed.grown(distances))
+    boxes = Boxes(grown.centres, grown.axes, placed.half[row, target.striking[strike]])
+    candidates = _Candidates(rows[row], target.of_strike[strike], np.zeros(len(row)))
 
     def may_be_nearer(batch: IntArray, limit: FloatArray) -> BoolArray:
         is_struck = find_struck(target.mesh, boxes[batch].grown(limit[:, None]))
         return np.asarray(is_struck & (candidates.bound[batch] < limit))
 
     _measure_candidates(
-        scene,
+        measurement,
         candidates,
-        nearest,
         may_be_nearer,
         lambda k: measure_distance(target.mesh.surface, make_box_object(boxes, k)),
     )
 
 
-def _raise_bounds(scene: Scene, candidates: _Candidates, nearest: _NearestPairs) -> None:
+def _raise_bounds(measurement: _Measurement, candidates: _Candidates) -> None:
     """Raise the bounds of pairs whose meshes are farther apart than their boxes.
 
-    No bound is measured beyond the distance that is already found for its place.
+    No bound is measured beyond the distance that is already found for its group.
     """
-    bound, limit = candidates.bound, nearest.distance[candidates.place]
+    scene, bound, row = measurement.scene, candidates.bound, candidates.row
+    limit = measurement.nearest.distance[measurement.owner[row]]
     for pair in select_distinct(candidates.pair).tolist():
         closer = scene.closer[pair]
         if closer is not None:
             rows = np.flatnonzero((candidates.pair == pair) & (bound < limit))
-            raised = pairs.bound_distances(
-                scene.robot, closer, candidates.joints[rows], limit[rows]
-            )
+            joints = measurement.joints[row[rows]]
+            raised = pairs.bound_distances(scene.robot, closer, joints, limit[rows])
             bound[rows] = np.maximum(bound[rows], raised)
 
 
@@ -689,43 +659,44 @@ _SPREAD = np.uint64(0x9E3779B97F4A7C15)
 
 
 def _measure_candidates(
-    scene: Scene,
+    measurement: _Measurement,
     candidates: _Candidates,
-    nearest: _NearestPairs,
     may_be_nearer: Callable[[IntArray, FloatArray], BoolArray],
     measure_boxes: Callable[[int], float],
 ) -> None:
-    """Lower `nearest` to the distances of n candidates.
+    """Lower the clearances to the distances of n candidates.
 
     may_be_nearer: gets indices (m,) of candidates and distances (m,), mm; returns (m,) whether they
         may be nearer than that.
     measure_boxes: distance of a candidate whose pair has no meshes of links, mm.
 
     A distance of fcl takes a hundred times as long as a test. So the candidate with the lowest
-    bound is measured at each place, and then only those that may be nearer remain. Each round
+    bound is measured in each group, and then only those that may be nearer remain. Each round
     measures twice as many as the previous one, in case many are about equally near. Candidates with
     equal bounds are in mixed order. In the order of a motion each would be a little nearer than the
     one before, which needs many rounds.
     """
-    mixed = np.argsort(np.arange(len(candidates.place), dtype=np.uint64) * _SPREAD)
-    pending = mixed[np.lexsort((candidates.bound[mixed], candidates.place[mixed]))]
+    _raise_bounds(measurement, candidates)
+    scene, nearest = measurement.scene, measurement.nearest
+    group = measurement.owner[candidates.row]
+    mixed = np.argsort(np.arange(len(group), dtype=np.uint64) * _SPREAD)
+    pending = mixed[np.lexsort((candidates.bound[mixed], group[mixed]))]
     limit = 1
     while len(pending):
-        distances = nearest.distance[candidates.place[pending]] - _SAME_DISTANCE_MM
+        distances = nearest.distance[group[pending]] - _SAME_DISTANCE_MM
         pending = pending[may_be_nearer(pending, np.maximum(distances, 0.0))]
-        is_due = number_rows(measure_runs(candidates.place[pending])) < limit
+        is_due = number_rows(measure_runs(group[pending])) < limit
         for k in pending[is_due].tolist():
-            index = candidates.place[k]
+            index, row = group[k], candidates.row[k]
             if candidates.bound[k] >= nearest.distance[index]:
                 continue
             closer = scene.closer[candidates.pair[k]]
             if closer is None:
                 measured = measure_boxes(k)
             else:
-                measured = pairs.measure_pair(scene.robot, closer, candidates.joints[k])
+                measured = pairs.measure_pair(scene.robot, closer, measurement.joints[row])
             if measured < nearest.distance[index]:
                 nearest.distance[index] = measured
-                nearest.row[index] = candidates.row[k]
-                nearest.pair[index] = candidates.pair[k]
+                nearest.row[index], nearest.pair[index] = row, candidates.pair[k]
         pending = pending[~is_due]
         limit *= 2

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from msgspec import Struct
@@ -28,7 +29,7 @@ from camgen.collision.hits import (
 )
 from camgen.collision.pairs import Travel
 from camgen.collision.scene import Scene
-from camgen.geometry.ragged import compute_offsets, list_owners, number_rows
+from camgen.geometry.ragged import compute_offsets, count_rows, list_owners, number_rows
 from camgen.geometry.vectors import measure_lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -133,62 +134,62 @@ def _check(
     lines = _Lines.make(scene, list(map(check_finite, several)))
     # The clearance at some waypoints is a limit for all others.
     sparse = _measure_sparse(scene, [waypoints[::_SPARSE] for waypoints in several], near)
-    distances = np.array([nearest.distance for nearest in sparse])
-    at, first, is_cut = _find_undecided(scene, lines, step, distances, deviation, is_hasty)
+    at, first, is_cut = _find_undecided(scene, lines, step, sparse.distance, deviation, is_hasty)
     rows = _interpolate(lines.waypoints, at)
     pairs, splits = find_collisions(scene, rows), first[1:-1]
-    collides = np.logical_or.reduceat(pairs >= 0, first[:-1])
-    limits = np.where(is_cut | collides, 0.0, distances)
-    closer = _find_nearest(scene, np.split(rows, splits), limits)
+    is_found = is_cut | np.logical_or.reduceat(pairs >= 0, first[:-1])
+    limits = np.where(is_found, 0.0, sparse.distance)
+    closer = _find_nearest(scene, rows, first, limits)
     places = np.split(at - np.repeat(lines.first[:-1], np.diff(first)), splits)
-    checks = list(map(_make_check, places, np.split(pairs, splits), sparse, closer))
+    make_check = partial(_make_check, sparse, closer)
+    checks = list(map(make_check, range(len(several)), places, np.split(pairs, splits)))
     # The last place of each motion is its end, which is beyond the place where a motion is cut.
     is_before_end = np.arange(len(pairs)) < np.repeat(first[1:] - 1, np.diff(first))
-    is_final = ~is_cut | np.logical_or.reduceat((pairs >= 0) & is_before_end, first[:-1])
-    return checks, is_final
+    return checks, ~is_cut | np.logical_or.reduceat((pairs >= 0) & is_before_end, first[:-1])
 
 
-def _make_check(at: FloatArray, pairs: IntArray, sparse: Nearest, closer: Nearest) -> MotionCheck:
+def _make_check(
+    sparse: Nearest, closer: Nearest, number: int, at: FloatArray, pairs: IntArray
+) -> MotionCheck:
     """The check of one motion.
 
+    sparse: nearest pairs at some waypoints of each motion.
+    closer: nearest pairs at the undecided places, where they are nearer than that.
+    number: index of the motion.
     at, pairs: undecided places, and the pair that collides at each, -1 for none.
-    sparse: nearest pair at some waypoints.
-    closer: nearest pair at the undecided places, if it is nearer than that.
     """
     colliding = np.flatnonzero(pairs >= 0)
     if len(colliding):
         return MotionCheck(int(pairs[colliding[0]]), float(at[colliding[0]]), 0.0)
-    if closer.pair >= 0:
-        return MotionCheck(-1, math.nan, closer.distance, closer.pair, float(at[closer.row]))
-    nearest_at = float(sparse.row * _SPARSE) if sparse.pair >= 0 else math.nan
-    return MotionCheck(-1, math.nan, sparse.distance, sparse.pair, nearest_at)
+    nearest, place = sparse, float(sparse.row[number] * _SPARSE)
+    if closer.pair[number] >= 0:
+        nearest, place = closer, float(at[closer.row[number]])
+    pair, clearance = int(nearest.pair[number]), float(nearest.distance[number])
+    return MotionCheck(-1, math.nan, clearance, pair, place if pair >= 0 else math.nan)
 
 
-def _measure_sparse(
-    scene: Scene, several: Sequence[FloatArray], nears: FloatArray
-) -> list[Nearest]:
+def _measure_sparse(scene: Scene, several: Sequence[FloatArray], nears: FloatArray) -> Nearest:
     """The smallest clearance in each table of joint values, at most `nears`; 0 at a collision."""
+    joints, first = np.concatenate(several), compute_offsets(count_rows(several))
     if nears.any():
-        begins = compute_offsets(list(map(len, several)))[:-1]
-        hits = find_collisions(scene, np.concatenate(several)) >= 0
-        nears = np.where(np.logical_or.reduceat(hits, begins), 0.0, nears)
-    return _find_nearest(scene, several, nears)
+        hits = find_collisions(scene, joints) >= 0
+        nears = np.where(np.logical_or.reduceat(hits, first[:-1]), 0.0, nears)
+    return _find_nearest(scene, joints, first, nears)
 
 
-def _find_nearest(scene: Scene, several: Sequence[FloatArray], nears: FloatArray) -> list[Nearest]:
-    """`find_nearest_pairs` of tables of joint values; 0 for a table whose `near` is not above 0."""
-    nearest = [Nearest(0.0, -1, -1)] * len(several)
-    tables = np.flatnonzero(nears > 0).tolist()
-    if tables:
-        chosen = [several[k] for k in tables]
-        counts = np.array(list(map(len, chosen)))
-        measured = find_nearest_pairs(
-            scene, np.concatenate(chosen), list_owners(counts), nears[tables]
-        )
-        for k, result, begin in zip(
-            tables, measured, compute_offsets(counts).tolist(), strict=False
-        ):
-            nearest[k] = Nearest(result.distance, result.row - begin, result.pair)
+def _find_nearest(scene: Scene, joints: FloatArray, first: IntArray, nears: FloatArray) -> Nearest:
+    """`find_nearest_pairs` of L motions; 0 for a motion whose `near` is not above 0.
+
+    Rows of the result count from the first one of the motion.
+
+    joints: (N, J).
+    first: (L + 1,) the first row of each motion, and N.
+    """
+    owner = list_owners(np.diff(first))
+    rows = np.flatnonzero(nears[owner] > 0)
+    nearest = find_nearest_pairs(scene, joints[rows], owner[rows], nears)
+    known = np.flatnonzero(nearest.pair >= 0)
+    nearest.row[known] = rows[nearest.row[known]] - first[known]
     return nearest
 
 
@@ -218,7 +219,7 @@ class _Lines(Struct, frozen=True, eq=False):
     @classmethod
     def make(cls, scene: Scene, several: Sequence[FloatArray]) -> _Lines:
         """The motions through each of `several` (K, J)."""
-        waypoints, first = np.concatenate(several), compute_offsets(list(map(len, several)))
+        waypoints, first = np.concatenate(several), compute_offsets(count_rows(several))
         numbers, seam = _divide(_sum_angles(scene, waypoints), first)
         rows = _interpolate(waypoints, numbers)
         moves = measure_moves(scene, rows)
@@ -316,8 +317,7 @@ def _find_undecided(
         tests = divide_tests(select_tests((row, test), meets), parts)
     owner, at = map(np.concatenate, zip(*undecided, strict=True))
     order = np.lexsort((at, owner))
-    first = compute_offsets(np.bincount(owner, minlength=len(start)))
-    return at[order], first, np.isfinite(last)
+    return at[order], compute_offsets(np.bincount(owner, minlength=len(start))), np.isfinite(last)
 
 
 def _measure_changes(table: FloatArray, places: FloatArray) -> FloatArray:

@@ -122,8 +122,7 @@ class _Body(Struct, frozen=True, eq=False):
         if self.mesh is None:
             return _measure_reach(np.concatenate([*map(_corners, self.boxes)]) - origin, axis)
         place, corners = self.base_from_mesh, self.mesh.tree.corners.reshape(-1, 3)
-        placed = corners @ place.rotation.T + np.asarray(place.origin)
-        return _measure_reach(placed - origin, axis)
+        return _measure_reach(corners @ place.rotation.T + np.asarray(place.origin) - origin, axis)
 
     def shape(self) -> Shape:
         """The body for fcl."""
@@ -334,14 +333,12 @@ def _check_names(bodies: list[_Body], allowed: tuple[tuple[str, str], ...]) -> N
 
 def _make_scene(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
     """The scene of pairs of bodies. A body that is in several pairs gets its boxes once."""
+    bodies = {id(body): body for body in itertools.chain.from_iterable(tested)}
     rows: dict[int, range] = {}
-    bodies: list[_Body] = []
     boxes: list[tuple[int, Box]] = []
-    for body in itertools.chain.from_iterable(tested):
-        if id(body) not in rows:
-            rows[id(body)] = range(len(boxes), len(boxes) + len(body.boxes))
-            bodies.append(body)
-            boxes += itertools.product([body.frame], body.boxes)
+    for number, body in bodies.items():
+        rows[number] = range(len(boxes), len(boxes) + len(body.boxes))
+        boxes += itertools.product([body.frame], body.boxes)
     box_pairs: list[tuple[int, int, int]] = []
     strikes: dict[int, list[tuple[int, int]]] = defaultdict(list)
     for k, (a, b) in enumerate(tested):
@@ -358,7 +355,7 @@ def _make_scene(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
         first=first,
         second=second,
         of_pair=of_pair,
-        targets=tuple(_make_target(body, strikes[id(body)]) for body in bodies if body.mesh),
+        targets=tuple(_make_target(body, strikes[k]) for k, body in bodies.items() if body.mesh),
         closer=tuple(itertools.starmap(partial(_pair_meshes, robot), tested)),
     )
 

@@ -60,8 +60,7 @@ def are_free(
     """
     groups = int(owner.max(initial=-1)) + 1
     is_free = np.ones(groups, dtype=bool)
-    serial = check_finite(corners) @ scene.robot.coupling.T
-    travel = np.abs(serial).max(axis=(0, 1), initial=0.0)
+    travel = np.abs(check_finite(corners) @ scene.robot.coupling.T).max(axis=(0, 1), initial=0.0)
     bounds = _JointBounds(scene, bound_levers(scene, travel), bound_closing(scene, travel))
     deviations = np.broadcast_to(deviation, groups)
     pending = _Pending(
@@ -196,8 +195,7 @@ class _TriangleGrowth(Struct, frozen=True, eq=False):
         start = self.starts[far, row] - self.starts[np.minimum(first_frame, second_frame), row]
         first_is_far = (first_frame > second_frame)[:, None]
         centres = np.where(first_is_far, first.centres, second.centres)
-        half = np.where(first_is_far, first.half, second.half)
-        boxes = Boxes(centres, first.axes, half)
+        boxes = Boxes(centres, first.axes, np.where(first_is_far, first.half, second.half))
         return self._bound(start, boxes, self.pair_limits[row, pair], row) + 2 * self.deviation[row]
 
     def _bound(

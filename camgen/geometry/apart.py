@@ -12,16 +12,14 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from camgen.geometry.intersect import FEW, boxes_meet, make_boxes
-from camgen.geometry.ragged import PAIRS, compute_first_rows, list_range_numbers, select_distinct
+from camgen.geometry.intersect import FEW, boxes_meet, make_boxes, query_tree
+from camgen.geometry.ragged import compute_first_rows, list_range_numbers, select_distinct
 from camgen.geometry.segments import IntArray, Segments, compute_bounds
 from camgen.model.pose import FloatArray
 
 #: mm: margin around boxes. The steps aside, tolerances of ends and checks of an offset reach no
 #: farther than this beyond its distance.
 _MARGIN_MM = 0.01
-#: Boxes in the first query of the tree. Later queries are sized by the pairs of the last one.
-_FIRST_BATCH = 256
 #: Outward direction of xmin, ymin, xmax and ymax of a box.
 _OUTWARD = np.array([-1, -1, 1, 1])
 
@@ -45,14 +43,9 @@ def find_box_pairs(
     counts = np.concatenate([sizes[loops], np.ones(len(single), dtype=np.int64)])
     loop_boxes = merge_boxes(boxes, owner, len(sizes))[loops]
     tree = shapely.STRtree(make_boxes(np.concatenate([loop_boxes, boxes[order[single]]])))
-    step, done = _FIRST_BATCH, 0
-    while done < len(queries):
-        which, item = tree.query(make_boxes(queries[done : done + step]))
+    for query, item in query_tree(tree, queries):
         row = order[list_range_numbers(first[item], counts[item])]
-        which = np.repeat(which + done, counts[item])
-        done += step
-        # The next batch is as large as the pairs of this one suggest.
-        step = int(np.clip(PAIRS * step / max(len(which), 1), 16, 4 * step))
+        which = np.repeat(query, counts[item])
         meets = boxes_meet(queries, which, boxes, row)
         yield which[meets], row[meets]
 
@@ -117,6 +110,5 @@ def set_apart(
     # Two small loops are independent if the box of one is clear of all segments of the other.
     pairs = select_distinct(np.concatenate(met))
     first, second = np.divmod(pairs, len(sizes))
-    dependent = first[~is_tested[second] | np.isin(second * len(sizes) + first, pairs)]
-    is_tested[dependent] = False
+    is_tested[first[~is_tested[second] | np.isin(second * len(sizes) + first, pairs)]] = False
     return np.where(is_tested[owner], int(group.max()) + 1 + owner, group)

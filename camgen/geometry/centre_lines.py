@@ -22,6 +22,8 @@ from camgen.geometry.ragged import (
     list_chains,
     list_owners,
     list_range_numbers,
+    mark_run_ends,
+    mark_run_starts,
     number_rows,
 )
 from camgen.geometry.segments import (
@@ -128,31 +130,26 @@ def find_centre_lines(
     whole_walls = _Pieces(np.arange(len(source)), np.zeros(len(source)), np.ones(len(source)))
     pieces = _find_parts(walls.has_middle, whole_walls, walls, walls.may_have_middle)
     holes, pieces = _split_holes(walls, pieces)
-    lines: list[Segments] = []
-    sources: list[IntArray] = []
-    corners: list[FloatArray] = []
-    closed: list[bool] = []
+    none = np.zeros(0, dtype=np.int64)
+    # The first entry has no segments, for a drawing without centre lines.
+    entries = [(known.take(none), np.zeros(0), none, False)]
     kept = known
     for chain in _join_pieces(walls, following, pieces):
         for part in _remove_known(walls, following, chain, kept):
-            line, turn, rows, ring = _make_line(walls, part, len(lines))
-            if not ring and float(line.length.sum()) < _SHORT * distance:
-                continue
-            lines.append(line)
-            sources.append(rows)
-            corners.append(turn)
-            closed.append(ring)
-            kept = concatenate([kept, line])
-    none = np.zeros(0, dtype=np.int64)
-    segments = concatenate([known.take(none), *lines])
-    rows = np.concatenate([none, *sources])
+            entry = _make_line(walls, part, len(entries) - 1)
+            line, _, _, ring = entry
+            if ring or float(line.length.sum()) >= _SHORT * distance:
+                entries.append(entry)
+                kept = concatenate([kept, line])
+    lines, turns, sources, closed = zip(*entries, strict=True)
+    segments, rows = concatenate(lines), np.concatenate(sources)
     middles = points_at(segments, np.full(len(segments), 0.5))
     return CentreLines(
         segments,
-        np.array(closed, dtype=bool),
+        np.array(closed[1:], dtype=bool),
         rows,
         walls.opposite(rows, middles),
-        np.concatenate([np.zeros(0), *corners]),
+        np.concatenate(turns),
         walls.middles(holes, np.zeros(len(holes))),
         holes,
     )
@@ -182,8 +179,7 @@ class _Walls:
         place = points_at(walls, fraction)
         beyond = place + _BEYOND * self.distance * normal
         reach = (2 - _BEYOND) * self.distance + _WIDER_MM
-        gap = self.obstacles.nearest(beyond, self.group[rows], reach)
-        width = _BEYOND * self.distance + gap
+        width = _BEYOND * self.distance + self.obstacles.nearest(beyond, self.group[rows], reach)
         half = np.where(np.isfinite(width), width / 2, self.distance)
         return width, place + half[:, None] * normal
 
@@ -212,8 +208,7 @@ class _Walls:
 
     def _has_middle(self, rows: IntArray, fraction: FloatArray) -> BoolArray:
         width, middle = self._measure(rows, fraction)
-        narrowest = 2 * (self.distance - self.slack)
-        has_middle = np.isfinite(width) & (width >= narrowest)
+        has_middle = np.isfinite(width) & (width >= 2 * (self.distance - self.slack))
         chosen = np.flatnonzero(has_middle)
         if len(chosen):
             least = width[chosen] / 2 - _UNEVEN * self.slack
@@ -224,8 +219,6 @@ class _Walls:
 
     def opposite(self, rows: IntArray, middles: FloatArray) -> IntArray:
         """(K,) wall segment on the other side of each of `middles` (K, 2)."""
-        if not len(rows):
-            return rows
         fraction = np.clip(find_fractions(self.source.take(rows), middles), 0.0, 1.0)
         arm = middles - points_at(self.source.take(rows), fraction)
         length = np.maximum(np.hypot(*arm.T), _LEAST_LENGTH_MM)[:, None]
@@ -256,11 +249,10 @@ def _find_parts(
         return np.asarray(pieces.low[which] + (place + 0.5) / count[which] * span[which])
 
     at = fraction(which, place)
-    holds = test(pieces.row[which], at)
-    follows = np.zeros(len(at), dtype=bool)
-    follows[1:] = (np.diff(which) == 0) & (np.diff(place) == 1) & holds[:-1]
-    begin = np.flatnonzero(holds & ~follows)
-    end = np.flatnonzero(holds & ~np.append((follows & holds)[1:], False)[: len(at)])
+    rows = np.flatnonzero(test(pieces.row[which], at))
+    # The second number stays the same from a sample to the next one of its piece.
+    runs = np.column_stack([which[rows], place[rows] - np.arange(len(rows))])
+    begin, end = rows[mark_run_starts(runs)], rows[mark_run_ends(runs)]
     piece = which[begin]
     before = fraction(piece, place[begin] - 1)
     before = np.where(place[begin] == 0, pieces.low[piece], before)
@@ -283,8 +275,8 @@ def _list_samples(
         step = (pieces.high[runs.group] - low) / count[runs.group]
         return ~may_hold(row, low + runs.first * step, low + runs.end * step)
 
-    numbers = np.arange(len(count))
-    whole = Runs(numbers, np.zeros_like(count), count, np.zeros(len(count), dtype=bool))
+    none = np.zeros_like(count)
+    whole = Runs(np.arange(len(count)), none, count, none > 0)
     runs = divide_runs(np.where(holds_nowhere(whole), 0, count), holds_nowhere)
     size = np.where(runs.settled, 0, runs.end - runs.first)
     return np.repeat(runs.group, size), list_range_numbers(runs.first, size)
@@ -294,8 +286,7 @@ def _bisect(test: _Test, row: IntArray, outside: FloatArray, inside: FloatArray)
     """(K,) the fraction nearest to `outside` (K,) up to which `test` holds from `inside` (K,)."""
     if not len(row):
         return inside
-    reached = test(row, outside)
-    outside, inside = outside.copy(), np.where(reached, outside, inside)
+    inside = np.where(test(row, outside), outside, inside)
     for _ in range(_HALVINGS):
         middle = (outside + inside) / 2
         holds = test(row, middle)
@@ -309,16 +300,11 @@ def _split_holes(walls: _Walls, pieces: _Pieces) -> tuple[IntArray, _Pieces]:
     count = int(source.owner.max(initial=-1)) + 1
     covered = np.bincount(pieces.row, pieces.high - pieces.low, len(source))
     whole = np.bincount(source.owner, covered < 1 - _WHOLE_ROUNDING, count) == 0
-    chosen = whole[source.owner[pieces.row]]
-    candidates = pieces.take(chosen)
+    candidates = pieces.take(whole[source.owner[pieces.row]])
     middle = walls.middles(candidates.row, (candidates.low + candidates.high) / 2)
-    owner = source.owner[candidates.row]
-    holes: list[int] = []
-    for number in np.unique(owner).tolist():
-        members = np.flatnonzero(owner == number)
-        if np.ptp(middle[members], axis=0).max() <= _SAME * walls.slack:
-            holes.append(int(candidates.row[members[0]]))
-    rows = np.array(holes, dtype=np.int64)
+    first = find_run_starts(source.owner[candidates.row])
+    extent = np.maximum.reduceat(middle, first) - np.minimum.reduceat(middle, first)
+    rows = candidates.row[first[extent.max(axis=1) <= _SAME * walls.slack]]
     return rows, pieces.take(~np.isin(source.owner[pieces.row], source.owner[rows]))
 
 
@@ -328,8 +314,7 @@ def _join_pieces(walls: _Walls, following: IntArray, pieces: _Pieces) -> list[_P
     after = np.full(count, -1)
     starts = find_run_starts(pieces.row)
     first_of = dict(zip(pieces.row[starts].tolist(), starts.tolist(), strict=True))
-    ends = np.append(starts[1:], count) - 1
-    for last in ends.tolist() if count else []:
+    for last in (np.append(starts[1:], count) - 1).tolist() if count else []:
         successor = first_of.get(int(following[pieces.row[last]]), -1)
         if successor >= 0 and _can_continue(walls, pieces, last, successor):
             after[last] = successor
@@ -344,8 +329,7 @@ def _join_pieces(walls: _Walls, following: IntArray, pieces: _Pieces) -> list[_P
 def _can_continue(walls: _Walls, pieces: _Pieces, last: int, first: int) -> bool:
     """Whether the line along piece `last` continues along `first`, around a corner or not."""
     rows = pieces.row[[last, first]]
-    at = np.array([pieces.high[last], pieces.low[first]])
-    first_end, next_start = walls.middles(rows, at)
+    first_end, next_start = walls.middles(rows, np.array([pieces.high[last], pieces.low[first]]))
     turn = _measure_turn(walls.source, int(rows[0]), int(rows[1]))
     if abs(turn) > _MOST_TURN:
         return False
@@ -372,8 +356,7 @@ def _remove_known(
     reach = _SAME * walls.slack
 
     def is_new(rows: IntArray, fraction: FloatArray) -> BoolArray:
-        gap = measure_nearest(walls.middles(rows, fraction), known, reach)
-        return np.isinf(gap)
+        return np.isinf(measure_nearest(walls.middles(rows, fraction), known, reach))
 
     if not len(known):
         return [chain]

@@ -24,10 +24,16 @@ from math import comb
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
-from camgen.geometry.ragged import compute_first_rows, number_rows
+from camgen.geometry.ragged import (
+    compute_first_rows,
+    concatenate_columns,
+    count_rows,
+    list_owners,
+    number_rows,
+)
 from camgen.geometry.vectors import measure_signed_angles
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
@@ -56,14 +62,11 @@ def make_biarc(
     vv, vt, tt = (np.einsum("kd,kd->k", a, b) for a, b in ((v, v), (v, t), (t0, t1)))
     bend = 2 * (1 - tt)
     with np.errstate(all="ignore"):
-        root = np.sqrt(vt * vt + bend * vv)
         # This form has no cancellation: for bend = 0, the parallel case, it is vv / (2 vt).
-        d = vv / (vt + root)
+        d = vv / (vt + np.sqrt(vt * vt + bend * vv))
         joint = (start + end + d[:, None] * (t0 - t1)) / 2
-        half0, half1 = (
-            measure_signed_angles(t0, joint - start),
-            measure_signed_angles(end - joint, t1),
-        )
+        half0 = measure_signed_angles(t0, joint - start)
+        half1 = measure_signed_angles(end - joint, t1)
         wrong = (np.abs(half0) > math.pi / 2) | (np.abs(half1) > math.pi / 2) | ~np.isfinite(d)
         b0, b1 = np.tan(half0 / 2), np.tan(half1 / 2)
     b0[wrong] = b1[wrong] = np.nan
@@ -94,8 +97,6 @@ def measure_from_arc(
     return np.asarray(np.where(is_after_start & is_before_end, to_circle, to_ends))
 
 
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 #: Segments (K,), the parameters at which their intervals begin (K,), and rows of x, y, bulge
 #: (K, 2, 3).
 _Done = tuple[IntArray, FloatArray, FloatArray]
@@ -106,13 +107,13 @@ Outline = tuple[FloatArray, FloatArray]
 _INTERVAL_SAMPLES = 12
 _SAMPLE_PLACES = np.linspace(0.0, 1.0, _INTERVAL_SAMPLES + 1)
 #: Fraction of the tolerance that is allowed at the samples. The rest is for the curve between them.
-_SAMPLE_FRACTION = 0.9
+SAMPLE_FRACTION = 0.9
 #: Smallest tolerance, as a fraction of the size of the curve; below it rounding decides.
-_FINEST = 1e-11
+FINEST = 1e-11
 #: mm: a control point farther away is damage.
 _FARTHEST_CONTROL = 1e15
 #: Divisions of an interval, at most. A cusp ends in an interval far below any tolerance.
-_MAX_DIVISIONS = 40
+MAX_DIVISIONS = 40
 #: Parts of one division, at most: a large deviation is a poor estimate of the parts needed.
 _MAX_PARTS = 6
 #: Segments that are fitted together. More would not stay in the cache of the processor.
@@ -142,8 +143,7 @@ def make_ellipse(
     """
     count = max(1, math.ceil(abs(end - start) / (math.pi / 2) - _QUARTER_ROUNDING))
     knots = np.linspace(start, end, count + 1)
-    half = (end - start) / count / 2
-    weight = math.cos(half)
+    weight = math.cos((end - start) / count / 2)
     middle = (knots[:-1] + knots[1:]) / 2
     outer = center + np.cos(knots)[:, None] * first + np.sin(knots)[:, None] * second
     inner = center * weight + np.cos(middle)[:, None] * first + np.sin(middle)[:, None] * second
@@ -318,8 +318,8 @@ def compute_bernstein(degree: int, t: FloatArray) -> FloatArray:
 
 def _fit_same_degree(curves: list[FloatArray], chord: float) -> list[Outline]:
     """`fit` for curves of one degree."""
-    counts = np.array([len(c) for c in curves])
-    owner = np.repeat(np.arange(len(curves)), counts)
+    counts = count_rows(curves)
+    owner = list_owners(counts)
     control = np.concatenate(curves)
     first = compute_first_rows(counts)
     origin = control[first, 0, :2] / control[first, 0, 2:]
@@ -327,7 +327,7 @@ def _fit_same_degree(curves: list[FloatArray], chord: float) -> list[Outline]:
     control[..., :2] -= origin[owner][:, None] * control[..., 2:]
     # Rounding limits how closely a curve can be fitted.
     reach = np.abs(control[..., :2] / control[..., 2:]).max(axis=(1, 2))
-    limit = _SAMPLE_FRACTION * np.maximum(chord, _FINEST * reach)
+    limit = SAMPLE_FRACTION * np.maximum(chord, FINEST * reach)
     done: list[_Done] = []
     for begin in range(0, len(control), _BATCH):
         segment = np.arange(begin, min(begin + _BATCH, len(control)))
@@ -341,16 +341,16 @@ def _divide(todo: _Intervals, limit: FloatArray, done: list[_Done]) -> None:
 
     limit: allowed deviation of each segment, mm.
     """
-    for depth in range(_MAX_DIVISIONS):
+    for depth in range(MAX_DIVISIONS):
         allowed = limit[todo.segment]
         rows, deviation = _fit_biarcs(todo, allowed)
-        too_far = (deviation > allowed) & (depth < _MAX_DIVISIONS - 1)
+        too_far = (deviation > allowed) & (depth < MAX_DIVISIONS - 1)
         fits = ~too_far
         done.append((todo.segment[fits], todo.low[fits], rows[fits]))
         if fits.all():
             return
         parts = np.where(np.isinf(deviation), 2, np.ceil(np.cbrt(deviation / allowed)))[too_far]
-        todo = todo.divided(too_far, np.clip(parts, 2, _MAX_PARTS).astype(np.intp))
+        todo = todo.divided(too_far, np.clip(parts, 2, _MAX_PARTS).astype(np.int64))
 
 
 def _make_outlines(
@@ -361,7 +361,7 @@ def _make_outlines(
     owner: curve of each segment.
     origin, final: (curves, 2) first and last point; all but `origin` is relative to it, mm.
     """
-    segment, low, pieces = (np.concatenate(column) for column in zip(*done, strict=True))
+    segment, low, pieces = concatenate_columns(done)
     order = np.lexsort([low, segment])
     rows = pieces[order].reshape(-1, 3)
     curve = np.repeat(owner[segment[order]], 2)

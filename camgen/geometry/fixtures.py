@@ -94,10 +94,7 @@ class Fixtures(Struct, frozen=True, eq=False):
         Such a fixture stands above the top face, z = 0, and reaches down to it. Its border holds
         nothing.
         """
-        lying = []
-        for fixture in self.listed:
-            if fixture.bottom <= _SAME_MM < fixture.top:
-                lying.append(fixture.outline)
+        lying = [each.outline for each in self.listed if each.bottom <= _SAME_MM < each.top]
         return shapely.buffer(shapely.union_all(lying), -_GRIP_MM)
 
     @property
@@ -134,10 +131,10 @@ def list_fixtures(job: Job, meshes: Sequence[tuple[str, Solid]]) -> Fixtures | N
 
 def _make_fixture(number: int, shape: Solid | Sequence[float]) -> Fixture:
     if isinstance(shape, Solid):
-        bottom = float(shape.vertices[:, 2].min())
-    else:
-        bottom = float(check_corners("cell.fixtures", shape)[0][2])
-    return Fixture(number, _list_layers(shape), bottom)
+        return Fixture(number, _list_layers(shape), float(shape.vertices[:, 2].min()))
+    low, high = check_corners("cell.fixtures", shape)
+    layer = Layer(shapely.box(*low[:2], *high[:2]), float(high[2]))
+    return Fixture(number, (layer,), float(low[2]))
 
 
 def list_bodies(tool: ToolTable) -> list[Body]:
@@ -152,11 +149,8 @@ def list_bodies(tool: ToolTable) -> list[Body]:
     return bodies
 
 
-def _list_layers(shape: Solid | Sequence[float]) -> tuple[Layer, ...]:
-    if not isinstance(shape, Solid):
-        low, high = check_corners("cell.fixtures", shape)
-        return (Layer(shapely.box(*low[:2], *high[:2]), float(high[2])),)
-    triangles = shape.vertices[shape.faces]
+def _list_layers(solid: Solid) -> tuple[Layer, ...]:
+    triangles = solid.vertices[solid.faces]
     lowest, highest = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)
     layers: list[Layer] = []
     outline = shapely.Polygon()

@@ -14,7 +14,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import PAIRS, find_equal_pairs, find_run_starts, list_range_numbers
+from camgen.geometry.ragged import (
+    PAIRS,
+    concatenate_columns,
+    find_equal_pairs,
+    find_run_starts,
+    list_range_numbers,
+)
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -58,8 +64,23 @@ FEW = 16
 _RUN_POINTS = 16
 #: Length of such a run, as a factor on the reach.
 _RUN_REACHES = 4
-#: Boxes in the first query of a tree. Later queries are sized by the pairs of the last one.
-_FIRST_BATCH = 256
+#: Boxes in the first query of a tree, and pairs in any other query, about: each may stand for up to
+#: `FEW` pairs of segments.
+_FIRST_BATCH, _PAIR_BATCH = 256, PAIRS // FEW
+
+
+def query_tree(tree: Any, boxes: FloatArray) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield pairs of a row of `boxes` (N, 4) and an item of a tree whose boxes meet, in batches.
+
+    All pairs of a row are in the same batch.
+    """
+    step, first = _FIRST_BATCH, 0
+    while first < len(boxes):
+        row, item = tree.query(make_boxes(boxes[first : first + step]))
+        yield row + first, item
+        first += step
+        # The next batch is as large as the pairs of this one suggest.
+        step = int(np.clip(_PAIR_BATCH * step / max(len(row), 1), 1, 4 * step))
 
 
 def find_near_pairs(
@@ -72,19 +93,18 @@ def find_near_pairs(
     boxes = compute_bounds(segments)
     grown = boxes + np.array([-reach, -reach, reach, reach])
     small_groups, large = find_equal_pairs(group, group, FEW)
-    firsts, seconds = [large[:0]], [large[:0]]
+    pairs = [(large[:0], large[:0])]
     for first, second in small_groups:
         i, j = first[first < second], second[first < second]
         near = boxes_meet(grown, i, boxes, j)
-        firsts.append(i[near])
-        seconds.append(j[near])
+        pairs.append((i[near], j[near]))
     if len(large):
         i, j = shapely.STRtree(make_boxes(boxes[large])).query(make_boxes(grown[large]))
         i, j = large[i], large[j]
         near = (i < j) & (group[i] == group[j])
-        firsts.append(i[near])
-        seconds.append(j[near])
-    return np.concatenate(firsts), np.concatenate(seconds)
+        pairs.append((i[near], j[near]))
+    first, second = concatenate_columns(pairs)
+    return first, second
 
 
 def boxes_meet(first: FloatArray, i: IntArray, second: FloatArray, j: IntArray) -> BoolArray:
@@ -104,8 +124,8 @@ def find_cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, F
         _cut_pairs(segments, i[k : k + PAIRS], j[k : k + PAIRS])
         for k in range(0, max(len(i), 1), PAIRS)
     ]
-    rows = np.concatenate([rows for rows, _ in parts])
-    return rows, np.clip(np.concatenate([fraction for _, fraction in parts]), 0.0, 1.0)
+    rows, fractions = concatenate_columns(parts)
+    return rows, np.clip(fractions, 0.0, 1.0)
 
 
 def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
@@ -126,9 +146,8 @@ def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
     x, y = x[rows], y[rows]
     at_end = np.ones(len(rows), dtype=bool)
     for k in (i[rows], j[rows]):
-        offsets = []
-        for end in (segments.start.take(k, axis=0), segments.end.take(k, axis=0)):
-            offsets.append(np.maximum(np.abs(end[:, 0] - x), np.abs(end[:, 1] - y)))
+        ends = segments.start.take(k, axis=0), segments.end.take(k, axis=0)
+        offsets = [np.maximum(np.abs(end[:, 0] - x), np.abs(end[:, 1] - y)) for end in ends]
         at_end &= np.minimum(*offsets) <= _CORNER
         at_end &= np.abs(segments.bulge[k]) <= _HALF_CIRCLE_BULGE
     result = np.zeros(len(i), dtype=bool)
@@ -136,37 +155,34 @@ def only_at_ends(segments: Segments, i: IntArray, j: IntArray) -> BoolArray:
     return result
 
 
-def find_crossings(
-    segments: Segments, i: IntArray, j: IntArray
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The crossings of pairs (i, j) of segments.
+def find_crossings(a: Segments, b: Segments) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The crossings of segment k of `a` with segment k of `b`.
 
-    Returns the index of the pair, and the fractions of its first and second segment, each (C,). A
-    fraction may be outside 0 to 1 by rounding. Segments that only touch, or run along each other,
-    may be left out.
+    Returns k, and the fractions of both segments, each (C,). A fraction may be outside 0 to 1 by
+    rounding. Segments that only touch, or run along each other, may be left out.
     """
-    return _cross_pairs(segments.take(i), segments.take(j))
-
-
-def _cross_pairs(a: Segments, b: Segments) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The crossings of segment k of `a` with segment k of `b`, as `find_crossings` returns them."""
     arc_a, arc_b = a.is_arc, b.is_arc
     slack_a = TOUCH / np.maximum(a.length, TOUCH)
     slack_b = TOUCH / np.maximum(b.length, TOUCH)
-    which, first, second = [np.zeros(0, dtype=np.int64)], [np.zeros(0)], [np.zeros(0)]
-    for kind_a, kind_b in ((False, False), (False, True), (True, False), (True, True)):
-        rows = np.flatnonzero((arc_a == kind_a) & (arc_b == kind_b))
+    crossings = [(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))]
+    for is_kind, cross_carriers in (
+        (~arc_a & ~arc_b, _line_line),
+        (~arc_a & arc_b, _line_circle),
+        (arc_a & ~arc_b, _circle_line),
+        (arc_a & arc_b, _circle_circle),
+    ):
+        rows = np.flatnonzero(is_kind)
         if not len(rows):
             continue
         a_rows, b_rows = a.take(rows), b.take(rows)
-        for points in _cross_carriers(a_rows, b_rows, kind_a, kind_b):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            places = cross_carriers(a_rows, b_rows)
+        for points in places:
             on_a, on_b = find_fractions(a_rows, points), find_fractions(b_rows, points)
             is_crossing = _are_on(slack_a[rows], on_a) & _are_on(slack_b[rows], on_b)
-            is_crossing &= np.isfinite(points[:, 0])
-            which.append(rows[is_crossing])
-            first.append(on_a[is_crossing])
-            second.append(on_b[is_crossing])
-    return np.concatenate(which), np.concatenate(first), np.concatenate(second)
+            crossings.append((rows[is_crossing], on_a[is_crossing], on_b[is_crossing]))
+    pair, first, second = concatenate_columns(crossings)
+    return pair, first, second
 
 
 def _cut_pairs(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
@@ -175,7 +191,7 @@ def _cut_pairs(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, 
     Returns the cut rows and the fractions, which may be outside 0 to 1 by rounding.
     """
     a, b = segments.take(i), segments.take(j)
-    pair, first, second = _cross_pairs(a, b)
+    pair, first, second = find_crossings(a, b)
     rows, cut_at = [i[pair], j[pair]], [first, second]
     for cut, other, row in ((a, b, i), (b, a, j)):
         for end in (other.start, other.end):
@@ -207,29 +223,18 @@ def find_fractions(segments: Segments, points: FloatArray) -> FloatArray:
     return np.asarray(fraction)
 
 
-def _cross_carriers(a: Segments, b: Segments, a_is_arc: bool, b_is_arc: bool) -> list[FloatArray]:
-    """Crossing points of the lines and circles that carry the segments of each pair.
-
-    Returns one or two arrays (N, 2), NaN where there is no crossing.
-    """
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        if a_is_arc and b_is_arc:
-            return _circle_circle(a, b)
-        if a_is_arc:
-            return _line_circle(b, a)
-        if b_is_arc:
-            return _line_circle(a, b)
-        return [_line_line(a, b)]
+# Crossing points of the lines and circles that carry the segments of each pair: one or two arrays
+# (N, 2), NaN where there is no crossing.
 
 
-def _line_line(a: Segments, b: Segments) -> FloatArray:
+def _line_line(a: Segments, b: Segments) -> list[FloatArray]:
     u, v, w = a.end - a.start, b.end - b.start, b.start - a.start
     cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     size = np.hypot(u[:, 0], u[:, 1]) * np.hypot(v[:, 0], v[:, 1])
     # Parallel lines touch along a stretch or not at all. `_cut_pairs` finds that from their ends.
     cross = np.where(np.abs(cross) <= _PARALLEL_SINE * size, np.nan, cross)
     t = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / cross
-    return np.asarray(a.start + t[:, None] * u)
+    return [a.start + t[:, None] * u]
 
 
 def _line_circle(line: Segments, arc: Segments) -> list[FloatArray]:
@@ -237,9 +242,12 @@ def _line_circle(line: Segments, arc: Segments) -> list[FloatArray]:
     u = u / np.hypot(u[:, 0], u[:, 1])[:, None]
     w = arc.centre - line.start
     foot = (w * u).sum(axis=1)
-    distance = w[:, 0] * u[:, 1] - w[:, 1] * u[:, 0]
-    half = _half_chord(arc.radius, np.abs(distance))
+    half = _half_chord(arc.radius, np.abs(w[:, 0] * u[:, 1] - w[:, 1] * u[:, 0]))
     return [line.start + (foot + sign * half)[:, None] * u for sign in (-1, 1)]
+
+
+def _circle_line(arc: Segments, line: Segments) -> list[FloatArray]:
+    return _line_circle(line, arc)
 
 
 def _circle_circle(a: Segments, b: Segments) -> list[FloatArray]:
@@ -338,15 +346,9 @@ class Obstacles:
         counts = np.diff(begin, append=len(large))
         low, high = around[large, :2], around[large, 2:]
         boxes = np.column_stack([np.minimum.reduceat(low, begin), np.maximum.reduceat(high, begin)])
-        step, first = _FIRST_BATCH, 0
-        while first < len(begin):
-            run, segment = tree.query(make_boxes(boxes[first : first + step]))
-            run = run + first
-            first += step
-            segment = np.repeat(rows[segment], counts[run])
+        for run, item in query_tree(tree, boxes):
+            segment = np.repeat(rows[item], counts[run])
             point = large[list_range_numbers(begin[run], counts[run])]
-            # The next batch is as large as the pairs of this one suggest.
-            step = int(np.clip(PAIRS * step / max(len(point), 1), 16, 4 * step))
             near = boxes_meet(around, point, self._boxes, segment)
             near &= group[point] == self.group[segment]
             yield point[near], segment[near]
@@ -398,16 +400,9 @@ def measure_gaps(lines: Segments, segments: Segments, reach: float) -> FloatArra
     an arc to a line.
     """
     best = np.full(len(lines), np.inf)
-    if not len(lines) or not len(segments):
-        return best
     tree = shapely.STRtree(make_boxes(compute_bounds(segments)))
     boxes = compute_bounds(lines) + np.array([-reach, -reach, reach, reach])
-    step, first = _FIRST_BATCH, 0
-    while first < len(lines):
-        row, other = tree.query(make_boxes(boxes[first : first + step]))
-        row, other = row + first, other.astype(np.int64)
-        first += step
-        step = int(np.clip(PAIRS * step / max(len(row), 1), 1, 4 * step))
+    for row, other in query_tree(tree, boxes):
         np.minimum.at(best, row, _measure_pairs(lines.take(row), segments.take(other)))
     best[best > reach] = np.inf
     return best
@@ -433,10 +428,7 @@ def _measure_pairs(a: Segments, b: Segments) -> FloatArray:
 
 def _measure_perpendiculars(line: Segments, arc: Segments) -> FloatArray:
     """(K,) distance of each arc from the foot of its centre on the line, mm."""
-    chord = line.end - line.start
-    square = np.maximum((chord**2).sum(axis=1), NONZERO)
-    fraction = np.clip(((arc.centre - line.start) * chord).sum(axis=1) / square, 0.0, 1.0)
-    foot = line.start + fraction[:, None] * chord
+    foot = points_at(line, np.clip(find_fractions(line, arc.centre), 0.0, 1.0))
     return measure_distances(foot, arc, np.arange(len(arc)))
 
 

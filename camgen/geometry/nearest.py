@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from camgen.geometry.ragged import (
     compute_first_rows,
+    concatenate_columns,
     find_run_starts,
     mark_run_starts,
     measure_runs,
@@ -107,14 +108,11 @@ def find_nearest_items(discs: Discs, count: int, wanted: int) -> NearestItems:
     reach = _measure_first_bound(leaves, wanted)
     first_leaf, second_leaf = _find_leaf_pairs(leaves, reach)
     parts = _find_item_pairs(leaves, first_leaf, second_leaf, reach, count)
-    key = np.concatenate([keys for keys, _ in parts])
-    distance = np.concatenate([distances for _, distances in parts])
+    key, distance = concatenate_columns(parts)
     order = np.argsort(key)
     key, distance = key[order], distance[order]
     first = find_run_starts(key)
-    key = key[first]
-    if len(key):
-        distance = np.minimum.reduceat(distance, first)
+    key, distance = key[first], np.minimum.reduceat(distance, first)
     item, other = key // count, key % count
     order = _sort_by_distance(item, distance)
     sure = np.full(count, np.inf)

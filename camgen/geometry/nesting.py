@@ -21,6 +21,7 @@ from camgen.geometry.segments import (
     compute_bounds,
     find_following,
     flatten,
+    measure_triangles,
     points_at,
     tangents_at,
 )
@@ -53,13 +54,10 @@ def find_plain(segments: Segments, count: int) -> BoolArray:
 def measure_loop_areas(segments: Segments, count: int) -> FloatArray:
     """(count,) signed areas of closed loops, mm2, counter-clockwise positive, arcs exact.
 
-    They are the areas of the polygons of the ends, by the shoelace formula about the first point of
-    each loop, plus the circle segments. `segments` is sorted by owner.
+    They are the areas of the polygons of the ends, plus the circle segments. `segments` is sorted
+    by owner.
     """
-    first = np.searchsorted(segments.owner, np.arange(count))
-    origin = segments.start[np.minimum(first, len(segments) - 1)][segments.owner]
-    a, b = segments.start - origin, segments.end - origin
-    area = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+    area = measure_triangles(segments.start, segments.end, segments.owner, count) / 2
     rows = np.flatnonzero(segments.is_arc)
     sweep = segments.sweep[rows]
     area[rows] += segments.radius[rows] ** 2 * (sweep - np.sin(sweep)) / 2
@@ -81,8 +79,7 @@ def _convex(segments: Segments, count: int) -> BoolArray:
     )
     has_several = np.bincount(segments.owner, minlength=count) >= 2
     turns_once = np.abs(np.abs(turn) - 2 * np.pi) < _TURN_ROUNDING
-    has_no_wrong = np.bincount(segments.owner, wrong, count) == 0
-    return np.asarray(has_several & turns_once & has_no_wrong)
+    return np.asarray(has_several & turns_once & (np.bincount(segments.owner, wrong, count) == 0))
 
 
 def _are_alone(segments: Segments, loops: IntArray) -> BoolArray:
@@ -149,13 +146,9 @@ def find_nesting(segments: Segments, count: int) -> Nesting:
 
 
 def _polygon_areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:
-    """(count,) signed areas of polygons, mm2, by the shoelace formula about their first points."""
-    if not len(owner):
-        return np.zeros(count)
-    first = np.searchsorted(owner, np.arange(count))
-    a = points - points[np.minimum(first, len(owner) - 1)][owner]
-    b = a[find_following_rows(np.bincount(owner))]
-    return np.asarray(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count) / 2)
+    """(count,) signed areas of polygons, mm2."""
+    ends = points[find_following_rows(np.bincount(owner))]
+    return np.asarray(np.bincount(owner, measure_triangles(points, ends, owner, count), count) / 2)
 
 
 def _mark_self_crossings(
@@ -171,13 +164,10 @@ def _mark_self_crossings(
     area: (count,) mm2, by the shoelace formula.
     """
     invalid = np.flatnonzero(~shapely.is_valid(polygons))
-    if not len(invalid):
-        return
     suspects = np.asarray(polygons)[invalid]
     enclosed = shapely.area(shapely.make_valid(suspects))
     slack = _CHORD * shapely.length(suspects)
-    is_wrong = np.abs(enclosed - np.abs(area[rings[invalid]])) > slack
-    wrong = invalid[is_wrong]
+    wrong = invalid[np.abs(enclosed - np.abs(area[rings[invalid]])) > slack]
     crossed[rings[wrong]] = rings[wrong]
 
 
@@ -229,8 +219,7 @@ def _compare(first: NDArray[Any], second: NDArray[Any]) -> IntArray:
     common = shapely.area(shapely.intersection(first, second))
     smaller = np.minimum(shapely.area(first), shapely.area(second))
     slack = _CHORD * np.minimum(shapely.length(first), shapely.length(second))
-    overlapping = np.where(smaller - common > slack, _PARTLY, _INSIDE)
-    return np.where(common > slack, overlapping, _BESIDE)
+    return np.where(common > slack, np.where(smaller - common > slack, _PARTLY, _INSIDE), _BESIDE)
 
 
 def _find_parents(

@@ -18,7 +18,7 @@ from msgspec import Struct
 
 from camgen.geometry.apart import set_apart
 from camgen.geometry.intersect import Obstacles, find_cuts, find_near_pairs, only_at_ends
-from camgen.geometry.ragged import mark_run_starts
+from camgen.geometry.ragged import mark_run_ends, mark_run_starts
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -102,9 +102,8 @@ def make_offset(
     row, low, high = chain.row, chain.low, chain.high
     segments = split_segments(candidates, row, low, high)
     segments = make_segments(segments.start, segments.end, segments.bulge, chain.owner)
-    last_pieces = chain.last_of[~chain.closed]
-    is_closed_source = following[origin[row[last_pieces]]] >= 0
-    open_ends = int(np.count_nonzero(is_closed_source))
+    is_open_end = mark_run_ends(chain.owner) & ~chain.closed[chain.owner]
+    open_ends = int(np.count_nonzero(is_open_end & (following[origin[row]] >= 0)))
     return Offset(segments, chain.closed, origin[row], corner[row], turn[row], open_ends)
 
 
@@ -202,11 +201,9 @@ def _plain_corners(
     overshoot = distance * turn**2 / 8
     # Extended arcs miss each other by the square of the extension.
     extension = distance * np.abs(turn) / 2
-    bends = 1 / np.maximum(radius_before, _LEAST_RADIUS_MM)
-    bends = bends + 1 / np.maximum(radius_after, _LEAST_RADIUS_MM)
-    miss = extension**2 / 2 * bends
-    is_flat = (turn > 0) & (turn < _PLAIN_TURN)
-    return np.asarray(is_flat & (overshoot <= mitre) & (miss <= _MISS))
+    before, after = (np.maximum(r, _LEAST_RADIUS_MM) for r in (radius_before, radius_after))
+    miss = extension**2 / 2 * (1 / before + 1 / after)
+    return np.asarray((turn > 0) & (turn < _PLAIN_TURN) & (overshoot <= mitre) & (miss <= _MISS))
 
 
 def _may_have_room(
@@ -221,9 +218,8 @@ def _may_have_room(
     half = candidates.length / 2
     short = np.flatnonzero(half < distance / 2)
     may_have_room = np.ones(len(candidates), dtype=bool)
-    if len(short):
-        nearest = obstacles.nearest(middle[short], label[short], distance)
-        may_have_room[short] = nearest + half[short] > distance - _BEYOND[1]
+    nearest = obstacles.nearest(middle[short], label[short], distance)
+    may_have_room[short] = nearest + half[short] > distance - _BEYOND[1]
     return may_have_room
 
 
@@ -233,9 +229,7 @@ def _round_open_ends(source: Segments, following: IntArray, distance: float) -> 
     The offset does not run along them, but it ends where it meets one.
     """
     last = np.flatnonzero(following < 0)
-    begins = np.ones(len(source), dtype=bool)
-    begins[following[following >= 0]] = False
-    first = np.flatnonzero(begins)
+    first = np.flatnonzero(np.bincount(following[following >= 0], minlength=len(source)) == 0)
     centre = np.concatenate([source.start[first], source.end[last]])
     owner = np.concatenate([first, last])
     across = np.array([distance, 0.0])
@@ -274,8 +268,7 @@ def _cut_candidates(
     row = np.concatenate([all_rows, all_rows, rows])
     cut = np.concatenate([np.zeros(count), np.ones(count), fractions])
     same = _SAME_CUT / np.maximum(candidates.length[:count], _SAME_CUT)
-    ends_moved = np.where(cut > 1 - same[row], 1.0, cut)
-    cut = np.where(cut < same[row], 0.0, ends_moved)
+    cut = np.where(cut < same[row], 0.0, np.where(cut > 1 - same[row], 1.0, cut))
     order = np.lexsort((cut, row))
     row, cut = row[order], cut[order]
     is_piece = (row[1:] == row[:-1]) & (cut[1:] - cut[:-1] > same[row[1:]])

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 from msgspec import Struct
@@ -115,8 +116,7 @@ def _place_lines(
             np.einsum("nd,nd->n", direction, end[parallel]),
         ]
     )
-    forward = ends[:, 1] >= ends[:, 0]
-    at_low = np.where(forward, 0.0, 1.0)
+    at_low = np.where(ends[:, 1] >= ends[:, 0], 0.0, 1.0)
     return _Intervals(rows, group, ends.min(axis=1), ends.max(axis=1), at_low, 1 - at_low)
 
 
@@ -240,8 +240,7 @@ def _cover(
                 if first > done:
                     free.append((done, first))
                 done = max(done, last)
-                covers = owners[place] != owner[row] and rank[row] > lowest
-                if covers and last - first > least:
+                if owners[place] != owner[row] and rank[row] > lowest and last - first > least:
                     ends = (at_low + (first - low) * scale, at_low + (last - low) * scale)
                     covered.setdefault(row, []).append((min(ends), max(ends)))
             place += 1
@@ -287,8 +286,8 @@ def cut_chain(
     """
     count = len(points) if closed else len(points) - 1
     chains: list[tuple[list[FloatArray], list[float]]] = []
+    # Whether the segment before is free up to its end.
     is_open = False
-    first_free = last_free = False
     for k in range(count):
         start, end, bulge = points[k], points[(k + 1) % len(points)], float(bulges[k])
         for low, high in _list_free(parts.get(k, [])):
@@ -298,11 +297,10 @@ def cut_chain(
             chains[-1][0].append(finish)
             chains[-1][1].append(math.tan(math.atan(bulge) * (high - low)))
             is_open = high == 1
-            first_free |= k == 0 and low == 0
-            last_free = k == count - 1 and high == 1
         if parts.get(k) and parts[k][-1][1] == 1:
             is_open = False
-    if closed and first_free and last_free and len(chains) > 1:
+    is_first_free = not parts.get(0) or parts[0][0][0] > 0
+    if closed and is_first_free and is_open and len(chains) > 1:
         head = chains.pop(0)
         chains[-1][0].extend(head[0][1:])
         chains[-1][1].extend(head[1])
@@ -310,10 +308,7 @@ def cut_chain(
 
 
 def _list_free(covered: Parts) -> Parts:
-    edges = [0.0]
-    for part in covered:
-        edges += part
-    edges.append(1.0)
+    edges = [0.0, *chain.from_iterable(covered), 1.0]
     return [(low, high) for low, high in zip(edges[::2], edges[1::2], strict=True) if high > low]
 
 
@@ -324,8 +319,7 @@ def _point_at(start: FloatArray, end: FloatArray, bulge: float, fraction: float)
     chord = end - start
     if bulge == 0:
         return np.asarray(start + fraction * chord)
-    left = np.array([-chord[1], chord[0]])
-    centre = (start + end) / 2 + left * (1 - bulge * bulge) / (4 * bulge)
+    centre = (start + end) / 2 + np.array([-chord[1], chord[0]]) * (1 - bulge * bulge) / (4 * bulge)
     angle = 4 * math.atan(bulge) * fraction
     arm = start - centre
     return np.asarray(
@@ -341,8 +335,6 @@ def find_equal_loops(
     segments: segments of `count` closed loops, loop after loop, `owner` counting them.
     label: (count,) loops of different labels are not compared.
     """
-    if not count:
-        return []
     starts = np.searchsorted(segments.owner, np.arange(count))
     sides = compute_bounds(segments) * np.array([1, 1, -1, -1])
     lengths = np.add.reduceat(segments.length, starts)

@@ -100,8 +100,7 @@ def _exchange_partners(points: FloatArray, partner: IntArray) -> None:
             if c == b:
                 continue
             old = length + math.dist(xy[c], xy[d])
-            new = math.dist(xy[a], xy[c]) + math.dist(xy[b], xy[d])
-            if new < old - _LEAST_GAIN_MM:
+            if math.dist(xy[a], xy[c]) + math.dist(xy[b], xy[d]) < old - _LEAST_GAIN_MM:
                 mate[a], mate[c], mate[b], mate[d] = c, a, d, b
                 pending += [d, c, b, a]
                 break

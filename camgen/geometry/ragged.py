@@ -18,8 +18,6 @@ from camgen.model.part import BoolArray, IntArray
 PAIRS = 500_000
 
 _Value = TypeVar("_Value", bound=np.generic)
-_Item = TypeVar("_Item")
-_Key = TypeVar("_Key")
 
 
 def count_rows(groups: Sequence[Sized]) -> IntArray:
@@ -137,8 +135,7 @@ def list_chains(following: IntArray) -> list[list[int]]:
     following: (N,) the row after each, which follows no other one; -1 for none.
     """
     after = following.tolist()
-    is_first = np.ones(len(after), dtype=bool)
-    is_first[following[following >= 0]] = False
+    is_first = np.bincount(following[following >= 0], minlength=len(after)) == 0
     seen = [False] * len(after)
     chains = []
     for begin in [*np.flatnonzero(is_first).tolist(), *range(len(after))]:
@@ -208,8 +205,7 @@ def find_run_starts(values: NDArray[_Value]) -> IntArray:
 def mark_run_starts(values: NDArray[_Value]) -> BoolArray:
     """(N,) whether each row of `values` (N, ...) differs from the row before it; the first does."""
     first = np.ones(len(values), dtype=np.bool_)
-    differs = values[1:] != values[:-1]
-    first[1:] = differs.any(axis=tuple(range(1, values.ndim)))
+    first[1:] = (values[1:] != values[:-1]).any(axis=tuple(range(1, values.ndim)))
     return first
 
 

@@ -113,8 +113,7 @@ def find_latest(table: Rings, known: BoolArray) -> IntArray:
     """
     row = np.maximum.accumulate(np.where(known, np.arange(len(table)), -1))
     first = table.first[table.loop]
-    wrapped = row[(table.first + table.count - 1)[table.loop]]
-    row = np.where(row < first, wrapped, row)
+    row = np.where(row < first, row[(table.first + table.count - 1)[table.loop]], row)
     return np.where(row < first, -1, row)
 
 

@@ -66,8 +66,7 @@ def find_sideways(axis: FloatArray) -> FloatArray:
 
     It is x of the work frame, before it is made perpendicular to z, or y if z is along that x.
     """
-    parallel = np.abs(axis[:, :1]) > 1 - 1e-9
-    return np.asarray(np.where(parallel, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
+    return np.where(np.abs(axis[:, :1]) > 1 - 1e-9, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 
 def make_rotations_about_z(angles: FloatArray) -> FloatArray:

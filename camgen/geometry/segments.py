@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import (
     compute_first_rows,
+    concatenate_columns,
     count_rows,
     find_following_rows,
     list_owners,
@@ -104,10 +105,7 @@ def make_segments(
 
 def concatenate(tables: Sequence[Segments]) -> Segments:
     """The rows of all `tables`, in the given order."""
-    columns = []
-    for name in Segments.__struct_fields__:
-        columns.append(np.concatenate([getattr(table, name) for table in tables]))
-    return Segments(*columns)
+    return Segments(*concatenate_columns(map(astuple, tables)))
 
 
 def concatenate_chains(chains: Sequence[Segments]) -> Segments:
@@ -146,13 +144,15 @@ def compute_bounds(segments: Segments) -> FloatArray:
     if len(rows):
         middle, sweep = _middle_and_sweep(segments.take(rows))
         # An arc reaches an extreme of its circle if it passes that direction.
-        extremes = ((0.0, 0, 1), (np.pi / 2, 1, 1), (np.pi, 0, -1), (-np.pi / 2, 1, -1))
-        for angle, axis, sign in extremes:
+        for angle, axis, side, sign in (
+            (0.0, 0, high, 1),
+            (np.pi / 2, 1, high, 1),
+            (np.pi, 0, low, -1),
+            (-np.pi / 2, 1, low, -1),
+        ):
             fraction = _fraction(angle, middle, sweep)
             inside = rows[(fraction > 0) & (fraction < 1)]
-            value = segments.centre[inside, axis] + sign * segments.radius[inside]
-            side = high if sign > 0 else low
-            side[inside, axis] = value
+            side[inside, axis] = segments.centre[inside, axis] + sign * segments.radius[inside]
     return np.column_stack([low, high])
 
 
@@ -192,8 +192,7 @@ def _fraction(angle: FloatArray | float, middle: FloatArray, sweep: FloatArray) 
 
 def points_at(segments: Segments, fraction: FloatArray) -> FloatArray:
     """(N, 2) points at `fraction` (N,) of the length of each segment, mm; exact at 0 and 1."""
-    f = fraction[:, None]
-    points = segments.start + f * (segments.end - segments.start)
+    points = segments.start + fraction[:, None] * (segments.end - segments.start)
     rows = np.flatnonzero(segments.is_arc & (fraction != 0.0) & (fraction != 1.0))
     if len(rows):
         arcs = segments.take(rows)
@@ -212,6 +211,23 @@ def tangents_at(segments: Segments, fraction: FloatArray) -> FloatArray:
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
+def measure_triangles(
+    start: FloatArray, end: FloatArray, owner: IntArray, count: int
+) -> FloatArray:
+    """(N,) twice the signed areas between lines and the first point of their loop, mm2.
+
+    For each of `count` loops they add up to twice the area of its polygon (shoelace formula).
+
+    start, end: (N, 2) ends of the lines, sorted by `owner` (N,), the loop of each.
+    """
+    if not len(owner):
+        return np.zeros(0)
+    first = np.searchsorted(owner, np.arange(count))
+    origin = start[np.minimum(first, len(owner) - 1)][owner]
+    a, b = start - origin, end - origin
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
 def split_segments(
     segments: Segments, rows: IntArray, low: FloatArray, high: FloatArray
 ) -> Segments:
@@ -226,8 +242,7 @@ def reverse_segments(segments: Segments) -> tuple[Segments, IntArray]:
 
     Owners keep their order.
     """
-    rows = np.argsort(segments.owner[::-1], kind="stable")
-    rows = (len(segments) - 1 - rows).astype(np.int64)
+    rows = len(segments) - 1 - np.argsort(segments.owner[::-1], kind="stable")
     old = segments.take(rows)
     return Segments(old.end, old.start, -old.bulge, old.centre, old.radius, old.owner), rows
 
@@ -241,8 +256,7 @@ def flatten(segments: Segments, chord: float) -> tuple[FloatArray, IntArray]:
     with np.errstate(invalid="ignore"):
         step = 2 * np.arccos(np.clip(1 - chord / segments.radius, -1.0, 1.0))
         chords = np.ceil(np.abs(segments.sweep) / np.maximum(step, _LEAST_STEP))
-        pieces = np.where(segments.is_arc, chords, 1)
-    count = np.maximum(pieces, 1).astype(np.int64)
+    count = np.maximum(np.where(segments.is_arc, chords, 1), 1).astype(np.int64)
     first = compute_first_rows(count)
     points = np.empty((int(count.sum()), 2))
     points[first] = segments.start

@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from camgen.geometry.curves import compute_bernstein
+from camgen.geometry.curves import FINEST, MAX_DIVISIONS, SAMPLE_FRACTION, compute_bernstein
+from camgen.geometry.ragged import concatenate_columns, number_rows
 from camgen.geometry.vectors import cross, multiply_rows
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -22,14 +23,8 @@ Chain = tuple[FloatArray, FloatArray]
 _CIRCLE_TOLERANCE = 1e-9
 #: Fractions along a stretch of a curve at which its distance from the chord is measured.
 _SAMPLES = np.array([0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9])
-#: Fraction of the tolerance that is allowed at the samples. The rest is for the curve between them.
-_SAMPLE_FRACTION = 0.9
-#: Smallest tolerance, as a fraction of the size of the curve; below it rounding decides.
-_FINEST = 1e-11
 #: Parts into which a stretch is divided at once, at most.
 _MAX_PARTS = 8
-#: Divisions of a stretch, at most.
-_MAX_DIVISIONS = 40
 #: Fraction of half a circle by which an arc may exceed it through rounding and still stay whole.
 _HALF_CIRCLE_ROUNDING = 1e-12
 
@@ -51,14 +46,13 @@ def make_turn(
     u, v: (3,) any two conjugate half diameters, mm.
     """
     sweep = end - start
-    size = max(float(u @ u), float(v @ v))
-    tolerance = _CIRCLE_TOLERANCE * size
+    tolerance = _CIRCLE_TOLERANCE * max(float(u @ u), float(v @ v))
     is_circle = abs(float(u @ u - v @ v)) <= tolerance and abs(float(u @ v)) <= tolerance
     if is_circle:
         count = max(1, math.ceil(abs(sweep) / math.pi - _HALF_CIRCLE_ROUNDING))
     else:
         longer = float(np.linalg.svd(np.stack([u, v]), compute_uv=False)[0])
-        steps = abs(sweep) * math.sqrt(longer / (8 * max(chord, _FINEST * longer)))
+        steps = abs(sweep) * math.sqrt(longer / (8 * max(chord, FINEST * longer)))
         count = max(2, math.ceil(steps))
 
     def at(t: FloatArray) -> FloatArray:
@@ -82,23 +76,21 @@ def make_chords(segments: FloatArray, chord: float) -> FloatArray:
         size = float(np.ptp(segments[..., :3] / segments[..., 3:], axis=(0, 1)).max())
     if not math.isfinite(size):
         return np.full((2, 3), np.nan)
-    limit = _SAMPLE_FRACTION * max(chord, _FINEST * size)
+    limit = SAMPLE_FRACTION * max(chord, FINEST * size)
     segment: IntArray = np.arange(len(segments))
     low, width = np.zeros(len(segments)), np.ones(len(segments))
     done: list[tuple[FloatArray, FloatArray]] = []
-    for depth in range(_MAX_DIVISIONS):
+    for depth in range(MAX_DIVISIONS):
         deviation = _measure_deviations(segments, segment, low, width)
-        fits: BoolArray = (deviation <= limit) | (depth == _MAX_DIVISIONS - 1)
+        fits: BoolArray = (deviation <= limit) | (depth == MAX_DIVISIONS - 1)
         done.append((segment[fits] + low[fits], _evaluate(segments, segment[fits], low[fits])))
         if fits.all():
             break
-        parts = np.clip(np.ceil(np.sqrt(deviation[~fits] / limit)), 2, _MAX_PARTS)
-        parts = parts.astype(np.int64)
-        step = np.concatenate([np.arange(k) for k in parts])
+        parts = np.clip(np.ceil(np.sqrt(deviation[~fits] / limit)), 2, _MAX_PARTS).astype(np.int64)
         segment = np.repeat(segment[~fits], parts)
         width = np.repeat(width[~fits] / parts, parts)
-        low = np.repeat(low[~fits], parts) + step * width
-    position, points = (np.concatenate(column) for column in zip(*done, strict=True))
+        low = np.repeat(low[~fits], parts) + number_rows(parts) * width
+    position, points = concatenate_columns(done)
     last = _evaluate(segments, np.array([len(segments) - 1]), np.ones(1))
     return np.concatenate([points[np.argsort(position, kind="stable")], last])
 

@@ -10,8 +10,16 @@ import shapely
 from msgspec import Struct
 
 from camgen.geometry.intersect import FEW
-from camgen.geometry.ragged import compute_first_rows, find_equal_pairs, list_chains, number_rows
-from camgen.geometry.segments import BoolArray, IntArray, Segments, points_at
+from camgen.geometry.ragged import (
+    compute_offsets,
+    concatenate_columns,
+    count_rows,
+    find_equal_pairs,
+    list_chains,
+    list_owners,
+    number_rows,
+)
+from camgen.geometry.segments import BoolArray, IntArray, Segments, measure_triangles, points_at
 from camgen.model.pose import FloatArray
 
 #: mm: ends nearer than this meet. It is ten times the error of cuts of nearly tangent curves.
@@ -37,7 +45,6 @@ class Chains(Struct, frozen=True, eq=False):
     low, high: (N,) fractions of the candidate at which the piece begins and ends.
     owner: (N,) the chain.
     closed: (chains,) whether the last piece of the chain is followed by its first.
-    last_of: (chains,) the last piece of each chain.
     """
 
     row: IntArray
@@ -45,7 +52,6 @@ class Chains(Struct, frozen=True, eq=False):
     high: FloatArray
     owner: IntArray
     closed: BoolArray
-    last_of: IntArray
 
 
 def stitch_pieces(
@@ -61,11 +67,9 @@ def stitch_pieces(
     ends, starts = _find_meetings(start, end, label)
     alive, ends, starts = _remove_tails(length, ends, starts)
     following = _find_following(start, end, row, length, ends, starts)
-    order, first, closed = _order_chains(following, alive)
-    owner = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(order))))
+    order, owner, closed = _order_chains(following, alive)
     sweep = chosen.sweep * (high - low)
-    slivers = _find_slivers(start[order], end[order], length[order], sweep[order], owner, closed)
-    keep = ~slivers
+    keep = ~_find_slivers(start[order], end[order], length[order], sweep[order], owner, closed)
     order, owner = order[keep[owner]], np.cumsum(keep)[owner[keep[owner]]] - 1
     return _merge_pieces(row[order], low[order], high[order], owner, closed[keep])
 
@@ -75,20 +79,19 @@ def _find_meetings(
 ) -> tuple[IntArray, IntArray]:
     """Pairs of pieces of one label of which the second begins where the first ends."""
     small_groups, large = find_equal_pairs(label, label, FEW)
-    firsts, seconds = [large[:0]], [large[:0]]
+    meetings = [(large[:0], large[:0])]
     for ends, starts in small_groups:
         gap = end.take(ends, axis=0) - start.take(starts, axis=0)
         near = np.hypot(gap[:, 0], gap[:, 1]) <= _MEET
-        firsts.append(ends[near])
-        seconds.append(starts[near])
+        meetings.append((ends[near], starts[near]))
     if len(large):
         tree = shapely.STRtree(shapely.points(start[large]))
         ends, starts = tree.query(shapely.points(end[large]), predicate="dwithin", distance=_MEET)
         ends, starts = large[ends], large[starts]
         near = label[ends] == label[starts]
-        firsts.append(ends[near])
-        seconds.append(starts[near])
-    return np.concatenate(firsts), np.concatenate(seconds)
+        meetings.append((ends[near], starts[near]))
+    ends, starts = concatenate_columns(meetings)
+    return ends, starts
 
 
 def _remove_tails(
@@ -141,13 +144,12 @@ def _find_following(
         options.setdefault(piece, []).append(successor)
     is_short, taken, linked = short.tolist(), set(starts[is_clear].tolist()), set[int]()
     for first in sorted(options, key=lambda piece: (is_short[piece], piece)):
-        if first in linked:
-            continue
-        connection = _find_connection(first, options, is_short, taken)
-        for piece, successor in itertools.pairwise([first, *connection]):
-            following[piece] = successor
-            taken.add(successor)
-            linked.add(piece)
+        if first not in linked:
+            connection = _find_connection(first, options, is_short, taken)
+            for piece, successor in itertools.pairwise([first, *connection]):
+                following[piece] = successor
+                taken.add(successor)
+                linked.add(piece)
     return following
 
 
@@ -182,14 +184,14 @@ def _find_connection(
 def _order_chains(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
     """The pieces that are `alive` in running order.
 
-    Returns them, the place of the first piece of each chain, and whether each chain is closed.
+    Returns them, the chain of each, and whether each chain is closed.
     """
     # A piece that is not alive is followed by none, and follows none.
     chains = [chain for chain in list_chains(following) if alive[chain[0]]]
     order = np.array(list(itertools.chain.from_iterable(chains)), dtype=np.int64)
-    first = compute_first_rows(list(map(len, chains)))
-    last = np.append(first[1:], len(order))[: len(first)] - 1
-    return order, first, following[order[last]] == order[first]
+    edges = compute_offsets(count_rows(chains))
+    closed = following[order[edges[1:] - 1]] == order[edges[:-1]]
+    return order, list_owners(np.diff(edges)), closed
 
 
 def _find_slivers(
@@ -209,11 +211,9 @@ def _find_slivers(
     """
     count = len(closed)
     total = np.bincount(owner, length, count)
-    # Area of the polygon of the ends, about each chain's first point, and of the circle segments.
-    origin = start[np.searchsorted(owner, np.arange(count))] if count else start
-    a, b = start - origin[owner], end - origin[owner]
+    # Area of the polygon of the ends, and of the circle segments.
     radius = length / np.where(sweep == 0.0, 1.0, np.abs(sweep))
-    doubled = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] + radius**2 * (sweep - np.sin(sweep))
+    doubled = measure_triangles(start, end, owner, count) + radius**2 * (sweep - np.sin(sweep))
     area = np.abs(np.bincount(owner, doubled, count)) / 2
     has_few = np.bincount(owner, minlength=count) <= 3
     is_thin = closed & has_few & (area < 0.5e-3 * _SLIVER * total) & (total < _SLIVER_LENGTH)
@@ -229,7 +229,7 @@ def _merge_pieces(
     """
     count = len(row)
     if not count:
-        return Chains(row, low, high, owner, closed, np.zeros(0, dtype=np.int64))
+        return Chains(row, low, high, owner, closed)
     begin = np.searchsorted(owner, np.arange(len(closed)))
     last = np.append(begin[1:], count) - 1
     previous = np.arange(-1, count - 1)
@@ -243,14 +243,11 @@ def _merge_pieces(
     # Rotate each closed chain so that its first piece is not joined to its last one.
     place = number_rows(last - begin + 1)
     size = (last - begin + 1)[owner]
-    start_place = np.where(joined, count, place)
-    shift = np.minimum.reduceat(start_place, begin)
+    shift = np.minimum.reduceat(np.where(joined, count, place), begin)
     shift = np.where((shift < count) & closed, shift, 0)
     order = begin[owner] + (place + shift[owner]) % size
     row, low, high, joined = row[order], low[order], high[order], joined[order]
     joined[begin] = False
     head = np.flatnonzero(~joined)
     tail = np.append(head[1:], count) - 1
-    owner = owner[head]
-    last_of = np.append(np.flatnonzero(owner[1:] != owner[:-1]), len(owner) - 1)
-    return Chains(row[head], low[head], high[tail], owner, closed, last_of)
+    return Chains(row[head], low[head], high[tail], owner[head], closed)

@@ -10,13 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from camgen.geometry.ragged import compute_first_rows, list_owners, list_range_numbers
-from camgen.model.part import Contour
+from camgen.model.part import Contour, IntArray
 from camgen.model.pose import FloatArray
-
-IntArray = NDArray[np.int64]
 
 
 class Polylines(Struct, frozen=True, eq=False):
@@ -43,7 +40,6 @@ class Polylines(Struct, frozen=True, eq=False):
         probably a corner.
         """
         points, bulges, fixed = [], [], []
-        row = 0
         firsts = [0]
         for contour in contours:
             chain_points, chain_bulges = contour.points, contour.bulges
@@ -60,9 +56,8 @@ class Polylines(Struct, frozen=True, eq=False):
                 # A stretch from a point to itself has no direction, so it is split at the point
                 # farthest from its start.
                 chain_fixed.add(_find_farthest(chain_points, chain_points[0]))
-            fixed += [row + k for k in sorted(chain_fixed)]
-            row += len(chain_points)
-            firsts.append(row)
+            fixed += [firsts[-1] + k for k in sorted(chain_fixed)]
+            firsts.append(firsts[-1] + len(chain_points))
         return cls(
             np.concatenate(points), np.concatenate(bulges), np.array(firsts), np.array(fixed)
         )
@@ -80,8 +75,8 @@ def thin_chains(chains: Polylines, tolerance: float) -> IntArray:
     """
     points = chains.points
     kept = [chains.fixed]
-    chain = np.searchsorted(chains.first, chains.fixed[:-1], side="right")
-    same_chain = chain == np.searchsorted(chains.first, chains.fixed[1:], side="right")
+    chain = np.searchsorted(chains.first, chains.fixed, side="right")
+    same_chain = chain[:-1] == chain[1:]
     low, high = chains.fixed[:-1][same_chain], chains.fixed[1:][same_chain]
     while True:
         has_inner = high - low > 1
@@ -89,11 +84,8 @@ def thin_chains(chains: Polylines, tolerance: float) -> IntArray:
         if not len(low):
             return np.unique(np.concatenate(kept))
         counts = high - low - 1
-        begin, owner, rows = (
-            compute_first_rows(counts),
-            list_owners(counts),
-            list_range_numbers(low + 1, counts),
-        )
+        begin, owner = compute_first_rows(counts), list_owners(counts)
+        rows = list_range_numbers(low + 1, counts)
         distance = measure_from_lines(points[rows], points[low][owner], points[high][owner])
         largest = np.maximum.reduceat(distance, begin)
         is_farthest = distance == largest[owner]

@@ -11,11 +11,10 @@ other one depends on the side on which it lies:
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 
 from camgen.geometry.intersect import find_crossings, find_near_pairs, only_at_ends
 from camgen.geometry.nesting import measure_loop_areas
@@ -25,6 +24,7 @@ from camgen.geometry.segments import (
     IntArray,
     Segments,
     concatenate,
+    concatenate_chains,
     reverse_segments,
     split_segments,
     tangents_at,
@@ -61,7 +61,9 @@ def find_slips(segments: Segments, following: IntArray, count: int) -> BoolArray
     first, second = first[curved], second[curved]
     may_cross = ~only_at_ends(segments, first, second)
     first, second = first[may_cross], second[may_cross]
-    pair, first_fraction, second_fraction = find_crossings(segments, first, second)
+    pair, first_fraction, second_fraction = find_crossings(
+        segments.take(first), segments.take(second)
+    )
     inner = _are_inner(segments, first[pair], first_fraction)
     inner &= _are_inner(segments, second[pair], second_fraction)
     result = np.zeros(count, dtype=bool)
@@ -114,18 +116,15 @@ def _find_crossings(segments: Segments, rows: IntArray) -> tuple[IntArray, Float
     Returns pairs of rows (C, 2), and the fraction (C,) at which each of the two is crossed.
     """
     table = segments.take(rows)
-    if not len(rows):
-        return np.zeros((0, 2), dtype=np.int64), np.zeros(0), np.zeros(0)
     i, j = find_near_pairs(table, table.owner)
-    pair, first, second = find_crossings(table, i, j)
+    pair, first, second = find_crossings(table.take(i), table.take(j))
     inner = _are_inner(table, i[pair], first) & _are_inner(table, j[pair], second)
     # Two crossings of a pair at one point are a touch.
     along = first * table.length[i[pair]]
     order = np.lexsort((along, pair))
     twice = (np.diff(pair[order]) == 0) & (np.diff(along[order]) < LEAST_SLIP)
     inner[order[:-1][twice]] = inner[order[1:][twice]] = False
-    crossed = np.column_stack([i[pair], j[pair]])[inner]
-    return rows[crossed], first[inner], second[inner]
+    return rows[np.column_stack([i[pair], j[pair]])[inner]], first[inner], second[inner]
 
 
 def _split_loop(
@@ -151,8 +150,7 @@ def _split_loop(
     high = np.where(last, 1.0, np.append(low[1:], 1.0))
     begin = find_run_starts(row)
     after = np.where(last, begin[np.searchsorted(rows, following[row])], np.arange(len(row)) + 1)
-    place_of = np.empty(len(order), dtype=np.int64)
-    place_of[order] = np.arange(len(order))
+    place_of = np.argsort(order)
     leaving_first = place_of[len(rows) : len(rows) + count]
     leaving_second = place_of[len(rows) + count :]
     after[leaving_first - 1], after[leaving_second - 1] = leaving_second, leaving_first
@@ -160,21 +158,15 @@ def _split_loop(
     return _Pieces(split_segments(segments, row, low, high), after, meet)
 
 
-def _make_loops(pieces: _Pieces) -> Iterable[Segments]:
-    """The loops of which a split loop consists, without those that lie inside the part."""
+def _make_loops(pieces: _Pieces) -> Iterator[Segments]:
+    """Yield the loops of which a split loop consists, without those that lie inside the part."""
     loops = list_chains(pieces.following)
-    tables, areas = [], []
-    for rows in loops:
-        table = pieces.segments.take(np.array(rows))
-        one_loop = replace(table, owner=np.zeros_like(table.owner))
-        tables.append(table)
-        areas.append(float(np.abs(measure_loop_areas(one_loop, 1))[0]))
+    tables = [pieces.segments.take(np.array(rows)) for rows in loops]
+    areas = np.abs(measure_loop_areas(concatenate_chains(tables), len(tables)))
     senses = _find_senses(pieces, loops, int(np.argmax(areas)))
-    result = []
     for table, sense in zip(tables, senses, strict=True):
         if sense:
-            result.append(reverse_segments(table)[0] if sense < 0 else table)
-    return result
+            yield reverse_segments(table)[0] if sense < 0 else table
 
 
 def _find_senses(pieces: _Pieces, loops: list[list[int]], largest: int) -> list[int]:
@@ -199,8 +191,7 @@ def _find_senses(pieces: _Pieces, loops: list[list[int]], largest: int) -> list[
                 # Straight on, the curve enters the other loop: on the right if the corner turns
                 # left.
                 corner = arrives[[arriving]], leaves[pieces.following[[arriving]]]
-                turn = measure_signed_angles(*corner)[0]
-                if turn * senses[loop] > 0:
+                if measure_signed_angles(*corner)[0] * senses[loop] > 0:
                     senses[neighbour] = -senses[loop]
                 reached.append(neighbour)
     return senses

@@ -82,8 +82,6 @@ def make_free_space(where: CellScene, setup: Setup) -> FreeSpace:
     """The free space of a cell, with the collision tests of motions along edges and links."""
 
     def test(near: float, several: Sequence[SampledMotion]) -> list[Blockage | float]:
-        if not several:
-            return []
         paths = follow_all(setup, several)
         rows = [path.joints for path in paths]
         with_margin = check_motions(where.with_margin, rows, FINE, near, APART)
@@ -111,8 +109,7 @@ def _find_blockage(
     collisions = []
     for scene, check in ((where.with_margin, with_margin), (where.work, working)):
         if check.hit:
-            pair = scene.pairs[check.pair]
-            collisions.append((check.at, where.scene.pairs.index(pair)))
+            collisions.append((check.at, where.scene.pairs.index(scene.pairs[check.pair])))
     if not collisions:
         return with_margin.clearance
     first, index = min(collisions)

@@ -74,13 +74,13 @@ def blend_corners(
         blend = _overlap(motions.length, sine, fast, tolerance, pace)
     else:
         blend = _zone(motions.length, sine, tolerance)
-    curved = (motions.curved[:-1] | motions.curved[1:]) & (blend > 0)
-    rows = np.flatnonzero(curved)
+    rows = np.flatnonzero((motions.curved[:-1] | motions.curved[1:]) & (blend > 0))
     if len(rows) and pace.corner in ("zone", "overlap"):
-        first, second = motions.pick(rows), motions.pick(rows + 1)
         # In paths in space `via` need not be the middle of an arc.
-        first = make_spans_through(first.start, first.via, first.end)
-        second = make_spans_through(second.start, second.via, second.end)
+        first, second = (
+            make_spans_through(spans.start, spans.via, spans.end)
+            for spans in (motions.pick(rows), motions.pick(rows + 1))
+        )
         pairs = Transitions(first, second, blend[rows], fast[rows])
         blend[rows] = _narrow(pairs, tolerance[rows], pace)
     return blend
@@ -128,8 +128,7 @@ def _narrow(pairs: Transitions, tolerance: FloatArray, pace: Dynamics) -> FloatA
         tried = Transitions(
             pairs.first.pick(rows), pairs.second.pick(rows), blend[rows], pairs.fast[rows]
         )
-        wide = measure_rounding(tried, pace) > tolerance[rows] + _ROUNDING
-        blend[rows[wide]] = smaller
+        blend[rows[measure_rounding(tried, pace) > tolerance[rows] + _ROUNDING]] = smaller
     return blend
 
 

@@ -1,7 +1,7 @@
 """Finds the pieces of an edge that the arm can work if it cannot work the whole edge.
 
 Stations along the edge, orientations of the tool and branches of the inverse kinematics form a
-ladder graph (`pose_covers`). Each chain of the best cover is examined as the robot runs it. A
+ladder graph (`pose_chains`). Each chain of the best cover is examined as the robot runs it. A
 stretch in which a chain fails is closed, and the best cover is searched again.
 """
 
@@ -20,13 +20,12 @@ from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, find_steps
-from camgen.motion.pose_covers import CoverChain, find_cover
+from camgen.motion.pose_chains import CHANGE, PoseChain, States, Steps, find_cover, find_steps
 from camgen.motion.pose_paths import Index, PosePath, count_parts, cut, divide, join
 from camgen.motion.reach import widest_grid
 from camgen.motion.search import (
     Grid,
-    Knots,
+    check_states,
     make_states,
     prove,
     thin_out,
@@ -44,7 +43,7 @@ from camgen.motion.setup import (
     compute_tip_feed,
 )
 from camgen.robots.kinematics.continuity import Choice, follow
-from camgen.robots.kinematics.joint_limits import list_turn_counts
+from camgen.robots.kinematics.joint_limits import ON_LIMIT, list_turn_counts
 from camgen.robots.models import Robot
 
 #: mm: shorter pieces are not worked.
@@ -66,8 +65,6 @@ _MAX_STRETCHES = 400
 _SAME_JOINTS = 1e-6
 #: Fraction of a time by which a joint may be late.
 _SAME_TIME = 1e-6
-#: rad or mm: a joint that is beyond its limit by less is at the limit.
-_ON_LIMIT = 1e-9
 #: Number of moves that may fail in a stretch before no chain runs through it.
 _FAILURES = 3
 #: Parts of the stretch beyond the end of a chain, by which the chain is extended.
@@ -99,7 +96,7 @@ class _Ladder(Struct, frozen=True, eq=False):
     too_fast: BoolArray
     late: float
 
-    def find_chains(self, setup: Setup) -> list[CoverChain]:
+    def find_chains(self, setup: Setup) -> list[PoseChain]:
         """The best cover of the edge by states that are free.
 
         All states of a station are checked if a chain is not free there.
@@ -156,7 +153,7 @@ class _Ladder(Struct, frozen=True, eq=False):
             self.late,
         )
 
-    def find_lone_states(self, chains: Sequence[CoverChain], setup: Setup) -> list[CoverChain]:
+    def find_lone_states(self, chains: Sequence[PoseChain], setup: Setup) -> list[PoseChain]:
         """Chains of one station each, at stations next to no chain that the arm can reach.
 
         A stretch that is twice as long as `_STATION_MM` may have no two stations.
@@ -176,15 +173,12 @@ class _Ladder(Struct, frozen=True, eq=False):
                 joints = self.states.joints[station, orientation, branch]
                 joints = joints + math.tau * self.states.table[turn]
                 chosen, none = np.array([orientation]), np.zeros(0, dtype=np.int64)
-                lone.append(CoverChain(station, chosen, none, int(branch), joints[None]))
+                lone.append(PoseChain(station, chosen, none, int(branch), joints[None]))
         return lone
 
     def _check(self, setup: Setup, stations: BoolArray) -> None:
         """Close the colliding states of some stations (K,)."""
-        tested = self.states.usable.any(axis=-1) & stations[:, None, None]
-        if tested.any():
-            free = setup.roomy(self.states.joints[tested])
-            self.states.usable[tested] &= free[:, None]
+        check_states(setup.roomy, self.states, np.flatnonzero(stations).tolist())
         self.checked[stations] = True
 
     def locate(self, station: float) -> tuple[int, float]:
@@ -217,14 +211,14 @@ class _Extension(Struct, frozen=True, eq=False):
 class _Piece(Struct, frozen=True, eq=False):
     """A chain with its pose path.
 
-    knots: the path, with a row at each station and at each end.
+    path: the pose path, with a row at each station and at each end.
     chain: the states at these rows.
     marks: places of these rows along the path of the whole edge, mm.
     trimmed: lengths of the edge before and after the piece, mm.
     segments: segment of the edge between each two rows.
     """
 
-    knots: Knots
+    path: PosePath
     chain: PoseChain
     marks: FloatArray
     trimmed: tuple[float, float]
@@ -232,7 +226,7 @@ class _Piece(Struct, frozen=True, eq=False):
 
     @classmethod
     def make(
-        cls, ladder: _Ladder, chain: CoverChain, before: _Extension, after: _Extension
+        cls, ladder: _Ladder, chain: PoseChain, before: _Extension, after: _Extension
     ) -> _Piece:
         """The piece of a chain that is extended at its ends."""
         ends = len(before.joints), len(after.joints)
@@ -245,16 +239,15 @@ class _Piece(Struct, frozen=True, eq=False):
         marks = np.array([ladder.measure(place, ladder.path.length) for place in places.tolist()])
         low, high = (ladder.measure(place, ladder.lengths) for place in (places[0], places[-1]))
         trimmed = low, max(float(ladder.lengths.sum()) - high, 0.0)
-        parts = np.ones(len(marks) - 1, dtype=np.int64)
         path = join([cut(ladder.path, *pair) for pair in pairwise(marks.tolist())])
         longer = PoseChain(
+            chain.first - ends[0],
             np.pad(chain.orientation, ends, mode="edge"),
             np.pad(chain.moves, ends),
             chain.branch,
             np.concatenate([before.joints, chain.joints, after.joints]),
-            0.0,
         )
-        return cls(Knots(path, path, parts), longer, marks, trimmed, segments)
+        return cls(path, longer, marks, trimmed, segments)
 
     def thin_out(self, ladder: _Ladder, motion: EdgeMotion) -> EdgeMotion:
         """The motion with the rows at which a segment ends or the orientation begins to change."""
@@ -265,21 +258,14 @@ class _Piece(Struct, frozen=True, eq=False):
         return replace(thin_out(motion, kept, thin), trimmed=self.trimmed)
 
 
-class _Lengthened(Struct, frozen=True, eq=False):
-    """A proven motion.
-
-    motion: the motion of a chain and of its extensions.
-    beyond: fraction of the stretch after the chain that it uses.
-    """
-
-    motion: EdgeMotion
-    beyond: float
+#: The motion of a chain and of its extensions, and the fraction of the stretch after it in use.
+_Lengthened = tuple[EdgeMotion, float]
 
 
 class _Failure(Struct, frozen=True, eq=False):
     """A chain without a motion, and the number of its stretch that fails."""
 
-    chain: CoverChain
+    chain: PoseChain
     stretch: int
 
 
@@ -337,8 +323,7 @@ class Coverage(Struct, frozen=True, eq=False):
         if folded is None:
             folded = np.zeros(len(lengths), dtype=np.bool_)
         result = self._find(line, path, lengths, folded, _STATION_TURN)
-        missing = line.length - result.measure(line)
-        if missing < SHORTEST_MM or result.late < _MOSTLY:
+        if line.length - result.measure(line) < SHORTEST_MM or result.late < _MOSTLY:
             return result
         wide = self._find(line, path, lengths, folded, _WIDE_TURN)
         return wide if wide.measure(line) > result.measure(line) + SAME_POINT_MM else result
@@ -401,9 +386,7 @@ class Coverage(Struct, frozen=True, eq=False):
         is_possible, is_in_time = np.isfinite(transitions.time), np.isfinite(in_time)
         too_fast = np.asarray(is_possible.any(axis=(1, 2, 3)) & ~is_in_time.any(axis=(1, 2, 3)))
         late = 1 - int(is_in_time.sum()) / max(int(is_possible.sum()), 1)
-        transitions = replace(transitions, time=in_time)
         states.open[folded[list_owners(parts)]] = False
-        checked = np.zeros(len(stations), dtype=np.bool_)
         return _Ladder(
             path,
             lengths,
@@ -411,8 +394,8 @@ class Coverage(Struct, frozen=True, eq=False):
             parts,
             stations,
             states,
-            transitions,
-            checked,
+            replace(transitions, time=in_time),
+            np.zeros(len(stations), dtype=np.bool_),
             too_fast,
             late,
         )
@@ -437,7 +420,7 @@ class Coverage(Struct, frozen=True, eq=False):
         self,
         name: str,
         ladder: _Ladder,
-        chains: list[CoverChain],
+        chains: list[PoseChain],
         choice: Grid,
         known: dict[_ChainKey, _Lengthened],
     ) -> list[EdgeMotion] | _Failure:
@@ -462,15 +445,16 @@ class Coverage(Struct, frozen=True, eq=False):
                 if isinstance(proved, _Failure):
                     return proved
                 known[key] = proved
-            motions.append(known[key].motion)
-            free = chain.last + known[key].beyond
+            motion, beyond = known[key]
+            motions.append(motion)
+            free = chain.last + beyond
         return motions
 
     def _lengthen(
         self,
         name: str,
         ladder: _Ladder,
-        chain: CoverChain,
+        chain: PoseChain,
         choice: Grid,
         room: tuple[int, int],
     ) -> _Lengthened | _Failure | None:
@@ -492,7 +476,7 @@ class Coverage(Struct, frozen=True, eq=False):
             if isinstance(proved, EdgeMotion):
                 late = self._find_too_fast(ladder, piece)
                 if not len(late):
-                    return _Lengthened(piece.thin_out(ladder, proved), ends[1].share)
+                    return piece.thin_out(ladder, proved), ends[1].share
                 failed = int(late[0])
             else:
                 failed = proved - len(ends[0].joints)
@@ -505,7 +489,7 @@ class Coverage(Struct, frozen=True, eq=False):
         tilt, stretches = self.freedom.tilt, len(piece.segments)
         # Between two stations the turns next to home may be beyond a limit.
         for chain in (_turn_to_home(self.setup.robot, piece.chain), piece.chain):
-            proved = prove(self.setup, name, piece.knots, choice, chain, tilt)
+            proved = prove(self.setup, name, piece.path, choice, chain, tilt)
             if isinstance(proved, EdgeMotion) or proved[1]:
                 break
         if not isinstance(proved, EdgeMotion):
@@ -513,20 +497,19 @@ class Coverage(Struct, frozen=True, eq=False):
         motion = SampledMotion(proved.sampled_joints, proved.sampled_path)
         (hit,) = self.space.find_blockages([motion])
         if isinstance(hit, Blockage):
-            failed = int(np.searchsorted(proved.at, hit.at, "right")) - 1
-            return min(failed, stretches - 1)
+            return min(int(np.searchsorted(proved.at, hit.at, "right")), stretches) - 1
         return proved
 
     def _find_too_fast(self, ladder: _Ladder, piece: _Piece) -> Index:
         """The stretches that take a joint longer than the tool at the feed of the piece."""
-        length = piece.knots.path.length
+        length = piece.path.length
         along_edge = float(ladder.lengths.sum()) - sum(piece.trimmed)
         feed = compute_tip_feed(length.sum() / along_edge, self.process)
         moved = np.abs(np.diff(piece.chain.joints, axis=0)) / self.setup.robot.fastest
         return np.flatnonzero(moved.max(axis=1) > (1 + _SAME_TIME) * length / feed)
 
     def _extend(
-        self, ladder: _Ladder, chain: CoverChain, choice: Grid, end: int, parts: int
+        self, ladder: _Ladder, chain: PoseChain, choice: Grid, end: int, parts: int
     ) -> _Extension:
         """The extension of a chain beyond an end, in the orientation at that end.
 
@@ -562,8 +545,7 @@ def _divide_evenly(path: PosePath, turn: float) -> Index:
 
     turn: largest turn of the tool between two stations, rad.
     """
-    step = max(_STATION_MM, float(path.length.sum()) / _MAX_STRETCHES)
-    return count_parts(path, step, turn)
+    return count_parts(path, max(_STATION_MM, float(path.length.sum()) / _MAX_STRETCHES), turn)
 
 
 def _close(ladder: _Ladder, failure: _Failure, failures: Index) -> None:
@@ -584,15 +566,15 @@ def _close(ladder: _Ladder, failure: _Failure, failures: Index) -> None:
 def _turn_to_home(robot: Robot, chain: PoseChain) -> PoseChain:
     """The chain, moved next to home by whole turns, within the limits of its joints."""
     low, high = chain.joints.min(axis=0), chain.joints.max(axis=0)
-    lower = np.ceil((robot.limits[:, 0] - _ON_LIMIT - low) / math.tau)
-    upper = (robot.limits[:, 1] + _ON_LIMIT - high) // math.tau
+    lower = np.ceil((robot.limits[:, 0] - ON_LIMIT - low) / math.tau)
+    upper = (robot.limits[:, 1] + ON_LIMIT - high) // math.tau
     whole = np.clip(np.rint((robot.home - (low + high) / 2) / math.tau), lower, upper)
     return replace(
         chain, joints=chain.joints + math.tau * whole * list_turn_counts(robot).any(axis=0)
     )
 
 
-def _choose_start(chains: list[CoverChain], last: int) -> int:
+def _choose_start(chains: list[PoseChain], last: int) -> int:
     """The station at which the motions along a closed edge should begin: in the longest gap.
 
     last: number of the last station, which is at the position of the first.

@@ -116,6 +116,5 @@ def _name(line: Line) -> str:
 
 
 def _describe(line: Line) -> str:
-    if isinstance(line, Edge):
-        return f"edge {line.id}, {line.kind} of {short(line.length, 1)} mm"
-    return f"curve {line.id}, {short(line.length, 1)} mm"
+    kind = f"{line.kind} of " if isinstance(line, Edge) else ""
+    return f"{_name(line)}, {kind}{short(line.length, 1)} mm"

@@ -9,11 +9,17 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import astuple
 
-from camgen.geometry.ragged import compute_offsets, select_distinct
+from camgen.geometry.ragged import (
+    compute_offsets,
+    concatenate_columns,
+    count_rows,
+    select_distinct,
+)
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
-from camgen.motion.pose_paths import Index, PosePath, PoseSampler
+from camgen.motion.pose_paths import Index, PosePath, sample_poses
 from camgen.motion.setup import SampledMotion, Setup, compute_flange_poses
 from camgen.robots.kinematics.inverse import find_nearest
 
@@ -52,7 +58,7 @@ def follow_closely(
     at = np.arange(len(joints), dtype=np.float64)
     is_open: BoolArray = np.asarray(on_path, dtype=bool)
     lost: list[FloatArray] = []
-    sampler = PoseSampler.make(path)
+    spans, turns = path.spans, path.turn_vectors
     for _ in range(_HALVINGS):
         before = np.flatnonzero(is_open)
         if not len(before):
@@ -60,7 +66,8 @@ def follow_closely(
         kept = compute_offsets(1 + is_open)
         middle, place = kept[before] + 1, (at[before] + at[before + 1]) / 2
         even = (joints[before] + joints[before + 1]) / 2
-        exact = find_nearest(setup.robot, *compute_flange_poses(setup, *sampler.poses(place)), even)
+        poses = compute_flange_poses(setup, *sample_poses(path, spans, turns, place))
+        exact = find_nearest(setup.robot, *poses, even)
         is_missing: BoolArray = np.asarray(np.isnan(exact).any(axis=1))
         lost.append(at[before[is_missing]])
         exact = np.where(is_missing[:, None], even, exact)
@@ -79,36 +86,26 @@ def _insert(old: FloatArray, kept: Index, middle: Index, added: FloatArray) -> F
 
 
 def follow_all(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointPath]:
-    """The joint path of each of several motions, computed together."""
+    """The joint path of each of several motions. Pose paths are followed as one, with seams."""
     none = np.zeros(0, np.int64)
-    paths = [
+    followed = [
         JointPath(motion.joints, np.arange(len(motion.joints), dtype=np.float64), none)
         for motion in motions
     ]
     on_paths = [k for k, motion in enumerate(motions) if motion.pose_path is not None]
-    followed = _follow_paths(setup, [motions[k] for k in on_paths])
-    for k, joint_path in zip(on_paths, followed, strict=True):
-        paths[k] = joint_path
-    return paths
-
-
-def _follow_paths(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointPath]:
-    """The joint paths of motions along pose paths, computed as one pose path with seams."""
-    if not motions:
-        return []
+    if not on_paths:
+        return followed
     paths = [motion.pose_path for motion in motions if motion.pose_path is not None]
-    first = compute_offsets(list(map(len, paths)))
-    columns = zip(*((path.position, path.via, path.rotation) for path in paths), strict=True)
-    whole = PosePath(*map(np.concatenate, columns))
+    first = compute_offsets(count_rows(paths))
+    whole = PosePath(*concatenate_columns(map(astuple, paths)))
     on_path = np.ones(len(whole) - 1, dtype=bool)
     on_path[first[1:-1] - 1] = False
-    joints = np.concatenate([motion.joints for motion in motions])
+    joints = np.concatenate([motions[k].joints for k in on_paths])
     joined = follow_closely(setup, whole, joints, on_path)
     # The seam from one path to the next has no rows in between.
     ends = np.searchsorted(joined.at, first - 0.5)
-    followed = []
-    for begin, end, low, high in zip(first[:-1], first[1:], ends[:-1], ends[1:], strict=True):
-        lost = joined.lost[(joined.lost >= begin) & (joined.lost < end)]
-        at = joined.at[low:high] - begin
-        followed.append(JointPath(joined.joints[low:high], at, lost - begin))
+    for number, k in enumerate(on_paths):
+        begin, rows = first[number], slice(*ends[number : number + 2])
+        lost = joined.lost[(joined.lost >= begin) & (joined.lost < first[number + 1])]
+        followed[k] = JointPath(joined.joints[rows], joined.at[rows] - begin, lost - begin)
     return followed

@@ -71,8 +71,7 @@ class MotionLimits(Struct, frozen=True, eq=False):
             moved = np.abs(start[..., :, None, joint] - end[..., None, :, joint])
             # A joint that reaches its speed takes the time of the way and of one acceleration.
             full = moved >= speed * speed / acceleration
-            time = moved / speed + speed / acceleration
-            np.maximum(long, np.where(full, time, 0.0), out=long)
+            np.maximum(long, np.where(full, moved / speed + speed / acceleration, 0.0), out=long)
             np.maximum(short, moved / acceleration, out=short)
         joints = np.maximum(2 * np.sqrt(short), long)
         tool = time_from_rest(np.asarray(length), self.speed, self.acceleration)
@@ -84,8 +83,9 @@ def make_limits(robot: Robot, dynamics: Dynamics, speed: float) -> MotionLimits:
 
     speed: maximum speed of the TCP, mm/s.
     """
-    accelerations = _choose_accelerations(robot, dynamics.ramp)
-    return MotionLimits(robot.fastest, accelerations, speed, dynamics.acceleration)
+    return MotionLimits(
+        robot.fastest, _choose_accelerations(robot, dynamics.ramp), speed, dynamics.acceleration
+    )
 
 
 def _choose_accelerations(robot: Robot, ramp: float) -> FloatArray:
@@ -146,13 +146,17 @@ def choose_link_speeds(
     dynamics: dynamics of the controller.
     pressed: whether an edge is left and approached with a force.
     """
-    part, acceleration = process.travel_speed, dynamics.acceleration
+    free, share = min(dynamics.fastest, REDUCED_SPEED), dynamics.max_fraction
     if process.travel:
-        return LinkSpeeds(part, process.travel, 0.0, acceleration, pressed, ramp=dynamics.ramp)
-    free = min(dynamics.fastest, REDUCED_SPEED)
-    points = limit_points(process)
+        free, share = process.travel, 0.0
     return LinkSpeeds(
-        part, free, dynamics.max_fraction, acceleration, pressed, points, dynamics.ramp
+        process.travel_speed,
+        free,
+        share,
+        dynamics.acceleration,
+        pressed,
+        limit_points(process),
+        dynamics.ramp,
     )
 
 
@@ -188,14 +192,13 @@ def compute_line_speeds(
     at: (N,) the samples at which segments begin and end.
     """
     slowest = (_peak_rates(joints, dense.length, at) / setup.robot.fastest).max(axis=1)
-    with np.errstate(divide="ignore"):
-        by_joints = np.minimum.reduceat(1.0 / slowest, at[:-1])
     reached = np.sqrt(speeds.acceleration * np.add.reduceat(dense.length, at[:-1]))
     allowed = np.asarray(speeds.part if speeds.pressed else speeds.free)
-    if math.isfinite(speeds.point):
-        with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore"):
+        by_joints = np.minimum.reduceat(1.0 / slowest, at[:-1])
+        if math.isfinite(speeds.point):
             by_points = speeds.point * dense.length / setup.measure_apart(joints[:-1], joints[1:])
-        allowed = np.minimum(allowed, np.minimum.reduceat(by_points, at[:-1]))
+            allowed = np.minimum(allowed, np.minimum.reduceat(by_points, at[:-1]))
     speed = np.minimum(np.minimum(by_joints, reached), allowed)
     return frozen(np.where(speed >= _WHOLE, np.floor(speed), speed))
 

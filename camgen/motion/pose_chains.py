@@ -1,8 +1,13 @@
-"""The cheapest chain of orientations, branches and turn counts along an edge.
+"""Chains of orientations, branches and turn counts along an edge, by dynamic programming.
 
-It is found by dynamic programming, as in `camgen.robots.kinematics.continuity` for one orientation
-per row. Here each row has many, and from one row to the next the orientation stays or changes to a
-neighbour in the grid. Away from singularities a branch never becomes another one.
+They are the cheapest chain along the whole edge, and chains that cover as much of it as possible:
+such a chain may end at any row and another one may begin, for a price. The states of the rows and
+the steps between them form a ladder graph, as in Descartes
+(github:ros-industrial-consortium/descartes_light).
+
+The method is that of `camgen.robots.kinematics.continuity` for one orientation per row. Here each
+row has many, and from one row to the next the orientation stays or changes to a neighbour in the
+grid. Away from singularities a branch never becomes another one.
 """
 
 from __future__ import annotations
@@ -23,20 +28,25 @@ CHANGE = 0.05
 
 
 class PoseChain(Struct, frozen=True, eq=False):
-    """A chain of states through K rows.
+    """A chain of states from a row to a later one.
 
-    orientation: (K,) indices of orientations in the grid.
-    moves: (K - 1,) moves of the grid from row to row.
+    first: row at which it begins.
+    orientation: (N,) orientations at its rows, indices into the grid.
+    moves: (N - 1,) moves of the grid from row to row.
     branch: branch of the inverse kinematics.
-    joints: (K, J) joint values.
-    cost: s.
+    joints: (N, J) joint values at its rows.
     """
 
+    first: int
     orientation: Index
     moves: Index
     branch: int
     joints: FloatArray
-    cost: float
+
+    @property
+    def last(self) -> int:
+        """The row at which it ends."""
+        return self.first + len(self.moves)
 
 
 class States(Struct, frozen=True, eq=False):
@@ -138,7 +148,7 @@ def find_cheapest_chain(
 ) -> PoseChain | None:
     """The chain of least cost from joint values `start` (J,), None if there is no chain.
 
-    Its cost is the sum of the times of its steps, in which the slowest joint counts, of the changes
+    The cost is the sum of the times of its steps, in which the slowest joint counts, of the changes
     of orientation, and of the mean cost of its orientations.
     """
     if not states.usable.any(axis=(1, 2, 3)).all():
@@ -153,8 +163,7 @@ def find_cheapest_chain(
         used = np.flatnonzero(usable)
         state, turn = used // turns, used % turns
         if row:
-            total = add_steps(cost, states, steps, row, used)
-            least = total.min(axis=0)
+            least = add_steps(cost, states, steps, row, used).min(axis=0)
             costs.append(cost)
             cost = np.full(cost.shape, math.inf)
         else:
@@ -170,8 +179,7 @@ def _trace(states: States, steps: Steps, cost: FloatArray, costs: list[FloatArra
 
     cost, costs: (C, B, T + 1) s, of the last row, and of each row before it.
     """
-    end = np.unravel_index(int(cost.argmin()), cost.shape)
-    orientation, branch, turns = map(int, end)
+    orientation, branch, turns = map(int, np.unravel_index(int(cost.argmin()), cost.shape))
     chain, moves = [(orientation, turns)], []
     for row in reversed(range(len(costs))):
         sources = states.moves[:, orientation]
@@ -184,6 +192,100 @@ def _trace(states: States, steps: Steps, cost: FloatArray, costs: list[FloatArra
         moves.append(move)
     chosen, turned = np.array(chain[::-1]).T
     joints = states.joints[np.arange(len(chosen)), chosen, branch] + math.tau * states.table[turned]
-    return PoseChain(
-        chosen, np.array(moves[::-1], dtype=np.int64), branch, joints, float(cost.min())
-    )
+    return PoseChain(0, chosen, np.array(moves[::-1], dtype=np.int64), branch, joints)
+
+
+# Chains that cover as much of an edge as possible.
+
+#: mm: value of a second of joint motion, or of the cost of an orientation.
+_MM_PER_SECOND = 0.02
+
+
+class _Rows(Struct, frozen=True, eq=False):
+    """The best partial covers at the K rows.
+
+    moves: (C, B, T) at each row, the move by which the last chain comes to a state, `_BEGINS` if
+        the chain begins there.
+    ending: index among the C * B * T states of the one in which the best cover that ends at each
+        row ends.
+    best: (K + 1,) value of the best cover of the rows before each, and of all, mm.
+    """
+
+    moves: list[NDArray[np.int8]]
+    ending: list[int]
+    best: FloatArray
+
+
+#: The move of a chain that begins.
+_BEGINS = -1
+
+
+def find_cover(
+    states: States, transitions: Steps, lengths: FloatArray, price: float
+) -> list[PoseChain]:
+    """The chains, in order, that together cover the largest length minus a price for each chain.
+
+    lengths: (K - 1,) length from row to row, mm.
+    price: length that a chain must cover at least, mm.
+    """
+    if not states.usable.any():
+        return []
+    row_cost = _MM_PER_SECOND / len(states.joints) * states.cost
+    rows = _Rows([], [], np.zeros(len(states.joints) + 1))
+    count, branches, turns = states.usable.shape[1:]
+    # The values of the states of a row are in one line. Each branch has one more, for no state.
+    values = np.full(count * branches * (turns + 1), -math.inf)
+    for row, usable in enumerate(states.usable):
+        # Few states are usable if joints may turn more than once.
+        used = np.flatnonzero(usable)
+        cost = row_cost[used // (branches * turns)]
+        value, move = np.full(len(used), -math.inf), np.full(len(used), _BEGINS, dtype=np.int8)
+        if row and len(used):
+            total = add_steps(values, states, transitions, row, used, -_MM_PER_SECOND)
+            best = total.argmax(axis=0)
+            value, move = total[best, np.arange(len(used))], best.astype(np.int8)
+            value += lengths[row - 1]
+            value -= cost
+        # A row without usable states ends no chain.
+        ended = np.append(value, -math.inf)
+        end = int(ended.argmax())
+        rows.ending.append(int(np.append(used, 0)[end]))
+        rows.best[row + 1] = max(rows.best[row], ended[end])
+        start = rows.best[row + 1] - price - cost
+        move[start > value] = _BEGINS
+        moves = np.full(usable.shape, _BEGINS, dtype=np.int8)
+        moves.flat[used] = move
+        rows.moves.append(moves)
+        values = np.full(len(values), -math.inf)
+        values[used + used // turns] = np.maximum(value, start)
+    return _trace_cover(rows, states, transitions)
+
+
+def _trace_cover(rows: _Rows, states: States, transitions: Steps) -> list[PoseChain]:
+    """The chains of the best cover of all rows."""
+    chains: list[PoseChain] = []
+    row = len(rows.ending) - 1
+    while row > 0:
+        if rows.best[row + 1] == rows.best[row]:
+            row -= 1
+            continue
+        chain = _trace_chain(rows, states, transitions, row)
+        chains.append(chain)
+        row = chain.first
+    return chains[::-1]
+
+
+def _trace_chain(rows: _Rows, states: States, transitions: Steps, row: int) -> PoseChain:
+    ending = rows.ending[row]
+    orientation, branch, turn = map(int, np.unravel_index(ending, states.usable.shape[1:]))
+    passed, moves = [(orientation, turn)], []
+    while (move := int(rows.moves[row][orientation, branch, turn])) != _BEGINS:
+        turn = int(transitions.before[row - 1, move, orientation, branch, turn])
+        orientation = int(states.moves[move, orientation])
+        row -= 1
+        passed.append((orientation, turn))
+        moves.append(move)
+    chosen, turned = np.array(passed[::-1]).T
+    joints = states.joints[row + np.arange(len(chosen)), chosen, branch]
+    joints = joints + math.tau * states.table[turned]
+    return PoseChain(row, chosen, np.array(moves[::-1], dtype=np.int64), branch, joints)

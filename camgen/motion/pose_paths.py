@@ -65,6 +65,12 @@ class PosePath(Struct, frozen=True, eq=False, dict=True):
         return frozen(measure_spans(self.position, self.via[1:]))
 
     @cached_property
+    def turn_vectors(self) -> FloatArray:
+        """(N - 1, 3) rotation vector of each segment in the tool frame at its start, rad."""
+        turns = np.swapaxes(self.rotation[:-1], 1, 2) @ self.rotation[1:]
+        return frozen(compute_rotation_vectors(turns))
+
+    @cached_property
     def turn(self) -> FloatArray:
         """(N - 1,) angle by which the tool rotates in each segment, rad."""
         return frozen(measure_angles_between(self.rotation[:-1], self.rotation[1:]))
@@ -96,33 +102,19 @@ def divide(path: PosePath, parts: Index) -> PosePath:
     return PosePath(frozen(position), frozen(via), frozen(rotation))
 
 
-class PoseSampler(Struct, frozen=True, eq=False):
-    """A pose path, prepared for sampling at many places.
+def sample_poses(
+    path: PosePath, spans: Spans, turns: FloatArray, at: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Positions (K, 3) and rotations (K, 3, 3) of the tool at places `at` (K,) in rows.
 
-    path: the pose path.
-    spans: its segments.
-    turn: (N - 1, 3) rotation vector of each segment in the tool frame at its start, rad.
+    2.25 is a quarter of the way from row 2 to row 3.
+
+    spans, turns: `path.spans` and `path.turn_vectors`, which are computed once for several calls.
     """
-
-    path: PosePath
-    spans: Spans
-    turn: FloatArray
-
-    @classmethod
-    def make(cls, path: PosePath) -> PoseSampler:
-        """The sampler of a pose path."""
-        turn = compute_rotation_vectors(np.swapaxes(path.rotation[:-1], 1, 2) @ path.rotation[1:])
-        return cls(path, path.spans, turn)
-
-    def poses(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions (K, 3) and rotations (K, 3, 3) of the tool at places `at` (K,) in rows.
-
-        2.25 is a quarter of the way from row 2 to row 3.
-        """
-        segment = np.minimum(at.astype(np.int64), len(self.turn) - 1)
-        fraction = at - segment
-        turned = make_rotations_from_vectors(self.turn[segment] * fraction[:, None])
-        return self.spans.point(fraction, segment), self.path.rotation[segment] @ turned
+    segment = np.minimum(at.astype(np.int64), len(turns) - 1)
+    fraction = at - segment
+    turned = make_rotations_from_vectors(turns[segment] * fraction[:, None])
+    return spans.point(fraction, segment), path.rotation[segment] @ turned
 
 
 def cut(path: PosePath, low: float, high: float) -> PosePath:

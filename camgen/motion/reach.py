@@ -29,7 +29,6 @@ from camgen.motion.setup import (
 from camgen.robots.kinematics.continuity import Choice, follow_each
 from camgen.robots.kinematics.reasons import explain_stuck
 
-_NONE = OrientationFreedom()
 #: Fraction of the tilt that rows on arcs may have. The tool axis leans more between two rows.
 _ON_ARCS = 0.9
 #: Edges that are computed together in the nominal orientation: bounds the memory.
@@ -42,7 +41,7 @@ _Result = EdgeMotion | UnreachableEdge
 def reach_paths(
     paths: Iterable[tuple[Line, PosePath | UnreachableEdge]],
     setup: Setup,
-    freedom: OrientationFreedom = _NONE,
+    freedom: OrientationFreedom = OrientationFreedom(),  # noqa: B008 (frozen)
     on_progress: Callable[[int], None] = lambda _: None,
 ) -> tuple[_Result, ...]:
     """The motion of the arm along each pose path, or the reason for none.

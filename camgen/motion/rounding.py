@@ -130,8 +130,7 @@ def _overlap(
     time = np.linspace(0.0, 1.0, _POINTS) * np.maximum(*seconds)
     left = acceleration / 2 * np.maximum(seconds[0] - time, 0.0) ** 2
     ramp = np.minimum(time, seconds[1])
-    run = acceleration * ramp * (time - ramp / 2)
-    return _add(transitions, left, run)
+    return _add(transitions, left, acceleration * ramp * (time - ramp / 2))
 
 
 def _add(transitions: Transitions, left: FloatArray, run: FloatArray) -> FloatArray:
@@ -199,12 +198,8 @@ def _tangents_at(motion: Spans, length: FloatArray, *, end: bool) -> tuple[Float
 
 def _measure_deviation(transitions: Transitions, path: FloatArray) -> FloatArray:
     """(K,) distance, mm, between executed paths (K, P, 3) and the programmed ones."""
-    from_first, from_second = (
-        _distance(transitions.first, path),
-        _distance(transitions.second, path),
-    )
-    distance = np.minimum(from_first, from_second).max(axis=1)
-    return np.asarray(np.maximum(distance, _measure_pass(path, transitions.first.end)))
+    nearest = np.minimum(_distance(transitions.first, path), _distance(transitions.second, path))
+    return np.asarray(np.maximum(nearest.max(axis=1), _measure_pass(path, transitions.first.end)))
 
 
 def _measure_pass(path: FloatArray, corner: FloatArray) -> FloatArray:
@@ -227,10 +222,8 @@ def _distance(motion: Spans, points: FloatArray) -> FloatArray:
 
 def _distance_to_lines(motion: Spans, points: FloatArray) -> FloatArray:
     arm = points - motion.start[:, None]
-    along = add_coordinates(arm * motion.along[:, None])
-    along = np.clip(along, 0.0, motion.length[:, None])
-    offset = arm - along[..., None] * motion.along[:, None]
-    return np.asarray(measure_lengths(offset))
+    along = np.clip(add_coordinates(arm * motion.along[:, None]), 0.0, motion.length[:, None])
+    return measure_lengths(arm - along[..., None] * motion.along[:, None])
 
 
 def _distance_to_arcs(arcs: Spans, points: FloatArray) -> FloatArray:

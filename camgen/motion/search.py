@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import product
 
@@ -28,7 +28,7 @@ from camgen.motion.setup import (
     count_samples,
 )
 from camgen.robots.kinematics import iterative as damped
-from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.continuity import Choice, find_needed, follow
 from camgen.robots.kinematics.inverse import compute_solutions
 from camgen.robots.kinematics.joint_limits import (
     are_turned_within_limits,
@@ -173,19 +173,6 @@ _ROWS_FIRST = 2
 _TRIES = 40
 
 
-class Knots(Struct, frozen=True, eq=False):
-    """A pose path divided into the rows of the search.
-
-    whole: the pose path.
-    path: the divided one.
-    parts: number of parts of each segment of the whole path.
-    """
-
-    whole: PosePath
-    path: PosePath
-    parts: Index
-
-
 def search(
     setup: Setup, edge: str, path: PosePath, grid: Grid, max_lean: float
 ) -> EdgeMotion | str:
@@ -198,8 +185,8 @@ def search(
     max_lean: largest tilt of the tool axis, between rows too, rad.
     """
     parts = count_parts(path, _ROW_MM, _ROW_TURN)
-    knots = Knots(path, divide(path, parts), parts)
-    states = make_states(setup, knots.path, grid)
+    rows = divide(path, parts)
+    states = make_states(setup, rows, grid)
     transitions = find_steps(setup.robot, states, _KNOT_JUMP)
     checked: set[int] = set()
     collision = ""
@@ -208,9 +195,9 @@ def search(
         collision = obstacle or collision
         if chain is None:
             break
-        proved = prove(setup, edge, knots, grid, chain, max_lean)
+        proved = prove(setup, edge, rows, grid, chain, max_lean)
         if isinstance(proved, EdgeMotion):
-            return thin_out(proved, *_choose_rows(knots, chain))
+            return thin_out(proved, *_choose_rows(path, parts, chain))
         stretch, obstacle = proved
         collision = obstacle or collision
         move, orientation = int(chain.moves[stretch]), int(chain.orientation[stretch + 1])
@@ -238,7 +225,7 @@ def _choose_clear(
         unchecked.sort(key=lambda row: int(states.usable[row].any(axis=-1).sum()))
         for batch in (unchecked[:_ROWS_FIRST], unchecked[_ROWS_FIRST:]):
             if batch:
-                check_states(setup, states, batch)
+                check_states(setup.clear, states, batch)
             if not states.usable[batch].any(axis=(1, 2, 3)).all():
                 return None, collision
         checked |= set(unchecked)
@@ -246,9 +233,9 @@ def _choose_clear(
 
 
 def make_states(
-    setup: Setup, knots: PosePath, grid: Grid, pieces_jump: float | None = None
+    setup: Setup, path: PosePath, grid: Grid, pieces_jump: float | None = None
 ) -> States:
-    """The states of the rows of `knots`, and the orientations that can stay from row to row.
+    """The states of the rows of `path`, and the orientations that can stay from row to row.
 
     pieces_jump: largest angle of a joint from row to row, rad, if pieces of the path are searched.
         A joint that cannot pass half a turn needs no other turn counts: it can run everything about
@@ -256,8 +243,8 @@ def make_states(
         are kept.
     """
     robot, table, is_whole = setup.robot, list_turn_counts(setup.robot), pieces_jump is None
-    parts = count_parts(knots, _SAMPLE_MM, _SAMPLE_TURN)
-    at, samples = compute_offsets(parts), divide(knots, parts)
+    parts = count_parts(path, _SAMPLE_MM, _SAMPLE_TURN)
+    at, samples = compute_offsets(parts), divide(path, parts)
     orientations = samples.rotation[:, None] @ grid.nominal_from_tool
     goal = compute_flange_poses(setup, samples.position[:, None], orientations)
     joints = find_solutions(robot, *goal, grid.moves)
@@ -274,8 +261,7 @@ def make_states(
     columns = np.flatnonzero(reaches.all(axis=0) if is_whole else reaches.any(axis=0))
     joints, usable = joints[:, :, columns], usable[:, :, columns] & stands[:, :, columns, None]
     safe = _are_safe(robot, joints)
-    limit = np.abs(table[usable.any(axis=(0, 1, 2))]).max(axis=0, initial=0)
-    is_needed = (np.abs(table) <= limit).all(axis=1)
+    is_needed = find_needed(table, usable)
     table, usable = table[is_needed], usable[..., is_needed]
     opened = np.ones((len(parts), len(grid.moves), *usable.shape[1:]), dtype=bool)
     opened[:, 0] = _can_stay(robot, joints, safe, parts, table)
@@ -355,27 +341,32 @@ def can_stand(setup: Setup, position: FloatArray, rotation: FloatArray, grid: Gr
     return stands
 
 
-def check_states(setup: Setup, states: States, rows: Sequence[int]) -> None:
-    """Remove the colliding states of some rows from `states.usable`."""
-    stands = states.usable[rows].any(axis=-1)
-    clear = np.zeros(stands.shape, dtype=bool)
-    clear[stands] = setup.clear(states.joints[rows][stands])
-    states.usable[rows] &= clear[..., None]
+def check_states(
+    are_clear: Callable[[FloatArray], BoolArray], states: States, rows: Sequence[int]
+) -> None:
+    """Remove the colliding states of some rows from `states.usable`.
+
+    are_clear: a test of joint values, such as `Setup.clear`.
+    """
+    stands = np.asarray(states.usable[rows].any(axis=-1))
+    if stands.any():
+        stands[stands] = are_clear(states.joints[rows][stands])
+        states.usable[rows] &= stands[..., None]
 
 
 def prove(
-    setup: Setup, edge: str, knots: Knots, grid: Grid, chain: PoseChain, max_lean: float
+    setup: Setup, edge: str, nominal: PosePath, grid: Grid, chain: PoseChain, max_lean: float
 ) -> EdgeMotion | tuple[int, str]:
     """The motion of a chain as the robot runs it, at dense samples.
 
     If it fails, the index of the first stretch at which it does, and the obstacle; empty if it does
     not collide.
 
+    nominal: pose path with a row for each state of the chain, in the nominal orientation.
     max_lean: argument of `search`.
     """
-    actual = replace(
-        knots.path, rotation=frozen(knots.path.rotation @ grid.nominal_from_tool[chain.orientation])
-    )
+    turned = nominal.rotation @ grid.nominal_from_tool[chain.orientation]
+    actual = replace(nominal, rotation=frozen(turned))
     parts = count_samples(actual)
     dense, at = divide(actual, parts), compute_offsets(parts)
     joints = follow(
@@ -390,7 +381,7 @@ def prove(
     hit = np.flatnonzero(~setup.clear(joints.joints))
     if len(hit):
         return _stretch(at, int(hit[0])), setup.hit(joints.joints[hit[0]])
-    tilt, roll = measure_lean(divide(knots.path, parts).rotation, dense.rotation)
+    tilt, roll = measure_lean(divide(nominal, parts).rotation, dense.rotation)
     # Between two rows on an arc the axis leans more if their tilts or rolls differ.
     steep = np.flatnonzero(tilt > max(max_lean, _CUT) + _EVEN)
     if len(steep):
@@ -421,13 +412,15 @@ def _stretch(at: Index, row: int) -> int:
     return int(np.clip(np.searchsorted(at, row) - 1, 0, len(at) - 2))
 
 
-def _choose_rows(knots: Knots, chain: PoseChain) -> tuple[Index, PosePath]:
+def _choose_rows(path: PosePath, parts: Index, chain: PoseChain) -> tuple[Index, PosePath]:
     """The rows that the program needs, and the nominal pose path with these.
 
     They are the ends of all segments, and all rows of segments in which the orientation changes.
+
+    parts: number of parts of each segment of the path between the rows of the chain.
     """
-    at = compute_offsets(knots.parts)
+    at = compute_offsets(parts)
     changes = np.add.reduceat(chain.moves != 0, at[:-1]) > 0
-    is_kept = np.append(True, np.repeat(changes, knots.parts))
+    is_kept = np.append(True, np.repeat(changes, parts))
     is_kept[at] = True
-    return np.flatnonzero(is_kept), divide(knots.whole, np.where(changes, knots.parts, 1))
+    return np.flatnonzero(is_kept), divide(path, np.where(changes, parts, 1))

@@ -36,14 +36,14 @@ from camgen.model.text import suggest
 from camgen.read.files import Files
 from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import recognise_arm
-from camgen.robots.models import Box, Link, Robot, Triple, Trust
+from camgen.robots.models import Box, Link, Robot, Trust
 
 _AXES: dict[str, Vec3] = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 
 
 class _JointRow(Struct, frozen=True, forbid_unknown_fields=True):
     name: str
-    at: Triple
+    at: Vec3
     axis: Literal["x", "y", "z", "-z"]
     limits: tuple[float, float]
     speed: float

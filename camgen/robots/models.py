@@ -16,7 +16,6 @@ from camgen.robots.kinematics.three_parallel import ThreeParallel
 
 Kind = Literal["spherical-wrist", "three-parallel", "scara", "cartesian", "serial"]
 Certainty = Literal["confirmed", "derived", "uncertain"]
-Triple = tuple[float, float, float]
 
 _KINDS: dict[type, Kind] = {
     Spherical: "spherical-wrist",

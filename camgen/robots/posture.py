@@ -8,12 +8,15 @@ decides what to write then.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.ragged import find_run_starts
+from camgen.geometry.ragged import mark_run_starts
 from camgen.model.errors import JobError
+from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 from camgen.model.program import Posture
 from camgen.robots.kinematics.arms import Scara, Spherical
@@ -30,30 +33,18 @@ _BORDER = 0.01
 _LEFTY, _BELOW, _NONFLIP, _SIX_DOUBLE, _FOUR_DOUBLE = 1, 2, 4, 8, 16
 
 
-class Numbers(Struct, frozen=True, eq=False):
-    """A posture per row as numbers.
+class Notation(Struct, frozen=True, eq=False):
+    """A posture per row, as a controller writes it.
 
-    values: (N,) or (N, 4).
+    values: (N,) or (N, K), numbers or words.
     sure: (N,) whether the sources determine them.
     """
 
-    values: NDArray[np.int64]
-    sure: NDArray[np.bool_]
+    values: NDArray[Any]
+    sure: BoolArray
 
 
-class Words(Struct, frozen=True, eq=False):
-    """A posture per row as words.
-
-    sure: (N,) whether the sources determine them.
-    """
-
-    words: tuple[tuple[str, ...], ...]
-    sure: NDArray[np.bool_]
-
-
-def compute_postures(
-    robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]
-) -> list[Posture | None]:
+def compute_postures(robot: Robot, joints: FloatArray, straight: BoolArray) -> list[Posture | None]:
     """The posture of each row of joint values (N, J), rad or mm, None if nothing of it is sure.
 
     The rows are the values at the ends of consecutive motions. Equal postures are one object.
@@ -70,7 +61,8 @@ def compute_postures(
     if not robot.controller:
         return [None] * count
     unsure = np.zeros(count, np.bool_)
-    conf, switches = Numbers(np.zeros((count, 4), np.int64), unsure), Words(((),) * count, unsure)
+    conf = Notation(np.zeros((count, 4), np.int64), unsure)
+    words = np.empty((count, 0), np.str_)
     figure = denso_figure(robot, joints)
     kept = figure.sure & ~(straight & (figure.values != np.roll(figure.values, 1)))
     if isinstance(robot.arm, Spherical):
@@ -78,23 +70,23 @@ def compute_postures(
         kept &= (np.abs(np.abs(_degrees(joints[:, [3, 5]])) - 180) > _BORDER).all(axis=1)
     if isinstance(robot.arm, Spherical | Scara):
         switches = vplus_switches(robot, joints)
-    words = switches.words if switches.sure.all() else ((),) * count
-    numbers: dict[tuple[str, ...], int] = {}
-    word_number = [numbers.setdefault(row_words, len(numbers)) for row_words in words]
-    columns = conf.values, conf.sure[:, None], figure.values[:, None], kept[:, None], word_number
-    starts = find_run_starts(np.column_stack(columns))
+        words = switches.values if switches.sure.all() else words
+    columns = conf.values, conf.sure[:, None], figure.values[:, None], kept[:, None]
+    is_start = mark_run_starts(np.column_stack(columns)) | mark_run_starts(words)
+    starts = np.flatnonzero(is_start)
     known: dict[Posture, Posture] = {}
     result: list[Posture | None] = []
     for row, end in zip(starts.tolist(), [*starts[1:].tolist(), count], strict=True):
         cf1, cf4, cf6, cfx = conf.values[row].tolist()
         confdata = (cf1, cf4, cf6, cfx) if conf.sure[row] else None
-        posture = Posture(confdata, int(figure.values[row]) if kept[row] else None, words[row])
+        fig = int(figure.values[row]) if kept[row] else None
+        posture = Posture(confdata, fig, tuple(words[row].tolist()))
         shared = known.setdefault(posture, posture) if posture != Posture() else None
         result += [shared] * (end - row)
     return result
 
 
-def abb_confdata(robot: Robot, joints: FloatArray) -> Numbers:
+def abb_confdata(robot: Robot, joints: FloatArray) -> Notation:
     """cf1, cf4, cf6 and cfx (N, 4) of joint values (N, 6), rad.
 
     cf: quarter turn of an axis, 0 from 0 to below 90 deg, -1 from -90 to below 0.
@@ -109,12 +101,12 @@ def abb_confdata(robot: Robot, joints: FloatArray) -> Numbers:
     cf = np.floor_divide(degrees[:, [0, 3, 5]], 90.0)
     arm_flags = find_branch(arm, compute_theta(robot, arm, joints)) & 6
     if np.isfinite(robot.serial_limits).any():
-        return Numbers(np.column_stack([cf, np.zeros(len(cf))]).astype(np.int64), arm_flags < 4)
+        return Notation(np.column_stack([cf, np.zeros(len(cf))]).astype(np.int64), arm_flags < 4)
     cfx = arm_flags + (degrees[:, 4] < 0)
-    return Numbers(np.column_stack([cf, cfx]).astype(np.int64), np.ones(len(cf), dtype=bool))
+    return Notation(np.column_stack([cf, cfx]).astype(np.int64), np.ones(len(cf), dtype=bool))
 
 
-def denso_figure(robot: Robot, joints: FloatArray) -> Numbers:
+def denso_figure(robot: Robot, joints: FloatArray) -> Notation:
     """Fig (N,) of joint values (N, 6), rad.
 
     1 lefty, + 2 below, + 4 non-flip, + 8 J6 double, + 16 J4 double. Lefty is the wrist centre in
@@ -122,16 +114,16 @@ def denso_figure(robot: Robot, joints: FloatArray) -> Numbers:
     counted in the opposite way, and for arms without a spherical wrist (COBOTTA).
     """
     if not isinstance(robot.arm, Spherical):
-        return Numbers(np.full(len(joints), ANY_FIGURE), np.zeros(len(joints), dtype=bool))
+        return Notation(np.full(len(joints), ANY_FIGURE), np.zeros(len(joints), dtype=bool))
     degrees = _degrees(joints)
     flags = find_branch(robot.arm, compute_theta(robot, robot.arm, joints))
     is_lefty = flags < 4
     figure = _LEFTY + _BELOW * ((flags & 2) > 0) + _NONFLIP * (degrees[:, 4] >= 0)
     figure += _SIX_DOUBLE * _is_double(degrees[:, 5]) + _FOUR_DOUBLE * _is_double(degrees[:, 3])
-    return Numbers(np.where(is_lefty, figure, ANY_FIGURE), is_lefty)
+    return Notation(np.where(is_lefty, figure, ANY_FIGURE), is_lefty)
 
 
-def vplus_switches(robot: Robot, joints: FloatArray) -> Words:
+def vplus_switches(robot: Robot, joints: FloatArray) -> Notation:
     """The switches that V+ needs before a motion to joint values (N, J), rad or mm.
 
     SCARA: RIGHTY with J2 > 0.
@@ -142,16 +134,16 @@ def vplus_switches(robot: Robot, joints: FloatArray) -> Words:
     Raises JobError for a robot of another kind.
     """
     degrees = _degrees(joints)
-    last = np.where(_is_double(degrees[:, -1]), "MULTIPLE", "SINGLE").tolist()
+    last = np.where(_is_double(degrees[:, -1]), "MULTIPLE", "SINGLE")
     if isinstance(robot.arm, Scara):
-        side = np.where(degrees[:, 1] > 0, "RIGHTY", "LEFTY").tolist()
-        return Words(tuple(zip(side, last, strict=True)), np.ones(len(joints), dtype=bool))
+        side = np.where(degrees[:, 1] > 0, "RIGHTY", "LEFTY")
+        return Notation(np.column_stack([side, last]), np.ones(len(joints), dtype=bool))
     arm = _six_axes(robot, "V+ switches")
     flags = find_branch(arm, compute_theta(robot, arm, joints))
-    side = np.where(flags < 4, "LEFTY", "RIGHTY").tolist()
-    elbow = np.where(flags & 2, "BELOW", "ABOVE").tolist()
-    wrist = np.where(degrees[:, 4] >= 0, "NOFLIP", "FLIP").tolist()
-    return Words(tuple(zip(side, elbow, wrist, last, strict=True)), flags < 4)
+    side = np.where(flags < 4, "LEFTY", "RIGHTY")
+    elbow = np.where(flags & 2, "BELOW", "ABOVE")
+    wrist = np.where(degrees[:, 4] >= 0, "NOFLIP", "FLIP")
+    return Notation(np.column_stack([side, elbow, wrist, last]), flags < 4)
 
 
 def _six_axes(robot: Robot, what: str) -> Spherical:
@@ -168,6 +160,6 @@ def _degrees(joints: FloatArray) -> FloatArray:
     return np.asarray(np.round(np.degrees(joints), _DIGITS))
 
 
-def _is_double(degrees: FloatArray) -> NDArray[np.bool_]:
+def _is_double(degrees: FloatArray) -> BoolArray:
     """Whether angles are beyond half a turn. Single is above -180 and up to 180 deg."""
     return np.asarray((degrees <= -180) | (degrees > 180))

@@ -63,27 +63,27 @@ def equip_cell(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = 
     if table.flange_from_tool is not None:
         tool = pose_from_values(_values("flange_from_tool", table.flange_from_tool, 6))
     home = cell.home
-    if isinstance(home, Joints) and table.robot and arm is not None and table.home is None:
-        home = _choose_home(arm, cell, home)
     fixtures = None
-    if isinstance(home, Pose) and arm is None and table.fixtures:
-        from camgen.geometry.fixtures import list_fixtures  # noqa: PLC0415 (loads shapely)
+    if isinstance(home, Pose):
+        if arm is None and table.fixtures:
+            from camgen.geometry.fixtures import list_fixtures  # noqa: PLC0415 (loads shapely)
 
-        fixtures = list_fixtures(job, meshes)
-    if table.home is None and isinstance(home, Pose):
-        home = _above_travel(home, job, fixtures)
-    if table.home is not None and isinstance(home, Pose):
-        x, y, z = _values("home", table.home, 3)
-        home = Pose(TOOL_DOWN, (x, y, z))
-        _check_above(home, fixtures)
+            fixtures = list_fixtures(job, meshes)
+        if table.home is None:
+            home = _above_travel(home, job, fixtures)
+        else:
+            x, y, z = _values("home", table.home, 3)
+            home = Pose(TOOL_DOWN, (x, y, z))
+            _check_above(home, fixtures)
     elif table.home is not None:
-        count = len(table.home) or len(cell.home.values) if isinstance(cell.home, Joints) else 0
+        count = len(table.home) or len(home.values)
         # With another number of joints it is another arm than the built-in one. The six-axis arms
         # that the posts know have no sliding joints.
-        is_built_in = isinstance(cell.home, Joints) and count == len(cell.home.values)
-        sliding = cell.sliding if is_built_in else frozenset()
+        sliding = cell.sliding if count == len(home.values) else frozenset()
         values = enumerate(_values("home", table.home, count))
         home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
+    elif table.robot and arm is not None:
+        home = _choose_home(arm, cell, home)
     if arm is not None and isinstance(home, Pose) and table.base_from_work is None:
         work = _home_work(arm, home, tool)
     # A URDF is named by its file.
@@ -121,9 +121,7 @@ def _above_travel(home: Pose, job: Job, fixtures: Fixtures | None) -> Pose:
     It is not below the clearance height of any operation, and `cell.safety` above all fixtures.
     """
     x, y, z = home.origin
-    z = max(z, job.process.clearance)
-    for step in job.operations:
-        z = max(z, step.process.clearance)
+    z = max(z, job.process.clearance, *(step.process.clearance for step in job.operations))
     if fixtures is not None:
         z = max(z, fixtures.travel)
     return replace(home, origin=(x, y, z))

@@ -331,8 +331,8 @@ def test_the_clearance_is_the_shortest_distance_of_all_pairs() -> None:
         assert measure_clearance(scene, joints, 50.0) == pytest.approx([12, edge_on, 0], abs=1e-5)
         assert measure_clearance(scene, joints, 11.0) == pytest.approx([11, edge_on, 0], abs=1e-5)
         owner = np.zeros(2, dtype=np.int64)
-        (nearest,) = find_nearest_pairs(scene, joints[:2], owner, np.array([50.0]))
-        assert nearest.distance == pytest.approx(edge_on, abs=1e-5)
+        nearest = find_nearest_pairs(scene, joints[:2], owner, np.array([50.0]))
+        assert nearest.distance.tolist() == pytest.approx([edge_on], abs=1e-5)
         assert measure_clearance(scene, joints_at(90, 0, 0, 0), 50.0).tolist() == [50.0]
         # The nearest pair there is the tool and the rod, 53 mm above it.
         assert measure_clearance(scene, joints_at(90, 0, 0, 0), 60.0) == pytest.approx(

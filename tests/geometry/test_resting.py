@@ -6,9 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from camgen.geometry.hull import find_hull
 from camgen.geometry.resting import (
     find_centre_of_mass,
+    find_hull,
     find_resting_faces,
     make_rotation_down,
     turn_down,

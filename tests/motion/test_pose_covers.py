@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from camgen.model.pose import FloatArray
-from camgen.motion.pose_chains import States, Steps
-from camgen.motion.pose_covers import CoverChain, find_cover
+from camgen.motion.pose_chains import PoseChain, States, Steps, find_cover
 
 #: Rows, orientations, and moves: stay, or go to the next orientation.
 ROWS, CHOICES = 5, 2
@@ -79,7 +78,7 @@ def test_no_other_cover_has_a_higher_value(seed: int) -> None:
     assert all(a.last <= b.first for a, b in itertools.pairwise(cover))
 
 
-def _states_of(chain: CoverChain) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _states_of(chain: PoseChain) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Orientations and moves of a chain."""
     return tuple(chain.orientation.tolist()), tuple(chain.moves.tolist())
 

@@ -408,9 +408,10 @@ def test_axis_6_is_wound_back_before_it_is_needed() -> None:
 def test_the_limit_that_ends_a_path_is_named() -> None:
     """Axis 6 has 800 deg in all, and the tool points down, so that axis 6 follows its roll."""
     reason = find_reason(IRB_2400, *make_spin((900, 0, 700), 900, 901))
-    assert (reason.kind, reason.joint) == ("limit", 5)
+    assert (reason.kind, reason.text[:6]) == ("limit", "axis 6")
     assert 440 < reason.row <= 801
-    assert reason.amount <= math.radians(1.01)
+    beyond = reason.text.removeprefix("axis 6 is beyond its limit by ").removesuffix(" deg")
+    assert float(beyond) <= 1.01
 
 
 @pytest.mark.parametrize("limit", range(460, 541, 10))
@@ -423,7 +424,7 @@ def test_a_limit_of_axis_6_is_not_moved_by_whole_turns_of_axis_4(limit: float) -
     joints = np.radians([[0, 10, 10, 175, 40, axis_6] for axis_6 in range(0, 1800, 50)])
     rotations, origins = compute_flange(robot, joints)
     reason = find_reason(robot, origins, rotations, jump=math.radians(60))
-    assert (reason.kind, reason.joint) == ("limit", 5)
+    assert (reason.kind, reason.text[:6]) == ("limit", "axis 6")
     first = follow_checked(
         robot, origins[: reason.row], rotations[: reason.row], jump=math.radians(60), bound=60
     )
@@ -452,7 +453,7 @@ def test_the_first_row_beyond_a_joint_limit_is_named() -> None:
         [rotation_about(2, angle) @ DOWN for angle in np.linspace(0, math.tau, 360)[:181]]
     )
     reason = find_reason(IRB_120, origins, rotations)
-    assert (reason.kind, IRB_120.joints[reason.joint].name) == ("limit", "axis 1")
+    assert (reason.kind, reason.text[:6]) == ("limit", "axis 1")
     assert reason.row == math.floor(165 / (360 / 359)) + 1
 
 
@@ -495,7 +496,7 @@ def test_a_path_within_the_margin_of_a_straight_wrist_is_refused() -> None:
     reason = find_reason(IRB_120, origins, rotations, margin=math.radians(5))
     assert reason.kind == "singular"
     # Axis 5 starts at 20 deg and loses 0.4 deg per row: it is below 5 deg from row 38 on.
-    assert (reason.row, math.degrees(reason.amount)) == (38, pytest.approx(4.8))
+    assert (reason.row, "4.8 deg away" in reason.text) == (38, True)
 
 
 def test_a_gap_in_the_path_is_reported_as_a_jump() -> None:

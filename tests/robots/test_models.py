@@ -303,18 +303,18 @@ def test_vplus_switches_name_the_posture() -> None:
     viper = vplus_switches(
         find_robot("Viper s650"), np.radians([[0, -90, 180, 0, 0, 0], [0, -45, 60, 0, -30, 200]])
     )
-    assert viper.words == (
-        ("LEFTY", "ABOVE", "NOFLIP", "SINGLE"),
-        ("LEFTY", "BELOW", "FLIP", "MULTIPLE"),
-    )
+    assert viper.values.tolist() == [
+        ["LEFTY", "ABOVE", "NOFLIP", "SINGLE"],
+        ["LEFTY", "BELOW", "FLIP", "MULTIPLE"],
+    ]
     assert viper.sure.all()
     bent_back = vplus_switches(find_robot("Viper s650"), np.radians([[0, -150, 90, 0, 30, 0]]))
-    assert (bent_back.words[0][0], bent_back.sure.tolist()) == ("RIGHTY", [False])
+    assert (bent_back.values[0, 0], bent_back.sure.tolist()) == ("RIGHTY", [False])
     cobra = find_robot("Cobra s600")
     scara = vplus_switches(
         cobra, np.array([[0, 45, 0, 0], [0, -45, 0, 185]]) / display_units(cobra)
     )
-    assert scara.words == (("RIGHTY", "SINGLE"), ("LEFTY", "MULTIPLE"))
+    assert scara.values.tolist() == [["RIGHTY", "SINGLE"], ["LEFTY", "MULTIPLE"]]
 
 
 def test_a_robot_without_a_notation_for_postures_is_refused() -> None:

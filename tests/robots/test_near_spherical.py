@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from camgen.robots.kinematics.near_spherical import _are_near
+from camgen.robots.kinematics.iterative import _are_near
 
 
 @pytest.mark.parametrize(

@@ -178,8 +178,7 @@ def follow(
     """
     start = robot.home if start is None else start
     solutions = find_candidates(robot, *poses, start)
-    usable = _find_usable(robot, solutions, margin)
-    return _choose(robot, solutions, usable, start, jump, ties)
+    return _choose(robot, solutions, _find_usable(robot, solutions, margin), start, jump, ties)
 
 
 def follow_each(
@@ -217,7 +216,7 @@ def _choose(
 ) -> Choice | Stuck:
     """`follow` among candidates (N, B, J). usable: (N, B, T), see `_find_usable`."""
     columns = np.flatnonzero(usable.any(axis=(0, 2)))
-    is_needed = _find_needed(list_turn_counts(robot), usable)
+    is_needed = find_needed(list_turn_counts(robot), usable)
     table = list_turn_counts(robot)[is_needed]
     kept, usable = solutions[:, columns], usable[:, columns][:, :, is_needed]
     first = _add_turns(kept[0], table) - start
@@ -244,9 +243,10 @@ def _choose(
     return Choice(joints, columns[branches])
 
 
-def _find_needed(table: Index, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The rows of `table` (T,) within the turn counts that occur in `usable` (N, B, T), and 0."""
-    limit = np.abs(table[usable.any(axis=(0, 1))]).max(axis=0, initial=0)
+def find_needed(table: Index, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The rows of `table` (T,) within the turn counts that occur in `usable` (..., T), and 0."""
+    occurs = usable.reshape(-1, len(table)).any(axis=0)
+    limit = np.abs(table[occurs]).max(axis=0, initial=0)
     return np.asarray((np.abs(table) <= limit).all(axis=1))
 
 

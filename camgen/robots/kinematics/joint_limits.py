@@ -15,7 +15,7 @@ from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
 #: rad or mm: a joint that is beyond its limit by less is at the limit.
-_ON_LIMIT = 1e-9
+ON_LIMIT = 1e-9
 
 
 def compute_theta(
@@ -65,7 +65,7 @@ def invert_coupling(robot: Robot) -> FloatArray:
 
 def are_within_limits(robot: Robot, joints: FloatArray) -> NDArray[np.bool_]:
     """Whether joint values (..., J) keep all limits, also those of a rod; False for nan."""
-    return np.asarray(measure_excess(robot, joints).max(axis=-1) <= _ON_LIMIT)
+    return np.asarray(measure_excess(robot, joints).max(axis=-1) <= ON_LIMIT)
 
 
 def measure_excess(robot: Robot, joints: FloatArray) -> FloatArray:
@@ -90,7 +90,7 @@ def list_turn_counts(robot: Robot) -> NDArray[np.int64]:
     is_alone = (robot.coupling == np.eye(len(robot.joints))).all(axis=0)
     is_alone &= np.isinf(robot.serial_limits[:, 0])
     low, high = robot.limits.T
-    limit = ((high - low) / 2 + math.pi + _ON_LIMIT) // math.tau
+    limit = ((high - low) / 2 + math.pi + ON_LIMIT) // math.tau
     limit *= is_alone & robot.revolute
     ranges = [range(-count, count + 1) for count in limit.astype(np.int64).tolist()]
     table = np.array(list(itertools.product(*ranges)), dtype=np.int64)
@@ -121,4 +121,4 @@ def are_turned_within_limits(
 def _keep_limits(values: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
     """Whether values of a joint are within its limits (2,); False for nan."""
     low, high = limits.tolist()
-    return np.asarray((values >= low - _ON_LIMIT) & (values <= high + _ON_LIMIT))
+    return np.asarray((values >= low - ON_LIMIT) & (values <= high + ON_LIMIT))

@@ -7,12 +7,11 @@ import numpy as np
 from camgen.geometry.rotations import measure_rolls
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import Gantry, Scara
+from camgen.robots.kinematics.wrists import bend_elbow, measure_beyond
 
 #: rad that a tool may lean from the orientation of the robot: the digits of quaternions and joint
 #: values in programs.
 LEAN = 1e-5
-#: mm that a pose may be out of reach: rounding.
-_REACH = 1e-9
 
 
 def scara_angles(arm: Scara, rotations: FloatArray, origins: FloatArray) -> FloatArray:
@@ -22,10 +21,9 @@ def scara_angles(arm: Scara, rotations: FloatArray, origins: FloatArray) -> Floa
     one to the left. They are nan out of reach, or if the flange does not point along axis 4.
     """
     yaw, x, y, z = _axis_four(arm, rotations, origins)
-    cosine = (x**2 + y**2 - arm.l1**2 - arm.l2**2) / (2 * arm.l1 * arm.l2)
-    bend = np.arccos(np.clip(cosine, -1.0, 1.0))
-    lost = (scara_shortfall(arm, rotations, origins) > _REACH) | (scara_lean(arm, rotations) > LEAN)
-    elbow = np.where(lost, np.nan, bend)[:, None] * np.array([1.0, -1.0])
+    bend = bend_elbow(x, y, arm.l1, arm.l2)
+    bend[measure_lean(arm, rotations) > LEAN] = np.nan
+    elbow = bend[:, None] * np.array([1.0, -1.0])
     lead = np.arctan2(arm.l2 * np.sin(elbow), arm.l1 + arm.l2 * np.cos(elbow))
     theta1 = np.arctan2(y, x)[:, None] - lead
     height = np.broadcast_to(z[:, None], elbow.shape)
@@ -37,8 +35,7 @@ def _axis_four(arm: Scara, rotations: FloatArray, origins: FloatArray) -> tuple[
 
     They are in the frame of the arm, (N,) each.
     """
-    turn = arm.base_from_arm.rotation.T @ rotations @ arm.arm_from_flange.rotation.T
-    yaw = measure_rolls(turn)
+    yaw = measure_rolls(arm.base_from_arm.rotation.T @ rotations @ arm.arm_from_flange.rotation.T)
     x, y, z = ((origins - arm.base_from_arm.origin) @ arm.base_from_arm.rotation).T
     ahead, side, _ = arm.arm_from_flange.origin
     c, s = np.cos(yaw), np.sin(yaw)
@@ -51,14 +48,7 @@ def scara_shortfall(arm: Scara, rotations: FloatArray, origins: FloatArray) -> F
     Joint limits are ignored.
     """
     _, x, y, _ = _axis_four(arm, rotations, origins)
-    distance = np.hypot(x, y)
-    missing = np.maximum(distance - (arm.l1 + arm.l2), abs(arm.l1 - arm.l2) - distance)
-    return np.asarray(missing.clip(0.0))
-
-
-def scara_lean(arm: Scara, rotations: FloatArray) -> FloatArray:
-    """Angle (N,) between the flange and axis 4, rad."""
-    return _lean(arm.base_from_arm.rotation @ arm.arm_from_flange.rotation, rotations)
+    return measure_beyond(np.hypot(x, y), arm.l1, arm.l2).clip(0.0)
 
 
 def gantry_values(arm: Gantry, rotations: FloatArray, origins: FloatArray) -> FloatArray:
@@ -67,15 +57,14 @@ def gantry_values(arm: Gantry, rotations: FloatArray, origins: FloatArray) -> Fl
     The rotation of the spindle is free.
     """
     slides = np.linalg.solve(arm.directions, (origins - arm.base_from_flange.origin).T).T
-    return np.where((gantry_lean(arm, rotations) > LEAN)[:, None], np.nan, slides)[:, None]
+    return np.where((measure_lean(arm, rotations) > LEAN)[:, None], np.nan, slides)[:, None]
 
 
-def gantry_lean(arm: Gantry, rotations: FloatArray) -> FloatArray:
-    """Angle (N,) between the spindle and its axis, rad."""
-    return _lean(arm.base_from_flange.rotation, rotations)
-
-
-def _lean(held: FloatArray, rotations: FloatArray) -> FloatArray:
-    """The angle between z of `held` and z of the rotations (N, 3, 3), rad (N,)."""
+def measure_lean(arm: Scara | Gantry, rotations: FloatArray) -> FloatArray:
+    """Angle (N,) between the flange and axis 4, or between the spindle and its axis, rad."""
+    if isinstance(arm, Gantry):
+        held = arm.base_from_flange.rotation
+    else:
+        held = arm.base_from_arm.rotation @ arm.arm_from_flange.rotation
     z, goal = held[:, 2], rotations[:, :, 2]
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(goal, z), axis=1), goal @ z))

@@ -12,14 +12,14 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import short
 from camgen.robots.kinematics import planar as flat
 from camgen.robots.kinematics import spherical, three_parallel
-from camgen.robots.kinematics.arms import Gantry, Scara
+from camgen.robots.kinematics.arms import Gantry, Scara, Spherical
 from camgen.robots.kinematics.continuity import JUMP, Stuck
 from camgen.robots.kinematics.joint_limits import (
     are_within_limits,
     list_turn_counts,
     measure_excess,
 )
-from camgen.robots.kinematics.singular import list_singularities, measure_singularity_distance
+from camgen.robots.kinematics.singular import SINGULARITIES, measure_singularity_distance
 from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Robot
 
@@ -31,15 +31,11 @@ class Reason(Struct, frozen=True):
     """The reason why a path cannot be followed.
 
     row: first row that cannot be reached.
-    joint: index of the joint that is the cause, -1 for none.
-    amount: mm or rad out of reach, of the lean, beyond the limit, from the singularity, or of the
-        jump.
+    text: the reason, with its amount.
     """
 
     row: int
     kind: Literal["reach", "lean", "limit", "singular", "jump"]
-    joint: int
-    amount: float
     text: str
 
 
@@ -71,20 +67,19 @@ def explain_stuck(
 
 def _explain_reach(robot: Robot, rotation: FloatArray, origin: FloatArray, row: int) -> Reason:
     arm, lean, short_of = robot.arm, 0.0, 0.0
-    if isinstance(arm, Gantry):
-        lean = float(flat.gantry_lean(arm, rotation)[0])
-    elif isinstance(arm, Scara):
-        lean = float(flat.scara_lean(arm, rotation)[0])
+    if isinstance(arm, Gantry | Scara):
+        lean = float(flat.measure_lean(arm, rotation)[0])
+    if isinstance(arm, Scara):
         short_of = float(flat.scara_shortfall(arm, rotation, origin)[0])
     elif isinstance(arm, ThreeParallel):
         short_of = float(three_parallel.measure_shortfall(arm, rotation, origin)[0])
-    elif arm:
+    elif isinstance(arm, Spherical):
         short_of = float(spherical.measure_shortfall(arm, rotation, origin)[0])
-    else:
-        return Reason(row, "reach", -1, math.nan, "no joints were found for this pose")
+    elif arm is None:
+        return Reason(row, "reach", "no joints were found for this pose")
     if lean > flat.LEAN:
-        return Reason(row, "lean", -1, lean, f"the robot cannot lean its tool by {_degrees(lean)}")
-    return Reason(row, "reach", -1, short_of, f"out of reach by {short(short_of, 3)} mm")
+        return Reason(row, "lean", f"the robot cannot lean its tool by {_degrees(lean)}")
+    return Reason(row, "reach", f"out of reach by {short(short_of, 3)} mm")
 
 
 def describe_limit(robot: Robot, joints: FloatArray) -> str:
@@ -96,19 +91,17 @@ def _explain_limit(robot: Robot, joints: FloatArray, row: int) -> Reason:
     """The reason by the joint values among (M, J) that exceed the limits least."""
     beyond = measure_excess(robot, joints)
     nearest = beyond[beyond.max(axis=1).argmin()]
-    joint = int(nearest.argmax())
-    amount = float(nearest[joint])
-    name, is_sliding = robot.joints[joint].name, robot.joints[joint].sliding
-    distance = f"{short(amount, 3)} mm" if is_sliding else _degrees(amount)
-    return Reason(row, "limit", joint, amount, f"{name} is beyond its limit by {distance}")
+    joint, amount = robot.joints[int(nearest.argmax())], float(nearest.max())
+    distance = f"{short(amount, 3)} mm" if joint.sliding else _degrees(amount)
+    return Reason(row, "limit", f"{joint.name} is beyond its limit by {distance}")
 
 
 def _explain_singularity(robot: Robot, joints: FloatArray, row: int) -> Reason:
     """The reason by the joint values among (M, J) that are farthest from a singularity."""
     distances = measure_singularity_distance(robot, joints)
     best = distances[distances.min(axis=1).argmax()]
-    name, distance = list_singularities(robot)[int(best.argmin())], float(best.min())
-    return Reason(row, "singular", -1, distance, f"singular, {name}: {_degrees(distance)} away")
+    name, distance = SINGULARITIES[robot.kind][int(best.argmin())], float(best.min())
+    return Reason(row, "singular", f"singular, {name}: {_degrees(distance)} away")
 
 
 def _explain_gap(
@@ -129,15 +122,13 @@ def _explain_gap(
         return explain(robot, after, row)
     before, branch = np.unravel_index(leaps.argmin(), leaps.shape)
     joint = int(np.where(robot.revolute, np.abs(moved[before, branch]), 0.0).argmax())
-    amount = float(leaps[before, branch])
-    text = f"{robot.joints[joint].name} would turn by {_degrees(amount)} at once"
-    ends = np.stack([reached[before], solutions[branch]])
-    distances = measure_singularity_distance(robot, ends)
+    turn = _degrees(float(leaps[before, branch]))
+    text = f"{robot.joints[joint].name} would turn by {turn} at once"
+    distances = measure_singularity_distance(robot, np.stack([reached[before], solutions[branch]]))
     if distances.min(initial=math.inf) < max(_NEAR_SINGULAR, margin):
-        name = list_singularities(robot)[int(distances.min(axis=0).argmin())]
-        nearest = float(distances.min())
-        return Reason(row, "singular", joint, nearest, f"singular, {name}: {text}")
-    return Reason(row, "jump", joint, amount, text)
+        name = SINGULARITIES[robot.kind][int(distances.min(axis=0).argmin())]
+        return Reason(row, "singular", f"singular, {name}: {text}")
+    return Reason(row, "jump", text)
 
 
 def _degrees(angle: float) -> str:

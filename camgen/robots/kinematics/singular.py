@@ -13,18 +13,13 @@ from camgen.robots.kinematics.three_parallel import ThreeParallel
 from camgen.robots.models import Kind, Robot
 
 #: Names of the columns of `measure_singularity_distance`, by the kind of the robot.
-_NAMES: dict[Kind, tuple[str, ...]] = {
+SINGULARITIES: dict[Kind, tuple[str, ...]] = {
     "spherical-wrist": ("wrist above axis 1", "elbow straight", "wrist straight"),
     "three-parallel": ("wrist beside axis 1", "elbow straight", "axes 4 and 6 parallel"),
     "scara": ("elbow straight",),
     "cartesian": (),
     "serial": ("arm stretched or axes in line",),
 }
-
-
-def list_singularities(robot: Robot) -> tuple[str, ...]:
-    """The names of the columns of `measure_singularity_distance`."""
-    return _NAMES[robot.kind]
 
 
 def measure_singularity_distance(robot: Robot, joints: FloatArray) -> FloatArray:

@@ -10,69 +10,38 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import Spherical
+from camgen.robots.kinematics.wrists import (
+    REACH,
+    STRAIGHT_SINE,
+    Wrists,
+    bend_elbow,
+    find_wrists,
+    measure_beyond,
+)
 
 #: Branch: 4 with the wrist centre behind axis 1, + 2 with the elbow bent back (towards -x), + 1
 #: with axis 5 < 0.
 BRANCHES = 8
-#: mm: an arm that is beyond its reach by less counts as stretched.
-_REACH = 1e-9
-#: Sine of axis 5 below which axis 4 is free.
-_STRAIGHT_SINE = 1e-9
-#: mm from axis 1 to the wrist centre below which axis 1 is free.
-_ON_AXIS = 1e-9
-
-
-class Wrists(Struct, frozen=True, eq=False):
-    """N wrist centres in the frame of the arm.
-
-    x, z: (N, 2) their coordinates from axis 2, mm, for facing the wrist and for the back to it.
-    theta1: (N, 2) angle of axis 1 for both, rad.
-    too_near: (N,) mm by which the centre is too near to axis 1 for the side offset of the arm.
-    on_axis: (N,) whether the centre is on axis 1, so that theta 1 is free.
-    """
-
-    x: FloatArray
-    z: FloatArray
-    theta1: FloatArray
-    too_near: FloatArray
-    on_axis: NDArray[np.bool_]
-
-
-def find_wrists(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> Wrists:
-    """The wrist centres for poses of the flange (N, 3, 3), (N, 3)."""
-    place = np.asarray(arm.flange_from_wrist.origin)
-    centre = (origins + rotations @ place - arm.base_from_arm.origin) @ arm.base_from_arm.rotation
-    x, y, z = centre.T
-    distance = np.hypot(x, y)
-    ahead = np.sqrt(np.maximum(distance**2 - arm.b**2, 0.0))
-    towards, lead = np.arctan2(y, x), np.arctan2(arm.b, ahead)
-    return Wrists(
-        x=np.stack([ahead - arm.a1, -ahead - arm.a1], axis=1),
-        z=np.stack([z - arm.c1] * 2, axis=1),
-        theta1=np.stack([towards - lead, towards + lead - math.pi], axis=1),
-        too_near=np.maximum(abs(arm.b) - distance, 0.0),
-        on_axis=distance < _ON_AXIS,
-    )
 
 
 def measure_shortfall(arm: Spherical, rotations: FloatArray, origins: FloatArray) -> FloatArray:
     """Distance (N,) by which poses are out of reach, mm, at most 0 within; limits are ignored."""
-    seen = find_wrists(arm, rotations, origins)
-    return np.asarray(np.maximum(_beyond(arm, seen).min(axis=1).clip(0.0), seen.too_near))
+    seen, x, z = _see(arm, rotations, origins)
+    beyond = measure_beyond(np.hypot(x, z), arm.c2, math.hypot(arm.a2, arm.c3))
+    return np.asarray(np.maximum(beyond.min(axis=1).clip(0.0), seen.too_near))
 
 
-def _beyond(arm: Spherical, seen: Wrists) -> FloatArray:
-    """Distance by which the wrist centre is too far or too near for the elbow, mm (N, 2).
-
-    Its columns are those of `Wrists`.
-    """
-    distance, fore = np.hypot(seen.x, seen.z), math.hypot(arm.a2, arm.c3)
-    return np.asarray(np.maximum(distance - (arm.c2 + fore), abs(arm.c2 - fore) - distance))
+def _see(
+    arm: Spherical, rotations: FloatArray, origins: FloatArray
+) -> tuple[Wrists, FloatArray, FloatArray]:
+    """The wrists for poses of the flange, and x (N, 2) and z (N, 1) of their centres at axis 2."""
+    centres = origins + rotations @ np.asarray(arm.flange_from_wrist.origin)
+    seen = find_wrists(arm.base_from_arm, arm.b, centres)
+    return seen, seen.ahead - arm.a1, seen.height - arm.c1
 
 
 def compute_angles(
@@ -85,16 +54,15 @@ def compute_angles(
     """
     count = len(origins)
     near = np.broadcast_to(near, (count, BRANCHES, 6))
-    seen = find_wrists(arm, rotations, origins)
+    seen, x, z = _see(arm, rotations, origins)
     theta = np.empty((count, 2, 2, 2, 6))  # shoulder, elbow, wrist
     free = np.where(np.isfinite(near[:, ::4, 0]), near[:, ::4, 0], [0.0, math.pi])
     theta1 = np.where(seen.on_axis[:, None], free, seen.theta1)
     psi, fore = math.atan2(arm.a2, arm.c3), math.hypot(arm.a2, arm.c3)
-    square = seen.x**2 + seen.z**2
-    bend = np.arccos(np.clip((square - arm.c2**2 - fore**2) / (2 * arm.c2 * fore), -1.0, 1.0))
-    bend = np.where((_beyond(arm, seen) > _REACH) | (seen.too_near > _REACH)[:, None], np.nan, bend)
+    bend = bend_elbow(x, z, arm.c2, fore)
+    bend[seen.too_near > REACH] = np.nan
     elbow = np.stack([bend, -bend], axis=2)
-    tilt = np.arctan2(seen.x, seen.z)[:, :, None]
+    tilt = np.arctan2(x, z)[:, :, None]
     theta2 = tilt - np.arctan2(fore * np.sin(elbow), arm.c2 + fore * np.cos(elbow))
     theta[..., 0] = theta1[:, :, None, None]
     theta[..., 1] = theta2[..., None]
@@ -111,8 +79,7 @@ def _wrist(theta: FloatArray, turn: FloatArray, keep: FloatArray) -> None:
     keep: (N, 2, 2) theta 4 for a straight axis 5.
     """
     # The columns are x, y and z of the wrist.
-    columns = turn.transpose(2, 1, 0)[..., None, None]
-    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = columns
+    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = turn.transpose(2, 1, 0)[..., None, None]
     c1, s1 = np.cos(theta[:, :, :, 0, 0]), np.sin(theta[:, :, :, 0, 0])
     at23 = theta[:, :, :, 0, 1] + theta[:, :, :, 0, 2]
     c, s = np.cos(at23), np.sin(at23)
@@ -120,7 +87,7 @@ def _wrist(theta: FloatArray, turn: FloatArray, keep: FloatArray) -> None:
     # and z (c1 s, s1 s, c).
     ahead, side = c1 * wx + s1 * wy, c1 * wy - s1 * wx
     x, z = c * ahead - s * wz, s * ahead + c * wz
-    straight = np.hypot(x, side) < _STRAIGHT_SINE
+    straight = np.hypot(x, side) < STRAIGHT_SINE
     theta4 = np.where(straight, np.where(np.isfinite(keep), keep, 0.0), np.arctan2(side, x))
     c4, s4 = np.cos(theta4), np.sin(theta4)
     # Axis 6 is computed together with axis 4, so that their sum is exact for a nearly straight axis

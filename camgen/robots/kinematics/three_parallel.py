@@ -16,13 +16,16 @@ from msgspec import Struct
 
 from camgen.model.pose import FloatArray, Pose, frozen
 from camgen.robots.chain import AtZero
+from camgen.robots.kinematics.wrists import (
+    REACH,
+    STRAIGHT_SINE,
+    bend_elbow,
+    find_wrists,
+    measure_beyond,
+)
 
 #: Branch: 4 with the wrist behind axis 1, + 2 with axis 3 < 0, + 1 with axis 5 < 0.
 BRANCHES = 8
-#: Distance beyond its reach, mm, at which an arm still counts as stretched.
-_REACH = 1e-9
-#: Sine of axis 5 below which axis 6 is free.
-_STRAIGHT_SINE = 1e-9
 
 
 class ThreeParallel(Struct, frozen=True, eq=False):
@@ -108,37 +111,6 @@ def _meet(
     return point if np.linalg.norm(point - nearest) <= slack else None
 
 
-class _Sight(Struct, frozen=True, eq=False):
-    """N wrists as they are seen from the arm, for the two ways to face them.
-
-    theta1: (N, 2) angle of axis 1, rad.
-    ahead: (N, 2) x of the wrist, mm.
-    height: (N,) z of the wrist, mm.
-    lacking: (N,) distance by which the wrist is too near axis 1, mm.
-    """
-
-    theta1: FloatArray
-    ahead: FloatArray
-    height: FloatArray
-    lacking: FloatArray
-
-
-def _see(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) -> _Sight:
-    """The wrists of flange poses in the frame of the base: (N, 3, 3), (N, 3)."""
-    base = arm.base_from_arm
-    wrists = (origins + rotations @ arm.wrist - np.asarray(base.origin)) @ base.rotation
-    x, y, z = wrists.T
-    distance = np.hypot(x, y)
-    ahead = np.sqrt(np.maximum(distance**2 - arm.b**2, 0.0))
-    towards, lead = np.arctan2(y, x), np.arctan2(arm.b, ahead)
-    return _Sight(
-        np.stack([towards - lead, towards + lead - math.pi], axis=1),
-        np.stack([ahead, -ahead], axis=1),
-        z,
-        np.maximum(abs(arm.b) - distance, 0.0),
-    )
-
-
 def compute_angles(
     arm: ThreeParallel, rotations: FloatArray, origins: FloatArray, near: FloatArray
 ) -> FloatArray:
@@ -148,9 +120,9 @@ def compute_angles(
     """
     count = len(origins)
     kept = np.broadcast_to(near, (count, BRANCHES, 6))[:, :, 5].reshape(count, 2, 2, 2)
-    sight = _see(arm, rotations, origins)
+    seen = find_wrists(arm.base_from_arm, arm.b, origins + rotations @ arm.wrist)
     theta = np.full((count, 2, 2, 2, 6), np.nan)  # shoulder, elbow, wrist
-    cos1, sin1 = np.cos(sight.theta1), np.sin(sight.theta1)
+    cos1, sin1 = np.cos(seen.theta1), np.sin(seen.theta1)
     nothing = np.zeros_like(cos1)
     ahead = np.stack([cos1, sin1, nothing], axis=-1) @ arm.base_from_arm.rotation.T
     axis4 = np.stack([-sin1, cos1, nothing], axis=-1) @ arm.base_from_arm.rotation.T
@@ -160,26 +132,23 @@ def compute_angles(
     sine = np.linalg.norm(normal, axis=-1)
     cosine = (axis4 * axis6).sum(axis=-1)
     for wrist, sign in enumerate((1.0, -1.0)):
-        axis5 = sign * normal / np.maximum(sine, _STRAIGHT_SINE)[..., None]
-        straight = sine < _STRAIGHT_SINE
+        axis5 = sign * normal / np.maximum(sine, STRAIGHT_SINE)[..., None]
+        straight = sine < STRAIGHT_SINE
         if straight.any():
             free = np.where(np.isfinite(kept[:, :, 0, wrist]), kept[:, :, 0, wrist], 0.0)
             axis5[straight] = _turn_axis5(arm, rotations, free)[straight]
         at_flange = np.einsum("nji,nsj->nsi", rotations, axis5)
-        side = np.cross(arm.axis5, at_flange) @ arm.axis6
-        theta6 = -np.arctan2(side, at_flange @ arm.axis5)
+        theta6 = -np.arctan2(np.cross(arm.axis5, at_flange) @ arm.axis6, at_flange @ arm.axis5)
         sum4 = np.arctan2((axis5 * ahead).sum(axis=-1), axis5 @ up)
-        x = sight.ahead - arm.c5 * np.sin(sum4) - arm.a1
-        z = sight.height[:, None] - arm.c5 * np.cos(sum4) - arm.c1
-        bend = (x**2 + z**2 - arm.c2**2 - arm.c3**2) / (2 * arm.c2 * arm.c3)
-        theta3 = np.arccos(np.clip(bend, -1.0, 1.0))
-        far = _beyond(arm, np.hypot(x, z)) > _REACH
-        theta3[far | (sight.lacking > _REACH)[:, None]] = np.nan
+        x = seen.ahead - arm.c5 * np.sin(sum4) - arm.a1
+        z = seen.height - arm.c5 * np.cos(sum4) - arm.c1
+        theta3 = bend_elbow(x, z, arm.c2, arm.c3)
+        theta3[seen.too_near > REACH] = np.nan
         for elbow, turned in enumerate((theta3, -theta3)):
             across = arm.c3 * np.sin(turned)
             theta2 = np.arctan2(x, z) - np.arctan2(across, arm.c2 + arm.c3 * np.cos(turned))
             solution = theta[:, :, elbow, wrist]
-            solution[..., 0], solution[..., 1], solution[..., 2] = sight.theta1, theta2, turned
+            solution[..., 0], solution[..., 1], solution[..., 2] = seen.theta1, theta2, turned
             solution[..., 3] = sum4 - theta2 - turned
             solution[..., 4] = sign * np.arctan2(sine, cosine)
             solution[..., 5] = theta6
@@ -194,20 +163,15 @@ def _turn_axis5(arm: ThreeParallel, rotations: FloatArray, theta6: FloatArray) -
     return np.asarray(np.einsum("nij,nsj->nsi", rotations, at_flange))
 
 
-def _beyond(arm: ThreeParallel, distance: FloatArray) -> FloatArray:
-    """The distance, mm, by which a distance of axes 2 and 4 is too large or too small."""
-    return np.asarray(np.maximum(distance - (arm.c2 + arm.c3), abs(arm.c2 - arm.c3) - distance))
-
-
 def measure_shortfall(arm: ThreeParallel, rotations: FloatArray, origins: FloatArray) -> FloatArray:
     """The distance by which N poses are out of reach at least (N,), mm; 0 or less within reach.
 
     Joint limits are left aside. The hand may stand anywhere around the wrist.
     """
-    sight = _see(arm, rotations, origins)
-    distance = np.hypot(sight.ahead - arm.a1, sight.height[:, None] - arm.c1)
-    least = (_beyond(arm, distance) - abs(arm.c5)).min(axis=1)
-    return np.asarray(np.maximum(least, sight.lacking))
+    seen = find_wrists(arm.base_from_arm, arm.b, origins + rotations @ arm.wrist)
+    distance = np.hypot(seen.ahead - arm.a1, seen.height - arm.c1)
+    least = (measure_beyond(distance, arm.c2, arm.c3) - abs(arm.c5)).min(axis=1)
+    return np.asarray(np.maximum(least, seen.too_near))
 
 
 def measure_singularities(arm: ThreeParallel, theta: FloatArray) -> FloatArray:

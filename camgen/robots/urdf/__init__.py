@@ -132,7 +132,7 @@ def _make_links(
             ]
             unread += shapes.unread
             notes += shapes.notes
-            is_whole = is_whole and shapes.whole
+            is_whole &= not shapes.unread and len(shapes.surfaces) == len(shapes.parts)
         # Without one of its shapes the meshes of a link would have a gap.
         links.append(Link(name, tuple(boxes), tuple(surfaces) if is_whole else (), tuple(unread)))
     return tuple(links), notes
@@ -171,7 +171,7 @@ def _make_robot(
         convention=f"The joints of the URDF, from link {chain.base} to link {chain.tip}.",
         joints=chain.joints,
         limits=limits,
-        speeds=frozen([joint.limit.velocity for joint in chain.raw]),
+        speeds=frozen([joint.velocity for joint in chain.raw]),
         flange=chain.flange,
         coupling=frozen(np.eye(count)),
         serial_limits=frozen(np.tile([-math.inf, math.inf], (count, 1))),

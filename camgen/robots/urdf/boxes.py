@@ -51,11 +51,6 @@ class Shapes(Struct, frozen=True):
     unread: tuple[str, ...]
     notes: tuple[str, ...]
 
-    @property
-    def whole(self) -> bool:
-        """Whether the meshes are all shapes of the link."""
-        return not self.unread and len(self.surfaces) == len(self.parts)
-
     def boxes(self) -> list[Box]:
         """Cuboids around the parts."""
         boxes: list[Box] = []
@@ -63,9 +58,9 @@ class Shapes(Struct, frozen=True):
             if triangles is None:
                 boxes += _enclose_shape(shape)
             else:
-                place = shape.link_from_shape
                 boxes += [
-                    Box(place @ box.link_from_box, box.half) for box in enclose_mesh(*triangles)
+                    Box(shape.link_from_shape @ box.link_from_box, box.half)
+                    for box in enclose_mesh(*triangles)
                 ]
         return boxes
 
@@ -78,16 +73,8 @@ def read_shapes(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: F
         if shape.kind != "mesh":
             parts.append((shape, None))
             continue
-        path = find_mesh(shape.mesh, folder)
-        if path is None:
-            unread.append(shape.mesh)
-            notes.append(
-                f"link {link} has no boxes of its mesh {shape.mesh}: "
-                "there is no such file near the URDF"
-            )
-            continue
         try:
-            vertices, faces = _read_mesh(path, files)
+            vertices, faces = _read_mesh(shape.mesh, folder, files)
         except InputError as error:
             unread.append(shape.mesh)
             notes.append(f"link {link} has no boxes of its mesh {error}")
@@ -105,8 +92,11 @@ def place_points(pose: Pose, points: FloatArray) -> FloatArray:
     return frozen(points @ pose.rotation.T + pose.origin)
 
 
-def _read_mesh(path: Path, files: Files) -> tuple[FloatArray, IntArray]:
-    """Vertices (V, 3), mm, and faces (F, 3)."""
+def _read_mesh(name: str, folder: Path, files: Files) -> tuple[FloatArray, IntArray]:
+    """Vertices (V, 3), mm, and faces (F, 3). Raises InputError for a missing or damaged file."""
+    path = find_mesh(name, folder)
+    if path is None:
+        raise InputError(name, "there is no such file near the URDF")
     source = files.read(path)
     if source.suffix == ".dae":
         vertices, triangles = read_dae(source)

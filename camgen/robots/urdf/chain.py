@@ -75,8 +75,7 @@ def make_chain(description: Description, tip: str) -> JointChain:
     bodies, loose = _find_bodies(description, root, moving)
     base = _BASE if _BASE in bodies[0] else root
     base_from_root = bodies[0][base].inverse()
-    rebased = {name: base_from_root @ place for name, place in bodies[0].items()}
-    bodies = (rebased, *bodies[1:])
+    bodies = ({name: base_from_root @ place for name, place in bodies[0].items()}, *bodies[1:])
     joints: list[Joint] = []
     for joint, body in zip(moving, bodies, strict=False):
         if joint.type == "continuous":
@@ -93,7 +92,7 @@ def find_limits(joint: RawJoint) -> tuple[float, float]:
     """The limits of a joint, rad or mm."""
     if joint.type == "continuous":
         return -_CONTINUOUS, _CONTINUOUS
-    return joint.limit.lower or 0.0, joint.limit.upper or 0.0
+    return joint.lower or 0.0, joint.upper or 0.0
 
 
 def _find_joints_above(description: Description) -> dict[str, RawJoint]:
@@ -193,7 +192,7 @@ def _words(name: str) -> tuple[str, ...]:
 
 def _check_joint(file: str, joint: RawJoint) -> None:
     """Raise InputError for a joint of the chain that cannot be moved or tested."""
-    where, lower, upper = f"joint {joint.name}", joint.limit.lower, joint.limit.upper
+    where, lower, upper = f"joint {joint.name}", joint.lower, joint.upper
     unit, limit_unit = ("m", "mm") if joint.sliding else ("rad", "rad")
     if joint.type in ("floating", "planar"):
         raise InputError(
@@ -209,7 +208,7 @@ def _check_joint(file: str, joint: RawJoint) -> None:
             where,
             "camgen moves each joint by itself: use a built-in robot",
         )
-    if not (joint.limit.velocity or 0.0) > 0:
+    if not (joint.velocity or 0.0) > 0:
         raise InputError(
             file, "it states no speed", where, f'give <limit velocity="..."/>, {unit}/s'
         )

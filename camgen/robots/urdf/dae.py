@@ -121,8 +121,7 @@ class _Document:
     def points(self, vertices: Element) -> FloatArray:
         """The positions (V, 3) of `vertices`."""
         position = _find_input(vertices.findall("input"), "POSITION")
-        source = self.named(position, "source")
-        accessor = source.find("technique_common/accessor")
+        accessor = self.named(position, "source").find("technique_common/accessor")
         if accessor is None:
             raise ValueError("a source has no accessor")
         stride, offset = int(accessor.get("stride", "1")), int(accessor.get("offset", "0"))

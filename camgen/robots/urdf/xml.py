@@ -72,10 +72,11 @@ def read_number(text: str, where: str) -> float:
     return value
 
 
-def read_optional(element: Element, key: str, where: str, unit: float = 1.0) -> float | None:
+def read_optional(element: Element | None, key: str, where: str, unit: float = 1.0) -> float | None:
     """The number `key` of an element, times `unit`; None if it is not stated."""
-    text = element.get(key)
-    return None if text is None else unit * read_number(text, f"{where}, {key}")
+    if element is None or key not in element.attrib:
+        return None
+    return unit * read_number(element.attrib[key], f"{where}, {key}")
 
 
 def read_three(element: Element | None, key: str, default: Vec3, where: str) -> Vec3:
@@ -138,18 +139,6 @@ TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
-class Limit(Struct, frozen=True):
-    """Limits of a joint; None for those that are not stated.
-
-    lower, upper: rad or mm.
-    velocity: rad/s or mm/s.
-    """
-
-    lower: float | None = None
-    upper: float | None = None
-    velocity: float | None = None
-
-
 class RawJoint(Struct, frozen=True, eq=False):
     """A joint as described.
 
@@ -157,6 +146,8 @@ class RawJoint(Struct, frozen=True, eq=False):
     parent, child: names of links.
     parent_from_child: pose at value 0.
     axis: direction of length 1.
+    lower, upper: limits, rad or mm; None if they are not stated.
+    velocity: rad/s or mm/s; None if it is not stated.
     follows: name of the joint that it mimics, or empty.
     """
 
@@ -166,7 +157,9 @@ class RawJoint(Struct, frozen=True, eq=False):
     child: str
     parent_from_child: Pose
     axis: Vec3
-    limit: Limit
+    lower: float | None
+    upper: float | None
+    velocity: float | None
     follows: str
 
     @property
@@ -251,7 +244,8 @@ def _read_joint(element: Element) -> RawJoint:
         raise UrdfError(
             f'"{kind[:40]}" is not a type of joint', where, f"known are {', '.join(TYPES)}"
         )
-    mimic = element.find("mimic")
+    limit, mimic = element.find("limit"), element.find("mimic")
+    unit = 1000.0 if kind == "prismatic" else 1.0
     return RawJoint(
         name=name,
         type=kind,
@@ -259,7 +253,9 @@ def _read_joint(element: Element) -> RawJoint:
         child=_read_end(element, "child", where),
         parent_from_child=read_pose(element, where),
         axis=(1.0, 0.0, 0.0) if kind == "fixed" else read_direction(element, where),
-        limit=_read_limit(element, 1000.0 if kind == "prismatic" else 1.0, where),
+        lower=read_optional(limit, "lower", f"{where}, limit", unit),
+        upper=read_optional(limit, "upper", f"{where}, limit", unit),
+        velocity=read_optional(limit, "velocity", f"{where}, limit", unit),
         follows="" if mimic is None else read_name(mimic, "joint", where),
     )
 
@@ -269,14 +265,6 @@ def _read_end(element: Element, tag: str, where: str) -> str:
     if end is None:
         raise UrdfError(f"it has no {tag}", where, f'give it <{tag} link="..."/>')
     return read_name(end, "link", where)
-
-
-def _read_limit(element: Element, unit: float, where: str) -> Limit:
-    limit = element.find("limit")
-    if limit is None:
-        return Limit()
-    keys = ("lower", "upper", "velocity")
-    return Limit(*[read_optional(limit, key, f"{where}, limit", unit) for key in keys])
 
 
 def _read_shape(element: Element, where: str) -> UrdfShape:
