@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from camgen.lang.code import Branch, Code, LoopEnd, LoopStart, Step
-from camgen.lang.flow import Choice, Counter, Flow, Language, Rules
+from camgen.lang.code import Branch, LoopEnd, LoopStart, Step
+from camgen.lang.flow import Choice, Counter, Flow, Rules
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
 from camgen.lang.run import Budget, Ended, Stopped
@@ -20,23 +20,15 @@ from camgen.lang.values import Unknown, require
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL
 from camgen.model.text import counted
 
-from .code import (
-    CaseValue,
-    LoopCount,
-    Question,
-    compile_routine,
-    measure_cost,
-    name_statement,
-    read_bounds,
-)
+from .code import CaseValue, LoopCount, Question, measure_cost, read_bounds
 from .instructions import MOTIONS, REACTIONS
 from .locations import Expression
 from .names import canonical
 from .statements import split, unwrap
-from .text import Impossible, Location, Routine, Statement, Stretch, Unreadable
+from .text import Impossible, Location, Routine, Statement, Unreadable
 from .units import FileUnits
 from .variables import Cell, Table, Value
-from .walk import walk_apart
+from .walk import Walker
 
 #: Maximum depth of calls. V+ has a limited stack, too.
 _MAX_DEPTH = 60
@@ -49,22 +41,18 @@ _VARIABLES_PER_STEP = 60
 _STEPS_PER_LINE = 100
 
 
-class Machine(FileUnits, Language):
+class Machine(FileUnits, Walker):
     """A run of the programs.
 
+    programs: programs by their canonical name.
     stopped: line and reason if the run could not reach its end, otherwise None.
     ran: canonical names of the programs that were run.
     """
 
-    faults: type[Exception] = Unreadable
-
     def __init__(self, programs: Sequence[Routine], request: RunRequest, log: Log) -> None:
         super().__init__(request, log)
-        self._programs: dict[str, Routine] = {}
-        for routine in programs:
-            self._programs.setdefault(canonical(routine.name), routine)
+        self.programs = {canonical(routine.name): routine for routine in reversed(programs)}
         self._kept: dict[str, Table] = {}
-        self._codes: dict[str, Code] = {}
         self._rounds = max(1, int(min(self._assume.get("rounds", 1.0), 1e6)))
         size = sum(map(measure_cost, chain.from_iterable(item.statements for item in programs)))
         self._budget = Budget(size, request.limits.vplus_steps, "vplus_steps")
@@ -76,10 +64,6 @@ class Machine(FileUnits, Language):
         """Add files that the programs may read, and steps for their lines to the budget."""
         super().add_files(files)
         self._budget.left += _STEPS_PER_LINE * sum(text.count("\n") for text in files.values())
-
-    def find_program(self, key: str) -> Routine | None:
-        """Return the program of a canonical name, None without one."""
-        return self._programs.get(key)
 
     def spend(self, count: int) -> None:
         """Take as many steps from the budget of the run. Stopped if it has too few."""
@@ -109,40 +93,20 @@ class Machine(FileUnits, Language):
         self.ran.add(key)
         self.enter(self._kept.setdefault(key, {}))
         self._scopes[-1].arguments.update(arguments)
-        self._flow.run(self._compile(routine))
+        self._flow.run(routine.code)
         self.assume_inputs()
         self.leave()
 
-    def _compile(self, routine: Routine) -> Code:
-        key = canonical(routine.name)
-        if key not in self._codes:
-            self._codes[key] = compile_routine(routine, Machine.act, Machine.run_stretch)
-        return self._codes[key]
-
-    def compile_all(self) -> list[Code]:
-        """Return the steps of all programs."""
-        return [self._compile(routine) for routine in self._programs.values()]
-
-    def run_stretch(self, plain: Stretch) -> None:
-        """Run consecutive motions."""
-        if self.try_stretch(plain):
-            self.line = plain.line + len(plain.poses) - 1
-            return
-        walk_apart(plain, self._do_apart, self._add_fault)
-
-    def _do_apart(self, statement: Statement) -> None:
-        self.line, self.doubt = statement.line, False
-        self.do(statement)
-
-    def _add_fault(self, statement: Statement, error: Unreadable) -> None:
+    def add_fault(self, line: int, word: str, error: Exception) -> None:
+        """Add a finding for an instruction that cannot be run."""
         if self.doubt and isinstance(error, Impossible):
             what = f"not evaluated: {error} (with what is assumed)"
-            self.log.find("unusual", what, line=statement.line)
-            self.log.lose(what, line=statement.line)
+            self.log.find("unusual", what, line=line)
+            self.log.lose(what, line=line)
         else:
-            self.log.find("refused", str(error), line=statement.line)
-        if statement.word in MOTIONS:
-            self.lose_position(statement.word)
+            self.log.find("refused", str(error), line=line)
+        if word in MOTIONS:
+            self.lose_position(word)
 
     def act(self, statement: Statement) -> None:
         """Run an instruction that is not part of the flow."""
@@ -156,11 +120,6 @@ class Machine(FileUnits, Language):
             self.assume_inputs()
         self.line = step.line
         self.doubt = False
-
-    def report(self, step: Step, error: Exception) -> None:
-        """Add a finding for a step that cannot be run."""
-        assert isinstance(error, Unreadable)
-        self._add_fault(name_statement(step), error)
 
     def evaluate(self, expression: Question | CaseValue | LoopCount | str) -> Any:
         """Evaluate a condition, a CASE, the count of EXIT or NEXT, or a counter."""
@@ -197,10 +156,6 @@ class Machine(FileUnits, Language):
 
     def _evaluate_item(self, text: Expression) -> float | str:
         return text.string() if text.is_string() else text.logic()
-
-    def count_instructions(self) -> int:
-        """The number of instructions so far."""
-        return len(self.body)
 
     def assume(
         self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
@@ -297,7 +252,7 @@ class Machine(FileUnits, Language):
         self.log.lose(what)
 
     def _enter(self, name: str, brackets: str) -> None:
-        routine = self._programs.get(canonical(name))
+        routine = self.programs.get(canonical(name))
         if routine is None:
             self._leave_out(f"program {name} is not in these files: left out")
             return

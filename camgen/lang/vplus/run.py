@@ -22,6 +22,7 @@ from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 
 from .check import check_rest
+from .code import FLOW, Translator
 from .flow import Machine
 from .names import canonical
 from .points import read_points, read_values
@@ -45,12 +46,9 @@ def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
     log = Log(shifts=request.shifts)
     files = {name: strip_mark(text) for name, text in files.items()}
     data_files = find_data(files)
-    routines, data = parse_files(
-        files,
-        data_files,
-        lambda line, what: log.find("refused", what, line=line),
-        lambda line, what: log.find("unusual", what, line=line),
-    )
+    routines, data = parse_files(files, log, data_files)
+    for routine in routines:
+        routine.code = Translator(routine, Machine.act, FLOW, log).compile()
     values = {**read_points(request.points, log), **read_values(data, log)}
     machine = _make_machine(routines, request, log, data_files, values)
     entry = _find_entry(routines, request.entry)
@@ -82,7 +80,7 @@ def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
         placed.frames,
         index_frames(placed.frames, placed.places),
         stopped=machine.stopped,
-        coverage=measure_coverage(machine.compile_all(), log.ran, end),
+        coverage=measure_coverage((routine.code for routine in routines), log.ran, end),
         **log.list_all(", ", 20),
     )
 
@@ -112,7 +110,7 @@ def _run_concurrent(machine: Machine, log: Log, make_machine: Callable[[Log], Ma
         for key, reaction in machine.reactions.items()
     ]
     for key, text, line, label in concurrent[:_MAX_TASKS]:
-        routine = machine.find_program(key)
+        routine = machine.programs.get(key)
         if routine is None:
             log.fact(label, f"{text}: in none of the files")
             if label.startswith("tasks"):

@@ -1,20 +1,59 @@
-"""Runs consecutive motions one by one."""
+"""The run of V+ programs by the engine, as far as the strict run and that of others are alike."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Protocol
+
+from camgen.lang.code import Act, Step
+from camgen.lang.flow import Language
+from camgen.model.program import Instruction
 
 from .text import Statement, Stretch, Unreadable, split_stretch
 
 
-def walk_apart(
-    plain: Stretch,
-    do: Callable[[Statement], None],
-    fault: Callable[[Statement, Unreadable], None],
-) -> None:
-    """Run the motions of a stretch with `do`. fault: called for those that raise Unreadable."""
-    for statement in split_stretch(plain):
-        try:
-            do(statement)
-        except Unreadable as error:
-            fault(statement, error)
+class Walker(Language, Protocol):
+    """A run of programs.
+
+    line: line of the instruction that is run.
+    body: instructions in order.
+    """
+
+    faults: type[Exception] = Unreadable
+    line: int
+    body: list[Instruction]
+
+    def begin(self, step: Step) -> None:
+        """Take note that a step runs now."""
+        self.line = step.line
+
+    def count_instructions(self) -> int:
+        """Return the number of instructions so far."""
+        return len(self.body)
+
+    def act(self, statement: Statement) -> None:
+        """Run an instruction that is not part of the flow."""
+
+    def report(self, step: Step, error: Exception) -> None:
+        """Add a finding for a step that cannot be run."""
+        operand = getattr(step, "operand", None)
+        word = operand.word if isinstance(operand, Statement) else ""
+        self.add_fault(step.line, word, error)
+
+    def add_fault(self, line: int, word: str, error: Exception) -> None:
+        """Add a finding for an instruction that cannot be run. Its word is empty in the flow."""
+
+    def try_stretch(self, plain: Stretch) -> bool:
+        """Run all motions of a stretch. Return False, and run none, in an unusual state."""
+
+    def run_stretch(self, plain: Stretch) -> None:
+        """Run the motions of a stretch, one by one in an unusual state."""
+        if self.try_stretch(plain):
+            self.line = plain.line + len(plain.poses) - 1
+            return
+        for statement in split_stretch(plain):
+            step = Act(statement.line, do=Walker.act, operand=statement)
+            self.begin(step)
+            try:
+                self.act(statement)
+            except Unreadable as error:
+                self.report(step, error)
