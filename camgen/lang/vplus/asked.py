@@ -11,6 +11,7 @@ from typing import ClassVar
 
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
+from camgen.lang.run import Budget
 from camgen.model.program import Joints
 
 from .arm import Arm
@@ -32,6 +33,7 @@ class ExternalState(Arm):
     """The variables of a program, and its external values.
 
     line: line of the instruction that is run.
+    budget: steps that may still be taken.
     doubt: a value that was used since `doubt` was last cleared rests on an assumption.
     clock: sum of the waits, s.
     switches, parameters: values that the program has set, by name in lower case.
@@ -45,7 +47,7 @@ class ExternalState(Arm):
 
     def __init__(self, request: RunRequest, log: Log) -> None:
         super().__init__(frozenset(), RATED)
-        self.log = log
+        self.log, self.budget = log, Budget(0, request.limits.vplus_steps, "vplus_steps")
         log.line = lambda: self.line
         self.line = 0
         self.doubt = False
@@ -131,7 +133,7 @@ class ExternalState(Arm):
         return make_external(key)
 
     def is_assumed_defined(self, name: str) -> bool:
-        """See `Scope.is_assumed_defined`.
+        """See `Variables.is_assumed_defined`.
 
         A global without a value is assumed to be defined: another program may have set it.
         """
@@ -149,7 +151,9 @@ class ExternalState(Arm):
     def answer(self, word: str, arguments: str, value: float) -> float:
         """Return the value of an external function, an assumption unless the program has set it."""
         if word == "TIMER":
-            return self._elapsed(float(arguments.partition(",")[0] or 0.0))
+            # The time of motions is unknown.
+            self.doubt = True
+            return self.clock - self.timers.get(float(arguments.partition(",")[0] or 0.0), 0.0)
         if word == "BITS":
             first, _, count = arguments.partition(",")
             return self.bits(int(float(first)), min(32, int(float(count.partition(",")[0] or 1.0))))
@@ -171,15 +175,10 @@ class ExternalState(Arm):
         self.log.assume(f"{word} is assumed to be empty")
         return ""
 
-    def _elapsed(self, number: float) -> float:
-        """Return the waits since a timer was set, s. The time of motions is unknown."""
-        self.doubt = True
-        return self.clock - self.timers.get(number, 0.0)
-
     # -- signals ------------------------------------------------------------------------------
 
     def signals(self, numbers: list[float]) -> float:
-        """See `Scope.signals`."""
+        """See `Variables.signals`."""
         matches = True
         for number in numbers:
             if not abs(number) <= MAX_SIGNAL or number != int(number):

@@ -6,6 +6,7 @@ a finding. A line that is impossible only with these values is accepted.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence, Set
 
 from camgen.lang.code import JumpTable
@@ -52,9 +53,6 @@ class _Checker(Machine):
 
     def is_on(self, number: int) -> bool:  # noqa: ARG002 (any)
         return False
-
-    def spend(self, count: int) -> None:
-        """Each line is read once: there is no bound to it."""
 
     def check(self, statement: Statement) -> None:
         if statement.word in _CHECKS:
@@ -137,7 +135,9 @@ _CHECKS: Mapping[str, Callable[[_Checker, Statement], None]] = {
 
 def check_rest(routines: Sequence[Routine], ran: Set[int], log: Log) -> None:
     """Add a finding for each line outside of `ran` that the controller would refuse."""
-    checker = _Checker((), RunRequest(), Log())
+    checker = _Checker((), RunRequest(), Log(), {}, {})
+    # Each line is read once: there is no bound to it.
+    checker.budget.left = sys.maxsize
     accepted: set[tuple[str, str]] = set()
     for routine in routines:
         checker.routine = routine

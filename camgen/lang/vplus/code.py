@@ -127,11 +127,11 @@ class Translator(Compiler):
             start = len(self.steps)
             starts.append(start)
             if isinstance(statement, Stretch):
-                lines = len(statement.poses)
-                self.add(Act(self.line, do=Walker.run_stretch, operand=statement, lines=lines))
+                lines, do = len(statement.poses), Walker.run_stretch
+                self.add(Act(self.line, cost=0, do=do, operand=statement, lines=lines))
             else:
                 self._add_statement(statement)
-            self.steps[start].cost = measure_cost(statement)
+                self.steps[start].cost = measure_cost(statement)
         for block in self.blocks:
             what = f"{block.kind} is not closed"
             self._log.find("refused", what, line=block.line)

@@ -6,7 +6,7 @@ import re
 
 from .locations import Expression
 from .statements import Statements
-from .text import Unreadable
+from .text import Statement, Unreadable
 
 _TIMER = re.compile(r"TIMER\s*\(([^()]*)\)\s*>=?\s*([^<>=]+)", re.IGNORECASE)
 
@@ -54,8 +54,9 @@ class Conditions(Statements):
                     self.inputs[n] = value
         return False
 
-    def wait(self, rest: str) -> None:
+    def wait(self, statement: Statement) -> None:
         """Run `WAIT condition`: a dwell for a timer, else no time, with inputs that meet it."""
+        rest = statement.rest
         if not rest:
             return
         timer = _TIMER.fullmatch(rest)
@@ -76,9 +77,9 @@ class Conditions(Statements):
         if not holds and (not self.change_inputs(rest, True, fresh=False) or again):
             self.log.assume(f"WAIT {rest} is over at once")
 
-    def wait_event(self, rest: str) -> None:
+    def wait_event(self, statement: Statement) -> None:
         """Run `WAIT.EVENT mask, seconds`: a dwell if it has seconds."""
-        text = Expression(rest, self)
+        text = Expression(statement.rest, self)
         if text.peek() not in (",", ""):
             text.logic()
         if text.accept(","):

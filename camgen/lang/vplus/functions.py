@@ -49,10 +49,6 @@ def _root(value: float) -> float:
     return math.sqrt(value)
 
 
-def _angle(y: float, x: float) -> float:
-    return math.degrees(math.atan2(y, x))
-
-
 def _to_bcd(value: float) -> float:
     return float(int(str(abs(whole(value))), 16))
 
@@ -71,14 +67,10 @@ def _mask(*bits: float) -> float:
     return signed(total)
 
 
-def _tangent(degrees: float) -> float:
-    return math.tan(math.radians(degrees))
-
-
 #: Functions of numbers, by name: minimum and maximum number of arguments, and the function.
 NUMBERS: Mapping[str, tuple[int, int, Callable[..., float]]] = {
     "ABS": (1, 1, abs),
-    "ATAN2": (2, 2, _angle),
+    "ATAN2": (2, 2, lambda y, x: math.degrees(math.atan2(y, x))),
     "BCD": (1, 1, _to_bcd),
     "BMASK": (1, 32, _mask),
     "COS": (1, 1, lambda deg: math.cos(math.radians(deg))),
@@ -92,7 +84,7 @@ NUMBERS: Mapping[str, tuple[int, int, Callable[..., float]]] = {
     "SIN": (1, 1, lambda deg: math.sin(math.radians(deg))),
     "SQR": (1, 1, lambda x: x * x),
     "SQRT": (1, 1, _root),
-    "TAN": (1, 1, _tangent),
+    "TAN": (1, 1, lambda deg: math.tan(math.radians(deg))),
 }  # fmt: skip
 
 
@@ -125,10 +117,6 @@ def _place(text: str, part: str, start: float = 1.0) -> float:
     return float(text.lower().find(part.lower(), max(0, int(start) - 1)) + 1)
 
 
-def _differ(a: str, b: str) -> float:
-    return float((a > b) - (a < b))
-
-
 #: Functions of strings with a number as value, by name: the kinds of the arguments ($ for a string,
 #: a dot for a number), the minimum number of them, and the function.
 OF_STRINGS: Mapping[str, tuple[str, int, Callable[..., float]]] = {
@@ -139,13 +127,9 @@ OF_STRINGS: Mapping[str, tuple[str, int, Callable[..., float]]] = {
     "LEN": ("$", 1, lambda s: float(len(s))),
     "LNGB": ("$.", 1, lambda s, first=1.0: _bytes(">i", s, first)),
     "POS": ("$$.", 2, _place),
-    "STRDIF": ("$$", 2, _differ),
+    "STRDIF": ("$$", 2, lambda a, b: float((a > b) - (a < b))),
     "VAL": ("$", 1, _number),
 }
-
-
-def _character(value: float) -> str:
-    return chr(whole(value) & 0xFF)
 
 
 def _to_bytes(code: str, value: float) -> str:
@@ -166,7 +150,7 @@ def _middle(text: str, first: float = 1.0, count: float = float(LONGEST)) -> str
 
 #: Functions with a string as value, in the form of `OF_STRINGS`.
 TEXTS: Mapping[str, tuple[str, int, Callable[..., str]]] = {
-    "$CHR": (".", 1, _character),
+    "$CHR": (".", 1, lambda x: chr(whole(x) & 0xFF)),
     "$DBLB": (".", 1, lambda x: _to_bytes("d", x)),
     "$FLTB": (".", 1, lambda x: _to_bytes("f", x)),
     "$INTB": (".", 1, lambda x: _to_bytes("h", x)),

@@ -17,9 +17,10 @@ from camgen.model.pose import FloatArray, Pose, Vec3, frozen, rotation_about, to
 from camgen.model.program import Joints
 from camgen.model.text import counted
 
-from .expressions import Numbers, Scope
+from .expressions import Numbers
 from .functions import truth
 from .text import NULL, Frame, Impossible, Location, Unreadable, rotation_zyz
+from .variables import NAME_PATTERN, Variables
 
 _Operand = TypeVar("_Operand")
 
@@ -185,11 +186,6 @@ class Expression(Numbers):
             raise Impossible("FRAME of points on one line")
         return Location(Pose(_make_rotation(x_direction, z_direction), to_vec3(o)))
 
-    def open_bracket(self) -> None:
-        """Enter a bracket, which must be the next token."""
-        self.expect("(")
-        self.deeper()
-
     def _several(self, count: int) -> list[Location]:
         self.open_bracket()
         locations = [self.location()]
@@ -242,18 +238,23 @@ class Expression(Numbers):
 
     # -- precision points ---------------------------------------------------------------------
 
-    def point(self) -> Joints:
+    def operand(self) -> Joints | Location:
+        """Evaluate the target of a motion: a location or a precision point."""
+        return self.point() if self.peek()[:1] == "#" else self.location()
+
+    def location_name(self) -> str:
+        """Take the name of a location or of a precision point, with its subscripts evaluated."""
+        name = self.take()
+        if not NAME_PATTERN.fullmatch(name) or name[0] == "$":
+            raise Unreadable(f"{name[:20]!r} is not the name of a location")
+        return name + self.subscripts()
+
+    def point(self) -> Joints | Location:
         """Evaluate `#PPOINT(..)` or the name of a precision point.
 
-        V+ counts degrees, and mm for joint 3 of four (a SCARA).
+        V+ counts degrees, and mm for joint 3 of four (a SCARA). The value is a location if the
+        joint values are external.
         """
-        point = self.any_point()
-        if isinstance(point, Joints):
-            return point
-        raise Unreadable(f"precision point {describe(point)} is only on the controller")
-
-    def any_point(self) -> Joints | Location:
-        """Evaluate a precision point; a location if its joint values are external."""
         token = self.take()
         if token in ("#DEST", "#HERE", "#PDEST", "#PHERE") and not self._scope.strict:
             return self._named().current_point(token[-4:])
@@ -287,7 +288,7 @@ _MORE = {
 }  # fmt: skip
 
 
-def read_whole(text: str, scope: Scope, read: Callable[[Expression], _Operand]) -> _Operand:
+def read_whole(text: str, scope: Variables, read: Callable[[Expression], _Operand]) -> _Operand:
     """Evaluate a text that is one operand, by a method of `Expression`."""
     expression = Expression(text, scope)
     value = read(expression)

@@ -29,7 +29,6 @@ from .points import read_points, read_values
 from .robot import RATED_ROTATION, Tool
 from .text import NULL, Frame, Routine, Statement, parse_files
 from .units import find_data
-from .variables import Value
 
 #: Maximum number of work frames. More were computed rather than taught, so that all targets are
 #: given in the base.
@@ -50,7 +49,7 @@ def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
     for routine in routines:
         routine.code = Translator(routine, Machine.act, FLOW, log).compile()
     values = {**read_points(request.points, log), **read_values(data, log)}
-    machine = _make_machine(routines, request, log, data_files, values)
+    machine = Machine(routines, request, log, data_files, values)
     entry = _find_entry(routines, request.entry)
     if entry is None:
         what = f"there is no program {request.entry}" if request.entry else "there is no .PROGRAM"
@@ -65,9 +64,7 @@ def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
             request.limits, vplus_steps=min(request.limits.vplus_steps, _MAX_TASK_STEPS)
         ),
     )
-    _run_concurrent(
-        machine, log, lambda aside: _make_machine(routines, short, aside, data_files, values)
-    )
+    _run_concurrent(machine, log, lambda aside: Machine(routines, short, aside, data_files, values))
     check_rest(routines, ran, log)
     for routine in routines:
         if canonical(routine.name) not in machine.ran:
@@ -83,19 +80,6 @@ def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
         coverage=measure_coverage((routine.code for routine in routines), log.ran, end),
         **log.list_all(", ", 20),
     )
-
-
-def _make_machine(
-    routines: Sequence[Routine],
-    request: RunRequest,
-    log: Log,
-    data_files: Mapping[str, str],
-    values: Mapping[str, Value],
-) -> Machine:
-    machine = Machine(routines, request, log)
-    machine.add_files(data_files)
-    machine.set_globals(values)
-    return machine
 
 
 def _run_concurrent(machine: Machine, log: Log, make_machine: Callable[[Log], Machine]) -> None:

@@ -15,7 +15,8 @@ from camgen.model.program import Joints
 from .names import TAKEN, canonical
 from .text import BASE, NULL, Frame, Location, Unreadable
 
-_NAME = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*")
+#: The spelling of a name, without subscripts.
+NAME_PATTERN = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*")
 
 Value = float | str | Location | Joints
 #: Values by the name with its subscripts. None for a variable that is declared and has no value.
@@ -43,8 +44,10 @@ class _Scope:
 class Variables:
     """The variables during a run.
 
-    Methods raise Unreadable for a name without a value, or with a value of another kind.
+    Methods raise Unreadable for a name without a value, or with a value of another kind. A name
+    includes its subscripts, as `A[1,2]`.
 
+    strict: an external value raises Unreadable; otherwise it becomes an assumption.
     known: names of locations that are stored on the controller.
     """
 
@@ -68,10 +71,6 @@ class Variables:
     def leave(self) -> None:
         """End the program, and delete its AUTO variables."""
         self._scopes.pop()
-
-    def alias(self, name: str, cell: Cell) -> None:
-        """Make an argument another name of a variable of the calling program."""
-        self._scopes[-1].arguments[canonical(name)] = cell
 
     def cell(self, name: str) -> Cell:
         """Return the cell of a variable, whether or not it has a value yet."""
@@ -120,10 +119,6 @@ class Variables:
         """Return the value of a string without a value, or whose `value` is of another kind."""
         raise Unreadable(f"{name} is not defined" if value is None else f"{name} is not a string")
 
-    def set_text(self, name: str, value: str) -> None:
-        """Assign a value to a string variable."""
-        self.assign(name, value)
-
     def location(self, name: str) -> Location:
         """The value of a location variable; an external location for a name in `known`."""
         key = canonical(name)
@@ -165,20 +160,24 @@ class Variables:
         """Return the value of a precision point without a value."""
         raise Unreadable(f"precision point {name} is not defined")
 
+    def current_location(self, word: str) -> Location:
+        """The location HERE, DEST, TOOL or BASE."""
+        raise Unreadable(f"{word} is not known here")
+
     def current_point(self, word: str) -> Joints | Location:
-        """See `Scope.current_point`."""
+        """HERE or DEST as joint values; a location if these are external."""
         raise Unreadable(f"#{word} is not evaluated")
 
     def signals(self, numbers: list[float]) -> float:  # noqa: ARG002 (for others)
-        """See `Scope.signals`."""
+        """SIG: TRUE if all signals are on, or off if their number is negative."""
         raise Unreadable("SIG is not evaluated")
 
     def answer(self, word: str, arguments: str, value: float) -> float:  # noqa: ARG002 (for others)
-        """See `Scope.answer`."""
+        """The value of an external function; `value` if nothing sets it."""
         raise Unreadable(f"{word} is not evaluated")
 
     def answer_text(self, word: str) -> str:
-        """See `Scope.answer_text`."""
+        """The value of an external string function."""
         raise Unreadable(f"{word} is not evaluated")
 
     def last(self, name: str) -> float:
@@ -194,7 +193,7 @@ class Variables:
         return self._value(canonical(name)) is not None
 
     def is_assumed_defined(self, name: str) -> bool:
-        """See `Scope.is_assumed_defined`."""
+        """The value of DEFINED, which may rest on an assumption."""
         return self.defined(name)
 
     def assign(self, name: str, value: Value) -> None:
@@ -241,7 +240,7 @@ def _add_subscripts(base: str, subscripts: str) -> str:
 
 def check_name(name: str) -> str:
     """Return `name`. Raises Unreadable if no variable can have that name."""
-    if not _NAME.fullmatch(name):
+    if not NAME_PATTERN.fullmatch(name):
         raise Unreadable(f"{name[:20]!r} is not a name")
     if name.upper() in TAKEN:
         raise Unreadable(f"{name} is a word of V+")

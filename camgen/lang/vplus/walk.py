@@ -6,6 +6,7 @@ from typing import Protocol
 
 from camgen.lang.code import Act, Step
 from camgen.lang.flow import Language
+from camgen.lang.run import Budget
 from camgen.model.program import Instruction
 
 from .text import Statement, Stretch, Unreadable, split_stretch
@@ -16,11 +17,13 @@ class Walker(Language, Protocol):
 
     line: line of the instruction that is run.
     body: instructions in order.
+    budget: steps that may still be taken. Each motion of a stretch takes one.
     """
 
     faults: type[Exception] = Unreadable
     line: int
     body: list[Instruction]
+    budget: Budget
 
     def begin(self, step: Step) -> None:
         """Take note that a step runs now."""
@@ -47,12 +50,15 @@ class Walker(Language, Protocol):
 
     def run_stretch(self, plain: Stretch) -> None:
         """Run the motions of a stretch, one by one in an unusual state."""
-        if self.try_stretch(plain):
-            self.line = plain.line + len(plain.poses) - 1
+        count = len(plain.poses)
+        if count <= self.budget.left and self.try_stretch(plain):
+            self.budget.spend(count)
+            self.line = plain.line + count - 1
             return
         for statement in split_stretch(plain):
             step = Act(statement.line, do=Walker.act, operand=statement)
             self.begin(step)
+            self.budget.spend()
             try:
                 self.act(statement)
             except Unreadable as error:

@@ -10,7 +10,7 @@ import math
 import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
-from itertools import chain, groupby
+from itertools import groupby
 from typing import NoReturn
 
 import numpy as np
@@ -24,7 +24,7 @@ from camgen.lang.programs import Executed, Frames
 from camgen.lang.run import Budget, Stopped
 from camgen.lang.values import require
 from camgen.lang.vplus.arm import POSTURES, is_same
-from camgen.lang.vplus.code import FLOW, Translator, measure_cost, read_bounds
+from camgen.lang.vplus.code import FLOW, Translator, read_bounds
 from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
 from camgen.lang.vplus.text import (
@@ -72,9 +72,10 @@ class Machine(RobotState, Walker):
     def __init__(self, programs: Mapping[str, Routine], log: Log, settings: Settings) -> None:
         super().__init__(log, settings)
         self._programs = programs
-        statements = chain.from_iterable(routine.statements for routine in programs.values())
-        budget = Budget(sum(map(measure_cost, statements)), _LOOPED, "")
-        self._flow = Flow(self, budget, Rules(_CALLS, skips_blocks=True))
+        self.budget = Budget(0, _LOOPED, "")
+        for routine in programs.values():
+            self.budget.left += sum(map(_length, routine.statements))
+        self._flow = Flow(self, self.budget, Rules(_CALLS, skips_blocks=True))
         self.line = 0
 
     def run(self, routine: Routine) -> None:
@@ -178,6 +179,10 @@ _FLOW = {
 }
 
 
+def _length(statement: Statement | Stretch) -> int:
+    return len(statement.poses) if isinstance(statement, Stretch) else 1
+
+
 #: Methods by the word of their instruction. They are not bound to a machine, which would then refer
 #: to itself and stay in memory.
 _DOES: dict[str, Callable[[Machine, Statement], None]] = {
@@ -263,6 +268,8 @@ def _run(files: Mapping[str, str], settings: Settings, log: Log) -> Machine:
     programs: dict[str, Routine] = {}
     for routine in parse_files(files, log, strict=True)[0]:
         routine.code = Translator(routine, Machine.act, _FLOW, log).compile()
+        for step in routine.code.steps:
+            step.cost = min(step.cost, 1)
         programs.setdefault(canonical(routine.name), routine)
     machine = Machine(programs, log, settings)
     start = _find_start(list(programs.values()), log)
