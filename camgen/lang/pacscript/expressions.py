@@ -183,9 +183,9 @@ class _Parser:
         kind, text = self.tokens[self.at]
         self.at += 1
         if kind == "number":
-            return Node("number", _parse_number(text))
+            return Node("number", finite(float(text)))
         if kind in ("binary", "hex"):
-            return Node("number", float(int(text[:300], 2 if kind == "binary" else 16)))
+            return Node("number", float(finite(int(text, 2 if kind == "binary" else 16))))
         if kind == "text":
             return Node("text", text.replace('""', '"'))
         if text == "(":
@@ -232,10 +232,3 @@ class _Parser:
 
 
 _NOTS = tuple(("name", word) for word in ("not", "Not", "NOT"))
-
-
-def _parse_number(text: str) -> float:
-    try:
-        return finite(float(text))
-    except OverflowError:
-        raise Unreadable("a number is too large") from None

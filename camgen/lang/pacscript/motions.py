@@ -9,7 +9,6 @@ from camgen.geometry.arcs import compute_circle, turn_about
 from camgen.lang.pacscript.effects import OMITTED_OPTIONS
 from camgen.lang.pacscript.evaluate import fit
 from camgen.lang.pacscript.expressions import Node, parse_optional
-from camgen.lang.pacscript.functions import numbers
 from camgen.lang.pacscript.machine import PASS_MM, posture_of
 from camgen.lang.pacscript.motion import LINEAR, Axes, Goal, Motion
 from camgen.lang.pacscript.plain import Plain
@@ -17,7 +16,6 @@ from camgen.lang.pacscript.settings import check_speed
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import (
     ExternalPose,
-    PoseWithFigure,
     Speed,
     Unreadable,
     Value,
@@ -25,11 +23,12 @@ from camgen.lang.pacscript.values import (
     Wrong,
     base_of,
     describe_value,
+    figure_of,
     index,
     keep_frame,
     name_place,
     number,
-    vector,
+    with_figure,
 )
 from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import (
@@ -187,10 +186,8 @@ def _follow_path(run: State, motion: Motion, speed: Speed) -> None:
 def place_of(run: State, node: Node) -> Value:
     """Evaluate a target: a position, joint values, or Unknown."""
     value = run.evaluate(node)
-    if isinstance(value, tuple):
+    if isinstance(value, (tuple, Vector)):
         value = fit(value, "position")
-    if isinstance(value, Vector):
-        value = fit(value.values, "position")
     if not isinstance(value, (Pose, Joints, Unknown)):
         raise Wrong(f"{describe_value(value)} is not a place to move to")
     return value
@@ -251,11 +248,7 @@ def depart(run: State, motion: Motion) -> None:
 def draw(run: State, motion: Motion) -> None:
     """Run `Draw P|L, [@mark] V(dx, dy, dz)`: by a vector in the work frame."""
     (goal,) = _exactly(motion, 1)
-    value = run.evaluate(goal.value)
-    if isinstance(value, tuple):
-        value = vector(numbers(list(value)))
-    if isinstance(value, Pose):
-        value = Vector(value.origin)
+    value = fit(run.evaluate(goal.value), "vector")
     if not isinstance(value, (Vector, Unknown)):
         raise Wrong(f"Draw needs a vector, not {describe_value(value)}")
     start = run.find_start()
@@ -286,9 +279,7 @@ def move_back(run: State, pose: Pose, length: float) -> Pose:
         )
         run.machine.log.assume(what, _SCARA)
     origin = pose.apply((0.0, 0.0, length if scara else -length))
-    if isinstance(pose, PoseWithFigure):
-        return PoseWithFigure(pose.rotation, origin, pose.figure)
-    return keep_frame(Pose(pose.rotation, origin), pose)
+    return keep_frame(with_figure(Pose(pose.rotation, origin), figure_of(pose)), pose)
 
 
 def arc(

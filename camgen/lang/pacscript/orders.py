@@ -10,14 +10,12 @@ from camgen.lang.pacscript.evaluate import (
     assign_axis,
     assign_component,
     assign_name,
-    blank,
     fit,
     is_stored,
-    truth,
 )
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import ASKED, FUNCTIONS
-from camgen.lang.pacscript.machine import copy_value
+from camgen.lang.pacscript.machine import blank, copy_value
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import Array, Unreadable, Value, index, number
 from camgen.lang.run import Stopped
@@ -37,14 +35,6 @@ class Declaration(NamedTuple):
     kind: str
     tops: tuple[Node, ...] | None
     value: Node | None
-
-
-class Port(NamedTuple):
-    """``DefIO name = kind, number``."""
-
-    name: str
-    kind: str
-    number: Node
 
 
 class Assignment(NamedTuple):
@@ -78,39 +68,6 @@ class Switching(NamedTuple):
     is_pulse: bool
 
 
-class Letting(NamedTuple):
-    """``LetX target[, axis] = value``. part: X."""
-
-    part: str
-    target: Node
-    axis: Node | None
-    value: Node
-
-
-class Waiting(NamedTuple):
-    """``Wait condition[, time[, result]]``. others: time and result."""
-
-    condition: Node
-    others: Sequence[Node]
-
-
-class Filling(NamedTuple):
-    """``Input`` and other statements that fill variables from outside. word: the statement."""
-
-    word: str
-    targets: Sequence[Node]
-
-
-class Remark(NamedTuple):
-    """A statement without a motion in the translation.
-
-    effect: its effect on the program that runs.
-    """
-
-    text: str
-    effect: str
-
-
 def declare(run: State, declarations: Sequence[Declaration]) -> None:
     """``Dim`` and the other declarations."""
     for name, kind, tops, init in declarations:
@@ -132,11 +89,10 @@ def declare(run: State, declarations: Sequence[Declaration]) -> None:
             run.scope.names[name] = blank(kind)
 
 
-def define_port(run: State, port: Port) -> None:
-    """``DefIO``."""
-    at = run.evaluate(port.number)
-    number_of_port = -1 if isinstance(at, Unknown) else int(number(at))
-    run.scope.ios[port.name] = (port.kind, number_of_port)
+def define_port(run: State, port: tuple[str, Node]) -> None:
+    """``DefIO name = kind, number``."""
+    at = run.evaluate(port[1])
+    run.scope.ios[port[0]] = -1 if isinstance(at, Unknown) else int(number(at))
 
 
 def set_variable(run: State, assignment: Assignment) -> None:
@@ -239,36 +195,36 @@ def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
     raise Unreadable("an output that is not understood")
 
 
-def assign_part(run: State, letting: Letting) -> None:
-    """Run `LetX` and the like."""
-    part, target, axis, value = letting
+def assign_part(run: State, letting: tuple[list[Node], Node], part: str) -> None:
+    """Run `LetX [axis,] target = value`. part: X."""
+    targets, value = letting
     if part == "f":
         run.log.fact("posture", "LetF sets the figure of a position")
-    if axis is None:
-        assign_component(run, part, target, run.evaluate(value))
+    if len(targets) == 1:
+        assign_component(run, part, targets[0], run.evaluate(value))
     else:
-        assign_axis(run, target, run.evaluate(axis), run.evaluate(value))
+        assign_axis(run, targets[-1], run.evaluate(targets[0]), run.evaluate(value))
 
 
-def omit(run: State, remark: Remark) -> None:
-    """A statement that another machine does without."""
-    run.log.omit(f"{remark.text}: {remark.effect}")
+def omit(run: State, remark: str) -> None:
+    """A statement that another machine does without. remark: its text and its effect."""
+    run.log.omit(remark)
 
 
-def lose(run: State, remark: Remark) -> None:
+def lose(run: State, remark: str) -> None:
     """A statement that would move or switch another machine differently."""
-    run.log.leave_out(f"{remark.text}: {remark.effect}")
+    run.log.leave_out(remark)
 
 
-def wait(run: State, waiting: Waiting) -> None:
-    """``Wait``: it is over at once, and its condition holds from then on."""
-    condition, others = waiting
-    holds = truth(run.evaluate(condition))
-    if holds is not True:
+def wait(run: State, parts: Sequence[Node]) -> None:
+    """``Wait condition[, time[, result]]``: over at once, and its condition holds from then on."""
+    condition, *others = parts
+    holds = run.evaluate(condition)
+    if isinstance(holds, Unknown) or not number(holds):
         given = _find_given(run, condition)
-        if holds is False and given:
-            raise Stopped(f"waits forever: {given} is given otherwise")
         unknown = holds if isinstance(holds, Unknown) else Unknown("what others set")
+        if given and unknown is not holds:
+            raise Stopped(f"waits forever: {given} is given otherwise")
         run.log.choose(f"Wait for {unknown.what} is over at once", unknown.key)
         _learn(run, condition)
     run.machine.passing = False
@@ -319,10 +275,10 @@ def _assign_awaited(run: State, node: Node, value: Value) -> None:
         assign(run, node, value)
 
 
-def fill(run: State, filling: Filling) -> None:
-    """``Input`` and other statements that fill variables from outside."""
-    takes_all = filling.word in ("input", "lineinput", "com_state")
-    for node in filling.targets if takes_all else filling.targets[:1]:
+def fill(run: State, targets: Sequence[Node], word: str) -> None:
+    """``Input`` and other statements that fill variables from outside. word: the statement."""
+    takes_all = word in ("input", "lineinput", "com_state")
+    for node in targets if takes_all else targets[:1]:
         if node.kind in ("name", "index", "call"):
             name = str(node.content)
-            assign(run, node, run.machine.unknown(f"{name} from {filling.word}", name))
+            assign(run, node, run.machine.unknown(f"{name} from {word}", name))

@@ -13,20 +13,18 @@ from camgen.lang.coverage import measure_coverage
 from camgen.lang.flow import Choice, Counter, Flow, MachineLanguage, Raised, Rules
 from camgen.lang.pacscript import motions
 from camgen.lang.pacscript.code import CountRange, ProcedureCode, compile_procedure
-from camgen.lang.pacscript.evaluate import assign, blank, combine, evaluate, fit
+from camgen.lang.pacscript.evaluate import assign, combine, evaluate, fit
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import calculate, get_value
-from camgen.lang.pacscript.machine import Machine, Scope, copy_value
+from camgen.lang.pacscript.machine import Machine, Scope, blank, copy_value
 from camgen.lang.pacscript.points import read_points
 from camgen.lang.pacscript.source import (
-    File,
     Module,
     Parameter,
     Procedure,
     list_included,
     normalize,
     read_files,
-    read_module,
     stem,
 )
 from camgen.lang.pacscript.state import State
@@ -34,11 +32,9 @@ from camgen.lang.pacscript.values import (
     Array,
     Unreadable,
     Value,
-    Wrong,
     comparable,
     number,
 )
-from camgen.lang.pacscript.words import RESERVED
 from camgen.lang.programs import Executed, RunRequest
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown
@@ -67,11 +63,8 @@ _CHOICES = {
 class Run(State, MachineLanguage):
     """The run of procedures, for all programs.
 
-    files: files that are given, by name.
-    modules: files that were read, by name.
     codes: procedures that several files include, by their statements.
     scopes: names of each file, which it has as long as the program runs.
-    module: file of the procedure that runs.
     """
 
     faults: type[Exception] = Unreadable
@@ -79,21 +72,8 @@ class Run(State, MachineLanguage):
     def __init__(self, machine: Machine, budget: Budget, rules: Rules) -> None:
         super().__init__(machine, budget)
         self.flow = Flow(self, budget, rules)
-        self.files: dict[str, File] = {}
-        self.modules: dict[str, Module] = {}
         self.codes: dict[Any, ProcedureCode] = {}
         self.scopes: dict[str, Scope] = {}
-        self.module = Module("")
-
-    def add_fault(self, line: int, what: str) -> None:
-        """Add a finding for a fault of the text."""
-        self.machine.log.find("refused", what, line=max(1, line))
-
-    def read(self, name: str) -> Module:
-        """Return the module of a given file."""
-        if name not in self.modules:
-            self.modules[name] = read_module(name, self.files, self.machine.assume, self.add_fault)
-        return self.modules[name]
 
     def _scope_of(self, module: Module) -> Scope:
         """Return the names of a file, which it keeps during the whole run."""
@@ -117,21 +97,6 @@ class Run(State, MachineLanguage):
         return code
 
     # Procedures.
-
-    def find_procedure(self, name: str) -> tuple[Module, Procedure] | None:
-        """Return a procedure of this file, or the start of another file; None without one."""
-        if (procedure := self.module.procedures.get(name)) and name != "main":
-            return self.module, procedure
-        if name in self.stems and name not in RESERVED:
-            module = self.read(self.stems[name])
-            if main := module.procedures.get("main"):
-                return module, main
-        return None
-
-    def find_function(self, name: str) -> bool:
-        """Whether a name without brackets calls a function."""
-        procedure = self.find_procedure(name)
-        return procedure is not None and procedure[1].returns not in ("", "program")
 
     def call(self, target: tuple[Module, Procedure], parts: tuple[Node, ...]) -> Value:
         """Call a procedure. Returns its value, which is 0 for a Sub.
@@ -164,7 +129,7 @@ class Run(State, MachineLanguage):
         if parameter.by_value or value is None or part.kind not in ("name", "index", "call"):
             return
         name = str(part.content)
-        variable = self.scope.names.get(name, self.module_scope.names.get(name))
+        variable = self.find_variable(name)
         if part.kind == "call" and not isinstance(variable, Array):
             return
         if part.kind == "name" and (variable is None or variable is value):
@@ -263,18 +228,7 @@ class Run(State, MachineLanguage):
         if isinstance(step, Act) and step.effect is Effect.MOVES:
             self.fail_motion(error)
         else:
-            self._add_fault(error)
-
-    def fail_motion(self, error: Exception) -> None:
-        """Add a finding for a motion that cannot be run. Its target is unknown."""
-        self._add_fault(error)
-        self.machine.lose_motion()
-
-    def _add_fault(self, error: Exception) -> None:
-        if isinstance(error, Wrong):
-            self.log.find("refused", str(error))
-        else:
-            self.log.leave_out(f"{error}: left out")
+            self.add_error(error)
 
 
 class ProgramRun(Run):

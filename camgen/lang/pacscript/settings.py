@@ -12,6 +12,7 @@ from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import Rate, Speed, Value, Wrong, number
 from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import Pose
+from camgen.model.program import Force
 
 #: Longest delay, ms, and highest number of a tool or work frame (RC8 manual 1943).
 LONGEST_DELAY, LAST_FRAME = 2**31 - 1, 63
@@ -28,10 +29,10 @@ def check_speed(run: State, value: Value) -> Speed:
         run.machine.log.assume(what, value.key, internal)
         return internal
     percentage = number(value, "a speed")
-    if isinstance(percentage, Rate) or isinstance(value, Rate):
-        if value.mm_s <= 0:  # type: ignore[union-attr]
-            raise Wrong(f"a speed of Mps({value.mm_s:g})")  # type: ignore[union-attr]
-        return value  # type: ignore[return-value]
+    if isinstance(value, Rate):
+        if value.mm_s <= 0:
+            raise Wrong(f"a speed of Mps({value.mm_s:g})")
+        return value
     if not 0.1 <= percentage <= 100:
         run.machine.log.find(
             "refused", f"a speed of {percentage:g} %: the controller takes 0.1 to 100"
@@ -162,7 +163,7 @@ def force_control(run: State, parts: Nodes) -> None:
     if number(values[0]):
         force_set = int(number(get_value(values, 1, 1.0)))
     if machine.press(force_set):
-        machine.add_force()
+        machine.emit(Force(*machine.pressing))
     else:
         machine.log.leave_out("a force that the text does not give is left out")
 

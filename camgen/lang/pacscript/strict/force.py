@@ -56,22 +56,17 @@ def _set_force(machine: StrictMachine, table: int, force: Vec3) -> None:
     machine.forces[table] = _WORK, force
     if machine.table == table:
         machine.press(table)
-    _note_unused(machine, table)
+    note_unused(machine, table)
     if machine.table != table:
         machine.unused_forces[table] = machine.line
 
 
-def _note_unused(machine: StrictMachine, *tables: int) -> None:
+def note_unused(machine: StrictMachine, *tables: int) -> None:
     """Adds findings for forces of tables that were set and never on."""
     for table in tables:
         line = machine.unused_forces.pop(table, 0)
         if line:
             machine.log.find("unusual", f"force table {table} is set and never on", line=line)
-
-
-def finish(machine: StrictMachine) -> None:
-    """Adds findings for all forces that were set and never on."""
-    _note_unused(machine, *machine.unused_forces)
 
 
 def control(run: StrictRun, rest: str) -> None:
