@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from msgspec import Struct
@@ -32,7 +32,7 @@ from camgen.lang.pacscript.lines import FaultCallback
 from camgen.lang.pacscript.motions import run_motions
 from camgen.lang.pacscript.orders import Assignment, Calling, declare
 from camgen.lang.pacscript.plain import list_motions
-from camgen.lang.pacscript.source import Procedure, Statement
+from camgen.lang.pacscript.source import Procedure
 from camgen.lang.pacscript.statements import (
     ASSIGN,
     CALL,
@@ -41,6 +41,7 @@ from camgen.lang.pacscript.statements import (
     VERB,
     Order,
     find_equals,
+    find_outside,
     make_condition,
     read_call,
     read_case,
@@ -78,20 +79,16 @@ def compile_procedure(procedure: Procedure, report: FaultCallback, pac: bool) ->
     pac: the text is in the older dialect, which reserves other names.
     """
     compiler = _Compiler(report, pac, procedure.returns == "program")
-    _read_statements(procedure.statements, compiler)
+    for line, text in procedure.statements:
+        if isinstance(text, Run):
+            compiler.add(make_motions(line, text))
+        else:
+            compiler.statement(line, text)
     compiler.close_down_to(0)
     code = compiler.finish()
     for jump in compiler.list_missing():
         report(jump.line, f"there is no label {jump.label}")
     return ProcedureCode(code, frozenset(compiler.assigned))
-
-
-def _read_statements(statements: Sequence[Statement], compiler: _Compiler) -> None:
-    for line, text in statements:
-        if isinstance(text, Run):
-            compiler.add(make_motions(line, text))
-        else:
-            compiler.statement(line, text)
 
 
 def make_motions(line: int, run: Run) -> Act:
@@ -173,9 +170,10 @@ class _Compiler(Compiler):
             if verb and verb[1].lower() in ("if", "else", "elseif"):
                 self.conditional(verb[1].lower(), verb[2])
                 return
-            text, rest = _cut_colon(text) if ":" in text else (text, "")
-            self.simple(text)
-            text = rest
+            colon = find_outside(_COLON, text, ":") if ":" in text else -1
+            end = len(text) if colon < 0 else colon
+            self.simple(text[:end].strip())
+            text = text[end + 1 :]
 
     def simple(self, text: str) -> None:
         """A statement that is not a condition."""
@@ -362,15 +360,6 @@ class _Compiler(Compiler):
 def _read_goal(rest: str, word: str) -> str:
     reason = Unreadable(f"{word} {rest[:40]} is not understood")
     return require(_GOAL.fullmatch(rest.strip()), reason)[1].lower()
-
-
-def _cut_colon(text: str) -> tuple[str, str]:
-    depth = 0
-    for match in _COLON.finditer(text):
-        if match[0] == ":" and depth == 0:
-            return text[: match.start()].strip(), text[match.end() :]
-        depth += (match[0] in ("(", "[")) - (match[0] in (")", "]"))
-    return text, ""
 
 
 _FLOW: dict[str, Callable[[_Compiler, str], object]] = {

@@ -43,7 +43,8 @@ from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import IDENTITY, Pose
 from camgen.model.program import Joints
 
-_SHORT = re.compile(r"(io|[pjtvifds])(\d{1,9})", re.ASCII)
+#: The short form of a variable of the controller or of an input or output, such as `I10`.
+STORED_NAME = re.compile(r"(io|[pjtvifds])(\d{1,9})", re.ASCII)
 _CONSTANTS: dict[str, Value] = {
     "on": 1.0,
     "off": 0.0,
@@ -91,7 +92,10 @@ def _apply_sign(run: State, node: Node) -> Value:
     value = run.evaluate(node.parts[0])
     if node.content == 1.0 and isinstance(value, (float, bool)):
         return value
-    return negate(run, value, float(node.content))
+    sign = float(node.content)
+    if isinstance(value, (Vector, Joints)):
+        return type(value)(tuple(sign * item for item in value.values))  # type: ignore[arg-type]
+    return run.combine("*", value, sign)
 
 
 def _invert(run: State, node: Node) -> Value:
@@ -122,13 +126,6 @@ def combine(_run: State, sign: str, a: Value, b: Value) -> Value:
     return calculate(sign, a, b)
 
 
-def negate(run: State, value: Value, sign: float) -> Value:
-    """Multiply a value by a sign, 1 or -1."""
-    if isinstance(value, (Vector, Joints)):
-        return type(value)(tuple(sign * item for item in value.values))  # type: ignore[arg-type]
-    return run.combine("*", value, sign)
-
-
 def evaluate_name(run: State, word: str) -> Value:
     """Evaluate a name: a variable, a function without arguments, a constant, or a stored value."""
     value = run.find_variable(word)
@@ -136,7 +133,7 @@ def evaluate_name(run: State, word: str) -> Value:
         return value
     if word in _CONSTANTS:
         return _CONSTANTS[word]
-    if short := _SHORT.fullmatch(word):
+    if short := STORED_NAME.fullmatch(word):
         return read_stored(run, short[1], int(short[2]))
     if (value := run.port(word)) is not None:
         return value
@@ -145,11 +142,6 @@ def evaluate_name(run: State, word: str) -> Value:
     if word in _KINDS:
         return _KINDS[word]
     return run.undeclared(word)
-
-
-def is_stored(word: str) -> bool:
-    """Whether a name is the short form of a variable of the controller, such as `I10`."""
-    return _SHORT.fullmatch(word) is not None
 
 
 def read_stored(run: State, letter: str, at: int) -> Value:
@@ -205,32 +197,13 @@ def evaluate_call(run: State, word: str, parts: tuple[Node, ...]) -> Value:
         return _OF_RUN[word](run, [run.evaluate(part) for part in parts])
     values = [run.evaluate(part) for part in parts]
     if word in FUNCTIONS:
-        return _construct(word, values) if word in _MADE else call(word, values)
+        return call(word, values)
     if word == "outrange":
         run.machine.log.assume("places that OutRange asks for are within reach", word)
         return run.machine.given(word) or 0.0
     if word in ASKED:
         return run.machine.unknown(word, word)
     return run.leave_out(word)
-
-
-_MADE = frozenset(("p", "j", "v"))
-
-
-def _construct(word: str, values: list[Value]) -> Value:
-    for value in values:
-        if isinstance(value, Unknown):
-            return Unknown(value.what)
-    if word == "p" and values and isinstance(values[0], Vector):
-        values = [
-            *values[0].values,
-            *(
-                values[1].values
-                if len(values) > 1 and isinstance(values[1], Vector)
-                else values[1:]
-            ),
-        ]
-    return call(word, values)
 
 
 def _evaluate_member(run: State, node: Node) -> Value:
@@ -364,7 +337,7 @@ def assign_name(run: State, word: str, value: Value) -> None:
             scope = run.module_scope
         elif run.write_port(word, value):
             return
-        elif (short := _SHORT.fullmatch(word)) is not None:
+        elif (short := STORED_NAME.fullmatch(word)) is not None:
             _assign_stored(run, short[1], int(short[2]), value)
             return
     scope.names[word] = copy_value(fit(value, scope.kinds.get(word, "variant")))

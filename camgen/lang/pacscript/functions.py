@@ -72,6 +72,16 @@ def text_of(value: Value) -> str:
     raise Unreadable(f"{describe_value(value)} is not text")
 
 
+def _position(values: list[Value]) -> Value:
+    """`P(x, y, z, rx, ry, rz, fig)`, where vectors may stand for the first and next three."""
+    if values and isinstance(values[0], Vector):
+        rest = values[1:]
+        if rest and isinstance(rest[0], Vector):
+            rest = [*rest[0].values, *rest[1:]]
+        values = [*values[0].values, *rest]
+    return position(numbers(values))
+
+
 def _component(at: int) -> Callable[[list[Value]], Value]:
     def take(values: list[Value]) -> Value:
         (value,) = values
@@ -122,10 +132,6 @@ def _vector(value: Value) -> Vec3:
     if not isinstance(value, Vector):
         raise Unreadable(f"{describe_value(value)} is not a vector")
     return value.values
-
-
-def _dot(values: list[Value]) -> Value:
-    return sum(a * b for a, b in zip(_vector(values[0]), _vector(values[1]), strict=True))
 
 
 def _cross(values: list[Value]) -> Value:
@@ -228,7 +234,7 @@ def _extreme(function: Callable[..., float]) -> Callable[[list[Value]], Value]:
 
 #: Functions by name in lower case. An IndexError of one means that there are too few values.
 FUNCTIONS: dict[str, Callable[[list[Value]], Value]] = {
-    "p": lambda values: position(numbers(values)),
+    "p": _position,
     "j": lambda values: joints(numbers(values)),
     "v": lambda values: vector(numbers(values, 3)),
     "t": lambda values: homogeneous(numbers(values)),
@@ -250,7 +256,9 @@ FUNCTIONS: dict[str, Callable[[list[Value]], Value]] = {
         ("dist", "distance"), lambda values: math.dist(_vector(values[0]), _vector(values[1]))
     ),
     "magnitude": lambda values: math.hypot(*_vector(values[0])),
-    "dot": _dot,
+    "dot": lambda values: sum(
+        a * b for a, b in zip(_vector(values[0]), _vector(values[1]), strict=True)
+    ),
     "cross": _cross,
     **dict.fromkeys(("p2t", "t2p", "tnorm"), lambda values: values[0]),
     "cint": _math(round),

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from camgen.lang.pacscript.evaluate import (
+    STORED_NAME,
     assign,
     assign_axis,
     assign_component,
     assign_name,
     fit,
-    is_stored,
 )
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import ASKED, FUNCTIONS
@@ -187,11 +187,10 @@ def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
             )
             return []
         return [index(number(at))]
-    name = str(which.content)
-    if which.kind == "name" and name.startswith("io") and name[2:].isdecimal():
-        return [int(name[2:11])]
     if which.kind == "name":
-        return [name]
+        name = str(which.content)
+        short = STORED_NAME.fullmatch(name)
+        return [int(short[2]) if short and short[1] == "io" else name]
     raise Unreadable("an output that is not understood")
 
 
@@ -260,18 +259,14 @@ def _learn(run: State, node: Node) -> None:
 
 def _assign_awaited(run: State, node: Node, value: Value) -> None:
     name = str(node.content)
+    short = STORED_NAME.fullmatch(name)
     if node.kind == "index" and name == "io":
         at = run.evaluate(node.parts[0])
         if not isinstance(at, Unknown):
             run.learned[index(number(at))] = value
-    elif node.kind == "name" and name.startswith("io") and name[2:].isdecimal():
-        run.learned[int(name[2:9])] = value
-    elif (
-        node.kind == "index"
-        or name in run.scope.names
-        or name in run.module_scope.names
-        or is_stored(name)
-    ):
+    elif node.kind == "name" and short and short[1] == "io":
+        run.learned[int(short[2])] = value
+    elif node.kind == "index" or short or run.find_variable(name) is not None:
         assign(run, node, value)
 
 

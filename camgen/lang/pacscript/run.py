@@ -37,7 +37,7 @@ from camgen.lang.pacscript.values import (
 )
 from camgen.lang.programs import Executed, RunRequest
 from camgen.lang.run import Budget, Ended, Stopped
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, find_first_unknown
 
 #: Maximum depth of calls.
 _MAX_DEPTH = 40
@@ -126,17 +126,15 @@ class Run(State, MachineLanguage):
 
     def _give_back(self, parameter: Parameter, part: Node, scope: Scope) -> None:
         value = scope.names.get(parameter.name)
-        if parameter.by_value or value is None or part.kind not in ("name", "index", "call"):
-            return
         name = str(part.content)
         variable = self.find_variable(name)
-        if part.kind == "call" and not isinstance(variable, Array):
-            return
-        if part.kind == "name" and (variable is None or variable is value):
-            return
-        if part.kind == "index" and name == "io":
-            return
-        assign(self, part, value)
+        takes_value = {
+            "call": isinstance(variable, Array),
+            "name": variable is not None and variable is not value,
+            "index": name != "io",
+        }
+        if value is not None and not parameter.by_value and takes_value.get(part.kind, False):
+            assign(self, part, value)
 
     def _execute(self, procedure: Procedure, values: list[Value]) -> Scope:
         scope = Scope()
@@ -192,10 +190,9 @@ class Run(State, MachineLanguage):
     def open_count(self, count: CountRange) -> Counter:
         """Open the counter of a `For`."""
         first, last, step = (self.evaluate(part) for part in count[1:])
-        for value in (first, last, step):
-            if isinstance(value, Unknown):
-                begin = Unknown(first.what) if isinstance(first, Unknown) else first
-                return Counter(count.counter, begin, unknown=value)
+        unknown = find_first_unknown((first, last, step))
+        if unknown is not None:
+            return Counter(count.counter, first, unknown=unknown)
         return Counter(count.counter, number(first), number(last), number(step))
 
     def read_state(self) -> object:

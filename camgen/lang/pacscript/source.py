@@ -110,12 +110,10 @@ class Module:
 class File(NamedTuple):
     """A file as it was given.
 
-    name: its name in lower case, without a folder.
     line: number of its first line, from 1 through all files.
     statements: line and text of each statement, or the motions of several lines.
     """
 
-    name: str
     line: int
     statements: list[tuple[int, str | Run]]
 
@@ -134,8 +132,8 @@ def read_files(
     result: dict[str, File] = {}
     before = 0
     for name, text in files.items():
-        base = base_name(name)
-        result.setdefault(base, File(base, before + 1, join(text, before, report, remark)))
+        file = File(before + 1, join(text, before, report, remark))
+        result.setdefault(base_name(name), file)
         before += text.count("\n") + (text[-1:] not in ("", "\n"))
     return result
 

@@ -48,14 +48,22 @@ _TYPED = {
 DECLARE = frozenset(("dim", "public", "static", "private", "extern", *_TYPED))
 
 
-def find_equals(text: str) -> int:
-    """Return the index of the = of an assignment, -1 without one."""
+def find_outside(pattern: re.Pattern[str], text: str, sign: str) -> int:
+    """Return the index of a sign outside of brackets and quotes, -1 without one.
+
+    pattern: finds quotes, brackets and the sign.
+    """
     depth = 0
-    for match in _EQUALS.finditer(text):
-        if match[0] == "=" and depth == 0:
+    for match in pattern.finditer(text):
+        if match[0] == sign and depth == 0:
             return match.start()
         depth += (match[0] in ("(", "[")) - (match[0] in (")", "]"))
     return -1
+
+
+def find_equals(text: str) -> int:
+    """Return the index of the = of an assignment, -1 without one."""
+    return find_outside(_EQUALS, text, "=")
 
 
 def read_loop_condition(rest: str) -> Condition | None:

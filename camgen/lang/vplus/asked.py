@@ -7,12 +7,11 @@ are computed from it are marked as doubtful, so that a loop that waits for them 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
 from camgen.lang.run import Budget
-from camgen.model.program import Joints
 
 from .arm import Arm
 from .functions import truth
@@ -84,15 +83,28 @@ class ExternalState(Arm):
         elif self._doubtful:
             self._doubtful.discard((id(table), key))
 
-    def no_real(self, name: str, value: Value | None) -> float:
-        """Assume the value of a real that the text does not set."""
+    def missing(self, name: str, value: Value | None, kind: str) -> Any:
+        """Assume the value of a variable that the text does not set."""
+        if kind == "precision point" and isinstance(value, Location):
+            return value
         if value is not None:
-            raise Impossible(f"{name} is used as a {_kind(value)} and as a real")
+            raise Impossible(f"{name} is used as a {_kind(value)} and as a {kind}")
+        if kind == "real":
+            return self._assume_real(name)
+        key = canonical(name)
+        if kind != "string":
+            return self._taught(key, kind)
+        self.doubt = True
+        base = key.partition("[")[0]
+        self.log.assume(f"string {base} is set outside of this text: read as empty")
+        return ""
+
+    def _assume_real(self, name: str) -> float:
         table, key = self.cell(name)
         base = key.partition("[")[0]
         is_local = table is not self._globals
         given = self._assume.get(key, self._assume.get(base))
-        taken = self._assume.get(key, self._assume.get(base, _REAL))
+        taken = _REAL if given is None else given
         what = f"{base} is set outside of this text"
         if is_local:
             what = f"{base} has no value here"
@@ -103,29 +115,6 @@ class ExternalState(Arm):
             self.doubt = True
             self._doubtful.add((id(table), key))
         return taken
-
-    def no_text(self, name: str, value: Value | None) -> str:
-        """Assume that a string that the text does not set is empty."""
-        if value is not None:
-            raise Impossible(f"{name} is used as a {_kind(value)} and as a string")
-        self.doubt = True
-        base = canonical(name).partition("[")[0]
-        self.log.assume(f"string {base} is set outside of this text: read as empty")
-        return ""
-
-    def no_location(self, name: str, value: Value | None) -> Location:
-        """Return an external location, which is an assumption."""
-        if value is not None:
-            raise Impossible(f"{name} is used as a {_kind(value)} and as a location")
-        return self._taught(canonical(name), "location")
-
-    def no_point(self, name: str, value: Value | None) -> Joints | Location:
-        """Return an external location for a precision point, which is an assumption."""
-        if isinstance(value, Location):
-            return value
-        if value is not None:
-            raise Impossible(f"{name} is used as a {_kind(value)} and as a precision point")
-        return self._taught(canonical(name), "precision point")
 
     def _taught(self, key: str, kind: str) -> Location:
         where = "only on the controller: motions to it are given in a frame of that name"

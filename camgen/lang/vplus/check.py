@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence, Set
+from typing import Any
 
 from camgen.lang.code import JumpTable
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
 from camgen.lang.values import require
-from camgen.model.program import Joints
 
 from .code import GOES, CaseValue, read_bounds, read_label
 from .flow import CALLED, Machine
@@ -32,18 +32,12 @@ class _Checker(Machine):
 
     routine: Routine
 
-    def real(self, name: str) -> float:  # noqa: ARG002 (any)
-        self.doubt = True
-        return 1.0
+    def _value(self, key: str) -> None:  # noqa: ARG002 (none is kept)
+        return None
 
-    def text(self, name: str) -> str:  # noqa: ARG002 (any)
-        return ""
-
-    def location(self, name: str) -> Location:  # noqa: ARG002 (any)
-        return _ANYWHERE
-
-    def point(self, name: str) -> Joints | Location:  # noqa: ARG002 (any)
-        return _ANYWHERE
+    def missing(self, name: str, value: Value | None, kind: str) -> Any:  # noqa: ARG002 (any)
+        self.doubt = self.doubt or kind == "real"
+        return {"real": 1.0, "string": ""}.get(kind, _ANYWHERE)
 
     def current_location(self, word: str) -> Location:  # noqa: ARG002 (any)
         return _ANYWHERE
@@ -71,9 +65,6 @@ class _Checker(Machine):
         if label not in self.routine.labels:
             raise Unreadable(f"there is no label {label} in this program")
 
-    def _check_jump(self, statement: Statement) -> None:
-        self._check_label(read_label(statement.rest))
-
     def _check_loop(self, statement: Statement) -> None:
         wanted = ("DO",) if statement.word == "WHILE" else ("",)
         if statement.rest:
@@ -89,12 +80,6 @@ class _Checker(Machine):
         text.expect("=")
         read_bounds(text)
 
-    def _check_case(self, statement: Statement) -> None:
-        self.evaluate(CaseValue(statement.rest))
-
-    def _check_value(self, statement: Statement) -> None:
-        self._is_one_of(0.5, statement.rest)
-
     def _check_exit(self, statement: Statement) -> None:
         for step in self.routine.code.steps:
             if isinstance(step, JumpTable) and step.line == statement.line and not step.labels:
@@ -108,9 +93,6 @@ class _Checker(Machine):
         for part in split(unwrap(match[2])[0]) if match[2] else ():
             self.argument("a", part)
 
-    def _check_calls(self, statement: Statement) -> None:
-        Expression(statement.rest, self).string()
-
     def _check_do(self, statement: Statement) -> None:
         if statement.rest:
             raise Unreadable("DO stands alone")
@@ -119,15 +101,15 @@ class _Checker(Machine):
         return Cell({}, name)
 
 
-_CHECKS: Mapping[str, Callable[[_Checker, Statement], None]] = {
+_CHECKS: Mapping[str, Callable[[_Checker, Statement], object]] = {
     "CALL": _Checker._check_call,
-    "CALLS": _Checker._check_calls,
-    "CASE": _Checker._check_case,
+    "CALLS": lambda checker, statement: Expression(statement.rest, checker).string(),
+    "CASE": lambda checker, statement: checker.evaluate(CaseValue(statement.rest)),
     "DO": _Checker._check_do,
     "FOR": _Checker._check_for,
-    "GOTO": _Checker._check_jump,
+    "GOTO": lambda checker, statement: checker._check_label(read_label(statement.rest)),
     "IF": _Checker._check_if,
-    "VALUE": _Checker._check_value,
+    "VALUE": lambda checker, statement: checker._is_one_of(0.5, statement.rest),
     **dict.fromkeys(("EXIT", "NEXT"), _Checker._check_exit),
     **dict.fromkeys(("UNTIL", "WAIT", "WHILE"), _Checker._check_loop),
 }

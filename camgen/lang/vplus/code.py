@@ -252,9 +252,6 @@ class Translator(Compiler):
         condition = Condition(Question("DO", statement.rest)) if statement.rest else None
         self.open("DO", LoopStart(self.line, condition=condition))
 
-    def _for(self, statement: Statement) -> None:
-        self.open("FOR", CountStart(self.line, count=statement.rest))
-
     def _exit(self, statement: Statement) -> None:
         """EXIT and NEXT: to the step after a loop, or to its last one."""
         loops = [block for block in reversed(self.blocks) if block.kind in _LOOPS][:_MAX_LOOPS]
@@ -264,20 +261,11 @@ class Translator(Compiler):
 
     # -- jumps ---------------------------------------------------------------------------------
 
-    def _goto(self, statement: Statement) -> None:
-        self._jump(read_label(statement.rest))
-
     def _jump(self, label: int) -> None:
         if label in self.routine.labels:
             self.jump(str(label))
         else:
             self._refuse(f"there is no label {label} in this program")
-
-    def _return(self, _statement: Statement) -> None:
-        self.add(Return(self.line))
-
-    def _halt(self, _statement: Statement) -> None:
-        self.add(End(self.line))
 
 
 #: Translators by word of the flow.
@@ -286,11 +274,16 @@ FLOW: dict[str, Translate] = {
     "CASE": Translator._case,
     "WHILE": Translator._while,
     "DO": Translator._do_loop,
-    "FOR": Translator._for,
-    "GOTO": Translator._goto,
+    "FOR": lambda translator, statement: translator.open(
+        "FOR", CountStart(statement.line, count=statement.rest)
+    ),
+    "GOTO": lambda translator, statement: translator._jump(read_label(statement.rest)),
     **dict.fromkeys(("ELSE", "VALUE", "ANY"), Translator._else),
     **dict.fromkeys(("END", "UNTIL"), Translator._end),
     **dict.fromkeys(("EXIT", "NEXT"), Translator._exit),
-    **dict.fromkeys(("RETURN", "RETURNE"), Translator._return),
-    **dict.fromkeys(ENDS, Translator._halt),
+    **dict.fromkeys(
+        ("RETURN", "RETURNE"),
+        lambda translator, statement: translator.add(Return(statement.line)),
+    ),
+    **dict.fromkeys(ENDS, lambda translator, statement: translator.add(End(statement.line))),
 }

@@ -23,6 +23,7 @@ from .functions import (
     OF_STRINGS,
     TEXTS,
     decode,
+    divide,
     format_number,
     join,
     remainder,
@@ -63,8 +64,18 @@ _JOINED: Mapping[str, Callable[[float, float], float]] = {
     "AND": lambda a, b: truth(a != 0 and b != 0), "OR": lambda a, b: truth(a != 0 or b != 0),
     "XOR": lambda a, b: truth((a != 0) != (b != 0)),
 }  # fmt: skip
-_PRODUCTS = frozenset({"*", "/", "MOD", "BAND"})
-_SUMS = frozenset({"+", "-", "BOR", "BXOR"})
+_PRODUCTS: Mapping[str, Callable[[float, float], float]] = {
+    "*": operator.mul,
+    "/": divide,
+    "MOD": remainder,
+    "BAND": lambda a, b: signed(whole(a) & whole(b)),
+}
+_SUMS: Mapping[str, Callable[[float, float], float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "BOR": lambda a, b: signed(whole(a) | whole(b)),
+    "BXOR": lambda a, b: signed(whole(a) ^ whole(b)),
+}
 #: Words between values, which are not values themselves.
 _JOINING = frozenset({
     "THEN", "DO", "OF", "TO", "STEP", "BY", "GOTO", "AND", "OR", "XOR", "MOD", "BAND", "BOR",
@@ -240,12 +251,7 @@ class Numbers(Reader, ABC):
         """Evaluate a sum."""
         value = self._product()
         while self.peek() in _SUMS:
-            sign, other = self.take(), self._product()
-            if sign in "+-":
-                value += other if sign == "+" else -other
-            else:
-                a, b = whole(value), whole(other)
-                value = signed(a | b if sign == "BOR" else a ^ b)
+            value = _SUMS[self.take()](value, self._product())
         if not abs(value) <= _MAX_SUM:
             raise Impossible("a number is not finite or beyond any machine")
         return value
@@ -253,17 +259,7 @@ class Numbers(Reader, ABC):
     def _product(self) -> float:
         value = self._factor()
         while self.peek() in _PRODUCTS:
-            sign, other = self.take(), self._factor()
-            if sign == "*":
-                value *= other
-            elif sign == "/":
-                if other == 0:
-                    raise Impossible("a division by zero")
-                value /= other
-            elif sign == "MOD":
-                value = remainder(value, other)
-            else:
-                value = signed(whole(value) & whole(other))
+            value = _PRODUCTS[self.take()](value, self._factor())
             if not abs(value) < _MAX_PRODUCT:
                 raise Impossible("a number is not finite or beyond any machine")
         return value

@@ -25,7 +25,7 @@ from .code import CaseValue, LoopCount, Question, measure_cost, read_bounds
 from .effects import LOST, OMITTED, SILENT, UNSEEN
 from .locations import Expression
 from .names import canonical
-from .statements import PROGRAM, split, unwrap
+from .statements import split, unwrap
 from .text import Impossible, Location, Routine, Statement, Unreadable
 from .units import FileUnits
 from .variables import Cell, Table, Value
@@ -34,6 +34,8 @@ from .walk import Walker
 #: Maximum depth of calls. V+ has a limited stack, too.
 _MAX_DEPTH = 60
 CALLED = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(\(.*\))?", re.DOTALL)
+#: A program with its arguments.
+_PROGRAM = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(?:\(|,|$)")
 #: Maximum number of variables in a state that is compared.
 _MAX_STATE = 3000
 #: Number of variables in a state that cost one step when they are compared.
@@ -48,6 +50,7 @@ class Machine(FileUnits, Walker):
     programs: programs by their canonical name.
     stopped: line and reason if the run could not reach its end, otherwise None.
     ran: canonical names of the programs that were run.
+    tasks: description and line of each EXECUTE, by the canonical name of its program.
     reactions: description and line of each REACT that was not run, by the name of its program.
     """
 
@@ -71,6 +74,7 @@ class Machine(FileUnits, Walker):
         self._flow = Flow(self, self.budget, Rules(_MAX_DEPTH, self._rounds, skips_blocks=True))
         self.stopped: tuple[int, str] | None = None
         self.ran: set[str] = set()
+        self.tasks: dict[str, tuple[str, int]] = {}
         self.reactions: dict[str, tuple[str, int]] = {}
         self._run_reactions: set[str] = set()
 
@@ -87,7 +91,7 @@ class Machine(FileUnits, Walker):
             pass
         except Stopped as error:
             self.stopped = self.line, str(error)
-        self.finish()
+        self.rest()
 
     def _run(self, routine: Routine, arguments: Mapping[str, Cell]) -> None:
         key = canonical(routine.name)
@@ -240,6 +244,18 @@ class Machine(FileUnits, Walker):
 
     # -- calls --------------------------------------------------------------------------------
 
+    def execute(self, statement: Statement) -> None:
+        """Note `EXECUTE task program`, which starts a concurrent task."""
+        rest = statement.rest
+        bare = re.sub(r"^\s*(/\w+\s*)?(\([^)]*\)|\d+)?\s*,?\s*", "", rest)
+        match = require(
+            _PROGRAM.match(bare) or _PROGRAM.match(bare.partition(" ")[2]),
+            Unreadable("EXECUTE wants the name of a program"),
+        )
+        number = rest[: len(rest) - len(bare)].strip(" ,()")
+        task = f" (task {number})" if number else ""
+        self.tasks.setdefault(canonical(match[1]), (f"{match[1]}{task}", self.line))
+
     def react(self, statement: Statement) -> None:
         """Run `REACT signal, program(arguments), priority` or `REACTE program(arguments)`.
 
@@ -248,7 +264,7 @@ class Machine(FileUnits, Walker):
         parts = [part for part in split(statement.rest) if part]
         position = 0 if statement.word == "REACTE" else 1
         call = parts[position] if len(parts) > position else ""
-        match = PROGRAM.match(call)
+        match = _PROGRAM.match(call)
         if match is None:
             self.log.fact("reactions", f"{statement.word} {statement.rest}".strip())
             return
@@ -278,18 +294,14 @@ class Machine(FileUnits, Walker):
         name = text.string()
         arguments = text.rest()
         if not name:
-            self._leave_out(f"CALLS {rest}: which program, is not known: left out")
+            self.log.leave_out(f"CALLS {rest}: which program, is not known: left out")
             return
         self._enter(name, arguments or "()")
-
-    def _leave_out(self, what: str) -> None:
-        self.log.assume(what)
-        self.log.lose(what)
 
     def _enter(self, name: str, brackets: str) -> None:
         routine = self.programs.get(canonical(name))
         if routine is None:
-            self._leave_out(f"program {name} is not in these files: left out")
+            self.log.leave_out(f"program {name} is not in these files: left out")
             return
         self._flow.check_depth(f"more than {_MAX_DEPTH} programs call each other")
         given = list(split(unwrap(brackets)[0]))

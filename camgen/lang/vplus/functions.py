@@ -31,6 +31,13 @@ def signed(bits: int) -> float:
     return float(bits - (_MASK + 1) if bits > _MASK >> 1 else bits)
 
 
+def divide(a: float, b: float) -> float:
+    """Compute `a / b`."""
+    if b == 0:
+        raise Impossible("a division by zero")
+    return a / b
+
+
 def remainder(a: float, b: float) -> float:
     """Compute `a MOD b`, which has the sign of `a`."""
     if b == 0:
@@ -47,10 +54,6 @@ def _root(value: float) -> float:
     if value < 0:
         raise Impossible("the root of a negative number")
     return math.sqrt(value)
-
-
-def _to_bcd(value: float) -> float:
-    return float(int(str(abs(whole(value))), 16))
 
 
 def _from_bcd(value: float) -> float:
@@ -71,7 +74,7 @@ def _mask(*bits: float) -> float:
 NUMBERS: Mapping[str, tuple[int, int, Callable[..., float]]] = {
     "ABS": (1, 1, abs),
     "ATAN2": (2, 2, lambda y, x: math.degrees(math.atan2(y, x))),
-    "BCD": (1, 1, _to_bcd),
+    "BCD": (1, 1, lambda x: float(int(str(abs(whole(x))), 16))),
     "BMASK": (1, 32, _mask),
     "COS": (1, 1, lambda deg: math.cos(math.radians(deg))),
     "DCB": (1, 1, _from_bcd),
@@ -113,10 +116,6 @@ def _code(text: str, index: float = 1.0) -> float:
     return float(ord(text[place])) if 0 <= place < len(text) else -1.0
 
 
-def _place(text: str, part: str, start: float = 1.0) -> float:
-    return float(text.lower().find(part.lower(), max(0, int(start) - 1)) + 1)
-
-
 #: Functions of strings with a number as value, by name: the kinds of the arguments ($ for a string,
 #: a dot for a number), the minimum number of them, and the function.
 OF_STRINGS: Mapping[str, tuple[str, int, Callable[..., float]]] = {
@@ -126,7 +125,13 @@ OF_STRINGS: Mapping[str, tuple[str, int, Callable[..., float]]] = {
     "INTB": ("$.", 1, lambda s, first=1.0: _bytes(">h", s, first)),
     "LEN": ("$", 1, lambda s: float(len(s))),
     "LNGB": ("$.", 1, lambda s, first=1.0: _bytes(">i", s, first)),
-    "POS": ("$$.", 2, _place),
+    "POS": (
+        "$$.",
+        2,
+        lambda text, part, start=1.0: float(
+            text.lower().find(part.lower(), max(0, int(start) - 1)) + 1
+        ),
+    ),
     "STRDIF": ("$$", 2, lambda a, b: float((a > b) - (a < b))),
     "VAL": ("$", 1, _number),
 }

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from camgen.model.pose import FloatArray, Pose, Vec3, frozen, rotation_about, to_vec3
+from camgen.model.pose import Pose, Vec3, frozen, rotation_about, to_vec3
 from camgen.model.program import Joints
 from camgen.model.text import counted
 
@@ -184,7 +184,9 @@ class Expression(Numbers):
         z_direction = np.cross(x_direction, c - a)
         if min(float(np.linalg.norm(x_direction)), float(np.linalg.norm(z_direction))) < _SMALL:
             raise Impossible("FRAME of points on one line")
-        return Location(Pose(_make_rotation(x_direction, z_direction), to_vec3(o)))
+        x, z = x_direction / np.linalg.norm(x_direction), z_direction / np.linalg.norm(z_direction)
+        rotation = frozen(np.column_stack([x, np.cross(z, x), z]))
+        return Location(Pose(rotation, to_vec3(o)))
 
     def _several(self, count: int) -> list[Location]:
         self.open_bracket()
@@ -306,8 +308,3 @@ def to_values(joints: Joints) -> list[float]:
     """Convert joint values to those of V+, the inverse of `to_joints`."""
     slide = 2 if len(joints.values) == 4 else None
     return [v if k == slide else math.degrees(v) for k, v in enumerate(joints.values)]
-
-
-def _make_rotation(x: FloatArray, z: FloatArray) -> FloatArray:
-    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
-    return frozen(np.column_stack([x, np.cross(z, x), z]))

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Mapping
 from camgen.lang.log import Log
 from camgen.lang.values import require
 from camgen.model.pose import Pose
-from camgen.model.program import Joints
 from camgen.model.text import counted
 
 from .locations import to_joints
@@ -83,14 +82,11 @@ def _read(section: str, text: str) -> tuple[str, Value]:
     if not all(abs(value) <= 1e9 for value in values):
         raise Unreadable(f"a number beyond any machine: {text[:40]}")
     if key[0] == "#":
-        return key, _joints(values)
+        missing = 0 if len(values) == 4 else 6 - len(values)
+        return key, to_joints(values + [0.0] * missing)
     if len(values) == 1 and (section != ".LOCATIONS" or not inner):
         return key, values[0]
     if section in (".REALS", ".DOUBLES") or len(values) > 6:
         raise Unreadable(f"{len(values)} values of one real: {text[:40]}")
     x, y, z, yaw, pitch, roll = values + [0.0] * (6 - len(values))
     return key, Location(Pose(rotation_zyz(yaw, pitch, roll), (x, y, z)), name=key)
-
-
-def _joints(values: list[float]) -> Joints:
-    return to_joints(values if len(values) in (4, 6) else values + [0.0] * (6 - len(values)))

@@ -300,7 +300,9 @@ class Robot(ExternalState):
         text.finish()
         if not 0 <= seconds <= _MAX:
             raise Impossible(f"a motion in {seconds:g} s")
-        self.set_duration(seconds, bool(always))
+        self._lasts_once = 0.0 if always else seconds
+        if always:
+            self._lasts_always = seconds
 
     def configure(self, statement: Statement) -> None:
         """Run a posture word, see `set_posture`."""
@@ -461,10 +463,6 @@ class Robot(ExternalState):
         self.durations.clear()
         self._last, self._hand, self._held = None, None, 0
         self._moving = self.detached = False
-
-    def finish(self) -> None:
-        """End the program: the robot stops, and an OPEN or CLOSE without a motion has no effect."""
-        self.rest()
 
     def decompose(self, statement: Statement) -> None:
         """Run `DECOMPOSE array[first] = location`, which assigns its components to elements."""

@@ -171,7 +171,9 @@ def _split_by_frames(machine: Machine) -> PlacedBody:
         identity = id(frame), id(base), tool
         if identity not in places_by_id:
             tool_and_work = _make_frames(machine.tools[tool], frame, base, flat)
-            key = _make_key(tool_and_work, tool)
+            pose = tool_and_work.base_from_work
+            place = None if pose is None else (pose.origin, pose.rotation.tobytes())
+            key = tool, tool_and_work.work, place
             if key not in places_by_value:
                 places_by_value[key] = len(frames)
                 frames.append(tool_and_work)
@@ -201,11 +203,6 @@ def _make_frames(tool: Tool, frame: Frame, base: Pose | None, flat: bool) -> Fra
     if frame.compound and not flat:
         work, name = frame.pose, frame.name
     return Frames(tool.name, name, tool.pose, base @ work if base is not None else work)
-
-
-def _make_key(frames: Frames, tool: int) -> object:
-    pose = frames.base_from_work
-    return tool, frames.work, None if pose is None else (pose.origin, pose.rotation.tobytes())
 
 
 def _limit_speeds(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]:

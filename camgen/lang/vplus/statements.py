@@ -5,9 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from camgen.lang.log import Log
-from camgen.lang.programs import RunRequest
-from camgen.lang.values import require
 from camgen.model.program import Joints
 
 from .effects import SILENT_PARAMETERS
@@ -21,8 +18,6 @@ from .variables import NAME_PATTERN, Cell, Table, Value
 PLAIN = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*\s*(?:\[[^\"]*\])?")
 _NO_VARIABLE = frozenset({"TRUE", "FALSE", "ON", "OFF", "PI", *BUILT, "#PPOINT", "RANDOM", "TIME"})
 _TYPED = re.compile(r"(REAL|DOUBLE|LOC|STRING)\s+", re.IGNORECASE)
-#: A program with its arguments.
-PROGRAM = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(?:\(|,|$)")
 #: Instructions that end the run.
 ENDS = frozenset({"HALT", "STOP", "PANIC"})
 
@@ -61,14 +56,7 @@ def unwrap(text: str) -> tuple[str, str]:
 
 
 class Statements(Robot):
-    """Runs instructions that are neither motions nor flow.
-
-    tasks: description and line of each EXECUTE, by the canonical name of its program.
-    """
-
-    def __init__(self, request: RunRequest, log: Log) -> None:
-        super().__init__(request, log)
-        self.tasks: dict[str, tuple[str, int]] = {}
+    """Runs instructions that are neither motions nor flow."""
 
     # -- values --------------------------------------------------------------------------------
 
@@ -175,17 +163,11 @@ class Statements(Robot):
     def timer(self, statement: Statement) -> None:
         """Run `TIMER n = seconds`."""
         text = Expression(statement.rest, self)
-        number = text.logic() if text.peek() != "(" else self._in_brackets(text)
+        number = text.logic()
         text.expect("=")
         seconds = text.logic()
         text.finish()
         self.timers[number] = self.clock - seconds
-
-    def _in_brackets(self, text: Expression) -> float:
-        text.take()
-        number = text.logic()
-        text.expect(")")
-        return number
 
     def parameter(self, statement: Statement) -> None:
         """Run `PARAMETER name = value` or `SWITCH name = value`."""
@@ -212,18 +194,6 @@ class Statements(Robot):
         for name in split(statement.rest.partition("=")[0]):
             if PLAIN.fullmatch(name):
                 self.assign_external(name)
-
-    def execute(self, statement: Statement) -> None:
-        """Note `EXECUTE task program`, which starts a concurrent task."""
-        rest = statement.rest
-        bare = re.sub(r"^\s*(/\w+\s*)?(\([^)]*\)|\d+)?\s*,?\s*", "", rest)
-        match = require(
-            PROGRAM.match(bare) or PROGRAM.match(bare.partition(" ")[2]),
-            Unreadable("EXECUTE wants the name of a program"),
-        )
-        number = rest[: len(rest) - len(bare)].strip(" ,()")
-        task = f" (task {number})" if number else ""
-        self.tasks.setdefault(canonical(match[1]), (f"{match[1]}{task}", self.line))
 
     # -- arguments -----------------------------------------------------------------------------
 

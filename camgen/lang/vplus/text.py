@@ -147,12 +147,6 @@ class Stretch(Struct, frozen=True, gc=False):
     source: Source
 
 
-def parse_stretch(run: Run, line: int) -> Stretch:
-    """Convert a run of `MOTIONS` whose first line is `line`."""
-    word, name = run["head"][0].split()
-    return Stretch(line, word, name, tuple(map(Pose, run["turn"], run["place"])), run.source)
-
-
 #: A SPEED: its value, its unit (%, mm/s or MONITOR) and the rotational speed in %.
 SpeedSetting = tuple[float, str, float]
 
@@ -285,7 +279,7 @@ def _parse_file(text: str, number: int, file: _File) -> int:
     """Parse a file from line `number` on. Returns the number of the first line of the next file."""
     for piece in MOTIONS.cut(text):
         if isinstance(piece, Run):
-            number = _add_stretch(parse_stretch(piece, number), file)
+            number = _add_stretch(piece, number, file)
             continue
         for raw in LINE.findall(piece):
             usual = file.usual.get(raw)
@@ -302,16 +296,18 @@ def _parse_file(text: str, number: int, file: _File) -> int:
     return number
 
 
-def _add_stretch(plain: Stretch, file: _File) -> int:
-    """Add consecutive motions. Returns the number of the line after them."""
-    name = plain.name.lower()
+def _add_stretch(run: Run, line: int, file: _File) -> int:
+    """Add consecutive motions from a line on. Returns the number of the line after them."""
+    word, spelling = run["head"][0].split()
+    name = spelling.lower()
     known = name if len(name) < NAME else file.long_names.get(name[:NAME])
     if file.current is None or known != name:
-        for number, raw in enumerate(plain.source.text.splitlines(), start=plain.line):
+        for number, raw in enumerate(run.source.text.splitlines(), start=line):
             _parse_line(raw, number, file)
     else:
-        file.current.statements.append(plain)
-    return plain.line + len(plain.poses)
+        poses = tuple(map(Pose, run["turn"], run["place"]))
+        file.current.statements.append(Stretch(line, word, spelling, poses, run.source))
+    return line + len(run)
 
 
 def _parse_line(raw: str, number: int, file: _File) -> None:

@@ -8,7 +8,7 @@ variables and argument passing.
 from __future__ import annotations
 
 import re
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from camgen.model.program import Joints
 
@@ -97,27 +97,26 @@ class Variables:
         table, table_key = self.cell(key)
         return table.get(table_key)
 
+    def missing(self, name: str, value: Value | None, kind: str) -> Any:
+        """Return the value of a variable of a kind that has none, or whose value is of another."""
+        if value is not None and kind != "precision point":
+            raise Unreadable(f"{name} is not a {kind}")
+        noun = "" if kind in ("real", "string") else f"{kind} "
+        raise Unreadable(f"{noun}{name} is not defined")
+
     def real(self, name: str) -> float:
         """The value of a real variable."""
         value = self._value(canonical(name))
         if isinstance(value, float):
             return value
-        return self.no_real(name, value)
-
-    def no_real(self, name: str, value: Value | None) -> float:
-        """Return the value of a real without a value, or whose `value` is of another kind."""
-        raise Unreadable(f"{name} is not defined" if value is None else f"{name} is not a real")
+        return self.missing(name, value, "real")  # type: ignore[no-any-return]
 
     def text(self, name: str) -> str:
         """The value of a string variable."""
         value = self._value(canonical(name))
         if isinstance(value, str):
             return value
-        return self.no_text(name, value)
-
-    def no_text(self, name: str, value: Value | None) -> str:
-        """Return the value of a string without a value, or whose `value` is of another kind."""
-        raise Unreadable(f"{name} is not defined" if value is None else f"{name} is not a string")
+        return self.missing(name, value, "string")  # type: ignore[no-any-return]
 
     def location(self, name: str) -> Location:
         """The value of a location variable; an external location for a name in `known`."""
@@ -127,12 +126,7 @@ class Variables:
         value = self._value(key)
         if isinstance(value, Location):
             return value
-        return self.no_location(name, value)
-
-    def no_location(self, name: str, value: Value | None) -> Location:
-        """Return the value of a location without a value, or whose `value` is of another kind."""
-        what = f"location {name} is not defined" if value is None else f"{name} is not a location"
-        raise Unreadable(what)
+        return self.missing(name, value, "location")  # type: ignore[no-any-return]
 
     def frame(self, name: str) -> Frame | None:
         """Return the frame of compounds that start with the location `name`.
@@ -154,11 +148,7 @@ class Variables:
         value = self._value(canonical(name))
         if isinstance(value, Joints):
             return value
-        return self.no_point(name, value)
-
-    def no_point(self, name: str, value: Value | None) -> Joints | Location:  # noqa: ARG002 (base)
-        """Return the value of a precision point without a value."""
-        raise Unreadable(f"precision point {name} is not defined")
+        return self.missing(name, value, "precision point")  # type: ignore[no-any-return]
 
     def current_location(self, word: str) -> Location:
         """The location HERE, DEST, TOOL or BASE."""
@@ -203,16 +193,6 @@ class Variables:
         if old is not None and type(old) is not type(value):
             raise Unreadable(f"{name} is used as a real and as a location")
         table[key] = value
-
-    def declare(self, text: str, local: bool) -> None:
-        """Declare the names in the text after AUTO, LOCAL or GLOBAL."""
-        bare = re.sub(r"^(REAL|DOUBLE)\s+", "", text, flags=re.IGNORECASE)
-        for part in bare.split(","):
-            key = canonical(check_name(re.sub(r"\[[^\]]*\]$", "", part.strip())))
-            if key in self._scopes[-1].auto:
-                raise Unreadable(f"{part.strip()} is declared twice")
-            if local:
-                self._scopes[-1].auto[key] = None
 
     def is_own(self, name: str) -> bool:
         """Whether the running program has declared `name` as AUTO."""

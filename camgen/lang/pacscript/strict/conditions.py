@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from functools import cache
 from itertools import islice
 
 from msgspec import Struct
@@ -20,7 +19,7 @@ from camgen.lang.values import require
 
 from .machine import StrictMachine
 from .run import StrictRun
-from .spelling import find_unusual
+from .spelling import note_unusual
 from .values import join, spread
 
 #: Speeds at 100 % of the slowest and of the fastest arm, mm/s.
@@ -29,13 +28,11 @@ _SLOWEST, _FASTEST = 500.0, 20_000.0
 _MIN_PERCENT = 0.1
 #: Statements of the two questions of the post: the unit of `Mps`, and whether it is a percentage.
 _QUESTIONS = (
-    ("if mps(0.1) > 0.2 then", "unit = 0.001", "end if"),
-    ("if mps(100 * unit) < 0.5 or mps(100 * unit) > 20 then", "givearm", "exit sub", "end if"),
+    "if mps(0.1) > 0.2 then\nunit = 0.001\nend if",
+    "if mps(100 * unit) < 0.5 or mps(100 * unit) > 20 then\ngivearm\nexit sub\nend if",
 )
-_WORD = re.compile(r"[\w.]+|\S")
+_WORD = re.compile(r"[\w.]+|\S|\n")
 _IF = re.compile(r"if\b(.*)\bthen", re.IGNORECASE)
-_WORDS = re.compile(r"\b(?:and|or)\b", re.IGNORECASE)
-_COMPARISON = re.compile(r"([^<>=]+)([<>])([^<>=]+)")
 _ASSIGNMENT = re.compile(r"([a-z]\w*)\s*=\s*([^=].*)", re.IGNORECASE | re.ASCII)
 
 
@@ -57,8 +54,22 @@ def read_question(statements: Sequence[Statement], at: int) -> Question | None:
     condition = _IF.fullmatch(_text(statements[at]))
     if condition is None or "mps" not in condition[1].lower():
         return None
-    branches, count = _branches(statements, at)
-    return Question(statements[at : at + count], condition[1], branches) if count else None
+    branches: tuple[list[Statement], list[Statement]] = [], []
+    branch, depth = branches[0], 0
+    for count, statement in enumerate(islice(statements, at + 1, None), start=2):
+        words = read_words(statement)
+        if words in ("end if", "endif"):
+            if depth == 0:
+                return Question(statements[at : at + count], condition[1].strip(), branches)
+            depth -= 1
+        elif depth == 0 and words.startswith("elseif"):
+            return None
+        elif depth == 0 and words == "else" and branch is branches[0]:
+            branch = branches[1]
+            continue
+        depth += words.startswith("if ") and words.endswith(" then")
+        branch.append(statement)
+    return None
 
 
 def ask_question(run: StrictRun, question: Question) -> None:
@@ -68,11 +79,10 @@ def ask_question(run: StrictRun, question: Question) -> None:
     only if no unit takes it.
     """
     machine = run.machine
-    for what in find_unusual(_text(question.statements[0])):
-        machine.remark(what)
+    note_unusual(machine, _text(question.statements[0]))
     machine.compares_mps = True
     _check_question(machine, question.statements)
-    truth = _decide(run, question.condition)
+    truth = _decide(run, question.condition, parse(question.condition))
     negation = [not value for value in truth]
     for branch, taken in zip(question.branches, (truth, negation), strict=True):
         for statement in branch if any(taken) else ():
@@ -85,24 +95,16 @@ def _check_question(machine: StrictMachine, statements: Sequence[Statement]) -> 
 
     A branch that no arm takes is not run, so that it has to be that of the post.
     """
-    words = [_words(_text(statement)) for statement in statements]
-    if words not in _known_questions():
+    words = _WORD.findall("\n".join(map(_text, statements)).lower())
+    known = list(map(_WORD.findall, _QUESTIONS))
+    if words not in known:
         machine.remark("Mps is asked otherwise than by the programs of the post")
     elif machine.moved:
         machine.remark("Mps is asked after the first motion")
     elif machine.forces:
         machine.remark("a force table is written before Mps is asked, which may leave the program")
     else:
-        machine.questions.append(_known_questions().index(words))
-
-
-def _words(text: str) -> list[str]:
-    return _WORD.findall(text.lower())
-
-
-@cache
-def _known_questions() -> list[list[list[str]]]:
-    return [list(map(_words, question)) for question in _QUESTIONS]
+        machine.questions.append(known.index(words))
 
 
 def _text(statement: Statement) -> str:
@@ -110,30 +112,9 @@ def _text(statement: Statement) -> str:
     return statement.text if isinstance(statement.text, str) else ""
 
 
-def _branches(
-    statements: Sequence[Statement], at: int
-) -> tuple[tuple[list[Statement], list[Statement]], int]:
-    """The statements before and after `Else`, and the number of statements of the block.
-
-    The number is 0 for a block of another kind.
-    """
-    then: list[Statement] = []
-    other: list[Statement] = []
-    branch, depth = then, 0
-    for count, statement in enumerate(islice(statements, at + 1, None), start=2):
-        words = " ".join(_text(statement).lower().split())
-        if words in ("end if", "endif"):
-            if depth == 0:
-                return (then, other), count
-            depth -= 1
-        elif depth == 0 and words.startswith("elseif"):
-            break
-        elif depth == 0 and words == "else" and branch is then:
-            branch = other
-            continue
-        depth += words.startswith("if ") and words.endswith(" then")
-        branch.append(statement)
-    return (then, other), 0
+def read_words(statement: Statement) -> str:
+    """The words of a statement in lower case, empty for motions in the usual spelling."""
+    return " ".join(_text(statement).lower().split())
 
 
 def _assign(run: StrictRun, text: str, taken: list[bool]) -> None:
@@ -150,39 +131,25 @@ def _assign(run: StrictRun, text: str, taken: list[bool]) -> None:
     run.set_variable(target, value)
 
 
-def _decide(run: StrictRun, condition: str) -> list[bool]:
-    """The truth of a condition, by unit."""
-    joints = [word.lower() for word in _WORDS.findall(condition)]
-    if len(set(joints)) > 1:
-        raise Unreadable("And beside Or is not evaluated")
-    comparisons = [_compare(run, part) for part in _WORDS.split(_bare(condition))]
-    combine = all if joints[:1] == ["and"] else any
-    return [combine(values) for values in zip(*comparisons, strict=True)]
+def _decide(run: StrictRun, condition: str, node: Node) -> list[bool]:
+    """The truth of a condition, or of a part of it, by unit.
 
-
-def _bare(text: str) -> str:
-    """`text` without a pair of brackets around all of it."""
-    text = text.strip()
-    inner = text[1:-1]
-    lowest = depth = 0
-    for sign in inner:
-        depth += (sign == "(") - (sign == ")")
-        lowest = min(lowest, depth)
-    return inner if text[:1] == "(" and text[-1:] == ")" and lowest == 0 == depth else text
-
-
-def _compare(run: StrictRun, text: str) -> list[bool]:
-    """The result of `Mps(...) < n` or `Mps(...) > n`, by unit."""
-    comparison = require(
-        _COMPARISON.fullmatch(_bare(text)), Unreadable(f"{text.strip()[:60]} is not evaluated")
-    )
-    left = run.evaluate(parse(comparison[1].strip()))
-    right = run.evaluate(parse(comparison[3].strip()))
-    greater = comparison[2] == ">"
+    condition: text of the condition, for messages.
+    """
+    if node.kind == "tuple" and len(node.parts) == 1:
+        return _decide(run, condition, node.parts[0])
+    if node.kind in ("and", "or"):
+        if {"and", "or"} <= {node.kind, *(part.kind for part in node.parts)}:
+            raise Unreadable("And beside Or is not evaluated")
+        combine = all if node.kind == "and" else any
+        parts = [_decide(run, condition, part) for part in node.parts]
+        return [combine(values) for values in zip(*parts, strict=True)]
+    greater = node.kind == ">"
+    left, right = map(run.evaluate, node.parts) if node.kind in ("<", ">") else (0.0, 0.0)
     if isinstance(right, Mps):
         left, right, greater = right, left, not greater
     if not isinstance(left, Mps) or not isinstance(right, float):
-        raise Unreadable(f"{text.strip()[:60]} is not evaluated")
+        raise Unreadable(f"{condition[:60]} is not evaluated")
     return [_holds(speed, greater, right) for speed in run.machine.by_unit(left)]
 
 

@@ -115,12 +115,8 @@ class Template:
 
 def read_templates(options: Mapping[str, object]) -> list[Template]:
     """The force templates of the options, longer ones first."""
-    templates: list[Template] = []
-    for kind in _KINDS:
-        template = _template(kind, options.get(f"force_{kind}"))
-        if template is not None:
-            templates.append(template)
-    return sorted(templates, key=lambda template: -len(template.patterns))
+    templates = [_template(kind, options.get(f"force_{kind}")) for kind in _KINDS]
+    return sorted(filter(None, templates), key=lambda template: -len(template.patterns))
 
 
 def may_say(known: list[Template], word: str) -> bool:

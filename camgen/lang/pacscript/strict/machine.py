@@ -165,8 +165,7 @@ class StrictMachine(Machine):
         if self.figure is not None and item.posture:
             self._compare_figures(item, item.posture.figure)
         self.moved, self.passing = True, passing
-        self.body.append(item)
-        self.lines.append(self.line)
+        self.emit(item)
         if isinstance(item.target, Pose):
             self.current_pose = item.target
         else:

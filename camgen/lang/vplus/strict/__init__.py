@@ -160,7 +160,15 @@ class Machine(RobotState, Walker):
 
     def declare_variables(self, statement: Statement) -> None:
         """Runs `AUTO`, `LOCAL` or `GLOBAL`."""
-        self.declare(statement.rest, statement.word != "GLOBAL")
+        declared = self._scopes[-1].auto
+        for part in re.sub(r"^(REAL|DOUBLE)\s+", "", statement.rest, flags=re.IGNORECASE).split(
+            ","
+        ):
+            key = canonical(check_name(re.sub(r"\[[^\]]*\]$", "", part.strip())))
+            if key in declared:
+                raise Unreadable(f"{part.strip()} is declared twice")
+            if statement.word != "GLOBAL":
+                declared[key] = None
         if statement.word != "AUTO":
             what = "its variables outlive the program, those of AUTO do not"
             self.remark(statement.line, f"{statement.word}: {what}")

@@ -112,8 +112,6 @@ class RobotState(Arm):
         self._unused: dict[int, str] = {}
         #: SPEED of the last straight motion.
         self._straight: SpeedSetting | None = None
-        #: Whether the program has set a global variable.
-        self._shares = False
 
     def fault(self, line: int, what: str) -> None:
         """Adds a refusal of a line."""
@@ -186,10 +184,10 @@ class RobotState(Arm):
         self.assign(name, value)
         if canonical(name) not in (self.settings.tool, self.settings.work):
             self.remark(line, f"{name} gets a value: programs of the post set tool and work alone")
-        if not self._shares and not self.is_own(name):
-            self._shares = True
+        if not self.is_own(name):
             what = "a global variable, which other programs share and which outlives this one"
-            self.remark(line, f"{name} is not declared by AUTO: {what}")
+            what = f"{name} is not declared by AUTO: {what}"
+            self.log.find("unusual", what, line=line, once="a global variable")
 
     def _point(self, text: Expression, statement: Statement) -> Joints:
         point = text.point()
@@ -479,21 +477,19 @@ class RobotState(Arm):
 
     def attach(self, statement: Statement) -> None:
         """Runs `ATTACH`: the program gets the robot."""
-        if "".join(statement.rest.split()) not in ("", "()"):
-            raise Unreadable(f"ATTACH {statement.rest[:30]} is not evaluated")
-        self._check_brackets(statement)
+        self._check_brackets(statement, f"ATTACH {statement.rest[:30]}")
         self._stated.add("ATTACH")
         self._detached = False
 
     def detach(self, statement: Statement) -> None:
         """Runs `DETACH`. The robot must stand still, and nothing may move it afterwards."""
-        if statement.rest.replace(" ", "") not in ("", "()"):
-            raise Unreadable("DETACH of a device is not evaluated")
-        self._check_brackets(statement)
+        self._check_brackets(statement, "DETACH of a device")
         self._standing(statement, "DETACH")
         self._detached = True
 
-    def _check_brackets(self, statement: Statement) -> None:
+    def _check_brackets(self, statement: Statement, name: str) -> None:
+        if "".join(statement.rest.split()) not in ("", "()"):
+            raise Unreadable(f"{name} is not evaluated")
         if not statement.rest:
             what = "without (): what that means is not confirmed"
             self.remark(statement.line, f"{statement.word} {what}")
