@@ -91,10 +91,14 @@ class Run(State, MachineLanguage):
         if procedure.code is None:
             key = (procedure.line, tuple(procedure.statements))
             if key not in self.codes:
-                self.codes[key] = compile_procedure(procedure, self.add_fault, self.module.pac)
+                self.codes[key] = self.compile(procedure)
             procedure.code = self.codes[key]
         code: ProcedureCode = procedure.code
         return code
+
+    def compile(self, procedure: Procedure) -> ProcedureCode:
+        """Return the steps of a procedure."""
+        return compile_procedure(procedure, self.add_fault, self.module.pac)
 
     # Procedures.
 

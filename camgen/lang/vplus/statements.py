@@ -17,6 +17,7 @@ from .variables import NAME_PATTERN, Cell, Table, Value
 #: A single variable, with or without subscripts: an argument that is passed by reference.
 PLAIN = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*\s*(?:\[[^\"]*\])?")
 _NO_VARIABLE = frozenset({"TRUE", "FALSE", "ON", "OFF", "PI", *BUILT, "#PPOINT", "RANDOM", "TIME"})
+_SEPARATOR = re.compile(r'"[^"]*"?|[(),\[\]]')
 _TYPED = re.compile(r"(REAL|DOUBLE|LOC|STRING)\s+", re.IGNORECASE)
 #: Instructions that end the run.
 ENDS = frozenset({"HALT", "STOP", "PANIC"})
@@ -24,34 +25,23 @@ ENDS = frozenset({"HALT", "STOP", "PANIC"})
 
 def split(text: str) -> Iterator[str]:
     """Split arguments at the commas outside of brackets and strings."""
-    depth, start, quoted = 0, 0, False
-    for at, c in enumerate(text):
-        if c == '"':
-            quoted = not quoted
-        elif quoted:
-            continue
-        elif c in "([":
-            depth += 1
-        elif c in ")]":
-            depth -= 1
-        elif c == "," and not depth:
-            yield text[start:at].strip()
-            start = at + 1
+    depth = start = 0
+    for match in _SEPARATOR.finditer(text):
+        sign = match[0]
+        if sign == "," and not depth:
+            yield text[start : match.start()].strip()
+            start = match.end()
+        depth += (sign in ("(", "[")) - (sign in (")", "]"))
     yield text[start:].strip()
 
 
 def unwrap(text: str) -> tuple[str, str]:
     """Split `(a, b) c` into the text inside the brackets and the text after them."""
-    depth, quoted = 0, False
-    for at, c in enumerate(text):
-        if c == '"':
-            quoted = not quoted
-        elif c == "(" and not quoted:
-            depth += 1
-        elif c == ")" and not quoted:
-            depth -= 1
-            if not depth:
-                return text[1:at].strip(), text[at + 1 :].strip()
+    depth = 0
+    for match in _SEPARATOR.finditer(text):
+        depth += (match[0] == "(") - (match[0] == ")")
+        if match[0] == ")" and not depth:
+            return text[1 : match.start()].strip(), text[match.end() :].strip()
     raise Unreadable("a bracket is not closed")
 
 

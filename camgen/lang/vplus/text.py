@@ -171,6 +171,8 @@ _HAS_PROGRAM = re.compile(r"^\s*\.PROGRAM\b", re.IGNORECASE | re.MULTILINE)
 _STEM = re.compile(r"[^A-Za-z0-9._]+")
 #: Sections that a file may have besides programs.
 SECTIONS = frozenset({".LOCATIONS", ".REALS", ".DOUBLES", ".STRINGS"})
+#: A line up to its comment, or to a string that does not end.
+_CODE = re.compile(r'(?:"[^"]*"|[^";])*+')
 _STRING = re.compile(r'"[^"]*"')
 _DECLARE = frozenset({"AUTO", "LOCAL", "GLOBAL"})
 #: Maximum number of different lines whose statement is cached for lines that are repeated.
@@ -356,15 +358,12 @@ def _strip_comment(raw: str, number: int, file: _File) -> str:
         raw = raw.replace("\x1a", "")
     if '"' not in raw:
         return raw.partition(";")[0].strip()
-    quoted = False
-    for i, c in enumerate(raw):
-        if c == '"':
-            quoted = not quoted
-        elif c == ";" and not quoted:
-            return raw[:i].strip()
-    if quoted:
+    code = _CODE.match(raw)
+    assert code is not None
+    if raw[code.end() :].startswith('"'):
         file.report(number, "a string that does not end")
-    return raw.strip()
+        return raw.strip()
+    return code[0].strip()
 
 
 def _check_long_name(name: str, number: int, file: _File) -> None:

@@ -28,7 +28,7 @@ from . import force
 from .conditions import ask_question, read_question, read_words
 from .run import StrictRun
 from .spelling import note_unusual
-from .values import check_speed
+from .values import TYPES, check_speed
 
 _VERB = re.compile(r"([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII | re.DOTALL)
 _ASSIGNMENT = re.compile(r"([a-z]\s*\[[^\]]*\]|([a-z]\w*))\s*=\s*(.+)", re.IGNORECASE | re.ASCII)
@@ -165,7 +165,11 @@ def _declare(run: StrictRun, rest: str) -> None:
         if what := name_fault(match[1]):
             raise Unreadable(what)
         name, kind = match[1].lower(), (match[2] or "variant").lower()
-        run.declare(name, kind)
+        if name in run.scope.kinds:
+            raise Unreadable(f"{name} is declared twice")
+        if kind not in TYPES:
+            raise Unreadable(f"{kind} is not a type")
+        run.scope.kinds[name] = kind
         if (name, kind) != _VARIABLE:
             run.machine.remark(f"the variable {match[1]}, which no program of the post has")
         if match[3] and kind != "string":

@@ -249,10 +249,12 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
             continue
         statement = statements[index] if index < len(statements) else _Statement(lines, "")
         match = pattern.fullmatch(statement.words)
-        if not match or not _fill_slots(slots, match.groupdict()):
+        texts = match.groupdict() if match else {}
+        # A slot has the same text everywhere.
+        if not match or any(slots.setdefault(name, text) != text for name, text in texts.items()):
             words = statement.words[:60] or "nothing"
             raise _Wrong(statement.line, f"not the reader of a data file: {words}")
-        file_line = statement.line if "file" in match.groupdict() else file_line
+        file_line = statement.line if "file" in texts else file_line
         index += 1
     if index < len(statements):
         statement = statements[index]
@@ -263,11 +265,6 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
     head = raw[: reader_lines[0] - 1]
     head = ["" if re.match(r"\s*AUTO\s+REAL\b", line, re.IGNORECASE) else line for line in head]
     return _Program(slots, head, tuple(outputs_off), file_line, lines)
-
-
-def _fill_slots(slots: dict[str, str], texts: Mapping[str, str]) -> bool:
-    """Adds texts to the slots. Returns False if a slot has another text already."""
-    return all(slots.setdefault(name, text) == text for name, text in texts.items())
 
 
 def _wanted(options: Mapping[str, object]) -> list[re.Pattern[str] | None]:
