@@ -57,14 +57,14 @@ class Switching(NamedTuple):
     which: the output, or the number of the first one.
     upto: number of the last output, None for a single one.
     level: 1 of Set, 0 of Reset.
-    value: level that the statement gives itself.
+    value: expression of the level.
     is_pulse: whether the output switches back by itself.
     """
 
     which: Node
     upto: Node | None
     level: float
-    value: Node | None
+    value: Node
     is_pulse: bool
 
 
@@ -158,9 +158,7 @@ def start_task(run: State, calling: Calling) -> None:
 
 def switch(run: State, switching: Switching) -> None:
     """``Set`` and ``Reset``."""
-    level: Value = switching.level
-    if switching.value is not None:
-        level = run.evaluate(switching.value)
+    level = run.evaluate(switching.value)
     for at in _signals(run, switching.which, switching.upto):
         if isinstance(at, int):
             run.set_signal(at, level)

@@ -314,11 +314,9 @@ class ProgramRun(Run):
             procedure.name != "main" and procedure.returns != "program"
         )
         self.module, self.module_scope = module, self._scope_of(module)
-        values: list[Value] = []
-        for parameter in procedure.parameters:
-            what = f"{parameter.name} (a parameter of {procedure.name})"
-            values.append(self.machine.unknown(what, parameter.name))
-        self._execute(procedure, values)
+        names = [parameter.name for parameter in procedure.parameters]
+        what = f"(a parameter of {procedure.name})"
+        self._execute(procedure, [self.machine.unknown(f"{name} {what}", name) for name in names])
         return None
 
     def _entry(self) -> tuple[Module, Procedure] | str:

@@ -172,11 +172,8 @@ def read_module(
     name: str, files: Mapping[str, File], given: Mapping[str, float], report: FaultCallback
 ) -> Module:
     """Read a file as a module. given: values of macros that the user sets, by lower-case name."""
-    module = Module(stem(name))
-    module.macros.update(_PREDEFINED)
-    module.macros.update(
-        {key: f"{value:g}" for key, value in given.items() if key.startswith("__")}
-    )
+    macros = {key: f"{value:g}" for key, value in given.items() if key.startswith("__")}
+    module = Module(stem(name), macros=_PREDEFINED | macros)
     Reader(module, files, report).file(name, 0)
     return module
 
@@ -319,7 +316,11 @@ class Reader:
         ):
             self.open(line, match, start)
         elif lower == "program " and (match := _PROGRAM.fullmatch(text)):
-            self.program(line, match, start)
+            # The older dialect: up to the end of the file.
+            self.module.pac = True
+            parameters = _parse_parameters((match[2] or "")[1:-1])
+            self.current = Procedure(match[1].lower(), line, parameters, "program")
+            self.module.procedures.setdefault(start, self.current)
         elif self.current is not None:
             self.current.statements.append(Statement(line, text))
         elif _DECLARING.match(text):
@@ -337,14 +338,6 @@ class Reader:
             opened = "Function" if self.current.returns else "Sub"
             self.add_fault(line, f"{text} closes a {opened}, which ends with End {opened}")
         self.current = None
-
-    def program(self, line: int, match: re.Match[str], start: str) -> None:
-        """Open `PROGRAM name` of the older dialect, up to the end of the file."""
-        self.module.pac = True
-        self.current = Procedure(
-            match[1].lower(), line, _parse_parameters((match[2] or "")[1:-1]), "program"
-        )
-        self.module.procedures.setdefault(start, self.current)
 
     def open(self, line: int, opening: re.Match[str], start: str) -> None:
         """Open a Sub or a Function."""

@@ -155,8 +155,7 @@ def _read_take(rest: str) -> list[Node | None]:
 def _read_switch(rest: str, level: float) -> Switching:
     parts = arguments(rest)
     at = find_equals(parts[0])
-    target = parts[0]
-    value: Node | None = None
+    target, value = parts[0], Node("number", level)
     if at >= 0:
         target, value = parts[0][:at].strip(), parse(parts[0][at + 1 :])
     match = re.fullmatch(r"(io)\s*\[(.*?)\bto\b(.*)\]", target, re.IGNORECASE | re.DOTALL)

@@ -273,20 +273,17 @@ class Numbers(Reader, ABC):
         if token == "(":
             return sign * self._bracketed()
         if token[0] in _DIGITS and token != ".":
-            return sign * self._literal(token)
+            value = float(token)
+            if not abs(value) < _MAX_PRODUCT:
+                raise Impossible("a number is not finite or beyond any machine")
+            return sign * value
         if token in _CONSTANTS:
             return sign * _CONSTANTS[token]
         if token[0].isalpha():
             return sign * self._word(token)
-        if token == "^" or token[0] == "^":
+        if token[0] == "^":
             return sign * _parse_based(token)
         raise Unreadable(f"a number expected instead of {token!r}")
-
-    def _literal(self, token: str) -> float:
-        value = float(token)
-        if not abs(value) < _MAX_PRODUCT:
-            raise Impossible("a number is not finite or beyond any machine")
-        return value
 
     def _word(self, token: str) -> float:
         if token in ("COM", "NOT"):

@@ -160,7 +160,7 @@ class Machine(FileUnits, Walker):
         word, text, ends = question
         if word == "DO":
             raise Unreadable("DO stands alone")
-        holds, is_open, _ = self.condition(text, ends)
+        holds, is_open = self.condition(text, ends)
         if word == "WHILE" and text[-2:].upper() != "DO":
             self.log.find("refused", "WHILE wants DO", line=self.line)
         is_unknown = bool(self.consulted) if word == "IF" else is_open

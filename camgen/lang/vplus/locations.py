@@ -153,8 +153,7 @@ class Expression(Numbers):
         return Location(Pose(rotation_zyz(yaw, pitch, roll), (x, y, z)))
 
     def _inverse(self) -> Location:
-        self.expect("(")
-        inner = self._inner()
+        inner = self._normal()
         if inner.frame.external and not self._scope.strict:
             return make_external(f"INVERSE({describe(inner)})")
         return Location(inner.in_base().inverse())

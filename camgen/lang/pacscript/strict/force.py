@@ -159,19 +159,15 @@ def run_template(run: StrictRun, lines: ForceLines) -> None:
     vector: Vec3 = (values["x"], values["y"], values["z"])
     if "newtons" in values and abs(math.hypot(*vector) - values["newtons"]) > 0.01:
         machine.fault("the newtons of a force line are not those of its vector")
-    table = _read_table(values["n"]) if "n" in values else machine.table or 1
+    number = values.get("n", machine.table or 1)
+    if number != int(number):
+        raise Unreadable(f"the force table {number:g} is not a whole number")
+    table = int(number)
     _set_force(machine, table, vector)
     if lines.kind == "on" and machine.table is None:
         _on(machine, table)
     elif machine.table != table:
         machine.fault("a change of a force that is not on")
-
-
-def _read_table(number_of_table: float) -> int:
-    """The table of a force line. Raises Unreadable for a fraction."""
-    if number_of_table != int(number_of_table):
-        raise Unreadable(f"the force table {number_of_table:g} is not a whole number")
-    return int(number_of_table)
 
 
 def _template(kind: str, lines: object) -> Template | None:
