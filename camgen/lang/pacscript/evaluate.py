@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -79,8 +79,13 @@ def evaluate(run: State, node: Node) -> Value:
     return _KINDS_OF_NODES.get(node.kind, _operate)(run, node)
 
 
+def evaluate_all(run: State, nodes: Iterable[Node]) -> list[Value]:
+    """Evaluate expressions in order."""
+    return [run.evaluate(node) for node in nodes]
+
+
 def _evaluate_tuple(run: State, node: Node) -> Value:
-    values = tuple(run.evaluate(part) for part in node.parts)
+    values = tuple(evaluate_all(run, node.parts))
     return values[0] if len(values) == 1 else values
 
 
@@ -161,7 +166,7 @@ def read_stored(run: State, letter: str, at: int) -> Value:
 
 def evaluate_index(run: State, letter: str, parts: tuple[Node, ...]) -> Value:
     """Evaluate `P[n]`, `IO[n]`, or an element of an array of the program."""
-    values = [run.evaluate(part) for part in parts]
+    values = evaluate_all(run, parts)
     array = run.find_variable(letter)
     if isinstance(array, Array):
         return select_element(array, values)
@@ -188,14 +193,14 @@ def evaluate_call(run: State, word: str, parts: tuple[Node, ...]) -> Value:
     """Evaluate `name(...)`: an element of an array, a procedure of the program, or a function."""
     held = run.find_variable(word)
     if isinstance(held, Array):
-        return select_element(held, [run.evaluate(part) for part in parts])
+        return select_element(held, evaluate_all(run, parts))
     if procedure := run.find_procedure(word):
         return run.call(procedure, parts)
     if held is not None and word not in FUNCTIONS:
         return held if isinstance(held, Unknown) else Unknown(f"an element of {word}")
     if word in _OF_RUN:
-        return _OF_RUN[word](run, [run.evaluate(part) for part in parts])
-    values = [run.evaluate(part) for part in parts]
+        return _OF_RUN[word](run, evaluate_all(run, parts))
+    values = evaluate_all(run, parts)
     if word in FUNCTIONS:
         return call(word, values)
     if word == "outrange":
@@ -211,14 +216,13 @@ def _evaluate_member(run: State, node: Node) -> Value:
     owner, *rest = node.parts
     if node.kind == "element":
         value = run.evaluate(owner)
-        values = [run.evaluate(part) for part in rest]
+        values = evaluate_all(run, rest)
         return (
             select_element(value, values)
             if isinstance(value, Array)
             else Unknown("an element of a value that is not known")
         )
-    for part in rest:
-        run.evaluate(part)
+    evaluate_all(run, rest)
     label = owner.content if owner.kind in ("name", "call") else "object"
     return run.machine.unknown(f"{label}.{node.content}")
 
@@ -319,14 +323,13 @@ def assign(run: State, target: Node, value: Value) -> None:
     if target.kind == "name":
         assign_name(run, word, value)
     elif target.kind == "index" and not isinstance(run.find_variable(word), Array):
-        at = [run.evaluate(part) for part in target.parts]
+        at = evaluate_all(run, target.parts)
         if at and not isinstance(at[0], Unknown):
             _assign_stored(run, word, index(number(at[0])), value)
     elif target.kind in ("index", "call"):
         _assign_element(run, target, value)
     elif target.kind != "element":  # The value of an element of an element is not kept.
-        for part in target.parts[1:]:
-            run.evaluate(part)
+        evaluate_all(run, target.parts[1:])
 
 
 def assign_name(run: State, word: str, value: Value) -> None:
@@ -355,7 +358,7 @@ def _assign_stored(run: State, letter: str, at: int, value: Value) -> None:
 def _assign_element(run: State, target: Node, value: Value) -> None:
     word = str(target.content)
     array = run.find_variable(word)
-    indices = [run.evaluate(part) for part in target.parts]
+    indices = evaluate_all(run, target.parts)
     if find_first_unknown(indices) is not None:
         return
     place_of = tuple(int(number(position_value)) for position_value in indices)

@@ -319,6 +319,7 @@ class Machine:
     def stop(self) -> None:
         """Add a stop, until the operator continues."""
         self.emit(Stop())
+        self.passing = False
 
     def press(self, table: int | None) -> bool:
         """Apply a force table from the next motion on, None for no force.

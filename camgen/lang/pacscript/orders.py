@@ -11,6 +11,7 @@ from camgen.lang.pacscript.evaluate import (
     assign_axis,
     assign_component,
     assign_name,
+    evaluate_all,
     fit,
 )
 from camgen.lang.pacscript.expressions import Node
@@ -72,7 +73,7 @@ def declare(run: State, declarations: Sequence[Declaration]) -> None:
     """``Dim`` and the other declarations."""
     for name, kind, tops, init in declarations:
         if tops is not None:
-            sizes = [run.evaluate(node) for node in tops]
+            sizes = evaluate_all(run, tops)
             limits: tuple[int, ...] = ()
             if find_first_unknown(sizes) is None:
                 limits = tuple(int(number(size)) for size in sizes)
@@ -112,8 +113,7 @@ def call(run: State, calling: Calling) -> None:
     node = calling.target
     name = str(node.content)
     if node.kind == "member":
-        for part in calling.values:
-            run.evaluate(part)
+        evaluate_all(run, calling.values)
         owner = node.parts[0]
         module = run.read(run.stems[str(owner.content)]) if owner.content in run.stems else None
         procedure = module.procedures.get(name) if module is not None else None
@@ -126,10 +126,9 @@ def call(run: State, calling: Calling) -> None:
     if called is not None:
         run.call(called, calling.values)
         return
-    values = [run.evaluate(part) for part in calling.values]
+    values = evaluate_all(run, calling.values)
     if name == "msgbox":
         run.machine.stop()
-        run.machine.passing = False
     elif name not in FUNCTIONS and name not in ASKED:
         run.leave_out(name)
         for part, value in zip(calling.values, values, strict=True):
@@ -151,8 +150,7 @@ def _fill(run: State, name: str, part: Node, value: Value) -> None:
 
 def start_task(run: State, calling: Calling) -> None:
     """``Run``: a task beside this one."""
-    for part in calling.values:
-        run.evaluate(part)
+    evaluate_all(run, calling.values)
     run.machine.tasks.setdefault(str(calling.target.content).lower(), run.machine.line)
 
 

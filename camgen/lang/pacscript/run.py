@@ -13,7 +13,7 @@ from camgen.lang.coverage import measure_coverage
 from camgen.lang.flow import Choice, Counter, Flow, MachineLanguage, Raised, Rules
 from camgen.lang.pacscript import motions
 from camgen.lang.pacscript.code import CountRange, ProcedureCode, compile_procedure
-from camgen.lang.pacscript.evaluate import assign, combine, evaluate, fit
+from camgen.lang.pacscript.evaluate import assign, combine, evaluate, evaluate_all, fit
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import calculate, get_value
 from camgen.lang.pacscript.machine import Machine, Scope, blank, copy_value
@@ -23,7 +23,6 @@ from camgen.lang.pacscript.source import (
     Parameter,
     Procedure,
     list_included,
-    normalize,
     read_files,
     stem,
 )
@@ -35,7 +34,7 @@ from camgen.lang.pacscript.values import (
     comparable,
     number,
 )
-from camgen.lang.programs import Executed, RunRequest
+from camgen.lang.programs import Executed, RunRequest, strip_mark, unify_line_ends
 from camgen.lang.run import Budget, Ended, Stopped
 from camgen.lang.values import Unknown, find_first_unknown
 
@@ -109,7 +108,7 @@ class Run(State, MachineLanguage):
         """
         module, procedure = target
         self.flow.check_depth("procedures that call each other without end")
-        values = [self.evaluate(part) for part in parts]
+        values = evaluate_all(self, parts)
         if len(values) > len(procedure.parameters):
             self.machine.log.find(
                 "refused",
@@ -193,7 +192,7 @@ class Run(State, MachineLanguage):
 
     def open_count(self, count: CountRange) -> Counter:
         """Open the counter of a `For`."""
-        first, last, step = (self.evaluate(part) for part in count[1:])
+        first, last, step = evaluate_all(self, count[1:])
         unknown = find_first_unknown((first, last, step))
         if unknown is not None:
             return Counter(count.counter, first, unknown=unknown)
@@ -251,7 +250,7 @@ class ProgramRun(Run):
         if parent is not None:
             self.files, self.modules, self.codes = parent.files, parent.modules, parent.codes
         else:
-            texts = {name: normalize(text) for name, text in files.items()}
+            texts = {name: strip_mark(unify_line_ends(text)) for name, text in files.items()}
             self.files = read_files(texts, self.add_fault)
         budget.left += sum(file.count_statements() for file in self.files.values())
         ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
@@ -364,8 +363,3 @@ class ProgramRun(Run):
             self.module = module
             for procedure in module.procedures.values():
                 self._code(procedure)
-
-
-def run_files(files: Mapping[str, str], request: RunRequest) -> Executed:
-    """Run the program in the files once."""
-    return ProgramRun(files, request).run()

@@ -25,7 +25,6 @@ from camgen.lang.pacscript.lines import (
 from camgen.lang.pacscript.motion import cut_bracket
 from camgen.lang.pacscript.values import Unreadable
 from camgen.lang.pacscript.words import name_fault
-from camgen.lang.programs import strip_mark, unify_line_ends
 from camgen.lang.values import require
 
 _OPENING = re.compile(
@@ -136,11 +135,6 @@ def read_files(
         result.setdefault(base_name(name), file)
         before += text.count("\n") + (text[-1:] not in ("", "\n"))
     return result
-
-
-def normalize(text: str) -> str:
-    """Return a text with LF line ends, without a byte order mark."""
-    return strip_mark(unify_line_ends(text))
 
 
 def base_name(name: str) -> str:

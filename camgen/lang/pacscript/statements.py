@@ -175,7 +175,7 @@ def _read_wait(rest: str) -> list[Node]:
 
 def read_list(rest: str) -> list[Node]:
     """An ordinary list of values."""
-    return [parse(part) for part in list_arguments(rest)]
+    return list(map(parse, list_arguments(rest)))
 
 
 def _read_force(rest: str) -> list[Node]:

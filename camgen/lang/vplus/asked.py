@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
 from camgen.lang.run import Budget
+from camgen.model.program import Joints
 
 from .arm import Arm
 from .functions import truth
@@ -24,6 +25,13 @@ from .variables import Value
 _REAL = 1.0
 #: mm/s: assumed speed of the TCP at SPEED 100.
 RATED = 7500.0
+#: Kinds of variables, by the type of their values.
+_KINDS: dict[type, str] = {
+    float: "real",
+    str: "string",
+    Location: "location",
+    Joints: "precision point",
+}
 #: Largest number of a signal.
 MAX_SIGNAL = 9999
 
@@ -75,8 +83,10 @@ class ExternalState(Arm):
         """Assign a value of the kind that the variable has. It is doubtful if `doubt` is set."""
         table, key = self.cell(name)
         old = table.get(key)
-        if old is not None and _kind(old) != _kind(value) and name[:1] != "#":
-            raise Impossible(f"{name} is used as a {_kind(old)} and as a {_kind(value)}")
+        if old is not None and _KINDS[type(old)] != _KINDS[type(value)] and name[:1] != "#":
+            raise Impossible(
+                f"{name} is used as a {_KINDS[type(old)]} and as a {_KINDS[type(value)]}"
+            )
         table[key] = value
         if self.doubt:
             self._doubtful.add((id(table), key))
@@ -88,7 +98,7 @@ class ExternalState(Arm):
         if kind == "precision point" and isinstance(value, Location):
             return value
         if value is not None:
-            raise Impossible(f"{name} is used as a {_kind(value)} and as a {kind}")
+            raise Impossible(f"{name} is used as a {_KINDS[type(value)]} and as a {kind}")
         if kind == "real":
             return self._assume_real(name)
         key = canonical(name)
@@ -197,14 +207,6 @@ class ExternalState(Arm):
     def bits(self, first: int, count: int) -> float:
         """Evaluate `BITS(first, count)`: signals as a binary number."""
         return float(sum(1 << k for k in range(count) if self.is_on(first + k)))
-
-
-def _kind(value: Value) -> str:
-    if isinstance(value, float):
-        return "real"
-    if isinstance(value, str):
-        return "string"
-    return "location" if isinstance(value, Location) else "precision point"
 
 
 def _state(on: bool) -> str:

@@ -47,6 +47,13 @@ def describe(location: Location) -> str:
     return f"{name}:TRANS({x:.6g},{y:.6g},{z:.6g}{turned})"
 
 
+def describe_any(location: Location) -> str:
+    """Return a short text of a location."""
+    if location.frame.external:
+        return describe(location)
+    return location.name or "TRANS({:.6g},{:.6g},{:.6g},..)".format(*location.in_base().origin)
+
+
 def make_external(name: str) -> Location:
     """Return a location that is stored on the controller alone."""
     return Location(NULL, Frame(external=name[:120]))
@@ -79,7 +86,7 @@ class Expression(Numbers):
         while self.accept(":"):
             second = self._primary()
             if second.frame.external and not self._scope.strict:
-                first = make_external(f"{self._name(first)}:{describe(second)}")
+                first = make_external(f"{describe_any(first)}:{describe(second)}")
                 continue
             relative = second.in_base()
             if first.frame.compound or first.frame.external:
@@ -87,12 +94,6 @@ class Expression(Numbers):
             else:
                 first = Location(relative, Frame(first.local, compound=True, name=first.name))
         return first
-
-    def _name(self, location: Location) -> str:
-        if location.frame.external:
-            return describe(location)
-        x, y, z = location.in_base().origin
-        return location.name or f"TRANS({x:.6g},{y:.6g},{z:.6g},..)"
 
     def _primary(self) -> Location:
         token = self.take()
@@ -177,7 +178,7 @@ class Expression(Numbers):
         """Evaluate `FRAME(a, b, c, o)`: x from a to b, y towards c, the origin at o."""
         points = self._several(4)
         if any(point.frame.external for point in points):
-            return make_external(f"FRAME({', '.join(map(self._name, points))})")
+            return make_external(f"FRAME({', '.join(map(describe_any, points))})")
         a, b, c, o = (np.array(point.in_base().origin) for point in points)
         x_direction = b - a
         z_direction = np.cross(x_direction, c - a)
@@ -230,7 +231,7 @@ class Expression(Numbers):
         self._at -= 1
         a, b = self._several(2)
         if a.frame.external or b.frame.external:
-            return self._named().answer(f"{word}({self._name(a)}, {self._name(b)})", "", 0.0)
+            return self._named().answer(f"{word}({describe_any(a)}, {describe_any(b)})", "", 0.0)
         p, q = a.in_base(), b.in_base()
         distance = math.dist(p.origin, q.origin)
         if word == "DISTANCE":

@@ -25,6 +25,7 @@ from .functions import truth
 from .locations import (
     Expression,
     describe,
+    describe_any,
     make_external,
     read_whole,
     to_joints,
@@ -300,9 +301,9 @@ class Robot(ExternalState):
         text.finish()
         if not 0 <= seconds <= _MAX:
             raise Impossible(f"a motion in {seconds:g} s")
-        self._lasts_once = 0.0 if always else seconds
+        self._lasts_once = seconds
         if always:
-            self._lasts_always = seconds
+            self._lasts_always, self._lasts_once = seconds, 0.0
 
     def configure(self, statement: Statement) -> None:
         """Run a posture word, see `set_posture`."""
@@ -490,10 +491,3 @@ class Robot(ExternalState):
         pose = target.in_base()
         yaw, pitch, roll = (math.degrees(v) + 0.0 for v in compute_zyz(pose.rotation))
         return [*pose.origin, yaw, pitch, roll]
-
-
-def describe_any(location: Location) -> str:
-    """Return a short text of a location."""
-    if location.frame.external:
-        return describe(location)
-    return location.name or "TRANS({:.6g},{:.6g},{:.6g},..)".format(*location.in_base().origin)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -215,13 +216,13 @@ def _limit_speeds(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]
     timed = np.isin(columns.at, list(machine.durations))
     from_unknown = columns.moves_are(MoveL)
     from_unknown[1:] &= ~columns.posed[:-1]
-    begins = np.array([begin for begin, _ in machine.turning])
+    begins, rates = zip(*machine.turning, strict=True)
     changed = {}
     for motion in np.flatnonzero(reorients | timed | from_unknown).tolist():
         index = at[motion]
         item = placed.body[index]
         seconds = machine.durations.get(index, 0.0)
-        rate = machine.turning[int(np.searchsorted(begins, index, "right")) - 1][1]
+        rate = rates[bisect_right(begins, index) - 1]
         rotation = math.radians(rate / 100 * RATED_ROTATION) if isinstance(item, MoveL) else 0.0
         start = _find_start(placed, at[motion - 1] if motion else None, index)
         if seconds and (start is None or not isinstance(item.target, Pose)):

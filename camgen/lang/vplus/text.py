@@ -152,7 +152,7 @@ SpeedSetting = tuple[float, str, float]
 
 
 def parse_plain_speed(rest: str) -> tuple[float, str, float, bool] | None:
-    """Parse a SPEED of plain numbers like `words.parse_speed`. None for other spellings."""
+    """Parse a SPEED of plain numbers as an expression does. None for other spellings."""
     match = _SPEED_PARTS.fullmatch(rest)
     if match is None or float(match[1]) <= 0 or float(match[2] or 1.0) <= 0:
         return None
@@ -431,11 +431,3 @@ def _add_statement(routine: Routine, code: str, number: int, file: _File) -> tup
         file.report(number, f"{word} after the first instruction")
     routine.statements.append(Statement(number, word, rest))
     return None if label else (word, rest)
-
-
-def split_stretch(plain: Stretch) -> list[Statement]:
-    """Return the motions as single statements."""
-    return [
-        Statement(number, plain.word, raw.split()[1])
-        for number, raw in enumerate(plain.source.text.splitlines(), start=plain.line)
-    ]

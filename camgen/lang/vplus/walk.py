@@ -9,7 +9,7 @@ from camgen.lang.flow import Language
 from camgen.lang.run import Budget
 from camgen.model.program import Instruction
 
-from .text import Statement, Stretch, Unreadable, split_stretch
+from .text import Statement, Stretch, Unreadable
 
 
 class Walker(Language, Protocol):
@@ -55,7 +55,8 @@ class Walker(Language, Protocol):
             self.budget.spend(count)
             self.line = plain.line + count - 1
             return
-        for statement in split_stretch(plain):
+        for number, raw in enumerate(plain.source.text.splitlines(), start=plain.line):
+            statement = Statement(number, plain.word, raw.split()[1])
             step = Act(statement.line, do=Walker.act, operand=statement)
             self.begin(step)
             self.budget.spend()

@@ -33,6 +33,8 @@ _QUESTIONS = (
 )
 _WORD = re.compile(r"[\w.]+|\S|\n")
 _IF = re.compile(r"if\b(.*)\bthen", re.IGNORECASE)
+_WORDS = re.compile(r"\b(?:and|or)\b", re.IGNORECASE)
+_COMPARISON = re.compile(r"([^<>=]+)([<>])([^<>=]+)")
 _ASSIGNMENT = re.compile(r"([a-z]\w*)\s*=\s*([^=].*)", re.IGNORECASE | re.ASCII)
 
 
@@ -60,7 +62,7 @@ def read_question(statements: Sequence[Statement], at: int) -> Question | None:
         words = read_words(statement)
         if words in ("end if", "endif"):
             if depth == 0:
-                return Question(statements[at : at + count], condition[1].strip(), branches)
+                return Question(statements[at : at + count], condition[1], branches)
             depth -= 1
         elif depth == 0 and words.startswith("elseif"):
             return None
@@ -82,7 +84,7 @@ def ask_question(run: StrictRun, question: Question) -> None:
     note_unusual(machine, _text(question.statements[0]))
     machine.compares_mps = True
     _check_question(machine, question.statements)
-    truth = _decide(run, question.condition, parse(question.condition))
+    truth = _decide(run, question.condition)
     negation = [not value for value in truth]
     for branch, taken in zip(question.branches, (truth, negation), strict=True):
         for statement in branch if any(taken) else ():
@@ -131,25 +133,39 @@ def _assign(run: StrictRun, text: str, taken: list[bool]) -> None:
     run.set_variable(target, value)
 
 
-def _decide(run: StrictRun, condition: str, node: Node) -> list[bool]:
-    """The truth of a condition, or of a part of it, by unit.
+def _decide(run: StrictRun, condition: str) -> list[bool]:
+    """The truth of a condition, by unit."""
+    joints = [word.lower() for word in _WORDS.findall(condition)]
+    if len(set(joints)) > 1:
+        raise Unreadable("And beside Or is not evaluated")
+    comparisons = [_compare(run, part) for part in _WORDS.split(_bare(condition))]
+    combine = all if joints[:1] == ["and"] else any
+    return [combine(values) for values in zip(*comparisons, strict=True)]
 
-    condition: text of the condition, for messages.
-    """
-    if node.kind == "tuple" and len(node.parts) == 1:
-        return _decide(run, condition, node.parts[0])
-    if node.kind in ("and", "or"):
-        if {"and", "or"} <= {node.kind, *(part.kind for part in node.parts)}:
-            raise Unreadable("And beside Or is not evaluated")
-        combine = all if node.kind == "and" else any
-        parts = [_decide(run, condition, part) for part in node.parts]
-        return [combine(values) for values in zip(*parts, strict=True)]
-    greater = node.kind == ">"
-    left, right = map(run.evaluate, node.parts) if node.kind in ("<", ">") else (0.0, 0.0)
+
+def _bare(text: str) -> str:
+    """`text` without a pair of brackets around all of it."""
+    text = text.strip()
+    inner = text[1:-1]
+    lowest = depth = 0
+    for sign in inner:
+        depth += (sign == "(") - (sign == ")")
+        lowest = min(lowest, depth)
+    return inner if text[:1] == "(" and text[-1:] == ")" and lowest == 0 == depth else text
+
+
+def _compare(run: StrictRun, text: str) -> list[bool]:
+    """The result of `Mps(...) < n` or `Mps(...) > n`, by unit."""
+    comparison = require(
+        _COMPARISON.fullmatch(_bare(text)), Unreadable(f"{text.strip()[:60]} is not evaluated")
+    )
+    left = run.evaluate(parse(comparison[1].strip()))
+    right = run.evaluate(parse(comparison[3].strip()))
+    greater = comparison[2] == ">"
     if isinstance(right, Mps):
         left, right, greater = right, left, not greater
     if not isinstance(left, Mps) or not isinstance(right, float):
-        raise Unreadable(f"{condition[:60]} is not evaluated")
+        raise Unreadable(f"{text.strip()[:60]} is not evaluated")
     return [_holds(speed, greater, right) for speed in run.machine.by_unit(left)]
 
 

@@ -182,7 +182,9 @@ def _translate_return(translator: Translator, statement: Statement) -> None:
 #: The words of the flow. Blocks other than FOR are refused.
 _FLOW = {
     "RETURN": _translate_return,
-    **{word: FLOW[word] for word in ("FOR", "END", "UNTIL")},
+    "FOR": FLOW["FOR"],
+    "END": FLOW["END"],
+    "UNTIL": FLOW["UNTIL"],
     **dict.fromkeys(("CASE", "DO", "IF", "WHILE"), Translator.refuse_block),
 }
 
@@ -295,26 +297,26 @@ def _with_turns(
     rated: rotational speed at 100 %, deg/s.
     """
     columns = Columns(body)
-    begins = [begin for begin, _ in turning]
+    begins, rates = zip(*turning, strict=True)
     changed: dict[int, tuple[Instruction, ...]] = {}
     for index in columns.at[columns.turned].tolist():
-        percent = turning[bisect_right(begins, index) - 1][1]
+        percent = rates[bisect_right(begins, index) - 1]
         changed[index] = (replace(body[index], turn=math.radians(percent / 100 * rated)),)
     return splice(body, changed) if changed else body
 
 
 def _check_turning(machine: Machine, body: tuple[Instruction, ...], lines: Sequence[int]) -> None:
     """Adds findings for linear motions at a rotational speed below 100 %, which may slow them."""
-    turning = machine.turning
-    if all(rate >= 100 for _, rate in turning):
+    begins, rates = zip(*machine.turning, strict=True)
+    if min(rates) >= 100:
         return
     columns = Columns(body)
     moved = np.zeros(len(columns.at), np.bool_)
     moved[1:] = np.abs(np.diff(columns.ends, axis=0)).max(axis=1, initial=0.0) > _SPOT
     moved[1:] &= columns.posed[:-1] & columns.moves_are(MoveL)[1:]
     straight = columns.at[moved].tolist()
-    ends = [begin for begin, _ in turning[1:]] + [len(body)]
-    for (begin, rate), end in zip(turning, ends, strict=True):
+    ends = *begins[1:], len(body)
+    for begin, end, rate in zip(begins, ends, rates, strict=True):
         first = bisect_left(straight, begin)
         if rate < 100 and first < len(straight) and straight[first] < end:
             what = f"a straight motion at {rate:g} % rotational speed"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from itertools import repeat
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -371,8 +372,7 @@ def _real(value: int, digits: int) -> str:
 
 
 def _pose(v: Sequence[int], work: str) -> str:
-    numbers = [_real(coordinate, 3) for coordinate in v[:3]]
-    numbers += [_real(angle, 4) for angle in v[3:]]
+    numbers = [*map(_real, v[:3], repeat(3)), *map(_real, v[3:], repeat(4))]
     return f"{work}:TRANS({','.join(numbers)})"
 
 
@@ -390,7 +390,7 @@ _KINDS: Mapping[int, Callable[[Sequence[int], str], str]] = {
     3: lambda v, _: _point(
         _real(v[0], 4), _real(v[1], 4), _real(100 * v[2] + v[4], 5), _real(v[3], 4)
     ),
-    4: lambda v, _: _point(*(_real(x, 4) for x in v)),
+    4: lambda v, _: _point(*map(_real, v, repeat(4))),
     5: lambda v, _: f"SPEED {_pair(v[0], v[1])} ALWAYS",
     6: lambda v, _: f"SPEED {_pair(v[0], v[1])}, {_pair(v[2], v[3])} MMPS ALWAYS",
     7: lambda v, _: f"SIGNAL {v[0]}",
