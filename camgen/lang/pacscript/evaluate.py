@@ -51,9 +51,7 @@ _CONSTANTS: dict[str, Value] = {
     "true": 1.0,
     "false": 0.0,
     "pi": 3.141592653589793,
-}
-#: Types of elements of arrays, from a header of the controller.
-_KINDS = {
+    # Types of elements of arrays, from a header of the controller.
     "vt_i2": 2.0,
     "vt_i4": 3.0,
     "vt_r4": 4.0,
@@ -144,8 +142,6 @@ def evaluate_name(run: State, word: str) -> Value:
         return value
     if word in FUNCTIONS or word in ASKED or word in _OF_RUN or run.find_function(word):
         return evaluate_call(run, word, ())
-    if word in _KINDS:
-        return _KINDS[word]
     return run.undeclared(word)
 
 
