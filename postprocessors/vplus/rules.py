@@ -37,7 +37,7 @@ _IDENTIFIER = re.compile(r"[a-z][a-z0-9._]*", re.IGNORECASE)
 _WORDS = """
     abort above abs accel aio.in aio.out align all alter altoff alton always and any appro
     appros as asc atan2 attach auto base bcd below belt bitand bits bmask brake break bstat by
-    calibrate call case chr clear.event close closei clr.event coarse config cos cp cpoff cpon
+    calibrate call calls case chr clear.event close closei clr.event coarse config cos cp cpoff cpon
     cycle.end dblb dcb decompose def.dio defbelt delay depart departs dest detach device din
     disable distance do drive duration dx dy dz else enable end error execute exit false fclose
     fcmnd fdelete fdirectory fempty fine flip fltb fopen fopena fopend fopenr fopenw for force

@@ -9,7 +9,7 @@ import camgen
 from camgen.lang.rapid.instructions import EFFECTS
 from camgen.lang.rapid.motions import FORMS
 from camgen.lang.rapid.words import INSTALLED
-from camgen.lang.vplus.instructions import DOES
+from camgen.lang.vplus.flow import DOES
 from camgen.lang.vplus.names import TAKEN
 from postprocessors.rapid.options import is_predefined, legal_name
 from postprocessors.vplus.rules import is_word, program_name

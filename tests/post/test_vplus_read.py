@@ -335,6 +335,11 @@ def list_remarks(text: str, options: dict[str, object]) -> list[tuple[int, str]]
     return [(f.line, f.what) for f in read({"a": text}, options).findings if f.level == "unusual"]
 
 
+def test_a_word_after_the_end_of_a_loop_is_unusual() -> None:
+    text = ".PROGRAM a()\nFOR i = 1 TO 2\nEND i\n.END\n"
+    assert (3, "END stands alone, without i") in list_remarks(text, {})
+
+
 def test_speed_and_posture_have_to_be_stated_again_after_a_call() -> None:
     """Whether a CALL or its RETURN keeps them is not confirmed."""
     head = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from msgspec import Struct
@@ -14,6 +14,7 @@ from camgen.lang.code import (
     Call,
     Code,
     Compiler,
+    Condition,
     CountStart,
     Effect,
     End,
@@ -31,7 +32,7 @@ from camgen.lang.pacscript.lines import FaultCallback
 from camgen.lang.pacscript.motions import run_motions
 from camgen.lang.pacscript.orders import Assignment, Calling, declare
 from camgen.lang.pacscript.plain import list_motions
-from camgen.lang.pacscript.source import Procedure, Statement
+from camgen.lang.pacscript.source import Procedure
 from camgen.lang.pacscript.statements import (
     ASSIGN,
     CALL,
@@ -40,6 +41,7 @@ from camgen.lang.pacscript.statements import (
     VERB,
     Order,
     find_equals,
+    find_outside,
     make_condition,
     read_call,
     read_case,
@@ -77,20 +79,16 @@ def compile_procedure(procedure: Procedure, report: FaultCallback, pac: bool) ->
     pac: the text is in the older dialect, which reserves other names.
     """
     compiler = _Compiler(report, pac, procedure.returns == "program")
-    _read_statements(procedure.statements, compiler)
+    for line, text in procedure.statements:
+        if isinstance(text, Run):
+            compiler.add(make_motions(line, text))
+        else:
+            compiler.statement(line, text)
     compiler.close_down_to(0)
     code = compiler.finish()
     for jump in compiler.list_missing():
         report(jump.line, f"there is no label {jump.label}")
     return ProcedureCode(code, frozenset(compiler.assigned))
-
-
-def _read_statements(statements: Sequence[Statement], compiler: _Compiler) -> None:
-    for line, text in statements:
-        if isinstance(text, Run):
-            compiler.add(make_motions(line, text))
-        else:
-            compiler.statement(line, text)
 
 
 def make_motions(line: int, run: Run) -> Act:
@@ -164,21 +162,18 @@ class _Compiler(Compiler):
             if (text[0] == "*" or ":" in text) and (label := _LABEL.fullmatch(text)):
                 name = (label[1] or label[3]).lower()
                 if label[1] or name not in RESERVED:
-                    self.label(name)
+                    if not self.mark(name):
+                        self.add_fault(self.line, f"a second label {name}")
                     text = label[2] or label[4] or ""
                     continue
             verb = VERB.match(text)
             if verb and verb[1].lower() in ("if", "else", "elseif"):
                 self.conditional(verb[1].lower(), verb[2])
                 return
-            text, rest = _cut_colon(text) if ":" in text else (text, "")
-            self.simple(text)
-            text = rest
-
-    def label(self, name: str) -> None:
-        """A place to go to."""
-        if not self.mark(name):
-            self.add_fault(self.line, f"a second label {name}")
+            colon = find_outside(_COLON, text, ":") if ":" in text else -1
+            end = len(text) if colon < 0 else colon
+            self.simple(text[:end].strip())
+            text = text[end + 1 :]
 
     def simple(self, text: str) -> None:
         """A statement that is not a condition."""
@@ -187,7 +182,7 @@ class _Compiler(Compiler):
         if handler := _FLOW.get(word):
             handler(self, rest)
         elif order := ORDERS.get(word):
-            self.act(order, order.read(word, rest))
+            self.act(order, order.read(rest))
         elif word in DECLARE:
             self.add(Act(self.line, do=declare, operand=read_declarations(word, rest, self.pac)))
         elif word in SILENT:
@@ -290,7 +285,7 @@ class _Compiler(Compiler):
         if word in ("if", "select"):
             self.close(self.end(word))
         elif word == "while":
-            self.wend("")
+            self.close_loop(self.end("while"))
         elif word:
             raise Unreadable(f"End {rest[:40]} is not understood")
         else:
@@ -306,33 +301,9 @@ class _Compiler(Compiler):
         counter, first, last = (parse(text.strip()) for text in (rest[:at], match[1], match[2]))
         self.open("for", CountStart(self.line, count=CountRange(counter, first, last, step)))
 
-    def next_(self, _rest: str) -> None:
-        """``Next [i]``."""
-        self.close_count(self.end("for"))
-
-    def do(self, rest: str) -> None:
-        """``Do [While|Until condition]``."""
-        self.open("do", LoopStart(self.line, condition=read_loop_condition(rest)))
-
-    def loop(self, rest: str) -> None:
-        """``Loop [While|Until condition]``."""
-        self.close_loop(self.end("do"), read_loop_condition(rest))
-
-    def while_(self, rest: str) -> None:
-        """``While condition``."""
-        self.open("while", LoopStart(self.line, condition=make_condition(parse(rest))))
-
-    def wend(self, _rest: str) -> None:
-        """``Wend``."""
-        self.close_loop(self.end("while"))
-
-    def repeat(self, _rest: str) -> None:
-        """``Repeat`` of the older dialect."""
-        self.open("repeat", LoopStart(self.line))
-
-    def until(self, rest: str) -> None:
-        """``Until condition``."""
-        self.close_loop(self.end("repeat"), make_condition(parse(rest), wanted=False))
+    def start_loop(self, kind: str, condition: Condition | None) -> None:
+        """Compile the start of a loop without a count."""
+        self.open(kind, LoopStart(self.line, condition=condition))
 
     def select(self, rest: str) -> None:
         """``Select Case value``."""
@@ -366,20 +337,6 @@ class _Compiler(Compiler):
         if not self.exit(kinds.get(word, ())):
             raise Unreadable(f"Exit {rest[:20]} outside such a block")
 
-    def goto(self, rest: str) -> None:
-        """``GoTo label``."""
-        goal = require(
-            _GOAL.fullmatch(rest.strip()), Unreadable(f"GoTo {rest[:40]} is not understood")
-        )
-        self.jump(goal[1].lower())
-
-    def gosub(self, rest: str) -> None:
-        """``GoSub label``."""
-        goal = require(
-            _GOAL.fullmatch(rest.strip()), Unreadable(f"GoSub {rest[:40]} is not understood")
-        )
-        self.add(Call(self.line, label=goal[1].lower()))
-
     def on(self, rest: str) -> None:
         """``On Error GoTo label`` or ``On n GoTo a, b``."""
         match = re.fullmatch(r"(.*?)\b(goto|gosub)\b(.*)", rest, re.IGNORECASE | re.DOTALL)
@@ -396,35 +353,37 @@ class _Compiler(Compiler):
 
     def stop(self, rest: str) -> None:
         """``Stop`` and ``StopEnd``."""
-        read_list("stop", rest)
+        read_list(rest)
         self.add(End(self.line))
 
 
-def _cut_colon(text: str) -> tuple[str, str]:
-    depth = 0
-    for match in _COLON.finditer(text):
-        if match[0] == ":" and depth == 0:
-            return text[: match.start()].strip(), text[match.end() :]
-        depth += (match[0] in ("(", "[")) - (match[0] in (")", "]"))
-    return text, ""
+def _read_goal(rest: str, word: str) -> str:
+    reason = Unreadable(f"{word} {rest[:40]} is not understood")
+    return require(_GOAL.fullmatch(rest.strip()), reason)[1].lower()
 
 
 _FLOW: dict[str, Callable[[_Compiler, str], object]] = {
     "end": _Compiler.end_word,
     "endif": lambda compiler, _rest: compiler.end_word("if"),
     "for": _Compiler.for_,
-    "next": _Compiler.next_,
-    "do": _Compiler.do,
-    "loop": _Compiler.loop,
-    "while": _Compiler.while_,
-    "wend": _Compiler.wend,
-    "repeat": _Compiler.repeat,
-    "until": _Compiler.until,
+    "next": lambda compiler, _rest: compiler.close_count(compiler.end("for")),
+    "do": lambda compiler, rest: compiler.start_loop("do", read_loop_condition(rest)),
+    "loop": lambda compiler, rest: compiler.close_loop(
+        compiler.end("do"), read_loop_condition(rest)
+    ),
+    "while": lambda compiler, rest: compiler.start_loop("while", make_condition(parse(rest))),
+    "wend": lambda compiler, _rest: compiler.close_loop(compiler.end("while")),
+    "repeat": lambda compiler, _rest: compiler.start_loop("repeat", None),
+    "until": lambda compiler, rest: compiler.close_loop(
+        compiler.end("repeat"), make_condition(parse(rest), wanted=False)
+    ),
     "select": _Compiler.select,
     "case": _Compiler.case,
     "exit": _Compiler.leave,
-    "goto": _Compiler.goto,
-    "gosub": _Compiler.gosub,
+    "goto": lambda compiler, rest: compiler.jump(_read_goal(rest, "GoTo")),
+    "gosub": lambda compiler, rest: compiler.add(
+        Call(compiler.line, label=_read_goal(rest, "GoSub"))
+    ),
     "on": _Compiler.on,
     "return": lambda compiler, _rest: compiler.add(Return(compiler.line, is_to_call=True)),
     "resume": lambda compiler, _rest: compiler.add(Return(compiler.line)),

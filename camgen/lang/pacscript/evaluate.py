@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -19,17 +19,17 @@ from camgen.lang.pacscript.functions import (
     place,
     turned,
 )
-from camgen.lang.pacscript.machine import blank, copy_value
+from camgen.lang.pacscript.machine import copy_value
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import (
     Array,
     ExternalPose,
-    PoseWithFigure,
     Rate,
     Unreadable,
     Value,
     Vector,
     Wrong,
+    figure_of,
     finite,
     index,
     joints,
@@ -43,16 +43,15 @@ from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import IDENTITY, Pose
 from camgen.model.program import Joints
 
-_SHORT = re.compile(r"(io|[pjtvifds])(\d{1,9})", re.ASCII)
+#: The short form of a variable of the controller or of an input or output, such as `I10`.
+STORED_NAME = re.compile(r"(io|[pjtvifds])(\d{1,9})", re.ASCII)
 _CONSTANTS: dict[str, Value] = {
     "on": 1.0,
     "off": 0.0,
     "true": 1.0,
     "false": 0.0,
     "pi": 3.141592653589793,
-}
-#: Types of elements of arrays, from a header of the controller.
-_KINDS = {
+    # Types of elements of arrays, from a header of the controller.
     "vt_i2": 2.0,
     "vt_i4": 3.0,
     "vt_r4": 4.0,
@@ -60,15 +59,6 @@ _KINDS = {
     "vt_bstr": 8.0,
     "vt_bool": 11.0,
     "vt_variant": 12.0,
-}
-#: Functions for the present position of the arm, with the kind of their value.
-_PLACES = {
-    "curpos": "pose",
-    "destpos": "pose",
-    "curtrn": "pose",
-    "desttrn": "pose",
-    "curjnt": "joints",
-    "destjnt": "joints",
 }
 _STORED = {
     "i": "integer",
@@ -84,45 +74,42 @@ _STORED = {
 
 def evaluate(run: State, node: Node) -> Value:
     """Evaluate an expression. Raises Unreadable."""
-    kind = node.kind
-    if kind == "number":
-        return node.content
-    if kind == "name":
-        return evaluate_name(run, str(node.content))
-    if kind == "text":
-        return str(node.content)
-    if kind == "index":
-        return evaluate_index(run, str(node.content), node.parts)
-    if kind == "call":
-        return evaluate_call(run, str(node.content), node.parts)
-    if kind == "tuple":
-        values = tuple(run.evaluate(part) for part in node.parts)
-        return values[0] if len(values) == 1 else values
-    if kind in ("member", "element"):
-        return _evaluate_member(run, node)
-    if kind == "range":
-        raise Unreadable("a range of positions stands where one value is expected")
-    return _operate(run, node) if kind != "left out" else 0.0
+    return _KINDS_OF_NODES.get(node.kind, _operate)(run, node)
 
 
-def truth(value: Value) -> bool | Unknown:
-    """Return whether a condition holds."""
-    return value if isinstance(value, Unknown) else bool(number(value))
+def evaluate_all(run: State, nodes: Iterable[Node]) -> list[Value]:
+    """Evaluate expressions in order."""
+    return [run.evaluate(node) for node in nodes]
+
+
+def _evaluate_tuple(run: State, node: Node) -> Value:
+    values = tuple(evaluate_all(run, node.parts))
+    return values[0] if len(values) == 1 else values
+
+
+def _refuse_range(_run: State, _node: Node) -> Value:
+    raise Unreadable("a range of positions stands where one value is expected")
+
+
+def _apply_sign(run: State, node: Node) -> Value:
+    value = run.evaluate(node.parts[0])
+    if node.content == 1.0 and isinstance(value, (float, bool)):
+        return value
+    sign = float(node.content)
+    if isinstance(value, (Vector, Joints)):
+        return type(value)(tuple(sign * item for item in value.values))  # type: ignore[arg-type]
+    return run.combine("*", value, sign)
+
+
+def _invert(run: State, node: Node) -> Value:
+    value = run.evaluate(node.parts[0])
+    if isinstance(value, Unknown):
+        return value
+    return not value if isinstance(value, bool) else float(~int(number(value)))
 
 
 def _operate(run: State, node: Node) -> Value:
-    if node.kind == "sign":
-        value = run.evaluate(node.parts[0])
-        return (
-            value
-            if node.content == 1.0 and isinstance(value, (float, bool))
-            else negate(run, value, float(node.content))
-        )
-    if node.kind == "not":
-        value = run.evaluate(node.parts[0])
-        if isinstance(value, Unknown):
-            return value
-        return not value if isinstance(value, bool) else float(~int(number(value)))
+    """Apply the operators of a chain such as `a + b - c` from left to right."""
     chain = [node]
     while chain[-1].parts[0].kind in OPERATORS:
         chain.append(chain[-1].parts[0])
@@ -142,42 +129,20 @@ def combine(_run: State, sign: str, a: Value, b: Value) -> Value:
     return calculate(sign, a, b)
 
 
-def negate(run: State, value: Value, sign: float) -> Value:
-    """Multiply a value by a sign, 1 or -1."""
-    if isinstance(value, (Vector, Joints)):
-        return type(value)(tuple(sign * item for item in value.values))  # type: ignore[arg-type]
-    return run.combine("*", value, sign)
-
-
 def evaluate_name(run: State, word: str) -> Value:
     """Evaluate a name: a variable, a function without arguments, a constant, or a stored value."""
-    scope = run.scope
-    if word in scope.names:
-        return scope.names[word]
-    if word in run.module_scope.names:
-        return run.module_scope.names[word]
+    value = run.find_variable(word)
+    if value is not None:
+        return value
     if word in _CONSTANTS:
         return _CONSTANTS[word]
-    if short := _SHORT.fullmatch(word):
+    if short := STORED_NAME.fullmatch(word):
         return read_stored(run, short[1], int(short[2]))
     if (value := run.port(word)) is not None:
         return value
-    if (
-        word in _PLACES
-        or word in FUNCTIONS
-        or word in ASKED
-        or word in _OF_RUN
-        or run.find_function(word)
-    ):
+    if word in FUNCTIONS or word in ASKED or word in _OF_RUN or run.find_function(word):
         return evaluate_call(run, word, ())
-    if word in _KINDS:
-        return _KINDS[word]
     return run.undeclared(word)
-
-
-def is_stored(word: str) -> bool:
-    """Whether a name is the short form of a variable of the controller, such as `I10`."""
-    return _SHORT.fullmatch(word) is not None
 
 
 def read_stored(run: State, letter: str, at: int) -> Value:
@@ -197,11 +162,10 @@ def read_stored(run: State, letter: str, at: int) -> Value:
 
 def evaluate_index(run: State, letter: str, parts: tuple[Node, ...]) -> Value:
     """Evaluate `P[n]`, `IO[n]`, or an element of an array of the program."""
-    values = [run.evaluate(part) for part in parts]
-    if letter in run.scope.names or letter in run.module_scope.names:
-        array = evaluate_name(run, letter)
-        if isinstance(array, Array):
-            return select_element(array, values)
+    values = evaluate_all(run, parts)
+    array = run.find_variable(letter)
+    if isinstance(array, Array):
+        return select_element(array, values)
     if letter not in _STORED and letter != "io":
         return Unknown(f"{letter}[...]")
     if not values or isinstance(values[0], Unknown):
@@ -223,20 +187,18 @@ def select_element(array: Array, values: list[Value]) -> Value:
 
 def evaluate_call(run: State, word: str, parts: tuple[Node, ...]) -> Value:
     """Evaluate `name(...)`: an element of an array, a procedure of the program, or a function."""
-    held = _find_variable(run, word)
+    held = run.find_variable(word)
     if isinstance(held, Array):
-        return select_element(held, [run.evaluate(part) for part in parts])
+        return select_element(held, evaluate_all(run, parts))
     if procedure := run.find_procedure(word):
         return run.call(procedure, parts)
     if held is not None and word not in FUNCTIONS:
         return held if isinstance(held, Unknown) else Unknown(f"an element of {word}")
     if word in _OF_RUN:
-        return _OF_RUN[word](run, [run.evaluate(part) for part in parts])
-    if word in _PLACES:
-        return _evaluate_position(run, word)
-    values = [run.evaluate(part) for part in parts]
+        return _OF_RUN[word](run, evaluate_all(run, parts))
+    values = evaluate_all(run, parts)
     if word in FUNCTIONS:
-        return _construct(word, values) if word in _MADE else call(word, values)
+        return call(word, values)
     if word == "outrange":
         run.machine.log.assume("places that OutRange asks for are within reach", word)
         return run.machine.given(word) or 0.0
@@ -245,44 +207,18 @@ def evaluate_call(run: State, word: str, parts: tuple[Node, ...]) -> Value:
     return run.leave_out(word)
 
 
-def _evaluate_position(run: State, word: str) -> Value:
-    if _PLACES[word] == "pose":
-        return run.machine.current_pose
-    return run.machine.joints or Unknown(f"the joint values in line {run.machine.line}")
-
-
-_MADE = frozenset(("p", "j", "v"))
-
-
-def _construct(word: str, values: list[Value]) -> Value:
-    for value in values:
-        if isinstance(value, Unknown):
-            return Unknown(value.what)
-    if word == "p" and values and isinstance(values[0], Vector):
-        values = [
-            *values[0].values,
-            *(
-                values[1].values
-                if len(values) > 1 and isinstance(values[1], Vector)
-                else values[1:]
-            ),
-        ]
-    return call(word, values)
-
-
 def _evaluate_member(run: State, node: Node) -> Value:
     """Evaluate `object.member`, or an element of the value of a function."""
     owner, *rest = node.parts
     if node.kind == "element":
         value = run.evaluate(owner)
-        values = [run.evaluate(part) for part in rest]
+        values = evaluate_all(run, rest)
         return (
             select_element(value, values)
             if isinstance(value, Array)
             else Unknown("an element of a value that is not known")
         )
-    for part in rest:
-        run.evaluate(part)
+    evaluate_all(run, rest)
     label = owner.content if owner.kind in ("name", "call") else "object"
     return run.machine.unknown(f"{label}.{node.content}")
 
@@ -328,16 +264,8 @@ def _shift(run: State, values: list[Value]) -> Value:
     return call("dev", values)
 
 
-def _current(kind: str) -> Callable[[State, list[Value]], Value]:
-    return lambda run, _values: float(run.machine.numbers[kind])
-
-
-def _internal(run: State, _values: list[Value]) -> Value:
-    return run.machine.internal
-
-
-def _external(run: State, _values: list[Value]) -> Value:
-    return run.machine.external
+def _find_joints(run: State, _values: list[Value]) -> Value:
+    return run.machine.joints or Unknown(f"the joint values in line {run.machine.line}")
 
 
 _OF_RUN: dict[str, Callable[[State, list[Value]], Value]] = {
@@ -346,10 +274,14 @@ _OF_RUN: dict[str, Callable[[State, list[Value]], Value]] = {
     "j2t": _to_joints,
     "msgbox": _ask_operator,
     "dev": _shift,
-    "curtool": _current("tool"),
-    "curwork": _current("work"),
-    "curspd": _internal,
-    "curextspd": _external,
+    **dict.fromkeys(
+        ("curpos", "destpos", "curtrn", "desttrn"), lambda run, _values: run.machine.current_pose
+    ),
+    **dict.fromkeys(("curjnt", "destjnt"), _find_joints),
+    "curtool": lambda run, _values: float(run.machine.numbers["tool"]),
+    "curwork": lambda run, _values: float(run.machine.numbers["work"]),
+    "curspd": lambda run, _values: run.machine.internal,
+    "curextspd": lambda run, _values: run.machine.external,
     "toolpos": lambda run, values: _frame(run, "tool", values),
     "workpos": lambda run, values: _frame(run, "work", values),
 }
@@ -362,12 +294,23 @@ def _frame(run: State, kind: str, values: list[Value]) -> Value:
     return run.machine.pose_of(kind, at) or Unknown(f"{kind} {at}")
 
 
+_KINDS_OF_NODES: dict[str, Callable[[State, Node], Value]] = {
+    "number": lambda _run, node: node.content,
+    "text": lambda _run, node: str(node.content),
+    "left out": lambda _run, _node: 0.0,
+    "name": lambda run, node: evaluate_name(run, str(node.content)),
+    "index": lambda run, node: evaluate_index(run, str(node.content), node.parts),
+    "call": lambda run, node: evaluate_call(run, str(node.content), node.parts),
+    "tuple": _evaluate_tuple,
+    "member": _evaluate_member,
+    "element": _evaluate_member,
+    "range": _refuse_range,
+    "sign": _apply_sign,
+    "not": _invert,
+}
+
+
 # Assignments.
-
-
-def _find_variable(run: State, word: str) -> Value | None:
-    """Return the value of a variable of the program, None if no variable has that name."""
-    return run.scope.names.get(word, run.module_scope.names.get(word))
 
 
 def assign(run: State, target: Node, value: Value) -> None:
@@ -375,15 +318,14 @@ def assign(run: State, target: Node, value: Value) -> None:
     word = str(target.content)
     if target.kind == "name":
         assign_name(run, word, value)
-    elif target.kind == "index" and not isinstance(_find_variable(run, word), Array):
-        at = [run.evaluate(part) for part in target.parts]
+    elif target.kind == "index" and not isinstance(run.find_variable(word), Array):
+        at = evaluate_all(run, target.parts)
         if at and not isinstance(at[0], Unknown):
             _assign_stored(run, word, index(number(at[0])), value)
     elif target.kind in ("index", "call"):
         _assign_element(run, target, value)
     elif target.kind != "element":  # The value of an element of an element is not kept.
-        for part in target.parts[1:]:
-            run.evaluate(part)
+        evaluate_all(run, target.parts[1:])
 
 
 def assign_name(run: State, word: str, value: Value) -> None:
@@ -394,7 +336,7 @@ def assign_name(run: State, word: str, value: Value) -> None:
             scope = run.module_scope
         elif run.write_port(word, value):
             return
-        elif (short := _SHORT.fullmatch(word)) is not None:
+        elif (short := STORED_NAME.fullmatch(word)) is not None:
             _assign_stored(run, short[1], int(short[2]), value)
             return
     scope.names[word] = copy_value(fit(value, scope.kinds.get(word, "variant")))
@@ -411,8 +353,8 @@ def _assign_stored(run: State, letter: str, at: int, value: Value) -> None:
 
 def _assign_element(run: State, target: Node, value: Value) -> None:
     word = str(target.content)
-    array = _find_variable(run, word)
-    indices = [run.evaluate(part) for part in target.parts]
+    array = run.find_variable(word)
+    indices = evaluate_all(run, target.parts)
     if find_first_unknown(indices) is not None:
         return
     place_of = tuple(int(number(position_value)) for position_value in indices)
@@ -500,18 +442,9 @@ def _with_component(old: Pose, which: str, value: Value) -> Pose:
     if which in ("rx", "ry", "rz"):
         return turned(old, ("rx", "ry", "rz").index(which), number(fit(value, "double")))
     if which == "p":
-        return _moved(old, Vector(place(value).origin))
+        return with_figure(Pose(old.rotation, place(value).origin), figure_of(old))
     if which in ("x", "y", "z"):
         values = list(old.origin)
         values["xyz".index(which)] = number(fit(value, "double"))
-        return _moved(old, vector(values))
+        return with_figure(Pose(old.rotation, vector(values).values), figure_of(old))
     raise Unreadable(f"Let{which.upper()} is not evaluated")
-
-
-def _moved(old: Pose, to: Vector) -> Pose:
-    if isinstance(old, PoseWithFigure):
-        return PoseWithFigure(old.rotation, to.values, old.figure)
-    return Pose(old.rotation, to.values)
-
-
-__all__ = ["assign", "assign_component", "assign_name", "blank", "evaluate", "fit"]

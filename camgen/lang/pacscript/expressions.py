@@ -89,7 +89,7 @@ def parse(text: str) -> Node:
     """Parse an expression. Raises Unreadable if it is not one."""
     parser = _Parser(text)
     node = parser.expression(0)
-    if parser.at < len(parser.tokens):
+    if parser.tokens[parser.at][0] != "end":
         raise Unreadable(f"{parser.tokens[parser.at][1]} is not understood in {text}")
     return node
 
@@ -103,7 +103,7 @@ def _tokens(text: str) -> list[tuple[str, str]]:
             raise Unreadable(f"{text} is not understood")
         tokens.append((match.lastgroup, match[match.lastgroup]))
         at = match.end()
-    return tokens
+    return [*tokens, ("end", "")]
 
 
 class _Parser:
@@ -114,19 +114,14 @@ class _Parser:
 
     def take(self, *signs: str) -> str:
         """Take the next token if it is one of `signs`. Returns it, or an empty text."""
-        if (
-            self.at < len(self.tokens)
-            and self.tokens[self.at][0] == "sign"
-            and self.tokens[self.at][1] in signs
-        ):
-            self.at += 1
-            return self.tokens[self.at - 1][1]
-        return ""
+        kind, text = self.tokens[self.at]
+        if kind != "sign" or text not in signs:
+            return ""
+        self.at += 1
+        return text
 
     def operator(self) -> str:
         """Return the next token in lower case if it is an operator, otherwise an empty text."""
-        if self.at >= len(self.tokens):
-            return ""
         kind, text = self.tokens[self.at]
         text = text.lower()
         return text if kind in ("sign", "name") and text in _BINDS else ""
@@ -146,16 +141,15 @@ class _Parser:
 
     def take_word(self, word: str) -> bool:
         """Take the next token if it is `word` directly after a bracket. Returns whether it was."""
-        if self.at >= len(self.tokens) or self.tokens[self.at - 1] != ("sign", ")"):
-            return False
         kind, text = self.tokens[self.at]
-        taken = kind == "name" and text.lower() == word
+        after_bracket = self.tokens[self.at - 1] == ("sign", ")")
+        taken = after_bracket and kind == "name" and text.lower() == word
         self.at += taken
         return taken
 
     def take_to(self) -> bool:
         """Take the word of a range, `P[1 TO 3]`, if it comes next."""
-        is_next = self.at < len(self.tokens) and self.tokens[self.at][1].lower() == "to"
+        is_next = self.tokens[self.at][1].lower() == "to"
         self.at += is_next
         return is_next
 
@@ -170,7 +164,7 @@ class _Parser:
                 negative, any_sign = negative != (sign == "-"), True
             if any_sign:
                 return Node("sign", -1.0 if negative else 1.0, (self.expression(_SIGN),))
-            if self.at < len(self.tokens) and self.tokens[self.at] in _NOTS:
+            if self.tokens[self.at] in _NOTS:
                 self.at += 1
                 return Node("not", 0.0, (self.expression(_NOT),))
             return self.members(self.atom())
@@ -178,14 +172,14 @@ class _Parser:
             self.depth -= 1
 
     def atom(self) -> Node:
-        if self.at >= len(self.tokens):
-            raise Unreadable("a value is missing")
         kind, text = self.tokens[self.at]
+        if kind == "end":
+            raise Unreadable("a value is missing")
         self.at += 1
         if kind == "number":
-            return Node("number", _parse_number(text))
+            return Node("number", finite(float(text)))
         if kind in ("binary", "hex"):
-            return Node("number", float(int(text[:300], 2 if kind == "binary" else 16)))
+            return Node("number", float(finite(int(text, 2 if kind == "binary" else 16))))
         if kind == "text":
             return Node("text", text.replace('""', '"'))
         if text == "(":
@@ -202,7 +196,7 @@ class _Parser:
         """Parse the members and elements after a node."""
         while True:
             if self.take("."):
-                if self.at >= len(self.tokens) or self.tokens[self.at][0] != "name":
+                if self.tokens[self.at][0] != "name":
                     raise Unreadable("a name is missing after a dot")
                 name = self.tokens[self.at][1].lower()
                 self.at += 1
@@ -217,10 +211,7 @@ class _Parser:
         if not (closing == ")" and self.take(")")):
             values: list[Node] = []
             while True:
-                empty = self.at < len(self.tokens) and self.tokens[self.at] in (
-                    ("sign", ","),
-                    ("sign", closing),
-                )
+                empty = self.tokens[self.at] in (("sign", ","), ("sign", closing))
                 values.append(LEFT_OUT if empty else self.expression(0))
                 if closing == "]" and self.take_to():
                     values[-1] = Node("range", 0.0, (values[-1], self.expression(0)))
@@ -232,10 +223,3 @@ class _Parser:
 
 
 _NOTS = tuple(("name", word) for word in ("not", "Not", "NOT"))
-
-
-def _parse_number(text: str) -> float:
-    try:
-        return finite(float(text))
-    except OverflowError:
-        raise Unreadable("a number is too large") from None

@@ -72,6 +72,16 @@ def text_of(value: Value) -> str:
     raise Unreadable(f"{describe_value(value)} is not text")
 
 
+def _position(values: list[Value]) -> Value:
+    """`P(x, y, z, rx, ry, rz, fig)`, where vectors may stand for the first and next three."""
+    if values and isinstance(values[0], Vector):
+        rest = values[1:]
+        if rest and isinstance(rest[0], Vector):
+            rest = [*rest[0].values, *rest[1:]]
+        values = [*values[0].values, *rest]
+    return position(numbers(values))
+
+
 def _component(at: int) -> Callable[[list[Value]], Value]:
     def take(values: list[Value]) -> Value:
         (value,) = values
@@ -114,10 +124,6 @@ def _column(at: int) -> Callable[[list[Value]], Value]:
     return take
 
 
-def _origin(values: list[Value]) -> Value:
-    return Vector(place(values[0]).origin)
-
-
 def _vector(value: Value) -> Vec3:
     if isinstance(value, Pose):
         return value.origin
@@ -128,28 +134,8 @@ def _vector(value: Value) -> Vec3:
     return value.values
 
 
-def _distance(values: list[Value]) -> Value:
-    return math.dist(_vector(values[0]), _vector(values[1]))
-
-
-def _magnitude(values: list[Value]) -> Value:
-    return math.hypot(*_vector(values[0]))
-
-
-def _dot(values: list[Value]) -> Value:
-    return sum(a * b for a, b in zip(_vector(values[0]), _vector(values[1]), strict=True))
-
-
 def _cross(values: list[Value]) -> Value:
     return Vector(to_vec3(np.cross(_vector(values[0]), _vector(values[1]))))
-
-
-def _same(values: list[Value]) -> Value:
-    return values[0]
-
-
-def _figure(values: list[Value]) -> Value:
-    return float(figure_of(place(values[0])))
 
 
 def _array(values: list[Value]) -> Value:
@@ -158,10 +144,6 @@ def _array(values: list[Value]) -> Value:
         if values
         else Array((), 0.0)
     )
-
-
-def _create_array(values: list[Value]) -> Value:
-    return Array((max(0, int(number(values[0]))),), 0.0)
 
 
 def _bound(values: list[Value]) -> Value:
@@ -230,10 +212,6 @@ def _middle(values: list[Value]) -> Value:
     return text[start : start + int(number(get_value(values, 2, float(len(text)))))]
 
 
-def _left(values: list[Value]) -> Value:
-    return text_of(values[0])[: max(0, int(number(values[1])))]
-
-
 def _right(values: list[Value]) -> Value:
     count = max(0, int(number(values[1])))
     return text_of(values[0])[-count:] if count else ""
@@ -256,7 +234,7 @@ def _extreme(function: Callable[..., float]) -> Callable[[list[Value]], Value]:
 
 #: Functions by name in lower case. An IndexError of one means that there are too few values.
 FUNCTIONS: dict[str, Callable[[list[Value]], Value]] = {
-    "p": lambda values: position(numbers(values)),
+    "p": _position,
     "j": lambda values: joints(numbers(values)),
     "v": lambda values: vector(numbers(values, 3)),
     "t": lambda values: homogeneous(numbers(values)),
@@ -266,31 +244,30 @@ FUNCTIONS: dict[str, Callable[[list[Value]], Value]] = {
     "posrx": _component(3),
     "posry": _component(4),
     "posrz": _component(5),
-    "fig": _figure,
-    "posf": _figure,
-    "posfig": _figure,
+    **dict.fromkeys(("fig", "posf", "posfig"), lambda values: float(figure_of(place(values[0])))),
     "dev": _shift,
     "devh": _shift_hand,
     "joint": _joint,
-    "pvec": _origin,
+    "pvec": lambda values: Vector(place(values[0]).origin),
     "rvec": _column(0),
     "ovec": _column(1),
     "avec": _column(2),
-    "dist": _distance,
-    "distance": _distance,
-    "magnitude": _magnitude,
-    "dot": _dot,
+    **dict.fromkeys(
+        ("dist", "distance"), lambda values: math.dist(_vector(values[0]), _vector(values[1]))
+    ),
+    "magnitude": lambda values: math.hypot(*_vector(values[0])),
+    "dot": lambda values: sum(
+        a * b for a, b in zip(_vector(values[0]), _vector(values[1]), strict=True)
+    ),
     "cross": _cross,
-    "p2t": _same,
-    "t2p": _same,
-    "tnorm": _same,
+    **dict.fromkeys(("p2t", "t2p", "tnorm"), lambda values: values[0]),
     "cint": _math(round),
     "csng": _math(float),
     "cdbl": _math(float),
     "tinv": lambda values: place(values[0]).inverse(),
     "tmul": lambda values: place(values[0]) @ place(values[1]),
     "array": _array,
-    "createarray": _create_array,
+    "createarray": lambda values: Array((max(0, int(number(values[0]))),), 0.0),
     "ubound": _bound,
     "lbound": lambda _: 0.0,
     "abs": _math(abs),
@@ -327,7 +304,7 @@ FUNCTIONS: dict[str, Callable[[list[Value]], Value]] = {
     "chr": lambda values: chr(int(number(values[0])) % 256),
     "len": lambda values: float(len(text_of(values[0]))),
     "lenb": lambda values: float(len(text_of(values[0]))),
-    "left": _left,
+    "left": lambda values: text_of(values[0])[: max(0, int(number(values[1])))],
     "right": _right,
     "mid": _middle,
     "instr": _find,
@@ -405,12 +382,12 @@ def calculate(sign: str, a: Value, b: Value) -> Value:
 
 
 COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
-    "=": lambda a, b: a == b,
-    "<>": lambda a, b: a != b,
-    "<": lambda a, b: a < b,
-    ">": lambda a, b: a > b,
-    "<=": lambda a, b: a <= b,
-    ">=": lambda a, b: a >= b,
+    "=": operator.eq,
+    "<>": operator.ne,
+    "<": operator.lt,
+    ">": operator.gt,
+    "<=": operator.le,
+    ">=": operator.ge,
 }
 
 
@@ -432,18 +409,19 @@ def _flat(value: Pose | Joints | Vector) -> list[float]:
     return components(value) if isinstance(value, Pose) else list(value.values)
 
 
+_ARITHMETIC: dict[str, Callable[[float, float], float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "^": math.pow,
+}
+
+
 def _arithmetic(sign: str, a: float, b: float) -> float:
     try:
-        if sign == "+":
-            return finite(a + b)
-        if sign == "-":
-            return finite(a - b)
-        if sign == "*":
-            return finite(a * b)
-        if sign == "/":
-            return finite(a / b)
-        if sign == "^":
-            return finite(float(math.pow(a, b)))
+        if sign in _ARITHMETIC:
+            return finite(_ARITHMETIC[sign](a, b))
         whole, part = round(a), round(b)
         if sign != "\\":
             return math.fmod(whole, part)
@@ -477,8 +455,7 @@ def _with_places(sign: str, a: Value, b: Value) -> Value:
         and isinstance(b, (Vector, Joints))
         and sign in ("+", "-")
     ):
-        combine = {"+": operator.add, "-": operator.sub}[sign]
-        return _make_like(a, list(map(combine, a.values, b.values)))
+        return _make_like(a, list(map(_ARITHMETIC[sign], a.values, b.values)))
     raise Unreadable(f"{describe_value(a)} {sign} {describe_value(b)} is not evaluated")
 
 

@@ -26,9 +26,9 @@ def run(files: Mapping[str, str], request: RunRequest) -> Executed:
         from camgen.lang.pacscript.strict import read  # noqa: PLC0415 (only for those of a post)
 
         return read(files, request.options)
-    from camgen.lang.pacscript.run import run_files  # noqa: PLC0415 (only for those of others)
+    from camgen.lang.pacscript.run import ProgramRun  # noqa: PLC0415 (only for those of others)
 
-    return run_files(files, request)
+    return ProgramRun(files, request).run()
 
 
 LANGUAGE = Language(

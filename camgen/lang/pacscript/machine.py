@@ -24,7 +24,6 @@ from camgen.lang.run import LimitReached
 from camgen.lang.values import Unknown
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, to_vec3
 from camgen.model.program import (
-    Force,
     Instruction,
     Joints,
     MoveC,
@@ -52,13 +51,13 @@ class Scope:
 
     names: values.
     kinds: types in lower case.
-    ios: type and number of the ports of DefIO.
+    ios: number of each port of DefIO.
     assigned: names to which the procedure assigns a value somewhere.
     """
 
     names: dict[str, Value] = field(default_factory=dict)
     kinds: dict[str, str] = field(default_factory=dict)
-    ios: dict[str, tuple[str, int]] = field(default_factory=dict)
+    ios: dict[str, int] = field(default_factory=dict)
     assigned: frozenset[str] = frozenset()
 
 
@@ -184,14 +183,6 @@ class Machine:
         if self.numbers[kind] == number and self.moved:
             self.current_pose = name_place(f"the position of the arm in line {self.line}")
 
-    def check_arm(self) -> None:
-        """Add a finding for a motion without the arm or without its power."""
-        if not self.armed and not self.trusting:
-            self.log.find("refused", "a motion without TakeArm: the controller stops with an error")
-            self.trusting = True
-        if not self.motor:
-            self.log.find("refused", "a motion with the motor off")
-
     def lose_motion(self) -> None:
         """Add a motion to an external pose for one that could not be evaluated."""
         speed, _ = self.speed(self.internal)
@@ -216,7 +207,11 @@ class Machine:
         passing: the next instruction may run before the arm is at the target.
         base: frame of the target, see `ExternalPose`; empty for the work frame.
         """
-        self.check_arm()
+        if not self.armed and not self.trusting:
+            self.log.find("refused", "a motion without TakeArm: the controller stops with an error")
+            self.trusting = True
+        if not self.motor:
+            self.log.find("refused", "a motion with the motor off")
         if not self.moved and not isinstance(item, MoveJ):
             self.log.find(
                 "unusual",
@@ -324,6 +319,7 @@ class Machine:
     def stop(self) -> None:
         """Add a stop, until the operator continues."""
         self.emit(Stop())
+        self.passing = False
 
     def press(self, table: int | None) -> bool:
         """Apply a force table from the next motion on, None for no force.
@@ -343,10 +339,6 @@ class Machine:
         x, y, z = force
         self.pressing = (size, (x / size, y / size, z / size))
         return True
-
-    def add_force(self) -> None:
-        """Add a `Force` instruction with the present force, 0 N for none."""
-        self.emit(Force(*self.pressing))
 
     def finish(self, stopped: tuple[int, str] | None) -> Executed:
         """Return the result of the run."""

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from camgen.lang.pacscript.expressions import LEFT_OUT, Node, arguments, parse
 from camgen.lang.pacscript.values import Unreadable
-from camgen.lang.values import require
 
 MARK = re.compile(r"@\s*(0|P|E|C|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
 #: The options of a motion that have a value.
@@ -17,7 +16,6 @@ OPTION = re.compile(
 EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
 #: Whether the motion is linear, by the word of the interpolation.
 LINEAR = {"l": True, "p": False, "ptp": False}
-_MARKS = frozenset(("@0", "@P", "@E", "@C"))
 _BRACKET = re.compile(r"@\s*\[")
 
 
@@ -49,24 +47,12 @@ class Motion(NamedTuple):
     at_once: bool
 
 
-def split_mark(text: str) -> tuple[str, str]:
-    """Split a text into its pass mark (@ and 0, P, E, C or mm; @0 if missing) and the target."""
-    if not text.startswith("@"):
-        return "@0", text
-    head, _, place = text.partition(" ")
-    if head in _MARKS:
-        return head, place.strip()
-    match = require(MARK.match(text), Unreadable(f"the pass mark of {text} is not understood"))
-    return "@" + match[1].strip("[] \t").upper(), text[match.end() :]
-
-
 def read_goal(text: str) -> Goal:
     """Parse `[@mark] value [Ex(...)|ExA(...)]`."""
     mark: str | Node = "0"
     if text.startswith("@"):
-        if MARK.match(text):
-            mark_text, text = split_mark(text)
-            mark = mark_text[1:]
+        if match := MARK.match(text):
+            mark, text = match[1].strip("[] \t").upper(), text[match.end() :]
         elif _BRACKET.match(text):
             inside, text = cut_bracket(text[text.index("[") :])
             mark = parse(inside)
@@ -74,10 +60,10 @@ def read_goal(text: str) -> Goal:
             raise Unreadable(f"the pass mark of {text} is not understood")
         if not text.strip():
             raise Unreadable("a pass mark without a target")
-    match = EXTENDED.search(text) if "x" in text.lower() else None
-    if match is None:
+    extended = EXTENDED.search(text)
+    if extended is None:
         return Goal(mark, parse(text))
-    return Goal(mark, parse(text[: match.start()]), parse(text[match.start() :]))
+    return Goal(mark, parse(text[: extended.start()]), parse(text[extended.start() :]))
 
 
 def read_motion(rest: str, kinds: tuple[str, ...] = ()) -> Motion:

@@ -9,7 +9,6 @@ from camgen.geometry.arcs import compute_circle, turn_about
 from camgen.lang.pacscript.effects import OMITTED_OPTIONS
 from camgen.lang.pacscript.evaluate import fit
 from camgen.lang.pacscript.expressions import Node, parse_optional
-from camgen.lang.pacscript.functions import numbers
 from camgen.lang.pacscript.machine import PASS_MM, posture_of
 from camgen.lang.pacscript.motion import LINEAR, Axes, Goal, Motion
 from camgen.lang.pacscript.plain import Plain
@@ -17,7 +16,6 @@ from camgen.lang.pacscript.settings import check_speed
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import (
     ExternalPose,
-    PoseWithFigure,
     Speed,
     Unreadable,
     Value,
@@ -25,11 +23,12 @@ from camgen.lang.pacscript.values import (
     Wrong,
     base_of,
     describe_value,
+    figure_of,
     index,
     keep_frame,
     name_place,
     number,
-    vector,
+    with_figure,
 )
 from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import (
@@ -187,10 +186,8 @@ def _follow_path(run: State, motion: Motion, speed: Speed) -> None:
 def place_of(run: State, node: Node) -> Value:
     """Evaluate a target: a position, joint values, or Unknown."""
     value = run.evaluate(node)
-    if isinstance(value, tuple):
+    if isinstance(value, (tuple, Vector)):
         value = fit(value, "position")
-    if isinstance(value, Vector):
-        value = fit(value.values, "position")
     if not isinstance(value, (Pose, Joints, Unknown)):
         raise Wrong(f"{describe_value(value)} is not a place to move to")
     return value
@@ -251,11 +248,7 @@ def depart(run: State, motion: Motion) -> None:
 def draw(run: State, motion: Motion) -> None:
     """Run `Draw P|L, [@mark] V(dx, dy, dz)`: by a vector in the work frame."""
     (goal,) = _exactly(motion, 1)
-    value = run.evaluate(goal.value)
-    if isinstance(value, tuple):
-        value = vector(numbers(list(value)))
-    if isinstance(value, Pose):
-        value = Vector(value.origin)
+    value = fit(run.evaluate(goal.value), "vector")
     if not isinstance(value, (Vector, Unknown)):
         raise Wrong(f"Draw needs a vector, not {describe_value(value)}")
     start = run.find_start()
@@ -286,9 +279,7 @@ def move_back(run: State, pose: Pose, length: float) -> Pose:
         )
         run.machine.log.assume(what, _SCARA)
     origin = pose.apply((0.0, 0.0, length if scara else -length))
-    if isinstance(pose, PoseWithFigure):
-        return PoseWithFigure(pose.rotation, origin, pose.figure)
-    return keep_frame(Pose(pose.rotation, origin), pose)
+    return keep_frame(with_figure(Pose(pose.rotation, origin), figure_of(pose)), pose)
 
 
 def arc(
@@ -319,7 +310,7 @@ def arc(
         machine.log.find(
             "unusual", f"an arc from figure {machine.figure} to {figure}: an error may occur"
         )
-    middle = _compute_via(start.origin, center, axis, sweep)
+    middle = _turn_point(start.origin, center, axis, sweep / 2)
     if sweep <= _MAX_SWEEP and math.dist(middle, via.origin) <= _VIA_TOLERANCE:
         mm_s, share = machine.speed(speed)
         middle_pose, end_pose = Pose(via.rotation, via.origin), Pose(end.rotation, end.origin)
@@ -332,9 +323,9 @@ def arc(
     machine.figure = figure
 
 
-def _compute_via(start: Vec3, center: Vec3, axis: Vec3, sweep: float) -> Vec3:
-    x, y, z = (a - c for a, c in zip(start, center, strict=True))
-    dx, dy, dz = turn_about((x, y, z), axis, sweep / 2)
+def _turn_point(point: Vec3, center: Vec3, axis: Vec3, angle: float) -> Vec3:
+    x, y, z = (a - c for a, c in zip(point, center, strict=True))
+    dx, dy, dz = turn_about((x, y, z), axis, angle)
     return (center[0] + dx, center[1] + dy, center[2] + dz)
 
 
@@ -359,10 +350,8 @@ def _add_arcs(
     posture = posture_of(end)[0]
 
     def at(fraction: float) -> Pose:
-        x, y, z = (a - c for a, c in zip(start.origin, center, strict=True))
-        dx, dy, dz = turn_about((x, y, z), axis, fraction * sweep)
         rotation = rotation_between(start.rotation, end.rotation, fraction)
-        return Pose(rotation, (center[0] + dx, center[1] + dy, center[2] + dz))
+        return Pose(rotation, _turn_point(start.origin, center, axis, fraction * sweep))
 
     for k in range(pieces):
         last = k == pieces - 1
@@ -410,24 +399,16 @@ def rotate(run: State, motion: Motion) -> None:
         if keeps
         else frozen(rotation_about_axis(frozen(normal), sweep) @ start.rotation)
     )
-    center = _find_foot(start.origin, about.values, normal)
-    offset = turn_about(
-        tuple(a - c for a, c in zip(start.origin, center, strict=True)),  # type: ignore[arg-type]
-        normal,
-        sweep,
-    )
-    x, y, z = (a + b for a, b in zip(center, offset, strict=True))
+    offset = zip(start.origin, about.values, normal, strict=True)
+    height = sum((p - a) * n for p, a, n in offset)
+    x, y, z = (a + height * n for a, n in zip(about.values, normal, strict=True))
+    center = x, y, z
+    end = Pose(turned, _turn_point(start.origin, center, normal, sweep))
+    manner = speed, blend, motion.at_once
     if math.dist(start.origin, center) < 1e-6 or abs(sweep) < 1e-9:
-        machine.go(True, Pose(turned, (x, y, z)), speed, blend, motion.at_once)
+        machine.go(True, end, *manner)
     else:
-        end, manner = Pose(turned, (x, y, z)), (speed, blend, motion.at_once)
         _add_arcs(run, start, end, (center, normal, sweep), manner)
-
-
-def _find_foot(point: Vec3, about: Vec3, normal: Vec3) -> Vec3:
-    up = sum((p - a) * n for p, a, n in zip(point, about, normal, strict=True))
-    x, y, z = (a + up * n for a, n in zip(about, normal, strict=True))
-    return (x, y, z)
 
 
 def rotate_hand(run: State, motion: Motion) -> None:

@@ -6,18 +6,17 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from camgen.lang.pacscript.evaluate import (
+    STORED_NAME,
     assign,
     assign_axis,
     assign_component,
     assign_name,
-    blank,
+    evaluate_all,
     fit,
-    is_stored,
-    truth,
 )
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import ASKED, FUNCTIONS
-from camgen.lang.pacscript.machine import copy_value
+from camgen.lang.pacscript.machine import blank, copy_value
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import Array, Unreadable, Value, index, number
 from camgen.lang.run import Stopped
@@ -37,14 +36,6 @@ class Declaration(NamedTuple):
     kind: str
     tops: tuple[Node, ...] | None
     value: Node | None
-
-
-class Port(NamedTuple):
-    """``DefIO name = kind, number``."""
-
-    name: str
-    kind: str
-    number: Node
 
 
 class Assignment(NamedTuple):
@@ -67,55 +58,22 @@ class Switching(NamedTuple):
     which: the output, or the number of the first one.
     upto: number of the last output, None for a single one.
     level: 1 of Set, 0 of Reset.
-    value: level that the statement gives itself.
+    value: expression of the level.
     is_pulse: whether the output switches back by itself.
     """
 
     which: Node
     upto: Node | None
     level: float
-    value: Node | None
-    is_pulse: bool
-
-
-class Letting(NamedTuple):
-    """``LetX target[, axis] = value``. part: X."""
-
-    part: str
-    target: Node
-    axis: Node | None
     value: Node
-
-
-class Waiting(NamedTuple):
-    """``Wait condition[, time[, result]]``. others: time and result."""
-
-    condition: Node
-    others: Sequence[Node]
-
-
-class Filling(NamedTuple):
-    """``Input`` and other statements that fill variables from outside. word: the statement."""
-
-    word: str
-    targets: Sequence[Node]
-
-
-class Remark(NamedTuple):
-    """A statement without a motion in the translation.
-
-    effect: its effect on the program that runs.
-    """
-
-    text: str
-    effect: str
+    is_pulse: bool
 
 
 def declare(run: State, declarations: Sequence[Declaration]) -> None:
     """``Dim`` and the other declarations."""
     for name, kind, tops, init in declarations:
         if tops is not None:
-            sizes = [run.evaluate(node) for node in tops]
+            sizes = evaluate_all(run, tops)
             limits: tuple[int, ...] = ()
             if find_first_unknown(sizes) is None:
                 limits = tuple(int(number(size)) for size in sizes)
@@ -132,11 +90,10 @@ def declare(run: State, declarations: Sequence[Declaration]) -> None:
             run.scope.names[name] = blank(kind)
 
 
-def define_port(run: State, port: Port) -> None:
-    """``DefIO``."""
-    at = run.evaluate(port.number)
-    number_of_port = -1 if isinstance(at, Unknown) else int(number(at))
-    run.scope.ios[port.name] = (port.kind, number_of_port)
+def define_port(run: State, port: tuple[str, Node]) -> None:
+    """``DefIO name = kind, number``."""
+    at = run.evaluate(port[1])
+    run.scope.ios[port[0]] = -1 if isinstance(at, Unknown) else int(number(at))
 
 
 def set_variable(run: State, assignment: Assignment) -> None:
@@ -156,8 +113,7 @@ def call(run: State, calling: Calling) -> None:
     node = calling.target
     name = str(node.content)
     if node.kind == "member":
-        for part in calling.values:
-            run.evaluate(part)
+        evaluate_all(run, calling.values)
         owner = node.parts[0]
         module = run.read(run.stems[str(owner.content)]) if owner.content in run.stems else None
         procedure = module.procedures.get(name) if module is not None else None
@@ -170,10 +126,9 @@ def call(run: State, calling: Calling) -> None:
     if called is not None:
         run.call(called, calling.values)
         return
-    values = [run.evaluate(part) for part in calling.values]
+    values = evaluate_all(run, calling.values)
     if name == "msgbox":
         run.machine.stop()
-        run.machine.passing = False
     elif name not in FUNCTIONS and name not in ASKED:
         run.leave_out(name)
         for part, value in zip(calling.values, values, strict=True):
@@ -195,16 +150,13 @@ def _fill(run: State, name: str, part: Node, value: Value) -> None:
 
 def start_task(run: State, calling: Calling) -> None:
     """``Run``: a task beside this one."""
-    for part in calling.values:
-        run.evaluate(part)
+    evaluate_all(run, calling.values)
     run.machine.tasks.setdefault(str(calling.target.content).lower(), run.machine.line)
 
 
 def switch(run: State, switching: Switching) -> None:
     """``Set`` and ``Reset``."""
-    level: Value = switching.level
-    if switching.value is not None:
-        level = run.evaluate(switching.value)
+    level = run.evaluate(switching.value)
     for at in _signals(run, switching.which, switching.upto):
         if isinstance(at, int):
             run.set_signal(at, level)
@@ -231,44 +183,43 @@ def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
             )
             return []
         return [index(number(at))]
-    name = str(which.content)
-    if which.kind == "name" and name.startswith("io") and name[2:].isdecimal():
-        return [int(name[2:11])]
     if which.kind == "name":
-        return [name]
+        name = str(which.content)
+        short = STORED_NAME.fullmatch(name)
+        return [int(short[2]) if short and short[1] == "io" else name]
     raise Unreadable("an output that is not understood")
 
 
-def assign_part(run: State, letting: Letting) -> None:
-    """Run `LetX` and the like."""
-    part, target, axis, value = letting
+def assign_part(run: State, letting: tuple[list[Node], Node], part: str) -> None:
+    """Run `LetX [axis,] target = value`. part: X."""
+    targets, value = letting
     if part == "f":
         run.log.fact("posture", "LetF sets the figure of a position")
-    if axis is None:
-        assign_component(run, part, target, run.evaluate(value))
+    if len(targets) == 1:
+        assign_component(run, part, targets[0], run.evaluate(value))
     else:
-        assign_axis(run, target, run.evaluate(axis), run.evaluate(value))
+        assign_axis(run, targets[-1], run.evaluate(targets[0]), run.evaluate(value))
 
 
-def omit(run: State, remark: Remark) -> None:
-    """A statement that another machine does without."""
-    run.log.omit(f"{remark.text}: {remark.effect}")
+def omit(run: State, remark: str) -> None:
+    """A statement that another machine does without. remark: its text and its effect."""
+    run.log.omit(remark)
 
 
-def lose(run: State, remark: Remark) -> None:
+def lose(run: State, remark: str) -> None:
     """A statement that would move or switch another machine differently."""
-    run.log.leave_out(f"{remark.text}: {remark.effect}")
+    run.log.leave_out(remark)
 
 
-def wait(run: State, waiting: Waiting) -> None:
-    """``Wait``: it is over at once, and its condition holds from then on."""
-    condition, others = waiting
-    holds = truth(run.evaluate(condition))
-    if holds is not True:
+def wait(run: State, parts: Sequence[Node]) -> None:
+    """``Wait condition[, time[, result]]``: over at once, and its condition holds from then on."""
+    condition, *others = parts
+    holds = run.evaluate(condition)
+    if isinstance(holds, Unknown) or not number(holds):
         given = _find_given(run, condition)
-        if holds is False and given:
-            raise Stopped(f"waits forever: {given} is given otherwise")
         unknown = holds if isinstance(holds, Unknown) else Unknown("what others set")
+        if given and unknown is not holds:
+            raise Stopped(f"waits forever: {given} is given otherwise")
         run.log.choose(f"Wait for {unknown.what} is over at once", unknown.key)
         _learn(run, condition)
     run.machine.passing = False
@@ -304,25 +255,21 @@ def _learn(run: State, node: Node) -> None:
 
 def _assign_awaited(run: State, node: Node, value: Value) -> None:
     name = str(node.content)
+    short = STORED_NAME.fullmatch(name)
     if node.kind == "index" and name == "io":
         at = run.evaluate(node.parts[0])
         if not isinstance(at, Unknown):
             run.learned[index(number(at))] = value
-    elif node.kind == "name" and name.startswith("io") and name[2:].isdecimal():
-        run.learned[int(name[2:9])] = value
-    elif (
-        node.kind == "index"
-        or name in run.scope.names
-        or name in run.module_scope.names
-        or is_stored(name)
-    ):
+    elif node.kind == "name" and short and short[1] == "io":
+        run.learned[int(short[2])] = value
+    elif node.kind == "index" or short or run.find_variable(name) is not None:
         assign(run, node, value)
 
 
-def fill(run: State, filling: Filling) -> None:
-    """``Input`` and other statements that fill variables from outside."""
-    takes_all = filling.word in ("input", "lineinput", "com_state")
-    for node in filling.targets if takes_all else filling.targets[:1]:
+def fill(run: State, targets: Sequence[Node], word: str) -> None:
+    """``Input`` and other statements that fill variables from outside. word: the statement."""
+    takes_all = word in ("input", "lineinput", "com_state")
+    for node in targets if takes_all else targets[:1]:
         if node.kind in ("name", "index", "call"):
             name = str(node.content)
-            assign(run, node, run.machine.unknown(f"{name} from {filling.word}", name))
+            assign(run, node, run.machine.unknown(f"{name} from {word}", name))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from camgen.lang.pacscript.values import Unreadable, Value, homogeneous, joints, position, vector
 
@@ -69,10 +69,14 @@ def _read(kind: str, rest: str) -> Value:
         return rest.strip().strip('"')
     if not values:
         raise Unreadable(f"{kind.upper()} without numbers")
-    if kind == "p":
-        return position(values[:7])
-    if kind == "j":
-        return joints(values[:8])
-    if kind == "v":
-        return vector(values[:3])
-    return homogeneous(values[:10]) if kind == "t" else values[0]
+    if kind in _MAKES:
+        return _MAKES[kind](values)
+    return values[0]
+
+
+_MAKES: dict[str, Callable[[list[float]], Value]] = {
+    "p": lambda values: position(values[:7]),
+    "j": lambda values: joints(values[:8]),
+    "v": lambda values: vector(values[:3]),
+    "t": lambda values: homogeneous(values[:10]),
+}

@@ -13,20 +13,17 @@ from camgen.lang.coverage import measure_coverage
 from camgen.lang.flow import Choice, Counter, Flow, MachineLanguage, Raised, Rules
 from camgen.lang.pacscript import motions
 from camgen.lang.pacscript.code import CountRange, ProcedureCode, compile_procedure
-from camgen.lang.pacscript.evaluate import assign, blank, combine, evaluate, fit
+from camgen.lang.pacscript.evaluate import assign, combine, evaluate, evaluate_all, fit
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import calculate, get_value
-from camgen.lang.pacscript.machine import Machine, Scope, copy_value
+from camgen.lang.pacscript.machine import Machine, Scope, blank, copy_value
 from camgen.lang.pacscript.points import read_points
 from camgen.lang.pacscript.source import (
-    File,
     Module,
     Parameter,
     Procedure,
     list_included,
-    normalize,
     read_files,
-    read_module,
     stem,
 )
 from camgen.lang.pacscript.state import State
@@ -34,14 +31,12 @@ from camgen.lang.pacscript.values import (
     Array,
     Unreadable,
     Value,
-    Wrong,
     comparable,
     number,
 )
-from camgen.lang.pacscript.words import RESERVED
-from camgen.lang.programs import Executed, RunRequest
+from camgen.lang.programs import Executed, RunRequest, strip_mark, unify_line_ends
 from camgen.lang.run import Budget, Ended, Stopped
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, find_first_unknown
 
 #: Maximum depth of calls.
 _MAX_DEPTH = 40
@@ -67,11 +62,8 @@ _CHOICES = {
 class Run(State, MachineLanguage):
     """The run of procedures, for all programs.
 
-    files: files that are given, by name.
-    modules: files that were read, by name.
     codes: procedures that several files include, by their statements.
     scopes: names of each file, which it has as long as the program runs.
-    module: file of the procedure that runs.
     """
 
     faults: type[Exception] = Unreadable
@@ -79,21 +71,8 @@ class Run(State, MachineLanguage):
     def __init__(self, machine: Machine, budget: Budget, rules: Rules) -> None:
         super().__init__(machine, budget)
         self.flow = Flow(self, budget, rules)
-        self.files: dict[str, File] = {}
-        self.modules: dict[str, Module] = {}
         self.codes: dict[Any, ProcedureCode] = {}
         self.scopes: dict[str, Scope] = {}
-        self.module = Module("")
-
-    def add_fault(self, line: int, what: str) -> None:
-        """Add a finding for a fault of the text."""
-        self.machine.log.find("refused", what, line=max(1, line))
-
-    def read(self, name: str) -> Module:
-        """Return the module of a given file."""
-        if name not in self.modules:
-            self.modules[name] = read_module(name, self.files, self.machine.assume, self.add_fault)
-        return self.modules[name]
 
     def _scope_of(self, module: Module) -> Scope:
         """Return the names of a file, which it keeps during the whole run."""
@@ -111,27 +90,16 @@ class Run(State, MachineLanguage):
         if procedure.code is None:
             key = (procedure.line, tuple(procedure.statements))
             if key not in self.codes:
-                self.codes[key] = compile_procedure(procedure, self.add_fault, self.module.pac)
+                self.codes[key] = self.compile(procedure)
             procedure.code = self.codes[key]
         code: ProcedureCode = procedure.code
         return code
 
+    def compile(self, procedure: Procedure) -> ProcedureCode:
+        """Return the steps of a procedure."""
+        return compile_procedure(procedure, self.add_fault, self.module.pac)
+
     # Procedures.
-
-    def find_procedure(self, name: str) -> tuple[Module, Procedure] | None:
-        """Return a procedure of this file, or the start of another file; None without one."""
-        if (procedure := self.module.procedures.get(name)) and name != "main":
-            return self.module, procedure
-        if name in self.stems and name not in RESERVED:
-            module = self.read(self.stems[name])
-            if main := module.procedures.get("main"):
-                return module, main
-        return None
-
-    def find_function(self, name: str) -> bool:
-        """Whether a name without brackets calls a function."""
-        procedure = self.find_procedure(name)
-        return procedure is not None and procedure[1].returns not in ("", "program")
 
     def call(self, target: tuple[Module, Procedure], parts: tuple[Node, ...]) -> Value:
         """Call a procedure. Returns its value, which is 0 for a Sub.
@@ -140,7 +108,7 @@ class Run(State, MachineLanguage):
         """
         module, procedure = target
         self.flow.check_depth("procedures that call each other without end")
-        values = [self.evaluate(part) for part in parts]
+        values = evaluate_all(self, parts)
         if len(values) > len(procedure.parameters):
             self.machine.log.find(
                 "refused",
@@ -161,17 +129,15 @@ class Run(State, MachineLanguage):
 
     def _give_back(self, parameter: Parameter, part: Node, scope: Scope) -> None:
         value = scope.names.get(parameter.name)
-        if parameter.by_value or value is None or part.kind not in ("name", "index", "call"):
-            return
         name = str(part.content)
-        variable = self.scope.names.get(name, self.module_scope.names.get(name))
-        if part.kind == "call" and not isinstance(variable, Array):
-            return
-        if part.kind == "name" and (variable is None or variable is value):
-            return
-        if part.kind == "index" and name == "io":
-            return
-        assign(self, part, value)
+        variable = self.find_variable(name)
+        takes_value = {
+            "call": isinstance(variable, Array),
+            "name": variable is not None and variable is not value,
+            "index": name != "io",
+        }
+        if value is not None and not parameter.by_value and takes_value.get(part.kind, False):
+            assign(self, part, value)
 
     def _execute(self, procedure: Procedure, values: list[Value]) -> Scope:
         scope = Scope()
@@ -226,11 +192,10 @@ class Run(State, MachineLanguage):
 
     def open_count(self, count: CountRange) -> Counter:
         """Open the counter of a `For`."""
-        first, last, step = (self.evaluate(part) for part in count[1:])
-        for value in (first, last, step):
-            if isinstance(value, Unknown):
-                begin = Unknown(first.what) if isinstance(first, Unknown) else first
-                return Counter(count.counter, begin, unknown=value)
+        first, last, step = evaluate_all(self, count[1:])
+        unknown = find_first_unknown((first, last, step))
+        if unknown is not None:
+            return Counter(count.counter, first, unknown=unknown)
         return Counter(count.counter, number(first), number(last), number(step))
 
     def read_state(self) -> object:
@@ -263,18 +228,7 @@ class Run(State, MachineLanguage):
         if isinstance(step, Act) and step.effect is Effect.MOVES:
             self.fail_motion(error)
         else:
-            self._add_fault(error)
-
-    def fail_motion(self, error: Exception) -> None:
-        """Add a finding for a motion that cannot be run. Its target is unknown."""
-        self._add_fault(error)
-        self.machine.lose_motion()
-
-    def _add_fault(self, error: Exception) -> None:
-        if isinstance(error, Wrong):
-            self.log.find("refused", str(error))
-        else:
-            self.log.leave_out(f"{error}: left out")
+            self.add_error(error)
 
 
 class ProgramRun(Run):
@@ -296,7 +250,7 @@ class ProgramRun(Run):
         if parent is not None:
             self.files, self.modules, self.codes = parent.files, parent.modules, parent.codes
         else:
-            texts = {name: normalize(text) for name, text in files.items()}
+            texts = {name: strip_mark(unify_line_ends(text)) for name, text in files.items()}
             self.files = read_files(texts, self.add_fault)
         budget.left += sum(file.count_statements() for file in self.files.values())
         ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
@@ -359,11 +313,9 @@ class ProgramRun(Run):
             procedure.name != "main" and procedure.returns != "program"
         )
         self.module, self.module_scope = module, self._scope_of(module)
-        values: list[Value] = []
-        for parameter in procedure.parameters:
-            what = f"{parameter.name} (a parameter of {procedure.name})"
-            values.append(self.machine.unknown(what, parameter.name))
-        self._execute(procedure, values)
+        names = [parameter.name for parameter in procedure.parameters]
+        what = f"(a parameter of {procedure.name})"
+        self._execute(procedure, [self.machine.unknown(f"{name} {what}", name) for name in names])
         return None
 
     def _entry(self) -> tuple[Module, Procedure] | str:
@@ -411,8 +363,3 @@ class ProgramRun(Run):
             self.module = module
             for procedure in module.procedures.values():
                 self._code(procedure)
-
-
-def run_files(files: Mapping[str, str], request: RunRequest) -> Executed:
-    """Run the program in the files once."""
-    return ProgramRun(files, request).run()

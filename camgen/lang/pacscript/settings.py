@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from camgen.lang.pacscript.evaluate import fit
+from camgen.lang.pacscript.evaluate import evaluate_all, fit
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.functions import get_value
 from camgen.lang.pacscript.state import State
 from camgen.lang.pacscript.values import Rate, Speed, Value, Wrong, number
 from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.pose import Pose
+from camgen.model.program import Force
 
 #: Longest delay, ms, and highest number of a tool or work frame (RC8 manual 1943).
 LONGEST_DELAY, LAST_FRAME = 2**31 - 1, 63
@@ -28,10 +29,10 @@ def check_speed(run: State, value: Value) -> Speed:
         run.machine.log.assume(what, value.key, internal)
         return internal
     percentage = number(value, "a speed")
-    if isinstance(percentage, Rate) or isinstance(value, Rate):
-        if value.mm_s <= 0:  # type: ignore[union-attr]
-            raise Wrong(f"a speed of Mps({value.mm_s:g})")  # type: ignore[union-attr]
-        return value  # type: ignore[return-value]
+    if isinstance(value, Rate):
+        if value.mm_s <= 0:
+            raise Wrong(f"a speed of Mps({value.mm_s:g})")
+        return value
     if not 0.1 <= percentage <= 100:
         run.machine.log.find(
             "refused", f"a speed of {percentage:g} %: the controller takes 0.1 to 100"
@@ -142,7 +143,7 @@ def force_parameter(run: State, parts: Nodes) -> None:
     """Run `ForceParam table, frame, P(fx, fy, fz, ...)`. A table in force changes at once."""
     if len(parts) < 3:
         raise Wrong("ForceParam needs a table, a frame and a force")
-    values: list[Any] = [run.evaluate(node) for node in parts[:3]]
+    values: list[Any] = evaluate_all(run, parts[:3])
     force, machine = fit(values[2], "position"), run.machine
     if isinstance(force, Pose) and find_first_unknown(values) is None:
         table = int(number(values[0]))
@@ -153,7 +154,7 @@ def force_parameter(run: State, parts: Nodes) -> None:
 
 def force_control(run: State, parts: Nodes) -> None:
     """Run `ForceCtrl True, table` or `ForceCtrl False`."""
-    values = [run.evaluate(node) for node in parts]
+    values = evaluate_all(run, parts)
     machine = run.machine
     if find_first_unknown(values) is not None or not values:
         machine.log.leave_out("force control by values that the text does not hold is left out")
@@ -162,7 +163,7 @@ def force_control(run: State, parts: Nodes) -> None:
     if number(values[0]):
         force_set = int(number(get_value(values, 1, 1.0)))
     if machine.press(force_set):
-        machine.add_force()
+        machine.emit(Force(*machine.pressing))
     else:
         machine.log.leave_out("a force that the text does not give is left out")
 
@@ -170,32 +171,26 @@ def force_control(run: State, parts: Nodes) -> None:
 def wait_for_operator(run: State, _parts: Nodes) -> None:
     """Run `Hold` or `Halt`, until the operator starts again."""
     run.machine.stop()
-    run.machine.passing = False
 
 
 def arrive(run: State, parts: Nodes) -> None:
     """Note `Arrive`, which lets the next statement run during the motion."""
-    _evaluate_all(run, parts)
+    evaluate_all(run, parts)
     run.log.omit("Arrive: the next statement runs during the motion; here it waits for the motion")
     run.machine.passing = False
 
 
 def wait_for_motion(run: State, parts: Nodes) -> None:
     """Note `WaitMotion`."""
-    _evaluate_all(run, parts)
+    evaluate_all(run, parts)
     run.log.fact("waits", "WaitMotion waits for the motion, as all that follows one does here")
     run.machine.passing = False
 
 
 def cut_short(run: State, parts: Nodes, word: str) -> None:
     """Note `Interrupt` or `MotionSkip`, which may end a motion early."""
-    _evaluate_all(run, parts)
+    evaluate_all(run, parts)
     run.log.assume(f"{word}: motions that may be cut short run to their end here")
-
-
-def _evaluate_all(run: State, parts: Nodes) -> None:
-    for node in parts:
-        run.evaluate(node)
 
 
 def set_home(run: State, parts: Nodes) -> None:

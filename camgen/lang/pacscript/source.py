@@ -25,7 +25,6 @@ from camgen.lang.pacscript.lines import (
 from camgen.lang.pacscript.motion import cut_bracket
 from camgen.lang.pacscript.values import Unreadable
 from camgen.lang.pacscript.words import name_fault
-from camgen.lang.programs import strip_mark, unify_line_ends
 from camgen.lang.values import require
 
 _OPENING = re.compile(
@@ -110,12 +109,10 @@ class Module:
 class File(NamedTuple):
     """A file as it was given.
 
-    name: its name in lower case, without a folder.
     line: number of its first line, from 1 through all files.
     statements: line and text of each statement, or the motions of several lines.
     """
 
-    name: str
     line: int
     statements: list[tuple[int, str | Run]]
 
@@ -134,15 +131,10 @@ def read_files(
     result: dict[str, File] = {}
     before = 0
     for name, text in files.items():
-        base = base_name(name)
-        result.setdefault(base, File(base, before + 1, join(text, before, report, remark)))
+        file = File(before + 1, join(text, before, report, remark))
+        result.setdefault(base_name(name), file)
         before += text.count("\n") + (text[-1:] not in ("", "\n"))
     return result
-
-
-def normalize(text: str) -> str:
-    """Return a text with LF line ends, without a byte order mark."""
-    return strip_mark(unify_line_ends(text))
 
 
 def base_name(name: str) -> str:
@@ -174,11 +166,8 @@ def read_module(
     name: str, files: Mapping[str, File], given: Mapping[str, float], report: FaultCallback
 ) -> Module:
     """Read a file as a module. given: values of macros that the user sets, by lower-case name."""
-    module = Module(stem(name))
-    module.macros.update(_PREDEFINED)
-    module.macros.update(
-        {key: f"{value:g}" for key, value in given.items() if key.startswith("__")}
-    )
+    macros = {key: f"{value:g}" for key, value in given.items() if key.startswith("__")}
+    module = Module(stem(name), macros=_PREDEFINED | macros)
     Reader(module, files, report).file(name, 0)
     return module
 
@@ -321,7 +310,11 @@ class Reader:
         ):
             self.open(line, match, start)
         elif lower == "program " and (match := _PROGRAM.fullmatch(text)):
-            self.program(line, match, start)
+            # The older dialect: up to the end of the file.
+            self.module.pac = True
+            parameters = _parse_parameters((match[2] or "")[1:-1])
+            self.current = Procedure(match[1].lower(), line, parameters, "program")
+            self.module.procedures.setdefault(start, self.current)
         elif self.current is not None:
             self.current.statements.append(Statement(line, text))
         elif _DECLARING.match(text):
@@ -339,14 +332,6 @@ class Reader:
             opened = "Function" if self.current.returns else "Sub"
             self.add_fault(line, f"{text} closes a {opened}, which ends with End {opened}")
         self.current = None
-
-    def program(self, line: int, match: re.Match[str], start: str) -> None:
-        """Open `PROGRAM name` of the older dialect, up to the end of the file."""
-        self.module.pac = True
-        self.current = Procedure(
-            match[1].lower(), line, _parse_parameters((match[2] or "")[1:-1]), "program"
-        )
-        self.module.procedures.setdefault(start, self.current)
 
     def open(self, line: int, opening: re.Match[str], start: str) -> None:
         """Open a Sub or a Function."""

@@ -7,8 +7,9 @@ from abc import ABC, abstractmethod
 from camgen.lang.pacscript.expressions import Node
 from camgen.lang.pacscript.machine import Machine, Scope
 from camgen.lang.pacscript.motion import Motion
-from camgen.lang.pacscript.source import Module, Procedure
-from camgen.lang.pacscript.values import Speed, Unreadable, Value, Wrong, number
+from camgen.lang.pacscript.source import File, Module, Procedure, read_module
+from camgen.lang.pacscript.values import Speed, Value, Wrong, number
+from camgen.lang.pacscript.words import RESERVED
 from camgen.lang.run import Budget
 from camgen.lang.values import Unknown
 from camgen.model.pose import Pose
@@ -23,6 +24,9 @@ class State(ABC):
     machine: robot and log.
     scope: names of the procedure that runs.
     module_scope: names of its file.
+    files: files that are given, by name.
+    modules: files that were read, by name.
+    module: file of the procedure that runs.
     stems: files by the name under which programs call them.
     learned: inputs as a `Wait` has left them, by their number.
     budget: steps that the run may take.
@@ -32,6 +36,9 @@ class State(ABC):
         self.machine, self.budget = machine, budget
         self.log = machine.log
         self.scope = self.module_scope = Scope()
+        self.files: dict[str, File] = {}
+        self.modules: dict[str, Module] = {}
+        self.module = Module("")
         self.stems: dict[str, str] = {}
         self.learned: dict[int, Value] = {}
 
@@ -73,27 +80,48 @@ class State(ABC):
     ) -> None:
         """Move through a place to another one."""
 
-    @abstractmethod
-    def fail_motion(self, error: Unreadable) -> None:
-        """Tell that a motion cannot be carried out."""
-
     def find_start(self) -> Pose:
         """Return the place of the arm, for a motion that begins there."""
         return self.machine.current_pose
 
+    def add_fault(self, line: int, what: str) -> None:
+        """Add a finding for a fault of the text."""
+        self.log.find("refused", what, line=max(1, line))
+
+    def add_error(self, error: Exception) -> None:
+        """Add a finding for a step that cannot be run."""
+        if isinstance(error, Wrong):
+            self.log.find("refused", str(error))
+        else:
+            self.log.leave_out(f"{error}: left out")
+
+    def fail_motion(self, error: Exception) -> None:
+        """Add a finding for a motion that cannot be run. Its target is unknown."""
+        self.add_error(error)
+        self.machine.lose_motion()
+
     # -- procedures ----------------------------------------------------------------------------
 
-    @abstractmethod
     def read(self, name: str) -> Module:
         """Return the module of a file that is given."""
+        if name not in self.modules:
+            self.modules[name] = read_module(name, self.files, self.machine.assume, self.add_fault)
+        return self.modules[name]
 
-    @abstractmethod
     def find_procedure(self, name: str) -> tuple[Module, Procedure] | None:
         """Return a procedure of this file, or the start of another one. None without one."""
+        if (procedure := self.module.procedures.get(name)) and name != "main":
+            return self.module, procedure
+        if name in self.stems and name not in RESERVED:
+            module = self.read(self.stems[name])
+            if main := module.procedures.get("main"):
+                return module, main
+        return None
 
-    @abstractmethod
     def find_function(self, name: str) -> bool:
         """Return whether a name without brackets calls a function."""
+        procedure = self.find_procedure(name)
+        return procedure is not None and procedure[1].returns not in ("", "program")
 
     @abstractmethod
     def call(self, procedure: tuple[Module, Procedure], parts: tuple[Node, ...]) -> Value:
@@ -106,6 +134,10 @@ class State(ABC):
             f"{name} is in no file that is given: left out, with all that it moves and sets"
         )
         return Unknown(f"what {name} gives")
+
+    def find_variable(self, name: str) -> Value | None:
+        """Return the value of a variable of the program, None if no variable has that name."""
+        return self.scope.names.get(name, self.module_scope.names.get(name))
 
     # -- inputs and outputs --------------------------------------------------------------------
 
@@ -132,11 +164,12 @@ class State(ABC):
 
     def port(self, name: str) -> Value | None:
         """Return the value of an input or output with a name of its own. None for another name."""
-        port = self.scope.ios.get(name) or self.module_scope.ios.get(name)
+        port = self.scope.ios.get(name, self.module_scope.ios.get(name))
         if port is None:
             return None
-        value = self.machine.outputs.get(name)
-        return value or self.machine.unknown(f"{name}, IO[{port[1]}]", name)
+        if name in self.machine.outputs:
+            return self.machine.outputs[name]
+        return self.machine.unknown(f"{name}, IO[{port}]", name)
 
     def write_port(self, name: str, value: Value) -> bool:
         """Set an output with a name of its own. Return whether there is one."""

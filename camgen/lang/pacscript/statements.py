@@ -18,18 +18,8 @@ from camgen.lang.pacscript.expressions import (
     parse,
     parse_optional,
 )
-from camgen.lang.pacscript.motion import LINEAR, Axes, Motion, cut_bracket, read_axes, read_motion
-from camgen.lang.pacscript.orders import (
-    Assignment,
-    Calling,
-    Declaration,
-    Filling,
-    Letting,
-    Port,
-    Remark,
-    Switching,
-    Waiting,
-)
+from camgen.lang.pacscript.motion import LINEAR, cut_bracket, read_axes, read_motion
+from camgen.lang.pacscript.orders import Assignment, Calling, Declaration, Switching
 from camgen.lang.pacscript.values import Unreadable
 from camgen.lang.pacscript.words import RESERVED
 from camgen.lang.values import require
@@ -38,7 +28,7 @@ VERB = re.compile(r"([a-z_]\w*[!#%$]?)\s*(.*)", re.IGNORECASE | re.DOTALL)
 _NAME = re.compile(r"([a-z_]\w*[!#%$]?(?:\s*\.\s*[a-z_]\w*)*)\s*(.*)", re.IGNORECASE | re.DOTALL)
 _EQUALS = re.compile(r'"[^"]*"|[()\[\]]|[<>=]=|=[<>]|<>|=')
 TAKE = re.compile(r"(?:(.+?)\s*)??(?:,?\s*keep\s*=\s*(.+))?", re.IGNORECASE | re.DOTALL)
-_DEFIO = re.compile(r"([a-z_]\w*[!#%$]?)\s*=\s*(\w+)\s*,\s*(.*)", re.IGNORECASE | re.DOTALL)
+_DEFIO = re.compile(r"([a-z_]\w*[!#%$]?)\s*=\s*\w+\s*,\s*(.*)", re.IGNORECASE | re.DOTALL)
 _DECLARED = re.compile(
     r"([a-z_]\w*[!#%$]?)\s*(\(.*?\)|\[.*?\])?\s*(?:as\s+(\w+))?\s*(?:=\s*(.+))?",
     re.IGNORECASE | re.DOTALL,
@@ -58,14 +48,22 @@ _TYPED = {
 DECLARE = frozenset(("dim", "public", "static", "private", "extern", *_TYPED))
 
 
-def find_equals(text: str) -> int:
-    """Return the index of the = of an assignment, -1 without one."""
+def find_outside(pattern: re.Pattern[str], text: str, sign: str) -> int:
+    """Return the index of a sign outside of brackets and quotes, -1 without one.
+
+    pattern: finds quotes, brackets and the sign.
+    """
     depth = 0
-    for match in _EQUALS.finditer(text):
-        if match[0] == "=" and depth == 0:
+    for match in pattern.finditer(text):
+        if match[0] == sign and depth == 0:
             return match.start()
         depth += (match[0] in ("(", "[")) - (match[0] in (")", "]"))
     return -1
+
+
+def find_equals(text: str) -> int:
+    """Return the index of the = of an assignment, -1 without one."""
+    return find_outside(_EQUALS, text, "=")
 
 
 def read_loop_condition(rest: str) -> Condition | None:
@@ -138,43 +136,26 @@ _SUFFIXES = {"!": "single", "#": "double", "%": "integer", "$": "string"}
 class Order(NamedTuple):
     """The statement of a word.
 
-    read: returns the operand of `do` from the word and the rest of the text. Unreadable.
+    read: returns the operand of `do` from the text after the word. Unreadable.
     do: carries it out, called with the state of the run and the operand.
     """
 
-    read: Callable[[str, str], Any]
+    read: Callable[[str], Any]
     do: Callable[[Any, Any], object]
     effect: Effect = Effect.NONE
 
 
-def _read_move(_word: str, rest: str) -> Motion:
-    return read_motion(rest, (*LINEAR, "c", "s"))
-
-
-def _read_along(_word: str, rest: str) -> Motion:
-    return read_motion(rest, tuple(LINEAR))
-
-
-def _read_bare(_word: str, rest: str) -> Motion:
-    return read_motion(rest)
-
-
-def _read_drive(_word: str, rest: str) -> Axes:
-    return read_axes(rest)
-
-
-def _read_take(_word: str, rest: str) -> list[Node | None]:
+def _read_take(rest: str) -> list[Node | None]:
     match = TAKE.fullmatch(rest)
     if match is None:
         return [None, None]
     return [parse_optional(part) for part in match.groups()]
 
 
-def _read_switch(word: str, rest: str) -> Switching:
+def _read_switch(rest: str, level: float) -> Switching:
     parts = arguments(rest)
     at = find_equals(parts[0])
-    target = parts[0]
-    value: Node | None = None
+    target, value = parts[0], Node("number", level)
     if at >= 0:
         target, value = parts[0][:at].strip(), parse(parts[0][at + 1 :])
     match = re.fullmatch(r"(io)\s*\[(.*?)\bto\b(.*)\]", target, re.IGNORECASE | re.DOTALL)
@@ -182,71 +163,62 @@ def _read_switch(word: str, rest: str) -> Switching:
     upto = parse(match[3].strip()) if match else None
     for part in parts[1:2]:
         parse(part)
-    return Switching(which, upto, float(word == "set"), value, is_pulse=len(parts) > 1)
+    return Switching(which, upto, level, value, is_pulse=len(parts) > 1)
 
 
-def _read_wait(_word: str, rest: str) -> Waiting:
+def _read_wait(rest: str) -> list[Node]:
     parts = arguments(rest)
     if not parts[0]:
         raise Unreadable("Wait needs a condition")
-    return Waiting(parse(parts[0]), [parse(part) for part in parts[1:]])
+    return [parse(part) for part in parts]
 
 
-def read_list(_word: str, rest: str) -> list[Node]:
+def read_list(rest: str) -> list[Node]:
     """An ordinary list of values."""
-    return [parse(part) for part in list_arguments(rest)]
+    return list(map(parse, list_arguments(rest)))
 
 
-def _read_force(_word: str, rest: str) -> list[Node]:
+def _read_force(rest: str) -> list[Node]:
     return [parse(part) for part in arguments(rest) if find_equals(part) < 0]
 
 
-def _read_let(word: str, rest: str) -> Letting:
-    targets, value = _read_targets(word, rest)
-    return Letting(word[3:], targets[-1], targets[0] if len(targets) > 1 else None, value)
-
-
-def _read_plain_let(word: str, rest: str) -> Assignment:
-    targets, value = _read_targets(word, rest)
+def _read_plain_let(rest: str) -> Assignment:
+    targets, value = _read_targets(rest, "let")
     return Assignment(targets[0], value)
 
 
-def _read_targets(word: str, rest: str) -> tuple[list[Node], Node]:
+def _read_targets(rest: str, word: str) -> tuple[list[Node], Node]:
     at = find_equals(rest)
     if at < 0:
         raise Unreadable(f"{word.capitalize()} needs a name and =")
     return [parse(part) for part in arguments(rest[:at])], parse(rest[at + 1 :].strip())
 
 
-def _read_defio(_word: str, rest: str) -> Port:
+def _read_defio(rest: str) -> tuple[str, Node]:
     match = require(_DEFIO.fullmatch(rest), Unreadable("DefIO needs a name, a type and a number"))
-    return Port(match[1].lower().rstrip("!#%$"), match[2].lower(), parse(arguments(match[3])[0]))
+    return match[1].lower().rstrip("!#%$"), parse(arguments(match[2])[0])
 
 
-def _read_callee(_word: str, rest: str) -> Calling:
-    return read_call(rest)
+def _read_input(rest: str) -> list[Node]:
+    return [parse(part) for part in arguments(_CHANNEL.sub("", rest, count=1)) if part]
 
 
-def _read_input(word: str, rest: str) -> Filling:
-    parts = arguments(_CHANNEL.sub("", rest, count=1))
-    return Filling(word, [parse(part) for part in parts if part])
-
-
-def _read_in_out(word: str, rest: str) -> Assignment:
+def _read_in_out(rest: str, word: str) -> Assignment:
     at = find_equals(rest)
     if at < 0:
         raise Unreadable(f"{word.capitalize()} needs =")
     return Assignment(parse(rest[:at].strip()), parse(rest[at + 1 :].strip()))
 
 
-def _read_remark(word: str, rest: str) -> Remark:
-    return Remark(f"{word} {rest}".rstrip(), (OMITTED | LOST)[word])
+def _read_remark(rest: str, word: str) -> str:
+    return f"{word} {rest}".rstrip() + f": {(OMITTED | LOST)[word]}"
 
 
 #: A motion in the usual spelling, an assignment and a call have no word.
 ASSIGN = Order(_read_plain_let, orders.set_variable)
-CALL = Order(_read_callee, orders.call, Effect.ACTS)
-_SWITCH = Order(_read_switch, orders.switch, Effect.ACTS)
+CALL = Order(read_call, orders.call, Effect.ACTS)
+_read_move = partial(read_motion, kinds=(*LINEAR, "c", "s"))
+_read_along = partial(read_motion, kinds=tuple(LINEAR))
 _DRIVE = partial(motions.drive, relative=True)
 _DRIVE_TO = partial(motions.drive, relative=False)
 _INPUTS = ("input", "lineinput", "com_state", "getpublicvalue", "readbytearray")
@@ -256,11 +228,11 @@ ORDERS: dict[str, Order] = {
     "approach": Order(_read_along, motions.approach, Effect.MOVES),
     "depart": Order(_read_along, motions.depart, Effect.MOVES),
     "draw": Order(_read_along, motions.draw, Effect.MOVES),
-    "archmove": Order(_read_bare, motions.arch, Effect.MOVES),
-    "rotate": Order(_read_bare, motions.rotate, Effect.MOVES),
-    "rotateh": Order(_read_bare, motions.rotate_hand, Effect.MOVES),
-    "drive": Order(_read_drive, _DRIVE, Effect.MOVES),
-    "drivea": Order(_read_drive, _DRIVE_TO, Effect.MOVES),
+    "archmove": Order(read_motion, motions.arch, Effect.MOVES),
+    "rotate": Order(read_motion, motions.rotate, Effect.MOVES),
+    "rotateh": Order(read_motion, motions.rotate_hand, Effect.MOVES),
+    "drive": Order(read_axes, _DRIVE, Effect.MOVES),
+    "drivea": Order(read_axes, _DRIVE_TO, Effect.MOVES),
     "gohome": Order(read_list, motions.go_home, Effect.MOVES),
     **dict.fromkeys(("addpathpoint", "setsplinepoint"), Order(read_list, motions.add_path_point)),
     **dict.fromkeys(("clrpathpoint", "clrsplinepoint"), Order(read_list, motions.clear_path)),
@@ -283,18 +255,24 @@ ORDERS: dict[str, Order] = {
     "waitmotion": Order(read_list, settings.wait_for_motion),
     "interrupt": Order(read_list, partial(settings.cut_short, word="Interrupt")),
     "motionskip": Order(read_list, partial(settings.cut_short, word="Motionskip")),
-    "set": _SWITCH,
-    "reset": _SWITCH,
+    "set": Order(partial(_read_switch, level=1.0), orders.switch, Effect.ACTS),
+    "reset": Order(partial(_read_switch, level=0.0), orders.switch, Effect.ACTS),
     "wait": Order(_read_wait, orders.wait),
     "defio": Order(_read_defio, orders.define_port),
-    "run": Order(_read_callee, orders.start_task),
-    "runbyname": Order(_read_callee, orders.start_task),
+    "run": Order(read_call, orders.start_task),
+    "runbyname": Order(read_call, orders.start_task),
     "call": CALL,
     "callbyname": CALL,
     "let": ASSIGN,
-    **{f"let{part}": Order(_read_let, orders.assign_part) for part in _PARTS},
-    **dict.fromkeys(_INPUTS, Order(_read_input, orders.fill)),
-    **dict.fromkeys(("in", "out"), Order(_read_in_out, orders.set_variable)),
-    **dict.fromkeys(OMITTED, Order(_read_remark, orders.omit)),
-    **dict.fromkeys(LOST, Order(_read_remark, orders.lose)),
+    **{
+        f"let{part}": Order(
+            partial(_read_targets, word=f"let{part}"), partial(orders.assign_part, part=part)
+        )
+        for part in _PARTS
+    },
+    **{word: Order(_read_input, partial(orders.fill, word=word)) for word in _INPUTS},
+    "in": Order(partial(_read_in_out, word="in"), orders.set_variable),
+    "out": Order(partial(_read_in_out, word="out"), orders.set_variable),
+    **{word: Order(partial(_read_remark, word=word), orders.omit) for word in OMITTED},
+    **{word: Order(partial(_read_remark, word=word), orders.lose) for word in LOST},
 }  # fmt: skip

@@ -128,13 +128,6 @@ class Arm(Variables):
         else:
             self._once = (value, unit, turning)
 
-    def set_duration(self, seconds: float, always: bool) -> None:
-        """Apply a DURATION."""
-        if always:
-            self._lasts_always, self._lasts_once = seconds, 0.0
-        else:
-            self._lasts_once = seconds
-
     def _note_durations(self, begin: int, end: int) -> None:
         """Note the minimum time of the next motions, which the monitor speed scales.
 

@@ -7,10 +7,11 @@ are computed from it are marked as doubtful, so that a loop that waits for them 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
+from camgen.lang.run import Budget
 from camgen.model.program import Joints
 
 from .arm import Arm
@@ -24,6 +25,13 @@ from .variables import Value
 _REAL = 1.0
 #: mm/s: assumed speed of the TCP at SPEED 100.
 RATED = 7500.0
+#: Kinds of variables, by the type of their values.
+_KINDS: dict[type, str] = {
+    float: "real",
+    str: "string",
+    Location: "location",
+    Joints: "precision point",
+}
 #: Largest number of a signal.
 MAX_SIGNAL = 9999
 
@@ -32,6 +40,7 @@ class ExternalState(Arm):
     """The variables of a program, and its external values.
 
     line: line of the instruction that is run.
+    budget: steps that may still be taken.
     doubt: a value that was used since `doubt` was last cleared rests on an assumption.
     clock: sum of the waits, s.
     switches, parameters: values that the program has set, by name in lower case.
@@ -45,7 +54,7 @@ class ExternalState(Arm):
 
     def __init__(self, request: RunRequest, log: Log) -> None:
         super().__init__(frozenset(), RATED)
-        self.log = log
+        self.log, self.budget = log, Budget(0, request.limits.vplus_steps, "vplus_steps")
         log.line = lambda: self.line
         self.line = 0
         self.doubt = False
@@ -74,23 +83,38 @@ class ExternalState(Arm):
         """Assign a value of the kind that the variable has. It is doubtful if `doubt` is set."""
         table, key = self.cell(name)
         old = table.get(key)
-        if old is not None and _kind(old) != _kind(value) and name[:1] != "#":
-            raise Impossible(f"{name} is used as a {_kind(old)} and as a {_kind(value)}")
+        if old is not None and _KINDS[type(old)] != _KINDS[type(value)] and name[:1] != "#":
+            raise Impossible(
+                f"{name} is used as a {_KINDS[type(old)]} and as a {_KINDS[type(value)]}"
+            )
         table[key] = value
         if self.doubt:
             self._doubtful.add((id(table), key))
         elif self._doubtful:
             self._doubtful.discard((id(table), key))
 
-    def no_real(self, name: str, value: Value | None) -> float:
-        """Assume the value of a real that the text does not set."""
+    def missing(self, name: str, value: Value | None, kind: str) -> Any:
+        """Assume the value of a variable that the text does not set."""
+        if kind == "precision point" and isinstance(value, Location):
+            return value
         if value is not None:
-            raise Impossible(f"{name} is used as a {_kind(value)} and as a real")
+            raise Impossible(f"{name} is used as a {_KINDS[type(value)]} and as a {kind}")
+        if kind == "real":
+            return self._assume_real(name)
+        key = canonical(name)
+        if kind != "string":
+            return self._taught(key, kind)
+        self.doubt = True
+        base = key.partition("[")[0]
+        self.log.assume(f"string {base} is set outside of this text: read as empty")
+        return ""
+
+    def _assume_real(self, name: str) -> float:
         table, key = self.cell(name)
         base = key.partition("[")[0]
         is_local = table is not self._globals
         given = self._assume.get(key, self._assume.get(base))
-        taken = self._assume.get(key, self._assume.get(base, _REAL))
+        taken = _REAL if given is None else given
         what = f"{base} is set outside of this text"
         if is_local:
             what = f"{base} has no value here"
@@ -102,36 +126,13 @@ class ExternalState(Arm):
             self._doubtful.add((id(table), key))
         return taken
 
-    def no_text(self, name: str, value: Value | None) -> str:
-        """Assume that a string that the text does not set is empty."""
-        if value is not None:
-            raise Impossible(f"{name} is used as a {_kind(value)} and as a string")
-        self.doubt = True
-        base = canonical(name).partition("[")[0]
-        self.log.assume(f"string {base} is set outside of this text: read as empty")
-        return ""
-
-    def no_location(self, name: str, value: Value | None) -> Location:
-        """Return an external location, which is an assumption."""
-        if value is not None:
-            raise Impossible(f"{name} is used as a {_kind(value)} and as a location")
-        return self._taught(canonical(name), "location")
-
-    def no_point(self, name: str, value: Value | None) -> Joints | Location:
-        """Return an external location for a precision point, which is an assumption."""
-        if isinstance(value, Location):
-            return value
-        if value is not None:
-            raise Impossible(f"{name} is used as a {_kind(value)} and as a precision point")
-        return self._taught(canonical(name), "precision point")
-
     def _taught(self, key: str, kind: str) -> Location:
         where = "only on the controller: motions to it are given in a frame of that name"
         self.log.assume(f"{kind} {key} is {where}")
         return make_external(key)
 
     def is_assumed_defined(self, name: str) -> bool:
-        """See `Scope.is_assumed_defined`.
+        """See `Variables.is_assumed_defined`.
 
         A global without a value is assumed to be defined: another program may have set it.
         """
@@ -149,7 +150,9 @@ class ExternalState(Arm):
     def answer(self, word: str, arguments: str, value: float) -> float:
         """Return the value of an external function, an assumption unless the program has set it."""
         if word == "TIMER":
-            return self._elapsed(float(arguments.partition(",")[0] or 0.0))
+            # The time of motions is unknown.
+            self.doubt = True
+            return self.clock - self.timers.get(float(arguments.partition(",")[0] or 0.0), 0.0)
         if word == "BITS":
             first, _, count = arguments.partition(",")
             return self.bits(int(float(first)), min(32, int(float(count.partition(",")[0] or 1.0))))
@@ -171,15 +174,10 @@ class ExternalState(Arm):
         self.log.assume(f"{word} is assumed to be empty")
         return ""
 
-    def _elapsed(self, number: float) -> float:
-        """Return the waits since a timer was set, s. The time of motions is unknown."""
-        self.doubt = True
-        return self.clock - self.timers.get(number, 0.0)
-
     # -- signals ------------------------------------------------------------------------------
 
     def signals(self, numbers: list[float]) -> float:
-        """See `Scope.signals`."""
+        """See `Variables.signals`."""
         matches = True
         for number in numbers:
             if not abs(number) <= MAX_SIGNAL or number != int(number):
@@ -209,14 +207,6 @@ class ExternalState(Arm):
     def bits(self, first: int, count: int) -> float:
         """Evaluate `BITS(first, count)`: signals as a binary number."""
         return float(sum(1 << k for k in range(count) if self.is_on(first + k)))
-
-
-def _kind(value: Value) -> str:
-    if isinstance(value, float):
-        return "real"
-    if isinstance(value, str):
-        return "string"
-    return "location" if isinstance(value, Location) else "precision point"
 
 
 def _state(on: bool) -> str:

@@ -8,27 +8,35 @@ from typing import Any, NamedTuple
 
 from camgen.lang.code import (
     Act,
-    Branch,
-    Case,
+    Block,
     Code,
+    Compiler,
     Condition,
-    CountEnd,
     CountStart,
     End,
     Jump,
     JumpTable,
-    LoopEnd,
     LoopStart,
     Return,
     Select,
-    Step,
 )
+from camgen.lang.log import Log
+from camgen.lang.programs import Level
 
 from .locations import Expression
 from .statements import ENDS
 from .text import Impossible, Routine, Statement, Stretch, Unreadable
+from .walk import Walker
 
 GOES = re.compile(r"\bGOTO\s+(\d+)\s*$", re.IGNORECASE)
+_THEN = re.compile(r"\bTHEN\s*$", re.IGNORECASE)
+_GOTO = re.compile(r"\bGOTO\b", re.IGNORECASE)
+_LOOPS = frozenset({"FOR", "WHILE", "DO"})
+#: Maximum number of loops that EXIT n and NEXT n can leave at once.
+_MAX_LOOPS = 40
+#: The block of a branch, and its name in messages.
+_BRANCHES = {"ELSE": "IF", "VALUE": "CASE", "ANY": "CASE"}
+_NOUNS = {"IF": "an IF", "CASE": "a CASE"}
 #: Characters of a line that count as one instruction.
 _LONG = 60
 #: A branch leaves for good if one of this many last statements does.
@@ -38,7 +46,7 @@ _LEAVING = frozenset({"GOTO", "RETURN", "RETURNE", "PAUSE"}) | ENDS
 _END_STATEMENTS = 8
 
 Do = Callable[[Any, Any], object]
-Translate = Callable[["Translator", int, Statement], Step]
+Translate = Callable[["Translator", Statement], object]
 
 
 class Question(NamedTuple):
@@ -66,18 +74,6 @@ class LoopCount(NamedTuple):
     word: str
     text: str
     around: int
-
-
-def compile_routine(
-    routine: Routine, do: Do, run_stretch: Do, table: Mapping[str, Translate] | None = None
-) -> Code:
-    """Return the steps of a program.
-
-    do: carries out a statement.
-    run_stretch: carries out a stretch.
-    table: words of the flow, those of `FLOW` if None. `do` carries out all others.
-    """
-    return Translator(routine, do, run_stretch, table or FLOW).code
 
 
 def read_label(rest: str) -> int:
@@ -111,209 +107,183 @@ def refuse(_machine: object, reason: str) -> None:
     raise Unreadable(reason)
 
 
-def name_statement(step: Step) -> Statement:
-    """The line and the word of the statement of a step, without its operands."""
-    operand = getattr(step, "operand", None)
-    word = ""
-    if isinstance(operand, Statement):
-        word = operand.word
-    return Statement(step.line, word, "")
-
-
-def _do_nothing(_machine: object, _operand: object) -> None:
-    """Words that only mark a place, such as the END of an IF."""
-
-
-class Translator:
+class Translator(Compiler):
     """Translates the statements of a program in order.
 
     routine: the program.
-    code: the steps so far.
+    index: index of the statement that is read.
     """
 
-    def __init__(
-        self, routine: Routine, do: Do, run_stretch: Do, table: Mapping[str, Translate]
-    ) -> None:
-        self.routine = routine
-        self._do = do
-        self._has_branches = table.get("IF") is Translator._if
-        self._starts = [0]
-        for index, statement in enumerate(routine.statements):
-            steps = 2 if self._is_jump(index, statement) else 1
-            self._starts.append(self._starts[-1] + steps)
-        self.code = Code([])
-        for index, statement in enumerate(routine.statements):
-            cost = measure_cost(statement)
+    def __init__(self, routine: Routine, do: Do, table: Mapping[str, Translate], log: Log) -> None:
+        super().__init__()
+        self.routine, self.index = routine, 0
+        self._do, self._table, self._log = do, table, log
+
+    def compile(self) -> Code:
+        """Return the steps of the program. Blocks that are not closed are reported."""
+        starts = []
+        for index, statement in enumerate(self.routine.statements):
+            self.index, self.line = index, statement.line
+            start = len(self.steps)
+            starts.append(start)
             if isinstance(statement, Stretch):
-                lines = len(statement.poses)
-                act = Act(statement.line, cost=cost, do=run_stretch, operand=statement, lines=lines)
-                self.code.steps.append(act)
-                continue
-            try:
-                step = table.get(statement.word, Translator._act)(self, index, statement)
-            except Unreadable as error:
-                step = Act(statement.line, do=refuse, operand=str(error))
-            step.cost = cost
-            self.code.steps.append(step)
-            if self._is_jump(index, statement):
-                jump = self._jump_of_if(index, statement)
-                jump.cost = 0
-                self.code.steps.append(jump)
+                lines, do = len(statement.poses), Walker.run_stretch
+                self.add(Act(self.line, cost=0, do=do, operand=statement, lines=lines))
+            else:
+                self._add_statement(statement)
+                self.steps[start].cost = measure_cost(statement)
+        for block in self.blocks:
+            what = f"{block.kind} is not closed"
+            self._log.find("refused", what, line=block.line)
+            self.steps[block.start] = Act(block.line, do=refuse, operand=what)
+        starts.append(len(self.steps))
+        for label, place in self.routine.labels.items():
+            self.labels[str(label)] = starts[place]
+        for jump in self._jumps:
+            jump.to = self.labels[jump.label]
+        for at, step in enumerate(self.steps):
+            # A word that marks a place, or a branch of a block that is not closed.
+            if isinstance(step, Jump) and step.to < 0:
+                step.to = at + 1
+        return Code(self.steps, self.labels)
 
-    def _is_jump(self, index: int, statement: Statement | Stretch) -> bool:
-        """Return whether a statement is an IF with GOTO."""
-        if not isinstance(statement, Statement) or statement.word != "IF":
-            return False
-        is_open = self._has_branches and index not in self.routine.partner
-        return is_open and bool(GOES.search(statement.rest))
+    def _add_statement(self, statement: Statement) -> None:
+        try:
+            self._table.get(statement.word, Translator._act)(self, statement)
+        except Unreadable as error:
+            self._refuse(str(error))
 
-    def find_end(self, index: int) -> int:
-        """Return the step after the block that a statement opens, or after the statement."""
-        return self._starts[self.routine.partner.get(index, index) + 1]
+    def _act(self, statement: Statement) -> None:
+        self.add(Act(self.line, do=self._do, operand=statement))
 
-    def _act(self, _index: int, statement: Statement) -> Step:
-        return Act(statement.line, do=self._do, operand=statement)
-
-    def _nothing(self, statement: Statement) -> Step:
-        return Act(statement.line, do=_do_nothing)
+    def _refuse(self, reason: str) -> None:
+        self.add(Act(self.line, do=refuse, operand=reason))
 
     # -- branches ------------------------------------------------------------------------------
 
-    def refuse_block(self, index: int, statement: Statement) -> Step:
+    def refuse_block(self, statement: Statement) -> None:
         """A block that the language does not evaluate: its condition is the statement itself."""
-        after = self.find_end(index)
-        return Branch(statement.line, after, condition=Condition(statement), end=after)
+        self.open_branch(statement.word, Condition(statement))
+        if statement.word == "IF" and "THEN" not in statement.rest.upper():
+            self.close(self.blocks.pop())
 
-    def _if(self, index: int, statement: Statement) -> Step:
-        routine, rest = self.routine, statement.rest
-        jump = GOES.search(rest)
-        after = self.find_end(index)
-        if jump and index not in routine.partner:
-            condition = Condition(Question("IF", rest[: jump.start()]))
-            place = routine.labels.get(int(jump[1]), -1)
-            is_end = place > index and len(routine.statements) - place <= _END_STATEMENTS
-            return Branch(statement.line, after, condition=condition, end=after, is_leaving=is_end)
-        if index not in routine.partner:
-            raise Unreadable("IF wants THEN or GOTO")
+    def _if(self, statement: Statement) -> None:
+        rest = statement.rest
+        if jump := GOES.search(rest):
+            self._jump_if(rest[: jump.start()], int(jump[1]))
+            return
+        if not _THEN.search(rest):
+            if _GOTO.search(rest):
+                raise Unreadable("IF wants THEN or GOTO")
+            self._log.find("refused", "IF wants THEN or GOTO", line=self.line)
         ends = ("THEN",) if rest[-4:].upper() == "THEN" else ()
-        last = next(iter(routine.branches.get(index, ())), routine.partner[index])
-        return Branch(
-            statement.line,
-            self._starts[last + 1],
-            condition=Condition(Question("IF", rest, ends)),
-            end=after,
-            is_leaving=self._leaves(index + 1, last),
-        )
+        self.open_branch("IF", Condition(Question("IF", rest, ends)))
 
-    def _leaves(self, start: int, end: int) -> bool:
-        """Return whether one of the last statements of a branch leaves for good."""
-        last = self.routine.statements[start:end][-_LAST_STATEMENTS:]
-        return any(isinstance(item, Statement) and item.word in _LEAVING for item in last)
+    def _jump_if(self, condition: str, label: int) -> None:
+        block = self.open_branch("IF", Condition(Question("IF", condition)))
+        self._jump(label)
+        self.steps[-1].cost = 0
+        self.close(self.blocks.pop())
+        place, count = self.routine.labels.get(label, -1), len(self.routine.statements)
+        block.branches[0].is_leaving = place > self.index and count - place <= _END_STATEMENTS
 
-    def _jump_of_if(self, index: int, statement: Statement) -> Step:
-        jump = GOES.search(statement.rest)
-        assert jump is not None
-        return self._jump(index, statement.line, int(jump[1]))
+    def _check_alone(self, statement: Statement, level: Level) -> None:
+        if statement.rest.strip(": "):
+            what = f"{statement.word} stands alone, without {statement.rest[:30]}"
+            self._log.find(level, what, line=self.line)
 
-    def _else(self, index: int, statement: Statement) -> Step:
+    def _else(self, statement: Statement) -> None:
         """The end of a branch, or of a case."""
-        opener = self.routine.opener.get(index, -1)
-        if opener not in self.routine.partner:
-            return self._nothing(statement)
-        return Jump(statement.line, self.find_end(opener))
+        word, block = statement.word, self.innermost
+        if word != "VALUE":
+            self._check_alone(statement, "refused" if word == "ELSE" else "unusual")
+        if block is None or block.kind != _BRANCHES[word]:
+            what = f"{word} outside of {_NOUNS[_BRANCHES[word]]}"
+            self._log.find("refused", what, line=self.line)
+            self.add(Jump(self.line))
+        elif word == "ELSE":
+            self._note_leaving(block)
+            self.add_alternative(block)
+        else:
+            block.leaving.append(self.add(Jump(self.line)))
+            self.add_case(block, None if word == "ANY" else statement.rest)
 
-    def _case(self, index: int, statement: Statement) -> Step:
-        routine = self.routine
-        if index not in routine.partner:
-            raise Unreadable("CASE is not closed")
-        cases = []
-        for place in routine.branches.get(index, ()):
-            branch = routine.statements[place]
-            assert isinstance(branch, Statement)
-            tests = None if branch.word == "ANY" else branch.rest
-            cases.append(Case(tests, self._starts[place + 1]))
-        value = CaseValue(statement.rest)
-        return Select(statement.line, self.find_end(index), value=value, cases=cases)
+    def _note_leaving(self, block: Block) -> None:
+        """Note whether one of the last statements of a branch leaves for good."""
+        if block.pending is not None:
+            last = self.routine.statements[: self.index][-_LAST_STATEMENTS:]
+            words = [item.word for item in last if item.line > block.line]
+            block.pending.is_leaving = not _LEAVING.isdisjoint(words)
+
+    def _case(self, statement: Statement) -> None:
+        self.open("CASE", Select(self.line, value=CaseValue(statement.rest), cases=[]))
+
+    def _end(self, statement: Statement) -> None:
+        """The end of a block: END, or the UNTIL of a DO."""
+        block = self.innermost
+        if statement.word == "END":
+            self._check_alone(statement, "unusual")
+        if block is None or (block.kind == "DO") != (statement.word == "UNTIL"):
+            self._log.find("refused", f"{statement.word} closes nothing", line=self.line)
+            self.add(Jump(self.line))
+            return
+        self.blocks.pop()
+        if isinstance(block.first, CountStart):
+            self.close_count(block)
+        elif isinstance(block.first, LoopStart):
+            condition = None
+            if block.kind == "DO":
+                condition = Condition(Question("UNTIL", statement.rest), wanted=False)
+            self.close_loop(block, condition)
+        else:
+            self._note_leaving(block)
+            self.add(Jump(self.line))
+            self.close(block)
+        self.labels[f"NEXT {block.start}"] = len(self.steps) - 1
+        self.labels[f"EXIT {block.start}"] = len(self.steps)
 
     # -- loops ---------------------------------------------------------------------------------
 
-    def _while(self, index: int, statement: Statement) -> Step:
-        if index not in self.routine.partner:
-            raise Unreadable("WHILE is not closed")
+    def _while(self, statement: Statement) -> None:
         condition = Condition(Question("WHILE", statement.rest, ("DO", "")))
-        return LoopStart(statement.line, self.find_end(index), condition=condition)
+        self.open("WHILE", LoopStart(self.line, condition=condition))
 
-    def _do_loop(self, index: int, statement: Statement) -> Step:
+    def _do_loop(self, statement: Statement) -> None:
         condition = Condition(Question("DO", statement.rest)) if statement.rest else None
-        return LoopStart(statement.line, self.find_end(index), condition=condition)
+        self.open("DO", LoopStart(self.line, condition=condition))
 
-    def _until(self, index: int, statement: Statement) -> Step:
-        start = self.routine.opener.get(index)
-        if start is None:
-            return self._nothing(statement)
-        condition = Condition(Question("UNTIL", statement.rest), wanted=False)
-        return LoopEnd(statement.line, self._starts[start], condition=condition)
-
-    def _for(self, index: int, statement: Statement) -> Step:
-        if index not in self.routine.partner:
-            raise Unreadable("FOR is not closed")
-        return CountStart(statement.line, self.find_end(index), count=statement.rest)
-
-    def _end(self, index: int, statement: Statement) -> Step:
-        start = self.routine.opener.get(index)
-        opener = self.routine.statements[start] if start is not None else None
-        word = opener.word if isinstance(opener, Statement) else ""
-        if start is None or word not in ("WHILE", "FOR"):
-            return self._nothing(statement)
-        kind = LoopEnd if word == "WHILE" else CountEnd
-        return kind(statement.line, self._starts[start])
-
-    def _exit(self, index: int, statement: Statement) -> Step:
+    def _exit(self, statement: Statement) -> None:
         """EXIT and NEXT: to the step after a loop, or to its last one."""
-        loops = self.routine.loops.get(index, ())
-        labels = []
-        for start in loops:
-            end = self.routine.partner.get(start, index)
-            target = self._starts[end if statement.word == "NEXT" else end + 1]
-            labels.append(f"step {target}")
-            self.code.labels[labels[-1]] = target
+        loops = [block for block in reversed(self.blocks) if block.kind in _LOOPS][:_MAX_LOOPS]
+        labels = [f"{statement.word} {block.start}" for block in loops]
         value = LoopCount(statement.word, statement.rest or "1", len(loops))
-        return JumpTable(statement.line, value=value, labels=labels, is_call=False)
+        self.add(JumpTable(self.line, value=value, labels=labels, is_call=False))
 
     # -- jumps ---------------------------------------------------------------------------------
 
-    def _goto(self, index: int, statement: Statement) -> Step:
-        return self._jump(index, statement.line, read_label(statement.rest))
-
-    def _jump(self, _index: int, line: int, label: int) -> Step:
-        place = self.routine.labels.get(label)
-        if place is None:
-            return Act(line, do=refuse, operand=f"there is no label {label} in this program")
-        return Jump(line, self._starts[place])
-
-    def _return(self, _index: int, statement: Statement) -> Step:
-        return Return(statement.line)
-
-    def _halt(self, _index: int, statement: Statement) -> Step:
-        return End(statement.line)
+    def _jump(self, label: int) -> None:
+        if label in self.routine.labels:
+            self.jump(str(label))
+        else:
+            self._refuse(f"there is no label {label} in this program")
 
 
 #: Translators by word of the flow.
 FLOW: dict[str, Translate] = {
     "IF": Translator._if,
-    "ELSE": Translator._else,
     "CASE": Translator._case,
-    "VALUE": Translator._else,
-    "ANY": Translator._else,
     "WHILE": Translator._while,
     "DO": Translator._do_loop,
-    "UNTIL": Translator._until,
-    "FOR": Translator._for,
-    "END": Translator._end,
-    "EXIT": Translator._exit,
-    "NEXT": Translator._exit,
-    "GOTO": Translator._goto,
-    "RETURN": Translator._return,
-    "RETURNE": Translator._return,
-    **dict.fromkeys(ENDS, Translator._halt),
+    "FOR": lambda translator, statement: translator.open(
+        "FOR", CountStart(statement.line, count=statement.rest)
+    ),
+    "GOTO": lambda translator, statement: translator._jump(read_label(statement.rest)),
+    **dict.fromkeys(("ELSE", "VALUE", "ANY"), Translator._else),
+    **dict.fromkeys(("END", "UNTIL"), Translator._end),
+    **dict.fromkeys(("EXIT", "NEXT"), Translator._exit),
+    **dict.fromkeys(
+        ("RETURN", "RETURNE"),
+        lambda translator, statement: translator.add(Return(statement.line)),
+    ),
+    **dict.fromkeys(ENDS, lambda translator, statement: translator.add(End(statement.line))),
 }

@@ -6,7 +6,7 @@ import re
 
 from .locations import Expression
 from .statements import Statements
-from .text import Unreadable
+from .text import Statement, Unreadable
 
 _TIMER = re.compile(r"TIMER\s*\(([^()]*)\)\s*>=?\s*([^<>=]+)", re.IGNORECASE)
 
@@ -14,10 +14,10 @@ _TIMER = re.compile(r"TIMER\s*\(([^()]*)\)\s*>=?\s*([^<>=]+)", re.IGNORECASE)
 class Conditions(Statements):
     """Evaluates tests and waits."""
 
-    def condition(self, rest: str, ends: tuple[str, ...]) -> tuple[bool, bool, str]:
+    def condition(self, rest: str, ends: tuple[str, ...]) -> tuple[bool, bool]:
         """Evaluate a condition.
 
-        Returns whether it holds, whether its value is constant or assumed, and the word after it.
+        Returns whether it holds, and whether its value is constant or assumed.
 
         ends: words of which one must follow; "" is the end of the line.
         """
@@ -30,7 +30,7 @@ class Conditions(Statements):
             if not wanted:
                 raise Unreadable(f"{word[:20]!r} is not expected here")
             raise Unreadable(f"{wanted} expected before {word[:20] or 'the end of the line'}")
-        return value != 0, text.constant or self.doubt, word
+        return value != 0, text.constant or self.doubt
 
     def change_inputs(self, rest: str, wanted: bool, fresh: bool) -> bool:
         """Set inputs so that a condition has the value `wanted`. Returns whether that was possible.
@@ -54,8 +54,9 @@ class Conditions(Statements):
                     self.inputs[n] = value
         return False
 
-    def wait(self, rest: str) -> None:
+    def wait(self, statement: Statement) -> None:
         """Run `WAIT condition`: a dwell for a timer, else no time, with inputs that meet it."""
+        rest = statement.rest
         if not rest:
             return
         timer = _TIMER.fullmatch(rest)
@@ -63,7 +64,7 @@ class Conditions(Statements):
             number, until = Expression(timer[1], self).logic(), Expression(timer[2], self).logic()
             self.pause(max(0.0, until - (self.clock - self.timers.get(number, 0.0))))
             return
-        holds, open_, _ = self.condition(rest, ("",))
+        holds, open_ = self.condition(rest, ("",))
         if holds and not open_ and not self.consulted:
             return
         if holds and not self.doubt:
@@ -76,9 +77,9 @@ class Conditions(Statements):
         if not holds and (not self.change_inputs(rest, True, fresh=False) or again):
             self.log.assume(f"WAIT {rest} is over at once")
 
-    def wait_event(self, rest: str) -> None:
+    def wait_event(self, statement: Statement) -> None:
         """Run `WAIT.EVENT mask, seconds`: a dwell if it has seconds."""
-        text = Expression(rest, self)
+        text = Expression(statement.rest, self)
         if text.peek() not in (",", ""):
             text.logic()
         if text.accept(","):

@@ -13,9 +13,8 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Any, ClassVar, Protocol
+from typing import Any
 
-from camgen.model.program import Joints
 from camgen.model.text import counted
 
 from .functions import (
@@ -24,6 +23,7 @@ from .functions import (
     OF_STRINGS,
     TEXTS,
     decode,
+    divide,
     format_number,
     join,
     remainder,
@@ -31,7 +31,8 @@ from .functions import (
     truth,
     whole,
 )
-from .text import Impossible, Location, Unreadable
+from .text import Impossible, Unreadable
+from .variables import NAME_PATTERN, Variables
 
 #: Maximum depth of nested brackets: keeps a hostile text from exhausting the stack of Python.
 _MAX_DEPTH = 40
@@ -63,8 +64,18 @@ _JOINED: Mapping[str, Callable[[float, float], float]] = {
     "AND": lambda a, b: truth(a != 0 and b != 0), "OR": lambda a, b: truth(a != 0 or b != 0),
     "XOR": lambda a, b: truth((a != 0) != (b != 0)),
 }  # fmt: skip
-_PRODUCTS = frozenset({"*", "/", "MOD", "BAND"})
-_SUMS = frozenset({"+", "-", "BOR", "BXOR"})
+_PRODUCTS: Mapping[str, Callable[[float, float], float]] = {
+    "*": operator.mul,
+    "/": divide,
+    "MOD": remainder,
+    "BAND": lambda a, b: signed(whole(a) & whole(b)),
+}
+_SUMS: Mapping[str, Callable[[float, float], float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "BOR": lambda a, b: signed(whole(a) | whole(b)),
+    "BXOR": lambda a, b: signed(whole(a) ^ whole(b)),
+}
 #: Words between values, which are not values themselves.
 _JOINING = frozenset({
     "THEN", "DO", "OF", "TO", "STEP", "BY", "GOTO", "AND", "OR", "XOR", "MOD", "BAND", "BOR",
@@ -78,55 +89,14 @@ _OF_RUN = frozenset({"SIG", "LAST", "DEFINED", "TIMER", "BITS", "SPEED", "ACCEL"
 _NUMBERED = frozenset(
     {"TIMER", "BITS", "SPEED", "ACCEL", "IOSTAT", "TASK", "STATE", "ERROR", "AIO.IN", "PENDANT"}
 )
+#: Factor of a SPEED, and its unit, by the word after it.
+_UNITS = {
+    "": (1.0, "%"),
+    "MMPS": (1.0, "mm/s"),
+    "IPS": (25.4, "mm/s"),
+    "MONITOR": (1.0, "MONITOR"),
+}
 _OF_LOCATIONS = frozenset({"DX", "DY", "DZ", "DISTANCE", "IDENTICAL"})
-
-
-class Scope(Protocol):
-    """The values of names and external functions.
-
-    strict: an external value raises Unreadable; otherwise it becomes an assumption.
-    """
-
-    strict: ClassVar[bool]
-
-    def real(self, name: str) -> float:
-        """The value of a real variable. A name includes its subscripts, as `A[1,2]`."""
-
-    def text(self, name: str) -> str:
-        """The value of a string variable."""
-
-    def set_text(self, name: str, value: str) -> None:
-        """Gives a string variable a value."""
-
-    def location(self, name: str) -> Location:
-        """The value of a location variable."""
-
-    def point(self, name: str) -> Joints | Location:
-        """The value of a precision point; a location if its joint values are external."""
-
-    def current_location(self, word: str) -> Location:
-        """The location HERE, DEST, TOOL or BASE."""
-
-    def current_point(self, word: str) -> Joints | Location:
-        """HERE or DEST as joint values; a location if these are external."""
-
-    def signals(self, numbers: list[float]) -> float:
-        """SIG: TRUE if all signals are on, or off if their number is negative."""
-
-    def answer(self, word: str, arguments: str, value: float) -> float:
-        """The value of an external function; `value` if nothing sets it."""
-
-    def answer_text(self, word: str) -> str:
-        """The value of an external string function."""
-
-    def last(self, name: str) -> float:
-        """The last index of an array."""
-
-    def defined(self, name: str) -> bool:
-        """Whether a variable has a value."""
-
-    def is_assumed_defined(self, name: str) -> bool:
-        """The value of DEFINED, which may rest on an assumption."""
 
 
 @lru_cache(maxsize=16384)
@@ -152,7 +122,7 @@ class Reader:
     unbracketed: AND, OR or XOR had a comparison without brackets as an operand.
     """
 
-    def __init__(self, text: str, scope: Scope) -> None:
+    def __init__(self, text: str, scope: Variables) -> None:
         self._scope = scope
         self.constant = True
         self.omitted = False
@@ -162,7 +132,7 @@ class Reader:
         self._at = 0
         self._depth = 0
 
-    def _named(self) -> Scope:
+    def _named(self) -> Variables:
         self.constant = False
         return self._scope
 
@@ -214,6 +184,11 @@ class Reader:
             token = self.take()
             depth += (token == "(") - (token == ")")
         return " ".join(self._tokens[start : self._at - 1])
+
+    def open_bracket(self) -> None:
+        """Enter a bracket, which must be the next token."""
+        self.expect("(")
+        self.deeper()
 
     def close_bracket(self) -> None:
         """Leave the bracket that was entered last."""
@@ -276,12 +251,7 @@ class Numbers(Reader, ABC):
         """Evaluate a sum."""
         value = self._product()
         while self.peek() in _SUMS:
-            sign, other = self.take(), self._product()
-            if sign in "+-":
-                value += other if sign == "+" else -other
-            else:
-                a, b = whole(value), whole(other)
-                value = signed(a | b if sign == "BOR" else a ^ b)
+            value = _SUMS[self.take()](value, self._product())
         if not abs(value) <= _MAX_SUM:
             raise Impossible("a number is not finite or beyond any machine")
         return value
@@ -289,17 +259,7 @@ class Numbers(Reader, ABC):
     def _product(self) -> float:
         value = self._factor()
         while self.peek() in _PRODUCTS:
-            sign, other = self.take(), self._factor()
-            if sign == "*":
-                value *= other
-            elif sign == "/":
-                if other == 0:
-                    raise Impossible("a division by zero")
-                value /= other
-            elif sign == "MOD":
-                value = remainder(value, other)
-            else:
-                value = signed(whole(value) & whole(other))
+            value = _PRODUCTS[self.take()](value, self._factor())
             if not abs(value) < _MAX_PRODUCT:
                 raise Impossible("a number is not finite or beyond any machine")
         return value
@@ -313,20 +273,17 @@ class Numbers(Reader, ABC):
         if token == "(":
             return sign * self._bracketed()
         if token[0] in _DIGITS and token != ".":
-            return sign * self._literal(token)
+            value = float(token)
+            if not abs(value) < _MAX_PRODUCT:
+                raise Impossible("a number is not finite or beyond any machine")
+            return sign * value
         if token in _CONSTANTS:
             return sign * _CONSTANTS[token]
         if token[0].isalpha():
             return sign * self._word(token)
-        if token == "^" or token[0] == "^":
+        if token[0] == "^":
             return sign * _parse_based(token)
         raise Unreadable(f"a number expected instead of {token!r}")
-
-    def _literal(self, token: str) -> float:
-        value = float(token)
-        if not abs(value) < _MAX_PRODUCT:
-            raise Impossible("a number is not finite or beyond any machine")
-        return value
 
     def _word(self, token: str) -> float:
         if token in ("COM", "NOT"):
@@ -367,6 +324,13 @@ class Numbers(Reader, ABC):
         self._depth -= 1
         return f"[{','.join(indices)}]"
 
+    def variable(self) -> str:
+        """Take the name of a variable. Returns it with its subscripts evaluated."""
+        name = self.take()
+        if not NAME_PATTERN.fullmatch(name):
+            raise Unreadable(f"{name[:20]!r} is not a name")
+        return name + self.subscripts()
+
     def _bracketed(self) -> float:
         self.deeper()
         value = self.logic()
@@ -376,15 +340,13 @@ class Numbers(Reader, ABC):
     def _function(self, word: str) -> float:
         if word in NUMBERS:
             minimum, maximum, function = NUMBERS[word]
-            self.take()
-            self.deeper()
+            self.open_bracket()
             values = self.numbers(maximum)
             self.close_bracket()
             if not minimum <= len(values) <= maximum:
                 raise Unreadable(f"{word} has {counted(len(values), 'argument')}")
             return float(function(*values))
         if word in OF_STRINGS:
-            self.take()
             kinds, minimum, function = OF_STRINGS[word]
             return float(function(*self._arguments(word, kinds, minimum)))
         if word in _OF_LOCATIONS:
@@ -400,12 +362,12 @@ class Numbers(Reader, ABC):
         return values
 
     def _arguments(self, word: str, kinds: str, minimum: int) -> list[float | str]:
-        """Evaluate the arguments of a function, up to the closing bracket.
+        """Evaluate the arguments of a function, in brackets.
 
         kinds: one character per argument, $ for a string and a dot for a number.
         minimum: number of arguments that must be there.
         """
-        self.deeper()
+        self.open_bracket()
         values: list[float | str] = []
         while self.peek() != ")":
             if len(values) == len(kinds):
@@ -469,6 +431,26 @@ class Numbers(Reader, ABC):
         """Whether the next token begins a string expression."""
         return self.peek()[:1] in ('"', "$") and self.peek() != "$"
 
+    def speed(self) -> tuple[float, str, float, bool]:
+        """Evaluate a SPEED.
+
+        Returns its value, its unit (%, mm/s or MONITOR), the rotational speed in % (100 if it is
+        missing), and whether the setting holds for more than one motion.
+        """
+        value = self.real()
+        turning = self.after(",", self.real, 100.0)
+        if turning <= 0:
+            raise Impossible("a rotational speed must be positive")
+        words = self.rest().split()
+        units = [word for word in words if word != "ALWAYS"]
+        is_repeated = len(set(words)) < len(words)
+        if len(units) > 1 or is_repeated or not _UNITS.keys() >= set(units):
+            raise Unreadable(f"SPEED cannot end with {' '.join(words)[:40]}")
+        if value <= 0:
+            raise Impossible("a speed must be positive")
+        scale, unit = _UNITS[units[0] if units else ""]
+        return value * scale, unit, turning, "ALWAYS" in words
+
     # -- strings ------------------------------------------------------------------------------
 
     def string(self) -> str:
@@ -492,10 +474,10 @@ class Numbers(Reader, ABC):
             raise Unreadable(f"a string expected instead of {token[:20]!r}")
         if self.peek() != "(":
             return self._named().text(token + self.subscripts())
-        self.take()
         if token in TEXTS:
             kinds, minimum, function = TEXTS[token]
             return str(function(*self._arguments(token, kinds, minimum)))
+        self.take()
         if token == "$ENCODE":
             return self._encode()
         if token == "$DECODE":
@@ -530,7 +512,7 @@ class Numbers(Reader, ABC):
         self.expect(")")
         scope = self._named()
         front, remaining = decode(scope.text(name), delimiters, mode)
-        scope.set_text(name, remaining)
+        scope.assign(name, remaining)
         return front
 
 

@@ -11,36 +11,31 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
-from camgen.lang.code import Branch, Code, LoopEnd, LoopStart, Step
-from camgen.lang.flow import Choice, Counter, Flow, Language, Rules
+from camgen.lang.code import Branch, LoopEnd, LoopStart, Step
+from camgen.lang.flow import Choice, Counter, Flow, Rules
 from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
-from camgen.lang.run import Budget, Ended, Stopped
+from camgen.lang.run import Ended, Stopped
 from camgen.lang.values import Unknown, require
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL
 from camgen.model.text import counted
 
-from .code import (
-    CaseValue,
-    LoopCount,
-    Question,
-    compile_routine,
-    measure_cost,
-    name_statement,
-    read_bounds,
-)
-from .instructions import MOTIONS, REACTIONS
+from .arm import POSTURES
+from .code import CaseValue, LoopCount, Question, measure_cost, read_bounds
+from .effects import LOST, OMITTED, SILENT, UNSEEN
 from .locations import Expression
 from .names import canonical
 from .statements import split, unwrap
-from .text import Impossible, Location, Routine, Statement, Stretch, Unreadable
+from .text import Impossible, Location, Routine, Statement, Unreadable
 from .units import FileUnits
 from .variables import Cell, Table, Value
-from .walk import walk_apart
+from .walk import Walker
 
 #: Maximum depth of calls. V+ has a limited stack, too.
 _MAX_DEPTH = 60
 CALLED = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(\(.*\))?", re.DOTALL)
+#: A program with its arguments.
+_PROGRAM = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(?:\(|,|$)")
 #: Maximum number of variables in a state that is compared.
 _MAX_STATE = 3000
 #: Number of variables in a state that cost one step when they are compared.
@@ -49,50 +44,44 @@ _VARIABLES_PER_STEP = 60
 _STEPS_PER_LINE = 100
 
 
-class Machine(FileUnits, Language):
+class Machine(FileUnits, Walker):
     """A run of the programs.
 
+    programs: programs by their canonical name.
     stopped: line and reason if the run could not reach its end, otherwise None.
     ran: canonical names of the programs that were run.
+    tasks: description and line of each EXECUTE, by the canonical name of its program.
+    reactions: description and line of each REACT that was not run, by the name of its program.
     """
 
-    faults: type[Exception] = Unreadable
-
-    def __init__(self, programs: Sequence[Routine], request: RunRequest, log: Log) -> None:
-        super().__init__(request, log)
-        self._programs: dict[str, Routine] = {}
-        for routine in programs:
-            self._programs.setdefault(canonical(routine.name), routine)
+    def __init__(
+        self,
+        programs: Sequence[Routine],
+        request: RunRequest,
+        log: Log,
+        files: Mapping[str, str],
+        values: Mapping[str, Value],
+    ) -> None:
+        """`values` are the globals that have a value already, `files` may be read."""
+        super().__init__(request, log, files)
+        self._globals.update(values)
+        self.programs = {canonical(routine.name): routine for routine in reversed(programs)}
         self._kept: dict[str, Table] = {}
-        self._codes: dict[str, Code] = {}
         self._rounds = max(1, int(min(self._assume.get("rounds", 1.0), 1e6)))
         size = sum(map(measure_cost, chain.from_iterable(item.statements for item in programs)))
-        self._budget = Budget(size, request.limits.vplus_steps, "vplus_steps")
-        self._flow = Flow(self, self._budget, Rules(_MAX_DEPTH, self._rounds, skips_blocks=True))
+        lines = sum(text.count("\n") for text in files.values())
+        self.budget.left += size + _STEPS_PER_LINE * lines
+        self._flow = Flow(self, self.budget, Rules(_MAX_DEPTH, self._rounds, skips_blocks=True))
         self.stopped: tuple[int, str] | None = None
         self.ran: set[str] = set()
-
-    def add_files(self, files: Mapping[str, str]) -> None:
-        """Add files that the programs may read, and steps for their lines to the budget."""
-        super().add_files(files)
-        self._budget.left += _STEPS_PER_LINE * sum(text.count("\n") for text in files.values())
-
-    def find_program(self, key: str) -> Routine | None:
-        """Return the program of a canonical name, None without one."""
-        return self._programs.get(key)
-
-    def spend(self, count: int) -> None:
-        """Take as many steps from the budget of the run. Stopped if it has too few."""
-        self._budget.spend(count)
+        self.tasks: dict[str, tuple[str, int]] = {}
+        self.reactions: dict[str, tuple[str, int]] = {}
+        self._run_reactions: set[str] = set()
 
     def last(self, name: str) -> float:
         """See `Variables.last`. Costs steps, since it searches the table."""
-        self.spend(len(self.cell(name).table) // 8)
+        self.budget.spend(len(self.cell(name).table) // 8)
         return super().last(name)
-
-    def set_globals(self, values: Mapping[str, Value]) -> None:
-        """Set globals that have a value before the program starts."""
-        self._globals.update(values)
 
     def run(self, routine: Routine) -> None:
         """Run a program and all that it calls."""
@@ -102,51 +91,43 @@ class Machine(FileUnits, Language):
             pass
         except Stopped as error:
             self.stopped = self.line, str(error)
-        self.finish()
+        self.rest()
 
     def _run(self, routine: Routine, arguments: Mapping[str, Cell]) -> None:
         key = canonical(routine.name)
         self.ran.add(key)
         self.enter(self._kept.setdefault(key, {}))
         self._scopes[-1].arguments.update(arguments)
-        self._flow.run(self._compile(routine))
+        self._flow.run(routine.code)
         self.assume_inputs()
         self.leave()
 
-    def _compile(self, routine: Routine) -> Code:
-        key = canonical(routine.name)
-        if key not in self._codes:
-            self._codes[key] = compile_routine(routine, Machine.act, Machine.run_stretch)
-        return self._codes[key]
-
-    def compile_all(self) -> list[Code]:
-        """Return the steps of all programs."""
-        return [self._compile(routine) for routine in self._programs.values()]
-
-    def run_stretch(self, plain: Stretch) -> None:
-        """Run consecutive motions."""
-        if self.try_stretch(plain):
-            self.line = plain.line + len(plain.poses) - 1
-            return
-        walk_apart(plain, self._do_apart, self._add_fault)
-
-    def _do_apart(self, statement: Statement) -> None:
-        self.line, self.doubt = statement.line, False
-        self.do(statement)
-
-    def _add_fault(self, statement: Statement, error: Unreadable) -> None:
+    def add_fault(self, line: int, word: str, error: Exception) -> None:
+        """Add a finding for an instruction that cannot be run."""
         if self.doubt and isinstance(error, Impossible):
             what = f"not evaluated: {error} (with what is assumed)"
-            self.log.find("unusual", what, line=statement.line)
-            self.log.lose(what, line=statement.line)
+            self.log.find("unusual", what, line=line)
+            self.log.lose(what, line=line)
         else:
-            self.log.find("refused", str(error), line=statement.line)
-        if statement.word in MOTIONS:
-            self.lose_position(statement.word)
+            self.log.find("refused", str(error), line=line)
+        if word in _MOTIONS:
+            self.lose_position(word)
 
     def act(self, statement: Statement) -> None:
         """Run an instruction that is not part of the flow."""
-        _ACTS.get(statement.word, Machine.do)(self, statement)
+        word = statement.word
+        if word in DOES:
+            DOES[word](self, statement)
+        elif word in LOST:
+            what = f"{word} is not evaluated: {LOST[word]}"
+            self.log.find("unusual", what)
+            self.log.lose(what)
+            if word in UNSEEN:
+                self.lose_position(word)
+        elif word in OMITTED:
+            self.log.omit(f"{word} {statement.rest}".rstrip() + f": {OMITTED[word]}")
+        elif word not in SILENT:
+            raise Unreadable(f"{word[:40]} is not an instruction of V+")
 
     # -- answers to the engine (`camgen.lang.flow.Language`) ------------------------------------
 
@@ -156,11 +137,6 @@ class Machine(FileUnits, Language):
             self.assume_inputs()
         self.line = step.line
         self.doubt = False
-
-    def report(self, step: Step, error: Exception) -> None:
-        """Add a finding for a step that cannot be run."""
-        assert isinstance(error, Unreadable)
-        self._add_fault(name_statement(step), error)
 
     def evaluate(self, expression: Question | CaseValue | LoopCount | str) -> Any:
         """Evaluate a condition, a CASE, the count of EXIT or NEXT, or a counter."""
@@ -184,7 +160,7 @@ class Machine(FileUnits, Language):
         word, text, ends = question
         if word == "DO":
             raise Unreadable("DO stands alone")
-        holds, is_open, _ = self.condition(text, ends)
+        holds, is_open = self.condition(text, ends)
         if word == "WHILE" and text[-2:].upper() != "DO":
             self.log.find("refused", "WHILE wants DO", line=self.line)
         is_unknown = bool(self.consulted) if word == "IF" else is_open
@@ -192,15 +168,11 @@ class Machine(FileUnits, Language):
 
     def matches(self, value: float | str, tests: str) -> bool:
         """Whether a VALUE has the value of its CASE."""
-        self.spend(1)
+        self.budget.spend()
         return self._is_one_of(value, tests)
 
     def _evaluate_item(self, text: Expression) -> float | str:
         return text.string() if text.is_string() else text.logic()
-
-    def count_instructions(self) -> int:
-        """The number of instructions so far."""
-        return len(self.body)
 
     def assume(
         self, choice: Choice, step: Step, unknown: Unknown | None = None, length: int = 0
@@ -232,7 +204,7 @@ class Machine(FileUnits, Language):
         size = sum(map(len, tables))
         if size > _MAX_STATE:
             return None
-        self.spend(size // _VARIABLES_PER_STEP)
+        self.budget.spend(size // _VARIABLES_PER_STEP)
         values = tuple(map(_make_comparable, tables))
         return (
             values,
@@ -272,34 +244,64 @@ class Machine(FileUnits, Language):
 
     # -- calls --------------------------------------------------------------------------------
 
-    def _react(self, statement: Statement) -> None:
-        call = self.react(statement)
-        if call:
-            self._call(call)
-
-    def _call(self, rest: str) -> None:
+    def execute(self, statement: Statement) -> None:
+        """Note `EXECUTE task program`, which starts a concurrent task."""
+        rest = statement.rest
+        bare = re.sub(r"^\s*(/\w+\s*)?(\([^)]*\)|\d+)?\s*,?\s*", "", rest)
         match = require(
-            CALLED.fullmatch(rest), Unreadable("CALL wants the name of a program and its arguments")
+            _PROGRAM.match(bare) or _PROGRAM.match(bare.partition(" ")[2]),
+            Unreadable("EXECUTE wants the name of a program"),
+        )
+        number = rest[: len(rest) - len(bare)].strip(" ,()")
+        task = f" (task {number})" if number else ""
+        self.tasks.setdefault(canonical(match[1]), (f"{match[1]}{task}", self.line))
+
+    def react(self, statement: Statement) -> None:
+        """Run `REACT signal, program(arguments), priority` or `REACTE program(arguments)`.
+
+        The reaction is run at its first REACT if the user assumes that. Otherwise it is noted.
+        """
+        parts = [part for part in split(statement.rest) if part]
+        position = 0 if statement.word == "REACTE" else 1
+        call = parts[position] if len(parts) > position else ""
+        match = _PROGRAM.match(call)
+        if match is None:
+            self.log.fact("reactions", f"{statement.word} {statement.rest}".strip())
+            return
+        key = canonical(match[1])
+        is_run = bool(self._assume.get(key))
+        what = "comes once, where it first may" if is_run else "does not come"
+        self.log.assume(f"{statement.word} {match[1]}: it {what}", key, float(is_run))
+        if is_run and key not in self._run_reactions:
+            self._run_reactions.add(key)
+            self.call(Statement(self.line, "CALL", call))
+        else:
+            text = f"{match[1]} ({statement.word}, line {self.line})"
+            self.reactions.setdefault(key, (text, self.line))
+
+    def call(self, statement: Statement) -> None:
+        """Run `CALL program(arguments)`."""
+        match = require(
+            CALLED.fullmatch(statement.rest),
+            Unreadable("CALL wants the name of a program and its arguments"),
         )
         self._enter(match[1], match[2] or "()")
 
-    def _call_by_text(self, rest: str) -> None:
+    def call_by_text(self, statement: Statement) -> None:
+        """Run `CALLS text(arguments)`."""
+        rest = statement.rest
         text = Expression(rest, self)
         name = text.string()
         arguments = text.rest()
         if not name:
-            self._leave_out(f"CALLS {rest}: which program, is not known: left out")
+            self.log.leave_out(f"CALLS {rest}: which program, is not known: left out")
             return
         self._enter(name, arguments or "()")
 
-    def _leave_out(self, what: str) -> None:
-        self.log.assume(what)
-        self.log.lose(what)
-
     def _enter(self, name: str, brackets: str) -> None:
-        routine = self._programs.get(canonical(name))
+        routine = self.programs.get(canonical(name))
         if routine is None:
-            self._leave_out(f"program {name} is not in these files: left out")
+            self.log.leave_out(f"program {name} is not in these files: left out")
             return
         self._flow.check_depth(f"more than {_MAX_DEPTH} programs call each other")
         given = list(split(unwrap(brackets)[0]))
@@ -331,11 +333,55 @@ def _make_comparable(value: object) -> object:
     return value.values if isinstance(value, Joints) else value
 
 
-#: Instructions that call programs or wait, in addition to those of `Statements`.
-_ACTS: dict[str, Callable[[Machine, Statement], object]] = {
-    "CALL": lambda machine, statement: machine._call(statement.rest),
-    "CALLS": lambda machine, statement: machine._call_by_text(statement.rest),
-    "WAIT": lambda machine, statement: machine.wait(statement.rest),
-    "WAIT.EVENT": lambda machine, statement: machine.wait_event(statement.rest),
-    **dict.fromkeys(REACTIONS, Machine._react),
+#: Motions: if one cannot be read, the pose of the robot is not known after it.
+_MOTIONS = frozenset(
+    """ALIGN APPRO APPROS DEPART DEPARTS DRIVE JMOVE MOVE MOVES MOVEST MOVET NEST READY
+    """.split()  # noqa: SIM905 (a table)
+)
+#: Instructions with a method that runs them; all others are in `effects.py` (V+ Language Reference
+#: Guide, keywords, see docs/languages/vplus.md).
+DOES: Mapping[str, Callable[[Machine, Statement], object]] = {
+    "=": Machine.assign_value,
+    "ATTACH": Machine.attach,
+    "BASE": Machine.base,
+    "BITS": Machine.set_bits,
+    "CALL": Machine.call,
+    "CALLS": Machine.call_by_text,
+    "DECOMPOSE": Machine.decompose,
+    "DELAY": Machine.delay,
+    "DETACH": Machine.detach,
+    "DRIVE": Machine.drive,
+    "DURATION": Machine.duration,
+    "EXECUTE": Machine.execute,
+    "FCLOSE": Machine.close,
+    "FOPENR": Machine.open,
+    "HERE": Machine.define_here,
+    "JHERE": Machine.joints_here,
+    "JMOVE": Machine.jmove,
+    "PAUSE": Machine.stop,
+    "PROMPT": Machine.prompt,
+    "READ": Machine.read,
+    "RESET": Machine.reset,
+    "SELECT": Machine.select,
+    "SET": Machine.set,
+    "SIGNAL": Machine.signal,
+    "SPEED": Machine.speed,
+    "TIMER": Machine.timer,
+    "TOOL": Machine.set_tool,
+    "WAIT": Machine.wait,
+    "WAIT.EVENT": Machine.wait_event,
+    **dict.fromkeys(("ALIGN", "NEST", "READY"), Machine.move_external),
+    **dict.fromkeys(("APPRO", "APPROS"), Machine.appro),
+    **dict.fromkeys(("AUTO", "GLOBAL", "LOCAL"), Machine.declare_variables),
+    **dict.fromkeys(("BRAKE", "BREAK"), Machine.brake),
+    **dict.fromkeys(("CLOSE", "CLOSEI", "OPEN", "OPENI", "RELAX", "RELAXI"), Machine.hand),
+    **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), Machine.set_accuracy),
+    **dict.fromkeys(("CPOFF", "CPON"), Machine.path),
+    **dict.fromkeys(("DEPART", "DEPARTS"), Machine.depart),
+    **dict.fromkeys(("DISABLE", "ENABLE"), Machine.switch),
+    **dict.fromkeys(("MOVE", "MOVES", "MOVEST", "MOVET"), Machine.move),
+    **dict.fromkeys(("PARAMETER", "SWITCH"), Machine.parameter),
+    **dict.fromkeys(("REACT", "REACTE", "REACTI"), Machine.react),
+    **dict.fromkeys(("SOLVE.ANGLES", "SOLVE.TRANS"), Machine.solve),
+    **dict.fromkeys(POSTURES, Machine.configure),
 }

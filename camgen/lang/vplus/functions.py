@@ -31,6 +31,13 @@ def signed(bits: int) -> float:
     return float(bits - (_MASK + 1) if bits > _MASK >> 1 else bits)
 
 
+def divide(a: float, b: float) -> float:
+    """Compute `a / b`."""
+    if b == 0:
+        raise Impossible("a division by zero")
+    return a / b
+
+
 def remainder(a: float, b: float) -> float:
     """Compute `a MOD b`, which has the sign of `a`."""
     if b == 0:
@@ -49,14 +56,6 @@ def _root(value: float) -> float:
     return math.sqrt(value)
 
 
-def _angle(y: float, x: float) -> float:
-    return math.degrees(math.atan2(y, x))
-
-
-def _to_bcd(value: float) -> float:
-    return float(int(str(abs(whole(value))), 16))
-
-
 def _from_bcd(value: float) -> float:
     digits = f"{abs(whole(value)):x}"
     return float(int(digits)) if digits.isdigit() else 0.0
@@ -71,15 +70,11 @@ def _mask(*bits: float) -> float:
     return signed(total)
 
 
-def _tangent(degrees: float) -> float:
-    return math.tan(math.radians(degrees))
-
-
 #: Functions of numbers, by name: minimum and maximum number of arguments, and the function.
 NUMBERS: Mapping[str, tuple[int, int, Callable[..., float]]] = {
     "ABS": (1, 1, abs),
-    "ATAN2": (2, 2, _angle),
-    "BCD": (1, 1, _to_bcd),
+    "ATAN2": (2, 2, lambda y, x: math.degrees(math.atan2(y, x))),
+    "BCD": (1, 1, lambda x: float(int(str(abs(whole(x))), 16))),
     "BMASK": (1, 32, _mask),
     "COS": (1, 1, lambda deg: math.cos(math.radians(deg))),
     "DCB": (1, 1, _from_bcd),
@@ -92,7 +87,7 @@ NUMBERS: Mapping[str, tuple[int, int, Callable[..., float]]] = {
     "SIN": (1, 1, lambda deg: math.sin(math.radians(deg))),
     "SQR": (1, 1, lambda x: x * x),
     "SQRT": (1, 1, _root),
-    "TAN": (1, 1, _tangent),
+    "TAN": (1, 1, lambda deg: math.tan(math.radians(deg))),
 }  # fmt: skip
 
 
@@ -121,14 +116,6 @@ def _code(text: str, index: float = 1.0) -> float:
     return float(ord(text[place])) if 0 <= place < len(text) else -1.0
 
 
-def _place(text: str, part: str, start: float = 1.0) -> float:
-    return float(text.lower().find(part.lower(), max(0, int(start) - 1)) + 1)
-
-
-def _differ(a: str, b: str) -> float:
-    return float((a > b) - (a < b))
-
-
 #: Functions of strings with a number as value, by name: the kinds of the arguments ($ for a string,
 #: a dot for a number), the minimum number of them, and the function.
 OF_STRINGS: Mapping[str, tuple[str, int, Callable[..., float]]] = {
@@ -138,14 +125,16 @@ OF_STRINGS: Mapping[str, tuple[str, int, Callable[..., float]]] = {
     "INTB": ("$.", 1, lambda s, first=1.0: _bytes(">h", s, first)),
     "LEN": ("$", 1, lambda s: float(len(s))),
     "LNGB": ("$.", 1, lambda s, first=1.0: _bytes(">i", s, first)),
-    "POS": ("$$.", 2, _place),
-    "STRDIF": ("$$", 2, _differ),
+    "POS": (
+        "$$.",
+        2,
+        lambda text, part, start=1.0: float(
+            text.lower().find(part.lower(), max(0, int(start) - 1)) + 1
+        ),
+    ),
+    "STRDIF": ("$$", 2, lambda a, b: float((a > b) - (a < b))),
     "VAL": ("$", 1, _number),
 }
-
-
-def _character(value: float) -> str:
-    return chr(whole(value) & 0xFF)
 
 
 def _to_bytes(code: str, value: float) -> str:
@@ -166,7 +155,7 @@ def _middle(text: str, first: float = 1.0, count: float = float(LONGEST)) -> str
 
 #: Functions with a string as value, in the form of `OF_STRINGS`.
 TEXTS: Mapping[str, tuple[str, int, Callable[..., str]]] = {
-    "$CHR": (".", 1, _character),
+    "$CHR": (".", 1, lambda x: chr(whole(x) & 0xFF)),
     "$DBLB": (".", 1, lambda x: _to_bytes("d", x)),
     "$FLTB": (".", 1, lambda x: _to_bytes("f", x)),
     "$INTB": (".", 1, lambda x: _to_bytes("h", x)),

@@ -13,13 +13,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from camgen.model.pose import FloatArray, Pose, Vec3, frozen, rotation_about, to_vec3
+from camgen.model.pose import Pose, Vec3, frozen, rotation_about, to_vec3
 from camgen.model.program import Joints
 from camgen.model.text import counted
 
-from .expressions import Numbers, Scope
+from .expressions import Numbers
 from .functions import truth
 from .text import NULL, Frame, Impossible, Location, Unreadable, rotation_zyz
+from .variables import NAME_PATTERN, Variables
 
 _Operand = TypeVar("_Operand")
 
@@ -44,6 +45,13 @@ def describe(location: Location) -> str:
     x, y, z = local.origin
     turned = "" if np.array_equal(local.rotation, NULL.rotation) else ",.."
     return f"{name}:TRANS({x:.6g},{y:.6g},{z:.6g}{turned})"
+
+
+def describe_any(location: Location) -> str:
+    """Return a short text of a location."""
+    if location.frame.external:
+        return describe(location)
+    return location.name or "TRANS({:.6g},{:.6g},{:.6g},..)".format(*location.in_base().origin)
 
 
 def make_external(name: str) -> Location:
@@ -78,7 +86,7 @@ class Expression(Numbers):
         while self.accept(":"):
             second = self._primary()
             if second.frame.external and not self._scope.strict:
-                first = make_external(f"{self._name(first)}:{describe(second)}")
+                first = make_external(f"{describe_any(first)}:{describe(second)}")
                 continue
             relative = second.in_base()
             if first.frame.compound or first.frame.external:
@@ -86,12 +94,6 @@ class Expression(Numbers):
             else:
                 first = Location(relative, Frame(first.local, compound=True, name=first.name))
         return first
-
-    def _name(self, location: Location) -> str:
-        if location.frame.external:
-            return describe(location)
-        x, y, z = location.in_base().origin
-        return location.name or f"TRANS({x:.6g},{y:.6g},{z:.6g},..)"
 
     def _primary(self) -> Location:
         token = self.take()
@@ -152,8 +154,7 @@ class Expression(Numbers):
         return Location(Pose(rotation_zyz(yaw, pitch, roll), (x, y, z)))
 
     def _inverse(self) -> Location:
-        self.expect("(")
-        inner = self._inner()
+        inner = self._normal()
         if inner.frame.external and not self._scope.strict:
             return make_external(f"INVERSE({describe(inner)})")
         return Location(inner.in_base().inverse())
@@ -177,18 +178,15 @@ class Expression(Numbers):
         """Evaluate `FRAME(a, b, c, o)`: x from a to b, y towards c, the origin at o."""
         points = self._several(4)
         if any(point.frame.external for point in points):
-            return make_external(f"FRAME({', '.join(map(self._name, points))})")
+            return make_external(f"FRAME({', '.join(map(describe_any, points))})")
         a, b, c, o = (np.array(point.in_base().origin) for point in points)
         x_direction = b - a
         z_direction = np.cross(x_direction, c - a)
         if min(float(np.linalg.norm(x_direction)), float(np.linalg.norm(z_direction))) < _SMALL:
             raise Impossible("FRAME of points on one line")
-        return Location(Pose(_make_rotation(x_direction, z_direction), to_vec3(o)))
-
-    def open_bracket(self) -> None:
-        """Enter a bracket, which must be the next token."""
-        self.expect("(")
-        self.deeper()
+        x, z = x_direction / np.linalg.norm(x_direction), z_direction / np.linalg.norm(z_direction)
+        rotation = frozen(np.column_stack([x, np.cross(z, x), z]))
+        return Location(Pose(rotation, to_vec3(o)))
 
     def _several(self, count: int) -> list[Location]:
         self.open_bracket()
@@ -233,7 +231,7 @@ class Expression(Numbers):
         self._at -= 1
         a, b = self._several(2)
         if a.frame.external or b.frame.external:
-            return self._named().answer(f"{word}({self._name(a)}, {self._name(b)})", "", 0.0)
+            return self._named().answer(f"{word}({describe_any(a)}, {describe_any(b)})", "", 0.0)
         p, q = a.in_base(), b.in_base()
         distance = math.dist(p.origin, q.origin)
         if word == "DISTANCE":
@@ -242,18 +240,23 @@ class Expression(Numbers):
 
     # -- precision points ---------------------------------------------------------------------
 
-    def point(self) -> Joints:
+    def operand(self) -> Joints | Location:
+        """Evaluate the target of a motion: a location or a precision point."""
+        return self.point() if self.peek()[:1] == "#" else self.location()
+
+    def location_name(self) -> str:
+        """Take the name of a location or of a precision point, with its subscripts evaluated."""
+        name = self.take()
+        if not NAME_PATTERN.fullmatch(name) or name[0] == "$":
+            raise Unreadable(f"{name[:20]!r} is not the name of a location")
+        return name + self.subscripts()
+
+    def point(self) -> Joints | Location:
         """Evaluate `#PPOINT(..)` or the name of a precision point.
 
-        V+ counts degrees, and mm for joint 3 of four (a SCARA).
+        V+ counts degrees, and mm for joint 3 of four (a SCARA). The value is a location if the
+        joint values are external.
         """
-        point = self.any_point()
-        if isinstance(point, Joints):
-            return point
-        raise Unreadable(f"precision point {describe(point)} is only on the controller")
-
-    def any_point(self) -> Joints | Location:
-        """Evaluate a precision point; a location if its joint values are external."""
         token = self.take()
         if token in ("#DEST", "#HERE", "#PDEST", "#PHERE") and not self._scope.strict:
             return self._named().current_point(token[-4:])
@@ -287,7 +290,7 @@ _MORE = {
 }  # fmt: skip
 
 
-def read_whole(text: str, scope: Scope, read: Callable[[Expression], _Operand]) -> _Operand:
+def read_whole(text: str, scope: Variables, read: Callable[[Expression], _Operand]) -> _Operand:
     """Evaluate a text that is one operand, by a method of `Expression`."""
     expression = Expression(text, scope)
     value = read(expression)
@@ -305,8 +308,3 @@ def to_values(joints: Joints) -> list[float]:
     """Convert joint values to those of V+, the inverse of `to_joints`."""
     slide = 2 if len(joints.values) == 4 else None
     return [v if k == slide else math.degrees(v) for k, v in enumerate(joints.values)]
-
-
-def _make_rotation(x: FloatArray, z: FloatArray) -> FloatArray:
-    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
-    return frozen(np.column_stack([x, np.cross(z, x), z]))

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Mapping
 from camgen.lang.log import Log
 from camgen.lang.values import require
 from camgen.model.pose import Pose
-from camgen.model.program import Joints
 from camgen.model.text import counted
 
 from .locations import to_joints
@@ -76,21 +75,19 @@ def _read(section: str, text: str) -> tuple[str, Value]:
     if key[0] == "$":
         return key, rest[1:-1] if len(rest) > 1 and rest[0] == rest[-1] == '"' else rest
     inner = _CALL.fullmatch(rest)
-    parts = [part for part in re.split(r"[\s,]+", inner[1] if inner else rest) if part]
-    if not parts or len(parts) > 12 or not all(_NUMBER.fullmatch(part) for part in parts):
+    parts = re.findall(r"[^\s,]+", inner[1] if inner else rest)
+    if not parts or len(parts) > 12 or not all(map(_NUMBER.fullmatch, parts)):
         raise Unreadable(f"not a name and its values: {text[:40]}")
-    values = [float(part) for part in parts]
+    values = list(map(float, parts))
     if not all(abs(value) <= 1e9 for value in values):
         raise Unreadable(f"a number beyond any machine: {text[:40]}")
     if key[0] == "#":
-        return key, _joints(values)
+        if len(values) != 4:
+            values += [0.0] * (6 - len(values))
+        return key, to_joints(values)
     if len(values) == 1 and (section != ".LOCATIONS" or not inner):
         return key, values[0]
     if section in (".REALS", ".DOUBLES") or len(values) > 6:
         raise Unreadable(f"{len(values)} values of one real: {text[:40]}")
     x, y, z, yaw, pitch, roll = values + [0.0] * (6 - len(values))
     return key, Location(Pose(rotation_zyz(yaw, pitch, roll), (x, y, z)), name=key)
-
-
-def _joints(values: list[float]) -> Joints:
-    return to_joints(values if len(values) in (4, 6) else values + [0.0] * (6 - len(values)))

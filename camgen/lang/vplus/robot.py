@@ -18,7 +18,6 @@ from camgen.lang.programs import RunRequest
 from camgen.model.pose import Pose, compute_zyz, translation
 from camgen.model.program import Instruction, Joints, Output, Stop, Wait
 
-from . import words
 from .arm import ROUNDED, is_same
 from .asked import MAX_SIGNAL, RATED, ExternalState
 from .effects import SILENT_SWITCHES
@@ -26,6 +25,7 @@ from .functions import truth
 from .locations import (
     Expression,
     describe,
+    describe_any,
     make_external,
     read_whole,
     to_joints,
@@ -95,7 +95,7 @@ class Robot(ExternalState):
     # -- position -----------------------------------------------------------------------------
 
     def current_location(self, word: str) -> Location:
-        """See `Scope.current_location`. HERE and DEST are the target of the last motion."""
+        """See `Variables.current_location`. HERE and DEST are the target of the last motion."""
         if word == "TOOL":
             tool = self.tools[self._held]
             if tool.pose is None:
@@ -104,22 +104,22 @@ class Robot(ExternalState):
         if word == "BASE":
             return Location(self._base or NULL)
         if isinstance(self._at, Joints):
-            return self._reach(self._at) or make_external(_spell(self._at))
+            return self._reach(self._at)
         if self._at is None:
             self.log.assume(_START_UNKNOWN)
             return make_external(_START)
         return self._at
 
-    def _reach(self, joints: Joints) -> Location | None:
-        """Return the location of joint values, None if the arm or the tool is unknown."""
+    def _reach(self, joints: Joints) -> Location:
+        """Return the location of joint values. It is external if the arm or the tool is unknown."""
         flange = self._flange(joints.values)
         tool = self.tools[self._held].pose if self._held else NULL
         if flange is None or tool is None:
-            return None
+            return make_external(f"#PPOINT({','.join(f'{v:.6g}' for v in to_values(joints))})")
         return Location((self._base or NULL).inverse() @ flange @ tool)
 
     def current_point(self, word: str) -> Joints | Location:
-        """See `Scope.current_point`."""
+        """See `Variables.current_point`."""
         if not isinstance(self._at, Joints):
             return make_external(f"#{describe_any(self.current_location(word))}")
         return self._at
@@ -132,15 +132,11 @@ class Robot(ExternalState):
 
     # -- motions ------------------------------------------------------------------------------
 
-    def target(self, text: Expression) -> Location | Joints:
-        """Evaluate the target of a motion."""
-        return text.any_point() if text.peek()[:1] == "#" else text.location()
-
     def move(self, statement: Statement) -> None:
         """Run `MOVE` or `MOVES`; `MOVET` or `MOVEST`, which move the hand too."""
         self.check_here(statement.rest)
         text = Expression(statement.rest, self)
-        target = self.target(text)
+        target = text.operand()
         if "T" in statement.word:
             text.expect(",")
             self._hand = float(text.logic() != 0)
@@ -157,12 +153,12 @@ class Robot(ExternalState):
     def appro(self, statement: Statement) -> None:
         """Run `APPRO` or `APPROS`: to a distance from a location, backwards along its z axis."""
         text = Expression(statement.rest, self)
-        target = self.target(text)
+        target = text.operand()
         text.expect(",")
         distance = text.logic()
         text.finish()
         if isinstance(target, Joints):
-            target = self._reach(target) or make_external(_spell(target))
+            target = self._reach(target)
         self.go(target.moved(translation(0, 0, -distance)), statement.word == "APPROS")
 
     def depart(self, statement: Statement) -> None:
@@ -291,7 +287,7 @@ class Robot(ExternalState):
 
     def _read_speed(self, rest: str) -> tuple[float, str, float, bool]:
         try:
-            return words.parse_speed(Expression(rest, self))
+            return read_whole(rest, self, Expression.speed)
         except Impossible:
             if self.doubt:  # an assumed value, which is not a valid speed
                 return 100.0, "%", 100.0, "ALWAYS" in rest.upper()
@@ -305,7 +301,9 @@ class Robot(ExternalState):
         text.finish()
         if not 0 <= seconds <= _MAX:
             raise Impossible(f"a motion in {seconds:g} s")
-        self.set_duration(seconds, bool(always))
+        self._lasts_once = seconds
+        if always:
+            self._lasts_always, self._lasts_once = seconds, 0.0
 
     def configure(self, statement: Statement) -> None:
         """Run a posture word, see `set_posture`."""
@@ -355,9 +353,7 @@ class Robot(ExternalState):
 
     def set_tool(self, statement: Statement) -> None:
         """Run `TOOL`; without a location the tool is the flange."""
-        text = Expression(statement.rest or "NULL", self)
-        location = text.location()
-        text.finish()
+        location = read_whole(statement.rest or "NULL", self, Expression.location)
         external = location.frame.external
         if external:
             tool = Tool(external, None)
@@ -400,11 +396,8 @@ class Robot(ExternalState):
             if number:
                 self._output(int(number), value > 0)
 
-    def spend(self, count: int) -> None:
-        """Take steps from the budget of the run; without effect here."""
-
     def _output(self, number: int, on: bool) -> None:
-        self.spend(1)
+        self.budget.spend()
         if 1000 < number <= 2000:
             self.log.find("unusual", f"SIGNAL {number}: numbers 1001 to 2000 are inputs")
         elif self._moving and number <= 1000 and self.outputs.get(number) != on:
@@ -472,10 +465,6 @@ class Robot(ExternalState):
         self._last, self._hand, self._held = None, None, 0
         self._moving = self.detached = False
 
-    def finish(self) -> None:
-        """End the program: the robot stops, and an OPEN or CLOSE without a motion has no effect."""
-        self.rest()
-
     def decompose(self, statement: Statement) -> None:
         """Run `DECOMPOSE array[first] = location`, which assigns its components to elements."""
         name, sign, rest = statement.rest.partition("=")
@@ -486,9 +475,7 @@ class Robot(ExternalState):
         start = left.subscripts() or "[0]"
         left.finish()
         self.check_here(rest)
-        text = Expression(rest, self)
-        target = self.target(text)
-        text.finish()
+        target = read_whole(rest, self, Expression.operand)
         *front, first = start[1:-1].split(",")
         for k, value in enumerate(self._list_components(target)):
             subscripts = ",".join([*front, str(int(first) + k)])
@@ -504,14 +491,3 @@ class Robot(ExternalState):
         pose = target.in_base()
         yaw, pitch, roll = (math.degrees(v) + 0.0 for v in compute_zyz(pose.rotation))
         return [*pose.origin, yaw, pitch, roll]
-
-
-def _spell(joints: Joints) -> str:
-    return f"#PPOINT({','.join(f'{v:.6g}' for v in to_values(joints))})"
-
-
-def describe_any(location: Location) -> str:
-    """Return a short text of a location."""
-    if location.frame.external:
-        return describe(location)
-    return location.name or "TRANS({:.6g},{:.6g},{:.6g},..)".format(*location.in_base().origin)

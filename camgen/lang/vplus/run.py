@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -22,13 +23,13 @@ from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 
 from .check import check_rest
+from .code import FLOW, Translator
 from .flow import Machine
 from .names import canonical
 from .points import read_points, read_values
 from .robot import RATED_ROTATION, Tool
 from .text import NULL, Frame, Routine, Statement, parse_files
 from .units import find_data
-from .variables import Value
 
 #: Maximum number of work frames. More were computed rather than taught, so that all targets are
 #: given in the base.
@@ -45,14 +46,11 @@ def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
     log = Log(shifts=request.shifts)
     files = {name: strip_mark(text) for name, text in files.items()}
     data_files = find_data(files)
-    routines, data = parse_files(
-        files,
-        data_files,
-        lambda line, what: log.find("refused", what, line=line),
-        lambda line, what: log.find("unusual", what, line=line),
-    )
+    routines, data = parse_files(files, log, data_files)
+    for routine in routines:
+        routine.code = Translator(routine, Machine.act, FLOW, log).compile()
     values = {**read_points(request.points, log), **read_values(data, log)}
-    machine = _make_machine(routines, request, log, data_files, values)
+    machine = Machine(routines, request, log, data_files, values)
     entry = _find_entry(routines, request.entry)
     if entry is None:
         what = f"there is no program {request.entry}" if request.entry else "there is no .PROGRAM"
@@ -67,9 +65,7 @@ def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
             request.limits, vplus_steps=min(request.limits.vplus_steps, _MAX_TASK_STEPS)
         ),
     )
-    _run_concurrent(
-        machine, log, lambda aside: _make_machine(routines, short, aside, data_files, values)
-    )
+    _run_concurrent(machine, log, lambda aside: Machine(routines, short, aside, data_files, values))
     check_rest(routines, ran, log)
     for routine in routines:
         if canonical(routine.name) not in machine.ran:
@@ -82,22 +78,9 @@ def run_programs(files: Mapping[str, str], request: RunRequest) -> Executed:
         placed.frames,
         index_frames(placed.frames, placed.places),
         stopped=machine.stopped,
-        coverage=measure_coverage(machine.compile_all(), log.ran, end),
+        coverage=measure_coverage((routine.code for routine in routines), log.ran, end),
         **log.list_all(", ", 20),
     )
-
-
-def _make_machine(
-    routines: Sequence[Routine],
-    request: RunRequest,
-    log: Log,
-    data_files: Mapping[str, str],
-    values: Mapping[str, Value],
-) -> Machine:
-    machine = Machine(routines, request, log)
-    machine.add_files(data_files)
-    machine.set_globals(values)
-    return machine
 
 
 def _run_concurrent(machine: Machine, log: Log, make_machine: Callable[[Log], Machine]) -> None:
@@ -112,7 +95,7 @@ def _run_concurrent(machine: Machine, log: Log, make_machine: Callable[[Log], Ma
         for key, reaction in machine.reactions.items()
     ]
     for key, text, line, label in concurrent[:_MAX_TASKS]:
-        routine = machine.find_program(key)
+        routine = machine.programs.get(key)
         if routine is None:
             log.fact(label, f"{text}: in none of the files")
             if label.startswith("tasks"):
@@ -189,7 +172,9 @@ def _split_by_frames(machine: Machine) -> PlacedBody:
         identity = id(frame), id(base), tool
         if identity not in places_by_id:
             tool_and_work = _make_frames(machine.tools[tool], frame, base, flat)
-            key = _make_key(tool_and_work, tool)
+            pose = tool_and_work.base_from_work
+            place = None if pose is None else (pose.origin, pose.rotation.tobytes())
+            key = tool, tool_and_work.work, place
             if key not in places_by_value:
                 places_by_value[key] = len(frames)
                 frames.append(tool_and_work)
@@ -221,11 +206,6 @@ def _make_frames(tool: Tool, frame: Frame, base: Pose | None, flat: bool) -> Fra
     return Frames(tool.name, name, tool.pose, base @ work if base is not None else work)
 
 
-def _make_key(frames: Frames, tool: int) -> object:
-    pose = frames.base_from_work
-    return tool, frames.work, None if pose is None else (pose.origin, pose.rotation.tobytes())
-
-
 def _limit_speeds(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]:
     """Limit the speeds of the body by the rotational speed of SPEED and by DURATION."""
     columns = Columns(placed.body)
@@ -236,13 +216,13 @@ def _limit_speeds(machine: Machine, placed: PlacedBody) -> Sequence[Instruction]
     timed = np.isin(columns.at, list(machine.durations))
     from_unknown = columns.moves_are(MoveL)
     from_unknown[1:] &= ~columns.posed[:-1]
-    begins = np.array([begin for begin, _ in machine.turning])
+    begins, rates = zip(*machine.turning, strict=True)
     changed = {}
     for motion in np.flatnonzero(reorients | timed | from_unknown).tolist():
         index = at[motion]
         item = placed.body[index]
         seconds = machine.durations.get(index, 0.0)
-        rate = machine.turning[int(np.searchsorted(begins, index, "right")) - 1][1]
+        rate = rates[bisect_right(begins, index) - 1]
         rotation = math.radians(rate / 100 * RATED_ROTATION) if isinstance(item, MoveL) else 0.0
         start = _find_start(placed, at[motion - 1] if motion else None, index)
         if seconds and (start is None or not isinstance(item.target, Pose)):

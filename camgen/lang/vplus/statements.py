@@ -3,108 +3,57 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 
-from camgen.lang.log import Log
-from camgen.lang.programs import RunRequest
-from camgen.lang.values import require
 from camgen.model.program import Joints
 
-from .effects import LOST, OMITTED, SILENT, SILENT_PARAMETERS, UNSEEN
-from .instructions import DOES, REACTIONS
-from .locations import BUILT, Expression, to_values
+from .effects import SILENT_PARAMETERS
+from .locations import BUILT, Expression, read_whole, to_values
 from .names import canonical
 from .robot import Robot
 from .text import Location, Statement, Unreadable
-from .variables import Cell, Table, Value
+from .variables import NAME_PATTERN, Cell, Table, Value
 
 #: A single variable, with or without subscripts: an argument that is passed by reference.
 PLAIN = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*\s*(?:\[[^\"]*\])?")
 _NO_VARIABLE = frozenset({"TRUE", "FALSE", "ON", "OFF", "PI", *BUILT, "#PPOINT", "RANDOM", "TIME"})
+_SEPARATOR = re.compile(r'"[^"]*"?|[(),\[\]]')
 _TYPED = re.compile(r"(REAL|DOUBLE|LOC|STRING)\s+", re.IGNORECASE)
-_NAME = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*")
-_PROGRAM = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(?:\(|,|$)")
 #: Instructions that end the run.
 ENDS = frozenset({"HALT", "STOP", "PANIC"})
 
 
 def split(text: str) -> Iterator[str]:
     """Split arguments at the commas outside of brackets and strings."""
-    depth, start, quoted = 0, 0, False
-    for at, c in enumerate(text):
-        if c == '"':
-            quoted = not quoted
-        elif quoted:
-            continue
-        elif c in "([":
-            depth += 1
-        elif c in ")]":
-            depth -= 1
-        elif c == "," and not depth:
-            yield text[start:at].strip()
-            start = at + 1
+    depth = start = 0
+    for match in _SEPARATOR.finditer(text):
+        sign = match[0]
+        if sign == "," and not depth:
+            yield text[start : match.start()].strip()
+            start = match.end()
+        depth += (sign in ("(", "[")) - (sign in (")", "]"))
     yield text[start:].strip()
 
 
 def unwrap(text: str) -> tuple[str, str]:
     """Split `(a, b) c` into the text inside the brackets and the text after them."""
-    depth, quoted = 0, False
-    for at, c in enumerate(text):
-        if c == '"':
-            quoted = not quoted
-        elif c == "(" and not quoted:
-            depth += 1
-        elif c == ")" and not quoted:
-            depth -= 1
-            if not depth:
-                return text[1:at].strip(), text[at + 1 :].strip()
+    depth = 0
+    for match in _SEPARATOR.finditer(text):
+        depth += (match[0] == "(") - (match[0] == ")")
+        if match[0] == ")" and not depth:
+            return text[1 : match.start()].strip(), text[match.end() :].strip()
     raise Unreadable("a bracket is not closed")
 
 
 class Statements(Robot):
-    """Runs instructions that are neither motions nor flow.
-
-    tasks: description and line of each EXECUTE, by the canonical name of its program.
-    reactions: description and line of each REACT that was not run, by the name of its program.
-    run_reactions: programs of the reactions that were run.
-    """
-
-    def __init__(self, request: RunRequest, log: Log) -> None:
-        super().__init__(request, log)
-        self.tasks: dict[str, tuple[str, int]] = {}
-        self.reactions: dict[str, tuple[str, int]] = {}
-        self.run_reactions: set[str] = set()
-
-    def do(self, statement: Statement) -> None:
-        """Run an instruction that is not a jump, a call or a test."""
-        word = statement.word
-        if word in DOES:
-            DOES[word](self, statement)
-        elif word in _MORE:
-            _MORE[word](self, statement)
-        elif word in LOST:
-            self.log.find("unusual", f"{word} is not evaluated: {LOST[word]}", line=statement.line)
-            self.log.lose(f"{word} is not evaluated: {LOST[word]}", line=statement.line)
-            if word in UNSEEN:
-                self.lose_position(word)
-        elif word in OMITTED:
-            self.log.omit(
-                f"{word} {statement.rest}".rstrip() + f": {OMITTED[word]}", line=statement.line
-            )
-        elif word in REACTIONS:
-            self.react(statement)
-        elif word not in SILENT:
-            raise Unreadable(f"{word[:40]} is not an instruction of V+")
+    """Runs instructions that are neither motions nor flow."""
 
     # -- values --------------------------------------------------------------------------------
 
     def assign_value(self, statement: Statement) -> None:
         """Run `name = value`."""
         text = Expression(statement.rest, self)
-        name = text.take()
-        if not _NAME.fullmatch(name):
-            raise Unreadable(f"{name[:20]!r} is not a name")
-        name += text.subscripts()
+        name = text.variable()
         text.expect("=")
         if name[0] == "#":
             raise Unreadable("a precision point is given its value by SET")
@@ -117,17 +66,11 @@ class Statements(Robot):
         """Run `SET name = location`."""
         self.check_here(statement.rest)
         text = Expression(statement.rest, self)
-        name = self._take_location_name(text)
+        name = text.location_name()
         text.expect("=")
-        value = text.any_point() if name[0] == "#" else text.location()
+        value = text.point() if name[0] == "#" else text.location()
         text.finish()
         self._assign_location(name, value)
-
-    def _take_location_name(self, text: Expression) -> str:
-        name = text.take()
-        if not _NAME.fullmatch(name) or name[0] == "$":
-            raise Unreadable(f"{name[:20]!r} is not the name of a location")
-        return name + text.subscripts()
 
     def _assign_location(self, name: str, value: Location | Joints) -> None:
         if isinstance(value, Location) and not value.frame.external:
@@ -137,12 +80,9 @@ class Statements(Robot):
     def define_here(self, statement: Statement) -> None:
         """Run `HERE name`."""
         self.check_here("HERE")
-        text = Expression(statement.rest, self)
-        name = self._take_location_name(text)
-        text.finish()
-        self._assign_location(
-            name, self.current_point("HERE") if name[0] == "#" else self.current_location("HERE")
-        )
+        name = read_whole(statement.rest, self, Expression.location_name)
+        current = self.current_point if name[0] == "#" else self.current_location
+        self._assign_location(name, current("HERE"))
 
     def joints_here(self, statement: Statement) -> None:
         """Run `JHERE a, b, ..`, which assigns the joint values to variables."""
@@ -151,25 +91,15 @@ class Statements(Robot):
         values = to_values(point) if isinstance(point, Joints) else []
         for k, name in enumerate(split(statement.rest)):
             if k < len(values):
-                self.assign(self.variable(name), values[k])
+                self.assign(read_whole(name, self, Expression.variable), values[k])
             else:
                 self.assign_external(name)
-
-    def variable(self, name: str) -> str:
-        """Return the name of a variable with its subscripts evaluated."""
-        text = Expression(name, self)
-        word = text.take()
-        if not _NAME.fullmatch(word):
-            raise Unreadable(f"{word[:20]!r} is not a name")
-        word += text.subscripts()
-        text.finish()
-        return word
 
     def assign_external(self, name: str) -> None:
         """Assign an external value to a variable, which is an assumption."""
         if not name:
             return
-        variable = self.variable(name)
+        variable = read_whole(name, self, Expression.variable)
         key = canonical(variable)
         base = key.partition("[")[0]
         given = self._assume.get(key, self._assume.get(base))
@@ -197,7 +127,7 @@ class Statements(Robot):
             return
         for part in split(statement.rest):
             name = re.sub(r"\s*\[[^\]]*\]$", "", _TYPED.sub("", part, count=1))
-            if not _NAME.fullmatch(name):
+            if not NAME_PATTERN.fullmatch(name):
                 raise Unreadable(f"{name[:20]!r} is not a name")
             key = canonical(name)
             if key in scope.arguments:
@@ -223,26 +153,18 @@ class Statements(Robot):
     def timer(self, statement: Statement) -> None:
         """Run `TIMER n = seconds`."""
         text = Expression(statement.rest, self)
-        number = text.logic() if text.peek() != "(" else self._in_brackets(text)
+        number = text.logic()
         text.expect("=")
         seconds = text.logic()
         text.finish()
         self.timers[number] = self.clock - seconds
-
-    def _in_brackets(self, text: Expression) -> float:
-        text.take()
-        number = text.logic()
-        text.expect(")")
-        return number
 
     def parameter(self, statement: Statement) -> None:
         """Run `PARAMETER name = value` or `SWITCH name = value`."""
         name, sign, rest = statement.rest.partition("=")
         if not sign:
             raise Unreadable(f"{statement.word} wants name = value")
-        text = Expression(rest, self)
-        value = text.logic()
-        text.finish()
+        value = read_whole(rest, self, Expression.logic)
         key = "".join(name.split()).lower()
         if statement.word == "PARAMETER":
             self.parameters[key] = value
@@ -262,43 +184,6 @@ class Statements(Robot):
         for name in split(statement.rest.partition("=")[0]):
             if PLAIN.fullmatch(name):
                 self.assign_external(name)
-
-    def execute(self, statement: Statement) -> None:
-        """Note `EXECUTE task program`, which starts a concurrent task."""
-        rest = statement.rest
-        bare = re.sub(r"^\s*(/\w+\s*)?(\([^)]*\)|\d+)?\s*,?\s*", "", rest)
-        match = require(
-            _PROGRAM.match(bare) or _PROGRAM.match(bare.partition(" ")[2]),
-            Unreadable("EXECUTE wants the name of a program"),
-        )
-        number = rest[: len(rest) - len(bare)].strip(" ,()")
-        task = f" (task {number})" if number else ""
-        self.tasks.setdefault(canonical(match[1]), (f"{match[1]}{task}", self.line))
-
-    def react(self, statement: Statement) -> str:
-        """Run `REACT signal, program(arguments), priority` or `REACTE program(arguments)`.
-
-        Returns the call if the user assumes that the reaction is run, at its first REACT. Otherwise
-        the reaction is noted, and the result is empty.
-        """
-        parts = [part for part in split(statement.rest) if part]
-        position = 0 if statement.word == "REACTE" else 1
-        call = parts[position] if len(parts) > position else ""
-        match = _PROGRAM.match(call)
-        if match is None:
-            self.log.fact("reactions", f"{statement.word} {statement.rest}".strip())
-            return ""
-        key = canonical(match[1])
-        is_run = bool(self._assume.get(key))
-        what = "comes once, where it first may" if is_run else "does not come"
-        self.log.assume(f"{statement.word} {match[1]}: it {what}", key, float(is_run))
-        if is_run and key not in self.run_reactions:
-            self.run_reactions.add(key)
-            return call
-        self.reactions.setdefault(
-            key, (f"{match[1]} ({statement.word}, line {self.line})", self.line)
-        )
-        return ""
 
     # -- arguments -----------------------------------------------------------------------------
 
@@ -327,7 +212,7 @@ class Statements(Robot):
         if formal[:1] == "$" or expression.is_string():
             value = expression.string()
         elif expression.peek()[:1] == "#":
-            value = expression.any_point()
+            value = expression.point()
         elif expression.peek() in BUILT or ":" in text:
             value = expression.location()
         else:
@@ -337,22 +222,3 @@ class Statements(Robot):
             value = expression.logic()
         expression.finish()
         return value
-
-
-_MORE: Mapping[str, Callable[[Statements, Statement], None]] = {
-    "=": Statements.assign_value,
-    "AUTO": Statements.declare_variables,
-    "EXECUTE": Statements.execute,
-    "GLOBAL": Statements.declare_variables,
-    "HERE": Statements.define_here,
-    "JHERE": Statements.joints_here,
-    "LOCAL": Statements.declare_variables,
-    "PARAMETER": Statements.parameter,
-    "PROMPT": Statements.prompt,
-    "SELECT": Statements.select,
-    "SET": Statements.set,
-    "SOLVE.ANGLES": Statements.solve,
-    "SOLVE.TRANS": Statements.solve,
-    "SWITCH": Statements.parameter,
-    "TIMER": Statements.timer,
-}

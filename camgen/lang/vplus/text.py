@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 
 from msgspec import Struct
 
+from camgen.lang.code import Code
 from camgen.lang.columns import Run, Source, Template
+from camgen.lang.log import Log
 from camgen.model.pose import IDENTITY, FloatArray, Pose, Vec3, frozen, translation
 
 from .names import NAME, TAKEN, canonical
@@ -145,18 +147,12 @@ class Stretch(Struct, frozen=True, gc=False):
     source: Source
 
 
-def parse_stretch(run: Run, line: int) -> Stretch:
-    """Convert a run of `MOTIONS` whose first line is `line`."""
-    word, name = run["head"][0].split()
-    return Stretch(line, word, name, tuple(map(Pose, run["turn"], run["place"])), run.source)
-
-
 #: A SPEED: its value, its unit (%, mm/s or MONITOR) and the rotational speed in %.
 SpeedSetting = tuple[float, str, float]
 
 
 def parse_plain_speed(rest: str) -> tuple[float, str, float, bool] | None:
-    """Parse a SPEED of plain numbers like `words.parse_speed`. None for other spellings."""
+    """Parse a SPEED of plain numbers as an expression does. None for other spellings."""
     match = _SPEED_PARTS.fullmatch(rest)
     if match is None or float(match[1]) <= 0 or float(match[2] or 1.0) <= 0:
         return None
@@ -173,24 +169,14 @@ _BARE_HEADER = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(?:\(([^()]*)\))?\s*")
 _VALUE = re.compile(r"\s*[-+.\d\"'(]")
 _HAS_PROGRAM = re.compile(r"^\s*\.PROGRAM\b", re.IGNORECASE | re.MULTILINE)
 _STEM = re.compile(r"[^A-Za-z0-9._]+")
-_THEN = re.compile(r"\bTHEN\s*$", re.IGNORECASE)
-_GOTO = re.compile(r"\bGOTO\b", re.IGNORECASE)
 #: Sections that a file may have besides programs.
 SECTIONS = frozenset({".LOCATIONS", ".REALS", ".DOUBLES", ".STRINGS"})
-_LOOPS = frozenset({"FOR", "WHILE", "DO"})
-#: Maximum number of loops that EXIT n and NEXT n can leave at once.
-_MAX_LOOPS = 40
-_A = {"IF": "an IF", "CASE": "a CASE"}
-_ALONE = frozenset({"ELSE", "END", "ANY"})
-_BRANCHES = {"ELSE": "IF", "VALUE": "CASE", "ANY": "CASE"}
+#: A line up to its comment, or to a string that does not end.
+_CODE = re.compile(r'(?:"[^"]*"|[^";])*+')
 _STRING = re.compile(r'"[^"]*"')
 _DECLARE = frozenset({"AUTO", "LOCAL", "GLOBAL"})
-#: Words that open a block up to END, and the word that must follow in the same line.
-_OPENS = {"IF": "THEN", "FOR": "", "WHILE": "", "CASE": ""}
 #: Maximum number of different lines whose statement is cached for lines that are repeated.
 _REMEMBERED = 4096
-
-Report = Callable[[int, str], None]
 
 
 class Statement(Struct, frozen=True, gc=False):
@@ -208,37 +194,29 @@ class Statement(Struct, frozen=True, gc=False):
 
 @dataclass(slots=True)
 class Routine:
-    """One `.PROGRAM`. Blocks are given by indices of statements.
+    """One `.PROGRAM`.
 
     name: name as it is spelled.
     line: line of the .PROGRAM.
     arguments: text between its brackets.
     statements: instructions in order.
-    partner: index of the END or UNTIL, by the index of the statement that opens the block.
-    opener: index of the statement that opens the block, by that of END, UNTIL, ELSE, VALUE or ANY.
-    branches: indices of ELSE, VALUE and ANY, by the index of their IF or CASE.
-    loops: indices of the loops around an EXIT or NEXT, innermost first, by its index.
     labels: index of the statement after each label, by the label.
+    code: its steps, empty until it is compiled.
     """
 
     name: str
     line: int
     arguments: str
     statements: list[Statement | Stretch] = field(default_factory=list)
-    partner: dict[int, int] = field(default_factory=dict)
-    opener: dict[int, int] = field(default_factory=dict)
-    branches: dict[int, list[int]] = field(default_factory=dict)
-    loops: dict[int, tuple[int, ...]] = field(default_factory=dict)
     labels: dict[int, int] = field(default_factory=dict)
+    code: Code = field(default_factory=lambda: Code([]))
 
 
 @dataclass(slots=True)
 class _File:
     """A file while it is read.
 
-    first: number of its first line.
-    on_fault: callback for faults; `report` counts them.
-    remark: callback for lines that are unusual and yet accepted by V+.
+    log: takes the findings; `report` counts the faults.
     strict: the file is for the read-back, which accepts only the spelling of the post.
     name: name of the program of a text without a .PROGRAM line, empty for others.
     data: line, section and text of the lines in other sections.
@@ -250,10 +228,8 @@ class _File:
     usual: word and rest of lines without a fault, by the line.
     """
 
-    first: int
-    on_fault: Report
-    remark: Report
-    strict: bool = True
+    log: Log
+    strict: bool
     name: str = ""
     data: list[tuple[int, str, str]] = field(default_factory=list)
     reports: int = 0
@@ -265,33 +241,19 @@ class _File:
 
     def report(self, line: int, what: str) -> None:
         self.reports += 1
-        self.on_fault(line, what)
+        self.log.find("refused", what, line=line)
 
-
-def parse_strict(files: Mapping[str, str], report: Report, remark: Report) -> list[Routine]:
-    """Return all programs of all files in order, for the read-back.
-
-    report: called with line and text of a fault.
-    remark: called with line and text of a line that is unusual and yet accepted by V+.
-    """
-    routines: list[Routine] = []
-    number = 1
-    for text in files.values():
-        file = _File(number, report, remark)
-        number = _parse_file(text, file)
-        routines += file.routines
-    _match_blocks(routines, report, None)
-    return routines
+    def remark(self, line: int, what: str) -> None:
+        self.log.find("unusual", what, line=line)
 
 
 def parse_files(
-    files: Mapping[str, str], data_files: Collection[str], report: Report, remark: Report
+    files: Mapping[str, str], log: Log, data_files: Collection[str] = (), strict: bool = False
 ) -> tuple[list[Routine], list[tuple[int, str, str]]]:
-    """Return the programs of third-party files, and line, section and text of other sections.
+    """Return all programs in order, and line, section and text of the lines of other sections.
 
     data_files: names of files that hold data alone. Their lines count in the line numbers.
-    report: called with line and text of a fault.
-    remark: called with line and text of a line that is unusual and yet accepted by V+.
+    strict: accept only the spelling of the post.
     """
     routines: list[Routine] = []
     data: list[tuple[int, str, str]] = []
@@ -300,30 +262,26 @@ def parse_files(
         if name in data_files:
             number += len(text.splitlines())
             continue
-        file = _File(number, report, remark, strict=False)
-        if not _HAS_PROGRAM.search(text):
+        file = _File(log, strict)
+        if not strict and not _HAS_PROGRAM.search(text):
             file.name = _STEM.sub("_", name.rpartition("/")[2].partition(".")[0]) or "main"
-        number = _parse_file(text, file)
+        number = _parse_file(text, number, file)
         routines += file.routines
         data += file.data
-    _match_blocks(routines, report, remark)
+    names = set()
+    for routine in routines:
+        key = canonical(routine.name)
+        if key in names:
+            log.find("refused", f"program {routine.name} is there twice", line=routine.line)
+        names.add(key)
     return routines, data
 
 
-def _match_blocks(routines: list[Routine], report: Report, remark: Report | None) -> None:
-    seen: dict[str, Routine] = {}
-    for routine in routines:
-        if seen.setdefault(canonical(routine.name), routine) is not routine:
-            report(routine.line, f"program {routine.name} is there twice")
-        _Blocks(routine, report, remark).match()
-
-
-def _parse_file(text: str, file: _File) -> int:
-    """Parse a file. Returns the number of the first line of the next file."""
-    number = file.first
+def _parse_file(text: str, number: int, file: _File) -> int:
+    """Parse a file from line `number` on. Returns the number of the first line of the next file."""
     for piece in MOTIONS.cut(text):
         if isinstance(piece, Run):
-            number = _add_stretch(parse_stretch(piece, number), file)
+            number = _add_stretch(piece, number, file)
             continue
         for raw in LINE.findall(piece):
             usual = file.usual.get(raw)
@@ -340,21 +298,23 @@ def _parse_file(text: str, file: _File) -> int:
     return number
 
 
-def _add_stretch(plain: Stretch, file: _File) -> int:
-    """Add consecutive motions. Returns the number of the line after them."""
-    name = plain.name.lower()
+def _add_stretch(run: Run, line: int, file: _File) -> int:
+    """Add consecutive motions from a line on. Returns the number of the line after them."""
+    word, spelling = run["head"][0].split()
+    name = spelling.lower()
     known = name if len(name) < NAME else file.long_names.get(name[:NAME])
     if file.current is None or known != name:
-        for number, raw in enumerate(plain.source.text.splitlines(), start=plain.line):
+        for number, raw in enumerate(run.source.text.splitlines(), start=line):
             _parse_line(raw, number, file)
     else:
-        file.current.statements.append(plain)
-    return plain.line + len(plain.poses)
+        poses = tuple(map(Pose, run["turn"], run["place"]))
+        file.current.statements.append(Stretch(line, word, spelling, poses, run.source))
+    return line + len(run)
 
 
 def _parse_line(raw: str, number: int, file: _File) -> None:
     reports_before = file.reports
-    code = _strip_comment(raw, number, file.report, file.strict)
+    code = _strip_comment(raw, number, file)
     for name in _LONG_NAME.findall(_STRING.sub("", code) if '"' in code else code):
         _check_long_name(name.lower(), number, file)
     if not code:
@@ -368,7 +328,7 @@ def _parse_line(raw: str, number: int, file: _File) -> None:
         if file.current is not None:
             file.routines.append(file.current)
     elif file.current is not None:
-        usual = _add_statement(file.current, code, number, file.report)
+        usual = _add_statement(file.current, code, number, file)
         # A declaration is wrong after the first instruction; other lines mean the same everywhere.
         if (
             usual
@@ -386,27 +346,24 @@ def _parse_outside(code: str, number: int, file: _File) -> None:
         file.report(number, f"the text has no .PROGRAM line: taken for a program {file.name}")
         file.current = Routine(file.name, number, "")
         file.routines.append(file.current)
-        _add_statement(file.current, code, number, file.report)
+        _add_statement(file.current, code, number, file)
     elif not file.section:
         file.report(number, "an instruction outside of a .PROGRAM")
 
 
-def _strip_comment(raw: str, number: int, report: Report, strict: bool) -> str:
-    if not raw.isascii() and strict:
-        report(number, "a character that is not ASCII")
+def _strip_comment(raw: str, number: int, file: _File) -> str:
+    if not raw.isascii() and file.strict:
+        file.report(number, "a character that is not ASCII")
     if "\x1a" in raw:  # end mark of a file on a disk of the controller
         raw = raw.replace("\x1a", "")
     if '"' not in raw:
         return raw.partition(";")[0].strip()
-    quoted = False
-    for i, c in enumerate(raw):
-        if c == '"':
-            quoted = not quoted
-        elif c == ";" and not quoted:
-            return raw[:i].strip()
-    if quoted:
-        report(number, "a string that does not end")
-    return raw.strip()
+    code = _CODE.match(raw)
+    assert code is not None
+    if raw[code.end() :].startswith('"'):
+        file.report(number, "a string that does not end")
+        return raw.strip()
+    return code[0].strip()
 
 
 def _check_long_name(name: str, number: int, file: _File) -> None:
@@ -421,43 +378,40 @@ def _check_long_name(name: str, number: int, file: _File) -> None:
 
 def _parse_dot_line(code: str, number: int, file: _File) -> tuple[Routine | None, str]:
     """Return the routine and the other section that are open after a line with a dot."""
-    report = file.report
     word, rest = (*code.split(None, 1), "")[:2]
     word = word.upper()
     if word == ".END":
         if file.current is None and not file.section:
-            report(number, ".END without .PROGRAM")
+            file.report(number, ".END without .PROGRAM")
         if rest:
             file.remark(number, f"{rest[:20]!r} after .END, of which V+ reads no more")
         return None, ""
     if word == ".PROGRAM":
         header = (_HEADER if file.strict else _BARE_HEADER).fullmatch(rest.strip())
         if header is None:
-            report(number, "a .PROGRAM line is .PROGRAM name(arguments)")
+            file.report(number, "a .PROGRAM line is .PROGRAM name(arguments)")
             return Routine("", number, ""), ""
         if header[1].upper() in TAKEN and file.strict:
-            report(number, f"{header[1]} is a word of V+, not the name of a program")
+            file.report(number, f"{header[1]} is a word of V+, not the name of a program")
         arguments = (header[2] or "").strip()
         value = next((part.strip() for part in arguments.split(",") if _VALUE.match(part)), "")
         if value:
-            report(number, f"{value[:20]} is a value, where the name of a variable belongs")
+            file.report(number, f"{value[:20]} is a value, where the name of a variable belongs")
         return Routine(header[1], number, arguments), ""
     if word in SECTIONS and not file.strict:
         return None, word
-    report(number, f"{word} is not evaluated")
+    file.report(number, f"{word} is not evaluated")
     return None, word
 
 
-def _add_statement(
-    routine: Routine, code: str, number: int, report: Report
-) -> tuple[str, str] | None:
+def _add_statement(routine: Routine, code: str, number: int, file: _File) -> tuple[str, str] | None:
     """Add a statement. Returns its word and the rest; None without a statement or with a label."""
     label = _LABEL.match(code)
     if label:
         if len(label[1]) > 5 or int(label[1]) > 65535:
-            report(number, f"label {label[1][:12]} is above 65535")
+            file.report(number, f"label {label[1][:12]} is above 65535")
         elif int(label[1]) in routine.labels:
-            report(number, f"label {int(label[1])} is there twice")
+            file.report(number, f"label {int(label[1])} is there twice")
         else:
             routine.labels[int(label[1])] = len(routine.statements)
         code = code[label.end() :]
@@ -465,7 +419,7 @@ def _add_statement(
             return None
     match = _WORD.fullmatch(code)
     if match is None:
-        report(number, f"unknown statement {code[:40]!r:.100}")
+        file.report(number, f"unknown statement {code[:40]!r:.100}")
         return None
     word, rest = match[1], match[2]
     if rest[:1] == "=":
@@ -474,81 +428,6 @@ def _add_statement(
         word, rest = "=", f"{word}{rest}"
     word = word.upper()
     if word in _DECLARE and any(s.word not in _DECLARE for s in routine.statements):
-        report(number, f"{word} after the first instruction")
+        file.report(number, f"{word} after the first instruction")
     routine.statements.append(Statement(number, word, rest))
     return None if label else (word, rest)
-
-
-def split_stretch(plain: Stretch) -> list[Statement]:
-    """Return the motions as single statements."""
-    return [
-        Statement(number, plain.word, raw.split()[1])
-        for number, raw in enumerate(plain.source.text.splitlines(), start=plain.line)
-    ]
-
-
-class _Blocks:
-    """The blocks of a program.
-
-    remark: called for unusual lines. None for the read-back, which evaluates no block except FOR.
-    """
-
-    def __init__(self, routine: Routine, report: Report, remark: Report | None) -> None:
-        self._routine, self._report, self._remark = routine, report, remark
-        self._strict = remark is None
-        self._open: list[int] = []
-        self._around: list[int] = []
-
-    def match(self) -> None:
-        for index, statement in enumerate(self._routine.statements):
-            if isinstance(statement, Statement):
-                self._match_statement(index, statement)
-        for index in self._open:
-            opener = self._routine.statements[index]
-            if isinstance(opener, Statement):
-                self._report(opener.line, f"{opener.word} is not closed")
-
-    def _match_statement(self, index: int, statement: Statement) -> None:
-        word, routine = statement.word, self._routine
-        if self._remark is not None and word in _ALONE and statement.rest.strip(": "):
-            report = self._report if word == "ELSE" else self._remark
-            report(statement.line, f"{word} stands alone, without {statement.rest[:30]}")
-        if self._opens(statement):
-            self._open.append(index)
-            if word in _LOOPS:
-                self._around.append(index)
-        elif word in ("END", "UNTIL"):
-            opener = self._innermost_word()
-            if not opener or (opener == "DO") != (word == "UNTIL"):
-                self._report(statement.line, f"{word} closes nothing")
-            else:
-                start = self._open.pop()
-                if self._around and self._around[-1] == start:
-                    self._around.pop()
-                routine.partner[start], routine.opener[index] = index, start
-        elif word in _BRANCHES and not self._strict:
-            if self._innermost_word() != _BRANCHES[word]:
-                self._report(statement.line, f"{word} outside of {_A[_BRANCHES[word]]}")
-            else:
-                routine.branches.setdefault(self._open[-1], []).append(index)
-                routine.opener[index] = self._open[-1]
-        elif word in ("EXIT", "NEXT"):
-            routine.loops[index] = tuple(reversed(self._around[-_MAX_LOOPS:]))
-
-    def _opens(self, statement: Statement) -> bool:
-        word, rest = statement.word, statement.rest
-        if word == "DO":
-            return True
-        if word == "IF" and not self._strict:
-            then = _THEN.search(rest) is not None
-            if not then and not _GOTO.search(rest):
-                self._report(statement.line, "IF wants THEN or GOTO")
-            return then or not _GOTO.search(rest)
-        return word in _OPENS and _OPENS[word] in rest.upper()
-
-    def _innermost_word(self) -> str:
-        if not self._open:
-            return ""
-        statement = self._routine.statements[self._open[-1]]
-        assert isinstance(statement, Statement)
-        return statement.word

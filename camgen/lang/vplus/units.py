@@ -14,7 +14,7 @@ from camgen.lang.log import Log
 from camgen.lang.programs import RunRequest
 
 from .conditions import Conditions
-from .locations import Expression
+from .locations import Expression, read_whole
 from .statements import PLAIN, split, unwrap
 from .text import Statement, Unreadable
 
@@ -53,15 +53,11 @@ class FileUnits(Conditions):
     _status: value of IOSTAT by the number of the unit.
     """
 
-    def __init__(self, request: RunRequest, log: Log) -> None:
+    def __init__(self, request: RunRequest, log: Log, files: Mapping[str, str]) -> None:
         super().__init__(request, log)
-        self._files: dict[str, str] = {}
+        self._files = {strip_folder(name): text for name, text in files.items()}
         self._unread: dict[float, list[str]] = {}
         self._status: dict[float, float] = {}
-
-    def add_files(self, files: Mapping[str, str]) -> None:
-        """Add files that the programs may read."""
-        self._files = {strip_folder(name): text for name, text in files.items()}
 
     def answer(self, word: str, arguments: str, value: float) -> float:
         """Return the value of an external function. IOSTAT of a unit with a file is known."""
@@ -71,14 +67,6 @@ class FileUnits(Conditions):
                 return self._status[number]
         return super().answer(word, arguments, value)
 
-    def do(self, statement: Statement) -> None:
-        """Run an instruction that is not a jump, a call or a test."""
-        handler = _HANDLERS.get(statement.word)
-        if handler is not None:
-            handler(self, statement)
-        else:
-            super().do(statement)
-
     def attach(self, statement: Statement) -> None:
         """Run `ATTACH (lun, mode) device`, which assigns a unit, or `ATTACH` of the robot."""
         if statement.rest in _ROBOT:
@@ -87,7 +75,7 @@ class FileUnits(Conditions):
             return
         first, *more = split(unwrap(statement.rest)[0])
         if more and PLAIN.fullmatch(first):
-            name = self.variable(first)
+            name = read_whole(first, self, Expression.variable)
             if not self.defined(name):
                 self.assign(name, _FIRST_UNIT + len(self._status))
             if self._files:
@@ -140,19 +128,10 @@ class FileUnits(Conditions):
     def _assign_fields(self, line: str, names: list[str]) -> None:
         self.doubt = False
         for name in names:
-            variable = self.variable(name)
+            variable = read_whole(name, self, Expression.variable)
             if variable[0] == "$":
                 self.assign(variable, line)
                 line = ""
                 continue
             field, _, line = line.strip().replace(",", " ").partition(" ")
             self.assign(variable, float(field) if _NUMBER.fullmatch(field) else 0.0)
-
-
-_HANDLERS = {
-    "ATTACH": FileUnits.attach,
-    "DETACH": FileUnits.detach,
-    "FCLOSE": FileUnits.close,
-    "FOPENR": FileUnits.open,
-    "READ": FileUnits.read,
-}

@@ -8,14 +8,15 @@ variables and argument passing.
 from __future__ import annotations
 
 import re
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from camgen.model.program import Joints
 
 from .names import TAKEN, canonical
 from .text import BASE, NULL, Frame, Location, Unreadable
 
-_NAME = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*")
+#: The spelling of a name, without subscripts.
+NAME_PATTERN = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*")
 
 Value = float | str | Location | Joints
 #: Values by the name with its subscripts. None for a variable that is declared and has no value.
@@ -43,8 +44,10 @@ class _Scope:
 class Variables:
     """The variables during a run.
 
-    Methods raise Unreadable for a name without a value, or with a value of another kind.
+    Methods raise Unreadable for a name without a value, or with a value of another kind. A name
+    includes its subscripts, as `A[1,2]`.
 
+    strict: an external value raises Unreadable; otherwise it becomes an assumption.
     known: names of locations that are stored on the controller.
     """
 
@@ -68,10 +71,6 @@ class Variables:
     def leave(self) -> None:
         """End the program, and delete its AUTO variables."""
         self._scopes.pop()
-
-    def alias(self, name: str, cell: Cell) -> None:
-        """Make an argument another name of a variable of the calling program."""
-        self._scopes[-1].arguments[canonical(name)] = cell
 
     def cell(self, name: str) -> Cell:
         """Return the cell of a variable, whether or not it has a value yet."""
@@ -98,31 +97,26 @@ class Variables:
         table, table_key = self.cell(key)
         return table.get(table_key)
 
+    def missing(self, name: str, value: Value | None, kind: str) -> Any:
+        """Return the value of a variable of a kind that has none, or whose value is of another."""
+        if value is not None and kind != "precision point":
+            raise Unreadable(f"{name} is not a {kind}")
+        noun = "" if kind in ("real", "string") else f"{kind} "
+        raise Unreadable(f"{noun}{name} is not defined")
+
     def real(self, name: str) -> float:
         """The value of a real variable."""
         value = self._value(canonical(name))
         if isinstance(value, float):
             return value
-        return self.no_real(name, value)
-
-    def no_real(self, name: str, value: Value | None) -> float:
-        """Return the value of a real without a value, or whose `value` is of another kind."""
-        raise Unreadable(f"{name} is not defined" if value is None else f"{name} is not a real")
+        return self.missing(name, value, "real")  # type: ignore[no-any-return]
 
     def text(self, name: str) -> str:
         """The value of a string variable."""
         value = self._value(canonical(name))
         if isinstance(value, str):
             return value
-        return self.no_text(name, value)
-
-    def no_text(self, name: str, value: Value | None) -> str:
-        """Return the value of a string without a value, or whose `value` is of another kind."""
-        raise Unreadable(f"{name} is not defined" if value is None else f"{name} is not a string")
-
-    def set_text(self, name: str, value: str) -> None:
-        """Assign a value to a string variable."""
-        self.assign(name, value)
+        return self.missing(name, value, "string")  # type: ignore[no-any-return]
 
     def location(self, name: str) -> Location:
         """The value of a location variable; an external location for a name in `known`."""
@@ -132,12 +126,7 @@ class Variables:
         value = self._value(key)
         if isinstance(value, Location):
             return value
-        return self.no_location(name, value)
-
-    def no_location(self, name: str, value: Value | None) -> Location:
-        """Return the value of a location without a value, or whose `value` is of another kind."""
-        what = f"location {name} is not defined" if value is None else f"{name} is not a location"
-        raise Unreadable(what)
+        return self.missing(name, value, "location")  # type: ignore[no-any-return]
 
     def frame(self, name: str) -> Frame | None:
         """Return the frame of compounds that start with the location `name`.
@@ -159,26 +148,26 @@ class Variables:
         value = self._value(canonical(name))
         if isinstance(value, Joints):
             return value
-        return self.no_point(name, value)
+        return self.missing(name, value, "precision point")  # type: ignore[no-any-return]
 
-    def no_point(self, name: str, value: Value | None) -> Joints | Location:  # noqa: ARG002 (base)
-        """Return the value of a precision point without a value."""
-        raise Unreadable(f"precision point {name} is not defined")
+    def current_location(self, word: str) -> Location:
+        """The location HERE, DEST, TOOL or BASE."""
+        raise Unreadable(f"{word} is not known here")
 
     def current_point(self, word: str) -> Joints | Location:
-        """See `Scope.current_point`."""
+        """HERE or DEST as joint values; a location if these are external."""
         raise Unreadable(f"#{word} is not evaluated")
 
     def signals(self, numbers: list[float]) -> float:  # noqa: ARG002 (for others)
-        """See `Scope.signals`."""
+        """SIG: TRUE if all signals are on, or off if their number is negative."""
         raise Unreadable("SIG is not evaluated")
 
     def answer(self, word: str, arguments: str, value: float) -> float:  # noqa: ARG002 (for others)
-        """See `Scope.answer`."""
+        """The value of an external function; `value` if nothing sets it."""
         raise Unreadable(f"{word} is not evaluated")
 
     def answer_text(self, word: str) -> str:
-        """See `Scope.answer_text`."""
+        """The value of an external string function."""
         raise Unreadable(f"{word} is not evaluated")
 
     def last(self, name: str) -> float:
@@ -194,7 +183,7 @@ class Variables:
         return self._value(canonical(name)) is not None
 
     def is_assumed_defined(self, name: str) -> bool:
-        """See `Scope.is_assumed_defined`."""
+        """The value of DEFINED, which may rest on an assumption."""
         return self.defined(name)
 
     def assign(self, name: str, value: Value) -> None:
@@ -204,16 +193,6 @@ class Variables:
         if old is not None and type(old) is not type(value):
             raise Unreadable(f"{name} is used as a real and as a location")
         table[key] = value
-
-    def declare(self, text: str, local: bool) -> None:
-        """Declare the names in the text after AUTO, LOCAL or GLOBAL."""
-        bare = re.sub(r"^(REAL|DOUBLE)\s+", "", text, flags=re.IGNORECASE)
-        for part in bare.split(","):
-            key = canonical(check_name(re.sub(r"\[[^\]]*\]$", "", part.strip())))
-            if key in self._scopes[-1].auto:
-                raise Unreadable(f"{part.strip()} is declared twice")
-            if local:
-                self._scopes[-1].auto[key] = None
 
     def is_own(self, name: str) -> bool:
         """Whether the running program has declared `name` as AUTO."""
@@ -241,7 +220,7 @@ def _add_subscripts(base: str, subscripts: str) -> str:
 
 def check_name(name: str) -> str:
     """Return `name`. Raises Unreadable if no variable can have that name."""
-    if not _NAME.fullmatch(name):
+    if not NAME_PATTERN.fullmatch(name):
         raise Unreadable(f"{name[:20]!r} is not a name")
     if name.upper() in TAKEN:
         raise Unreadable(f"{name} is a word of V+")

@@ -285,6 +285,19 @@ def test_a_port_can_be_named_and_set() -> None:
     assert executed.body == (Output("lamps", 5), Output("1", 1))
 
 
+def test_a_port_that_is_set_to_0_is_known() -> None:
+    executed = run("DefIO lamp = Bit, 64", "Reset lamp", "If lamp = 0 Then Set IO[1]")
+    assert signals(executed) == ["lamp", "1"]
+    assert executed.choices == ()
+
+
+@pytest.mark.parametrize("digits", ["&H" + "F" * 300, "&B" + "1" * 400])
+def test_a_hexadecimal_or_binary_number_is_read_whole(digits: str) -> None:
+    assert [(finding.line, finding.what) for finding in run(f"I1 = {digits}").findings] == [
+        (3, "a number is too large")
+    ]
+
+
 def test_an_output_in_a_corner_is_dangerous() -> None:
     executed = run(
         HOME,

@@ -475,6 +475,13 @@ def test_a_word_after_end_is_unusual():
     ]
 
 
+def test_next_in_a_loop_that_is_not_closed_goes_on():
+    executed = execute("WHILE TRUE DO", "NEXT", "MOVE TRANS(1)")
+    assert list_findings(executed, "refused") == [(2, "WHILE is not closed")]
+    assert executed.stopped is None
+    assert executed.lines == (4,)
+
+
 # -- loops at a fixed point --------------------------------------------------------------------
 
 

@@ -50,23 +50,16 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
 def _finish(machine: StrictMachine) -> None:
     """Adds findings for the state at the end of the program, and for all that was assumed."""
     if machine.passing:
-        line = _find_last_motion(machine)
-        machine.log.find("refused", "the last motion passes its target", line=line)
+        moves = zip(machine.body, machine.lines, strict=True)
+        lines = [line for item, line in moves if isinstance(item, MoveJ | MoveL | MoveC)]
+        machine.log.find("refused", "the last motion passes its target", line=lines[-1])
     if machine.table is not None:
         machine.fault("force control is on at the end")
     if machine.armed:
         machine.remark("the arm is not given back")
-    force.finish(machine)
+    force.note_unused(machine, *machine.unused_forces)
     machine.check_end()
     for assumption in machine.log.list_assumed():
         machine.log.find("refused", assumption.what, line=assumption.line)
     for line, what in (*machine.log.list_lost(), *machine.log.list_omitted()):
         machine.log.find("refused", what, line=line)
-
-
-def _find_last_motion(machine: StrictMachine) -> int:
-    """The line of the last motion, 0 if the program has none."""
-    for item, line in zip(reversed(machine.body), reversed(machine.lines), strict=True):
-        if isinstance(item, MoveJ | MoveL | MoveC):
-            return line
-    return 0

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from functools import cache
 from itertools import islice
 
 from msgspec import Struct
@@ -20,7 +19,7 @@ from camgen.lang.values import require
 
 from .machine import StrictMachine
 from .run import StrictRun
-from .spelling import find_unusual
+from .spelling import note_unusual
 from .values import join, spread
 
 #: Speeds at 100 % of the slowest and of the fastest arm, mm/s.
@@ -29,10 +28,10 @@ _SLOWEST, _FASTEST = 500.0, 20_000.0
 _MIN_PERCENT = 0.1
 #: Statements of the two questions of the post: the unit of `Mps`, and whether it is a percentage.
 _QUESTIONS = (
-    ("if mps(0.1) > 0.2 then", "unit = 0.001", "end if"),
-    ("if mps(100 * unit) < 0.5 or mps(100 * unit) > 20 then", "givearm", "exit sub", "end if"),
+    "if mps(0.1) > 0.2 then\nunit = 0.001\nend if",
+    "if mps(100 * unit) < 0.5 or mps(100 * unit) > 20 then\ngivearm\nexit sub\nend if",
 )
-_WORD = re.compile(r"[\w.]+|\S")
+_WORD = re.compile(r"[\w.]+|\S|\n")
 _IF = re.compile(r"if\b(.*)\bthen", re.IGNORECASE)
 _WORDS = re.compile(r"\b(?:and|or)\b", re.IGNORECASE)
 _COMPARISON = re.compile(r"([^<>=]+)([<>])([^<>=]+)")
@@ -57,8 +56,22 @@ def read_question(statements: Sequence[Statement], at: int) -> Question | None:
     condition = _IF.fullmatch(_text(statements[at]))
     if condition is None or "mps" not in condition[1].lower():
         return None
-    branches, count = _branches(statements, at)
-    return Question(statements[at : at + count], condition[1], branches) if count else None
+    branches: tuple[list[Statement], list[Statement]] = [], []
+    branch, depth = branches[0], 0
+    for count, statement in enumerate(islice(statements, at + 1, None), start=2):
+        words = read_words(statement)
+        if words in ("end if", "endif"):
+            if depth == 0:
+                return Question(statements[at : at + count], condition[1], branches)
+            depth -= 1
+        elif depth == 0 and words.startswith("elseif"):
+            return None
+        elif depth == 0 and words == "else" and branch is branches[0]:
+            branch = branches[1]
+            continue
+        depth += words.startswith("if ") and words.endswith(" then")
+        branch.append(statement)
+    return None
 
 
 def ask_question(run: StrictRun, question: Question) -> None:
@@ -68,8 +81,7 @@ def ask_question(run: StrictRun, question: Question) -> None:
     only if no unit takes it.
     """
     machine = run.machine
-    for what in find_unusual(_text(question.statements[0])):
-        machine.remark(what)
+    note_unusual(machine, _text(question.statements[0]))
     machine.compares_mps = True
     _check_question(machine, question.statements)
     truth = _decide(run, question.condition)
@@ -85,24 +97,16 @@ def _check_question(machine: StrictMachine, statements: Sequence[Statement]) -> 
 
     A branch that no arm takes is not run, so that it has to be that of the post.
     """
-    words = [_words(_text(statement)) for statement in statements]
-    if words not in _known_questions():
+    words = _WORD.findall("\n".join(map(_text, statements)).lower())
+    known = list(map(_WORD.findall, _QUESTIONS))
+    if words not in known:
         machine.remark("Mps is asked otherwise than by the programs of the post")
     elif machine.moved:
         machine.remark("Mps is asked after the first motion")
     elif machine.forces:
         machine.remark("a force table is written before Mps is asked, which may leave the program")
     else:
-        machine.questions.append(_known_questions().index(words))
-
-
-def _words(text: str) -> list[str]:
-    return _WORD.findall(text.lower())
-
-
-@cache
-def _known_questions() -> list[list[list[str]]]:
-    return [list(map(_words, question)) for question in _QUESTIONS]
+        machine.questions.append(known.index(words))
 
 
 def _text(statement: Statement) -> str:
@@ -110,30 +114,9 @@ def _text(statement: Statement) -> str:
     return statement.text if isinstance(statement.text, str) else ""
 
 
-def _branches(
-    statements: Sequence[Statement], at: int
-) -> tuple[tuple[list[Statement], list[Statement]], int]:
-    """The statements before and after `Else`, and the number of statements of the block.
-
-    The number is 0 for a block of another kind.
-    """
-    then: list[Statement] = []
-    other: list[Statement] = []
-    branch, depth = then, 0
-    for count, statement in enumerate(islice(statements, at + 1, None), start=2):
-        words = " ".join(_text(statement).lower().split())
-        if words in ("end if", "endif"):
-            if depth == 0:
-                return (then, other), count
-            depth -= 1
-        elif depth == 0 and words.startswith("elseif"):
-            break
-        elif depth == 0 and words == "else" and branch is then:
-            branch = other
-            continue
-        depth += words.startswith("if ") and words.endswith(" then")
-        branch.append(statement)
-    return (then, other), 0
+def read_words(statement: Statement) -> str:
+    """The words of a statement in lower case, empty for motions in the usual spelling."""
+    return " ".join(_text(statement).lower().split())
 
 
 def _assign(run: StrictRun, text: str, taken: list[bool]) -> None:

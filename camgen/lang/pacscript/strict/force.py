@@ -56,22 +56,17 @@ def _set_force(machine: StrictMachine, table: int, force: Vec3) -> None:
     machine.forces[table] = _WORK, force
     if machine.table == table:
         machine.press(table)
-    _note_unused(machine, table)
+    note_unused(machine, table)
     if machine.table != table:
         machine.unused_forces[table] = machine.line
 
 
-def _note_unused(machine: StrictMachine, *tables: int) -> None:
+def note_unused(machine: StrictMachine, *tables: int) -> None:
     """Adds findings for forces of tables that were set and never on."""
     for table in tables:
         line = machine.unused_forces.pop(table, 0)
         if line:
             machine.log.find("unusual", f"force table {table} is set and never on", line=line)
-
-
-def finish(machine: StrictMachine) -> None:
-    """Adds findings for all forces that were set and never on."""
-    _note_unused(machine, *machine.unused_forces)
 
 
 def control(run: StrictRun, rest: str) -> None:
@@ -120,12 +115,8 @@ class Template:
 
 def read_templates(options: Mapping[str, object]) -> list[Template]:
     """The force templates of the options, longer ones first."""
-    templates: list[Template] = []
-    for kind in _KINDS:
-        template = _template(kind, options.get(f"force_{kind}"))
-        if template is not None:
-            templates.append(template)
-    return sorted(templates, key=lambda template: -len(template.patterns))
+    templates = [_template(kind, options.get(f"force_{kind}")) for kind in _KINDS]
+    return sorted(filter(None, templates), key=lambda template: -len(template.patterns))
 
 
 def may_say(known: list[Template], word: str) -> bool:
@@ -168,19 +159,15 @@ def run_template(run: StrictRun, lines: ForceLines) -> None:
     vector: Vec3 = (values["x"], values["y"], values["z"])
     if "newtons" in values and abs(math.hypot(*vector) - values["newtons"]) > 0.01:
         machine.fault("the newtons of a force line are not those of its vector")
-    table = _read_table(values["n"]) if "n" in values else machine.table or 1
+    number = values.get("n", machine.table or 1)
+    if number != int(number):
+        raise Unreadable(f"the force table {number:g} is not a whole number")
+    table = int(number)
     _set_force(machine, table, vector)
     if lines.kind == "on" and machine.table is None:
         _on(machine, table)
     elif machine.table != table:
         machine.fault("a change of a force that is not on")
-
-
-def _read_table(number_of_table: float) -> int:
-    """The table of a force line. Raises Unreadable for a fraction."""
-    if number_of_table != int(number_of_table):
-        raise Unreadable(f"the force table {number_of_table:g} is not a whole number")
-    return int(number_of_table)
 
 
 def _template(kind: str, lines: object) -> Template | None:

@@ -41,7 +41,7 @@ class StrictMachine(Machine):
     signals: name of a signal by number of its IO.
     units: possible speeds of `Mps(1)`, mm/s: one if the unit is known, else all of `_UNITS`.
     expected: options that the text must agree with.
-    is_rated: whether the options give the speed at 100 %, or its absence is a finding already.
+    is_rated: whether the options give the speed at 100 %.
     given_back: whether the arm was given back.
     settled: whether nothing was set since the settings were last compared with the options.
     stated_external: ExtSpeed of the text, %, 0 without one.
@@ -77,7 +77,6 @@ class StrictMachine(Machine):
         self.questions: list[int] = []
         self.only_off = True
         self.unused_forces: dict[int, int] = {}
-        self._has_open_unit = False
         #: Last speed by `Mps` and its value in mm/s. Most motions have the speed of the one before.
         self._last: tuple[Mps | None, float] = (None, 0.0)
 
@@ -165,8 +164,7 @@ class StrictMachine(Machine):
         if self.figure is not None and item.posture:
             self._compare_figures(item, item.posture.figure)
         self.moved, self.passing = True, passing
-        self.body.append(item)
-        self.lines.append(self.line)
+        self.emit(item)
         if isinstance(item.target, Pose):
             self.current_pose = item.target
         else:
@@ -211,8 +209,9 @@ class StrictMachine(Machine):
             share = value / 100 * self.external / 100
             return value / 100 * self.rated * self.external / 100, share
         if value is not self._last[0]:
-            if isinstance(value.number, Either):
-                self._check_questions()
+            if isinstance(value.number, Either) and self.questions != _QUESTIONS:
+                what = "a speed that depends on the unit of Mps"
+                self.remark(f"{what}, and the questions of the post for it are not asked before")
             self._last = value, self._choose_speed(self.by_unit(value))
         return self._last[1] * self.external / 100, 0.0
 
@@ -229,8 +228,8 @@ class StrictMachine(Machine):
             # Even if the turn is smaller than a printed digit. It has no speed in mm/s.
             return replace(item, turn=math.radians(share * self.rated_turn))
         if not self.is_rated:
-            self.is_rated = True
-            self.fault(f"a speed in percent, taken of {RATED:g} mm/s; give the option rated")
+            what = f"a speed in percent, taken of {RATED:g} mm/s; give the option rated"
+            self.log.find("refused", what, once="no option rated")
         return item
 
     def by_unit(self, value: Mps) -> list[float]:
@@ -241,14 +240,6 @@ class StrictMachine(Machine):
             numbers = (value.number,) * len(self.units)
         return [number * unit for number, unit in zip(numbers, self.units, strict=True)]
 
-    def _check_questions(self) -> None:
-        """Adds a finding for a speed by `unit` before both questions of the post."""
-        if self.questions != _QUESTIONS:
-            what = (
-                "a speed that depends on the unit of Mps, and the questions of the post for it are"
-            )
-            self.remark(f"{what} not asked before")
-
     def _choose_speed(self, speeds: list[float]) -> float:
         """The speed for the first unit, mm/s.
 
@@ -256,12 +247,11 @@ class StrictMachine(Machine):
         compares `Mps` with a percentage.
         """
         slowest, fastest = min(speeds), max(speeds)
-        if fastest - slowest > _SAME * fastest and not self._has_open_unit:
-            self._has_open_unit = True
+        if fastest - slowest > _SAME * fastest:
             level: Level = "refused" if self.compares_mps else "unusual"
             numbers = " or ".join(f"{speed:g}" for speed in speeds)
             reason = "as the controller reads Mps in mm/s or in m/s; give the option mps"
-            self.log.find(level, f"{numbers} mm/s, {reason}")
+            self.log.find(level, f"{numbers} mm/s, {reason}", once="an open unit of Mps")
         return speeds[0]
 
 

@@ -38,7 +38,7 @@ from camgen.model.program import Joints, MoveC
 from camgen.model.text import counted
 
 from .machine import StrictMachine
-from .source import read_strictly
+from .source import StrictReader
 from .values import TYPES, check_speed, join, require_number, spread
 
 #: Maximum depth of calls.
@@ -76,9 +76,8 @@ class StrictRun(Run):
         self.speeds: dict[str, Speed] = {}
         self.files = read_files(files, self.add_fault, self._remark)
         for number, name in enumerate(self.files):
-            self.modules[name] = module = read_strictly(
-                name, self.files, self.add_fault, self._remark
-            )
+            self.modules[name] = module = Module(stem(name))
+            StrictReader(module, self.files, self.add_fault, self._remark).file(name, 0)
             self._add_procedures(module, stem(name) if number else "main")
 
     def _add_procedures(self, module: Module, main: str) -> None:
@@ -110,11 +109,9 @@ class StrictRun(Run):
 
     # -- procedures and variables --------------------------------------------------------------
 
-    def _code(self, procedure: Procedure) -> ProcedureCode:
-        if procedure.code is None:
-            procedure.code = self.compile_strictly(procedure)
-        code: ProcedureCode = procedure.code
-        return code
+    def compile(self, procedure: Procedure) -> ProcedureCode:
+        """Return the steps of a procedure."""
+        return self.compile_strictly(procedure)
 
     def report(self, step: Step, error: Exception) -> None:  # noqa: ARG002
         """Tells that a step cannot be carried out."""
@@ -144,14 +141,6 @@ class StrictRun(Run):
         self.call((module, procedure), tuple(parts))
         self.speeds.clear()
 
-    def declare(self, name: str, kind: str) -> None:
-        """Declares a name. Both are in lower case."""
-        if name in self.scope.kinds:
-            raise Unreadable(f"{name} is declared twice")
-        if kind not in TYPES:
-            raise Unreadable(f"{kind} is not a type")
-        self.scope.kinds[name] = kind
-
     def set_variable(self, target: Node, value: Value) -> None:
         """Sets a variable. Raises Unreadable if its type cannot hold the value."""
         self.speeds.clear()
@@ -168,7 +157,13 @@ class StrictRun(Run):
         if kind not in _KINDS:
             raise Unreadable(f"{content if kind == 'text' else kind} is not evaluated")
         if kind == "name":
-            self._check_name(str(content))
+            name = str(content)
+            if (
+                name not in self.scope.names
+                and name not in CONSTANTS
+                and not _SHORT.fullmatch(name)
+            ):
+                raise Unreadable(f"unknown name {name}")
         elif kind == "call":
             return self._call_function(str(content), node.parts)
         value = evaluate(self, node)
@@ -195,11 +190,6 @@ class StrictRun(Run):
         if not isinstance(value, float):
             raise Unreadable(f"{text} is not a number")
         return value
-
-    def _check_name(self, name: str) -> None:
-        is_known = name in self.scope.names or name in CONSTANTS or _SHORT.fullmatch(name)
-        if not is_known:
-            raise Unreadable(f"unknown name {name}")
 
     def _call_function(self, name: str, parts: tuple[Node, ...]) -> Value:
         values = [self.evaluate(part) for part in parts]

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 
 from camgen.lang.pacscript.lines import CLOSING, DEFINE, FaultCallback
-from camgen.lang.pacscript.source import File, Module, Reader, Statement, stem
+from camgen.lang.pacscript.source import File, Module, Reader, Statement
 from camgen.lang.pacscript.words import name_fault
 
 from .values import TYPES
@@ -14,16 +14,7 @@ from .values import TYPES
 _OPENING = re.compile(r"(?:sub|function)\s+\w+\s*(?:\([^()]*\))?\s*(?:as\s+\w+)?", re.IGNORECASE)
 
 
-def read_strictly(
-    name: str, files: Mapping[str, File], report: FaultCallback, remark: FaultCallback
-) -> Module:
-    """The module of a file."""
-    module = Module(stem(name))
-    _StrictReader(module, files, report, remark).file(name, 0)
-    return module
-
-
-class _StrictReader(Reader):
+class StrictReader(Reader):
     """Reads a file. Directives except `#Define`, and declarations outside procedures are faults."""
 
     def __init__(

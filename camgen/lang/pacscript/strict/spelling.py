@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from .machine import StrictMachine
+
 _QUOTED = re.compile(r'"[^"]*"')
 #: Unusual spellings. RC8 manual 456 allows to omit numbers of a position without an example.
 #: Published programs have positions without their `P`.
@@ -18,7 +20,9 @@ _UNUSUAL = (
 )
 
 
-def find_unusual(text: str) -> list[str]:
-    """The findings for unusual spellings in a statement."""
+def note_unusual(machine: StrictMachine, text: str) -> None:
+    """Adds findings for unusual spellings in a statement."""
     bare = _QUOTED.sub("", text)
-    return [what for pattern, what in _UNUSUAL if pattern.search(bare)]
+    for pattern, what in _UNUSUAL:
+        if pattern.search(bare):
+            machine.remark(what)

@@ -25,10 +25,10 @@ from camgen.model.program import Output, Wait
 from camgen.model.text import counted
 
 from . import force
-from .conditions import ask_question, read_question
+from .conditions import ask_question, read_question, read_words
 from .run import StrictRun
-from .spelling import find_unusual
-from .values import check_speed
+from .spelling import note_unusual
+from .values import TYPES, check_speed
 
 _VERB = re.compile(r"([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII | re.DOTALL)
 _ASSIGNMENT = re.compile(r"([a-z]\s*\[[^\]]*\]|([a-z]\w*))\s*=\s*(.+)", re.IGNORECASE | re.ASCII)
@@ -106,11 +106,11 @@ def _add_statement(compiler: Compiler, statements: Sequence[Statement], at: int,
 
 def _find_block(statements: Sequence[Statement], at: int, verb: str) -> tuple[str, int]:
     """The fault of a block, which depends on the machine, and the number of its statements."""
-    if verb == "if" and not _read_words(statements[at]).endswith("then"):
+    if verb == "if" and not read_words(statements[at]).endswith("then"):
         return "If is not evaluated", 1
     depth, closing = 0, _BLOCKS[verb]
     for count, other in enumerate(statements[at:], start=1):
-        words = _read_words(other)
+        words = read_words(other)
         if re.match(rf"{verb}\b", words) and (verb != "if" or words.endswith("then")):
             depth += 1
         elif re.match(rf"{closing}\b", words) or (verb == "if" and words == "endif"):
@@ -120,27 +120,16 @@ def _find_block(statements: Sequence[Statement], at: int, verb: str) -> tuple[st
     return f"{verb.capitalize()} has no {closing.title()}", len(statements) - at
 
 
-def _read_words(statement: Statement) -> str:
-    """The words of a statement in lower case, empty for motions in the usual spelling."""
-    text = statement.text
-    return " ".join(text.lower().split()) if isinstance(text, str) else ""
-
-
 def _refuse_block(run: StrictRun, operand: tuple[str, str]) -> None:
     text, fault = operand
-    _note_spelling(run, text)
+    note_unusual(run.machine, text)
     raise Unreadable(fault)
-
-
-def _note_spelling(run: StrictRun, text: str) -> None:
-    for what in find_unusual(text):
-        run.machine.remark(what)
 
 
 def run_statement(run: StrictRun, text: str) -> Return | None:
     """Runs a statement. Returns the step that leaves the procedure for `Exit Sub`."""
     machine = run.machine
-    _note_spelling(run, text)
+    note_unusual(run.machine, text)
     match = _VERB.fullmatch(text)
     verb, rest = (match[1].lower(), match[2]) if match else ("", "")
     if verb == "exit" and rest.lower() in ("sub", "function"):
@@ -176,7 +165,11 @@ def _declare(run: StrictRun, rest: str) -> None:
         if what := name_fault(match[1]):
             raise Unreadable(what)
         name, kind = match[1].lower(), (match[2] or "variant").lower()
-        run.declare(name, kind)
+        if name in run.scope.kinds:
+            raise Unreadable(f"{name} is declared twice")
+        if kind not in TYPES:
+            raise Unreadable(f"{kind} is not a type")
+        run.scope.kinds[name] = kind
         if (name, kind) != _VARIABLE:
             run.machine.remark(f"the variable {match[1]}, which no program of the post has")
         if match[3] and kind != "string":
@@ -306,18 +299,17 @@ def _set_external_speed(run: StrictRun, rest: str) -> None:
 
 def _set_acceleration(run: StrictRun, rest: str) -> None:
     values = _read_percent(run, rest)
-    run.machine.acceleration = (*values, *(run.machine.acceleration or ())[1:])[:2]
-    run.machine.settled = False
+    run.machine.acceleration = (*values, *run.machine.acceleration[1:])[:2]
 
 
 def _set_deceleration(run: StrictRun, rest: str) -> None:
     values = _read_percent(run, rest)
-    run.machine.acceleration = (*(run.machine.acceleration or ())[:1], *values[:1])
-    run.machine.settled = False
+    run.machine.acceleration = (*run.machine.acceleration[:1], *values[:1])
 
 
 def _read_percent(run: StrictRun, rest: str) -> list[float]:
     """One or two accelerations, %. Raises Unreadable if they are out of range."""
+    run.machine.settled = False
     values = [run.read_number(part) for part in arguments(rest)]
     for value in values:
         if not 0.0001 <= value <= 100:

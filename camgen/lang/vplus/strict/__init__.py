@@ -16,21 +16,15 @@ from typing import NoReturn
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.lang.code import Act, Return, Step
-from camgen.lang.flow import Counter, Flow, Language, Rules
+from camgen.lang.code import Act, Return
+from camgen.lang.flow import Counter, Flow, Rules
 from camgen.lang.log import Log
 from camgen.lang.post_options import read_positive, read_signals
 from camgen.lang.programs import Executed, Frames
 from camgen.lang.run import Budget, Stopped
 from camgen.lang.values import require
 from camgen.lang.vplus.arm import POSTURES, is_same
-from camgen.lang.vplus.code import (
-    FLOW,
-    Translator,
-    compile_routine,
-    name_statement,
-    read_bounds,
-)
+from camgen.lang.vplus.code import FLOW, Translator, read_bounds
 from camgen.lang.vplus.locations import Expression
 from camgen.lang.vplus.names import canonical
 from camgen.lang.vplus.text import (
@@ -42,10 +36,10 @@ from camgen.lang.vplus.text import (
     Statement,
     Stretch,
     Unreadable,
-    parse_strict,
+    parse_files,
 )
 from camgen.lang.vplus.variables import check_name
-from camgen.lang.vplus.walk import walk_apart
+from camgen.lang.vplus.walk import Walker
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 
@@ -72,77 +66,49 @@ _MOTIONS = frozenset({"APPRO", "APPROS", "DEPART", "DEPARTS", "MOVE", "MOVES"})
 _OTHER_MOTIONS = frozenset({"ALIGN", "ALTER", "CLOSE", "DRIVE", "MOVEST", "MOVET", "OPEN", "READY"})
 
 
-class Machine(RobotState, Language):
+class Machine(RobotState, Walker):
     """The controller: the robot and the programs that it runs."""
-
-    faults: type[Exception] = Unreadable
 
     def __init__(self, programs: Mapping[str, Routine], log: Log, settings: Settings) -> None:
         super().__init__(log, settings)
         self._programs = programs
-        self._budget = Budget(_LOOPED, 0.0, "")
+        self.budget = Budget(0, _LOOPED, "")
         for routine in programs.values():
-            self._budget.left += sum(map(_length, routine.statements))
-        self._flow = Flow(self, self._budget, Rules(_CALLS, skips_blocks=True))
-        self._line = 0
+            self.budget.left += sum(map(_length, routine.statements))
+        self._flow = Flow(self, self.budget, Rules(_CALLS, skips_blocks=True))
+        self.line = 0
 
     def run(self, routine: Routine) -> None:
         """Runs a routine and those that it calls. Adds findings for what cannot be run."""
         try:
             self._run(routine)
-            self.finish(self._line)
+            self.finish(self.line)
         except Stopped:
-            self.fault(self._line, "the loops of this program do not come to an end")
+            self.fault(self.line, "the loops of this program do not come to an end")
 
     def _run(self, routine: Routine) -> None:
         self.enter()
         for label, index in routine.labels.items():
-            line = _line_at(routine, index)
+            line = next((item.line for item in routine.statements[index:]), routine.line)
             self.remark(line, f"label {label}, to which no statement of a post jumps")
-        code = compile_routine(routine, Machine.act, Machine.run_stretch, _FLOW)
-        for step in code.steps:
-            # Each motion of a stretch takes a step by itself.
-            step.cost = int(not isinstance(step, Act) or not isinstance(step.operand, Stretch))
-        self._flow.run(code)
+        self._flow.run(routine.code)
         self.leave()
 
-    def run_stretch(self, plain: Stretch) -> None:
-        """Runs the motions of a stretch."""
-        count = len(plain.poses)
-        if count <= self._budget.left and self.try_stretch(plain):
-            self._budget.spend(count)
-            self._line = plain.line + count - 1
-            return
-        walk_apart(plain, self._move_apart, self._find_fault)
-
-    def _move_apart(self, statement: Statement) -> None:
-        self._line = statement.line
-        self._budget.spend()
-        self.move(statement)
-
-    def _find_fault(self, statement: Statement, error: Unreadable) -> None:
-        self.fault(statement.line, str(error))
-        if statement.word in _MOTIONS:
+    def add_fault(self, line: int, word: str, error: Exception) -> None:
+        """Add a finding for an instruction that cannot be run."""
+        self.fault(line, str(error))
+        if word in _MOTIONS:
             self.lose_position()
 
     # -- answers to the engine (`camgen.lang.flow.Language`) ------------------------------------
     # No program of a post has cases or open choices. The budget ends a loop that repeats itself.
-
-    def begin(self, step: Step) -> None:
-        """Takes note that a step runs now."""
-        self._line = step.line
-
-    def report(self, step: Step, error: Exception) -> None:
-        """Adds a finding for a step that cannot be carried out."""
-        assert isinstance(error, Unreadable)
-        self._find_fault(name_statement(step), error)
 
     def open_count(self, count: str) -> Counter:
         """The counter of FOR."""
         name, _, bounds = count.partition("=")
         name = check_name(name.strip())
         counter = Counter(name, *read_bounds(Expression(bounds, self)))
-        self.store(self._line, name, counter.first)
+        self.store(self.line, name, counter.first)
         return counter
 
     def evaluate(self, expression: str | Statement) -> float:
@@ -150,10 +116,6 @@ class Machine(RobotState, Language):
         if isinstance(expression, Statement):
             self._refuse(expression.word)
         return self.real(expression)
-
-    def count_instructions(self) -> int:
-        """The number of instructions so far."""
-        return len(self.body)
 
     def act(self, statement: Statement) -> None:
         """Runs an instruction."""
@@ -194,33 +156,37 @@ class Machine(RobotState, Language):
         if self.depth >= _CALLS:
             raise Unreadable(f"more than {_CALLS} programs call each other")
         self._run(routine)
-        self._line = statement.line
+        self.line = statement.line
 
     def declare_variables(self, statement: Statement) -> None:
         """Runs `AUTO`, `LOCAL` or `GLOBAL`."""
-        self.declare(statement.rest, statement.word != "GLOBAL")
+        declared = self._scopes[-1].auto
+        for part in re.sub(r"^(REAL|DOUBLE)\s+", "", statement.rest, flags=re.IGNORECASE).split(
+            ","
+        ):
+            key = canonical(check_name(re.sub(r"\[[^\]]*\]$", "", part.strip())))
+            if key in declared:
+                raise Unreadable(f"{part.strip()} is declared twice")
+            if statement.word != "GLOBAL":
+                declared[key] = None
         if statement.word != "AUTO":
             what = "its variables outlive the program, those of AUTO do not"
             self.remark(statement.line, f"{statement.word}: {what}")
 
 
-def _translate_return(translator: Translator, index: int, statement: Statement) -> Act:
-    return Act(statement.line, do=Machine.end, operand=translator.routine.statements[index:][:2])
+def _translate_return(translator: Translator, statement: Statement) -> None:
+    statements = translator.routine.statements[translator.index :][:2]
+    translator.add(Act(statement.line, do=Machine.end, operand=statements))
 
 
 #: The words of the flow. Blocks other than FOR are refused.
 _FLOW = {
     "RETURN": _translate_return,
-    **{word: FLOW[word] for word in ("FOR", "END")},
+    "FOR": FLOW["FOR"],
+    "END": FLOW["END"],
+    "UNTIL": FLOW["UNTIL"],
     **dict.fromkeys(("CASE", "DO", "IF", "WHILE"), Translator.refuse_block),
 }
-
-
-def _line_at(routine: Routine, index: int) -> int:
-    """The line of a statement, or of the routine if the index is after the last statement."""
-    if index < len(routine.statements):
-        return routine.statements[index].line
-    return routine.line
 
 
 def _length(statement: Statement | Stretch) -> int:
@@ -309,15 +275,11 @@ def _read_settings(options: Mapping[str, object]) -> Settings:
 
 def _run(files: Mapping[str, str], settings: Settings, log: Log) -> Machine:
     """The machine after it has run the files."""
-
-    def report(line: int, what: str) -> None:
-        log.find("refused", what, line=line)
-
-    def remark(line: int, what: str) -> None:
-        log.find("unusual", what, line=line)
-
     programs: dict[str, Routine] = {}
-    for routine in parse_strict(files, report, remark):
+    for routine in parse_files(files, log, strict=True)[0]:
+        routine.code = Translator(routine, Machine.act, _FLOW, log).compile()
+        for step in routine.code.steps:
+            step.cost = min(step.cost, 1)
         programs.setdefault(canonical(routine.name), routine)
     machine = Machine(programs, log, settings)
     start = _find_start(list(programs.values()), log)
@@ -335,26 +297,26 @@ def _with_turns(
     rated: rotational speed at 100 %, deg/s.
     """
     columns = Columns(body)
-    begins = [begin for begin, _ in turning]
+    begins, rates = zip(*turning, strict=True)
     changed: dict[int, tuple[Instruction, ...]] = {}
     for index in columns.at[columns.turned].tolist():
-        percent = turning[bisect_right(begins, index) - 1][1]
+        percent = rates[bisect_right(begins, index) - 1]
         changed[index] = (replace(body[index], turn=math.radians(percent / 100 * rated)),)
     return splice(body, changed) if changed else body
 
 
 def _check_turning(machine: Machine, body: tuple[Instruction, ...], lines: Sequence[int]) -> None:
     """Adds findings for linear motions at a rotational speed below 100 %, which may slow them."""
-    turning = machine.turning
-    if all(rate >= 100 for _, rate in turning):
+    begins, rates = zip(*machine.turning, strict=True)
+    if min(rates) >= 100:
         return
     columns = Columns(body)
     moved = np.zeros(len(columns.at), np.bool_)
     moved[1:] = np.abs(np.diff(columns.ends, axis=0)).max(axis=1, initial=0.0) > _SPOT
     moved[1:] &= columns.posed[:-1] & columns.moves_are(MoveL)[1:]
     straight = columns.at[moved].tolist()
-    ends = [begin for begin, _ in turning[1:]] + [len(body)]
-    for (begin, rate), end in zip(turning, ends, strict=True):
+    ends = *begins[1:], len(body)
+    for begin, end, rate in zip(begins, ends, rates, strict=True):
         first = bisect_left(straight, begin)
         if rate < 100 and first < len(straight) and straight[first] < end:
             what = f"a straight motion at {rate:g} % rotational speed"

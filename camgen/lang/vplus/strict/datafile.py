@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from itertools import repeat
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -249,10 +250,12 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
             continue
         statement = statements[index] if index < len(statements) else _Statement(lines, "")
         match = pattern.fullmatch(statement.words)
-        if not match or not _fill_slots(slots, match.groupdict()):
+        texts = match.groupdict() if match else {}
+        # A slot has the same text everywhere.
+        if not match or any(slots.setdefault(name, text) != text for name, text in texts.items()):
             words = statement.words[:60] or "nothing"
             raise _Wrong(statement.line, f"not the reader of a data file: {words}")
-        file_line = statement.line if "file" in match.groupdict() else file_line
+        file_line = statement.line if "file" in texts else file_line
         index += 1
     if index < len(statements):
         statement = statements[index]
@@ -263,11 +266,6 @@ def _match(text: str, options: Mapping[str, object]) -> _Program:
     head = raw[: reader_lines[0] - 1]
     head = ["" if re.match(r"\s*AUTO\s+REAL\b", line, re.IGNORECASE) else line for line in head]
     return _Program(slots, head, tuple(outputs_off), file_line, lines)
-
-
-def _fill_slots(slots: dict[str, str], texts: Mapping[str, str]) -> bool:
-    """Adds texts to the slots. Returns False if a slot has another text already."""
-    return all(slots.setdefault(name, text) == text for name, text in texts.items())
 
 
 def _wanted(options: Mapping[str, object]) -> list[re.Pattern[str] | None]:
@@ -374,8 +372,7 @@ def _real(value: int, digits: int) -> str:
 
 
 def _pose(v: Sequence[int], work: str) -> str:
-    numbers = [_real(coordinate, 3) for coordinate in v[:3]]
-    numbers += [_real(angle, 4) for angle in v[3:]]
+    numbers = [*map(_real, v[:3], repeat(3)), *map(_real, v[3:], repeat(4))]
     return f"{work}:TRANS({','.join(numbers)})"
 
 
@@ -393,7 +390,7 @@ _KINDS: Mapping[int, Callable[[Sequence[int], str], str]] = {
     3: lambda v, _: _point(
         _real(v[0], 4), _real(v[1], 4), _real(100 * v[2] + v[4], 5), _real(v[3], 4)
     ),
-    4: lambda v, _: _point(*(_real(x, 4) for x in v)),
+    4: lambda v, _: _point(*map(_real, v, repeat(4))),
     5: lambda v, _: f"SPEED {_pair(v[0], v[1])} ALWAYS",
     6: lambda v, _: f"SPEED {_pair(v[0], v[1])}, {_pair(v[2], v[3])} MMPS ALWAYS",
     7: lambda v, _: f"SIGNAL {v[0]}",

@@ -14,11 +14,11 @@ from typing import Any, TypeVar
 from msgspec import Struct
 
 from camgen.lang.log import Log
-from camgen.lang.vplus import words
 from camgen.lang.vplus.arm import PAIRS, ROUNDED, Arm, is_same
-from camgen.lang.vplus.locations import Expression
+from camgen.lang.vplus.locations import Expression, read_whole
 from camgen.lang.vplus.names import canonical
 from camgen.lang.vplus.text import (
+    Impossible,
     Location,
     SpeedSetting,
     Statement,
@@ -41,6 +41,8 @@ _SIX_AXIS_ONLY = frozenset(PAIRS[1] + PAIRS[2])
 _SETTINGS = ("SELECT ROBOT", "ATTACH", "ENABLE CP", "ACCEL", "TOOL")
 #: Maximum difference of two equal percentages, which are printed with 4 digits.
 _SAME_SHARE = 5e-5
+#: Numbers of outputs and of soft signals. Inputs are 1001 to 2000.
+_OUTPUTS = frozenset((*range(1, 1001), *range(2001, 10_000)))
 _ROBOT = re.compile(r"ROBOT\s*=\s*1", re.IGNORECASE)
 #: ALWAYS before other words. The manual has it last.
 _DISORDERED = re.compile(r"\bALWAYS\s+\w", re.IGNORECASE)
@@ -110,8 +112,6 @@ class RobotState(Arm):
         self._unused: dict[int, str] = {}
         #: SPEED of the last straight motion.
         self._straight: SpeedSetting | None = None
-        #: Whether the program has set a global variable.
-        self._shares = False
 
     def fault(self, line: int, what: str) -> None:
         """Adds a refusal of a line."""
@@ -161,7 +161,7 @@ class RobotState(Arm):
     def assign_number(self, statement: Statement) -> None:
         """Runs `name = number`."""
         name, _, text = statement.rest.partition("=")
-        value = self._read(text, words.parse_real)
+        value = self._read(text, Expression.real)
         self.store(statement.line, check_name(name.strip()), value)
 
     def set(self, statement: Statement) -> None:
@@ -184,26 +184,28 @@ class RobotState(Arm):
         self.assign(name, value)
         if canonical(name) not in (self.settings.tool, self.settings.work):
             self.remark(line, f"{name} gets a value: programs of the post set tool and work alone")
-        if not self._shares and not self.is_own(name):
-            self._shares = True
+        if not self.is_own(name):
             what = "a global variable, which other programs share and which outlives this one"
-            self.remark(line, f"{name} is not declared by AUTO: {what}")
+            what = f"{name} is not declared by AUTO: {what}"
+            self.log.find("unusual", what, line=line, once="a global variable")
 
     def _point(self, text: Expression, statement: Statement) -> Joints:
         point = text.point()
+        assert isinstance(point, Joints)  # Joint values of the controller are refused.
         if text.omitted:
             what = "a joint of #PPOINT left out, read as 0: what it means is not confirmed"
             self.remark(statement.line, what)
         return point
 
     def _read(self, text: str, parse: Callable[[Expression], T]) -> T:
-        """The value of a text by `parse`. It is cached if it does not depend on a variable."""
+        """The value of a whole text. It is cached if it does not depend on a variable."""
         key = (parse, text)
         if key in self._constants:
             value: T = self._constants[key]
             return value
         expression = Expression(text, self)
         value = parse(expression)
+        expression.finish()
         if expression.constant and len(self._constants) < _KEPT:
             self._constants[key] = value
         return value
@@ -241,7 +243,7 @@ class RobotState(Arm):
 
     def depart(self, statement: Statement) -> None:
         """Runs `DEPART`: to the last target moved back by a distance, mm, along its tool z."""
-        distance = self._read(statement.rest, words.parse_real)
+        distance = self._read(statement.rest, Expression.real)
         self._go(statement, self.current_location("DEST").moved(translation(0, 0, -distance)))
 
     def lose_position(self) -> None:
@@ -326,9 +328,7 @@ class RobotState(Arm):
     def speed(self, statement: Statement) -> None:
         """Runs all forms of `SPEED`."""
         line, text = statement.line, statement.rest
-        value, unit, turning, always = parse_plain_speed(text) or self._read(
-            text, words.parse_speed
-        )
+        value, unit, turning, always = parse_plain_speed(text) or self._read(text, Expression.speed)
         if turning > 100 or (value > 100 and unit != "mm/s"):
             self.remark(line, "SPEED above 100 %: the controller takes the most that it has")
         if not always and unit != "MONITOR":
@@ -361,7 +361,7 @@ class RobotState(Arm):
         profile = _PROFILE.match(statement.rest)
         if profile and int(profile[1]) > 8:
             raise Unreadable(f"ACCEL has profiles 0 to 8, not {profile[1]}")
-        values = self._read(statement.rest[profile.end() if profile else 0 :], words.parse_reals)
+        values = self._read(statement.rest[profile.end() if profile else 0 :], Expression.reals)
         if len(values) > 2:
             raise Unreadable("ACCEL has two percentages")
         self._stated.add("ACCEL")
@@ -409,9 +409,7 @@ class RobotState(Arm):
     def set_tool(self, statement: Statement) -> None:
         """Runs `TOOL`. A program has one tool."""
         self._stated.add("TOOL")
-        text = Expression(statement.rest, self)
-        location = text.location()
-        text.finish()
+        location = read_whole(statement.rest, self, Expression.location)
         external = location.frame.external
         tool = None if external else location.in_base()
         changed = external != self.tool_name or not is_same(tool, self.tool)
@@ -422,7 +420,7 @@ class RobotState(Arm):
 
     def base(self, statement: Statement) -> None:
         """Runs `BASE`, which stops the path. Raises Unreadable if it moves the world frame."""
-        values = self._read(statement.rest, words.parse_reals)
+        values = self._read(statement.rest, Expression.reals)
         self.rest()
         self.remark(statement.line, "BASE sets the world frame, for other programs too")
         if any(values):
@@ -432,7 +430,11 @@ class RobotState(Arm):
 
     def signal(self, statement: Statement) -> None:
         """Runs `SIGNAL`. Each number is an output."""
-        values = self._read(statement.rest, words.parse_outputs)
+        values = self._read(statement.rest, Expression.reals)
+        for value in values:
+            number = abs(value)
+            if number not in _OUTPUTS:
+                raise Impossible(f"{value:g} is not an output")
         self._standing(statement, "an output")
         for value in values:
             name = self.settings.signals.get(int(abs(value)), f"signal {abs(value):g}")
@@ -440,7 +442,10 @@ class RobotState(Arm):
 
     def wait_event(self, statement: Statement) -> None:
         """Runs `WAIT.EVENT , s`, a dwell."""
-        self._pause(statement, words.parse_event)
+        event, comma, seconds = statement.rest.partition(",")
+        if event.strip() or not comma:
+            raise Unreadable("WAIT.EVENT with an event is not evaluated")
+        self._pause(statement, seconds)
 
     def stop(self, statement: Statement) -> None:
         """Runs `PAUSE`, which waits for the operator."""
@@ -453,10 +458,12 @@ class RobotState(Arm):
         """Runs `DELAY` as a dwell, and refuses it."""
         what = "DELAY is uncertain: it delays the next motion; WAIT.EVENT , s is a dwell"
         self.fault(statement.line, what)
-        self._pause(statement, words.parse_dwell)
+        self._pause(statement, statement.rest)
 
-    def _pause(self, statement: Statement, parse: Callable[[Expression], float]) -> None:
-        seconds = self._read(statement.rest, parse)
+    def _pause(self, statement: Statement, text: str) -> None:
+        seconds = self._read(text, Expression.real)
+        if seconds <= 0:
+            raise Impossible("a dwell must be positive")
         self._standing(statement, "a dwell")
         self.add(statement.line, Wait(seconds))
 
@@ -470,21 +477,19 @@ class RobotState(Arm):
 
     def attach(self, statement: Statement) -> None:
         """Runs `ATTACH`: the program gets the robot."""
-        if "".join(statement.rest.split()) not in ("", "()"):
-            raise Unreadable(f"ATTACH {statement.rest[:30]} is not evaluated")
-        self._check_brackets(statement)
+        self._check_brackets(statement, f"ATTACH {statement.rest[:30]}")
         self._stated.add("ATTACH")
         self._detached = False
 
     def detach(self, statement: Statement) -> None:
         """Runs `DETACH`. The robot must stand still, and nothing may move it afterwards."""
-        if statement.rest.replace(" ", "") not in ("", "()"):
-            raise Unreadable("DETACH of a device is not evaluated")
-        self._check_brackets(statement)
+        self._check_brackets(statement, "DETACH of a device")
         self._standing(statement, "DETACH")
         self._detached = True
 
-    def _check_brackets(self, statement: Statement) -> None:
+    def _check_brackets(self, statement: Statement, name: str) -> None:
+        if "".join(statement.rest.split()) not in ("", "()"):
+            raise Unreadable(f"{name} is not evaluated")
         if not statement.rest:
             what = "without (): what that means is not confirmed"
             self.remark(statement.line, f"{statement.word} {what}")
