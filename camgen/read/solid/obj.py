@@ -12,7 +12,6 @@ from camgen.model.part import IntArray, Note
 from camgen.model.text import counted
 from camgen.read.solid.polygons import (
     TRIANGLE,
-    check_numbers,
     read_equal_rows,
     read_table,
     triangulate_polygons,
@@ -36,9 +35,7 @@ def read_obj(data: bytes) -> MeshSoup:
     positions = [row[1:] for row, word in zip(rows, words, strict=True) if word == "v"]
     vertices = read_table(positions, 3)
     groups = _read_faces(rows, words)
-    polygons = [group.corners for group in groups]
-    check_numbers(polygons, len(vertices))
-    triangles = triangulate_polygons(vertices, polygons)
+    triangles = triangulate_polygons(vertices, [group.corners for group in groups])
     notes = (*triangles.notes, *_note_free_forms(rows))
     named = _read_names(rows, words, groups, len(vertices))
     return MeshSoup(vertices, triangles.faces, notes=notes, named=named)
