@@ -92,17 +92,17 @@ def load_job(file: Path | None, sets: Sequence[str] = (), files: Files | None = 
         tree.setdefault(table, {})[key] = value
         more = "..." if len(text) > _LONGEST else ""
         origins[table, key] = f"--set {text[:_LONGEST]}{more}"
-    _fill_from_files(tree, origins, files)
-    return _convert(tree, origins, str(file) if file else "job")
+    return _complete(tree, origins, str(file) if file else "job", files)
 
 
-def _fill_from_files(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
-    """Add the settings of `cell.file` and `tool.file` that the job does not have.
+def _complete(tree: Tree, origins: dict[tuple[str, str], str], source: str, files: Files) -> Job:
+    """The job of `tree`, with the settings of `cell.file` and `tool.file` that it does not have.
 
     The names of the two files are removed from `tree`.
     """
     _fill_cell(tree, origins, files)
     _fill_tools(tree, origins, files)
+    return _convert(tree, origins, source)
 
 
 def _fill_cell(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
@@ -133,8 +133,8 @@ def _take_file(tree: Tree, table: str, origins: Origins) -> str:
     name = tree.get(table, {}).pop("file", "")
     if isinstance(name, str):
         return name
-    origin = origins.get((table, "file"), "job")
-    raise JobError(origin, f"file must be a text, not {_quote_short(name)}", f"[{table}]")
+    what = f"file must be a text, not {_quote_short(name)}"
+    raise _Place(table, origins, "job").make_job_error("file", what)
 
 
 def _fill_tools(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
@@ -221,9 +221,7 @@ def from_mapping(tables: Mapping[str, object], files: Files | None = None) -> Jo
     """
     contents = {name: _convert_numpy(content) for name, content in tables.items()}
     tree = _check_tables(contents, "job")
-    origins: dict[tuple[str, str], str] = {}
-    _fill_from_files(tree, origins, files or Files())
-    return _convert(tree, origins, "job")
+    return _complete(tree, {}, "job", files or Files())
 
 
 def _convert_numpy(value: object) -> object:
@@ -375,10 +373,8 @@ class _Place(Struct, frozen=True):
     source: str
 
     def make_job_error(self, key: str, what: str, remedy: str = "") -> JobError:
-        return JobError(self.find_origin(key), what, _format_table(self.table), remedy)
-
-    def find_origin(self, key: str) -> str:
-        return self.origins.get((self.table, key), self.source)
+        origin = self.origins.get((self.table, key), self.source)
+        return JobError(origin, what, _format_table(self.table), remedy)
 
 
 def _check_keys(keys: dict[str, object], place: _Place) -> None:
@@ -535,14 +531,12 @@ def _check_numbers(tree: Tree, origins: Origins, source: str, limit: float) -> N
         if table in ("post", "limits"):
             continue
         for key, value in keys.items():
-            if key == "seed" or all(abs(number) <= limit for number in _list_numbers(value)):
-                continue
-            raise JobError(
-                origins.get((table, key), source),
-                f"{key} cannot be beyond {format_limit(limit)}: {_quote_short(value)}",
-                _format_table(table),
-                "give a smaller value, or raise limits.number",
-            )
+            if key != "seed" and any(abs(number) > limit for number in _list_numbers(value)):
+                raise _Place(table, origins, source).make_job_error(
+                    key,
+                    f"{key} cannot be beyond {format_limit(limit)}: {_quote_short(value)}",
+                    "give a smaller value, or raise limits.number",
+                )
 
 
 def _check_limits(job: Job, place: _Place) -> None:
@@ -568,9 +562,7 @@ def _report_unknown_key(key: str, place: _Place) -> JobError:
     remedy = suggest(str(key), _find_settings(place.table))
     if homes:
         remedy = f"it belongs to [{homes[0]}]"
-    return JobError(
-        place.find_origin(key), f'unknown key "{_shorten(key)}"', _format_table(place.table), remedy
-    )
+    return place.make_job_error(key, f'unknown key "{_shorten(key)}"', remedy)
 
 
 def _list_numbers(value: object) -> Iterator[float]:

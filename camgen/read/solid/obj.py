@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -115,9 +115,8 @@ def _read_face(words: list[str], count: int) -> list[int]:
     return [number - 1 if number >= 0 else count + number for number in numbers]
 
 
-def _note_free_forms(rows: list[str]) -> list[Note]:
+def _note_free_forms(rows: list[str]) -> Iterator[Note]:
     count = sum(row.startswith(_FREE_FORM) for row in rows)
-    if not count:
-        return []
-    what = counted(count, "free-form curve or surface", "free-form curves and surfaces")
-    return [Note("skipped", f"{what} left out", "export the part as polygons, or as STEP")]
+    if count:
+        what = counted(count, "free-form curve or surface", "free-form curves and surfaces")
+        yield Note("skipped", f"{what} left out", "export the part as polygons, or as STEP")

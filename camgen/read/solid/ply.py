@@ -48,17 +48,6 @@ class _Element(Struct):
     properties: list[_Property] = field(default_factory=list)
 
 
-class _Columns(Struct):
-    """The rows of an element.
-
-    numbers: columns (rows,) by name.
-    lists: tables by name, each (M, N) of the M lists with N numbers.
-    """
-
-    numbers: dict[str, FloatArray] = field(default_factory=dict)
-    lists: dict[str, list[FloatArray]] = field(default_factory=dict)
-
-
 class _Text:
     """The rows of a file in text, read one table after the other.
 
@@ -144,11 +133,11 @@ def read_ply(data: bytes) -> MeshSoup:
     vertices, strips = np.zeros((0, 3)), [np.zeros((0, 3), dtype=np.int64)]
     polygons: list[IntArray] = []
     for element in elements:
-        columns = _read(element, source)
+        numbers, lists = _read(element, source)
         if element.name == "vertex":
-            vertices = np.column_stack([columns.numbers[axis] for axis in "xyz"])
+            vertices = np.column_stack([numbers[axis] for axis in "xyz"])
         elif element.name in ("face", "tristrips"):
-            named = [columns.lists[name] for name in _VERTICES if name in columns.lists]
+            named = [lists[name] for name in _VERTICES if name in lists]
             if element.rows and not named:
                 raise ValueError(f"its {element.name} rows have no list of vertices")
             for table in named[0] if named else []:
@@ -179,11 +168,18 @@ def _header(text: str) -> tuple[str, list[_Element]]:
     return order, elements
 
 
-def _read(element: _Element, source: _Text | _Binary) -> _Columns:
-    """The rows of an element: at once if their lists are equally long, otherwise one by one."""
-    columns = _Columns()
+def _read(
+    element: _Element, source: _Text | _Binary
+) -> tuple[dict[str, FloatArray], dict[str, list[FloatArray]]]:
+    """The rows of an element, read at once if their lists are equally long, else one by one.
+
+    Returns the columns of numbers (rows,) by name, and the columns of lists by name: tables, each
+    (M, N) of the M lists with N numbers.
+    """
+    numbers: dict[str, FloatArray] = {}
+    lists: dict[str, list[FloatArray]] = {}
     if not element.rows:
-        return columns
+        return numbers, lists
     begin, sizes = source.at, source.peek(element.properties)
     try:
         parts = [source.table(element.properties, sizes, element.rows)]
@@ -201,12 +197,12 @@ def _read(element: _Element, source: _Text | _Binary) -> _Columns:
         by_size: dict[int, list[FloatArray]] = {}
         for _, values in tables:
             by_size.setdefault(values.shape[1], []).append(values)
-        lists = list(map(np.concatenate, by_size.values()))
+        joined = list(map(np.concatenate, by_size.values()))
         if column.count:
-            columns.lists[column.name] = lists
+            lists[column.name] = joined
         else:
-            columns.numbers[column.name] = lists[0][:, 0]
-    return columns
+            numbers[column.name] = joined[0][:, 0]
+    return numbers, lists
 
 
 def unroll(strip: IntArray) -> IntArray:
