@@ -133,8 +133,8 @@ def _take_file(tree: Tree, table: str, origins: Origins) -> str:
     name = tree.get(table, {}).pop("file", "")
     if isinstance(name, str):
         return name
-    what = f"file must be a text, not {_quote_short(name)}"
-    raise _Place(table, origins, "job").make_job_error("file", what)
+    origin = origins.get((table, "file"), "job")
+    raise JobError(origin, f"file must be a text, not {_quote_short(name)}", f"[{table}]")
 
 
 def _fill_tools(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
@@ -373,8 +373,10 @@ class _Place(Struct, frozen=True):
     source: str
 
     def make_job_error(self, key: str, what: str, remedy: str = "") -> JobError:
-        origin = self.origins.get((self.table, key), self.source)
-        return JobError(origin, what, _format_table(self.table), remedy)
+        return JobError(self.find_origin(key), what, _format_table(self.table), remedy)
+
+    def find_origin(self, key: str) -> str:
+        return self.origins.get((self.table, key), self.source)
 
 
 def _check_keys(keys: dict[str, object], place: _Place) -> None:
@@ -532,9 +534,10 @@ def _check_numbers(tree: Tree, origins: Origins, source: str, limit: float) -> N
             continue
         for key, value in keys.items():
             if key != "seed" and any(abs(number) > limit for number in _list_numbers(value)):
-                raise _Place(table, origins, source).make_job_error(
-                    key,
+                raise JobError(
+                    origins.get((table, key), source),
                     f"{key} cannot be beyond {format_limit(limit)}: {_quote_short(value)}",
+                    _format_table(table),
                     "give a smaller value, or raise limits.number",
                 )
 
@@ -562,7 +565,9 @@ def _report_unknown_key(key: str, place: _Place) -> JobError:
     remedy = suggest(str(key), _find_settings(place.table))
     if homes:
         remedy = f"it belongs to [{homes[0]}]"
-    return place.make_job_error(key, f'unknown key "{_shorten(key)}"', remedy)
+    return JobError(
+        place.find_origin(key), f'unknown key "{_shorten(key)}"', _format_table(place.table), remedy
+    )
 
 
 def _list_numbers(value: object) -> Iterator[float]:

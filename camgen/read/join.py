@@ -366,11 +366,17 @@ def _note_joints(joints: EndJoints, tolerance: float, by_color: bool) -> Iterato
         gaps = f"gaps closed: {joints.count}, largest {joints.largest:.3g} mm"
         yield Note("joined", gaps, f"ends closer than input.join = {short(tolerance, 6)} mm meet")
     if joints.mixed:
-        what = f"contours over more than one layer: {joints.mixed}"
-        yield Note("joined", what, "each counts to the layer of its first piece")
+        yield Note(
+            "joined",
+            f"contours over more than one layer: {joints.mixed}",
+            "each counts to the layer of its first piece",
+        )
     if joints.colored and by_color:
-        what = f"contours of more than one color: {joints.colored}"
-        yield Note("joined", what, "each has the color of its first piece")
+        yield Note(
+            "joined",
+            f"contours of more than one color: {joints.colored}",
+            "each has the color of its first piece",
+        )
 
 
 class _Ends(Struct, frozen=True, eq=False):

@@ -67,11 +67,8 @@ def resolve(
         name = INSUNITS[insunits]
         return name, MM[name], ()
     states = "states no unit" if insunits == 0 else f"states the unknown unit {insunits}"
-    hints: dict[int | None, str] = {
-        0: ", though its $MEASUREMENT says inch",
-        1: ", its $MEASUREMENT says metric",
-    }
-    hint = hints.get(measurement, "")
+    hints = {0: ", though its $MEASUREMENT says inch", 1: ", its $MEASUREMENT says metric"}
+    hint = "" if measurement is None else hints.get(measurement, "")
     return (
         "mm",
         1.0,

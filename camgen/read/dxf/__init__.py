@@ -387,9 +387,9 @@ def _note_heights(flat: Flat) -> Iterator[Note]:
 
 
 def _note_simplified(drawn: DrawnEntities) -> Iterator[Note]:
-    for what, counts, why in (
-        ("with thickness", drawn.with_thickness, "the curve itself is used"),
-        ("with width", drawn.with_width, "the centre line is used"),
-    ):
-        if counts:
-            yield Note("assumed", f"{what}: {_tally(counts)}", why)
+    if drawn.with_thickness:
+        thick = f"with thickness: {_tally(drawn.with_thickness)}"
+        yield Note("assumed", thick, "the curve itself is used")
+    if drawn.with_width:
+        wide = f"with width: {_tally(drawn.with_width)}"
+        yield Note("assumed", wide, "the centre line is used")

@@ -146,11 +146,14 @@ def make_solid(
     edges = sort_edges(make_edges(chain_sides(sides, mesh.vertices), mesh.vertices, limit))
     if edges:
         convex = int(np.count_nonzero(sides.convex))
-        what = (
-            f"{convex} convex and {len(sides) - convex} concave sides of triangles "
-            f"are {counted(len(edges), 'edge')}"
+        notes.append(
+            Note(
+                "joined",
+                f"{convex} convex and {len(sides) - convex} concave sides of triangles "
+                f"are {counted(len(edges), 'edge')}",
+                f"arcs where vertices lie on one within {limit:.3g} mm",
+            )
         )
-        notes.append(Note("joined", what, f"arcs where vertices lie on one within {limit:.3g} mm"))
     return Solid(
         stem,
         name,

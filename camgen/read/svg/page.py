@@ -93,9 +93,13 @@ def find_page(
         notes = list[Note]()
         limited = sorted(PAGE_LIMITS & style.keys())
         if limited:
-            what = f"limits of the page in CSS: {', '.join(limited)}"
-            why = "its width and height are used; set input.units if the size is wrong"
-            notes.append(Note("assumed", what, why))
+            notes.append(
+                Note(
+                    "assumed",
+                    f"limits of the page in CSS: {', '.join(limited)}",
+                    "its width and height are used; set input.units if the size is wrong",
+                )
+            )
         scale, name = MM_PER_PX, f"{short(MM_PER_PX, 9)} mm/unit"
         if requested in _MORE:
             scale, name = _MORE[requested], requested
