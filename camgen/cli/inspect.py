@@ -13,7 +13,7 @@ from camgen.model.part import Part
 from camgen.model.text import short_each
 from camgen.read import find_reader, is_drawing
 from camgen.read.clamps import set_clamps_aside
-from camgen.read.contours import list_contours
+from camgen.read.extent import list_contours
 from camgen.read.files import Files
 from camgen.read.job_file import find_job_file, load_job
 from camgen.read.move import move_part

@@ -13,15 +13,15 @@ from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.read import Reader
 from camgen.read.files import Files
-from camgen.read.formats import inspect_with, read_with
+from camgen.read.formats import call_late
 
 GCODE = Reader(
     name="gcode",
     about="G-code",
     suffixes=SUFFIXES,
     makes="program",
-    read=read_with("camgen.lang.gcode"),
-    inspect=inspect_with("camgen.lang.gcode"),
+    read=call_late("camgen.lang.gcode", "read"),
+    inspect=call_late("camgen.lang.gcode", "inspect"),
     recognise=lambda head: is_gcode(
         head.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
     ),

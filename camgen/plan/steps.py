@@ -17,8 +17,8 @@ from camgen.model.text import name_first
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.open_outlines import check_outlines
 from camgen.plan.unused import drop_inherited
-from camgen.read.chosen import is_chosen_layer
 from camgen.read.colors import format_color, resolve_named
+from camgen.read.layers import is_chosen_layer
 from camgen.read.marks import can_drill_marks
 
 #: Rank of each kind, lower ranks first: holes, pockets, lines on the part, edges, outlines.

@@ -89,19 +89,20 @@ def list_installed() -> list[InstalledReader]:
     rows = []
     for entry in list_entries(READERS):
         try:
-            reader = load(entry)
+            rows.append(InstalledReader(entry, _load(entry), ""))
         except JobError as error:
             rows.append(InstalledReader(entry, None, str(error)))
-            continue
-        if isinstance(reader, Reader) and reader.name == entry.name:
-            rows.append(InstalledReader(entry, reader, ""))
-            continue
-        what = "is not a camgen.read.Reader"
-        if isinstance(reader, Reader):
-            what = f"is called {reader.name}"
-        why = JobError(f"reader {entry.name}", what, entry.value, "repair or remove its package")
-        rows.append(InstalledReader(entry, None, str(why)))
     return rows
+
+
+def _load(entry: EntryPoint) -> Reader:
+    reader = load(entry)
+    if isinstance(reader, Reader) and reader.name == entry.name:
+        return reader
+    what = "is not a camgen.read.Reader"
+    if isinstance(reader, Reader):
+        what = f"is called {reader.name}"
+    raise JobError(f"reader {entry.name}", what, entry.value, "repair or remove its package")
 
 
 def find_reader(source: Source) -> Reader:

@@ -55,9 +55,13 @@ def read(source: Source, job: Job, _files: Files) -> Part:
         borders=tuple(frozen(border) for border in ink_borders),
     )
     ink_note = Note("assumed", f"ink separated from paper by {ink.why}", "image.invert swaps them")
-    notes = (*picture.notes, *view.notes, ink_note, *line_notes)
     return Part(
-        source.stem, source.name, f"{short(view.mm_per_px, 5)} mm/px", contours, notes, raster
+        source.stem,
+        source.name,
+        f"{short(view.mm_per_px, 5)} mm/px",
+        contours,
+        (*picture.notes, *view.notes, ink_note, *line_notes),
+        raster,
     )
 
 

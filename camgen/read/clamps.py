@@ -6,6 +6,7 @@ machined. Each clamp is a prism over the area of its outline, from one height to
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from msgspec.structs import replace
 from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import DrawnFixture, Job
-from camgen.model.part import Contour, Note, OpenOutline, Part, Solid
+from camgen.model.part import Contour, Note, OpenOutline, Part, Solid, drop_ids, list_ids
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, harmless, short, suggest
 from camgen.read.units import format_size
@@ -40,19 +41,23 @@ def set_clamps_aside(part: Part, job: Job) -> Part:
             _KEY,
             "give boxes, or leave page.size out",
         )
-    points: list[Contour] = []
-    outlines: list[Contour] = []
+    points = [contour for contour in drawn if contour.is_mark]
+    outlines = [contour for contour in drawn if not contour.is_mark]
     ids_of_layer: dict[str, list[str]] = {}
-    for contour in drawn:
-        if contour.is_mark:
-            points.append(contour)
-            continue
+    for contour in outlines:
         if not contour.closed:
-            raise _make_gap_error(part, contour)
-        outlines.append(contour)
+            start, end = contour.points[0], contour.points[-1]
+            gap = short(float(np.hypot(*(end - start))), 3)
+            place = format_size(end.tolist(), 2, " ")
+            raise InputError(
+                part.source,
+                f"the outline of a clamp is open by {gap} mm at {place}",
+                f"layer {harmless(contour.layer)}",
+                f"close it, or set input.join to more than {gap}",
+            )
         ids_of_layer.setdefault(contour.layer, []).append(contour.id)
-    ids = frozenset(contour.id for contour in drawn)
-    kept = tuple(contour for contour in part.contours if contour.id not in ids)
+    ids = frozenset(list_ids(drawn))
+    kept = drop_ids(part.contours, ids)
     if not kept:
         raise InputError(part.source, "nothing to machine", "all contours are clamps", _KEY)
     notes = [*part.notes]
@@ -72,33 +77,19 @@ def set_clamps_aside(part: Part, job: Job) -> Part:
         contours=kept,
         clamps=(*part.clamps, *outlines),
         notes=tuple(notes),
-        open_outlines=_drop_clamps(part.open_outlines, ids),
+        open_outlines=tuple(_drop_clamps(part.open_outlines, ids)),
     )
 
 
-def _make_gap_error(part: Part, contour: Contour) -> InputError:
-    start, end = contour.points[0], contour.points[-1]
-    gap = float(np.hypot(*(end - start)))
-    place = format_size(end.tolist(), 2, " ")
-    return InputError(
-        part.source,
-        f"the outline of a clamp is open by {short(gap, 3)} mm at {place}",
-        f"layer {harmless(contour.layer)}",
-        f"close it, or set input.join to more than {short(gap, 3)}",
-    )
-
-
-def _drop_clamps(outlines: tuple[OpenOutline, ...], ids: frozenset[str]) -> tuple[OpenOutline, ...]:
+def _drop_clamps(outlines: tuple[OpenOutline, ...], ids: frozenset[str]) -> Iterator[OpenOutline]:
     """The open outlines that enclose other contours than clamps, with these.
 
     ids: ids of the clamps.
     """
-    kept = []
     for outline in outlines:
         inside = tuple(name for name in outline.inside if name not in ids)
         if inside:
-            kept.append(replace(outline, inside=inside))
-    return tuple(kept)
+            yield replace(outline, inside=inside)
 
 
 def make_prism(drawn: DrawnFixture, part: Part | None) -> Solid:

@@ -9,6 +9,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import BinaryIO
 
+from msgspec.structs import replace
+
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.limits import Limits, format_limit
@@ -33,27 +35,22 @@ class Files:
         limits: Limits = _DEFAULTS,
     ) -> None:
         self.limits = limits
-        sources = {identity(source.path): source for source in given}
-        self._data = {key: source.data for key, source in sources.items()}
-        self._notes = {key: source.notes for key, source in sources.items()}
+        self._sources = {identity(source.path): source for source in given}
         self._streams = {identity(path): stream for path, stream in streams.items()}
         #: Files that were opened, by `identity`. No output may overwrite them.
         self.opened: dict[str, Path] = {}
 
     def within(self, limits: Limits) -> Files:
         """These files, with those that were read, under the limits of a job."""
-        if limits == self.limits:
-            return self
         files = Files(limits=limits)
-        files._data, files._streams, files.opened = self._data, self._streams, self.opened
-        files._notes = self._notes
+        files._sources, files._streams, files.opened = self._sources, self._streams, self.opened
         return files
 
     def read(self, path: str | Path) -> Source:
         """An input file. Raises InputError if it is missing, is a folder, or cannot be read."""
         path = Path(path)
         try:
-            if identity(path) not in self._data | self._streams:
+            if identity(path) not in self._sources | self._streams:
                 _check_file(path)
             return self.open(path)
         except FileNotFoundError as error:
@@ -66,7 +63,7 @@ class Files:
 
         To be called when the last input was read.
         """
-        self._data.clear()
+        self._sources.clear()
 
     def open(self, path: str | Path) -> Source:
         """A file, with the errors of the system.
@@ -78,17 +75,18 @@ class Files:
         key = identity(path)
         limit = self.limits.file_bytes
         if key in self._streams:
-            self._data[key] = _read_bounded(str(path), self._streams.pop(key), limit)
-        if key not in self._data:
+            data = _read_bounded(str(path), self._streams.pop(key), limit)
+            self._sources[key] = Source(path, data)
+        if key not in self._sources:
             mode = path.stat().st_mode
             # A folder is left to the system, which has a message for it.
             if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
                 raise InputError(str(path), "is not a regular file", remedy="copy it to a file")
             with path.open("rb") as stream:
                 size = os.fstat(stream.fileno()).st_size
-                self._data[key] = _read_bounded(str(path), stream, limit, size)
+                self._sources[key] = Source(path, _read_bounded(str(path), stream, limit, size))
             self.opened[key] = path
-        return Source(path, self._data[key], self.limits, self._notes.get(key, ()))
+        return replace(self._sources[key], path=path, limits=self.limits)
 
 
 def identity(path: str | Path) -> str:

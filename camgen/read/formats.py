@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from importlib import import_module
+from typing import Any
 
 from camgen.model.files import Source
 from camgen.model.job import Job
-from camgen.model.part import Part
 from camgen.read import Reader, is_drawing
 from camgen.read.files import Files
 
@@ -33,29 +33,18 @@ def _is_svg(head: bytes) -> bool:
     return head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith((b"<?xml", b"<svg"))
 
 
-def read_with(module: str) -> Callable[[Source, Job, Files], Part]:
-    """A function that calls `read` of a module, which is imported at the first call."""
+def call_late(module: str, function: str) -> Callable[[Source, Job, Files], Any]:
+    """A function that calls one of a module, which is imported at the first call."""
 
-    def read(source: Source, job: Job, files: Files) -> Part:
-        part: Part = import_module(module).read(source, job, files)
-        return part
+    def call(source: Source, job: Job, files: Files) -> Any:
+        return getattr(import_module(module), function)(source, job, files)
 
-    return read
-
-
-def inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
-    """A function that calls `inspect` of a module, which is imported at the first call."""
-
-    def inspect(source: Source, job: Job, files: Files) -> object:
-        facts: object = import_module(module).inspect(source, job, files)
-        return facts
-
-    return inspect
+    return call
 
 
-def _read_picture(source: Source, job: Job, files: Files) -> Part:
+def _read_picture(source: Source, job: Job, files: Files) -> Any:
     module = "camgen.read.artwork" if is_drawing(job) else "camgen.read.image"
-    return read_with(module)(source, job, files)
+    return call_late(module, "read")(source, job, files)
 
 
 DXF = Reader(
@@ -63,8 +52,8 @@ DXF = Reader(
     about="a DXF drawing",
     suffixes=(".dxf", ""),
     makes="drawing",
-    read=read_with("camgen.read.dxf"),
-    inspect=inspect_with("camgen.read.dxf"),
+    read=call_late("camgen.read.dxf", "read"),
+    inspect=call_late("camgen.read.dxf", "inspect"),
     recognise=_is_dxf,
 )
 SVG = Reader(
@@ -72,8 +61,8 @@ SVG = Reader(
     about="an SVG drawing",
     suffixes=(".svg",),
     makes="drawing",
-    read=read_with("camgen.read.svg"),
-    inspect=inspect_with("camgen.read.svg"),
+    read=call_late("camgen.read.svg", "read"),
+    inspect=call_late("camgen.read.svg", "inspect"),
     recognise=_is_svg,
 )
 IMAGE = Reader(
@@ -82,7 +71,7 @@ IMAGE = Reader(
     suffixes=(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm"),
     makes="picture",
     read=_read_picture,
-    inspect=inspect_with("camgen.read.image"),
+    inspect=call_late("camgen.read.image", "inspect"),
     recognise=_is_picture,
 )
 SOLID = Reader(
@@ -90,14 +79,14 @@ SOLID = Reader(
     about="a 3-D part",
     suffixes=(".stl", ".obj", ".ply", ".off", ".3mf", ".glb", ".step", ".stp"),
     makes="solid",
-    read=read_with("camgen.read.solid"),
-    inspect=inspect_with("camgen.read.solid"),
+    read=call_late("camgen.read.solid", "read"),
+    inspect=call_late("camgen.read.solid", "inspect"),
 )
 POINTS = Reader(
     name="xyz",
     about="a list of points in space",
     suffixes=(".xyz", ".pts", ".csv", ".txt"),
     makes="curves",
-    read=read_with("camgen.read.points"),
-    inspect=inspect_with("camgen.read.points"),
+    read=call_late("camgen.read.points", "read"),
+    inspect=call_late("camgen.read.points", "inspect"),
 )

@@ -8,7 +8,7 @@ and 3.1.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import compress
 
 import numpy as np
@@ -93,12 +93,8 @@ class PictureFacts(Struct, frozen=True):
 
     def __str__(self) -> str:
         width, height = self.size
-        lines = [
-            f"picture of {width} x {height} px, {'colour' if self.colour else 'grey'}",
-            f"scale: {self.scale}",
-            f"part: {self.part}",
-            *map(str, self.notes),
-        ]
+        picture = f"picture of {width} x {height} px, {'colour' if self.colour else 'grey'}"
+        lines = (picture, f"scale: {self.scale}", f"part: {self.part}", *map(str, self.notes))
         return "\n".join(lines)
 
 
@@ -194,31 +190,25 @@ def _check_edges(name: str, borders: Sequence[Outline], job: Job) -> None:
         )
 
 
-def _note_blur(blur: float) -> tuple[Note, ...]:
+def _note_blur(blur: float) -> Iterator[Note]:
     """A warning on an unsharp photo. blur: standard deviation, px."""
-    if blur < _UNSHARP_PX:
-        return ()
-    return (
-        Note(
+    if blur >= _UNSHARP_PX:
+        yield Note(
             "warning",
             f"the photo is unsharp: its edges have a blur of {blur:.1f} px",
             "corners come out round; focus, hold still, or come nearer",
-        ),
-    )
+        )
 
 
-def _note_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
-    if not fits:
-        return ()
-    lines, arcs = sum(fit.lines for fit in fits), sum(fit.arcs for fit in fits)
-    rms, largest = max(fit.rms_mm for fit in fits), max(fit.max_mm for fit in fits)
-    return (
-        Note(
+def _note_fit(fits: Sequence[OutlineFit]) -> Iterator[Note]:
+    if fits:
+        lines, arcs = sum(fit.lines for fit in fits), sum(fit.arcs for fit in fits)
+        rms, largest = max(fit.rms_mm for fit in fits), max(fit.max_mm for fit in fits)
+        yield Note(
             "assumed",
             f"{counted(lines, 'line')} and {counted(arcs, 'arc')} found in the outlines",
             f"they leave the measured edge by {largest:.3f} mm at most, {rms:.3f} mm rms",
-        ),
-    )
+        )
 
 
 def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
@@ -254,15 +244,22 @@ def _segment(source: Source, job: Job, files: Files) -> _Segmented:
     empty = _read_second(picture, job, files, "background") if job.image.background else None
     if job.image.lamp_moved:
         other = _read_second(picture, job, files, "lamp_moved")
-        lit = remove_shadows(picture.pixels, other.pixels, other.name)
-        picture = replace(picture, pixels=lit)
+        picture = replace(picture, pixels=remove_shadows(picture.pixels, other.pixels, other.name))
     region, is_located = _find_region(job, plane), False
     if region is None and picture.pixels.size > _LARGE:
         region, area = _locate_part(method, picture, empty)
         is_located = region is not None
     view, mask = _make_mask(method, picture, empty, region, 1)
     if is_located:
-        _check_area(picture.name, area, _measure_area_mm2(view, mask))
+        fine_area = _measure_area_mm2(view, mask)
+        if fine_area < _SAME_PART * area:
+            raise NoSafeProgram(
+                picture.name,
+                f"a reduced picture shows a part of {area:.0f} mm2, "
+                f"the full one shows {fine_area:.0f} mm2",
+                remedy="part and bench hardly differ: light it evenly, "
+                "or choose another image.mask",
+            )
     if region is not None and job.image.region is None:
         view = replace(view, notes=(*view.notes, _note_region(region, is_located)))
     return _Segmented(picture, camera, plane, view, mask)
@@ -407,16 +404,6 @@ def _make_mask(
 
 def _measure_area_mm2(view: ScaledView, mask: Mask) -> float:
     return float(np.count_nonzero(mask.pixels)) * view.mm_per_px**2
-
-
-def _check_area(name: str, coarse_mm2: float, fine_mm2: float) -> None:
-    if fine_mm2 < _SAME_PART * coarse_mm2:
-        raise NoSafeProgram(
-            name,
-            f"a reduced picture shows a part of {coarse_mm2:.0f} mm2, "
-            f"the full one shows {fine_mm2:.0f} mm2",
-            remedy="part and bench hardly differ: light it evenly, or choose another image.mask",
-        )
 
 
 def _locate_part(
@@ -575,7 +562,7 @@ def _find_frame(seen: _Segmented) -> FloatArray:
 
 def _note_placement(
     seen: _Segmented, outlines_px: Sequence[FloatArray], job: Job
-) -> tuple[Note, ...]:
+) -> Iterator[Note]:
     """Notes on the error bound of the outlines.
 
     The corners of a sheet or a board are examined for their lens; points are too few for that.
@@ -583,7 +570,7 @@ def _note_placement(
     """
     plane = seen.plane
     if plane is None or not len(plane.pairs_px) or not outlines_px:
-        return ()
+        return
     matrix = seen.view.work_from_view
     outline = np.concatenate(outlines_px) @ matrix[:, :2].T + matrix[:, 2]
     height, width = seen.picture.pixels.shape[:2]
@@ -603,32 +590,27 @@ def _note_placement(
             remedy="give camera.file (camgen calibrate), lay the sheet or board around the part, "
             'or set image.accept = ["outside"]',
         )
-    notes = [_note_bound(bound, is_calibrated)] if bound.known else []
+    if bound.known:
+        yield _note_bound(bound, is_calibrated)
     if is_outside and not (is_examined and by_lens <= _LENS_MM):
-        what = f"the part lies {distance}, without a calibrated lens"
         total = _format_mm(bound.total) if bound.known else "unknown, there are too few points"
-        notes.append(
-            Note(
-                "warning",
-                what,
-                f"how far off it may be: {total}; "
-                "give camera.file, or lay sheet or board around the part",
-                strict="outside" not in job.image.accept,
-            )
+        yield Note(
+            "warning",
+            f"the part lies {distance}, without a calibrated lens",
+            f"how far off it may be: {total}; "
+            "give camera.file, or lay sheet or board around the part",
+            strict="outside" not in job.image.accept,
         )
     elif bound.lens > _LENS_MM:
         what = f"no camera.file is given, and a lens may move the part by {_format_mm(bound.lens)}"
-        notes.append(Note("warning", what, "the points do not lie as without a lens"))
+        yield Note("warning", what, "the points do not lie as without a lens")
     if bound.height > _LENS_MM:
-        notes.append(
-            Note(
-                "warning",
-                f"the height may move the part by {_format_mm(bound.height)}",
-                "the focal length is from the photo: tilt the camera more, or give camera.file",
-                strict=True,
-            )
+        yield Note(
+            "warning",
+            f"the height may move the part by {_format_mm(bound.height)}",
+            "the focal length is from the photo: tilt the camera more, or give camera.file",
+            strict=True,
         )
-    return tuple(notes)
 
 
 def _note_bound(bound: ErrorBound, is_calibrated: bool) -> Note:
@@ -656,9 +638,14 @@ def _note_height(table: CameraTable) -> tuple[Note, ...]:
     noun = "sheet" if table.markers else "points"
     if _BOARD.fullmatch(table.markers):
         noun = "board"
-    what = f"height 0: the part's upper face lies in the plane of the {noun}"
     calibration = "" if table.markers else ", with camera.file,"
-    return (Note("assumed", what, f"camera.height{calibration} says how far above it"),)
+    return (
+        Note(
+            "assumed",
+            f"height 0: the part's upper face lies in the plane of the {noun}",
+            f"camera.height{calibration} says how far above it",
+        ),
+    )
 
 
 def _note_wall(seen: _Segmented, borders: Sequence[FloatArray], job: Job) -> tuple[Note, ...]:
@@ -671,8 +658,7 @@ def _note_wall(seen: _Segmented, borders: Sequence[FloatArray], job: Job) -> tup
         return ()
     cameras = list_cameras(seen.picture, seen.plane, seen.camera)
     matrix = seen.view.work_from_view
-    pixels = seen.view.pixels, seen.mask.pixels
-    wall = find_side_wall(*pixels, matrix, borders, seen.plane, cameras)
+    wall = find_side_wall(seen.view.pixels, seen.mask.pixels, matrix, borders, seen.plane, cameras)
     if wall is None:
         return ()
     given = job.camera.height
@@ -710,5 +696,5 @@ def _note_steps(seen: _Segmented) -> tuple[Note, ...]:
             rms, largest = short(plane.rms_mm, 4), short(plane.max_mm, 4)
             what = f"work plane from {len(plane.residuals_mm)} points, rms {rms} mm"
             notes.append(Note("assumed", f"{what}, largest {largest} mm"))
-    mask_note = Note("assumed", f"part by {seen.mask.method}", seen.mask.why)
-    return (*notes, *seen.view.notes, mask_note, *seen.mask.notes)
+    notes += [*seen.view.notes, Note("assumed", f"part by {seen.mask.method}", seen.mask.why)]
+    return (*notes, *seen.mask.notes)

@@ -92,17 +92,17 @@ def load_job(file: Path | None, sets: Sequence[str] = (), files: Files | None = 
         tree.setdefault(table, {})[key] = value
         more = "..." if len(text) > _LONGEST else ""
         origins[table, key] = f"--set {text[:_LONGEST]}{more}"
-    _fill_from_files(tree, origins, files)
-    return _convert(tree, origins, str(file) if file else "job")
+    return _complete(tree, origins, str(file) if file else "job", files)
 
 
-def _fill_from_files(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
-    """Add the settings of `cell.file` and `tool.file` that the job does not have.
+def _complete(tree: Tree, origins: dict[tuple[str, str], str], source: str, files: Files) -> Job:
+    """The job of `tree`, with the settings of `cell.file` and `tool.file` that it does not have.
 
     The names of the two files are removed from `tree`.
     """
     _fill_cell(tree, origins, files)
     _fill_tools(tree, origins, files)
+    return _convert(tree, origins, source)
 
 
 def _fill_cell(tree: Tree, origins: dict[tuple[str, str], str], files: Files) -> None:
@@ -221,9 +221,7 @@ def from_mapping(tables: Mapping[str, object], files: Files | None = None) -> Jo
     """
     contents = {name: _convert_numpy(content) for name, content in tables.items()}
     tree = _check_tables(contents, "job")
-    origins: dict[tuple[str, str], str] = {}
-    _fill_from_files(tree, origins, files or Files())
-    return _convert(tree, origins, "job")
+    return _complete(tree, {}, "job", files or Files())
 
 
 def _convert_numpy(value: object) -> object:
@@ -535,14 +533,13 @@ def _check_numbers(tree: Tree, origins: Origins, source: str, limit: float) -> N
         if table in ("post", "limits"):
             continue
         for key, value in keys.items():
-            if key == "seed" or all(abs(number) <= limit for number in _list_numbers(value)):
-                continue
-            raise JobError(
-                origins.get((table, key), source),
-                f"{key} cannot be beyond {format_limit(limit)}: {_quote_short(value)}",
-                _format_table(table),
-                "give a smaller value, or raise limits.number",
-            )
+            if key != "seed" and any(abs(number) > limit for number in _list_numbers(value)):
+                raise JobError(
+                    origins.get((table, key), source),
+                    f"{key} cannot be beyond {format_limit(limit)}: {_quote_short(value)}",
+                    _format_table(table),
+                    "give a smaller value, or raise limits.number",
+                )
 
 
 def _check_limits(job: Job, place: _Place) -> None:

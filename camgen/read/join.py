@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise, product
 from operator import itemgetter
 
@@ -30,6 +30,7 @@ from camgen.geometry.ragged import (
 from camgen.model.job import Job, Step
 from camgen.model.part import Contour, ContourColumns, Contours, Note
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.sequences import take_rows
 from camgen.model.text import counted, short
 from camgen.model.tolerance import NONZERO, OFF_GRID
 from camgen.read.pieces import (
@@ -227,7 +228,8 @@ def make_contours(
     soup = normalize_pieces(soup)
     soup = _drop(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
     soup = _drop(soup, are_first(soup, label_selections(soup, operations)), _TWICE, notes)
-    is_open = ~(soup.closed | _are_closed_within(soup, tolerance))
+    gap = soup.points[soup.first[1:] - 1] - soup.points[soup.first[:-1]]
+    is_open = ~(soup.closed | (np.hypot(gap[:, 0], gap[:, 1]) <= tolerance))
     label = label_selections(soup, operations)
     cut, repeated = cut_repeated(soup, label, tolerance, is_open, np.zeros_like(is_open))
     joined, joints = _join(cut, tolerance)
@@ -288,11 +290,6 @@ def _are_nearly_closed(soup: DrawnPieces) -> BoolArray:
     length = np.add.reduceat(chords, soup.first[:-1])
     gap = np.linalg.norm(soup.points[last] - soup.points[soup.first[:-1]], axis=1)
     return np.asarray(gap <= GAP_SHARE * length)
-
-
-def _are_closed_within(soup: DrawnPieces, tolerance: float) -> BoolArray:
-    gap = soup.points[soup.first[1:] - 1] - soup.points[soup.first[:-1]]
-    return np.asarray(np.hypot(gap[:, 0], gap[:, 1]) <= tolerance)
 
 
 #: Ends among which gaps are searched, at most. The number of pairs grows with their square.
@@ -358,35 +355,28 @@ def _drop(soup: DrawnPieces, keep: BoolArray, note: Note, notes: list[Note]) -> 
     """The pieces to keep. The others are counted by `note`, which is added to `notes`."""
     if keep.all():
         return soup
-    kinds = [soup.kinds[kind] for kind in soup.kind[~keep]]
-    layers = [soup.layers[layer] for layer in soup.layer[~keep]]
-    notes.append(replace(note, what=f"{note.what}: {describe_elements(kinds, layers)}"))
+    kinds, layers = soup.kind[~keep].tolist(), soup.layer[~keep].tolist()
+    dropped = describe_elements(take_rows(soup.kinds, kinds), take_rows(soup.layers, layers))
+    notes.append(replace(note, what=f"{note.what}: {dropped}"))
     return soup.take(keep)
 
 
-def _note_joints(joints: EndJoints, tolerance: float, by_color: bool) -> list[Note]:
-    notes = []
-    limit = f"input.join = {short(tolerance, 6)} mm"
+def _note_joints(joints: EndJoints, tolerance: float, by_color: bool) -> Iterator[Note]:
     if joints.count:
         gaps = f"gaps closed: {joints.count}, largest {joints.largest:.3g} mm"
-        notes.append(Note("joined", gaps, f"ends closer than {limit} meet"))
+        yield Note("joined", gaps, f"ends closer than input.join = {short(tolerance, 6)} mm meet")
     if joints.mixed:
-        notes.append(
-            Note(
-                "joined",
-                f"contours over more than one layer: {joints.mixed}",
-                "each counts to the layer of its first piece",
-            )
+        yield Note(
+            "joined",
+            f"contours over more than one layer: {joints.mixed}",
+            "each counts to the layer of its first piece",
         )
     if joints.colored and by_color:
-        notes.append(
-            Note(
-                "joined",
-                f"contours of more than one color: {joints.colored}",
-                "each has the color of its first piece",
-            )
+        yield Note(
+            "joined",
+            f"contours of more than one color: {joints.colored}",
+            "each has the color of its first piece",
         )
-    return notes
 
 
 class _Ends(Struct, frozen=True, eq=False):
@@ -394,15 +384,11 @@ class _Ends(Struct, frozen=True, eq=False):
 
     points: (2 P, 2) mm.
     directions: (2 P, 2) unit vectors from each end into its piece.
-    layer: (2 P,) layer of the piece of each end.
-    color: (2 P,) color of the piece of each end.
     length: (P,) lengths of the pieces, mm.
     """
 
     points: FloatArray
     directions: FloatArray
-    layer: IntArray
-    color: IntArray
     length: FloatArray
 
 
@@ -431,22 +417,22 @@ def pair_ends(soup: DrawnPieces, tolerance: float) -> IntArray:
     partner = np.full(2 * len(soup), -1, dtype=np.intp)
     ends = _find_ends(soup)
     is_free = np.repeat(~soup.closed, 2)
-    for group in _list_groups(ends, len(soup.colors)):
+    for group in _list_groups(soup):
         _pair_coincident(partner, is_free, ends, group, same)
         _pair_near(partner, is_free, ends, group, (same, tolerance))
     return partner
 
 
-def _list_groups(ends: _Ends, colors: int) -> list[IntArray]:
-    """Labels of ends. Ends with equal labels may meet, first by the first labels.
+def _list_groups(soup: DrawnPieces) -> list[IntArray]:
+    """Labels of the ends of pieces. Ends with equal labels may meet, first by the first labels.
 
     The labels are layer and color, the layer, and one for all. Labels that make the same groups as
     the labels before are left out.
     """
-    groups = [ends.layer * colors + ends.color, ends.layer, np.zeros_like(ends.layer)]
-    counts = [int(np.count_nonzero(np.bincount(group))) for group in groups]
+    labels = [soup.layer * len(soup.colors) + soup.color, soup.layer, np.zeros_like(soup.layer)]
+    counts = [int(np.count_nonzero(np.bincount(label))) for label in labels]
     is_new = [True, counts[1] < counts[0], counts[2] < counts[1]]
-    return list(itertools.compress(groups, is_new))
+    return [np.repeat(label, 2) for label in itertools.compress(labels, is_new)]
 
 
 def _find_ends(soup: DrawnPieces) -> _Ends:
@@ -466,8 +452,6 @@ def _find_ends(soup: DrawnPieces) -> _Ends:
     return _Ends(
         points=np.stack([soup.points[start], soup.points[end]], axis=1).reshape(-1, 2),
         directions=directions.reshape(-1, 2),
-        layer=np.repeat(soup.layer, 2),
-        color=np.repeat(soup.color, 2),
         length=np.add.reduceat(lengths, start) if len(soup) else np.zeros(0),
     )
 
@@ -494,28 +478,26 @@ def _pair_coincident(
             partner[a], partner[b] = b, a
 
 
-def _pair_straightest(ends: IntArray, directions: FloatArray) -> list[tuple[int, int]]:
+def _pair_straightest(ends: IntArray, directions: FloatArray) -> Iterable[tuple[int, int]]:
     """Pairs of `ends` in one point, the smallest corner angle first."""
     d = directions[ends]
     if len(ends) > _CROWD:
         sorted_ends = ends[np.argsort(np.arctan2(d[:, 1], d[:, 0]), kind="stable")].tolist()
         half = len(ends) // 2
-        return list(zip(sorted_ends[:half], sorted_ends[half : 2 * half], strict=True))
+        return zip(sorted_ends[:half], sorted_ends[half : 2 * half], strict=True)
     i, j = np.triu_indices(len(ends), 1)
     # Rounded, so that equal angles tie and do not depend on the last bit.
     order = np.argsort(np.round(np.einsum("kd,kd->k", d[i], d[j]), 9), kind="stable")
     return _select_disjoint(ends[i][order].tolist(), ends[j][order].tolist())
 
 
-def _select_disjoint(first: list[int], second: list[int]) -> list[tuple[int, int]]:
+def _select_disjoint(first: list[int], second: list[int]) -> Iterator[tuple[int, int]]:
     """Pairs in order, without those of which an end belongs to an earlier pair."""
     taken: set[int] = set()
-    pairs = []
     for a, b in zip(first, second, strict=True):
         if a not in taken and b not in taken:
             taken |= {a, b}
-            pairs.append((a, b))
-    return pairs
+            yield a, b
 
 
 def _pair_near(

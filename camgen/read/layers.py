@@ -1,16 +1,45 @@
-"""Decides by their state and the globs of the job which layers of a drawing are used."""
+"""Decides by their state and the globs and names of the job which layers and colors are used."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 from msgspec import Struct, field
 
 from camgen.model.errors import JobError
+from camgen.model.job import Choice
 from camgen.model.text import harmless, suggest
-from camgen.read.chosen import is_chosen_layer
+from camgen.read.colors import resolve_named
 
 OFF, FROZEN, NOT_ASKED = "the layer is off", "the layer is frozen", "left out by input.layers"
+
+
+def is_chosen_layer(layer: str, globs: Sequence[str]) -> bool:
+    """Whether a layer is chosen. Upper and lower case are the same, as in CAD.
+
+    globs: a layer has to match one of them, and none that starts with "!". Globs with "!" alone
+        choose all other layers.
+    """
+    name = layer.casefold()
+    has_choice = is_chosen = False
+    for glob in map(str.casefold, globs):
+        if not glob.startswith("!"):
+            has_choice = True
+            is_chosen |= fnmatchcase(name, glob)
+        elif fnmatchcase(name, glob[1:]):
+            return False
+    return is_chosen or not has_choice
+
+
+def is_chosen(layer: str, color: str, choice: Choice) -> bool:
+    """Whether an operation chooses curves on a layer and of a color ("#ff0000").
+
+    A choice without names of colors has every color.
+    """
+    names = choice.colors
+    has_color = not names or any(color in resolve_named(name) for name in names)
+    return has_color and is_chosen_layer(layer, choice.layers)
 
 
 class Layers(Struct):
@@ -36,8 +65,7 @@ class Layers(Struct):
             folded = layer.casefold()
             self.names.setdefault(folded, layer)
             verdict = self.states.get(folded, "")
-            is_chosen = folded in self.clamps or is_chosen_layer(layer, self.globs)
-            if not verdict and not is_chosen:
+            if not (verdict or folded in self.clamps or is_chosen_layer(layer, self.globs)):
                 verdict = NOT_ASKED
             self.verdicts[layer] = verdict
         return verdict
@@ -49,9 +77,8 @@ class Layers(Struct):
         """
         for glob in self.globs:
             pattern = glob.removeprefix("!")
-            if pattern == "*":
-                continue
-            if not any(fnmatchcase(name, pattern.casefold()) for name in self.names):
+            fits = any(fnmatchcase(name, pattern.casefold()) for name in self.names)
+            if pattern != "*" and not fits:
                 names = map(harmless, sorted(self.names.values()))
                 raise JobError(
                     file,

@@ -14,8 +14,8 @@ from camgen.model.job import Job, OperationTable
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.read.chosen import is_chosen_color, is_chosen_layer
 from camgen.read.join import find_close_pairs
+from camgen.read.layers import is_chosen
 from camgen.read.pieces import BoolArray, describe_elements
 
 #: Distance from the centre of a circle, or from another point, up to which a point is dropped, mm.
@@ -43,9 +43,7 @@ def find_diameter(mark: Mark, job: Job) -> float:
     An operation that chooses holes by their diameters does not drill at marks, which have none.
     """
     for step in job.operations:
-        takes = is_chosen_layer(mark.layer, step.choice.layers)
-        takes &= is_chosen_color(mark.color, step.choice.colors)
-        if takes and can_drill_marks(step.operation):
+        if can_drill_marks(step.operation) and is_chosen(mark.layer, mark.color, step.choice):
             return step.tool.diameter
     if not job.operations and can_drill_marks(job.operation):
         return job.tool.diameter
@@ -72,9 +70,10 @@ def add_marks(
         return contours, others, []
     places = np.array([(mark.x, mark.y) for mark in drilled])
     used = list(compress(drilled, _are_new(places, _list_centres(contours))))
-    circles: list[Contour] = []
-    for number, mark in enumerate(used, len(contours) + 1):
-        circles.append(_make_circle(mark, find_diameter(mark, job), f"c{number}"))
+    circles = [
+        _make_circle(mark, find_diameter(mark, job), f"c{number}")
+        for number, mark in enumerate(used, len(contours) + 1)
+    ]
     notes: list[Note] = []
     if used:
         what = describe_elements(["POINT"] * len(used), [mark.layer for mark in used])
@@ -125,5 +124,6 @@ def _make_circle(mark: Mark, diameter: float, name: str) -> Contour:
     radius = np.array([diameter / 2, 0.0])
     centre = np.array([mark.x, mark.y])
     points = frozen(np.array([centre + radius, centre - radius]))
-    bulges = frozen(np.ones(2))
-    return Contour(points, bulges, True, mark.layer, name, (), mark.color, is_mark=True)
+    return Contour(
+        points, frozen(np.ones(2)), True, mark.layer, name, color=mark.color, is_mark=True
+    )

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.geometry.ragged import compute_offsets
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import (
@@ -105,16 +107,13 @@ def _find_place(part: Part, origin: str | list[float]) -> tuple[float, float]:
 def _place_contours(
     contours: tuple[Contour, ...], work_from_drawing: PlanePose
 ) -> tuple[Contour, ...]:
-    if not contours:
-        return ()
     columns = tabulate_contours(contours)
     points = frozen(work_from_drawing.apply(columns.points))
-    ends = np.cumsum(columns.counts).tolist()
-    placed: list[Contour] = []
-    begin = 0
-    for contour, end in zip(contours, ends, strict=True):
-        placed.append(replace(contour, points=points[begin:end]))
-        begin = end
+    bounds = pairwise(compute_offsets(columns.counts).tolist())
+    placed = (
+        replace(contour, points=points[first:after])
+        for contour, (first, after) in zip(contours, bounds, strict=True)
+    )
     return Contours.from_columns(
         placed, ContourColumns(points, columns.bulges, columns.counts, columns.closed)
     )

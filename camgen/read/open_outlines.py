@@ -6,7 +6,7 @@ one of these loops: a window counts as an outline then, and a tool would run on 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import compress
 
 import numpy as np
@@ -15,8 +15,16 @@ from msgspec import Struct
 from camgen.geometry.ragged import compute_offsets, find_following_rows
 from camgen.geometry.segments import flatten, make_contour_segments
 from camgen.model.job import Job
-from camgen.model.part import Contour, OpenOutline, tabulate_contours
+from camgen.model.part import (
+    Contour,
+    OpenOutline,
+    list_ids,
+    select_closed,
+    select_open,
+    tabulate_contours,
+)
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.read.join import GAP_SHARE, assemble, chain, compute_join, pair_ends
 from camgen.read.pieces import DrawnPieces, compute_same_distance, index_names
 
@@ -41,25 +49,21 @@ def find_open_outlines(contours: Sequence[Contour], job: Job) -> tuple[OpenOutli
     joined up to that value. Their order is that of their first contours. The result is empty if
     sides make no difference to `job`.
     """
-    opened: list[Contour] = []
-    closed: list[Contour] = []
-    for contour in contours:
-        (closed if contour.closed else opened).append(contour)
+    opened, closed = select_open(contours), select_closed(contours)
     if not opened or not closed or not _decides_sides(job):
         return ()
     pieces, segments = _make_soup(opened), make_contour_segments(opened)
     lengths = np.bincount(segments.owner, segments.length).astype(np.float64)
     # The gaps belong to the length of an outline.
     widest = GAP_SHARE / (1 - GAP_SHARE) * float(lengths.sum())
-    candidates = _select_outlines(_close_chains(pieces, lengths, widest), closed)
+    candidates = list(_select_outlines(_close_chains(pieces, lengths, widest), closed))
     if not candidates:
         return ()
     join = compute_join(max(loop.gap for loop, _ in candidates))
     outlines = []
     for loop, inside in _select_outlines(_close_chains(pieces, lengths, join), closed):
-        ids = tuple(opened[piece].id for piece in loop.pieces)
-        names = tuple(contour.id for contour in inside)
-        outlines.append(OpenOutline(ids, names, loop.gap, loop.place, join))
+        ids = list_ids(take_rows(opened, loop.pieces))
+        outlines.append(OpenOutline(ids, list_ids(inside), loop.gap, loop.place, join))
     return tuple(outlines)
 
 
@@ -141,13 +145,13 @@ def _close_chains(pieces: DrawnPieces, lengths: FloatArray, tolerance: float) ->
 
 def _select_outlines(
     loops: Sequence[_Loop], closed: Sequence[Contour]
-) -> list[tuple[_Loop, list[Contour]]]:
+) -> Iterator[tuple[_Loop, list[Contour]]]:
     """The loops that do not cross themselves, each with the contours of `closed` inside it.
 
     Loops without such contours are left out.
     """
     if not loops:
-        return []
+        return
     import shapely  # noqa: PLC0415 (only drawings with such loops)
 
     from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (loads shapely)
@@ -160,7 +164,6 @@ def _select_outlines(
     starts = shapely.points(np.array([contour.points[0] for contour in closed]))
     wide, narrow = shapely.buffer(polygons, _CHORD_MM), shapely.buffer(polygons, -_CHORD_MM)
     which, candidates = shapely.STRtree(starts).query(wide, predicate="contains")
-    outlines = []
     for k in np.unique(which).tolist():
         if (
             not polygons[k].is_valid
@@ -175,5 +178,4 @@ def _select_outlines(
             if is_covered and shapely.contains_xy(narrow[k], points).any():
                 inside.append(closed[j])
         if inside:
-            outlines.append((loops[k], inside))
-    return outlines
+            yield loops[k], inside

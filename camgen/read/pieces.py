@@ -82,17 +82,13 @@ class DrawnPieces(Struct, frozen=True, eq=False):
         )
 
 
-def describe_elements(kinds: Sequence[str], layers: Sequence[str]) -> str:
-    """The elements of a note, as in "3 TEXT, 1 HATCH on layers A, B".
+def describe_elements(kinds: Iterable[str], layers: Iterable[str]) -> str:
+    """The elements of a note, as in "1 HATCH, 3 TEXT on layers A, B".
 
-    kinds, layers: kind and layer of each element, as they are in the file.
+    kinds: kind of each element, or the number of elements by kind.
+    layers: layers of the elements, as they are in the file, or none.
     """
-    return describe_counts(Counter(kinds), layers)
-
-
-def describe_counts(counts: Mapping[str, int], layers: Iterable[str]) -> str:
-    """The text of `describe_elements` for numbers of elements by kind. `layers` may be empty."""
-    text = format_counts(counts)
+    text = format_counts(Counter(kinds))
     names = sorted({harmless(layer) for layer in layers})
     if not names:
         return text
@@ -148,9 +144,8 @@ def normalize_pieces(soup: DrawnPieces) -> DrawnPieces:
     soup = _drop_repeats(soup)
     soup = _halve_wide_arcs(soup)
     rows = soup.first[:-1][soup.closed & (np.diff(soup.first) == 2)]
-    is_circle = np.abs(soup.bulges[rows]) == 1
-    is_circle &= soup.bulges[rows] == soup.bulges[rows + 1]
-    rows = rows[is_circle]
+    bulges = soup.bulges[rows]
+    rows = rows[(np.abs(bulges) == 1) & (bulges == soup.bulges[rows + 1])]
     if not len(rows):
         return soup
     points, bulges = soup.points.copy(), soup.bulges.copy()
@@ -244,8 +239,7 @@ def _find_candidates(keys: NDArray[np.int64]) -> IntArray:
     factors = np.random.default_rng(0).integers(1, 2**62, (keys.shape[1],), dtype=np.uint64)
     total = (keys.view(np.uint64) * (2 * factors + 1)).sum(axis=1)
     ranked = np.sort(total)
-    repeated = ranked[1:][ranked[1:] == ranked[:-1]]
-    return np.flatnonzero(np.isin(total, repeated))
+    return np.flatnonzero(np.isin(total, ranked[1:][ranked[1:] == ranked[:-1]]))
 
 
 def _make_keys(

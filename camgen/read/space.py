@@ -60,7 +60,9 @@ def join_pieces(
     pieces = list(map(_drop_repeats, pieces))
     has_length = [len(piece.points) > 1 for piece in pieces]
     pieces = _keep(pieces, has_length, "repaired", "without length", notes)
-    pieces = _keep(pieces, _list_first(pieces), "repaired", "drawn twice; each is used once", notes)
+    pieces = _keep(
+        pieces, list(_are_first(pieces)), "repaired", "drawn twice; each is used once", notes
+    )
     if not pieces:
         return (), tuple(notes)
     closed = list(map(_is_closed, pieces))
@@ -109,8 +111,7 @@ def note_heights(drawn: Sequence[Curve]) -> Note:
     flat = [f"{name} at z = {short(z, 3)}" for name, z in level.items() if z is not None]
     what = "no curve leaves its plane"
     if in_space:
-        count = counted(len(in_space), "curve")
-        what = f"{count} in space: {list_first(in_space, _MAX_LISTED)}"
+        what = f"{counted(len(in_space), 'curve')} in space: {list_first(in_space, _MAX_LISTED)}"
     if flat:
         what += f"; {counted(len(flat), 'flat one')}: {list_first(flat, _MAX_LISTED)} mm"
     return Note("assumed", what, "all are followed at the heights they are drawn at", tuple(level))
@@ -147,17 +148,15 @@ def _drop_repeats(piece: Piece) -> Piece:
     return Piece(piece.kind, piece.layer, piece.points[kept], piece.via[spans])
 
 
-def _list_first(pieces: Sequence[Piece]) -> list[bool]:
+def _are_first(pieces: Sequence[Piece]) -> Iterator[bool]:
     """Whether each piece differs from all before it, in both directions."""
     seen: set[bytes] = set()
-    first = []
     for piece in pieces:
         points = np.round(piece.points / SAME_POINT_MM) + 0.0
         via = np.round(piece.via / SAME_POINT_MM) + 0.0
         key = min(points.tobytes() + via.tobytes(), points[::-1].tobytes() + via[::-1].tobytes())
-        first.append(key not in seen)
+        yield key not in seen
         seen.add(key)
-    return first
 
 
 def _is_closed(piece: Piece) -> bool:

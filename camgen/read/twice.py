@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -23,7 +23,7 @@ from camgen.model.job import Step
 from camgen.model.part import Note
 from camgen.model.text import short
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.read.chosen import is_chosen_color, is_chosen_layer
+from camgen.read.layers import is_chosen
 from camgen.read.pieces import BoolArray, DrawnPieces, IntArray, describe_elements, find_next_rows
 
 #: Maximum number of places of a note that the preview shows.
@@ -58,11 +58,9 @@ def label_selections(soup: DrawnPieces, operations: Sequence[Step]) -> IntArray:
     label = np.zeros(len(soup), dtype=np.intp)
     for pair in np.unique(pairs).tolist():
         layer, color = divmod(pair, len(soup.colors))
-        selection = []
-        for step in operations:
-            takes = is_chosen_layer(soup.layers[layer], step.choice.layers)
-            selection.append(takes and is_chosen_color(soup.colors[color], step.choice.colors))
-        label[pairs == pair] = numbers.setdefault(tuple(selection), len(numbers))
+        names = soup.layers[layer], soup.colors[color]
+        selection = tuple(is_chosen(*names, step.choice) for step in operations)
+        label[pairs == pair] = numbers.setdefault(selection, len(numbers))
     return label
 
 
@@ -92,7 +90,7 @@ def cut_repeated(
     if not covered:
         return soup, []
     cuts = _list_cuts(soup, segments, covered)
-    return _replace_pieces(soup, cuts), _note_cuts(soup, cuts, noun)
+    return _replace_pieces(soup, cuts), list(_note_cuts(soup, cuts, noun))
 
 
 def drop_repeated_loops(
@@ -104,9 +102,7 @@ def drop_repeated_loops(
     """
     loops = np.flatnonzero(soup.closed)
     segments = _list_segments(soup, soup.closed)
-    number = np.zeros(len(soup), dtype=np.intp)
-    number[loops] = np.arange(len(loops))
-    numbered = replace(segments, owner=number[segments.owner])
+    numbered = replace(segments, owner=np.searchsorted(loops, segments.owner))
     repeated = find_equal_loops(numbered, len(loops), label[loops], _limit(tolerance))
     if not repeated:
         return soup, []
@@ -149,51 +145,38 @@ def _list_cuts(soup: DrawnPieces, segments: Segments, covered: dict[int, Parts])
             bool(soup.closed[piece]),
             {row - head: parts for row, parts in rows.items()},
         )
-        total = measure_covered(segments, rows)
         first, parts = next(iter(rows.items()))
         middle = np.array([sum(parts[0]) / 2])
         ((x, y),) = points_at(segments.take(np.array([first])), middle).tolist()
-        cuts.append(_Cut(piece, chains, total, (x, y)))
+        cuts.append(_Cut(piece, chains, measure_covered(segments, rows), (x, y)))
     return cuts
 
 
 def _replace_pieces(soup: DrawnPieces, cuts: list[_Cut]) -> DrawnPieces:
     """The soup with the rest of each covered piece in its place."""
-    rest = {cut.piece: cut.chains for cut in cuts}
-    points, bulges = [], []
-    pieces: list[int] = []
-    counts: list[int] = []
-    closed: list[bool] = []
-    done = 0
-    for piece in [*rest, len(soup)]:
-        rows = slice(int(soup.first[done]), int(soup.first[piece]))
-        points.append(soup.points[rows])
-        bulges.append(soup.bulges[rows])
-        pieces += range(done, piece)
-        counts += np.diff(soup.first[done : piece + 1]).tolist()
-        closed += soup.closed[done:piece].tolist()
-        for chain_points, chain_bulges in rest.get(piece, []):
-            points.append(chain_points)
-            bulges.append(chain_bulges)
-            pieces.append(piece)
-            counts.append(len(chain_points))
-            closed.append(False)
-        done = piece + 1
-    index = np.array(pieces, dtype=np.intp)
-    return replace(
+    is_whole = np.ones(len(soup), dtype=np.bool_)
+    is_whole[[cut.piece for cut in cuts]] = False
+    whole = soup.take(is_whole)
+    chains, owners = [(whole.points, whole.bulges)], np.flatnonzero(is_whole).tolist()
+    for cut in cuts:
+        chains += cut.chains
+        owners += [cut.piece] * len(cut.chains)
+    points, bulges = zip(*chains, strict=True)
+    index = np.array(owners, dtype=np.intp)
+    pieces = replace(
         soup,
         points=np.concatenate(points),
         bulges=np.concatenate(bulges),
-        first=compute_offsets(counts),
-        closed=np.array(closed, dtype=np.bool_),
+        first=compute_offsets([*np.diff(whole.first), *map(len, points[1:])]),
+        closed=np.append(whole.closed, np.zeros(len(chains) - 1, dtype=np.bool_)),
         layer=soup.layer[index],
         kind=soup.kind[index],
         color=soup.color[index],
     )
+    return pieces.take(np.argsort(index, kind="stable"))
 
 
-def _note_cuts(soup: DrawnPieces, cuts: list[_Cut], noun: str) -> list[Note]:
-    notes = []
+def _note_cuts(soup: DrawnPieces, cuts: list[_Cut], noun: str) -> Iterator[Note]:
     for is_whole in (True, False):
         group = [cut for cut in cuts if is_whole == (not cut.chains)]
         if not group:
@@ -201,8 +184,7 @@ def _note_cuts(soup: DrawnPieces, cuts: list[_Cut], noun: str) -> list[Note]:
         what = _count(soup, [cut.piece for cut in group], noun)
         if not is_whole:
             what = f"{short(sum(cut.length for cut in group), 2)} mm of {what}"
-        notes.append(_note(what, [cut.place for cut in group]))
-    return notes
+        yield _note(what, [cut.place for cut in group])
 
 
 def _count(soup: DrawnPieces, pieces: list[int], noun: str) -> str:

@@ -225,7 +225,7 @@ def write_named_stl():
 def write_named_glb():
     """Two boxes whose nodes get the names `NAMES`, which the writer of GLB lacks."""
     data = meshes.write_glb(BOXES)
-    document, body = glb._split(data)
+    document, body = glb.split_glb(data)
     for node, name in zip(document["nodes"], NAMES, strict=True):
         node["name"] = name
     return glb._join(document, body)

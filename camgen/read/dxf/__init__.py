@@ -7,6 +7,7 @@ ends are joined, and the meaning of each note.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 
 import numpy as np
 from ezdxf.document import Drawing
@@ -88,8 +89,7 @@ class DxfFacts(Struct, frozen=True):
             contours,
         ]
         for layer in self.layers:
-            counts = format_counts(dict(layer.counts))
-            lines.append(f"layer {layer.name}: {layer.state}; {counts}")
+            lines.append(f"layer {layer.name}: {layer.state}; {format_counts(dict(layer.counts))}")
         if self.colors:
             lines.append(self.colors)
         return "\n".join([*lines, *map(str, self.notes)])
@@ -194,8 +194,7 @@ def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
 
 def _read(source: Source, job: Job) -> _Drawing:
     name, data, settings = source.name, source.data, job.input
-    loaded = load_document(name, data)
-    document, notes = loaded.document, loaded.notes
+    document, plain, notes = load_document(name, data)
     version = f"{document.dxfversion} ({document.acad_release})"
     unit, scale, unit_notes = units.resolve(
         name, settings.units, *_read_units(name, document, data)
@@ -203,11 +202,11 @@ def _read(source: Source, job: Job) -> _Drawing:
     layers = read_layers(document, job)
     # Numbers of a damaged file may be infinite. Their curves are found later and noted.
     with np.errstate(invalid="ignore", over="ignore"):
-        drawn = walk(name, document, loaded.plain, scale, layers, source.limits)
+        drawn = walk(name, document, plain, scale, layers, source.limits)
         layers.check(name)
         unplaced = () if drawn.met else _list_blocks(document)
         # The document takes most of the memory and is no longer needed.
-        del document, loaded
+        del document, plain
         flat = flatten(drawn, job.tolerance.chord)
         contours: tuple[Contour, ...] = ()
         curves: tuple[Curve, ...] = ()
@@ -257,11 +256,8 @@ def _make_contours(
 
 def _list_blocks(document: Drawing) -> tuple[str, ...]:
     """Names of the blocks that are not empty, except layouts and anonymous blocks."""
-    names = []
-    for block in document.blocks:
-        if len(block) and not block.is_any_layout and not block.name.startswith("*"):
-            names.append(block.name)
-    return tuple(names)
+    blocks = [block for block in document.blocks if len(block) and not block.is_any_layout]
+    return tuple(block.name for block in blocks if not block.name.startswith("*"))
 
 
 def _add_marks(
@@ -271,13 +267,13 @@ def _add_marks(
 
     The other points are counted as unused in `drawn`.
     """
-    if not drawn.point_owner:
+    if not drawn.points:
         return contours, []
-    matrices = np.array([drawn.matrices[drawn.matrix[owner]] for owner in drawn.point_owner])
-    local = np.array(drawn.points).reshape(-1, 3)
+    matrices = np.array([drawn.matrices[drawn.matrix[owner]] for owner in drawn.points])
+    local = np.array(list(drawn.points.values()))
     positions = np.einsum("nij,nj->ni", matrices[:, :2, :3], local) + matrices[:, :2, 3]
     marks = []
-    for owner, (x, y) in zip(drawn.point_owner, positions.tolist(), strict=True):
+    for owner, (x, y) in zip(drawn.points, positions.tolist(), strict=True):
         if max(abs(x), abs(y)) <= FARTHEST:
             marks.append(Mark(x, y, drawn.layer[owner], drawn.colors.names[drawn.color[owner]]))
         else:
@@ -333,53 +329,47 @@ def _tally(counts: Counter[tuple[str, str]]) -> str:
     )
 
 
-def _note_unused(drawn: DrawnEntities) -> list[Note]:
-    notes = []
+def _note_unused(drawn: DrawnEntities) -> Iterator[Note]:
     for why, counts in drawn.unused.items():
         if why == NOT_ASKED:
-            notes.append(Note("assumed", f"not used: {_tally(counts)}", why))
+            yield Note("assumed", f"not used: {_tally(counts)}", why)
         elif why in REPAIRED:
-            notes.append(Note("repaired", f"dropped: {_tally(counts)}", why))
+            yield Note("repaired", f"dropped: {_tally(counts)}", why)
         else:
             handles = [f"#{harmless(handle)}" for handle in drawn.handles.get(why, [])]
             listed = f": {list_first(handles, _NAMED)}" if handles else ""
-            notes.append(Note("skipped", _tally(counts) + listed, why))
-    return notes
+            yield Note("skipped", _tally(counts) + listed, why)
 
 
-def _note_tilted_and_damaged(drawn: DrawnEntities, flat: Flat) -> list[Note]:
-    notes = []
+def _note_tilted_and_damaged(drawn: DrawnEntities, flat: Flat) -> Iterator[Note]:
     if flat.damaged:
         damaged = [_name_entity(drawn, owner) for owner in flat.damaged]
-        notes.append(Note("skipped", list_first(damaged, _NAMED, "; ", "; "), _NOT_CREDIBLE))
+        yield Note("skipped", list_first(damaged, _NAMED, "; ", "; "), _NOT_CREDIBLE)
     if flat.tilted:
         tilted = [
             f"{_name_entity(drawn, owner)} leaves the plane by {short(height, 3)} mm"
             for owner, height in sorted(flat.tilted.items())
         ]
-        why = "curves must be flat and parallel to the XY plane; nothing is projected"
-        remedy = 'operation.kind = "trace" follows them in space'
-        what = list_first(tilted, _NAMED, "; ", "; ")
-        notes.append(Note("skipped", what, f"{why}; {remedy}"))
-    return notes
+        why = (
+            "curves must be flat and parallel to the XY plane; nothing is projected; "
+            'operation.kind = "trace" follows them in space'
+        )
+        yield Note("skipped", list_first(tilted, _NAMED, "; ", "; "), why)
 
 
-def _note_open_splines(drawn: DrawnEntities, flat: Flat, tolerance: float) -> list[Note]:
+def _note_open_splines(drawn: DrawnEntities, flat: Flat, tolerance: float) -> Iterator[Note]:
     """A note on splines that are marked closed but open by more than `tolerance` mm."""
     names = [
         f"{_name_entity(drawn, owner)} by {short(gap, 3)} mm"
         for owner, gap in sorted(flat.gaps.items())
         if gap > tolerance
     ]
-    if not names:
-        return []
-    return [
-        Note(
+    if names:
+        yield Note(
             "warning",
             f"marked closed but open: {list_first(names, _NAMED, '; ', '; ')}",
             "used as its points say; close it in the CAD program",
         )
-    ]
 
 
 def _name_entity(drawn: DrawnEntities, owner: int) -> str:
@@ -388,21 +378,18 @@ def _name_entity(drawn: DrawnEntities, owner: int) -> str:
     return f"{name} on layer {harmless(drawn.layer[owner])}"
 
 
-def _note_heights(flat: Flat) -> list[Note]:
+def _note_heights(flat: Flat) -> Iterator[Note]:
     heights = flat.heights[np.isfinite(flat.heights)]
-    if np.abs(heights).max(initial=0.0) <= FLAT_MM:
-        return []
-    low, high = float(heights.min()), float(heights.max())
-    span = short(low, 3) if high - low <= FLAT_MM else f"{short(low, 3)} to {short(high, 3)}"
-    return [Note("assumed", f"curves drawn at z = {span} mm", "taken as lying in the work plane")]
+    if np.abs(heights).max(initial=0.0) > FLAT_MM:
+        low, high = float(heights.min()), float(heights.max())
+        span = short(low, 3) if high - low <= FLAT_MM else f"{short(low, 3)} to {short(high, 3)}"
+        yield Note("assumed", f"curves drawn at z = {span} mm", "taken as lying in the work plane")
 
 
-def _note_simplified(drawn: DrawnEntities) -> list[Note]:
-    notes = []
+def _note_simplified(drawn: DrawnEntities) -> Iterator[Note]:
     if drawn.with_thickness:
         thick = f"with thickness: {_tally(drawn.with_thickness)}"
-        notes.append(Note("assumed", thick, "the curve itself is used"))
+        yield Note("assumed", thick, "the curve itself is used")
     if drawn.with_width:
         wide = f"with width: {_tally(drawn.with_width)}"
-        notes.append(Note("assumed", wide, "the centre line is used"))
-    return notes
+        yield Note("assumed", wide, "the centre line is used")

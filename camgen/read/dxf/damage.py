@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import Final
 
@@ -104,17 +104,6 @@ _UNITS: Final = ("$INSUNITS", "$MEASUREMENT")
 _STATE: Final = (62, 70)
 
 
-class Repaired(Struct, frozen=True):
-    """A text without its damaged entities.
-
-    text: the rest of the file.
-    notes: the entities that were left out, and the numbers that were replaced or have commas.
-    """
-
-    text: bytes
-    notes: tuple[Note, ...]
-
-
 class _Lines(Struct, frozen=True, eq=False):
     """Tags of a text that may have lost lines.
 
@@ -128,8 +117,11 @@ class _Lines(Struct, frozen=True, eq=False):
     lost: dict[int, str]
 
 
-def repair(name: str, data: bytes) -> Repaired | None:
-    """The text `data` of the file `name` without its damage; None for a sound text.
+def repair(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]] | None:
+    """The text `data` of the file `name` without its damage, and notes; None for a sound text.
+
+    The notes name the entities that were left out, and the numbers that were replaced or have
+    commas.
 
     Raises InputError if the damage makes the drawing unreadable.
     """
@@ -162,7 +154,7 @@ def repair(name: str, data: bytes) -> Repaired | None:
     edits += [_make_edit(tags, tag, b"0") for tag, _ in zeros] + removed
     notes += _limit(left_out, "entities")
     notes += _limit([_note_zero(lines, tag, record) for tag, record in zeros], "numbers")
-    return Repaired(_apply(tags.text, edits), tuple(notes))
+    return _apply(tags.text, edits), tuple(notes)
 
 
 # Lines and tags.
@@ -173,15 +165,12 @@ def _read_lines(name: str, data: bytes) -> _Lines:
     if not data.endswith(b"\n"):
         data += b"\n"
     tags = tabulate(data)
-    if tags is not None and not _has_odd_kinds(tags):
-        return _Lines(tags, 2 + 2 * np.arange(len(tags.code)), {})
+    if tags is not None:
+        # After a lost line, a tag with the group code 0 does not name a kind.
+        kinds = np.unique(tags.values(tags.head, LONGEST_NUMBER)).tolist()
+        if all(_KIND_LINE.fullmatch(kind) for kind in kinds):
+            return _Lines(tags, 2 + 2 * np.arange(len(tags.code)), {})
     return _match_lines(name, data.split(b"\n")[:-1])
-
-
-def _has_odd_kinds(tags: Tags) -> bool:
-    # After a lost line, a tag with the group code 0 does not name a kind.
-    kinds = np.unique(tags.values(tags.head, LONGEST_NUMBER))
-    return any(_KIND_LINE.fullmatch(kind) is None for kind in kinds.tolist())
 
 
 def _match_lines(name: str, lines: list[bytes]) -> _Lines:
@@ -225,14 +214,12 @@ def _match_lines(name: str, lines: list[bytes]) -> _Lines:
     return _Lines(tags, np.array(pairs, np.int64) + 2, lost)
 
 
-def _named_pairs(lines: list[bytes], pairs: list[int]) -> list[int]:
+def _named_pairs(lines: list[bytes], pairs: list[int]) -> Iterator[int]:
     """The handle and the layer of a damaged entity, as far as they come before its numbers."""
-    named = []
     for k in pairs:
         if lines[k].strip() not in (b"5", b"8", b"100", b"330"):
             break
-        named.append(k)
-    return named
+        yield k
 
 
 def _find_entity(lines: list[bytes], k: int) -> int:
@@ -308,9 +295,8 @@ def _read_number(text: bytes) -> float | None:
 def _are_short(texts: Texts) -> Mask:
     """(N,) whether each text is a whole number of at most four digits, which fits every group."""
     kinds = _LETTERS[texts.view(np.uint8).reshape(len(texts), texts.itemsize)]
-    digits = (kinds == _DIGIT).sum(axis=1)
-    has_point = (kinds == _POINT).any(axis=1)
-    return np.asarray(_are_plain(texts) & (digits <= _SHORT) & ~has_point)
+    is_short = (kinds == _DIGIT).sum(axis=1) <= _SHORT
+    return np.asarray(_are_plain(texts) & is_short & (kinds != _POINT).all(axis=1))
 
 
 def _are_plain(texts: Texts) -> Mask:
@@ -363,8 +349,7 @@ def _check_groups(lines: _Lines, entities: Index, required: tuple[int, ...]) -> 
     rows, owner = rows[known], owner[known]
     key = owner * _CODES + tags.code[rows]
     order = np.argsort(key, kind="stable")
-    again = np.flatnonzero(key[order][1:] == key[order][:-1])
-    for k in again.tolist():
+    for k in np.flatnonzero(key[order][1:] == key[order][:-1]).tolist():
         first, second = rows[order[k : k + 2]].tolist()
         values = f"{_show(tags.value(first))} and {_show(tags.value(second))}"
         cause = f"line {lines.line[second]}: group {tags.code[first]} is there twice, {values}"
@@ -397,10 +382,8 @@ def _check_rows(lines: _Lines, entities: Index) -> dict[int, str]:
 def _list_sections(tags: Tags) -> dict[str, tuple[int, int]]:
     """First entity, and the one after the last, of each section by its name."""
     heads = np.flatnonzero(tags.are(("SECTION",))).tolist()
-    sections = {}
-    for first, after in pairwise([*heads, len(tags.head)]):
-        sections[_text(tags, first, _NAME)] = (first, after)
-    return sections
+    bounds = pairwise([*heads, len(tags.head)])
+    return {_text(tags, first, _NAME): (first, after) for first, after in bounds}
 
 
 def _holds_entity(tags: Tags, sections: dict[str, tuple[int, int]], entity: int) -> bool:
@@ -462,7 +445,6 @@ def _check_units_and_states(name: str, lines: _Lines, tag: int, entity: int) -> 
     tags = lines.tags
     variable = _variable(tags, tag)
     record = _read_kind(tags, entity) if entity >= 0 else ""
-    value = f"is damaged: {_show(tags.value(tag))} is not a number"
     place = ""
     if variable in _UNITS:
         place = variable
@@ -470,7 +452,10 @@ def _check_units_and_states(name: str, lines: _Lines, tag: int, entity: int) -> 
         place = f"line {lines.line[tag]}, layer {harmless(_text(tags, entity, _NAME))}"
     if place:
         raise InputError(
-            name, value, place, "save it again from the CAD program, or correct the line"
+            name,
+            f"is damaged: {_show(tags.value(tag))} is not a number",
+            place,
+            "save it again from the CAD program, or correct the line",
         )
 
 
@@ -520,11 +505,10 @@ def _note_commas(lines: _Lines, commas: Index) -> Note:
 
 
 def _note_zero(lines: _Lines, tag: int, record: str) -> Note:
-    tags = lines.tags
-    value = _show(tags.value(tag))
+    group, value = lines.tags.code[tag], _show(lines.tags.value(tag))
     return Note(
         "repaired",
-        f"line {lines.line[tag]}: group {tags.code[tag]} of {record} was {value}, read as 0",
+        f"line {lines.line[tag]}: group {group} of {record} was {value}, read as 0",
         f"not a number; {SAVE_AGAIN}",
         strict=True,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterator
 from io import BytesIO, TextIOWrapper
 
 from ezdxf import recover
@@ -11,7 +12,6 @@ from ezdxf.document import Drawing
 from ezdxf.filemanagement import dxf_stream_info, read
 from ezdxf.lldxf.const import DXFError
 from ezdxf.lldxf.tagger import binary_tags_loader
-from msgspec import Struct
 
 from camgen.model.errors import InputError, make_one_line
 from camgen.model.part import Note
@@ -39,21 +39,10 @@ _LOAD_ERRORS = (
 )  # fmt: skip
 
 
-class Loaded(Struct, frozen=True):
-    """A document.
+def load_document(name: str, data: bytes) -> tuple[Drawing, Split | None, tuple[Note, ...]]:
+    """The document in the bytes of the file `name`, its plain entities, and notes on damage.
 
-    document: all entities except those of `plain`.
-    plain: entities that were taken out of the text by column, None without any.
-    notes: damage.
-    """
-
-    document: Drawing
-    plain: Split | None
-    notes: tuple[Note, ...]
-
-
-def load_document(name: str, data: bytes) -> Loaded:
-    """The document in the bytes of the file `name`.
+    Plain entities were taken out of the document by column; None without any.
 
     Raises InputError for other formats, and for damage beyond repair.
     """
@@ -63,7 +52,8 @@ def load_document(name: str, data: bytes) -> Loaded:
     _check_format(name, data)
     silence("ezdxf")
     if data.startswith(_BINARY):
-        return _load_binary(name, data)
+        document, notes = _load_binary(name, data)
+        return document, None, notes
     data, notes = _cut_end(data)
     plain = split(data)
     # Line numbers of damage are those of the whole text.
@@ -71,15 +61,16 @@ def load_document(name: str, data: bytes) -> Loaded:
     if repaired and plain:
         plain, repaired = None, repair(name, data)
     if repaired:
-        data = repaired.text
-        notes += repaired.notes
-    document = plain and _load_rest(plain)
-    if document:
-        return Loaded(document, plain, notes)
-    return _load_text(name, data, notes)
+        data, repairs = repaired
+        notes += repairs
+    rest = plain and _load_rest(plain)
+    if rest:
+        return rest, plain, notes
+    document, faults = _load_text(name, data)
+    return document, None, notes + faults
 
 
-def _load_binary(name: str, data: bytes) -> Loaded:
+def _load_binary(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     notes = () if b"\x00EOF\x00" in data else (_CUT,)
     try:
         document = Drawing.load(binary_tags_loader(data))
@@ -90,15 +81,14 @@ def _load_binary(name: str, data: bytes) -> Loaded:
         raise InputError(
             name, f"damaged beyond repair: {_format(error)}", "binary DXF", SAVE_AGAIN
         ) from error
-    return Loaded(document, None, notes)
+    return document, notes
 
 
-def _load_text(name: str, data: bytes, notes: tuple[Note, ...]) -> Loaded:
-
+def _load_text(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     try:
         document = read(_decode(data))
         document.modelspace()
-        return Loaded(document, None, notes)
+        return document, ()
     except _LOAD_ERRORS as error:
         cause = _format(error)
     try:
@@ -109,21 +99,20 @@ def _load_text(name: str, data: bytes, notes: tuple[Note, ...]) -> Loaded:
             name, f"damaged beyond repair: {_format(error)}", "", SAVE_AGAIN
         ) from error
     faults = [fault.message for fault in (*auditor.fixes, *auditor.errors)]
-    return Loaded(document, None, (*notes, *_note_faults(cause, faults)))
+    return document, tuple(_note_faults(cause, faults))
 
 
-def _note_faults(cause: str, faults: list[str]) -> list[Note]:
+def _note_faults(cause: str, faults: list[str]) -> Iterator[Note]:
     what = f"the file is damaged: {cause}"
     if faults:
         count = counted(len(faults), "fault")
         what = f"the file is damaged and was read tolerantly, {count} repaired: {cause}"
-    notes = [Note("repaired", what, f"compare the contours, or {SAVE_AGAIN}")]
+    yield Note("repaired", what, f"compare the contours, or {SAVE_AGAIN}")
     for fault in faults:
         match = _REMOVED.match(fault)
         if match:
             entity = match[1].replace("(#", " #").rstrip(")")
-            notes.append(Note("skipped", entity, harmless(fault, 120)))
-    return notes
+            yield Note("skipped", entity, harmless(fault, 120))
 
 
 def _load_rest(plain: Split) -> Drawing | None:
@@ -174,8 +163,7 @@ def _close_ends(data: bytes) -> bytes:
     # A polyline of which vertices are lost is not whole.
     while len(starts) > 1 and lines[starts[-1] + 1].strip() in _PARTS:
         starts.pop()
-    last = max(starts, default=0)
-    return b"\n".join([*lines[:last], b"0", b"ENDSEC", b"0", b"EOF", b""])
+    return b"\n".join([*lines[: max(starts, default=0)], b"0", b"ENDSEC", b"0", b"EOF", b""])
 
 
 def _decode(data: bytes) -> TextIOWrapper:

@@ -22,8 +22,9 @@ from msgspec import Struct, field
 from camgen.model.errors import InputError
 from camgen.model.limits import Limits, format_limit
 from camgen.model.pose import FloatArray
+from camgen.model.sequences import take_rows
 from camgen.model.text import harmless
-from camgen.read.dxf.colors import Colors, read_colors
+from camgen.read.dxf.layers import Colors, read_colors
 from camgen.read.dxf.plain import CIRCLE, KINDS, LINE, PlainEntities, Split
 from camgen.read.layers import FROZEN, Layers
 
@@ -65,14 +66,11 @@ def _find_fault(entity: Any, block: Any, attributes: Attributes, enclosing: tupl
         return "its block contains itself"
     if not (attributes.get("xscale", 1.0) and attributes.get("yscale", 1.0)):
         return "scaled to nothing"
-    if entity.has_extension_dict and _is_clipped(entity):
-        return "clipped (XCLIP), which is not supported; explode it"
+    if entity.has_extension_dict:
+        clip = XClip(entity)
+        if clip.has_clipping_path and clip.is_clipping_enabled:
+            return "clipped (XCLIP), which is not supported; explode it"
     return ""
-
-
-def _is_clipped(entity: Any) -> bool:
-    clip = XClip(entity)
-    return bool(clip.has_clipping_path and clip.is_clipping_enabled)
 
 
 def _read_array(attributes: Attributes) -> tuple[int, int]:
@@ -122,6 +120,11 @@ _NO_RADIUS = "radius not positive"
 #: Reasons of entities that could not have been machined, so that nothing is lost.
 REPAIRED: Final = frozenset({_NO_RADIUS})
 
+
+class Unusable(Exception):
+    """The error for an entity that cannot be used; its text is the reason."""
+
+
 #: Kinds whose numbers are object coordinates.
 _OCS_KINDS: Final = ("ARC", "CIRCLE", "LWPOLYLINE", "POLYLINE")
 #: Extrusion of an entity whose object coordinates are world coordinates.
@@ -165,10 +168,10 @@ class DrawnEntities(Struct, eq=False):
     handle: handle, by owner; "" if the entity has none.
     lines: x, y, z of the start and the end of each line.
     arcs: x, y, z of the center, radius, start angle and sweep in degrees of each arc.
-    points: x, y, z of each point.
-    outlines: rows x, y, z, bulge of each polyline.
-    smooth: ellipses and splines.
-    line_owner, arc_owner, point_owner, outline_owner, smooth_owner: owner of each element.
+    line_owner, arc_owner: owner of each line and of each arc.
+    points: x, y, z of each point, by owner.
+    outlines: rows x, y, z, bulge of each polyline, by owner.
+    smooth: ellipses and splines, by owner.
     unused: number of unused entities by reason, and by kind and layer.
     handles: handles of unused entities that a note names, by reason.
     with_thickness, with_width: number of pieces by kind and layer.
@@ -189,12 +192,9 @@ class DrawnEntities(Struct, eq=False):
     line_owner: list[int] = field(default_factory=list)
     arcs: array[float] = field(default_factory=lambda: array("d"))
     arc_owner: list[int] = field(default_factory=list)
-    points: array[float] = field(default_factory=lambda: array("d"))
-    point_owner: list[int] = field(default_factory=list)
-    outlines: list[FloatArray] = field(default_factory=list)
-    outline_owner: list[int] = field(default_factory=list)
-    smooth: list[Smooth] = field(default_factory=list)
-    smooth_owner: list[int] = field(default_factory=list)
+    points: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    outlines: dict[int, FloatArray] = field(default_factory=dict)
+    smooth: dict[int, Smooth] = field(default_factory=dict)
     unused: dict[str, Counter[tuple[str, str]]] = field(default_factory=dict)
     handles: dict[str, list[str]] = field(default_factory=dict)
     with_thickness: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -202,14 +202,11 @@ class DrawnEntities(Struct, eq=False):
     met: Counter[tuple[str, str]] = field(default_factory=Counter)
     marked_closed: set[int] = field(default_factory=set)
 
-    def count_unused(self, why: str, kind: str, layer: str, count: int = 1) -> None:
-        """Count entities that are not used."""
+    def count_unused(
+        self, why: str, kind: str, layer: str, count: int = 1, handle: str | None = None
+    ) -> None:
+        """Count entities that are not used. The note names the one with the handle."""
         self.unused.setdefault(why, Counter())[kind, layer] += count
-
-    def name_unused(self, why: str, kind: str, layer: str, attributes: Attributes) -> None:
-        """Count an entity that is not used, and keep its handle for the note."""
-        self.count_unused(why, kind, layer)
-        handle = attributes.get("handle")
         if handle:
             self.handles.setdefault(why, []).append(handle)
 
@@ -220,10 +217,8 @@ class DrawnEntities(Struct, eq=False):
         layer: str,
         closed: bool,
         attributes: Attributes,
-        owners: list[int],
-    ) -> None:
-        """Add a piece to the columns by owner, and its number to `owners`."""
-        owners.append(len(self.matrix))
+    ) -> int:
+        """Add a piece to the columns by owner. Returns its number."""
         extrusion = attributes.get("extrusion") if kind in _OCS_KINDS else None
         self.matrix.append(reference.find_matrix(self, extrusion))
         self.layer.append(layer)
@@ -233,6 +228,7 @@ class DrawnEntities(Struct, eq=False):
         self.handle.append(attributes.get("handle") or "")
         if attributes.get("thickness"):
             self.with_thickness[kind, layer] += 1
+        return len(self.matrix) - 1
 
 
 class _Reference(Struct, eq=False):
@@ -275,7 +271,8 @@ def walk(
     drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers, read_colors(document))
     model_space = _Reference(0, "", 0)
     entities = document.modelspace()
-    _EntityCount(name, document, limits).count(entities, (), len(plain.plain.kind) if plain else 0)
+    counter = _EntityCount(name, document.blocks, limits)
+    counter.count(entities, (), len(plain.plain.kind) if plain else 0)
     if plain is None:
         _add_entities(drawn, entities, model_space)
     else:
@@ -299,18 +296,21 @@ def _find_run(entity: Any, plain: Split) -> slice | None:
     return plain.runs.get(entity.dxf.layer) if entity.dxftype() == "POINT" else None
 
 
-class _EntityCount:
+class _EntityCount(Struct):
     """Number of entities to which a drawing expands, computed before any of them is drawn.
 
     Blocks in blocks and arrays multiply, so that a few lines of text may stand for more entities
     than any memory holds. Each block is counted once.
+
+    name: name of the file.
+    blocks: blocks of the document.
+    cache: numbers of blocks, by folded name.
     """
 
-    def __init__(self, name: str, document: Drawing, limits: Limits) -> None:
-        self.name = name
-        self.limits = limits
-        self.blocks = document.blocks
-        self.cache: dict[str, int] = {}
+    name: str
+    blocks: Any
+    limits: Limits
+    cache: dict[str, int] = field(default_factory=dict)
 
     def count(self, entities: Iterable[Any], enclosing: tuple[str, ...], total: int = 0) -> int:
         """`total` and the number of entities to which `entities` expand.
@@ -371,9 +371,10 @@ def _add_entities(drawn: DrawnEntities, entities: Iterable[Any], reference: _Ref
         elif kind not in _ADDERS:
             drawn.count_unused(_NOT_MACHINED, kind, layer)
         else:
-            why = _ADDERS[kind](drawn, entity, attributes, layer, reference)
-            if why:
-                drawn.name_unused(why, kind, layer, attributes)
+            try:
+                _ADDERS[kind](drawn, entity, attributes, layer, reference)
+            except Unusable as error:
+                drawn.count_unused(str(error), kind, layer, handle=attributes.get("handle"))
 
 
 def _add_run(drawn: DrawnEntities, plain: PlainEntities, run: slice, reference: _Reference) -> None:
@@ -402,9 +403,9 @@ def _add_run(drawn: DrawnEntities, plain: PlainEntities, run: slice, reference: 
     owner = len(drawn.matrix) + np.arange(len(kind))
     is_line = kind == LINE
     drawn.matrix += [reference.matrix] * len(kind)
-    drawn.layer += [plain.layers[index] for index in layer[is_used].tolist()]
+    drawn.layer += take_rows(plain.layers, layer[is_used].tolist())
     drawn.color += color[is_used].tolist()
-    drawn.kind += [KINDS[index] for index in kind.tolist()]
+    drawn.kind += take_rows(KINDS, kind.tolist())
     drawn.closed += (kind == CIRCLE).tolist()
     drawn.handle += [handle.decode() for handle in plain.handles[run][is_used].tolist()]
     drawn.line_owner += owner[is_line].tolist()
@@ -417,38 +418,36 @@ def _add_run(drawn: DrawnEntities, plain: PlainEntities, run: slice, reference: 
     drawn.arcs.frombytes(arcs.tobytes())
 
 
-# Functions that add an entity, by kind. Each returns the reason why it cannot be used, or "".
+# Functions that add an entity, by kind. They raise Unusable for one that cannot be used.
 
 
 def _add_line(
     drawn: DrawnEntities, _: Any, attributes: Attributes, layer: str, reference: _Reference
-) -> str:
+) -> None:
     start, end = attributes.get("start"), attributes.get("end")
     if start is None or end is None:
-        return _DAMAGED
-    drawn.add_piece(reference, "LINE", layer, False, attributes, drawn.line_owner)
+        raise Unusable(_DAMAGED)
+    drawn.line_owner.append(drawn.add_piece(reference, "LINE", layer, False, attributes))
     drawn.lines.extend((*start.xyz, *end.xyz))
-    return ""
 
 
 def _add_arc(
     drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
-) -> str:
+) -> None:
     kind = entity.dxftype()
     if kind == "CIRCLE":
         start, end = 0.0, 360.0
     elif "start_angle" in attributes and "end_angle" in attributes:
         start, end = attributes["start_angle"], attributes["end_angle"]
     else:
-        return _DAMAGED
+        raise Unusable(_DAMAGED)
     center, radius = attributes.get("center"), attributes.get("radius")
     if center is None or radius is None or not all(map(math.isfinite, (radius, start, end))):
-        return _DAMAGED
+        raise Unusable(_DAMAGED)
     if radius <= 0:
-        return _NO_RADIUS
-    drawn.add_piece(reference, kind, layer, kind == "CIRCLE", attributes, drawn.arc_owner)
+        raise Unusable(_NO_RADIUS)
+    drawn.arc_owner.append(drawn.add_piece(reference, kind, layer, kind == "CIRCLE", attributes))
     drawn.arcs.extend((*center.xyz, radius, start, _compute_sweep(start, end, 360.0)))
-    return ""
 
 
 def _compute_sweep(start: float, end: float, turn: float) -> float:
@@ -463,25 +462,24 @@ def _compute_sweep(start: float, end: float, turn: float) -> float:
 
 def _add_lwpolyline(
     drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
-) -> str:
+) -> None:
     rows = entity.lwpoints.values
     if not len(rows):
-        return _DAMAGED
+        raise Unusable(_DAMAGED)
     closed = bool(attributes.get("flags", 0) & 1)
-    drawn.add_piece(reference, "LWPOLYLINE", layer, closed, attributes, drawn.outline_owner)
+    owner = drawn.add_piece(reference, "LWPOLYLINE", layer, closed, attributes)
     elevation = np.full(len(rows), attributes.get("elevation", 0.0))
-    drawn.outlines.append(np.column_stack([rows[:, :2], elevation, rows[:, 4]]))
+    drawn.outlines[owner] = np.column_stack([rows[:, :2], elevation, rows[:, 4]])
     if attributes.get("const_width") or rows[:, 2:4].any():
         drawn.with_width["LWPOLYLINE", layer] += 1
-    return ""
 
 
 def _add_polyline(
     drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
-) -> str:
+) -> None:
     flags = attributes.get("flags", 0)
     if flags & 0x50:
-        return "a mesh"
+        raise Unusable("a mesh")
     # Vertices with flag 16 are the control points of a spline, of which the others are points.
     rows = []
     for vertex in entity.vertices:
@@ -489,7 +487,7 @@ def _add_polyline(
         if not row.get("flags", 0) & 16 and row.get("location") is not None:
             rows.append((*row["location"].xyz, row.get("bulge", 0.0)))
     if not rows:
-        return _DAMAGED
+        raise Unusable(_DAMAGED)
     outline = np.array(rows, np.float64)
     is_flat = not flags & 8
     if is_flat:
@@ -498,60 +496,52 @@ def _add_polyline(
     else:
         outline[:, 3] = 0.0
     kind = "POLYLINE" if is_flat else "3-D POLYLINE"
-    drawn.add_piece(reference, kind, layer, bool(flags & 1), attributes, drawn.outline_owner)
-    drawn.outlines.append(outline)
-    has_width = attributes.get("default_start_width") or attributes.get("default_end_width")
-    if is_flat and has_width:
+    drawn.outlines[drawn.add_piece(reference, kind, layer, bool(flags & 1), attributes)] = outline
+    if is_flat and (attributes.get("default_start_width") or attributes.get("default_end_width")):
         drawn.with_width[kind, layer] += 1
-    return ""
 
 
 def _add_ellipse(
     drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
-) -> str:
+) -> None:
     if not {"center", "major_axis", "ratio"} <= attributes.keys():
-        return _DAMAGED
+        raise Unusable(_DAMAGED)
     major, ratio = entity.dxf.major_axis, entity.dxf.ratio
     start, end = attributes.get("start_param", 0.0), attributes.get("end_param", math.tau)
     if not all(map(math.isfinite, (*major.xyz, ratio, start, end))) or not major or not ratio:
-        return _DAMAGED
+        raise Unusable(_DAMAGED)
     axes = np.array([entity.dxf.center.xyz, major.xyz, entity.minor_axis.xyz])
     parameters = np.array([start, start + _compute_sweep(start, end, math.tau)])
-    drawn.add_piece(reference, "ELLIPSE", layer, False, attributes, drawn.smooth_owner)
-    drawn.smooth.append(Smooth(axes, parameters, 0, None))
-    return ""
+    owner = drawn.add_piece(reference, "ELLIPSE", layer, False, attributes)
+    drawn.smooth[owner] = Smooth(axes, parameters, 0, None)
 
 
 def _add_spline(
     drawn: DrawnEntities, entity: Any, attributes: Attributes, layer: str, reference: _Reference
-) -> str:
+) -> None:
     # ezdxf raises ValueError for too few points or knots, ZeroDivisionError for equal ones.
     try:
         spline = entity.construction_tool()
-    except (ValueError, ArithmeticError, IndexError):
-        return "no spline can be made of its points and knots"
+    except (ValueError, ArithmeticError, IndexError) as error:
+        raise Unusable("no spline can be made of its points and knots") from error
     control = np.array([point.xyz for point in spline.control_points])
     weights = np.array(spline.weights()) if spline.is_rational else None
-    kind = entity.dxftype()
-    drawn.add_piece(reference, kind, layer, False, attributes, drawn.smooth_owner)
+    owner = drawn.add_piece(reference, entity.dxftype(), layer, False, attributes)
     if attributes.get("flags", 0) & 1:
-        drawn.marked_closed.add(drawn.smooth_owner[-1])
-    drawn.smooth.append(Smooth(control, np.array(spline.knots()), spline.degree, weights))
-    return ""
+        drawn.marked_closed.add(owner)
+    drawn.smooth[owner] = Smooth(control, np.array(spline.knots()), spline.degree, weights)
 
 
 def _add_point(
     drawn: DrawnEntities, _: Any, attributes: Attributes, layer: str, reference: _Reference
-) -> str:
+) -> None:
     location = attributes.get("location")
     if location is None:
-        return _DAMAGED
-    drawn.add_piece(reference, "POINT", layer, False, attributes, drawn.point_owner)
-    drawn.points.extend(location.xyz)
-    return ""
+        raise Unusable(_DAMAGED)
+    drawn.points[drawn.add_piece(reference, "POINT", layer, False, attributes)] = location.xyz
 
 
-_ADDERS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Reference], str]] = {
+_ADDERS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Reference], None]] = {
     "LINE": _add_line,
     "ARC": _add_arc,
     "CIRCLE": _add_arc,
@@ -573,11 +563,10 @@ def _add_block(
     block: Any = entity.block() if "name" in attributes else None
     why = _find_fault(entity, block, attributes, reference.blocks)
     if why:
-        drawn.name_unused(why, "INSERT", layer, attributes)
+        drawn.count_unused(why, "INSERT", layer, handle=attributes.get("handle"))
         return
     blocks = (*reference.blocks, str(attributes.get("name")).casefold())
     color = drawn.colors.find(attributes, layer, reference.color)
     for matrix in _list_cells(attributes, block.block.dxf.base_point.xyz):
         drawn.matrices.append(drawn.matrices[reference.matrix] @ matrix)
-        cell = _Reference(len(drawn.matrices) - 1, layer, color, blocks)
-        _add_entities(drawn, block, cell)
+        _add_entities(drawn, block, _Reference(len(drawn.matrices) - 1, layer, color, blocks))

@@ -97,21 +97,22 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
         list_owners(entities.counts), entities.rows[:, 3] != 0, minlength=len(entities.counts)
     )
     becomes_elliptical = (arc_count > 0) & ~keeps_angles
-    chains: list[_Chain] = []
-    for piece in np.flatnonzero(is_flat & is_valid & becomes_elliptical).tolist():
-        chains.append(
-            _make_chain(drawn, entities, piece, matrices[which[piece]], float(low[piece]))
-        )
+    chains = [
+        _make_chain(drawn, entities, piece, matrices[which[piece]], float(low[piece]))
+        for piece in np.flatnonzero(is_flat & is_valid & becomes_elliptical).tolist()
+    ]
     height = (high - low)[~is_flat].tolist()
     tilted = dict(zip(entities.owner[~is_flat].tolist(), height, strict=True))
     damaged: list[int] = entities.owner[~is_valid].tolist()
     gaps: dict[int, float] = {}
-    for owner, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
+    for owner, curve in drawn.smooth.items():
         result = _make_smooth(owner, curve, matrices[matrix[owner]])
         if isinstance(result, _Chain):
             chains.append(result)
-            if owner in drawn.marked_closed:
-                gaps[owner] = _measure_gap(result)
+            (run,) = result.runs
+            if owner in drawn.marked_closed and isinstance(run, np.ndarray):
+                start, end = run[0, 0], run[-1, -1]
+                gaps[owner] = float(np.hypot(*(end[:2] / end[2] - start[:2] / start[2])))
         elif result is None:
             damaged.append(owner)
         else:
@@ -124,14 +125,6 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
     soup = _make_soup(empty, pieces).take(np.argsort(pieces.owner, kind="stable"))
     heights = np.concatenate([low[is_used], [chain.height for chain in chains]])
     return Flat(soup, tilted, tuple(sorted(damaged)), heights, gaps)
-
-
-def _measure_gap(chain: _Chain) -> float:
-    (segments,) = chain.runs
-    if not isinstance(segments, np.ndarray):
-        return 0.0
-    start, end = segments[0, 0], segments[-1, -1]
-    return float(np.hypot(*(end[:2] / end[2] - start[:2] / start[2])))
 
 
 # Lines and arcs.
@@ -166,9 +159,9 @@ def _list_arcs(drawn: DrawnEntities) -> EntityRows:
 
 
 def _list_outlines(drawn: DrawnEntities) -> EntityRows:
-    owner = np.array(drawn.outline_owner, dtype=np.intp)
-    counts = np.array(list(map(len, drawn.outlines)), dtype=np.intp)
-    rows = np.concatenate([np.zeros((0, 4)), *drawn.outlines])
+    owner = np.array(list(drawn.outlines), dtype=np.intp)
+    counts = np.array(list(map(len, drawn.outlines.values())), dtype=np.intp)
+    rows = np.concatenate([np.zeros((0, 4)), *drawn.outlines.values()])
     _clear_last_bulges(rows, counts, np.array(drawn.closed, dtype=np.bool_)[owner])
     return EntityRows(owner, counts, rows)
 

@@ -45,8 +45,10 @@ def place_in_space(name: str, drawn: DrawnEntities, chord: float, limits: Limits
                 "raise tolerance.chord, check input.units, or raise limits.motions",
             )
         chains.append((owner, chain))
-    chains.sort(key=itemgetter(0))
-    return [Piece(drawn.kind[owner], drawn.layer[owner], *chain) for owner, chain in chains]
+    return [
+        Piece(drawn.kind[owner], drawn.layer[owner], *chain)
+        for owner, chain in sorted(chains, key=itemgetter(0))
+    ]
 
 
 def _list_chains(drawn: DrawnEntities, chord: float) -> Iterator[tuple[int, Chain]]:
@@ -58,7 +60,7 @@ def _list_chains(drawn: DrawnEntities, chord: float) -> Iterator[tuple[int, Chai
         if drawn.closed[owner] and count > 1:
             rows = np.concatenate([rows, rows[:1]])
         yield owner, _make_chain(rows, drawn.matrices[drawn.matrix[owner]], chord)
-    for owner, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
+    for owner, curve in drawn.smooth.items():
         yield owner, _make_smooth(curve, drawn.matrices[drawn.matrix[owner]], chord)
 
 

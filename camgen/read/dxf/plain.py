@@ -169,8 +169,7 @@ def _find_plain(tags: Tags) -> _Columns:
     # Sequences are compared by sums with random weights, which are almost never equal by chance.
     weights = np.random.default_rng(0).integers(1, 2**62, _MOST_TAGS, dtype=np.uint64)
     position = np.minimum(number_rows(tags.count), _MOST_TAGS - 1)
-    terms = (tags.code + 1).astype(np.uint64) * weights.take(position)
-    key = np.add.reduceat(terms, tags.head)
+    key = np.add.reduceat((tags.code + 1).astype(np.uint64) * weights.take(position), tags.head)
     for kind, name in enumerate(KINDS):
         entities = np.flatnonzero(tags.are((name,)) & (tags.count <= _MOST_TAGS))
         entities = entities[np.argsort(key[entities], kind="stable")]

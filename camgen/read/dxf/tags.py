@@ -50,8 +50,7 @@ class Tags(Struct, frozen=True, eq=False):
         )
         letters = windows[self.begin[tags]].view(np.uint8).reshape(-1, width)
         letters *= np.arange(width, dtype=np.int32) < length[:, None]
-        texts: Texts = letters.view(f"S{width}")[:, 0]
-        return texts
+        return np.asarray(letters.view(f"S{width}")[:, 0])
 
     def value(self, tag: int) -> bytes:
         """The whole value of a tag."""

@@ -59,7 +59,6 @@ def read_listing(file: str, lines: list[str]) -> Machine:
         _read_axes(settings, "$10"),
     )
     delay = settings.number("$1", 0.0, _STAYS_ON)
-    chord = settings.above_zero("$12")
     return Machine(
         file,
         "GRBL",
@@ -68,8 +67,8 @@ def read_listing(file: str, lines: list[str]) -> Machine:
         axes,
         low=(-x, -y, -z),
         high=(0.0, 0.0, 0.0),
+        chord=settings.above_zero("$12"),
         deviation=settings.number("$11", 0.0),
-        chord=chord,
         pause=0.0 if delay == _STAYS_ON else delay * _MILLISECOND,
         notes=tuple(notes),
     )

@@ -116,8 +116,6 @@ def _measure_offsets(points: FloatArray) -> FloatArray:
 def _select_corners(points: FloatArray, tight: float) -> IntArray:
     """Indices of `points` without those on a straight line between others."""
     straight = [*(_measure_offsets(points) <= tight).tolist(), False]
-    if not any(straight):
-        return np.arange(len(points))
     kept = [0]
     while kept[-1] < len(points) - 1:
         at = kept[-1]
@@ -391,18 +389,29 @@ def _span_arc(
     points = points[kept]
     normals = normalize(np.add.reduceat(normals * weight[:, None, None], kept[:-1]))
     weight = np.add.reduceat(weight, kept[:-1])
-    angles = circle.angles(points)
-    angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
+    angles, at, places = divide_arc(circle, points)
     middles = (angles[1:] + angles[:-1]) / 2
     local = np.einsum("smk,sjk->sjm", _compute_frames(circle, middles), normals)
     mean = normalize(np.einsum("s,sjm->jm", weight, local))
     if (np.einsum("sjm,jm->sj", local, mean) < np.cos(_STEADY)).any():
         return EdgeSpans(points, circle.at(middles), _average_normals(normals), normals)
+    turned = np.einsum("smk,jm->sjk", _compute_frames(circle, at), mean)
+    return EdgeSpans(places[::2], places[1::2], turned[::2], turned[1::2])
+
+
+def divide_arc(circle: Circle, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Divide an arc through points (N, 3) into K spans of at most half a circle.
+
+    Returns the angles (N,) of the points from the first one on, rad, then the angles (2 K + 1,) and
+    the positions of the ends and middles of the spans, alternately.
+    """
+    angles = circle.angles(points)
+    angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
     count = max(1, int(np.ceil(angles[-1] / np.pi - 1e-6)))
     at = np.linspace(0.0, angles[-1], 2 * count + 1)
-    places, turned = circle.at(at), np.einsum("smk,jm->sjk", _compute_frames(circle, at), mean)
+    places = circle.at(at)
     places[0], places[-1] = points[0], points[-1]  # neighbours share these to the last bit
-    return EdgeSpans(places[::2], places[1::2], turned[::2], turned[1::2])
+    return angles, at, places
 
 
 def _compute_frames(circle: Circle, angles: FloatArray) -> FloatArray:
@@ -414,8 +423,7 @@ def _compute_frames(circle: Circle, angles: FloatArray) -> FloatArray:
 
 def _average_normals(normals: FloatArray) -> FloatArray:
     """(N + 1, 2, 3) normals at the ends of spans with the normals (N, 2, 3) at their middles."""
-    inner = normalize(normals[1:] + normals[:-1])
-    return np.concatenate([normals[:1], inner, normals[-1:]])
+    return np.concatenate([normals[:1], normalize(normals[1:] + normals[:-1]), normals[-1:]])
 
 
 def _join_spans(parts: list[EdgeSpans]) -> EdgeSpans:

@@ -1,16 +1,23 @@
-"""The faces of a 3-D part: regions of its surface between sharp edges, with ids for the user."""
+"""The faces and bodies of a 3-D part.
+
+Faces are regions of its surface between sharp edges, with ids for the user. Bodies are connected
+surfaces, with the names that the file gives them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.vectors import cross
-from camgen.model.part import FEATURE_ANGLE, Edge, IntArray, Solid
+from camgen.model.part import FEATURE_ANGLE, BoolArray, Edge, IntArray, Solid
 from camgen.model.pose import FloatArray
-from camgen.read.solid.topology import label_components, pair_half_edges
+from camgen.model.text import harmless
+from camgen.read.solid.soup import NamedVertices
+from camgen.read.solid.topology import Pairs, label_components, pair_half_edges
 
 #: mm: triangles count as adjacent to an edge up to twice the distance of the nearest one plus this.
 _ADJACENT_MM = 0.01
@@ -109,3 +116,59 @@ def _measure_gaps(point: FloatArray, corners: FloatArray) -> FloatArray:
     share = (offset * sides).sum(axis=2) / np.maximum((sides * sides).sum(axis=2), 1e-300)
     gap = np.linalg.norm(offset - np.clip(share, 0.0, 1.0)[..., None] * sides, axis=2)
     return np.asarray(gap.min(axis=1))
+
+
+# Bodies.
+
+
+class BodyTable(NamedTuple):
+    """The bodies of a mesh: its B connected surfaces, in the order of their first faces.
+
+    body_of_face: (F,) number of the body of each face.
+    volume: (B,) mm3, negative for a surface that is inside out.
+    is_closed: (B,) whether every side has two faces.
+    """
+
+    body_of_face: IntArray
+    volume: FloatArray
+    is_closed: BoolArray
+
+
+def tabulate_bodies(
+    vertices: FloatArray, faces: IntArray, pairs: Pairs, is_turned: BoolArray
+) -> BodyTable:
+    """The bodies of a mesh. Faces belong to one body if they share a side with no third face.
+
+    is_turned: (F,) faces whose winding counts as opposite.
+    """
+    root = label_components(len(faces), pairs.first // 3, pairs.second // 3)
+    label, body_of_face = np.unique(root, return_inverse=True)
+    corners = vertices[faces] - vertices[faces].mean(axis=(0, 1))
+    volume = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    volume = np.where(is_turned, -volume, volume)
+    total = np.asarray(np.bincount(body_of_face, volume, len(label)), dtype=np.float64)
+    is_closed = np.ones(len(label), dtype=bool)
+    is_closed[body_of_face[np.concatenate([pairs.open, pairs.crowded]) // 3]] = False
+    return BodyTable(body_of_face, total, is_closed)
+
+
+def name_bodies(
+    vertices: FloatArray, faces: IntArray, pairs: Pairs, named: NamedVertices | None
+) -> tuple[str, ...]:
+    """The name of each body of a mesh that is wound outward, "" for a body without one.
+
+    A closed surface of negative volume bounds a void in another body and is not counted.
+    """
+    table = tabulate_bodies(vertices, faces, pairs, np.zeros(len(faces), dtype=np.bool_))
+    is_body = ~table.is_closed | (table.volume >= 0)
+    names = np.full(len(is_body), -1)
+    if named is not None:
+        owners = named.owners[faces[:, 0]]
+        count = len(named.names)
+        keys = (table.body_of_face * count + owners)[owners >= 0]
+        used, face_counts = np.unique(keys, return_counts=True)
+        # The name that most faces of a body have is written last and stays.
+        order = np.argsort(face_counts, kind="stable")
+        names[used[order] // count] = used[order] % count
+    listed = names[is_body].tolist()
+    return tuple("" if k < 0 or named is None else harmless(named.names[k]) for k in listed)

@@ -37,7 +37,7 @@ _FLOAT = 5126
 
 def prepare_glb(data: bytes) -> bytes:
     """The file with all positions as floats. Raises UnreadShape for a shape that is not read."""
-    document, body = _split(data)
+    document, body = split_glb(data)
     required = set(document.get("extensionsRequired", ()))
     for name in sorted(required | set(document.get("extensionsUsed", ()))):
         shape = _SHAPES.get(name)
@@ -75,12 +75,12 @@ def prepare_glb(data: bytes) -> bytes:
 
 def list_names(data: bytes) -> set[str]:
     """The names of the nodes and meshes of a file."""
-    document, _ = _split(data)
+    document, _ = split_glb(data)
     members = [*document.get("nodes", ()), *document.get("meshes", ())]
     return {str(member["name"]) for member in members if member.get("name")}
 
 
-def _split(data: bytes) -> tuple[dict[str, Any], bytes]:
+def split_glb(data: bytes) -> tuple[dict[str, Any], bytes]:
     """The document and the binary chunk of a file."""
     (length,) = struct.unpack_from("<I", data, _HEAD)
     begin = _HEAD + 8

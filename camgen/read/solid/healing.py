@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, compress
 from typing import Any, NamedTuple
 
@@ -93,7 +93,7 @@ def sew_bodies(bodies: Sequence[Body], tolerance: float) -> tuple[list[Body], li
         name = names.pop() if len(names) == 1 else ""
         pieces = [Body(name, piece, kernel.is_solid(piece)) for piece in sewing.pieces]
         result += pieces if sewing.edges else surfaces
-    return result, _note_sewing(sewings)
+    return result, list(_note_sewing(sewings))
 
 
 def _sew(shape: Any, tolerance: float, is_solid: bool) -> _Sewing:
@@ -152,23 +152,20 @@ def _count_turned(shape: Any, was_forward: Mapping[int, bool]) -> int:
     return count
 
 
-def _note_sewing(sewings: Sequence[_Sewing]) -> list[Note]:
-    if not any(sewing.edges for sewing in sewings):
-        return []
+def _note_sewing(sewings: Sequence[_Sewing]) -> Iterator[Note]:
     _, edges, gaps, turned, lost = zip(*sewings, strict=True)
-    text = counted(
-        sum(edges), "edge that faces did not share was", "edges that faces did not share were"
-    )
-    notes = [
-        Note("repaired", f"{text} sewn", f"the faces are no more than {max(gaps):.2g} mm apart")
-    ]
+    if any(edges):
+        text = counted(
+            sum(edges), "edge that faces did not share was", "edges that faces did not share were"
+        )
+        why = f"the faces are no more than {max(gaps):.2g} mm apart"
+        yield Note("repaired", f"{text} sewn", why)
     if any(turned):
         text = counted(sum(turned), "face was", "faces were")
-        notes.append(Note("repaired", f"{text} wound against the others of the body and turned"))
+        yield Note("repaired", f"{text} wound against the others of the body and turned")
     if any(lost):
         text = counted(sum(lost), "edge or face was", "edges or faces were")
-        notes.append(Note("skipped", f"{text} left out", "smaller than the tolerance of sewing"))
-    return notes
+        yield Note("skipped", f"{text} left out", "smaller than the tolerance of sewing")
 
 
 # Bodies that touch.
@@ -200,11 +197,9 @@ def join_touching(bodies: Sequence[Body], tolerance: float) -> tuple[Any, list[N
     if len(solids) < 2:
         return kernel.make_compound(_list_shapes(bodies)), []
     tables = list(map(_tabulate, _list_shapes(solids)))
-    pairs: list[tuple[int, int]] = []
-    for a, b in combinations(range(len(solids)), 2):
-        if _may_touch(tables[a], tables[b], tolerance):
-            pairs.append((a, b))
-    first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    pairs = np.array(list(combinations(range(len(solids)), 2)))
+    may_touch = [_may_touch(tables[a], tables[b], tolerance) for a, b in pairs.tolist()]
+    first, second = pairs[np.array(may_touch)].T
     group = label_components(len(solids), first, second)
     notes: list[Note] = []
     for label in np.unique(group).tolist():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
@@ -12,8 +14,8 @@ from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Note, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
-from camgen.read.solid.bodies import BodyTable, name_bodies, tabulate_bodies
 from camgen.read.solid.edges import make_edges, sort_edges
+from camgen.read.solid.faces import BodyTable, name_bodies, tabulate_bodies
 from camgen.read.solid.mesh_file import read_mesh
 from camgen.read.solid.sharp import (
     chain_sides,
@@ -22,7 +24,6 @@ from camgen.read.solid.sharp import (
     find_sharp_sides,
 )
 from camgen.read.solid.soup import MeshSoup, NamedVertices
-from camgen.read.solid.tjunctions import split_at_junctions
 from camgen.read.solid.topology import (
     Pairs,
     drop_degenerate,
@@ -32,28 +33,12 @@ from camgen.read.solid.topology import (
     list_ends,
     merge_equal_vertices,
     pair_half_edges,
+    split_at_junctions,
     weld_rims,
 )
 from camgen.read.units import note_doubtful_size
 
 # Winding: faces are turned so that their normals point out of the part, whatever the file states.
-
-
-def find_wrong_winding(
-    vertices: FloatArray, faces: IntArray, pairs: Pairs
-) -> tuple[BoolArray, int, int]:
-    """The faces that are wound wrongly (F,), and the numbers of the two reasons.
-
-    Connected faces are wound like the majority of them. The first number counts the faces of
-    minorities. A closed body is turned if its volume is negative, unless it lies within the box of
-    another one: then it may be a void, and is turned together with that one. The second number
-    counts the bodies that are turned.
-    """
-    odd = _find_minority(faces, pairs)
-    bodies = tabulate_bodies(vertices, faces, pairs, odd)
-    inverted = _find_inverted(vertices[faces], bodies)
-    is_wrong = odd ^ inverted[bodies.body_of_face]
-    return is_wrong, int(np.count_nonzero(odd)), int(np.count_nonzero(inverted))
 
 
 def _find_minority(faces: IntArray, pairs: Pairs) -> BoolArray:
@@ -161,9 +146,14 @@ def make_solid(
     edges = sort_edges(make_edges(chain_sides(sides, mesh.vertices), mesh.vertices, limit))
     if edges:
         convex = int(np.count_nonzero(sides.convex))
-        what = f"{convex} convex and {len(sides) - convex} concave sides of triangles"
-        what += f" are {counted(len(edges), 'edge')}"
-        notes.append(Note("joined", what, f"arcs where vertices lie on one within {limit:.3g} mm"))
+        notes.append(
+            Note(
+                "joined",
+                f"{convex} convex and {len(sides) - convex} concave sides of triangles "
+                f"are {counted(len(edges), 'edge')}",
+                f"arcs where vertices lie on one within {limit:.3g} mm",
+            )
+        )
     return Solid(
         stem,
         name,
@@ -269,10 +259,18 @@ def _note_repair(notes: list[Note], count: int, repair: str) -> None:
 def _wind_outward(
     vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]
 ) -> tuple[IntArray, Pairs]:
-    """The faces wound with their normals outward, where inside and outside are defined."""
-    is_wrong, odd, bodies = find_wrong_winding(vertices, faces, pairs)
-    _note_repair(notes, odd, "odd")
-    _note_repair(notes, bodies, "bodies")
+    """The faces wound with their normals outward, where inside and outside are defined.
+
+    Connected faces are wound like the majority of them. A closed body is turned if its volume is
+    negative, unless it lies within the box of another one: then it may be a void, and is turned
+    together with that one.
+    """
+    odd = _find_minority(faces, pairs)
+    bodies = tabulate_bodies(vertices, faces, pairs, odd)
+    inverted = _find_inverted(vertices[faces], bodies)
+    _note_repair(notes, int(np.count_nonzero(odd)), "odd")
+    _note_repair(notes, int(np.count_nonzero(inverted)), "bodies")
+    is_wrong = odd ^ inverted[bodies.body_of_face]
     if is_wrong.any():
         faces = np.where(is_wrong[:, None], faces[:, ::-1], faces)
         pairs = pair_half_edges(faces)
@@ -308,11 +306,10 @@ def _find_borders(
             "they are borders, not edges",
         )
     )
-    chains = _chain_borders(start.tolist(), end.tolist())
-    return tuple(frozen(vertices[chain]) for chain in chains)
+    return tuple(frozen(vertices[row]) for row in _chain_borders(start.tolist(), end.tolist()))
 
 
-def _chain_borders(start: list[int], end: list[int]) -> list[list[int]]:
+def _chain_borders(start: list[int], end: list[int]) -> Iterator[list[int]]:
     """The vertices of each border in order.
 
     start, end: vertices of each open side.
@@ -322,11 +319,9 @@ def _chain_borders(start: list[int], end: list[int]) -> list[list[int]]:
     leaving: dict[int, list[int]] = {}
     for a, b in zip(start, end, strict=True):
         leaving.setdefault(a, []).append(b)
-    chains = []
     for a in start:
         while leaving[a]:
             chain = [a, leaving[a].pop()]
             while chain[-1] != a and leaving.get(chain[-1]):
                 chain.append(leaving[chain[-1]].pop())
-            chains.append(chain)
-    return chains
+            yield chain

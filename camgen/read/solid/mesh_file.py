@@ -6,7 +6,6 @@ is imported for these formats alone.
 
 from __future__ import annotations
 
-import json
 import re
 import struct
 import zlib
@@ -26,7 +25,7 @@ from camgen.model.limits import Limits, format_limit
 from camgen.model.part import Note
 from camgen.model.text import counted
 from camgen.read.quiet import silence
-from camgen.read.solid.glb import list_names, prepare_glb
+from camgen.read.solid.glb import list_names, prepare_glb, split_glb
 from camgen.read.solid.obj import read_obj
 from camgen.read.solid.off import read_off
 from camgen.read.solid.ply import read_ply
@@ -162,9 +161,8 @@ def _check_accessors(name: str, data: bytes, limit: float) -> None:
     limit: maximum number of elements per byte of the file.
     """
     try:
-        (length,) = struct.unpack_from("<I", data, 12)
-        accessors = json.loads(data[20 : 20 + length]).get("accessors", ())
-        counts = [int(accessor["count"]) for accessor in accessors]
+        document, _ = split_glb(data)
+        counts = [int(accessor["count"]) for accessor in document.get("accessors", ())]
     except _READ_ERRORS:
         return
     if max(counts, default=0) > limit * len(data):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,6 @@ from camgen.model.part import IntArray, Note
 from camgen.model.text import counted
 from camgen.read.solid.polygons import (
     TRIANGLE,
-    check_numbers,
     read_equal_rows,
     read_table,
     triangulate_polygons,
@@ -36,9 +35,7 @@ def read_obj(data: bytes) -> MeshSoup:
     positions = [row[1:] for row, word in zip(rows, words, strict=True) if word == "v"]
     vertices = read_table(positions, 3)
     groups = _read_faces(rows, words)
-    polygons = [group.corners for group in groups]
-    check_numbers(polygons, len(vertices))
-    triangles = triangulate_polygons(vertices, polygons)
+    triangles = triangulate_polygons(vertices, [group.corners for group in groups])
     notes = (*triangles.notes, *_note_free_forms(rows))
     named = _read_names(rows, words, groups, len(vertices))
     return MeshSoup(vertices, triangles.faces, notes=notes, named=named)
@@ -118,9 +115,8 @@ def _read_face(words: list[str], count: int) -> list[int]:
     return [number - 1 if number >= 0 else count + number for number in numbers]
 
 
-def _note_free_forms(rows: list[str]) -> list[Note]:
+def _note_free_forms(rows: list[str]) -> Iterator[Note]:
     count = sum(row.startswith(_FREE_FORM) for row in rows)
-    if not count:
-        return []
-    what = counted(count, "free-form curve or surface", "free-form curves and surfaces")
-    return [Note("skipped", f"{what} left out", "export the part as polygons, or as STEP")]
+    if count:
+        what = counted(count, "free-form curve or surface", "free-form curves and surfaces")
+        yield Note("skipped", f"{what} left out", "export the part as polygons, or as STEP")

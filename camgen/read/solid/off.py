@@ -9,7 +9,6 @@ import numpy as np
 from camgen.model.part import IntArray
 from camgen.read.solid.polygons import (
     TRIANGLE,
-    check_numbers,
     read_equal_rows,
     read_table,
     triangulate_polygons,
@@ -44,7 +43,6 @@ def read_off(data: bytes) -> MeshSoup:
         raise ValueError("it ends before its last face")
     vertices = read_table(rows[1 : 1 + count], 3)
     polygons = _read_faces(rows[1 + count : 1 + count + faces])
-    check_numbers(polygons, len(vertices))
     triangles = triangulate_polygons(vertices, polygons)
     return MeshSoup(vertices, triangles.faces, notes=triangles.notes)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import islice
 
@@ -118,7 +118,7 @@ def remove_faults(data: bytes, faults: Mapping[int, Sequence[str]]) -> RepairedT
             lost.add(number)
     damaged = [text.instances[number].types for number in sorted(lost)]
     why = text.remove_referrers(lost)
-    return RepairedText(text.write_without(lost), _note_repairs(damaged, filled), why)
+    return RepairedText(text.write_without(lost), tuple(_note_repairs(damaged, filled)), why)
 
 
 class _StepText:
@@ -309,21 +309,17 @@ def _join_types(types: Sequence[bytes]) -> str:
     return harmless(" ".join(name.decode("ascii") for name in types) or "entity")
 
 
-def _note_repairs(damaged: Sequence[Sequence[bytes]], filled: int) -> tuple[Note, ...]:
-    notes = []
+def _note_repairs(damaged: Sequence[Sequence[bytes]], filled: int) -> Iterator[Note]:
     if damaged:
         counts = Counter(map(_join_types, damaged)).most_common()
         kinds = ", ".join(f"{count} {name}" for name, count in counts)
         what = counted(
             len(damaged), "entity that cannot be read was", "entities that cannot be read were"
         )
-        notes.append(Note("repaired", f"{what} left out: {kinds}", "no edge needs what they say"))
+        yield Note("repaired", f"{what} left out: {kinds}", "no edge needs what they say")
     if filled:
         what = counted(filled, "text that is not given was", "texts that are not given were")
-        notes.append(
-            Note("assumed", f"{what} read as empty", "a name says nothing about the edges")
-        )
-    return tuple(notes)
+        yield Note("assumed", f"{what} read as empty", "a name says nothing about the edges")
 
 
 #: The kernel keeps the numbers of entities in 32 bits. A larger one ends its process.

@@ -13,7 +13,7 @@ from msgspec import Struct, field
 
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.read.solid.polygons import check_numbers, triangulate_polygons
+from camgen.read.solid.polygons import triangulate_polygons
 from camgen.read.solid.soup import MeshSoup
 
 _END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)
@@ -23,6 +23,9 @@ _NUMBERS = {
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+#: Some rows of a column: the lengths of its lists (rows, 1), (rows, 0) for numbers, and the values
+#: (rows, size).
+_Table = tuple[FloatArray, FloatArray]
 #: Names of the list of vertices of a face or a strip.
 _VERTICES = ("vertex_indices", "vertex_index")
 
@@ -45,72 +48,57 @@ class _Element(Struct):
     properties: list[_Property] = field(default_factory=list)
 
 
-class _Columns(Struct):
-    """The rows of an element.
-
-    numbers: columns (rows,) by name.
-    lists: tables by name, each (M, N) of the M lists with N numbers.
-    """
-
-    numbers: dict[str, FloatArray] = field(default_factory=dict)
-    lists: dict[str, list[FloatArray]] = field(default_factory=dict)
-
-
 class _Text:
-    """The rows of a file in text, read one table after the other."""
+    """The rows of a file in text, read one table after the other.
+
+    at: index of the next number.
+    """
 
     def __init__(self, body: bytes) -> None:
         self._numbers = np.array(body.split(), dtype=np.float64)
-        self._at = self._next = 0
+        self.at = 0
 
     def peek(self, columns: list[_Property]) -> list[int]:
         """The length of each column in the next row, 1 for a number."""
-        at, sizes = self._at, list[int]()
+        at, sizes = self.at, list[int]()
         for column in columns:
             size = int(self._numbers[at : at + 1].sum()) if column.count else 1
             at += size + bool(column.count)
             sizes.append(size)
         return sizes
 
-    def table(self, columns: list[_Property], sizes: list[int], rows: int) -> list[FloatArray]:
-        """The next rows as one array (rows, size) per column of the given sizes.
+    def table(self, columns: list[_Property], sizes: list[int], rows: int) -> list[_Table]:
+        """The next rows as a table per column of the given sizes.
 
-        The array of a list follows the array of its lengths (rows, 1). The next table has the same
-        rows until `skip` is called. Raises ValueError if the file has fewer rows.
+        Raises ValueError if the file has fewer rows.
         """
         width = sum(sizes) + sum(bool(column.count) for column in columns)
-        self._next = self._at + width * rows
-        part = self._numbers[self._at : self._next]
+        part = self._numbers[self.at : self.at + width * rows]
         if len(part) < width * rows:
             raise ValueError("it ends before its last row")
+        self.at += width * rows
         part = part.reshape(rows, width)
-        tables, at = list[FloatArray](), 0
+        tables, at = list[_Table](), 0
         for column, size in zip(columns, sizes, strict=True):
-            if column.count:
-                tables.append(part[:, at : at + 1])
-                at += 1
-            tables.append(part[:, at : at + size])
-            at += size
+            begin = at + bool(column.count)
+            tables.append((part[:, at:begin], part[:, begin : begin + size]))
+            at = begin + size
         return tables
-
-    def skip(self) -> None:
-        """Continue after the rows of the last table."""
-        self._at = self._next
 
 
 class _Binary:
     """The rows of a binary file, with the methods of `_Text`.
 
-    at: offset of the first row.
     order: byte order, "<" or ">".
+    at: offset of the next row.
     """
 
     def __init__(self, data: bytes, at: int, order: str) -> None:
         self._data, self._order = data, order
-        self._at = self._next = at
+        self.at = at
 
     def peek(self, columns: list[_Property]) -> list[int]:
-        at, sizes = self._at, list[int]()
+        at, sizes = self.at, list[int]()
         for column in columns:
             size = 1
             if column.count:
@@ -120,18 +108,16 @@ class _Binary:
             sizes.append(size)
         return sizes
 
-    def table(self, columns: list[_Property], sizes: list[int], rows: int) -> list[FloatArray]:
+    def table(self, columns: list[_Property], sizes: list[int], rows: int) -> list[_Table]:
         fields: list[tuple[str, str, tuple[int]]] = []
         for column, size in zip(columns, sizes, strict=True):
-            if column.count:
-                fields.append((f"f{len(fields)}", self._order + column.count, (1,)))
+            lengths = self._order + (column.count or column.kind)
+            fields.append((f"f{len(fields)}", lengths, (1 if column.count else 0,)))
             fields.append((f"f{len(fields)}", self._order + column.kind, (size,)))
-        table = np.frombuffer(self._data, np.dtype(fields), rows, self._at)
-        self._next = self._at + table.nbytes
-        return [table[name].astype(np.float64) for name, *_ in fields]
-
-    def skip(self) -> None:
-        self._at = self._next
+        table = np.frombuffer(self._data, np.dtype(fields), rows, self.at)
+        self.at += table.nbytes
+        arrays = [table[name].astype(np.float64) for name, *_ in fields]
+        return list(zip(arrays[::2], arrays[1::2], strict=True))
 
 
 def read_ply(data: bytes) -> MeshSoup:
@@ -147,21 +133,18 @@ def read_ply(data: bytes) -> MeshSoup:
     vertices, strips = np.zeros((0, 3)), [np.zeros((0, 3), dtype=np.int64)]
     polygons: list[IntArray] = []
     for element in elements:
-        columns = _read(element, source)
+        numbers, lists = _read(element, source)
         if element.name == "vertex":
-            vertices = np.column_stack([columns.numbers[axis] for axis in "xyz"])
+            vertices = np.column_stack([numbers[axis] for axis in "xyz"])
         elif element.name in ("face", "tristrips"):
-            named = [columns.lists[name] for name in _VERTICES if name in columns.lists]
+            named = [lists[name] for name in _VERTICES if name in lists]
             if element.rows and not named:
                 raise ValueError(f"its {element.name} rows have no list of vertices")
-            lists = named[0] if named else []
-            tables = [table.astype(np.int64) for table in lists]
-            if element.name == "face":
-                polygons += tables
-            else:
-                for table in tables:
-                    strips += map(unroll, table)
-    check_numbers(polygons, len(vertices))
+            for table in named[0] if named else []:
+                if element.name == "face":
+                    polygons.append(table.astype(np.int64))
+                else:
+                    strips += map(unroll, table.astype(np.int64))
     triangles = triangulate_polygons(vertices, polygons)
     faces = np.concatenate([triangles.faces, *strips])
     return MeshSoup(vertices, faces, notes=triangles.notes)
@@ -185,64 +168,41 @@ def _header(text: str) -> tuple[str, list[_Element]]:
     return order, elements
 
 
-def _read(element: _Element, source: _Text | _Binary) -> _Columns:
-    """The rows of an element. They are one table if their lists are equally long."""
-    columns = _Columns()
-    if not element.rows:
-        return columns
-    sizes = source.peek(element.properties)
-    if any(column.count for column in element.properties):
-        sizes = _read_lists(element, source, sizes, columns)
-        if not sizes:
-            return columns
-    tables = iter(source.table(element.properties, sizes, element.rows))
-    for column in element.properties:
-        if column.count:
-            next(tables)
-            columns.lists[column.name] = [next(tables)]
-        else:
-            columns.numbers[column.name] = next(tables)[:, 0]
-    source.skip()
-    return columns
+def _read(
+    element: _Element, source: _Text | _Binary
+) -> tuple[dict[str, FloatArray], dict[str, list[FloatArray]]]:
+    """The rows of an element, read at once if their lists are equally long, else one by one.
 
-
-def _read_lists(
-    element: _Element, source: _Text | _Binary, sizes: list[int], columns: _Columns
-) -> list[int]:
-    """Read the rows of an element one by one if their lists are not equally long.
-
-    sizes: lengths of the columns in the first row.
-    columns: gets the rows that were read.
-
-    Returns `sizes` if they hold for all rows, which are not read then, otherwise an empty list.
+    Returns the columns of numbers (rows,) by name, and the columns of lists by name: tables, each
+    (M, N) of the M lists with N numbers.
     """
+    numbers: dict[str, FloatArray] = {}
+    lists: dict[str, list[FloatArray]] = {}
+    if not element.rows:
+        return numbers, lists
+    begin, sizes = source.at, source.peek(element.properties)
     try:
-        tables = iter(source.table(element.properties, sizes, element.rows))
-        equal = True
-        for column, size in zip(element.properties, sizes, strict=True):
-            equal &= not column.count or bool((next(tables) == size).all())
-            next(tables)
-        if equal:
-            return sizes
+        parts = [source.table(element.properties, sizes, element.rows)]
+        pairs = zip(parts[0], sizes, strict=True)
+        is_even = all((lengths == size).all() for (lengths, _), size in pairs)
     except ValueError:
-        pass  # the file may end sooner because its other lists are shorter
-    rows: dict[str, dict[int, list[FloatArray]]] = {}
-    for _ in range(element.rows):
-        sizes = source.peek(element.properties)
-        tables = iter(source.table(element.properties, sizes, 1))
-        for column, size in zip(element.properties, sizes, strict=True):
-            if column.count:
-                next(tables)
-            by_size = rows.setdefault(column.name, {})
-            by_size.setdefault(size, []).append(next(tables)[0])
-        source.skip()
-    for column in element.properties:
-        by_size = rows[column.name]
+        if not any(column.count for column in element.properties):
+            raise
+        is_even = False  # the file may end sooner because its other lists are shorter
+    if not is_even:
+        source.at, parts = begin, []
+        for _ in range(element.rows):
+            parts.append(source.table(element.properties, source.peek(element.properties), 1))
+    for column, tables in zip(element.properties, zip(*parts, strict=True), strict=True):
+        by_size: dict[int, list[FloatArray]] = {}
+        for _, values in tables:
+            by_size.setdefault(values.shape[1], []).append(values)
+        joined = list(map(np.concatenate, by_size.values()))
         if column.count:
-            columns.lists[column.name] = list(map(np.stack, by_size.values()))
+            lists[column.name] = joined
         else:
-            columns.numbers[column.name] = np.concatenate(by_size[1])
-    return []
+            numbers[column.name] = joined[0][:, 0]
+    return numbers, lists
 
 
 def unroll(strip: IntArray) -> IntArray:

@@ -43,23 +43,18 @@ def read_equal_rows(rows: list[str]) -> IntArray | None:
         return None
 
 
-def check_numbers(polygons: Sequence[IntArray], count: int) -> None:
-    """Raise ValueError for a polygon with a vertex that does not exist.
-
-    polygons: tables (P, N) of the numbers of the vertices of P polygons with N corners.
-    count: number of vertices.
-    """
-    for table in polygons:
-        if table.size and (table.min() < 0 or table.max() >= count):
-            raise ValueError("a face names a vertex that is not there")
-
-
 def triangulate_polygons(vertices: FloatArray, polygons: Sequence[IntArray]) -> Triangles:
     """Cut polygons into triangles: convex ones as fans, others by constrained triangulation.
 
     vertices: (V, 3).
-    polygons: tables as in `check_numbers`. Polygons with fewer than three corners are ignored.
+    polygons: tables (P, N) of the numbers of the vertices of P polygons with N corners. Polygons
+        with fewer than three corners are ignored.
+
+    Raises ValueError for a polygon with a vertex that does not exist.
     """
+    for table in polygons:
+        if table.size and (table.min() < 0 or table.max() >= len(vertices)):
+            raise ValueError("a face names a vertex that is not there")
     pieces: list[IntArray] = [np.zeros((0, 3), dtype=np.int64)]
     crossing = 0
     for table in polygons:

@@ -198,26 +198,20 @@ def _walk_chains(
     """
     mate = mates.tolist()
     is_used = [False] * len(seeds)
-    order: list[int] = []
-    is_reversed: list[bool] = []
+    entered: list[int] = []
     first: list[int] = []
     closed: list[bool] = []
     ends = np.column_stack([2 * seeds, 2 * seeds + 1]).reshape(-1)
     for start in [*ends[mates[ends] < 0].tolist(), *(2 * seeds).tolist()]:
         if is_used[start // 2]:
             continue
-        first.append(len(order))
+        first.append(len(entered))
         end = start
         while end >= 0 and not is_used[end // 2]:
             is_used[end // 2] = True
-            order.append(end // 2)
-            is_reversed.append(end % 2 == 1)
+            entered.append(end)
             end = mate[end ^ 1]
         closed.append(end == start)
-    first.append(len(order))
-    return (
-        np.array(order, dtype=np.int64),
-        np.array(is_reversed, dtype=bool),
-        np.array(first, dtype=np.int64),
-        np.array(closed, dtype=bool),
-    )
+    first.append(len(entered))
+    order, is_reversed = np.divmod(np.array(entered, dtype=np.int64), 2)
+    return order, is_reversed == 1, np.array(first, dtype=np.int64), np.array(closed, dtype=bool)

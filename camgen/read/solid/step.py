@@ -6,12 +6,13 @@ Needs the extra `step`.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import Circle, find_circle, fit_circle, make_spans_through, measure_spans
+from camgen.geometry.ragged import find_root
 from camgen.geometry.vectors import cross, measure_angles
 from camgen.model.errors import InputError
 from camgen.model.files import Source
@@ -19,11 +20,10 @@ from camgen.model.part import FEATURE_ANGLE, Edge, EdgeKind, Note, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.read.solid import kernel, topology
-from camgen.read.solid.edges import STEADY_COSINE, sort_edges
+from camgen.read.solid.edges import STEADY_COSINE, divide_arc, sort_edges
 from camgen.read.solid.part21 import list_other_files
 from camgen.read.solid.sharp import compute_normals
-from camgen.read.solid.step_file import StepBodies, read_bodies
-from camgen.read.solid.step_units import read_units
+from camgen.read.solid.step_file import StepBodies, read_bodies, read_units
 from camgen.read.units import note_doubtful_size
 
 # Joining: CAD programs halve circles and cut lines. Edges that continue each other smoothly as the
@@ -66,11 +66,11 @@ def join_smooth(edges: list[Edge], tolerance: float = _SAME_END_MM) -> list[Edge
     for k, places in ends.items():
         for place in places:
             edges_at[place].append(k)
-    owner = {k: k for k in chains}
+    owner = list(range(len(edges)))
     for place, (first, *rest) in edges_at.items():
         if len(rest) != 1:
             continue
-        a, b = _find_owner(owner, first), _find_owner(owner, rest[0])
+        a, b = find_root(owner, first), find_root(owner, rest[0])
         if a == b:
             if chains[a].kind == "arc" and _is_smooth(chains[a], chains[a]):
                 chains[a] = replace(chains[a], kind="circle", closed=True)
@@ -91,15 +91,8 @@ def _number_ends(edges: list[Edge], tolerance: float) -> list[tuple[int, int]]:
     if not edges:
         return []
     points = np.array([(edge.points[0], edge.points[-1]) for edge in edges]).reshape(-1, 3)
-    close = topology.find_close_pairs(points, tolerance)
-    places = topology.label_components(len(points), *close)
+    places = topology.label_components(len(points), *topology.find_close_pairs(points, tolerance))
     return list(zip(places[::2].tolist(), places[1::2].tolist(), strict=True))
-
-
-def _find_owner(owner: dict[int, int], k: int) -> int:
-    while owner[k] != k:
-        k = owner[k]
-    return k
 
 
 def _join(a: Edge, b: Edge, tolerance: float) -> Edge | None:
@@ -178,7 +171,10 @@ def make_edge(
         places = curve.points(ends)
         middles, via = (ends[1:] + ends[:-1]) / 2, (places[1:] + places[:-1]) / 2
     elif circle is not None:
-        ends, middles, places, via = _divide_arc(circle, at, points)
+        angles, wanted, on_circle = divide_arc(circle, points)
+        parameters = np.interp(wanted, angles, at)
+        ends, places = parameters[::2], on_circle[::2]
+        middles, via = parameters[1::2], on_circle[1::2]
     else:
         ends = np.array(_divide_curve(curve, curve.low, curve.high, tolerance, _MAX_HALVINGS))
         places, middles = curve.points(ends), (ends[1:] + ends[:-1]) / 2
@@ -241,24 +237,6 @@ def _divide_line(
     normals = np.stack([left.normals(at), right.normals(at)])
     is_steady = (np.einsum("ski,sli->skl", normals, normals) > STEADY_COSINE).all()
     return at[[0, -1]] if is_steady else at
-
-
-def _divide_arc(
-    circle: Circle, at: FloatArray, points: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Spans of an arc, each at most half a circle.
-
-    at, points: parameters of samples along the arc, and their positions.
-
-    Returns the parameters of the ends and of the middles of the spans, then the positions of both.
-    """
-    angles = circle.angles(points)
-    angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
-    count = max(1, int(np.ceil(angles[-1] / np.pi - 1e-6)))
-    wanted = np.linspace(0.0, angles[-1], 2 * count + 1)
-    parameters, places = np.interp(wanted, angles, at), circle.at(wanted)
-    places[0], places[-1] = points[0], points[-1]
-    return parameters[::2], parameters[1::2], places[::2], places[1::2]
 
 
 def _divide_curve(
@@ -467,7 +445,7 @@ def _make_sharp_edge(
 
 def _note_edges(
     left_out: Counter[str], sharp: Sequence[Edge], joined: int, feature_angle: float
-) -> list[Note]:
+) -> Iterator[Note]:
     """Notes on the edges of the file.
 
     left_out: number of edges that were left out, by reason.
@@ -479,15 +457,9 @@ def _note_edges(
     others = f"{counted(left_out['seam'], 'seam')} and {counted(left_out['degenerate'], 'point')}"
     what = f"{convex} convex and {len(sharp) - convex} concave edges of the file are {joined}"
     why = f"where one continues another on the same line or circle; {below}, {others} left out"
-    notes = [Note("joined", what, why)]
+    yield Note("joined", what, why)
     reasons = {"crowded": "more than two faces meet", "turned": "inside and outside disagree"}
     for kind, reason in reasons.items():
         if left_out[kind]:
-            notes.append(
-                Note(
-                    "skipped",
-                    f"{counted(left_out[kind], 'edge was', 'edges were')} left out",
-                    f"{reason} there",
-                )
-            )
-    return notes
+            edges = counted(left_out[kind], "edge was", "edges were")
+            yield Note("skipped", f"{edges} left out", f"{reason} there")

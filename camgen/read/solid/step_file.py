@@ -1,8 +1,12 @@
-"""Reads a STEP file as bodies of the CAD kernel, which are sewn, and joined where they touch."""
+"""Reads a STEP file as bodies of the CAD kernel, which are sewn, and joined where they touch.
+
+The units of length and the uncertainty are read from its text.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 from collections import Counter
@@ -13,7 +17,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from camgen.model.errors import InputError
+from camgen.model.errors import InputError, make_one_line
 from camgen.model.files import Source
 from camgen.model.limits import format_limit
 from camgen.model.part import Note
@@ -21,7 +25,7 @@ from camgen.model.text import counted, harmless
 from camgen.read.solid import kernel
 from camgen.read.solid.healing import Body, choose_tolerance, join_touching, sew_bodies
 from camgen.read.solid.part21 import LARGEST_ID, find_wild_id, find_wild_place, remove_faults
-from camgen.read.solid.step_units import read_uncertainty
+from camgen.read.units import MM
 
 _SAVE_AGAIN = "export it again from the CAD program"
 #: Maximum number of times that a text is read, each time without the damaged entities found before.
@@ -243,3 +247,60 @@ def _list_faults(model: Any) -> dict[int, list[str]]:
             check = model.ReportEntity(k).Check()
             faults[k - 1] = [str(check.CFail(i)) for i in range(1, check.NbFails() + 1)]
     return faults
+
+
+# Units.
+
+_CONTEXT = re.compile(rb"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^)]*)\)")
+_INSTANCE = re.compile(rb"#(\d+)\s*=\s*\((?=[^;]*\bLENGTH_UNIT\b)([^;]*);")
+_CONVERTED = re.compile(rb"CONVERSION_BASED_UNIT\s*\(\s*'([^']*)'")
+_SI = re.compile(rb"SI_UNIT\s*\(\s*(\$|\.\w+\.)\s*,\s*\.METRE\.")
+_UNCERTAINTY = re.compile(
+    rb"UNCERTAINTY_MEASURE_WITH_UNIT\s*\(\s*LENGTH_MEASURE\s*\(\s*([-+.\dEe]+)\s*\)\s*,\s*#(\d+)"
+)
+_PREFIX = {
+    b"$": "m",
+    b".MILLI.": "mm",
+    b".CENTI.": "cm",
+    b".DECI.": "dm",
+    b".MICRO.": "um",
+    b".KILO.": "km",
+}
+
+
+def read_units(source: Source) -> tuple[str, list[Note]]:
+    """The units of length of the shapes of a file for the user, and notes.
+
+    The kernel converts the lengths. Raises InputError for a file of another kind.
+    """
+    data = source.data
+    if not data[:4096].lstrip().startswith(b"ISO-10303-21"):
+        raise InputError(source.name, "is not a STEP file", "it does not begin with ISO-10303-21")
+    lengths = _list_units(data)
+    used = {ref.strip(b" \t\r\n#") for ref in b",".join(_CONTEXT.findall(data)).split(b",")}
+    names = sorted({lengths[ref] for ref in used if ref in lengths})
+    if not names:
+        return "mm", [
+            Note("assumed", "1 unit of the file = 1 mm", "the file states no unit of length")
+        ]
+    return ", ".join(names), []
+
+
+def read_uncertainty(data: bytes) -> float:
+    """The largest uncertainty of lengths that a STEP file states, mm; 0 if it states none."""
+    units = _list_units(data)
+    stated = _UNCERTAINTY.findall(data)
+    lengths = [float(value) * MM.get(units.get(unit, ""), 1.0) for value, unit in stated]
+    return max(lengths, default=0.0)
+
+
+def _list_units(data: bytes) -> dict[bytes, str]:
+    """The names of the units of length, by the numbers of their entities."""
+    return {number: _name_unit(text) for number, text in _INSTANCE.findall(data)}
+
+
+def _name_unit(text: bytes) -> str:
+    converted, si = _CONVERTED.search(text), _SI.search(text)
+    if converted:
+        return make_one_line(converted[1].decode("ascii", "replace")).lower().replace("metre", "m")
+    return _PREFIX.get(si[1], "unknown") if si else "unknown"

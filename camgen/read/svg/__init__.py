@@ -6,6 +6,7 @@ The static geometry of SVG 2: transforms, viewports, references, styles of CSS (
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,10 +25,10 @@ from camgen.read.colors import count_colors
 from camgen.read.files import Files
 from camgen.read.layers import NOT_ASKED, Layers
 from camgen.read.open_outlines import find_open_outlines
-from camgen.read.pieces import describe_counts, format_counts, list_first
+from camgen.read.pieces import describe_elements, format_counts, list_first
 from camgen.read.svg.background import remove_background
 from camgen.read.svg.flatten import flatten
-from camgen.read.svg.page import find_page
+from camgen.read.svg.page import SvgPage, find_page
 from camgen.read.svg.tree import SWITCHED, Document, Drawing, walk
 from camgen.read.units import format_size
 
@@ -63,29 +64,28 @@ class SvgFacts(Struct, frozen=True):
 
     def __str__(self) -> str:
         size = format_size(self.size)
-        lines = [
-            f"SVG, units {self.units}, page {self.page}, drawing {size} mm",
-            f"elements: {self.counts}",
-            f"contours: {self.closed} closed, {self.open} open",
-            *(f"layer {name}: {state}; {counts}" for name, state, counts in self.layers),
-            *filter(None, [self.colors]),
-            *map(str, self.notes),
-        ]
-        return "\n".join(lines)
+        return "\n".join(
+            [
+                f"SVG, units {self.units}, page {self.page}, drawing {size} mm",
+                f"elements: {self.counts}",
+                f"contours: {self.closed} closed, {self.open} open",
+                *(f"layer {name}: {state}; {counts}" for name, state, counts in self.layers),
+                *filter(None, [self.colors]),
+                *map(str, self.notes),
+            ]
+        )
 
 
 class _Contents(Struct, frozen=True):
     """A drawing that was read.
 
-    units: size of a user unit.
-    page: size of the page.
+    page: its page.
     drawing: results of the walk.
     contours: contours in drawing order.
     notes: losses, assumptions and repairs.
     """
 
-    units: str
-    page: str
+    page: SvgPage
     drawing: Drawing
     contours: tuple[Contour, ...]
     notes: tuple[Note, ...]
@@ -110,7 +110,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     return Part(
         source.stem,
         source.name,
-        contents.units,
+        contents.page.units,
         contents.contours,
         contents.notes,
         open_outlines=find_open_outlines(contents.contours, job),
@@ -137,8 +137,8 @@ def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
         width, height = np.ptp(np.concatenate([c.points for c in contours]), axis=0).tolist()
         size = width, height
     return SvgFacts(
-        contents.units,
-        contents.page,
+        contents.page.units,
+        contents.page.size,
         layers,
         format_counts(kinds),
         closed,
@@ -155,22 +155,20 @@ def _read(source: Source, job: Job) -> _Contents:
     page = find_page(
         source.name, document.root.attrib, document.style, settings.units, source.limits
     )
-    globs = tuple(glob.strip() for glob in settings.layers)
-    layers = Layers({}, {}, globs, job.clamp_layers)
+    layers = Layers({}, {}, tuple(map(str.strip, settings.layers)), job.clamp_layers)
     # Damaged files hold infinities; their contours are dropped with a note.
     with np.errstate(all="ignore"):
         drawing = walk(source.name, document, page.matrix, page.view, layers, source.limits)
         layers.check(source.name)
         notes = [*page.notes, *remove_background(drawing, page.frames)]
-        flat = flatten(drawing, job.tolerance.chord)
-        contours, joints = join.make_job_contours(flat, job)
+        contours, joints = join.make_job_contours(flatten(drawing, job.tolerance.chord), job)
     if page.is_open:
         contours, moved = _from_corner(contours)
         notes += moved
     if b"<?xml-stylesheet" in source.data.replace(b"\0", b""):
         drawing.report("style sheets of other files are not read", "xml-stylesheet", "")
     notes += [*_list_reports(drawing), *joints]
-    return _Contents(page.units, page.size, drawing, contours, tuple(notes))
+    return _Contents(page, drawing, contours, tuple(notes))
 
 
 def _parse(source: Source) -> ElementTree.Element:
@@ -225,23 +223,18 @@ def _from_corner(contours: tuple[Contour, ...]) -> tuple[tuple[Contour, ...], tu
     )
 
 
-def _list_reports(drawing: Drawing) -> list[Note]:
+def _list_reports(drawing: Drawing) -> Iterator[Note]:
     """One note per reason for which something was not used, or was read as something simpler."""
-    notes = []
     for reason, counts in drawing.reports.items():
         kinds: Counter[str] = Counter()
         for (kind, _), count in counts.items():
             kinds[kind] += count
-        what = describe_counts(kinds, [layer for _, layer in counts if layer])
+        what = describe_elements(kinds, [layer for _, layer in counts if layer])
         if reason in _REQUESTED:
-            notes.append(Note(_REQUESTED[reason], f"not used: {what}", reason))
+            yield Note(_REQUESTED[reason], f"not used: {what}", reason)
         else:
-            notes.append(Note("skipped", what + _list_ids(drawing.ids.get(reason, [])), reason))
+            ids = [f"#{harmless(name, 40)}" for name in dict.fromkeys(drawing.ids.get(reason, ()))]
+            listed = f": {list_first(ids, _LISTED_IDS)}" if ids else ""
+            yield Note("skipped", what + listed, reason)
     if drawing.dashed:
-        notes.append(Note("assumed", f"with dashes: {drawing.dashed}", "the whole line is drawn"))
-    return notes
-
-
-def _list_ids(ids: list[str]) -> str:
-    names = [f"#{harmless(name, 40)}" for name in dict.fromkeys(ids)]
-    return f": {list_first(names, _LISTED_IDS)}" if names else ""
+        yield Note("assumed", f"with dashes: {drawing.dashed}", "the whole line is drawn")

@@ -6,12 +6,11 @@ import math
 from itertools import islice
 
 import numpy as np
-from msgspec import Struct, field
 
 from camgen.geometry import curves
 from camgen.geometry.ragged import compute_offsets
 from camgen.model.pose import FloatArray
-from camgen.read.pieces import DrawnPieces, index_names
+from camgen.read.pieces import DrawnPieces, IntArray, index_names
 from camgen.read.svg.clip import cut_outline
 from camgen.read.svg.path import Oval
 from camgen.read.svg.tree import Drawing, DrawnShape
@@ -25,40 +24,8 @@ _OUTSIDE = "outside of the viewport or clip path around it"
 _AREA_CUT = "an area without a line, cut by the viewport or clip path around it"
 
 
-#: Runs end to end as points and bulges, and whether they are closed.
-_Piece = tuple[list[curves.Outline], bool]
-
-
-class _Pieces(Struct):
-    """Flat pieces, which grow.
-
-    points: points (N, 2) of each run without its end, and the ends of open pieces, mm.
-    bulges: bulges (N,) of each of them.
-    counts: number of points of each piece.
-    closed: whether each piece is closed; a closed piece does not repeat its first point.
-    shapes: index of the shape of each piece.
-    """
-
-    points: list[FloatArray] = field(default_factory=list)
-    bulges: list[FloatArray] = field(default_factory=list)
-    counts: list[int] = field(default_factory=list)
-    closed: list[bool] = field(default_factory=list)
-    shapes: list[int] = field(default_factory=list)
-
-    def add(self, piece: _Piece, shape: int) -> None:
-        """Adds a piece of a shape; the last point of a closed piece is its first."""
-        runs, is_closed = piece
-        count = 0 if is_closed else 1
-        for points, bulges in runs:
-            self.points.append(points[:-1])
-            self.bulges.append(bulges[:-1])
-            count += len(points) - 1
-        if not is_closed:
-            self.points.append(runs[-1][0][-1:])
-            self.bulges.append(np.zeros(1))
-        self.counts.append(count)
-        self.closed.append(is_closed)
-        self.shapes.append(shape)
+#: Points and bulges of a piece, and whether it is closed; its last point is its first then.
+_Piece = tuple[curves.Outline, bool]
 
 
 def flatten(drawing: Drawing, chord: float) -> DrawnPieces:
@@ -73,14 +40,16 @@ def flatten(drawing: Drawing, chord: float) -> DrawnPieces:
             placed += [_place(run, shape.matrix) for run in subpath.runs]
     fitted = iter(curves.fit([run for run in placed if isinstance(run, np.ndarray)], chord))
     outlines = (next(fitted) if isinstance(run, np.ndarray) else run for run in placed)
-    pieces = _Pieces()
+    pieces: list[_Piece] = []
+    owners: list[int] = []
     for k, shape in enumerate(drawing.shapes):
         parts: list[_Piece] = []
         for subpath in shape.subpaths:
-            parts.append((list(islice(outlines, len(subpath.runs))), subpath.closed))
-        for part in _clip(drawing, shape, parts):
-            pieces.add(part, k)
-    return _soup(drawing, pieces)
+            parts.append((_join(list(islice(outlines, len(subpath.runs)))), subpath.closed))
+        parts = _clip(drawing, shape, parts)
+        pieces += parts
+        owners += [k] * len(parts)
+    return _make_soup(drawing, pieces, np.array(owners, dtype=np.intp))
 
 
 def _join(outlines: list[curves.Outline]) -> curves.Outline:
@@ -97,18 +66,15 @@ def _clip(drawing: Drawing, shape: DrawnShape, pieces: list[_Piece]) -> list[_Pi
         return pieces
     parts: list[_Piece] = []
     is_cut = False
-    for runs, is_closed in pieces:
-        inner = cut_outline(_join(runs), is_closed, shape.clip)
+    for outline, is_closed in pieces:
+        inner = cut_outline(outline, is_closed, shape.clip)
         if inner is None:
-            parts.append((runs, is_closed))
+            parts.append((outline, is_closed))
         else:
             is_cut = True
-            parts += [([part], False) for part in inner]
-    if not is_cut:
-        return pieces
-    if not parts or not shape.paint.is_stroked:
-        reason = _AREA_CUT if parts else _OUTSIDE
-        drawing.report(reason, shape.kind, shape.layer, shape.name)
+            parts += [(part, False) for part in inner]
+    if is_cut and not (parts and shape.paint.is_stroked):
+        drawing.report(_AREA_CUT if parts else _OUTSIDE, shape.kind, shape.layer, shape.name)
         return []
     return parts
 
@@ -157,16 +123,22 @@ def _oval(
     )
 
 
-def _soup(drawing: Drawing, pieces: _Pieces) -> DrawnPieces:
+def _make_soup(drawing: Drawing, pieces: list[_Piece], owner: IntArray) -> DrawnPieces:
+    """The pieces in flat arrays. owner: (P,) index of the shape of each piece."""
     layers, layer = index_names([shape.layer for shape in drawing.shapes])
     kinds, kind = index_names([shape.kind for shape in drawing.shapes])
     colors, color = index_names([shape.paint.color for shape in drawing.shapes])
-    owner = np.array(pieces.shapes, dtype=np.intp)
+    points, bulges = [np.zeros((0, 2))], [np.zeros(0)]
+    for outline, is_closed in pieces:
+        # A closed piece does not repeat its first point.
+        kept = slice(-1) if is_closed else slice(None)
+        points.append(outline[0][kept])
+        bulges.append(outline[1][kept])
     return DrawnPieces(
-        points=np.concatenate([np.zeros((0, 2)), *pieces.points]),
-        bulges=np.concatenate([np.zeros(0), *pieces.bulges]),
-        first=compute_offsets(pieces.counts),
-        closed=np.array(pieces.closed, dtype=np.bool_),
+        points=np.concatenate(points),
+        bulges=np.concatenate(bulges),
+        first=compute_offsets(list(map(len, bulges[1:]))),
+        closed=np.array([is_closed for _, is_closed in pieces], dtype=np.bool_),
         layer=layer[owner],
         kind=kind[owner],
         color=color[owner],

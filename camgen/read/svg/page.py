@@ -26,7 +26,6 @@ from camgen.read.svg.values import (
 )
 from camgen.read.svg.vocabulary import PAGE_LIMITS
 
-_DEFAULTS = Limits()
 #: Units that only `input.units` of an SVG takes, mm.
 _MORE = {"px": MM_PER_PX, "pt": 25.4 / 72, "pc": 25.4 / 6}
 _OVERRIDE = "set input.units if that is not meant"
@@ -78,7 +77,7 @@ def find_page(
     attributes: Mapping[str, str],
     style: Style,
     requested_units: str,
-    limits: Limits = _DEFAULTS,
+    limits: Limits,
 ) -> SvgPage:
     """The page by width, height, viewBox and preserveAspectRatio, or by `input.units`.
 
@@ -91,24 +90,31 @@ def find_page(
         box = view_box(words.get("viewBox"))
         sizes = _find_size(words, box, limits.svg_page)
         requested = requested_units.strip().lower()
-        notes = _note_limits(style)
-        scale = MM_PER_PX
-        if requested != "auto":
-            name = requested
-            if requested in _MORE:
-                scale = _MORE[requested]
-            else:
-                scale = units.resolve(file, requested_units, 0, None)[1]
+        notes = list[Note]()
+        limited = sorted(PAGE_LIMITS & style.keys())
+        if limited:
+            notes.append(
+                Note(
+                    "assumed",
+                    f"limits of the page in CSS: {', '.join(limited)}",
+                    "its width and height are used; set input.units if the size is wrong",
+                )
+            )
+        scale, name = MM_PER_PX, f"{short(MM_PER_PX, 9)} mm/unit"
+        if requested in _MORE:
+            scale, name = _MORE[requested], requested
+        elif requested != "auto":
+            scale, name = units.resolve(file, requested_units, 0, None)[1], requested
         elif sizes is None:
-            name = f"{short(MM_PER_PX, 9)} mm/unit"
             what = f"1 unit = {short(MM_PER_PX, 6)} mm (96 DPI)"
-            notes += (Note("assumed", what, f"the file states no size; {_OVERRIDE}"),)
+            notes.append(Note("assumed", what, f"the file states no size; {_OVERRIDE}"))
         else:
             notes += _note_pixels(words)
-            if box is not None:
-                return _fit_page(words, style, box, sizes, notes)
-            name = f"{short(MM_PER_PX, 9)} mm/unit"
-        return _make_page(_scale_page(scale, box, sizes), words, style, name, notes)
+        if requested == "auto" and box is not None and sizes is not None:
+            layout, name = _fit_page(words, box, sizes)
+        else:
+            layout = _scale_page(scale, box, sizes)
+        return _make_page(layout, words, style, name, tuple(notes))
     except Malformed as error:
         raise InputError(
             file, str(error), "the svg element", "correct it, or save the drawing again"
@@ -141,23 +147,6 @@ def _find_size(
     return None if height is None else (height * box.width / box.height, height)
 
 
-def _note_limits(style: Style) -> tuple[Note, ...]:
-    """Notes on limits of the size of the page, which a browser follows."""
-    names = sorted(PAGE_LIMITS & style.keys())
-    what = "limits of the page in CSS: " + ", ".join(names)
-    return (
-        (
-            Note(
-                "assumed",
-                what,
-                "its width and height are used; set input.units if the size is wrong",
-            ),
-        )
-        if names
-        else ()
-    )
-
-
 def _note_pixels(attributes: Mapping[str, str]) -> tuple[Note, ...]:
     """Notes on a size in px: an inch was not always 96 of them."""
     for name in ("width", "height"):
@@ -188,12 +177,10 @@ def _scale_page(scale: float, box: ViewBox | None, sizes: tuple[float, float] | 
 
 def _fit_page(
     attributes: Mapping[str, str],
-    style: Style,
     box: ViewBox,
     sizes: tuple[float, float],
-    notes: tuple[Note, ...],
-) -> SvgPage:
-    """A page whose box is laid into its size."""
+) -> tuple[_Layout, str]:
+    """A page whose box is laid into its size, and the size of its units."""
     width, height = sizes[0] * MM_PER_PX, sizes[1] * MM_PER_PX
     fit = fit_viewport(box, width, height, attributes.get("preserveAspectRatio", ""))
     sx, sy = float(fit[0, 0]), float(fit[1, 1])
@@ -202,8 +189,7 @@ def _fit_page(
         name = f"{short(sx, 6)} and {short(sy, 6)} mm/unit"
     if abs(sx - 1) <= 1e-6 and abs(sy - 1) <= 1e-6:
         name = "mm"
-    layout = _Layout(fit, box, width, height, sizes[0])
-    return _make_page(layout, attributes, style, name, notes)
+    return _Layout(fit, box, width, height, sizes[0]), name
 
 
 def _make_page(

@@ -78,6 +78,8 @@ def _commands(data: str) -> Iterator[tuple[str, list[float]]]:
     parts = _COMMANDS.split(data)
     if parts[0].translate(_SEPARATORS):
         raise Malformed("path data begins without a command")
+    if parts[1:] and parts[1] not in "Mm":
+        raise Malformed("path data begins without M")
     for letter, text in zip(parts[1::2], parts[2::2], strict=True):
         is_arc = letter in "Aa"
         texts = list(chain(*_ARC.findall(text))) if is_arc else NUMBER.findall(text)
@@ -86,21 +88,19 @@ def _commands(data: str) -> Iterator[tuple[str, list[float]]]:
         if "," in text and STRAY_COMMA.search(text):
             is_clean = False
         if not is_clean:
-            texts = _read_numbers(_ARC if is_arc else _NUMBER, text)
+            texts = list(_read_numbers(_ARC if is_arc else _NUMBER, text))
         whole = len(texts) // size * size if size else 0
         yield letter, list(map(float, texts[:whole]))
         if not is_clean or whole != len(texts) or (size and not texts):
             raise Malformed(f"path data is damaged in a {letter} command")
 
 
-def _read_numbers(pattern: re.Pattern[str], text: str) -> list[str]:
+def _read_numbers(pattern: re.Pattern[str], text: str) -> Iterator[str]:
     """The numbers up to the first word that is not a number."""
-    numbers: list[str] = []
     match = pattern.match(text)
     while match:
-        numbers += match.groups()
+        yield from match.groups()
         match = pattern.match(text, match.end())
-    return numbers
 
 
 class _Pen:
@@ -114,13 +114,10 @@ class _Pen:
         self.x = self.y = self.x0 = self.y0 = 0.0
         #: The control point that S and T mirror, and the degree of the segment it belongs to.
         self.control = (0.0, 0.0, 0)
-        self.begun = False
 
     def draw(self, letter: str, values: list[float]) -> None:
         """One command with all its repetitions."""
         command = letter.upper()
-        if not self.begun and command != "M":
-            raise Malformed("path data begins without M")
         if command == "Z":
             self._close()
             return
@@ -183,7 +180,7 @@ class _Pen:
     def _m(self, v: list[float], relative: bool) -> None:
         self.finish(False)
         self.x, self.y = (self.x + v[0], self.y + v[1]) if relative else (v[0], v[1])
-        self.x0, self.y0, self.begun = self.x, self.y, True
+        self.x0, self.y0 = self.x, self.y
         self.control = (0.0, 0.0, 0)
 
     def _l(self, v: list[float], relative: bool) -> None:
@@ -313,8 +310,7 @@ def _find_extremes(run: Run) -> FloatArray:
         for coordinates in segment.T:
             roots = _bernstein(coordinates).deriv().roots()
             inner = roots.real[(abs(roots.imag) < 1e-9) & (roots.real > 0) & (roots.real < 1)]
-            columns = [_bernstein(values)(inner) for values in segment.T]
-            points.append(np.column_stack(columns))
+            points.append(np.column_stack([_bernstein(values)(inner) for values in segment.T]))
     return np.concatenate(points)
 
 
@@ -343,11 +339,6 @@ def _find_extremes_of_arc(arc: Oval) -> FloatArray:
 
 View = tuple[float, float]
 Attributes = Mapping[str, str]
-
-
-def shape(kind: str, attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
-    """The subpaths of a shape and its fault. Raises Malformed if nothing of it can be drawn."""
-    return _SHAPES[kind](attributes, view)
 
 
 def _value(attributes: Attributes, name: str, view: View, default: float = 0.0) -> float:
@@ -443,7 +434,9 @@ def _read_radii(attributes: Attributes, view: View) -> tuple[float, float]:
     return rx, ry
 
 
-_SHAPES: dict[str, Callable[[Attributes, View], tuple[list[Subpath], str]]] = {
+#: Functions of the subpaths of a shape and its fault, by the name of its element. They raise
+#: Malformed if nothing of it can be drawn.
+SHAPES: dict[str, Callable[[Attributes, View], tuple[list[Subpath], str]]] = {
     "path": _path,
     "line": _line,
     "polyline": partial(_points, closed=False),
@@ -452,4 +445,4 @@ _SHAPES: dict[str, Callable[[Attributes, View], tuple[list[Subpath], str]]] = {
     "circle": _circle,
     "ellipse": _ellipse,
 }
-KINDS = frozenset(_SHAPES)
+KINDS = frozenset(SHAPES)

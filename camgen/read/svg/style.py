@@ -7,7 +7,7 @@ with a style sheet alone.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import islice
 from typing import Any, NamedTuple
@@ -83,7 +83,7 @@ def parse_style(text: str) -> tuple[Declaration, ...]:
     if '"' in text or "'" in text or "\\" in text or re.search(r"\([^)]*;", text):
         import tinycss2  # noqa: PLC0415 (only for unusual styles)
 
-        return _convert(tinycss2.parse_blocks_contents(text, skip_comments=True))
+        return tuple(_convert(tinycss2.parse_blocks_contents(text, skip_comments=True)))
     declarations: list[Declaration] = []
     for part in text.split(";"):
         name, colon, value = part.partition(":")
@@ -96,16 +96,13 @@ def parse_style(text: str) -> tuple[Declaration, ...]:
     return tuple(declarations)
 
 
-def _convert(nodes: list[Any]) -> tuple[Declaration, ...]:
+def _convert(nodes: list[Any]) -> Iterator[Declaration]:
     """The declarations among nodes of tinycss2."""
     import tinycss2  # noqa: PLC0415 (only for drawings with a style sheet)
 
-    declarations: list[Declaration] = []
     for node in nodes:
         if node.type == "declaration" and node.lower_name in PROPERTIES:
-            value = tinycss2.serialize(node.value)
-            declarations += _declare(node.lower_name, value, node.important)
-    return tuple(declarations)
+            yield from _declare(node.lower_name, tinycss2.serialize(node.value), node.important)
 
 
 def _declare(name: str, value: str, is_important: bool) -> list[Declaration]:
@@ -113,8 +110,9 @@ def _declare(name: str, value: str, is_important: bool) -> list[Declaration]:
     value = normalise(value)
     if not _is_readable(name, value):
         return [Declaration(CONDITION, f"{name}: {value}", True)]
-    names = SHORTHANDS.get(name, (name,))
-    return [Declaration(longhand, value, is_important) for longhand in names]
+    return [
+        Declaration(longhand, value, is_important) for longhand in SHORTHANDS.get(name, (name,))
+    ]
 
 
 def _is_readable(name: str, value: str) -> bool:
@@ -144,7 +142,7 @@ def normalise(value: str) -> str:
 
 
 class StyleSheet:
-    """The rules of all style elements of a document.
+    """The rules of all style elements of a document, and the styles of elements by them.
 
     root: outermost element of the document.
     unread: selectors and rules that are not read.
@@ -204,7 +202,7 @@ class StyleSheet:
         import tinycss2  # noqa: PLC0415
 
         content = tinycss2.parse_blocks_contents(rule.content, True, True)
-        declarations = _convert(content)
+        declarations = tuple(_convert(content))
         if any(node.type in ("qualified-rule", "at-rule") for node in content):
             condition = condition or "a rule within a rule"
         elif not declarations:
@@ -229,14 +227,45 @@ class StyleSheet:
     def _is_large(self) -> bool:
         return next(islice(self.root.iter(), _MOST_ELEMENTS, None), None) is not None
 
-    def find(self, element: Element) -> tuple[Declaration, ...]:
+    def compute_style(self, parent: Style, inherited: Style, element: Element) -> Style:
+        """The style of an element.
+
+        parent: style of the parent, for the value `inherit`.
+        inherited: its part that children have without asking.
+        """
+        attributes = element.attrib
+        style = inherited.copy()
+        for name, text in attributes.items():
+            if name not in PRESENTATION or not text.strip():
+                continue
+            value = normalise(text)
+            if _is_readable(name, value):
+                style[name] = value
+            else:
+                style[CONDITION] = f"{name}: {value}"
+        declarations = self._find(element)
+        if "style" in attributes:
+            declarations += parse_style(attributes["style"])
+        is_important = False
+        for declaration in declarations:
+            style[declaration.name] = declaration.value
+            is_important |= declaration.is_important
+        if is_important:
+            for declaration in declarations:
+                if declaration.is_important:
+                    style[declaration.name] = declaration.value
+        if not _KEYWORDS.isdisjoint(style.values()):
+            _resolve(style, parent)
+        return style
+
+    def _find(self, element: Element) -> tuple[Declaration, ...]:
         """The declarations for an element, those of the strongest rule last."""
         if self._matcher is None:
             return ()
         import cssselect2  # noqa: PLC0415 (only for drawings with a style sheet)
 
         if not self._is_simple:
-            return self._match(self._wrap(element))
+            return tuple(self._match(self._wrap(element)))
         name = element.attrib.get("id", "")
         key = element.tag, element.attrib.get("class", ""), name if name in self._ids else ""
         declarations = self._cache.get(key)
@@ -244,14 +273,12 @@ class StyleSheet:
             # Simple selectors need nothing of the elements around it.
             alone = Element(element.tag, element.attrib)
             wrapper = cssselect2.ElementWrapper.from_xml_root(alone)
-            declarations = self._cache[key] = self._match(wrapper)
+            declarations = self._cache[key] = tuple(self._match(wrapper))
         return declarations
 
-    def _match(self, wrapper: Any) -> tuple[Declaration, ...]:
-        declarations: list[Declaration] = []
+    def _match(self, wrapper: Any) -> Iterator[Declaration]:
         for *_, matched in self._matcher.match(wrapper):
-            declarations += matched
-        return tuple(declarations)
+            yield from matched
 
     def _wrap(self, element: Element) -> Any:
         import cssselect2  # noqa: PLC0415 (only for drawings with a style sheet)
@@ -275,47 +302,6 @@ def evaluate_media(query: str) -> bool | None:
     if True in results:
         return True
     return None if None in results else False
-
-
-class Cascade:
-    """Computes styles of elements.
-
-    sheet: rules of all style elements.
-    """
-
-    def __init__(self, root: Element) -> None:
-        self.sheet = StyleSheet(root)
-
-    def style(self, parent: Style, inherited: Style, element: Element) -> Style:
-        """The style of an element.
-
-        parent: style of the parent, for the value `inherit`.
-        inherited: its part that children have without asking.
-        """
-        attributes = element.attrib
-        style = inherited.copy()
-        for name, text in attributes.items():
-            if name not in PRESENTATION or not text.strip():
-                continue
-            value = normalise(text)
-            if _is_readable(name, value):
-                style[name] = value
-            else:
-                style[CONDITION] = f"{name}: {value}"
-        declarations = self.sheet.find(element)
-        if "style" in attributes:
-            declarations += parse_style(attributes["style"])
-        is_important = False
-        for declaration in declarations:
-            style[declaration.name] = declaration.value
-            is_important |= declaration.is_important
-        if is_important:
-            for declaration in declarations:
-                if declaration.is_important:
-                    style[declaration.name] = declaration.value
-        if not _KEYWORDS.isdisjoint(style.values()):
-            _resolve(style, parent)
-        return style
 
 
 _KEYWORDS = frozenset({"inherit", "initial", "unset", "revert", "revert-layer"})

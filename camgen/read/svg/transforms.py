@@ -153,13 +153,10 @@ def _read_css_transform(text: str, box: ViewBox) -> FloatArray:
         match = _CSS_FUNCTION.match(text, position)
         if match is None:
             raise Malformed(f"transform {text[:40]} is not read")
-        total = total @ _css_matrix(match[1].lower(), _split(match[2]), box)
+        values = [value.strip() for value in match[2].split(",")] if match[2].strip() else []
+        total = total @ _css_matrix(match[1].lower(), values, box)
         position = match.end()
     return total
-
-
-def _split(text: str) -> list[str]:
-    return [value.strip() for value in text.split(",")] if text.strip() else []
 
 
 def _css_matrix(name: str, values: list[str], box: ViewBox) -> FloatArray:

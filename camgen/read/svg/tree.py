@@ -16,13 +16,13 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.layers import Layers
 from camgen.read.svg.clip import HalfPlanes, join_half_planes, make_half_planes
-from camgen.read.svg.path import KINDS, Subpath, list_corners, measure_bounds, shape
+from camgen.read.svg.path import KINDS, SHAPES, Subpath, list_corners, measure_bounds
 from camgen.read.svg.style import (
     CONDITION,
-    Cascade,
     Paint,
     Painter,
     Style,
+    StyleSheet,
     find_reference,
     is_gone,
     select_inherited,
@@ -130,7 +130,7 @@ class Document:
 
     root: outermost element.
     ids: elements by id.
-    cascade: style sheets.
+    sheet: rules of all style elements.
     moved: ids of elements that animations elsewhere refer to.
     style: style of the outermost element.
     painter: finds the paints of shapes.
@@ -138,17 +138,17 @@ class Document:
 
     def __init__(self, root: Element) -> None:
         self.root = root
-        self.cascade = Cascade(root)
+        self.sheet = StyleSheet(root)
         self.ids: dict[str, Element] = {}
         self.moved: set[str] = set()
         for element in root.iter():
             if "id" in element.attrib:
                 self.ids.setdefault(element.attrib["id"], element)
             if element.tag in _STYLES:
-                self.cascade.sheet.add(element)
+                self.sheet.add(element)
             elif _name(element) in ANIMATIONS:
                 self.moved.add(_reference(element))
-        self.style = self.cascade.style({}, {}, root)
+        self.style = self.sheet.compute_style({}, {}, root)
         self.painter = Painter(self.ids)
 
 
@@ -169,8 +169,7 @@ def walk(
     drawing = Drawing(layers)
     walker = _Walker(file, drawing, document, limits.svg_depth)
     # Depth first by a list: documents nest deeper than Python calls.
-    pending = list(walker.enter_root(matrix, view))
-    pending.reverse()
+    pending = list(walker.enter_root(matrix, view))[::-1]
     steps = uses = 0
     while pending:
         element, place = pending.pop()
@@ -189,7 +188,7 @@ def walk(
                 f"has more than {format_limit(limits.svg_elements)} elements",
                 remedy="split the drawing, or raise limits.svg_elements",
             )
-    for selector in document.cascade.sheet.unread:
+    for selector in document.sheet.unread:
         drawing.report("rules of the style sheet that are not read", harmless(selector, 40), "")
     return drawing
 
@@ -233,7 +232,7 @@ class _Walker(Struct):
         if not tag:
             self._report_all("within an element that is not of SVG", element, place)
             return
-        style = self.document.cascade.style(place.style, place.inherited, element)
+        style = self.document.sheet.compute_style(place.style, place.inherited, element)
         reason = is_gone(style) or _condition(element)
         if reason:
             self._report_all(reason, element, place)
@@ -307,8 +306,7 @@ class _Walker(Struct):
         if self._is_moved(element):
             effects |= {_MOVED}
         if CONDITION in style:
-            condition = harmless(style[CONDITION], 40)
-            effects |= {f"{condition} is not evaluated: drawn without it"}
+            effects |= {f"{harmless(style[CONDITION], 40)} is not evaluated: drawn without it"}
         return effects, clip
 
     def _is_moved(self, element: Element) -> bool:
@@ -331,14 +329,14 @@ class _Walker(Struct):
         if _name(child) == "use" and child.attrib.keys().isdisjoint(_PLACES):
             # Illustrator refers to the rectangle.
             child = self.document.ids.get(_reference(child), child)
-        style = self.document.cascade.style({}, {}, child)
+        style = self.document.sheet.compute_style({}, {}, child)
         kind = _name(child)
         if kind not in KINDS or is_gone(style) or _condition(child) or len(child):
             return None
         if not {"clip-path", "visibility", CONDITION}.isdisjoint(style) or self._is_moved(child):
             return None
         try:
-            subpaths, fault = shape(kind, _geometry(child, style), view)
+            subpaths, fault = SHAPES[kind](_geometry(child, style), view)
             matrix = self._matrix(child, _Place(matrix, {}, {}, view), style, subpaths)
         except Malformed:
             return None
@@ -355,7 +353,7 @@ class _Walker(Struct):
             self._report(reason, element, layer)
             return
         _check_readable(element, style)
-        subpaths, fault = shape(tag, _geometry(element, style), place.view)
+        subpaths, fault = SHAPES[tag](_geometry(element, style), place.view)
         matrix = self._matrix(element, place, style, subpaths)
         if fault:
             self._report(f"{fault}: drawn up to there", element, layer)
@@ -365,8 +363,17 @@ class _Walker(Struct):
         for loss in (*sorted(effects), *paint.losses):
             self._report(loss, element, layer)
         drawing.dashed += paint.is_dashed
-        name = element.attrib.get("id", "")
-        drawing.shapes.append(DrawnShape(tuple(subpaths), matrix, tag, layer, paint, name, clip))
+        drawing.shapes.append(
+            DrawnShape(
+                tuple(subpaths),
+                matrix,
+                tag,
+                layer,
+                paint,
+                element.attrib.get("id", ""),
+                clip,
+            )
+        )
 
     def _choose(self, element: Element, tag: str, place: _Place) -> Iterable[Element]:
         """The children of a group that are drawn.
@@ -407,7 +414,7 @@ class _Walker(Struct):
             yield target, inner
             return
         _check_size(place.style)
-        style = self.document.cascade.style(place.style, place.inherited, target)
+        style = self.document.sheet.compute_style(place.style, place.inherited, target)
         reason = is_gone(style) or _condition(target)
         if reason:
             raise Malformed(reason)
@@ -443,7 +450,7 @@ class _Walker(Struct):
                 continue
             layer = place.layer
             if not layer:
-                style = self.document.cascade.style(place.style, place.inherited, inner)
+                style = self.document.sheet.compute_style(place.style, place.inherited, inner)
                 layer = self._layer(place, style)
             counts[harmless(kind, 40), layer] += 1
             self._report(reason, inner, layer)

@@ -6,7 +6,7 @@ beside it. `tests/read/test_svg_vocabulary.py` goes through the indexes of the s
 
 from __future__ import annotations
 
-# Elements. Shapes stand in `path.KINDS`.
+# Elements. Shapes stand in `path.SHAPES`.
 
 #: Elements whose children are drawn.
 GROUPS = frozenset({"g", "a", "switch", "svg"})

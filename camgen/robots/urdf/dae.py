@@ -21,7 +21,7 @@ from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, rotation_about_axis
-from camgen.read.solid.polygons import Triangles, check_numbers, triangulate_polygons
+from camgen.read.solid.polygons import Triangles, triangulate_polygons
 from camgen.robots.urdf.xml import DeclaredError, UndeclaredBuilder
 
 #: Nodes within nodes.
@@ -79,7 +79,6 @@ class _Document:
                 polygons += [table + count for table in tables]
                 count += len(points)
         corners = np.concatenate(vertices)
-        check_numbers(polygons, len(corners))
         return corners, triangulate_polygons(corners, polygons)
 
     def named(self, element: Element, key: str) -> Element:
