@@ -356,8 +356,7 @@ class Flow:
     def _select(self, frame: CallFrame, _at: int, step: Select) -> int:
         value = self._language.evaluate(step.value)
         unknown = value if isinstance(value, Unknown) else None
-        is_known = unknown is None
-        for case in step.cases if is_known else ():
+        for case in step.cases if unknown is None else ():
             matches = case.tests is None or self._language.matches(value, case.tests)
             if isinstance(matches, Unknown):
                 unknown = unknown or matches

@@ -112,12 +112,8 @@ class OffsetPath:
 
     def _enter(self, segment: Segment) -> None:
         """Begins the first motion at the tip of the tool. Raises LineError if it is too short."""
-        reach = (
-            abs(segment.end - segment.begin)
-            if segment.centre is None
-            else abs(segment.begin - segment.centre)
-        )
-        if reach <= self.radius:
+        far = segment.end if segment.centre is None else segment.centre
+        if abs(segment.begin - far) <= self.radius:
             raise LineError(
                 "the first motion with G41 or G42 is not longer than the radius of the tool"
             )
@@ -179,10 +175,11 @@ class OffsetPath:
 
     def flush(self) -> None:
         """Writes the last motion and the instructions that follow it."""
-        if self.last is None:
+        last, self.last = self.last, None
+        if last is None:
             return
-        self.write(self.last)
-        self.tip, self.is_first = self.last.stop, False
+        self.write(last)
+        self.tip, self.is_first = last.stop, False
         for item in self.pending:
             if isinstance(item, Segment):
                 item.start = item.stop = self.tip
@@ -190,7 +187,6 @@ class OffsetPath:
             else:
                 self.keep(*item)
         self.pending.clear()
-        self.last = None
 
 
 def _swept(arc: Segment, end: complex) -> float:

@@ -227,12 +227,8 @@ class Interpreter(MachineLanguage):
             return self._end_subprogram(number)
         if code == "GOTO":
             return self._jump(self._find_next(self._find_step(f"n{number:.0f}")))
-        start = self._code.labels.get(f"{'n' if code == 'M97' else 'o'}{number:.0f}")
-        if start is None:
-            self._leave_out(f"{code} P{number:g}: the subprogram is not in this file")
-            return None
-        self._check_depth(f"{code} P{number:g}")
-        return self._enter(start, times, arguments)
+        label = f"{'n' if code == 'M97' else 'o'}{number:.0f}"
+        return self._enter_label(label, f"{code} P{number:g}", "subprogram", times, arguments)
 
     def _end_subprogram(self, number: float) -> Step:
         """M99.
@@ -244,16 +240,24 @@ class Interpreter(MachineLanguage):
         self._back = f"n{number:.0f}" if number else ""
         return Return(self.machine.line)
 
-    def _leave_out(self, what: str) -> None:
-        self.machine.assume(f"{what}; it is left out")
-        self.log.lose(what)
+    def _enter_label(
+        self, label: str, call: str, noun: str, times: int, arguments: Mapping[int, float] | None
+    ) -> Step | None:
+        """Runs the subroutine of a label. The call of a missing one is left out.
 
-    def _check_depth(self, call: str) -> None:
-        """Raises LineError for one more call that is too deep. The run goes on after it."""
+        Raises LineError for one more call that is too deep. The run goes on after it.
+        """
+        start = self._code.labels.get(label)
+        if start is None:
+            what = f"{call}: the {noun} is not in this file"
+            self.machine.assume(f"{what}; it is left out")
+            self.log.lose(what)
+            return None
         try:
             self._flow.check_depth(f"{call}: more than {_DEPTH} subroutines in each other")
         except Stopped as stopped:
             raise LineError(str(stopped)) from stopped
+        return self._enter(start, times, arguments)
 
     def _enter(self, start: int, times: int, arguments: Mapping[int, float] | None) -> Step | None:
         """Runs a subroutine some times. Returns the step after the call, None for the next one.
@@ -280,12 +284,8 @@ class Interpreter(MachineLanguage):
         values, label = self._read_values(o_word, _MOST_ARGUMENTS), o_word.label
         if label.startswith("["):  # o[#1+100] call
             label = f"{value_at(label, 0, self._known)[0]:.0f}"
-        start = self._code.labels.get(f"sub {label}")
-        if start is None:
-            self._leave_out(f"o{label} call: the subroutine is not in this file")
-            return None
-        self._check_depth(f"o{label} call")
-        return self._enter(start, 1, dict(enumerate(values, 1)))
+        arguments = dict(enumerate(values, 1))
+        return self._enter_label(f"sub {label}", f"o{label} call", "subroutine", 1, arguments)
 
     def come_back(self, o_word: OWord) -> Step:
         """Leaves a subroutine with a value. Raises LineError."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from camgen.lang.gcode.arcs import Arc, divide
+from camgen.lang.gcode.arcs import PLANES, Arc, divide
 from camgen.lang.gcode.drilling import speed_of
 from camgen.lang.gcode.machine import AXES, Handler, Machine
 from camgen.lang.gcode.macros import take_arguments
@@ -16,8 +16,6 @@ from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.rotation import Rotation
 from camgen.lang.gcode.tool_radius import find_radius
 from camgen.lang.gcode.words import LineError
-
-_PLANES = {"G17": (0, 1), "G18": (2, 0), "G19": (1, 2)}
 
 
 def _rotate(m: Machine, code: str, words: dict[str, float]) -> None:
@@ -30,7 +28,7 @@ def _rotate(m: Machine, code: str, words: dict[str, float]) -> None:
         m.rotation = None
         return
     before, m.rotation = m.rotation, None
-    axes = _PLANES[m.plane]
+    axes = PLANES[m.plane][:2]
     is_mach3 = "A" in words or "B" in words or m.dialect.name == "mach3"
     letters = ("A", "B") if is_mach3 else tuple(AXES[k] for k in axes)
     centre: list[float] = []

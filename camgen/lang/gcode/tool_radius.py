@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
-from camgen.lang.gcode.arcs import Arc, divide
+from camgen.lang.gcode.arcs import PLANES, Arc, divide
 from camgen.lang.gcode.compensation import OffsetPath, Segment, place
 from camgen.lang.gcode.dialects import RAPID
 from camgen.lang.gcode.machine import Machine
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL
-
-#: The axes of compensation by plane, and its normal.
-_BESIDE = {"G17": (0, 1, 2), "G18": (2, 0, 1)}
 
 
 def compensate(m: Machine, code: str, words: dict[str, float]) -> None:
@@ -26,7 +23,7 @@ def compensate(m: Machine, code: str, words: dict[str, float]) -> None:
         m.side = 0
         return
     words.pop("L", None)
-    if m.plane not in _BESIDE:
+    if m.plane == "G19":
         m.log.find("refused", f"{code} in the plane of Y and Z (G19)")
         return
     m.side = -1 if code.startswith("G42") else 1
@@ -34,11 +31,10 @@ def compensate(m: Machine, code: str, words: dict[str, float]) -> None:
     if radius <= 0:
         return
     m.start()
-    first, second, normal = _BESIDE[m.plane]
-    tip = complex(m.at[first], m.at[second])
+    axes = first, second, normal = PLANES[m.plane]
     m.height = m.at[normal]
-    write, keep = partial(_write, m), partial(_keep, m)
-    m.path = OffsetPath(m.side, radius, (first, second, normal), tip, write, keep)
+    tip = complex(m.at[first], m.at[second])
+    m.path = OffsetPath(m.side, radius, axes, tip, partial(_write, m), partial(_keep, m))
 
 
 def find_radius(m: Machine, code: str, number: float | None) -> float:
@@ -82,8 +78,7 @@ def find_radius(m: Machine, code: str, number: float | None) -> float:
 
 def _write(m: Machine, segment: Segment) -> None:
     assert m.path is not None
-    axes, line = m.path.axes, m.line
-    m.line, waiting, m.path.last = segment.line, m.path.last, None
+    axes, line, m.line = m.path.axes, m.line, segment.line
     end = place(segment.stop, segment.height, axes)
     if segment.speed is None:
         m.add(MoveJ(Pose(TOOL_DOWN, end), RAPID))
@@ -100,11 +95,10 @@ def _write(m: Machine, segment: Segment) -> None:
                 m.add(MoveL(pose, segment.speed, m.blend))
             else:
                 m.add(MoveC(Pose(TOOL_DOWN, via), pose, segment.speed, m.blend))
-    m.line, m.path.last, m.height = line, waiting, segment.height
+    m.line, m.height = line, segment.height
 
 
 def _keep(m: Machine, item: Instruction, line: int) -> None:
-    assert m.path is not None
-    now, m.line, waiting, m.path.last = m.line, line, m.path.last, None
+    now, m.line = m.line, line
     m.add(item)
-    m.line, m.path.last = now, waiting
+    m.line = now

@@ -5,11 +5,13 @@ The read-back of a post has a part of the language. It overrides the productions
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, NoReturn
+
+from camgen.lang.log import Log
 
 from .expressions import Calls
 from .rows import Spellings
-from .statements import CLAUSES, STRUCTURE, Note, Statements
+from .statements import CLAUSES, STRUCTURE, Statements
 from .tokens import Wrong, show_token
 from .tree import Data, Expr, Module, Parameter, Point, Record, Routine, Run, Statement
 
@@ -56,7 +58,7 @@ class Parser(Statements):
         records: list[Record] = []
         while self.word() != "endmodule":
             if self.token[0] == "end" or self.word() == "module":
-                self.notes.append(Note(self.token[2], f"ENDMODULE of {name} is missing"))
+                self.note(Wrong(self.token[2], f"ENDMODULE of {name} is missing"))
                 break
             try:
                 self.member(data, routines, records)
@@ -131,9 +133,9 @@ class Parser(Statements):
     def placeholder(self) -> None:
         """Note a placeholder such as ``<DDN>``."""
         _, text, line, _ = self.take()
-        self.notes.append(Note(line, f"{text}: a place that is not filled in", odd=True))
+        self.log.find("unusual", f"{text}: a place that is not filled in", line=line)
 
-    def no_member(self) -> None:
+    def no_member(self) -> NoReturn:
         """Raise Wrong for a token that does not begin a declaration."""
         line, what = self.token[2], show_token(self.take())
         raise Wrong(line, f"a declaration expected, found {what}")
@@ -141,7 +143,7 @@ class Parser(Statements):
     def late_data(self, line: int, word: str) -> None:
         """Note a declaration of data after a routine."""
         what = f"{word.upper()} after a routine, where the kernel manual has no declaration of data"
-        self.notes.append(Note(line, what, odd=True))
+        self.log.find("unusual", what, line=line)
 
     def record(self) -> Record:
         """RECORD with its components."""
@@ -284,10 +286,10 @@ def is_literal(value: Expr | None) -> bool:
     return value is None or isinstance(value, (float, bool, str, Point))
 
 
-def parse(text: str, first_line: int) -> tuple[list[Module], list[Note]]:
-    """The modules of a file, and notes about faults of its grammar.
+def parse(text: str, first_line: int, log: Log) -> list[Module]:
+    """The modules of a file.
 
     first_line: number of the first line of the file.
+    log: log for faults of its grammar.
     """
-    parser = Parser(text, first_line, Spellings(Calls))
-    return parser.modules(), parser.notes
+    return Parser(text, first_line, Spellings(Calls), log).modules()

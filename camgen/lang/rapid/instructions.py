@@ -291,8 +291,7 @@ def _ask_operator(machine: Machine, call: Calling) -> None:
 
 def _receive(machine: Machine, call: Calling) -> None:
     """Give the data that an instruction sets from outside the value that the user gives."""
-    indices = _RECEIVES.get(call.name, ())
-    targets = [call.args[k] for k in indices if k < len(call.args)]
+    targets = [call.args[k] for k in _RECEIVES.get(call.name, ()) if k < len(call.args)]
     targets += [value for name, value in call.options if name in _RECEIVED_BY and value is not None]
     for target in targets:
         if isinstance(target, (Ref, Component, Element)):
@@ -346,7 +345,7 @@ def _force_off(machine: Machine, _call: Calling) -> None:
 
 def _book_error(machine: Machine, call: Calling) -> None:
     if call.args:
-        machine.assign(call.args[0], machine.error_number())
+        machine.assign(call.args[0], float(next(machine.errors)))
 
 
 def _bit(machine: Machine, call: Calling) -> None:
@@ -381,7 +380,7 @@ def _lose(machine: Machine, call: Calling) -> None:
 
 
 def _forget_arguments(machine: Machine, call: Calling) -> None:
-    for target in (*call.args, *(value for _, value in call.options)):
+    for target in call.values:
         if not isinstance(target, (Ref, Component, Element)):
             continue
         place = machine.place(target)

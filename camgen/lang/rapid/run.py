@@ -189,14 +189,15 @@ class Runner(MachineLanguage):
     def open_count(self, count: CountRange) -> Counter:
         """The variable and the bounds of a FOR. It counts down if the last value is smaller."""
         machine = self.machine
+        loop = count.loop
         machine.scope.drop_counters(count.around)
-        first, last = machine.number(count.first), machine.number(count.last)
-        step = 1.0 if count.step is None else machine.number(count.step)
-        variable = LoopVariable(machine.scope.add_counter(count.name), first)
+        first, last = machine.number(loop.first), machine.number(loop.last)
+        step = 1.0 if loop.step is None else machine.number(loop.step)
+        variable = LoopVariable(machine.scope.add_counter(loop.name), first)
         for value in (first, last, step):
             if isinstance(value, Unknown):
                 return Counter(variable, first if type(first) is float else 1.0, unknown=value)
-        if count.step is None and first > last:
+        if loop.step is None and first > last:
             step = -1.0
         if step == 0:
             # The variable never reaches its last value.
@@ -275,7 +276,7 @@ def _leave_out(runner: Runner, call: Calling) -> None:
 
 def _forget_arguments(machine: Machine, call: Calling) -> None:
     """Set the variables that a routine of another file may change to an unknown value."""
-    for argument in (*call.args, *(value for _, value in call.options)):
+    for argument in call.values:
         if not isinstance(argument, (Ref, Component, Element)):
             continue
         root = find_root(argument)
@@ -388,6 +389,9 @@ def _run_whole(runner: Runner, run: Callable[[], object]) -> tuple[int, str] | N
         return machine.line, str(stopped)
     except Raised as raised:
         return raised.line, "an error is raised that no handler takes"
+    except Wrong as wrong:
+        machine.log.find("refused", wrong.what, line=wrong.line)
+        return wrong.line, wrong.what
     except RecursionError:
         return machine.line, "statements within each other, too deep"
     return None

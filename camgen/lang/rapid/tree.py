@@ -86,6 +86,11 @@ class Calling(Struct, frozen=True, eq=False, gc=False):
             return self.args[index]
         return default
 
+    @property
+    def values(self) -> tuple[Expr | None, ...]:
+        """All arguments, None for a switch."""
+        return (*self.args, *(value for _, value in self.options))
+
 
 Expr = (
     float
