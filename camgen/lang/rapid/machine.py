@@ -306,7 +306,7 @@ class Machine:
 
         within: type of the record that the value is a part of.
         """
-        if isinstance(value, Unknown) or type(value) is UserValue:
+        if isinstance(value, Unknown):
             return
         kind = self.kind(kind)
         parts = self.types.get(kind)
@@ -317,7 +317,7 @@ class Machine:
                 raise self.wrong(f"{kind} has {counted(len(parts), 'component')}, not {len(value)}")
             for (_, part), item in zip(parts, value, strict=True):
                 self.fit(part, item, kind)
-        elif kind in _ATOMS and type(value) is not _ATOMS[kind]:
+        elif kind in _ATOMS and type(value) not in (_ATOMS[kind], UserValue):
             raise self.wrong(f"a {kind} is needed{within and f' in a {within}'}")
 
     # -- data ------------------------------------------------------------------------------------
