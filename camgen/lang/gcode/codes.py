@@ -7,10 +7,9 @@ import re
 from collections.abc import Mapping
 
 from camgen.lang.gcode.machine import AXES, COOLANTS, Handler, Machine, take_axes
-from camgen.lang.gcode.milling import MILLING
+from camgen.lang.gcode.milling import MILLING, compensate
 from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.predefined import find_feed, set_override
-from camgen.lang.gcode.tool_radius import compensate
 from camgen.lang.gcode.traced import TRACED
 from camgen.lang.gcode.turning import run_lathe_cycle
 from camgen.lang.gcode.words import LineError

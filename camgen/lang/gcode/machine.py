@@ -104,7 +104,7 @@ class Machine:
     marks: number of instructions before each frame, with its tool and work offset.
     opened, ended: whether a per cent sign has come, and the end of the program.
     left_on: names of the outputs that the end of the file leaves on.
-    inside: returns the number of subroutines that run.
+    depth: number of subroutines that run.
     run_lines: runs the steps of a profile of a lathe.
     find_lines: finds these steps by the numbers of their first and last block.
     leap: the call or the jump of the line.
@@ -193,7 +193,7 @@ class Machine:
     opened: bool = False
     ended: bool = False
     left_on: list[str] = field(default_factory=list)
-    inside: Callable[[], int] = lambda: 0
+    depth: int = 0
     run_lines: Callable[[range], None] = lambda _steps: None
     find_lines: Callable[[float | None, float], range] = lambda _first, _last: range(0)
     leap: Leap | None = None

@@ -53,7 +53,7 @@ def _number(code: str) -> float:
 _MODES: Mapping[str, Callable[[Machine], float]] = {
     "_absolute": lambda m: not m.incremental,
     "_ccomp": lambda m: {0: 400.0, 1: 410.0, -1: 420.0}[m.side],
-    "_call_level": lambda m: m.inside(),
+    "_call_level": lambda m: m.depth,
     "_coord_system": lambda m: _number(m.work or "G54"),
     "_current_tool": lambda m: m.changed_to or 0,
     "_feed": lambda m: m.named.get("_feed", find_feed(m)),

@@ -322,7 +322,7 @@ def _call(m: Machine, code: str, words: dict[str, float]) -> None:
     number, times = words.pop("P", 0.0), int(words.pop("L", 1.0))
     if code == "M98" and number >= 10_000 and m.dialect.name.startswith("fanuc"):
         number, times = number % 10_000, int(number) // 10_000
-    if code == "M99" and not m.inside():
+    if code == "M99" and not m.depth:
         m.log.fact("left out", "M99 begins the program again; it is run once")
         m.ended = True
         return
@@ -379,7 +379,7 @@ def end(m: Machine, words: dict[str, float]) -> None:
     if m.cycle is not None:
         group, code, cycle_words = m.cycle
         m.profile.handlers[group](m, code, cycle_words)
-    if m.modal is not None and m.moving and m.leap is None and m.inside() == m.modal_depth:
+    if m.modal is not None and m.moving and m.leap is None and m.depth == m.modal_depth:
         m.leap = m.modal
     if not m.dialect.open:
         return

@@ -47,10 +47,9 @@ class Parser(Statements):
         """A module. Without ENDMODULE it ends at the next MODULE or with the text."""
         line = self.take()[2]
         name = ""
-        attributes: tuple[str, ...] = ()
         try:
             name = self.name("a module name")
-            attributes = self.attributes(line)
+            self.attributes(line)
         except Wrong as wrong:
             self.note(wrong)
         data: list[Data] = []
@@ -67,35 +66,33 @@ class Parser(Statements):
                 self.recover()
         else:
             self.close_module()
-        return Module(line, name, tuple(data), tuple(routines), tuple(records), attributes)
+        return Module(line, name, tuple(data), tuple(routines), tuple(records))
 
     def close_module(self) -> None:
         """Take ENDMODULE."""
         self.take()
 
-    def attributes(self, line: int) -> tuple[str, ...]:
-        """Attributes of a module, in brackets. Raises Wrong without a closing bracket.
+    def attributes(self, line: int) -> None:
+        """Take the attributes of a module, in brackets. Raises Wrong without a closing bracket.
 
         line: line of MODULE.
         """
         attributes: list[str] = []
-        if not self.accept("("):
-            return ()
-        while True:
+        is_open = self.accept("(")
+        while is_open:
             kind, text, text_line, _ = self.take()
             if kind == "end":
                 raise Wrong(line, ") of the module's attributes is missing")
             if kind != "name":
                 what = f"an attribute of the module expected, found {text[:12]!r}"
                 self.note(Wrong(text_line, what))
-                if text == ")":
-                    return tuple(attributes)
+                is_open = text != ")"
                 continue
             attributes.append(text.lower())
-            self.check_attribute(text_line, text, attributes)
-            if self.accept(")"):
-                return tuple(attributes)
-            if not self.accept(",") and self.token[0] != "end":
+            if self.whole:
+                self.check_attribute(text_line, text, attributes)
+            is_open = not self.accept(")")
+            if is_open and not self.accept(",") and self.token[0] != "end":
                 what = f", or ) expected behind {text[:40]}, found {show_token(self.token)}"
                 self.note(Wrong(text_line, what))
 
@@ -181,6 +178,8 @@ class Parser(Statements):
 
     def dimensions(self, line: int, name: str) -> tuple[Expr, ...]:
         """Sizes of an array after the opening bracket. Raises Wrong if there are too many."""
+        if not self.whole:
+            raise Wrong(line, f"the array {name} is not read")
         dims = self.listed()
         self.expect("}")
         if len(dims) > _MOST_DIMENSIONS:
@@ -230,7 +229,7 @@ class Parser(Statements):
     def clause(self) -> str:
         """The first word of a clause. ERROR may have a list of error numbers."""
         word = self.take()[1].lower()
-        if word == "error" and self.accept("("):
+        if self.whole and word == "error" and self.accept("("):
             self.listed()
             self.expect(")")
         return word

@@ -11,7 +11,7 @@ from msgspec import Struct
 from camgen.lang.code import Code
 from camgen.lang.log import Log
 from camgen.lang.programs import Frames, RunRequest
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.instructions import Instruction
 from camgen.model.pose import FloatArray, Pose, rotation_from_quaternion
 from camgen.model.text import counted
@@ -559,8 +559,7 @@ class Machine:
         """Make an array unknown if the index of the element to be set is unknown."""
         while isinstance(target, (Component, Element)):
             if isinstance(target, Element):
-                indices = map(self.value, target.index)
-                unknown = next((index for index in indices if isinstance(index, Unknown)), None)
+                unknown = find_first_unknown(map(self.value, target.index))
                 if unknown is not None and isinstance(target.base, Ref):
                     self.assign(target.base, Unknown(unknown.what))
             target = target.base

@@ -386,14 +386,10 @@ class Routine(Struct, frozen=True, eq=False, gc=False):
 
 
 class Module(Struct, frozen=True, eq=False, gc=False):
-    """A module with its declarations.
-
-    attributes: attributes such as SYSMODULE, in lower case.
-    """
+    """A module with its declarations."""
 
     line: int
     name: str
     data: tuple[Data, ...]
     routines: tuple[Routine, ...]
     records: tuple[Record, ...] = ()
-    attributes: tuple[str, ...] = ()

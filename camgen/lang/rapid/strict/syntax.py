@@ -19,7 +19,6 @@ from camgen.lang.rapid.tokens import BANNER_LINES, RESERVED, Wrong, banner
 from camgen.lang.rapid.tree import (
     Calling,
     Data,
-    Expr,
     Inline,
     Module,
     Parameter,
@@ -117,16 +116,9 @@ class _Parser(Parser):
             what = "a comment outside of a module, where the kernel manual has none"
             self.log.find("unusual", what, line=line)
 
-    def check_attribute(self, line: int, text: str, attributes: list[str]) -> None:
-        """Ignores the attributes of a module."""
-
     def late_data(self, line: int, word: str) -> None:
         """Adds a finding for a declaration after a routine."""
         self.note(Wrong(line, f"{word.upper()} after the first routine of the module"))
-
-    def dimensions(self, line: int, name: str) -> tuple[Expr, ...]:
-        """Refuses arrays."""
-        raise Wrong(line, f"the array {name} is not read")
 
     def skip_past(self, word: str) -> None:
         """Skips a routine that is not read."""
@@ -175,10 +167,6 @@ class _Parser(Parser):
             self.skip_past("endproc")
             raise Wrong(line, f"PROC {name} has parameters, which are not read")
         return ()
-
-    def clause(self) -> str:
-        """Parses ERROR."""
-        return self.take()[1].lower()
 
     def enclosed(self, body: list[Statement | Run], clause: str) -> None:
         """Parses a statement, or the end of force control or of a handler."""
