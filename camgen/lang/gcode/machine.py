@@ -424,7 +424,11 @@ class Machine:
         self._check_beam()
         for axis in () if self.has_position else self.unnamed:
             # The whole program runs at one place of this axis.
-            self._begin_at_zero(axis)
+            if not self.known[axis]:
+                self.known[axis] = True
+                self.assume(f"the program begins at {AXES[axis]}0", why="it does not say where")
+                if axis == 2:
+                    self.entry = RAPID
         if not self.has_position:
             self._find_unshown(end)
         self.at[:] = end
@@ -440,15 +444,6 @@ class Machine:
         """Adds a rapid motion of all axes unless the tool is at `end`."""
         if list(end) != self.at:
             self.rapid(end, (0, 1, 2))
-
-    def _begin_at_zero(self, axis: int) -> None:
-        """Takes 0 for the position of an axis that no line names."""
-        if self.known[axis]:
-            return
-        self.known[axis] = True
-        self.assume(f"the program begins at {AXES[axis]}0", why="it does not say where")
-        if axis == 2:
-            self.entry = RAPID
 
     def _find_unshown(self, end: Sequence[float]) -> None:
         """Adds a finding for a rapid motion from a place that is not known in all axes.
