@@ -466,8 +466,7 @@ class Machine:
         return " ".join(words)
 
     def _check_beam(self) -> None:
-        is_on = self.spindle != "M5" and bool(self.on_off or self.speed)
-        if self.beam is not None or not is_on:
+        if self.beam is not None or self.spindle == "M5" or not (self.on_off or self.speed):
             return
         if self.given.get("laser"):
             what = (

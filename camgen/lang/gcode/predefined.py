@@ -129,8 +129,7 @@ def _find_place(m: Machine, name: str, axis: int) -> float:
     """A coordinate in those of the program, in its unit."""
     value = (m.at[axis] - m.shift[axis]) / m.scale
     # The length of a tool moves its tip, before Z moves.
-    has_new_length = axis == 2 and m.length_at_z not in ("", m.length)
-    if m.known[axis] and not has_new_length:
+    if m.known[axis] and (axis != 2 or m.length_at_z in ("", m.length)):
         return value
     return _ask_machine(m, name, value)
 

@@ -297,7 +297,6 @@ class Rows:
     turn: (P,) numbers of the quaternions in `spellings`, -1 for a text that only begins like a
         point.
     columns: rows of the statements.
-    line_ends: number of line ends of the file.
     """
 
     def __init__(self, text: str, first_line: int, spellings: Spellings) -> None:
@@ -307,9 +306,7 @@ class Rows:
         # Lists, of which single elements are read faster than of arrays.
         self._starts, self._ends = starts.tolist(), ends.tolist()
         self._gap_of: list[int] = self._gaps.tolist()
-        lines = self._count_lines()
-        self.line_ends = int(lines.sum())
-        line = first_line + np.cumsum(lines[:-1])
+        line = first_line + np.cumsum(self._count_lines()[:-1])
         self._line_of: list[int] = line.tolist()
         ends_statement = self._of_gaps([bool(gap.tail) for gap in spellings.gaps], other=1) > 0
         ends_statement[-1:] = True

@@ -59,10 +59,9 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     spellings = Spellings(Written, MOTIONS)
     for text in files.values():
         lines = unify_line_ends(text)
-        modules, ends = parse(lines, line, spellings if plain else None, state.log)
-        for module in modules:
+        for module in parse(lines, line, spellings if plain else None, state.log):
             enter_module(state, module)
-        line += ends + (not lines.endswith("\n"))
+        line += lines.count("\n") + (not lines.endswith("\n"))
     open_scopes(state)
     _run(state, line - 1)
     frame = {kind: pose for kind, (_, pose) in state.set_up.items()}

@@ -247,13 +247,24 @@ def motion(state: State, call: Calling) -> None:
 
 
 def _read_bound(state: State, call: Calling) -> Bound:
+    """Reads a motion. Raises Wrong if it cannot be read, or for a configuration that no arm has.
+
+    The controller does not use the configuration of a circle point. Posts write that of the end.
+    """
     values = _bind(state, call)
-    speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
-    turn = math.radians(numbers(values["speed"])[1])
-    state.remark(check_external_speed(numbers(values["speed"])))
-    bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
-    _check_postures(state, values)
-    return bound
+    speeds = numbers(values["speed"])
+    state.remark(check_external_speed(speeds))
+    posture = None
+    configurations = [_confdata(values[name]) for name in ("via", "to") if name in values]
+    for configuration in configurations:
+        if what := find_posture_fault(configuration):
+            raise state.wrong(what)
+        state.remark(find_posture_remark(configuration))
+        posture = Posture(configuration) if any(configuration) else None
+    if configurations and configurations[0] != configurations[-1]:
+        state.remark("the circle point of an arc has another configuration than its end")
+    speed = cast(float, values.get("v", speeds[0]))
+    return Bound(call.name, speed, _blend(values), values, posture, math.radians(speeds[1]))
 
 
 def find_bound(state: State, move: Inline) -> Bound:
@@ -282,20 +293,6 @@ def is_usual(bound: Bound, move: Inline) -> bool:
     """
     is_usual_turn = abs(bound.turn - _USUAL_TURN) <= _SAME_TURN
     return bound.posture is None and is_usual_turn and has_all_points(bound, move)
-
-
-def _check_postures(state: State, values: Mapping[str, Value]) -> None:
-    """Checks the configurations of a motion. Raises Wrong for one that no arm has.
-
-    The controller does not use the configuration of a circle point. Posts write that of the end.
-    """
-    configurations = [_confdata(values[name]) for name in ("via", "to") if name in values]
-    for configuration in configurations:
-        if what := find_posture_fault(configuration):
-            raise state.wrong(what)
-        state.remark(find_posture_remark(configuration))
-    if configurations and configurations[0] != configurations[-1]:
-        state.remark("the circle point of an arc has another configuration than its end")
 
 
 def _confdata(target: Value) -> tuple[int, int, int, int]:
@@ -337,20 +334,6 @@ def _move(state: State, bound: Bound, via: Pose | None, target: Pose | Joints) -
     state.blending = state.line if bound.blend > 0 else 0
 
 
-def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
-    """The speed of reorientation of a motion, rad/s; 0 if the motion travels.
-
-    A linear motion to the position of the TCP is a reorientation, even if the printed digits show
-    no rotation. A joint motion has this speed if it is not the usual one.
-    """
-    start = state.position.pose
-    if isinstance(target, Joints) or bound.name == "movej":
-        return bound.turn if abs(bound.turn - _USUAL_TURN) > _SAME_TURN else 0.0
-    if start is not None and start.origin == target.origin:
-        return bound.turn
-    return 0.0
-
-
 def _make_motion(
     state: State,
     bound: Bound,
@@ -358,22 +341,24 @@ def _make_motion(
     target: Pose | Joints,
     contact: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0)),
 ) -> Motion:
-    """A motion. contact: force, N, and the direction in which it presses."""
-    speed, blend, posture = bound.speed, bound.blend, bound.posture
+    """A motion.
+
+    A joint motion has the speed of reorientation if it is not the usual one. A linear motion to the
+    position of the TCP is a reorientation, even if the printed digits show no rotation.
+
+    contact: force, N, and the direction in which it presses.
+    """
+    speed, blend, posture, turn = bound.speed, bound.blend, bound.posture, bound.turn
     if via is not None and isinstance(target, Pose):
         return MoveC(via, target, speed, blend, *contact, posture=posture)
-    turn = _turn(state, bound, target)
     if isinstance(target, Joints) or bound.name == "movej":
+        if abs(turn - _USUAL_TURN) <= _SAME_TURN:
+            turn = 0.0
         return MoveJ(target, speed, blend, posture=posture, turn=turn)
+    start = state.position.pose
+    if start is None or start.origin != target.origin:
+        turn = 0.0
     return MoveL(target, speed, blend, *contact, posture=posture, turn=turn)
-
-
-def _posture(values: Mapping[str, Value]) -> Posture | None:
-    """The configuration of the target, None if it is all zeros."""
-    if "to" not in values:
-        return None
-    configuration = _confdata(values["to"])
-    return Posture(configuration) if any(configuration) else None
 
 
 def _bind(state: State, call: Calling) -> dict[str, Value]:

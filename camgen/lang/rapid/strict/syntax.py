@@ -49,18 +49,14 @@ class Written(Calls):
     whole: ClassVar[bool] = False
 
 
-def parse(
-    text: str, first_line: int, spellings: Spellings | None, log: Log
-) -> tuple[list[Module], int]:
-    """Parses the modules of a file. Returns them and the number of its line ends.
+def parse(text: str, first_line: int, spellings: Spellings | None, log: Log) -> list[Module]:
+    """Parses the modules of a file.
 
     first_line: number of the first line.
     spellings: spellings of statements that are read by column. None: the general rules read all.
     log: log for findings.
     """
-    parser = _Parser(text, first_line, spellings, log)
-    modules = parser.modules()
-    return modules, text.count("\n") if parser.rows is None else parser.rows.line_ends
+    return _Parser(text, first_line, spellings, log).modules()
 
 
 def calls_of(block: Iterable[Statement | Run]) -> Iterator[Calling | Inline]:
