@@ -190,12 +190,12 @@ def switch_coolant(m: Machine, code: str, _words: dict[str, float]) -> None:
     if code != "M9":
         m.coolants.add(code)
         m.switch(COOLANTS[code], 1.0)
-        return
-    if not m.coolants:
-        m.assume("M9 switches nothing off", why="no coolant is on")
-    for word in sorted(m.coolants):
-        m.switch(COOLANTS[word], 0.0)
-    m.coolants.clear()
+    else:
+        if not m.coolants:
+            m.assume("M9 switches nothing off", why="no coolant is on")
+        for word in sorted(m.coolants):
+            m.switch(COOLANTS[word], 0.0)
+        m.coolants.clear()
 
 
 def _dwell(m: Machine, _code: str, words: dict[str, float]) -> None:
@@ -358,8 +358,7 @@ def _set_position(m: Machine, _code: str, words: dict[str, float]) -> None:
         m.shifted[axis] = None if moved is None or total is None else total + moved
     if axes:
         _save_shift(m)
-        return
-    if m.dialect.increments and m.speed:
+    elif m.dialect.increments and m.speed:
         m.log.fact("left out", "G92 S limits the spindle")
     elif not (m.rotary or m.dialect.extruder):
         m.log.find("refused", "G92 without an axis")
@@ -424,11 +423,11 @@ def _set_offset(m: Machine, by_position: bool, work: str, axis: int, value: floa
             raise LineError("G10 L20 of a work offset that is not the one in use")
         moved, old = _read_as(m, axis, value), table[axis]
         table[axis] = None if moved is None or old is None else old + moved
-        return
-    old, table[axis] = table[axis], value
-    if is_active and m.known[axis]:
-        # The old value is known, or was assumed before.
-        m.shift[axis] += value - (old or 0.0)
+    else:
+        old, table[axis] = table[axis], value
+        if is_active and m.known[axis]:
+            # The old value is known, or was assumed before.
+            m.shift[axis] += value - (old or 0.0)
 
 
 # -- places that the machine stores ----------------------------------------------------------------

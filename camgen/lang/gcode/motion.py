@@ -53,12 +53,11 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
     m.profile.prepare_motion(m, code, words, m.motion in CYCLES)
     if m.motion in CYCLES:
         drill(m, words)
-        return
-    axes = target(m, words)
-    if m.motion == "G0":
-        m.rapid(axes, () if m.incremental else [AXES.index(name) for name in named])
+    elif m.motion == "G0":
+        axes = () if m.incremental else [AXES.index(name) for name in named]
+        m.rapid(target(m, words), axes)
     else:
-        _work(m, axes, words)
+        _work(m, target(m, words), words)
 
 
 def _assume_rapid(m: Machine) -> None:

@@ -15,9 +15,11 @@ from camgen.lang.gcode.machine import Machine
 _PLACES = {"_x": 0, "_y": 1, "_z": 2, "5420": 0, "5421": 1, "5422": 2}
 _ABSOLUTE = {"_abs_x": 0, "_abs_y": 1, "_abs_z": 2}
 #: Letters of the other axes, by name.
-_OTHERS = dict(zip(("5423", "5424", "5425", "5426", "5427", "5428"), "ABCUVW", strict=True))
-_OTHERS |= {f"_{letter.lower()}": letter for letter in "ABCUVW"}
-_OTHERS |= {f"_abs_{letter.lower()}": letter for letter in "ABCUVW"}
+_OTHERS = (
+    dict(zip(("5423", "5424", "5425", "5426", "5427", "5428"), "ABCUVW", strict=True))
+    | {f"_{letter.lower()}": letter for letter in "ABCUVW"}
+    | {f"_abs_{letter.lower()}": letter for letter in "ABCUVW"}
+)
 #: Values at the start of a program of names that lines set in `Machine.named`.
 _STARTS = {
     "_adaptive_feed": 0.0,

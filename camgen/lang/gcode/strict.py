@@ -392,9 +392,9 @@ class Strict:
             raise LineError(f"a force of {newtons:g} N")
         if m.output_line == m.line and self.is_pressing:
             self.next_force = newtons
-            return
-        self.is_pressing, m.force, self.next_force = newtons > 0, newtons, None
-        m.add(Force(newtons))
+        else:
+            self.is_pressing, m.force, self.next_force = newtons > 0, newtons, None
+            m.add(Force(newtons))
 
     def set_output(self, m: Machine, code: str, words: dict[str, float]) -> None:
         """M62 to M68. Raises LineError for an output that the machine does not have."""

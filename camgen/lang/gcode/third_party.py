@@ -325,8 +325,13 @@ def _call(m: Machine, code: str, words: dict[str, float]) -> None:
     if code == "M99" and not m.depth:
         m.log.fact("left out", "M99 begins the program again; it is run once")
         m.ended = True
-        return
-    m.leap = (code, number, min(times, 10_000), take_arguments(words) if code == "G65" else None)
+    else:
+        m.leap = (
+            code,
+            number,
+            min(times, 10_000),
+            take_arguments(words) if code == "G65" else None,
+        )
 
 
 def _read_printer_words(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> None:
@@ -389,9 +394,9 @@ def end(m: Machine, words: dict[str, float]) -> None:
         # The number of an offset, which a later line may use.
         if letter in "HD":
             m.log.fact("left out", what)
-            continue
-        m.log.find("unusual", what, once=f"idle {letter}")
-        m.log.lose(what)
+        else:
+            m.log.find("unusual", what, once=f"idle {letter}")
+            m.log.lose(what)
 
 
 # -- motions ---------------------------------------------------------------------------------------

@@ -234,7 +234,7 @@ def _function(name: str, text: str, at: int, known: Parameters, depth: int) -> t
 # A line of G-code as codes by modal group and words by letter.
 
 #: Codes by modal group (LinuxCNC manual). A line has at most one code of a group.
-_GROUPS = {
+GROUP = by_word({
     "cycle off": "G80",
     "motion": "G0 G1 G2 G3 G5 G5.1 G5.2 G5.3 G33 G33.1 G38.2 G38.3 G38.4 G38.5 G73 G74 G76 G81 G82 "
     "G83 G84 G85 G86 G87 G88 G89",
@@ -260,13 +260,14 @@ _GROUPS = {
     "machine coordinates": "G53",
     "state": "M70 M71 M72 M73",
     "subprogram": "M97 M98 M99",
-}
-GROUP = by_word(_GROUPS)
-#: One line may have both M7 and M8.
-GROUP |= {"M7": "mist", "M8": "flood", "M9": "coolant off"}
+    # One line may have both M7 and M8.
+    "mist": "M7",
+    "flood": "M8",
+    "coolant off": "M9",
+})  # fmt: skip
 
 #: Codes that the plain machine does not run, by reason.
-_UNKNOWN = {
+_WHY = by_word({
     "goes to a position that the machine stores": "G28 G28.1 G30 G30.1",
     "cutter compensation: the controller moves the path by the radius of the tool": "G41 G41.1 "
     "G42 G42.1",
@@ -290,8 +291,7 @@ _UNKNOWN = {
     "shifts the origin": "G10 G92 G92.1 G92.2",
     "a feed mode other than mm/min": "G93 G95",
     "stops where the operator wants it": "M1",
-}
-_WHY = by_word(_UNKNOWN)
+})  # fmt: skip
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 #: A comment in parentheses, or one that runs to the end of the line.
 COMMENT = re.compile(r"\(([^()]*)\)|;.*")

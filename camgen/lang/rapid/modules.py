@@ -37,9 +37,9 @@ def run_modules(files: Mapping[str, str], request: RunRequest) -> Executed:
             what = "controllers write modules that may not be seen like this"
             machine.log.find("refused", f"{name[-60:]} is not text: {what}", line=line)
             line += plain.count("\n") + 1
-            continue
-        modules += parse(plain, line, machine.log)
-        line += plain.count("\n") + (not plain.endswith("\n"))
+        else:
+            modules += parse(plain, line, machine.log)
+            line += plain.count("\n") + (not plain.endswith("\n"))
     entry = _link(machine, modules)
     stopped = None if entry is None else run_entry(machine, entry, line)
     if entry is not None and stopped is None:

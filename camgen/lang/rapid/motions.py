@@ -385,8 +385,7 @@ def _move_pose(
     if form.process == "force":
         _press(machine, call, bound, via, target, _posture(rest))
         machine.position = RobotPosition(target, machine.frame, rest)
-        return
-    if triggers and via is None and form.kind == "l":
+    elif triggers and via is None and form.kind == "l":
         _trigger_on_line(machine, triggers, target, bound, rest)
     else:
         _emit(machine, form, via, target, bound, rest)

@@ -244,21 +244,18 @@ def _share(variable: Variable, path: tuple[int, ...], kind: str, dims: int) -> V
 def _run_call(runner: Runner, call: Calling) -> None:
     machine = runner.machine
     routine = machine.routine(call.name)
+    if routine is not None and routine.kind == "func":
+        raise Wrong(call.line, f"{routine.name} is a FUNC, no statement")
     if routine is not None:
-        if routine.kind == "func":
-            raise Wrong(call.line, f"{routine.name} is a FUNC, no statement")
         runner.call(routine, call)
-        return
-    if find_form(call.name) is not None:
+    elif find_form(call.name) is not None:
         move(machine, call)
-        return
-    effect = EFFECTS.get(call.name)
-    if effect is not None:
-        effect(machine, call)
-        return
-    if call.name in ("raisetouser", "errraise"):
+    elif call.name in EFFECTS:
+        EFFECTS[call.name](machine, call)
+    elif call.name in ("raisetouser", "errraise"):
         raise Raised(call.line)
-    _leave_out(runner, call)
+    else:
+        _leave_out(runner, call)
 
 
 def _leave_out(runner: Runner, call: Calling) -> None:
@@ -281,9 +278,10 @@ def _forget_arguments(machine: Machine, call: Calling) -> None:
             continue
         root = find_root(argument)
         variable = machine.variable(root.name) if isinstance(root, Ref) else None
-        if variable is None or variable.storage not in ("var", "pers"):
-            continue
-        if variable.storage == "var" or machine.kind(variable.type) not in _READ_ONLY:
+        if variable is not None and (
+            variable.storage == "var"
+            or (variable.storage == "pers" and machine.kind(variable.type) not in _READ_ONLY)
+        ):
             machine.assign(argument, Unknown(f"what {call.name} gives to {variable.name}"))
 
 
@@ -329,9 +327,9 @@ def _run_word(runner: Runner, item: Word) -> None:
     value = runner.machine.value(item.value)
     if item.name == "return":
         runner.machine.scope.result = value
-        return
-    runner.machine.data["errno"] = Variable("ERRNO", "errnum", "var", value)
-    raise Raised(item.line)
+    else:
+        runner.machine.data["errno"] = Variable("ERRNO", "errnum", "var", value)
+        raise Raised(item.line)
 
 
 def _run_inline(runner: Runner, item: Inline) -> None:

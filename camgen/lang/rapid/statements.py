@@ -156,9 +156,8 @@ class Statements(Calls):
     def control(self, body: list[Statement | Run]) -> None:
         """Add a statement that begins with a reserved word."""
         word, line = self.word(), self.token[2]
-        read = _CONTROL.get(word)
-        if read is not None:
-            body.append(read(self))
+        if word in _CONTROL:
+            body.append(_CONTROL[word](self))
             return
         token = self.take()
         if word in _CLOSES:

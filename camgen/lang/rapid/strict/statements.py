@@ -308,9 +308,9 @@ def inline(state: State, move: Inline) -> None:
     is_turned = (via_rotation is None) == (move.via is None)
     if rotation is None or not is_turned or not has_all_points(bound, move):
         motion(state, move.call())
-        return
-    via = None if move.via is None or via_rotation is None else Pose(via_rotation, move.via)
-    _move(state, bound, via, Pose(rotation, move.to))
+    else:
+        via = None if move.via is None or via_rotation is None else Pose(via_rotation, move.via)
+        _move(state, bound, via, Pose(rotation, move.to))
 
 
 def _move(state: State, bound: Bound, via: Pose | None, target: Pose | Joints) -> None:
