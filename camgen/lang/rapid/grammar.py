@@ -77,7 +77,7 @@ class Parser(Statements):
 
         line: line of MODULE.
         """
-        attributes: list[str] = []
+        attributes: set[str] = set()
         is_open = self.accept("(")
         while is_open:
             kind, text, text_line, _ = self.take()
@@ -88,20 +88,15 @@ class Parser(Statements):
                 self.note(Wrong(text_line, what))
                 is_open = text != ")"
                 continue
-            attributes.append(text.lower())
-            if self.whole:
-                self.check_attribute(text_line, text, attributes)
+            if self.whole and text.lower() not in _ATTRIBUTES:
+                self.note(Wrong(text_line, f"{text[:40]} is not an attribute of a module"))
+            elif self.whole and text.lower() in attributes:
+                self.note(Wrong(text_line, f"the attribute {text} is given twice"))
+            attributes.add(text.lower())
             is_open = not self.accept(")")
             if is_open and not self.accept(",") and self.token[0] != "end":
                 what = f", or ) expected behind {text[:40]}, found {show_token(self.token)}"
                 self.note(Wrong(text_line, what))
-
-    def check_attribute(self, line: int, text: str, attributes: list[str]) -> None:
-        """Note the last of `attributes` if it is not known, or given twice."""
-        if attributes[-1] not in _ATTRIBUTES:
-            self.note(Wrong(line, f"{text[:40]} is not an attribute of a module"))
-        elif attributes[-1] in attributes[:-1]:
-            self.note(Wrong(line, f"the attribute {text} is given twice"))
 
     def member(self, data: list[Data], routines: list[Routine], records: list[Record]) -> None:
         """Add a declaration of a module to the list of its kind."""

@@ -65,7 +65,6 @@ class State(Machine):
     packing: N instructions.
     lines: (N,) line of each instruction.
     set_up: name and frame of the tool and of the work object.
-    checked: name and scope of the tool and the work object that were checked last.
     moved: whether the program has moved.
     count: number of statements that were run.
     supervised: state of ConfJ and ConfL, and the line that set it.
@@ -92,7 +91,6 @@ class State(Machine):
     packing: BodyBuilder = field(default_factory=BodyBuilder)
     lines: array[int] = field(default_factory=partial(array, "q"))
     set_up: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)
-    checked: dict[str, tuple[str, RoutineScope]] = field(default_factory=dict)
     moved: bool = False
     count: int = 0
     supervised: dict[str, tuple[bool, int]] = field(default_factory=dict)

@@ -399,8 +399,6 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None) 
     """
     if not isinstance(expr, Ref):
         raise state.wrong(f"{data_type} must be the name of a persistent")
-    if state.checked.get(kind) == (expr.name, state.scope):
-        return
     variable = state.variable(expr.name)
     data = None if variable is None else variable.declaration
     if data is not None and data.storage != "pers":
@@ -414,7 +412,6 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None) 
     value = None if unknown else state.typed(expr, data_type)
     state.remark(check_name(state.settings, kind, expr.name, unknown))
     state.set_frame(kind, expr, value)
-    state.checked[kind] = (expr.name, state.scope)
 
 
 def check_supervision(state: State, bound: Bound) -> None:
