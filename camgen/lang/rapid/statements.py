@@ -140,6 +140,8 @@ class Statements(Calls):
 
     def named_statement(self) -> Statement:
         """A label, an assignment or a call."""
+        if not self.whole:
+            return self.statement_call()
         _, text, line, _ = self.take()
         mark = self.token[1] if self.token[0] == "mark" else ""
         if mark == ":":

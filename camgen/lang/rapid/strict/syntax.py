@@ -189,10 +189,6 @@ class _Parser(Parser):
 
     # -- statements
 
-    def named_statement(self) -> Statement:
-        """Parses a call."""
-        return self.statement_call()
-
     def control(self, _body: list[Statement | Run]) -> None:
         """Adds a finding for a control statement and skips its head.
 
