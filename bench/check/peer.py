@@ -18,7 +18,7 @@ from camgen.check.stock import Cut
 from camgen.check.time import compute_cycle
 from camgen.geometry.nesting import find_nesting
 from camgen.geometry.segments import make_contour_segments
-from camgen.lang.gcode.replayed import interpret
+from camgen.lang.gcode import interpret
 from camgen.model.job import OperationTable, Step
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Program, ToolChange
 from camgen.order import JobTour

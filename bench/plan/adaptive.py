@@ -33,7 +33,7 @@ from bench.support.runner import PARTS, SHARED, Cells, Scenario, run, verdict
 from bench.support.swept_text import cleared, count_struck, feed_in_air, read_cut, seconds
 from camgen.geometry.nesting import find_nesting
 from camgen.geometry.segments import make_contour_segments
-from camgen.lang.gcode.replayed import interpret
+from camgen.lang.gcode import interpret
 from camgen.model.pose import frozen
 from camgen.model.program import Instruction, MoveL
 from tests.support.swept import enclosed, reachable

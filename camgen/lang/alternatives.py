@@ -86,11 +86,10 @@ def _measure(run: _Run, text_lines: int) -> int:
 def _list_new_options(run: _Run, choices: dict[int, OpenChoice]) -> Iterator[Mapping[int, int]]:
     """The options at choices that no earlier run had. They are added to `choices`."""
     for choice in run.executed.choices:
-        if choice.line in choices:
-            continue
-        choices[choice.line] = choice
-        for shift in range(1, choice.options):
-            yield {**run.shifts, choice.line: shift}
+        if choice.line not in choices:
+            choices[choice.line] = choice
+            for shift in range(1, choice.options):
+                yield {**run.shifts, choice.line: shift}
 
 
 def _join(runs: list[_Run], choices: Mapping[int, OpenChoice]) -> Executed:

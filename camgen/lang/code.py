@@ -364,13 +364,11 @@ class Compiler:
 
     def close_loop(self, block: Block, condition: Condition | None = None) -> None:
         """Close a block whose first step is a `LoopStart`."""
-        self._end_rounds(block)
         self.add(LoopEnd(self.line, block.start, condition=condition))
         self.close(block)
 
     def close_count(self, block: Block) -> None:
         """Close a block whose first step is a `CountStart`."""
-        self._end_rounds(block)
         self.add(CountEnd(self.line, block.start))
         self.close(block)
 
@@ -383,6 +381,8 @@ class Compiler:
             block.first.to = end
         for jump in block.leaving:
             jump.to = end
+        for jump in block.ending:
+            jump.to = end - 1
         for branch in block.branches:
             branch.end = end
 
@@ -402,10 +402,6 @@ class Compiler:
 
     def _find_block(self, kinds: Collection[str]) -> Block | None:
         return next((block for block in reversed(self.blocks) if block.kind in kinds), None)
-
-    def _end_rounds(self, block: Block) -> None:
-        for jump in block.ending:
-            jump.to = len(self.steps)
 
     def jump(self, label: str) -> None:
         """Add a jump to a label."""

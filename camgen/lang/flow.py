@@ -25,6 +25,7 @@ choice (`RunRequest.shifts`).
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from enum import Enum, auto
 from typing import Any, Protocol
@@ -219,7 +220,7 @@ class CallFrame(Struct, gc=False):
 
     code: Code
     counters: dict[int, Counter] = field(default_factory=dict)
-    rounds: dict[int, LoopRounds] = field(default_factory=dict)
+    rounds: defaultdict[int, LoopRounds] = field(default_factory=lambda: defaultdict(LoopRounds))
     undecided: set[int] = field(default_factory=set)
     exits: dict[int, range] = field(default_factory=dict)
     branch_choices: set[tuple[int, str]] = field(default_factory=set)
@@ -356,8 +357,7 @@ class Flow:
     def _select(self, frame: CallFrame, _at: int, step: Select) -> int:
         value = self._language.evaluate(step.value)
         unknown = value if isinstance(value, Unknown) else None
-        is_known = unknown is None
-        for case in step.cases if is_known else ():
+        for case in step.cases if unknown is None else ():
             matches = case.tests is None or self._language.matches(value, case.tests)
             if isinstance(matches, Unknown):
                 unknown = unknown or matches
@@ -482,7 +482,7 @@ class Flow:
 
         at: index of its first step.
         """
-        rounds = frame.rounds.setdefault(at, LoopRounds())
+        rounds = frame.rounds[at]
         rounds.count += 1
         if rounds.count <= (self._rules.rounds or 0):
             return True
@@ -525,7 +525,6 @@ class Flow:
             return at + 1
         # The body has run once by now.
         if step.to not in frame.rounds:
-            frame.rounds[step.to] = LoopRounds()
             frame.rounds[step.to].count = 1
         if self._has_round(frame, step.to, step, unknown):
             return step.to
@@ -564,10 +563,8 @@ class Flow:
         return at + 1
 
     def _is_repeated(self, frame: CallFrame, key: int) -> bool:
-        rounds = frame.rounds.get(key)
-        if rounds is None:
-            rounds = frame.rounds[key] = LoopRounds()
-        return rounds.is_repeated(self._language.read_state, self._language.count_instructions())
+        length = self._language.count_instructions()
+        return frame.rounds[key].is_repeated(self._language.read_state, length)
 
     def _start_count(self, frame: CallFrame, at: int, step: CountStart) -> int:
         counter = self._language.open_count(step.count)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from importlib.metadata import EntryPoint
 from types import NoneType
 from typing import Any, Literal
@@ -287,24 +288,23 @@ def check_language(language: Any, name: str = "") -> Language:
     """
     plug_in = f"language {name or getattr(language, 'name', '')}"
     check_value(plug_in, _LANGUAGE, language, _REMEDY)
-    return replace(language, run=CheckedRun(plug_in, language.run))  # type: ignore[no-any-return]
+    run = partial(run_checked, plug_in, language.run)
+    return replace(language, run=run)  # type: ignore[no-any-return]
 
 
-class CheckedRun(Struct, frozen=True):
-    """The function `run` of a language, whose result is checked.
+def run_checked(
+    plug_in: str,
+    run: Callable[[Mapping[str, str], RunRequest], Executed],
+    files: Mapping[str, str],
+    request: RunRequest,
+) -> Executed:
+    """The result of `Language.run`. Raises JobError for a result that is not an Executed.
 
     plug_in: the language, for the message.
-    run: function of the plug-in.
     """
-
-    plug_in: str
-    run: Callable[[Mapping[str, str], RunRequest], Executed]
-
-    def __call__(self, files: Mapping[str, str], request: RunRequest) -> Executed:
-        """Runs the program. Raises JobError for a result that is not an Executed."""
-        executed: Any = self.run(files, request)
-        check_value(self.plug_in, _RUN, executed, _REMEDY)
-        return executed if request.options is None else find_open(executed)
+    executed: Any = run(files, request)
+    check_value(plug_in, _RUN, executed, _REMEDY)
+    return executed if request.options is None else find_open(executed)
 
 
 def find_open(executed: Executed) -> Executed:

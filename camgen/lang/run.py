@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from msgspec import Struct
+
 from camgen.model.limits import format_limit
 
 #: The states after this many rounds of a loop are all compared, later ones at powers of two.
@@ -48,7 +50,7 @@ class Budget:
             raise LimitReached(f"the program has not ended after {steps_text}")
 
 
-class LoopRounds:
+class LoopRounds(Struct):
     """The rounds of one loop, to find out that it has no end.
 
     A loop repeats itself if the run is in the same state after two rounds. After the first rounds
@@ -61,11 +63,10 @@ class LoopRounds:
     first_length: number of instructions of the run after the first round.
     """
 
-    def __init__(self) -> None:
-        self.count = 0
-        self.length = 0
-        self.first_length = 0
-        self._kept: object = None
+    count: int = 0
+    length: int = 0
+    first_length: int = 0
+    _kept: object = None
 
     def is_repeated(self, read_state: Callable[[], object], length: int = 0) -> bool:
         """Count a round and return whether the state after it has been there before.

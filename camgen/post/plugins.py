@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.lang.programs import LANGUAGES, CheckedRun, Executed, RunRequest, find_language
+from camgen.lang.programs import LANGUAGES, Executed, RunRequest, find_language, run_checked
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.contract import check_members, check_value
 from camgen.model.errors import JobError
@@ -75,7 +75,7 @@ def find_readback(name: str) -> Readback:
                 "has no function run(files, request), the language that its post writes",
                 remedy="docs/writing-a-post.md shows one",
             )
-        return partial(read_back, CheckedRun(f"language {name}", run))
+        return partial(read_back, partial(run_checked, f"language {name}", run))
     return partial(read_back, find_language(name).run)
 
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from camgen.lang.gcode import interpret
 from camgen.lang.gcode.machine import Machine
-from camgen.lang.gcode.replayed import interpret
 from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait

@@ -3,8 +3,7 @@
 import pytest
 
 from camgen.check.report import sum_up
-from camgen.lang.gcode import predefined
-from camgen.lang.gcode.replayed import interpret
+from camgen.lang.gcode import interpret, predefined
 from camgen.lang.programs import Executed, RunRequest, find_language
 from camgen.lang.taught import as_far_as_known
 from camgen.model.program import Columns, MoveJ

@@ -8,7 +8,7 @@ import pytest
 
 import camgen
 from bench.read.replay import compare_motions
-from camgen.lang.gcode.replayed import interpret
+from camgen.lang.gcode import interpret
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output, Wait

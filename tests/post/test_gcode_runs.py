@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.lang.gcode import columns, motion
-from camgen.lang.gcode import strict_linuxcnc as readback
-from camgen.lang.gcode.strict_grbl import read as read_grbl
+from camgen.lang.gcode.columns import Chunk
+from camgen.lang.gcode.machine import Machine
+from camgen.lang.gcode.strict_posts import list_lines, read_grbl, read_linuxcnc
 from camgen.lang.programs import Executed
 from camgen.model.body import Body
 from camgen.model.program import MoveC, MoveJ, MoveL
@@ -81,7 +82,7 @@ def read_both(text: str, grbl: bool = False, **options: object) -> Executed:
 
     Two usual lines in a row are enough for the fast path.
     """
-    read = read_grbl if grbl else readback.read
+    read = read_grbl if grbl else read_linuxcnc
     with patch.object(motion, "SHORTEST_RUN", 2):
         by_column = read({"a.ngc": text}, options)
     with patch.object(motion, "SHORTEST_RUN", 10**9):
@@ -116,16 +117,18 @@ def test_a_text_is_read_the_same_in_chunks_of_any_size(size: int) -> None:
 
 def test_a_long_program_is_read_by_column() -> None:
     rows = [f"G1 X{k} Y1\nM64 P0\nG3 X{k}.5 Y1.5 I0 J0.5\nM65 P0\n(path)" for k in range(200)]
-    done = []
+    counts = []
     perform = motion.perform
 
-    def watch(*arguments: object) -> object:
-        done.append(perform(*arguments))  # type: ignore[arg-type]
-        return done[-1]
+    def watch(m: Machine, chunk: Chunk, low: int, high: int) -> int:
+        before = len(m.body)
+        line = perform(m, chunk, low, high)
+        counts.append(len(m.body) - before)
+        return line
 
     with patch.object(motion, "perform", watch):
-        reading = readback.read({"a.ngc": HEAD + "G1 Z0 F60\n" + "\n".join(rows) + "\n" + END}, {})
-    assert sum(len(result.body) for result in done if result is not None) >= 800
+        reading = read_linuxcnc({"a.ngc": HEAD + "G1 Z0 F60\n" + "\n".join(rows) + "\n" + END}, {})
+    assert sum(counts) >= 800
     assert isinstance(reading.body, Body)
     assert reading.findings == ()
     moves = [item for item in reading.body if isinstance(item, MoveJ | MoveL | MoveC)]
@@ -152,4 +155,4 @@ def test_a_long_program_is_read_by_column() -> None:
     ],
 )
 def test_each_text_is_cut_into_lines(texts: list[str], lines: list[str]) -> None:
-    assert readback.list_lines({str(k): text for k, text in enumerate(texts)}) == lines
+    assert list_lines({str(k): text for k, text in enumerate(texts)}) == lines

@@ -65,7 +65,7 @@ def kinds(text: str) -> list[tuple[str, str]]:
 
 
 def list_routines(text: str) -> list[Routine]:
-    modules, *_ = parse(text, 1, Spellings(Written), Log())
+    modules = parse(text, 1, Spellings(Written), Log())
     return list(chain.from_iterable(module.routines for module in modules))
 
 

@@ -8,7 +8,7 @@ import pytest
 import camgen
 from camgen.lang.rapid.instructions import EFFECTS
 from camgen.lang.rapid.motions import FORMS
-from camgen.lang.rapid.words import INSTALLED
+from camgen.lang.rapid.types import INSTALLED
 from camgen.lang.vplus.flow import DOES
 from camgen.lang.vplus.names import TAKEN
 from postprocessors.rapid.options import is_predefined, legal_name

@@ -16,7 +16,7 @@ from camgen.model.pose import Vec3
 Vec2 = tuple[float, float]
 
 #: First axis, second axis and normal of each plane; G3 turns from the first to the second.
-_PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
+PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
 #: rad: an end point nearer to the start is a full turn, as in LinuxCNC and GRBL.
 NO_ANGLE = 1e-6
 #: A half circle whose rounded points reach further by this stays one arc: mm along it, at most rad.
@@ -108,7 +108,7 @@ def divide(arc: Arc, limits: Limits, inch: bool) -> list[Piece]:
 
     inch: whether the program is in inches.
     """
-    first, second, normal = _PLANES[arc.plane]
+    first, second, normal = PLANES[arc.plane]
     start, end, words = arc.start, arc.end, arc.words
     a, b = find_centre(arc, limits)
     words.pop("IJK"[first], None)
@@ -134,7 +134,7 @@ def divide(arc: Arc, limits: Limits, inch: bool) -> list[Piece]:
 
 def find_centre(arc: Arc, limits: Limits) -> Vec2:
     """The centre of an arc in its plane, mm. Raises LineError."""
-    first, second, _ = _PLANES[arc.plane]
+    first, second, _ = PLANES[arc.plane]
     words = arc.words
     a, b = words.get("IJK"[first]), words.get("IJK"[second])
     if "R" in words:
@@ -152,7 +152,7 @@ def find_centre(arc: Arc, limits: Limits) -> Vec2:
 
 def _centre_of_radius(arc: Arc, radius: float, limits: Limits) -> Vec2:
     """The centre of an arc with R: up to half a circle if it is positive, else the larger arc."""
-    first, second, _ = _PLANES[arc.plane]
+    first, second, _ = PLANES[arc.plane]
     a0, b0 = arc.start[first], arc.start[second]
     a1, b1 = arc.end[first], arc.end[second]
     half = math.hypot(a1 - a0, b1 - b0) / 2
@@ -216,7 +216,7 @@ def _cut_circle(arc: Arc, circle: _Circle, halves: float, limits: Limits) -> lis
 
 def _place(arc: Arc, point: Vec2, fraction: float) -> Vec3:
     """A point of the plane of an arc, at a fraction of the way along its normal, mm."""
-    first, second, normal = _PLANES[arc.plane]
+    first, second, normal = PLANES[arc.plane]
     place = [0.0, 0.0, 0.0]
     place[first], place[second] = point
     place[normal] = arc.start[normal] + (arc.end[normal] - arc.start[normal]) * fraction

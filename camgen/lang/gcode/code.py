@@ -24,8 +24,8 @@ from camgen.lang.code import (
     LoopStart,
     Step,
 )
+from camgen.lang.gcode.dialects import Dialect
 from camgen.lang.gcode.interpreter import Interpreter, Macro, OWord
-from camgen.lang.gcode.machine import Grammar
 from camgen.lang.gcode.words import BLANKS, LineError, bare, drop_comments
 from camgen.lang.values import require
 
@@ -57,13 +57,13 @@ def _run_lines(span: range) -> Act:
     return Act(first, cost=0, do=Interpreter.run_lines, operand=span, lines=count)
 
 
-def compile_program(lines: Sequence[str], grammar: Grammar, files: Mapping[str, int]) -> Code:
+def compile_program(lines: Sequence[str], dialect: Dialect, files: Mapping[str, int]) -> Code:
     """Return the steps of a program.
 
     files: first line of each file, from 0, by name.
     Raises LineError with the line, from 1, as its second argument.
     """
-    return _Program(lines, grammar, files).code
+    return _Program(lines, dialect, files).code
 
 
 class _Program(Compiler):
@@ -72,9 +72,9 @@ class _Program(Compiler):
     code: the steps after all lines.
     """
 
-    def __init__(self, lines: Sequence[str], grammar: Grammar, files: Mapping[str, int]) -> None:
+    def __init__(self, lines: Sequence[str], dialect: Dialect, files: Mapping[str, int]) -> None:
         super().__init__()
-        self._grammar = grammar
+        self._dialect = dialect
         self._start = 0
         starts = sorted(files.values())
         main_end = starts[1] if len(starts) > 1 else -1
@@ -95,7 +95,7 @@ class _Program(Compiler):
                 self._end_lines(number)
                 if numbered := _NUMBERED.match(raw):
                     self.mark(f"n{int(numbered[1])}")
-            if grammar.macros and (macro := self._find_macro(raw)):
+            if dialect.increments and (macro := self._find_macro(raw)):
                 self._end_lines(number)
                 self._read_macro(macro[2], Macro(raw, macro[1]))
                 self._start = number + 1
@@ -115,7 +115,7 @@ class _Program(Compiler):
 
     def _close_rest(self) -> None:
         """Replace the starts of Fanuc's loops without END. Raises LineError for other blocks."""
-        if self.blocks and self._grammar.o_words:
+        if self.blocks and self._dialect.flow:
             block = self.blocks[-1]
             raise LineError(f"{block.kind} has no end", block.line)
         for block in self.blocks:
@@ -128,11 +128,11 @@ class _Program(Compiler):
 
     def _read_o_line(self, number: int, raw: str) -> None:
         """A line that begins with O. It may be the number of a program, alone or with a title."""
-        grammar = self._grammar
-        if grammar.o_words or grammar.numbers:
+        # All dialects but GRBL have numbers of programs.
+        if self._dialect.flow or self._dialect.open:
             self._end_lines(number)
             self._start = number + 1
-        if grammar.o_words:
+        if self._dialect.flow:
             try:
                 self._read_o_word(raw)
             except LineError as wrong:
@@ -177,14 +177,11 @@ class _Program(Compiler):
     def _endsub(self, o_word: OWord) -> None:
         block = self._close(o_word, "sub")
         self.mark(f"endsub {o_word.label}")
-        self._return(o_word)
+        self._act(o_word)
         self.close(block)
 
-    def _return(self, o_word: OWord) -> None:
-        self.add(Act(self.line, do=Interpreter.come_back, operand=o_word))
-
-    def _call(self, o_word: OWord) -> None:
-        self.add(Act(self.line, do=Interpreter.call, operand=o_word))
+    def _act(self, o_word: OWord) -> None:
+        self.add(Act(self.line, do=_ACTS[o_word.word], operand=o_word))
 
     def _if(self, o_word: OWord) -> None:
         self.open_branch(f"o{o_word.label} if", Condition(o_word))
@@ -197,9 +194,6 @@ class _Program(Compiler):
     def _else(self, o_word: OWord) -> None:
         self.add_alternative(self._get_block(o_word, "if"))
 
-    def _endif(self, o_word: OWord) -> None:
-        self.close(self._close(o_word, "if"))
-
     def _while(self, o_word: OWord) -> None:
         top = self.innermost
         if top is not None and top.kind == f"o{o_word.label} do":
@@ -207,17 +201,15 @@ class _Program(Compiler):
         else:
             self._open(o_word, LoopStart(self.line, condition=Condition(o_word)))
 
-    def _endwhile(self, o_word: OWord) -> None:
-        self.close_loop(self._close(o_word, "while"))
+    def _end_block(self, o_word: OWord) -> None:
+        opener = o_word.word.removeprefix("end")
+        _CLOSE[opener](self, self._close(o_word, opener))
 
     def _do(self, o_word: OWord) -> None:
         self._open(o_word, LoopStart(self.line))
 
     def _open_repeat(self, o_word: OWord) -> None:
         self._open(o_word, CountStart(self.line, count=o_word))
-
-    def _endrepeat(self, o_word: OWord) -> None:
-        self.close_count(self._close(o_word, "repeat"))
 
     def _leave_round(self, o_word: OWord) -> None:
         """Break and continue."""
@@ -229,7 +221,7 @@ class _Program(Compiler):
 
     def _find_macro(self, raw: str) -> re.Match[str] | None:
         """The word and the rest of a line of a macro, without blanks, in lower case."""
-        text = drop_comments(raw, self._grammar.nested).translate(BLANKS).lower()
+        text = drop_comments(raw, self._dialect.nested).translate(BLANKS).lower()
         return _MACRO.match(text.lstrip("/"))
 
     def _read_macro(self, rest: str, macro: Macro) -> None:
@@ -261,20 +253,31 @@ class _Program(Compiler):
         self.add(Act(self.line, do=Interpreter.test_alone, operand=macro))
 
 
+_ACTS = {
+    "call": Interpreter.call,
+    "return": Interpreter.come_back,
+    "endsub": Interpreter.come_back,
+}
+#: The end of each block, by the word that opens it.
+_CLOSE: dict[str, Callable[[Compiler, Block], None]] = {
+    "if": Compiler.close,
+    "while": Compiler.close_loop,
+    "repeat": Compiler.close_count,
+}
 _O_WORDS: dict[str, Callable[[_Program, OWord], None]] = {
     "sub": _Program._sub,
     "endsub": _Program._endsub,
-    "return": _Program._return,
-    "call": _Program._call,
+    "return": _Program._act,
+    "call": _Program._act,
     "if": _Program._if,
     "elseif": _Program._elseif,
     "else": _Program._else,
-    "endif": _Program._endif,
+    "endif": _Program._end_block,
     "while": _Program._while,
-    "endwhile": _Program._endwhile,
+    "endwhile": _Program._end_block,
     "do": _Program._do,
     "repeat": _Program._open_repeat,
-    "endrepeat": _Program._endrepeat,
+    "endrepeat": _Program._end_block,
     "break": _Program._leave_round,
     "continue": _Program._leave_round,
 }

@@ -7,10 +7,9 @@ import re
 from collections.abc import Mapping
 
 from camgen.lang.gcode.machine import AXES, COOLANTS, Handler, Machine, take_axes
-from camgen.lang.gcode.milling import MILLING
+from camgen.lang.gcode.milling import MILLING, compensate
 from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.predefined import find_feed, set_override
-from camgen.lang.gcode.tool_radius import compensate
 from camgen.lang.gcode.traced import TRACED
 from camgen.lang.gcode.turning import run_lathe_cycle
 from camgen.lang.gcode.words import LineError
@@ -191,12 +190,12 @@ def switch_coolant(m: Machine, code: str, _words: dict[str, float]) -> None:
     if code != "M9":
         m.coolants.add(code)
         m.switch(COOLANTS[code], 1.0)
-        return
-    if not m.coolants:
-        m.assume("M9 switches nothing off", why="no coolant is on")
-    for word in sorted(m.coolants):
-        m.switch(COOLANTS[word], 0.0)
-    m.coolants.clear()
+    else:
+        if not m.coolants:
+            m.assume("M9 switches nothing off", why="no coolant is on")
+        for word in sorted(m.coolants):
+            m.switch(COOLANTS[word], 0.0)
+        m.coolants.clear()
 
 
 def _dwell(m: Machine, _code: str, words: dict[str, float]) -> None:
@@ -234,14 +233,12 @@ def _state(m: Machine, code: str, _words: dict[str, float]) -> None:
     if code in ("M70", "M73"):
         m.saved.append(tuple(getattr(m, name) for name in _MODES))
         del m.saved[:-50]
-    elif not m.saved:
-        if code == "M72":
-            m.log.find("refused", "M72 without M70 or M73 before it")
-    else:
-        modes = m.saved.pop()
-        if code == "M72":
-            for name, value in zip(_MODES, modes, strict=True):
-                setattr(m, name, value)
+    elif m.saved:
+        modes = zip(_MODES, m.saved.pop(), strict=True)
+        for name, value in modes if code == "M72" else ():
+            setattr(m, name, value)
+    elif code == "M72":
+        m.log.find("refused", "M72 without M70 or M73 before it")
 
 
 #: Field of the machine and its value, for each code that sets one field.
@@ -295,11 +292,6 @@ def _cycle_off(m: Machine, _code: str, _words: dict[str, float]) -> None:
 # -- the origin: work offsets, G92 and G10 ---------------------------------------------------------
 
 
-def _get_table(m: Machine, code: str) -> list[float | None]:
-    """The coordinates of a work offset by axis, None if not known."""
-    return m.works.setdefault(code, [None, None, None])
-
-
 def set_work(m: Machine, code: str, words: dict[str, float]) -> None:
     """G54 to G59.3: another work offset.
 
@@ -308,7 +300,7 @@ def set_work(m: Machine, code: str, words: dict[str, float]) -> None:
     words.pop("P", None)
     before, m.work = m.work or "G54", code
     if code != before and any(m.known):
-        old, new = m.works.get(before, [None] * 3), m.works.get(code, [None] * 3)
+        old, new = m.works[before], m.works[code]
         if None in (*old, *new):
             after = f"{code} after motions in {before}"
             m.assume(f"{after}: each is shown in its own coordinates")
@@ -366,8 +358,7 @@ def _set_position(m: Machine, _code: str, words: dict[str, float]) -> None:
         m.shifted[axis] = None if moved is None or total is None else total + moved
     if axes:
         _save_shift(m)
-        return
-    if m.dialect.increments and m.speed:
+    elif m.dialect.increments and m.speed:
         m.log.fact("left out", "G92 S limits the spindle")
     elif not (m.rotary or m.dialect.extruder):
         m.log.find("refused", "G92 without an axis")
@@ -417,7 +408,7 @@ def _assume_offset(m: Machine, number: int, words: Mapping[str, float]) -> None:
     work = m.work or "G54"
     if number and (number not in range(1, 10) or _WORKS[number - 1] != work):
         return
-    table = _get_table(m, work)
+    table = m.works[work]
     for k, axis in enumerate(AXES):
         if axis in words and m.known[k] and table[k] is None:
             where = "where it was, mm, is known to the machine alone"
@@ -426,17 +417,17 @@ def _assume_offset(m: Machine, number: int, words: Mapping[str, float]) -> None:
 
 
 def _set_offset(m: Machine, by_position: bool, work: str, axis: int, value: float) -> None:
-    table, is_active = _get_table(m, work), work == (m.work or "G54")
+    table, is_active = m.works[work], work == (m.work or "G54")
     if by_position:
         if not is_active:
             raise LineError("G10 L20 of a work offset that is not the one in use")
         moved, old = _read_as(m, axis, value), table[axis]
         table[axis] = None if moved is None or old is None else old + moved
-        return
-    old, table[axis] = table[axis], value
-    if is_active and m.known[axis]:
-        # The old value is known, or was assumed before.
-        m.shift[axis] += value - (old or 0.0)
+    else:
+        old, table[axis] = table[axis], value
+        if is_active and m.known[axis]:
+            # The old value is known, or was assumed before.
+            m.shift[axis] += value - (old or 0.0)
 
 
 # -- places that the machine stores ----------------------------------------------------------------

@@ -12,15 +12,17 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.lang.columns import read_numbers, read_words
 from camgen.lang.gcode.arcs import NO_ANGLE, OVER_MM, OVER_RAD, Arc, Limits, Piece, divide
 from camgen.lang.gcode.dialects import RAPID
+from camgen.lang.gcode.machine import FindEffect, Machine
 from camgen.lang.gcode.words import LineError
 from camgen.model.body import NUMBER, Body, Packed
-from camgen.model.pose import TOOL_DOWN, FloatArray, Vec3
-from camgen.model.program import Indices, Mask, MoveC, MoveJ, MoveL, Output
+from camgen.model.pose import TOOL_DOWN, FloatArray
+from camgen.model.program import Indices, Instruction, Mask, MoveC, MoveJ, MoveL, Output
 
 #: Number of lines that are read together. They stay in the cache of the processor.
 CHUNK_LINES = 8192
@@ -47,9 +49,6 @@ _SIGNED_ZERO = re.compile(rb"-0(?!\.)")
 _COMMENTED = re.compile(
     r"^([ \t]*[NGXYZIJF][^(;\n]*)(?:\([^(),\n]*\)[ \t]*|;[^,\n]*)$", re.IGNORECASE | re.MULTILINE
 )
-
-#: The effect of a line other than a motion: its output, whether it is a comment, None for others.
-FindEffect = Callable[[str], Output | bool | None]
 
 
 class Chunk(Struct, eq=False):
@@ -163,70 +162,27 @@ def _read_number(text: bytes) -> float:
         return math.nan
 
 
-class MotionState(Struct, frozen=True, eq=False):
-    """The state before a sequence in the XY plane.
-
-    at: position, mm, absolute.
-    shift: absolute coordinates minus those of the program, mm.
-    unit: unit of length, mm.
-    motion: motion code in force.
-    feed: feed, mm/s.
-    blend: blend of motions at feed.
-    limits: tolerances of arcs.
-    """
-
-    at: Vec3
-    shift: Sequence[float]
-    unit: float
-    motion: str
-    feed: float
-    blend: float
-    limits: Limits
-
-
-class RunEffect(Struct, frozen=True, eq=False):
-    """The effect of a sequence of lines.
-
-    line: index of the line after the sequence, from 0.
-    body: N instructions.
-    lines: (N,) line of each instruction, from 1.
-    at: position after the sequence, mm.
-    feed: feed after the sequence, mm/s.
-    motion: last motion code.
-    cut: whether a motion was at feed.
-    """
-
-    line: int
-    body: Body
-    lines: NDArray[np.int64]
-    at: Vec3
-    feed: float
-    motion: str
-    cut: bool
-
-
-def perform(chunk: Chunk, state: MotionState, low: int, high: int) -> RunEffect | None:
+def perform(m: Machine, chunk: Chunk, low: int, high: int) -> int:
     """Runs the lines from `low` to before `high` of a chunk, which are all in the usual spelling.
 
-    The run ends before the first motion with a fault. Returns None if this is the first motion.
+    The plane is that of X and Y. The run ends before the first motion with a fault. Returns the
+    index of the line after the last one that has run, `low` if this is the first motion.
     """
     span = slice(low - chunk.first, high - chunk.first)
     rows = np.flatnonzero(chunk.is_motion[span]) + span.start
-    words, unit = chunk.words[rows], state.unit
-    modal = float(state.motion[1:]) if state.motion in ("G0", "G1", "G2", "G3") else math.nan
+    words, unit = chunk.words[rows], m.scale
+    modal = float(m.motion[1:]) if m.motion in ("G0", "G1", "G2", "G3") else math.nan
     digit = _fill(words[:, _G], modal)
-    ends = np.column_stack(
-        [_fill(words[:, _X + k] * unit + state.shift[k], state.at[k]) for k in range(3)]
-    )
-    feed = _fill(words[:, _F] * unit / 60.0, state.feed)
-    starts = np.concatenate([[state.at], ends[:-1]])
+    ends = np.column_stack([_fill(words[:, _X + k] * unit + m.shift[k], m.at[k]) for k in range(3)])
+    feed = _fill(words[:, _F] * unit / 60.0, m.feed)
+    starts = np.concatenate([[m.at], ends[:-1]])
     has_centre = ~(np.isnan(words[:, _I]) & np.isnan(words[:, _I + 1]))
     is_arc = digit >= 2
     is_valid = ((digit == 0) | ((digit > 0) & (feed > 0))) & (is_arc == has_centre)
     arcs = np.flatnonzero(is_arc & is_valid)
     centres = np.nan_to_num(words[arcs, _I:_F]) * unit
     vias = np.full(ends.shape, np.nan)
-    lefts, limits = digit[arcs] == 3, state.limits.at_unit(unit)
+    lefts, limits = digit[arcs] == 3, (m.exact or m.limits).at_unit(unit)
     is_accepted = np.zeros(0, np.bool_)
     if len(arcs):
         vias[arcs], is_accepted = _find_vias(starts[arcs], ends[arcs], centres, lefts, limits)
@@ -240,9 +196,9 @@ def perform(chunk: Chunk, state: MotionState, low: int, high: int) -> RunEffect 
         divided[row] = pieces
     stop = int(np.append(is_valid, False).argmin())
     if stop == 0:
-        return None
+        return low
     end = int(rows[stop]) + chunk.first if stop < len(rows) else high
-    x, y, z = ends[stop - 1].tolist()
+    last = ends[stop - 1].tolist()
     rows, digit, feed = rows[:stop], digit[:stop], feed[:stop]
     ends, vias = ends[:stop], vias[:stop]
     if divided:
@@ -260,22 +216,31 @@ def perform(chunk: Chunk, state: MotionState, low: int, high: int) -> RunEffect 
         end=ends,
         rotation=np.zeros(count, np.int32),
         speed=np.where(is_rapid, RAPID, feed),
-        blend=np.where(is_rapid, 0.0, state.blend),
+        blend=np.where(is_rapid, 0.0, m.blend),
         path=np.full(count, -1),
         work=np.zeros(count, np.bool_),
         via=vias[is_curved],
         via_rotation=np.zeros(int(is_curved.sum()), np.int32),
         kept=kind == NUMBER[Output],
     )
-    return RunEffect(
-        line=end,
-        body=Body(packed, [TOOL_DOWN], list(outputs.values())),
-        lines=(lines[order] + 1).astype(np.int64),
-        at=(x, y, z),
-        feed=float(feed[-1]),
-        motion=f"G{digit[-1]:.0f}",
-        cut=not is_rapid.all(),
-    )
+    _add(m, Body(packed, [TOOL_DOWN], list(outputs.values())))
+    m.lines.frombytes((lines[order] + 1).astype(np.int64).tobytes())
+    if feed[-1] != m.feed:
+        m.named.pop("_feed", None)
+    m.at[:], m.feed, m.motion = last, float(feed[-1]), f"G{digit[-1]:.0f}"
+    m.cut = m.cut or not is_rapid.all()
+    return end
+
+
+def _add(m: Machine, body: Body) -> None:
+    if m.force:
+        m.body.extend(_with_force(item, m.force) for item in body)
+    else:
+        m.body.extend_body(body)
+
+
+def _with_force(item: Instruction, force: float) -> Instruction:
+    return replace(item, force=force) if isinstance(item, MoveL | MoveC) else item
 
 
 def _insert(

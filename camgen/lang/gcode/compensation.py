@@ -19,6 +19,7 @@ from camgen.model.program import Instruction
 #: rad: smaller turns are not corners, as in LinuxCNC. So are inner corners that nearly turn back.
 _STRAIGHT = 0.05
 _SAME = 1e-9
+_SHORT = "the first motion with G41 or G42 is not longer than the radius of the tool"
 
 
 @dataclass(slots=True)
@@ -82,7 +83,9 @@ class OffsetPath:
         """Adds the next motion. Raises LineError if the tool cannot run beside it."""
         segment.start, segment.stop = segment.begin, segment.end
         if segment.centre is None and abs(segment.end - segment.begin) < _SAME:
-            self._climb(segment)
+            if self.last is None:
+                raise LineError(_SHORT)
+            self.pending.append(segment)
             return
         self._set_off(segment)
         if self.last is None:
@@ -90,13 +93,6 @@ class OffsetPath:
         else:
             self._join(self.last, segment)
         self.last = segment
-
-    def _climb(self, segment: Segment) -> None:
-        if self.last is None:
-            raise LineError(
-                "the first motion with G41 or G42 is not longer than the radius of the tool"
-            )
-        self.pending.append(segment)
 
     def _set_off(self, segment: Segment) -> None:
         """Offsets both ends of a motion. Raises LineError for an inner arc that is too small."""
@@ -112,15 +108,9 @@ class OffsetPath:
 
     def _enter(self, segment: Segment) -> None:
         """Begins the first motion at the tip of the tool. Raises LineError if it is too short."""
-        reach = (
-            abs(segment.end - segment.begin)
-            if segment.centre is None
-            else abs(segment.begin - segment.centre)
-        )
-        if reach <= self.radius:
-            raise LineError(
-                "the first motion with G41 or G42 is not longer than the radius of the tool"
-            )
+        far = segment.end if segment.centre is None else segment.centre
+        if abs(segment.begin - far) <= self.radius:
+            raise LineError(_SHORT)
         segment.start = self.tip
         if segment.centre is None:
             return
@@ -142,10 +132,10 @@ class OffsetPath:
             old.stop = new.start = self._cross(old, new)
             self.flush()
         elif not -_STRAIGHT <= turned <= _STRAIGHT and abs(new.start - old.stop) > _SAME:
-            height = self._height(old)
+            heights = [item.height for item in (old, *self.pending) if isinstance(item, Segment)]
             self.flush()
             around = Segment(
-                old.end, old.end, old.end, -self.side, height, new.speed, new.line,
+                old.end, old.end, old.end, -self.side, heights[-1], new.speed, new.line,
                 start=self.tip, stop=new.start,
             )  # fmt: skip
             self.write(around)
@@ -153,10 +143,6 @@ class OffsetPath:
         else:
             new.start = old.stop
             self.flush()
-
-    def _height(self, old: Segment) -> float:
-        heights = [item.height for item in self.pending if isinstance(item, Segment)]
-        return heights[-1] if heights else old.height
 
     def _cross(self, old: Segment, new: Segment) -> complex:
         corner = new.begin
@@ -179,10 +165,11 @@ class OffsetPath:
 
     def flush(self) -> None:
         """Writes the last motion and the instructions that follow it."""
-        if self.last is None:
+        last, self.last = self.last, None
+        if last is None:
             return
-        self.write(self.last)
-        self.tip, self.is_first = self.last.stop, False
+        self.write(last)
+        self.tip, self.is_first = last.stop, False
         for item in self.pending:
             if isinstance(item, Segment):
                 item.start = item.stop = self.tip
@@ -190,7 +177,6 @@ class OffsetPath:
             else:
                 self.keep(*item)
         self.pending.clear()
-        self.last = None
 
 
 def _swept(arc: Segment, end: complex) -> float:

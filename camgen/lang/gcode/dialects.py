@@ -68,10 +68,6 @@ class Dialect(Struct, frozen=True):
     has_beams: bool = False
 
 
-def _codes(text: str) -> dict[str, str]:
-    return {code: GROUP[code] for code in text.split()}
-
-
 def _signs(*patterns: str) -> re.Pattern[str]:
     return re.compile("|".join(patterns), re.IGNORECASE | re.MULTILINE)
 
@@ -114,7 +110,7 @@ GRBL = Dialect(
     name="grbl",
     source="gnea/grbl 1.1: gcode.c, error_codes_en_US.csv",
     signs=_signs(r"^[ \t]*\$[$#GICXHNJRS0-9]", r"\bgrbl\b"),
-    codes=_codes(_GRBL_CODES),
+    codes={code: GROUP[code] for code in _GRBL_CODES.split()},
     open=False,
     idle={"M56": "parking override"},
     has_beams=True,
@@ -140,7 +136,6 @@ _MACHINING = {
     "G187": "smoothness",
 }
 _ROTATION = dict.fromkeys(("G68", "G69"), "rotation")
-_POCKETS = dict.fromkeys(("G12", "G13"), "circular pocket")
 FANUC = Dialect(
     name="fanuc",
     source="Fanuc Series 0i-MF operator's manual (B-64694); Haas mill operator's manual",
@@ -158,7 +153,7 @@ FANUC = Dialect(
     codes=GROUP
     | _ROTATION
     | {"G65": "subprogram", "G66": "modal macro", "G67": "modal macro"}
-    | _POCKETS,
+    | dict.fromkeys(("G12", "G13"), "circular pocket"),
     names={"G31": "G38.2"},
     dwell=0.001,
     arcs=_LOOSE,
@@ -233,8 +228,9 @@ COMMON = Dialect(
     to_start=False,
     has_beams=True,
 )
-_ALL = (LINUXCNC, GRBL, FANUC, LATHE, MACH3, MARLIN, COMMON)
-DIALECTS = {dialect.name: dialect for dialect in _ALL}
+DIALECTS = {
+    dialect.name: dialect for dialect in (LINUXCNC, GRBL, FANUC, LATHE, MACH3, MARLIN, COMMON)
+}
 #: The order in which the signs of dialects are searched.
 _ORDER = (LINUXCNC, MARLIN, GRBL, LATHE, MACH3, FANUC, COMMON)
 #: A word of Y, which no program for a lathe has.

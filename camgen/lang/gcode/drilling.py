@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+from camgen.lang.gcode.arcs import PLANES
 from camgen.lang.gcode.machine import AXES, Machine, take_axes
 from camgen.lang.gcode.words import LineError
 from camgen.model.limits import format_limit
@@ -17,7 +18,6 @@ from camgen.model.program import Stop, Wait
 CYCLES = frozenset({"G73", "G74", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"})
 #: mm above the last depth, at which a peck begins in LinuxCNC.
 _AGAIN = 0.254
-_NORMAL = {"G17": 2, "G18": 1, "G19": 0}
 
 
 class _Hole(NamedTuple):
@@ -37,9 +37,8 @@ class _Hole(NamedTuple):
 
 def drill(m: Machine, words: dict[str, float]) -> None:
     """Adds the holes of a line, and removes its words. Raises LineError."""
-    normal = _NORMAL[m.plane]
-    depth = AXES[normal]
-    count = _keep_words(m, (depth, "R", *_NEEDS.get(m.motion, ())), words)
+    normal = PLANES[m.plane][2]
+    count = _keep_words(m, (AXES[normal], "R", *_NEEDS.get(m.motion, ())), words)
     m.assume_feed(m.motion)
     if m.feed_mode == "G93":
         raise LineError(f"{m.motion} with {m.feed_mode}: a cycle has a feed per minute here")
@@ -58,9 +57,10 @@ def _keep_words(m: Machine, needed: tuple[str, ...], words: dict[str, float]) ->
     """
     for letter in (*needed, *(_OPTIONAL if m.motion in _TAPS else "")):
         if letter in words:
-            m.sticky[letter] = words.pop(letter) * (m.pause if letter == "P" else m.scale)
+            m.sticky[letter] = words.pop(letter) * (m.dialect.dwell if letter == "P" else m.scale)
     count = words.pop("L", 1.0)
-    if count < m.fewest_holes or count != int(count):
+    # L0 of Fanuc only keeps the words of the cycle.
+    if count < 0 or (count == 0 and not m.dialect.increments) or count != int(count):
         raise LineError(f"L{count:g} is not a number of holes")
     if count > m.bounds.gcode_pieces:
         limit = format_limit(m.bounds.gcode_pieces)
@@ -137,18 +137,18 @@ def _move_at_feed(m: Machine, axis: int, value: float) -> None:
     m.pieces([(None, (end[0], end[1], end[2]))], speed_of(m))
 
 
-def per_turn(m: Machine) -> float:
-    """The speed of a feed per turn (G95), mm/s. A spindle that stands is refused."""
+def speed_of(m: Machine) -> float:
+    """The speed of motions at feed, mm/s. A spindle that stands is refused with G95.
+
+    Raises LineError with G93, which no cycle has.
+    """
+    if m.feed_mode == "G93":
+        raise LineError("a cycle with G93: it has a feed per minute, or per turn")
+    if m.feed_mode == "G94":
+        return m.feed
     if not m.speed or m.spindle == "M5":
         m.log.find("refused", "a feed per turn (G95) while the spindle stands")
     return m.feed * (m.speed or 60.0) / 60.0
-
-
-def speed_of(m: Machine) -> float:
-    """The speed of the motions of a cycle at feed, mm/s. Raises LineError."""
-    if m.feed_mode == "G93":
-        raise LineError("a cycle with G93: it has a feed per minute, or per turn")
-    return m.feed if m.feed_mode == "G94" else per_turn(m)
 
 
 def _drill(m: Machine, hole: _Hole) -> None:

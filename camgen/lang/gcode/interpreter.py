@@ -70,7 +70,6 @@ class Interpreter(MachineLanguage):
     """The run of a program.
 
     machine: the machine that the lines move.
-    depth: number of subroutines that run.
     """
 
     faults: type[Exception] = LineError
@@ -78,7 +77,6 @@ class Interpreter(MachineLanguage):
     def __init__(self, machine: Machine, lines: Sequence[str], code: Code) -> None:
         self.machine = machine
         self.log = machine.log
-        self.depth = 0
         self._lines, self._code = lines, code
         self._known = Parameters(partial(find_value, machine))
         self._remembered: dict[str, Line] = {}
@@ -93,7 +91,6 @@ class Interpreter(MachineLanguage):
         #: First steps of the subroutines that were called.
         self._called: set[int] = set()
         machine.max_instructions = len(lines) + machine.bounds.gcode_motions
-        machine.inside = lambda: self.depth
         machine.find_lines, machine.run_lines = self._find_profile, self._run_profile
 
     def run(self, entry: str = "") -> None:
@@ -218,7 +215,11 @@ class Interpreter(MachineLanguage):
     def _jump(self, at: int) -> Step:
         """Go to a step. The main program is the first file."""
         end = self._code.labels.get("end of main", at)
-        return Jump(self.machine.line, at) if self.depth or at <= end else End(self.machine.line)
+        return (
+            Jump(self.machine.line, at)
+            if self.machine.depth or at <= end
+            else End(self.machine.line)
+        )
 
     def _leap(self, leap: Leap) -> Step | None:
         """The step after M97, M98, M99, G65 or a profile. Raises LineError."""
@@ -227,33 +228,37 @@ class Interpreter(MachineLanguage):
             return self._end_subprogram(number)
         if code == "GOTO":
             return self._jump(self._find_next(self._find_step(f"n{number:.0f}")))
-        start = self._code.labels.get(f"{'n' if code == 'M97' else 'o'}{number:.0f}")
-        if start is None:
-            self._leave_out(f"{code} P{number:g}: the subprogram is not in this file")
-            return None
-        self._check_depth(f"{code} P{number:g}")
-        return self._enter(start, times, arguments)
+        label = f"{'n' if code == 'M97' else 'o'}{number:.0f}"
+        return self._enter_label(label, f"{code} P{number:g}", "subprogram", times, arguments)
 
     def _end_subprogram(self, number: float) -> Step:
         """M99.
 
         number: number of the line that runs next, 0 for the line after the call.
         """
-        if not self.depth:
+        if not self.machine.depth:
             raise LineError("M99 outside a subprogram that was called")
         self._back = f"n{number:.0f}" if number else ""
         return Return(self.machine.line)
 
-    def _leave_out(self, what: str) -> None:
-        self.machine.assume(f"{what}; it is left out")
-        self.log.lose(what)
+    def _enter_label(
+        self, label: str, call: str, noun: str, times: int, arguments: Mapping[int, float] | None
+    ) -> Step | None:
+        """Runs the subroutine of a label. The call of a missing one is left out.
 
-    def _check_depth(self, call: str) -> None:
-        """Raises LineError for one more call that is too deep. The run goes on after it."""
+        Raises LineError for one more call that is too deep. The run goes on after it.
+        """
+        start = self._code.labels.get(label)
+        if start is None:
+            what = f"{call}: the {noun} is not in this file"
+            self.machine.assume(f"{what}; it is left out")
+            self.log.lose(what)
+            return None
         try:
             self._flow.check_depth(f"{call}: more than {_DEPTH} subroutines in each other")
         except Stopped as stopped:
             raise LineError(str(stopped)) from stopped
+        return self._enter(start, times, arguments)
 
     def _enter(self, start: int, times: int, arguments: Mapping[int, float] | None) -> Step | None:
         """Runs a subroutine some times. Returns the step after the call, None for the next one.
@@ -264,13 +269,13 @@ class Interpreter(MachineLanguage):
         before = known.arguments, known.named
         if arguments is not None:
             known.arguments, known.named = dict(arguments), {}
-        self.depth += 1
+        self.machine.depth += 1
         self._called.add(start)
         try:
             for _ in range(times):
                 self._flow.run(self._code, start)
         finally:
-            self.depth -= 1
+            self.machine.depth -= 1
             known.arguments, known.named = before
         label, self._back = self._back, ""
         return self._jump(self._find_step(label)) if label else None
@@ -280,17 +285,13 @@ class Interpreter(MachineLanguage):
         values, label = self._read_values(o_word, _MOST_ARGUMENTS), o_word.label
         if label.startswith("["):  # o[#1+100] call
             label = f"{value_at(label, 0, self._known)[0]:.0f}"
-        start = self._code.labels.get(f"sub {label}")
-        if start is None:
-            self._leave_out(f"o{label} call: the subroutine is not in this file")
-            return None
-        self._check_depth(f"o{label} call")
-        return self._enter(start, 1, dict(enumerate(values, 1)))
+        arguments = dict(enumerate(values, 1))
+        return self._enter_label(f"sub {label}", f"o{label} call", "subroutine", 1, arguments)
 
     def come_back(self, o_word: OWord) -> Step:
         """Leaves a subroutine with a value. Raises LineError."""
         values = self._read_values(o_word, 2)
-        if not self.depth:
+        if not self.machine.depth:
             raise LineError(f"o{o_word.label} {o_word.word} outside a subroutine that was called")
         self._known.shared["_value"] = next(iter(values), 0.0)
         self._known.shared["_value_returned"] = float(bool(values))
@@ -316,7 +317,7 @@ class Interpreter(MachineLanguage):
 
     def end_main(self, _operand: object) -> Step | None:
         """The end of the first of several files ends the program, but not a subroutine."""
-        return None if self.depth else End(self.machine.line)
+        return None if self.machine.depth else End(self.machine.line)
 
     # -- macros --------------------------------------------------------------------------------
 

@@ -14,9 +14,9 @@ def run_gcode(
 ) -> Executed:
     """Runs G-code in the dialect of the request, else in `usual` or the one that the text shows."""
     if request.options is not None:
-        from camgen.lang.gcode.strict_linuxcnc import read  # noqa: PLC0415 (for a read-back)
+        from camgen.lang.gcode.strict_posts import read_linuxcnc  # noqa: PLC0415 (a read-back)
 
-        return read(files, request.options)
+        return read_linuxcnc(files, request.options)
     from camgen.lang.gcode.run import run  # noqa: PLC0415 (only for programs of others)
 
     return run(files, request, usual)
@@ -25,9 +25,9 @@ def run_gcode(
 def run_grbl(files: Mapping[str, str], request: RunRequest) -> Executed:
     """Runs G-code in the dialect of the request, else as GRBL does."""
     if request.options is not None:
-        from camgen.lang.gcode.strict_grbl import read  # noqa: PLC0415 (only for those of a post)
+        from camgen.lang.gcode.strict_posts import read_grbl  # noqa: PLC0415 (a read-back)
 
-        return read(files, request.options)
+        return read_grbl(files, request.options)
     return run_gcode(files, request, GRBL)
 
 

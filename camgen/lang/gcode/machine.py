@@ -7,6 +7,7 @@ post's is a `Profile`: tables and a few functions.
 from __future__ import annotations
 
 from array import array
+from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -16,9 +17,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.lang.gcode.arcs import LINUXCNC as LINUXCNC_ARCS
-from camgen.lang.gcode.arcs import Arc, Limits, Piece, find_centre
+from camgen.lang.gcode.arcs import Limits, Piece
 from camgen.lang.gcode.beam import Beam
-from camgen.lang.gcode.columns import Chunk, FindEffect
 from camgen.lang.gcode.compensation import OffsetPath, Segment
 from camgen.lang.gcode.dialects import LINUXCNC, RAPID, Dialect
 from camgen.lang.gcode.rotation import Rotation
@@ -42,21 +42,8 @@ _FULL_POWER = "M4 lowers the power with the speed on GRBL, and does not here"
 Leap = tuple[str, float, int, Mapping[int, float] | None]
 #: Runs a code. It is called with the machine, the code and the words, and removes what it uses.
 Handler = Callable[[Any, str, dict[str, float]], None]
-
-
-class Grammar(Struct, frozen=True):
-    """The words that change the flow.
-
-    o_words: whether O-words do, as in LinuxCNC. Else they are numbers of programs.
-    numbers: whether an O-word may be the number of a program.
-    macros: whether macros of Fanuc do.
-    nested: whether comments may nest.
-    """
-
-    o_words: bool = True
-    numbers: bool = True
-    macros: bool = False
-    nested: bool = False
+#: The effect of a line other than a motion: its output, whether it is a comment, None for others.
+FindEffect = Callable[[str], Output | bool | None]
 
 
 class Profile(Struct, frozen=True):
@@ -105,21 +92,19 @@ class Machine:
     others: letters of axes that must not move.
     max_instructions: maximum number of instructions.
     unnamed: numbers of the axes that no line of the program names.
-    pause: seconds in a dwell of P1.
     long_wait: s. A longer wait is probably a number of ms.
-    fewest_holes: number of holes of a line without L.
 
     The program so far:
 
     line, raw: number of the line that is read, from 1, and its text.
     body, lines: instructions so far, and the line of each.
     log: findings, assumptions, losses and facts of the run.
-    chunk: lines that are read by column, None before the first.
+    chunk: lines that are read by column (`columns.Chunk`), None before the first.
     unknown_line: first line with a word that is not read, 0 without one.
     marks: number of instructions before each frame, with its tool and work offset.
     opened, ended: whether a per cent sign has come, and the end of the program.
     left_on: names of the outputs that the end of the file leaves on.
-    inside: returns the number of subroutines that run.
+    depth: number of subroutines that run.
     run_lines: runs the steps of a profile of a lathe.
     find_lines: finds these steps by the numbers of their first and last block.
     leap: the call or the jump of the line.
@@ -144,7 +129,8 @@ class Machine:
     The origin:
 
     shift: absolute coordinates minus those of the program.
-    work, works: work offset in force, and the coordinates of each, None if not known.
+    work, works: work offset in force, and the coordinates of each by axis, None if not
+        known.
     shifted: shift of the origin by G92, None if not known.
     saved_shift: the shift that G92.3 sets.
     rotation: rotation of the coordinates (G68).
@@ -194,22 +180,20 @@ class Machine:
     others: str = "ABCUVW"
     max_instructions: float = _BOUNDS.gcode_motions
     unnamed: Collection[int] = ()
-    pause: float = 1.0
     long_wait: float = 100.0
-    fewest_holes: int = 1
 
     line: int = 0
     raw: str = ""
     body: BodyBuilder = field(default_factory=BodyBuilder)
     lines: array[int] = field(default_factory=partial(array, "q"))
     log: Log = field(init=False)
-    chunk: Chunk | None = None
+    chunk: Any = None
     unknown_line: int = 0
     marks: list[tuple[int, int, str]] = field(default_factory=list)
     opened: bool = False
     ended: bool = False
     left_on: list[str] = field(default_factory=list)
-    inside: Callable[[], int] = lambda: 0
+    depth: int = 0
     run_lines: Callable[[range], None] = lambda _steps: None
     find_lines: Callable[[float | None, float], range] = lambda _first, _last: range(0)
     leap: Leap | None = None
@@ -232,7 +216,9 @@ class Machine:
 
     shift: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     work: str = ""
-    works: dict[str, list[float | None]] = field(default_factory=dict)
+    works: defaultdict[str, list[float | None]] = field(
+        default_factory=lambda: defaultdict(lambda: [None, None, None])
+    )
     shifted: list[float | None] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     saved_shift: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     rotation: Rotation | None = None
@@ -438,7 +424,11 @@ class Machine:
         self._check_beam()
         for axis in () if self.has_position else self.unnamed:
             # The whole program runs at one place of this axis.
-            self._begin_at_zero(axis)
+            if not self.known[axis]:
+                self.known[axis] = True
+                self.assume(f"the program begins at {AXES[axis]}0", why="it does not say where")
+                if axis == 2:
+                    self.entry = RAPID
         if not self.has_position:
             self._find_unshown(end)
         self.at[:] = end
@@ -454,15 +444,6 @@ class Machine:
         """Adds a rapid motion of all axes unless the tool is at `end`."""
         if list(end) != self.at:
             self.rapid(end, (0, 1, 2))
-
-    def _begin_at_zero(self, axis: int) -> None:
-        """Takes 0 for the position of an axis that no line names."""
-        if self.known[axis]:
-            return
-        self.known[axis] = True
-        self.assume(f"the program begins at {AXES[axis]}0", why="it does not say where")
-        if axis == 2:
-            self.entry = RAPID
 
     def _find_unshown(self, end: Sequence[float]) -> None:
         """Adds a finding for a rapid motion from a place that is not known in all axes.
@@ -481,13 +462,11 @@ class Machine:
 
     def _format_place(self, place: Sequence[float], axes: Sequence[int]) -> str:
         """Some coordinates of a place in those of the program, such as "X5 Y0"."""
-        values = [(place[k] - self.shift[k]) / self.scale for k in axes]
-        words = zip(axes, values, strict=True)
-        return " ".join(f"{AXES[k]}{short(value, 4)}" for k, value in words)
+        words = [f"{AXES[k]}{short((place[k] - self.shift[k]) / self.scale, 4)}" for k in axes]
+        return " ".join(words)
 
     def _check_beam(self) -> None:
-        is_on = self.spindle != "M5" and bool(self.on_off or self.speed)
-        if self.beam is not None or not is_on:
+        if self.beam is not None or self.spindle == "M5" or not (self.on_off or self.speed):
             return
         if self.given.get("laser"):
             what = (
@@ -513,29 +492,17 @@ class Machine:
                 self.add(MoveC(Pose(TOOL_DOWN, via), pose, speed, self.blend, self.force))
         self.at[:] = pieces[-1][1]
 
-    def find_offset(self, start: Vec3, end: Vec3, words: dict[str, float]) -> tuple[float, ...]:
-        """The centre of an arc beside which the tool runs, (0,) for a line.
-
-        Empty if the tool runs on the path. Raises LineError.
-        """
-        if self.path is None:
-            return ()
-        if self.motion not in ARCS:
-            return (0.0,)
-        arc = Arc(self.plane, self.motion, start, end, words, self.absolute_centre)
-        return find_centre(arc, self.limits)
-
     def follow(
         self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()
     ) -> None:
         """Adds a motion beside which the tool runs.
 
-        centre: centre of an arc in its plane.
+        centre: centre of an arc in its plane, empty for a line.
         """
         assert self.path is not None
         first, second, normal = self.path.axes
         turn = 1 if self.motion == "G3" else -1
-        middle = complex(*centre) if len(centre) > 1 else None
+        middle = complex(*centre) if centre else None
         a, b = complex(start[first], start[second]), complex(end[first], end[second])
         self.path.move(Segment(a, b, middle, turn, end[normal], speed, self.line))
 

@@ -6,16 +6,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec.structs import replace
 
 from camgen.geometry.arcs import measure_spans
-from camgen.lang.gcode.arcs import Arc, Piece, divide
-from camgen.lang.gcode.columns import MotionState, cut, perform
-from camgen.lang.gcode.drilling import CYCLES, drill, per_turn
+from camgen.lang.gcode.arcs import Arc, Piece, divide, find_centre
+from camgen.lang.gcode.columns import Chunk, cut, perform
+from camgen.lang.gcode.drilling import CYCLES, drill, speed_of
 from camgen.lang.gcode.machine import ARCS, AXES, Machine, take_axes
 from camgen.lang.gcode.words import LineError
 from camgen.model.pose import Vec3
-from camgen.model.program import Instruction, MoveC, MoveL, Wait
+from camgen.model.program import Wait
 
 _CENTRES = "IJKR"
 #: Number of lines in a sequence below which running line by line is faster.
@@ -54,12 +53,11 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
     m.profile.prepare_motion(m, code, words, m.motion in CYCLES)
     if m.motion in CYCLES:
         drill(m, words)
-        return
-    axes = target(m, words)
-    if m.motion == "G0":
-        m.rapid(axes, () if m.incremental else [AXES.index(name) for name in named])
+    elif m.motion == "G0":
+        axes = () if m.incremental else [AXES.index(name) for name in named]
+        m.rapid(target(m, words), axes)
     else:
-        _work(m, axes, words)
+        _work(m, target(m, words), words)
 
 
 def _assume_rapid(m: Machine) -> None:
@@ -136,6 +134,7 @@ def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
     # A machine that goes on after a refused arc stands at its end too.
     m.at[:] = last
     curve: list[Piece] = [(None, last)]
+    centre: tuple[float, ...] = ()
     if m.motion in ARCS:
         for letter in _CENTRES:
             if letter in words:
@@ -144,10 +143,11 @@ def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
                     words[letter] += m.shift["IJK".index(letter)]
         if m.rotation is not None:
             m.rotation.turn_offset(words, m.absolute_centre)
-    centre = m.find_offset(start, last, words)
-    if m.motion in ARCS:
+        if m.path is not None:
+            arc = Arc(m.plane, m.motion, start, last, words, m.absolute_centre)
+            centre = find_centre(arc, m.limits)
         curve = _curve(m, start, last, words)
-    if centre:
+    if m.path is not None:
         m.follow(start, last, _rate(m, start, curve), centre)
     else:
         m.pieces(curve, _rate(m, start, curve))
@@ -180,17 +180,11 @@ def _curve(m: Machine, start: Vec3, end: Vec3, words: dict[str, float]) -> list[
 
 def _rate(m: Machine, start: Vec3, curve: Sequence[Piece]) -> float:
     """The speed of a motion at feed, mm/s."""
-    if m.feed_mode == "G94":
-        return m.feed
-    if m.feed_mode == "G95":
-        return per_turn(m)
-    return max(_length(start, curve) * m.feed, 1e-6)
-
-
-def _length(start: Vec3, curve: Sequence[Piece]) -> float:
+    if m.feed_mode != "G93":
+        return speed_of(m)
     ends = np.array([start, *(end for _, end in curve)])
-    vias = np.array([(math.nan,) * 3, *(via or (math.nan,) * 3 for via, _ in curve)])
-    return float(measure_spans(ends, vias[1:]).sum())
+    vias = np.array([via or (math.nan,) * 3 for via, _ in curve])
+    return max(float(measure_spans(ends, vias).sum()) * m.feed, 1e-6)
 
 
 def run_usual(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
@@ -200,30 +194,14 @@ def run_usual(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
     with a fault is another line.
     """
     while bound - at >= SHORTEST_RUN:
-        chunk = m.chunk
+        chunk: Chunk | None = m.chunk
         if chunk is None or not chunk.holds(at):
             chunk = m.chunk = cut(lines, at, m.profile.find_effect)
         stop = min(bound, chunk.end(at))
         if stop - at < SHORTEST_RUN or at < chunk.resume:
             break
-        limits = m.exact or m.limits
-        state = MotionState(m.position(), m.shift, m.scale, m.motion, m.feed, m.blend, limits)
-        effect = perform(chunk, state, at, stop)
-        if effect is not None:
-            if m.force:
-                m.body.extend(_with_force(item, m.force) for item in effect.body)
-            else:
-                m.body.extend_body(effect.body)
-            m.lines.frombytes(effect.lines.tobytes())
-            if effect.feed != m.feed:
-                m.named.pop("_feed", None)
-            m.at[:], at = effect.at, effect.line
-            m.feed, m.motion, m.cut = effect.feed, effect.motion, m.cut or effect.cut
-        if effect is None or at < stop:
+        at = perform(m, chunk, at, stop)
+        if at < stop:
             chunk.resume, chunk.pause = at + chunk.pause, 2 * chunk.pause
             break
     return at
-
-
-def _with_force(item: Instruction, force: float) -> Instruction:
-    return replace(item, force=force) if isinstance(item, MoveL | MoveC) else item

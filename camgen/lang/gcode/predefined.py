@@ -15,9 +15,11 @@ from camgen.lang.gcode.machine import Machine
 _PLACES = {"_x": 0, "_y": 1, "_z": 2, "5420": 0, "5421": 1, "5422": 2}
 _ABSOLUTE = {"_abs_x": 0, "_abs_y": 1, "_abs_z": 2}
 #: Letters of the other axes, by name.
-_OTHERS = dict(zip(("5423", "5424", "5425", "5426", "5427", "5428"), "ABCUVW", strict=True))
-_OTHERS |= {f"_{letter.lower()}": letter for letter in "ABCUVW"}
-_OTHERS |= {f"_abs_{letter.lower()}": letter for letter in "ABCUVW"}
+_OTHERS = (
+    dict(zip(("5423", "5424", "5425", "5426", "5427", "5428"), "ABCUVW", strict=True))
+    | {f"_{letter.lower()}": letter for letter in "ABCUVW"}
+    | {f"_abs_{letter.lower()}": letter for letter in "ABCUVW"}
+)
 #: Values at the start of a program of names that lines set in `Machine.named`.
 _STARTS = {
     "_adaptive_feed": 0.0,
@@ -53,7 +55,7 @@ def _number(code: str) -> float:
 _MODES: Mapping[str, Callable[[Machine], float]] = {
     "_absolute": lambda m: not m.incremental,
     "_ccomp": lambda m: {0: 400.0, 1: 410.0, -1: 420.0}[m.side],
-    "_call_level": lambda m: m.inside(),
+    "_call_level": lambda m: m.depth,
     "_coord_system": lambda m: _number(m.work or "G54"),
     "_current_tool": lambda m: m.changed_to or 0,
     "_feed": lambda m: m.named.get("_feed", find_feed(m)),
@@ -129,8 +131,7 @@ def _find_place(m: Machine, name: str, axis: int) -> float:
     """A coordinate in those of the program, in its unit."""
     value = (m.at[axis] - m.shift[axis]) / m.scale
     # The length of a tool moves its tip, before Z moves.
-    has_new_length = axis == 2 and m.length_at_z not in ("", m.length)
-    if m.known[axis] and not has_new_length:
+    if m.known[axis] and (axis != 2 or m.length_at_z in ("", m.length)):
         return value
     return _ask_machine(m, name, value)
 

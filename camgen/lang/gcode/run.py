@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from itertools import pairwise, repeat
-from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -43,17 +42,9 @@ PROFILE = Profile(
 )
 
 
-class ProgramTrace(NamedTuple):
-    """The run of a program.
-
-    machine: the machine after the run.
-    stopped: line and reason of a stop before the end, None without one.
-    code: steps of the program, None if it could not be compiled.
-    """
-
-    machine: Machine
-    stopped: tuple[int, str] | None = None
-    code: Code | None = None
+#: The machine after a run, line and reason of a stop before the end, and the steps of the program,
+#: None if it could not be compiled.
+ProgramTrace = tuple[Machine, tuple[int, str] | None, Code | None]
 
 
 def run_program(
@@ -86,34 +77,28 @@ def run_program(
         limits=replace(dialect.arcs, pieces=request.limits.gcode_pieces, helix=helix),
         bounds=request.limits,
         on_off=not has_speed(lines),
-        pause=dialect.dwell,
         to_start=dialect.to_start or None,
-        fewest_holes=0 if dialect.increments else 1,
     )
-    _set_beam(m, text)
+    if dialect.name == "grbl" and m.given.get("laser", float(sets_laser_mode(text))):
+        m.beam = Beam("process" if m.on_off else "spindle")
     words = COMMENT.sub("", "\n".join(files.values()))
     m.unnamed = [axis for axis, moving in enumerate(_MOVING_WORDS) if not moving.search(words)]
     m.log.fact("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     other = find_other(text)
     if other is not None and not request.dialect:
-        return ProgramTrace(m, (other[0], f"a program of {other[1]}: its language is not read"))
+        return m, (other[0], f"a program of {other[1]}: its language is not read"), None
     try:
-        code = compile_program(lines, third_party.read_grammar(m), starts)
+        code = compile_program(lines, dialect, starts)
     except LineError as error:
         what, line = error.args
-        return ProgramTrace(m, (line, what))
+        return m, (line, what), None
     third_party.find_split_numbers(m, lines)
     try:
         Interpreter(m, lines, code).run(request.entry)
         m.finish()
     except (LineError, Stopped) as error:
-        return ProgramTrace(m, (m.line, str(error)), code)
-    return ProgramTrace(m, None, code)
-
-
-def _set_beam(m: Machine, text: str) -> None:
-    if m.dialect.name == "grbl" and m.given.get("laser", float(sets_laser_mode(text))):
-        m.beam = Beam("process" if m.on_off else "spindle")
+        return m, (m.line, str(error)), code
+    return m, None, code
 
 
 def run(files: Mapping[str, str], request: RunRequest, usual: Dialect | None = None) -> Executed:

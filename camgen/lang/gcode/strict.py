@@ -49,10 +49,7 @@ from camgen.lang.gcode.words import (
     without_comments,
     words_of,
 )
-from camgen.lang.post_options import read_number
-from camgen.lang.programs import Executed
 from camgen.lang.run import Stopped
-from camgen.model.errors import JobError
 from camgen.model.program import Force, Output, ToolChange
 from camgen.model.text import counted
 
@@ -131,7 +128,6 @@ class Strict:
     next_force: force from the next motion on, N. None: the force stays.
     due_tool: number of the tool whose length must be applied before the next motion, 0 without one.
     idle_words: line and finding of each T and S whose code has not come, by letter.
-    unusual: codes of modes that no post sets. Each is a finding once.
     """
 
     rules: Controller
@@ -146,7 +142,6 @@ class Strict:
     next_force: float | None = None
     due_tool: int = 0
     idle_words: dict[str, tuple[int, str]] = field(default_factory=dict)
-    unusual: set[str] = field(default_factory=set)
 
     def make_machine(self) -> Machine:
         """The machine that the program of a post runs on."""
@@ -269,9 +264,8 @@ class Strict:
             m.log.find("unusual", "a code in the line of G53 G0 Z0, which posts write alone")
         for group, usual in _HELD.items():
             code = codes.get(group, usual)
-            if code != usual and code not in self.unusual:
-                self.unusual.add(code)
-                m.log.find("unusual", f"{code} where posts write in {usual}")
+            if code != usual:
+                m.log.find("unusual", f"{code} where posts write in {usual}", once=code)
 
     def note_idle(self, m: Machine, letter: str) -> None:
         """Adds a finding for a word whose code has not come."""
@@ -357,9 +351,8 @@ class Strict:
     def _check_path(self, m: Machine) -> None:
         """Adds a finding, once, if corners may be rounded by any amount."""
         if self.expect.path_tolerance is not None and not self.path_code:
-            self.path_code = "none"
             where = "before the first motion: corners may be rounded by any amount"
-            m.log.find("unusual", f"neither G61 nor G64 P {where}")
+            m.log.find("unusual", f"neither G61 nor G64 P {where}", once="path")
 
     def _check_cycle(self, m: Machine, words: Mapping[str, float]) -> None:
         """Checks that a cycle leaves nothing open.
@@ -399,9 +392,9 @@ class Strict:
             raise LineError(f"a force of {newtons:g} N")
         if m.output_line == m.line and self.is_pressing:
             self.next_force = newtons
-            return
-        self.is_pressing, m.force, self.next_force = newtons > 0, newtons, None
-        m.add(Force(newtons))
+        else:
+            self.is_pressing, m.force, self.next_force = newtons > 0, newtons, None
+            m.add(Force(newtons))
 
     def set_output(self, m: Machine, code: str, words: dict[str, float]) -> None:
         """M62 to M68. Raises LineError for an output that the machine does not have."""
@@ -635,8 +628,7 @@ def _check_spiral(m: Machine, words: Mapping[str, float], spiral: float) -> None
         for k, axis in enumerate("XY")
     )
     start, end = math.hypot(i, j), math.hypot(u - x - i, v - y - j)
-    accepted = max(m.limits.spiral[0], 0.001 * start)
-    if spiral + 1e-9 < abs(start - end) <= accepted:
+    if spiral + 1e-9 < abs(start - end) <= max(m.limits.spiral[0], 0.001 * start):
         m.log.find("unusual", f"an arc whose radius goes from {start:.4f} to {end:.4f} mm")
 
 
@@ -665,39 +657,3 @@ def _read_rest(m: Machine, lines: Sequence[str]) -> None:
                 m.log.find("unusual", "a line after the end of the program")
         except LineError as error:
             m.refuse(error)
-
-
-def list_written(m: Machine) -> Executed:
-    """The program that a machine has run."""
-    return Executed(m.body.body(), m.lines, findings=m.log.list_findings())
-
-
-def list_lines(files: Mapping[str, str]) -> list[str]:
-    """The lines of all files in order, without their ends."""
-    lines: list[str] = []
-    for text in files.values():
-        lines += text.removesuffix("\n").split("\n")
-    return lines
-
-
-def spiral(options: Mapping[str, object]) -> float:
-    """Maximum difference of the two radii of an arc that the printed digits cause, mm.
-
-    Both ends lose up to half a digit in X and Y, and the centre loses more.
-    """
-    return 3 * 10 ** -read_number(options, "decimals", 3)
-
-
-def signals(options: Mapping[str, object], default: dict[str, str]) -> dict[str, str]:
-    """The option `signals`: signal by output. Outputs have the names of the interpreter.
-
-    Raises JobError if the option is not a table of texts.
-    """
-    table = options.get("signals", default)
-    if not isinstance(table, Mapping) or not all(isinstance(word, str) for word in table.values()):
-        raise JobError(
-            "[post] signals", "is not a table of output words", remedy='e.g. { process = "P0" }'
-        )
-    return {
-        COOLANTS.get(word, word.replace("P", "dout")): str(name) for name, word in table.items()
-    }

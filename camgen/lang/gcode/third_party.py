@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import xor
 
+from camgen.lang.gcode.arcs import PLANES
 from camgen.lang.gcode.dialects import LOSSES
-from camgen.lang.gcode.machine import ARCS, AXES, Grammar, Machine
+from camgen.lang.gcode.machine import ARCS, AXES, Machine
 from camgen.lang.gcode.macros import assign, take_arguments
 from camgen.lang.gcode.words import (
     BLANKS,
@@ -54,7 +55,6 @@ _SPLIT_END = re.compile(r"(?<=[0-9.])[ \t]+[0-9.][0-9. \t]*")
 _NAMED = re.compile(r'<[^<>]*>|"[^"]*"?')
 _PARTS = dict(zip("UVW", AXES, strict=True))
 _WORKING = ("G1", *ARCS)
-_PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
 #: Words that a cycle keeps until its line has its feed, by group.
 _CYCLE_WORDS = {"circular pocket": "DIKLQXYZ", "turning": "DEIKLPQRUWXZ"}
 _NO_HEIGHT = "begin the program with its height (G0 Z5)"
@@ -79,12 +79,6 @@ _OF_ITS_MACHINE = {
 _SHIFTS = frozenset(["G52", "G92", *(f"G{n}" for n in range(54, 60))])
 #: Codes that use the axis words of a line for themselves.
 _TAKE_AXES = frozenset(["G10", "G28", "G30", "G52", "G92"])
-
-
-def read_grammar(m: Machine) -> Grammar:
-    """The words that change the flow. All dialects but GRBL have numbers of programs."""
-    dialect = m.dialect
-    return Grammar(dialect.flow, dialect.open or dialect.flow, dialect.increments, dialect.nested)
 
 
 # -- text -> codes and words -----------------------------------------------------------------------
@@ -124,23 +118,18 @@ def clean(m: Machine, raw: str) -> str:
     return bare(raw)
 
 
-def _verify_checksum(m: Machine) -> None:
-    line = _CHECKED.fullmatch(m.raw)
-    if line is None:
-        return
-    checksum = reduce(xor, line[1].encode("latin-1", "replace"))
-    if checksum != int(line[2]):
-        what = f"checksum {line[2]}, and that of the line is {checksum}: the line was changed"
-        m.log.find("unusual", f"{what}; a printer asks the host for it again")
-
-
 def _clean_for_printer(m: Machine, text: str) -> str:
     """The line that a printer reads, without its checksum and its texts.
 
     A text in quotes becomes 0, a number ends at its first blank, and a letter without a number is a
     flag of 0.
     """
-    _verify_checksum(m)
+    line = _CHECKED.fullmatch(m.raw)
+    if line is not None:
+        checksum = reduce(xor, line[1].encode("latin-1", "replace"))
+        if checksum != int(line[2]):
+            what = f"checksum {line[2]}, and that of the line is {checksum}: the line was changed"
+            m.log.find("unusual", f"{what}; a printer asks the host for it again")
     text = _SPLIT_END.sub("", _QUOTED.sub("0", text.partition("*")[0]))
     return _FLAG.sub(r"\1 0", _TEXTS.sub(r"\1", text))
 
@@ -177,8 +166,6 @@ def parse(m: Machine, text: str, known: Parameters) -> Line:
         if dialect.increments and _is_assignment(text, known):
             return {}, {}
         codes, words = words_of(text, known, lambda code: _find_group(m, code))
-    except UnknownWord:
-        raise
     except LineError as error:
         if dialect.open and str(error).startswith("cannot read"):
             raise UnknownWord(f"{error}; later lines may depend on it") from error
@@ -241,8 +228,7 @@ def begin(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
     for group in [group for group in codes if group.startswith(("idle ", "unknown "))]:
         kind, _, code = group.partition(" ")
         del codes[group]
-        run_code = _leave_out if kind == "idle" else _pass_over
-        run_code(m, code, codes, words)
+        (_leave_out if kind == "idle" else _pass_over)(m, code, codes, words)
     for group, code in codes.items() if dialect.names else ():
         codes[group] = dialect.names.get(code, code)
     _find_refused(m, codes, words)
@@ -306,7 +292,7 @@ def _find_refused(m: Machine, codes: Mapping[str, str], words: Mapping[str, floa
         m.log.find("refused", "M7 and M8 are of one group (coolant)")
     arc = codes.get("motion", m.motion)
     if dialect.ends_arcs and arc in ARCS and any(letter in words for letter in "IJKR"):
-        first, second = _PLANES[codes.get("plane", m.plane)]
+        first, second, _ = (AXES[k] for k in PLANES[codes.get("plane", m.plane)])
         if first not in words and second not in words:
             m.log.find(
                 "refused", f"{arc} names neither {first} nor {second}: {dialect.name} rejects it"
@@ -336,12 +322,16 @@ def _call(m: Machine, code: str, words: dict[str, float]) -> None:
     number, times = words.pop("P", 0.0), int(words.pop("L", 1.0))
     if code == "M98" and number >= 10_000 and m.dialect.name.startswith("fanuc"):
         number, times = number % 10_000, int(number) // 10_000
-    if code == "M99" and not m.inside():
+    if code == "M99" and not m.depth:
         m.log.fact("left out", "M99 begins the program again; it is run once")
         m.ended = True
-        return
-    given = take_arguments(words) if code == "G65" else None
-    m.leap = (code, number, min(times, 10_000), given)
+    else:
+        m.leap = (
+            code,
+            number,
+            min(times, 10_000),
+            take_arguments(words) if code == "G65" else None,
+        )
 
 
 def _read_printer_words(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> None:
@@ -367,14 +357,11 @@ def _add_increments(m: Machine, codes: Mapping[str, str], words: dict[str, float
     for letter, axis in _PARTS.items():
         if letter not in words or axis in words:
             continue
-        k, is_diameter = AXES.index(axis), m.dialect.diameter and axis == "X"
-        increment = words.pop(letter) / (2 if is_diameter else 1)
-        start = m.turned(list(m.at), True)[k]
-        words[axis] = increment
+        k, diameters = AXES.index(axis), 2 if m.dialect.diameter and axis == "X" else 1
+        words[axis] = words.pop(letter) / diameters
         if not m.incremental:
-            words[axis] += (start - m.shift[k]) / m.scale
-        if is_diameter:
-            words[axis] *= 2
+            words[axis] += (m.turned(list(m.at), True)[k] - m.shift[k]) / m.scale
+        words[axis] *= diameters
         if "offsets" not in codes:
             m.known[k] = True
 
@@ -397,7 +384,7 @@ def end(m: Machine, words: dict[str, float]) -> None:
     if m.cycle is not None:
         group, code, cycle_words = m.cycle
         m.profile.handlers[group](m, code, cycle_words)
-    if m.modal is not None and m.moving and m.leap is None and m.inside() == m.modal_depth:
+    if m.modal is not None and m.moving and m.leap is None and m.depth == m.modal_depth:
         m.leap = m.modal
     if not m.dialect.open:
         return
@@ -407,9 +394,9 @@ def end(m: Machine, words: dict[str, float]) -> None:
         # The number of an offset, which a later line may use.
         if letter in "HD":
             m.log.fact("left out", what)
-            continue
-        m.log.find("unusual", what, once=f"idle {letter}")
-        m.log.lose(what)
+        else:
+            m.log.find("unusual", what, once=f"idle {letter}")
+            m.log.lose(what)
 
 
 # -- motions ---------------------------------------------------------------------------------------

@@ -37,8 +37,7 @@ def _spline(m: Machine, code: str, words: dict[str, float]) -> None:
     if code == "G5.1":
         if first == (None, None):
             raise LineError("G5.1 without I and J")
-        a = (x0 + (first[0] or 0.0), y0 + (first[1] or 0.0))
-        points = [(x0, y0), a, (x1, y1)]
+        points = [(x0, y0), (x0 + (first[0] or 0.0), y0 + (first[1] or 0.0)), (x1, y1)]
     else:
         if None in last:
             raise LineError("G5 without P and Q")

@@ -262,6 +262,6 @@ def _run_pass(
     m.rapid(make_point(clear, end - along_sign * cycle.back), (0, 1, 2))
     if cycle.fanuc:
         m.rapid(make_point(clear, start[along]), (0, 1, 2))
-        return
-    m.rapid(make_point(clear, start[along] + along_sign * cycle.back), (0, 1, 2))
-    m.rapid(make_point(level, start[along]), (0, 1, 2))
+    else:
+        m.rapid(make_point(clear, start[along] + along_sign * cycle.back), (0, 1, 2))
+        m.rapid(make_point(level, start[along]), (0, 1, 2))

@@ -23,7 +23,8 @@ class UnknownWord(LineError):
 
 # Numbers, parameters and expressions (LinuxCNC manual, overview). Angles are in deg.
 
-_OPERATOR = re.compile(r"\*\*|[*/+-]|mod|eq|ne|gt|ge|lt|le|and|or|xor")
+#: An operator, or the end of an expression.
+_OPERATOR = re.compile(r"\]|\*\*|[*/+-]|mod|eq|ne|gt|ge|lt|le|and|or|xor")
 _FUNCTION = re.compile(r"abs|acos|asin|atan|cos|exists|exp|fix|fup|ln|round|sin|sqrt|tan")
 _NAME = re.compile(r"#<([^<>]*)>")
 #: Numbers that differ by less are equal to EQ and NE, as in LinuxCNC.
@@ -53,20 +54,15 @@ class Parameters:
 
     def get(self, key: int | str) -> float:
         """Return the value of a parameter. Raises LineError if no line has set it."""
-        if isinstance(key, str):
-            value = self._find_table(key).get(key)
-            if value is None:
-                value = self.machine(key)
-            if value is None:
-                raise LineError(f"#<{key}> is used before it is set")
-            return value
-        if key < 1:
+        if isinstance(key, int) and key < 1:
             raise LineError(f"#{key} is not a parameter")
-        if key <= GLOBALS:
-            return self._find_table(key).get(key, 0.0)
-        if key in self.numbered:
-            return self.numbered[key]
-        value = self.machine(str(key))
+        value = self._find_table(key).get(key)
+        if value is None and isinstance(key, int) and key <= GLOBALS:
+            return 0.0
+        if value is None:
+            value = self.machine(str(key))
+        if value is None and isinstance(key, str):
+            raise LineError(f"#<{key}> is used before it is set")
         if value is None:
             raise LineError(f"#{key} is a value of the machine, which is not known here")
         return value
@@ -123,7 +119,7 @@ def value_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[flo
     if sign == "#":
         key, end = key_at(text, at, known, depth)
         return known.get(key), end
-    if sign in ("-", "+") and sign:
+    if sign in ("-", "+"):
         value, end = value_at(text, at + 1, known, depth + 1)
         return (-value if sign == "-" else value), end
     function = _FUNCTION.match(text, at)
@@ -137,12 +133,10 @@ def _bracket(text: str, at: int, known: Parameters, depth: int) -> tuple[float, 
     value, at = value_at(text, at, known, depth)
     values, waiting = [value], [""]
     while True:
-        operator = "]" if text[at : at + 1] == "]" else ""
-        if not operator:
-            match = _OPERATOR.match(text, at)
-            if not match:
-                raise LineError(f"cannot read {text[at : at + 12]!r} in an expression")
-            operator = match[0]
+        match = _OPERATOR.match(text, at)
+        if not match:
+            raise LineError(f"cannot read {text[at : at + 12]!r} in an expression")
+        operator = match[0]
         while waiting[-1] and _BINDS[waiting[-1]] >= _BINDS.get(operator, 0):
             right, left = values.pop(), values.pop()
             values.append(_apply(waiting.pop(), left, right))
@@ -240,7 +234,7 @@ def _function(name: str, text: str, at: int, known: Parameters, depth: int) -> t
 # A line of G-code as codes by modal group and words by letter.
 
 #: Codes by modal group (LinuxCNC manual). A line has at most one code of a group.
-_GROUPS = {
+GROUP = by_word({
     "cycle off": "G80",
     "motion": "G0 G1 G2 G3 G5 G5.1 G5.2 G5.3 G33 G33.1 G38.2 G38.3 G38.4 G38.5 G73 G74 G76 G81 G82 "
     "G83 G84 G85 G86 G87 G88 G89",
@@ -266,13 +260,14 @@ _GROUPS = {
     "machine coordinates": "G53",
     "state": "M70 M71 M72 M73",
     "subprogram": "M97 M98 M99",
-}
-GROUP = by_word(_GROUPS)
-#: One line may have both M7 and M8.
-GROUP |= {"M7": "mist", "M8": "flood", "M9": "coolant off"}
+    # One line may have both M7 and M8.
+    "mist": "M7",
+    "flood": "M8",
+    "coolant off": "M9",
+})  # fmt: skip
 
 #: Codes that the plain machine does not run, by reason.
-_UNKNOWN = {
+_WHY = by_word({
     "goes to a position that the machine stores": "G28 G28.1 G30 G30.1",
     "cutter compensation: the controller moves the path by the radius of the tool": "G41 G41.1 "
     "G42 G42.1",
@@ -296,8 +291,7 @@ _UNKNOWN = {
     "shifts the origin": "G10 G92 G92.1 G92.2",
     "a feed mode other than mm/min": "G93 G95",
     "stops where the operator wants it": "M1",
-}
-_WHY = by_word(_UNKNOWN)
+})  # fmt: skip
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 #: A comment in parentheses, or one that runs to the end of the line.
 COMMENT = re.compile(r"\(([^()]*)\)|;.*")

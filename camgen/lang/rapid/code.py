@@ -80,15 +80,9 @@ class LoopVariable(Struct, gc=False):
 
 
 class CountRange(Struct, frozen=True):
-    """FOR with its bounds.
+    """FOR, and the number of FORs around it."""
 
-    around: number of FORs around it.
-    """
-
-    name: str
-    first: Expr
-    last: Expr
-    step: Expr | None
+    loop: For
     around: int
 
 
@@ -224,8 +218,7 @@ class _Translator(Compiler):
 
     def _for(self, item: For) -> None:
         around = self._counters
-        count = CountRange(item.name, item.first, item.last, item.step, around)
-        self.open("for", CountStart(item.line, count=count))
+        self.open("for", CountStart(item.line, count=CountRange(item, around)))
         self._counters += 1
         self._read(item.body)
         self._counters = around

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -223,12 +224,7 @@ def name_of(machine: Machine, expr: Expr | None) -> str:
 
 
 def _signal(machine: Machine, call: Calling) -> Value:
-    """The value of a signal: the user's, else the one that the program last set."""
-    name = name_of(machine, call.argument(0))
-    key = name.lower()
-    if key in machine.outputs and key not in machine.request.assume:
-        return machine.outputs[key]
-    return machine.ask_for(name, key)
+    return machine.read_signal(name_of(machine, call.argument(0)))
 
 
 def _test_input(machine: Machine, call: Calling) -> Value:
@@ -259,16 +255,13 @@ def _part_of(text: str, start: float, length: float) -> str:
     return text[int(start) - 1 : int(start) - 1 + int(length)]
 
 
-def _find(text: str, start: float, wanted: str) -> float:
-    """The place, from 1, of the first character in `wanted` (StrFind); without one length + 1."""
-    places = (k + 1 for k in range(int(start) - 1, len(text)) if text[k] in wanted)
-    return float(next(places, len(text) + 1))
+def _find(text: str, start: float, characters: str, *, is_in: bool = True) -> float:
+    """The place, from 1, of the first character in a set (StrFind); without one length + 1.
 
-
-def _find_other(text: str, start: float, unwanted: str) -> float:
-    """The place of the first character that is not in `unwanted` (StrFind with NotInSet)."""
-    places = (k + 1 for k in range(int(start) - 1, len(text)) if text[k] not in unwanted)
-    return float(next(places, len(text) + 1))
+    is_in: False for the first character that is not in the set (NotInSet).
+    """
+    indices = (k for k in range(int(start) - 1, len(text)) if (text[k] in characters) == is_in)
+    return float(next(indices, len(text)) + 1)
 
 
 def _match(text: str, start: float, pattern: str) -> float:
@@ -303,8 +296,7 @@ def _read_value(text: str) -> Value:
         value = parser.primary(0)
     except Wrong:
         return None
-    plain = isinstance(value, (float, bool, str, tuple)) and parser.token[0] == "end"
-    return value if plain and _is_plain(value) else None
+    return value if parser.token[0] == "end" and _is_plain(value) else None
 
 
 def _is_plain(value: Value) -> bool:
@@ -407,7 +399,7 @@ _PLAIN: dict[str, Callable[..., Value]] = {
 }  # fmt: skip
 #: Functions with an optional argument, which comes after the others.
 _WITH_OPTION: dict[tuple[str, ...], Callable[..., Value]] = {
-    ("defframe", "origin"): _frame_of_points, ("strfind", "notinset"): _find_other,
+    ("defframe", "origin"): _frame_of_points, ("strfind", "notinset"): partial(_find, is_in=False),
     ("numtostr", "exp"): lambda value, digits: f"{value:.{max(0, min(15, int(digits)))}E}",
 }  # fmt: skip
 #: Functions whose values depend on the controller, its operator or its surroundings.

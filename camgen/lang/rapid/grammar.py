@@ -5,11 +5,13 @@ The read-back of a post has a part of the language. It overrides the productions
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, NoReturn
+
+from camgen.lang.log import Log
 
 from .expressions import Calls
 from .rows import Spellings
-from .statements import CLAUSES, STRUCTURE, Note, Statements
+from .statements import CLAUSES, STRUCTURE, Statements
 from .tokens import Wrong, show_token
 from .tree import Data, Expr, Module, Parameter, Point, Record, Routine, Run, Statement
 
@@ -45,10 +47,9 @@ class Parser(Statements):
         """A module. Without ENDMODULE it ends at the next MODULE or with the text."""
         line = self.take()[2]
         name = ""
-        attributes: tuple[str, ...] = ()
         try:
             name = self.name("a module name")
-            attributes = self.attributes(line)
+            self.attributes(line)
         except Wrong as wrong:
             self.note(wrong)
         data: list[Data] = []
@@ -56,7 +57,7 @@ class Parser(Statements):
         records: list[Record] = []
         while self.word() != "endmodule":
             if self.token[0] == "end" or self.word() == "module":
-                self.notes.append(Note(self.token[2], f"ENDMODULE of {name} is missing"))
+                self.note(Wrong(self.token[2], f"ENDMODULE of {name} is missing"))
                 break
             try:
                 self.member(data, routines, records)
@@ -65,44 +66,37 @@ class Parser(Statements):
                 self.recover()
         else:
             self.close_module()
-        return Module(line, name, tuple(data), tuple(routines), tuple(records), attributes)
+        return Module(line, name, tuple(data), tuple(routines), tuple(records))
 
     def close_module(self) -> None:
         """Take ENDMODULE."""
         self.take()
 
-    def attributes(self, line: int) -> tuple[str, ...]:
-        """Attributes of a module, in brackets. Raises Wrong without a closing bracket.
+    def attributes(self, line: int) -> None:
+        """Take the attributes of a module, in brackets. Raises Wrong without a closing bracket.
 
         line: line of MODULE.
         """
-        attributes: list[str] = []
-        if not self.accept("("):
-            return ()
-        while True:
+        attributes: set[str] = set()
+        is_open = self.accept("(")
+        while is_open:
             kind, text, text_line, _ = self.take()
             if kind == "end":
                 raise Wrong(line, ") of the module's attributes is missing")
             if kind != "name":
                 what = f"an attribute of the module expected, found {text[:12]!r}"
                 self.note(Wrong(text_line, what))
-                if text == ")":
-                    return tuple(attributes)
+                is_open = text != ")"
                 continue
-            attributes.append(text.lower())
-            self.check_attribute(text_line, text, attributes)
-            if self.accept(")"):
-                return tuple(attributes)
-            if not self.accept(",") and self.token[0] != "end":
+            if self.whole and text.lower() not in _ATTRIBUTES:
+                self.note(Wrong(text_line, f"{text[:40]} is not an attribute of a module"))
+            elif self.whole and text.lower() in attributes:
+                self.note(Wrong(text_line, f"the attribute {text} is given twice"))
+            attributes.add(text.lower())
+            is_open = not self.accept(")")
+            if is_open and not self.accept(",") and self.token[0] != "end":
                 what = f", or ) expected behind {text[:40]}, found {show_token(self.token)}"
                 self.note(Wrong(text_line, what))
-
-    def check_attribute(self, line: int, text: str, attributes: list[str]) -> None:
-        """Note the last of `attributes` if it is not known, or given twice."""
-        if attributes[-1] not in _ATTRIBUTES:
-            self.note(Wrong(line, f"{text[:40]} is not an attribute of a module"))
-        elif attributes[-1] in attributes[:-1]:
-            self.note(Wrong(line, f"the attribute {text} is given twice"))
 
     def member(self, data: list[Data], routines: list[Routine], records: list[Record]) -> None:
         """Add a declaration of a module to the list of its kind."""
@@ -131,9 +125,9 @@ class Parser(Statements):
     def placeholder(self) -> None:
         """Note a placeholder such as ``<DDN>``."""
         _, text, line, _ = self.take()
-        self.notes.append(Note(line, f"{text}: a place that is not filled in", odd=True))
+        self.log.find("unusual", f"{text}: a place that is not filled in", line=line)
 
-    def no_member(self) -> None:
+    def no_member(self) -> NoReturn:
         """Raise Wrong for a token that does not begin a declaration."""
         line, what = self.token[2], show_token(self.take())
         raise Wrong(line, f"a declaration expected, found {what}")
@@ -141,7 +135,7 @@ class Parser(Statements):
     def late_data(self, line: int, word: str) -> None:
         """Note a declaration of data after a routine."""
         what = f"{word.upper()} after a routine, where the kernel manual has no declaration of data"
-        self.notes.append(Note(line, what, odd=True))
+        self.log.find("unusual", what, line=line)
 
     def record(self) -> Record:
         """RECORD with its components."""
@@ -179,6 +173,8 @@ class Parser(Statements):
 
     def dimensions(self, line: int, name: str) -> tuple[Expr, ...]:
         """Sizes of an array after the opening bracket. Raises Wrong if there are too many."""
+        if not self.whole:
+            raise Wrong(line, f"the array {name} is not read")
         dims = self.listed()
         self.expect("}")
         if len(dims) > _MOST_DIMENSIONS:
@@ -228,7 +224,7 @@ class Parser(Statements):
     def clause(self) -> str:
         """The first word of a clause. ERROR may have a list of error numbers."""
         word = self.take()[1].lower()
-        if word == "error" and self.accept("("):
+        if self.whole and word == "error" and self.accept("("):
             self.listed()
             self.expect(")")
         return word
@@ -284,10 +280,10 @@ def is_literal(value: Expr | None) -> bool:
     return value is None or isinstance(value, (float, bool, str, Point))
 
 
-def parse(text: str, first_line: int) -> tuple[list[Module], list[Note]]:
-    """The modules of a file, and notes about faults of its grammar.
+def parse(text: str, first_line: int, log: Log) -> list[Module]:
+    """The modules of a file.
 
     first_line: number of the first line of the file.
+    log: log for faults of its grammar.
     """
-    parser = Parser(text, first_line, Spellings(Calls))
-    return parser.modules(), parser.notes
+    return Parser(text, first_line, Spellings(Calls), log).modules()

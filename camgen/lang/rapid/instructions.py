@@ -232,9 +232,9 @@ def _set_circle_mode(machine: Machine, call: Calling) -> None:
     if mode not in _CIRCLE_MODES:
         what = "the tool turns as the wrist does; split the arc at taught points"
         machine.log.leave_out(f"{call.name} \\{mode}: {what}")
-        return
-    machine.passes_circle_point = _CIRCLE_MODES[mode] == "circle point"
-    machine.log.fact("settings", f"{call.name} \\{mode}")
+    else:
+        machine.passes_circle_point = _CIRCLE_MODES[mode] == "circle point"
+        machine.log.fact("settings", f"{call.name} \\{mode}")
 
 
 # Triggers ----------------------------------------------------------------------------------------
@@ -282,8 +282,7 @@ def _ask_operator(machine: Machine, call: Calling) -> None:
     _receive(machine, call)
     if call.name == "uimsgbox":
         machine.log.assume("uimsgbox: the operator answers at once")
-        return
-    if call.args and isinstance(call.args[0], (Ref, Component, Element)):
+    elif call.args and isinstance(call.args[0], (Ref, Component, Element)):
         name = _key_of(call.args[0])
         if machine.given(name) is None:
             machine.log.assume(f"{name}: the operator's answer is not known", name)
@@ -291,8 +290,7 @@ def _ask_operator(machine: Machine, call: Calling) -> None:
 
 def _receive(machine: Machine, call: Calling) -> None:
     """Give the data that an instruction sets from outside the value that the user gives."""
-    indices = _RECEIVES.get(call.name, ())
-    targets = [call.args[k] for k in indices if k < len(call.args)]
+    targets = [call.args[k] for k in _RECEIVES.get(call.name, ()) if k < len(call.args)]
     targets += [value for name, value in call.options if name in _RECEIVED_BY and value is not None]
     for target in targets:
         if isinstance(target, (Ref, Component, Element)):
@@ -329,14 +327,13 @@ def _increase(machine: Machine, call: Calling) -> None:
     if not call.args or not isinstance(call.args[0], (Ref, Component, Element)):
         raise machine.wrong(f"{call.name} needs data")
     value = machine.number(call.args[0])
+    step = machine.number(call.args[1]) if call.name == "add" and len(call.args) > 1 else 1.0
     if call.name == "clear":
         machine.assign(call.args[0], 0.0)
-        return
-    step = machine.number(call.args[1]) if call.name == "add" and len(call.args) > 1 else 1.0
-    if type(value) is not float or type(step) is not float:
+    elif type(value) is not float or type(step) is not float:
         machine.assign(call.args[0], value if isinstance(value, Unknown) else step)
-        return
-    machine.assign(call.args[0], value - step if call.name == "decr" else value + step)
+    else:
+        machine.assign(call.args[0], value - step if call.name == "decr" else value + step)
 
 
 def _force_off(machine: Machine, _call: Calling) -> None:
@@ -346,7 +343,7 @@ def _force_off(machine: Machine, _call: Calling) -> None:
 
 def _book_error(machine: Machine, call: Calling) -> None:
     if call.args:
-        machine.assign(call.args[0], machine.error_number())
+        machine.assign(call.args[0], float(next(machine.errors)))
 
 
 def _bit(machine: Machine, call: Calling) -> None:
@@ -381,12 +378,11 @@ def _lose(machine: Machine, call: Calling) -> None:
 
 
 def _forget_arguments(machine: Machine, call: Calling) -> None:
-    for target in (*call.args, *(value for _, value in call.options)):
-        if not isinstance(target, (Ref, Component, Element)):
-            continue
-        place = machine.place(target)
-        if place is not None and place[0].storage != "const":
-            _receive_into(machine, call, target)
+    for target in call.values:
+        if isinstance(target, (Ref, Component, Element)):
+            place = machine.place(target)
+            if place is not None and place[0].storage != "const":
+                _receive_into(machine, call, target)
 
 
 Effect = Callable[[Machine, Calling], None]

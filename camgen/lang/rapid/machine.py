@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, MutableSequence
+from collections.abc import Callable, Iterator, Mapping, MutableSequence
 from dataclasses import dataclass, field
+from itertools import count
 
 from msgspec import Struct
 
 from camgen.lang.code import Code
 from camgen.lang.log import Log
 from camgen.lang.programs import Frames, RunRequest
-from camgen.lang.values import Unknown
+from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.instructions import Instruction
 from camgen.model.pose import FloatArray, Pose, rotation_from_quaternion
 from camgen.model.text import counted
@@ -47,12 +48,15 @@ from .values import (
 #: Elements of the longest array that is stored. A longer one has an unknown value.
 _LONGEST_ARRAY = 100_000
 _ATOMS: dict[str, type] = {**dict.fromkeys(NUMBERS, float), "bool": bool, "string": str}
-#: Error numbers of the run begin above this. The controller's own ones are not known.
-_FIRST_ERROR = 1000
+#: Error numbers of the run begin with this.
+_FIRST_ERROR = 1001
 #: Declarations that may wait for each other's values. Longer chains are refused as circles.
 _LONGEST_CHAIN = 50
 
 
+#: Data or a part of them: the variable, the index of each component and element on the path to the
+#: part, its type, and its dimensions.
+Place = tuple[Variable, tuple[int, ...], str, int]
 #: An interrupt: the identity of its data, and the path to the element within them.
 InterruptKey = tuple[int, tuple[int, ...]]
 
@@ -148,7 +152,7 @@ class Machine:
     version: number of assignments to records and arrays.
     pressing: axis of the tool and sign of the force, None without force control.
     welding: whether the arc burns.
-    errors: number of errors that have a number.
+    errors: numbers of errors that no error has yet. The numbers of the controller are not known.
     pending: data whose declarations are being evaluated.
     turns: rotation matrix of each quaternion so far.
     bound: arguments of motions that were evaluated before.
@@ -196,7 +200,7 @@ class Machine:
     version: int = 0
     pressing: tuple[int, int] | None = None
     welding: bool = False
-    errors: int = 0
+    errors: Iterator[int] = field(default_factory=lambda: count(_FIRST_ERROR))
     pending: list[Variable] = field(default_factory=list)
     turns: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
     bound: dict[tuple[Value, ...], Value] = field(default_factory=dict)
@@ -218,11 +222,6 @@ class Machine:
         """The exception for a fault of the line that runs."""
         return Wrong(self.line, what)
 
-    def error_number(self) -> float:
-        """A number that no other error has. The controller's number is not known."""
-        self.errors += 1
-        return float(_FIRST_ERROR + self.errors)
-
     # -- values of the user ----------------------------------------------------------------------
 
     def given(self, name: str) -> float | None:
@@ -231,7 +230,7 @@ class Machine:
 
     def ask_for(self, what: str, key: str) -> Value:
         """The value that the user gives to `key`, or an unknown value described by `what`."""
-        value = self.request.assume.get(key.lower())
+        value = self.given(key)
         return Unknown(what, key.lower()) if value is None else UserValue(value)
 
     def settled(self, kind: str, value: Value) -> Value:
@@ -265,7 +264,7 @@ class Machine:
             storage = "pers" if kind in ("tooldata", "wobjdata") else "const"
             variable = Variable(name, kind, storage, value)
         elif key.startswith("err_"):
-            variable = Variable(name, "errnum", "const", self.error_number())
+            variable = Variable(name, "errnum", "const", float(next(self.errors)))
         elif key in USER:
             variable = Variable(name, USER[key], "var", self.zero(USER[key]))
         else:
@@ -307,7 +306,7 @@ class Machine:
 
         within: type of the record that the value is a part of.
         """
-        if isinstance(value, Unknown) or type(value) is UserValue:
+        if isinstance(value, Unknown):
             return
         kind = self.kind(kind)
         parts = self.types.get(kind)
@@ -318,7 +317,7 @@ class Machine:
                 raise self.wrong(f"{kind} has {counted(len(parts), 'component')}, not {len(value)}")
             for (_, part), item in zip(parts, value, strict=True):
                 self.fit(part, item, kind)
-        elif kind in _ATOMS and type(value) is not _ATOMS[kind]:
+        elif kind in _ATOMS and type(value) not in (_ATOMS[kind], UserValue):
             raise self.wrong(f"a {kind} is needed{within and f' in a {within}'}")
 
     # -- data ------------------------------------------------------------------------------------
@@ -362,12 +361,12 @@ class Machine:
             self._fit_array(name, item, sizes[1:])
 
     def _array(self, item: Value, sizes: list[Value]) -> Value:
-        count = 1.0
+        length = 1.0
         for size in sizes:
             if type(size) is not float or not size >= 0:
                 return Unknown("an array of unknown size")
-            count *= size
-        if count > _LONGEST_ARRAY:
+            length *= size
+        if length > _LONGEST_ARRAY:
             return Unknown("a long array")
         array = item
         for size in reversed(sizes):
@@ -425,7 +424,9 @@ class Machine:
         old = self.load(variable)
         if path:
             try:
-                value = replace_part(self._spread(variable, old, path), path, value)
+                if not variable.dims:
+                    old = self._spread(self.kind(variable.type), old, path)
+                value = replace_part(old, path, value)
             except (IndexError, TypeError):
                 return
             self.changes += 1
@@ -435,14 +436,8 @@ class Machine:
         if not isinstance(value, (float, bool, str)):
             self.version += 1
 
-    def _spread(self, variable: Variable, old: Value, path: tuple[int, ...]) -> Value:
+    def _spread(self, kind: str, old: Value, path: tuple[int, ...]) -> Value:
         """The old value, with one unknown value for each part if it is unknown as a whole."""
-        kind = self.kind(variable.type)
-        if variable.dims or not isinstance(old, (Unknown, tuple)) or kind not in self.types:
-            return old
-        return self._spread_record(kind, old, path)
-
-    def _spread_record(self, kind: str, old: Value, path: tuple[int, ...]) -> Value:
         if kind not in self.types or not path:
             return old
         parts = [part for _, part in self.types[kind]]
@@ -451,7 +446,7 @@ class Machine:
         place = path[0]
         if not isinstance(whole, tuple) or place >= min(len(parts), len(whole)):
             return whole
-        inner = self._spread_record(self.kind(parts[place]), whole[place], path[1:])
+        inner = self._spread(self.kind(parts[place]), whole[place], path[1:])
         return (*whole[:place], inner, *whole[place + 1 :])
 
     # -- expressions -----------------------------------------------------------------------------
@@ -479,34 +474,36 @@ class Machine:
 
     def _named(self, name: str) -> Value:
         variable = self.variable(name)
-        if variable is not None:
-            return self.load(variable)
+        return self.read_signal(name) if variable is None else self.load(variable)
+
+    def read_signal(self, name: str) -> Value:
+        """The value of a signal: the user's, else the one that the program last set."""
         key = name.lower()
         if key in self.outputs and key not in self.request.assume:
             return self.outputs[key]
         return self.ask_for(name, key)
 
-    def place(self, expr: Expr | None) -> tuple[Variable, tuple[int, ...], str, int] | None:
-        """The data to which an expression refers: variable, path, type, remaining dimensions.
+    def place(self, expr: Expr | None) -> Place | None:
+        """The data to which an expression refers, None if this is not known.
 
-        The path has an index for each component and element. None if this is not known. Raises
-        Wrong if there is no such part.
+        Raises Wrong if there is no such part.
         """
-        if isinstance(expr, Component):
-            return self._component(expr)
-        if isinstance(expr, Element):
-            return self._element(expr)
+        if isinstance(expr, (Component, Element)):
+            inner = self.place(expr.base)
+            if inner is None:
+                return None
+            if isinstance(expr, Component):
+                return self._find_component(expr, *inner)
+            return self._find_element(expr, *inner)
         variable = self.variable(expr.name) if isinstance(expr, Ref) else None
         if variable is None:
             return None
         return variable, (), self.kind(variable.type), len(variable.dims)
 
-    def _component(self, expr: Component) -> tuple[Variable, tuple[int, ...], str, int] | None:
-        inner = self.place(expr.base)
-        if inner is None:
-            return None
-        variable, path, kind, dims = inner
-        if kind not in self.types or not self.types[kind]:
+    def _find_component(
+        self, expr: Component, variable: Variable, path: tuple[int, ...], kind: str, dims: int
+    ) -> Place | None:
+        if not self.types.get(kind):
             return None
         names = [name for name, _ in self.types[kind]]
         if expr.name not in names:
@@ -514,11 +511,9 @@ class Machine:
         index = names.index(expr.name)
         return variable, (*path, index), self.kind(self.types[kind][index][1]), dims
 
-    def _element(self, expr: Element) -> tuple[Variable, tuple[int, ...], str, int] | None:
-        inner = self.place(expr.base)
-        if inner is None:
-            return None
-        variable, path, kind, dims = inner
+    def _find_element(
+        self, expr: Element, variable: Variable, path: tuple[int, ...], kind: str, dims: int
+    ) -> Place | None:
         value = self.load(variable)
         for place in path:
             value = value[place] if isinstance(value, (tuple, list)) else None
@@ -564,8 +559,7 @@ class Machine:
         """Make an array unknown if the index of the element to be set is unknown."""
         while isinstance(target, (Component, Element)):
             if isinstance(target, Element):
-                indices = map(self.value, target.index)
-                unknown = next((index for index in indices if isinstance(index, Unknown)), None)
+                unknown = find_first_unknown(map(self.value, target.index))
                 if unknown is not None and isinstance(target.base, Ref):
                     self.assign(target.base, Unknown(unknown.what))
             target = target.base

@@ -142,11 +142,6 @@ class Bound(Struct, frozen=True):
         """Whether reorientation is slower than in all predefined speeddata."""
         return 0 < self.turn < _USUAL_TURN_RAD
 
-    @property
-    def limit(self) -> Limit:
-        """The limits of the speed."""
-        return Limit(self.speed, self.turn, self.seconds, is_exact=self.seconds > 0)
-
 
 def move(machine: Machine, call: Calling) -> Bound | None:
     """Run a motion statement and return its arguments, None for a motion of external axes.
@@ -390,8 +385,7 @@ def _move_pose(
     if form.process == "force":
         _press(machine, call, bound, via, target, _posture(rest))
         machine.position = RobotPosition(target, machine.frame, rest)
-        return
-    if triggers and via is None and form.kind == "l":
+    elif triggers and via is None and form.kind == "l":
         _trigger_on_line(machine, triggers, target, bound, rest)
     else:
         _emit(machine, form, via, target, bound, rest)
@@ -550,7 +544,8 @@ def _limit_speed(
         extent = measure_line(start, target)
     else:
         extent = measure_arc(start, via, target, turns_by_via=machine.passes_circle_point)
-    speed, turn = limit_speed(extent, bound.limit)
+    limit = Limit(bound.speed, bound.turn, bound.seconds, is_exact=bound.seconds > 0)
+    speed, turn = limit_speed(extent, limit)
     return replace(bound, speed=speed, turn=turn, seconds=0.0)
 
 
@@ -639,17 +634,11 @@ def _do_after(
     if form.process and form.process != "force":
         machine.log.omit(f"{form.process} by {call.name} and its like: the process is not switched")
     if form.process == "arc":
-        _weld(machine, call.name)
+        machine.log.fact("process", "arc welding")
+        if "start" in call.name or "end" in call.name:
+            machine.welding = "start" in call.name
     elif form.process and form.process != "force":
         machine.log.fact("process", f"{form.process} along {call.name} and its like")
-
-
-def _weld(machine: Machine, name: str) -> None:
-    machine.log.fact("process", "arc welding")
-    if "start" in name:
-        machine.welding = True
-    elif "end" in name:
-        machine.welding = False
 
 
 # Motions with force ------------------------------------------------------------------------------

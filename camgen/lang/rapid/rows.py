@@ -24,7 +24,7 @@ from camgen.model.program import Indices, Mask
 
 from .expressions import Calls
 from .tokens import RESERVED, Wrong
-from .tree import Calling, Inline, Numbers, Point, Run, Shape
+from .tree import Calling, Inline, Numbers, Point, Routine, Run, Shape
 
 _NUMBER = r"-?[0-9]{1,7}(?:\.[0-9]{1,9})?"
 _POSITION = re.compile(rf"{_NUMBER},{_NUMBER},{_NUMBER}")
@@ -43,6 +43,8 @@ _PARTING = re.compile(
     r"(?<=;)(\n *ERROR\n *RAISE;)?\n *ENDPROC(\n+)"
     r" *PROC ([A-Za-z][A-Za-z0-9_]*)\(\)\n((?: *![^\n]*\n)*)(?=[^;\n]*\Z)"
 )
+#: The end of a PROC after its last statement, in the usual spelling.
+_END = re.compile(r"(\n *ERROR\n *RAISE;)?\n *ENDPROC\b")
 #: Maximum number of characters of the head of a statement in the usual spelling.
 _LONGEST_HEAD = 60
 #: Maximum number of texts in a cache.
@@ -287,27 +289,6 @@ class StatementRun(Struct, frozen=True, eq=False):
     stop: int
 
 
-class PartedRoutine(Struct, frozen=True, eq=False):
-    """A routine that another one in the usual spelling follows.
-
-    run: all statements of the routine.
-    handles: whether it has an ERROR handler that is RAISE alone.
-    last: line of its end.
-    name: name of the next routine.
-    line: line of the next routine.
-    start: offset of the next routine.
-    statements: first statements of the next routine, None if they are not read by column.
-    """
-
-    run: Run
-    handles: bool
-    last: int
-    name: str
-    line: int
-    start: int
-    statements: StatementRun | None
-
-
 class Rows:
     """The text of a file, cut at its P points into S statements, and others between them.
 
@@ -316,20 +297,16 @@ class Rows:
     turn: (P,) numbers of the quaternions in `spellings`, -1 for a text that only begins like a
         point.
     columns: rows of the statements.
-    line_ends: number of line ends of the file.
     """
 
     def __init__(self, text: str, first_line: int, spellings: Spellings) -> None:
         self._text, self.spellings = text, spellings
-        points = _find_points(text, spellings)
-        self.points, self.turn = points.points, points.turn
-        self._starts, self._ends = points.starts.tolist(), points.ends.tolist()
-        self._gaps, self._partings = points.gaps, points.partings
+        points, self._partings = _find_points(text, spellings)
+        starts, ends, self.points, self.turn, self._gaps = points
         # Lists, of which single elements are read faster than of arrays.
-        self._gap_of: list[int] = points.gaps.tolist()
-        lines = self._count_lines()
-        self.line_ends = int(lines.sum())
-        line = first_line + np.cumsum(lines[:-1])
+        self._starts, self._ends = starts.tolist(), ends.tolist()
+        self._gap_of: list[int] = self._gaps.tolist()
+        line = first_line + np.cumsum(self._count_lines()[:-1])
         self._line_of: list[int] = line.tolist()
         ends_statement = self._of_gaps([bool(gap.tail) for gap in spellings.gaps], other=1) > 0
         ends_statement[-1:] = True
@@ -394,8 +371,7 @@ class Rows:
             return self.spellings.gaps[number].head
         end = self._starts[point]
         begin = max(self._ends[point - 1] if point else 0, end - _LONGEST_HEAD)
-        line = self._text[begin:end].rpartition("\n")[2]
-        return line.rpartition(";")[2].lstrip()
+        return self._text[begin:end].rpartition("\n")[2].rpartition(";")[2].lstrip()
 
     def _tail(self, point: int) -> str:
         number = self._gap_of[point]
@@ -458,59 +434,56 @@ class Rows:
         line = self._line_of[last] + tail.count("\n")
         return StatementRun(run, self._ends[last] + len(tail), line, stop)
 
-    def parted(self, statements: StatementRun) -> PartedRoutine | None:
-        """The routine of `statements`, None if no other routine in the usual spelling follows."""
-        last, after = self._last_of[statements.stop], statements.stop + 1
-        parting = self._partings.get(last)
-        if parting is None or after == len(self._last_of):
-            return None
-        gap = self.spellings.gaps[self._gap_of[last]]
-        line, run = self._line_of[last] + gap.lines, statements.run
-        return PartedRoutine(
-            run=Run(self, run.first, run.last + len(gap.whole), run.is_free),
-            handles=parting.handles,
-            last=line + parting.last,
-            name=parting.name,
-            line=line + parting.begin,
-            start=self._ends[last] + parting.at,
-            statements=self._run_from(after) if self._shape_of[after] >= 0 else None,
-        )
+    def read_routines(self, name: str, line: int, start: int) -> tuple[list[Routine], int, int]:
+        """Consecutive PROCs in the usual spelling, and the offset and the line of their end.
+
+        name, line: name and line of the first PROC.
+        start: offset of its first statement.
+        """
+        routines: list[Routine] = []
+        statements = self.run(start)
+        while statements is not None:
+            last, after, run = self._last_of[statements.stop], statements.stop + 1, statements.run
+            parting = self._partings.get(last)
+            if parting is None or after == len(self._last_of):
+                break
+            gap = self.spellings.gaps[self._gap_of[last]]
+            run = Run(self, run.first, run.last + len(gap.whole), run.is_free)
+            end = self._line_of[last] + gap.lines
+            routines.append(_make_routine(name, line, run, parting.handles, end + parting.last))
+            name, line, start = parting.name, end + parting.begin, self._ends[last] + parting.at
+            statements = self._run_from(after) if self._shape_of[after] >= 0 else None
+        if statements is not None and (match := _END.match(self._text, statements.end)):
+            end = statements.line + match[0].count("\n")
+            routines.append(_make_routine(name, line, statements.run, bool(match[1]), end))
+            line, start = end, match.end()
+        return routines, start, line
 
 
-class _Points(Struct, frozen=True, eq=False):
-    """The P texts of a file that begin like a point.
-
-    starts: (P,) offsets.
-    ends: (P,) offsets of the text after their orientations, `starts` without one.
-    points: (P, 3) positions, mm.
-    turn: (P,) numbers of the quaternions, -1 for a text that only begins like a point.
-    gaps: (P,) numbers of the gaps after them, -1 for unusual ones.
-    partings: texts between routines, by index in `gaps`.
-    """
-
-    starts: Indices
-    ends: Indices
-    points: FloatArray
-    turn: NDArray[np.int32]
-    gaps: Indices
-    partings: dict[int, _Parting]
+def _make_routine(name: str, line: int, run: Run, handles: bool, last: int) -> Routine:
+    handler = (Calling(last - 1, "raise"),) if handles else None
+    return Routine(line, name, False, (), (run,), handler, last=last)
 
 
-def _find_points(text: str, spellings: Spellings) -> _Points:
-    blocks = [_find_block(block, offset, spellings) for block, offset in _cut_blocks(text)]
+#: The P texts of a file that begin like a point: (P,) offsets; (P,) offsets of the text after their
+#: orientations, the first ones without one; (P, 3) positions, mm; (P,) numbers of the quaternions,
+#: -1 for a text that only begins like a point; (P,) numbers of the gaps after them, -1 for unusual
+#: ones.
+_Points = tuple[Indices, Indices, FloatArray, NDArray[np.int32], Indices]
+
+
+def _find_points(text: str, spellings: Spellings) -> tuple[_Points, dict[int, _Parting]]:
+    """The texts of a file that begin like a point, and the texts between routines by index."""
+    blocks: list[_Points] = []
     partings: dict[int, _Parting] = {}
     size = 0
-    for block in blocks:
-        partings |= {size + index: parting for index, parting in block.partings.items()}
-        size += len(block.starts)
-    return _Points(
-        np.concatenate([block.starts for block in blocks]),
-        np.concatenate([block.ends for block in blocks]),
-        np.concatenate([block.points for block in blocks]),
-        np.concatenate([block.turn for block in blocks]),
-        np.concatenate([block.gaps for block in blocks]),
-        partings,
-    )
+    for block, offset in _cut_blocks(text):
+        points, block_partings = _find_block(block, offset, spellings)
+        partings |= {size + index: parting for index, parting in block_partings.items()}
+        size += len(points[0])
+        blocks.append(points)
+    starts, ends, positions, turn, gaps = map(np.concatenate, zip(*blocks, strict=True))
+    return (starts, ends, positions, turn, gaps), partings
 
 
 def _cut_blocks(text: str) -> Iterator[tuple[str, int]]:
@@ -523,8 +496,10 @@ def _cut_blocks(text: str) -> Iterator[tuple[str, int]]:
         start = max(end, 1)
 
 
-def _find_block(text: str, offset: int, spellings: Spellings) -> _Points:
-    """Reads all texts of a block that begin like a point, and the gaps after them."""
+def _find_block(
+    text: str, offset: int, spellings: Spellings
+) -> tuple[_Points, dict[int, _Parting]]:
+    """The texts of a block that begin like a point, and the texts between routines."""
     before, *pieces = text.split(_OPEN)
     cuts = [piece.find("]") for piece in pieces]
     positions = [piece[:cut] for piece, cut in zip(pieces, cuts, strict=True)]
@@ -544,7 +519,7 @@ def _find_block(text: str, offset: int, spellings: Spellings) -> _Points:
     )
     gaps[~is_point] = _NONE
     partings = {index: parting for index, parting in partings.items() if is_point[index]}
-    return _Points(starts, ends, points, turn, gaps, partings)
+    return (starts, ends, points, turn, gaps), partings
 
 
 def read_positions(texts: Sequence[str]) -> tuple[FloatArray, Mask]:

@@ -189,14 +189,15 @@ class Runner(MachineLanguage):
     def open_count(self, count: CountRange) -> Counter:
         """The variable and the bounds of a FOR. It counts down if the last value is smaller."""
         machine = self.machine
+        loop = count.loop
         machine.scope.drop_counters(count.around)
-        first, last = machine.number(count.first), machine.number(count.last)
-        step = 1.0 if count.step is None else machine.number(count.step)
-        variable = LoopVariable(machine.scope.add_counter(count.name), first)
+        first, last = machine.number(loop.first), machine.number(loop.last)
+        step = 1.0 if loop.step is None else machine.number(loop.step)
+        variable = LoopVariable(machine.scope.add_counter(loop.name), first)
         for value in (first, last, step):
             if isinstance(value, Unknown):
                 return Counter(variable, first if type(first) is float else 1.0, unknown=value)
-        if count.step is None and first > last:
+        if loop.step is None and first > last:
             step = -1.0
         if step == 0:
             # The variable never reaches its last value.
@@ -243,21 +244,18 @@ def _share(variable: Variable, path: tuple[int, ...], kind: str, dims: int) -> V
 def _run_call(runner: Runner, call: Calling) -> None:
     machine = runner.machine
     routine = machine.routine(call.name)
+    if routine is not None and routine.kind == "func":
+        raise Wrong(call.line, f"{routine.name} is a FUNC, no statement")
     if routine is not None:
-        if routine.kind == "func":
-            raise Wrong(call.line, f"{routine.name} is a FUNC, no statement")
         runner.call(routine, call)
-        return
-    if find_form(call.name) is not None:
+    elif find_form(call.name) is not None:
         move(machine, call)
-        return
-    effect = EFFECTS.get(call.name)
-    if effect is not None:
-        effect(machine, call)
-        return
-    if call.name in ("raisetouser", "errraise"):
+    elif call.name in EFFECTS:
+        EFFECTS[call.name](machine, call)
+    elif call.name in ("raisetouser", "errraise"):
         raise Raised(call.line)
-    _leave_out(runner, call)
+    else:
+        _leave_out(runner, call)
 
 
 def _leave_out(runner: Runner, call: Calling) -> None:
@@ -275,14 +273,15 @@ def _leave_out(runner: Runner, call: Calling) -> None:
 
 def _forget_arguments(machine: Machine, call: Calling) -> None:
     """Set the variables that a routine of another file may change to an unknown value."""
-    for argument in (*call.args, *(value for _, value in call.options)):
+    for argument in call.values:
         if not isinstance(argument, (Ref, Component, Element)):
             continue
         root = find_root(argument)
         variable = machine.variable(root.name) if isinstance(root, Ref) else None
-        if variable is None or variable.storage not in ("var", "pers"):
-            continue
-        if variable.storage == "var" or machine.kind(variable.type) not in _READ_ONLY:
+        if variable is not None and (
+            variable.storage == "var"
+            or (variable.storage == "pers" and machine.kind(variable.type) not in _READ_ONLY)
+        ):
             machine.assign(argument, Unknown(f"what {call.name} gives to {variable.name}"))
 
 
@@ -328,9 +327,9 @@ def _run_word(runner: Runner, item: Word) -> None:
     value = runner.machine.value(item.value)
     if item.name == "return":
         runner.machine.scope.result = value
-        return
-    runner.machine.data["errno"] = Variable("ERRNO", "errnum", "var", value)
-    raise Raised(item.line)
+    else:
+        runner.machine.data["errno"] = Variable("ERRNO", "errnum", "var", value)
+        raise Raised(item.line)
 
 
 def _run_inline(runner: Runner, item: Inline) -> None:
@@ -388,6 +387,9 @@ def _run_whole(runner: Runner, run: Callable[[], object]) -> tuple[int, str] | N
         return machine.line, str(stopped)
     except Raised as raised:
         return raised.line, "an error is raised that no handler takes"
+    except Wrong as wrong:
+        machine.log.find("refused", wrong.what, line=wrong.line)
+        return wrong.line, wrong.what
     except RecursionError:
         return machine.line, "statements within each other, too deep"
     return None

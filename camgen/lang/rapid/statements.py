@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from msgspec import Struct
+from camgen.lang.log import Log
 
 from .expressions import Calls
 from .rows import Rows, Spellings
@@ -50,38 +50,27 @@ _CALL = re.compile(r"[ \t\f\v\n]*([A-Za-z][A-Za-z0-9_]*);")
 _DEEPEST_BLOCK = 30
 
 
-class Note(Struct, frozen=True):
-    """A fault of the grammar.
-
-    odd: whether controllers load it although the manual does not allow it.
-    """
-
-    line: int
-    what: str
-    odd: bool = False
-
-
 class Statements(Calls):
-    """The parser of statements. It notes faults and continues after them.
+    """The parser of statements. It logs faults and continues after them.
 
     rows: statements that are read by column, None if the general rules read all.
     takes_runs: whether several statements are allowed at the current token.
-    notes: faults so far.
+    log: log of the faults. A fault that controllers load is unusual.
     nested: number of open compound statements.
     """
 
-    def __init__(self, text: str, first_line: int, spellings: Spellings | None) -> None:
+    def __init__(self, text: str, first_line: int, spellings: Spellings | None, log: Log) -> None:
         start = banner(text)
         super().__init__(text, first_line + text.count("\n", 0, start), start)
         self.first_line = first_line
         self.rows = None if spellings is None else Rows(text, first_line, spellings)
         self.takes_runs = True
-        self.notes: list[Note] = []
+        self.log = log
         self.nested = 0
 
     def note(self, wrong: Wrong) -> None:
-        """Note a fault."""
-        self.notes.append(Note(wrong.line, wrong.what))
+        """Log a fault."""
+        self.log.find("refused", wrong.what, line=wrong.line)
 
     def recover(self) -> None:
         """Skip the next semicolon, or stop at a word that opens or closes a routine or module."""
@@ -126,17 +115,17 @@ class Statements(Calls):
         """Add a statement that does not begin with a word: a call by name or a placeholder."""
         token = self.take()
         line, text = token[2], token[1]
-        if text == "%":
+        if text == "%" and self.whole:
             name = self.expression()
             self.expect("%")
             args, options = ((), ()) if self.token[1] == ";" else self.arguments(0)
             self.expect(";")
             body.append(CallByName(line, name, args, options))
-        elif token[0] == "hole":
+        elif token[0] == "hole" and self.whole:
             body.append(self.empty(line, text))
         elif text == ";":
             what = "an empty statement, which the kernel manual does not have"
-            self.notes.append(Note(line, what, odd=True))
+            self.log.find("unusual", what, line=line)
         else:
             raise Wrong(line, f"a statement expected, found {show_token(token)}")
 
@@ -151,6 +140,8 @@ class Statements(Calls):
 
     def named_statement(self) -> Statement:
         """A label, an assignment or a call."""
+        if not self.whole:
+            return self.statement_call()
         _, text, line, _ = self.take()
         mark = self.token[1] if self.token[0] == "mark" else ""
         if mark == ":":
@@ -167,9 +158,8 @@ class Statements(Calls):
     def control(self, body: list[Statement | Run]) -> None:
         """Add a statement that begins with a reserved word."""
         word, line = self.word(), self.token[2]
-        read = _CONTROL.get(word)
-        if read is not None:
-            body.append(read(self))
+        if word in _CONTROL:
+            body.append(_CONTROL[word](self))
             return
         token = self.take()
         if word in _CLOSES:

@@ -86,6 +86,11 @@ class Calling(Struct, frozen=True, eq=False, gc=False):
             return self.args[index]
         return default
 
+    @property
+    def values(self) -> tuple[Expr | None, ...]:
+        """All arguments, None for a switch."""
+        return (*self.args, *(value for _, value in self.options))
+
 
 Expr = (
     float
@@ -381,14 +386,10 @@ class Routine(Struct, frozen=True, eq=False, gc=False):
 
 
 class Module(Struct, frozen=True, eq=False, gc=False):
-    """A module with its declarations.
-
-    attributes: attributes such as SYSMODULE, in lower case.
-    """
+    """A module with its declarations."""
 
     line: int
     name: str
     data: tuple[Data, ...]
     routines: tuple[Routine, ...]
     records: tuple[Record, ...] = ()
-    attributes: tuple[str, ...] = ()

@@ -5,6 +5,8 @@ A controller accepts or refuses each text.
 
 import pytest
 
+from camgen.lang.log import Log
+from camgen.lang.programs import Finding
 from camgen.lang.rapid import tree
 from camgen.lang.rapid.expressions import Calls
 from camgen.lang.rapid.grammar import parse
@@ -24,6 +26,7 @@ from camgen.lang.rapid.tree import (
     Inline,
     Label,
     Maybe,
+    Module,
     Negation,
     Operation,
     Ref,
@@ -42,13 +45,18 @@ def make_routine(body: str, head: str = "PROC main()", end: str = "ENDPROC") -> 
     return make_module(f"{head}\n{body}\n{end}")
 
 
+def parse_modules(text: str) -> tuple[list[Module], tuple[Finding, ...]]:
+    log = Log()
+    return parse(text, 1, log), log.list_findings()
+
+
 def list_faults(text: str) -> list[str]:
-    return [note.what for note in parse(text, 1)[1] if not note.odd]
+    return [finding.what for finding in parse_modules(text)[1] if finding.level == "refused"]
 
 
 def parse_statements(body: str) -> tuple[object, ...]:
-    modules, notes = parse(make_routine(body), 1)
-    assert notes == []
+    modules, findings = parse_modules(make_routine(body))
+    assert findings == ()
     return tuple(list_statements(modules[0].routines[0].body))
 
 
@@ -150,7 +158,7 @@ def test_a_parameter_has_its_mode_and_its_alternatives() -> None:
     text = make_routine(
         "", "FUNC num f(\\switch on | switch off, PERS num a{*} \\INOUT num b)", "ENDFUNC"
     )
-    parsed = parse(text, 1)[0][0].routines[0]
+    parsed = parse_modules(text)[0][0].routines[0]
     assert isinstance(parsed, Routine)
     assert (parsed.kind, parsed.gives, parsed.last) == ("func", "num", 4)
     notes = [
@@ -173,8 +181,8 @@ def test_a_parameter_has_its_mode_and_its_alternatives() -> None:
 
 
 def test_data_after_a_routine_are_unusual_and_read() -> None:
-    modules, notes = parse(make_module("PROC p()\nENDPROC\nVAR num a;"), 1)
-    assert [(note.line, note.odd) for note in notes] == [(4, True)]
+    modules, findings = parse_modules(make_module("PROC p()\nENDPROC\nVAR num a;"))
+    assert [(finding.line, finding.level) for finding in findings] == [(4, "unusual")]
     assert [data.name for data in modules[0].data] == ["a"]
 
 
@@ -254,8 +262,8 @@ def test_a_statement_that_controllers_refuse_has_a_fault(body: str, what: str) -
 
 
 def test_a_fault_in_a_condition_does_not_hide_the_next_statements() -> None:
-    modules, notes = parse(make_routine("WHILE a = = b DO\np;\nENDWHILE\nq;"), 1)
-    assert [note.line for note in notes] == [3]
+    modules, findings = parse_modules(make_routine("WHILE a = = b DO\np;\nENDWHILE\nq;"))
+    assert [finding.line for finding in findings] == [3]
     assert [type(statement) for statement in modules[0].routines[0].body] == [While, Calling]
 
 

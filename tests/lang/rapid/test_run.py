@@ -966,3 +966,20 @@ def test_a_variable_is_not_set_outside_of_its_program() -> None:
     program = make_polling_module(POLLING_LOOP).replace("PERS num", "VAR num")
     executed = run({"m.mod": program}, RunRequest())
     assert [finding.what for finding in executed.findings] == ["a division by 0"]
+
+
+@pytest.mark.parametrize(
+    ("statement", "kind"),
+    [
+        ("MoveL pSeen,v100,fine,tG;", "robtarget"),
+        ("MoveAbsJ pSeen,v100,fine,tG;", "jointtarget"),
+        (
+            "MoveL [[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],pSeen,fine,tG;",
+            "speeddata",
+        ),
+    ],
+)
+def test_a_number_that_the_user_gives_for_a_record_is_refused(statement: str, kind: str) -> None:
+    executed = run_main(statement, pseen=5.0)
+    assert [finding.what for finding in executed.findings] == [f"a {kind} is needed"]
+    assert len(executed.body) == 0

@@ -16,10 +16,10 @@ from camgen.lang.rapid.tree import Block, Calling, Inline, Routine, Run
 from camgen.lang.values import require
 from camgen.model.program import Force, Output
 
-from .expected import read_expected
+from .expected import read_settings
 from .names import enter_module, list_unused, open_scopes
 from .runs import perform
-from .state import PostSettings, State
+from .state import State
 from .statements import (
     DEACTIVATIONS,
     MOTIONS,
@@ -28,15 +28,10 @@ from .statements import (
     check_deactivation,
     check_settings,
     inline,
-    motion,
     switch,
 )
 from .syntax import DEACT_WHERE_ON, Written, calls_of, parse
 
-#: The signals of a cell whose options name none.
-_SIGNALS: Mapping[str, object] = {"process": "doProcess"}
-#: Longest name on IRC5 and later, and on S4.
-_NAME, _NAME_S4 = 32, 16
 #: Maximum number of statements that are run. No controller holds so large a program: beyond it,
 #: routines call each other without end.
 _MOST_STATEMENTS = 2_000_000
@@ -48,7 +43,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Executed:
 
     files: modules by file name. Lines are counted through all of them in order.
     options: options of the post. signals, declare, force_load, force_sign and s4 give what the text
-        does not state. The text must agree with those of `Expected`.
+        does not state. The text must agree with the others of `PostSettings`.
     Raises JobError if an option has the wrong type.
     """
     return read_with(files, options, plain=True)
@@ -59,15 +54,14 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
 
     plain: whether statements in the usual spelling are read by column. The result is the same.
     """
-    state = State(settings=_read_settings(options))
+    state = State(settings=read_settings(options))
     line = 1
     spellings = Spellings(Written, MOTIONS)
     for text in files.values():
         lines = unify_line_ends(text)
-        modules, ends = parse(lines, line, spellings if plain else None, state.log)
-        for module in modules:
+        for module in parse(lines, line, spellings if plain else None, state.log):
             enter_module(state, module)
-        line += ends + (not lines.endswith("\n"))
+        line += lines.count("\n") + (not lines.endswith("\n"))
     open_scopes(state)
     _run(state, line - 1)
     frame = {kind: pose for kind, (_, pose) in state.set_up.items()}
@@ -100,7 +94,7 @@ def _run_routine(state: State, routine: Routine, depth: int) -> None:
     for part in routine.body:
         if isinstance(part, Run) and part.is_free and len(part) <= _MOST_STATEMENTS - state.count:
             state.count += len(part)
-            state.wait(part, scope)
+            state.waiting.append((part, scope))
             continue
         for item in calls_of((part,)):
             state.count += 1
@@ -116,17 +110,14 @@ def _run_routine(state: State, routine: Routine, depth: int) -> None:
 
 
 def _run_statement(state: State, routine: Routine, item: Calling | Inline, depth: int) -> None:
-    if isinstance(item, Inline):
-        perform(state)
-        inline(state, item)
-    elif item.name in MOTIONS:
-        perform(state)
-        motion(state, item)
-    elif item.name in STATEMENTS:
-        perform(state)
-        STATEMENTS[item.name](state, item)
-    else:
+    if isinstance(item, Calling) and item.name not in STATEMENTS:
         _run_routine(state, _find_called(state, routine, item, depth), depth + 1)
+        return
+    perform(state)
+    if isinstance(item, Inline):
+        inline(state, item)
+    else:
+        STATEMENTS[item.name](state, item)
 
 
 def _find_called(state: State, routine: Routine, call: Calling, depth: int) -> Routine:
@@ -207,11 +198,10 @@ def _check_main_handler(
     ]:
         what = "switches off in another order than posts do, force control last"
         state.remark(f"the ERROR handler of main {what}", line=line)
-    wanted = state.settings.expected.on_error
-    if DEACT_WHERE_ON not in switched_off and any(
-        isinstance(item, Force) for item in state.packing.objects
-    ):
+    has_force = any(isinstance(item, Force) for item in state.packing.objects)
+    if has_force and DEACT_WHERE_ON not in switched_off:
         state.remark("the ERROR handler of main leaves force control on", line=line)
+    wanted = state.settings.on_error
     if end != wanted:
         what = f"ends with {end.upper()}, by post.on_error it is {wanted}"
         state.remark(f"the ERROR handler of main {what}", line=line)
@@ -220,7 +210,7 @@ def _check_main_handler(
 def _find_missing_handlers(state: State, main: Routine, used: Mapping[str, None]) -> None:
     """Adds findings for missing ERROR handlers: of main, or of routines that pass errors to it."""
     is_needed = used or any(isinstance(item, Force) for item in state.packing.objects)
-    if state.settings.expected.on_error == "none" or not is_needed:
+    if state.settings.on_error == "none" or not is_needed:
         return
     if main.handler is None:
         state.remark("main has no ERROR handler, which post.on_error asks for", line=main.line)
@@ -254,24 +244,10 @@ def _handle(state: State, routine: Routine, body: Block, depth: int) -> tuple[di
         elif call.name in DEACTIVATIONS:
             check_deactivation(state, call)
             switched_off[DEACT_WHERE_ON] = None
-        elif call.name in MOTIONS or call.name in STATEMENTS:
+        elif call.name in STATEMENTS:
             raise Wrong(call.line, f"{call.name} in an ERROR handler is not read")
         else:
             called = _find_called(state, routine, call, depth)
             state.handling.add(called)
             switched_off |= _handle(state, called, called.body, depth + 1)[0]
     return switched_off, ""
-
-
-def _read_settings(options: Mapping[str, object]) -> PostSettings:
-    table = options.get("signals", _SIGNALS)
-    signals: dict[str, str] = {}
-    if isinstance(table, Mapping):
-        signals = {str(name).lower(): str(key) for key, name in table.items()}
-    return PostSettings(
-        signals=signals,
-        external=options.get("declare", True) is False,
-        sign=-1 if options.get("force_sign", 1) == -1 else 1,
-        longest_name=_NAME_S4 if options.get("s4", False) is True else _NAME,
-        expected=read_expected(options),
-    )

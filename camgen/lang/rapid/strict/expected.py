@@ -1,6 +1,6 @@
-"""Text of a RAPID program that follows from options of the post.
+"""The options of the post, and the text of a RAPID program that follows from them.
 
-It is the load of the tool, the force control, the supervision of postures and the settings. A
+The text is the load of the tool, the force control, the supervision of postures and the settings. A
 controller accepts other text too, so that a difference is unusual, not refused. In a program of a
 post it shows that the text was changed.
 """
@@ -26,9 +26,19 @@ _EXTERNAL_SPEED = (5000.0, 1000.0)
 _NO_TURN = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class Expected(Struct, frozen=True):
+#: The signals of a cell whose options name none.
+_SIGNALS: Mapping[str, object] = {"process": "doProcess"}
+#: Longest name on IRC5 and later, and on S4.
+_NAME, _NAME_S4 = 32, 16
+
+
+class PostSettings(Struct, frozen=True):
     """Options of the post, or its defaults.
 
+    signals: logical name of a signal by its identifier in lower case.
+    external: whether tool and work object are declared on the controller, not in the text.
+    sign: +1 if a positive force presses along the positive tool axis, else -1.
+    longest_name: maximum number of characters of a name.
     load: mass, kg, and centre of gravity, mm.
     threshold: force at which pressing begins, % of the force.
     change: rate of the force, N/s.
@@ -42,6 +52,10 @@ class Expected(Struct, frozen=True):
     names: names of the tool and of the work object on the controller, by "tool" and "work".
     """
 
+    signals: Mapping[str, str]
+    external: bool
+    sign: int
+    longest_name: int
     load: tuple[float, ...]
     threshold: float
     change: float
@@ -55,10 +69,17 @@ class Expected(Struct, frozen=True):
     names: Mapping[str, str]
 
 
-def read_expected(options: Mapping[str, object]) -> Expected:
+def read_settings(options: Mapping[str, object]) -> PostSettings:
     """Reads the options of the post. Raises JobError if one has the wrong type."""
     cog = _numbers(options, "cog")
-    return Expected(
+    table = options.get("signals", _SIGNALS)
+    items = table.items() if isinstance(table, Mapping) else ()
+    is_s4 = options.get("s4", False) is True
+    return PostSettings(
+        signals={str(name).lower(): str(key) for key, name in items},
+        external=options.get("declare", True) is False,
+        sign=-1 if options.get("force_sign", 1) == -1 else 1,
+        longest_name=_NAME_S4 if is_s4 else _NAME,
         load=(read_number(options, "mass", 0.001), *(cog if len(cog) == 3 else (0.0, 0.0, 0.001))),
         threshold=read_number(options, "force_threshold", 50.0),
         change=read_number(options, "force_change", 0.0),
@@ -68,7 +89,7 @@ def read_expected(options: Mapping[str, object]) -> Expected:
         singularity=str(options.get("sing_area", "")),
         acceleration=_numbers(options, "acc_set"),
         calibration=str(options.get("force_load", "")),
-        task=options.get("s4", False) is not True,
+        task=not is_s4,
         names={
             "tool": str(options.get("tool", "tCamgen")),
             "work": str(options.get("work", "wCamgen")),
@@ -82,13 +103,13 @@ def _numbers(options: Mapping[str, object], key: str) -> tuple[float, ...]:
     return tuple(float(value) for value in values if isinstance(value, (int, float)))
 
 
-def check_load(expected: Expected, load: Value) -> str:
+def check_load(settings: PostSettings, load: Value) -> str:
     """The fault of a tool whose load is not that of the options, empty without one."""
     numbers = _flatten(load)
-    if _same(numbers, (*expected.load, *_NO_TURN)):
+    if is_same(numbers, (*settings.load, *_NO_TURN)):
         return ""
     mass, *cog = (f"{value:g}" for value in numbers[:4])
-    expected_mass, *expected_cog = (f"{value:g}" for value in expected.load)
+    expected_mass, *expected_cog = (f"{value:g}" for value in settings.load)
     if (mass, cog) == (expected_mass, expected_cog):
         return "a tool with inertia, which the options do not give"
     tool = f"a tool of {mass} kg with its centre of gravity at {', '.join(cog)} mm"
@@ -96,25 +117,13 @@ def check_load(expected: Expected, load: Value) -> str:
     return f"{tool}, by post.mass and post.cog it has {wanted}"
 
 
-def check_persistent(expected: Expected, name: str, task: bool) -> str:
-    """The fault of a persistent of the wrong kind, empty without one.
-
-    It concerns persistents that are not local (RAPID kernel manual, persistent declarations).
-    """
-    if task == expected.task:
-        return ""
-    if task:
-        return f"{name} is TASK PERS, which S4 has not"
-    return f"{name} is PERS, one for all tasks, not TASK PERS"
-
-
-def check_name(expected: Expected, kind: str, name: str, unknown: bool) -> str:
+def check_name(settings: PostSettings, kind: str, name: str, unknown: bool) -> str:
     """The fault of a tool or a work object with another name than the option, empty without one.
 
-    kind: key of `Expected.names`.
+    kind: key of `PostSettings.names`.
     unknown: whether the text leaves its declaration to the controller.
     """
-    wanted = expected.names[kind]
+    wanted = settings.names[kind]
     if name.lower() == wanted.lower():
         return ""
     state = "not declared" if unknown else f"the {_FRAMES[kind]} of a motion"
@@ -126,64 +135,42 @@ def check_external_speed(speed: Sequence[float]) -> str:
 
     speed: numbers of a speeddata: mm/s, deg/s, mm/s of linear and deg/s of rotating external axes.
     """
-    if len(speed) < 4 or tuple(speed[2:4]) == _EXTERNAL_SPEED:
+    if tuple(speed[2:]) == _EXTERNAL_SPEED:
         return ""
-    numbers = ", ".join(f"{value:g}" for value in speed[2:4])
+    numbers = ", ".join(f"{value:g}" for value in speed[2:])
     return f"a speed with {numbers} for external axes, where posts write 5000, 1000"
 
 
-def check_pressing(expected: Expected, values: Mapping[str, Value]) -> Iterator[str]:
+def check_pressing(settings: PostSettings, values: Mapping[str, Value]) -> Iterator[str]:
     """Differences between the arguments of FCPress1LStart and the options."""
     for name, option, wanted, unit in (
-        ("threshold", "force_threshold", expected.threshold, "%"),
-        ("forcechange", "force_change", expected.change, "N/s"),
-        ("possupvdist", "force_distance", expected.distance, "mm"),
+        ("threshold", "force_threshold", settings.threshold, "%"),
+        ("forcechange", "force_change", settings.change, "N/s"),
+        ("possupvdist", "force_distance", settings.distance, "mm"),
     ):
         value = cast(float, values.get(name, 0.0))
-        if not _same((value,), (wanted,)):
+        if not is_same((value,), (wanted,)):
             yield f"{name} is {value:g} {unit}, by post.{option} it is {wanted:g}"
     if "usespdffw" in values:
         yield "UseSpdFFW, which no option asks for"
 
 
-def check_calibration(expected: Expected, load: str | Value) -> str:
+def check_calibration(settings: PostSettings, load: str | Value) -> str:
     """The fault of FCCalib with another load than the option, empty without one.
 
     load: loaddata, by name in lower case or by value.
     """
-    if not expected.calibration:
+    if not settings.calibration:
         return "FCCalib, which post.force_load does not ask for"
-    if isinstance(load, str):
-        same = load == expected.calibration.lower()
-    else:
-        same = _same(_flatten(load), tuple(map(float, _NUMBER.findall(expected.calibration))))
-    if same:
+    expected = settings.calibration.lower()
+    numbers = tuple(map(float, _NUMBER.findall(expected)))
+    if load == expected or (isinstance(load, tuple) and is_same(_flatten(load), numbers)):
         return ""
-    return f"FCCalib with another load than post.force_load = {expected.calibration[:40]}"
+    return f"FCCalib with another load than post.force_load = {settings.calibration[:40]}"
 
 
-def check_acceleration(expected: Expected, values: tuple[float, ...]) -> str:
-    """The fault of the arguments of AccSet, empty without one.
-
-    values: arguments, empty if the program does not have AccSet.
-    """
-    if _same(values, expected.acceleration):
-        return ""
-    numbers = ", ".join(f"{value:g}" for value in expected.acceleration)
-    return f"AccSet is not what post.acc_set asks for, {numbers or 'none'}"
-
-
-def check_singularity(expected: Expected, argument: str) -> str:
-    """The fault of the argument of SingArea, empty without one.
-
-    argument: argument, empty if the program does not have SingArea.
-    """
-    if argument == expected.singularity:
-        return ""
-    return f"SingArea is not what post.sing_area asks for, {expected.singularity or 'none'}"
-
-
-def _same(a: Sequence[float], b: Sequence[float]) -> bool:
+def is_same(a: Sequence[float], b: Sequence[float]) -> bool:
+    """Whether numbers are equal within the digits that the post prints."""
     return len(a) == len(b) and all(abs(x - y) <= _SAME for x, y in zip(a, b, strict=True))
 
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 
 from camgen.lang.rapid.machine import ModuleScope, RoutineScope
 from camgen.lang.rapid.tree import Data, Module, Routine
-from camgen.lang.rapid.types import PREDEFINED, RESIDENT
+from camgen.lang.rapid.types import INSTALLED, PREDEFINED, RESIDENT
 from camgen.lang.rapid.values import Variable
-from camgen.lang.rapid.words import INSTALLED
 
 from .state import State
-from .statements import MOTIONS, STATEMENTS
+from .statements import STATEMENTS
 
 #: Names of the system, which a program may not declare.
-_SYSTEM = (INSTALLED | PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT
+_SYSTEM = (INSTALLED | PREDEFINED.keys() | STATEMENTS.keys()) - RESIDENT
 
 
 def enter_module(state: State, module: Module) -> None:
@@ -27,11 +26,12 @@ def enter_module(state: State, module: Module) -> None:
         state.log.find("refused", what, line=module.line)
     state.modules.append(module)
     state.module_names.add(key)
-    _check_legal(state, module.name, module.line)
-    _check_new(state, module.name, module.line)
+    _check_name(state, module, is_global=True)
+    names: set[str] = set()
     members: tuple[Data | Routine, ...] = (*module.data, *module.routines)
-    if not _are_new(state, members):
-        _check_each(state, members)
+    for member in members:
+        _check_member(state, member, names)
+        names.add(member.name.lower())
     home = ModuleScope(module.name)
     for routine in module.routines:
         state.homes[routine] = home
@@ -43,40 +43,27 @@ def enter_module(state: State, module: Module) -> None:
         state.declared.append(variable)
 
 
-def _are_new(state: State, members: Sequence[Data | Routine]) -> bool:
-    """Whether all members of a module have legal and new names. Tests all names together."""
-    keys = {item.name.lower() for item in members}
-    taken = (_SYSTEM, RESIDENT, state.module_names, state.data.keys(), state.routines.keys())
-    longest = max((len(item.name) for item in members), default=0)
-    is_short = longest <= state.settings.longest_name
-    return len(keys) == len(members) and is_short and all(map(keys.isdisjoint, taken))
+def _check_member(state: State, member: Data | Routine, names: Collection[str]) -> None:
+    """Adds findings for the name of a member.
+
+    names: names of the members before it, in lower case.
+    """
+    key, line, is_global = member.name.lower(), member.line, not member.local
+    _check_name(state, member, is_global=is_global)
+    if key in names or (is_global and (key in state.data or key in state.routines)):
+        state.log.find("refused", f"{member.name} is declared twice", line=line)
+    if is_global and key in state.module_names:
+        what = f"{member.name} is global and has the name of a module"
+        state.log.find("refused", what, line=line)
 
 
-def _check_each(state: State, members: Sequence[Data | Routine]) -> None:
-    names: set[str] = set()
-    for item in members:
-        key = item.name.lower()
-        _check_legal(state, item.name, item.line)
-        if not item.local:
-            _check_new(state, item.name, item.line)
-        if key in names or (not item.local and (key in state.data or key in state.routines)):
-            state.log.find("refused", f"{item.name} is declared twice", line=item.line)
-        if not item.local and key in state.module_names:
-            what = f"{item.name} is global and has the name of a module"
-            state.log.find("refused", what, line=item.line)
-        names.add(key)
-
-
-def _check_legal(state: State, name: str, line: int) -> None:
-    longest = state.settings.longest_name
+def _check_name(state: State, item: Module | Data | Routine, *, is_global: bool) -> None:
+    name, line, longest = item.name, item.line, state.settings.longest_name
     if len(name) > longest:
         state.log.find("refused", f"{name[:40]} is longer than {longest} characters", line=line)
     if name.lower() in _SYSTEM:
         state.log.find("refused", f"{name} is predefined", line=line)
-
-
-def _check_new(state: State, name: str, line: int) -> None:
-    if name.lower() in RESIDENT:
+    if is_global and name.lower() in RESIDENT:
         what = f"{name} is the name of a system module or of what one declares"
         state.log.find("refused", what, line=line)
 
@@ -93,7 +80,7 @@ def open_scopes(state: State) -> None:
         if routine.data:
             scope = state.scope = state.scopes[routine] = RoutineScope(routine, home)
             for data in routine.data:
-                _check_legal(state, data.name, data.line)
+                _check_name(state, data, is_global=False)
                 scope.data[data.name.lower()] = state.declare(data, home)
             _evaluate(state, scope.data.values())
     state.scope = RoutineScope(None, ModuleScope(""))
@@ -110,7 +97,7 @@ def list_unused(state: State) -> Iterator[Data | Routine]:
 
     Tool and work object of the options may be unused.
     """
-    used = state.used | {name.lower() for name in state.settings.expected.names.values()}
+    used = state.used | {name.lower() for name in state.settings.names.values()}
     for module in state.modules:
         yield from (item for item in module.data if item.name.lower() not in used)
         for routine in module.routines:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from itertools import groupby
 
 import numpy as np
-from msgspec import Struct
 
 from camgen.geometry.ragged import list_range_numbers, select_distinct
 from camgen.lang.rapid.machine import RobotPosition
@@ -28,12 +27,12 @@ def perform(state: State) -> None:
     """Runs the statements that wait."""
     waiting, state.waiting = state.waiting, []
     scope, line = state.scope, state.line
-    for _, group in groupby(waiting, key=lambda item: (id(item.rows), id(item.scope))):
-        runs = list(group)
-        rows, state.scope = runs[0].rows, runs[0].scope
+    for _, group in groupby(waiting, key=lambda item: (id(item[0].rows), id(item[1]))):
+        runs, scopes = zip(*group, strict=True)
+        state.scope = scopes[0]
         first = np.array([run.first for run in runs], np.intp)
-        last = np.array([run.last for run in runs], np.intp)
-        _perform_rows(state, rows, list_range_numbers(first, last - first))
+        indices = list_range_numbers(first, np.array([len(run) for run in runs], np.intp))
+        _perform_rows(state, runs[0].rows, indices)
     state.scope, state.line = scope, line
 
 
@@ -60,28 +59,14 @@ def _run_row(state: State, rows: Rows, row: int) -> None:
         state.log.find("refused", wrong.what, line=wrong.line)
 
 
-class _Effects(Struct, frozen=True, eq=False):
-    """Effects of the S shapes of a file.
-
-    kind: (S,) kinds of instructions, numbers of `camgen.model.body`.
-    speed: (S,) speeds of motions, mm/s.
-    blend: (S,) blend radii of motions, mm.
-    outputs: outputs by number of the shape.
-    """
-
-    kind: Indices
-    speed: FloatArray
-    blend: FloatArray
-    outputs: dict[int, Output]
-
-
 def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
     """Runs statements by column. Returns False, and runs none, if one of them is not usual."""
     columns = rows.columns.take(indices)
     effects = _find_effects(state, rows, indices, columns)
     if effects is None or state.pressing is not None or state.position.pose is None:
         return False
-    kind, blend = effects.kind[columns.shape], effects.blend[columns.shape]
+    kinds, speeds, blends, outputs = effects
+    kind, blend = kinds[columns.shape], blends[columns.shape]
     moves, arcs = kind != NUMBER[Output], kind == NUMBER[MoveC]
     before = np.append(bool(state.blending), (blend > 0)[:-1])
     point = columns.point[moves]
@@ -116,7 +101,7 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
                 kind=kind.astype(np.int8),
                 end=ends,
                 rotation=rotation,
-                speed=effects.speed[columns.shape[moves]],
+                speed=speeds[columns.shape[moves]],
                 blend=blend[moves],
                 path=np.broadcast_to(np.intp(-1), len(point)),
                 work=np.broadcast_to(np.bool_(False), len(point)),
@@ -125,7 +110,7 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
                 kept=~moves,
             ),
             table,
-            [effects.outputs[number] for number in columns.shape[~moves].tolist()],
+            [outputs[number] for number in columns.shape[~moves].tolist()],
         )
     )
     state.lines.frombytes(columns.line.astype(np.int64).tobytes())
@@ -135,10 +120,16 @@ def _run_columns(state: State, rows: Rows, indices: Indices) -> bool:
     return True
 
 
-def _find_effects(state: State, rows: Rows, indices: Indices, columns: Columns) -> _Effects | None:
-    """The effects of the shapes of statements. Each shape is read at its first statement.
+def _find_effects(
+    state: State, rows: Rows, indices: Indices, columns: Columns
+) -> tuple[Indices, FloatArray, FloatArray, dict[int, Output]] | None:
+    """The effects of the S shapes of a file, each read at its first statement.
 
-    Returns None if a shape is not usual.
+    Returns four values, or None if a shape is not usual:
+    (S,) kinds of instructions, numbers of `camgen.model.body`;
+    (S,) speeds of motions, mm/s;
+    (S,) blend radii of motions, mm;
+    the outputs by number of the shape.
     """
     shapes = rows.spellings.shapes
     kind = np.full(len(shapes), NUMBER[Output])
@@ -163,7 +154,7 @@ def _find_effects(state: State, rows: Rows, indices: Indices, columns: Columns) 
         bounds.append((statement.line, bound))
     for state.line, bound in bounds:
         check_supervision(state, bound)
-    return _Effects(kind, speed, blend, outputs)
+    return kind, speed, blend, outputs
 
 
 def _are_arcs(starts: FloatArray, vias: FloatArray, ends: FloatArray) -> bool:

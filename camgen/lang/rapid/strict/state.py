@@ -7,9 +7,9 @@ speeddata and zonedata. Units: mm, deg, mm/s, kg.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from typing import cast
 
 from msgspec import Struct
@@ -18,38 +18,18 @@ from camgen.lang.programs import RunRequest
 from camgen.lang.rapid.functions import SPECIAL
 from camgen.lang.rapid.machine import Machine, RoutineScope
 from camgen.lang.rapid.places import pose_of
-from camgen.lang.rapid.rows import Rows
 from camgen.lang.rapid.tokens import Wrong
 from camgen.lang.rapid.tree import Calling, Expr, Module, Point, Ref, Routine, Run, name_reference
-from camgen.lang.rapid.types import LITERAL, PREDEFINED, TYPES, Value
+from camgen.lang.rapid.types import LITERAL, PREDEFINED, TYPES, UNUSED, Value
 from camgen.lang.rapid.values import Variable
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import BodyBuilder, Instruction, Joints, Posture
 from camgen.model.text import counted
 
-from .data import numbers, orient_fault, posture_fault, record_fault
-from .expected import Expected, check_load
+from .expected import PostSettings, check_load
 
 #: Data of the system whose values depend on the robot. They are not read.
 _OF_THE_ROBOT = frozenset(("vmax", "load0"))
-
-
-@dataclass(frozen=True, slots=True)
-class PostSettings:
-    """Options of the post that the text does not state.
-
-    signals: logical name of a signal by its identifier in lower case.
-    external: whether tool and work object are declared on the controller, not in the text.
-    sign: +1 if a positive force presses along the positive tool axis, else -1.
-    longest_name: maximum number of characters of a name.
-    expected: options that the text must agree with.
-    """
-
-    signals: Mapping[str, str]
-    external: bool
-    sign: int
-    longest_name: int
-    expected: Expected
 
 
 class Bound(Struct, frozen=True, eq=False):
@@ -71,15 +51,6 @@ class Bound(Struct, frozen=True, eq=False):
     turn: float = 0.0
 
 
-class Waiting(Struct, eq=False):
-    """Statements that wait to be run: the rows `first` to before `last` of a file."""
-
-    rows: Rows
-    first: int
-    last: int
-    scope: RoutineScope
-
-
 @dataclass(eq=False, kw_only=True)
 class State(Machine):
     """The program that has been read so far, and the state after it.
@@ -94,7 +65,6 @@ class State(Machine):
     packing: N instructions.
     lines: (N,) line of each instruction.
     set_up: name and frame of the tool and of the work object.
-    checked: name and scope of the tool and the work object that were checked last.
     moved: whether the program has moved.
     count: number of statements that were run.
     supervised: state of ConfJ and ConfL, and the line that set it.
@@ -106,7 +76,7 @@ class State(Machine):
     pressed: whether a section with force has started.
     free_targets: targets after the last section with force. The (N, 3) targets of a sequence of
         statements are an array, mm.
-    waiting: statements that wait to be run.
+    waiting: statements that wait to be run, each sequence with the scope of its routine.
     """
 
     request: RunRequest = field(default_factory=RunRequest)
@@ -121,7 +91,6 @@ class State(Machine):
     packing: BodyBuilder = field(default_factory=BodyBuilder)
     lines: array[int] = field(default_factory=partial(array, "q"))
     set_up: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)
-    checked: dict[str, tuple[str, RoutineScope]] = field(default_factory=dict)
     moved: bool = False
     count: int = 0
     supervised: dict[str, tuple[bool, int]] = field(default_factory=dict)
@@ -132,7 +101,7 @@ class State(Machine):
     is_settled: bool = False
     pressed: bool = False
     free_targets: list[Pose | Joints | FloatArray] = field(default_factory=list)
-    waiting: list[Waiting] = field(default_factory=list)
+    waiting: list[tuple[Run, RoutineScope]] = field(default_factory=list)
 
     def add(self, item: Instruction) -> None:
         """Adds an instruction of the line that runs."""
@@ -162,7 +131,7 @@ class State(Machine):
         if isinstance(expr, Point):
             if want != "robtarget":
                 raise Wrong(line, f"a robtarget stands where {want} is needed")
-            what = orient_fault(expr.value[1]) or posture_fault(expr.value[2:])
+            what = _find_orient_fault(expr.value[1]) or _find_posture_fault(expr.value[2:])
             if what:
                 raise Wrong(line, what)
             return expr.value
@@ -183,7 +152,7 @@ class State(Machine):
         value = tuple(
             self.typed(item, part, line) for item, (_, part) in zip(expr, components, strict=True)
         )
-        what = record_fault(want, value)
+        what = _find_record_fault(want, value)
         if what:
             raise Wrong(line, what)
         return value
@@ -216,7 +185,7 @@ class State(Machine):
         if len(call.args) != 4:
             raise Wrong(call.line, f"{call.name} has 4 arguments, not {len(call.args)}")
         self.typed(call.args[0], "robtarget", call.line)
-        for number in (*call.args[1:], *(value for _, value in call.options)):
+        for number in call.values[1:]:
             self.typed(number, "num", call.line)
         angles = [name for name, _ in call.options]
         if call.name == "offs" and angles:
@@ -228,18 +197,9 @@ class State(Machine):
 
     def turned(self, q: tuple[float, ...]) -> FloatArray | None:
         """The rotation matrix of a quaternion as written, None if it is not normalised."""
-        return None if q not in self.turns and orient_fault(q) else self.rotation(q)
+        return None if q not in self.turns and _find_orient_fault(q) else self.rotation(q)
 
     # -- statements
-
-    def wait(self, run: Run, scope: RoutineScope) -> None:
-        """Adds statements to those that wait. Adjacent sequences become one."""
-        before = self.waiting[-1] if self.waiting else None
-        is_same = before is not None and before.rows is run.rows and before.scope is scope
-        if before is not None and is_same and before.last == run.first:
-            before.last = run.last
-        else:
-            self.waiting.append(Waiting(run.rows, run.first, run.last, scope))
 
     def note_target(self, targets: Pose | Joints | FloatArray) -> None:
         """Adds targets to those after the last section with force, if there was one."""
@@ -270,7 +230,7 @@ class State(Machine):
             frame = None if value is None else self._read_frame(kind, value)
             self.set_up[kind] = (name.lower(), frame)
             if kind == "tool" and value is not None:
-                self.remark(check_load(self.settings.expected, cast(tuple[Value, ...], value)[2]))
+                self.remark(check_load(self.settings, cast(tuple[Value, ...], value)[2]))
         elif self.set_up[kind][0] != name.lower():
             raise self.wrong(f"{name} is a second {'tool' if kind == 'tool' else 'work object'}")
 
@@ -287,3 +247,56 @@ class State(Machine):
         if held or not fixed or unit:
             raise self.wrong("a work object that is held or moved is not read")
         return pose_of(self, user) @ pose_of(self, part)
+
+
+# Faults of records (RAPID system data types manual).
+
+
+def numbers(value: Value) -> tuple[float, ...]:
+    """A value whose type was checked to be numbers only."""
+    return cast(tuple[float, ...], value)
+
+
+def _find_record_fault(kind: str, value: Value) -> str:
+    """The fault of the numbers of a record, empty without one."""
+    if kind == "orient":
+        return _find_orient_fault(numbers(value))
+    return _find_fault(kind, numbers(value))
+
+
+@lru_cache(maxsize=1000)
+def _find_posture_fault(parts: tuple[tuple[float, ...], ...]) -> str:
+    """The fault of the configuration or the external axes of a robtarget, empty without one."""
+    conf, external = parts
+    return _find_fault("confdata", conf) or _find_fault("extjoint", external)
+
+
+def _find_orient_fault(q: tuple[float, ...]) -> str:
+    """The fault of a quaternion, empty without one."""
+    w, x, y, z = q
+    deviation = abs(w * w + x * x + y * y + z * z - 1)
+    if deviation <= 1e-5:
+        return ""
+    return f"a quaternion is not normalised (its square differs from 1 by {deviation:.2g})"
+
+
+def _find_fault(kind: str, parts: tuple[float, ...]) -> str:
+    is_wrong, fault = _FAULTS.get(kind, (None, ""))
+    if is_wrong is not None and is_wrong(parts):
+        return fault
+    return ""
+
+
+#: Test of the numbers of a record for the fault after it.
+_FAULTS: dict[str, tuple[Callable[[tuple[float, ...]], bool], str]] = {
+    "extjoint": (lambda axes: any(v != UNUSED for v in axes), "external axes are not read"),
+    "confdata": (lambda conf: any(v != int(v) for v in conf), "confdata must be whole numbers"),
+    "speeddata": (
+        lambda speed: min(speed[:2]) <= 0 or min(speed) < 0,
+        "a speed that is not positive",
+    ),
+    "zonedata": (
+        lambda zone: not zone[0] and zone[1] <= 0,
+        "a zone that is not a stop point must have a radius",
+    ),
+}

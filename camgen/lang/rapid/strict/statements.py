@@ -21,7 +21,7 @@ from camgen.lang.rapid.ways import (
     find_posture_remark,
     is_half_turn,
 )
-from camgen.model.pose import Pose
+from camgen.model.pose import Pose, Vec3
 from camgen.model.program import (
     Force,
     Joints,
@@ -36,17 +36,14 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted
 
-from .data import numbers
 from .expected import (
-    check_acceleration,
     check_calibration,
     check_external_speed,
     check_name,
-    check_persistent,
     check_pressing,
-    check_singularity,
+    is_same,
 )
-from .state import Bound, State
+from .state import Bound, State, numbers
 from .syntax import DEACT_WHERE_ON
 
 _SUPERVISION = {"confj": "ConfJ", "confl": "ConfL"}
@@ -137,8 +134,8 @@ def _configuration(state: State, call: Calling) -> None:
     if state.moved and state.supervised.get(call.name, (None, 0))[0] != on:
         state.remark(f"{_SUPERVISION[call.name]} changes after the first motion")
     state.supervised[call.name] = on, state.line
-    if on and state.settings.expected.conf != "auto":
-        conf = state.settings.expected.conf
+    if on and state.settings.conf != "auto":
+        conf = state.settings.conf
         state.remark(f"{_SUPERVISION[call.name]} is on, though post.conf is {conf}")
 
 
@@ -167,14 +164,14 @@ def _calibrate(state: State, call: Calling) -> None:
     """Runs FCCalib, which sets the force sensor to zero with the load of the tool."""
     if len(call.args) != 1 or call.options:
         raise state.wrong("fccalib needs one loaddata")
-    argument, expected = call.args[0], state.settings.expected
+    argument = call.args[0]
     load: str | Value = name_reference(argument).lower()
-    if load != expected.calibration.lower() or state.known(argument):
+    if load != state.settings.calibration.lower() or state.known(argument):
         value = state.typed(argument, "loaddata")
         load = load or value
     if state.pressing is not None:
         raise state.wrong("fccalib while pressing")
-    state.remark(check_calibration(expected, load))
+    state.remark(check_calibration(state.settings, load))
     if not state.is_settled:
         state.remark("FCCalib without WaitTime\\InPos right before it: the arm may still swing")
     state.calibrated, state.is_settled = True, False
@@ -204,17 +201,6 @@ def check_deactivation(state: State, call: Calling) -> None:
 SWITCHES = ("setdo", "setao", "set", "reset")
 #: The end of force control, always and with a test whether force control is on.
 DEACTIVATIONS = ("fcdeact", DEACT_WHERE_ON)
-STATEMENTS: dict[str, Callable[[State, Calling], None]] = {
-    **dict.fromkeys(SWITCHES, switch_signal),
-    "waittime": _wait,
-    "stop": _stop,
-    "confl": _configuration,
-    "confj": _configuration,
-    "fccalib": _calibrate,
-    **dict.fromkeys(DEACTIVATIONS, _deactivate),
-    "singarea": _singularity,
-    "accset": _acceleration,
-}
 
 
 # RAPID motions as instructions (RAPID reference manual: MoveAbsJ, MoveJ, MoveL, MoveC; manual of
@@ -261,13 +247,24 @@ def motion(state: State, call: Calling) -> None:
 
 
 def _read_bound(state: State, call: Calling) -> Bound:
+    """Reads a motion. Raises Wrong if it cannot be read, or for a configuration that no arm has.
+
+    The controller does not use the configuration of a circle point. Posts write that of the end.
+    """
     values = _bind(state, call)
-    speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
-    turn = math.radians(numbers(values["speed"])[1])
-    state.remark(check_external_speed(numbers(values["speed"])))
-    bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
-    _check_postures(state, values)
-    return bound
+    speeds = numbers(values["speed"])
+    state.remark(check_external_speed(speeds))
+    posture = None
+    configurations = [_confdata(values[name]) for name in ("via", "to") if name in values]
+    for configuration in configurations:
+        if what := find_posture_fault(configuration):
+            raise state.wrong(what)
+        state.remark(find_posture_remark(configuration))
+        posture = Posture(configuration) if any(configuration) else None
+    if configurations and configurations[0] != configurations[-1]:
+        state.remark("the circle point of an arc has another configuration than its end")
+    speed = cast(float, values.get("v", speeds[0]))
+    return Bound(call.name, speed, _blend(values), values, posture, math.radians(speeds[1]))
 
 
 def find_bound(state: State, move: Inline) -> Bound:
@@ -298,20 +295,6 @@ def is_usual(bound: Bound, move: Inline) -> bool:
     return bound.posture is None and is_usual_turn and has_all_points(bound, move)
 
 
-def _check_postures(state: State, values: Mapping[str, Value]) -> None:
-    """Checks the configurations of a motion. Raises Wrong for one that no arm has.
-
-    The controller does not use the configuration of a circle point. Posts write that of the end.
-    """
-    configurations = [_confdata(values[name]) for name in ("via", "to") if name in values]
-    for configuration in configurations:
-        if what := find_posture_fault(configuration):
-            raise state.wrong(what)
-        state.remark(find_posture_remark(configuration))
-    if configurations and configurations[0] != configurations[-1]:
-        state.remark("the circle point of an arc has another configuration than its end")
-
-
 def _confdata(target: Value) -> tuple[int, int, int, int]:
     cf1, cf4, cf6, cfx = map(int, numbers(cast(tuple[Value, ...], target)[2]))
     return cf1, cf4, cf6, cfx
@@ -325,9 +308,9 @@ def inline(state: State, move: Inline) -> None:
     is_turned = (via_rotation is None) == (move.via is None)
     if rotation is None or not is_turned or not has_all_points(bound, move):
         motion(state, move.call())
-        return
-    via = None if move.via is None or via_rotation is None else Pose(via_rotation, move.via)
-    _move(state, bound, via, Pose(rotation, move.to))
+    else:
+        via = None if move.via is None or via_rotation is None else Pose(via_rotation, move.via)
+        _move(state, bound, via, Pose(rotation, move.to))
 
 
 def _move(state: State, bound: Bound, via: Pose | None, target: Pose | Joints) -> None:
@@ -344,41 +327,38 @@ def _move(state: State, bound: Bound, via: Pose | None, target: Pose | Joints) -
     else:
         if state.pressing is not None:
             state.log.find("refused", f"{bound.name} while pressing, before FCPressEnd")
-        state.add(_free(bound, via, target, _turn(state, bound, target)))
+        state.add(_make_motion(state, bound, via, target))
     state.position = RobotPosition(target if isinstance(target, Pose) else None)
     state.note_target(target)
     state.is_settled = False
     state.blending = state.line if bound.blend > 0 else 0
 
 
-def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
-    """The speed of reorientation of a motion, rad/s; 0 if the motion travels.
+def _make_motion(
+    state: State,
+    bound: Bound,
+    via: Pose | None,
+    target: Pose | Joints,
+    contact: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0)),
+) -> Motion:
+    """A motion.
 
-    A linear motion to the position of the TCP is a reorientation, even if the printed digits show
-    no rotation. A joint motion has this speed if it is not the usual one.
+    A joint motion has the speed of reorientation if it is not the usual one. A linear motion to the
+    position of the TCP is a reorientation, even if the printed digits show no rotation.
+
+    contact: force, N, and the direction in which it presses.
     """
+    speed, blend, posture, turn = bound.speed, bound.blend, bound.posture, bound.turn
+    if via is not None and isinstance(target, Pose):
+        return MoveC(via, target, speed, blend, *contact, posture=posture)
+    if isinstance(target, Joints) or bound.name == "movej":
+        if abs(turn - _USUAL_TURN) <= _SAME_TURN:
+            turn = 0.0
+        return MoveJ(target, speed, blend, posture=posture, turn=turn)
     start = state.position.pose
-    if isinstance(target, Joints) or bound.name == "movej":
-        return bound.turn if abs(bound.turn - _USUAL_TURN) > _SAME_TURN else 0.0
-    if start is not None and start.origin == target.origin:
-        return bound.turn
-    return 0.0
-
-
-def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:
-    if isinstance(target, Joints) or bound.name == "movej":
-        return MoveJ(target, bound.speed, bound.blend, posture=bound.posture, turn=turn)
-    if via is not None:
-        return MoveC(via, target, bound.speed, bound.blend, posture=bound.posture)
-    return MoveL(target, bound.speed, bound.blend, posture=bound.posture, turn=turn)
-
-
-def _posture(values: Mapping[str, Value]) -> Posture | None:
-    """The configuration of the target, None if it is all zeros."""
-    if "to" not in values:
-        return None
-    configuration = _confdata(values["to"])
-    return Posture(configuration) if any(configuration) else None
+    if start is None or start.origin != target.origin:
+        turn = 0.0
+    return MoveL(target, speed, blend, *contact, posture=posture, turn=turn)
 
 
 def _bind(state: State, call: Calling) -> dict[str, Value]:
@@ -417,22 +397,21 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None) 
 
     Raises Wrong unless it is a whole persistent (manual, tooldata).
     """
-    if isinstance(expr, Ref) and state.checked.get(kind) == (expr.name, state.scope):
-        return
     if not isinstance(expr, Ref):
         raise state.wrong(f"{data_type} must be the name of a persistent")
     variable = state.variable(expr.name)
     data = None if variable is None else variable.declaration
     if data is not None and data.storage != "pers":
         raise state.wrong(f"{expr.name} must be PERS, not {data.storage.upper()}")
-    if data is not None and not data.local:
-        what = check_persistent(state.settings.expected, data.name, data.task)
-        state.remark(what, line=data.line)
+    if data is not None and not data.local and data.task != state.settings.task:
+        what = "is TASK PERS, which S4 has not"
+        if not data.task:
+            what = "is PERS, one for all tasks, not TASK PERS"
+        state.remark(f"{data.name} {what}", line=data.line)
     unknown = state.settings.external and not state.known(expr)
     value = None if unknown else state.typed(expr, data_type)
-    state.remark(check_name(state.settings.expected, kind, expr.name, unknown))
+    state.remark(check_name(state.settings, kind, expr.name, unknown))
     state.set_frame(kind, expr, value)
-    state.checked[kind] = (expr.name, state.scope)
 
 
 def check_supervision(state: State, bound: Bound) -> None:
@@ -446,20 +425,24 @@ def check_supervision(state: State, bound: Bound) -> None:
     state.postures.add((word, stated))
     if not stated and word not in state.supervised:
         state.remark(f"a configuration of zeros, and {_SUPERVISION[word]} is not off")
-    if stated and state.settings.expected.conf == "off":
+    if stated and state.settings.conf == "off":
         state.remark("a configuration, though post.conf is off")
 
 
 def check_settings(state: State) -> None:
     """Adds findings, at the end of the program, for settings that are not those of the options."""
-    expected = state.settings.expected
+    settings = state.settings
     for word, (is_on, line) in state.supervised.items():
         all_stated = (word, True) in state.postures and (word, False) not in state.postures
-        if not is_on and expected.conf == "auto" and all_stated:
+        if not is_on and settings.conf == "auto" and all_stated:
             what = "is off, though each of its motions states a configuration"
             state.remark(f"{_SUPERVISION[word]} {what}", line=line)
-    state.remark(check_singularity(expected, state.singularity))
-    state.remark(check_acceleration(expected, state.acceleration))
+    if state.singularity != settings.singularity:
+        wanted = settings.singularity or "none"
+        state.remark(f"SingArea is not what post.sing_area asks for, {wanted}")
+    if not is_same(state.acceleration, settings.acceleration):
+        wanted = ", ".join(f"{value:g}" for value in settings.acceleration) or "none"
+        state.remark(f"AccSet is not what post.acc_set asks for, {wanted}")
 
 
 def _check_motion(state: State, bound: Bound, start: Pose, via: Pose | None, target: Pose) -> None:
@@ -491,7 +474,7 @@ def _blend(values: Mapping[str, Value]) -> float:
 
 def _press(state: State, bound: Bound, via: Pose | None, target: Pose) -> None:
     """Adds a motion that starts, keeps or ends the contact. Raises Wrong if it cannot be run."""
-    name, speed, blend = bound.name, bound.speed, bound.blend
+    name = bound.name
     if name == "fcpress1lstart":
         force = _begin_pressing(state, bound.values)
     elif state.pressing is None:
@@ -501,20 +484,15 @@ def _press(state: State, bound: Bound, via: Pose | None, target: Pose) -> None:
         state.pressing, state.calibrated = None, False
         state.free_targets.clear()
         state.add(Force(0.0))
-        turn = _turn(state, bound, target)
-        state.add(MoveL(target, speed, blend, posture=bound.posture, turn=turn))
+        state.add(_make_motion(state, bound, via, target))
         return
     else:
         force = cast(float, bound.values["force"]) * state.settings.sign * state.pressing[1]
         if force <= 0:
             raise state.wrong(f"{name} does not press in the direction of FCPress1LStart")
     assert state.pressing is not None
-    press = find_direction(target, state.pressing)
-    if via is not None:
-        state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture))
-    else:
-        turn = _turn(state, bound, target)
-        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture, turn=turn))
+    contact = force, find_direction(target, state.pressing)
+    state.add(_make_motion(state, bound, via, target, contact))
 
 
 def _begin_pressing(state: State, values: Mapping[str, Value]) -> float:
@@ -527,16 +505,15 @@ def _begin_pressing(state: State, values: Mapping[str, Value]) -> float:
     if force == 0:
         raise state.wrong("FCPress1LStart needs a force along one axis of the tool")
     if state.pressing is not None or state.position.pose is None:
-        reason = "twice" if state.pressing else "from an unknown pose"
-        raise state.wrong(f"FCPress1LStart {reason}")
+        raise state.wrong(f"FCPress1LStart {'twice' if state.pressing else 'from an unknown pose'}")
     if not 0 <= cast(float, values["threshold"]) <= 100:
         raise state.wrong("the threshold of FCPress1LStart is 0 to 100 %")
-    for what in check_pressing(state.settings.expected, values):
+    for what in check_pressing(state.settings, values):
         state.remark(what)
     axis = ("fx", "fy", "fz").index(names[0])
     state.stopped("fcpress1lstart")
     state.pressing = (axis, state.settings.sign if force > 0 else -state.settings.sign)
-    needs_calibration = state.settings.expected.calibration and not state.calibrated
+    needs_calibration = state.settings.calibration and not state.calibrated
     if needs_calibration and _was_in_the_air(state, state.position.pose, state.pressing):
         state.remark("no FCCalib before pressing, though post.force_load asks for it")
     state.pressed = True
@@ -563,3 +540,18 @@ def _was_in_the_air(state: State, start: Pose, pressing: tuple[int, int]) -> boo
     positions = [pose.origin if isinstance(pose, Pose) else pose for pose in poses]
     heights = np.subtract(start.origin, np.vstack(positions)) @ towards_part.T
     return float(heights.max()) > _AIR
+
+
+#: The function of each statement that is read.
+STATEMENTS: dict[str, Callable[[State, Calling], None]] = {
+    **dict.fromkeys(MOTIONS, motion),
+    **dict.fromkeys(SWITCHES, switch_signal),
+    "waittime": _wait,
+    "stop": _stop,
+    "confl": _configuration,
+    "confj": _configuration,
+    "fccalib": _calibrate,
+    **dict.fromkeys(DEACTIVATIONS, _deactivate),
+    "singarea": _singularity,
+    "accset": _acceleration,
+}

@@ -14,12 +14,11 @@ from camgen.lang.log import Log
 from camgen.lang.rapid.expressions import Calls
 from camgen.lang.rapid.grammar import Parser
 from camgen.lang.rapid.rows import Spellings
-from camgen.lang.rapid.statements import STRUCTURE, Note
-from camgen.lang.rapid.tokens import BANNER_LINES, RESERVED, Wrong, banner, show_token
+from camgen.lang.rapid.statements import STRUCTURE
+from camgen.lang.rapid.tokens import BANNER_LINES, RESERVED, Wrong, banner
 from camgen.lang.rapid.tree import (
     Calling,
     Data,
-    Expr,
     Inline,
     Module,
     Parameter,
@@ -40,9 +39,8 @@ DEACT_WHERE_ON = "if fcdeact"
 #: The only IF that is read outside of ERROR handlers.
 _ASKS = re.compile(r"if\s+FCIsForceMode\b", re.IGNORECASE)
 
-#: A PROC in the usual spelling up to its first statement, and after its last statement.
+#: A PROC in the usual spelling up to its first statement.
 _BEGIN = re.compile(r"PROC ([A-Za-z][A-Za-z0-9_]*)\(\)\n(?: *![^\n]*\n)* *")
-_END = re.compile(r"(\n *ERROR\n *RAISE;)?\n *ENDPROC\b")
 
 
 class Written(Calls):
@@ -51,20 +49,14 @@ class Written(Calls):
     whole: ClassVar[bool] = False
 
 
-def parse(
-    text: str, first_line: int, spellings: Spellings | None, log: Log
-) -> tuple[list[Module], int]:
-    """Parses the modules of a file. Returns them and the number of its line ends.
+def parse(text: str, first_line: int, spellings: Spellings | None, log: Log) -> list[Module]:
+    """Parses the modules of a file.
 
     first_line: number of the first line.
     spellings: spellings of statements that are read by column. None: the general rules read all.
     log: log for findings.
     """
-    parser = _Parser(text, first_line, spellings)
-    modules = parser.modules()
-    for note in parser.notes:
-        log.find("unusual" if note.odd else "refused", note.what, line=note.line)
-    return modules, text.count("\n") if parser.rows is None else parser.rows.line_ends
+    return _Parser(text, first_line, spellings, log).modules()
 
 
 def calls_of(block: Iterable[Statement | Run]) -> Iterator[Calling | Inline]:
@@ -77,17 +69,17 @@ class _Parser(Parser):
 
     whole: ClassVar[bool] = False
     clauses: ClassVar[frozenset[str]] = frozenset(("error",))
+    # Members of a module that no post writes are refused.
+    record = alias = placeholder = Parser.no_member
 
-    def __init__(self, text: str, first_line: int, spellings: Spellings | None) -> None:
+    def __init__(self, text: str, first_line: int, spellings: Spellings | None, log: Log) -> None:
         start = banner(text)
-        super().__init__(text, first_line, spellings)
+        super().__init__(text, first_line, spellings, log)
         #: Number of open compound statements. Each of them is a finding already.
         self.compounds = 0
-        lines = [line.strip() for line in text[:start].strip().split("\n")]
-        if start and lines != BANNER_LINES:
-            self.notes.append(
-                Note(first_line, f"a banner other than {' / '.join(BANNER_LINES)}", odd=True)
-            )
+        if start and [line.strip() for line in text[:start].strip().split("\n")] != BANNER_LINES:
+            what = f"a banner other than {' / '.join(BANNER_LINES)}"
+            self.log.find("unusual", what, line=first_line)
         self.outside = start
 
     # -- modules
@@ -118,30 +110,11 @@ class _Parser(Parser):
         if comment >= 0:
             line = self.first_line + self.text.count("\n", 0, comment)
             what = "a comment outside of a module, where the kernel manual has none"
-            self.notes.append(Note(line, what, odd=True))
-
-    def check_attribute(self, line: int, text: str, attributes: list[str]) -> None:
-        """Ignores the attributes of a module."""
-
-    def record(self) -> Any:
-        """Refuses RECORD."""
-        self.no_member()
-
-    def alias(self) -> Any:
-        """Refuses ALIAS."""
-        self.no_member()
-
-    def placeholder(self) -> None:
-        """Refuses placeholders."""
-        self.no_member()
+            self.log.find("unusual", what, line=line)
 
     def late_data(self, line: int, word: str) -> None:
         """Adds a finding for a declaration after a routine."""
-        self.notes.append(Note(line, f"{word.upper()} after the first routine of the module"))
-
-    def dimensions(self, line: int, name: str) -> tuple[Expr, ...]:
-        """Refuses arrays."""
-        raise Wrong(line, f"the array {name} is not read")
+        self.note(Wrong(line, f"{word.upper()} after the first routine of the module"))
 
     def skip_past(self, word: str) -> None:
         """Skips a routine that is not read."""
@@ -167,18 +140,9 @@ class _Parser(Parser):
         begin = _BEGIN.match(self.text, start)
         if self.rows is None or begin is None or begin[1].lower() in RESERVED:
             return []
-        routines: list[Routine] = []
-        name, statements = begin[1], self.rows.run(begin.end())
-        while statements is not None and (parted := self.rows.parted(statements)) is not None:
-            routines.append(_usual(line, name, parted.run, parted.handles, parted.last))
-            start, line = parted.start, parted.line
-            name, statements = parted.name, parted.statements
-        if statements is not None and (end := _END.match(self.text, statements.end)):
-            last = statements.line + end[0].count("\n")
-            routines.append(_usual(line, name, statements.run, bool(end[1]), last))
-            start, line = end.end(), last
+        routines, end, last = self.rows.read_routines(begin[1], line, begin.end())
         if routines:
-            self.jump(start, line)
+            self.jump(end, last)
         return routines
 
     # -- routines
@@ -190,7 +154,7 @@ class _Parser(Parser):
             raise Wrong(line, f"{kind.upper()} is not read")
         if local:
             what = "a routine that is LOCAL, which the controller cannot call by an event"
-            self.notes.append(Note(line, what, odd=True))
+            self.log.find("unusual", what, line=line)
         return super().routine(line, local, kind)
 
     def parameters(self, line: int, name: str) -> tuple[Parameter, ...]:
@@ -199,10 +163,6 @@ class _Parser(Parser):
             self.skip_past("endproc")
             raise Wrong(line, f"PROC {name} has parameters, which are not read")
         return ()
-
-    def clause(self) -> str:
-        """Parses ERROR."""
-        return self.take()[1].lower()
 
     def enclosed(self, body: list[Statement | Run], clause: str) -> None:
         """Parses a statement, or the end of force control or of a handler."""
@@ -229,19 +189,6 @@ class _Parser(Parser):
 
     # -- statements
 
-    def unnamed(self, _body: list[Statement | Run]) -> None:
-        """Parses a token that begins no statement. Raises Wrong unless it is a semicolon."""
-        token = self.take()
-        if token[1] != ";":
-            raise Wrong(token[2], f"a statement expected, found {show_token(token)}")
-        self.notes.append(
-            Note(token[2], "an empty statement, which the kernel manual does not have", odd=True)
-        )
-
-    def named_statement(self) -> Statement:
-        """Parses a call."""
-        return self.statement_call()
-
     def control(self, _body: list[Statement | Run]) -> None:
         """Adds a finding for a control statement and skips its head.
 
@@ -250,9 +197,9 @@ class _Parser(Parser):
         """
         word, line = self.word(), self.token[2]
         if word not in _CONTINUES:
-            self.notes.append(Note(line, f"{word.upper()} is a statement that is not read"))
+            self.note(Wrong(line, f"{word.upper()} is a statement that is not read"))
         elif self.compounds == 0:
-            self.notes.append(Note(line, f"{word.upper()} belongs to no statement before it"))
+            self.note(Wrong(line, f"{word.upper()} belongs to no statement before it"))
         self.compounds += word in _OPENS
         self.compounds -= word in _CLOSES and self.compounds > 0
         self.take()
@@ -262,8 +209,3 @@ class _Parser(Parser):
                 return
             if self.take()[1] == ";":
                 return
-
-
-def _usual(line: int, name: str, run: Run, handles: bool, last: int) -> Routine:
-    handler = (Calling(last - 1, "raise"),) if handles else None
-    return Routine(line, name, False, (), cast(Any, (run,)), handler, "proc", (), "", last)
