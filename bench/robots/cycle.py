@@ -79,7 +79,7 @@ def measure(name: str, program: Program, runner: Path | None) -> Iterator[Cells]
     post = make_post(find_post("gcode"), {})
     prepared = post.prepare(program, 0.01)
     naive = sum_up(prepared.columns).seconds
-    planned = float(time_motions(prepared, post.dynamics(), None, None)[0].sum())
+    planned = float(time_motions(prepared, post.dynamics(), None, None).sum())
     executed = None
     if runner:
         text = make_post(find_post("gcode"), {}).render(prepared)[0].text

@@ -46,6 +46,7 @@ class Excess(Struct, frozen=True, eq=False):
     tabs: part of it that is tabs of the job, mm2.
     size: diameter of the largest disc in the unexplained part, mm.
     place: centre of that disc, mm.
+    pieces: polygons of all rest material.
     unexplained: polygons of the part that is none of corners, tabs and `untaken`.
     untaken: part of it that paths would remove which are left out, mm2.
     """
@@ -55,6 +56,7 @@ class Excess(Struct, frozen=True, eq=False):
     tabs: float
     size: float
     place: tuple[float, float] | None
+    pieces: Any
     unexplained: Any
     untaken: float = 0.0
 
@@ -64,11 +66,13 @@ class Level(Struct, frozen=True, eq=False):
 
     top: z of its top, mm, 0 or negative.
     bottom: z of its bottom, mm.
+    gone: polygons of the removed material half-way down.
     excess: rest material.
     """
 
     top: float
     bottom: float
+    gone: Any
     excess: Excess
 
 
@@ -123,7 +127,7 @@ def remove_material(
             volumes[k] += (area - before) * (bottom - top)
             before = area
         excess = _find_rest(moves, cuts, design, (top, bottom), whole, excess)
-        slabs.append(Level(-top, -bottom, excess.excess))
+        slabs.append(Level(-top, -bottom, whole, excess.excess))
     return tuple(reversed(slabs)), tuple(volumes.tolist())
 
 
@@ -201,7 +205,7 @@ def _find_cleared_kerfs(
 def _make_excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any) -> Excess:
     pieces, owner = _find_pieces(wanted, gone)
     if not len(pieces):
-        return Excess(0.0, 0.0, 0.0, 0.0, None, shapely.MultiPolygon())
+        return Excess(0.0, 0.0, 0.0, 0.0, None, shapely.MultiPolygon(), shapely.MultiPolygon())
     reachable = _find_reachable(pieces, owner, wanted)
     corners = _remove_slivers(shapely.difference(pieces, reachable))
     plain = _remove_slivers(shapely.intersection(pieces, reachable))
@@ -223,6 +227,7 @@ def _make_excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any
         tabs=float(shapely.area(plain[tab]).sum()),
         size=size,
         place=place,
+        pieces=merge_shapes(pieces),
         unexplained=merge_shapes(rest),
         untaken=untaken_mm2,
     )
