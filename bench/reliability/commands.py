@@ -89,9 +89,9 @@ def _run_command(words: Sequence[str], folder: Path) -> Ending:
     fields: list[str] = []
     build = command.run
 
-    def record(arguments: Namespace, terminal: Terminal) -> int:
+    def record(arguments: Namespace, terminal: Terminal) -> None:
         try:
-            return build(arguments, terminal)
+            build(arguments, terminal)
         except CamgenError as error:
             fields.extend((error.file, error.what, error.where, error.remedy))
             raise

@@ -516,7 +516,7 @@ def test_the_command_writes_the_sheet(
 ) -> None:
     target = tmp_path / name
     arguments = Namespace(output=str(target), size="A3", marker=25.0)
-    assert cli_markers.run(arguments, make_terminal(quiet=False, verbose=0)) is None
+    cli_markers.run(arguments, make_terminal(quiet=False, verbose=0))
     draw = draw_pdf if name.endswith("pdf") else draw_svg
     assert target.read_bytes() == draw(make_sheet("A3", 25.0))
     message = capsys.readouterr().err
