@@ -57,6 +57,14 @@ def test_a_motion_to_several_positions_uses_the_pass_mark_of_each_and_one_speed(
     assert executed.lines == (4, 4, 4, 5)
 
 
+def test_a_position_of_two_vectors_has_its_figure() -> None:
+    executed = run(HOME, "Move P, P(V(350, 0, 300), V(180, 0, 180), 5)")
+    posture = executed.body[-1].posture
+    assert origins(executed)[-1] == (350, 0, 300)
+    assert posture is not None
+    assert posture.figure == 5
+
+
 def test_the_external_speed_scales_joint_and_linear_motions() -> None:
     executed = run("ExtSpeed 50", HOME, "Move L, P(0, 0, 0), Speed = Mps(80)")
     joint, line = executed.body
