@@ -223,7 +223,7 @@ def test_a_tool_without_a_path_in_reach_is_not_changed_to() -> None:
 
 
 def test_a_path_has_its_clearance_in_the_report_whichever_tool_runs_it() -> None:
-    """The fixture ends 12 mm before the drawing. The hole c2 begins 11 mm behind its edge, and the
+    """The fixture ends 12 mm before the drawing. The hole c2 begins 11 mm beyond its edge, and the
     tool of 4 mm is 2 mm nearer: 21 mm. The outline c1 is 10 mm away.
     """
     rows = operations(
