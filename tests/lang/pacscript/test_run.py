@@ -65,6 +65,13 @@ def test_a_position_of_two_vectors_has_its_figure() -> None:
     assert posture.figure == 5
 
 
+def test_a_vector_that_is_not_in_the_text_leads_to_an_unknown_place() -> None:
+    executed = run(HOME, "Draw L, P50")
+    frame = executed.frames[executed.frame[-1]]
+    assert frame.work == "a place beside where the arm stands of line 4"
+    assert frame.base_from_work is None
+
+
 def test_the_external_speed_scales_joint_and_linear_motions() -> None:
     executed = run("ExtSpeed 50", HOME, "Move L, P(0, 0, 0), Speed = Mps(80)")
     joint, line = executed.body
