@@ -10,6 +10,7 @@ import tomllib
 from functools import cache
 from pathlib import Path
 
+import msgspec
 import pytest
 
 import camgen
@@ -86,6 +87,11 @@ def test_the_program_is_the_expected_one(case: Path, post: str, accept: bool) ->
         compare(case / "expected" / file.name, file.text, accept)
     # Rounding to the digits of the text moves each end of a motion by half of the last digit.
     assert result.rounded.excess <= 0.001
+
+
+@pytest.mark.parametrize(("case", "post"), ALL, ids=lambda value: getattr(value, "name", value))
+def test_the_report_can_be_written(case: Path, post: str) -> None:
+    assert msgspec.json.decode(msgspec.json.encode(built(case, post).report))
 
 
 @pytest.mark.parametrize("post", POSTS)

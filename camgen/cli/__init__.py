@@ -120,8 +120,8 @@ def _load_command(
     name: str, *, own_process: bool
 ) -> Callable[[argparse.Namespace, Terminal], int | None]:
     """The function of a command. It returns the exit code, or None for 0."""
-    # An import makes thousands of objects and no garbage. So nothing is searched for it now, nor
-    # later, if the process does nothing else.
+    # An import makes thousands of objects and no garbage. The collector does not run meanwhile. If
+    # the process runs this command alone, it leaves these objects out later as well.
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -316,9 +316,7 @@ COMMANDS: Mapping[str, Command] = {
     ),
     "posts": Command(
         "list the installed posts",
-        [
-            Argument("--json", "", "print the result as JSON"),
-        ],
+        [_JSON],
     ),
     "schema": Command(
         "print the JSON schema of job files, for editors",

@@ -459,7 +459,7 @@ def _place_boxes(scene: Scene, links: _Links) -> Boxes:
 
 
 def _place_some(scene: Scene, links: _Links, row: IntArray, box: IntArray) -> Boxes:
-    """Boxes (n,) of the scene, each at one row (n,) of `links`, see `frames`."""
+    """Boxes (n,) of the scene, each at one row (n,) of `links`."""
     frame = scene.frame[box]
     # Links are stored link by link. In that order they are taken in a third of the time.
     index = frame * len(links[0]) + row
@@ -541,7 +541,8 @@ class Nearest(Struct, frozen=True, eq=False):
 class _Measurement(Struct, frozen=True, eq=False):
     """Joint values whose clearances are measured.
 
-    joints: (N, J).
+    scene: cell with the pairs that are measured.
+    joints: (N, J) rad or mm.
     owner: (N,) the group of each.
     nearest: the smallest clearance of each group.
     """

@@ -161,11 +161,13 @@ def _make_check(
     colliding = np.flatnonzero(pairs >= 0)
     if len(colliding):
         return MotionCheck(int(pairs[colliding[0]]), float(at[colliding[0]]), 0.0)
-    nearest, place = sparse, float(sparse.row[number] * _SPARSE)
+    nearest, place = sparse, math.nan
     if closer.pair[number] >= 0:
         nearest, place = closer, float(at[closer.row[number]])
+    elif sparse.pair[number] >= 0:
+        place = float(sparse.row[number] * _SPARSE)
     pair, clearance = int(nearest.pair[number]), float(nearest.distance[number])
-    return MotionCheck(-1, math.nan, clearance, pair, place if pair >= 0 else math.nan)
+    return MotionCheck(-1, math.nan, clearance, pair, place)
 
 
 def _measure_sparse(scene: Scene, several: Sequence[FloatArray], nears: FloatArray) -> Nearest:

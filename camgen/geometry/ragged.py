@@ -66,9 +66,9 @@ def list_range_numbers(first: IntArray, counts: IntArray) -> IntArray:
     )
 
 
-#: Rows of a run up to which `divide` leaves it whole.
+#: Rows of a run up to which `divide_runs` leaves it whole.
 _SHORT_RUN = 64
-#: Parts into which `divide` divides a longer run.
+#: Parts into which `divide_runs` divides a longer run.
 _PARTS = 8
 
 

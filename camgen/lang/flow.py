@@ -525,7 +525,7 @@ class Flow:
             return at + 1
         # The body has run once by now.
         if step.to not in frame.rounds:
-            frame.rounds[step.to].count = 1
+            frame.rounds[step.to] = LoopRounds(count=1)
         if self._has_round(frame, step.to, step, unknown):
             return step.to
         return at + 1

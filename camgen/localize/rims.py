@@ -103,7 +103,8 @@ def measure_run_on(model: Model, points: FloatArray, final: ScanFit) -> float:
     # At this distance from the rim, points on the other side of it are out of reach.
     clear = reach + noise
     beyond = rims.places + 2 * clear * rims.out
-    has_surface = find_touched_within(model, beyond, clear).point
+    # Rows at which the face goes on beyond the rim.
+    continued = find_touched_within(model, beyond, clear).point
 
     def is_shown(places: FloatArray) -> BoolArray:
         nearest, distance = cloud.find_nearest(places)
@@ -111,7 +112,7 @@ def measure_run_on(model: Model, points: FloatArray, final: ScanFit) -> float:
         return np.asarray((distance <= reach) & (heights <= noise))
 
     seen = is_shown(rims.places - clear * rims.out)
-    seen[has_surface] = False
+    seen[continued] = False
     if np.count_nonzero(seen) < _FEW_RIMS * _PLACES:
         return 0.0
     return float(is_shown(beyond)[seen].mean())

@@ -58,7 +58,6 @@ def follow_closely(
     at = np.arange(len(joints), dtype=np.float64)
     is_open: BoolArray = np.asarray(on_path, dtype=bool)
     lost: list[FloatArray] = []
-    spans, turns = path.spans, path.turn_vectors
     for _ in range(_HALVINGS):
         before = np.flatnonzero(is_open)
         if not len(before):
@@ -66,7 +65,7 @@ def follow_closely(
         kept = compute_offsets(1 + is_open)
         middle, place = kept[before] + 1, (at[before] + at[before + 1]) / 2
         even = (joints[before] + joints[before + 1]) / 2
-        poses = compute_flange_poses(setup, *sample_poses(path, spans, turns, place))
+        poses = compute_flange_poses(setup, *sample_poses(path, place))
         exact = find_nearest(setup.robot, *poses, even)
         is_missing: BoolArray = np.asarray(np.isnan(exact).any(axis=1))
         lost.append(at[before[is_missing]])
@@ -105,7 +104,8 @@ def follow_all(setup: Setup, motions: Sequence[SampledMotion]) -> list[JointPath
     # The seam from one path to the next has no rows in between.
     ends = np.searchsorted(joined.at, first - 0.5)
     for number, k in enumerate(on_paths):
-        begin, rows = first[number], slice(*ends[number : number + 2])
+        begin = first[number]
+        rows = slice(ends[number], ends[number + 1])
         lost = joined.lost[(joined.lost >= begin) & (joined.lost < first[number + 1])]
         followed[k] = JointPath(joined.joints[rows], joined.at[rows] - begin, lost - begin)
     return followed

@@ -102,19 +102,16 @@ def divide(path: PosePath, parts: Index) -> PosePath:
     return PosePath(frozen(position), frozen(via), frozen(rotation))
 
 
-def sample_poses(
-    path: PosePath, spans: Spans, turns: FloatArray, at: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def sample_poses(path: PosePath, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Positions (K, 3) and rotations (K, 3, 3) of the tool at places `at` (K,) in rows.
 
     2.25 is a quarter of the way from row 2 to row 3.
-
-    spans, turns: `path.spans` and `path.turn_vectors`, which are computed once for several calls.
     """
+    turns = path.turn_vectors
     segment = np.minimum(at.astype(np.int64), len(turns) - 1)
     fraction = at - segment
     turned = make_rotations_from_vectors(turns[segment] * fraction[:, None])
-    return spans.point(fraction, segment), path.rotation[segment] @ turned
+    return path.spans.point(fraction, segment), path.rotation[segment] @ turned
 
 
 def cut(path: PosePath, low: float, high: float) -> PosePath:

@@ -164,8 +164,9 @@ def improve_few(
         bound = min(bounds)
     # Rounding of the sums must not lift the bound above the best tour.
     bound = max(0.0, min(bound, best.length) * (1 - 1e-12) - 1e-9)
-    choices = make_choices(known, best.order, best.along, _find_loops(known))
-    return start if best is first else choices, bound
+    if best is first:
+        return start, bound
+    return make_choices(known, best.order, best.along, _find_loops(known)), bound
 
 
 def _narrow(

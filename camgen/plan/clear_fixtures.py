@@ -257,7 +257,7 @@ def _cut(
 ) -> tuple[tuple[ToolPath, ...], tuple[ToolPath, ...]]:
     if path.closed:
         # Begun where a blocked stretch ends, it is free at its start and blocked at its end.
-        first = int(not begins_blocked)
+        first = 0 if begins_blocked else 1
         whole = float(lengths_along(path)[-1])
         path = begin_at(path, float(ends[first]))
         ends = np.sort((ends - ends[first]) % whole)

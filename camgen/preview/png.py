@@ -16,6 +16,7 @@ from camgen.geometry.vectors import interpolate_rows
 from camgen.model.errors import make_one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 from camgen.preview.aside import TILT, TURN, compute_view_axes
 from camgen.preview.curves import lift
 from camgen.preview.draw import choose_bar, choose_colour
@@ -238,7 +239,8 @@ def _draw_words(image: Pixels, view: View, sheet: _Sheet) -> None:
     _write(image, ", ".join(numbers), (_BORDER, 92), 0.6)
     below = []
     if view.skipped:
-        below.append(f"left out: {len(view.skipped)}, in red where it was drawn")
+        reasons = counted(len(view.skipped), "reason")
+        below.append(f"left out for {reasons}, in red where it was drawn")
     if any(line.state == "seen" for line in view.lines):
         below.append("green: the outline in the photo")
     if below:

@@ -66,13 +66,15 @@ class DescentChecker:
         self._check_speed(hops, process.feed, True, findings)
         self._check_speed(plunges & ~motions.joint & ~hops, plunge_speed(process), True, findings)
         rests = self._rest_heights()
-        low = (end < process.clearance - slack) & ~_is_one_of(end, rests, slack)
+        low = end < process.clearance - slack
         what = "goes down to a height that is neither that of approach nor that of work"
-        findings.add_first(motions, self.down & ~plunges & low, what)
+        findings.add_first(
+            motions, self.down & ~plunges & low & ~_is_one_of(end, rests, slack), what
+        )
         # A tool that turns with the contour is turned back at the height of approach.
         first = 0 if self.task.job.tool.orient == "follow" else 1
-        low = (end < process.clearance - slack) & ~_is_one_of(end, rests[first:], slack)
-        findings.add_first(motions, self.up & low, "goes up to less than process.clearance")
+        up = self.up & low & ~_is_one_of(end, rests[first:], slack)
+        findings.add_first(motions, up, "goes up to less than process.clearance")
 
     def _end_hops(self) -> BoolArray:
         """(M,) motions down to the floor of a pocket's pass from the height of a hop."""

@@ -35,10 +35,11 @@ def check_pass_order(
     covered = matched.covered
     path = checker.motions.path[covered.motion]
     far = matched.distance[matched.place] > checker.task.distances[-1] + 1e-9
+    group = (path + 1) * 2 * len(checker.pieces) + 2 * covered.piece + far
     _find_early(
         checker.motions,
         covered.motion,
-        (path + 1) * 2 * len(checker.pieces) + 2 * covered.piece + far,
+        group,
         levels[matched.place],
         (depths, checker.limit),
         findings,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -66,10 +66,6 @@ class Named(NamedTuple):
                 for name in note.ids:
                     gaps[name] = gaps.get(name, 0.0) + note.length
         return cls(groups[0], groups[1], groups[2], groups[3], gaps)
-
-
-def _join_ids(notes: Iterable[Note]) -> frozenset[str]:
-    return frozenset(chain.from_iterable(note.ids for note in notes))
 
 
 class Context(NamedTuple):

@@ -117,10 +117,11 @@ def _measure(
         bites = np.maximum.reduceat(bites, find_run_starts(moves.line))
         deepest[new] = np.maximum(deepest[new], bites)
     places, lines = columns.ends[rows], columns.at[rows]
-    return [
-        Bite(number, int(cut.lines[lines[k]]), to_vec3(places[k]), deepest[k], allowed[k])
-        for k in np.flatnonzero(deepest > 0).tolist()
-    ]
+    measured = []
+    for k in np.flatnonzero(deepest > 0).tolist():
+        line, mm, limit = int(cut.lines[lines[k]]), float(deepest[k]), float(allowed[k])
+        measured.append(Bite(number, line, to_vec3(places[k]), mm, limit))
+    return measured
 
 
 def _is_same(points: FloatArray, examined: FloatArray) -> BoolArray:

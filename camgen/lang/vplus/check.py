@@ -28,9 +28,14 @@ _ANYWHERE = make_external("somewhere")
 
 
 class _Checker(Machine):
-    """Checks single instructions of a program, without any lasting effect."""
+    """Checks single instructions of a program, without any lasting effect.
+
+    routine: the program.
+    lines_outside_of_loops: lines of its EXIT and NEXT that no loop is around.
+    """
 
     routine: Routine
+    lines_outside_of_loops: Set[int]
 
     def _value(self, key: str) -> None:  # noqa: ARG002 (none is kept)
         return None
@@ -81,9 +86,8 @@ class _Checker(Machine):
         read_bounds(text)
 
     def _check_exit(self, statement: Statement) -> None:
-        for step in self.routine.code.steps:
-            if isinstance(step, JumpTable) and step.line == statement.line and not step.labels:
-                raise Unreadable(f"{statement.word} outside of a loop")
+        if statement.line in self.lines_outside_of_loops:
+            raise Unreadable(f"{statement.word} outside of a loop")
 
     def _check_call(self, statement: Statement) -> None:
         match = require(
@@ -123,6 +127,11 @@ def check_rest(routines: Sequence[Routine], ran: Set[int], log: Log) -> None:
     accepted: set[tuple[str, str]] = set()
     for routine in routines:
         checker.routine = routine
+        checker.lines_outside_of_loops = {
+            step.line
+            for step in routine.code.steps
+            if isinstance(step, JumpTable) and not step.labels
+        }
         for statement in routine.statements:
             if not isinstance(statement, Statement) or statement.line in ran:
                 continue

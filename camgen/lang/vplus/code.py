@@ -211,7 +211,7 @@ class Translator(Compiler):
     def _note_leaving(self, block: Block) -> None:
         """Note whether one of the last statements of a branch leaves for good."""
         if block.pending is not None:
-            last = self.routine.statements[: self.index][-_LAST_STATEMENTS:]
+            last = self.routine.statements[max(0, self.index - _LAST_STATEMENTS) : self.index]
             words = [item.word for item in last if item.line > block.line]
             block.pending.is_leaving = not _LEAVING.isdisjoint(words)
 

@@ -180,6 +180,9 @@ def _read(
     lists: dict[str, list[FloatArray]] = {}
     if not element.rows:
         return numbers, lists
+    names = [column.name for column in element.properties]
+    if len(set(names)) < len(names):
+        raise ValueError(f"its {element.name} rows have two properties of one name")
     begin, sizes = source.at, source.peek(element.properties)
     try:
         parts = [source.table(element.properties, sizes, element.rows)]

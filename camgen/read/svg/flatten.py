@@ -118,9 +118,8 @@ def _oval(
     # Half circles exactly, so that circles are known again.
     if abs(abs(bulge) - 1) < 1e-12:
         bulge = math.copysign(1.0, bulge)
-    return center + np.cos(t)[:, None] * first + np.sin(t)[:, None] * second, np.full(
-        parts + 1, bulge
-    )
+    bulges = np.append(np.full(parts, bulge), 0.0)
+    return center + np.cos(t)[:, None] * first + np.sin(t)[:, None] * second, bulges
 
 
 def _make_soup(drawing: Drawing, pieces: list[_Piece], owner: IntArray) -> DrawnPieces:

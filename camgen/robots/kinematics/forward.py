@@ -59,7 +59,7 @@ def compute_velocities(
 
     Columns: rad about the axes of the base, and mm of the point of the link at its origin.
 
-    links: frames of the links, see `frames`.
+    links: frames of the links, see `compute_link_frames`.
     moved: (N, C, J) changes of the values of the serial chain, C at each frame, rad or mm.
     """
     rotations, origins = links

@@ -64,7 +64,9 @@ def measure_beyond(distance: FloatArray, upper: float, fore: float) -> FloatArra
 
 
 def bend_elbow(x: FloatArray, z: FloatArray, upper: float, fore: float) -> FloatArray:
-    """Angle between two bodies that reach a point, rad, 0 to pi; NaN out of reach.
+    """Angle by which the second of two bodies turns from the first one to reach a point, rad.
+
+    It is 0 for stretched bodies, pi at most, and NaN out of reach.
 
     x, z: the point from the first axis, mm.
     upper, fore: lengths of the bodies, mm.

@@ -261,16 +261,16 @@ def _note_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tupl
     if places:
         length = sum(fit.lines_mm for fit in fits)
         ids = list_ids(compress(contours, (fit.doubtful for fit in fits)))
-        what = (
+        stretches = (
             f"{counted(len(places), 'stretch', 'stretches')} of {counted(len(ids), 'outline')} "
             f"kept as lines, {short(length, 1)} mm in all"
         )
-        notes.append(Note("warning", what, "no lines and arcs fit them reliably", ids, places))
+        notes.append(Note("warning", stretches, "no lines and arcs fit them reliably", ids, places))
     area = sum(fit.cut for fit in fits)
     if area:
         ids = list_ids(compress(contours, (fit.cut for fit in fits)))
-        what = f"{short(area, 1)} px2 of {counted(len(ids), 'outline')} cut off"
-        notes.append(Note("warning", what, "small loops where they cross themselves", ids))
+        loops = f"{short(area, 1)} px2 of {counted(len(ids), 'outline')} cut off"
+        notes.append(Note("warning", loops, "small loops where they cross themselves", ids))
     return tuple(notes)
 
 

@@ -89,7 +89,7 @@ class Machine(RobotState, Walker):
     def _run(self, routine: Routine) -> None:
         self.enter()
         for label, index in routine.labels.items():
-            line = next((item.line for item in routine.statements[index:]), routine.line)
+            line = next((item.line for item in routine.statements[index : index + 1]), routine.line)
             self.remark(line, f"label {label}, to which no statement of a post jumps")
         self._flow.run(routine.code)
         self.leave()

@@ -185,8 +185,8 @@ class RobotState(Arm):
         if canonical(name) not in (self.settings.tool, self.settings.work):
             self.remark(line, f"{name} gets a value: programs of the post set tool and work alone")
         if not self.is_own(name):
-            what = "a global variable, which other programs share and which outlives this one"
-            what = f"{name} is not declared by AUTO: {what}"
+            why = "a global variable, which other programs share and which outlives this one"
+            what = f"{name} is not declared by AUTO: {why}"
             self.log.find("unusual", what, line=line, once="a global variable")
 
     def _point(self, text: Expression, statement: Statement) -> Joints:
@@ -488,7 +488,7 @@ class RobotState(Arm):
         self._detached = True
 
     def _check_brackets(self, statement: Statement, name: str) -> None:
-        if "".join(statement.rest.split()) not in ("", "()"):
+        if statement.rest.replace(" ", "") not in ("", "()"):
             raise Unreadable(f"{name} is not evaluated")
         if not statement.rest:
             what = "without (): what that means is not confirmed"
