@@ -234,8 +234,8 @@ def find_processes(trace: Trace, outputs: Sequence[tuple[int, Output]]) -> list[
         period = np.where(is_on, np.cumsum(begins) - 1, -1)
         works = is_on & ~trace.is_joint & trace.moves
         travel = _is_travel(trace, is_on) & is_on & trace.moves
-        periods, with_travel = len(np.unique(period[works])), len(np.unique(period[travel]))
-        if periods < 2 or with_travel > _FEW * periods:
+        periods, with_travel = set(period[works].tolist()), set(period[travel].tolist())
+        if len(periods) < 2 or len(with_travel) > _FEW * len(periods):
             continue
         comparable = np.isin(trace.frame, trace.frame[works])
         processes.append(Process(signal, is_on, period, _find_heights(trace, works), comparable))
@@ -248,15 +248,23 @@ def _is_travel(trace: Trace, is_on: Mask) -> Mask:
     works = trace.speed[is_on & trace.moves & ~trace.is_joint]
     if not len(travels) or not len(works):
         return trace.is_joint
-    travel, work = float(np.median(travels)), float(np.median(works))
+    travel, work = _find_median(travels), _find_median(works)
     if travel < 2 * work:
         return trace.is_joint
     return np.asarray(trace.is_joint | (trace.speed > 0.9 * travel))
 
 
+def _find_median(values: FloatArray) -> float:
+    """Return the middle value, or the mean of the two middle ones."""
+    # `np.median` imports the masked arrays of numpy, 5 ms of a short build.
+    ordered, half = np.sort(values), len(values) // 2
+    return float(ordered[half] + ordered[-1 - half]) / 2
+
+
 def _find_heights(trace: Trace, works: Mask) -> tuple[float, ...]:
     """Return the heights of a flat program, the lowest first. Empty for another program."""
-    if len(np.unique(trace.frame[works])) > 1:
+    frames = trace.frame[works]
+    if (frames != frames[:1]).any():
         return ()
     heights = trace.end[works, 2]
     heights = np.round(heights[np.isfinite(heights)] / _SAME_HEIGHT) * _SAME_HEIGHT
@@ -548,7 +556,7 @@ def _check_outputs(
             line = executed.lines[last]
             yield Finding("dangerous", line, f"{process.signal} is still on at the end")
         values = [value for _, value in steps if value]
-        usual = float(np.median(values))
+        usual = _find_median(np.array(values))
         odd = [value for value in values if not usual / _RATIO < value < usual * _RATIO]
         before = 0.0
         for place, value in steps:

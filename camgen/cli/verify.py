@@ -335,7 +335,7 @@ def _prove(
     if drawing is None and proven.fixtures is None:
         return list(_UNEXAMINED), "", None
     from camgen.cli.stock import check_fixtures, check_stock  # noqa: PLC0415 (shapely)
-    from camgen.pipeline.motion import (  # noqa: PLC0415 (shapely: only when needed)
+    from camgen.pipeline.motion import (  # noqa: PLC0415 (only for a drawing)
         compare_text,
         describe_controller,
     )

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.check import proof
+from camgen.check.proof import Controller, MotionProof
 from camgen.model.errors import VerifyError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
@@ -19,7 +21,6 @@ from camgen.post.plugins import dynamics_of
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
-    from camgen.check.proof import Controller, MotionProof
     from camgen.pipeline.programs import PostedPrograms, Request
     from camgen.post import Post
 
@@ -41,12 +42,10 @@ def prove_motion(
     notes: all notes of the build.
     Raises VerifyError for the first motion that is not what drawing and job ask for.
     """
-    from camgen.check import proof  # noqa: PLC0415 (shapely, after planning has loaded it)
-
     job = request.job
     if isinstance(plan, ReplayPlan):
         reason = "the input is a program, its motions are compared with the text alone"
-        return proof.MotionProof(0, 0.0, 0, proof.Unplaced(), (), (reason,))
+        return proof.MotionProof(0, 0.0, 0, (), (reason,))
     programs = []
     for text in posted.texts:
         path, origins = text.program.columns.path, text.program.paths
@@ -141,7 +140,5 @@ def list_reasons(result: MotionProof, knows_home: bool = True) -> tuple[str, ...
 
 def describe_controller(post: Post, job: Job, cell: Workcell) -> Controller:
     """The controller of the texts of a post, as far as the proof has to know it."""
-    from camgen.check.proof import Controller  # noqa: PLC0415 (shapely, only for this)
-
     home = cell.home if isinstance(cell.home, Joints) else None
     return Controller(dynamics_of(post, job), frozenset(post.list_verified()), home)

@@ -419,16 +419,30 @@ def test_inspect_posts_robots_and_verify_print_json(capsys: Captured) -> None:
     assert json.loads(capsys.readouterr().out)["faults"][0]["place"].startswith("bad.ngc line ")
 
 
-def test_help_loads_no_large_library() -> None:
-    heavy = {"numpy", "msgspec", "ezdxf", "difflib", "importlib.metadata"}
+RFA1 = str(Path(__file__).parents[2] / "fixtures" / "parts" / "rfa1")
+
+
+@pytest.mark.parametrize(
+    ("words", "heavy"),
+    [
+        (["--help"], {"numpy", "msgspec", "ezdxf", "difflib", "importlib.metadata"}),
+        (
+            ["build", f"{RFA1}.stl", "--job", f"{RFA1}.toml", "--post", "rapid", "-q"],
+            {"ezdxf", "shapely", "cv2", "numpy.ma"},
+        ),
+    ],
+)
+def test_a_command_loads_no_large_library_that_it_does_not_need(
+    words: list[str], heavy: set[str], folder: Path
+) -> None:
     code = (
-        "import sys\nfrom camgen.cli import main\nmain(['--help'])\n"
+        f"import sys\nfrom camgen.cli import main\nmain({words!r})\n"
         f"print(sorted({heavy!r} & set(sys.modules)))"
     )
     process = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=folder
     )
-    assert process.stdout.endswith("\n[]\n")
+    assert process.stdout.splitlines()[-1] == "[]"
 
 
 # -- faults, interrupts, pipes

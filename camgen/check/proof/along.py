@@ -13,22 +13,23 @@ from camgen.check.proof.contours import ContourChecker, Matched, Workplace
 from camgen.check.proof.earlier import EarlierCuts
 from camgen.check.proof.findings import Findings
 from camgen.check.proof.heights import check_heights, find_levels, tab_top
+from camgen.check.proof.hints import Program
 from camgen.check.proof.leads import LeadChecker
 from camgen.check.proof.matching import Ragged, join_tables, list_pieces
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.nesting import find_unclear
+from camgen.check.proof.outputs import check_outputs
 from camgen.check.proof.passes import check_inside_first, check_pass_order, check_repeats
 from camgen.check.proof.pieces import BoolArray, IntArray, points_along
 from camgen.check.proof.process import (
     check_feeds,
     check_force_directions,
     check_forces,
-    check_outputs,
     check_tool_turns,
     find_directions,
 )
 from camgen.check.proof.slopes import SlopeChecker, TabChecker
-from camgen.check.proof.subject import Context, Program, Subject, are_named
+from camgen.check.proof.subject import Context, Subject, are_named
 from camgen.check.proof.tasks import BESIDE, Drawing, Task
 from camgen.check.proof.visits import Laps, find_laps, number_visits
 from camgen.model.pose import FloatArray

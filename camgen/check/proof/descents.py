@@ -6,14 +6,14 @@ import numpy as np
 
 from camgen.check.proof.findings import Findings
 from camgen.check.proof.motions import UPRIGHT_MM, Motions, Rounding
-from camgen.check.proof.pieces import BoolArray
-from camgen.check.proof.process import (
+from camgen.check.proof.outputs import (
     check_outputs,
     check_spindle,
     is_switched_in_air,
     plunge_speed,
     process_signal,
 )
+from camgen.check.proof.pieces import BoolArray
 from camgen.check.proof.tasks import HOP_MM, Task
 from camgen.check.proof.travel import Phases
 from camgen.model.pose import FloatArray

@@ -1,4 +1,4 @@
-"""Differences between the drawing and the motions of a text, and steps that are not proven."""
+"""Differences between the drawing and the motions of a text, steps not proven, and the result."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from msgspec import Struct, field
 
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.pieces import BoolArray, IntArray
+from camgen.check.proof.unplaced import Unplaced
 from camgen.model.text import join_short
 
 
@@ -57,3 +58,22 @@ class Findings(Struct):
         text = f"{what}: {why}"
         if text not in self.unproven:
             self.unproven.append(text)
+
+
+class MotionProof(Struct, frozen=True):
+    """The result of a proof.
+
+    contours: number of contours that are worked as the job asks for.
+    length: their length, mm.
+    motions: number of motions that were examined.
+    findings: differences in order of line, each with the name of its file.
+    unproven: steps that were not examined, each with its reason.
+    unplaced: numbers of motions to or from joint values, of which only the outputs are examined.
+    """
+
+    contours: int
+    length: float
+    motions: int
+    findings: tuple[tuple[str, Finding], ...]
+    unproven: tuple[str, ...]
+    unplaced: Unplaced = Unplaced()

@@ -86,7 +86,7 @@ def check_drilled(
     Returns (M,) which motions are in a hole, and (C,) which contours are drilled.
     """
     holes = select_holes(task, drawing)
-    limit = 2 * rounding.mm + 1e-3
+    limit = rounding.slack
     hole = find_hole(motions.end[rows, :2], holes, limit)
     contact = np.zeros(len(motions), np.bool_)
     contact[rows[hole >= 0]] = True

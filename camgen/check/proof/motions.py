@@ -18,6 +18,8 @@ from camgen.model.program import Columns, Instruction, Joints, MoveJ, Output
 
 #: A motion whose ends are nearer in the plane, mm, goes up or down only.
 UPRIGHT_MM = 2e-3
+#: Rounding of binary numbers, and of the points of an arc, mm.
+_BINARY_MM = 1e-3
 
 
 class Rounding(Struct, frozen=True):
@@ -31,6 +33,11 @@ class Rounding(Struct, frozen=True):
     mm: float
     speed: float
     joint: float
+
+    @property
+    def slack(self) -> float:
+        """Distance of a motion from its place by the digits of the text, mm."""
+        return 2 * self.mm + _BINARY_MM
 
 
 class Controller(Struct, frozen=True):

@@ -12,6 +12,7 @@ from camgen.check.proof.findings import Findings
 from camgen.check.proof.heights import tab_slopes, tab_top
 from camgen.check.proof.motions import Motions
 from camgen.check.proof.nesting import enclosed_areas, flatten
+from camgen.check.proof.outputs import plunge_speed
 from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
@@ -20,7 +21,6 @@ from camgen.check.proof.pieces import (
     find_ways_to,
     normals_along,
 )
-from camgen.check.proof.process import plunge_speed
 from camgen.check.proof.tasks import BESIDE, Drawing, Task
 from camgen.check.proof.visits import Laps, highest_of, lowest_of
 from camgen.model.job import OperationTable

@@ -11,10 +11,11 @@ from itertools import chain as join
 
 import numpy as np
 
-from camgen.check.proof.findings import Findings
-from camgen.check.proof.motions import Motions
+from camgen.check.proof.findings import Findings, MotionProof
+from camgen.check.proof.hints import Named, Program
+from camgen.check.proof.motions import Motions, Rounding, tabulate
+from camgen.check.proof.outputs import check_joint_motions, is_switched_in_air, process_signal
 from camgen.check.proof.pieces import BoolArray, IntArray
-from camgen.check.proof.process import is_switched_in_air, process_signal
 from camgen.model.job import Job
 from camgen.model.part import Line, Part
 from camgen.model.pose import FloatArray
@@ -26,6 +27,39 @@ _LINE_POINTS, _ARC_POINTS = 9, 65
 _END_SLACK_MM = 0.05
 #: Points along an edge are not farther apart, mm, but no more than `_MOST_POINTS` are added.
 _FINE_MM, _MOST_POINTS = 0.25, 2000
+
+
+def prove_space(
+    part: Part, job: Job, program: Program, named: Named, rounding: Rounding
+) -> MotionProof:
+    """The proof of `prove_motion` for edges and curves, without the motions that are not placed.
+
+    named: ids in notes.
+    """
+    if job.operation.depth:
+        reason = "curves in space with a depth are not examined"
+        return MotionProof(0, 0.0, 0, (), (reason,))
+    findings = Findings()
+    signal = process_signal(job.process)
+    motions = tabulate(program.body, program.lines, program.path, signal)
+    distance = 0.0 if part.curves else job.operation.offset
+    limit = rounding.slack + job.tolerance.chord + job.tolerance.arc_fit
+    lines = select_lines(part, job, program.origins, findings)
+    checker = SpaceChecker(job, motions, distance, limit, named.gaps)
+    done = checker.check(lines, program.origins, findings)
+    for line in lines:
+        if line.id not in done and line.id not in named.skipped:
+            findings.miss(f"{line.id} is not worked, and no note says so")
+            break
+    unknown = np.isnan(motions.start[:, 0]) | np.isnan(motions.end[:, 0])
+    check_joint_motions(job, motions, unknown, findings)
+    return MotionProof(
+        contours=len(done),
+        length=float(sum(done.values())),
+        motions=int((~unknown).sum()),
+        findings=tuple((program.file, item) for item in findings.items),
+        unproven=tuple(findings.unproven),
+    )
 
 
 def select_lines(part: Part, job: Job, origins: Sequence[Origin], findings: Findings) -> list[Line]:

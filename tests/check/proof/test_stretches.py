@@ -36,7 +36,7 @@ def count_stretches(patch: Patch, post: str) -> int:
         counts.append(len(original(*given)))
         return original(*given)
 
-    patch.setattr(module("check.proof"), "cut_at_clearance", counted)
+    patch.setattr(module("check.proof.flat"), "cut_at_clearance", counted)
     prove(patch, SHORT, post)
     return counts[0]
 
