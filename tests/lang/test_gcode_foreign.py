@@ -153,6 +153,14 @@ def test_fanuc_has_increments_by_u_and_w_and_diameters_on_lathes():
     ]
 
 
+@pytest.mark.parametrize("times", ["2.5", "-1", "10001"])
+def test_a_number_of_calls_is_not_rounded_or_cut(times):
+    subprogram = ("O100", "G91 G1 X1", "G90", "M99")
+    executed = run(f"M98 P100 L{times}", end=("M2", *subprogram))
+    refusal = f"L{float(times):g} is not a whole number from 0 to 10,000"
+    assert list_findings(executed, "refused") == [(4, refusal)]
+
+
 def test_a_subprogram_is_called_by_its_number_in_any_file():
     subprogram = ["O100", "G91 G1 X1", "G90 M99"]
     assert end_points(run("M98 P100 L3", end=("M2", *subprogram))) == [
@@ -282,6 +290,18 @@ def test_a_nurbs_can_be_a_quarter_circle():
     points = end_points(run("G0 X10 Y0", "G5.2 P1 L3", "X10 Y10 P0.70710678", "X0 Y10 P1", "G5.3"))
     assert points[-1] == (0, 10, 5)
     assert all(abs((x * x + y * y) ** 0.5 - 10) < 0.002 for x, y, _ in points)
+
+
+def test_the_first_point_of_a_nurbs_has_weight_1_if_its_line_has_an_end():
+    """The weights 1, sqrt(1/2), 1 give a quarter circle, as LinuxCNC reads the line."""
+    points = end_points(run("G0 X10 Y0", "G5.2 P0.70710678 X10 Y10", "X0 Y10 P1", "G5.3"))
+    assert points[-1] == (0, 10, 5)
+    assert all(abs((x * x + y * y) ** 0.5 - 10) < 0.002 for x, y, _ in points)
+
+
+def test_an_axis_does_not_turn_for_weeks():
+    executed = run("G1 A3600 F0.00001")
+    assert list_findings(executed, "refused") == [(4, "an axis turns for 2.16e+10 s")]
 
 
 def test_a_cut_after_a_tool_change_that_stopped_the_spindle_is_dangerous():

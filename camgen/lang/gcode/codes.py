@@ -12,7 +12,7 @@ from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.predefined import find_feed, set_override
 from camgen.lang.gcode.traced import TRACED
 from camgen.lang.gcode.turning import run_lathe_cycle
-from camgen.lang.gcode.words import LineError
+from camgen.lang.gcode.words import LineError, take_whole
 from camgen.model.program import ToolChange, Wait
 
 #: mm: the unit of length of each code.
@@ -121,7 +121,7 @@ def _surface(m: Machine, code: str, words: dict[str, float]) -> None:
 def _change(m: Machine, code: str, words: dict[str, float]) -> None:
     """M6 changes the tool. M61 only states which tool is in the spindle."""
     if code == "M61":
-        number = int(words.pop("Q", 0.0))
+        number = take_whole(words, "Q", 0)
         if m.cut and number != m.changed_to:
             m.log.lose(f"M61 says that tool T{number} is in, after a cut with another one")
         m.changed_to = number
@@ -384,7 +384,7 @@ def _set_table(m: Machine, _code: str, words: dict[str, float]) -> None:
     """
     kind, number = words.get("L", 0.0), words.get("P")
     if kind not in (2.0, 20.0):
-        index = int(number or 0.0)
+        index = take_whole(words, "P", 0)
         if "R" in words and kind in (1.0, 10.0, 11.0):
             m.radii[index] = words["R"] * m.scale
         m.log.fact("tables of the machine", f"G10 L{kind:g} P{index}")

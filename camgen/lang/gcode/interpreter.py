@@ -215,11 +215,9 @@ class Interpreter(MachineLanguage):
     def _jump(self, at: int) -> Step:
         """Go to a step. The main program is the first file."""
         end = self._code.labels.get("end of main", at)
-        return (
-            Jump(self.machine.line, at)
-            if self.machine.depth or at <= end
-            else End(self.machine.line)
-        )
+        if self.machine.depth or at <= end:
+            return Jump(self.machine.line, at)
+        return End(self.machine.line)
 
     def _leap(self, leap: Leap) -> Step | None:
         """The step after M97, M98, M99, G65 or a profile. Raises LineError."""
@@ -373,8 +371,8 @@ class Interpreter(MachineLanguage):
         return self._test_macro(expression)
 
     def open_count(self, count: OWord) -> Counter:
-        """The rounds of a repeat."""
-        return Counter(RoundCount(), 1.0, float(int(self._read_values(count, 1)[0])))
+        """The rounds of a repeat. As in LinuxCNC, a half is rounded to the even number."""
+        return Counter(RoundCount(), 1.0, float(round(self._read_values(count, 1)[0])))
 
     def assign(self, target: RoundCount, value: float) -> None:
         """Set the variable of a repeat."""

@@ -19,7 +19,7 @@ from camgen.lang.gcode.machine import AXES, Handler, Machine
 from camgen.lang.gcode.macros import take_arguments
 from camgen.lang.gcode.motion import target
 from camgen.lang.gcode.rotation import Rotation
-from camgen.lang.gcode.words import LineError
+from camgen.lang.gcode.words import LineError, take_whole
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL
 
@@ -56,8 +56,8 @@ def _call_after_motions(m: Machine, code: str, words: dict[str, float]) -> None:
     m.modal = None
     if code == "G67":
         return
-    number, times = words.pop("P", 0.0), int(words.pop("L", 1.0))
-    m.modal = ("G65", number, min(times, 10_000), take_arguments(words))
+    number, times = words.pop("P", 0.0), take_whole(words, "L", 1)
+    m.modal = ("G65", number, times, take_arguments(words))
     m.modal_depth = m.depth
 
 
@@ -82,7 +82,7 @@ def _pocket(m: Machine, code: str, words: dict[str, float]) -> None:
     radii = [circle - radius for circle in radii]
     if radii[0] <= 0:
         raise LineError(f"{code} with a first circle (I) that is not larger than the tool")
-    times = min(int(words.pop("L", 1.0)), 1000) if m.incremental else 1
+    times = take_whole(words, "L", 1) if m.incremental else 1
     deeper = words.pop("Z", None)
     m.assume(f"{code}: the tool goes from circle to circle in half circles")
     m.start()

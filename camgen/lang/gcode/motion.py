@@ -19,6 +19,8 @@ from camgen.model.program import Wait
 _CENTRES = "IJKR"
 #: Number of lines in a sequence below which running line by line is faster.
 SHORTEST_RUN = 16
+#: s: a longer turn of an axis alone is refused.
+_LONGEST_TURN = 1e6
 
 
 def move(m: Machine, code: str, words: dict[str, float]) -> None:
@@ -85,7 +87,9 @@ def _turn_axes(m: Machine, words: dict[str, float], code: str) -> None:
             seconds = 1 / m.feed
         else:
             seconds = turned / (m.feed * 60.0 / m.scale) * 60.0
-        m.add(Wait(min(seconds, 1e6)))
+        if seconds > _LONGEST_TURN:
+            raise LineError(f"an axis turns for {seconds:g} s")
+        m.add(Wait(seconds))
 
 
 def polar(m: Machine, words: dict[str, float]) -> None:

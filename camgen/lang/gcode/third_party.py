@@ -25,6 +25,7 @@ from camgen.lang.gcode.words import (
     UnknownWord,
     bare,
     drop_comments,
+    take_whole,
     without_number,
     words_of,
 )
@@ -223,14 +224,9 @@ def _find_group(m: Machine, code: str) -> str:
 
 
 def begin(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
-    """Renames the codes of the dialect, and removes those of no modal group. Raises LineError."""
+    """Runs what only some controllers have; renames and removes their codes. Raises LineError."""
     dialect = m.dialect
-    for group in [group for group in codes if group.startswith(("idle ", "unknown "))]:
-        kind, _, code = group.partition(" ")
-        del codes[group]
-        (_leave_out if kind == "idle" else _pass_over)(m, code, codes, words)
-    for group, code in codes.items() if dialect.names else ():
-        codes[group] = dialect.names.get(code, code)
+    _rename(m, codes, words)
     _find_refused(m, codes, words)
     if "S" in words and dialect.has_beams and codes.get("motion", m.motion) in _WORKING:
         m.varies_power |= any(axis in words for axis in AXES)
@@ -245,6 +241,20 @@ def begin(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
         _read_lathe_words(m, codes, words)
     if m.lathe and "X" in words:
         words["X"] /= 2
+
+
+def _rename(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
+    """Gives the codes of the dialect their usual names, and removes those of no modal group."""
+    for group in list(codes):
+        kind, _, code = group.partition(" ")
+        if kind == "idle":
+            del codes[group]
+            _leave_out(m, code, codes, words)
+        elif kind == "unknown":
+            del codes[group]
+            _pass_over(m, code, codes, words)
+    for group, code in codes.items():
+        codes[group] = m.dialect.names.get(code, code)
 
 
 def _leave_out(m: Machine, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
@@ -319,19 +329,15 @@ def _begin_wider(m: Machine, codes: dict[str, str], words: dict[str, float]) -> 
 
 def _call(m: Machine, code: str, words: dict[str, float]) -> None:
     """M97, M98 and G65 call a subprogram, and M99 ends it, or the program."""
-    number, times = words.pop("P", 0.0), int(words.pop("L", 1.0))
+    number, times = words.pop("P", 0.0), take_whole(words, "L", 1)
     if code == "M98" and number >= 10_000 and m.dialect.name.startswith("fanuc"):
         number, times = number % 10_000, int(number) // 10_000
     if code == "M99" and not m.depth:
         m.log.fact("left out", "M99 begins the program again; it is run once")
         m.ended = True
-    else:
-        m.leap = (
-            code,
-            number,
-            min(times, 10_000),
-            take_arguments(words) if code == "G65" else None,
-        )
+        return
+    arguments = take_arguments(words) if code == "G65" else None
+    m.leap = code, number, times, arguments
 
 
 def _read_printer_words(m: Machine, codes: Mapping[str, str], words: dict[str, float]) -> None:
@@ -357,19 +363,22 @@ def _add_increments(m: Machine, codes: Mapping[str, str], words: dict[str, float
     for letter, axis in _PARTS.items():
         if letter not in words or axis in words:
             continue
-        k, diameters = AXES.index(axis), 2 if m.dialect.diameter and axis == "X" else 1
-        words[axis] = words.pop(letter) / diameters
+        k = AXES.index(axis)
+        # X and U of a lathe are diameters.
+        factor = 2 if m.dialect.diameter and axis == "X" else 1
+        words[axis] = words.pop(letter) / factor
         if not m.incremental:
             words[axis] += (m.turned(list(m.at), True)[k] - m.shift[k]) / m.scale
-        words[axis] *= diameters
+        words[axis] *= factor
         if "offsets" not in codes:
             m.known[k] = True
 
 
 def _read_lathe_words(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
     """Words of a lathe: T0102 is tool 1 with offset 2, and X is a diameter."""
-    if words.get("T", 0.0) >= 100:
-        words["T"] = float(int(words["T"]) // 100)
+    tool = words.get("T", 0.0)
+    if tool >= 100 and tool % 1 == 0:
+        words["T"] = tool // 100
         codes.setdefault("tool change", "M6")
     if "X" in words and not m.lathe:
         m.lathe = bool(m.assume("X is a diameter", "diameter", 1.0, "as on most lathes"))

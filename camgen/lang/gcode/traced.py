@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from camgen.lang.gcode.machine import Handler, Machine
 from camgen.lang.gcode.motion import target
-from camgen.lang.gcode.words import LineError
+from camgen.lang.gcode.words import LineError, take_whole
 from camgen.model.pose import Vec3
 
 #: Maximum number of lines of a spline. It is divided until its lines keep the tolerance of helices.
@@ -88,16 +88,7 @@ def _knots(m: Machine, code: str, words: dict[str, float]) -> None:
     Raises LineError for a weight that is not positive and for too few points.
     """
     if code == "G5.2":
-        weight = words.pop("P", 0.0)
-        if weight <= 0:
-            raise LineError("G5.2 without a weight (P) above 0")
-        order = int(words.pop("L", 3.0))
-        if not m.control:
-            m.control.append(((m.at[0], m.at[1]), weight))
-            m.order = max(order, 3)
-        if "X" in words or "Y" in words:
-            end = target(m, words)
-            m.control.append(((end[0], end[1]), weight))
+        _add_knot(m, words)
         return
     if len(m.control) < m.order:
         m.control.clear()
@@ -107,6 +98,28 @@ def _knots(m: Machine, code: str, words: dict[str, float]) -> None:
     m.control.clear()
     m.motion = "G1"
     _feed(m, _divide(m, curve, m.at[2], m.at[2]), m.feed)
+
+
+def _add_knot(m: Machine, words: dict[str, float]) -> None:
+    """Adds the control point of a line. The first line adds the position of the tool before it.
+
+    The rules are those of LinuxCNC's interpreter. Raises LineError.
+    """
+    weight, order = words.pop("P", 0.0), take_whole(words, "L", 3)
+    has_end = "X" in words
+    if has_end != ("Y" in words):
+        raise LineError("a control point (G5.2) with one of X and Y")
+    if weight <= 0:
+        raise LineError("G5.2 without a weight (P) above 0")
+    if m.control and not has_end:
+        raise LineError("a second control point (G5.2) without X and Y")
+    if not m.control:
+        m.control.append(((m.at[0], m.at[1]), 1.0 if has_end else weight))
+        m.order = 3
+    m.order = order if order > 3 else m.order
+    if has_end:
+        x, y, _ = target(m, words)
+        m.control.append(((x, y), weight))
 
 
 def _nurbs(control: Sequence[tuple[Vec2, float]], order: int) -> Callable[[float], Vec2]:
@@ -162,7 +175,8 @@ def _thread(m: Machine, code: str, words: dict[str, float]) -> None:
 
 def _threads(m: Machine, code: str, words: dict[str, float]) -> None:
     """G76 of LinuxCNC: the passes of a thread as its interpreter runs them. Raises LineError."""
-    w = {letter: words.pop(letter, 0.0) for letter in "IJKPQRHEL"}
+    springs, ends = take_whole(words, "H", 0), take_whole(words, "L", 0)
+    w = {letter: words.pop(letter, 0.0) for letter in "IJKPQRE"}
     pitch, first, full, peak = (w[letter] * m.scale for letter in "PJKI")
     if pitch <= 0 or first <= 0 or full <= first:
         raise LineError(
@@ -181,8 +195,8 @@ def _threads(m: Machine, code: str, words: dict[str, float]) -> None:
     # The thread leads towards -Z, or towards +Z.
     along = -math.copysign(1.0, z1 - z0)
     tangent, taper = along * math.tan(math.radians(w["Q"])), along * w["E"] * m.scale
-    ends, bottom = int(w["L"]), z1 + full * tangent
-    for depth in [*depths, full, *[full] * min(int(w["H"]), 100)]:
+    bottom = z1 + full * tangent
+    for depth in [*depths, full, *[full] * springs]:
         back = depth * tangent
         clear, cut = x0 + side * (depth - full), x0 + side * (abs(peak) + depth)
         out = cut - side * full

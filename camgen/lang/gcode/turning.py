@@ -20,7 +20,7 @@ from camgen.geometry.arcs import compute_circle, turn_about
 from camgen.lang.gcode.compensation import OffsetPath
 from camgen.lang.gcode.drilling import speed_of
 from camgen.lang.gcode.machine import Machine
-from camgen.lang.gcode.words import LineError
+from camgen.lang.gcode.words import LineError, take_whole
 from camgen.model.pose import Vec3
 from camgen.model.program import BodyBuilder, MoveC, MoveJ, MoveL
 
@@ -158,7 +158,7 @@ def _finish(m: Machine, words: dict[str, float], steps: range, start: Vec3) -> N
         m.leap = None
         m.move_rapidly(start)
         return
-    times = min(max(int(words.get("P", 1.0)), 1), 100)
+    times = take_whole(words, "P", 1)
     first, last = (words.get(letter, 0.0) * m.scale for letter in "DE")
     profile = _record(m, steps)
     if first or last:

@@ -12,6 +12,11 @@ from typing import Any
 from camgen.lang.values import require
 from camgen.lang.word_tables import by_word
 
+#: Largest value of a word that counts something, such as calls in a line.
+_MOST_TIMES = 10_000
+#: A value is a whole number if it differs from one by less.
+_WHOLE = 1e-4
+
 
 class LineError(Exception):
     """A line that is wrong or cannot be read. The text names the word and the reason."""
@@ -402,6 +407,19 @@ def words_of(text: str, known: Parameters, group: Callable[[str], str] = group_o
     for key, value in setting:
         known.set(key, value)
     return codes, words
+
+
+def take_whole(words: dict[str, float], letter: str, usual: int) -> int:
+    """Removes a word and returns its value, `usual` without the word.
+
+    Raises LineError unless it is a whole number from 0 to 10,000. As in LinuxCNC, a value is whole
+    that differs from one by 0.0001 at most.
+    """
+    value = words.pop(letter, float(usual))
+    whole = round(value) if math.isfinite(value) else -1
+    if abs(value - whole) > _WHOLE or not 0 <= whole <= _MOST_TIMES:
+        raise LineError(f"{letter}{value:g} is not a whole number from 0 to {_MOST_TIMES:,}")
+    return whole
 
 
 def _code(codes: dict[str, str], code: str, group_of: Callable[[str], str]) -> None:

@@ -23,6 +23,9 @@ from camgen.lang.run import Stopped
 from camgen.lang.values import Unknown, find_first_unknown
 from camgen.model.program import Output
 
+#: Outputs that one statement may switch.
+_MOST_OUTPUTS = 256
+
 
 class Declaration(NamedTuple):
     """A variable of ``Dim``.
@@ -174,7 +177,9 @@ def _signals(run: State, which: Node, upto: Node | None) -> list[int | str]:
             run.log.leave_out("outputs whose numbers the text does not hold are left out")
             return []
         first, last = (index(number(end)) for end in ends)
-        return list(range(first, min(last, first + 255) + 1))
+        if last - first >= _MOST_OUTPUTS:
+            raise Unreadable(f"IO[{first} To {last}] names more than {_MOST_OUTPUTS} outputs")
+        return list(range(first, last + 1))
     if which.kind == "index" and which.content == "io" and which.parts:
         at = run.evaluate(which.parts[0])
         if isinstance(at, Unknown):

@@ -295,6 +295,12 @@ def test_outputs_delays_and_stops_are_run_in_order() -> None:
     )
 
 
+def test_a_range_of_very_many_outputs_is_left_out_and_named() -> None:
+    executed = run("Set IO[24 To 300]", "Set IO[1]")
+    assert executed.body == (Output("1", 1),)
+    assert executed.lost == ((3, "IO[24 To 300] names more than 256 outputs: left out"),)
+
+
 def test_a_port_can_be_named_and_set() -> None:
     executed = run("DefIO lamps = Byte, 64", "lamps = 5", "If lamps = 5 Then Set IO[1]")
     assert executed.body == (Output("lamps", 5), Output("1", 1))
