@@ -299,6 +299,31 @@ def test_the_first_point_of_a_nurbs_has_weight_1_if_its_line_has_an_end():
     assert all(abs((x * x + y * y) ** 0.5 - 10) < 0.002 for x, y, _ in points)
 
 
+def test_further_work_offsets_are_other_places():
+    """In Fanuc's dialect, P of G54 is the number of a further work offset."""
+    executed = run("G54 P1", "G1 X1", "G54 P2", "G1 X2", dialect="fanuc")
+    unknown = "how far apart they are is known to the machine alone"
+    assert [what for _, what in executed.lost] == [
+        f"G54 P1 after motions in G54: {unknown}",
+        f"G54 P2 after motions in G54 P1: {unknown}",
+    ]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ("o1 repeat [2]", "G1 X1", "o1 endrepeat Y5"),
+        ("o1 if [1]", "G1 X1", "o1 else U3", "o1 endif"),
+        ("o1 do Y2", "o1 while [0]"),
+        ("o<s> sub X1", "o<s> endsub"),
+    ],
+)
+def test_words_after_an_o_word_without_a_value_are_refused(lines):
+    stopped = run(*lines).stopped
+    assert stopped is not None
+    assert stopped[1].startswith("cannot read '")
+
+
 def test_an_axis_does_not_turn_for_weeks():
     executed = run("G1 A3600 F0.00001")
     assert list_findings(executed, "refused") == [(4, "an axis turns for 2.16e+10 s")]

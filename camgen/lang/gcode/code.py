@@ -148,6 +148,8 @@ class _Program(Compiler):
         if not label:
             label = f"<{name}>" if name is not None else str(int(digits))
         o_word = OWord(label, word or "", rest)
+        if rest and word in _ALONE:
+            raise LineError(f"cannot read {rest[:12]!r} after o{label} {word}")
         if word:
             _O_WORDS[word](self, o_word)
         elif rest:
@@ -264,6 +266,8 @@ _CLOSE: dict[str, Callable[[Compiler, Block], None]] = {
     "while": Compiler.close_loop,
     "repeat": Compiler.close_count,
 }
+#: O-words that no value follows.
+_ALONE = ("sub", "else", "endif", "endwhile", "do", "endrepeat", "break", "continue")
 _O_WORDS: dict[str, Callable[[_Program, OWord], None]] = {
     "sub": _Program._sub,
     "endsub": _Program._endsub,

@@ -293,11 +293,12 @@ def _cycle_off(m: Machine, _code: str, _words: dict[str, float]) -> None:
 
 
 def set_work(m: Machine, code: str, words: dict[str, float]) -> None:
-    """G54 to G59.3: another work offset.
+    """G54 to G59.3: another work offset. In dialects with open codes, P numbers further ones.
 
     Its coordinates are a loss unless the program has set them and those of the offset before.
     """
-    words.pop("P", None)
+    if m.dialect.open and "P" in words:
+        code = f"{code} P{words.pop('P'):g}"
     before, m.work = m.work or "G54", code
     if code != before and any(m.known):
         old, new = m.works[before], m.works[code]
@@ -383,6 +384,8 @@ def _set_table(m: Machine, _code: str, words: dict[str, float]) -> None:
     Other values of the tool table have no effect here.
     """
     kind, number = words.get("L", 0.0), words.get("P")
+    if "L" not in words and not m.dialect.open:
+        raise LineError("G10 without L, which says what it sets")
     if kind not in (2.0, 20.0):
         index = take_whole(words, "P", 0)
         if "R" in words and kind in (1.0, 10.0, 11.0):

@@ -30,7 +30,8 @@ def _spline(m: Machine, code: str, words: dict[str, float]) -> None:
         raise LineError(f"{code} outside the plane of X and Y (G17)")
     m.assume_feed(code)
     x0, y0, z0 = m.position()
-    offsets = {letter: words.pop(letter) * m.scale for letter in "IJPQ" if letter in words}
+    letters = "IJ" if code == "G5.1" else "IJPQ"
+    offsets = {letter: words.pop(letter) * m.scale for letter in letters if letter in words}
     first = (offsets.get("I"), offsets.get("J"))
     last = (offsets.get("P"), offsets.get("Q"))
     x1, y1, _ = end = target(m, words)
