@@ -299,6 +299,40 @@ def test_the_first_point_of_a_nurbs_has_weight_1_if_its_line_has_an_end():
     assert all(abs((x * x + y * y) ** 0.5 - 10) < 0.002 for x, y, _ in points)
 
 
+def test_axis_words_beside_a_code_without_a_motion_are_those_of_the_modal_motion():
+    lines = ("G1 X5", "G9 X10", "G62 X11", "G187 P1 Y3", "G103 P1 Y4")
+    ends = [(5, 0, 5), (10, 0, 5), (11, 0, 5), (11, 3, 5), (11, 4, 5)]
+    assert end_points(run(*lines, dialect="fanuc")) == ends
+    # A limit of the machine and a mirror have axis words of their own.
+    lines = ("G22 X1 Y1 Z1 I0 J0 K0", "G50.1 X0", "G1 X5")
+    assert end_points(run(*lines, dialect="fanuc")) == [(5, 0, 5)]
+
+
+@pytest.mark.parametrize("code", ["G50", "G60"])
+def test_a_program_ends_at_axis_words_whose_meaning_depends_on_the_machine(code):
+    stopped = run("G1 X1", f"{code} X10", "G1 X2", dialect="fanuc").stopped
+    assert stopped == (5, f"what {code} does with axis words depends on the machine")
+
+
+def test_g50_of_a_lathe_sets_the_position():
+    """X is a diameter: from 100 to 5 the tool moves by 47.5."""
+    executed = run("G50 X100 Z200", "G1 X5", "G1 X80 Z100", dialect="fanuc-lathe")
+    assert end_points(executed) == [(-47.5, 0, 5), (-10, 0, -95)]
+
+
+@pytest.mark.parametrize("line", ["G91 G28 B0", "G28 A0"])
+def test_only_the_axis_that_a_line_names_goes_home(line):
+    executed = run("G1 X1", line, "G90 G1 X2", dialect="fanuc")
+    assert end_points(executed) == [(1, 0, 5), (2, 0, 5)]
+    axis = line[-2]
+    assert executed.lost == ((5, f"axis {axis} moves: only X, Y and Z are replayed"),)
+
+
+def test_a_feed_beside_a_code_of_the_user_is_kept():
+    motions = [item for item in run("M101 P1 F300", "G1 X5").body if isinstance(item, MoveL)]
+    assert [motion.speed for motion in motions] == [5.0]
+
+
 def test_further_work_offsets_are_other_places():
     """In Fanuc's dialect, P of G54 is the number of a further work offset."""
     executed = run("G54 P1", "G1 X1", "G54 P2", "G1 X2", dialect="fanuc")

@@ -448,9 +448,13 @@ def _home(m: Machine, code: str, words: dict[str, float]) -> None:
                 m.homes[f"{name}.{axis.lower()}"] = m.at[k]
             words.pop(axis, None)
         return
-    for letter in m.others + "ORLPW" * m.dialect.extruder:
-        words.pop(letter, None)
+    if m.dialect.extruder:
+        for letter in "ORLPW":
+            words.pop(letter, None)
+    has_others = _lose_other_axes(m, words)
     stated = [k for k, axis in enumerate(AXES) if axis in words]
+    if has_others and not stated:
+        return
     axes = stated or [0, 1, 2]
     if m.dialect.homes:
         _zero(m, axes, words)
@@ -461,6 +465,15 @@ def _home(m: Machine, code: str, words: dict[str, float]) -> None:
     elif stated:
         m.rapid(target(m, words), () if m.incremental else stated)
     go_away(m, code, axes, m.homes)
+
+
+def _lose_other_axes(m: Machine, words: dict[str, float]) -> bool:
+    """Removes words of other axes than X, Y, Z, with a loss. Returns whether there were any."""
+    letters = [letter for letter in m.others if letter in words]
+    for letter in letters:
+        del words[letter]
+        m.log.lose(f"axis {letter} moves: only X, Y and Z are replayed")
+    return bool(letters)
 
 
 def _zero(m: Machine, axes: list[int], words: dict[str, float]) -> None:
@@ -539,8 +552,7 @@ def _machine_coordinates(m: Machine, motion: str, words: dict[str, float]) -> No
     if (motion or m.motion) not in ("G0", "G1"):
         raise LineError("G53 without G0 or G1")
     m.motion = motion or m.motion
-    for letter in m.others:
-        words.pop(letter, None)
+    _lose_other_axes(m, words)
     axes = take_axes(m, words)
     keys = {k: f"machine.{AXES[k].lower()}" for k in axes}
     known = {keys[k]: m.given[keys[k]] + axes[k] for k in axes if keys[k] in m.given}

@@ -135,6 +135,11 @@ _MACHINING = {
     "G103": "look-ahead limit",
     "G187": "smoothness",
 }
+#: Words of codes without a motion. The other words of such a line are those of the modal motion.
+OWN_WORDS = {
+    "G5.1": "PQRXYZ", "G8": "P", "G22": "XYZIJK", "G50": "S", "G50.1": "XYZ", "G103": "P",
+    "G187": "PE",
+}  # fmt: skip
 _ROTATION = dict.fromkeys(("G68", "G69"), "rotation")
 FANUC = Dialect(
     name="fanuc",

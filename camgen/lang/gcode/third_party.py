@@ -12,7 +12,7 @@ from functools import reduce
 from operator import xor
 
 from camgen.lang.gcode.arcs import PLANES
-from camgen.lang.gcode.dialects import LOSSES
+from camgen.lang.gcode.dialects import LOSSES, OWN_WORDS
 from camgen.lang.gcode.machine import ARCS, AXES, Machine
 from camgen.lang.gcode.macros import assign, take_arguments
 from camgen.lang.gcode.words import (
@@ -257,20 +257,38 @@ def _rename(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
         codes[group] = m.dialect.names.get(code, code)
 
 
-def _leave_out(m: Machine, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
-    """Removes the words of a code that moves nothing."""
+def _leave_out(m: Machine, code: str, codes: dict[str, str], words: dict[str, float]) -> None:
+    """Removes the words of a code that moves nothing. Raises UnknownWord."""
     dialect = m.dialect
-    m.log.fact(dialect.idle[code], code)
-    if dialect.idle[code] in LOSSES:
-        m.log.lose(f"{code}: {dialect.idle[code]}")
+    effect = dialect.idle[code]
+    m.log.fact(effect, code)
+    if effect in LOSSES:
+        m.log.lose(f"{code}: {effect}")
     if dialect.extruder and code in ("M82", "M83"):
         m.filament_adds = code == "M83"
-    if code[0] == "G" and "motion" not in codes and code != "G15":
-        if dialect.diameter and code == "G50" and "S" in words:
-            m.most_turns = words["S"]
+    if code[0] == "M":
+        if dialect.extruder or not any(axis in words for axis in AXES):
+            _remove_words(words, "" if dialect.extruder else "FST")
+    elif "motion" not in codes and effect in LOSSES:
         _remove_words(words, "FT")
-    elif code[0] == "M" and (dialect.extruder or not any(axis in words for axis in AXES)):
-        words.clear()
+    elif "motion" not in codes:
+        _take_own_words(m, code, codes, words)
+
+
+def _take_own_words(m: Machine, code: str, codes: dict[str, str], words: dict[str, float]) -> None:
+    """Removes the words that belong to a code. The others are those of the modal motion.
+
+    Raises UnknownWord for axis words whose meaning depends on the machine.
+    """
+    is_preset = code == "G50" and m.dialect.diameter
+    if is_preset:
+        m.most_turns = words.get("S", m.most_turns)
+    for letter in OWN_WORDS.get(code, ""):
+        words.pop(letter, None)
+    if code in ("G50", "G60") and any(axis in words for axis in "XYZUVW"):
+        if not is_preset:
+            raise UnknownWord(f"what {code} does with axis words depends on the machine")
+        codes["offsets"] = "G92"
 
 
 def _pass_over(m: Machine, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
