@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.lang.gcode.dialects import DIALECTS
+from camgen.lang.gcode.dialects import DIALECTS, LOSSES, OWN_WORDS
 from camgen.lang.gcode.language import GCODE, GRBL_LANGUAGE, run_gcode
 from camgen.lang.programs import RunRequest, find_language
 from camgen.model.limits import Limits
@@ -306,6 +306,22 @@ def test_axis_words_beside_a_code_without_a_motion_are_those_of_the_modal_motion
     # A limit of the machine and a mirror have axis words of their own.
     lines = ("G22 X1 Y1 Z1 I0 J0 K0", "G50.1 X0", "G1 X5")
     assert end_points(run(*lines, dialect="fanuc")) == [(5, 0, 5)]
+
+
+def list_idle_codes():
+    """Dialects with codes that name no loss and have no X of their own."""
+    for name, dialect in DIALECTS.items():
+        for code, effect in dialect.idle.items():
+            if code[0] == "G" and effect not in LOSSES and "X" not in OWN_WORDS.get(code, ""):
+                yield name, code
+
+
+@pytest.mark.parametrize(("dialect", "code"), list(list_idle_codes()))
+def test_no_code_without_a_motion_takes_the_axis_words_of_its_line_in_silence(dialect, code):
+    executed = run("G1 X5", f"{code} X8", dialect=dialect, diameter=0.0)
+    ends = [item.target.origin[0] for item in executed.body if isinstance(item, MoveL)]
+    is_preset = (dialect, code) == ("fanuc-lathe", "G50")
+    assert executed.stopped is not None or ends[-1] == 8.0 or is_preset
 
 
 @pytest.mark.parametrize("code", ["G50", "G60"])
