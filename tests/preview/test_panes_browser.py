@@ -259,10 +259,20 @@ def test_messages_of_other_windows_do_nothing(framed: Any) -> None:
 # -- the line about the current time
 
 
+@pytest.fixture(scope="module")
+def flat_page(browser: Driven, files: dict[str, Path]) -> Iterator[OpenPage]:
+    """A page whose window the tests change."""
+    opened = OpenPage(browser, files["flat"], draws=False)
+    yield opened
+    opened.context.close()
+
+
 @pytest.mark.parametrize("width", [1400, 1280, 1000, 760, 390])
-def test_the_line_about_the_current_time_is_not_cut_off(opened: Any, width: int) -> None:
-    tab = opened("flat", size={"width": width, "height": 800})
+def test_the_line_about_the_current_time_is_not_cut_off(flat_page: OpenPage, width: int) -> None:
+    tab = flat_page
+    tab.page.set_viewport_size({"width": width, "height": 800})
     tab.run("camgen.player.to(20)")
+    assert tab.run("innerWidth") == width
     for name in ("where", "what"):
         script = (
             "id => ((one) => [one.clientWidth || one.offsetWidth, one.scrollWidth])"
@@ -276,3 +286,4 @@ def test_the_line_about_the_current_time_is_not_cut_off(opened: Any, width: int)
     )
     assert line_box["x"] + line_box["width"] <= width
     assert line_box["y"] + line_box["height"] <= foot_box["y"] + foot_box["height"] <= 800
+    assert tab.log.messages == []
