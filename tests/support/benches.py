@@ -2,7 +2,6 @@
 
 import http.client
 import json
-import multiprocessing
 import os
 import re
 import signal
@@ -19,29 +18,10 @@ from typing import Any
 
 import pytest
 
+from tests.support.forks import get_server
 from tests.support.waiting import LONG
 
 Json = dict[str, Any]
-#: Most modules of `camgen open` and of its builder, which take 0.3 s and 0.4 s to import.
-MODULES = [
-    "camgen.cli.open",
-    "camgen.workbench.server",
-    "camgen.lang.gcode.run",
-    "camgen.order.arrange",
-    "camgen.order.proven",
-    "camgen.plan.operations",
-    "camgen.read.dxf.document",
-    "camgen.check.stock",
-    "ezdxf",
-    "shapely",
-    "camgen_posts.gcode",
-    "camgen_posts.pacscript",
-    "camgen_posts.rapid",
-    "camgen_posts.vplus",
-    "uvicorn.lifespan.on",
-    "uvicorn.protocols.http.h11_impl",
-    "tests.support.benches",
-]
 
 
 class Bench:
@@ -136,17 +116,20 @@ def start_bench(folder: Path, words: Sequence[str], state: Path | str) -> subpro
     return subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, env=environment)
 
 
-def run_open(folder: Path, words: Sequence[str], state: str, errors: Connection) -> None:
+def run_open(
+    folder: Path, words: Sequence[str], environment: dict[str, str], errors: Connection
+) -> None:
     """Runs `camgen open` in this process. errors: takes what it writes to its error stream."""
     from camgen.cli import main  # noqa: PLC0415 (in the process of the workbench alone)
 
     # The server that has forked this process forks its builders as well.
-    server, patch = multiprocessing.get_context("forkserver"), pytest.MonkeyPatch()
+    server, patch = get_server(), pytest.MonkeyPatch()
     patch.setattr(forkserver._forkserver, "ensure_running", lambda: None)
     patch.setattr("camgen.workbench.builder.get_context", lambda _: server)
     os.dup2(errors.fileno(), 2)
     os.chdir(folder)
-    os.environ["XDG_STATE_HOME"] = state
+    os.environ.clear()
+    os.environ.update(environment)
     sys.exit(main(["open", *words, "--no-browser"]))
 
 
@@ -157,10 +140,10 @@ class ForkedBench:
     """
 
     def __init__(self, folder: Path, words: Sequence[str], state: str) -> None:
-        server = multiprocessing.get_context("forkserver")
-        server.set_forkserver_preload(MODULES)
+        server, environment = get_server(), {**os.environ, "XDG_STATE_HOME": state}
         ours, theirs = server.Pipe(duplex=False)
-        self._process = server.Process(target=run_open, args=(folder, words, state, theirs))
+        arguments = folder, words, environment, theirs
+        self._process = server.Process(target=run_open, args=arguments)
         # A process imports the main module of its parent again, so it is hidden.
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys.modules["__main__"], "__spec__", None)
