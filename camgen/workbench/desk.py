@@ -28,10 +28,11 @@ from camgen.workbench.perform import BuildRequest, Built, Failed, InputSummary, 
 from camgen.workbench.session import Change, Session, Tables
 from camgen.workbench.usual import Defaults, list_defaults
 
-#: Pause between a change and its build, s, so that a moving slider does not start many builds.
+#: Pause between a change and its build, s, if another build has not ended, so that a moving slider
+#: does not start many builds.
 _PAUSE = 0.15
 #: Period in which the files on the disk are checked for changes, s.
-_CHECK_PERIOD = 1.0
+_CHECK_PERIOD = 0.5
 #: Stands for the last successful build before there is one.
 _NO_BUILD = Built(0, "", (), (), InputSummary(""), {}, "", 0.0, {})
 Stamp = tuple[int, int] | None
@@ -164,7 +165,7 @@ class Desk:
             self.request_build()
 
     def replace_session(self, session: Session) -> None:
-        """Replace the state of the job, and build it after a short pause."""
+        """Replace the state of the job, and build it: at once, or after a pause during a build."""
         if session.post != self.session.post:
             self.form = make_form(session.post)
         if session.step == self.session.step:
@@ -176,11 +177,12 @@ class Desk:
         if self.closing:
             return
         self.number += 1  # A build that ends meanwhile is not one of this job.
+        pause = 0.0 if self._idle.is_set() else _PAUSE
         self._idle.clear()
         self.stage = "waiting"
         if self._pause is not None:
             self._pause.cancel()
-        self._pause = self._loop.call_later(_PAUSE, self.request_build)
+        self._pause = self._loop.call_later(pause, self.request_build)
         self.notify_pages()
 
     def stop(self) -> None:

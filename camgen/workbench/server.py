@@ -27,6 +27,8 @@ from camgen.workbench.session import Change, Session, Tables
 
 #: Time without a page after which the workbench ends, s. A reload takes less.
 _STAY = 4.0
+#: Period in which the workbench looks whether it has to end, s.
+_LOOK = 0.1
 #: Period of a message to each page, s, which fails if the page has crashed.
 _BEAT = 10.0
 #: A browser opens six connections to a server, and each page keeps one for its state. The page
@@ -77,11 +79,7 @@ def serve(session: Session, terminal: CommandLine, token: str, door: socket.sock
     """Serve the workbench until its last page is closed, or Ctrl-C is pressed."""
     desks: list[Desk] = []
     servers: list[uvicorn.Server] = []
-
-    def end() -> None:
-        servers[0].should_exit = True
-
-    app = _make_app(session, terminal, desks, end)
+    app = _make_app(session, terminal, desks, servers)
     settings = uvicorn.Config(
         guard(app, token, door.getsockname()[1]),
         log_level="critical",
@@ -98,15 +96,16 @@ def serve(session: Session, terminal: CommandLine, token: str, door: socket.sock
 
 
 def _make_app(
-    session: Session, terminal: CommandLine, desks: list[Desk], end: Callable[[], None]
+    session: Session, terminal: CommandLine, desks: list[Desk], servers: list[uvicorn.Server]
 ) -> Starlette:
-    """The application. Its start adds the desk to `desks`; `end` ends the server."""
+    """The application. Its start adds the desk to `desks`; `servers` has its server by then."""
 
     @asynccontextmanager
     async def run_desk(_app: Starlette) -> AsyncIterator[None]:
         desk = Desk(session, terminal.summarize, terminal.warn)
         desks.append(desk)
-        tasks = list(map(asyncio.ensure_future, (desk.watch_files(), _wait_for_end(desk, end))))
+        waiting = _wait_for_end(desk, servers[0])
+        tasks = list(map(asyncio.ensure_future, (desk.watch_files(), waiting)))
         terminal.ready()
         desk.open_journals()
         try:
@@ -177,18 +176,20 @@ async def _answer(desk: Desk, request: Request, answer: Answer, content: type | 
         return JSONResponse({"line": make_one_line(f"fault: {type(error).__name__}: {error}")}, 500)
 
 
-async def _wait_for_end(desk: Desk, end: Callable[[], None]) -> None:
-    """End the workbench when its last page has been gone for some seconds."""
-    while not desk.is_visited and not desk.closing:
-        await asyncio.sleep(0.1)
+async def _wait_for_end(desk: Desk, server: uvicorn.Server) -> None:
+    """End the workbench when its last page has been gone for some seconds.
+
+    Close and Ctrl-C end it too. The server first answers its pages, which have the state to the
+    end.
+    """
     seconds_away = 0.0
-    while seconds_away < _STAY and not desk.closing:
-        await asyncio.sleep(0.2)
-        seconds_away = 0.0 if desk.pages else seconds_away + 0.2
+    while seconds_away < _STAY and not desk.closing and not server.should_exit:
+        await asyncio.sleep(_LOOK)
+        is_away = desk.is_visited and not desk.pages
+        seconds_away = seconds_away + _LOOK if is_away else 0.0
     desk.closing = True
     desk.notify_pages()
-    await asyncio.sleep(0.1)  # The pages still receive the state.
-    end()
+    server.should_exit = True
 
 
 # Requests that load a page or its parts.

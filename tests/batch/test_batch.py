@@ -1,5 +1,4 @@
 import json
-import multiprocessing
 import os
 import shutil
 import signal
@@ -12,6 +11,7 @@ import pytest
 from camgen.batch import state
 from camgen.cli import main
 from camgen.cli.say import Terminal
+from tests.support.forks import get_server
 from tests.support.waiting import LONG, wait_for
 
 PLATE = (
@@ -68,8 +68,7 @@ def ready_builders(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     if os.name == "nt":
         return
-    server = multiprocessing.get_context("forkserver")
-    server.set_forkserver_preload(["camgen.batch.perform", "camgen.read.dxf", "shapely", "ezdxf"])
+    server = get_server()
     monkeypatch.setattr("camgen.batch.pool.get_context", lambda _: server)
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
     monkeypatch.delattr(sys.modules["__main__"], "__file__", raising=False)

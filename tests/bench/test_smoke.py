@@ -65,7 +65,7 @@ SMOKES = [
     # The bench forks, which is not allowed in a process with threads.
     Smoke("speed.batch {here}/dxf 1 1 1", (4,), {"programs": (1, 1)}, alone=True),
     Smoke(
-        "speed.page {here}/dxf 500 0.05 1", (5,), {"points of the program": (50, 20000)},
+        "speed.page {here}/dxf 500 0.01 1", (5,), {"points of the program": (50, 20000)},
         lacking("playwright", *BROWSERS),
     ),
     # These benches start processes, which is not allowed in a process with threads.

@@ -41,8 +41,10 @@ def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
     """Opens a page by its name in a new tab; the tabs are closed after the test."""
     pages: list[OpenPage] = []
 
-    def make(name: str, size: dict[str, int] = SMALL, scheme: str = "light") -> OpenPage:
-        pages.append(OpenPage(browser, files[name], size, scheme))
+    def make(
+        name: str, size: dict[str, int] = SMALL, scheme: str = "light", draws: bool = True
+    ) -> OpenPage:
+        pages.append(OpenPage(browser, files[name], size, scheme, draws))
         return pages[-1]
 
     yield make
@@ -76,7 +78,7 @@ def test_the_executed_path_is_shown_instead_of_the_programmed_path(
     result = camgen.build(camgen.part([contour]), post="rapid", job=job)
     file = tmp_path / "corner.html"
     file.write_text(format_page(make_view(result)), encoding="utf-8")
-    shown = OpenPage(browser, file, SMALL, "light")
+    shown = OpenPage(browser, file)
     style = "() => getComputedStyle(document.documentElement).getPropertyValue('--executed')"
     red, green, blue = bytes.fromhex(shown.run(style).strip().removeprefix("#"))
 
@@ -148,7 +150,7 @@ def test_no_picture_is_empty_at_once_after_load_or_while_the_window_changes(
 
 
 def test_the_picture_stays_where_it_was_moved_to_when_the_window_changes(opened: Any) -> None:
-    tab = opened("flat")
+    tab = opened("flat", draws=False)
     tab.page.mouse.move(700, 400)
     tab.page.mouse.wheel(0, -240)
     tab.page.wait_for_function("() => camgen.look.own")
@@ -212,7 +214,7 @@ def test_the_list_names_and_highlights_a_path(opened: Any) -> None:
 
 
 def test_a_double_click_in_the_list_moves_the_tool_to_the_start_of_the_path(opened: Any) -> None:
-    tab = opened("flat")
+    tab = opened("flat", draws=False)
     tab.page.locator("#rows .row").nth(2).dblclick()
     start_time = tab.run(
         "camgen.track.time[camgen.track.event.findIndex((e) => camgen.track.path[e] === 2) - 1]"
@@ -222,7 +224,7 @@ def test_a_double_click_in_the_list_moves_the_tool_to_the_start_of_the_path(open
 
 
 def test_a_click_on_a_path_names_its_row(opened: Any) -> None:
-    tab = opened("flat")
+    tab = opened("flat", draws=False)
     spot = tab.run(
         """() => {
           camgen.setScreen();
@@ -238,7 +240,7 @@ def test_a_click_on_a_path_names_its_row(opened: Any) -> None:
 
 
 def test_keys_play_step_turn_and_measure(opened: Any) -> None:
-    tab = opened("flat")
+    tab = opened("flat", draws=False)
     keys = tab.page.keyboard
     keys.press("ArrowRight")
     first = tab.run("camgen.player.time")
@@ -280,7 +282,7 @@ def test_the_page_draws_all_again_after_the_graphics_context_was_lost(opened: An
 
 
 def test_f_fits_the_part_and_shift_f_fits_the_robot_as_well(opened: Any) -> None:
-    tab = opened("solid")
+    tab = opened("solid", draws=False)
     # Positions in px: eight corners of the box of part and paths, then the base of the robot.
     script = """() => {
       camgen.setScreen();
@@ -347,7 +349,7 @@ def test_an_arm_is_drawn_as_shapes_within_the_cuboids_that_a_layer_shows(opened:
 
 
 def test_two_clicks_measure_a_distance_between_corners(opened: Any) -> None:
-    tab = opened("flat")
+    tab = opened("flat", draws=False)
     tab.page.keyboard.press("m")
     # The straight sides of the outline end where its round corners begin: 80 x 50 mm, radius 10.
     ends = tab.run(
@@ -368,7 +370,7 @@ def test_two_clicks_measure_a_distance_between_corners(opened: Any) -> None:
 
 
 def test_dragging_turns_and_the_wheel_zooms(opened: Any) -> None:
-    tab = opened("flat")
+    tab = opened("flat", draws=False)
     turn, height = tab.run("[camgen.look.turn, camgen.look.height]")
     tab.page.mouse.move(800, 400)
     tab.page.mouse.down()
@@ -383,7 +385,7 @@ def test_dragging_turns_and_the_wheel_zooms(opened: Any) -> None:
 
 
 def test_names_that_are_markup_are_shown_and_do_nothing(opened: Any) -> None:
-    tab = opened("evil")
+    tab = opened("evil", draws=False)
     assert "<img" in tab.page.locator("#notes").inner_text()
     tab.page.locator("[data-tab=paths]").click()
     tab.page.locator("#rows .row").first.click()

@@ -1,4 +1,7 @@
-"""The panes beside the picture in a browser: notes, text of the program, colours, frames."""
+"""The panes beside the picture in a browser: notes, text of the program, colours, frames.
+
+The pages have no WebGL, so that they show no scene.
+"""
 
 import json
 from collections.abc import Iterator
@@ -13,7 +16,7 @@ from camgen.preview.listing import Listing
 from camgen.preview.page import format_page
 from camgen.preview.view import make_view
 from tests.preview.test_page import PARTS
-from tests.support.browsers import SMALL, Driven, OpenPage
+from tests.support.browsers import SMALL, Driven, OpenPage, open_context
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +55,7 @@ def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
     pages: list[OpenPage] = []
 
     def make(name: str, size: dict[str, int] = SMALL, scheme: str = "light") -> OpenPage:
-        pages.append(OpenPage(browser, files[name], size, scheme))
+        pages.append(OpenPage(browser, files[name], size, scheme, draws=False))
         return pages[-1]
 
     yield make
@@ -173,8 +176,7 @@ window.say = (message) => {
 @pytest.fixture
 def framed(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
     """The page `PARENT` after the page in its frame was loaded."""
-    context = browser.new_context(viewport={"width": 1300, "height": 800})
-    context.set_default_timeout(60_000)
+    context = open_context(browser, draws=False, viewport={"width": 1300, "height": 800})
     context.route(
         "http://camgen.test/**",
         lambda route: route.fulfill(
@@ -257,10 +259,20 @@ def test_messages_of_other_windows_do_nothing(framed: Any) -> None:
 # -- the line about the current time
 
 
+@pytest.fixture(scope="module")
+def flat_page(browser: Driven, files: dict[str, Path]) -> Iterator[OpenPage]:
+    """A page whose window the tests change."""
+    opened = OpenPage(browser, files["flat"], draws=False)
+    yield opened
+    opened.context.close()
+
+
 @pytest.mark.parametrize("width", [1400, 1280, 1000, 760, 390])
-def test_the_line_about_the_current_time_is_not_cut_off(opened: Any, width: int) -> None:
-    tab = opened("flat", size={"width": width, "height": 800})
+def test_the_line_about_the_current_time_is_not_cut_off(flat_page: OpenPage, width: int) -> None:
+    tab = flat_page
+    tab.page.set_viewport_size({"width": width, "height": 800})
     tab.run("camgen.player.to(20)")
+    assert tab.run("innerWidth") == width
     for name in ("where", "what"):
         script = (
             "id => ((one) => [one.clientWidth || one.offsetWidth, one.scrollWidth])"
@@ -274,3 +286,4 @@ def test_the_line_about_the_current_time_is_not_cut_off(opened: Any, width: int)
     )
     assert line_box["x"] + line_box["width"] <= width
     assert line_box["y"] + line_box["height"] <= foot_box["y"] + foot_box["height"] <= 800
+    assert tab.log.messages == []

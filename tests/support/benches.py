@@ -9,11 +9,16 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import Any
 
+import pytest
+
+from tests.support.forks import get_server
 from tests.support.waiting import LONG
 
 Json = dict[str, Any]
@@ -25,7 +30,7 @@ class Bench:
     address: address of its page.
     """
 
-    def __init__(self, process: subprocess.Popen[str], address: str) -> None:
+    def __init__(self, process: "subprocess.Popen[str] | ForkedBench", address: str) -> None:
         self.process, self.address = process, address
         match = re.fullmatch(r"http://(127\.0\.0\.1:(\d+))(/[\w-]{43})/", address)
         assert match, address
@@ -111,17 +116,72 @@ def start_bench(folder: Path, words: Sequence[str], state: Path | str) -> subpro
     return subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, env=environment)
 
 
+def run_open(
+    folder: Path, words: Sequence[str], environment: dict[str, str], errors: Connection
+) -> None:
+    """Runs `camgen open` in this process. errors: takes what it writes to its error stream."""
+    from camgen.cli import main  # noqa: PLC0415 (in the process of the workbench alone)
+
+    # The server that has forked this process forks its builders as well.
+    server, patch = get_server(), pytest.MonkeyPatch()
+    patch.setattr(forkserver._forkserver, "ensure_running", lambda: None)
+    patch.setattr("camgen.workbench.builder.get_context", lambda _: server)
+    os.dup2(errors.fileno(), 2)
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.exit(main(["open", *words, "--no-browser"]))
+
+
+class ForkedBench:
+    """A process like that of `start_bench`, forked by a server that has imported camgen.
+
+    Tests of how a workbench or its builder begins or ends do not use it.
+    """
+
+    def __init__(self, folder: Path, words: Sequence[str], state: str) -> None:
+        server, environment = get_server(), {**os.environ, "XDG_STATE_HOME": state}
+        ours, theirs = server.Pipe(duplex=False)
+        arguments = folder, words, environment, theirs
+        self._process = server.Process(target=run_open, args=arguments)
+        # A process imports the main module of its parent again, so it is hidden.
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys.modules["__main__"], "__spec__", None)
+            patch.delattr(sys.modules["__main__"], "__file__", raising=False)
+            self._process.start()
+        theirs.close()
+        self.stderr = os.fdopen(os.dup(ours.fileno()), encoding="utf-8")
+        ours.close()
+        assert self._process.pid is not None
+        self.pid: int = self._process.pid
+
+    def send_signal(self, number: int) -> None:
+        os.kill(self.pid, number)
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self, seconds: float) -> int:
+        self._process.join(seconds)
+        assert self._process.exitcode is not None, f"it runs after {seconds:g} s"
+        return self._process.exitcode
+
+
 @contextmanager
-def open_bench(folder: Path, words: Sequence[str], state: Path | None = None) -> Iterator[Bench]:
+def open_bench(
+    folder: Path, words: Sequence[str], state: Path | None = None, forked: bool = True
+) -> Iterator[Bench]:
     """Runs `camgen open` with these words in a folder, and ends it afterwards.
 
-    state: the state folder of the user; None stands for an empty one.
+    state: the state folder of the user; None stands for an empty one
+    forked: whether the process is a `ForkedBench`, where the system has them
     """
+    start = ForkedBench if forked and os.name != "nt" else start_bench
     with TemporaryDirectory() as empty:
-        yield from _open(start_bench(folder, words, state or empty))
+        yield from _open(start(folder, words, str(state or empty)))
 
 
-def _open(process: subprocess.Popen[str]) -> Iterator[Bench]:
+def _open(process: subprocess.Popen[str] | ForkedBench) -> Iterator[Bench]:
     """A workbench that has started; ended afterwards."""
     assert process.stderr is not None
     try:

@@ -25,6 +25,9 @@ SLOW_READ = "GPU stall due to ReadPixels"
 SIZE = {"width": 1280, "height": 800}
 PHONE = {"width": 390, "height": 844}
 SMALL = {"width": 960, "height": 600}
+#: Runs before the scripts of a page, in frames too, so that the page works as in a browser without
+#: WebGL. To draw the scene takes half of the processor time of a page.
+NO_WEBGL = "HTMLCanvasElement.prototype.getContext = () => null"
 Driven = Any
 
 
@@ -40,6 +43,19 @@ def start_browser() -> Iterator[Driven]:
         opened = started.chromium.launch(executable_path=SYSTEM, args=switches, timeout=1000 * LONG)
         yield opened
         opened.close()
+
+
+def open_context(browser: Driven, draws: bool, **options: Any) -> Driven:
+    """A context of the browser.
+
+    draws: whether its pages have WebGL and draw the scene
+    options: options of Playwright
+    """
+    context = browser.new_context(**options)
+    context.set_default_timeout(1000 * LONG)
+    if not draws:
+        context.add_init_script(NO_WEBGL)
+    return context
 
 
 class PageLog:
@@ -62,13 +78,22 @@ class PageLog:
 
 
 class OpenPage:
-    """A file that is open in a browser."""
+    """A file that is open in a browser.
 
-    def __init__(self, browser: Driven, file: Path, size: dict[str, int], scheme: str) -> None:
-        self.context = browser.new_context(
-            viewport=size, color_scheme=scheme, has_touch=size is PHONE
+    draws: whether the page draws its scene
+    """
+
+    def __init__(
+        self,
+        browser: Driven,
+        file: Path,
+        size: dict[str, int] = SMALL,
+        scheme: str = "light",
+        draws: bool = True,
+    ) -> None:
+        self.context = open_context(
+            browser, draws, viewport=size, color_scheme=scheme, has_touch=size is PHONE
         )
-        self.context.set_default_timeout(1000 * LONG)
         self.page = self.context.new_page()
         self.log = PageLog(self.page)
         self.page.goto(file.as_uri())

@@ -3,20 +3,23 @@
 from typing import Any
 
 from tests.support.benches import Bench
-from tests.support.browsers import SIZE, Driven, PageLog
-from tests.support.waiting import LONG
+from tests.support.browsers import SIZE, Driven, PageLog, open_context
 
 #: ms between two tests of a condition. A test at each frame makes the browser draw all the time.
 POLL = 20
 
 
 class Tab:
-    """A page of the workbench in a browser, and its log."""
+    """A page of the workbench in a browser, and its log.
 
-    def __init__(self, browser: Driven, bench: Bench, size: dict[str, int] = SIZE) -> None:
+    draws: whether the pages of its builds draw their scenes
+    """
+
+    def __init__(
+        self, browser: Driven, bench: Bench, size: dict[str, int] = SIZE, draws: bool = False
+    ) -> None:
         self.bench = bench
-        self.context = browser.new_context(viewport=size, reduced_motion="reduce")
-        self.context.set_default_timeout(1000 * LONG)
+        self.context = open_context(browser, draws, viewport=size, reduced_motion="reduce")
         self.page = self.context.new_page()
         self.log = PageLog(self.page)
         self.page.goto(bench.address)

@@ -56,6 +56,14 @@ def tab(browser: Driven, bench: Bench) -> Iterator[Tab]:
 
 
 @pytest.fixture
+def drawn_tab(browser: Driven, bench: Bench) -> Iterator[Tab]:
+    """A tab whose pages draw their scenes."""
+    opened = Tab(browser, bench, draws=True)
+    yield opened
+    opened.context.close()
+
+
+@pytest.fixture
 def own_tab(browser: Driven, folder: Path) -> Iterator[Tab]:
     """The page of a workbench that no other test uses, as the test changes files or ends it."""
     with open_bench(folder, ["part.dxf"]) as started:
@@ -103,9 +111,9 @@ def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(
     ] == []
 
 
-def test_the_view_of_the_page_survives_a_new_program(tab: Tab) -> None:
+def test_the_view_of_the_page_survives_a_new_program(drawn_tab: Tab) -> None:
     """The view: camera, chosen path, time, pane, layers and colouring."""
-    frame = tab.shown(tab.rest()["built"]["number"])
+    frame = drawn_tab.shown(drawn_tab.rest()["built"]["number"])
     frame.evaluate(
         "() => { const { look, player } = camgen; look.turn = 0.7; look.tilt = 0.9; "
         "look.height = 55; look.own = true; look.target = [3, 4, 5]; player.to(4); }"
@@ -117,8 +125,8 @@ def test_the_view_of_the_page_survives_a_new_program(tab: Tab) -> None:
     frame.locator(".switch button[data-by=feed]").click()
     before = frame.evaluate("camgen.viewState()")
     assert before["id"]
-    tab.enter("process.feed", "31")
-    after = tab.shown(tab.rest("s.tables.process")["built"]["number"]).evaluate(
+    drawn_tab.enter("process.feed", "31")
+    after = drawn_tab.shown(drawn_tab.rest("s.tables.process")["built"]["number"]).evaluate(
         "camgen.viewState()"
     )
     for name in ("id", "tab", "colouring", "layers"):
@@ -127,7 +135,7 @@ def test_the_view_of_the_page_survives_a_new_program(tab: Tab) -> None:
         assert after["camera"][name] == pytest.approx(before["camera"][name], abs=1e-6)
     assert after["camera"]["target"] == pytest.approx(before["camera"]["target"], abs=1e-4)
     assert after["time"] == pytest.approx(before["time"], abs=1e-6)
-    assert tab.log.messages == []
+    assert drawn_tab.log.messages == []
 
 
 def test_an_error_is_shown_at_its_setting_and_the_last_program_stays(tab: Tab) -> None:
@@ -443,14 +451,17 @@ IN_PICTURE = ("picture", "paths")
 
 
 def focus(tab: Tab, name: str) -> None:
-    """Gives an element the focus as a user does: the picture by a click."""
+    """Gives an element the focus as a user does: the picture by a click.
+
+    No build may run that would bring a new picture.
+    """
     pane, selector = FOCUS[name]
     tab.open(pane)
+    if name in IN_PICTURE:
+        frame = tab.shown(tab.page.evaluate("workbench.state().built.number"))
     if name == "picture":
-        frame = tab.shown(tab.rest()["built"]["number"])
         frame.locator(selector).click(position={"x": 4, "y": 200})
     elif name == "paths":
-        frame = tab.shown(tab.rest()["built"]["number"])
         frame.locator("nav button[data-tab=paths]").click()
         frame.locator(selector).focus()
     else:
@@ -475,7 +486,7 @@ def wait_state(tab: Tab, condition: str) -> None:
 def press_save(tab: Tab, key: str, place: str) -> None:
     height = 21 + list(FOCUS).index(place)
     tab.bench.change("process", "clearance", value=height)
-    wait_state(tab, f"s.unsaved && s.tables.process.clearance === {height}")
+    tab.rest(f"s.unsaved && s.tables.process.clearance === {height}")
     focus(tab, place)
     tab.page.keyboard.press(key)
     wait_state(tab, "!s.unsaved && s.told.startsWith('written: part.toml, part.ngc')")

@@ -332,6 +332,8 @@ def test_the_end_names_the_journal_of_changes_that_are_not_saved(
             page.close()  # type: ignore[attr-defined]
         if ending == "interrupt":
             process.send_signal(signal.SIGINT)
+        if ending != "page":
+            assert list(page)[-1]["closing"]
         code, lines = read_end(process)
         page.close()  # type: ignore[attr-defined]
     (journal,) = (state / "camgen" / "workbench").iterdir()

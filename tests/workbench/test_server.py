@@ -293,15 +293,13 @@ def test_layers_contours_and_order_become_settings_of_the_job(undone: Bench) -> 
     assert state["tables"] == {"tour": {"layers": ["OUTLINE", "HOLES"]}}
 
 
-def test_proposed_operations_make_a_program(tmp_path: Path) -> None:
-    shutil.copy(PARTS / "motor.dxf", tmp_path / "motor.dxf")
-    with open_bench(tmp_path, ["motor.dxf"]) as bench:
-        bench.wait()
-        assert bench.post("propose")[0] == 200
-        state = bench.wait(lambda state: not state["stage"] and state["tables"].get("operations"))
-        assert state["failed"] is None
-        assert state["tables"]["stock"] == {"thickness": 3.0}
-        assert len(state["looked"]["worked"]) == len(state["tables"]["operations"]) > 1
+def test_proposed_operations_make_a_program(undone: Bench) -> None:
+    undone.wait()
+    assert undone.post("propose")[0] == 200
+    state = undone.wait(lambda state: not state["stage"] and state["tables"].get("operations"))
+    assert state["failed"] is None
+    assert state["tables"]["stock"] == {"thickness": 3.0}
+    assert len(state["looked"]["worked"]) == len(state["tables"]["operations"]) > 1
 
 
 def test_proposed_operations_use_the_library_of_tools(tmp_path: Path) -> None:
@@ -515,7 +513,7 @@ def test_a_change_cancels_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_builder_that_was_killed_is_replaced(tmp_path: Path) -> None:
     shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
-    with open_bench(tmp_path, ["part.dxf"]) as bench:
+    with open_bench(tmp_path, ["part.dxf"], forked=False) as bench:
         bench.wait()
         children = Path(f"/proc/{bench.process.pid}/task/{bench.process.pid}/children")
         if not children.exists():
@@ -532,13 +530,13 @@ def test_a_builder_that_was_killed_is_replaced(tmp_path: Path) -> None:
 
 def test_the_workbench_ends_with_its_last_page_or_on_close(tmp_path: Path) -> None:
     shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
-    with open_bench(tmp_path, ["part.dxf"]) as bench:
-        assert bench.post("close")[0] == 200
-        assert bench.process.wait(LONG) == 0
     with start_bench(tmp_path, ["part.dxf"], tmp_path / "state") as process:
         assert process.stderr is not None
-        bench = Bench(process, process.stderr.readline().split()[1])
-        bench.wait()
+        Bench(process, process.stderr.readline().split()[1]).wait()
+        # It waits some seconds for another page. Meanwhile a second workbench is closed.
+        with open_bench(tmp_path, ["part.dxf"], forked=False) as bench:
+            assert bench.post("close")[0] == 200
+            assert bench.process.wait(LONG) == 0
         wait_for("the workbench ends", lambda: process.poll() is not None)
         assert process.returncode == 0
 

@@ -9,7 +9,7 @@ const CUT = {
   snapshots: 48,
   apart: 3e5, // samples that are looked at from one snapshot to the next, at least
   slack: 0.02, // mm that a rapid may be below the surface by what curves and the grid leave
-  budget: isDrawnByProcessor ? 40 : 12, // ms of a frame, more where drawing it takes as long
+  budget: isDrawnByProcessor ? 120 : 12, // ms of a frame, more where drawing it takes as long
   coarsest: 4, // every so many samples are drawn where all of them take too long
 };
 
