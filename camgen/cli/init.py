@@ -74,8 +74,9 @@ def run(arguments: Namespace, terminal: Terminal) -> None:
     text = write_template(source.name, units, chosen)
     if arguments.operations and part is not None:
         error = _try_program(part, text, terminal)
-        is_unsafe = isinstance(error, NoSafeProgram) and not isinstance(error.__cause__, Refused)
-        if is_unsafe and proposal is not None and _has_tabs(proposal):
+        with_tabs = proposal is not None and _has_tabs(proposal)
+        is_refused = error is not None and isinstance(error.__cause__, Refused)
+        if isinstance(error, NoSafeProgram) and with_tabs and not is_refused:
             # Other cuts may cut off the tabs beside narrow regions.
             proposal = _propose(part, job, source.name, option, terminal, with_tabs=False)
             chosen = replace(chosen, proposal=proposal)
