@@ -52,3 +52,19 @@ def test_each_kind_is_found(tmp_path: Path) -> None:
     prose = [("prose", line) for line in (1, 1, 1, 5, 6, 6)]
     others = [("nested", 2), ("conditional", 3), ("parameters", 4), ("wide", 7)]
     assert sorted(kinds) == sorted([*prose, *others])
+
+
+SIGNATURES = """
+def seven(a, /, b, c, *rest, d, e, **more): ...
+class Value:
+    def six(self, a, b, c, d, e, f): ...
+    def longer(self, a, b, c, d, e, f, g): ...
+"""
+
+
+def test_each_kind_of_parameter_counts(tmp_path: Path) -> None:
+    file = tmp_path / "signatures.py"
+    file.write_text(SIGNATURES)
+    places = [(place.kind, place.text) for place in list_places(file)]
+    long = [("parameters", "seven: 7 parameters"), ("parameters", "longer: 7 parameters")]
+    assert places == long

@@ -15,7 +15,14 @@ from msgspec.structs import replace
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.proposal import WHY_LEFT, describe, list_proposed, tabulate
 from camgen.cli.say import Terminal, label_rows
-from camgen.model.errors import AmbiguousInput, CamgenError, InputError, JobError, NoSafeProgram
+from camgen.model.errors import (
+    AmbiguousInput,
+    CamgenError,
+    InputError,
+    JobError,
+    NoSafeProgram,
+    Refused,
+)
 from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import (
     Setting,
@@ -67,7 +74,9 @@ def run(arguments: Namespace, terminal: Terminal) -> None:
     text = write_template(source.name, units, chosen)
     if arguments.operations and part is not None:
         error = _try_program(part, text, terminal)
-        if isinstance(error, NoSafeProgram) and proposal is not None and _has_tabs(proposal):
+        with_tabs = proposal is not None and _has_tabs(proposal)
+        is_refused = error is not None and isinstance(error.__cause__, Refused)
+        if isinstance(error, NoSafeProgram) and with_tabs and not is_refused:
             # Other cuts may cut off the tabs beside narrow regions.
             proposal = _propose(part, job, source.name, option, terminal, with_tabs=False)
             chosen = replace(chosen, proposal=proposal)

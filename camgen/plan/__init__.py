@@ -254,7 +254,8 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
         worked = step_part.worked or frozenset()
         works_on_all = len(worked) == len(part.contours)
         if step.operation.rest:
-            step_part = replace(step_part, earlier=tuple(_find_earlier(step_part, earlier)))
+            runs = (*part.earlier, *_find_earlier(step_part, earlier))
+            step_part = replace(step_part, earlier=runs)
         planned = _plan_step(step_part, make_step_job(job, step), number, works_on_all, cell, watch)
         if has_rest:
             from camgen.plan.rest import list_runs  # noqa: PLC0415 (only for jobs that ask for it)

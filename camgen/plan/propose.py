@@ -46,6 +46,7 @@ from camgen.plan.proposed_across import choose_pocket_mill, find_across
 from camgen.plan.proposed_mills import (
     FINISH_MM,
     MOST_TRIED,
+    PASS,
     ChosenMill,
     Row,
     choose_mills,
@@ -71,16 +72,12 @@ _MAX_COUNTERBORE = 3.0
 _MAX_OFF_CENTRE = 0.1
 #: Depth of a peck, in diameters of the drill.
 _PECK = 3.0
-#: Depth of a pass, in diameters of the mill.
-_PASS = 0.6
-#: The same for materials whose charts allow passes deeper than the diameter.
+#: The same as `PASS` for materials whose charts allow passes deeper than the diameter.
 _DEEP_PASS = 1.0
 #: Speed on a ramp, as a fraction of the feed.
 _RAMP_FRACTION = 0.75
 #: A path in a corner is shorter than this, in diameters of the mill before.
 _CORNER_PATHS = 4.0
-#: A mill of this diameter or more, mm, takes a last pass at the wall after several passes.
-_FINISHING_MILL_MM = 3.0
 #: Half the tip of a drill, rad: 118 degrees.
 _TIP = math.radians(59)
 #: A hole is bored by a mill of at most this share of its diameter: chips need room.
@@ -384,7 +381,7 @@ def _clear(loops: _Loops, rack: ToolRack) -> Iterator[tuple[Proposed, list[str]]
     depth = loops.thickness / 2
     row: dict[str, object] = {"kind": "pocket", "tool": tool, "ids": ids, "depth": depth}
     row |= {"entry": "ramp", "plunge": round(rack.feed(tool) * _RAMP_FRACTION, 2)}
-    passes = math.ceil(depth / (_PASS * diameter) - 1e-9)
+    passes = math.ceil(depth / (PASS * diameter) - 1e-9)
     row |= {"passes": passes} if passes > 1 else {}
     about = f"{counted(len(ids), 'pocket')} across other contours: how deep?"
     yield Proposed(about, row, "the largest mill that reaches enough of them"), ids
@@ -485,7 +482,7 @@ def _follow(
     if not rows:
         return
     if len(rows) > MOST_TRIED:
-        mills = [ChosenMill(max(rack.mills), rows, 1.0, True, math.inf, math.inf, 0.0)]
+        mills = [ChosenMill(max(rack.mills), rows, 1.0, True, math.inf, math.inf)]
     else:
         samples = sample(loops.segments, loops.nesting, np.array(rows))
         ids = dict(zip(rows, loops.name(rows), strict=True))
@@ -536,7 +533,7 @@ def _go_down(
     is_rest = mill.before > 0
     corners = is_rest and mill.longest <= _CORNER_PATHS * mill.before
     deep = corners or (rack.material is not None and rack.material.passes > 1)
-    passes = math.ceil(depth / ((_DEEP_PASS if deep else _PASS) * mill.diameter) - 1e-9)
+    passes = math.ceil(depth / ((_DEEP_PASS if deep else PASS) * mill.diameter) - 1e-9)
     keys: dict[str, object] = {"depth": depth}
     if may_have_tabs or not is_rest or math.isinf(mill.longest):
         keys |= {"entry": "ramp", "plunge": round(rack.feed(tool) * _RAMP_FRACTION, 2)}
@@ -544,7 +541,7 @@ def _go_down(
         keys |= {"passes": passes}
     if corners:
         keys |= {"direction": "any"}  # back and forth, without lifts
-    if passes > 1 and mill.may_finish and mill.diameter >= _FINISHING_MILL_MM:
+    if passes > 1 and mill.may_finish:
         keys |= {"finish": FINISH_MM}
     return keys
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -20,18 +20,24 @@ from camgen.geometry.segments import (
     tangents_at,
 )
 from camgen.model.errors import CamgenError
-from camgen.model.part import Part
+from camgen.model.job import ToolTable
+from camgen.model.part import EarlierRun, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.sequences import take_rows
-from camgen.plan import JobPlan, plan
+from camgen.plan import plan
 from camgen.plan.columns import make_path_segments
+from camgen.plan.rest import list_runs
 from camgen.read.job_file import from_mapping
 
 #: A mill is large enough for a contour if it touches this share of it, sharp corners apart.
 ENOUGH_SHARE = 0.95
 #: Left at the wall for a last pass, mm.
 FINISH_MM = 0.2
+#: Depth of a pass, in diameters of the mill.
+PASS = 0.6
+#: A mill of this diameter or more, mm, takes a last pass at the wall after several passes.
+_FINISHING_MILL_MM = 3.0
 #: For sharp inner corners alone no mill is smaller than this, mm.
 _CORNER_MILL_MM = 3.0
 #: Fillets with a smaller radius, mm, are corners.
@@ -64,7 +70,8 @@ class ChosenMill(Struct, frozen=True):
     shortest: length of its shortest closed path, mm; infinity without one.
     longest: length of its longest path, mm; infinity if one is closed.
     before: diameter of the largest mill whose rest it takes, mm; 0 for one that takes no rest.
-    may_finish: whether its paths that leave `FINISH_MM` run around the same contours.
+    may_finish: whether it is wide enough for a last pass after several, and its paths that leave
+        `FINISH_MM` run around the same contours.
     """
 
     diameter: float
@@ -73,7 +80,7 @@ class ChosenMill(Struct, frozen=True):
     cuts_out: bool
     shortest: float
     longest: float
-    before: float
+    before: float = 0.0
     may_finish: bool = False
 
 
@@ -105,50 +112,84 @@ def choose_mills(
     keys: keys of the operation.
     """
     mills = sorted(diameters, reverse=True)
-    groups = list(_share_out(part, ids, keys, samples, mills))
-    if len(groups) > 1 and not all(_runs_round(part, ids, keys, group) for group in groups):
+    trials = _Trials(part, ids, keys)
+    groups = list(_share_out(trials, samples, mills))
+    if len(groups) > 1 and not all(_runs_round(trials, group) for group in groups):
         # Contours beside each other have common paths, which need one mill.
         groups = [(min(diameter for diameter, _ in groups), list(ids))]
     chosen: list[ChosenMill] = []
-    rows: list[Row] = []
+    runs: list[EarlierRun] = []
     touched = np.zeros(len(samples.points), np.bool_)
     for diameter, loops in groups:
-        row = {"kind": "follow", "ids": take_rows(ids, loops), **keys, "tool": diameter}
-        paths = _plan_last(part, [row])
+        paths = trials.follow(diameter, loops)
         touched |= _touch(samples, paths, diameter / 2) & np.isin(samples.loop, loops)
-        mill = _describe(diameter, loops, paths, _share(samples, touched), 0.0)
-        wider = _plan_last(part, [{**row, "tool": diameter + 2 * FINISH_MM}])
-        may_finish = sum(path.closed for path in wider) == sum(path.closed for path in paths)
-        chosen.append(replace(mill, may_finish=may_finish))
-        rows.append(row)
+        mill = _describe(diameter, loops, paths, _share(samples, touched))
+        if _FINISHING_MILL_MM <= diameter < float(str(keys["depth"])) / PASS:
+            wider = trials.follow(diameter + 2 * FINISH_MM, loops)
+            may_finish = sum(path.closed for path in wider) == sum(path.closed for path in paths)
+            mill = replace(mill, may_finish=may_finish)
+        chosen.append(mill)
+        runs += list_runs(paths, ToolTable(diameter=diameter))
     left = ~touched & _may_touch(samples, _CORNER_MILL_MM)
     least = max(_LEAST_REST_MM, _LEAST_REST_SHARE * float(samples.length.sum()))
     if not chosen or float(samples.length[left].sum()) < least:
         return chosen
     smaller = [diameter for diameter in mills if diameter < chosen[0].diameter]
-    whole = {"kind": "follow", "ids": list(ids.values()), **keys}
-    rest = _find_rest(part, whole, samples, smaller, rows, touched)
-    return [*chosen, rest] if rest else chosen
+    rest = _find_rest(trials, samples, smaller, runs, touched)
+    return [*chosen, replace(rest, before=chosen[0].diameter)] if rest else chosen
 
 
-def _runs_round(
-    part: Part, ids: Mapping[int, str], keys: Row, group: tuple[float, list[int]]
-) -> bool:
-    diameter, loops = group
-    row = {"kind": "follow", "ids": take_rows(ids, loops), **keys, "tool": diameter}
-    return all(path.closed for path in _plan_last(part, [row]))
+class _Trials:
+    """Plans the paths of single mills beside the contours of a group, equal ones once.
+
+    ids: ids of the contours by their rows.
+    keys: keys of the operation.
+    """
+
+    def __init__(self, part: Part, ids: Mapping[int, str], keys: Row) -> None:
+        self.part = part
+        self.ids = ids
+        self.keys = keys
+        self._followed: dict[tuple[float, tuple[int, ...]], tuple[ToolPath, ...]] = {}
+
+    def follow(self, diameter: float, loops: Sequence[int]) -> tuple[ToolPath, ...]:
+        """The paths of a mill beside the contours in the rows `loops`, none if it fits none."""
+        key = diameter, tuple(loops)
+        if key not in self._followed:
+            self._followed[key] = self._plan(self.part, diameter, {"ids": self._name(loops)})
+        return self._followed[key]
+
+    def follow_rest(self, diameter: float, runs: Sequence[EarlierRun]) -> tuple[ToolPath, ...]:
+        """The paths of a mill where it takes what the runs of larger mills leave."""
+        part = replace(self.part, earlier=tuple(runs))
+        return self._plan(part, diameter, {"ids": self._name(self.ids), "rest": True})
+
+    def _name(self, loops: Iterable[int]) -> list[str]:
+        return take_rows(self.ids, loops)
+
+    def _plan(self, part: Part, diameter: float, keys: Row) -> tuple[ToolPath, ...]:
+        tool = {"name": "mill", "number": 1, "diameter": diameter}
+        row = {"kind": "follow", **self.keys, **keys, "tool": "mill"}
+        try:
+            return plan(part, from_mapping({"tools": [tool], "operations": [row]})).paths
+        except CamgenError:  # it fits none
+            return ()
+
+
+def _runs_round(trials: _Trials, group: tuple[float, list[int]]) -> bool:
+    return all(path.closed for path in trials.follow(*group))
 
 
 def _share_out(
-    part: Part, ids: Mapping[int, str], keys: Row, samples: Samples, mills: Sequence[float]
+    trials: _Trials, samples: Samples, mills: Sequence[float]
 ) -> Iterator[tuple[float, list[int]]]:
     """The mills that follow whole contours, the largest first, with the rows of their contours."""
-    rows = np.array(list(ids), np.int64)
+    rows = np.array(list(trials.ids), np.int64)
     lengths = np.bincount(samples.loop, samples.length, int(rows.max()) + 1)
     best, mill_of = np.zeros(len(lengths)), np.zeros(len(lengths))
     for diameter in mills:
-        row = {"kind": "follow", "ids": list(ids.values()), **keys, "tool": diameter}
-        touched = _touch(samples, _plan_last(part, [row]), diameter / 2)
+        paths = trials.follow(diameter, rows.tolist())
+        touched = _touch(samples, paths, diameter / 2)
         wanted = np.where(_may_touch(samples, diameter), samples.length, 0.0)
         whole = np.bincount(samples.loop, wanted, len(lengths))
         reached = np.bincount(samples.loop, np.where(touched, wanted, 0.0), len(lengths))
@@ -171,25 +212,22 @@ def _share_out(
 
 
 def _find_rest(
-    part: Part,
-    row: Row,
+    trials: _Trials,
     samples: Samples,
     mills: Sequence[float],
-    rows: Sequence[Row],
+    runs: Sequence[EarlierRun],
     touched: BoolArray,
 ) -> ChosenMill | None:
     """The largest mill that touches enough of the rest, else the one that touches most.
 
-    row: keys of the operation without its tool.
-    rows: operations of the mills before it, the largest first, which touch the places `touched`.
+    runs: the runs of the mills before it, which touch the places `touched`.
 
     None if none touches much of it.
     """
     best: ChosenMill | None = None
     longest = 0.0
-    before = float(str(rows[0]["tool"]))
     for diameter in mills:
-        paths = _plan_last(part, [*rows, {**row, "tool": diameter, "rest": True}])
+        paths = trials.follow_rest(diameter, runs)
         new = _touch(samples, paths, diameter / 2) & ~touched
         wanted = ~touched & _may_touch(samples, min(diameter, _CORNER_MILL_MM))
         gained = float(samples.length[new].sum())
@@ -200,7 +238,6 @@ def _find_rest(
                 np.unique(samples.loop[new]).tolist(),
                 paths,
                 _share(samples, touched | new),
-                before,
             )
             longest = gained
         if share >= ENOUGH_SHARE:
@@ -217,7 +254,6 @@ def _describe(
     loops: list[int],
     paths: Sequence[ToolPath],
     share: float,
-    before: float,
 ) -> ChosenMill:
     lengths = [float(make_path_segments((path,)).length.sum()) for path in paths]
     closed = [length for length, path in zip(lengths, paths, strict=True) if path.closed]
@@ -228,22 +264,7 @@ def _describe(
         bool(closed),
         min(closed, default=np.inf),
         np.inf if closed else max(lengths, default=0.0),
-        before,
     )
-
-
-def _plan_last(part: Part, rows: Sequence[Row]) -> tuple[ToolPath, ...]:
-    tools = [
-        {"name": f"{number}", "number": number + 1, "diameter": row["tool"]}
-        for number, row in enumerate(rows)
-    ]
-    named = [{**row, "tool": f"{number}"} for number, row in enumerate(rows)]
-    try:
-        job_plan = plan(part, from_mapping({"tools": tools, "operations": named}))
-    except CamgenError:  # it fits none
-        return ()
-    assert isinstance(job_plan, JobPlan)
-    return job_plan.plans[job_plan.numbers.index(len(rows) - 1)].paths
 
 
 def _touch(samples: Samples, paths: Sequence[ToolPath], radius: float) -> BoolArray:

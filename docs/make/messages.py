@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from itertools import islice, product
 from pathlib import Path
 from typing import NamedTuple
@@ -125,21 +126,26 @@ def _escape(text: str) -> str:
     return text
 
 
-def list_messages() -> Iterator[Message]:
+@cache
+def list_messages() -> tuple[Message, ...]:
     """The messages of all modules, each as often as the code makes it."""
+    messages: list[Message] = []
     for folder in FOLDERS:
         for file in sorted((ROOT / folder).rglob("*.py")):
             name = file.relative_to(ROOT).as_posix()
             tree = ast.parse(file.read_text(encoding="utf-8"))
-            yield from _list_in(tree, is_language="/lang/" in name or name.startswith("post"))
+            is_language = "/lang/" in name or name.startswith("post")
+            messages += _list_in(tree, is_language=is_language)
+    return tuple(messages)
 
 
 def _list_in(tree: ast.Module, *, is_language: bool) -> Iterator[Message]:
     """The messages of a module."""
     constants = _find_assigned(tree.body)
     for scope in _list_scopes(tree):
-        texts = constants | _find_assigned(list(_walk(scope)))
-        for node in _walk(scope):
+        nodes = list(_walk(scope))
+        texts = constants | _find_assigned(nodes)
+        for node in nodes:
             if not isinstance(node, ast.Call):
                 continue
             name = getattr(node.func, "id", getattr(node.func, "attr", ""))
@@ -161,12 +167,12 @@ def _list_scopes(tree: ast.Module) -> list[ast.AST]:
 
 def _walk(scope: ast.AST) -> Iterator[ast.AST]:
     """The nodes of a function or a module without those of its inner functions."""
-    waiting = list(ast.iter_child_nodes(scope))
+    waiting = [*ast.iter_child_nodes(scope)][::-1]
     while waiting:
-        node = waiting.pop(0)
+        node = waiting.pop()
         yield node
         if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            waiting[:0] = ast.iter_child_nodes(node)
+            waiting += [*ast.iter_child_nodes(node)][::-1]
 
 
 #: Expressions that set a variable, and expressions that are added to it, in order.

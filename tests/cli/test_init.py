@@ -162,6 +162,20 @@ def test_a_drawing_without_closed_contours_has_no_operations(
     assert "proposed" not in capsys.readouterr().err
 
 
+def test_a_refused_coordinate_is_not_tried_with_a_skin_in_place_of_tabs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = ezdxf.new("R2010", units=4)
+    x, y = 200_000, 0
+    corners = [(x, y), (x + 90, y), (x + 90, y + 60), (x, y + 60)]
+    document.modelspace().add_lwpolyline(corners, close=True)
+    document.saveas(folder / "far.dxf")
+    assert main(["init", "far.dxf", "--operations"]) == 2
+    message = capsys.readouterr().err
+    assert "a coordinate is beyond 99999 mm" in message
+    assert "skin" not in message
+
+
 @pytest.mark.parametrize("name", ["rfa1.stl", "gear.png"])
 def test_operations_for_a_solid_or_a_picture_are_refused(
     name: str, folder: Path, capsys: pytest.CaptureFixture[str]

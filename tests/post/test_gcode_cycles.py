@@ -13,15 +13,15 @@ from tests.support.gcode_programs import gcode, read
 from tests.support.rs274 import assert_moves, at, difference, needs_rs274, posted, program, run
 
 
-def hole(x, y, *levels, top=20.0, near=2.0, feed=5.0, between: tuple[Instruction, ...] = ()):
+def hole(x, y, *levels, near=2.0, feed=5.0, between: tuple[Instruction, ...] = ()):
     """The motions of a hole as `camgen.lower` makes them: pecks, up to the face, and up."""
-    body = [Comment("path c1 layer 0"), MoveJ(at(x, y, top), 100.0), MoveJ(at(x, y, near), 100.0)]
+    body = [Comment("path c1 layer 0"), MoveJ(at(x, y, 20), 100.0), MoveJ(at(x, y, near), 100.0)]
     body += [*([MoveL(at(x, y, 0), feed)] if near else []), *between]
     for k, level in enumerate(levels):
         if k:
             body += [MoveL(at(x, y, near), 100.0), MoveL(at(x, y, levels[k - 1] + 0.254), 100.0)]
         body.append(MoveL(at(x, y, level), feed))
-    return [*body, MoveL(at(x, y, 0), 100.0), MoveJ(at(x, y, top), 100.0)]
+    return [*body, MoveL(at(x, y, 0), 100.0), MoveJ(at(x, y, 20), 100.0)]
 
 
 def kinds(body):

@@ -216,18 +216,19 @@ def _modules_named(name: str) -> list[Path]:
     return list_modules().get(name, [])
 
 
-def list_lost() -> list[Reference]:
-    """The references that lead nowhere."""
-    lost: list[Reference] = []
+def list_all() -> list[Reference]:
+    """The references of all files."""
+    references: list[Reference] = []
     for file in list_files():
-        lost += [reference for reference in list_references(file) if not leads_somewhere(reference)]
-    return lost
+        references += list_references(file)
+    return references
 
 
 def main() -> None:
     """Runs the command that the docstring of this module describes."""
-    for reference in list_lost():
-        print(reference)
+    for reference in list_all():
+        if not leads_somewhere(reference):
+            print(reference)
 
 
 if __name__ == "__main__":

@@ -25,10 +25,7 @@ _LEAVES = frozenset((ast.Name, ast.Constant, ast.alias, ast.Pass))
 def list_children(node: ast.AST) -> list[ast.AST]:
     """The nodes directly below a node, without the marks of loading and storing."""
     children: list[ast.AST] = []
-    if type(node) in _LEAVES:
-        return children
-    for field in node._fields:
-        value = getattr(node, field)
+    for value in vars(node).values():
         if isinstance(value, list):
             children += [item for item in value if isinstance(item, ast.AST)]
         elif isinstance(value, ast.AST) and not isinstance(value, ast.expr_context):
@@ -40,7 +37,8 @@ def list_nodes(tree: ast.AST) -> list[ast.AST]:
     """A node and all nodes below it, each before those below it."""
     nodes = [tree]
     for node in nodes:
-        nodes += list_children(node)
+        if type(node) not in _LEAVES:
+            nodes += list_children(node)
     return nodes
 
 

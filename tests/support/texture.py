@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.support.syntax import list_children, list_comments, list_nodes
+from tests.support.syntax import list_comments, list_nodes
 
 ROOT = Path(__file__).parents[2]
 RULES = ROOT / "tests" / "texture" / "rules.tsv"
@@ -104,9 +104,8 @@ def list_places(file: Path) -> list[Place]:
         for line, text in _paragraphs(source):
             places += _search("docs", line, text)
     else:
-        tree = ast.parse(source)
-        nodes = list_nodes(tree)
-        places = [*_wide(source), *_tangled(tree), *_names(nodes)]
+        nodes = list_nodes(ast.parse(source))
+        places = [*_wide(source), *_tangled(nodes), *_names(nodes)]
         for scope, line, text in (*_strings(nodes), *_comments(source, nodes)):
             places += _search(scope, line, text)
     return sorted(places, key=lambda place: place.line)
@@ -128,32 +127,33 @@ def _wide(source: str) -> Iterator[Place]:
             yield Place("wide", number, f"{len(line)} characters")
 
 
-def _tangled(tree: ast.Module) -> Iterator[Place]:
+def _tangled(nodes: list[ast.AST]) -> Iterator[Place]:
     """Comprehensions and conditional expressions within others, and long signatures."""
-    stack: list[tuple[ast.AST, bool, bool]] = [(tree, False, False)]
-    while stack:
-        node, in_comprehension, in_conditional = stack.pop()
+    inner: set[ast.AST] = set()
+    for node in nodes:
         if isinstance(node, _COMPREHENSIONS):
-            if in_comprehension or len(node.generators) > 1:
+            if node in inner or len(node.generators) > 1:
                 yield Place("nested", node.lineno, "comprehension within another")
-            in_comprehension = True
+            inner.update(_below(node, _COMPREHENSIONS))
         elif isinstance(node, ast.IfExp):
-            if in_conditional:
+            if node in inner:
                 yield Place("conditional", node.lineno, "conditional expression within another")
-            in_conditional = True
-        elif isinstance(node, ast.stmt):
-            in_comprehension = in_conditional = False
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                yield from _long_signature(node)
-        for child in list_children(node):
-            stack.append((child, in_comprehension, in_conditional))
+            inner.update(_below(node, (ast.IfExp,)))
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield from _long_signature(node)
+
+
+def _below(node: ast.AST, kinds: tuple[type[ast.AST], ...]) -> Iterator[ast.AST]:
+    return (below for below in list_nodes(node)[1:] if isinstance(below, kinds))
 
 
 def _long_signature(node: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[Place]:
+    """A function with too many parameters; `*args` and `**kwargs` count one each."""
     arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-    named = [argument for argument in arguments if argument.arg not in ("self", "cls")]
-    if len(named) > MOST_PARAMETERS:
-        yield Place("parameters", node.lineno, f"{node.name}: {len(named)} parameters")
+    count = sum(argument.arg not in ("self", "cls") for argument in arguments)
+    count += (node.args.vararg is not None) + (node.args.kwarg is not None)
+    if count > MOST_PARAMETERS:
+        yield Place("parameters", node.lineno, f"{node.name}: {count} parameters")
 
 
 def _names(nodes: list[ast.AST]) -> Iterator[Place]:

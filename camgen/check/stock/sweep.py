@@ -43,7 +43,9 @@ def sweep(
     if seen is not None:
         new = _are_new(plane, chain, radius, seen)
         plane, chain, radius = plane.take(new), chain[new], radius[new]
-    return _widen(*_make_lines(plane, chain, radius))
+    first = _find_first_laps(plane, chain)
+    chain = chain[first] + np.cumsum(np.diff(first, prepend=-1) > 1)
+    return _widen(*_make_lines(plane.take(first), chain, radius[first]))
 
 
 def sweep_each(
@@ -128,6 +130,12 @@ def _are_new(plane: Segments, chain: IntArray, radius: FloatArray, seen: set[byt
         fresh[number] = key not in seen
         seen.add(key)
     return fresh[chain]
+
+
+def _find_first_laps(plane: Segments, chain: IntArray) -> IntArray:
+    """Find the rows of portions that repeat none before in their chain, as the laps of a helix."""
+    keys = np.round(np.column_stack([chain, plane.start, plane.end, plane.bulge]), 6)
+    return np.sort(np.unique(keys, axis=0, return_index=True)[1])
 
 
 def _make_lines(plane: Segments, chain: IntArray, radius: FloatArray) -> tuple[Shapes, FloatArray]:
