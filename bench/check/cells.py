@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from bench.support.gcode_text import Move
+from bench.support.gcode_text import Move, sample_move
 from bench.support.motions import Array
 
 _MOST_CELLS = 50_000_000
@@ -82,9 +81,6 @@ def carve(moves: list[Move], radii: Mapping[int, float], pitch: float) -> tuple[
         before.append(grid.at(middle[0], middle[1]))
         if move.rapid or move.deepest <= 0:
             continue
-        for start, end in zip(move.points[:-1], move.points[1:], strict=True):
-            steps = max(1, math.ceil(np.hypot(*(end - start)[:2]) / pitch))
-            for share in np.linspace(0, 1, steps + 1):
-                x, y, z = start + share * (end - start)
-                grid.stamp(x, y, radii[move.tool], -z)
+        for x, y, z in sample_move(move, pitch):
+            grid.stamp(x, y, radii[move.tool], -z)
     return grid, before

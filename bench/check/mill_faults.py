@@ -1,6 +1,6 @@
 """Faults of holders and tabs seeded in programs of mills, and whether camgen finds them.
 
-python -m bench.check.mill_faults [SEED, 1] [OF A KIND, 20]
+python -m bench.check.mill_faults [SEED, 1] [OF A KIND, 20] [KIND ...]
 
 The rule that chooses them was written down before the checks. There are 20 faults of each kind of
 `SEEDS`. The drawings are `CASES` in turn, with their own jobs or with `JOB`, built for LinuxCNC. A
@@ -25,9 +25,9 @@ import tempfile
 import tomllib
 import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,7 +40,7 @@ from bench.support.commands import Tables, run_camgen, write_job
 from bench.support.faults import IDLE, Verdict, try_faults
 from bench.support.gcode_text import Move, read_moves, sample_move
 from bench.support.motions import Array
-from bench.support.runner import ROOT, SHARED, must_be_none, open_table, read_words
+from bench.support.runner import ROOT, SHARED, must_be_none, open_table, read_words, select
 from camgen.model.signature import sign
 
 #: Drawings with the names of their golden jobs, "" for `JOB`.
@@ -242,8 +242,9 @@ SEEDS: dict[str, Seed] = {
 # The bench.
 
 
+@cache
 def build(drawing: Path, case: str, folder: Path) -> Sound:
-    """The sound program of a case, which the sweep and `camgen verify` find free of faults."""
+    """The sound program of a case."""
     job = load(case)
     part = folder / "part.dxf"
     part.write_bytes(drawing.read_bytes())
@@ -253,11 +254,16 @@ def build(drawing: Path, case: str, folder: Path) -> Sound:
     if code:
         raise RuntimeError(f"{drawing.name} is not built: {lines}")
     text = program.read_text()
-    sound = Sound(drawing, job, text, list(read_moves(text)))
-    if (code := verify(Fault(job, text, matters=False), drawing, folder)) != 0:
+    return Sound(drawing, job, text, list(read_moves(text)))
+
+
+@cache
+def check_sound(drawing: Path, case: str, folder: Path) -> None:
+    """Checks that the sweep and `camgen verify` find the sound program free of faults."""
+    sound = build(drawing, case, folder)
+    if (code := verify(Fault(sound.job, sound.text, matters=False), drawing, folder)) != 0:
         raise RuntimeError(f"{drawing.name} is refused as it is, exit code {code}")
-    assert not is_holder_in_stock(sound.moves, job), f"{drawing.name} has a holder in material"
-    return sound
+    assert not is_holder_in_stock(sound.moves, sound.job), f"{drawing.name}: holder in material"
 
 
 def verify(fault: Fault, drawing: Path, folder: Path) -> int:
@@ -270,27 +276,29 @@ def verify(fault: Fault, drawing: Path, folder: Path) -> int:
 
 
 def try_fault(
-    sounds: Sequence[Sound], make: Seed, folder: Path, number: int, chance: random.Random
+    drawings: Mapping[Path, str], make: Seed, folder: Path, number: int, chance: random.Random
 ) -> Verdict:
     """The verdict on the fault of a number, and its name."""
-    sound = sounds[number % len(sounds)]
+    drawing, case = list(drawings.items())[number % len(drawings)]
+    sound = build(drawing, case, folder)
     fault = make(sound, chance)
     if fault is None or not fault.matters:
         return IDLE, ""
+    check_sound(drawing, case, folder)
     is_found = verify(fault, sound.part, folder) in (3, 4)
     return "found" if is_found else "missed", f"{sound.part.name}, fault {number}"
 
 
-def main(seed: int, count: int) -> int:
+def main(seed: int, count: int, *names: str) -> int:
     """Prints the table and the faults that are missed; 1 if there is one."""
     missed: list[str] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         drawings = {drawing: case for drawing, case in CASES.items() if drawing.exists()}
-        sounds = [build(drawing, case, folder) for drawing, case in drawings.items()]
         table = open_table(COLUMNS, f", seed {seed}")
-        for kind, make in SEEDS.items():
-            judged = try_faults(kind, seed, count, partial(try_fault, sounds, make, folder))
+        for kind in select(SEEDS, names):
+            try_kind = partial(try_fault, drawings, SEEDS[kind], folder)
+            judged = try_faults(kind, seed, count, try_kind)
             verdicts = Counter(verdict for verdict, _ in judged)
             missed += [f"{kind}, {text}" for verdict, text in judged if verdict == "missed"]
             lost = must_be_none(verdicts["missed"])

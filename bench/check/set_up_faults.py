@@ -1,6 +1,6 @@
 """Faults seeded in set-ups, and whether camgen reports them.
 
-python -m bench.check.set_up_faults [SEED, 1] [MOST OF A KIND, 20]
+python -m bench.check.set_up_faults [SEED, 1] [MOST OF A KIND, 20] [KIND ...]
 
 The rule that chooses them was written down before the checks. There are 200 faults of the kinds
 `KINDS`. A fault of a job is built, a fault of a text is given to `camgen verify` beside its job
@@ -43,7 +43,7 @@ from bench.check.set_up import NEARLY, Load, find_fastest, measure_load, read_ch
 from bench.support.commands import Tables, run_camgen, write_job
 from bench.support.faults import IDLE, Verdict, try_faults
 from bench.support.gcode_text import read_moves
-from bench.support.runner import ROOT, must_be_none, open_table, read_words
+from bench.support.runner import ROOT, must_be_none, open_table, read_words, select
 from camgen.model.job import Job
 from camgen.model.signature import sign
 from camgen.read import read
@@ -420,17 +420,16 @@ def try_text(kind: str, folder: Path, number: int, chance: random.Random) -> Ver
     return ("a line more" if outcome.lines - sound.lines else "no line"), row
 
 
-def main(seed: int, largest_count: int) -> int:
+def main(seed: int, largest_count: int, *names: str) -> int:
     """Prints the table and the faults without a line; 1 if there is one."""
     table = open_table(COLUMNS, f", seed {seed}")
     silent: list[str] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for kind, count in KINDS.items():
+        for kind in select(KINDS, names):
             try_fault = try_text if kind in TEXT_FAULTS else try_job
-            judged = try_faults(
-                kind, seed, min(count, largest_count), partial(try_fault, kind, folder)
-            )
+            count = min(KINDS[kind], largest_count)
+            judged = try_faults(kind, seed, count, partial(try_fault, kind, folder))
             verdicts = Counter(verdict for verdict, _ in judged)
             rebuilt = sum(text.startswith(_REBUILT) for _, text in judged)
             unseen = [text for verdict, text in judged if verdict == "no line"]

@@ -1,6 +1,8 @@
 """Photos of parts that differ from their drawing in eight ways: names of deviations, and rework.
 
-    python -m bench.photo.deviations [ROUNDS, 5] [FIRST, 0]    eight photos a round, one a situation
+    python -m bench.photo.deviations [ROUNDS, 5] [FIRST, 0] [NAME ...]
+
+Eight photos a round, one a situation; or of the situations and parts that are named.
 
 The rule: a round with the number k takes the plate, the bracket or a random part of
 bench.render.parts. It draws by [k, number of the situation] a photo of each situation, from
@@ -51,7 +53,7 @@ from bench.render.optics import shoot_from_above
 from bench.render.parts import NAMED, Part, bracket, plate, random_part
 from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, box, circle, hole
-from bench.support.runner import Scenario, read_words, run, verdict
+from bench.support.runner import Scenario, read_words, run, select, verdict
 from camgen.check.photo import Difference, Inspection, inspect_photo, list_rework
 from camgen.cli.rework import write_drawing, write_job
 from camgen.model.job import ImageTable, Job
@@ -270,16 +272,16 @@ def compare_times(name: str, folder: Path) -> Iterator[tuple[object, ...]]:
     yield name, len(works), sum(passes), rework.total, whole.total, former, former_s, *shares
 
 
-def main(rounds: int, first: int) -> int:
+def main(rounds: int, first: int, *names: str) -> int:
     with tempfile.TemporaryDirectory() as folder:
         outcomes = " | ".join(OUTCOMES)
         columns = f"situation | photos | {outcomes} | not right | goal"
-        inputs = [(name, rounds, first, Path(folder)) for name in SITUATIONS]
+        inputs = [(name, rounds, first, Path(folder)) for name in select(SITUATIONS, names)]
         times = "part | burrs | passes | rework s {:.1f} | a pass along all s {:.1f} "
         times += (
             "| passes before | all of them s {:.1f} | rework, % of a pass {:.0f} | % of all {:.0f}"
         )
-        parts = [(name, Path(folder)) for name in NAMED]
+        parts = [(name, Path(folder)) for name in select(NAMED, names)]
         return run(Scenario(columns, inputs, measure), Scenario(times, parts, compare_times))
 
 

@@ -1,6 +1,6 @@
 """Photos of a part on camgen's sheet without a calibration file: errors by lens and by height.
 
-    python -m bench.photo.lenses [PHOTOS, 8] [FIRST, 0]    of each set, from seed FIRST on
+    python -m bench.photo.lenses [PHOTOS, 8] [FIRST, 0] [SET ...]    of each set, from seed FIRST on
 
 The rule, made before the work on it. A photo of 2400 x 1718 px shows the whole A4 sheet; a plate of
 70 x 45 mm with round corners and a hole lies in its free area, turned at random. Photo k of n is
@@ -39,7 +39,7 @@ from bench.render.board import markers
 from bench.render.optics import Lens, Shot, aim_camera, photo_from_work
 from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, pieces, to_loops
-from bench.support.runner import Cells, Scenario, read_words, run, verdict
+from bench.support.runner import Cells, Scenario, read_words, run, select, verdict
 from camgen.model.job import CameraTable, Job
 from camgen.read import read
 from camgen.vision.boards.sheet import DICTIONARY, make_sheet
@@ -218,8 +218,8 @@ def count_walls(name: str, count: int, first: int) -> Iterator[Cells]:
 
 
 if __name__ == "__main__":
-    number, start = read_words(8, 0)
-    sets = Scenario(COLUMNS, [(name, number, start) for name in SETS], measure)
+    number, start, *names = read_words(8, 0)
+    sets = Scenario(COLUMNS, [(name, number, start) for name in select(SETS, names)], measure)
     words = "parts | photos | refused | warned of a side wall | height off, median % {:.0f} | goal"
-    parts = [(name, number, start) for name in ("flat", "thick")]
+    parts = [(name, number, start) for name in select(("flat", "thick"), names)]
     sys.exit(run(sets, Scenario(words, parts, count_walls)))

@@ -122,8 +122,10 @@ def _find_border(room: shapely.Geometry, polygon: shapely.Geometry, diameter: fl
     points = [np.zeros((0, 2))]
     for ring in shapely.get_parts(shapely.boundary(room)):
         count = max(8, int(ring.length / _STEP))
-        places = shapely.line_interpolate_point(ring, np.arange(count) / count, normalized=True)
-        points.append(shapely.get_coordinates(places))
+        corners = shapely.get_coordinates(ring)
+        along = np.append(0.0, np.cumsum(np.hypot(*np.diff(corners, axis=0).T)))
+        places = np.arange(count) / count * along[-1]
+        points.append(np.column_stack([np.interp(places, along, axis) for axis in corners.T]))
     border = np.concatenate(points)
     return border[_measure_gaps(border, _index_outline(polygon), diameter) < diameter / 2 + ROOM]
 

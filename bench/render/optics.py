@@ -14,7 +14,7 @@ The minus: outlines have material on their left seen from above, and v runs agai
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -25,7 +25,7 @@ from bench.render.shapes import Loop, Pieces, pieces
 #: The blur is cut off here, in sigmas: 6e-7 of an edge is lost.
 _TAIL = 5.0
 #: Outline points that are summed up at a time.
-_CHUNK = 20_000
+_CHUNK = 2_000
 #: Nodes and weights of Gauss' quadrature, from -1 to 1.
 _GAUSS = np.polynomial.legendre.leggauss(4)
 #: Nodes and weights from 0 to 1.
@@ -241,22 +241,33 @@ def _add(
     """Adds the contribution of each point to the change between neighbouring pixels of its row."""
     reach = 0.5 + _TAIL * blur
     first_u, first_v = np.ceil(u - reach).astype(np.int64), np.ceil(v - reach).astype(np.int64)
-    across = np.arange(-1, math.ceil(2 * reach) + 2)
-    down = np.arange(math.ceil(2 * reach) + 1)
-    distance, step, kernel = _tabulate(blur)
-    summed = np.interp((u - first_u)[:, None] - across, distance, step)
-    weight = summed[:, :-1] - summed[:, 1:]
-    rows = np.interp((v - first_v)[:, None] - down, distance, kernel) * dv[:, None]
-    row_starts, columns = (first_v[:, None] + down) * width, first_u[:, None] + across[1:]
-    pixel = row_starts[:, :, None] + columns[:, None, :]
+    weights, kernels = _tabulate(blur)
+    weight = _look_up(weights, u - first_u - (reach - 1))
+    rows = _look_up(kernels, v - first_v - (reach - 1)) * dv[:, None]
+    across, down = np.arange(weight.shape[1]), np.arange(rows.shape[1])
+    offsets = (down[:, None] * width + across).ravel()
+    pixel = (first_v * width + first_u)[:, None] + offsets
     np.add.at(total, pixel.ravel(), (rows[:, :, None] * weight[:, None, :]).ravel())
 
 
+def _look_up(table: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Rows of a table, interpolated. share: (N,) from 0, the first row, to 1, the last one."""
+    place = share * (len(table) - 1)
+    row = place.astype(np.int64).clip(0, len(table) - 2)
+    first = table[row]
+    return first + (place - row)[:, None] * (table[row + 1] - first)
+
+
 @lru_cache(maxsize=8)
-def _tabulate(blur: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A table over distance, px: S (0 to 1) and k of the text above."""
-    reach = 0.5 + _TAIL * blur + 3
-    distance = np.linspace(-reach, reach, 2 * round(reach * 1024) + 1)
+def _tabulate(blur: float) -> tuple[np.ndarray, np.ndarray]:
+    """Changes of S from pixel to pixel, and k of the text above, in steps of 1/1024 px.
+
+    A row has all pixels that a point reaches, from the first one on, which is `_TAIL` sigmas away
+    and up to a pixel less.
+    """
+    reach = 0.5 + _TAIL * blur
+    count = math.ceil(2 * reach) + 1
+    first = np.linspace(reach - 1, reach, 1025)[:, None]
 
     def whole(t: float) -> float:
         return 0.5 * (1 + math.erf(t / blur / math.sqrt(2)))
@@ -264,6 +275,10 @@ def _tabulate(blur: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     def twice(t: float) -> float:
         return t * whole(t) + blur * math.exp(-((t / blur) ** 2) / 2) / math.sqrt(2 * math.pi)
 
-    step = np.array([twice(t + 0.5) - twice(t - 0.5) for t in distance.tolist()])
-    kernel = np.array([whole(t + 0.5) - whole(t - 0.5) for t in distance.tolist()])
-    return distance, step, kernel
+    def integrate(function: Callable[[float], float], distance: np.ndarray) -> np.ndarray:
+        """The integral of the derivative of a function over a pixel at each distance."""
+        ends = np.vectorize(function)(np.stack([distance - 0.5, distance + 0.5]))
+        return ends[1] - ends[0]
+
+    step = integrate(twice, first - np.arange(-1, count + 1))
+    return step[:, :-1] - step[:, 1:], integrate(whole, first - np.arange(count))

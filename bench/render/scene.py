@@ -22,7 +22,7 @@ from bench.render.shapes import Loop
 #: Grey or blue, green, red: the part of the light that comes back, 0 to 1.
 Colour = float | tuple[float, float, float]
 
-#: Grain repeats after a number of cells; size of a cell, mm.
+#: Grain repeats after a number of cells, a power of 2; size of a cell, mm.
 _TILE, _CELL = 2048, 0.1
 #: Distance between pixels at which the lens is inverted for the grain.
 _GRID = 8
@@ -107,7 +107,7 @@ def _grain(shot: Shot, seed: int) -> np.ndarray:
     v, u = np.mgrid[: height + _GRID : _GRID, : width + _GRID : _GRID].astype(float)
     x, y = work_from_photo(shot, u.ravel(), v.ravel())
     row, column = (_filled(w.reshape(u.shape) / _CELL, height, width) for w in (y, x))
-    return _tile(seed)[row.astype(np.int32) % _TILE, column.astype(np.int32) % _TILE]
+    return _tile(seed)[row.astype(np.int32) & (_TILE - 1), column.astype(np.int32) & (_TILE - 1)]
 
 
 def _filled(coarse: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -97,8 +97,9 @@ def read_moves(text: str) -> Iterator[Move]:
 
 def sample_move(move: Move, step: float) -> Array:
     """(N, 3) places on a motion, no farther apart than `step` mm."""
-    rows = [move.points[:1]]
-    for start, end in zip(move.points[:-1], move.points[1:], strict=True):
-        steps = max(1, int(np.ceil(np.linalg.norm(end - start) / step)))
-        rows.append(start + np.linspace(0, 1, steps + 1)[1:, None] * (end - start))
-    return np.concatenate(rows)
+    strides = np.diff(move.points, axis=0)
+    steps = np.ceil(np.linalg.norm(strides, axis=1) / step).astype(int).clip(1)
+    piece = np.repeat(np.arange(len(steps)), steps)
+    number = np.arange(1, len(piece) + 1) - np.repeat(np.cumsum(steps) - steps, steps)
+    share = (number / steps[piece])[:, None]
+    return np.concatenate([move.points[:1], move.points[piece] + share * strides[piece]])

@@ -159,6 +159,11 @@ def read_words(*defaults: Any) -> list[Any]:
     return [*values, *defaults[len(words) :], *words[len(defaults) :]]
 
 
+def select(names: Iterable[str], wanted: Sequence[str]) -> list[str]:
+    """The names that are wanted, all if none is."""
+    return [name for name in names if not wanted or name in wanted]
+
+
 def find_files(folder: Path, suffixes: Iterable[str]) -> list[Path]:
     """The files below a folder whose name ends so, in order."""
     endings = tuple(suffixes)

@@ -126,6 +126,8 @@ class VerifyError(CamgenError):
 
 def make_one_line(text: str) -> str:
     """`text` with spaces for control characters, so that a name does not break a message in two."""
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() else " " for c in text)
 
 

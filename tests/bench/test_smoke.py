@@ -137,7 +137,7 @@ SMOKES = [
         "robots.parts {here} 20 rfa1", (2,), {"of these unfounded": (0, 0), "edges run": (1, 21)},
     ),
     Smoke("robots.urdfs {here}/none 'KR 10'", (1,), {}),
-    Smoke("photo.lenses 1", (6, 2), {"photos": (1, 1)}),
+    Smoke("photo.lenses 1 0 'strong lens, 5 mm' thick", (1, 1), {"photos": (1, 1)}),
     Smoke("photo.masks {here}/image 480 1", (5,), {"parts": (1, 1), "holes": (7, 12)}),
     Smoke("photo.photo render {here}/new 1 1", (), {}),
     Smoke("photo.photo judge {here}/photos", (1, 3), {"built": (1, 1), "max mm": (0, 1)}),
@@ -150,7 +150,8 @@ SMOKES = [
     Smoke("photo.burrs 1 2 1", (1, 1), {"missed": (0, 0), "height off: max mm": (0, 0.3)}),
     Smoke("photo.conditions 1 0 1", (2,), {"rms mm": (0, 5)}),
     Smoke(
-        "photo.deviations 1", (8, 4), {"dangerous": (0, 0), "right": (1, 1), "% of all": (1, 60)},
+        "photo.deviations 1 0 burrs 'another part' bracket", (2, 1),
+        {"dangerous": (0, 0), "right": (1, 1), "% of all": (1, 60)},
     ),
     Smoke("photo.pieces 1", (6,), {"refused": (0, 1), "pieces drawn": (10, 60), "good": (0, 1)}),
     Smoke(
@@ -163,9 +164,14 @@ SMOKES = [
     Smoke("check.proof 11 --runs 1", (2,), {"shapes": (11, 11), "share %": (0, 90)}),
     Smoke("check.stock 1 4 1", (3, 1, 2), {"deepest gouge mm": (0, 0.005), "excess mm3": (0, 1)}),
     Smoke("check.set_up {here}/dxf plate.dxf", (1,), {"false": (0, 0)}),
-    Smoke("check.set_up_faults 1 1", (11,), {"no line": (0, 0), "seeded": (1, 1)}),
+    Smoke(
+        "check.set_up_faults 1 1 'depth in the job' 'outline with a gap' 'speed in the text'",
+        (3,), {"no line": (0, 0), "seeded": (1, 1)},
+    ),
     Smoke("check.fixture_faults 5", (5,), {"missed": (0, 0), "of these reported": (0, 0)}),
-    Smoke("check.mill_faults 1 1", (3,), {"seeded": (1, 1), "missed": (0, 0)}),
+    Smoke(
+        "check.mill_faults 1 1 'one tab taken away'", (1,), {"seeded": (1, 1), "missed": (0, 0)},
+    ),
     Smoke("check.stock_faults 12", (13,), {"missed": (0, 0), "seeded": (1, 12)}),
     Smoke(
         "check.template {here}/dxf alone", (1, 1),
@@ -189,7 +195,7 @@ SMOKES = [
         {"mutants": (8, 60), "caught": (4, 60), "left over": (0, 0)}, alone=True,
     ),
     Smoke(
-        "reliability.code_mutants --last 2", (5,), {"mutants": (0, 2)},
+        "reliability.code_mutants --last 1", (5,), {"mutants": (0, 1)},
         lacking("", "rs274"), alone=True,
     ),
     Smoke("reliability.code_mutants survivors --last 0", (), {}, alone=True),
@@ -198,7 +204,7 @@ SMOKES = [
     Smoke("read.one_sided 1 6000 1 - rfa1", (2,), {"runs": (1, 1), "right": (1, 1)}),
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
     Smoke(
-        "read.dxf_numbers 29", (30, 8),
+        "read.dxf_numbers 29 1 7", (30, 8),
         {"silent": (0, 0), "with another note": (0, 0), "length off, ppm": (0, 200)},
     ),
     Smoke(

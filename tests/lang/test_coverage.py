@@ -8,8 +8,10 @@ import pytest
 from camgen.lang.alternatives import run_alternatives
 from camgen.lang.coverage import Coverage, format_coverage, join_coverage
 from camgen.lang.programs import Places, RunRequest, find_language
+from camgen.model.limits import Limits
 
 TARGET = "[[500,0,500],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+USUAL = RunRequest()
 #: Programs, each line with its mark: "+" for a statement that runs, "-" for one that does not,
 #: blank for a line without a statement.
 PROGRAMS = {
@@ -92,9 +94,9 @@ PROGRAMS = {
 }
 
 
-def measure(language: str, text: str) -> Coverage:
+def measure(language: str, text: str, request: RunRequest = USUAL) -> Coverage:
     coverage = run_alternatives(
-        find_language(language), {"program": text}, RunRequest()
+        find_language(language), {"program": text}, request
     ).executed.coverage
     assert coverage is not None
     return coverage
@@ -127,7 +129,9 @@ def test_lines_after_the_end_of_a_program_are_a_gap() -> None:
 def test_lines_of_an_endless_loop_have_run() -> None:
     loop = "o1 while [1 EQ 1]\nG1 X[#1]\nF200\n#1=[#1+1]\no1 endwhile\n"
     text = f"G21 G90 F100\nG0 X0 Y0 Z5\n#1=0\n{loop}"
-    assert measure("gcode", text).list_gaps() == []
+    # The run ends between the two lines of a step that has run before.
+    request = RunRequest(limits=Limits(gcode_steps=1001))
+    assert measure("gcode", text, request).list_gaps() == []
 
 
 def test_the_coverage_of_several_runs_is_their_union() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ ENDS = {"Budget", "Ended", "LimitReached", "Stopped"}
 METHODS = {"check_depth", "_choose_branch", "_choose_case", "_repeat", "_is_repeated"}
 
 
+@cache
 def parse(path: Path) -> list[ast.AST]:
     """The nodes of a module."""
     return list_nodes(ast.parse(path.read_text(encoding="utf-8")))

@@ -1,6 +1,7 @@
 """Tables of words: each is read, reported or refused, or has a reason to be silent."""
 
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +31,9 @@ for language, table in TABLES.items():
         WORDS += [(language, kind, word) for word in getattr(table, kind)]
 
 
+@cache
 def run(language: str, statement: str) -> Executed:
-    """The run of a program of the bench with a statement."""
+    """The run of a program of the bench with a statement, done once for equal statements."""
     text = write_program(language, 0, 1, statement)
     return find_language(language).run({"a.txt": text}, RunRequest())
 

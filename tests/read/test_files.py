@@ -195,7 +195,7 @@ def test_a_part_in_space_is_opened_once(name: str) -> None:
 
 def test_a_model_and_its_scan_are_opened_once() -> None:
     copy_here(PARTS / "rfa1.stl")
-    np.savetxt("scan.xyz", scan(trimesh.load_mesh("rfa1.stl"), 3000, 1), fmt="%.4f")
+    np.savetxt("scan.xyz", scan(trimesh.load_mesh("rfa1.stl"), 1000, 1), fmt="%.4f")
     words = ["-o", "frame.toml", "--start", "0,0,0,0,0,0"]
     assert opened("localize", "rfa1.stl", "scan.xyz", *words) == {"rfa1.stl": 1, "scan.xyz": 1}
 

@@ -24,7 +24,7 @@ from camgen.cli import main
 from camgen.model.errors import InputError, JobError
 from camgen.model.limits import Limits
 from camgen.read.files import Files
-from tests.read.test_hostile import array, nested, png, svg
+from tests.read.test_hostile import CIRCLE, array, nested, png, svg
 
 Captured = pytest.CaptureFixture[str]
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -205,11 +205,21 @@ RAISED = {
     "number": ("a.dxf", DXF, "2e7", ("tool.length=1.5e7",)),
     "passes": (
         "a.dxf",
-        DXF,
+        nested(1, 1).encode(),
         "1001",
-        ("operation.passes=1001", "operation.depth=1", "process.spindle=100"),
+        (
+            "operation.passes=1001",
+            "operation.depth=1",
+            "process.spindle=100",
+            "operation.kind=trace",
+        ),
     ),
-    "stepover": ("a.dxf", DXF, "0.001", ("operation.stepover=0.005", "operation.kind=fill")),
+    "stepover": (
+        "a.dxf",
+        nested(1, 1, CIRCLE).encode(),
+        "0.001",
+        ("operation.stepover=0.005", "operation.kind=fill", "tool.diameter=19.9"),
+    ),
     "chord": ("a.dxf", DXF, "1e-9", ("tolerance.chord=6e-7", "post.decimals=6")),
     "dxf_depth": ("a.dxf", nested(70, 1).encode(), "100", ("operation.kind=trace",)),
     "dxf_depth ": ("a.dxf", nested(150, 1).encode(), "200", ("operation.kind=trace",)),

@@ -85,9 +85,7 @@ def build_originals() -> list[str]:
 
 def find_all_outcomes(mutants: Sequence[Mutant], originals: Sequence[str]) -> Iterator[Judged]:
     """Judges mutants in parallel, in their order."""
-    with ProcessPoolExecutor(
-        _PROCESSES, mp_context=get_context("fork"), initializer=warm_up
-    ) as pool:
+    with ProcessPoolExecutor(_PROCESSES, mp_context=get_context("fork")) as pool:
         yield from pool.map(partial(find_outcomes, originals), mutants)
 
 
@@ -110,6 +108,8 @@ def _run_judge(given: argparse.Namespace) -> int:
     mutants = draw(PROGRAM_GROUPS, given.count or 1000, given.seed)[: given.last]
     mutants = [mutant for mutant in mutants if given.only in mutant.name]
     judged: list[Judged] = []
+    # The processes that are forked from here on share the libraries.
+    warm_up()
     for result in find_all_outcomes(mutants, build_originals()):
         judged.append(result)
         wrong = sum(each.kind == WRONG for each in judged)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Iterator
-from copy import deepcopy
+from copy import copy, deepcopy
 from typing import NamedTuple
 
 #: Fields of nodes, and nodes, that are never changed.
@@ -76,8 +76,8 @@ Replacements = Iterator[ast.AST]
 
 
 def _copy(node: ast.AST, **fields: object) -> ast.AST:
-    """A copy of a node with other values of some fields."""
-    mutant = deepcopy(node)
+    """A copy of a node with other values of some fields. Further nodes below it are shared."""
+    mutant = copy(node)
     for name, value in fields.items():
         setattr(mutant, name, value)
     return mutant
@@ -244,8 +244,9 @@ class _Slot(NamedTuple):
     node: ast.AST
 
 
-def _list_slots(tree: ast.AST) -> Iterator[_Slot]:
+def _list_slots(tree: ast.AST) -> list[_Slot]:
     """All nodes below `tree` that may be changed, parents first."""
+    slots = []
     for field, value in ast.iter_fields(tree):
         if field in _SKIPPED_FIELDS:
             continue
@@ -253,8 +254,9 @@ def _list_slots(tree: ast.AST) -> Iterator[_Slot]:
         for index, child in enumerate(children):
             if not isinstance(child, ast.AST) or _is_skipped(child):
                 continue
-            yield _Slot(tree, field, index if isinstance(value, list) else -1, child)
-            yield from _list_slots(child)
+            slots.append(_Slot(tree, field, index if isinstance(value, list) else -1, child))
+            slots += _list_slots(child)
+    return slots
 
 
 def _is_skipped(node: ast.AST) -> bool:
@@ -294,7 +296,7 @@ def describe(source: str, site: Site) -> tuple[str, str]:
 
 def _find_change(tree: ast.AST, site: Site) -> tuple[_Slot, ast.AST]:
     """The slot of a change, and its new node."""
-    slot = list(_list_slots(tree))[site.slot]
+    slot = _list_slots(tree)[site.slot]
     return slot, list(_BY_NAME[site.operator].replace(slot.node))[site.variant]
 
 

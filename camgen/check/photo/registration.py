@@ -26,6 +26,8 @@ _TURNS = 36
 _COARSE_POINTS, _FINE_POINTS = 400, 6000
 #: Maximum number of iterations for these rotations, and for the final fit.
 _COARSE_ROUNDS, _FINE_ROUNDS = 15, 40
+#: Branches of a node of the tree of pieces. The nearest one is found twice as fast as with 10.
+_NODE_CAPACITY = 3
 #: Constant of Tukey's biweight, and the smallest standard deviation for it, mm.
 _TUKEY, _MIN_SIGMA = 4.685, 0.01
 #: A point fits within this fraction of the size of the drawing.
@@ -149,7 +151,8 @@ def _make_line(region: shapely.Geometry) -> _Line:
     long = np.linalg.norm(end - start, axis=1) > 1e-9
     start, end = start[long], end[long]
     along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
-    tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
+    lines = shapely.linestrings(np.stack([start, end], axis=1))
+    tree = shapely.STRtree(lines, node_capacity=_NODE_CAPACITY)
     size = float(np.hypot(*np.ptp(np.concatenate([start, end]), axis=0)))
     return _Line(tree, start, end, np.column_stack([along[:, 1], -along[:, 0]]), size)
 
