@@ -17,6 +17,8 @@ from camgen.model.pose import FloatArray
 _CELLS, _BEYOND = 40, 0.25
 #: Super-Fibonacci spiral (Alexa, CVPR 2022): the constants of its two golden-like ratios.
 _PHI, _PSI = 2**0.5, 1.533751168755204288118041
+#: Poses that slide together: their points stay in the processor's cache.
+_BLOCK = 64
 #: A cell with less than this share of the median number of points is one of strays.
 _SPARSE = 0.1
 #: Maximum turn of a step, rad. A step goes along tangents, which say nothing about larger turns.
@@ -40,9 +42,11 @@ class DistanceField(Struct, frozen=True, eq=False):
 
     def at(self, places: FloatArray) -> IntArray:
         """The sample near each of `places` (..., 3). Outside the grid its nearest cell is used."""
-        cells = np.floor((places - self.low) * (1 / self.cell)).astype(np.int64)
-        x, y, z = (np.clip(cells[..., k], 0, n - 1) for k, n in enumerate(self.nearest.shape))
-        return np.asarray(self.nearest[x, y, z])
+        row = np.zeros(places.shape[:-1], dtype=np.int64)
+        for k, count in enumerate(self.nearest.shape):
+            cells = (places[..., k] - self.low[k]) * (1 / self.cell)
+            row = row * count + np.clip(cells, 0, count - 1).astype(np.int64)
+        return np.asarray(self.nearest.take(row))
 
 
 class Poses(Struct, frozen=True, eq=False):
@@ -92,6 +96,14 @@ def spread_rotations(count: int) -> FloatArray:
 
 
 def slide_poses(
+    field: DistanceField, points: FloatArray, poses: Poses, scale: float, pull: float
+) -> Poses:
+    """One Gauss-Newton step of all poses, as by `_slide_block`."""
+    blocks = np.split(np.arange(len(poses)), range(_BLOCK, len(poses), _BLOCK))
+    return join_poses([_slide_block(field, points, poses[each], scale, pull) for each in blocks])
+
+
+def _slide_block(
     field: DistanceField, points: FloatArray, poses: Poses, scale: float, pull: float
 ) -> Poses:
     """One Gauss-Newton step of all poses (model_from_scan), which moves points to planes.
