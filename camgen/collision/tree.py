@@ -78,10 +78,10 @@ def search_tree(
     answered a query before its triangles were reached.
     """
     blocks = [level.shape[1] for level in tree.lows]
-    # A level takes as long for a hundred pairs as for one, so a few queries skip upper levels.
-    top = max(
-        (level for level, size in enumerate(blocks) if count * size * FAN <= _PAIRS), default=0
-    )
+    # A level takes as long for a hundred pairs as for one, so a few queries skip upper levels. A
+    # level of two blocks saves no more than the search of the level above costs.
+    limit = max(_PAIRS // (max(count, 1) * FAN), 2)
+    top = max((level for level, size in enumerate(blocks) if size <= limit), default=0)
     query = np.repeat(np.arange(count), blocks[top])
     node = np.tile(np.arange(blocks[top]), count)
     is_answered = np.zeros(count, dtype=bool)

@@ -17,6 +17,8 @@ from camgen.model.pose import FloatArray
 _CELLS, _BEYOND = 40, 0.25
 #: Super-Fibonacci spiral (Alexa, CVPR 2022): the constants of its two golden-like ratios.
 _PHI, _PSI = 2**0.5, 1.533751168755204288118041
+#: Poses that slide together: their points stay in the processor's cache.
+_BLOCK = 64
 #: A cell with less than this share of the median number of points is one of strays.
 _SPARSE = 0.1
 #: Maximum turn of a step, rad. A step goes along tangents, which say nothing about larger turns.
@@ -29,20 +31,21 @@ class DistanceField(Struct, frozen=True, eq=False):
     low: (3,), lower corner of the grid, mm.
     cell: width of a cell, mm.
     nearest: (nx, ny, nz), index of the sample that is nearest to the middle of each cell.
-    points, normals: (S, 3), the samples.
+    samples: (S, 6), the points and the normals of the samples.
     """
 
     low: FloatArray
     cell: float
     nearest: IntArray
-    points: FloatArray
-    normals: FloatArray
+    samples: FloatArray
 
     def at(self, places: FloatArray) -> IntArray:
         """The sample near each of `places` (..., 3). Outside the grid its nearest cell is used."""
-        cells = np.floor((places - self.low) * (1 / self.cell)).astype(np.int64)
-        x, y, z = (np.clip(cells[..., k], 0, n - 1) for k, n in enumerate(self.nearest.shape))
-        return np.asarray(self.nearest[x, y, z])
+        row = np.zeros(places.shape[:-1], dtype=np.int64)
+        for k, count in enumerate(self.nearest.shape):
+            cells = (places[..., k] - self.low[k]) * (1 / self.cell)
+            row = row * count + np.clip(cells, 0, count - 1).astype(np.int64)
+        return np.asarray(self.nearest.take(row))
 
 
 class Poses(Struct, frozen=True, eq=False):
@@ -78,7 +81,7 @@ def make_field(model: Model) -> DistanceField:
     axes = [low[k] + cell * (np.arange(counts[k]) + 0.5) for k in range(3)]
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     nearest = model.cloud.find_nearest(middles)[0].reshape(tuple(counts))
-    return DistanceField(low, cell, nearest, model.samples, model.sample_normals)
+    return DistanceField(low, cell, nearest, np.hstack([model.samples, model.sample_normals]))
 
 
 def spread_rotations(count: int) -> FloatArray:
@@ -94,6 +97,14 @@ def spread_rotations(count: int) -> FloatArray:
 def slide_poses(
     field: DistanceField, points: FloatArray, poses: Poses, scale: float, pull: float
 ) -> Poses:
+    """One Gauss-Newton step of all poses, as by `_slide_block`."""
+    blocks = np.split(np.arange(len(poses)), range(_BLOCK, len(poses), _BLOCK))
+    return join_poses([_slide_block(field, points, poses[each], scale, pull) for each in blocks])
+
+
+def _slide_block(
+    field: DistanceField, points: FloatArray, poses: Poses, scale: float, pull: float
+) -> Poses:
     """One Gauss-Newton step of all poses (model_from_scan), which moves points to planes.
 
     The planes are those of the samples near the points.
@@ -104,8 +115,8 @@ def slide_poses(
         These distances move poses that are far from the model.
     """
     at = poses.apply(points)
-    which = field.at(at)
-    normal, offset = field.normals.take(which, axis=0), at - field.points.take(which, axis=0)
+    samples = field.samples.take(field.at(at), axis=0)
+    normal, offset = samples[..., 3:], at - samples[..., :3]
     weight = (scale**2 / (scale**2 + add_coordinates(offset * offset))) ** 2
     total = weight.sum(axis=1)
     centre = (weight[..., None] * at).sum(axis=1) / total[:, None]
@@ -113,20 +124,25 @@ def slide_poses(
     rows = np.concatenate([cross(arm, normal), normal], axis=2)
     weighted = rows * weight[..., None]
     matrix = weighted.transpose(0, 2, 1) @ rows
-    gradient = (weighted * add_coordinates(offset * normal)[..., None]).sum(axis=1)
+    gradient = _add_points(weighted * add_coordinates(offset * normal)[..., None])
     weighted_arm = arm * weight[..., None]
     square = np.einsum("bni,bnj->bij", weighted_arm, arm)
     trace = np.trace(square, axis1=1, axis2=2)[:, None, None]
     eye = np.eye(3)
     matrix[:, :3, :3] += pull * (trace * eye - square)
     matrix[:, 3:, 3:] += pull * total[:, None, None] * eye
-    gradient[:, :3] += pull * cross(weighted_arm, offset).sum(axis=1)
-    gradient[:, 3:] += pull * (offset * weight[..., None]).sum(axis=1)
+    gradient[:, :3] += pull * _add_points(cross(weighted_arm, offset))
+    gradient[:, 3:] += pull * _add_points(offset * weight[..., None])
     matrix += (1e-6 * np.trace(matrix, axis1=1, axis2=2))[:, None, None] * np.eye(6)
     step = -np.linalg.solve(matrix, gradient[..., None])[..., 0]
     turn = make_turns(step[:, :3])
     origins = (turn @ (poses.origins - centre)[..., None])[..., 0] + centre + step[:, 3:]
     return Poses(turn @ poses.rotations, origins)
+
+
+def _add_points(values: FloatArray) -> FloatArray:
+    """(B, k) sums over the points of values (B, n, k), as `sum(axis=1)` in half the time."""
+    return np.asarray(np.ascontiguousarray(values.transpose(1, 0, 2)).sum(axis=0))
 
 
 def make_turns(vectors: FloatArray) -> FloatArray:
@@ -146,7 +162,7 @@ def measure_fit(field: DistanceField, points: FloatArray, poses: Poses, scale: f
     A point counts 1 on the model, and 1/2 at the distance `scale` (mm).
     """
     at = poses.apply(points)
-    offset = at - field.points.take(field.at(at), axis=0)
+    offset = at - field.samples.take(field.at(at), axis=0)[..., :3]
     return np.asarray((scale**2 / (scale**2 + add_coordinates(offset * offset))).mean(axis=1))
 
 

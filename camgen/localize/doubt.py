@@ -36,7 +36,7 @@ from camgen.localize.model import (
 from camgen.localize.sight import (
     SeenPlaces,
     estimate_eye,
-    find_seen,
+    find_shown,
     make_far_eyes,
     spread_directions,
 )
@@ -441,7 +441,7 @@ def measure_seen(model: Model, view: View, final: ScanFit, within: float) -> See
         eyes = estimate_eye(model, seen, _FACING).eye[None]
     else:
         eyes = make_far_eyes(model, spread_directions())
-    visible = find_seen(model, places, normals, eyes, _FACING).any(axis=0)
+    visible = find_shown(model, places, normals, eyes, _FACING, 1 / len(eyes))
     return SeenShare(float(hit.mean()), float(hit[visible].mean()) if visible.any() else 0.0)
 
 

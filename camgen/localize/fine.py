@@ -10,7 +10,7 @@ from collections.abc import Generator
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.vectors import multiply_rows
+from camgen.geometry.vectors import add_coordinates, cross, measure_lengths, multiply_rows
 from camgen.localize.coarse import make_turns
 from camgen.localize.model import (
     Model,
@@ -19,6 +19,7 @@ from camgen.localize.model import (
     find_candidates,
     find_touched,
     find_touched_within,
+    narrow_candidates,
 )
 from camgen.localize.sight import find_hidden
 from camgen.model.part import BoolArray, IntArray
@@ -35,6 +36,8 @@ _ROUNDS, _STEPS = 8, 12
 _LEAST_POINTS = 7
 #: The candidates are found again if a pose moves the points by more than this part of the reach.
 _SLACK_SHARE = 0.2
+#: Candidates are searched with this many times the slack, so that they hold for later rounds.
+_WIDER = 2.0
 #: A pose is at rest if a step moves it by less than this part of the model's size. Points that
 #: change their triangle keep it from coming to a complete rest.
 _STILL_SHARE = 5e-7
@@ -79,8 +82,8 @@ class ScanFit(Struct, frozen=True, eq=False):
 #: model_from_scan: rotation (3, 3) and origin (3,), mm.
 _Placement = tuple[FloatArray, FloatArray]
 #: Places (N, 3) for which the closest triangles are wanted, mm. The second is the reach and the
-#: slack (see `find_candidates`) if the candidates have to be found again, otherwise None.
-_Question = tuple[FloatArray, tuple[float, float] | None]
+#: slack (see `find_candidates`) if the candidates have to be found again, otherwise 0 and 0.
+_Question = tuple[FloatArray, tuple[float, float]]
 
 
 def refine(model: Model, points: FloatArray, start: _Placement, gate: float) -> ScanFit:
@@ -103,15 +106,23 @@ def refine_all(
     """
     refinements = [_refine_steps(model, points, start, gate) for start in starts]
     questions: dict[int, _Question] = {k: next(each) for k, each in enumerate(refinements)}
+    searches: dict[int, tuple[_Question, TouchPairs]] = {}
     pairs: dict[int, TouchPairs] = {}
     fits: dict[int, ScanFit] = {}
     while questions:
         # Poses that need no new candidates go first, until all others wait for theirs.
-        moving = [k for k, (_, limits) in questions.items() if limits is None]
+        moving = [k for k, (_, limits) in questions.items() if not any(limits)]
         if not moving:
             moving = list(questions)
-            answers = _find_all_candidates(model, take_rows(questions, moving))
-            pairs = dict(zip(moving, answers, strict=True))
+            new = {
+                k: (at, (reach, _WIDER * slack))
+                for k, (at, (reach, slack)) in questions.items()
+                if k not in searches or not _holds(searches[k][0], questions[k])
+            }
+            answers = _find_all_candidates(model, list(new.values())) if new else []
+            searches.update(zip(new, zip(new.values(), answers, strict=True), strict=True))
+            for k, (at, limits) in questions.items():
+                pairs[k] = narrow_candidates(model, searches[k][1], at, *limits)
         places = [questions[k][0] for k in moving]
         touches = _find_all_touched(model, take_rows(pairs, moving), places)
         for k, touch in zip(moving, touches, strict=True):
@@ -121,6 +132,13 @@ def refine_all(
                 del questions[k]
                 fits[k] = end.value
     return list(map(fits.__getitem__, range(len(starts))))
+
+
+def _holds(searched: _Question, question: _Question) -> bool:
+    """Whether the candidates for `searched` hold those for another question."""
+    (before, (old_reach, old_slack)), (places, (reach, slack)) = searched, question
+    moved = float(measure_lengths(places - before).max())
+    return reach <= old_reach and moved + slack <= old_slack
 
 
 def _find_all_candidates(model: Model, questions: list[_Question]) -> list[TouchPairs]:
@@ -162,12 +180,12 @@ def _refine_steps(
     for _ in range(_ROUNDS):
         reach = max(TUKEY * noise, 10 * floor)
         slack = max(_SLACK_SHARE * reach, floor)
-        limits: tuple[float, float] | None = (reach, slack)
+        limits = (reach, slack)
         moved = 0.0
         for _ in range(_STEPS):
             places = points @ placement[0].T + placement[1]
             touch = yield places, limits
-            limits = None
+            limits = (0.0, 0.0)
             near = touch.distance <= reach
             if np.count_nonzero(near) < _LEAST_POINTS:
                 return fit
@@ -218,8 +236,8 @@ def _compute_step(
     normals, residuals = _compute_pulls(model, touch, places)
     centre = (weight[:, None] * places).sum(axis=0) / total
     arms = places - centre
-    arm = float(np.sqrt((weight * (arms * arms).sum(axis=1)).sum() / total))
-    rows = np.concatenate([np.cross(arms, normals) / arm, normals], axis=1)
+    arm = float(np.sqrt((weight * add_coordinates(arms * arms)).sum() / total))
+    rows = np.concatenate([cross(arms, normals) / arm, normals], axis=1)
     weighted = rows * weight[:, None]
     matrix = weighted.T @ rows / total
     step = -np.linalg.solve(matrix + 1e-9 * np.eye(6), weighted.T @ residuals / total)

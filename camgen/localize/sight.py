@@ -21,6 +21,8 @@ _SEAM = 1e-9
 _AROUND, _NEARER = 60, 16
 #: Two directions agree about as well with the seen places if their coefficients differ by less.
 _ABOUT_AS_WELL = 0.05
+#: Turns in which many eyes are asked, each with eyes in different directions.
+_TURNS = 8
 #: A far eye is this many sizes of the model away.
 _FAR = 1e4
 #: The best directions that are refined, and the eyes that agree about as well, at most.
@@ -49,7 +51,9 @@ def find_hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) 
 
     def meets(which: IntArray, low: FloatArray, high: FloatArray) -> IntArray:
         start, factor = columns.take(which, axis=1), inverses.take(which, axis=1)
-        to_low, to_high = (low - pad - start) * factor, (high + pad - start) * factor
+        to_low, to_high = low - (start + pad), high - (start - pad)
+        to_low *= factor
+        to_high *= factor
         enters = np.minimum(to_low, to_high).max(axis=0)
         leaves = np.maximum(to_low, to_high).min(axis=0)
         return np.flatnonzero((leaves >= enters) & (leaves > gap))
@@ -96,11 +100,43 @@ def find_seen(
     facing: a surface is too steep to be seen if the cosine between its normal and the direction to
         the eye is not larger than this.
     """
-    directions = normalize((eyes[:, None] - places).reshape(-1, 3)).reshape(len(eyes), -1, 3)
-    seen = np.asarray(np.einsum("dnk,nk->dn", directions, normals) > facing)
+    seen = _find_facing(places, normals, eyes, facing)
     eye, place = np.nonzero(seen)
     seen[eye, place] = ~find_hidden(model, places[place], eyes[eye], ON_SURFACE * model.size)
     return seen
+
+
+def find_shown(
+    model: Model,
+    places: FloatArray,
+    normals: FloatArray,
+    eyes: FloatArray,
+    facing: float,
+    share: float,
+) -> BoolArray:
+    """Whether at least `share` (0..1) of the eyes see each of the places: (N,), as by `find_seen`.
+
+    A few eyes from different directions decide about most places. The others are not asked.
+    """
+    faced, least = _find_facing(places, normals, eyes, facing), (share - 1e-9) * len(eyes)
+    possible = faced.sum(axis=0)
+    certain = np.zeros_like(possible)
+    for k in range(_TURNS):
+        is_open = (possible >= least) & (certain < least)
+        eye, place = np.nonzero(faced[k::_TURNS] & is_open)
+        gap = ON_SURFACE * model.size
+        hidden = find_hidden(model, places[place], eyes[k::_TURNS][eye], gap)
+        possible -= np.bincount(place[hidden], minlength=len(places))
+        certain += np.bincount(place[~hidden], minlength=len(places))
+    return np.asarray(possible >= least)
+
+
+def _find_facing(
+    places: FloatArray, normals: FloatArray, eyes: FloatArray, facing: float
+) -> BoolArray:
+    """Whether each of `eyes` (D, 3) is in front of the surface at each of `places`: (D, N)."""
+    directions = normalize((eyes[:, None] - places).reshape(-1, 3)).reshape(len(eyes), -1, 3)
+    return np.asarray(np.einsum("dnk,nk->dn", directions, normals) > facing)
 
 
 def spread_directions() -> FloatArray:

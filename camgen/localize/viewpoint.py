@@ -17,6 +17,7 @@ from camgen.localize.sight import (
     SeenPlaces,
     estimate_eye,
     find_seen,
+    find_shown,
     make_far_eyes,
     select_above,
     spread_directions,
@@ -127,8 +128,7 @@ class Sight(Struct, frozen=True, eq=False):
         """Whether the scan should show each of `places` (N, 3) on the model: (N,)."""
         if not len(places):
             return np.zeros(0, dtype=bool)
-        seen = find_seen(model, places, normals, self.eyes, self.facing)
-        return np.asarray(seen.mean(axis=0) >= self.share - 1e-9)
+        return find_shown(model, places, normals, self.eyes, self.facing, self.share)
 
 
 def find_sight(evidence: Evidence, view: View, final: ScanFit) -> Sight:

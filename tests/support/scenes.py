@@ -312,17 +312,33 @@ def cast(
 
 
 def meet(corners: Array, eye: Array, rays: Array) -> Array:
-    """The distance (N,) from ``eye`` to the first triangle on each ray (N, 3), inf without one."""
+    """The distance (N,) from ``eye`` to the first triangle on each ray (N, 3), inf without one.
+
+    The triangles are about the origin. A block of neighbouring rays is tested with those that its
+    part of the picture from the eye towards the origin holds.
+    """
     a, b, c = (corners[:, k] - eye for k in range(3))
     sides = [np.cross(u, v) for u, v in ((a, b), (b, c), (c, a))]
     normal, height = np.cross(b - a, c - a), np.einsum("ij,ij->i", a, np.cross(b, c))
+    across = np.cross(eye, [0.0, 0.0, 1.0])
+    axes = np.stack([across, np.cross(eye, across), -eye], axis=1)
+    picture = draw(corners - eye, axes)
+    low, high = picture.min(axis=1) - 1e-6, picture.max(axis=1) + 1e-6
     depths = np.full(len(rays), np.inf)
-    for begin in range(0, len(rays), 2000):
-        block = rays[begin : begin + 2000]
-        signs = np.stack([block @ side.T for side in sides])
+    for begin in range(0, len(rays), 1000):
+        block = rays[begin : begin + 1000]
+        at = draw(block, axes)
+        near = ((low <= at.max(axis=0)) & (high >= at.min(axis=0))).all(axis=1)
+        signs = np.stack([block @ side[near].T for side in sides])
         inside = (signs >= -1e-9).all(axis=0) | (signs <= 1e-9).all(axis=0)
-        fall = block @ normal.T
-        depth = height / np.where(fall == 0, 1, fall)
+        fall = block @ normal[near].T
+        depth = height[near] / np.where(fall == 0, 1, fall)
         hits = inside & (np.abs(fall) > 1e-12) & (depth > 0)
-        depths[begin : begin + 2000] = np.where(hits, depth, np.inf).min(axis=1)
+        depths[begin : begin + 1000] = np.where(hits, depth, np.inf).min(axis=1, initial=np.inf)
     return depths
+
+
+def draw(directions: Array, axes: Array) -> Array:
+    """The picture (..., 2) of directions (..., 3); axes (3, 3): across, upright and forward."""
+    seen = directions @ axes
+    return seen[..., :2] / seen[..., 2:]
