@@ -74,7 +74,8 @@ def measure_length(stroke: FloatArray) -> float:
 def measure_farthest(points: FloatArray, lines: list[FloatArray]) -> float:
     """Largest distance of a point from the lines, mm."""
     all_lines = shapely.multilinestrings([shapely.linestrings(line) for line in lines])
-    return float(shapely.distance(shapely.points(points), all_lines).max())
+    shapely.prepare(all_lines)
+    return float(shapely.distance(all_lines, shapely.points(points)).max())
 
 
 def list_gear_outlines(scale: float) -> Iterable[FloatArray]:
