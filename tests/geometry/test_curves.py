@@ -32,9 +32,7 @@ def sampled(points: Array, bulges: Array, per_segment: int = 24) -> Array:
 
 def farthest(points: Array, line: Array) -> float:
     """Largest distance of `points` from the polyline `line`, mm."""
-    polyline = shapely.linestrings(line)
-    shapely.prepare(polyline)
-    return float(shapely.distance(polyline, shapely.points(points)).max())
+    return float(shapely.distance(shapely.points(points), shapely.linestrings(line)).max())
 
 
 def assert_within(outline: curves.Outline, exact: Array, chord: float) -> None:

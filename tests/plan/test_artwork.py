@@ -58,9 +58,11 @@ def measure_deviation(a: Part, b: Part, step: float) -> float:
     worst = 0.0
     for p, q in zip(sample_contours(a, step), sample_contours(b, step), strict=True):
         for points, corners in ((p, q), (q, p)):
-            line = shapely.linestrings(corners)
-            shapely.prepare(line)
-            distances = shapely.distance(line, shapely.points(points))
+            sides = shapely.linestrings(np.stack([corners[:-1], corners[1:]], axis=1))
+            _, distances = shapely.STRtree(sides).query_nearest(
+                shapely.points(points), return_distance=True, all_matches=False
+            )
+            assert len(distances) == len(points)
             worst = max(worst, float(distances.max()))
     return worst
 
