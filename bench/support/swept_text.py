@@ -55,21 +55,26 @@ def _below(motion: Move, height: float) -> list[Any]:
 def count_struck(motions: Sequence[Move], radius: float) -> int:
     """Rapid motions below the top face that sweep over what no motion before them has cleared."""
     struck = 0
-    shapes: list[tuple[int, float, Any]] = []
+    # A slope clears what it has passed; its deepest place alone is counted here.
+    shapes: list[tuple[int, Any]] = []
     for number, motion in enumerate(motions):
         if not motion.rapid and motion.low < 0:
-            shapes += [(number, motion.low, line) for line in _below(motion, motion.low)]
-    tree = shapely.STRtree([shape for _, _, shape in shapes])
+            shapes += [(number, line) for line in _below(motion, motion.low)]
+    cleared_areas = shapely.buffer([line for _, line in shapes], radius, quad_segs=_ROUND)
+    tree = shapely.STRtree(cleared_areas)
     for number, motion in enumerate(motions):
         flat = motion.points[:, :2]
         if not motion.rapid or motion.low >= 0 or math.dist(flat[0], flat[-1]) < _SAME:
             continue
-        swept = shapely.LineString(flat).buffer(radius - _SLACK, quad_segs=_ROUND)
-        near = [shapes[k] for k in tree.query(swept.buffer(radius)).tolist()]
-        # A slope clears what it has passed; its deepest place alone is counted here.
-        before = [line for k, low, line in near if k < number and low <= motion.low + _SAME]
-        gone = shapely.union_all(shapely.buffer(before, radius, quad_segs=_ROUND))
-        struck += not swept.difference(gone).buffer(-_SLACK / 2).is_empty
+        left = shapely.LineString(flat).buffer(radius - _SLACK, quad_segs=_ROUND)
+        # The latest first: most rapid motions cross an area that was cleared just before.
+        for k in sorted(tree.query(left).tolist(), reverse=True):
+            before = shapes[k][0]
+            if before < number and motions[before].low <= motion.low + _SAME:
+                left = left.difference(cleared_areas[k])
+            if left.is_empty:
+                break
+        struck += not left.buffer(-_SLACK / 2).is_empty
     return struck
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.intersect import Obstacles, find_fractions, measure_gaps, measure_nearest
+from camgen.geometry.intersect import Obstacles, find_fractions, measure_gaps
 from camgen.geometry.ragged import (
     Runs,
     divide_runs,
@@ -353,13 +353,14 @@ def _remove_known(
     walls: _Walls, following: IntArray, chain: _Pieces, known: Segments
 ) -> list[_Pieces]:
     """The parts of a chain along which no known line runs, as chains."""
-    reach = _SAME * walls.slack
-
-    def is_new(rows: IntArray, fraction: FloatArray) -> BoolArray:
-        return np.isinf(measure_nearest(walls.middles(rows, fraction), known, reach))
-
     if not len(known):
         return [chain]
+    lines = Obstacles(known, np.zeros(len(known), dtype=np.int64))
+
+    def is_new(rows: IntArray, fraction: FloatArray) -> BoolArray:
+        middles, group = walls.middles(rows, fraction), np.zeros_like(rows)
+        return np.isinf(lines.nearest(middles, group, _SAME * walls.slack))
+
     rows = np.repeat(chain.row, len(_PROBES))
     span = np.repeat(chain.high - chain.low, len(_PROBES))
     fraction = np.repeat(chain.low, len(_PROBES)) + span * np.tile(_PROBES, len(chain.row))

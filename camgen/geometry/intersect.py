@@ -192,15 +192,14 @@ def _cut_pairs(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, 
     """
     a, b = segments.take(i), segments.take(j)
     pair, first, second = find_crossings(a, b)
-    rows, cut_at = [i[pair], j[pair]], [first, second]
-    for cut, other, row in ((a, b, i), (b, a, j)):
-        for end in (other.start, other.end):
-            fraction = find_fractions(cut, end)
-            foot = points_at(cut, np.clip(fraction, 0.0, 1.0))
-            touches = np.hypot(*(foot - end).T) <= TOUCH
-            rows.append(row[touches])
-            cut_at.append(fraction[touches])
-    return np.concatenate(rows), np.concatenate(cut_at)
+    rows = np.concatenate([i, i, j, j])
+    ends = np.concatenate([b.start, b.end, a.start, a.end])
+    cut = segments.take(rows)
+    fraction = find_fractions(cut, ends)
+    foot = points_at(cut, np.clip(fraction, 0.0, 1.0))
+    touches = np.hypot(*(foot - ends).T) <= TOUCH
+    cut_rows = np.concatenate([i[pair], j[pair], rows[touches]])
+    return cut_rows, np.concatenate([first, second, fraction[touches]])
 
 
 def _are_on(slack: FloatArray, fraction: FloatArray) -> BoolArray:
@@ -410,10 +409,10 @@ def measure_gaps(lines: Segments, segments: Segments, reach: float) -> FloatArra
 
 def _measure_pairs(a: Segments, b: Segments) -> FloatArray:
     """(K,) distance of segment k of `a` from segment k of `b`, mm."""
-    rows = np.arange(len(a))
-    distance = np.minimum(measure_distances(a.start, b, rows), measure_distances(a.end, b, rows))
-    for end in (b.start, b.end):
-        np.minimum(distance, measure_distances(end, a, rows), out=distance)
+    both, rows = concatenate([a, b]), np.arange(len(a))
+    ends = np.concatenate([b.start, b.end, a.start, a.end])
+    others = np.concatenate([rows, rows, rows + len(a), rows + len(a)])
+    distance = np.asarray(measure_distances(ends, both, others).reshape(4, -1).min(axis=0))
     for lines, arcs in ((a, b), (b, a)):
         mixed = np.flatnonzero(~lines.is_arc & arcs.is_arc)
         perpendicular = _measure_perpendiculars(lines.take(mixed), arcs.take(mixed))
@@ -421,7 +420,7 @@ def _measure_pairs(a: Segments, b: Segments) -> FloatArray:
     arcs_only = np.flatnonzero(a.is_arc & b.is_arc)
     between_arcs = _measure_along_centres(a.take(arcs_only), b.take(arcs_only))
     np.minimum.at(distance, arcs_only, between_arcs)
-    cut_rows, _ = find_cuts(concatenate([a, b]), rows, rows + len(a))
+    cut_rows, _ = find_cuts(both, rows, rows + len(a))
     distance[cut_rows[cut_rows < len(a)]] = 0.0
     return distance
 

@@ -297,5 +297,6 @@ def _have_room(
     step = np.clip(_BEYOND_FRACTION * chosen.length * (high - low), *_BEYOND)
     points = points_at(chosen, middle)
     beyond = points + step[:, None] * turn_right(tangents_at(chosen, middle))
-    near = obstacles.nearer_than(points, label, np.full(len(label), distance - _ROUNDING_MM))
-    return ~(near | obstacles.nearer_than(beyond, label, distance + step / 2))
+    limit = np.concatenate([np.full(len(label), distance - _ROUNDING_MM), distance + step / 2])
+    near = obstacles.nearer_than(np.concatenate([points, beyond]), np.tile(label, 2), limit)
+    return np.asarray(~near.reshape(2, -1).any(axis=0))

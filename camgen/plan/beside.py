@@ -181,15 +181,15 @@ def _check(
     # Computed for the final curve, not for one of the offsets that led to it.
     group = set_apart(drawing, group, segments, source, distance)
     obstacles = Obstacles(drawing, group)
-    for fraction in (0.0, 0.35, 0.8):
-        points = points_at(segments, np.full(len(segments), fraction))
-        clearance = obstacles.nearest(points, group[source], distance + 2 * EXACT)
-        is_valid = (clearance >= distance - EXACT) & (
-            (clearance <= distance + EXACT) | (lost & (fraction > 0))
-        )
-        # The start of a rounded corner belongs to the segment before it too, which touches.
-        is_valid |= (fraction == 0) & (lost | np.roll(lost, 1)) & (clearance >= distance - EXACT)
-        sound[segments.owner[~is_valid]] = False
+    fraction = np.repeat([0.0, 0.35, 0.8], len(segments))
+    rows = np.tile(np.arange(len(segments)), 3)
+    points = points_at(segments.take(rows), fraction)
+    clearance = obstacles.nearest(points, group[source[rows]], distance + 2 * EXACT)
+    # The start of a rounded corner belongs to the segment before it too, which touches.
+    may_be_farther = np.where(fraction > 0, lost[rows], (lost | np.roll(lost, 1))[rows])
+    is_valid = (clearance <= distance + EXACT) | may_be_farther
+    is_valid &= clearance >= distance - EXACT
+    sound[segments.owner[rows[~is_valid]]] = False
     return replace(curve, sound=sound)
 
 

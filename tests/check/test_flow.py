@@ -1,7 +1,7 @@
 """Blends of links between edges: they are free by a plain loop over fcl, and needed stops stay."""
 
 import math
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from bench.robots.rfa import FREE, PARTS, make_job, make_loop
 from camgen.check.flow import blend_links
-from camgen.check.passing import trace_motions
+from camgen.check.passing import MotionTrace, trace_motions
 from camgen.check.reach import check_reach
 from camgen.check.time import time_from_rest, time_motions
 from camgen.collision.hits import find_collisions
@@ -52,10 +52,17 @@ def get_arm(result: Result) -> Robot:
     return result.cell.arm
 
 
+@cache
+def trace_result(result: Result) -> MotionTrace:
+    """The motions of a build; each test looks at many of them."""
+    assert result.reach is not None
+    return trace_motions(result.program, result.reach, get_arm(result))
+
+
 def interpolate_joints(result: Result, motion: int, fraction: float) -> FloatArray:
     """Joint values (J,) at a fraction of the travel of the TCP in a motion."""
     assert result.reach is not None
-    trace = trace_motions(result.program, result.reach, get_arm(result))
+    trace = trace_result(result)
     rows = trace.rows(motion)
     travel = trace.travelled[rows] - trace.travelled[rows.start]
     fractions = travel / travel[-1]
@@ -66,8 +73,7 @@ def interpolate_joints(result: Result, motion: int, fraction: float) -> FloatArr
 
 def make_parabola(result: Result, motion: int, zone: float) -> FloatArray:
     """Joint values (11, J) on a parabola from `zone` mm before the corner to as far after it."""
-    assert result.reach is not None
-    trace = trace_motions(result.program, result.reach, get_arm(result))
+    trace = trace_result(result)
     lengths = [float(np.ptp(trace.travelled[trace.rows(k)])) for k in (motion, motion + 1)]
     a = interpolate_joints(result, motion, 1 - min(zone / lengths[0], 0.5))
     b = interpolate_joints(result, motion, 1.0)
@@ -88,7 +94,7 @@ def test_corner_paths_are_free_and_keep_the_margin(name: str, free: bool) -> Non
         for zone in (blend[motion], 1.6 * blend[motion]):
             for joints in make_parabola(result, motion, zone):
                 assert fcl_loop.find_hit(joints) is None
-                assert fcl_loop.measure_clearance(joints) >= 2.0 - 1e-6
+                assert fcl_loop.measure_clearance(joints, 2.0) >= 2.0 - 1e-6
 
 
 def test_motions_at_the_ends_of_edges_and_before_contact_stop() -> None:
@@ -162,7 +168,7 @@ def test_links_are_as_fast_as_the_joints_and_points_of_the_arm_allow() -> None:
     assert result.where is not None
     distance = partial(measure_apart, result.where.scene)
     arm, columns = get_arm(result), result.program.columns
-    trace = trace_motions(result.program, result.reach, arm)
+    trace = trace_result(result)
     full = 0
     links = np.flatnonzero(~columns.works & (columns.speed > result.job.process.feed))
     for k in links[1:].tolist():

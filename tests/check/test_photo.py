@@ -55,6 +55,15 @@ def inspect_parts(
     return inspect_photo(outlines, drawing(drawn), Job())
 
 
+@pytest.fixture(scope="module")
+def burred(tmp_path_factory: pytest.TempPathFactory) -> Inspection:
+    """A plate with a burr, 5 mm wide and 0.8 mm high, on the side at y = -20."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registration, "_TURNS", 12)
+        loops = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1])
+        return inspect_parts(tmp_path_factory.mktemp("burred"), loops)
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.4, 2.5])
 def test_a_part_as_drawn_has_no_difference(tmp_path: Path, turn: float) -> None:
     inspection = inspect_parts(tmp_path, PLATE, turn=turn)
@@ -210,30 +219,26 @@ def measure_burr_contact(width: float, height: float, removed: float, tool: floa
     return math.sqrt((radius + tool) ** 2 - (below + tool) ** 2)
 
 
-@pytest.mark.usefixtures("few_rotations")
-def test_a_rework_covers_the_burr_and_1_mm_at_either_side(tmp_path: Path) -> None:
-    inspection = inspect_parts(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
+def test_a_rework_covers_the_burr_and_1_mm_at_either_side(burred: Inspection) -> None:
     job = Job(process=ProcessTable(feed=6.0), tool=ToolTable(diameter=6.0))
-    (rework,), _ = list_rework(inspection, job, 0.3)
+    (rework,), _ = list_rework(burred, job, 0.3)
     # The foot is from -20 to -15 on y = -20. A tool on the line meets the burr where the two
     # circles touch. The stretch begins 1 mm before.
     reach = measure_burr_contact(5, 0.8, 0.0, 3.0) + 1
     assert rework.stretches[0][0] == pytest.approx((-17.5 - reach, -20), abs=0.15)
     assert rework.stretches[0][-1] == pytest.approx((-17.5 + reach, -20), abs=0.15)
-    assert is_clear(rework.stretches[0], inspection.expected.region, 3.0)
+    assert is_clear(rework.stretches[0], burred.expected.region, 3.0)
 
 
-@pytest.mark.usefixtures("few_rotations")
-def test_later_passes_over_a_burr_are_shorter(tmp_path: Path) -> None:
+def test_later_passes_over_a_burr_are_shorter(burred: Inspection) -> None:
     """Four passes over an arc 0.8 mm high with a chord of 5 mm meet less and less of it.
 
     Without force the later passes begin 0.35 mm before contact, with force all begin 1 mm before.
     """
-    inspection = inspect_parts(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
     for force, later_margin in ((0.0, 0.35), (5.0, 1.0)):
         process = ProcessTable(feed=6.0, force=force)
         job = Job(process=process, tool=ToolTable(diameter=6.0))
-        (rework,), _ = list_rework(inspection, job, 0.19)
+        (rework,), _ = list_rework(burred, job, 0.19)
         lengths = [float(np.ptp(stretch[:, 0])) for stretch in rework.stretches]
         assert rework.passes == 4
         for number, length in enumerate(lengths):
@@ -271,14 +276,12 @@ def test_a_tool_wider_than_a_slot_is_not_clear_of_its_walls() -> None:
     assert not is_clear(stretch[::-1], walls, 2.5)  # the tool is on the side of the material
 
 
-@pytest.mark.usefixtures("few_rotations")
-def test_an_invalid_removal_is_refused(tmp_path: Path) -> None:
-    inspection = inspect_parts(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
+def test_an_invalid_removal_is_refused(burred: Inspection) -> None:
     for removal in (0.0, -1.0, float("nan")):
         with pytest.raises(JobError, match="--removal"):
-            list_rework(inspection, Job(), removal)
+            list_rework(burred, Job(), removal)
     with pytest.raises(JobError, match=r"0.01 mm would make \d\d passes over the burr of 0.8"):
-        list_rework(inspection, Job(), 0.01)
+        list_rework(burred, Job(), 0.01)
 
 
 # Ink.
@@ -300,6 +303,7 @@ def make_loops(region: shapely.Geometry) -> list[Loop]:
     return loops
 
 
+@pytest.mark.usefixtures("few_rotations")
 def test_missing_and_extra_ink_is_found(tmp_path: Path) -> None:
     whole = expect(drawing(TRACKS), FILL)
     assert whole.inked

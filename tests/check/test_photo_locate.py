@@ -62,6 +62,7 @@ def list_photo_notes(result: Result) -> list[str]:
 # The pose.
 
 
+@pytest.mark.usefixtures("few_rotations")
 @pytest.mark.parametrize(("turn", "shift"), [(0.0, 0j), (1.1, 6 - 3j), (-2.9, -4 + 5j)])
 def test_a_program_is_placed_where_the_photo_shows_the_part(
     tmp_path: Path, turn: float, shift: complex

@@ -1,10 +1,10 @@
 """Curves become arcs and lines within the tolerance of points that other formulas give."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -32,12 +32,7 @@ def sampled(points: Array, bulges: Array, per_segment: int = 24) -> Array:
 
 def farthest(points: Array, line: Array) -> float:
     """Largest distance of `points` from the polyline `line`, mm."""
-    best = np.full(len(points), np.inf)
-    for a, b in itertools.pairwise(line):
-        d = b - a
-        f = np.clip(((points - a) @ d) / max(float(d @ d), 1e-300), 0, 1)
-        best = np.minimum(best, np.hypot(*(points - a - f[:, None] * d).T))
-    return float(best.max())
+    return float(shapely.distance(shapely.points(points), shapely.linestrings(line)).max())
 
 
 def assert_within(outline: curves.Outline, exact: Array, chord: float) -> None:

@@ -289,7 +289,9 @@ def test_a_tour_of_very_many_paths_is_shortened_at_all_paths_together(
 ) -> None:
     monkeypatch.setattr(search, "available", lambda: False)
     monkeypatch.setattr(speed, "available", lambda: False)
-    # A tour of more paths than this is searched in no other way.
+    # A tour of more paths than this is searched in no other way, and no bound is computed.
+    monkeypatch.setattr(search, "_ALL_TOGETHER", search._CROWD + 1)
+    monkeypatch.setattr(search, "_MANY_FOR_BOUND", search._CROWD + 1)
     # The outline comes after all other paths.
     count, rng = search._ALL_TOGETHER + 1, random.Random(7)
     inside = []

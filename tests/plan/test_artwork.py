@@ -57,8 +57,12 @@ def measure_deviation(a: Part, b: Part, step: float) -> float:
     """Largest Hausdorff distance between corresponding contours, mm, sampled every `step` mm."""
     worst = 0.0
     for p, q in zip(sample_contours(a, step), sample_contours(b, step), strict=True):
-        for points, line in ((p, q), (q, p)):
-            distances = shapely.distance(shapely.points(points), shapely.linestrings(line))
+        for points, corners in ((p, q), (q, p)):
+            sides = shapely.linestrings(np.stack([corners[:-1], corners[1:]], axis=1))
+            _, distances = shapely.STRtree(sides).query_nearest(
+                shapely.points(points), return_distance=True, all_matches=False
+            )
+            assert len(distances) == len(points)
             worst = max(worst, float(distances.max()))
     return worst
 

@@ -73,8 +73,12 @@ def measure_length(stroke: FloatArray) -> float:
 
 def measure_farthest(points: FloatArray, lines: list[FloatArray]) -> float:
     """Largest distance of a point from the lines, mm."""
-    all_lines = shapely.multilinestrings([shapely.linestrings(line) for line in lines])
-    return float(shapely.distance(shapely.points(points), all_lines).max())
+    sides = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+    _, distances = shapely.STRtree(shapely.linestrings(sides)).query_nearest(
+        shapely.points(points), return_distance=True, all_matches=False
+    )
+    assert len(distances) == len(points)
+    return float(distances.max())
 
 
 def list_gear_outlines(scale: float) -> Iterable[FloatArray]:

@@ -368,7 +368,7 @@ def test_a_part_without_closed_contours_is_an_error() -> None:
 
 def test_passes_whose_chords_cross_are_planned() -> None:
     plate = Path(__file__).parents[2] / "fixtures" / "parts" / "plate.dxf"
-    operation = {"kind": "pocket", "depth": 6.0, "passes": 3, "entry": "helix", "finish": 0.2}
+    operation = {"kind": "pocket", "depth": 6.0, "entry": "helix", "finish": 0.2}
     tables = {"operation": operation, "tool": {"diameter": 3.0}, "process": {"spindle": 8000.0}}
     result = camgen.build(plate, post="gcode", job=tables)
     # A build whose stock proof finds a gouge raises, so there would not be a result.
@@ -388,8 +388,7 @@ def test_the_note_of_a_wall_that_crosses_itself_gives_the_place(lobe: float) -> 
 
 def test_a_loop_of_the_wall_inside_the_pocket_does_not_stop_it() -> None:
     """The wall encloses a small square of the pocket a second time, which adds no area."""
-    corners = [(0, 0), (200, 0), (200, 60), (50, 60), (50, 59.3), (50.7, 59.3), (50.7, 60.5),
-               (0, 60.5)]  # fmt: skip
+    corners = [(0, 0), (30, 0), (30, 10), (12, 10), (12, 9.3), (12.7, 9.3), (12.7, 10.5), (0, 10.5)]
     result = build_pocket(0.5, contour(corners), depth=1.0)
     assert not [note for note in result.notes if note.kind == "skipped"]
 

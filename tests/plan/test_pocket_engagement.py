@@ -30,7 +30,7 @@ SHAPES = {
     "an island": (rectangle(0, 0, 50, 40), circle(22, 20, 6, "c2")),
     "bulges": (contour([(0, 0), (45, 0), (45, 30), (0, 30)], [0.3, -0.2, 0.3, 0.0]),),
 }  # fmt: skip
-#: Error of the measurement as a fraction of the diameter; a cell has a hundredth of it.
+#: Error of the measurement as a fraction of the diameter; a cell has a fortieth of it.
 NOISE = 0.06
 
 

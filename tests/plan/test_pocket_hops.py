@@ -1,6 +1,7 @@
 """Hops of pockets: rapid links over cleared ground, a little above the floor, and their faults."""
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from bench.support.swept_text import count_struck, read_cut
 from camgen.model.body import Body
 from camgen.model.errors import NoSafeProgram, VerifyError
 from camgen.model.job import Job, OperationTable
-from camgen.model.part import Part
 from camgen.plan import plan
 from tests.support.drawn import circle, part, rectangle
 from tests.support.sabotage import Patch, change_program, with_columns
@@ -31,9 +31,10 @@ def make_job(**operation: Any) -> dict[str, Any]:
     }
 
 
-def list_motions(drawn: Part, **operation: Any) -> list[Move]:
-    """The motions of the G-code text."""
-    return read_cut(camgen.build(drawn, post="gcode", job=make_job(**operation)).text)
+@cache
+def build_text(**operation: Any) -> str:
+    """The G-code text of the pocket, built once for all tests."""
+    return camgen.build(POCKET, post="gcode", job=make_job(**operation)).text
 
 
 def list_hops(motions: list[Move]) -> list[Move]:
@@ -44,7 +45,7 @@ def list_hops(motions: list[Move]) -> list[Move]:
 
 @pytest.mark.parametrize("settings", [{}, {"stepover": 0.3}, {"direction": "conventional"}])
 def test_hops_are_level_above_a_floor_and_meet_no_material(settings: dict[str, Any]) -> None:
-    motions = list_motions(POCKET, **settings)
+    motions = read_cut(build_text(**settings))
     hops = list_hops(motions)
     assert len(hops) > 20
     for motion in hops:
@@ -54,7 +55,7 @@ def test_hops_are_level_above_a_floor_and_meet_no_material(settings: dict[str, A
 
 
 def test_hops_of_random_pockets_meet_no_material() -> None:
-    motions = list_motions(shapes(6))
+    motions = read_cut(camgen.build(shapes(6), post="gcode", job=make_job()).text)
     assert list_hops(motions)
     assert count_struck(motions, DIAMETER / 2) == 0
 
@@ -63,7 +64,7 @@ def test_hops_of_random_pockets_meet_no_material() -> None:
     "settings", [{"engagement": 1.0}, {"entry": "ramp"}], ids=["no channel", "on a ramp"]
 )
 def test_a_pocket_without_level_returns_has_no_hops(settings: dict[str, Any]) -> None:
-    assert not list_hops(list_motions(POCKET, **settings))
+    assert not list_hops(read_cut(build_text(**settings)))
 
 
 def find_hops(body: Body) -> np.ndarray:
@@ -98,7 +99,7 @@ def lengthen_hop(body: Body) -> Body:
 
 @pytest.mark.parametrize("fault", [lower_to_floor, raise_hop, lengthen_hop])
 def test_a_fault_in_a_hop_is_found(fault: Any, monkeypatch: Patch) -> None:
-    camgen.build(POCKET, post="gcode", job=make_job())
+    assert build_text()
     change_program(monkeypatch, fault)
     with pytest.raises((VerifyError, NoSafeProgram)):
         camgen.build(POCKET, post="gcode", job=make_job())

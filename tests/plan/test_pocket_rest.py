@@ -72,9 +72,9 @@ def measure_left(result: Result) -> tuple[float, float]:
 
 PARTS: dict[str, Callable[[], Part]] = {
     "window": lambda: make_part(rectangle(0, 0, 60, 40, "w")),
-    "sharp": lambda: make_part(contour([(0, 0), (50, 5), (20, 15), (45, 40), (5, 30)], name="w")),
+    "sharp": lambda: make_part(contour([(0, 0), (36, 4), (14, 11), (32, 28), (4, 21)], name="w")),
     "rooms": lambda: make_part(contour(ROOMS, name="w")),
-    "island": lambda: make_part(rectangle(0, 0, 60, 40, "w"), circle(12, 20, 8, "i")),
+    "island": lambda: make_part(rectangle(0, 0, 42, 28, "w"), circle(13, 14, 6, "i")),
     "arcs and islands": lambda: shapes(13),
 }
 

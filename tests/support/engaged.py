@@ -12,7 +12,7 @@ from tests.support.swept import centre_line
 
 #: Cells of the plate and steps of the tool per tool diameter, and steps over which a width is the
 #: mean.
-CELLS, STEPS, WINDOW = 60, 30, 3
+CELLS, STEPS, WINDOW = 40, 20, 2
 
 
 def engaged(paths: Sequence[ToolPath], radius: float) -> np.ndarray:

@@ -34,7 +34,7 @@ def outline(contour: Contour) -> shapely.Polygon:
     for start, end, bulge in spans:
         points += _bulged(start, end, float(bulge))
     # Two points, of a nearly flat arc and its chord, enclose no area.
-    return shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
+    return shapely.Polygon(np.array(points)) if len(points) > 2 else shapely.Polygon()
 
 
 def _bulged(a: np.ndarray, b: np.ndarray, bulge: float) -> list[np.ndarray]:
@@ -64,7 +64,7 @@ def centre_line(path: ToolPath) -> shapely.LineString:
     for k in range(1, len(position)):
         straight = np.isnan(via[k, 0])
         points += [position[k]] if straight else _on_arc(position[k - 1], via[k], position[k])[1:]
-    return shapely.LineString(points)
+    return shapely.LineString(np.array(points))
 
 
 def swept(paths: Sequence[ToolPath], radius: float) -> shapely.Geometry:

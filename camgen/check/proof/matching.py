@@ -167,14 +167,17 @@ class PieceTree:
             np.zeros(len(points)),
         )
         for low in range(0, len(points), 50_000):
-            part = shapely.points(points[low : low + 50_000])
-            row, piece = self._tree.query(part, predicate="dwithin", distance=distance)
+            part = points[low : low + 50_000]
+            # The diagonals of squares around the points: a tree compares boxes, and without a
+            # predicate nothing else.
+            squares = shapely.linestrings(np.stack([part - distance, part + distance], axis=1))
+            row, piece = self._tree.query(squares)
             if not len(row):
                 continue
             first = np.flatnonzero(np.append(True, row[1:] != row[:-1]))
             rows = row + low
             hits = _nearest_pairs(points, rows, self._rows[piece], self._pieces, first)
-            # The box of a slanting piece is near to more places than the piece itself.
+            # A box is near to more places than the piece in it.
             within = hits.distance <= distance
             chosen = Nearest(hits.distance[within], hits.piece[within], hits.side[within])
             nearest.replace(rows[first][within], chosen)

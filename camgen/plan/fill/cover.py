@@ -37,16 +37,22 @@ _PASS, _THIN = 1 << 20, 1 << 40
 
 
 def compute_spans(
-    start: ComplexArray, end: ComplexArray, radius: float, pitch: float = 1.0
+    start: ComplexArray,
+    end: ComplexArray,
+    radius: float,
+    pitch: float = 1.0,
+    rows: tuple[float, float] = (-np.inf, np.inf),
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """The intervals of the rows v = n `pitch` that a disc covers while it runs along lines.
+
+    rows: first n, and the one after the last.
 
     Returns n, and u of both ends, (M,).
     """
     low, high = np.minimum(start.imag, end.imag) - radius, np.maximum(start.imag, end.imag) + radius
-    line, row = expand_ranges(
-        np.ceil(low / pitch).astype(np.int64), np.floor(high / pitch).astype(np.int64) + 1
-    )
+    first = np.clip(np.ceil(low / pitch), *rows).astype(np.int64)
+    last = np.clip(np.floor(high / pitch) + 1, *rows).astype(np.int64)
+    line, row = expand_ranges(first, last)
     v = row * pitch
     along = end - start
     # On each side a row meets the line that touches all discs, or the disc at one of the ends.
@@ -66,9 +72,7 @@ def compute_spans(
 
 def paint(start: ComplexArray, end: ComplexArray, radius: float, shape: tuple[int, int]) -> Pixels:
     """(H, W) 255 for the pixels over whose centres a disc passes along lines."""
-    row, left, right = compute_spans(start, end, radius)
-    inside = (row >= 0) & (row < shape[0])
-    row, left, right = row[inside], left[inside], right[inside]
+    row, left, right = compute_spans(start, end, radius, rows=(0, shape[0]))
     change = np.zeros((shape[0], shape[1] + 1), dtype=np.int16)
     flat = change.ravel()
     first = np.clip(np.ceil(left), 0, shape[1]).astype(np.int64)

@@ -305,7 +305,8 @@ def _add_hops_over_channels(
     are entered on a ramp have no hops.
     """
     process, operation = job.process, job.operation
-    if not (process.spindle and operation.depth) or process.stay_down:
+    lifts = process.spindle and operation.depth and not process.stay_down
+    if not lifts or operation.entry == "ramp":
         yield from linked
         return
     cleared = {}
@@ -314,7 +315,7 @@ def _add_hops_over_channels(
     speeds = Speeds(process.feed, process.travel_speed)
     for passes in linked:
         lacks_helix = operation.entry == "helix" and passes.entry_radius <= 0
-        if passes.pocket not in cleared or operation.entry == "ramp" or lacks_helix:
+        if passes.pocket not in cleared or lacks_helix:
             yield passes
         else:
             yield add_hops(passes, cleared[passes.pocket], job.tool.radius, speeds)

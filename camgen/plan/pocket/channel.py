@@ -336,9 +336,10 @@ def _follow_branch(
             disc_at |= dict.fromkeys(rows.tolist(), builder.current)
             start += len(rows)
             continue
-        engagement = _compute_engagements(disc, points[rows], radii[rows], limit).max(axis=1)
+        engagements = _compute_engagements(disc, points[rows], radii[rows], limit)
         smaller = np.minimum(disc.radius, np.maximum(radii[rows], disc.radius / 4))
-        is_valid = (engagement <= limit.engagement) & (distance <= _MAX_STEP_FRACTION * smaller)
+        is_valid = engagements.max(axis=1) <= limit.engagement
+        is_valid &= distance <= _MAX_STEP_FRACTION * smaller
         # The farthest disc is chosen up to which all discs that advance are valid. If not even the
         # first of them is, that one is cut, and its engagement is reported.
         first = int(np.argmax(advances))
@@ -346,7 +347,8 @@ def _follow_branch(
         stop = first + int(invalid[0]) if len(invalid) else len(rows)
         chosen = max(stop - 1, first)
         disc_at |= dict.fromkeys(rows[: chosen + 1].tolist(), builder.current)
-        _cut_front(builder, points[rows[chosen]], float(radii[rows[chosen]]))
+        front = points[rows[chosen]], float(radii[rows[chosen]])
+        _cut_front(builder, *front, engagements[chosen])
         disc_at[int(rows[chosen])] = builder.current
         start += chosen + 1
 
@@ -391,13 +393,16 @@ def _compute_half_fronts(radius: float, distance: FloatArray, radii: FloatArray)
     return np.arccos(np.clip(cosine, -1, 1))
 
 
-def _cut_front(builder: _ChannelBuilder, centre: FloatArray, radius: float) -> None:
+def _cut_front(
+    builder: _ChannelBuilder, centre: FloatArray, radius: float, engagements: FloatArray
+) -> None:
     """Cut the front of a new disc from the current disc; the new disc becomes the current one.
 
     Long stretches of the front that lie in other discs are crossed in straight lines.
 
     centre: (2,) centre of the new disc, mm.
     radius: mm.
+    engagements: (F,) along the front.
     """
     disc, limit = builder.discs[builder.current], builder.limit
     sense = 1.0 if limit.ccw else -1.0
@@ -420,7 +425,6 @@ def _cut_front(builder: _ChannelBuilder, centre: FloatArray, radius: float) -> N
         builder.move_to(on_rim(last), bulge)
         length += radius * (last - first)
         reached = last
-    engagements = _compute_engagements(disc, centre[None], np.array([radius]), limit)[0]
     builder.engagements.append(engagements)
     builder.lengths.append(np.full(len(engagements), length / len(engagements)))
     builder.discs.append(_make_disc(centre, radius, builder.current))

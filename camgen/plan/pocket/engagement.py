@@ -138,30 +138,30 @@ def _sample_engagement(
     centre, direction = points_at(segments, fraction), tangents_at(segments, fraction)
     heading = np.arctan2(direction[:, 1], direction[:, 0])
     sample_pocket = pocket[row]
-    max_distance = np.full(len(row), radius)
 
     def is_in_contact(theta: FloatArray) -> BoolArray:
-        """Whether there is material at the angle `theta` (M,) from the side of the walls, rad."""
-        angle = heading + wall_side * (np.pi / 2 - theta)
-        points = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
-        contact = ~before.nearer_than(points, sample_pocket, max_distance)
+        """Whether there is material at angles `theta` (K, M) from the side of the walls, rad."""
+        angle = (heading + wall_side * (np.pi / 2 - theta)).ravel()
+        times = len(theta)
+        points = np.tile(centre, (times, 1))
+        points += radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        pockets = np.tile(sample_pocket, times)
+        contact = ~before.nearer_than(points, pockets, np.full(len(points), radius))
         for cleared_pocket, area in cleared.items():
-            rows = np.flatnonzero(contact & (sample_pocket == cleared_pocket))
+            rows = np.flatnonzero(contact & (pockets == cleared_pocket))
             contact[rows] = ~shapely.contains_xy(area, points[rows])
-        return contact
+        return contact.reshape(theta.shape)
 
     thetas = np.linspace(0.0, np.pi, _DIRECTIONS)
-    contact = np.array([is_in_contact(np.full(len(row), theta)) for theta in thetas])
+    contact = is_in_contact(np.repeat(thetas[:, None], len(row), axis=1))
     is_engaged = contact.any(axis=0)
     first = np.argmax(contact, axis=0)
     last = _DIRECTIONS - 1 - np.argmax(contact[::-1], axis=0)
     # Bisection of both ends of the front between a direction in the material and one outside.
     inside = thetas[np.stack([first, last])]
     outside = thetas[np.clip(np.stack([first - 1, last + 1]), 0, _DIRECTIONS - 1)]
-    for end in range(2):
-        for _ in range(_HALVINGS):
-            middle = (inside[end] + outside[end]) / 2
-            contact = is_in_contact(middle)
-            inside[end] = np.where(contact, middle, inside[end])
-            outside[end] = np.where(contact, outside[end], middle)
+    for _ in range(_HALVINGS):
+        middle = (inside + outside) / 2
+        contact = is_in_contact(middle)
+        inside, outside = np.where(contact, middle, inside), np.where(contact, outside, middle)
     return np.where(is_engaged, (np.cos(outside[0]) - np.cos(outside[1])) / 2, 0.0), length

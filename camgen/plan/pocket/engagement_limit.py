@@ -88,13 +88,15 @@ def compute_disc_radii(axis: MedialAxis, largest: FloatArray, limit: EngagementL
 def _limit_slope(axis: MedialAxis, heights: FloatArray, slope: float) -> FloatArray:
     """The largest heights (N,) that exceed neither `heights` nor, along any link, `slope`."""
     lowered = heights.tolist()
-    steps = axis.points[axis.links[:, 1]] - axis.points[axis.links[:, 0]]
-    rises = (slope * np.hypot(*steps.T)).tolist()
+    links = np.concatenate([axis.links, axis.links[:, ::-1]])
+    points, others = links.T
+    rises = slope * np.hypot(*(axis.points[others] - axis.points[points]).T)
     neighbours: list[list[tuple[int, float]]] = [[] for _ in lowered]
-    for (first, second), rise in zip(axis.links.tolist(), rises, strict=True):
-        neighbours[first].append((second, rise))
-        neighbours[second].append((first, rise))
-    queue = [(height, point) for point, height in enumerate(lowered)]
+    for (point, neighbour), rise in zip(links.tolist(), rises.tolist(), strict=True):
+        neighbours[point].append((neighbour, rise))
+    # Only points that lower a neighbour are needed at first.
+    is_lower = heights[points] + rises < heights[others]
+    queue = [(lowered[point], point) for point in points[is_lower].tolist()]
     heapq.heapify(queue)
     while queue:
         height, point = heapq.heappop(queue)
