@@ -13,7 +13,7 @@ import os
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stdout
 from typing import Any, NoReturn
 
@@ -144,7 +144,8 @@ class _Parser(argparse.ArgumentParser):
 
 def _parse(words: list[str]) -> argparse.Namespace | None:
     """The arguments; None after --help and --version, which have printed their text."""
-    parser, commands = make_parsers()
+    # The parsers of all commands take 4 ms.
+    parser, commands = make_parsers(words[:1] if words and words[0] in COMMANDS else COMMANDS)
     if not words:
         parser.print_help()
         return None
@@ -166,8 +167,10 @@ def _parse(words: list[str]) -> argparse.Namespace | None:
     return arguments
 
 
-def make_parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
-    """The parser of the command line, and those of its commands by name."""
+def make_parsers(
+    names: Iterable[str] = COMMANDS,
+) -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
+    """The parser of the command line with the commands `names`, and their parsers by name."""
     parser = _Parser(
         "camgen",
         description="Checked robot and machine programs from drawings and photos.",
@@ -178,12 +181,13 @@ def make_parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
     parser.add_argument("--version", action="version", version=f"camgen {__version__}")
     group = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     commands: dict[str, _Parser] = {}
-    for name, (about, arguments) in COMMANDS.items():
+    for name in names:
+        about, arguments = COMMANDS[name]
         description = f"{about[0].upper()}{about[1:]}."
         sub = group.add_parser(name, help=about, description=description, allow_abbrev=False)
-        for names, metavar, text, settings in arguments:
+        for spellings, metavar, text, settings in arguments:
             kind: dict[str, Any] = {"metavar": metavar} if metavar else {"action": "store_true"}
-            sub.add_argument(*names.split(), help=text, **kind, **settings)
+            sub.add_argument(*spellings.split(), help=text, **kind, **settings)
         loud = sub.add_mutually_exclusive_group()
         loud.add_argument("-q", "--quiet", action="store_true", help="print errors only")
         loud.add_argument(

@@ -16,8 +16,8 @@ from camgen.model.files import Source
 from camgen.model.limits import Limits, format_limit
 
 _DEFAULTS = Limits()
-#: Smallest number of bytes to read at a time.
-_BLOCK = 1 << 26
+#: Smallest number of bytes to read at a time. The memory for many more takes 2 ms.
+_BLOCK = 1 << 20
 
 
 class Files:

@@ -390,16 +390,17 @@ def _is_masked_by_alpha(picture: Picture, table: ImageTable) -> bool:
 def _make_mask(
     method: _Method, picture: Picture, empty: Picture | None, region: Region | None, coarser: int
 ) -> tuple[ScaledView, Mask]:
-    view = _make_view(method, picture, region, coarser)
+    view, examined = _make_view(method, picture, region, coarser), coarser == 1
     if method.by_alpha and picture.alpha is not None:
         opaque = _make_view(method, replace(picture, pixels=picture.alpha), region, coarser)
-        return view, make_mask(opaque, replace(method.job.image, mask="alpha"), None, picture.name)
+        table = replace(method.job.image, mask="alpha")
+        return view, make_mask(opaque, table, None, picture.name, examined=examined)
     background = None if empty is None else _make_view(method, empty, region, coarser)
     table = method.job.image
     kinds = {method.job.operation.kind, *(step.operation.kind for step in method.job.operations)}
     if not kinds.isdisjoint(_PATTERN_KINDS):
         table = replace(table, accept=[*table.accept, "specks"])
-    return view, make_mask(view, table, background, picture.name)
+    return view, make_mask(view, table, background, picture.name, examined=examined)
 
 
 def _measure_area_mm2(view: ScaledView, mask: Mask) -> float:

@@ -12,13 +12,14 @@ view is nowhere coarser than the photo.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.model.errors import InputError, JobError
-from camgen.model.part import Note
+from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.vision.camera.camera import Camera, distort, sample_photo, undistort
@@ -73,6 +74,7 @@ class PlaneView(Struct, frozen=True, eq=False):
     reach: float
 
 
+@lru_cache(maxsize=2)
 def make_plane_view(camera: Camera | None, plane: Plane, size: tuple[int, int]) -> PlaneView:
     """The view of a plane in a photo of `size` (width, height), px."""
     if camera is None:
@@ -164,20 +166,20 @@ def remap(
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     width, height = size
-    step, nodes = _make_nodes(shown, work_from_view, size)
-    inside = _is_in_photo(nodes, shown.size, 0)
-    # The view is nowhere coarser than the photo, so neighbouring nodes are at most 2 steps apart.
-    is_near = _is_in_photo(nodes, shown.size, 2 * step)
+    exact, step = _choose_nodes(shown, work_from_view, size)
     view = np.zeros((height, width, *photo.shape[2:]), dtype=photo.dtype)
     valid = np.zeros((height, width), dtype=np.bool_)
     for top in range(0, height, _STRIP):
         rows = min(_STRIP, height - top)
-        node_rows = np.s_[top // step : (top + rows + step - 1) // step + 2]
-        seen = np.flatnonzero(is_near[node_rows].any(axis=0))
+        node_rows = np.arange(top // step, (top + rows + step - 1) // step + 2)
+        nodes = _interpolate_nodes(exact, step, node_rows, size[0])
+        # The view is nowhere coarser than the photo, so neighbouring nodes are at most 2 steps
+        # apart.
+        seen = np.flatnonzero(_is_in_photo(nodes, shown.size, 2 * step).any(axis=0))
         if not len(seen):
             continue
         columns = np.s_[max(int(seen[0]) - 1, 0) : int(seen[-1]) + 2]
-        strip_nodes = nodes[node_rows, columns]
+        strip_nodes = nodes[:, columns]
         node_height, node_width = strip_nodes.shape[:2]
         # Node i lies at pixel (i - 1) step + (step - 1) / 2: where resizing by step puts it, one
         # step further out.
@@ -200,7 +202,7 @@ def remap(
             dst=view[strip],
             borderMode=cv2.BORDER_CONSTANT,
         )
-        inside_columns = np.all(inside[node_rows, columns], axis=0)
+        inside_columns = np.all(_is_in_photo(strip_nodes, shown.size, 0), axis=0)
         _mark_valid(valid[strip], inside_columns, step, places, shown.size)
     return view, valid
 
@@ -243,17 +245,16 @@ def _mark_valid(
             valid[:, first:beyond] = _is_in_photo(places[:, first:beyond], size, 0)
 
 
-def _make_nodes(
+def _choose_nodes(
     shown: PlaneView, work_from_view: FloatArray, size: tuple[int, int]
-) -> tuple[int, NDArray[np.float32]]:
-    """The nodes of the map at the largest distance that is exact enough.
+) -> tuple[_ExactNodes, int]:
+    """The exact nodes, and the distance of those between them, at which the map is exact enough.
 
     The error of the cubic interpolation from the exact nodes to these is at most 3/128 of the
     fourth differences along each axis. The error of the linear interpolation between these is 1/16
     of the second differences, to either side (see `_interpolate_nodes`).
 
-    Returns the distance in view pixels, and photo pixels (rows, columns, 2) of the nodes, one node
-    beyond each side of the view.
+    Both distances are the largest ones, view pixels.
     """
     for exact_step in _STEPS:
         exact = _compute_exact_nodes(shown, work_from_view, size, exact_step)
@@ -262,7 +263,7 @@ def _make_nodes(
     for step in _STEPS[_STEPS.index(exact.step) :]:
         if exact.second_difference * (step / exact.step) ** 2 <= _LINEAR_ERROR * 16:
             break
-    return step, _interpolate_nodes(exact, step, size)
+    return exact, step
 
 
 class _ExactNodes(Struct, frozen=True, eq=False):
@@ -311,25 +312,33 @@ def _measure_differences(places: FloatArray, usable: NDArray[np.bool_], order: i
     return total
 
 
-def _interpolate_nodes(exact: _ExactNodes, step: int, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Nodes at view pixels (i - 1) step + (step - 1) / 2, by cubic interpolation of exact ones.
+def _interpolate_nodes(
+    exact: _ExactNodes, step: int, rows: IntArray, width: int
+) -> NDArray[np.float32]:
+    """Photo pixels (R, columns, 2) of nodes, by cubic interpolation of exact ones.
+
+    Node i lies at view pixel (i - 1) step + (step - 1) / 2: one node is beyond each side of a view
+    of `width` pixels.
 
     A line between two points of a curve lies on its hollow side, at a distance of an eighth of the
     second difference. So the nodes are shifted by half of that to the other side, which halves the
     error.
+
+    rows: (R,) numbers of the nodes along v.
     """
     is_lost = exact.places[..., 0] == _NOWHERE
     places = exact.places
-    for axis, length in ((0, size[1]), (1, size[0])):
-        pixels = (np.arange(-(-length // step) + 2) - 1) * step + (step - 1) / 2
-        position = pixels / exact.step + 2
+    for axis, numbers in ((0, rows), (1, np.arange(-(-width // step) + 2))):
+        position = ((numbers - 1) * step + (step - 1) / 2) / exact.step + 2
         first = np.floor(position).astype(np.int64) - 1
         weights = _weigh_cubic(position - first - 1, (step / exact.step) ** 2 / 16)
-        shape = [1] * 3
+        shape = [1, 1, 2]
         shape[axis] = -1
         parts, lost = [], []
         for k, weight in enumerate(weights):
-            parts.append(np.take(places, first + k, axis) * weight.reshape(shape))
+            # Each weight twice, for u and v: NumPy broadcasts over two numbers slowly.
+            factors = np.repeat(weight, 2).reshape(shape)
+            parts.append(np.take(places, first + k, axis) * factors)
             lost.append(np.take(is_lost, first + k, axis))
         places = parts[0] + parts[1] + parts[2] + parts[3]
         is_lost = np.any(lost, axis=0)

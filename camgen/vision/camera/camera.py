@@ -8,7 +8,6 @@ A calibration is for one size of photo; a file without that size is refused.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 
 import numpy as np
 from msgspec import Struct
@@ -118,7 +117,9 @@ def _check_whole_frame(file: str, root: Mapping[str, object]) -> None:
 def _find_value(file: str, root: Mapping[str, object], key: str) -> object:
     """The value of a key. Raises InputError if it is missing, with a name that is similar."""
     if key not in root:
-        similar = get_close_matches(key, list(root), 1)
+        import difflib  # noqa: PLC0415 (1 ms, only for a missing value)
+
+        similar = difflib.get_close_matches(key, list(root), 1)
         remedy = f"{similar[0]} looks like it: correct it" if similar else AGAIN
         raise InputError(file, f"has no {key}", remedy=remedy)
     return root[key]

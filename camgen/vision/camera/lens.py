@@ -16,6 +16,8 @@ has no solution and is nan, in both directions.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
@@ -88,7 +90,12 @@ def find_fold(lens: FloatArray) -> float:
 
     x f(s) = x n / d grows while n d + 2 s (n' d - n d') > 0 and d > 0.
     """
-    c = _pad(lens)
+    return _find_fold(tuple(_pad(lens).tolist()))
+
+
+@lru_cache(maxsize=8)
+def _find_fold(c: tuple[float, ...]) -> float:
+    """`find_fold` of all 14 coefficients. Each map of points asks for it again."""
     n, d = np.array([1, c[0], c[1], c[4]]), np.array([1, c[5], c[6], c[7]])
     n_slope, d_slope = polynomial.polyder(n), polynomial.polyder(d)
     bend = polynomial.polysub(polynomial.polymul(n_slope, d), polynomial.polymul(n, d_slope))

@@ -106,10 +106,13 @@ def divide_loops(
             _, curves, _ = fit_runs(runs, loops, halfway, weight, sigma)
             weight = trim(runs, loops, halfway, curves, single, blur)
         for _ in range(_CORNER_ROUNDS):
+            former_runs, former_weight = runs, weight
             runs, curves = _remove_roundings(runs, loops, halfway, weight, sigma, blur)
             corners = find_joints(curves, runs, loops, halfway, sigma, blur)
             is_clear = select_clear(corners, curves, runs, loops, halfway)
             weight = is_clear * trim(runs, loops, halfway, curves, single, blur)
+            if runs is former_runs and np.array_equal(weight, former_weight):
+                break  # another time would change nothing
         runs = merge(runs, loops, halfway, weight, sigma)
     curves = _fit_oriented(runs, loops, halfway, weight, sigma)
     points = _correct_blur(runs, loops, halfway, curves, blur)

@@ -87,7 +87,7 @@ def sum_runs(points: ComplexArray, weight: FloatArray, first: IntArray) -> Sums:
     local = points - np.repeat(origin, count)
     x, y = local.real, local.imag
     z = x * x + y * y
-    columns = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, x * z, y * z, z, z * z])
+    columns = np.array([np.ones_like(x), x, y, x * x, x * y, y * y, x * z, y * z, z, z * z])
     return Sums(origin, np.add.reduceat(columns * weight, first, axis=1).T)
 
 
@@ -111,7 +111,7 @@ def move_sums(runs: Sums, origin: ComplexArray) -> Sums:
         zz + 4 * (a * a * xx + b * b * yy + 2 * a * b * xy - a * xz - b * yz - c * (a * x + b * y))
         + c * (2 * z + n * c),
     ]  # fmt: skip
-    return Sums(origin, np.stack(columns, axis=1))
+    return Sums(origin, np.array(columns).T)
 
 
 def join_sums(first: Sums, second: Sums) -> Sums:
@@ -130,7 +130,7 @@ def fit_lines(runs: Sums) -> Curves:
     half, rest = (sxx + syy) / 2, np.hypot((sxx - syy) / 2, sxy)
     angle = np.arctan2(2 * sxy, sxx - syy) / 2
     b, c = -np.sin(angle), np.cos(angle)
-    form = np.stack([np.zeros_like(b), b, c, -(b * mx + c * my)], axis=1)
+    form = np.array([np.zeros_like(b), b, c, -(b * mx + c * my)]).T
     return Curves(runs.origin, form, np.maximum(half - rest, 0.0))
 
 
@@ -145,7 +145,7 @@ def fit_circles(runs: Sums) -> Curves:
     a, b, c = vector[0] / size, vector[1], vector[2]
     d = -a * z / n
     norm = np.sqrt(np.maximum(b * b + c * c - 4 * a * d, 1e-30))
-    form = np.stack([a, b, c, d], axis=1) / norm[:, None]
+    form = (np.array([a, b, c, d]) / norm).T
     return Curves(centred.origin, form, np.maximum(value, 0.0))
 
 
@@ -163,9 +163,9 @@ def _find_smallest(
     """
     c2, c1 = p + q + r, q * r - qr * qr + p * r - pr * pr + p * q - pq * pq
     c0 = p * (q * r - qr * qr) - pq * (pq * r - qr * pr) + pr * (pq * qr - q * pr)
-    value = np.zeros_like(p)
+    value, twice_c2 = np.zeros_like(p), 2 * c2
     for _ in range(_NEWTON_ITERATIONS):
-        slope = (3 * value - 2 * c2) * value + c1
+        slope = (3 * value - twice_c2) * value + c1
         slope = np.where(np.abs(slope) > NONZERO, slope, 1.0)
         value = value - (((value - c2) * value + c1) * value - c0) / slope
     p, q, r = p - value, q - value, r - value

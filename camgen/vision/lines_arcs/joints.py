@@ -118,10 +118,17 @@ def find_crossings(
     """
     point = near.copy()
     miss = np.full(len(near), np.inf)
+    # In one array, as the calls take longer than the sums.
+    curves = Curves(
+        np.concatenate([first.origin, second.origin]),
+        np.concatenate([first.form, second.form]),
+        np.concatenate([first.sse, second.sse]),
+    )
     for _ in range(12):
-        f, g = first.distances(point), second.distances(point)
+        points = np.concatenate([point, point])
+        f, g = curves.distances(points).reshape(2, -1)
         miss = np.hypot(f, g)
-        a, b = compute_normals(first, point), compute_normals(second, point)
+        a, b = compute_normals(curves, points).reshape(2, -1)
         cross = (a.conj() * b).imag
         cross = np.where(np.abs(cross) < 1e-6, 1e-6, cross)
         step = 1j * (f * b - g * a) / cross

@@ -8,6 +8,7 @@ pull it away.
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import product
 
 import cv2
@@ -154,7 +155,7 @@ _MAX_NOISE = 1.0
 _RIM_FRACTION = 0.03
 
 
-class Cells(Struct, frozen=True, eq=False):
+class Cells(Struct, frozen=True, eq=False, dict=True):
     """A picture in cells.
 
     Cell (i, j) covers the pixels from size * i to size * i + size - 1. Columns at the right and
@@ -168,6 +169,11 @@ class Cells(Struct, frozen=True, eq=False):
     values: Floats
     valid: Bools
     size: int
+
+    @cached_property
+    def rim(self) -> Bools:
+        """The valid cells along the border of the valid area, (h, w)."""
+        return select_rim(self.valid)
 
 
 class Bench(Struct, frozen=True, eq=False):
@@ -240,14 +246,14 @@ def select_rim(valid: Bools) -> Bools:
     return np.asarray(valid & (depth <= max(2.0, _RIM_FRACTION * min(valid.shape))), np.bool_)
 
 
-def fit_bench(values: Floats, valid: Bools) -> Bench:
+def fit_bench(values: Floats, cells: Cells) -> Bench:
     """Fit the bench in one channel `values` (h, w) by a smooth surface.
 
     First a surface of the second power through the rim, then one of the fourth power through the
     rim and all cells that agree with the first. The part and other things may cover a third of the
     rim.
     """
-    rim = select_rim(valid)
+    rim, valid = cells.rim, cells.valid
     places = sample_cells(rim)
     wanted = values[places].astype(np.float64)
     coefficients, sigma = fit_robustly(compute_terms(valid.shape, places), wanted)

@@ -165,7 +165,7 @@ def _find_seeds(difference: Floats, part: Bools, cells: Cells) -> tuple[Bools, B
     part: (h, w), the cells that no texture of a single cell reaches.
     """
     seeds, inner = part.copy(), select_inner_cells(part)
-    rim = select_rim(cells.valid)
+    rim = cells.rim
     for scale in _SMOOTHING_SCALES:
         smooth = np.asarray(cv2.GaussianBlur(difference, (0, 0), scale), np.float32)
         sigma = SIGMAS_OF_MEDIAN * float(np.median(np.abs(smooth[rim])))
@@ -196,7 +196,7 @@ def split_at_threshold(
     With `invert`, those on the side of the rim.
     """
     above = values > threshold
-    bench_above = float(np.mean(above[select_rim(cells.valid)])) > 0.5
+    bench_above = float(np.mean(above[cells.rim])) > 0.5
     return np.asarray((above ^ bench_above ^ invert) & cells.valid, np.bool_)
 
 
@@ -217,7 +217,7 @@ def redraw_part(
 
     Returns None if there is no part, no bench, or no contrast.
     """
-    bench = bench or fit_bench(channel.cells, cells.valid)
+    bench = bench or fit_bench(channel.cells, cells)
     if part is None:
         return None
     first_part = part
@@ -266,7 +266,7 @@ def measure_part(channel: Channel, part: Bools, cells: Cells) -> Segmentation | 
 
     Returns None if there is no part, no bench, or no contrast.
     """
-    bench = fit_bench(channel.cells, cells.valid)
+    bench = fit_bench(channel.cells, cells)
     thresholds = _measure_part(channel, part, cells, bench)
     return Segmentation(channel, part, thresholds, bench) if thresholds is not None else None
 
@@ -347,7 +347,7 @@ def find_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) -> 
     light = _fit_light(before, now, cells.valid, name, "of the empty bench")
     difference = np.asarray(now - light.gains * before - light.offsets, np.float32)
     size = _project_difference(None, difference)
-    part = find_differing_cells(size, cells, fit_bench(size, cells.valid))
+    part = find_differing_cells(size, cells, fit_bench(size, cells))
     if part is None or not (cells.valid & ~part).any():
         return None
     tone = np.median(now[part], axis=0).astype(np.float32)
@@ -561,13 +561,13 @@ def find_by_colour(pixels: Bytes, cells: Cells, given: Colour | None) -> Segment
     bench = _fit_bench_colours(cells)
     distance = _measure_lab_distance(cells.values, bench)
     if given is None:
-        part = find_differing_cells(distance, cells, fit_bench(distance, cells.valid))
+        part = find_differing_cells(distance, cells, fit_bench(distance, cells))
     else:
         blue_green_red = np.array(given[::-1], np.float32)
         given_colours = np.broadcast_to(blue_green_red, cells.values.shape)
         from_given = _measure_lab_distance(cells.values, given_colours)
         differs = from_given > compute_otsu_threshold(from_given[cells.valid])
-        if float(np.mean(differs[select_rim(cells.valid)])) < 0.5:
+        if float(np.mean(differs[cells.rim])) < 0.5:
             bench, part = given_colours, differs & cells.valid
         else:
             part = (from_given < distance) & cells.valid
@@ -590,7 +590,7 @@ def find_beside_shadow(pixels: Bytes, cells: Cells) -> Segmentation | None:
     light = (cells.values * bench).sum(axis=2) / np.square(bench).sum(axis=2).clip(1)
     nearest = light.clip(0, 1)[..., None] * bench
     distance = np.sqrt(np.square(cells.values - nearest).sum(axis=2)).astype(np.float32)
-    part = find_differing_cells(distance, cells, fit_bench(distance, cells.valid))
+    part = find_differing_cells(distance, cells, fit_bench(distance, cells))
     if part is None or not part.any() or not (cells.valid & ~part).any():
         return None
     return _segment_projection(pixels, cells, part)
@@ -598,7 +598,7 @@ def find_beside_shadow(pixels: Bytes, cells: Cells) -> Segmentation | None:
 
 def _fit_bench_colours(cells: Cells) -> Floats:
     """Colours (h, w, 3) of the bench without the part: blue, green, red."""
-    return np.dstack([fit_bench(cells.values[..., k], cells.valid).values for k in range(3)])
+    return np.dstack([fit_bench(cells.values[..., k], cells).values for k in range(3)])
 
 
 def _measure_lab_distance(colours: Floats, other: Floats) -> Floats:

@@ -217,7 +217,7 @@ def _segment_by_threshold(pixels: Bytes, cells: Cells, options: MaskOptions) -> 
 
 def _segment_adaptively(pixels: Bytes, cells: Cells, options: MaskOptions) -> MaskChoice | None:
     channel = _make_grey_channel(pixels, cells)
-    bench = fit_bench(channel.cells, cells.valid)
+    bench = fit_bench(channel.cells, cells)
     part = find_differing_cells(channel.cells, cells, bench, options.invert)
     segmentation = redraw_part(channel, part, cells, bench)
     if segmentation is None:
@@ -562,6 +562,8 @@ def make_mask(
     settings: ImageTable = _DEFAULTS,
     background: ScaledView | None = None,
     name: str = "picture",
+    *,
+    examined: bool = True,
 ) -> Mask:
     """Make the mask of the part, or of the parts, in a view.
 
@@ -569,6 +571,8 @@ def make_mask(
         the method that uses it. Pieces and holes below `min_area` (mm2) are noise.
     background: view of the empty bench at the same scale; it chooses the method background.
     name: file of the picture, for errors.
+    examined: whether the mask is compared with those of other methods, and touching parts are
+        searched. A coarse view, which only shows where the part is, needs neither.
 
     Raises JobError for settings that do not fit together; InputError if there is no part, or if it
     touches the border of what the photo shows; NoSafeProgram if no part dominates the mask.
@@ -597,12 +601,13 @@ def make_mask(
     notes += clean_mask(
         pixels, view, settings.min_area, name, accepts_specks="specks" in settings.accept
     )
-    uncertain = _find_uncertain(choice, cells, settings.min_area / view.mm_per_px**2)
     doubt: Bytes | None = None
-    if uncertain is not None:
-        notes += (_note_uncertain(uncertain, cells, view),)
-        doubt = draw_uncertain_regions(uncertain, cells, pixels.shape)
-    notes += _note_touching(find_touching_places(pixels, cells), cells, view)
+    if examined:
+        uncertain = _find_uncertain(choice, cells, settings.min_area / view.mm_per_px**2)
+        if uncertain is not None:
+            notes += (_note_uncertain(uncertain, cells, view),)
+            doubt = draw_uncertain_regions(uncertain, cells, pixels.shape)
+        notes += _note_touching(find_touching_places(pixels, cells), cells, view)
     # Views, since the grey picture may be the caller's own.
     pixels, grey = pixels.view(), grey.view()
     for array in (pixels, grey, level):
