@@ -24,6 +24,12 @@ settings.register_profile("nightly", deadline=None, max_examples=MANY)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than cores for `-n auto`, as some tests wait for a browser or a process."""
+    return (os.cpu_count() or 1) + 1
+
+
 def pytest_sessionstart() -> None:
     """Switches the garbage collector off during collection, as nearly all objects stay."""
     gc.disable()
