@@ -27,6 +27,8 @@ settings.load_profile("ci" if os.environ.get("CI") else "desk")
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
     """One worker more than cores for `-n auto`, as some tests wait for a browser or a process."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0)) + 1
     return (os.cpu_count() or 1) + 1
 
 
