@@ -13,7 +13,7 @@ from camgen.check.lost import join_losses
 from camgen.check.reach import JointTrace
 from camgen.collision.cell import CellScene
 from camgen.collision.describe import describe_hit
-from camgen.collision.motion import check_motion, check_motions
+from camgen.collision.motion import SceneTest, check_in_scenes, check_motions
 from camgen.collision.scene import PART, Scene
 from camgen.geometry.ragged import compute_offsets, mark_run_ends, measure_runs
 from camgen.model.errors import Blocked, BlockedPath
@@ -135,8 +135,8 @@ def check_clear(
     close: list[ClosestApproach] = []
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
-        others = check_motion(where.with_margin, rows, FINE, near, APART)
-        working = check_motion(where.work, rows, STEP, deviation=APART)
+        tests = SceneTest(where.with_margin, FINE, near), SceneTest(where.work, STEP)
+        (others,), (working,) = check_in_scenes(tests, [rows], APART)
         for scene, check in ((where.with_margin, others), (where.work, working)):
             if check.hit:
                 collisions.append(_collision(scene, course, begin + check.at, check.pair))

@@ -53,7 +53,7 @@ def find_collisions(
 def _find_first(scene: Scene, placed: _PlacedLinks, grow: FloatArray, near: FloatArray) -> IntArray:
     """`find_collisions` at joint values with placed links."""
     joints, links = placed
-    bare = _place_boxes(scene, links)
+    bare = place_at(scene, links)
     limits = grow + near[:, None]
     grown = bare.grown((grow + near[:, None] * scene.moving)[..., None])
     row, test = _find_near_pairs(scene, grown)
@@ -441,10 +441,11 @@ def check_finite(joints: FloatArray) -> FloatArray:
 
 def place_boxes(scene: Scene, joints: FloatArray) -> Boxes:
     """All boxes at joint values (N, J), in the base frame: (N, B)."""
-    return _place_boxes(scene, compute_link_frames(scene.robot, check_finite(joints)))
+    return place_at(scene, compute_link_frames(scene.robot, check_finite(joints)))
 
 
-def _place_boxes(scene: Scene, links: _Links) -> Boxes:
+def place_at(scene: Scene, links: _Links) -> Boxes:
+    """All boxes at frames of the links, see `compute_link_frames`, in the base frame: (N, B)."""
     rotations, origins = links
     # One matrix product for all poses of a box takes an eighth of the time of a product for each.
     count, poses = len(scene.frame), len(rotations)

@@ -24,6 +24,7 @@ from camgen.collision.hits import (
     find_collisions,
     find_meetings,
     find_nearest_pairs,
+    place_at,
     place_boxes,
     select_tests,
 )
@@ -33,6 +34,8 @@ from camgen.geometry.ragged import compute_offsets, count_rows, list_owners, num
 from camgen.geometry.vectors import measure_lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.robots.kinematics.forward import compute_link_frames
+from camgen.robots.models import Robot
 
 #: The longest stretches are 2 ** _HALVINGS steps.
 _HALVINGS = 5
@@ -46,6 +49,18 @@ _CLOSE_TURN = 0.05
 _SPARSE = 8
 #: Start, middle and end of a stretch, as fractions of it.
 _START_MIDDLE_END = np.array([[0.0], [0.5], [1.0]])
+
+
+class SceneTest(Struct, frozen=True, eq=False):
+    """A scene in which motions are tested.
+
+    step: largest distance that a point moves between two exact tests, mm.
+    near: clearance up to which distances are measured, mm, one for all or one for each motion (L,).
+    """
+
+    scene: Scene
+    step: float
+    near: float | FloatArray = 0.0
 
 
 class MotionCheck(Struct, frozen=True):
@@ -103,23 +118,35 @@ def check_motions(
 
     near: mm, one for all or one for each (L,).
     """
+    return check_in_scenes([SceneTest(scene, step, near)], several, deviation)[0]
+
+
+def check_in_scenes(
+    tests: Sequence[SceneTest], several: Sequence[FloatArray], deviation: float = 0.0
+) -> list[list[MotionCheck]]:
+    """`check_motions` in several scenes of one arm, whose links are placed once for all of them."""
     if not several:
-        return []
-    nears = np.broadcast_to(near, len(several))
-    checks, is_known = _check(scene, several, step, nears, deviation, is_hasty=True)
-    unknown = np.flatnonzero(~is_known).tolist()
-    if unknown:
-        again = [several[k] for k in unknown]
-        patient, _ = _check(scene, again, step, nears[unknown], deviation, is_hasty=False)
-        for k, check in zip(unknown, patient, strict=True):
-            checks[k] = check
-    return checks
+        return [[] for _ in tests]
+    results = []
+    lines_of_scenes = _Lines.make([test.scene for test in tests], several)
+    for test, lines in zip(tests, lines_of_scenes, strict=True):
+        nears = np.broadcast_to(test.near, len(several))
+        checks, is_known = _check(test, lines, several, nears, deviation, is_hasty=True)
+        unknown = np.flatnonzero(~is_known).tolist()
+        if unknown:
+            again = [several[k] for k in unknown]
+            whole = _Lines.make([test.scene], again)[0]
+            patient, _ = _check(test, whole, again, nears[unknown], deviation, is_hasty=False)
+            for k, check in zip(unknown, patient, strict=True):
+                checks[k] = check
+        results.append(checks)
+    return results
 
 
 def _check(
-    scene: Scene,
+    test: SceneTest,
+    lines: _Lines,
     several: Sequence[FloatArray],
-    step: float,
     near: FloatArray,
     deviation: float,
     *,
@@ -131,7 +158,7 @@ def _check(
     is_hasty: whether a motion is examined only up to a place that is found early to collide. Its
         check is not final if no shortest stretch up to that place collides at its middle.
     """
-    lines = _Lines.make(scene, list(map(check_finite, several)))
+    scene, step = test.scene, test.step
     # The clearance at some waypoints is a limit for all others.
     sparse = _measure_sparse(scene, [waypoints[::_SPARSE] for waypoints in several], near)
     at, first, is_cut = _find_undecided(scene, lines, step, sparse.distance, deviation, is_hasty)
@@ -219,29 +246,27 @@ class _Lines(Struct, frozen=True, eq=False):
     closing: FloatArray
 
     @classmethod
-    def make(cls, scene: Scene, several: Sequence[FloatArray]) -> _Lines:
-        """The motions through each of `several` (K, J)."""
-        waypoints, first = np.concatenate(several), compute_offsets(count_rows(several))
-        numbers, seam = _divide(_sum_angles(scene, waypoints), first)
+    def make(cls, scenes: Sequence[Scene], several: Sequence[FloatArray]) -> list[_Lines]:
+        """The motions through each of `several` (K, J), in each scene of one arm."""
+        robot, joints = scenes[0].robot, list(map(check_finite, several))
+        waypoints, first = np.concatenate(joints), compute_offsets(count_rows(several))
+        numbers, seam = _divide(_sum_angles(robot, waypoints), first)
         rows = _interpolate(waypoints, numbers)
-        moves = measure_moves(scene, rows)
-        moves[seam] = 0.0
-        longest = moves.max(axis=1, initial=0.0)
-        longest[seam] = 1.0
-        serial = rows @ scene.robot.coupling.T
+        serial = rows @ robot.coupling.T
         turns = np.abs(np.diff(serial, axis=0))
         turns[seam] = 0.0
+        turned = np.vstack([np.zeros(serial.shape[1]), np.cumsum(turns, axis=0)])
         ends = np.column_stack([np.append(0, seam + 1), np.append(seam, len(numbers) - 1)])
-        return cls(
-            waypoints,
-            first,
-            numbers,
-            ends,
-            np.vstack([np.zeros(len(scene.frame)), np.cumsum(moves, axis=0)]),
-            np.append(0.0, np.cumsum(longest)),
-            np.vstack([np.zeros(serial.shape[1]), np.cumsum(turns, axis=0)]),
-            bound_closing(scene, np.abs(serial).max(axis=0)),
-        )
+        lines = []
+        for scene, moves in zip(scenes, measure_moves(scenes, rows), strict=True):
+            moves[seam] = 0.0
+            longest = moves.max(axis=1, initial=0.0)
+            longest[seam] = 1.0
+            box_paths = np.vstack([np.zeros(len(scene.frame)), np.cumsum(moves, axis=0)])
+            paths = np.append(0.0, np.cumsum(longest))
+            closing = bound_closing(scene, np.abs(serial).max(axis=0))
+            lines.append(cls(waypoints, first, numbers, ends, box_paths, paths, turned, closing))
+        return lines
 
 
 def _divide(angles: FloatArray, first: IntArray) -> tuple[FloatArray, IntArray]:
@@ -335,8 +360,10 @@ def _interpolate(table: FloatArray, at: FloatArray) -> FloatArray:
     return np.asarray(table[row] * (1 - part) + table[np.minimum(row + 1, len(table) - 1)] * part)
 
 
-def measure_moves(scene: Scene, waypoints: FloatArray) -> FloatArray:
+def measure_moves(scenes: Sequence[Scene], waypoints: FloatArray) -> list[FloatArray]:
     """An upper bound of the path of any point of each box between rows of (K, J): (K - 1, B), mm.
+
+    scenes: scenes of one arm, each with B boxes of its own.
 
     The speed of a point differs from its mean by no more than half of its largest acceleration. The
     mean is no more than the distances that the middle of the box and the ends of its axes move. Two
@@ -344,13 +371,18 @@ def measure_moves(scene: Scene, waypoints: FloatArray) -> FloatArray:
     half of the acceleration by all joints is no more than the sum of all angles, times the sum of
     the angles with their levers.
     """
-    straight = np.empty((len(waypoints) - 1, len(scene.frame)))
-    for begin in range(0, len(straight), ROWS):
-        placed = place_boxes(scene, waypoints[begin : begin + ROWS + 1])
-        straight[begin : begin + ROWS] = _measure_distances(placed[:-1], placed[1:])
-    serial = waypoints @ scene.robot.coupling.T
-    by_levers = np.abs(np.diff(serial, axis=0)) @ bound_levers(scene, np.abs(serial).max(axis=0))
-    return np.asarray(straight + _sum_angles(scene, waypoints)[:, None] * by_levers)
+    robot = scenes[0].robot
+    bounds = [np.empty((len(waypoints) - 1, len(scene.frame))) for scene in scenes]
+    for begin in range(0, len(waypoints) - 1, ROWS):
+        links = compute_link_frames(robot, waypoints[begin : begin + ROWS + 1])
+        for scene, straight in zip(scenes, bounds, strict=True):
+            placed = place_at(scene, links)
+            straight[begin : begin + ROWS] = _measure_distances(placed[:-1], placed[1:])
+    serial = waypoints @ robot.coupling.T
+    turns, range_of_joints = np.abs(np.diff(serial, axis=0)), np.abs(serial).max(axis=0)
+    angles = _sum_angles(robot, waypoints)[:, None]
+    by_levers = [turns @ bound_levers(scene, range_of_joints) for scene in scenes]
+    return [bound + angles * lever for bound, lever in zip(bounds, by_levers, strict=True)]
 
 
 def measure_apart(scene: Scene, first: FloatArray, second: FloatArray) -> FloatArray:
@@ -410,10 +442,10 @@ def _measure_distances(start: Boxes, end: Boxes) -> FloatArray:
     return np.asarray(distances)
 
 
-def _sum_angles(scene: Scene, waypoints: FloatArray) -> FloatArray:
+def _sum_angles(robot: Robot, waypoints: FloatArray) -> FloatArray:
     """The sum of the angles of all revolute joints from row to row (K - 1,), rad."""
-    turns = np.abs(np.diff(waypoints @ scene.robot.coupling.T, axis=0))
-    return np.asarray(turns[:, scene.robot.revolute].sum(axis=1))
+    turns = np.abs(np.diff(waypoints @ robot.coupling.T, axis=0))
+    return np.asarray(turns[:, robot.revolute].sum(axis=1))
 
 
 def bound_levers(scene: Scene, travel: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from camgen.collision.cell import CellScene
 from camgen.collision.describe import describe_hit
 from camgen.collision.hits import are_clear, find_collisions, measure_clearance, split_off_meshes
-from camgen.collision.motion import MotionCheck, check_motions, measure_apart
+from camgen.collision.motion import MotionCheck, SceneTest, check_in_scenes, measure_apart
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
@@ -84,8 +84,8 @@ def make_free_space(where: CellScene, setup: Setup) -> FreeSpace:
     def test(near: float, several: Sequence[SampledMotion]) -> list[Blockage | float]:
         paths = follow_all(setup, several)
         rows = [path.joints for path in paths]
-        with_margin = check_motions(where.with_margin, rows, FINE, near, APART)
-        working = check_motions(where.work, rows, STEP, deviation=APART)
+        tests = SceneTest(where.with_margin, FINE, near), SceneTest(where.work, STEP)
+        with_margin, working = check_in_scenes(tests, rows, APART)
         return list(map(partial(_find_blockage, where), paths, with_margin, working))
 
     def measure_gaps(joints: FloatArray) -> FloatArray:

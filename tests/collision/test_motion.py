@@ -428,7 +428,7 @@ def test_no_point_moves_farther_than_the_bound(name: str) -> None:
                 SIGNS * scene.half[:, None]
             ) @ placed.axes.transpose(0, 1, 3, 2)
             distances = np.linalg.norm(np.diff(corners, axis=0), axis=-1).sum(axis=0).max(axis=1)
-            bound = measure_moves(scene, rows)[0]
+            bound = measure_moves([scene], rows)[0][0]
             assert (distances <= bound + 1e-9).all()
             assert (bound[distances > 0.1] <= factor * distances[distances > 0.1]).all()
 
