@@ -374,6 +374,13 @@ def test_words_after_an_o_word_without_a_value_are_refused(lines):
     assert stopped[1].startswith("cannot read '")
 
 
+def test_a_second_loop_with_the_label_of_the_first_is_refused():
+    """The end of the second one would go back to the first one in LinuxCNC."""
+    loop = ("o1 do", "#1=[#1+1]", "o1 while [#1 LT 2]")
+    what = "o1 is the label of another block already"
+    assert list_findings(run(*loop, *loop), "refused") == [(7, what)]
+
+
 def test_an_axis_does_not_turn_for_weeks():
     executed = run("G1 A3600 F0.00001")
     assert list_findings(executed, "refused") == [(4, "an axis turns for 2.16e+10 s")]

@@ -74,6 +74,11 @@ o1 repeat [1.5] | G91 G1 X1 | o1 endrepeat
 o1 repeat [2.5] | G91 G1 X1 | o1 endrepeat
 o1 repeat [2.51] | G91 G1 X1 | o1 endrepeat
 o1 repeat [-1] | G91 G1 X1 | o1 endrepeat
+o1 if [0] | G1 X1 | o1 endif | o1 if [1] | G1 X2 | o1 endif
+o1 if [1] | G1 X1 | o1 endif | o1 repeat [2] | G1 X2 | o1 endrepeat
+o1 while [#1 LT 1] | #1=[#1+1] | o1 endwhile | o1 while [#1 LT 2] | #1=[#1+1] | o1 endwhile
+o2 repeat [3] | o1 if [1] | G1 X1 | o1 endif | o2 endrepeat
+o5 sub | o1 if [1] | G1 X1 | o1 endif | o5 endsub | o1 if [1] | G1 X2 | o1 endif | o5 call
 M98 P100 L2.5 | M2 | O100 | G91 G1 X1 | G90 | M99
 M98 P100 L2 | G1 X9 | M2 | O100 | G91 G1 X1 | G90 | M99
 G91 G81 X1 R-5 Z-2 L3 F60

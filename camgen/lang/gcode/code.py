@@ -76,6 +76,8 @@ class _Program(Compiler):
         super().__init__()
         self._dialect = dialect
         self._start = 0
+        #: Line of the first block of each label, by subroutine and label.
+        self._lines: dict[tuple[str, str], int] = {}
         starts = sorted(files.values())
         main_end = starts[1] if len(starts) > 1 else -1
         first_steps = {}
@@ -153,7 +155,8 @@ class _Program(Compiler):
         if word:
             _O_WORDS[word](self, o_word)
         elif rest:
-            self.add(Act(self.line, do=Interpreter.refuse, operand=o_word))
+            what = f"cannot read {rest[:12]!r} after o{label}"
+            self.add(Act(self.line, do=Interpreter.refuse, operand=what))
 
     def _open(self, o_word: OWord, first: Step) -> None:
         self.open(f"o{o_word.label} {o_word.word}", first)
@@ -185,7 +188,19 @@ class _Program(Compiler):
     def _act(self, o_word: OWord) -> None:
         self.add(Act(self.line, do=_ACTS[o_word.word], operand=o_word))
 
+    def _refuse_again(self, o_word: OWord) -> None:
+        """Refuses a second block with one label in a subroutine.
+
+        So does LinuxCNC, except for DO: the end of the second loop goes back to the first one.
+        """
+        scope = next((block.kind for block in self.blocks if block.kind.endswith(" sub")), "")
+        first = self._lines.setdefault((scope, o_word.label), self.line)
+        if first != self.line:
+            what = f"o{o_word.label} is the label of another block already"
+            self.add(Act(self.line, do=Interpreter.refuse, operand=what))
+
     def _if(self, o_word: OWord) -> None:
+        self._refuse_again(o_word)
         self.open_branch(f"o{o_word.label} if", Condition(o_word))
 
     def _elseif(self, o_word: OWord) -> None:
@@ -201,6 +216,7 @@ class _Program(Compiler):
         if top is not None and top.kind == f"o{o_word.label} do":
             self.close_loop(self.blocks.pop(), Condition(o_word))
         else:
+            self._refuse_again(o_word)
             self._open(o_word, LoopStart(self.line, condition=Condition(o_word)))
 
     def _end_block(self, o_word: OWord) -> None:
@@ -208,9 +224,11 @@ class _Program(Compiler):
         _CLOSE[opener](self, self._close(o_word, opener))
 
     def _do(self, o_word: OWord) -> None:
+        self._refuse_again(o_word)
         self._open(o_word, LoopStart(self.line))
 
     def _open_repeat(self, o_word: OWord) -> None:
+        self._refuse_again(o_word)
         self._open(o_word, CountStart(self.line, count=o_word))
 
     def _leave_round(self, o_word: OWord) -> None:

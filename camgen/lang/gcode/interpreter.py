@@ -309,9 +309,9 @@ class Interpreter(MachineLanguage):
             raise LineError(f"{name} without its condition or number")
         return values
 
-    def refuse(self, o_word: OWord) -> None:
-        """Refuses the text after the number of a program."""
-        raise LineError(f"cannot read {o_word.rest[:12]!r} after o{o_word.label}")
+    def refuse(self, what: str) -> None:
+        """Refuses a line. Raises LineError."""
+        raise LineError(what)
 
     def end_main(self, _operand: object) -> Step | None:
         """The end of the first of several files ends the program, but not a subroutine."""
