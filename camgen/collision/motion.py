@@ -372,17 +372,18 @@ def measure_moves(scenes: Sequence[Scene], waypoints: FloatArray) -> list[FloatA
     the angles with their levers.
     """
     robot = scenes[0].robot
-    bounds = [np.empty((len(waypoints) - 1, len(scene.frame))) for scene in scenes]
-    for begin in range(0, len(waypoints) - 1, ROWS):
-        links = compute_link_frames(robot, waypoints[begin : begin + ROWS + 1])
-        for scene, straight in zip(scenes, bounds, strict=True):
-            placed = place_at(scene, links)
-            straight[begin : begin + ROWS] = _measure_distances(placed[:-1], placed[1:])
     serial = waypoints @ robot.coupling.T
     turns, range_of_joints = np.abs(np.diff(serial, axis=0)), np.abs(serial).max(axis=0)
     angles = _sum_angles(robot, waypoints)[:, None]
-    by_levers = [turns @ bound_levers(scene, range_of_joints) for scene in scenes]
-    return [bound + angles * lever for bound, lever in zip(bounds, by_levers, strict=True)]
+    bounds: list[FloatArray] = []
+    for scene in scenes:
+        bounds.append(angles * (turns @ bound_levers(scene, range_of_joints)))
+    for begin in range(0, len(waypoints) - 1, ROWS):
+        links = compute_link_frames(robot, waypoints[begin : begin + ROWS + 1])
+        for scene, bound in zip(scenes, bounds, strict=True):
+            placed = place_at(scene, links)
+            bound[begin : begin + ROWS] += _measure_distances(placed[:-1], placed[1:])
+    return bounds
 
 
 def measure_apart(scene: Scene, first: FloatArray, second: FloatArray) -> FloatArray:
