@@ -83,12 +83,21 @@ def _invert(machine: Machine, call: Calling) -> None:
 
 
 def _pulse(machine: Machine, call: Calling) -> None:
-    """Set a signal and reset it at once; with High it stays on."""
+    """Set a signal and reset it at once.
+
+    Its value after the pulse is assumed with High, and if it was on before.
+    """
     name = _signal_of(machine, call, 1)
     options = dict(call.options)
     length = machine.number(options["plength"]) if options.get("plength") is not None else _PULSE
+    after, was_on = float("high" in options), machine.outputs.get(name.lower(), 0.0) != 0
+    if after or was_on:
+        state = "on" if after else "off"
+        machine.log.assume(f"{name} is assumed to be {state} after PulseDO", name.lower(), after)
+        given = machine.given(name)
+        after = after if given is None else given
     _set_to(machine, name, 1.0)
-    if "high" not in options:
+    if not after:
         machine.add(Output(name, 0.0))
         machine.outputs[name.lower()] = 0.0
     machine.log.fact("pulses", f"{name}, {length:g} s" if type(length) is float else name)

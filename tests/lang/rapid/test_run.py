@@ -257,6 +257,24 @@ def test_outputs_are_set_pulsed_and_inverted_in_order() -> None:
     assert isinstance(items[-1], Stop)
 
 
+@pytest.mark.parametrize(
+    ("body", "state", "values"),
+    [
+        ("PulseDO\\High,do3;", "on", [1]),
+        ("Set do3;\nPulseDO do3;", "off", [1, 1, 0]),
+    ],
+)
+def test_the_value_of_an_output_after_a_pulse_is_assumed_where_it_is_not_certain(
+    body: str, state: str, values: list[int]
+) -> None:
+    executed = run_main(body)
+    assert [item.value for item in executed.body if isinstance(item, Output)] == values
+    (assumption,) = executed.assumed
+    assert assumption.what == f"do3 is assumed to be {state} after PulseDO"
+    other = run_main(body, do3=float(state == "off"))
+    assert [item.value for item in other.body if isinstance(item, Output)][-1] != values[-1]
+
+
 def test_an_output_in_a_corner_is_dangerous() -> None:
     executed = run_main(
         "MoveL p1,v100,z10,tG;\nSetDO do1,1;\nMoveL p0,v100,z10,tG;\nWaitTime 1;\nSetDO do1,0;"
