@@ -237,6 +237,14 @@ def test_a_text_without_its_modes_or_its_end_has_findings():
     assert [f.what for f in read("").findings] == ["the program has no end (M2 or M30)"]
 
 
+@pytest.mark.parametrize("end", ["", "%\n"])
+def test_a_per_cent_sign_on_the_first_line_needs_another_one(end):
+    """LinuxCNC says so at the end of the file."""
+    setup = "%\nG21 G17 G40 G54 G80 G90 G91.1 G94 G64 P0.01 Q0 G49\nG0 X1 Y1 Z1\nM2\n"
+    what = "the per cent sign of line 1 has no second one"
+    assert (what in [finding.what for finding in read(setup + end).findings]) == (not end)
+
+
 @pytest.mark.parametrize(
     ("lines", "message"),
     [

@@ -229,6 +229,10 @@ def list_faults(files: dict[str, str], options: dict[str, object]) -> list[tuple
             "MODULE p\nPROC p()\nENDPROC\nPROC main()\nENDPROC\nPROC MAIN()\nENDPROC\nENDMODULE",
             [(2, "p is global and has the name of a module"), (6, "MAIN is declared twice")],
         ),
+        (
+            "MODULE m\nPERS speeddata v:=[5,500,5000,1000];\nPROC main()\nENDPROC\nENDMODULE",
+            [(2, "v is PERS: an earlier run or another task may have changed it")],
+        ),
     ],
 )
 def test_a_wrong_module_has_faults(text: str, faults: list[tuple[int, str]]) -> None:

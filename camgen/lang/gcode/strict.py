@@ -119,6 +119,7 @@ class Strict:
     rules: rules of the controller.
     expect: text that follows from the options of the post.
     has_text: whether a line so far was not blank.
+    percents: number of lines so far with a per cent sign alone.
     stated_groups: modal groups of the codes so far.
     has_moved: whether a motion was read.
     length_code: last G43 or G49, empty before.
@@ -133,6 +134,7 @@ class Strict:
     rules: Controller
     expect: Expect
     has_text: bool = False
+    percents: int = 0
     stated_groups: set[str] = field(default_factory=set)
     has_moved: bool = False
     length_code: str = ""
@@ -201,6 +203,7 @@ class Strict:
         if rules.linuxcnc and text.strip(" \t\r") == "%":
             if self.has_text and not (m.opened or m.ended):
                 raise LineError("a per cent sign that does not belong to one on the first line")
+            self.percents += 1
             return "%"
         self.has_text = self.has_text or not raw.isspace()
         if "(" in text or ";" in text or ")" in text:
@@ -546,6 +549,7 @@ class Strict:
         tool, wanted = self.due_tool, self.expect.tool
         missing = (
             (not m.ended, "the program has no end (M2 or M30)", 0),
+            (m.opened and self.percents < 2, "the per cent sign of line 1 has no second one", 1),
             (
                 any(m.known) and not m.has_position,
                 "the program ends before the position is known in all axes",

@@ -12,6 +12,8 @@ from camgen.lang.rapid.values import Variable
 from .state import State
 from .statements import STATEMENTS
 
+#: Types of data that motions need as persistents.
+_PERSISTENT = ("tooldata", "wobjdata")
 #: Names of the system, which a program may not declare.
 _SYSTEM = (INSTALLED | PREDEFINED.keys() | STATEMENTS.keys()) - RESIDENT
 
@@ -54,6 +56,9 @@ def _check_member(state: State, member: Data | Routine, names: Collection[str]) 
         state.log.find("refused", f"{member.name} is declared twice", line=line)
     if is_global and key in state.module_names:
         what = f"{member.name} is global and has the name of a module"
+        state.log.find("refused", what, line=line)
+    if isinstance(member, Data) and member.storage == "pers" and member.type not in _PERSISTENT:
+        what = f"{member.name} is PERS: an earlier run or another task may have changed it"
         state.log.find("refused", what, line=line)
 
 
