@@ -173,11 +173,15 @@ def rename(
     count = 0
     renamed = []
     for words in lines:
+        named: list[str] = []
         for word in words:
-            if order.get(word) == "":
+            # A backslash begins the name of an argument.
+            is_routine = word in order and named[-1:] != ["\\"]
+            if is_routine and order[word] == "":
                 count += 1
                 order[word] = f"routine.{count}"
-        renamed.append([order.get(word, word) for word in words])
+            named.append(order[word] if is_routine else word)
+        renamed.append(named)
     return renamed
 
 
