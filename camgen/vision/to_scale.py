@@ -76,7 +76,10 @@ class PlaneView(Struct, frozen=True, eq=False):
 
 @lru_cache(maxsize=2)
 def make_plane_view(camera: Camera | None, plane: Plane, size: tuple[int, int]) -> PlaneView:
-    """The view of a plane in a photo of `size` (width, height), px."""
+    """The view of a plane in a photo of `size` (width, height), px.
+
+    It is computed once for both looks at a photo.
+    """
     if camera is None:
         return PlaneView(camera, plane, size, np.inf)
     middle = camera.matrix[:2, 2]

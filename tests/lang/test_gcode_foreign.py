@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from camgen.lang.gcode import replay
 from camgen.lang.gcode.dialects import DIALECTS, LOSSES, OWN_WORDS
 from camgen.lang.gcode.language import GCODE, GRBL_LANGUAGE, run_gcode
 from camgen.lang.programs import RunRequest, find_language
@@ -357,6 +358,15 @@ def test_further_work_offsets_are_other_places():
         f"G54 P1 after motions in G54: {unknown}",
         f"G54 P2 after motions in G54 P1: {unknown}",
     ]
+    assert ("work offset", "G54 P1 (line 4), G54 P2 (line 6)") in executed.facts
+
+
+@pytest.mark.parametrize("offset", ["G55", "G54 P2"])
+def test_the_place_of_a_work_offset_is_an_assumption_of_a_build(offset):
+    text = "\n".join([*LEAD, offset, "G1 X1", "M30"])
+    remarks = replay({"a.nc": text}, RunRequest("fanuc"), None).remarks
+    remarks = [(line, note.what) for line, note in remarks]
+    assert (4, f"the origin of {offset} is that of the work frame") in remarks
 
 
 @pytest.mark.parametrize(

@@ -238,6 +238,8 @@ def _make_note(label: str, what: str) -> Note:
 
     label: kind of the word in the facts of ``Executed``.
     """
+    if label == "work offset":
+        return Note("assumed", f"the origin of {what} is that of the work frame")
     return Note("skipped", what if label == "left out" else f"{what}: {label}")
 
 

@@ -76,8 +76,8 @@ class _Program(Compiler):
         super().__init__()
         self._dialect = dialect
         self._start = 0
-        #: Line of the first block of each label, by subroutine and label.
-        self._lines: dict[tuple[str, str], int] = {}
+        #: Subroutine and label of each block.
+        self._labels: set[tuple[str, str]] = set()
         starts = sorted(files.values())
         main_end = starts[1] if len(starts) > 1 else -1
         first_steps = {}
@@ -194,10 +194,10 @@ class _Program(Compiler):
         So does LinuxCNC, except for DO: the end of the second loop goes back to the first one.
         """
         scope = next((block.kind for block in self.blocks if block.kind.endswith(" sub")), "")
-        first = self._lines.setdefault((scope, o_word.label), self.line)
-        if first != self.line:
+        if (scope, o_word.label) in self._labels:
             what = f"o{o_word.label} is the label of another block already"
             self.add(Act(self.line, do=Interpreter.refuse, operand=what))
+        self._labels.add((scope, o_word.label))
 
     def _if(self, o_word: OWord) -> None:
         self._refuse_again(o_word)

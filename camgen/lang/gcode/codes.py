@@ -299,6 +299,8 @@ def set_work(m: Machine, code: str, words: dict[str, float]) -> None:
     """
     if m.dialect.open and "P" in words:
         code = f"{code} P{words.pop('P'):g}"
+    if code != "G54":
+        m.log.fact("work offset", code)
     before, m.work = m.work or "G54", code
     if code != before and any(m.known):
         old, new = m.works[before], m.works[code]
