@@ -21,8 +21,10 @@ from camgen.model.part import Line, Part
 from camgen.model.pose import FloatArray
 from camgen.model.program import Origin
 
-#: Points along a line and along an arc, whose chords leave it by 1/3,200 of its radius at most.
-_LINE_POINTS, _ARC_POINTS = 9, 65
+#: Points along a line, and at least along an arc.
+_LINE_POINTS = 9
+#: Distance, mm, by which the chords between points along an arc leave it at most.
+_CHORD_MM = 0.0005
 #: A stretch of an edge that is shorter, mm, may be left out at its ends.
 _END_SLACK_MM = 0.05
 #: Points along an edge are not farther apart, mm, but no more than `_MOST_POINTS` are added.
@@ -216,7 +218,10 @@ def _measure_gaps(chain: FloatArray, bare: BoolArray) -> float:
 
 
 def arc_points(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
-    """(M, 3) points from `start` through `via` to `end`: on a circle, or on a line."""
+    """(M, 3) points from `start` through `via` to `end`: on a circle, or on a line.
+
+    There are more of them on a large circle: a chord over the angle a leaves it by r (1 - cos a/2).
+    """
     chord, arm = end - start, via - start
     normal = np.cross(arm, chord)
     size = float(normal @ normal)
@@ -228,7 +233,10 @@ def arc_points(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArra
     y_axis = np.cross(normal / np.sqrt(size), x_axis)
     to_end = chord - to_centre
     angle = np.arctan2(float(to_end @ y_axis), float(to_end @ x_axis)) % (2 * np.pi)
-    turned = np.linspace(0.0, angle, _ARC_POINTS)[:, None]
+    radius = float(np.sqrt(to_centre @ to_centre))
+    widest = 2 * np.arccos(1 - min(_CHORD_MM / radius, 1.0))
+    count = max(_LINE_POINTS, int(np.ceil(angle / widest)) + 1)
+    turned = np.linspace(0.0, angle, count)[:, None]
     return np.asarray(start + to_centre + np.cos(turned) * x_axis + np.sin(turned) * y_axis)
 
 

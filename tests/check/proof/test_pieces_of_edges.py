@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 import camgen
 from camgen.check.proof import prove_motion
-from camgen.check.proof.space import refine
+from camgen.check.proof.space import arc_points, chain_of, distances, refine
 from camgen.model.part import Note
 from camgen.pipeline import Result
 from tests.support.sabotage import module
@@ -95,3 +95,17 @@ def test_points_of_a_refined_chain_are_near_each_other_and_on_it() -> None:
     assert np.linalg.norm(np.diff(fine, axis=0), axis=1).max() <= 0.25 + 1e-9
     assert {tuple(point) for point in chain.tolist()} <= {tuple(point) for point in fine.tolist()}
     assert ((fine[:, 1] == 0) | (fine[:, 0] == 10)).all()
+
+
+@pytest.mark.parametrize("radius", [0.5, 72.5, 150.0, 2000.0])
+def test_an_arc_from_any_place_of_a_circle_lies_on_its_edge(radius: float) -> None:
+    """The circle is two halves in the part, and the path runs 100 deg of it, in one arc."""
+
+    def place(*degrees: float) -> np.ndarray:
+        angles = np.radians(degrees)
+        return radius * np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+
+    edge = chain_of(place(0, 180, 360), place(90, 270))
+    arc = arc_points(*place(31, 81, 131))
+    assert distances(arc, edge).max() < 0.0006 + 1e-8 * radius
+    assert distances(arc * (1 + 0.05 / radius), edge).min() > 0.048
