@@ -91,7 +91,7 @@ LINUXCNC = Dialect(
         r"\bm6[2-6][ \t]*p",
         r"\bm6[78][ \t]*e",
         r"\bm5[0-3][ \t]*p",
-        # A curve. Controllers whose G5.1 switches the look-ahead take no I or J there.
+        # A curve: where G5.1 is a switch, it takes no I or J.
         r"\bg0?5\.1(?=[^(;\n]*[ij][ \t]*[-+.\d\[#])",
     ),
     codes={code: group for code, group in GROUP.items() if code != "M97"} | _TURNING,
