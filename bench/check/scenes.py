@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -45,7 +46,7 @@ class Scene:
     rules: the allowed depths. The deepest one counts where several hold.
     thickness: thickness of the stock, mm.
     tabs: whether tabs were asked for.
-    others: cuts of tools with other diameters, for faults of the offset.
+    others: make the cuts of tools with other diameters, for faults of the offset.
     """
 
     name: str
@@ -55,7 +56,7 @@ class Scene:
     rules: tuple[Rule, ...]
     thickness: float
     tabs: bool = False
-    others: tuple[Cut, ...] = field(default=())
+    others: tuple[Callable[[], Cut], ...] = field(default=())
 
 
 def make_scenes() -> list[Scene]:
@@ -105,10 +106,13 @@ def _make_follow(file: str, diameter: float) -> Scene:
     name = file.partition(".")[0]
     job = _make_job("follow", 5.0, diameter, passes=2)
     body, part = _build(file, job)
-    others = []
-    for share in (0.5, 0.98, 1.25, 2):
+
+    @cache
+    def make_other(share: float) -> Cut:
         other, _ = _build(file, _make_job("follow", 5.0, share * diameter, passes=2))
-        others.append(make_cut(other, job.tool, name))
+        return make_cut(other, job.tool, name)
+
+    others = [partial(make_other, share) for share in (0.5, 0.98, 1.25, 2)]
     closed = _list_closed(part)
     wanted = design([Task(job, part)], StockTable(thickness=5.0))
     cuts, rules = (make_cut(body, job.tool, name),), (Rule(closed, False, 5.0),)

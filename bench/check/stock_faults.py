@@ -135,7 +135,7 @@ def hurry(body: Body, k: int, _chance: random.Random) -> bool:
 
 
 def seed_offset(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
-    return (chance.choice(scene.others),) if scene.others else None
+    return (chance.choice(scene.others)(),) if scene.others else None
 
 
 def seed_tool(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from bench.render.truth import Truth
 from bench.support.motions import sample_plane
@@ -90,8 +91,5 @@ def _find_peak(length: np.ndarray, ratio: np.ndarray) -> float:
 
 def nearest_rows(places: np.ndarray, others: np.ndarray) -> np.ndarray:
     """The index of the nearest of `others` for each of `places`, (N,)."""
-    rows = []
-    for k in range(0, len(places), 128):
-        offset = places[k : k + 128, None] - others
-        rows.append((offset.real**2 + offset.imag**2).argmin(axis=1))
-    return np.concatenate(rows)
+    points = [shapely.points(each.real, each.imag) for each in (others, places)]
+    return np.asarray(shapely.STRtree(points[0]).nearest(points[1]))

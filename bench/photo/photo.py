@@ -17,7 +17,6 @@ The exit code is 1 if a goal is missed.
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -162,21 +161,19 @@ def _measure_route(folder: Path, name: str, photo: str, truth: Truth, route: str
             return path_error(paper_route(folder, name, photo, truth), truth)
         except CamgenError as error:
             return str(error)
+    from bench.support.commands import run_camgen  # noqa: PLC0415 (imports the program)
+
     with tempfile.TemporaryDirectory() as scratch:
         plan = Path(scratch) / "plan.json"
-        command = make_build(folder, name, photo, Path(scratch), route)
-        command += ["--plan", str(plan)]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            return (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        return path_error(read_planned(plan), truth)
+        ran = run_camgen(*list_words(folder, name, photo, Path(scratch), route), "--plan", plan)
+        return ran.lines[-1] if ran.code else path_error(read_planned(plan), truth)
 
 
-def make_build(folder: Path, name: str, photo: str, output: Path, planner: str) -> list[str]:
-    """The command that builds a photo."""
+def list_words(folder: Path, name: str, photo: str, output: Path, planner: str) -> list[object]:
+    """The words of the command that builds a photo."""
     files = [folder / photo, "--job", folder / f"{name}.toml", "-o", output]
     options = ["--post", "pacscript", "--set", f"operation.planner={planner}", "-q"]
-    return python("camgen", "build", *files, *options)
+    return ["build", *files, *options]
 
 
 def read_planned(plan: Path) -> np.ndarray:
@@ -198,13 +195,13 @@ def read_planned(plan: Path) -> np.ndarray:
 # -- speed
 
 
-def compare_speed(folder: Path, words: list[str]) -> int:
+def compare_speed(folder: Path, given: list[str]) -> int:
     """Prints whole processes in turns, interpreter and imports included; 1 if a goal is missed.
 
     They are the bare OpenCV calls with and without the distances, and both planners.
     """
-    name = words[0] if words else "plate-10mp"
-    runs = int(words[1]) if len(words) > 1 else 5
+    name = given[0] if given else "plate-10mp"
+    runs = int(given[1]) if len(given) > 1 else 5
     photo = json.loads((folder / f"{name}.json").read_text())["file"]
     bare, contours = "bare OpenCV calls", "bare calls for contours"
     with tempfile.TemporaryDirectory() as scratch:
@@ -213,8 +210,8 @@ def compare_speed(folder: Path, words: list[str]) -> int:
             contours: python("bench.photo.photo", "bare", folder / photo, "contours"),
         }
         for planner in PLANNERS:
-            build = make_build(folder, name, photo, Path(scratch), planner)
-            commands[f"camgen build, {planner}"] = build
+            words = list_words(folder, name, photo, Path(scratch), planner)
+            commands[f"camgen build, {planner}"] = python("camgen", *words)
         processes = measure_in_turns(commands, runs)
     table = open_table(
         "process | best s {:.2f} | range s {:.2f} to {:.2f} | peak MB {:.0f} "

@@ -24,11 +24,11 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-import subprocess
 import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import chdir
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,6 +36,7 @@ import numpy as np
 import shapely
 
 import camgen
+from bench.support.commands import run_camgen
 from bench.support.motions import Array, LevelArc
 from bench.support.runner import SHARED, Cells, Missed, Scenario, find_files, run
 from camgen.geometry.segments import make_contour_segments
@@ -148,16 +149,14 @@ def measure(path: Path) -> Iterator[Cells]:
 
 def _propose(path: Path, folder: Path) -> tuple[str, dict[str, Any] | None]:
     """The job that ``camgen init --operations`` writes, or the error and None."""
-    command = [sys.executable, "-m", "camgen", "init", str(path), "--operations"]
     message = ""
-    for sets in ([], ["--set", "input.units=mm"]):
-        done = subprocess.run(
-            command + sets, cwd=folder, capture_output=True, text=True, check=False
-        )
-        if done.returncode == 0:
+    for sets in ((), ("--set", "input.units=mm")):
+        with chdir(folder):
+            code, lines = run_camgen("init", path, "--operations", *sets)
+        if code == 0:
             text = (folder / f"{path.stem}.toml").read_text()
             return "", tomllib.loads(text)
-        message = message or done.stderr.strip().splitlines()[-1]
+        message = message or lines[-1]
     return message, None
 
 

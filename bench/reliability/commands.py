@@ -56,18 +56,13 @@ class Ending(NamedTuple):
 def map_cases(
     run: Callable[[_Case], _Result], cases: Sequence[_Case], processes: int
 ) -> Iterator[_Result]:
-    """The results in processes that have the program imported, so that they can be forked."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a process with threads must not fork
-    context = multiprocessing.get_context("spawn")
-    with context.Pool(processes, _import_program) as pool:
-        yield from pool.imap(run, cases)
-
-
-def _import_program() -> None:
+    """The results in forks of this process, which imports the program for all of them."""
     for name in _PACKAGES:
         package = import_module(name)
         for module in walk_packages(package.__path__, f"{name}."):
             import_module(module.name)
+    with multiprocessing.get_context("fork").Pool(processes) as pool:
+        yield from pool.imap(run, cases)
 
 
 def run_alone(words: Sequence[str], limits: Limits) -> Ending:

@@ -46,14 +46,20 @@ def _start_build(folder: Path) -> subprocess.Popen[bytes]:
     return subprocess.Popen(python("camgen", *words), cwd=folder, stderr=subprocess.DEVNULL)
 
 
-def measure(folder: Path, number: signal.Signals, count: int) -> list[tuple[object, ...]]:
-    """The row of a signal that ends a number of builds."""
+def build_whole(folder: Path) -> tuple[dict[str, bytes], float]:
+    """The files of a build that is not killed, and its seconds."""
     _draw_star(folder / "part.svg")
     _start_build(folder).wait()
     code, seconds = timed(lambda: _start_build(folder).wait())
     if code:
         sys.exit("the build fails without being killed")
-    new_files = {name: (folder / name).read_bytes() for name in NAMES}
+    return {name: (folder / name).read_bytes() for name in NAMES}, seconds
+
+
+def measure(
+    folder: Path, new_files: dict[str, bytes], seconds: float, number: signal.Signals, count: int
+) -> list[tuple[object, ...]]:
+    """The row of a signal that ends a number of builds, beside a whole one."""
     ended = new = damaged = left = 0
     for build in range(count):
         process = _start_build(folder)
@@ -79,5 +85,6 @@ if __name__ == "__main__":
     kills, terms = read_words(200, 100)
     with tempfile.TemporaryDirectory() as text:
         place = Path(text)
-        inputs = [(place, signal.SIGKILL, kills), (place, signal.SIGTERM, terms)]
+        whole = (place, *build_whole(place))
+        inputs = [(*whole, signal.SIGKILL, kills), (*whole, signal.SIGTERM, terms)]
         sys.exit(run(Scenario(_COLUMNS, inputs, measure)))

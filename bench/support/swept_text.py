@@ -99,7 +99,7 @@ def feed_in_air(motions: Sequence[Move], radius: float, cell: float) -> float:
                 place = start + share * (end - start)
                 column = np.round((place[:2] - low) / cell).astype(int)
                 x0, y0 = place[:2] - (low + column * cell)
-                disc = np.hypot(grid[:, None] - x0, grid[None, :] - y0) <= radius
+                disc = ((grid - x0) ** 2)[:, None] + (grid - y0) ** 2 <= radius**2
                 x, y = column - reach
                 window = top[x : x + 2 * reach + 1, y : y + 2 * reach + 1]
                 fresh = disc[: window.shape[0], : window.shape[1]] & (window > place[2] + _SAME)
