@@ -45,8 +45,8 @@ from camgen.model.signature import sign
 
 #: Drawings with the names of their golden jobs, "" for `JOB`.
 CASES = {
-    ROOT / "fixtures" / "parts" / "motor.dxf": "motor-plate",
     ROOT / "fixtures" / "parts" / "bracket.dxf": "bracket-tabs",
+    ROOT / "fixtures" / "parts" / "motor.dxf": "motor-plate",
     SHARED / "cases" / "nested.dxf": "",
     SHARED / "cases" / "slug.dxf": "",
     SHARED / "cases" / "clamp.dxf": "",

@@ -1,6 +1,6 @@
 """Lines and arcs of outlines in photos that are noisy, grained, blurred or shaken.
 
-    python -m bench.photo.pieces [ROUNDS, 8] [FIRST, 4]    six photos a round, one a kind
+    python -m bench.photo.pieces [ROUNDS, 8] [FIRST, 4] [KIND ...]    six photos a round, one a kind
 
 The rule: photo `kind` of the round with the number k draws by [41, k, number of the kind]. The part
 is one of the four named ones in every second round, else a random part of bench.render.parts. It is
@@ -46,7 +46,7 @@ from bench.render.optics import shoot_from_above
 from bench.render.parts import NAMED, Part, random_part
 from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, Pieces, are_away, find_corners, pieces, to_loops
-from bench.support.runner import Scenario, read_words, run, verdict
+from bench.support.runner import Scenario, read_words, run, select, verdict
 from camgen.model.errors import CamgenError
 from camgen.model.job import ImageTable, Job
 from camgen.read.files import Files
@@ -230,11 +230,11 @@ def measure(kind: str, rounds: int, first: int, folder: Path) -> Iterator[tuple[
     yield kind, rounds, refused, *figures, verdict(good == rounds)
 
 
-def main(rounds: int, first: int) -> int:
+def main(rounds: int, first: int, *names: str) -> int:
     with tempfile.TemporaryDirectory() as folder:
         columns = "kind | photos | refused | pieces drawn | read | worst, times {:.2f} "
         columns += "| largest distance mm {:.3f} | rms mm {:.4f} | good | not good | goal"
-        inputs = [(kind, rounds, first, Path(folder)) for kind in KINDS]
+        inputs = [(kind, rounds, first, Path(folder)) for kind in select(KINDS, names)]
         return run(Scenario(columns, inputs, measure))
 
 

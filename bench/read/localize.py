@@ -125,7 +125,7 @@ def measure(name: str, kind: str, starts: int, fewer: int, points: int) -> Itera
     part = trimesh.load_mesh(PATHS[name])
     views, _, share = SCANS[kind]
     for label, make in list_methods().items():
-        count = max(round(share * starts), 1) if label == "camgen" else fewer
+        count = round(share * starts) if label == "camgen" else fewer
         rows = np.array(measure_starts(make(name, points), part, kind, count, points))
         good, figures = 0, [*"----"]
         if len(rows):

@@ -86,7 +86,7 @@ def kill_and_resume(folder: Path, half: int, jobs: int) -> tuple[int, int, int]:
     while first.poll() is None and (not out.is_dir() or len(read_programs(out)) < half):
         time.sleep(0.01)
     first.kill()
-    first.wait()
+    first.communicate()
     present = len(read_programs(out))
     second = start_batch(folder, out.name, jobs)
     rows = second.communicate()[0].splitlines()[1:]

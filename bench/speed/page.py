@@ -1,13 +1,12 @@
 """The preview page of ordinary and large parts: size, seconds, frames per second.
 
-    python -m bench.speed.page [FOLDER] [SEGMENTS, 200000] [SECONDS, 4] [OPENINGS, 5]
+    python -m bench.speed.page [SEGMENTS, 200000] [SECONDS, 4] [OPENINGS, 5]
 
-The parts are a drawing, a picture, a 3-D part with an arm, the largest drawing of FOLDER (default:
-``shared/data/dxf`` beside the repository), whose program has most points on the screen, and a
-drawing of SEGMENTS segments. Each is opened OPENINGS times in a browser of its own. The start of
-the browser is not counted, but in the first opening that of its process for pictures is. All turn
-and play for SECONDS each, after as long a run-in. It needs playwright and a Chromium, or its shell
-without windows; it renders in software.
+The parts are a drawing, a picture, a 3-D part with an arm, and a drawing of SEGMENTS segments. Each
+is opened OPENINGS times in a browser of its own. The start of the browser is not counted, but in
+the first opening that of its process for pictures is. All turn and play for SECONDS each, after as
+long a run-in. It needs playwright and a Chromium, or its shell without windows; it renders in
+software.
 """
 
 from __future__ import annotations
@@ -16,14 +15,13 @@ import shutil
 import statistics
 import tempfile
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 
 import camgen
-from bench.support.runner import PARTS, SHARED, open_table, read_words
+from bench.support.runner import PARTS, open_table, read_words
 from camgen.preview.page import format_page
 from camgen.preview.view import make_view
 
@@ -76,20 +74,6 @@ def build_ordinary() -> list[camgen.Result]:
     ]
 
 
-def count_points(result: camgen.Result) -> int:
-    """The number of points of a program on the screen."""
-    return len(make_view(result).track.time)
-
-
-def build_largest(folder: Path) -> camgen.Result:
-    """The drawing of a folder whose program has most points."""
-    results = []
-    for path in sorted(folder.rglob("*.dxf")):
-        with suppress(camgen.CamgenError):
-            results.append(camgen.build(path, post="gcode", job=JOB))
-    return max(results, key=count_points)
-
-
 def build_rings(count: int, each: int = 500) -> camgen.Result:
     """Closed wavy rings of ``each`` lines, ``count`` lines in all."""
     turn = np.linspace(0, 2 * np.pi, each, endpoint=False)
@@ -129,7 +113,8 @@ def measure(
     browser: Browser, result: camgen.Result, folder: Path, turning: float, openings: int
 ) -> tuple[object, ...]:
     """The cells of a part."""
-    text = format_page(make_view(result))
+    view = make_view(result)
+    text = format_page(view)
     file = folder / "page.html"
     file.write_text(text, encoding="utf-8")
     opened = []
@@ -139,14 +124,14 @@ def measure(
         if k + 1 == openings:
             rates = [tab.evaluate(FRAMES, [*move, turning]) for move in MOVES.items()]
         tab.context.close()
-    head = result.part.source, count_points(result), len(text.encode()) / 1e6
+    head = result.part.source, len(view.track.time), len(text.encode()) / 1e6
     # The first opening has a column of its own.
     first, whole = zip(*(opened[1:] or opened), strict=True)
     return *head, opened[0][0], statistics.median(first), min(whole), *rates
 
 
-def main(folder: Path, segments: int, turning: float, openings: int) -> None:
-    results = [*build_ordinary(), build_largest(folder), build_rings(segments)]
+def main(segments: int, turning: float, openings: int) -> None:
+    results = [*build_ordinary(), build_rings(segments)]
     table = open_table(COLUMNS)
     with sync_playwright() as started, tempfile.TemporaryDirectory() as pages:
         browser = None
@@ -161,4 +146,4 @@ def main(folder: Path, segments: int, turning: float, openings: int) -> None:
 
 
 if __name__ == "__main__":
-    main(*read_words(SHARED / "dxf", 200_000, 4.0, 5))
+    main(*read_words(200_000, 4.0, 5))

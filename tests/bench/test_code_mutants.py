@@ -80,7 +80,7 @@ def test_the_draw_is_the_same_each_time_and_every_mutant_compiles(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(targets, "find_sites", cache(find_sites))
-    for groups, count in ((PROGRAM_GROUPS, 40), (CORE_GROUPS, 40)):
+    for groups, count in ((PROGRAM_GROUPS, 20), (CORE_GROUPS, 20)):
         mutants = draw(groups, count)
         assert mutants == draw(groups, count)
         assert {mutant.group for mutant in mutants} == set(groups)

@@ -272,7 +272,7 @@ def test_batches_cover_all_mutants_and_a_sample_covers_all_programs(post, kind):
 @pytest.mark.parametrize("post", POSTS)
 def test_each_mutant_of_a_sample_has_a_verdict(post, kind):
     letters = ""
-    for batch in plan_batches([Family(post, kind, seed=7)], 60):
+    for batch in plan_batches([Family(post, kind)], 60):
         letters += find_verdicts(batch)
     assert set(letters) <= {"c", "h"}
     assert len(letters) > 30
@@ -286,7 +286,7 @@ def test_there_are_enough_mutants(kind, least):
     total = 0
     for post in POSTS:
         for k in range(len(SOURCES[post])):
-            total += len(mutate(make(post, k).text, post, kind))
+            total += len(list_mutants(Family(post, kind), k))
     assert total >= least
 
 

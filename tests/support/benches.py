@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.forks import get_server
+from tests.support.forks import get_server, start_process
 from tests.support.waiting import LONG
 
 Json = dict[str, Any]
@@ -142,13 +142,7 @@ class ForkedBench:
     def __init__(self, folder: Path, words: Sequence[str], state: str) -> None:
         server, environment = get_server(), {**os.environ, "XDG_STATE_HOME": state}
         ours, theirs = server.Pipe(duplex=False)
-        arguments = folder, words, environment, theirs
-        self._process = server.Process(target=run_open, args=arguments)
-        # A process imports the main module of its parent again, so it is hidden.
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sys.modules["__main__"], "__spec__", None)
-            patch.delattr(sys.modules["__main__"], "__file__", raising=False)
-            self._process.start()
+        self._process = start_process(run_open, folder, words, environment, theirs)
         theirs.close()
         self.stderr = os.fdopen(os.dup(ours.fileno()), encoding="utf-8")
         ours.close()

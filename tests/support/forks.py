@@ -1,7 +1,11 @@
 """A server that has imported camgen and forks processes, so that none of them imports it again."""
 
 import multiprocessing
-from multiprocessing.context import ForkServerContext
+import sys
+from collections.abc import Callable
+from multiprocessing.context import ForkServerContext, ForkServerProcess
+
+import pytest
 
 #: Most modules of a builder, and of `camgen open`, which take 0.4 s and 0.3 s to import.
 MODULES = [
@@ -31,3 +35,14 @@ def get_server() -> ForkServerContext:
     server = multiprocessing.get_context("forkserver")
     server.set_forkserver_preload(MODULES)
     return server
+
+
+def start_process(function: Callable[..., None], *arguments: object) -> ForkServerProcess:
+    """Starts a process of the server that calls a function."""
+    process = get_server().Process(target=function, args=arguments)
+    # A process imports the main module of its parent again, so it is hidden.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.modules["__main__"], "__spec__", None)
+        patch.delattr(sys.modules["__main__"], "__file__", raising=False)
+        process.start()
+    return process

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench.reliability.code_mutants.cases import CASES
-from bench.reliability.code_mutants.running import WRITTEN, run_cases, warm_up
+from bench.reliability.code_mutants.running import WRITTEN, run_cases, run_mutant
 from bench.reliability.code_mutants.survivors import find_survivors, read_reasons
 from bench.reliability.code_mutants.targets import CORE_GROUPS, PROGRAM_GROUPS, SEED, Mutant, draw
 from bench.reliability.code_mutants.verdicts import (
@@ -60,7 +60,7 @@ def find_outcomes(originals: Sequence[str], mutant: Mutant) -> Judged:
     originals: the program of each job of `CASES` by the unchanged code.
     """
     outcomes = {}
-    for case, original, outcome in zip(CASES, originals, run_cases(mutant), strict=True):
+    for case, original, outcome in zip(CASES, originals, run_mutant(mutant), strict=True):
         if outcome.kind != WRITTEN:
             outcomes[case.name] = ("error", f"{outcome.kind}: {outcome.text}")
         elif outcome.text == original:
@@ -71,9 +71,12 @@ def find_outcomes(originals: Sequence[str], mutant: Mutant) -> Judged:
 
 
 def build_originals() -> list[str]:
-    """The programs of the unchanged code. ValueError if one is not built, or is wrong."""
+    """The programs of the unchanged code. ValueError if one is not built, or is wrong.
+
+    The processes that are forked afterwards share the libraries.
+    """
     originals = []
-    for case, outcome in zip(CASES, run_cases(None), strict=True):
+    for case, outcome in zip(CASES, run_cases(), strict=True):
         if outcome.kind != WRITTEN:
             raise ValueError(f"{case.name}: {outcome.kind} {outcome.text}")
         fault = find_fault(case, outcome.text)
@@ -95,7 +98,6 @@ def main() -> int:
     parser.add_argument("command", nargs="?", choices=["judge", "survivors"], default="judge")
     parser.add_argument("--count", type=int, help="mutants that are drawn: 1000, survivors: 130")
     parser.add_argument("--seed", type=int, default=SEED, help="of the draw")
-    parser.add_argument("--last", type=int, default=None, help="number after the last one")
     parser.add_argument("--only", default="", help="name of a mutant, or a part of names")
     parser.add_argument("--table", type=Path, help="file for the mutants written and judged")
     given = parser.parse_args()
@@ -105,11 +107,9 @@ def main() -> int:
 
 
 def _run_judge(given: argparse.Namespace) -> int:
-    mutants = draw(PROGRAM_GROUPS, given.count or 1000, given.seed)[: given.last]
+    mutants = draw(PROGRAM_GROUPS, given.count or 1000, given.seed)
     mutants = [mutant for mutant in mutants if given.only in mutant.name]
     judged: list[Judged] = []
-    # The processes that are forked from here on share the libraries.
-    warm_up()
     for result in find_all_outcomes(mutants, build_originals()):
         judged.append(result)
         wrong = sum(each.kind == WRONG for each in judged)
@@ -124,7 +124,7 @@ def _run_judge(given: argparse.Namespace) -> int:
 
 
 def _run_survivors(given: argparse.Namespace) -> int:
-    mutants = draw(CORE_GROUPS, given.count or 130, given.seed)[: given.last]
+    mutants = draw(CORE_GROUPS, given.count or 130, given.seed)
     mutants = [mutant for mutant in mutants if given.only in mutant.name]
     reasons = read_reasons()
     survivors = listed = 0

@@ -71,33 +71,24 @@ def module_name(module: str) -> str:
     return name.replace("postprocessors", "camgen_posts", 1)
 
 
-def warm_up() -> None:
-    """Builds all jobs once, so that the libraries are imported, and forgets camgen again."""
-    with tempfile.TemporaryDirectory() as folder:
-        for case in CASES:
-            _run_case(case, Path(folder))
-    _forget_camgen()
-
-
-def _forget_camgen() -> None:
-    for name in list(sys.modules):
-        if name.split(".")[0] in ("camgen", "camgen_posts"):
-            del sys.modules[name]
-
-
-def run_cases(mutant: Mutant | None) -> list[Outcome]:
-    """The outcome of each job with a mutant, or without one, in a forked child."""
-    outcomes = run_in_child(partial(_run_each, mutant), _CHILD).results
+def run_mutant(mutant: Mutant) -> list[Outcome]:
+    """The outcome of each job with a mutant, in a forked child."""
+    outcomes = run_in_child(partial(_run_mutant, mutant), _CHILD).results
     missing = len(CASES) - len(outcomes)
     return outcomes + [Outcome("ended", "the process ended")] * missing
 
 
-def _run_each(mutant: Mutant | None) -> Iterator[Outcome]:
-    """The outcomes of the jobs by code that is imported again."""
-    _forget_camgen()
-    if mutant is not None:
-        sys.meta_path.insert(0, MutatingFinder(mutant.module, mutant.site))
+def _run_mutant(mutant: Mutant) -> Iterator[Outcome]:
+    for name in list(sys.modules):
+        if name.split(".")[0] in ("camgen", "camgen_posts"):
+            del sys.modules[name]
+    sys.meta_path.insert(0, MutatingFinder(mutant.module, mutant.site))
     signal.signal(signal.SIGPROF, _stop_job)
+    yield from run_cases()
+
+
+def run_cases() -> Iterator[Outcome]:
+    """The outcome of each job."""
     with tempfile.TemporaryDirectory() as folder:
         for case in CASES:
             yield _run_case(case, Path(folder))

@@ -111,7 +111,7 @@ def draw(groups: dict[str, Group], count: int, seed: int = SEED) -> list[Mutant]
 
 def _draw_group(name: str, group: Group, count: int, generator: random.Random) -> list[Mutant]:
     by_operator: dict[str, list[Mutant]] = {}
-    for module in list_modules(group):
+    for module in list_modules(group) if count else ():
         for site in find_sites((ROOT / module).read_text(encoding="utf-8")):
             by_operator.setdefault(site.operator, []).append(Mutant(name, module, site))
     drawn: list[Mutant] = []
