@@ -1,74 +1,124 @@
-"""Processor seconds of the proof of motion, beside those of the build that it belongs to.
+"""Processor seconds of the proofs of a build: of its motion, of its stock, and of its set-up.
 
-    python -m bench.check.proof [SHAPES ...] [--runs N]    default: 251 5001 100001 shapes, 3 runs
+    python -m bench.check.proof [RUNS, 3] [SHAPES ...]    default: 251 5001 100001 shapes
 
-The drawing is a plate with an outline, round holes and slots, four holes for each slot. Proof and
-build are measured in the same run, in processor seconds, which other work on the machine does not
-count in. Both run as in `camgen build`: Python does not search for cyclic garbage meanwhile.
+The drawings are plates with an outline, round holes and slots, four holes for each slot. They are
+cut at once, and up to 5,001 shapes also 10 mm deep in four passes, in aluminium. Without SHAPES the
+motor plate follows. All is measured within the same builds, in processor seconds, which other work
+on the machine does not count in. As in `camgen build`, Python does not search for cyclic garbage
+meanwhile. The exit code is 1 if a goal is missed: the proof of motion in 5 % of the build, the
+stock proof in the time of the build without it, the checks of the set-up in 3 %.
 """
 
 from __future__ import annotations
 
-import argparse
-import importlib
 import statistics
 import sys
 import tempfile
-from collections.abc import Iterator
-from functools import partial
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
 from time import process_time
+from typing import Any
+from unittest.mock import patch
 
 import camgen
-from bench.support.runner import Cells, Scenario, run
-from bench.support.timing import measure_process, python
+from bench.speed.processes import draw
+from bench.support.runner import PARTS, ROOT, Cells, Scenario, read_words, run, verdict
+from camgen.pipeline.memory import pause_collector
 
-POSTS = ("gcode", "rapid")
-COLUMNS = "shapes | post | proof s {:.3f} | build s {:.2f} | share % {:.1f}"
+COLUMNS = (
+    "part | post | build s {:.3f} | proof of motion s {:.3f} | % {:.2f} | stock proof s {:.3f} "
+    "| times the rest {:.2f} | set-up s {:.4f} | % of the build {:.2f} | deepest gouge mm {:.4f} "
+    "| excess mm3 {:.2f} | goal"
+)
+#: Functions of the stages of a build. The set-up is limits, spindle and digest.
+STAGES = (
+    ("motion", "camgen.pipeline", "prove_motion"),
+    ("stock", "camgen.pipeline", "prove_stock"),
+    ("set-up", "camgen.check.stock", "check_set_up"),
+    ("set-up", "camgen.check.stock", "follow_spindles"),
+    ("set-up", "camgen.check.stock", "check_spindles"),
+    ("set-up", "camgen.pipeline.programs", "sign"),
+)
+#: Goals: % of the build, times the rest of the build, and % of the build.
+GOALS = (5.0, 1.0, 3.0)
+SHAPES = (251, 5_001, 100_001)
+#: Most shapes that are cut in passes.
+MOST_PASSES = 10_000
+PASSES = {
+    "operation": {"depth": 10.0, "passes": 4},
+    "process": {"spindle": 10_000.0},
+    "stock": {"thickness": 10.0, "material": "aluminium", "held": "tape"},
+}
+Job = Mapping[str, Any]
 
 
-def time_proof(drawing: Path, post: str) -> tuple[float, float]:
-    """Processor seconds of the proof and of the whole build."""
-    build = importlib.import_module("camgen.pipeline")
-    memory = importlib.import_module("camgen.pipeline.memory")
-    prove, spent = build.prove_motion, []
+def time_build(part: Path, post: str, job: Job) -> tuple[Counter[str], camgen.Result]:
+    """Processor seconds of a build and of its stages, and its result."""
+    spent: Counter[str] = Counter()
 
-    def timed(*given: object) -> object:
+    def timed(stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            began = process_time()
+            result = function(*arguments)
+            spent[stage] += process_time() - began
+            return result
+
+        return call
+
+    with ExitStack() as patches, pause_collector():
+        for stage, module, name in STAGES:
+            place = import_module(module)
+            function = timed(stage, getattr(place, name))
+            patches.enter_context(patch.object(place, name, function))
         began = process_time()
-        result = prove(*given)
-        spent.append(process_time() - began)
-        return result
-
-    build.prove_motion = timed
-    try:
-        began = process_time()
-        with memory.pause_collector():
-            camgen.build(drawing, post=post)
-        return spent[0], process_time() - began
-    finally:
-        build.prove_motion = prove
+        result = camgen.build(part, post=post, job=job)
+        spent["build"] = process_time() - began
+    return spent, result
 
 
-def measure(count: int, runs: int) -> Iterator[Cells]:
-    """A row for each post, for a drawing of `count` shapes."""
+def measure(name: str, part: Path, post: str, job: Job, runs: int) -> Iterator[Cells]:
+    """The row of a build."""
+    times, results = zip(*(time_build(part, post, job) for _ in range(runs)), strict=True)
+    medians = []
+    for stage in ("build", "motion", "stock", "set-up"):
+        medians.append(statistics.median(spent[stage] for spent in times))
+    build, motion, stock, set_up = medians
+    shares = 100 * motion / build, stock / (build - stock), 100 * set_up / build
+    goal = verdict(all(share <= bound for share, bound in zip(shares, GOALS, strict=True)))
+    seconds = motion, shares[0], stock, shares[1], set_up, shares[2]
+    gouge = excess = None
+    if (proof := results[0].proof) is not None:
+        gouge, excess = max((fault.mm for fault in proof.gouges), default=0.0), proof.excess
+    yield name, post, build, *seconds, gouge, excess, goal
+
+
+def list_builds(sizes: list[int], folder: Path) -> Iterator[tuple[str, Path, str, Job]]:
+    """Name, part, post and job of each build. sizes: shapes of the plates; empty for all."""
+    for count in sizes or SHAPES:
+        plate, slots = folder / f"{count}.dxf", (count - 1) // 5
+        draw(str(plate), count - 1 - slots, slots)
+        yield f"{count:,} shapes", plate, "gcode", {}
+        yield f"{count:,} shapes", plate, "rapid", {}
+        if count < MOST_PASSES:
+            yield f"{count:,} shapes, four passes", plate, "gcode", PASSES
+    if not sizes:
+        motor = tomllib.loads((ROOT / "fixtures/cases/motor-plate/job.toml").read_text())
+        motor["stock"]["material"] = "aluminium"
+        yield "motor plate", PARTS / "motor.dxf", "gcode", motor
+
+
+def main(runs: int, *words: str) -> int:
+    """Prints the table."""
     with tempfile.TemporaryDirectory() as folder:
-        drawing = Path(folder, "plate.dxf")
-        slots = (count - 1) // 5
-        measure_process(python("bench.speed.processes", "draw", drawing, count - 1 - slots, slots))
-        for post in POSTS:
-            try:
-                pairs = [time_proof(drawing, post) for _ in range(runs)]
-            except camgen.CamgenError as error:
-                yield count, post, f"refused: {str(error).partition(';')[0]}"
-                continue
-            proof, build = (statistics.median(column) for column in zip(*pairs, strict=True))
-            yield count, post, proof, build, 100 * proof / build
+        builds = list_builds(list(map(int, words)), Path(folder))
+        inputs = ((*build, runs) for build in builds)
+        return run(Scenario(COLUMNS, inputs, measure, may_refuse=True))
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("shapes", nargs="*", type=int, default=[251, 5001, 100001])
-    parser.add_argument("--runs", type=int, default=3)
-    options = parser.parse_args()
-    shapes = [(count,) for count in options.shapes]
-    sys.exit(run(Scenario(COLUMNS, shapes, partial(measure, runs=options.runs))))
+    sys.exit(main(*read_words(3)))

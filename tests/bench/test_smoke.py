@@ -165,8 +165,10 @@ SMOKES = [
     Smoke("controllers.linuxcnc layers-inside --planned", (1,), {"predicted, s": (4, 6)}),
     Smoke("check.rounding gaps-outside", (3,), {"allowed, mm": (0.01, 0.02), "stops": (5, 20)}),
     Smoke("check.tangent_parts 3", (3,), {"parts": (1, 1), "beyond the tolerance": (0, 0)}),
-    Smoke("check.proof 11 --runs 1", (2,), {"shapes": (11, 11), "share %": (0, 90)}),
-    Smoke("check.stock 1 4 1", (3, 1, 2), {"deepest gouge mm": (0, 0.005), "excess mm3": (0, 1)}),
+    Smoke(
+        "check.proof 1 11", (3,),
+        {"%": (0.01, 90), "deepest gouge mm": (0, 0.005), "excess mm3": (0, 1)},
+    ),
     Smoke("check.set_up {here}/dxf plate.dxf", (1,), {"false": (0, 0)}),
     Smoke(
         "check.set_up_faults 1 1 'depth in the job' 'outline with a gap' 'speed in the text'",
