@@ -8,7 +8,7 @@ rfa1 on its base, and a spindle of 6 mm leans from a holder at the flange. Each 
 and the tool from which the nominal orientation reaches most edges; the paper has no other one. The
 program is read back from its text and its joint values are found again. A loop without a filter
 asks fcl about every pair of bodies at every row. "Process" is the least time of the processor of
-RUNS commands. Exits with 1 if a row collides or nothing is built.
+RUNS commands, nan of none. Exits with 1 if a row collides or nothing is built.
 """
 
 from __future__ import annotations
@@ -179,7 +179,8 @@ def measure(part: str, name: str, folder: Path, runs: int) -> Iterator[Cells]:
     for free in ({}, FREE):
         tables = {**job, "tool": {**job["tool"], **free}}
         results.append(camgen.build(path, post="rapid", job=tables))
-        spent.append(min(run_build(path, tables).processor for _ in range(runs)))
+        processes = [run_build(path, tables).processor for _ in range(runs)]
+        spent.append(min(processes, default=math.nan))
     freed = results[1]
     hits, rows = count_hits(freed, solid)
     links = next(note.what for note in freed.notes if note.what.startswith("links"))

@@ -1,12 +1,23 @@
 """The runner of benches: tables row by row, refused inputs, missed goals, words of the command."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bench.robots.rfa import run_build
 from bench.support.motions import measure_motion, sample_motion, sample_plane
-from bench.support.runner import Missed, Scenario, Table, machine, read_words, run, verdict
+from bench.support.runner import (
+    PARTS,
+    Missed,
+    Scenario,
+    Table,
+    machine,
+    read_words,
+    run,
+    verdict,
+)
 from bench.support.timing import measure_process
 from camgen.model.errors import InputError
 
@@ -81,3 +92,11 @@ def test_a_cell_with_a_missed_goal_is_counted_by_row(capsys: pytest.CaptureFixtu
     table.add(1, "ok")
     assert table.missed == 1
     assert "| 2 mm | 3 mm |" in capsys.readouterr().out
+
+
+def test_a_build_of_an_arm_is_a_process_with_the_settings_of_its_job(tmp_path: Path) -> None:
+    part = tmp_path / "bracket.dxf"
+    part.write_bytes((PARTS / part.name).read_bytes())
+    process = run_build(part, {"process": {"feed": 12.5}, "tool": {"diameter": 3.0}})
+    assert process.processor > 0
+    assert "12.5" in part.with_suffix(".mod").read_text()
