@@ -1,6 +1,6 @@
 """Builds jobs with random combinations of settings and checks how each build ends.
 
-    python -m bench.reliability.combinations [--count 2000] [--seed 0] [--first 0] [--processes 2]
+    python -m bench.reliability.combinations [COUNT, 2000] [SEED, 0] [FIRST, 0] [PROCESSES, 2]
 
 Case N of a seed is always the same job: a part of the fixtures, a post, and one to five settings
 with values that `camgen schema` allows (`drawn_jobs.py`). Each case runs `camgen build` in a new
@@ -18,7 +18,6 @@ status is 1 if there is a miss.
 
 from __future__ import annotations
 
-import argparse
 import re
 import shlex
 import signal
@@ -32,7 +31,7 @@ from typing import NamedTuple
 from bench.reliability.commands import Ending, find_fault, map_cases, run_alone
 from bench.reliability.drawn_jobs import POSTS, Case, draw_case, list_settings
 from bench.support.children import Limits
-from bench.support.runner import ROOT, Table, machine
+from bench.support.runner import ROOT, Table, machine, read_words
 
 #: A build may take 60 s of the processor, 300 s by the clock and 8 GB.
 LIMITS = Limits(memory=8 * 1024**3, processor=60, clock=300.0)
@@ -135,16 +134,5 @@ def print_table(runs: Sequence[Run]) -> None:
         table.add(post, len(row), codes[0], codes[2], codes[3], other, misses)
 
 
-def main() -> None:
-    """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m bench.reliability.combinations")
-    parser.add_argument("--count", type=int, default=2000, help="how many jobs")
-    parser.add_argument("--seed", type=int, default=0, help="of the sequence of jobs")
-    parser.add_argument("--first", type=int, default=0, help="number of the first job")
-    parser.add_argument("--processes", type=int, default=2, help="how many at once")
-    given = parser.parse_args()
-    sys.exit(1 if measure(given.count, given.seed, given.first, given.processes) else 0)
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(measure(*read_words(2000, 0, 0, 2)) > 0)

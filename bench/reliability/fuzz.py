@@ -1,6 +1,6 @@
 """Tries nearly valid inputs, made by hypothesis, on every reader and every read-back.
 
-    python -m bench.reliability.fuzz [NAME ...] [--examples 20000] [--seed 0]
+    python -m bench.reliability.fuzz [EXAMPLES, 20000] [SEED, 0] [NAME ...]
 
 The table in `bench.reliability.fuzzing.table` has the inputs, the call and the allowed outcomes of
 each name; the tests try a few inputs of each. A miss is printed with the smallest input that causes
@@ -11,7 +11,6 @@ seed gives the same inputs. The exit code is 1 if there is a miss.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 import time
@@ -22,7 +21,7 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from bench.reliability.fuzzing.table import TABLE, Fuzzed, read_twice
 from bench.support.children import Limits, run_in_child
-from bench.support.runner import open_table
+from bench.support.runner import open_table, read_words
 from bench.support.timing import peak_mb
 
 _READERS = {reader.name: reader for reader in TABLE}
@@ -91,29 +90,16 @@ def _fuzz_in_child(name: str, examples: int, start: int) -> Tried:
         return Tried(0, 0, f"ended by signal {child.signal}: {data[:_PRINTED]!r}", 0.0, child.peak)
 
 
-def main() -> int:
+def main(count: int, start: int, *names: str) -> int:
     """Prints the table and every miss."""
-    parser = argparse.ArgumentParser(prog="python -m bench.reliability.fuzz")
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", choices=[*_READERS, []], help=", ".join(_READERS)
-    )
-    parser.add_argument(
-        "--examples", type=int, default=20_000, metavar="N", help="of each; default 20000"
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="another number, other inputs"
-    )
-    words = parser.parse_args()
-    if words.examples < 1:
-        parser.error("--examples: give 1 or more")
     table = open_table(
         "input | examples {:,} | read {:,} | refused {:,} | misses | seconds {:.0f} "
         "| peak MB {:.0f}"
     )
     misses = []
-    for name in words.names or _READERS:
-        examples = max(1, round(words.examples * _READERS[name].weight))
-        tried = _fuzz_in_child(name, examples, words.seed)
+    for name in names or _READERS:
+        examples = max(1, round(count * _READERS[name].weight))
+        tried = _fuzz_in_child(name, examples, start)
         refused = tried.examples - tried.read
         table.add(name, tried.examples, tried.read, refused, int(bool(tried.miss)), *tried[3:])
         if tried.miss:
@@ -123,4 +109,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(*read_words(20_000, 0)))

@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -32,7 +32,7 @@ import trimesh
 
 from bench.reliability.commands import Ending, find_fault, map_cases, run_alone
 from bench.support.children import Limits
-from bench.support.runner import PARTS, ROOT, Table, machine
+from bench.support.runner import PARTS, ROOT, Table, machine, read_words, select
 
 #: Address space of a process, and time of a command.
 LIMITS = Limits(memory=8 * 1024**3, clock=30.0)
@@ -225,12 +225,12 @@ def _find_miss(ending: Ending) -> str:
     return find_fault(ending, (0, 2, 3, 4) if is_answer else (0, 2, 3))
 
 
-def measure(count: int, first: int, processes: int, names: Sequence[str]) -> int:
+def measure(count: int, first: int, processes: int, *names: str) -> int:
     """Prints the misses and the table. Returns the number of misses."""
     start = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         kinds = list_readers(Path(folder))
-        kinds = {kind: reader for kind, reader in kinds.items() if not names or kind in names}
+        kinds = {kind: kinds[kind] for kind in select(kinds, names)}
         table: dict[str, Counter[str]] = {kind: Counter() for kind in kinds}
         peak = 0.0
         numbers = range(first, first + count)
@@ -252,7 +252,4 @@ def measure(count: int, first: int, processes: int, names: Sequence[str]) -> int
 
 
 if __name__ == "__main__":
-    counts = [int(word) for word in sys.argv[1:] if word.isdigit()]
-    count, first, processes = (*counts, *(20000, 0, 2)[len(counts) :])
-    chosen = [word for word in sys.argv[1:] if not word.isdigit()]
-    sys.exit(1 if measure(count, first, processes, chosen) else 0)
+    sys.exit(measure(*read_words(20000, 0, 2)) > 0)

@@ -1,6 +1,7 @@
 """Programs with one change each: does the read-back refuse the change, or is it harmless?
 
     python -m bench.reliability.mutants [POST ...] [--kind KIND ...] [--most N] [--seed N]
+    python -m bench.reliability.mutants [POST ...] --list [--every N] [--accept]
 
 There are four kinds of changes of the programs of `programs`:
 
@@ -16,18 +17,28 @@ the printed digits. Any other mutant is left over, and so is one whose read-back
 --most N takes N mutants of each post and kind, spread evenly over all of them. --seed N draws other
 structural and global changes. The command prints a table for docs/reliability.md, then each mutant
 that is left over, and exits with 1 if there is one.
+
+--list takes 3,000 mutants of each post and kind by the seed 44. `mutants.tsv` has the verdict on
+each of them, a row for each program of a post. A mutant whose verdict is not that of the list is
+printed, too. A row cannot be compared if its mutants are others: the post prints another text, or
+the rule of the mutants has changed. Such a row is named. --every N judges each N-th of these
+mutants only, --accept writes the list.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import math
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
+from itertools import groupby
 from multiprocessing import get_context
+from pathlib import Path
 from typing import NamedTuple
 
 from bench.reliability.modal import pacscript, rapid, reader, rs274, vplus
@@ -51,6 +62,9 @@ CAUGHT, HARMLESS, LEFT, CRASH = "c", "h", "l", "x"
 WORDS = {CAUGHT: "caught", HARMLESS: "harmless", LEFT: "left over", CRASH: "read-back failed"}
 #: Changes of a mutant that are listed.
 _LISTED = 3
+LIST = Path(__file__).with_suffix(".tsv")
+#: Seed and number of the mutants of the list.
+LIST_SEED, LIST_MOST = 44, 3000
 
 
 class Family(NamedTuple):
@@ -187,25 +201,110 @@ def plan_batches(families: Sequence[Family], limit: int) -> list[Batch]:
     return batches
 
 
+class Row(NamedTuple):
+    """A row of `mutants.tsv`.
+
+    kind, post, number: the program.
+    name: name of its source.
+    mutants, caught, harmless, left: numbers of mutants.
+    digest: digest of the program and its mutants.
+    verdicts: letters of the verdicts in order, each with the length of its run.
+    """
+
+    kind: str
+    post: str
+    number: str
+    name: str
+    mutants: str
+    caught: str
+    harmless: str
+    left: str
+    digest: str
+    verdicts: str
+
+
+def digest(batch: Batch) -> str:
+    """The first 16 digits of the SHA-256 of the text of a program and of its mutants."""
+    lines = [make(batch.family.post, batch.program).text]
+    for mutation in batch.list_mutants():
+        lines += [f"{edit.begin} {edit.end} {edit.new!r}" for edit in mutation.edits]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+
+
+def pack(letters: str) -> str:
+    """Letters with the lengths of their runs: "ccch" is "c3h1"."""
+    return "".join(f"{letter}{len(list(run))}" for letter, run in groupby(letters))
+
+
+def unpack(text: str) -> str:
+    """The letters of `pack`."""
+    return "".join(letter * int(length) for letter, length in re.findall(r"([a-z])(\d+)", text))
+
+
+def make_row(batch: Batch, letters: str) -> Row:
+    """The row of a program with its verdicts."""
+    family = batch.family
+    numbers = map(str, list_counts(Counter(letters)))
+    program = family.kind, family.post, str(batch.program), batch.name
+    return Row(*program, *numbers, digest(batch), pack(letters))
+
+
+def read_rows() -> dict[tuple[str, ...], Row]:
+    """The rows of the list by kind, post and number."""
+    lines = LIST.read_text(encoding="utf-8").splitlines()[1:]
+    rows = [Row(*line.split("\t")) for line in lines]
+    return {row[:3]: row for row in rows}
+
+
+def find_changes(batch: Batch, letters: str, row: Row | None, step: int = 1) -> list[str]:
+    """A description of each mutant with another verdict than in its row of the list.
+
+    batch: all mutants of the row.
+    letters: verdicts on each `step`-th of them.
+    """
+    if row is None or row.digest != digest(batch):
+        family = batch.family
+        return [f"{family.post}, {batch.name}, {family.kind}: the list has other mutants"]
+    changes = []
+    mutants, before = batch.list_mutants()[::step], unpack(row.verdicts)[::step]
+    for mutation, old, new in zip(mutants, before, letters, strict=True):
+        if old != new:
+            changes.append(describe(batch, mutation, f": {WORDS[old]} before, {WORDS[new]} now"))
+    return changes
+
+
 def main() -> int:
-    """Prints the table, then the mutants that are left over."""
+    """Prints the table, then the mutants that are left over or differ from the list."""
     arguments = _parse_arguments()
-    posts = arguments.posts or list(SOURCES)
+    seed, limit = arguments.seed, arguments.most
+    if arguments.list:
+        seed, limit = LIST_SEED, LIST_MOST
     families = []
     for kind in arguments.kind or KINDS:
-        families += [Family(post, kind, arguments.seed) for post in posts]
-    batches = plan_batches(families, arguments.most)
+        families += [Family(post, kind, seed) for post in arguments.posts or SOURCES]
+    step = arguments.every
+    batches = plan_batches(families, limit)
+    thinned = [batch._replace(places=batch.places[::step]) for batch in batches]
+    judged = find_all_verdicts(thinned)
     counts: dict[Family, Counter[str]] = {family: Counter() for family in families}
-    left = []
-    for batch, letters in zip(batches, find_all_verdicts(batches), strict=True):
+    texts = []
+    for batch, letters in zip(thinned, judged, strict=True):
         counts[batch.family].update(letters)
         for mutation, letter in zip(batch.list_mutants(), letters, strict=True):
             if letter in (LEFT, CRASH):
-                left.append(describe(batch, mutation, f" ({WORDS[letter]})"))
+                texts.append(describe(batch, mutation, f" ({WORDS[letter]})"))
+    if arguments.list:
+        rows = read_rows()
+        for batch, letters in zip(batches, judged, strict=True):
+            row = rows.get((batch.family.kind, batch.family.post, str(batch.program)))
+            texts += find_changes(batch, letters, row, step)
     _print_table(counts)
-    for text in left:
+    for text in texts:
         print(f"\n{text}")
-    return int(bool(left))
+    if arguments.accept:
+        written = [Row._fields, *map(make_row, batches, judged)]
+        LIST.write_text("\n".join(map("\t".join, written)) + "\n", encoding="utf-8")
+    return int(bool(texts))
 
 
 def _parse_arguments() -> argparse.Namespace:
@@ -217,7 +316,13 @@ def _parse_arguments() -> argparse.Namespace:
         "--most", type=int, default=0, metavar="N", help="mutants of a post and kind, 0: all"
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="draws other changes")
-    return parser.parse_args()
+    parser.add_argument("--list", action="store_true", help="compare with mutants.tsv")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="each N-th mutant only")
+    parser.add_argument("--accept", action="store_true", help="write mutants.tsv")
+    arguments = parser.parse_args()
+    if arguments.accept and (arguments.posts or arguments.kind or arguments.every > 1):
+        parser.error("--accept: leave out the posts, --kind and --every")
+    return arguments
 
 
 def _print_table(counts: dict[Family, Counter[str]]) -> None:

@@ -1,6 +1,6 @@
 """Stretches of edges that an arm reaches by a judge of its own, and that camgen leaves out.
 
-    python -m bench.robots.reach_judge [--feed MM_S] [PART ...]
+    python -m bench.robots.reach_judge [PART ...]
 
 The parts and set-ups are those of ``coverage``. The judge has a station every 2 mm along the edges,
 beside the pieces that camgen works. At each station it draws orientations within the cone that the
@@ -26,13 +26,11 @@ its first run:
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import math
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,7 +42,6 @@ from bench.robots.plain_loop import Loop
 from bench.robots.rfa import make_loop
 from bench.support.motions import place_motion
 from bench.support.runner import Cells, Scenario, run
-from camgen.model.job import ProcessTable
 from camgen.model.part import BoolArray, Edge, Part
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.robots.catalogue import find_robot
@@ -290,9 +287,9 @@ def find_missed(part: Part, result: camgen.Result) -> tuple[int, list[Stretch]]:
     return count, missed
 
 
-def measure(name: str, part: camgen.Part, feed: float) -> Iterator[Cells]:
+def measure(name: str, part: camgen.Part) -> Iterator[Cells]:
     """The row of a part."""
-    result = camgen.build(part, post="rapid", job=make_job(part) | {"process": {"feed": feed}})
+    result = camgen.build(part, post="rapid", job=make_job(part))
     count, missed = find_missed(part, result)
     length = sum(length for *_, length in missed)
     where = ", ".join(f"{edge} at {start:.0f}: {long:.0f}" for edge, start, long in missed)
@@ -300,11 +297,6 @@ def measure(name: str, part: camgen.Part, feed: float) -> Iterator[Cells]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("parts", nargs="*")
-    parser.add_argument("--feed", type=float, default=ProcessTable().feed)
-    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        parts = list_parts(Path(folder), given.parts)
-        scenario = Scenario(COLUMNS, parts, partial(measure, feed=given.feed), may_refuse=True)
-        sys.exit(run(scenario, note=f" {given.feed:g} mm/s"))
+        parts = list_parts(Path(folder), sys.argv[1:])
+        sys.exit(run(Scenario(COLUMNS, parts, measure, may_refuse=True)))

@@ -1,14 +1,12 @@
 """The order of a scene of ``bench.tours.scenes`` by LKH, the hardest peer.
 
-    python -m bench.tours.lkh PATHS [POINTS, 12] [RUNS, 10]
-
 It needs ``pip install elkai``. Each choice for a path is a city: an open path has two, a closed one
-POINTS starts around it. One city of each path has to be visited, which is a generalised travelling
+some starts around it. One city of each path has to be visited, which is a generalised travelling
 salesman. It becomes an ordinary, asymmetric one if the cities of a path form a cycle that costs
 nothing (C. E. Noon and J. C. Bean, "An efficient transformation of the generalized traveling
 salesman problem", 1993). LKH (K. Helsgaun, as packed by elkai; free for academic use, so no part of
 camgen) gets the matrix. The starts of the closed paths are then chosen again among 512 points each,
-by dynamic programming, which is exact for its order. Prints travel (mm) and seconds.
+by dynamic programming, which is exact for its order.
 """
 
 from __future__ import annotations
@@ -20,7 +18,6 @@ from itertools import pairwise
 import elkai
 import numpy as np
 
-from bench.support.runner import read_words
 from bench.tours.scenes import draw_paths
 from camgen.model.path import ToolPath
 
@@ -82,8 +79,11 @@ def measure_travel(ends: list[Ends]) -> float:
     return float(cost.min())
 
 
-def main(count: int, points: int, runs: int) -> None:
-    """Prints travel and seconds."""
+def order_scene(count: int, points: int, runs: int) -> None:
+    """Prints the travel (mm) and the seconds of LKH.
+
+    points: starts of a closed path.
+    """
     paths = draw_paths(count)
     start = time.perf_counter()
     matrix, owner = make_matrix([list_ends(path, points) for path in paths])
@@ -95,7 +95,3 @@ def main(count: int, points: int, runs: int) -> None:
         sys.exit(f"LKH left a path half visited: {len(order)} pieces of {count} paths")
     travel = measure_travel([list_ends(paths[k], FINE) for k in order])
     print(travel, time.perf_counter() - start)
-
-
-if __name__ == "__main__":
-    main(*read_words(0, 12, 10))

@@ -4,7 +4,7 @@
 
 The scenes are those of ``bench.tours.scenes``, without a home, so that all programs count the same
 links. Every run is a process of its own. vpype is taken from the environment variable VPYPE or from
-the path, LKH from the package elkai (``bench.tours.lkh``); without them their rows are left out.
+the path, LKH from the package elkai (`lkh`); without them their rows are left out.
 "best known" is the shortest of all rows, one of which is a long search.
 """
 
@@ -114,7 +114,7 @@ def run_vpype(tool: str, folder: Path, options: list[str]) -> Row:
 
 def run_lkh(count: int) -> Row:
     points, runs = LKH[count]
-    process = measure_process(python("bench.tours.lkh", count, points, runs))
+    process = measure_process(python("bench.tours.search", "lkh", count, points, runs))
     travel, seconds = map(float, process.text.split()[-2:])
     return Row(f"LKH, {points} starts of a closed path", travel, seconds, None, process.peak)
 
@@ -164,5 +164,9 @@ if __name__ == "__main__":
         from bench.tours.scenes import draw_paths, write_svg
 
         write_svg(draw_paths(int(sys.argv[3])), Path(sys.argv[2]))
+    elif sys.argv[1:2] == ["lkh"]:
+        from bench.tours import lkh
+
+        lkh.order_scene(*map(int, sys.argv[2:]))
     else:
         main([int(word) for word in sys.argv[1:]] or [size for size in BUDGETS if size > 20])

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.languages import choose, examine, mutants, public, verdicts
+from bench.languages import choose, examine, public, verdicts
 from bench.languages.choose import RULES, Entry
 from bench.languages.mirror import Mirror, MissingError
-from bench.reliability.mutants import find_verdicts
+from bench.reliability import mutants
+from bench.reliability.mutants import Family, find_verdicts, plan_batches
 from bench.reliability.programs import PostedProgram, make
 from camgen.lang.programs import LEVELS
 from camgen.model.instructions import Wait
@@ -208,16 +209,17 @@ def test_values_are_rounded_and_defaults_left_out() -> None:
 
 
 def test_a_verdict_that_changes_is_found() -> None:
-    (batch, *_) = mutants.list_batches(["grbl"])
+    (batch, *_) = plan_batches([Family("grbl", "single", mutants.LIST_SEED)], mutants.LIST_MOST)
     batch = batch._replace(places=batch.places[:4])
     row = mutants.make_row(batch, "cchc")
     assert mutants.unpack(row.verdicts) == "cchc"
     assert mutants.find_changes(batch, "cchc", row) == []
-    (change,) = mutants.find_changes(batch, "cclc", row) or []
+    (change,) = mutants.find_changes(batch, "cclc", row)
     assert f"{batch.list_mutants()[2].kind}: harmless before, left over now" in change
     assert mutants.find_changes(batch, "ch", row, step=2) == []
-    assert mutants.find_changes(batch, "cchc", row._replace(digest="")) is None
-    assert mutants.find_changes(batch, "cchc", None) is None
+    for other in (row._replace(digest=""), None):
+        (change,) = mutants.find_changes(batch, "cchc", other)
+        assert change.endswith("single: the list has other mutants")
 
 
 def test_a_read_back_that_ends_with_an_error_is_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,7 +228,7 @@ def test_a_read_back_that_ends_with_an_error_is_a_crash(monkeypatch: pytest.Monk
             return True
         raise ValueError("made")
 
-    (batch, *_) = mutants.list_batches(["grbl"])
+    (batch, *_) = plan_batches([Family("grbl", "single", mutants.LIST_SEED)], mutants.LIST_MOST)
     batch = batch._replace(places=batch.places[:2])
     first, _ = batch.list_mutants()
     monkeypatch.setattr(PostedProgram, "is_caught", is_caught)

@@ -72,11 +72,11 @@ SMOKES = [
     # These benches fork, which is not allowed in a process with threads.
     Smoke("reliability.inputs 12 0 1", (12,), {"mutants": (1, 1), "misses": (0, 0)}, alone=True),
     Smoke(
-        "reliability.fuzz svg verify-grbl --examples 5",
+        "reliability.fuzz 5 0 svg verify-grbl",
         (2,), {"misses": (0, 0), "examples": (5, 5)}, alone=True,
     ),
     Smoke(
-        "reliability.combinations --count 1", (6,),
+        "reliability.combinations 1", (6,),
         {"cases": (0, 1), "other": (0, 0), "misses": (0, 0)}, alone=True,
     ),
     Smoke("reliability.kills 2 1", (2,), {"files damaged": (0, 0)}),
@@ -93,7 +93,6 @@ SMOKES = [
         (1,), {"paths": (9, 9), "as drawn": (150, 250), "default": (80, 150)},
     ),
     Smoke("tours.drawings million 50", (1,), {"segments": (500, 500), "chains": (50, 50)}),
-    Smoke("tours.lkh 10 4 1", (), {}, lacking("elkai")),
     Smoke("plan.engagement shapes 2", (1,), {"above, mm": (0, 15), "m": (0.3, 3)}),
     Smoke("plan.adaptive {here}/none 'motor plate'", (1,), {"gouged mm2": (0, 0), "s": (100, 300)}),
     Smoke(
@@ -191,14 +190,10 @@ SMOKES = [
     Smoke("languages.longest {here}/none", (0,), {}),
     Smoke("languages.coverage {here}/none", (0,), {}),
     Smoke("languages.verdicts {here}/none", (5, 0), {"programs": (25, 190), "examined": (0, 0)}),
-    # These benches fork, too.
+    # These benches fork.
     Smoke(
-        "languages.mutants grbl --every 200", (4,),
-        {"mutants": (10, 25), "left over": (0, 0)}, alone=True,
-    ),
-    Smoke(
-        "reliability.mutants vplus grbl --kind global --kind paired --most 10", (6,),
-        {"mutants": (8, 60), "caught": (4, 60), "left over": (0, 0)}, alone=True,
+        "reliability.mutants grbl --list --every 200", (8,),
+        {"mutants": (10, 25), "caught": (8, 25), "left over": (0, 0)}, alone=True,
     ),
     Smoke(
         "reliability.code_mutants --count 2", (5,), {"mutants": (0, 1)},
