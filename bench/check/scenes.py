@@ -232,5 +232,4 @@ def sample_outline(contour: camgen.Contour, step: float = 0.1) -> Array:
         fewest = np.where(whole.sweep == 0, 2, 8)
         return np.maximum(np.ceil(whole.length / step), fewest)
 
-    points = flatten(*to_loops([contour]), count)
-    return np.column_stack([points.real, points.imag])
+    return flatten(*to_loops([contour]), count)

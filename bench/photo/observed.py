@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 
-from bench.render.truth import Truth
+from bench.render.truth import Truth, find_nearest
 from bench.support.motions import sample_plane
 from camgen.model.program import Program
 
@@ -69,7 +68,7 @@ def sample_program(program: Program) -> Run:
 
 def observe(run: Run, truth: Truth, feed: float) -> Observed:
     """The feed of the contact point in a run. feed: nominal feed of the contact point, mm/s."""
-    row = nearest_rows(truth.points, run.places)
+    row = find_nearest(truth.points, run.places)
     ratio = truth.contact * run.speed[row] / feed
     moving, pressed = truth.contact > 0, run.pressed[row]
     good = moving & pressed
@@ -87,9 +86,3 @@ def _find_peak(length: np.ndarray, ratio: np.ndarray) -> float:
     begin = np.flatnonzero(end < len(along))
     end = end[begin]
     return float(((along[end] - along[begin]) / (time[end] - time[begin])).max(initial=0.0))
-
-
-def nearest_rows(places: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """The index of the nearest of `others` for each of `places`, (N,)."""
-    points = [shapely.points(each.real, each.imag) for each in (others, places)]
-    return np.asarray(shapely.STRtree(points[0]).nearest(points[1]))

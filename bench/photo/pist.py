@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +33,6 @@ from bench.photo.paper import paper_route
 from bench.photo.pist_figures import contacts, errors, frames
 from bench.render.parts import paper
 from bench.render.photos import Photo, of_paper, write
-from bench.render.shapes import Loop
 from bench.render.solid import sheet
 from bench.render.truth import Error, Truth, offset_truth, path_error
 from bench.support.runner import ROOT, Table, machine, open_table
@@ -44,6 +42,7 @@ from camgen.model.pose import pose_from_values
 from camgen.preview.photo_stages import svg
 from camgen.read.job_file import load_job
 from tests.support.clouds import ROUND, scan
+from tests.support.part_photos import write_dxf
 
 IMAGES = ROOT / "docs" / "images"
 #: Feed, mm/s, and force, N, of the paper.
@@ -185,22 +184,14 @@ def run_drawing(folder: Path, photo: Photo, k: int, points: int) -> tuple[Run, f
     located = load_job(frame).cell.base_from_work
     assert located is not None
     pose = pose_from_values(located)
-    result = camgen.build(write_drawing(folder, loops), post="pacscript", job=make_job(photo))
+    result = camgen.build(
+        write_dxf(folder / "part.dxf", loops), post="pacscript", job=make_job(photo)
+    )
     run = sample_program(result.program)
     flat = np.column_stack([run.places.real, run.places.imag])
     places = flat @ pose.rotation[:2, :2].T + pose.origin[:2]
     moved = Run(places @ np.array([1, 1j]), run.speed, run.pressed, run.time)
     return moved, result.cycle.total, spent
-
-
-def write_drawing(folder: Path, loops: Sequence[Loop]) -> Path:
-    """Writes the part as a CAD program would draw it."""
-    document = ezdxf.new("R2010", units=4)
-    for loop in loops:
-        rows = np.column_stack([loop.points.real, loop.points.imag, loop.bulges]).tolist()
-        document.modelspace().add_lwpolyline(rows, format="xyb", close=True)
-    document.saveas(folder / "part.dxf")
-    return folder / "part.dxf"
 
 
 def make_job(photo: Photo) -> camgen.Job:

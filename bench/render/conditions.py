@@ -228,8 +228,7 @@ def material(loops: Sequence[Loop]) -> shapely.Geometry:
     region = shapely.Polygon()
     for loop in loops:
         at = flatten(loop, lambda whole: np.where(whole.sweep == 0, 1, whole.length / 0.1 + 2))
-        ring = shapely.Polygon(np.column_stack([at.real, at.imag]))
-        region = shapely.symmetric_difference(region, ring)
+        region = shapely.symmetric_difference(region, shapely.Polygon(at))
     return region
 
 

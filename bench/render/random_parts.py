@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from bench.render.shapes import Loop, Pieces, flatten
+from bench.render.shapes import Loop, Pieces, area, flatten
 
 #: Sagitta of flattened arcs, mm.
 CHORD = 2e-4
@@ -91,7 +91,7 @@ def _polygon(rows: np.ndarray) -> shapely.Geometry | None:
     if len(points) < 3:
         return None
     ring = shapely.Polygon(points)
-    drawn = abs(_signed_area(shapely.get_coordinates(ring)))
+    drawn = abs(area([Loop(points @ [1, 1j], np.zeros(len(points)))]))
     if ring.is_valid:
         return ring if ring.area > 1e-3 else None
     # The even-odd area: the tip beyond a slip belongs to the part, as the rest of a spike does.
@@ -111,13 +111,7 @@ def flat(rows: np.ndarray) -> np.ndarray:
         chord_turn = 2 * np.arccos(np.maximum(1 - CHORD / radius, 0.0))
         return np.where(is_arc, np.maximum(np.ceil(turn / chord_turn), 4), 1)
 
-    points = flatten(Loop(rows[:, :2] @ [1, 1j], rows[:, 2]), count)
-    return np.column_stack([points.real, points.imag])
-
-
-def _signed_area(points: np.ndarray) -> float:
-    x, y = points.T
-    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
+    return flatten(Loop(rows[:, :2] @ [1, 1j], rows[:, 2]), count)
 
 
 def _reversed(rows: np.ndarray) -> np.ndarray:

@@ -146,12 +146,25 @@ def are_away(places: np.ndarray, corners: np.ndarray, room: float) -> np.ndarray
 
 
 def flatten(loop: Loop, count: Callable[[Pieces], np.ndarray]) -> np.ndarray:
-    """Points along a loop, (N,) complex.
+    """Points along a loop, (N, 2) mm.
 
     count: gives the number of points of each piece, (P,); they are even, from its start on.
     """
     whole = pieces([loop])
-    return whole.walk(np.asarray(count(whole)).astype(int))
+    points = whole.walk(np.asarray(count(whole)).astype(int))
+    return np.column_stack([points.real, points.imag])
+
+
+def flatten_arcs(loop: Loop, step: float, fewest: int) -> np.ndarray:
+    """Points along a loop, (N, 2) mm: lines as they are, arcs as chords of at most `step` mm.
+
+    fewest: number of chords of a short arc.
+    """
+
+    def count(whole: Pieces) -> np.ndarray:
+        return np.where(whole.sweep == 0, 1, np.maximum(np.ceil(whole.length / step), fewest))
+
+    return flatten(loop, count)
 
 
 def rounded(corners: Sequence[tuple[float, float, float]]) -> Loop:

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 import trimesh
 
-from bench.render.shapes import Loop, Pieces, flatten
+from bench.render.shapes import Loop, flatten_arcs
 
 #: mm between points of an arc's chords.
 _STEP = 0.5
@@ -16,7 +16,7 @@ _STEP = 0.5
 
 def sheet(loops: Sequence[Loop], thickness: float) -> trimesh.Trimesh:
     """The part as a watertight mesh, mm: a face at z = 0, the other one ``thickness`` below it."""
-    rings = [_points(loop) for loop in loops]
+    rings = [flatten_arcs(loop, _STEP, 2) for loop in loops]
     flat = shapely.Polygon(rings[0], rings[1:])
     corners = np.concatenate(rings)
     index = {tuple(point): k for k, point in enumerate(corners.tolist())}
@@ -40,13 +40,3 @@ def sheet(loops: Sequence[Loop], thickness: float) -> trimesh.Trimesh:
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     assert mesh.is_watertight
     return mesh
-
-
-def _points(loop: Loop) -> np.ndarray:
-    """(N, 2) mm: lines as they are, arcs as chords."""
-
-    def count(whole: Pieces) -> np.ndarray:
-        return np.where(whole.sweep == 0, 1, np.maximum(np.ceil(whole.length / _STEP), 2))
-
-    at = flatten(loop, count)
-    return np.column_stack([at.real, at.imag])

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from bench.render.shapes import Loop, Pieces, flatten
+from bench.render.shapes import Loop, flatten_arcs
 
 DIAMETERS = (2.0, 3.0, 6.0)
 TOLERANCES = (0.01, 0.02, 0.05)
@@ -109,9 +109,4 @@ def _fillet(rng: np.random.Generator, corners: np.ndarray, *, is_slot: bool = Fa
 
 def _points(rows: np.ndarray) -> np.ndarray:
     """(P, 2) points of a closed contour, mm. Points of arcs lie on the arcs."""
-
-    def count(whole: Pieces) -> np.ndarray:
-        return np.where(whole.sweep == 0, 1, np.maximum(np.ceil(whole.length / _STEP), 8))
-
-    points = flatten(Loop(rows[:, :2] @ [1, 1j], rows[:, 2]), count)
-    return np.column_stack([points.real, points.imag])
+    return flatten_arcs(Loop(rows[:, :2] @ [1, 1j], rows[:, 2]), _STEP, 8)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from bench.render.shapes import Loop, Pieces, find_turns, pieces
 
@@ -119,12 +120,17 @@ def path_error(path: np.ndarray, truth: Truth, near_by: float = 1.0) -> Error:
 
 def measure_nearest(places: np.ndarray, others: np.ndarray) -> np.ndarray:
     """The distance from each of the places (N,) to the nearest other (M,), inf without one."""
-    distances = np.full(len(places), np.inf)
     if not len(others):
-        return distances
-    x, y = others.real.astype(np.float32), others.imag.astype(np.float32)
-    for k in range(0, len(places), 256):
-        chunk = places[k : k + 256, None]
-        square = (chunk.real.astype(np.float32) - x) ** 2 + (chunk.imag.astype(np.float32) - y) ** 2
-        distances[k : k + 256] = np.sqrt(square.min(axis=1))
-    return distances
+        return np.full(len(places), np.inf)
+    return np.abs(places - others[find_nearest(places, others)])
+
+
+def find_nearest(places: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """The index of the nearest of the others (M,) for each of the places, (N,).
+
+    The first one counts where several are as near.
+    """
+    points = [shapely.points(each.real, each.imag) for each in (others, places)]
+    rows = np.full(len(places), len(others))
+    np.minimum.at(rows, *shapely.STRtree(points[0]).query_nearest(points[1]))
+    return rows

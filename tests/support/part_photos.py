@@ -6,7 +6,7 @@ from pathlib import Path
 import ezdxf
 import numpy as np
 
-from bench.render.optics import Lens, Shot, aim_camera
+from bench.render.optics import shoot_from_above
 from bench.render.scene import Layer, Scene, render, write_photo
 from bench.render.shapes import Loop, circle, hole, rounded
 from camgen.model.part import Contour, Part
@@ -33,16 +33,8 @@ def photo(
     at: place of the origin from the middle of the picture, mm.
     size: pixels of the picture.
     """
-    wide, high = size
-    lens = Lens(
-        np.array([[9000.0, 0, (wide - 1) / 2], [0, 9000, (high - 1) / 2], [0, 0, 1]]),
-        (0,) * 5,
-        size,
-    )
-    pose = aim_camera(lens, 0j, complex(wide - 1, high - 1) / 2, PIXEL, (0, 0, 0))
-    shot = Shot(
-        lens, *pose, blur=0.7, exposure=0.9, gradient=(0.1, -0.1), read=1.6, shot=0.01, seed=3
-    )
+    light = {"exposure": 0.9, "gradient": (0.1, -0.1)}
+    shot = shoot_from_above(size, PIXEL, blur=0.7, read=1.6, shot=0.01, seed=3, **light)
     layer = Layer(tuple(loop.moved(turn, at) for loop in loops), ink, texture=0.02)
     write_photo(file, render(Scene(0.7, (layer,), texture=0.02), shot))
     return file
