@@ -185,20 +185,14 @@ def test_an_edge_is_at_its_place_in_the_pixel() -> None:
 def test_coverage_is_that_of_many_samples_in_each_pixel() -> None:
     """The comparison samples 14 x 14 places in each pixel through the lens, and blurs them."""
     samples_per_pixel, blur = 14, 0.7
-    lens = replace(
-        STRONG, size=(100, 80), matrix=STRONG.matrix - np.array([[0, 0, 30], [0, 0, 20], [0, 0, 0]])
-    )
-    shot = look_from_above(lens, 0.5, 18, blur=blur)
-    rim = 4
-    v, u = (
-        (
-            np.mgrid[: (80 + 2 * rim) * samples_per_pixel, : (100 + 2 * rim) * samples_per_pixel]
-            + 0.5
-        )
-        / samples_per_pixel
-        - 0.5
-        - rim
-    )
+    size, rim = (64, 70), 4
+    middle = np.array(STRONG.size) / 2 - np.array(size) / 2
+    matrix = STRONG.matrix.copy()
+    matrix[:2, 2] -= middle
+    shot = look_from_above(replace(STRONG, size=size, matrix=matrix), 0.5, 18, blur=blur)
+    wide, high = (pixels + 2 * rim for pixels in size)
+    places = np.mgrid[: high * samples_per_pixel, : wide * samples_per_pixel]
+    v, u = (places + 0.5) / samples_per_pixel - 0.5 - rim
     x, y = work_from_photo(shot, u.ravel(), v.ravel())
     # The distance of each place from the border of the ring, in steps from place to place. A place
     # on the border counts half.
@@ -207,9 +201,8 @@ def test_coverage_is_that_of_many_samples_in_each_pixel() -> None:
     offsets = np.arange(-rim * samples_per_pixel, rim * samples_per_pixel + 1) / samples_per_pixel
     kernel = np.exp(-((offsets / blur) ** 2) / 2)
     blurred = cv2.sepFilter2D(inside, cv2.CV_64F, kernel / kernel.sum(), kernel / kernel.sum())
-    expected = blurred.reshape(
-        80 + 2 * rim, samples_per_pixel, 100 + 2 * rim, samples_per_pixel
-    ).mean(axis=(1, 3))[rim:-rim, rim:-rim]
+    tiles = blurred.reshape(high, samples_per_pixel, wide, samples_per_pixel)
+    expected = tiles.mean(axis=(1, 3))[rim:-rim, rim:-rim]
     part = (circle(1, 2, 13), hole(circle(4, -1, 6)))
     fractions = compute_coverage(part, shot)
     assert np.abs(fractions - expected).max() < 1e-3
