@@ -5,9 +5,9 @@
 Programs are the golden ones of `--post gcode` as their jobs are, the same at 100 mm/s, and what
 `camgen build` makes of two files with arcs that end in lines. They are run whole, none is left out
 or cut short. Names choose programs, `fast` is the word for 100 mm/s: `logo-trace`,
-`logo-trace-fast`. LinuxCNC runs headless in its simulator with 500 mm/s2 and 100 mm/s on each axis,
-its clocks `--hurry` times as fast as real ones (5). A program without a result is run once more.
-`--planned` leaves out LinuxCNC.
+`logo-trace-fast`. The name `shapes` adds single shapes, which have no goal. LinuxCNC runs headless
+in its simulator with 500 mm/s2 and 100 mm/s on each axis, its clocks `--hurry` times as fast as
+real ones (5). A program without a result is run once more. `--planned` leaves out LinuxCNC.
 
 It needs Debian's package linuxcnc-uspace, a C compiler, and shared/controllers beside the
 repository. Where one is missing, the bench says so and ends with 0. Do not run `rs274` beside it.
@@ -32,7 +32,11 @@ from typing import NamedTuple
 import camgen
 from bench.controllers.executed_path import Samples, measure_distance, measure_seconds, read_samples
 from bench.controllers.programmed_path import ProgrammedPath, read_path
+from bench.controllers.shapes import list_shapes
 from bench.support.runner import ROOT, Missed, open_table, verdict
+from camgen.check.time import time_motions
+from camgen.model.program import Program
+from camgen.post.plugins import find_post, make_post
 from tests.test_cases import FLAT, LEANING, parts
 
 CONTROLLERS = ROOT.parent / "shared" / "controllers"
@@ -54,10 +58,12 @@ class Planned(NamedTuple):
 
     text: its lines.
     seconds: time that camgen predicts.
+    has_goal: whether it has to meet the goals.
     """
 
     text: str
     seconds: float
+    has_goal: bool = True
 
 
 def build_case(case: Path, *, is_fast: bool) -> Planned:
@@ -79,6 +85,14 @@ def plan(source: Path, job: dict[str, object]) -> Planned:
     return Planned(result.text, result.cycle.total)
 
 
+def plan_shape(program: Program) -> Planned:
+    post = make_post(find_post("gcode"), {})
+    prepared = post.prepare(program, 0.01)
+    seconds = float(time_motions(prepared, post.dynamics(), None, None).sum())
+    text = make_post(find_post("gcode"), {}).render(prepared)[0].text
+    return Planned(text, seconds, has_goal=False)
+
+
 def list_programs(names: list[str]) -> dict[str, Planned]:
     """The programs by name, or those of `names`."""
     planned = {}
@@ -89,6 +103,9 @@ def list_programs(names: list[str]) -> dict[str, Planned]:
     for source in sorted((CONTROLLERS / "linuxcnc").glob("arc*.ngc")):
         if not names or source.stem in names:
             planned[source.stem] = plan(source, {})
+    if "shapes" in names:
+        for name, shape in list_shapes().items():
+            planned[name] = plan_shape(shape)
     return planned
 
 
@@ -207,9 +224,10 @@ def compare(program: Planned, run: Run | None) -> tuple[object, ...]:
     distance, line = measure_distance(run.samples, path)
     excess = program.seconds / run.seconds - 1
     is_met = distance <= path.tolerance + MOST_BEYOND and abs(excess) <= MOST_APART
+    goal = verdict(is_met) if program.has_goal else ""
     micrometres = 1e3 * distance, 1e3 * path.tolerance
     times = program.seconds, run.seconds, 100 * excess
-    return (*times, *micrometres, path.dwell, str(line), verdict(is_met))
+    return (*times, *micrometres, path.dwell, str(line), goal)
 
 
 if __name__ == "__main__":

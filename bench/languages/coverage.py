@@ -11,14 +11,13 @@ that no run took.
 from __future__ import annotations
 
 import re
-import sys
 from collections import Counter, defaultdict
 from pathlib import Path
 
 import numpy as np
 
 from bench.languages.choose import read_programs
-from bench.support.runner import Table, machine
+from bench.support.runner import open_table, read_words
 from camgen.lang.alternatives import run_alternatives
 from camgen.lang.programs import RunRequest, find_language
 
@@ -50,17 +49,14 @@ def count(language: str, name: str, text: str) -> Counter[str]:
     return counts
 
 
-def main(arguments: list[str]) -> int:
-    """Print a row for each language. The exit code is 0."""
-    if not arguments:
-        sys.exit(__doc__)
+def main(folder: Path) -> None:
+    """Prints a row for each language."""
     sums: dict[str, Counter[str]] = defaultdict(Counter)
-    for program in read_programs(Path(arguments[0])):
+    for program in read_programs(folder):
         if program.data is not None:
             language = program.entry.language
             sums[language] += count(language, program.name, program.text)
-    print(f"{machine()}\n")
-    table = Table(
+    table = open_table(
         "language | programs {} | statements {:,} | run, % {:.1f} | routine not called, % {:.1f} | "
         "after a stop, % {:.1f} | other branches, % {:.1f} | run of the called routines, % {:.1f}"
     )
@@ -70,8 +66,7 @@ def main(arguments: list[str]) -> int:
         shares = [counts[key] / statements for key in ("run", "not called", "stopped", "other")]
         percents = [100 * share for share in (*shares, counts["run"] / called)]
         table.add(language, counts["programs"], counts["statements"], *percents)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(*read_words(Path()))

@@ -14,23 +14,21 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from bench.languages.choose import read_programs
-from bench.support.runner import Table, machine
+from bench.support.runner import open_table, read_words
 from bench.support.timing import measure_in_turns
 
 #: Number of programs.
 _COUNT = 10
 
 
-def main(arguments: list[str]) -> int:
-    """Print a row for each program. The exit code is 0."""
-    if not arguments:
-        sys.exit(__doc__)
-    pythons = {"ours": sys.executable, "peer": arguments[1] if len(arguments) > 1 else ""}
-    runs = int(arguments[2]) if len(arguments) > 2 else 3
-    print(f"{machine()}\n")
-    table = Table("language | program | lines {:,} | s {:.2f} | peer, s {} | times the peer {}")
+def main(folder: Path, peer_python: str, runs: int) -> None:
+    """Prints a row for each program."""
+    pythons = {"ours": sys.executable, "peer": peer_python}
+    table = open_table(
+        "language | program | lines {:,} | s {:.2f} | peer, s {} | times the peer {}"
+    )
     with TemporaryDirectory() as scratch:
-        programs = [program for program in read_programs(Path(arguments[0])) if program.data]
+        programs = [program for program in read_programs(folder) if program.data]
         programs.sort(key=lambda program: -program.data.count(b"\n"))
         for program in programs[:_COUNT]:
             file = Path(scratch, program.name)
@@ -48,8 +46,7 @@ def main(arguments: list[str]) -> int:
             shown = ("-", "-") if peer is None else (f"{peer:.2f}", f"{least['ours'] / peer:.2f}")
             language, path = program.entry.language, program.entry.path
             table.add(language, path, program.data.count(b"\n"), least["ours"], *shown)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(*read_words(Path(), "", 3))

@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import ast
 import random
-import sys
 import time
 from pathlib import Path
 
-from bench.support.runner import Table, machine
+from bench.support.runner import open_table, read_words
 from camgen.model.pose import TOOL_DOWN, Pose
 from camgen.model.program import Instruction, MoveJ, MoveL, Output, Program, switch_off_first
 from camgen.post.plugins import find_post, find_readback, make_post
@@ -35,17 +34,12 @@ _SIDE, _STRETCH = 200.0, 50
 _RUNS = 4
 
 
-def main(arguments: list[str]) -> int:
-    count = int(arguments[0]) if arguments else 100_000
-    print(f"{machine()}\n")
-    table = Table("post | instructions {:,} | s {:.3f} | lines {:,} | statements {:,}")
+def main(count: int) -> None:
+    table = open_table("post | instructions {:,} | s {:.3f} | lines {:,} | statements {:,}")
     for post, folder in FOLDERS.items():
-        instructions, seconds = measure(post, count)
-        table.add(
-            post, instructions, seconds, *measure_size(sorted((_LANG / folder).rglob("*.py")))
-        )
+        size = measure_size(sorted((_LANG / folder).rglob("*.py")))
+        table.add(post, *measure(post, count), *size)
     table.add("engine", 0, 0.0, *measure_size(sorted(_LANG.glob("*.py"))))
-    return 0
 
 
 def measure(post: str, count: int) -> tuple[int, float]:
@@ -96,4 +90,4 @@ def measure_size(files: list[Path]) -> tuple[int, int]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(*read_words(100_000))

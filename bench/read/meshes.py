@@ -34,6 +34,7 @@ from zipfile import ZipFile
 import numpy as np
 
 import camgen
+from bench.render.solid import triangulate
 from bench.support.runner import Cells, Missed, Scenario, must_be_none, read_words, run
 from camgen.model.pose import FloatArray
 
@@ -45,22 +46,32 @@ Faces = list[list[int]]
 
 
 class Body(NamedTuple):
-    """A prism: corners (V, 3) mm, faces by the numbers of their corners, counter-clockwise."""
+    """A prism: corners (V, 3) mm, faces and triangles by the numbers of their corners.
+
+    They turn left, seen from outside.
+    """
 
     corners: FloatArray
     faces: Faces
+    triangles: Faces
     edges: int
     concave: int
 
 
-def make_prism(outline: Sequence[tuple[float, float]], height: float) -> tuple[FloatArray, Faces]:
-    """The prism over a polygon that turns left."""
+def make_prism(
+    outline: Sequence[tuple[float, float]], height: float
+) -> tuple[FloatArray, Faces, Faces]:
+    """Corners, faces and triangles of the prism over a polygon that turns left."""
     count = len(outline)
     low = np.array([(x, y, 0.0) for x, y in outline])
     corners = np.concatenate([low, low + np.array([0.0, 0.0, height])])
     sides = [[k, (k + 1) % count, count + (k + 1) % count, count + k] for k in range(count)]
     faces = [list(range(count))[::-1], list(range(count, 2 * count)), *sides]
-    return corners, faces
+    cap = triangulate([low[:, :2]])
+    triangles = [*cap[:, ::-1].tolist(), *(cap + count).tolist()]
+    for a, b, c, d in sides:
+        triangles += [[a, b, c], [a, c, d]]
+    return corners, faces, triangles
 
 
 def make_body(rng: random.Random, place: float) -> Body:
@@ -77,8 +88,8 @@ def make_body(rng: random.Random, place: float) -> Body:
         ]  # fmt: skip
         edges, concave = 24, 2
     first = rng.randrange(len(outline))
-    corners, faces = make_prism(outline[first:] + outline[:first], height)
-    return Body(corners + np.array([place, 0.0, 0.0]), faces, edges, concave)
+    corners, *faces = make_prism(outline[first:] + outline[:first], height)
+    return Body(corners + np.array([place, 0.0, 0.0]), *faces, edges, concave)
 
 
 def make_bodies(seed: int) -> list[Body]:
@@ -92,40 +103,9 @@ def make_bodies(seed: int) -> list[Body]:
     return bodies
 
 
-def cut(body: Body) -> list[tuple[int, int, int]]:
-    """Triangles of a body; the cap of a U profile is cut by its own formula, not by a fan."""
-    triangles: list[tuple[int, int, int]] = []
-    for face in body.faces:
-        triangles += clip(body.corners, face)
-    return triangles
-
-
 def split_faces(bodies: list[Body]) -> list[Body]:
     """The bodies with triangles for faces."""
-    return [body._replace(faces=list(map(list, cut(body)))) for body in bodies]
-
-
-def clip(corners: FloatArray, face: list[int]) -> list[tuple[int, int, int]]:
-    """A polygon cut into triangles, one ear at a time."""
-    points = corners[face]
-    normal = sum(np.cross(points[k - 1], points[k]) for k in range(len(points)))
-    rest, ears = list(face), []
-    while len(rest) > 3:
-        for k in range(len(rest)):
-            a, b, c = rest[k - 1], rest[k], rest[(k + 1) % len(rest)]
-            turn = np.cross(corners[b] - corners[a], corners[c] - corners[b]) @ normal
-            others = [corners[p] for p in rest if p not in (a, b, c)]
-            if turn > 0 and not any(is_inside(p, corners[[a, b, c]], normal) for p in others):
-                ears.append((a, b, c))
-                del rest[k]
-                break
-    return [*ears, (rest[0], rest[1], rest[2])]
-
-
-def is_inside(point: FloatArray, triangle: FloatArray, normal: FloatArray) -> bool:
-    """Whether a point is in a triangle or on its rim."""
-    sides = [np.cross(triangle[k] - triangle[k - 1], point - triangle[k - 1]) for k in range(3)]
-    return all(side @ normal >= 0 for side in sides)
+    return [body._replace(faces=body.triangles) for body in bodies]
 
 
 # The formats. Each writes the bodies and returns the bytes.
@@ -135,7 +115,7 @@ def write_stl(bodies: list[Body], end: str = "endsolid {}\n", name: str = "body"
     text = ""
     for number, body in enumerate(bodies):
         text += f"solid {name}{number}\n"
-        for a, b, c in cut(body):
+        for a, b, c in body.triangles:
             rows = "".join("vertex {:g} {:g} {:g}\n".format(*body.corners[k]) for k in (a, b, c))
             text += f"facet normal 0 0 0\nouter loop\n{rows}endloop\nendfacet\n"
         text += end.format(f"{name}{number}")
@@ -153,7 +133,7 @@ def write_open_stl(bodies: list[Body]) -> bytes:
 
 
 def write_binary_stl(bodies: list[Body], less: int = 0) -> bytes:
-    triangles = np.concatenate([body.corners[np.array(cut(body))] for body in bodies])
+    triangles = np.concatenate([body.corners[np.array(body.triangles)] for body in bodies])
     rows = b"".join(
         np.concatenate([np.zeros(3), corners.ravel()]).astype("<f4").tobytes() + b"\0\0"
         for corners in triangles
@@ -183,7 +163,7 @@ def write_ply(bodies: list[Body], order: str = "", triangles: bool = False) -> b
     faces: Faces = []
     before = 0
     for body in bodies:
-        polygons = list(map(list, cut(body))) if triangles else body.faces
+        polygons = body.triangles if triangles else body.faces
         faces += [(np.array(face) + before).tolist() for face in polygons]
         before += len(body.corners)
     form = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
@@ -206,7 +186,7 @@ def write_off(bodies: list[Body], first: str = "OFF\n", triangles: bool = False)
     corners = np.concatenate([body.corners for body in bodies])
     text, before, rows = "", 0, 0
     for body in bodies:
-        for face in [list(f) for f in cut(body)] if triangles else body.faces:
+        for face in body.triangles if triangles else body.faces:
             text += " ".join(map(str, [len(face), *(k + before for k in face)])) + "\n"
             rows += 1
         before += len(body.corners)
@@ -220,7 +200,7 @@ _PRODUCTION = 'xmlns:p="http://schemas.microsoft.com/3dmanufacturing/production/
 
 def write_object(body: Body, number: int) -> str:
     points = "".join('<vertex x="{:g}" y="{:g}" z="{:g}"/>'.format(*row) for row in body.corners)
-    faces = "".join('<triangle v1="{}" v2="{}" v3="{}"/>'.format(*face) for face in cut(body))
+    faces = "".join('<triangle v1="{}" v2="{}" v3="{}"/>'.format(*face) for face in body.triangles)
     mesh = f"<mesh><vertices>{points}</vertices><triangles>{faces}</triangles></mesh>"
     return f'<object id="{number}" type="model">{mesh}</object>'
 
@@ -291,7 +271,7 @@ def write_glb(bodies: list[Body], extension: str = "") -> bytes:
             values = (body.corners / 1000).astype("<f4")
             place = add(values, "VEC3", 5126, min=values.min(axis=0).tolist(),
                         max=values.max(axis=0).tolist())  # fmt: skip
-        faces = add(np.array(cut(body), "<u4").ravel(), "SCALAR", 5125)
+        faces = add(np.array(body.triangles, "<u4").ravel(), "SCALAR", 5125)
         meshes.append({"primitives": [{"attributes": {"POSITION": place}, "indices": faces}]})
         nodes.append(node)
     document: dict[str, object] = {

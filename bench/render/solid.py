@@ -17,16 +17,7 @@ _STEP = 0.5
 def sheet(loops: Sequence[Loop], thickness: float) -> trimesh.Trimesh:
     """The part as a watertight mesh, mm: a face at z = 0, the other one ``thickness`` below it."""
     rings = [flatten_arcs(loop, _STEP, 2) for loop in loops]
-    flat = shapely.Polygon(rings[0], rings[1:])
-    corners = np.concatenate(rings)
-    index = {tuple(point): k for k, point in enumerate(corners.tolist())}
-    faces = []
-    for triangle in shapely.constrained_delaunay_triangles(flat).geoms:
-        faces.append([index[point] for point in triangle.exterior.coords[:3]])
-    top = np.array(faces)
-    a, b, c = (corners[top[:, k]] for k in range(3))
-    turned = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
-    top[turned] = top[turned][:, ::-1]
+    corners, top = np.concatenate(rings), triangulate(rings)
     count, sides, first = len(corners), [], 0
     for ring in rings:
         start = first + np.arange(len(ring))
@@ -40,3 +31,22 @@ def sheet(loops: Sequence[Loop], thickness: float) -> trimesh.Trimesh:
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     assert mesh.is_watertight
     return mesh
+
+
+def triangulate(rings: Sequence[np.ndarray]) -> np.ndarray:
+    """Triangles (T, 3) of an outline and its holes, (N, 2) each, by the numbers of all points.
+
+    They turn left.
+    """
+    corners = np.concatenate(rings)
+    index = {tuple(point): k for k, point in enumerate(corners.tolist())}
+    faces = []
+    for triangle in shapely.constrained_delaunay_triangles(
+        shapely.Polygon(rings[0], rings[1:])
+    ).geoms:
+        faces.append([index[point] for point in triangle.exterior.coords[:3]])
+    triangles = np.array(faces)
+    a, b, c = (corners[triangles[:, k]] for k in range(3))
+    turned = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+    triangles[turned] = triangles[turned][:, ::-1]
+    return triangles

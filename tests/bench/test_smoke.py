@@ -116,7 +116,6 @@ SMOKES = [
     ),
     Smoke("plan.stops copper.dxf", (2,), {"strokes": (2, 17), "pen-down motions": (100, 400)}),
     Smoke("plan.drawing {here}/image", (1,), {"strokes": (8, 8), "off (px)": (0.1, 1.5)}),
-    Smoke("robots.cycle planned", (7,), {"length over speed, s": (0.1, 4), "camgen, s": (0.4, 7)}),
     Smoke("robots.kinematics 20", (11,), {"found again": (100, 100), "mm": (0, 1e-3)}),
     Smoke(
         "robots.collision 20", (12,), {"differ from the plain loop": (0, 0), "poses/s": (1, 1e9)},
@@ -161,7 +160,7 @@ SMOKES = [
         "photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)},
     ),
     # LinuxCNC does not start reliably, and no test needs it.
-    Smoke("controllers.linuxcnc layers-inside --planned", (1,), {"predicted, s": (4, 6)}),
+    Smoke("controllers.linuxcnc layers-inside shapes --planned", (8,), {"predicted, s": (0.4, 7)}),
     Smoke("check.rounding gaps-outside", (3,), {"allowed, mm": (0.01, 0.02), "stops": (5, 20)}),
     Smoke("check.tangent_parts 3", (3,), {"parts": (1, 1), "beyond the tolerance": (0, 0)}),
     Smoke(

@@ -256,7 +256,7 @@ def make_wave(count: int) -> list[tuple[float, float]]:
 
 #: Motions, the seconds that LinuxCNC 2.9 needed for them in its simulator, and the relative
 #: tolerance of the model. Seconds are counted in servo periods of 1 ms
-#: (`bench.robots.cycle linuxcnc`).
+#: (`bench.controllers.linuxcnc shapes`).
 LINUXCNC: dict[str, tuple[list[Instruction], float, float]] = {
     "line": ([MoveL(make_pose(50, 0), 20.0)], 2.579, 0.001),
     "circle": (
