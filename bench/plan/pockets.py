@@ -1,6 +1,6 @@
 """`pocket` on real drawings and on 251 shapes.
 
-    python -m bench.plan.pockets [FOLDER | FILE DIAMETER | shapes COUNT]
+    python -m bench.plan.pockets [FOLDER | shapes COUNT]
 
 All closed contours are pockets and islands for a 6 mm tool, or another one for small drawings. GEOS
 judges the area that a disc of the tool could reach and that is bare by more than 0.01 mm, and the
@@ -87,9 +87,6 @@ def inputs(words: list[str]) -> Iterator[tuple[str, Callable[[], camgen.Part], f
         yield f"{words[1]} shapes", lambda: shapes(int(words[1])), 6.0
         return
     folder = Path(words[0]) if words else SHARED / "dxf"
-    if folder.is_file():
-        yield folder.name, lambda: camgen.read(folder), float(words[1])
-        return
     yield "251 shapes", lambda: shapes(251), 6.0
     for name, diameter in DRAWINGS.items():
         yield Path(name).name, lambda name=name: camgen.read(folder / name), diameter
