@@ -23,11 +23,12 @@ from camgen.model.program import Origin
 
 #: Points along a line, and at least along an arc.
 _LINE_POINTS = 9
-#: Distance, mm, by which the chords between points along an arc leave it at most.
+#: Distance, mm, by which the chords between points along an arc leave it at most, unless that takes
+#: more than `_MOST_POINTS`: on a whole circle with a radius above 400 mm.
 _CHORD_MM = 0.0005
 #: A stretch of an edge that is shorter, mm, may be left out at its ends.
 _END_SLACK_MM = 0.05
-#: Points along an edge are not farther apart, mm, but no more than `_MOST_POINTS` are added.
+#: Points along an edge are not farther apart, mm, but `_MOST_POINTS` are added at most.
 _FINE_MM, _MOST_POINTS = 0.25, 2000
 
 
@@ -220,7 +221,8 @@ def _measure_gaps(chain: FloatArray, bare: BoolArray) -> float:
 def arc_points(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
     """(M, 3) points from `start` through `via` to `end`: on a circle, or on a line.
 
-    There are more of them on a large circle: a chord over the angle a leaves it by r (1 - cos a/2).
+    A chord over the angle a leaves a circle of the radius r by less than r a^2 / 8. So an arc with
+    a large radius has more points.
     """
     chord, arm = end - start, via - start
     normal = np.cross(arm, chord)
@@ -234,8 +236,8 @@ def arc_points(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArra
     to_end = chord - to_centre
     angle = np.arctan2(float(to_end @ y_axis), float(to_end @ x_axis)) % (2 * np.pi)
     radius = float(np.sqrt(to_centre @ to_centre))
-    widest = 2 * np.arccos(1 - min(_CHORD_MM / radius, 1.0))
-    count = max(_LINE_POINTS, int(np.ceil(angle / widest)) + 1)
+    chords = int(np.ceil(angle * np.sqrt(radius / (8 * _CHORD_MM))))
+    count = min(max(_LINE_POINTS, chords + 1), _MOST_POINTS)
     turned = np.linspace(0.0, angle, count)[:, None]
     return np.asarray(start + to_centre + np.cos(turned) * x_axis + np.sin(turned) * y_axis)
 

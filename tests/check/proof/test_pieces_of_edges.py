@@ -97,7 +97,7 @@ def test_points_of_a_refined_chain_are_near_each_other_and_on_it() -> None:
     assert ((fine[:, 1] == 0) | (fine[:, 0] == 10)).all()
 
 
-@pytest.mark.parametrize("radius", [0.5, 72.5, 150.0, 2000.0])
+@pytest.mark.parametrize("radius", [0.5, 72.5, 150.0, 1000.0])
 def test_an_arc_from_any_place_of_a_circle_lies_on_its_edge(radius: float) -> None:
     """The circle is two halves in the part, and the path runs 100 deg of it, in one arc."""
 
@@ -109,3 +109,11 @@ def test_an_arc_from_any_place_of_a_circle_lies_on_its_edge(radius: float) -> No
     arc = arc_points(*place(31, 81, 131))
     assert distances(arc, edge).max() < 0.0006 + 1e-8 * radius
     assert distances(arc * (1 + 0.05 / radius), edge).min() > 0.048
+
+
+def test_a_huge_circle_does_not_fill_the_memory() -> None:
+    """A via point 0.01 mm off the middle of 100 mm: radius 125 m; and a circle of 1000 km."""
+    flat = arc_points(*np.array([[0.0, 0, 0], [50, 0.01, 0], [100, 0, 0]]))
+    assert len(flat) < 100
+    assert flat[:, 1].max() == pytest.approx(0.01, abs=1e-6)
+    assert len(arc_points(*1e9 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, -1, 0]]))) == 2000
