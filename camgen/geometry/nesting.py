@@ -139,8 +139,8 @@ def find_nesting(segments: Segments, count: int) -> Nesting:
     )
     crossed = np.full(count, -1)
     _mark_self_crossings(polygons, rings, _polygon_areas(points, owner, count), crossed)
-    touching = _mark_crossings(polygons, rings, crossed)
-    depth, parent = _find_parents(segments, polygons, rings, area, touching)
+    touching, neighbours = _mark_crossings(polygons, rings, crossed)
+    depth, parent = _find_parents(segments, polygons, rings, area, touching, neighbours)
     length = np.bincount(segments.owner, segments.length, count)
     return Nesting(depth, parent, area, crossed, np.abs(area) <= _EMPTY_WIDTH_MM * length)
 
@@ -171,13 +171,16 @@ def _mark_self_crossings(
     crossed[rings[wrong]] = rings[wrong]
 
 
-def _mark_crossings(polygons: object, rings: IntArray, crossed: IntArray) -> IntArray:
+def _mark_crossings(
+    polygons: object, rings: IntArray, crossed: IntArray
+) -> tuple[IntArray, IntArray]:
     """Sets `crossed` of loops that partly cover another loop, and finds the loops that touch.
 
-    Returns pairs (M, 2) of loops that touch, the inner one first. To compute what two loops have in
-    common takes many times as long as to find whether they meet. So of the loops that a loop meets,
-    the first ones are compared, then more, until one crosses it. Two loops that both cross others
-    are not compared any more.
+    Returns pairs (M, 2) of loops that touch from within, the inner one first, and pairs (K, 2) of
+    loops beside each other that touch. To compute what two loops have in common takes many times as
+    long as to find whether they meet. So of the loops that a loop meets, the first ones are
+    compared, then more, until one crosses it. Two loops that both cross others are not compared any
+    more.
     """
     simple = np.flatnonzero(crossed[rings] < 0)
     shapes = np.asarray(polygons)[simple]
@@ -208,10 +211,11 @@ def _mark_crossings(polygons: object, rings: IntArray, crossed: IntArray) -> Int
         low, high = high, _BATCH_GROWTH * high
     crossing = np.flatnonzero(first_crossed < none)
     crossed[rings[simple[crossing]]] = rings[simple[first_crossed[crossing]]]
+    loops = np.column_stack([rings[simple[first]], rings[simple[second]]])
     inside = np.flatnonzero(kind == _INSIDE)
-    loops = np.column_stack([rings[simple[first[inside]]], rings[simple[second[inside]]]])
     is_swapped = shapely.area(shapes[first[inside]]) > shapely.area(shapes[second[inside]])
-    return np.asarray(np.where(is_swapped[:, None], loops[:, ::-1], loops))
+    within = np.where(is_swapped[:, None], loops[inside, ::-1], loops[inside])
+    return np.asarray(within), np.asarray(loops[kind == _BESIDE])
 
 
 def _compare(first: NDArray[Any], second: NDArray[Any]) -> IntArray:
@@ -223,15 +227,22 @@ def _compare(first: NDArray[Any], second: NDArray[Any]) -> IntArray:
 
 
 def _find_parents(
-    segments: Segments, polygons: object, rings: IntArray, area: FloatArray, touching: IntArray
+    segments: Segments,
+    polygons: object,
+    rings: IntArray,
+    area: FloatArray,
+    touching: IntArray,
+    neighbours: IntArray,
 ) -> tuple[IntArray, IntArray]:
     """Depth and parent of each loop, as in `Nesting`.
 
-    Loop A is inside loop B if a point of A is properly inside B, or if A touches B from within.
+    Loop A is inside loop B if A touches B from within, or if a point of A is properly inside B.
+    Such a point says nothing if A and B are beside each other and share an edge within rounding.
 
     polygons: (R,) loops that are not plain.
     rings: (R,) their numbers.
     touching: (M, 2) pairs of loops that touch, the inner one first.
+    neighbours: (K, 2) pairs of loops beside each other that touch.
     """
     count = len(area)
     first = np.searchsorted(segments.owner, np.arange(count))
@@ -239,9 +250,10 @@ def _find_parents(
     outer, probe = shapely.STRtree(shapely.points(probes)).query(
         polygons, predicate="contains_properly"
     )
-    pairs = select_distinct(
-        np.concatenate([probe * count + rings[outer], touching @ np.array([count, 1])])
-    )
+    key = np.array([count, 1])
+    inside = probe * count + rings[outer]
+    inside = inside[~np.isin(inside, np.concatenate([neighbours @ key, neighbours @ key[::-1]]))]
+    pairs = select_distinct(np.concatenate([inside, touching @ key]))
     pair = np.column_stack(np.divmod(pairs, count))
     pair = pair[np.abs(area[pair[:, 0]]) < np.abs(area[pair[:, 1]]) * (1 - _LARGER)]
     depth = np.bincount(pair[:, 0], minlength=count)

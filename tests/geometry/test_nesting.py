@@ -58,3 +58,12 @@ def test_the_area_is_exact_for_polygons_and_close_for_circles() -> None:
     )
     assert result.area[0] == 50.0
     assert abs(result.area[1] + np.pi * 100) < 0.02 * 2 * np.pi * 10
+
+
+def test_a_loop_that_reaches_a_hair_into_its_neighbour_is_beside_it() -> None:
+    """Both have an edge on one line, drawn with the rounding of its file."""
+    wide, tall = rectangle(0, 0, 40, 100), rectangle(40 - 1e-5, 0, 40, 80)
+    first = contour([(40 - 1e-5, 40), (40 - 1e-5, 0), (80, 0), (80, 80), (40 - 1e-5, 80)])
+    for loop in (tall, first):
+        assert nested(wide, loop) == ([0, 0], [-1, -1], [-1, -1])
+        assert nested(loop, wide) == ([0, 0], [-1, -1], [-1, -1])
