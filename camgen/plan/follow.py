@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.intersect import Obstacles, find_near_pairs, measure_distances, measure_nearest
 from camgen.geometry.nesting import Nesting, find_nesting
-from camgen.geometry.ragged import list_owners, number_rows
+from camgen.geometry.ragged import list_owners, number_rows, select_distinct
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -413,11 +413,13 @@ def _note_unfollowed(
             f"{lengths} of contour not touched, most of it on {worst}",
             f"inner corners and narrow places that {tool} does not reach",
         )
-    unsound = int((~curve.sound).sum())
-    if unsound and not (failed & ~touched).any():
-        what = f"{counted(unsound, 'piece', 'pieces')} of path left out"
-        why = next(why for cause, why in causes.values() if cause.any())
-        yield Note("skipped", what, why, list_ids(compress(contours, failed)))
+    partly = failed & touched
+    if partly.any():
+        is_lost = ~is_sound & partly[source.owner[curve.source]]
+        pieces = len(select_distinct(curve.segments.owner[is_lost]))
+        what = f"{counted(pieces, 'piece', 'pieces')} of path left out"
+        why = next(why for cause, why in causes.values() if (cause & partly).any())
+        yield Note("skipped", what, why, list_ids(compress(contours, partly)))
 
 
 def _explain_narrow(contours: list[Contour], narrow: BoolArray, tool: str, distance: float) -> str:

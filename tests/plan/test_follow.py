@@ -403,3 +403,24 @@ def test_a_path_around_two_contours_with_a_common_edge_works_on_both() -> None:
     for x, neighbour in ((27.0, left), (33.0, right)):
         disc = shapely.Point(x, 10.0).buffer(3.0)
         assert neighbour.contains(disc)
+
+
+def test_a_contour_that_is_followed_in_part_is_named_beside_others_that_are_not_followed() -> None:
+    """The outline `a` runs back over itself, and `c` and `d` share edges."""
+    outline = [(90, 140), (50, 190), (0, 190), (0, 40), (16, 40), (16, 60), (24, 60), (24, 40)]
+    outline += [(40, 40), (40, 100), (0, 100), (90, 100)]
+    second = [(80, 40), (64, 40), (64, 20), (56, 20), (56, 40), (40, 40), (40, 0), (80, 0)]
+    shared = [(40, 40), (56, 40), (56, 60), (64, 60), (64, 40), (80, 40), (80, 100), (40, 100)]
+
+    def move(points: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        return [(x + 500, y) for x, y in points]
+
+    notes = plan_follow(
+        contour(outline, name="a"),
+        contour(second, name="b"),
+        contour(move(outline), name="c"),
+        contour(move(shared), name="d"),
+    ).notes
+    skipped = {note.what.split(",")[0]: note.ids for note in notes if note.kind == "skipped"}
+    assert skipped["2 contours not followed"] == ("c", "d")
+    assert skipped["2 pieces of path left out"] == ("a",)
