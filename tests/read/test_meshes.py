@@ -97,9 +97,13 @@ def write_model(resources, items, more=""):
     return f"{head}<resources>{resources}</resources><build>{items}</build></model>"
 
 
+BOX_CORNERS, BOX_FACES, BOX_TRIANGLES = meshes.make_prism(
+    [(0, 0), (10, 0), (10, 20), (0, 20)], 30.0
+)
 BOX = meshes.make_bodies(1)[0]._replace(
-    corners=meshes.make_prism([(0, 0), (10, 0), (10, 20), (0, 20)], 30.0)[0],
-    faces=meshes.make_prism([(0, 0), (10, 0), (10, 20), (0, 20)], 30.0)[1],
+    corners=BOX_CORNERS,
+    faces=BOX_FACES,
+    triangles=BOX_TRIANGLES,
 )
 
 
@@ -163,7 +167,7 @@ def make_rotation(seed):
 @pytest.mark.parametrize("seed", range(6))
 def test_t_junctions_are_closed(seed, tmp_path):
     """The top of a box has vertices that its neighbours lack. The box has 12 edges all the same."""
-    corners = BOX.corners[np.array(meshes.cut(BOX))]
+    corners = BOX.corners[np.array(BOX.triangles)]
     is_top = (corners[:, :, 2] == 30).all(axis=1)
     cuts = np.array([0.0, 2.5, 4.0, 10.0])
     strips = []
@@ -185,10 +189,9 @@ def test_walls_at_30_degrees_are_smooth_in_any_rotation(seed, tmp_path):
     """The walls of a prism over a polygon of 12 corners meet at 30.000 deg."""
     angles = np.arange(12) * np.pi / 6
     outline = [(20 * np.cos(a), 20 * np.sin(a)) for a in angles]
-    points, faces = meshes.make_prism(outline, 8.0)
-    body = BOX._replace(corners=points, faces=faces)
-    triangles = points[np.array(meshes.cut(body))] @ make_rotation(seed)
-    solid = read(tmp_path / "prism.stl", binary_stl(triangles))
+    points, _, triangles = meshes.make_prism(outline, 8.0)
+    corners = points[np.array(triangles)] @ make_rotation(seed)
+    solid = read(tmp_path / "prism.stl", binary_stl(corners))
     assert [edge.kind for edge in solid.edges] == ["circle", "circle"]
 
 
