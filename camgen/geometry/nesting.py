@@ -100,6 +100,8 @@ _CHORD = 0.02
 #: How two loops whose borders meet lie: not compared yet, beside each other, one inside the other,
 #: or partly over each other.
 _UNKNOWN, _BESIDE, _INSIDE, _PARTLY = -1, 0, 1, 2
+#: mm: length by which two loops may cross and still count as touching.
+_CROSSING_MM = 0.004
 #: Factor on the number of neighbours of a loop that are compared, from round to round.
 _BATCH_GROWTH = 4
 #: mm: ratio of area to length below which a loop has no inside.
@@ -139,7 +141,7 @@ def find_nesting(segments: Segments, count: int) -> Nesting:
     )
     crossed = np.full(count, -1)
     _mark_self_crossings(polygons, rings, _polygon_areas(points, owner, count), crossed)
-    touching, neighbours = _mark_crossings(polygons, rings, crossed)
+    touching, neighbours = _mark_crossings(segments, polygons, rings, crossed)
     depth, parent = _find_parents(segments, polygons, rings, area, touching, neighbours)
     length = np.bincount(segments.owner, segments.length, count)
     return Nesting(depth, parent, area, crossed, np.abs(area) <= _EMPTY_WIDTH_MM * length)
@@ -154,10 +156,10 @@ def _polygon_areas(points: FloatArray, owner: IntArray, count: int) -> FloatArra
 def _mark_self_crossings(
     polygons: object, rings: IntArray, area: FloatArray, crossed: IntArray
 ) -> None:
-    """Sets `crossed` of loops that cross themselves to the loop itself.
+    """Sets `crossed` of loops that cross or retrace themselves to the loop itself.
 
-    They are the loops whose enclosed area is not that of the shoelace formula, because parts of
-    them have the opposite sense.
+    A loop crosses itself if its enclosed area is not that of the shoelace formula, because parts of
+    it have the opposite sense.
 
     polygons: (R,) loops as polygons.
     rings: (R,) their numbers.
@@ -165,14 +167,36 @@ def _mark_self_crossings(
     """
     invalid = np.flatnonzero(~shapely.is_valid(polygons))
     suspects = np.asarray(polygons)[invalid]
-    enclosed = shapely.area(shapely.make_valid(suspects))
+    areas = shapely.make_valid(suspects)
     slack = _CHORD * shapely.length(suspects)
-    wrong = invalid[np.abs(enclosed - np.abs(area[rings[invalid]])) > slack]
+    crosses = np.abs(shapely.area(areas) - np.abs(area[rings[invalid]])) > slack
+    # The buffer of 0 mm drops the lines.
+    retraces = _are_retraced(shapely.get_exterior_ring(suspects), shapely.buffer(areas, 0.0))
+    wrong = invalid[crosses | retraces]
     crossed[rings[wrong]] = rings[wrong]
 
 
+def _are_retraced(rings: NDArray[Any], areas: NDArray[Any]) -> BoolArray:
+    """(N,) whether loops run back over themselves, so that a line has no side of its own.
+
+    A bridge between an outline and its hole is run there and back too. Both of its sides are the
+    part, so it counts only if an end of it is free, or if it leaves the area.
+
+    rings: (N,) the loops as lines.
+    areas: (N,) the areas that they enclose.
+    """
+    lines = shapely.node(rings)
+    outside = shapely.length(shapely.difference(lines, shapely.buffer(areas, _CHORD)))
+    # All but the borders of the area is run twice.
+    again = 2 * shapely.length(lines) - shapely.length(areas) - shapely.length(rings)
+    free = np.zeros(len(rings))
+    for index, line in enumerate(lines):
+        free[index] = shapely.length(shapely.polygonize_full(shapely.get_parts(line))[2])
+    return np.asarray(np.maximum(np.maximum(outside, free), np.abs(again)) > _CHORD)
+
+
 def _mark_crossings(
-    polygons: object, rings: IntArray, crossed: IntArray
+    segments: Segments, polygons: object, rings: IntArray, crossed: IntArray
 ) -> tuple[IntArray, IntArray]:
     """Sets `crossed` of loops that partly cover another loop, and finds the loops that touch.
 
@@ -182,8 +206,7 @@ def _mark_crossings(
     compared, then more, until one crosses it. Two loops that both cross others are not compared any
     more.
     """
-    simple = np.flatnonzero(crossed[rings] < 0)
-    shapes = np.asarray(polygons)[simple]
+    shapes = np.asarray(polygons)
     lines = shapely.get_exterior_ring(shapes)
     first, second = shapely.STRtree(lines).query(lines, predicate="intersects")
     first, second = first[first < second], second[first < second]
@@ -195,9 +218,9 @@ def _mark_crossings(
     loop, other = np.concatenate([first, second]), np.concatenate([second, first])
     order = np.lexsort((other, loop))
     pair, loop, other = pair[order], loop[order], other[order]
-    place = number_rows(np.bincount(loop, minlength=len(simple)))
-    none = len(simple)
-    first_crossed = np.full(len(simple), none)
+    place = number_rows(np.bincount(loop, minlength=len(rings)))
+    none = len(rings)
+    first_crossed = np.full(len(rings), none)
     low, high = 0, 1
     while True:
         batch = np.flatnonzero((place >= low) & (place < high) & (first_crossed[loop] == none))
@@ -209,13 +232,47 @@ def _mark_crossings(
         partly = batch[kind[pair[batch]] == _PARTLY]
         np.minimum.at(first_crossed, loop[partly], other[partly])
         low, high = high, _BATCH_GROWTH * high
-    crossing = np.flatnonzero(first_crossed < none)
-    crossed[rings[simple[crossing]]] = rings[simple[first_crossed[crossing]]]
-    loops = np.column_stack([rings[simple[first]], rings[simple[second]]])
+    crossing = np.flatnonzero((first_crossed < none) & (crossed[rings] < 0))
+    crossed[rings[crossing]] = rings[first_crossed[crossing]]
+    loops = np.column_stack([rings[first], rings[second]])
     inside = np.flatnonzero(kind == _INSIDE)
     is_swapped = shapely.area(shapes[first[inside]]) > shapely.area(shapes[second[inside]])
     within = np.where(is_swapped[:, None], loops[inside, ::-1], loops[inside])
-    return np.asarray(within), np.asarray(loops[kind == _BESIDE])
+    neighbours = loops[kind == _BESIDE]
+    protrudes, overlaps = _measure_crossings(segments, within, neighbours)
+    for loop, other in np.concatenate([within[protrudes], neighbours[overlaps]]).tolist():
+        crossed[loop] = other if crossed[loop] < 0 else crossed[loop]
+        crossed[other] = loop if crossed[other] < 0 else crossed[other]
+    return np.asarray(within[~protrudes]), np.asarray(neighbours[~overlaps])
+
+
+def _measure_crossings(
+    segments: Segments, within: IntArray, neighbours: IntArray
+) -> tuple[BoolArray, BoolArray]:
+    """Whether loops that touch cross by more than `_CROSSING_MM`, however small the area is.
+
+    within: (N, 2) pairs of loops, the inner one first. It may be in part outside of the other.
+    neighbours: (M, 2) pairs of loops beside each other. They may overlap.
+    """
+    names, place = np.unique(np.concatenate([within, neighbours]), return_inverse=True)
+    if not len(names):
+        return np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.bool_)
+    points, owner = flatten(segments.take(np.isin(segments.owner, names)), _CROSSING_MM / 8)
+    loops = shapely.linearrings(points, indices=np.searchsorted(names, owner))
+    areas = shapely.make_valid(shapely.polygons(loops))
+    first, second = place.reshape(-1, 2).T
+    grown = _buffer_once(areas, second[: len(within)], _CROSSING_MM)
+    smaller = _buffer_once(areas, second[len(within) :], -_CROSSING_MM)
+    return (
+        np.asarray(~shapely.covers(grown, areas[first[: len(within)]])),
+        np.asarray(shapely.intersects(smaller, areas[first[len(within) :]])),
+    )
+
+
+def _buffer_once(areas: NDArray[Any], rows: IntArray, distance: float) -> NDArray[Any]:
+    """(N,) the areas `rows` (N,) with their borders moved outwards by `distance` mm."""
+    names, place = np.unique(rows, return_inverse=True)
+    return np.asarray(shapely.buffer(areas[names], distance)[place])
 
 
 def _compare(first: NDArray[Any], second: NDArray[Any]) -> IntArray:

@@ -17,8 +17,21 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.apart import set_apart
-from camgen.geometry.intersect import Obstacles, find_cuts, find_near_pairs, only_at_ends
-from camgen.geometry.ragged import mark_run_ends, mark_run_starts
+from camgen.geometry.intersect import (
+    Obstacles,
+    find_cuts,
+    find_fractions,
+    find_near_pairs,
+    measure_distances,
+    only_at_ends,
+)
+from camgen.geometry.nesting import measure_loop_areas
+from camgen.geometry.ragged import (
+    find_equal_pairs,
+    mark_run_ends,
+    mark_run_starts,
+    select_distinct,
+)
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -50,6 +63,10 @@ _STRAIGHT = 1e-9
 _MISS = 5e-5
 #: rad: corners that turn by more are never plain.
 _PLAIN_TURN = 0.5
+#: mm: edges of two loops that are nearer to each other than this are one.
+_SHARED_MM = 5e-3
+#: Cosine of the angle between the directions of two loops along a common edge, at most.
+_OPPOSITE = -0.9
 #: mm: a moved arc with a smaller radius has vanished.
 _LEAST_RADIUS_MM = 1e-9
 
@@ -65,6 +82,8 @@ class Offset(Struct, frozen=True, eq=False):
     turn: (N,) angle by which the source turns at that corner, rad, 0 elsewhere.
     open_ends: pieces without a successor although their source is closed. It is 0 unless rounding
         prevented a join.
+    shared: (K,) source segments with an edge that another outer loop has too. There is no curve
+        beside it.
     """
 
     segments: Segments
@@ -73,6 +92,7 @@ class Offset(Struct, frozen=True, eq=False):
     corner: BoolArray
     turn: FloatArray
     open_ends: int
+    shared: IntArray
 
 
 def make_offset(
@@ -96,6 +116,12 @@ def make_offset(
         row, low, high = _cut_candidates(candidates, label, cutters, group[cutters.owner])
     else:
         row, low, high = _cut_candidates(candidates, label)
+    pieces, middle = candidates.take(row), (low + high) / 2
+    is_shared = ~corner[row] & _have_shared_edge(
+        pieces, middle, origin[row], source, group, distance
+    )
+    shared = select_distinct(origin[row[is_shared]])
+    row, low, high = row[~is_shared], low[~is_shared], high[~is_shared]
     free = _have_room(candidates.take(row), low, high, label[row], obstacles, distance)
     row, low, high = row[free], low[free], high[free]
     chain = stitch_pieces(candidates, row, low, high, label[row])
@@ -104,7 +130,53 @@ def make_offset(
     segments = make_segments(segments.start, segments.end, segments.bulge, chain.owner)
     is_open_end = mark_run_ends(chain.owner) & ~chain.closed[chain.owner]
     open_ends = int(np.count_nonzero(is_open_end & (following[origin[row]] >= 0)))
-    return Offset(segments, chain.closed, origin[row], corner[row], turn[row], open_ends)
+    return Offset(segments, chain.closed, origin[row], corner[row], turn[row], open_ends, shared)
+
+
+def _find_edge_pairs(source: Segments, group: IntArray) -> IntArray:
+    """(K, 2) pairs of segments of different outer loops of a group that may have an edge in common.
+
+    A tool beside such an edge would be in the part of the other loop, however far from its edges.
+    Each pair is there in both orders.
+    """
+    owner = source.owner
+    count = int(owner.max(initial=0)) + 1
+    is_outer = (measure_loop_areas(source, count) > 0)[owner]
+    labels = select_distinct(group[is_outer] * count + owner[is_outer]) // count
+    has_several = np.bincount(labels, minlength=int(group.max(initial=0)) + 1) > 1
+    rows = np.flatnonzero(is_outer & has_several[group])
+    first, second = (rows[k] for k in find_near_pairs(source.take(rows), group[rows], _SHARED_MM))
+    pairs = np.column_stack([first, second])[owner[first] != owner[second]]
+    return np.concatenate([pairs, pairs[:, ::-1]])
+
+
+def _have_shared_edge(
+    moved: Segments,
+    middle: FloatArray,
+    row: IntArray,
+    source: Segments,
+    group: IntArray,
+    distance: float,
+) -> BoolArray:
+    """(N,) whether moved segments are beside an edge that another outer loop has too.
+
+    middle: (N,) the fraction of each at which that is tested.
+    row: (N,) the segment of `source` that was moved by `distance` mm.
+    """
+    is_shared = np.zeros(len(row), dtype=bool)
+    pairs = _find_edge_pairs(source, group)
+    if not len(pairs):
+        return is_shared
+    tangent = tangents_at(moved, middle)
+    touched = points_at(moved, middle) - distance * turn_right(tangent)
+    both, _ = find_equal_pairs(row, pairs[:, 0], len(pairs))
+    for piece, pair in both:
+        others = pairs[pair, 1]
+        is_near = measure_distances(touched[piece], source, others) <= _SHARED_MM
+        near, others = piece[is_near], source.take(others[is_near])
+        other_tangent = tangents_at(others, find_fractions(others, touched[near]))
+        is_shared[near[(tangent[near] * other_tangent).sum(axis=1) < _OPPOSITE]] = True
+    return is_shared
 
 
 def _make_candidates(

@@ -55,6 +55,7 @@ class OffsetCurve(Struct, frozen=True, eq=False):
     lost: (N,) true if nothing is touched, as on a rounded inner corner.
     sound: (chains,) false if the check against the source failed.
     other: (N,) the source segment on the other side of a channel as wide as the tool, otherwise -1.
+    shared: (K,) source segments with an edge that another outer loop has too, without a chain.
     """
 
     segments: Segments
@@ -64,6 +65,7 @@ class OffsetCurve(Struct, frozen=True, eq=False):
     lost: BoolArray
     sound: BoolArray
     other: IntArray
+    shared: IntArray
 
 
 def make_offset_curve(
@@ -83,6 +85,7 @@ def make_offset_curve(
         radius, and one of radius back (PIST, section 3.2.4).
     """
     out = _offset(source, following, group, distance + corner_radius)
+    shared = out.shared
     lost = np.zeros(len(out.segments), dtype=bool)
     if corner_radius != 0.0:
         turned, rows = reverse_segments(_weld(out))
@@ -95,7 +98,7 @@ def make_offset_curve(
         out = replace(back, segments=segments, source=out.source[origin], turn=turn)
     sound = np.ones(len(out.closed), dtype=bool)
     other = np.full(len(out.segments), -1)
-    curve = OffsetCurve(out.segments, out.closed, out.source, out.turn, lost, sound, other)
+    curve = OffsetCurve(out.segments, out.closed, out.source, out.turn, lost, sound, other, shared)
     return _check(curve, source, closed, group, distance)
 
 
@@ -140,6 +143,7 @@ def with_centre_lines(curve: OffsetCurve, lines: CentreLines) -> OffsetCurve:
         np.concatenate([curve.lost, np.zeros(len(segments), dtype=bool)]),
         np.concatenate([curve.sound, np.ones(len(lines.closed), dtype=bool)]),
         np.concatenate([curve.other, lines.other]),
+        curve.shared,
     )
 
 
@@ -226,4 +230,5 @@ def select_segments(curve: OffsetCurve, keep: BoolArray) -> OffsetCurve:
         curve.lost[rows],
         curve.sound[chains],
         curve.other[rows],
+        curve.shared,
     )

@@ -87,6 +87,7 @@ class _Loops(Struct, frozen=True, eq=False):
     group: label of each contour; a path keeps clear of all contours with the label of its own.
     parent: the contour around each, or -1.
     depth: number of contours around each.
+    in_crossed: true for contours inside one that crosses another. Their side is a guess.
     """
 
     index: list[int]
@@ -96,6 +97,26 @@ class _Loops(Struct, frozen=True, eq=False):
     group: IntArray
     parent: IntArray
     depth: IntArray
+    in_crossed: BoolArray
+
+    def keep(self, rows: IntArray) -> _Loops:
+        """The contours `rows`, in that order. The next one around each that is kept encloses it."""
+        new = np.full(len(self.index), -1)
+        new[rows] = np.arange(len(rows))
+        parent = self.parent[rows]
+        while (is_gone := (parent >= 0) & (new[parent] < 0)).any():
+            parent[is_gone] = self.parent[parent[is_gone]]
+        drawn = self.drawn.take(new[self.drawn.owner] >= 0)
+        return _Loops(
+            take_rows(self.index, rows),
+            replace(drawn, owner=new[drawn.owner]),
+            self.worked[rows],
+            self.flip[rows],
+            self.group[rows],
+            np.where(parent >= 0, new[parent], -1),
+            self.depth[rows],
+            self.in_crossed[rows],
+        )
 
 
 def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
@@ -144,20 +165,17 @@ def run_beside(
     loops, notes = _choose_sides(part, job.operation.side, job.input.join)
     if not loops.worked.any():
         return (), tuple(notes)
+    unclear = _find_unclear(loops, distance)
+    if unclear.any():
+        rows = take_rows(loops.index, np.flatnonzero(unclear & loops.worked))
+        left_out = take_rows(part.contours, rows)
+        notes += _note_not_followed(left_out, "inside crossing ones", _CROSSING)
+        # The tool keeps clear of their outside, as with a part.
+        worked, flip = loops.worked & ~unclear, loops.flip ^ unclear
+        loops = replace(loops, worked=worked, flip=flip)
+    curve, source = _offset(part, loops, distance, job, operation)
     contours = take_rows(part.contours, loops.index)
-    closed = tabulate_contours(contours).closed
-    source = reverse_loops(loops.drawn, loops.flip)
-    following = find_following(source, closed)
-    slips = closed & find_slips(source, following, len(contours))
-    source, following = uncross_loops(source, following, slips)
-    group = loops.group[source.owner]
     radius = job.operation.corner_radius
-    curve = make_offset_curve(source, following, closed, group, distance, radius)
-    if operation == "follow" and not radius:
-        lines = find_channel_lines(
-            curve.segments, source, following, group, distance, job.tolerance.arc_fit
-        )
-        curve = with_centre_lines(curve, lines)
     expected = loops.worked
     if not loops.worked.all():
         worked = loops.worked[source.owner]
@@ -191,6 +209,54 @@ def run_beside(
         notes += _note_feeds(curve, source, contours, job)
     segments, work = _order_chains(curve, source, place, job)
     return make_tool_paths(segments, labels, work, depths, operation), tuple(notes)
+
+
+def _offset(
+    part: Part, loops: _Loops, distance: float, job: Job, operation: str
+) -> tuple[OffsetCurve, Segments]:
+    """The paths at `distance` mm from the contours, and the contours with the part on the left."""
+    closed = tabulate_contours(take_rows(part.contours, loops.index)).closed
+    source = reverse_loops(loops.drawn, loops.flip)
+    following = find_following(source, closed)
+    slips = closed & find_slips(source, following, len(closed))
+    source, following = uncross_loops(source, following, slips)
+    group = loops.group[source.owner]
+    radius = job.operation.corner_radius
+    curve = make_offset_curve(source, following, closed, group, distance, radius)
+    if operation == "follow" and not radius:
+        lines = find_channel_lines(
+            curve.segments, source, following, group, distance, job.tolerance.arc_fit
+        )
+        curve = with_centre_lines(curve, lines)
+        # What looks like a channel beside a common edge is the part of the other contour.
+        sides = np.column_stack([curve.source, curve.other])
+        in_channel = curve.other >= 0
+        if in_channel.any():
+            is_shared = np.isin(sides, curve.shared).any(axis=1)
+            curve = select_segments(curve, ~(in_channel & is_shared))
+    return curve, source
+
+
+def _find_failed(curve: OffsetCurve, source: Segments, count: int) -> BoolArray:
+    """(count,) true for contours beside which a path failed its check."""
+    failed = np.zeros(count, dtype=bool)
+    failed[source.owner[curve.source[~curve.sound[curve.segments.owner]]]] = True
+    return failed
+
+
+def _find_unclear(loops: _Loops, distance: float) -> BoolArray:
+    """(contours,) true for holes inside crossing contours that have other contours near to them.
+
+    That they are holes is a guess. If it is wrong, the path beside a neighbour runs into them.
+    """
+    unclear, inner = np.zeros(len(loops.index), dtype=bool), loops.in_crossed
+    if not inner.any() or inner.all():
+        return unclear
+    owner, group = loops.drawn.owner, np.zeros(len(loops.drawn), dtype=np.int64)
+    pairs = owner[np.stack(find_near_pairs(loops.drawn, group, 2 * distance))]
+    for first, second in (pairs, pairs[::-1]):
+        unclear[first[~inner[second]]] = True
+    return np.asarray(unclear & inner & (loops.depth % 2 == 1))
 
 
 def _note_nothing_left(
@@ -230,7 +296,7 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
         count = np.arange(len(index))
         drawn = make_contour_segments(selected)
         flip, parent = np.full(len(index), side == "left"), np.full(len(index), -1)
-        return _Loops(index, drawn, count >= 0, flip, count, parent, 0 * count), []
+        return _Loops(index, drawn, count >= 0, flip, count, parent, 0 * count, count < 0), []
     index = list_closed_rows(part.contours)
     notes = list(_note_open(select_open(selected), join))
     closed: Sequence[Contour] = part.contours
@@ -251,19 +317,9 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
         group = np.zeros(len(index), dtype=np.int64)
     # The part on the left: outer loops counter-clockwise, holes clockwise.
     flip = (nesting.area > 0) == inside
-    new_index = np.full(len(index), -1)
-    new_index[keep] = np.arange(len(keep))
-    parent = np.where(nesting.parent[keep] >= 0, new_index[nesting.parent[keep]], -1)
-    drawn = drawn.take(new_index[drawn.owner] >= 0)
-    return _Loops(
-        take_rows(index, keep),
-        replace(drawn, owner=new_index[drawn.owner]),
-        worked[keep],
-        flip[keep],
-        group[keep],
-        parent,
-        nesting.depth[keep],
-    ), notes
+    in_crossed = (nesting.parent >= 0) & (nesting.crossed[nesting.parent] >= 0) & (side == "auto")
+    loops = _Loops(index, drawn, worked, flip, group, nesting.parent, nesting.depth, in_crossed)
+    return loops.keep(keep), notes
 
 
 def _note_open(contours: list[Contour], join: float) -> Iterator[Note]:
@@ -289,7 +345,7 @@ def _note_crossing(
     crosses_itself = nesting.crossed == np.arange(len(contours))
     crosses_other = (nesting.crossed >= 0) & ~crosses_itself
     for how, is_crossed in {
-        "crossing themselves": crosses_itself & ~nesting.empty,
+        "crossing or retracing themselves": crosses_itself & ~nesting.empty,
         "crossing each other": crosses_other,
         "without an inside": nesting.empty & ~crosses_other,
     }.items():
@@ -392,12 +448,16 @@ def _note_unfollowed(
     is_sound = curve.sound[curve.segments.owner]
     touched[source.owner[curve.source[is_sound]]] = True
     touched[source.owner[curve.other[is_sound & (curve.other >= 0)]]] = True
-    failed = np.isin(np.arange(len(contours)), source.owner[curve.source[~is_sound]])
-    causes = _find_causes(source, contours, failed)
-    narrow = worked & ~touched & ~failed
+    failed = _find_failed(curve, source, len(contours))
+    shared = np.isin(np.arange(len(contours)), source.owner[curve.shared]) & worked
+    causes = _find_causes(source, contours, failed, shared)
+    narrow = worked & ~touched & ~failed & ~shared
     too_narrow = (narrow, _explain_narrow(contours, narrow, tool, distance))
     for how, (cause, why) in {"too narrow": too_narrow, **causes}.items():
         yield from _note_not_followed(list(compress(contours, cause & ~touched)), how, why)
+    if (shared & touched).any():
+        names = ", ".join(name_ranges(list_ids(compress(contours, shared & touched))))
+        yield Note("warning", f"common edges not followed: {names}", _COMMON)
     is_touching = is_sound & (curve.turn <= 0) & ~curve.lost
     contact = np.where(is_touching, curve.segments.length / _compute_ratio(curve, source), 0.0)
     reached = np.bincount(source.owner[curve.source], contact, len(contours))
@@ -457,14 +517,17 @@ def _measure_rest(
 
 
 def _find_causes(
-    source: Segments, contours: list[Contour], failed: BoolArray
+    source: Segments, contours: list[Contour], failed: BoolArray, shared: BoolArray
 ) -> dict[str, tuple[BoolArray, str]]:
     """The causes by which contours have no path: the contours (contours,) of each, and a remedy.
+
+    failed: (contours,) those beside which a path failed its check.
+    shared: (contours,) those with an edge of another one.
 
     A contour has one cause. `find_nesting` allows for crossings that may be slips of a drawing;
     they may still leave the path without a side.
     """
-    shared = _find_shared(source, failed)
+    shared = shared | _find_shared(source, failed)
     themselves, others = _find_meeting(source, contours, failed)
     themselves &= ~shared
     others &= ~shared & ~themselves

@@ -55,6 +55,7 @@ def keep_rest(curve: OffsetCurve, part: Part, job: Job) -> OffsetCurve:
         curve.lost[rows],
         curve.sound,
         curve.other[rows],
+        curve.shared,
     )
     return select_segments(pieces, inside)
 

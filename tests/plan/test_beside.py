@@ -92,7 +92,8 @@ def test_a_stretch_of_a_closed_chain_continues_over_the_end_of_the_chain() -> No
     segments = make_contour_segments([triangle, rectangle(20, 0, 10, 10)])
     plain = np.zeros(7, np.bool_)
     closed = np.ones(2, np.bool_)
-    both = OffsetCurve(segments, closed, np.arange(7), np.zeros(7), plain, closed, np.full(7, -1))
+    none, shared = np.full(7, -1), np.zeros(0, np.int64)
+    both = OffsetCurve(segments, closed, np.arange(7), np.zeros(7), plain, closed, none, shared)
     chosen = np.ones(7, np.bool_)
     chosen[4] = False  # the right side of the rectangle
     kept = select_segments(both, chosen[both.source])

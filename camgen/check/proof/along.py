@@ -148,7 +148,8 @@ def _leave_unclear(task: Task, context: Context) -> Task:
     drawing = context.drawing
     if task.kind in BESIDE and task.operation.side not in ("left", "right"):
         # An open contour has no outside: a note has to say that it is left out.
-        task = replace(task, worked=task.worked & drawing.closed)
+        worked = task.worked & drawing.closed
+        task = replace(task, worked=worked, walls=worked | task.kept_clear)
     if task.kept_clear.any():
         suspects = task.kept_clear & are_named(drawing, context.named.others)
         unclear = find_unclear(drawing.pieces, suspects, task.near)

@@ -26,7 +26,7 @@ from camgen.check.proof.matching import (
     measure_ends,
 )
 from camgen.check.proof.motions import Motions
-from camgen.check.proof.nesting import crosses_itself
+from camgen.check.proof.nesting import count_around, crosses_itself
 from camgen.check.proof.pieces import (
     BoolArray,
     IntArray,
@@ -125,9 +125,8 @@ class Workplace:
     def __init__(self, task: Task, drawing: Drawing, lists: Ragged) -> None:
         self.task, self.drawing, self.lists = task, drawing, lists
         self.pieces = drawing.pieces
-        bounds = (task.worked | task.kept_clear)[drawing.pieces.owner]
-        #: All pieces that are worked or kept clear of, by place.
-        self.walls = PieceTree(drawing.pieces, np.flatnonzero(bounds))
+        #: The pieces of `Task.walls`, by place.
+        self.walls = PieceTree(drawing.pieces, np.flatnonzero(task.walls[drawing.pieces.owner]))
 
     @cached_property
     def near(self) -> Ragged:
@@ -387,6 +386,11 @@ class ContourChecker:
                 long = np.bincount(gap[slot], minlength=len(count)) * size / count > distance
                 open_ |= slot & long[gap]
         chosen = np.flatnonzero(open_)
+        if len(chosen) and self.task.kept_clear.any():
+            # Beyond an edge that two parts have in common there is room, but in the other part.
+            boxes, walls = self.drawing.boxes, self.task.walls
+            open_[chosen] = count_around(self.pieces, boxes, walls, centre[chosen]) % 2 == 0
+            chosen = np.flatnonzero(open_)
         if len(chosen):
             plane = self.motions.plane
             near = np.full(len(points), np.inf)

@@ -15,6 +15,8 @@ from camgen.model.pose import FloatArray
 _CHORD_MM = 1e-3
 #: Sagitta where it is decided whether a contour crosses itself, mm.
 _FINE_CHORD_MM = 1e-6
+#: Two contours cross if parts of one are farther inside and outside of the other than this, mm.
+_CROSSING_MM = 0.003
 #: A contour with more neighbours than these, and no more pieces, is tested piece by piece.
 _MANY = 256
 #: Places of a contour, as shares of its pieces, at which it is decided whether it lies inside.
@@ -141,12 +143,35 @@ def find_unclear(pieces: Pieces, chosen: BoolArray, near: IntArray) -> BoolArray
         areas[index] = shapely.make_valid(area)
     pairs = near[chosen[near].all(axis=1)] if len(near) else near
     for first, second in pairs.tolist():
-        common = shapely.area(shapely.intersection(areas[first], areas[second]))
-        least = min(shapely.area(areas[first]), shapely.area(areas[second]))
-        slack = _CHORD_MM * min(shapely.length(areas[first]), shapely.length(areas[second]))
-        if common > slack and least - common > slack:
-            unclear[first] = unclear[second] = True
+        small, large = sorted((areas[first], areas[second]), key=lambda area: area.area)
+        if shapely.intersects(large, small) and not shapely.contains_properly(large, small):
+            overlaps = shapely.intersects(shapely.buffer(large, -_CROSSING_MM), small)
+            if overlaps and not shapely.covers(shapely.buffer(large, _CROSSING_MM), small):
+                unclear[first] = unclear[second] = True
     return unclear
+
+
+def count_around(
+    pieces: Pieces, boxes: FloatArray, chosen: BoolArray, points: FloatArray
+) -> IntArray:
+    """(N,) number of the closed contours in the mask `chosen` around each of `points` (N, 2).
+
+    boxes: (C, 4) bounding boxes of the contours.
+    """
+    names = np.flatnonzero(chosen & np.isfinite(boxes[:, 0]))
+    tree = shapely.STRtree(shapely.points(points))
+    near, rows = tree.query(shapely.box(*boxes[names].T))
+    first = np.searchsorted(pieces.owner, np.arange(len(boxes) + 1))
+    around = np.zeros(len(points), np.intp)
+    # The pairs come contour by contour.
+    ends = np.append(0, np.cumsum(np.bincount(near, minlength=len(names))))
+    for index in np.flatnonzero(np.diff(ends)).tolist():
+        name, inner = names[index], rows[ends[index] : ends[index + 1]]
+        ring = flatten(pieces.take(np.arange(first[name], first[name + 1])))
+        if len(ring) > 3:
+            area = shapely.polygons(shapely.linearrings(ring))
+            around[inner] += shapely.contains_xy(area, points[inner, 0], points[inner, 1])
+    return around
 
 
 def crosses_itself(pieces: Pieces, contour: int) -> bool:
@@ -159,13 +184,13 @@ def crosses_itself(pieces: Pieces, contour: int) -> bool:
 def _is_inside(area: Any, places: FloatArray, low: IntArray, high: IntArray) -> BoolArray:
     """(N,) whether contours lie inside `area`. low, high: (N,) range of each one's `places`."""
     shapely.prepare(area)
-    votes = np.zeros(len(low), np.intp)
+    inside, maybe = np.ones(len(low), np.bool_), np.zeros(len(low), np.bool_)
     for share in _PROBES:
-        probe = places[low + (share * (high - low)).astype(np.intp)]
-        votes += shapely.contains_xy(area, probe[:, 0], probe[:, 1])
-    inside = votes == len(_PROBES)
-    # Where they differ, some of the places touch the border: the one farthest from it decides.
-    for index in np.flatnonzero((votes > 0) & ~inside).tolist():
+        x, y = places[low + (share * (high - low)).astype(np.intp)].T
+        inside &= shapely.contains_xy(area, x, y)
+        maybe |= shapely.intersects_xy(area, x, y)
+    # Where not all are inside, some touch the border: the place farthest from it decides.
+    for index in np.flatnonzero(maybe & ~inside).tolist():
         points = shapely.points(places[low[index] : high[index]])
         best = points[np.argmax(shapely.distance(points, area.exterior))]
         inside[index] = shapely.contains_properly(area, best)

@@ -69,6 +69,8 @@ class Task(Struct, frozen=True, eq=False):
     job: its settings, with its tool.
     worked: (C,) contours of the drawing that it works on.
     kept_clear: (C,) contours that the tool keeps clear of.
+    walls: (C,) contours beside which the tool may have no room: those, the worked ones, and those
+        that the planner may have kept clear of.
     tool_side: (C,) side of the contour on which the tool runs: 1 left, -1 right, 0 on it.
     distances: distances of the tool's centre from the contours, mm, the one of the last pass last.
     depths: depths of the passes below the top face, mm, in order.
@@ -81,6 +83,7 @@ class Task(Struct, frozen=True, eq=False):
     job: Job
     worked: BoolArray
     kept_clear: BoolArray
+    walls: BoolArray
     tool_side: IntArray
     distances: tuple[float, ...]
     depths: tuple[float, ...]
@@ -192,7 +195,10 @@ def _make_task(
         nesting = _nest_shown(drawing, shown, max(distances))
         near, enclosed = nesting.near, nesting.enclosed
         side, kept_clear = _choose_sides(drawing, operation.side, shown, nesting)
-    return Task(number, kind, job, worked, kept_clear, side, distances, depths, near, enclosed)
+    walls = worked | kept_clear
+    return Task(
+        number, kind, job, worked, kept_clear, walls, side, distances, depths, near, enclosed
+    )
 
 
 def _distances(kind: str, job: Job) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -1,0 +1,71 @@
+"""Contours with an edge in common: what their proof accepts, and what it refuses."""
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.model.errors import VerifyError
+from camgen.model.part import Contour, Part
+from tests.check.proof.test_saboteurs import without_last_path, wrong_radius
+from tests.support.drawn import circle, contour, part, rectangle
+from tests.support.sabotage import Patch, module
+
+JOB = {"tool": {"diameter": 3.0}}
+
+
+def make_neighbours(x: int) -> list[Contour]:
+    """A plate on another one: 4 mm of their edges are in common."""
+    return [rectangle(x, 10, 10, 10, f"c{x}"), rectangle(x + 6, 0, 20, 10, f"c{x + 1}")]
+
+
+def make_inner(*, starts_at_edge: bool) -> Part:
+    """A hole from edge to edge of its outline. Its first line is on the outline, or is not."""
+    corners = [(65, 40), (75, 40), (75, 60), (65, 60)]
+    hole = contour(corners if starts_at_edge else corners[1:] + corners[:1], name="hole")
+    return part(rectangle(50, 40, 40, 20, "outline"), hole)
+
+
+def shared_edges_unseen(patch: Patch) -> None:
+    """Paths run beside common edges too."""
+
+    def find_none(*_: object) -> object:
+        return np.zeros((0, 2), np.int64)
+
+    patch.setattr(module("geometry.offset"), "_find_edge_pairs", find_none)
+
+
+@pytest.mark.parametrize("starts_at_edge", [False, True])
+def test_a_hole_from_edge_to_edge_of_its_outline_is_worked_from_inside(
+    starts_at_edge: bool, monkeypatch: Patch
+) -> None:
+    drawn = make_inner(starts_at_edge=starts_at_edge)
+    assert camgen.build(drawn, post="gcode", job=JOB).motion.contours == 2
+    wrong_radius(monkeypatch)
+    with pytest.raises(VerifyError, match="works where nothing is drawn"):
+        camgen.build(drawn, post="gcode", job=JOB)
+
+
+def test_a_common_edge_is_not_missing_but_the_rest_is(monkeypatch: Patch) -> None:
+    drawn = part(*make_neighbours(0), *make_neighbours(100))
+    assert camgen.build(drawn, post="gcode", job=JOB).motion.contours == 4
+    without_last_path(monkeypatch)
+    with pytest.raises(VerifyError, match=r"contour c\d* is not worked"):
+        camgen.build(drawn, post="gcode", job=JOB)
+
+
+def test_a_path_beside_a_common_edge_is_refused(monkeypatch: Patch) -> None:
+    upper = contour([(50, 60), (50, 50), (60, 50), (70, 50), (70, 60), (60, 60)], name="c1")
+    lower = contour([(65, 50), (55, 50), (55, 40), (45, 40), (45, 30), (65, 30)], name="c2")
+    camgen.build(part(upper, lower), post="gcode", job=JOB)
+    shared_edges_unseen(monkeypatch)
+    with pytest.raises(VerifyError, match=r"nearer to contour c\d"):
+        camgen.build(part(upper, lower), post="gcode", job=JOB)
+
+
+def test_nothing_is_kept_clear_of_contours_that_cross_a_little() -> None:
+    """0.01 mm of the corner of the plate are in the circle: both are left out, and `b` is not."""
+    plate, small = rectangle(0, 0, 60, 40, "plate"), circle(60.7, 40.7, 1, "circle")
+    drawn = part(plate, small, rectangle(63, 30, 20, 20, "b"))
+    result = camgen.build(drawn, post="gcode", job=JOB)
+    assert result.motion.contours == 1
+    assert [note.ids for note in result.notes if note.kind == "skipped"] == [("plate", "circle")]
