@@ -25,6 +25,8 @@ from camgen.geometry.segments import (
     Segments,
     concatenate,
     concatenate_chains,
+    find_following,
+    make_segments,
     reverse_segments,
     split_segments,
     tangents_at,
@@ -34,6 +36,8 @@ from camgen.model.pose import FloatArray
 
 #: mm: a crossing nearer than this to the end of a segment counts as that end.
 LEAST_SLIP = 1e-5
+#: mm: shorter segments between longer ones are welded.
+_SHORT_MM = 0.003
 
 
 class _Pieces(Struct, frozen=True, eq=False):
@@ -47,6 +51,28 @@ class _Pieces(Struct, frozen=True, eq=False):
     segments: Segments
     following: IntArray
     meet: IntArray
+
+
+def weld_short(segments: Segments, closed: BoolArray) -> Segments:
+    """The segments without the short ones that closed loops have alone: the one before is longer.
+
+    Such a segment closes a loop whose last number was rounded, often backwards. An offset has then
+    no side there.
+
+    segments: sorted by owner.
+    closed: (owners,) whether each one is closed.
+    """
+    following = find_following(segments, closed)
+    is_short = (segments.length < _SHORT_MM) & (following >= 0)
+    before = np.flatnonzero(is_short[following] & ~is_short & (following >= 0))
+    row = following[before]
+    before = before[~is_short[following[row]] & (following[following[row]] != before)]
+    if not len(before):
+        return segments
+    end = segments.end.copy()
+    end[before] = segments.end[following[before]]
+    welded = make_segments(segments.start, end, segments.bulge, segments.owner)
+    return welded.take(np.setdiff1d(np.arange(len(segments)), following[before]))
 
 
 def find_slips(segments: Segments, following: IntArray, count: int) -> BoolArray:

@@ -24,7 +24,7 @@ from camgen.geometry.segments import (
     points_at,
     reverse_segments,
 )
-from camgen.geometry.uncross import find_slips, uncross_loops
+from camgen.geometry.uncross import find_slips, uncross_loops, weld_short
 from camgen.model.job import Job
 from camgen.model.part import (
     Contour,
@@ -216,7 +216,7 @@ def _offset(
 ) -> tuple[OffsetCurve, Segments]:
     """The paths at `distance` mm from the contours, and the contours with the part on the left."""
     closed = tabulate_contours(take_rows(part.contours, loops.index)).closed
-    source = reverse_loops(loops.drawn, loops.flip)
+    source = reverse_loops(weld_short(loops.drawn, closed), loops.flip)
     following = find_following(source, closed)
     slips = closed & find_slips(source, following, len(closed))
     source, following = uncross_loops(source, following, slips)
@@ -392,10 +392,8 @@ def _make_labels(
     first[contour[pairs]] = place[chain[pairs]]
     has_several = (np.bincount(main[order], minlength=len(contours)) > 1).tolist()
     seen = [0] * len(contours)
-    main, parent = main[order], loops.parent[main[order]]
-    around = np.where(parent >= 0, first[parent], -1)
-    # A path that also runs beside the contour around it is not inside anything of that contour.
-    around[(around >= 0) & (loops.depth[main[around]] >= loops.depth[main])] = -1
+    main = main[order]
+    around = _find_around(place[chain], contour, first, loops)
     # A path around two contours that touch works on both.
     others: dict[int, list[str]] = {}
     for path, k in zip(place[chain].tolist(), contour.tolist(), strict=True):
@@ -412,6 +410,22 @@ def _make_labels(
             name += f".{seen[k]}"
         labels.append(Label(name, layer, closed, any_direction and not closed, outer, names))
     return labels, place
+
+
+def _find_around(path: IntArray, contour: IntArray, first: IntArray, loops: _Loops) -> IntArray:
+    """(P,) the path around each path, or -1. It is around the outermost contour of the path.
+
+    path, contour: (N,) pairs of a path, -1 for none, and a contour beside which it runs.
+    first: (contours,) the first path beside each contour, or -1.
+    """
+    outermost = np.zeros(int(path.max(initial=-1)) + 1, dtype=np.int64)
+    inner_first = np.argsort(-loops.depth[contour], kind="stable")
+    inner_first = inner_first[path[inner_first] >= 0]
+    outermost[path[inner_first]] = contour[inner_first]
+    parent = loops.parent[outermost]
+    while (is_without := (parent >= 0) & (first[parent] < 0)).any():
+        parent[is_without] = loops.parent[parent[is_without]]
+    return np.where(parent >= 0, first[parent], -1)
 
 
 def _match_contours(

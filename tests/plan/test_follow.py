@@ -204,6 +204,27 @@ def test_a_bridge_between_outline_and_hole_is_no_reason_to_leave_them_out() -> N
     assert lengths == pytest.approx([2 * (14 + 9), 2 * (50 + 40) + 6 * math.pi])
 
 
+@pytest.mark.parametrize("miss", [0.0003, 0.0027])
+def test_a_closing_line_that_runs_back_by_a_rounding_costs_no_path(miss: float) -> None:
+    """An arc ends beyond the start of the outline, in the direction of the first line."""
+    corners = [(31.816 + miss, 63.455), (31.533, 63.4524), (0, 60), (0, 0), (37.293, 0)]
+    corners += [(37.293, 58.134), (31.816, 63.455)]
+    outline = contour(corners, [0, 0, 0, 0, 0, 0.3995, 0])
+    (path,) = plan_follow(outline).paths
+    drawn = shapely.Polygon(flatten(make_contour_segments([outline]), 1e-4)[0]).buffer(0)
+    assert path.closed
+    assert measure_path(path) == pytest.approx(drawn.buffer(3, quad_segs=256).length, abs=0.02)
+
+
+def test_a_path_beside_an_island_and_its_hole_is_run_before_the_outline() -> None:
+    """One path runs round the island and along the hole. More of it is beside the island."""
+    plate, hole = rectangle(0, 0, 100, 60, "c1"), rectangle(20, 10, 40, 36, "c2")
+    island = [(24, 18), (50, 18), (50, 24), (32, 24), (32, 32), (50, 32), (50, 38), (24, 38)]
+    paths = plan_follow(plate, hole, contour(island, name="island")).paths
+    assert {path.id: path.parent for path in paths} == {"c1": -1, "island": 0}
+    assert set(paths[1].contours) == {"island", "c2"}
+
+
 def test_a_note_gives_the_length_that_the_tool_cannot_touch() -> None:
     # A hole of 40 x 20 mm has sharp corners, and the mill has a radius of 3 mm.
     # At x mm from a corner the mill leaves sqrt(3^2 + (3 - x)^2) - 3 mm. More than 0.02 mm counts.
