@@ -169,7 +169,7 @@ def _have_shared_edge(
         return is_shared
     tangent = tangents_at(moved, middle)
     touched = points_at(moved, middle) - distance * turn_right(tangent)
-    both, _ = find_equal_pairs(row, pairs[:, 0], len(pairs))
+    both, _ = find_equal_pairs(row, pairs[:, 0], int(np.bincount(pairs[:, 0]).max()))
     for piece, pair in both:
         others = pairs[pair, 1]
         is_near = measure_distances(touched[piece], source, others) <= _SHARED_MM

@@ -108,8 +108,7 @@ def uncross_loops(
 ) -> tuple[Segments, IntArray]:
     """`segments` with the chosen loops repaired, and the segment that follows each of them.
 
-    The other loops stay as they are and come first.
-
+    segments: sorted by owner, as those that are returned.
     following: (N,) the segment after each one, -1 for none.
     chosen: per owner, whether the loop may be repaired; the part is on its left.
     """
@@ -133,7 +132,12 @@ def uncross_loops(
             tables.append(loop)
             links.append(size + np.roll(np.arange(len(loop)), -1))
             size += len(loop)
-    return concatenate(tables), np.concatenate(links)
+    table = concatenate(tables)
+    order = np.argsort(table.owner, kind="stable")
+    place = np.empty(size, dtype=np.int64)
+    place[order] = np.arange(size)
+    after = np.concatenate(links)[order]
+    return table.take(order), np.where(after >= 0, place[after], -1)
 
 
 def _find_crossings(segments: Segments, rows: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:

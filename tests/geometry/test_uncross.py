@@ -92,12 +92,17 @@ def test_loops_that_do_not_cross_themselves_are_not_changed() -> None:
     assert following.tolist() == [1, 2, 3, 0, 5, 6, 7, 4]
 
 
-def test_other_contours_keep_their_rows() -> None:
+def test_the_segments_stay_sorted_by_contour() -> None:
     first, last = rectangle(100, 0, 5, 5), rectangle(200, 0, 5, 5)
     source, following = uncross(first, spike(), last)
-    assert source.start[:8, 0].min() == 100
-    assert following[:8].tolist() == [1, 2, 3, 0, 5, 6, 7, 4]
-    assert sorted(set(source.owner[8:].tolist())) == [1]
+    assert np.all(np.diff(source.owner) >= 0)
+    assert source.start[:4, 0].min() == 100
+    assert source.start[-4:, 0].min() == 200
+    rows = np.arange(len(source))
+    assert following[:4].tolist() == [1, 2, 3, 0]
+    assert (rows[-1] - following[-4:]).tolist() == [2, 1, 0, 3]
+    assert np.array_equal(source.owner[following], source.owner)
+    assert source.start[following] == pytest.approx(source.end, abs=1e-6)
 
 
 @pytest.mark.parametrize("degrees", [0.001, 1.0, 10.0, 22.0, 23.0, 40.0])

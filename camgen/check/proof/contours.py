@@ -322,6 +322,19 @@ class ContourChecker:
             name = self.drawing.contours[int(self.pieces.owner[other.max()])].id
             what = f"comes nearer to contour {name} than the tool's radius"
             findings.add(self.motions, int(matched.rows[rows[index]]), what)
+        # Within a part that shares its edges, the tool may keep clear of all of them.
+        touches = nearest.distance[: len(rows)] <= max(task.distances) + self.limit
+        inner = touches.copy()
+        for walls in (task.kept_clear, task.walls):
+            inner[inner] = self._count_around(rows_of(plane.middle, chosen[inner]), walls) % 2 == 1
+        for index in np.flatnonzero(inner)[:1].tolist():
+            name = self.drawing.contours[int(contour[rows[index]])].id
+            what = f"runs beside contour {name}, in the part beyond it"
+            findings.add(self.motions, int(matched.rows[rows[index]]), what)
+
+    def _count_around(self, points: FloatArray, chosen: BoolArray) -> IntArray:
+        """(N,) number of the contours `chosen` (C,) around points (N, 2)."""
+        return count_around(self.pieces, self.drawing.boxes, chosen, points)
 
     # -- the drawing beside the motions
 
@@ -388,8 +401,7 @@ class ContourChecker:
         chosen = np.flatnonzero(open_)
         if len(chosen) and self.task.kept_clear.any():
             # Beyond an edge that two parts have in common there is room, but in the other part.
-            boxes, walls = self.drawing.boxes, self.task.walls
-            open_[chosen] = count_around(self.pieces, boxes, walls, centre[chosen]) % 2 == 0
+            open_[chosen] = self._count_around(centre[chosen], self.task.walls) % 2 == 0
             chosen = np.flatnonzero(open_)
         if len(chosen):
             plane = self.motions.plane

@@ -134,20 +134,22 @@ def find_unclear(pieces: Pieces, chosen: BoolArray, near: IntArray) -> BoolArray
     near: (N, 2) pairs of contours that may cross.
     """
     unclear = np.zeros(len(chosen), np.bool_)
-    areas = {}
+    areas = np.full(len(chosen), shapely.Point())
     for index in np.flatnonzero(chosen).tolist():
         ring = flatten(pieces.take(pieces.owner == index))
-        area = shapely.polygons(shapely.linearrings(ring)) if len(ring) > 3 else shapely.Point()
+        area = shapely.polygons(shapely.linearrings(ring)) if len(ring) > 3 else areas[index]
         thin = shapely.area(area) <= 1e-6 * shapely.length(area)
         unclear[index] = thin or not shapely.is_valid(area)
         areas[index] = shapely.make_valid(area)
-    pairs = near[chosen[near].all(axis=1)] if len(near) else near
-    for first, second in pairs.tolist():
-        small, large = sorted((areas[first], areas[second]), key=lambda area: area.area)
-        if shapely.intersects(large, small) and not shapely.contains_properly(large, small):
-            overlaps = shapely.intersects(shapely.buffer(large, -_CROSSING_MM), small)
-            if overlaps and not shapely.covers(shapely.buffer(large, _CROSSING_MM), small):
-                unclear[first] = unclear[second] = True
+    size = shapely.area(areas)
+    pairs = near[chosen[near].all(axis=1) & (size[near[:, 0]] <= size[near[:, 1]])]
+    small, large = areas[pairs].T
+    meets = shapely.intersects(small, large) & ~shapely.contains_properly(large, small)
+    pairs, small = pairs[meets], small[meets]
+    names, place = np.unique(pairs[:, 1], return_inverse=True)
+    inner = shapely.buffer(areas[names], -_CROSSING_MM)[place]
+    outer = shapely.buffer(areas[names], _CROSSING_MM)[place]
+    unclear[pairs[shapely.intersects(inner, small) & ~shapely.covers(outer, small)]] = True
     return unclear
 
 

@@ -62,6 +62,17 @@ def test_a_path_beside_a_common_edge_is_refused(monkeypatch: Patch) -> None:
         camgen.build(part(upper, lower), post="gcode", job=JOB)
 
 
+def test_a_path_within_a_part_that_shares_its_edges_is_refused(monkeypatch: Patch) -> None:
+    """Each side of the middle tile belongs to a neighbour, whose outside it seems to be."""
+    tiles = [rectangle(20 * (k % 3), 20 * (k // 3), 20, 20, f"c{k}") for k in range(9)]
+    result = camgen.build(part(*tiles), post="gcode", job=JOB)
+    (path,) = result.planned
+    assert np.ptp(path.position[:, :2], axis=0) == pytest.approx([63, 63])
+    shared_edges_unseen(monkeypatch)
+    with pytest.raises(VerifyError, match=r"beside contour c\d, in the part beyond it"):
+        camgen.build(part(*tiles), post="gcode", job=JOB)
+
+
 def test_nothing_is_kept_clear_of_contours_that_cross_a_little() -> None:
     """0.01 mm of the corner of the plate are in the circle: both are left out, and `b` is not."""
     plate, small = rectangle(0, 0, 60, 40, "plate"), circle(60.7, 40.7, 1, "circle")
