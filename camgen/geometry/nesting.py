@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.apart import find_box_pairs, merge_boxes
@@ -97,6 +98,8 @@ def _are_alone(segments: Segments, loops: IntArray) -> BoolArray:
 #: mm: deviation of the chords that replace arcs in the tests of inside and outside.
 #: Loops nearer to each other than this touch.
 _CHORD = 0.02
+#: The same as a share of the size of a loop, at most.
+_CHORD_SHARE = 0.002
 #: How two loops whose borders meet lie: not compared yet, beside each other, one inside the other,
 #: or partly over each other.
 _UNKNOWN, _BESIDE, _INSIDE, _PARTLY = -1, 0, 1, 2
@@ -119,6 +122,8 @@ class Nesting(Struct, frozen=True, eq=False):
     area: (N,) mm2, positive counter-clockwise.
     crossed: (N,) another loop that each one crosses, itself if it crosses itself, -1 if none.
     empty: (N,) whether a loop has no inside, such as a line there and back.
+    touching: (M, 2) pairs of loops that touch from within, the inner one first.
+    neighbours: (K, 2) pairs of loops beside each other that touch.
     """
 
     depth: IntArray
@@ -126,13 +131,17 @@ class Nesting(Struct, frozen=True, eq=False):
     area: FloatArray
     crossed: IntArray
     empty: BoolArray
+    touching: IntArray
+    neighbours: IntArray
 
 
 def find_nesting(segments: Segments, count: int) -> Nesting:
     """Nesting of the closed loops 0 to count - 1. `segments` is sorted by owner."""
     area = measure_loop_areas(segments, count)
     # Most loops of a large drawing are plain.
-    points, owner = flatten(segments.take(~find_plain(segments, count)[segments.owner]), _CHORD)
+    tested = segments.take(~find_plain(segments, count)[segments.owner])
+    chord = _choose_chords(tested, count)
+    points, owner = flatten(tested, chord[tested.owner])
     is_ring = np.bincount(owner, minlength=count) >= 3
     rings = np.flatnonzero(is_ring)
     chosen = is_ring[owner]
@@ -140,11 +149,21 @@ def find_nesting(segments: Segments, count: int) -> Nesting:
         shapely.linearrings(points[chosen], indices=np.cumsum(is_ring)[owner[chosen]] - 1)
     )
     crossed = np.full(count, -1)
-    _mark_self_crossings(polygons, rings, _polygon_areas(points, owner, count), crossed)
-    touching, neighbours = _mark_crossings(segments, polygons, rings, crossed)
+    slack = chord[rings] * shapely.length(polygons)
+    area_of_chords = _polygon_areas(points, owner, count)[rings]
+    crossed[rings] = np.where(_cross_themselves(polygons, area_of_chords, slack), rings, -1)
+    touching, neighbours = _mark_crossings(polygons, rings, slack, crossed)
     depth, parent = _find_parents(segments, polygons, rings, area, touching, neighbours)
     length = np.bincount(segments.owner, segments.length, count)
-    return Nesting(depth, parent, area, crossed, np.abs(area) <= _EMPTY_WIDTH_MM * length)
+    empty = np.abs(area) <= _EMPTY_WIDTH_MM * length
+    return Nesting(depth, parent, area, crossed, empty, touching, neighbours)
+
+
+def _choose_chords(segments: Segments, count: int) -> FloatArray:
+    """(count,) deviation of the chords that replace arcs, mm: less for small loops."""
+    boxes = merge_boxes(compute_bounds(segments), segments.owner, count)
+    size = np.linalg.norm(boxes[:, 2:] - boxes[:, :2], axis=1)
+    return np.asarray(np.fmin(_CHORD, _CHORD_SHARE * size))
 
 
 def _polygon_areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:
@@ -153,27 +172,24 @@ def _polygon_areas(points: FloatArray, owner: IntArray, count: int) -> FloatArra
     return np.asarray(np.bincount(owner, measure_triangles(points, ends, owner, count), count) / 2)
 
 
-def _mark_self_crossings(
-    polygons: object, rings: IntArray, area: FloatArray, crossed: IntArray
-) -> None:
-    """Sets `crossed` of loops that cross or retrace themselves to the loop itself.
+def _cross_themselves(polygons: object, area: FloatArray, slack: FloatArray) -> BoolArray:
+    """(R,) whether loops cross or retrace themselves.
 
     A loop crosses itself if its enclosed area is not that of the shoelace formula, because parts of
     it have the opposite sense.
 
     polygons: (R,) loops as polygons.
-    rings: (R,) their numbers.
-    area: (count,) mm2, by the shoelace formula.
+    area: (R,) mm2, by the shoelace formula.
+    slack: (R,) rounding of an area, mm2.
     """
-    invalid = np.flatnonzero(~shapely.is_valid(polygons))
-    suspects = np.asarray(polygons)[invalid]
+    wrong = ~shapely.is_valid(polygons)
+    suspects = np.asarray(polygons)[wrong]
     areas = shapely.make_valid(suspects)
-    slack = _CHORD * shapely.length(suspects)
-    crosses = np.abs(shapely.area(areas) - np.abs(area[rings[invalid]])) > slack
+    crosses = np.abs(shapely.area(areas) - np.abs(area[wrong])) > slack[wrong]
     # The buffer of 0 mm drops the lines.
     retraces = _are_retraced(shapely.get_exterior_ring(suspects), shapely.buffer(areas, 0.0))
-    wrong = invalid[crosses | retraces]
-    crossed[rings[wrong]] = rings[wrong]
+    wrong[wrong] = crosses | retraces
+    return np.asarray(wrong)
 
 
 def _are_retraced(rings: NDArray[Any], areas: NDArray[Any]) -> BoolArray:
@@ -196,7 +212,7 @@ def _are_retraced(rings: NDArray[Any], areas: NDArray[Any]) -> BoolArray:
 
 
 def _mark_crossings(
-    segments: Segments, polygons: object, rings: IntArray, crossed: IntArray
+    polygons: object, rings: IntArray, slack: FloatArray, crossed: IntArray
 ) -> tuple[IntArray, IntArray]:
     """Sets `crossed` of loops that partly cover another loop, and finds the loops that touch.
 
@@ -228,7 +244,8 @@ def _mark_crossings(
             break
         new = np.unique(pair[batch])
         new = new[kind[new] == _UNKNOWN]
-        kind[new] = _compare(shapes[first[new]], shapes[second[new]])
+        least = np.minimum(slack[first[new]], slack[second[new]])
+        kind[new] = _compare(shapes[first[new]], shapes[second[new]], least)
         partly = batch[kind[pair[batch]] == _PARTLY]
         np.minimum.at(first_crossed, loop[partly], other[partly])
         low, high = high, _BATCH_GROWTH * high
@@ -238,12 +255,22 @@ def _mark_crossings(
     inside = np.flatnonzero(kind == _INSIDE)
     is_swapped = shapely.area(shapes[first[inside]]) > shapely.area(shapes[second[inside]])
     within = np.where(is_swapped[:, None], loops[inside, ::-1], loops[inside])
-    neighbours = loops[kind == _BESIDE]
+    return np.asarray(within), np.asarray(loops[kind == _BESIDE])
+
+
+def mark_small_crossings(segments: Segments, nesting: Nesting) -> Nesting:
+    """The nesting, with loops marked as crossing that cross by more than `_CROSSING_MM`.
+
+    The areas of `find_nesting` do not show that: a corner that reaches into another loop, or out of
+    the one around it, has a small area. A tool beside one of the loops would cut the other one.
+    """
+    within, neighbours = nesting.touching, nesting.neighbours
     protrudes, overlaps = _measure_crossings(segments, within, neighbours)
+    crossed = nesting.crossed.copy()
     for loop, other in np.concatenate([within[protrudes], neighbours[overlaps]]).tolist():
         crossed[loop] = other if crossed[loop] < 0 else crossed[loop]
         crossed[other] = loop if crossed[other] < 0 else crossed[other]
-    return np.asarray(within[~protrudes]), np.asarray(neighbours[~overlaps])
+    return replace(nesting, crossed=crossed)
 
 
 def _measure_crossings(
@@ -275,11 +302,13 @@ def _buffer_once(areas: NDArray[Any], rows: IntArray, distance: float) -> NDArra
     return np.asarray(shapely.buffer(areas[names], distance)[place])
 
 
-def _compare(first: NDArray[Any], second: NDArray[Any]) -> IntArray:
-    """(N,) how pairs of polygons lie: `_BESIDE`, `_INSIDE` or `_PARTLY`."""
+def _compare(first: NDArray[Any], second: NDArray[Any], slack: FloatArray) -> IntArray:
+    """(N,) how pairs of polygons lie: `_BESIDE`, `_INSIDE` or `_PARTLY`.
+
+    slack: (N,) rounding of an area, mm2.
+    """
     common = shapely.area(shapely.intersection(first, second))
     smaller = np.minimum(shapely.area(first), shapely.area(second))
-    slack = _CHORD * np.minimum(shapely.length(first), shapely.length(second))
     return np.where(common > slack, np.where(smaller - common > slack, _PARTLY, _INSIDE), _BESIDE)
 
 

@@ -247,10 +247,10 @@ def reverse_segments(segments: Segments) -> tuple[Segments, IntArray]:
     return Segments(old.end, old.start, -old.bulge, old.centre, old.radius, old.owner), rows
 
 
-def flatten(segments: Segments, chord: float) -> tuple[FloatArray, IntArray]:
+def flatten(segments: Segments, chord: float | FloatArray) -> tuple[FloatArray, IntArray]:
     """Points (M, 2) along the segments, mm, and the owner (M,) of each.
 
-    Arcs become chords that deviate by at most `chord` mm. The end of a segment is left out, because
+    Arcs become chords that deviate by at most `chord` mm, a number or (N,). The end of a segment is left out, because
     the next segment begins there.
     """
     with np.errstate(invalid="ignore"):

@@ -11,7 +11,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import Obstacles, find_near_pairs, measure_distances, measure_nearest
-from camgen.geometry.nesting import Nesting, find_nesting
+from camgen.geometry.nesting import Nesting, find_nesting, mark_small_crossings
 from camgen.geometry.ragged import list_owners, number_rows, select_distinct
 from camgen.geometry.segments import (
     BoolArray,
@@ -304,7 +304,7 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
     if len(index) < len(closed):
         closed = take_rows(closed, index)
     drawn = make_contour_segments(closed)
-    nesting = find_nesting(drawn, len(index))
+    nesting = mark_small_crossings(drawn, find_nesting(drawn, len(index)))
     worked = np.isin(index, chosen)
     if side == "auto":
         check_outlines(part, list_ids(selected), "set operation.side")

@@ -67,3 +67,11 @@ def test_a_loop_that_reaches_a_hair_into_its_neighbour_is_beside_it() -> None:
     for loop in (tall, first):
         assert nested(wide, loop) == ([0, 0], [-1, -1], [-1, -1])
         assert nested(loop, wide) == ([0, 0], [-1, -1], [-1, -1])
+
+
+def test_chords_do_not_move_a_small_loop_into_the_notch_beside_it() -> None:
+    """The gap of 0.01 mm is half of what chords may deviate from arcs of large loops."""
+    corners = [(0.31, 0), (-0.31, 0), (-1, 0), (-1, -1), (1, -1), (1, 0)]
+    notched = contour(corners, [-1, 0, 0, 0, 0, 0])
+    bulb = contour([(-0.3, 0), (0.3, 0), (0, 0.5)], [1, 0, 0])
+    assert nested(notched, bulb) == ([0, 0], [-1, -1], [-1, -1])
