@@ -250,8 +250,8 @@ def reverse_segments(segments: Segments) -> tuple[Segments, IntArray]:
 def flatten(segments: Segments, chord: float | FloatArray) -> tuple[FloatArray, IntArray]:
     """Points (M, 2) along the segments, mm, and the owner (M,) of each.
 
-    Arcs become chords that deviate by at most `chord` mm, a number or (N,). The end of a segment is left out, because
-    the next segment begins there.
+    Arcs become chords that deviate by at most `chord` mm, a number or (N,). The end of a segment is
+    left out, because the next segment begins there.
     """
     with np.errstate(invalid="ignore"):
         step = 2 * np.arccos(np.clip(1 - chord / segments.radius, -1.0, 1.0))
