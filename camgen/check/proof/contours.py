@@ -40,6 +40,8 @@ from camgen.check.proof.pieces import (
 from camgen.check.proof.tasks import Drawing, Task
 from camgen.model.pose import FloatArray
 
+#: Half of the length of a stretch of a motion, mm, of which only the middle is examined.
+_CLEAR_STEP_MM = 0.1
 #: A stretch of a contour that is shorter, mm, is not examined on its own.
 _LEAST_GAP_MM = 0.1
 #: A place is within reach if the tool is too near to a wall there by at most this, mm. The path
@@ -316,10 +318,12 @@ class ContourChecker:
         chosen = matched.rows[rows]
         points = np.concatenate([rows_of(plane.middle, chosen), rows_of(plane.end, chosen)])
         nearest = find_nearest(points, np.tile(contour[rows], 2), self.pieces, lists)
-        near = nearest.distance.reshape(2, -1).min(axis=0) < min(task.distances) - self.limit
-        for index in np.flatnonzero(near)[:1].tolist():
-            other = nearest.piece.reshape(2, -1)[:, index]
-            name = self.drawing.contours[int(self.pieces.owner[other.max()])].id
+        least = min(task.distances) - self.limit
+        at_end = nearest.piece[len(rows) :]
+        other = np.where(nearest.distance[len(rows) :] < least, at_end, -1)
+        other = np.maximum(other, self._find_too_near(chosen, contour[rows], least))
+        for index in np.flatnonzero(other >= 0)[:1].tolist():
+            name = self.drawing.contours[int(self.pieces.owner[other[index]])].id
             what = f"comes nearer to contour {name} than the tool's radius"
             findings.add(self.motions, int(matched.rows[rows[index]]), what)
         # Within a part that shares its edges, the tool may keep clear of all of them.
@@ -331,6 +335,30 @@ class ContourChecker:
             name = self.drawing.contours[int(contour[rows[index]])].id
             what = f"runs beside contour {name}, in the part beyond it"
             findings.add(self.motions, int(matched.rows[rows[index]]), what)
+
+    def _find_too_near(self, rows: IntArray, contour: IntArray, least: float) -> IntArray:
+        """(N,) a piece of another contour from which each motion is less than `least` mm, or -1.
+
+        Along a motion the distance changes by no more than its length. So a stretch is halved only
+        if its middle is not farther than `least` by half of the stretch.
+
+        rows: (N,) the motions.
+        contour: (N,) the contour of each.
+        """
+        plane, lists = self.motions.plane, self.place.near
+        others = np.full(len(rows), -1)
+        row, low, share = np.arange(len(rows)), np.zeros(len(rows)), 1.0
+        while len(row):
+            points = points_along(plane, rows[row], low + share / 2)
+            nearest = find_nearest(points, contour[row], self.pieces, lists)
+            is_near = nearest.distance < least
+            others[row[is_near]] = nearest.piece[is_near]
+            half = plane.length[rows[row]] * share / 2
+            is_open = (nearest.distance < least + half) & ~is_near & (half > _CLEAR_STEP_MM)
+            share /= 2
+            row = np.tile(row[is_open], 2)
+            low = np.concatenate([low[is_open], low[is_open] + share])
+        return others
 
     def _count_around(self, points: FloatArray, chosen: BoolArray) -> IntArray:
         """(N,) number of the contours `chosen` (C,) around points (N, 2)."""

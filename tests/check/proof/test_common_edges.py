@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 import camgen
 from camgen.model.errors import VerifyError
 from camgen.model.part import Contour, Part
-from tests.check.proof.test_saboteurs import without_last_path, wrong_radius
+from tests.check.proof.test_saboteurs import neighbours_gouged, without_last_path, wrong_radius
 from tests.support.drawn import circle, contour, part, rectangle
 from tests.support.sabotage import Patch, module
 
@@ -71,6 +72,20 @@ def test_a_path_within_a_part_that_shares_its_edges_is_refused(monkeypatch: Patc
     shared_edges_unseen(monkeypatch)
     with pytest.raises(VerifyError, match=r"beside contour c\d, in the part beyond it"):
         camgen.build(part(*tiles), post="gcode", job=JOB)
+
+
+@pytest.mark.parametrize("x", [7.0, 24.0, 81.3])
+def test_a_motion_that_gouges_a_small_neighbour_on_its_way_is_refused(
+    x: float, monkeypatch: Patch
+) -> None:
+    """The middle and the ends of the motion along the plate are far from it."""
+    small = replace(rectangle(x, 21, 2, 2, "small"), layer="B")
+    drawn = part(rectangle(0, 0, 100, 20, "plate"), small)
+    job = {"tool": {"diameter": 6.0}, "operations": [{"kind": "follow", "layers": ["0"]}]}
+    camgen.build(drawn, post="rapid", job=job)
+    neighbours_gouged(monkeypatch)
+    with pytest.raises(VerifyError, match="nearer to contour small"):
+        camgen.build(drawn, post="rapid", job=job)
 
 
 def test_nothing_is_kept_clear_of_contours_that_cross_a_little() -> None:
