@@ -23,7 +23,6 @@ from camgen.geometry.segments import (
     find_following,
     flatten,
     measure_triangles,
-    points_at,
     tangents_at,
 )
 from camgen.geometry.vectors import measure_signed_angles
@@ -332,7 +331,8 @@ def _find_parents(
     """
     count = len(area)
     first = np.searchsorted(segments.owner, np.arange(count))
-    probes = points_at(segments.take(first), np.full(count, 0.5))
+    # They are corners of the polygons, so polygons that do not meet agree with them.
+    probes = segments.start[first]
     outer, probe = shapely.STRtree(shapely.points(probes)).query(
         polygons, predicate="contains_properly"
     )

@@ -171,7 +171,8 @@ def run_beside(
         left_out = take_rows(part.contours, rows)
         notes += _note_not_followed(left_out, "inside crossing ones", _CROSSING)
         # The tool keeps clear of their outside, as with a part.
-        worked, flip = loops.worked & ~unclear, loops.flip ^ unclear
+        worked = loops.worked & ~unclear
+        flip = loops.flip ^ (unclear & (loops.depth % 2 == 1))
         loops = replace(loops, worked=worked, flip=flip)
     curve, source = _offset(part, loops, distance, job, operation)
     contours = take_rows(part.contours, loops.index)
@@ -245,9 +246,11 @@ def _find_failed(curve: OffsetCurve, source: Segments, count: int) -> BoolArray:
 
 
 def _find_unclear(loops: _Loops, distance: float) -> BoolArray:
-    """(contours,) true for holes inside crossing contours that have other contours near to them.
+    """(contours,) true for contours inside crossing ones that have other contours near to them.
 
-    That they are holes is a guess. If it is wrong, the path beside a neighbour runs into them.
+    They are holes without a part around them, or parts within a part, if the crossing ones are left
+    out. So the path beside a neighbour may run into them. The contours inside of them are unclear
+    too.
     """
     unclear, inner = np.zeros(len(loops.index), dtype=bool), loops.in_crossed
     if not inner.any() or inner.all():
@@ -256,7 +259,15 @@ def _find_unclear(loops: _Loops, distance: float) -> BoolArray:
     pairs = owner[np.stack(find_near_pairs(loops.drawn, group, 2 * distance))]
     for first, second in (pairs, pairs[::-1]):
         unclear[first[~inner[second]]] = True
-    return np.asarray(unclear & inner & (loops.depth % 2 == 1))
+    is_hole = loops.depth % 2 == 1
+    is_in_hole = (loops.parent < 0) | is_hole[loops.parent]
+    unclear &= inner & (is_hole == is_in_hole)
+    # They count as parts then, and the tool cannot work inside of a part.
+    around = loops.parent.copy()
+    while (is_within := around >= 0).any():
+        unclear[is_within] |= unclear[around[is_within]]
+        around[is_within] = loops.parent[around[is_within]]
+    return unclear
 
 
 def _note_nothing_left(

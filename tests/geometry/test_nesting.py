@@ -75,3 +75,10 @@ def test_chords_do_not_move_a_small_loop_into_the_notch_beside_it() -> None:
     notched = contour(corners, [-1, 0, 0, 0, 0, 0])
     bulb = contour([(-0.3, 0), (0.3, 0), (0, 0.5)], [1, 0, 0])
     assert nested(notched, bulb) == ([0, 0], [-1, -1], [-1, -1])
+
+
+def test_a_loop_that_touches_another_from_within_is_inside() -> None:
+    """The chords of an arc do not meet the edge that the middle of the arc touches."""
+    for radius in np.linspace(1.0, 3.0, 21).tolist():
+        outline, hole = rectangle(0, 0, 40, 30), circle(20, 30 - radius, radius)
+        assert nested(outline, hole) == ([0, 1], [-1, 0], [-1, -1])

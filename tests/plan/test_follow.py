@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from msgspec.structs import replace
 
 import camgen
 from camgen.geometry.arcs import measure_path
@@ -174,6 +175,26 @@ def test_a_contour_inside_a_crossing_one_does_not_cost_its_neighbours() -> None:
     assert centre_line(path).distance(shapely.box(14, 0, 24, 10)) == pytest.approx(3)
     left_out = [note for note in result.notes if note.kind == "skipped"]
     assert [note.ids for note in left_out] == [("c3", "c4"), ("c2",)]
+    assert "inside crossing ones" in left_out[1].what
+
+
+def test_contours_without_a_clear_side_are_left_out_with_what_they_enclose() -> None:
+    """`slot` crosses `ring`. Without `ring` it is not known whether `hole` is a hole."""
+    ring, hole, island = circle(20, 40, 10, "ring"), circle(20, 40, 8, "hole"), circle(24, 42, 1)
+    slot, near = rectangle(28, 20, 4, 20, "slot"), circle(7, 40, 2, "near")
+    result = plan_follow(ring, hole, replace(island, id="island"), slot, near)
+    assert [path.id for path in result.paths] == ["near"]
+    left_out = [note for note in result.notes if note.kind == "skipped"]
+    assert [note.ids for note in left_out] == [("ring", "slot"), ("hole", "island")]
+
+
+def test_a_part_within_a_part_is_left_out_if_the_hole_between_them_is() -> None:
+    plate, hole = circle(0, 52, 8, "plate"), circle(0, 52, 4, "hole")
+    bridge, island = circle(5, 55, 2, "bridge"), circle(5, 55, 1, "island")
+    result = plan_follow(plate, hole, bridge, island)
+    assert [path.id for path in result.paths] == ["plate"]
+    left_out = [note for note in result.notes if note.kind == "skipped"]
+    assert [note.ids for note in left_out] == [("hole", "bridge"), ("island",)]
     assert "inside crossing ones" in left_out[1].what
 
 

@@ -124,7 +124,7 @@ def _select_enclosed(pieces: Pieces, pairs: IntArray) -> IntArray:
         if len(ring) < 3:
             continue
         area = shapely.polygons(shapely.linearrings(ring))
-        kept.append(pairs[rows[_is_inside(area, pieces.middle, low[rows], high[rows])]])
+        kept.append(pairs[rows[_is_inside(area, pieces, low[rows], high[rows])]])
     return np.concatenate(kept)
 
 
@@ -183,18 +183,22 @@ def crosses_itself(pieces: Pieces, contour: int) -> bool:
     return len(ring) > 3 and not shapely.is_valid(shapely.polygons(shapely.linearrings(ring)))
 
 
-def _is_inside(area: Any, places: FloatArray, low: IntArray, high: IntArray) -> BoolArray:
-    """(N,) whether contours lie inside `area`. low, high: (N,) range of each one's `places`."""
+def _is_inside(area: Any, pieces: Pieces, low: IntArray, high: IntArray) -> BoolArray:
+    """(N,) whether contours lie inside `area`. low, high: (N,) range of each one's `pieces`."""
     shapely.prepare(area)
     inside, maybe = np.ones(len(low), np.bool_), np.zeros(len(low), np.bool_)
     for share in _PROBES:
-        x, y = places[low + (share * (high - low)).astype(np.intp)].T
+        x, y = pieces.middle[low + (share * (high - low)).astype(np.intp)].T
         inside &= shapely.contains_xy(area, x, y)
         maybe |= shapely.intersects_xy(area, x, y)
     # Where not all are inside, some touch the border: the place farthest from it decides.
     for index in np.flatnonzero(maybe & ~inside).tolist():
-        points = shapely.points(places[low[index] : high[index]])
-        best = points[np.argmax(shapely.distance(points, area.exterior))]
+        points = shapely.points(pieces.middle[low[index] : high[index]])
+        distance = shapely.distance(points, area.exterior)
+        best = points[np.argmax(distance)]
+        ring = flatten(pieces.take(np.arange(low[index], high[index])))
+        if distance.max() < _CROSSING_MM and len(ring) > 3:
+            best = shapely.point_on_surface(shapely.make_valid(shapely.polygons(ring)))
         inside[index] = shapely.contains_properly(area, best)
     return np.asarray(inside)
 

@@ -95,3 +95,13 @@ def test_nothing_is_kept_clear_of_contours_that_cross_a_little() -> None:
     result = camgen.build(drawn, post="gcode", job=JOB)
     assert result.motion.contours == 1
     assert [note.ids for note in result.notes if note.kind == "skipped"] == [("plate", "circle")]
+
+
+def test_a_tile_whose_sides_touch_the_border_of_its_plate_is_inside() -> None:
+    """Three sides are on the border, and the middle of the fourth is the end of a line of it."""
+    corners = [(40, 49), (40, 39), (60, 39), (60, 49), (55, 49), (50, 44), (55, 49)]
+    plate, tile = contour(corners, name="plate"), rectangle(50, 39, 10, 10, "tile")
+    drawn = part(plate, tile, circle(80, 45, 5, "circle"))
+    result = camgen.build(drawn, post="gcode", job=JOB)
+    assert result.motion.contours == 2
+    assert [note.ids for note in result.notes if note.kind == "skipped"] == [("plate",)]
