@@ -158,6 +158,17 @@ def find_nesting(segments: Segments, count: int) -> Nesting:
     return Nesting(depth, parent, area, crossed, empty, touching, neighbours)
 
 
+def find_enclosing(parent: IntArray, chosen: BoolArray) -> IntArray:
+    """(N,) the smallest of the loops `chosen` (N,) around each of N loops, or -1.
+
+    parent: (N,) the smallest loop around each one, or -1.
+    """
+    around = parent.copy()
+    while (is_other := (around >= 0) & ~chosen[around]).any():
+        around[is_other] = parent[around[is_other]]
+    return around
+
+
 def _choose_chords(segments: Segments, count: int) -> FloatArray:
     """(count,) deviation of the chords that replace arcs, mm: less for small loops."""
     boxes = merge_boxes(compute_bounds(segments), segments.owner, count)
@@ -257,13 +268,15 @@ def _mark_crossings(
     return np.asarray(within), np.asarray(loops[kind == _BESIDE])
 
 
-def mark_small_crossings(segments: Segments, nesting: Nesting) -> Nesting:
+def mark_small_crossings(segments: Segments, nesting: Nesting, islands: bool = True) -> Nesting:
     """The nesting, with loops marked as crossing that cross by more than `_CROSSING_MM`.
 
     The areas of `find_nesting` do not show that: a corner that reaches into another loop, or out of
     the one around it, has a small area. A tool beside one of the loops would cut the other one.
+
+    islands: whether a loop crosses the one around it if it reaches out of it.
     """
-    within, neighbours = nesting.touching, nesting.neighbours
+    within, neighbours = nesting.touching[: len(nesting.touching) * islands], nesting.neighbours
     protrudes, overlaps = _measure_crossings(segments, within, neighbours)
     crossed = nesting.crossed.copy()
     for loop, other in np.concatenate([within[protrudes], neighbours[overlaps]]).tolist():

@@ -240,13 +240,12 @@ def _move_sideways(
     early, late: (N,) lengths by which they are extended before the start and beyond the end, mm.
     """
     at_start, at_end = np.zeros(len(source)), np.ones(len(source))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sweep = source.sweep
-        before = np.where(source.is_arc, early / radius * np.sign(sweep), 0.0)
-        beyond = np.where(source.is_arc, late / radius * np.sign(sweep), 0.0)
-        safe_sweep = np.where(sweep == 0, 1.0, sweep)
-        begin = np.where(source.is_arc, before / safe_sweep, 0.0)
-        finish = np.where(source.is_arc, beyond / safe_sweep, 0.0)
+    sweep = source.sweep
+    # Lines are extended below. An arc that shrinks to a point is left out.
+    lasting = np.where(source.is_arc & (radius > _LEAST_RADIUS_MM), radius, np.inf)
+    before, beyond = early / lasting * np.sign(sweep), late / lasting * np.sign(sweep)
+    safe_sweep = np.where(sweep == 0, 1.0, sweep)
+    begin, finish = before / safe_sweep, beyond / safe_sweep
     # An arc is extended by fractions below 0 and above 1, a line along its tangent.
     tangent = tangents_at(source, at_start), tangents_at(source, at_end)
     start, end = points_at(source, -begin), points_at(source, 1 + finish)

@@ -10,8 +10,18 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.intersect import Obstacles, find_near_pairs, measure_distances, measure_nearest
-from camgen.geometry.nesting import Nesting, find_nesting, mark_small_crossings
+from camgen.geometry.intersect import (
+    find_near_pairs,
+    measure_distances,
+    measure_gaps,
+    measure_nearest,
+)
+from camgen.geometry.nesting import (
+    Nesting,
+    find_enclosing,
+    find_nesting,
+    mark_small_crossings,
+)
 from camgen.geometry.ragged import list_owners, number_rows, select_distinct
 from camgen.geometry.segments import (
     BoolArray,
@@ -74,6 +84,13 @@ _COMMON = (
     "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
 )
 _CROSSING = "no clear inside; draw one outline, or use operation.kind = trace"
+_UNWORKED = (
+    "the tool would cut the edge of a contour that is not worked on; "
+    "take a smaller one, or work on both"
+)
+_WITHOUT_INSIDE = (
+    "the tool would cut a contour without a clear inside; take a smaller one, or draw one outline"
+)
 _FAILED = "the path did not keep its distance; please report it"
 
 
@@ -87,7 +104,7 @@ class _Loops(Struct, frozen=True, eq=False):
     group: label of each contour; a path keeps clear of all contours with the label of its own.
     parent: the contour around each, or -1.
     depth: number of contours around each.
-    in_crossed: true for contours inside one that crosses another. Their side is a guess.
+    crossing: segments of the contours without a clear inside, which are left out.
     """
 
     index: list[int]
@@ -97,15 +114,13 @@ class _Loops(Struct, frozen=True, eq=False):
     group: IntArray
     parent: IntArray
     depth: IntArray
-    in_crossed: BoolArray
+    crossing: Segments
 
     def keep(self, rows: IntArray) -> _Loops:
         """The contours `rows`, in that order. The next one around each that is kept encloses it."""
         new = np.full(len(self.index), -1)
         new[rows] = np.arange(len(rows))
-        parent = self.parent[rows]
-        while (is_gone := (parent >= 0) & (new[parent] < 0)).any():
-            parent[is_gone] = self.parent[parent[is_gone]]
+        parent = find_enclosing(self.parent, new >= 0)[rows]
         drawn = self.drawn.take(new[self.drawn.owner] >= 0)
         return _Loops(
             take_rows(self.index, rows),
@@ -115,7 +130,7 @@ class _Loops(Struct, frozen=True, eq=False):
             self.group[rows],
             np.where(parent >= 0, new[parent], -1),
             self.depth[rows],
-            self.in_crossed[rows],
+            self.crossing,
         )
 
 
@@ -165,15 +180,6 @@ def run_beside(
     loops, notes = _choose_sides(part, job.operation.side, job.input.join)
     if not loops.worked.any():
         return (), tuple(notes)
-    unclear = _find_unclear(loops, distance)
-    if unclear.any():
-        rows = take_rows(loops.index, np.flatnonzero(unclear & loops.worked))
-        left_out = take_rows(part.contours, rows)
-        notes += _note_not_followed(left_out, "inside crossing ones", _CROSSING)
-        # The tool keeps clear of their outside, as with a part.
-        worked = loops.worked & ~unclear
-        flip = loops.flip ^ (unclear & (loops.depth % 2 == 1))
-        loops = replace(loops, worked=worked, flip=flip)
     curve, source = _offset(part, loops, distance, job, operation)
     contours = take_rows(part.contours, loops.index)
     radius = job.operation.corner_radius
@@ -182,17 +188,18 @@ def run_beside(
         worked = loops.worked[source.owner]
         is_opposite = (curve.other >= 0) & worked[curve.other]
         curve = select_segments(curve, worked[curve.source] | is_opposite)
-        near = _is_too_near(curve, source, loops, reach)
-        is_near = near[curve.segments.owner]
-        spoiled = np.zeros(len(contours), dtype=bool)
-        spoiled[source.owner[curve.source[is_near]]] = True
-        why = (
-            "the tool would cut the edge of a contour that is not worked on; "
-            "take a smaller one, or work on both"
-        )
-        notes += _note_not_followed(list(compress(contours, spoiled)), "too near to others", why)
-        curve = select_segments(curve, ~is_near)
-        expected = expected & ~spoiled
+    unworked = source.take(~loops.worked[source.owner] & (job.operation.side == "auto"))
+    for others, least, how, why in (
+        (unworked, reach, "too near to others", _UNWORKED),
+        (loops.crossing, max(distance, reach), "too near to crossing ones", _WITHOUT_INSIDE),
+    ):
+        is_near = _are_too_near(curve, others, least)
+        if is_near.any():
+            spoiled = np.zeros(len(contours), dtype=bool)
+            spoiled[source.owner[curve.source[is_near]]] = True
+            notes += _note_not_followed(list(compress(contours, spoiled)), how, why)
+            curve = select_segments(curve, ~is_near)
+            expected = expected & ~spoiled
     reached = curve
     if job.operation.rest:
         from camgen.plan.rest import keep_rest  # noqa: PLC0415 (only for jobs that ask for it)
@@ -245,31 +252,6 @@ def _find_failed(curve: OffsetCurve, source: Segments, count: int) -> BoolArray:
     return failed
 
 
-def _find_unclear(loops: _Loops, distance: float) -> BoolArray:
-    """(contours,) true for contours inside crossing ones that have other contours near to them.
-
-    They are holes without a part around them, or parts within a part, if the crossing ones are left
-    out. So the path beside a neighbour may run into them. The contours inside of them are unclear
-    too.
-    """
-    unclear, inner = np.zeros(len(loops.index), dtype=bool), loops.in_crossed
-    if not inner.any() or inner.all():
-        return unclear
-    owner, group = loops.drawn.owner, np.zeros(len(loops.drawn), dtype=np.int64)
-    pairs = owner[np.stack(find_near_pairs(loops.drawn, group, 2 * distance))]
-    for first, second in (pairs, pairs[::-1]):
-        unclear[first[~inner[second]]] = True
-    is_hole = loops.depth % 2 == 1
-    is_in_hole = (loops.parent < 0) | is_hole[loops.parent]
-    unclear &= inner & (is_hole == is_in_hole)
-    # They count as parts then, and the tool cannot work inside of a part.
-    around = loops.parent.copy()
-    while (is_within := around >= 0).any():
-        unclear[is_within] |= unclear[around[is_within]]
-        around[is_within] = loops.parent[around[is_within]]
-    return unclear
-
-
 def _note_nothing_left(
     reached: OffsetCurve, curve: OffsetCurve, source: Segments, contours: list[Contour]
 ) -> Iterator[Note]:
@@ -285,18 +267,13 @@ def _note_nothing_left(
         )
 
 
-def _is_too_near(curve: OffsetCurve, source: Segments, loops: _Loops, reach: float) -> BoolArray:
-    """(chains,) true for chains nearer than `reach` mm to a contour that is not worked on."""
+def _are_too_near(curve: OffsetCurve, others: Segments, least: float) -> BoolArray:
+    """(N,) true for the segments of all chains that come nearer than `least` mm to `others`."""
     near = np.zeros(len(curve.closed), dtype=bool)
-    others = source.take(~loops.worked[source.owner])
-    if not reach or not len(others):
-        return near
-    obstacles = Obstacles(others, loops.group[others.owner])
-    for fraction in np.linspace(0.0, 1.0, 9):
-        points = points_at(curve.segments, np.full(len(curve.segments), fraction))
-        clearance = obstacles.nearest(points, loops.group[source.owner[curve.source]], reach)
-        near[curve.segments.owner[clearance < reach - EXACT]] = True
-    return near
+    if least > 0 and len(others):
+        gaps = measure_gaps(curve.segments, others, least - EXACT)
+        near[curve.segments.owner[np.isfinite(gaps)]] = True
+    return near[curve.segments.owner]
 
 
 def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note]]:
@@ -307,7 +284,8 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
         count = np.arange(len(index))
         drawn = make_contour_segments(selected)
         flip, parent = np.full(len(index), side == "left"), np.full(len(index), -1)
-        return _Loops(index, drawn, count >= 0, flip, count, parent, 0 * count, count < 0), []
+        none = drawn.take(drawn.owner < 0)
+        return _Loops(index, drawn, count >= 0, flip, count, parent, 0 * count, none), []
     index = list_closed_rows(part.contours)
     notes = list(_note_open(select_open(selected), join))
     closed: Sequence[Contour] = part.contours
@@ -319,18 +297,20 @@ def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note
     worked = np.isin(index, chosen)
     if side == "auto":
         check_outlines(part, list_ids(selected), "set operation.side")
-    keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)
+    is_clear = (nesting.crossed < 0) & ~nesting.empty
     notes += _note_crossing(closed, nesting, worked)
     inside = np.full(len(index), side != "outside")
     group = np.arange(len(index))
     if side == "auto":
         inside = nesting.depth % 2 == 1
-        group = np.zeros(len(index), dtype=np.int64)
+        # Contours inside one without a clear inside have nothing to do with those outside of it.
+        group = find_enclosing(nesting.parent, ~is_clear) + 1
     # The part on the left: outer loops counter-clockwise, holes clockwise.
     flip = (nesting.area > 0) == inside
-    in_crossed = (nesting.parent >= 0) & (nesting.crossed[nesting.parent] >= 0) & (side == "auto")
-    loops = _Loops(index, drawn, worked, flip, group, nesting.parent, nesting.depth, in_crossed)
-    return loops.keep(keep), notes
+    crossing = drawn.take(~is_clear[drawn.owner] & (side == "auto"))
+    depth, parent = nesting.depth, nesting.parent
+    loops = _Loops(index, drawn, worked, flip, group, parent, depth, crossing)
+    return loops.keep(np.flatnonzero(is_clear)), notes
 
 
 def _note_open(contours: list[Contour], join: float) -> Iterator[Note]:
@@ -344,15 +324,6 @@ def _note_open(contours: list[Contour], join: float) -> Iterator[Note]:
 def _note_crossing(
     contours: Sequence[Contour], nesting: Nesting, worked: BoolArray
 ) -> Iterator[Note]:
-    others = list_ids(compress(contours, ((nesting.crossed >= 0) | nesting.empty) & ~worked))
-    if others:
-        count = counted(len(others), "contour")
-        yield Note(
-            "warning",
-            f"{count} not kept clear of: {', '.join(name_ranges(others))}",
-            "no clear inside, and not worked on",
-            others,
-        )
     crosses_itself = nesting.crossed == np.arange(len(contours))
     crosses_other = (nesting.crossed >= 0) & ~crosses_itself
     for how, is_crossed in {
@@ -433,9 +404,7 @@ def _find_around(path: IntArray, contour: IntArray, first: IntArray, loops: _Loo
     inner_first = np.argsort(-loops.depth[contour], kind="stable")
     inner_first = inner_first[path[inner_first] >= 0]
     outermost[path[inner_first]] = contour[inner_first]
-    parent = loops.parent[outermost]
-    while (is_without := (parent >= 0) & (first[parent] < 0)).any():
-        parent[is_without] = loops.parent[parent[is_without]]
+    parent = find_enclosing(loops.parent, first >= 0)[outermost]
     return np.where(parent >= 0, first[parent], -1)
 
 

@@ -87,6 +87,12 @@ def test_a_slot_exactly_as_wide_as_the_tool_is_too_narrow_and_a_wider_one_is_not
     assert wider.segments.length.sum() == pytest.approx(2 * (24 + 0.5), abs=1e-9)
 
 
+def test_the_round_end_of_a_slot_as_wide_as_the_tool_may_have_a_tiny_corner() -> None:
+    """At a corner the segments beside it are extended, and the arc is a point here."""
+    slot = contour([(0, 0), (20, 1e-6), (20, 4 + 1e-6), (0, 4)], [0, 1, 0, 1])
+    assert len(run([clockwise(slot)], 2.0).segments) == 0
+
+
 def test_a_keyhole_keeps_its_round_end_if_the_slot_is_as_wide_as_the_tool() -> None:
     # To the right of a circle of 20 mm is a slot of exactly 6 mm. The tool follows the circle, and
     # rolls around the two corners of the slot until it touches both.

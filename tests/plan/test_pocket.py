@@ -324,6 +324,27 @@ def test_a_pocket_whose_island_crosses_the_wall_by_a_sliver_is_left_out() -> Non
     assert "check failed: c1 on layer 0" in find_note(touching, "edges lie on one line")
 
 
+def test_pockets_whose_corners_cross_a_little_are_left_out() -> None:
+    """The corner of c1 is 0.38 mm inside of the circle c2."""
+    rest = rectangle(60, 0, 20, 10, "c3")
+    planned = plan_pocket(rectangle(0, 0, 20, 10, "c1"), circle(30, -12, 16, "c2"), rest)
+    assert "2 contours not cleared, crossing each other: c1-c2" in find_note(planned, "crossing")
+    assert [path.id for path in planned.paths] == ["c3"]
+
+
+def test_contours_inside_crossing_ones_are_no_pockets() -> None:
+    """Without the frame, `rim` is a pocket and `middle` an island. With it they are the opposite.
+
+    The bar crosses the frame.
+    """
+    frame, bar = rectangle(0, 0, 60, 40, "frame"), rectangle(40, 30, 60, 5, "bar")
+    rim, middle = circle(20, 20, 12, "rim"), circle(20, 20, 5, "middle")
+    planned = plan_pocket(frame, bar, rim, middle, rectangle(0, 60, 20, 20, "other"))
+    assert [path.id for path in planned.paths] == ["other"]
+    notes = [note.ids for note in planned.notes if note.kind == "skipped"]
+    assert notes == [("frame", "bar"), ("rim", "middle")]
+
+
 def test_only_selected_contours_are_walls() -> None:
     shapes = (
         rectangle(0, 0, 200, 200, "c1"),

@@ -70,12 +70,15 @@ def test_the_paths_are_the_same_if_all_contours_are_selected_or_none() -> None:
         assert (first.position == second.position).all()
 
 
-def test_a_note_names_a_contour_that_crosses_itself_and_is_not_kept_clear_of() -> None:
-    bow = contour([(120, 0), (140, 20), (140, 0), (120, 20)], name="c5")
-    (note,) = plan_worked((PLATE[0], bow), {"c1"}).notes
-    assert (
-        str(note) == "warning: 1 contour not kept clear of: c5 (no clear inside, and not worked on)"
-    )
+@pytest.mark.parametrize(("gap", "kept"), [(3.1, True), (2.9, False)])
+def test_contours_that_cross_themselves_are_kept_clear_of(gap: float, kept: bool) -> None:
+    """The tool has a diameter of 6 mm."""
+    x = 100 + 3 + gap
+    bow = contour([(x, 0), (x + 20, 20), (x + 20, 0), (x, 20)], name="c5")
+    planned = plan_worked((PLATE[0], bow), {"c1"})
+    assert [path.id for path in planned.paths] == ["c1"] * kept
+    named = [note.what for note in planned.notes if "too near to crossing ones: c1" in note.what]
+    assert bool(named) is not kept
 
 
 @pytest.mark.parametrize("side", ["left", "right", "inside", "outside"])

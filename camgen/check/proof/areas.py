@@ -210,10 +210,27 @@ class AreaChecker:
         places = points[bare]
         if not len(places) or shapely.is_empty(reachable):
             return
-        near = shapely.distance(shapely.points(places), reachable) < self._radius - _BORDER_MM
-        for x, y in places[near][:1].tolist():
+        places = places[self._are_near(places, reachable)]
+        if len(places):
+            walls = shapely.buffer(self._find_common_edges(), reach + left, quad_segs=64)
+            places = places[self._are_near(places, shapely.difference(reachable, walls))]
+        for x, y in places[:1].tolist():
             what = f"the area is not cleared at {x:.3f} {y:.3f} mm, which the tool can reach"
             findings.miss(what)
+
+    def _are_near(self, places: FloatArray, reachable: Any) -> BoolArray:
+        """(N,) whether a tool whose centre is in the area `reachable` clears `places` (N, 2)."""
+        distance = shapely.distance(shapely.points(places), reachable)
+        return np.asarray(distance < self._radius - _BORDER_MM)
+
+    def _find_common_edges(self) -> Any:
+        """The walls inside of the area: two pockets beside each other have them in common."""
+        rings = []
+        for index in np.flatnonzero(self.task.worked & self.drawing.closed).tolist():
+            rings.append(flatten(self.drawing.pieces.take(self.drawing.pieces.owner == index)))
+        lines = shapely.union_all([shapely.linestrings(ring) for ring in rings if len(ring) > 3])
+        border = shapely.buffer(shapely.boundary(self.region), self.limit)
+        return shapely.difference(lines, border)
 
     def _find_channels(self) -> Any:
         """Middles of channels and round holes as wide as the tool: thin polygons and points."""

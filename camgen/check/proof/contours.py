@@ -134,7 +134,8 @@ class Workplace:
     def near(self) -> Ragged:
         """For each contour the pieces of others that the tool may come near to beside it."""
         task, count = self.task, len(self.drawing.contours)
-        pairs = task.near[task.worked[task.near[:, 0]] & task.kept_clear[task.near[:, 1]]]
+        kept_clear = task.walls & bool(task.kept_clear.any())
+        pairs = task.near[task.worked[task.near[:, 0]] & kept_clear[task.near[:, 1]]]
         first = np.searchsorted(self.pieces.owner, np.arange(count + 1))
         size = first[pairs[:, 1] + 1] - first[pairs[:, 1]]
         piece = join_ranges(first[pairs[:, 1]], size)
@@ -179,7 +180,8 @@ class ContourChecker:
             paths = np.concatenate([path, path, path[first]])
             again = find_nearest(points[lost], paths[lost], self.pieces, self.place.lists)
             nearest.replace(lost, again)
-            lost = lost[self._deviation(again, wanted) > self.limit]
+            is_beside = self._deviation(again, wanted) <= self.limit
+            lost = lost[~is_beside & ~self._may_round(again, wanted)]
         if len(lost):
             reach = float(wanted.max()) + self.task.operation.corner_radius + self.limit
             nearest.replace(lost, self.place.walls.find(points[lost], reach))
@@ -208,8 +210,9 @@ class ContourChecker:
         radius = self.task.operation.corner_radius
         if not radius:
             return np.zeros(len(nearest.distance), np.bool_)
-        beyond = nearest.distance - wanted.min()
-        return np.asarray((beyond >= -self.limit) & (beyond <= radius + self.limit))
+        beyond = nearest.distance[:, None] - wanted
+        is_near = (beyond >= -self.limit) & (beyond <= radius + self.limit)
+        return np.asarray(is_near.any(axis=1))
 
     def _check_sides(self, matched: Matched, findings: Findings) -> None:
         """Finds motions on the wrong side of their contour.
@@ -311,7 +314,7 @@ class ContourChecker:
         if not len(lists.rows):
             return
         contour = self.pieces.owner[matched.piece]
-        rows = np.flatnonzero(matched.follows & (lists.count[contour] > 0))
+        rows = np.flatnonzero((matched.follows | matched.rounds) & (lists.count[contour] > 0))
         if not len(rows):
             return
         plane = self.motions.plane

@@ -15,7 +15,7 @@ import shapely
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.nesting import find_nesting
+from camgen.geometry.nesting import find_enclosing, find_nesting
 from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, make_contour_segments
 from camgen.model.part import Contour, list_ids, select_closed
 from camgen.model.pose import FloatArray
@@ -118,17 +118,9 @@ def make_cells(contours: Sequence[Contour]) -> Cells:
     return Cells(
         ids=list_ids(kept),
         segments=segments,
-        parent=cell[_find_valid_parents(nesting.parent, is_valid)],
+        parent=cell[find_enclosing(nesting.parent, is_valid)[valid]],
         depth=nesting.depth[valid],
         rings=shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner))),
         area=np.abs(nesting.area[valid]),
         left=tuple(left),
     )
-
-
-def _find_valid_parents(parent: IntArray, is_valid: BoolArray) -> IntArray:
-    """Find the next valid contour around each valid one; -1 for none."""
-    parents = parent[is_valid].copy()
-    while (skipped := (parents >= 0) & ~is_valid[parents]).any():
-        parents[skipped] = parent[parents[skipped]]
-    return parents

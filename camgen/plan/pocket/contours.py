@@ -12,7 +12,12 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.geometry.nesting import Nesting, find_nesting
+from camgen.geometry.nesting import (
+    Nesting,
+    find_enclosing,
+    find_nesting,
+    mark_small_crossings,
+)
 from camgen.geometry.ragged import count_rows, list_owners
 from camgen.geometry.segments import (
     Segments,
@@ -62,7 +67,10 @@ class Pockets(Struct, frozen=True, eq=False):
 def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
     """The pockets that the contours enclose, and notes on contours that are left out."""
     closed = select_closed(contours)
-    nesting = _find_overlaps(closed, find_nesting(make_contour_segments(closed), len(closed)))
+    segments = make_contour_segments(closed)
+    nesting = _find_overlaps(closed, find_nesting(segments, len(closed)))
+    # An island may reach out of its pocket, where no tool of that pocket comes.
+    nesting = mark_small_crossings(segments, nesting, islands=False)
     crossings = _find_crossings(closed)
     for k in crossings:
         nesting.crossed[k] = k
@@ -75,6 +83,10 @@ def find_pockets(contours: Sequence[Contour]) -> tuple[Pockets, list[Note]]:
         unfit_contours += chosen
         notes += _note_not_cleared(chosen, problem, why)
     is_valid = (nesting.crossed < 0) & ~nesting.empty
+    is_within = find_enclosing(nesting.parent, ~is_valid) >= 0
+    within = list(compress(closed, is_valid & is_within))
+    notes += _note_not_cleared(within, "inside crossing ones", "no clear inside; draw one outline")
+    is_valid &= ~is_within
     outer = np.flatnonzero(is_valid & (nesting.depth % 2 == 0))
     unclear = _find_unclear(closed, outer.tolist(), unfit_contours)
     why = (

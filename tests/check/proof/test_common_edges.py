@@ -5,8 +5,9 @@ import pytest
 from msgspec.structs import replace
 
 import camgen
-from camgen.model.errors import VerifyError
+from camgen.model.errors import NoSafeProgram, VerifyError
 from camgen.model.part import Contour, Part
+from camgen.plan.beside import OffsetCurve
 from tests.check.proof.test_saboteurs import neighbours_gouged, without_last_path, wrong_radius
 from tests.support.drawn import circle, contour, part, rectangle
 from tests.support.sabotage import Patch, module
@@ -33,6 +34,15 @@ def shared_edges_unseen(patch: Patch) -> None:
         return np.zeros((0, 2), np.int64)
 
     patch.setattr(module("geometry.offset"), "_find_edge_pairs", find_none)
+
+
+def crossing_ones_cut(patch: Patch) -> None:
+    """Paths are planned as if nothing crossed."""
+
+    def find_none(curve: OffsetCurve, *_: object) -> object:
+        return np.zeros(len(curve.segments), bool)
+
+    patch.setattr(module("plan.follow"), "_are_too_near", find_none)
 
 
 @pytest.mark.parametrize("starts_at_edge", [False, True])
@@ -88,20 +98,36 @@ def test_a_motion_that_gouges_a_small_neighbour_on_its_way_is_refused(
         camgen.build(drawn, post="rapid", job=job)
 
 
-def test_nothing_is_kept_clear_of_contours_that_cross_a_little() -> None:
+def test_the_tool_keeps_clear_of_contours_that_cross_a_little(monkeypatch: Patch) -> None:
     """0.01 mm of the corner of the plate are in the circle: both are left out, and `b` is not."""
     plate, small = rectangle(0, 0, 60, 40, "plate"), circle(60.7, 40.7, 1, "circle")
-    drawn = part(plate, small, rectangle(63, 30, 20, 20, "b"))
-    result = camgen.build(drawn, post="gcode", job=JOB)
+    far, near = rectangle(66, 30, 20, 20, "b"), rectangle(63, 30, 20, 20, "b")
+    result = camgen.build(part(plate, small, far), post="rapid", job=JOB)
     assert result.motion.contours == 1
     assert [note.ids for note in result.notes if note.kind == "skipped"] == [("plate", "circle")]
+    with pytest.raises(NoSafeProgram, match="too near to crossing ones: b"):
+        camgen.build(part(plate, small, near), post="rapid", job=JOB)
+    crossing_ones_cut(monkeypatch)
+    with pytest.raises(VerifyError, match="comes nearer to contour circle"):
+        camgen.build(part(plate, small, near), post="rapid", job=JOB)
 
 
-def test_a_tile_whose_sides_touch_the_border_of_its_plate_is_inside() -> None:
+def test_pockets_with_common_edges_are_cleared_one_by_one(monkeypatch: Patch) -> None:
+    """The tool leaves material in corners of each pocket. Both together have no corners there."""
+    lower = contour([(0, 0), (0, 20), (10, 20), (10, 10), (20, 10), (20, 0)], name="lower")
+    upper = contour([(10, 20), (0, 20), (0, 30), (30, 30), (30, 10), (10, 10)], name="upper")
+    job = {**JOB, "operation": {"kind": "pocket"}}
+    assert camgen.build(part(lower, upper), post="gcode", job=job).motion.contours == 2
+    without_last_path(monkeypatch)
+    with pytest.raises(VerifyError, match="the area is not cleared"):
+        camgen.build(part(lower, upper), post="gcode", job=job)
+
+
+def test_a_tile_whose_sides_touch_the_border_of_a_crossing_plate_is_left_out() -> None:
     """Three sides are on the border, and the middle of the fourth is the end of a line of it."""
     corners = [(40, 49), (40, 39), (60, 39), (60, 49), (55, 49), (50, 44), (55, 49)]
     plate, tile = contour(corners, name="plate"), rectangle(50, 39, 10, 10, "tile")
     drawn = part(plate, tile, circle(80, 45, 5, "circle"))
     result = camgen.build(drawn, post="gcode", job=JOB)
-    assert result.motion.contours == 2
-    assert [note.ids for note in result.notes if note.kind == "skipped"] == [("plate",)]
+    assert result.motion.contours == 1
+    assert [note.ids for note in result.notes if note.kind == "skipped"] == [("plate",), ("tile",)]

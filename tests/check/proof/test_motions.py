@@ -15,6 +15,7 @@ from camgen.model.errors import VerifyError
 from camgen.model.program import Output, Wait
 from tests.check.proof.test_saboteurs import against, change_paths, swapped_side
 from tests.support.built import build
+from tests.support.drawn import contour, part
 from tests.support.sabotage import (
     PARTS,
     Patch,
@@ -346,6 +347,24 @@ def test_the_side_and_the_direction_of_short_motions_are_examined(
     saboteur(monkeypatch)
     with pytest.raises(VerifyError, match=r"wrong side|against operation\.direction"):
         camgen.build(make_polygon(count), post="gcode", job=job)
+
+
+def test_a_rounded_inner_corner_may_lie_near_another_contour() -> None:
+    """Paths on the right of contours that cross. The tool does not keep clear of other contours."""
+    first = contour([(20, 40), (30, 40), (30, 30), (40, 30), (40, 50), (20, 50)], name="first")
+    second = contour([(20, 29), (40, 29), (40, 49), (30, 49), (30, 39), (20, 39)], name="second")
+    operation = {"kind": "follow", "side": "right", "corner_radius": 2.0}
+    job = {"tool": {"diameter": 4.0}, "operation": operation}
+    assert camgen.build(part(first, second), post="rapid", job=job).motion.contours == 2
+
+
+def test_roughing_passes_are_rounded_as_far_from_the_walls_as_the_allowance() -> None:
+    hole = [(0, 0), (20, 0), (20, 20), (0, 20)]
+    frame = [(-9, -9), (29, -9), (29, 29), (-9, 29)]
+    drawn = part(contour(frame, name="frame"), contour(hole, name="hole"))
+    operation = {"finish": 1.0, "corner_radius": 0.5, "depth": 2.0}
+    job = {**MILL, "tool": {"diameter": 2.0}, "operation": operation}
+    assert camgen.build(drawn, post="gcode", job=job).motion.contours == 2
 
 
 def test_a_tolerance_as_large_as_the_tool_is_named_as_unproven() -> None:
