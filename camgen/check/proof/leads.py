@@ -97,11 +97,18 @@ class LeadChecker:
         lead_in, lead_out = operation.lead_in, operation.lead_out
         if task.kind not in BESIDE:
             lead_in = lead_out = 0.0
+        # A ramp onto a short contour goes back and forth, along the lead-out too.
+        ramps = before & ~level & (lead_out > 0)
         for candidates, wanted in ((before, lead_in), (after, lead_out)):
             total = np.bincount(chain[candidates], length[candidates], count)
-            allowed |= candidates & (wanted > 0) & (total[chain] <= wanted + self.checker.limit)
+            leads = (candidates & (wanted > 0)) | (ramps & candidates)
+            allowed |= leads & (total[chain] <= wanted + self.checker.limit)
         if process.stay_down:
-            allowed |= free & (plane.turn[matched.rows] == 0)
+            # A link is straight. The leads beside it are arcs.
+            is_arc = plane.turn[matched.rows] != 0
+            gap = np.cumsum(matched.follows | (np.diff(chain, prepend=-1) != 0))
+            total = np.bincount(gap, length * (free & is_arc))
+            allowed |= free & (~is_arc | (total[gap] <= lead_in + lead_out + self.checker.limit))
         chosen = np.flatnonzero(allowed)
         if len(chosen) and task.kind in BESIDE:
             rows = np.tile(matched.rows[chosen], len(_LEAD_SHARES))
@@ -139,9 +146,12 @@ class LeadChecker:
         shorter: (L,) laps whose leads may be shorter: a note is about them.
         """
         operation = self.task.operation
-        if self.task.job.process.stay_down or not len(laps.first):
+        if not len(laps.first) or self.task.kind not in BESIDE:
             return
-        if self.task.kind not in BESIDE:
+        if self.task.job.process.stay_down:
+            if operation.lead_in or operation.lead_out:
+                what, why = "length and shape of leads", "links at working height run into them"
+                findings.leave(what, why)
             return
         ends = [self._find_end(laps, name, shorter) for name in ("lead_in", "lead_out")]
         swapped = ~laps.closed & (operation.passes > 1)
@@ -170,14 +180,18 @@ class LeadChecker:
         if not self.matched.rounds.any():
             return end
         other = self._measure_end(laps, name, free)
-        better = self._length_error(end, end.wanted, shorter)
-        better &= ~self._length_error(other, end.wanted, shorter)
+        better = self._is_wrong(end, laps, shorter) & ~self._is_wrong(other, laps, shorter)
         return replace(
             end,
             free=np.where(better[:, None], other.free, end.free),
             length=np.where(better, other.length, end.length),
             count=np.where(better, other.count, end.count),
         )
+
+    def _is_wrong(self, end: _End, laps: Laps, shorter: BoolArray) -> BoolArray:
+        """(L,) leads of another length or shape than the job asks for."""
+        is_bent = (end.count > 0) & ~self._has_shape(end, laps)
+        return np.asarray(self._length_error(end, end.wanted, shorter) | is_bent)
 
     def _measure_end(self, laps: Laps, name: str, leads: BoolArray) -> _End:
         """leads: (W,) motions that may lead to a contour."""

@@ -18,6 +18,8 @@ from camgen.model.pose import FloatArray
 _SAME_MM = 0.01
 #: Deviation of the height of a pass, mm, and a fall that the digits of a text show.
 _HEIGHT_MM, _FALL_MM = 2e-3, 2e-4
+#: A motion is below the depth of a pass by more than this, mm. Texts have three digits.
+_BELOW_MM = 1e-3
 
 
 def number_visits(motions: Motions, phases: Phases, clearance: float, slack: float) -> IntArray:
@@ -105,8 +107,11 @@ def find_reached(task: Task, motions: Motions, rows: IntArray, visit: IntArray) 
     """(W,) index of the deepest pass of each visit when its motions begin: `Laps.reached`."""
     start, end = motions.start[rows, 2], motions.end[rows, 2]
     level = _level_of(task, start)
-    # The last chords of a ramp are as deep as the pass, and still go down.
+    # The last chords of a ramp are as deep as the pass, and still go down. A visit that begins at
+    # the depth of a pass, and goes down from there, has been there.
     falls = (end < start - _FALL_MM) & (_level_of(task, end) == level)
+    falls[1:] &= visit[1:] == visit[:-1]
+    falls[:1] = False
     return _deepest_so_far(visit, np.where(falls, -1, level))
 
 
@@ -128,11 +133,17 @@ def _deepest_so_far(visit: IntArray, levels: IntArray) -> IntArray:
 def _have_gone_down(
     task: Task, motions: Motions, rows: IntArray, reached: IntArray, group: IntArray
 ) -> BoolArray:
-    """(W,) motions from the first one on that is below the depth that its visit has reached."""
+    """(W,) motions of ramps below the depth that their visit has reached, and all later ones.
+
+    The first chords of a ramp may be below it by less than `_BELOW_MM`.
+    """
     if task.operation.entry == "plunge":
         return np.zeros(len(rows), np.bool_)
     heights = np.append(-np.array(task.depths), np.inf)[reached]
-    below = lowest_of(motions, rows) < heights - _SAME_MM
+    below = lowest_of(motions, rows) < heights - _BELOW_MM
+    falls = motions.end[rows, 2] < motions.start[rows, 2] - _FALL_MM
+    ramp = np.cumsum(~falls)
+    below |= falls & (np.bincount(ramp, below)[ramp] > 0)
     count = np.cumsum(below)
     before: IntArray = (count - below)[np.searchsorted(group, group)]
     return np.asarray((count > before) & (reached >= 0))

@@ -15,7 +15,7 @@ from camgen.model.errors import VerifyError
 from camgen.model.program import Output, Wait
 from tests.check.proof.test_saboteurs import against, change_paths, swapped_side
 from tests.support.built import build
-from tests.support.drawn import contour, part
+from tests.support.drawn import circle, contour, part
 from tests.support.sabotage import (
     PARTS,
     Patch,
@@ -356,6 +356,13 @@ def test_a_rounded_inner_corner_may_lie_near_another_contour() -> None:
     operation = {"kind": "follow", "side": "right", "corner_radius": 2.0}
     job = {"tool": {"diameter": 4.0}, "operation": operation}
     assert camgen.build(part(first, second), post="rapid", job=job).motion.contours == 2
+
+
+def test_a_visit_may_begin_with_a_ramp_from_the_pass_before() -> None:
+    """The chords of the ramp are so short that the first one goes down by less than 0.002 mm."""
+    operation = {"kind": "pocket", "depth": 5.0, "passes": 3, "entry": "ramp", "stepover": 0.2}
+    job = {**MILL, "tool": {"diameter": 3.0}, "operation": operation}
+    assert camgen.build(part(circle(0, 0, 2)), post="gcode", job=job).motion.contours == 1
 
 
 def test_roughing_passes_are_rounded_as_far_from_the_walls_as_the_allowance() -> None:
