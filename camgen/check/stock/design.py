@@ -81,9 +81,9 @@ class Lines(Struct, frozen=True, eq=False):
 
 
 class Recess(Struct, frozen=True, eq=False):
-    """A pocket whose walls cross contours of other operations, such as at an edge of the part.
+    """A pocket or a hole whose walls cross other contours, such as at an edge of the part.
 
-    It divides no cells. A motion that leaves it is judged as if the pocket did not exist.
+    It divides no cells. A motion that leaves it is judged as if the recess did not exist.
 
     shape: its polygons.
     depth: depth down to which it may be cut, mm.
@@ -175,7 +175,7 @@ class Design(Struct, eq=False):
     lines: contours along which a tool cuts.
     bevels: chamfers.
     wanted: material that must be removed.
-    recesses: pockets across contours of other operations.
+    recesses: pockets across contours of other operations, and holes across other contours.
     tabbed: contours with tabs.
     waste: cells within holes along whose contour a tool cuts: they are waste, although they may not
         be cut.
@@ -490,10 +490,9 @@ def _find_recesses(draft: Design, worked: Sequence[Contour]) -> list[Any]:
 
 def _bore(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """The whole area of circles, contours within them included."""
-    cells, deep = draft.cells, _get_depth(task)
-    loops = _find_circles(draft, task, worked)
-    draft.allow(np.flatnonzero(cells.within(loops.tolist())).tolist(), deep)
-    draft.wanted += [Wanted(ring, ring, 0.0, deep) for ring in cells.rings[loops]]
+    circles, deep = _find_circles(draft, task, worked), _get_depth(task)
+    circles.allow(draft, deep)
+    draft.wanted += [Wanted(ring, ring, 0.0, deep) for ring in circles.rings]
 
 
 def _drill(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
@@ -501,53 +500,86 @@ def _drill(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
 
     The holes at marks of a picture are not in the drawing, so they are not judged.
     """
-    cells, deep, radius = draft.cells, _get_depth(task), task.job.tool.radius
-    loops = _find_circles(draft, task, worked)
+    deep, radius = _get_depth(task), task.job.tool.radius
+    circles = _find_circles(draft, task, worked)
     if task.part.raster is not None:
         draft.free = True
         draft.notes.append("holes at marks of a picture are not judged: no cut counts as a gouge")
         return
-    draft.allow(np.flatnonzero(cells.within(loops.tolist())).tolist(), deep)
-    wide = np.minimum(radius, np.sqrt(cells.area[loops] / np.pi))
+    circles.allow(draft, deep)
+    wide = np.minimum(radius, circles.diameters / 2)
     draft.wanted += [
         Wanted(disc, disc, 0.0, deep)
-        for disc in shapely.buffer(_find_middles(cells, loops), wide, quad_segs=2 * _QUARTER)
+        for disc in shapely.buffer(_find_middles(circles.rings), wide, quad_segs=2 * _QUARTER)
     ]
 
 
-def _find_circles(draft: Design, task: Task, worked: Sequence[Contour]) -> IntArray:
+class _Circles(Struct, frozen=True, eq=False):
+    """Circles of a drawing, in which holes are made.
+
+    rings: (N,) their polygons.
+    diameters: (N,) mm.
+    loops: (N,) their cells; -1 for circles that cross other contours and divide no cells.
+    """
+
+    rings: Any
+    diameters: FloatArray
+    loops: IntArray
+
+    def take(self, rows: IntArray | BoolArray) -> _Circles:
+        """The circles `rows` (M,), indices or a mask."""
+        return _Circles(self.rings[rows], self.diameters[rows], self.loops[rows])
+
+    def allow(self, draft: Design, depth: float) -> None:
+        """Allow cuts in all of them down to a depth, mm."""
+        is_cell = self.loops >= 0
+        inner = draft.cells.within(self.loops[is_cell].tolist())
+        draft.allow(np.flatnonzero(inner).tolist(), depth)
+        draft.recesses += [Recess(ring, depth) for ring in self.rings[~is_cell]]
+
+    def select_innermost(self) -> _Circles:
+        """The innermost of concentric circles."""
+        ordered = self.take(np.argsort(self.diameters, kind="stable"))
+        middles = _find_middles(ordered.rings)
+        tree = shapely.STRtree(middles)
+        later, earlier = tree.query(middles, predicate="dwithin", distance=_SAME_CENTRE_MM)
+        return ordered.take(np.delete(np.arange(len(middles)), later[earlier < later]))
+
+
+def _find_circles(draft: Design, task: Task, worked: Sequence[Contour]) -> _Circles:
     """Find the innermost of concentric circles whose diameters are within `operation.holes`.
 
     To bore, the innermost is chosen among circles of these diameters, otherwise among all circles.
     """
-    cells = draft.cells
-    low, high = task.job.operation.holes or (0.0, math.inf)
+    cells, left = draft.cells, set(list_ids(draft.cells.left))
     loops = _find_loops(draft, worked)
-    circles = loops[[_is_round(cells, k) for k in loops.tolist()]]
-    diameters = 2 * np.sqrt(cells.area[circles] / np.pi)
-    chosen = circles[(diameters >= low - _ROUND_MM) & (diameters <= high + _ROUND_MM)]
+    across = [contour for contour in select_closed(worked) if contour.id in left]
+    rings, area = cells.rings[loops], cells.area[loops]
+    if across:
+        crossing = _make_polygons(across)
+        rings, area = np.append(rings, crossing), np.append(area, shapely.area(crossing))
+    loops = np.append(loops, np.full(len(across), -1))
+    circles = _Circles(rings, 2 * np.sqrt(area / np.pi), loops)
+    circles = circles.take(np.array([_is_round(ring) for ring in rings], dtype=np.bool_))
     if _get_kind(task) == "bore":
-        return _select_innermost(cells, chosen)
-    inner = _select_innermost(cells, circles)
-    return inner[np.isin(inner, chosen)]
+        return _select_diameters(circles, task).select_innermost()
+    return _select_diameters(circles.select_innermost(), task)
 
 
-def _select_innermost(cells: Cells, loops: IntArray) -> IntArray:
-    loops = loops[np.argsort(cells.area[loops], kind="stable")]
-    middles = _find_middles(cells, loops)
-    tree = shapely.STRtree(middles)
-    later, earlier = tree.query(middles, predicate="dwithin", distance=_SAME_CENTRE_MM)
-    return np.delete(loops, later[earlier < later])
+def _select_diameters(circles: _Circles, task: Task) -> _Circles:
+    low, high = task.job.operation.holes or (0.0, math.inf)
+    diameters = circles.diameters
+    return circles.take((diameters >= low - _ROUND_MM) & (diameters <= high + _ROUND_MM))
 
 
-def _find_middles(cells: Cells, loops: IntArray) -> Any:
-    bounds = shapely.bounds(cells.rings[loops])
+def _find_middles(rings: Any) -> Any:
+    bounds = shapely.bounds(rings)
     return shapely.points((bounds[:, :2] + bounds[:, 2:]) / 2)
 
 
-def _is_round(cells: Cells, loop: int) -> bool:
-    points = shapely.get_coordinates(cells.rings[loop])
-    bounds = shapely.bounds(cells.rings[loop])
+def _is_round(ring: Any) -> bool:
+    points = shapely.get_coordinates(ring)
+    bounds = shapely.bounds(ring)
     radii = np.hypot(*(points - (bounds[:2] + bounds[2:]) / 2).T)
     slack = max(_ROUND_MM, _ROUND_FRACTION * float(radii.mean())) + CHORD_MM
     return len(points) > 6 and float(np.ptp(radii)) <= 2 * slack

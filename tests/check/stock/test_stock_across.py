@@ -1,4 +1,4 @@
-"""Pockets whose walls cross the outline of the part, compared with independent areas."""
+"""Pockets and holes whose walls cross the outline of the part, compared with independent areas."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 import camgen
 from camgen.check.stock import Cut, StockProof, Task, design, prove
+from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, OperationTable, StockTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import TOOL_DOWN, Pose
@@ -54,6 +55,32 @@ def test_a_recess_at_the_edge_is_cut_and_proven(recess: Contour) -> None:
     assert level.excess.unexplained.area == 0
     corners = (4 - math.pi) * 2.5**2 if recess is RECESS else 0.0
     assert level.excess.corners == pytest.approx(corners, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("operation", "tool", "fault"),
+    [
+        ("drill", {"kind": "drill", "diameter": 8.0}, ""),
+        ("drill", {"kind": "drill", "diameter": 8.4}, "cuts 0.2 mm into material that must stay"),
+        ("bore", {"diameter": 5.0}, ""),
+    ],
+)
+def test_a_hole_at_the_edge_is_cut_and_proven(
+    operation: str, tool: dict[str, Any], fault: str
+) -> None:
+    """Half of the circle is beyond the edge. Another one is within the plate."""
+    drawn = Part("part", "part.dxf", "mm", (PLATE, circle(100, 30, 4), circle(30, 30, 4, "c2")), ())
+    step = {"kind": operation, "ids": ["c1", "c2"], "depth": 4.0}
+    job = {"tool": tool, "process": {"spindle": 9000.0}, "operations": [step]}
+    if fault:
+        with pytest.raises(NoSafeProgram, match=fault):
+            camgen.build(drawn, post="gcode", job=job)
+        return
+    proof = camgen.build(drawn, post="gcode", job=job).proof
+    assert proof is not None
+    assert (proof.faults, proof.refused) == ((), ())
+    (level,) = [level for level in proof.levels if level.top > -1.0 > level.bottom]
+    assert level.excess.unexplained.area == 0
 
 
 def prove_motions(
