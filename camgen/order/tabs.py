@@ -222,7 +222,9 @@ def _choose_paths(planned: Sequence[ToolPath], job: Job) -> dict[int, list[int]]
     holes: list[int] = []
     for k, path in enumerate(planned):
         if path.closed and path.operation == "follow" and len(path.position) >= 3:
-            (outer if _cuts_out(path) else holes).append(k)
+            # A hole may be around a part, and no wider than the tool between them.
+            is_around = _cuts_out(path) or len(path.contours) > 1
+            (outer if is_around else holes).append(k)
     if not outer:
         return {k: [] for k in holes if _leaves_slug(planned[k], job)}
     around = _find_around(planned, outer, holes)

@@ -185,8 +185,9 @@ class ContourChecker:
         if len(lost):
             reach = float(wanted.max()) + self.task.operation.corner_radius + self.limit
             nearest.replace(lost, self.place.walls.find(points[lost], reach))
-        deviation = self._deviation(nearest, wanted)
-        follows = _join_ends(deviation <= self.limit, first, size)
+        # All of a motion runs at one of the distances.
+        is_at = np.abs(nearest.distance - wanted[:, None]) <= self.limit
+        follows = np.any([_join_ends(row, first, size) for row in is_at], axis=0)
         rounds = _join_ends(self._may_round(nearest, wanted), first, size) & ~follows
         piece, side = nearest.piece[:size], nearest.side[:size]
         distance = wanted[np.abs(nearest.distance[:size, None] - wanted).argmin(axis=1)]

@@ -155,23 +155,42 @@ class LeadChecker:
             return
         ends = [self._find_end(laps, name, shorter) for name in ("lead_in", "lead_out")]
         swapped = ~laps.closed & (operation.passes > 1)
+        is_rounded = self._are_rounded(laps)
         for end, other in zip(ends, reversed(ends), strict=True):
             is_wrong = self._length_error(end, end.wanted, shorter)
             # The passes of an open path may run in alternating directions.
             is_wrong &= ~swapped | self._length_error(end, other.wanted, shorter)
-            for lap in np.flatnonzero(is_wrong)[:1].tolist():
-                what = f"has a {end.name} of {end.length[lap]:.3f} mm beside it"
-                what += f", the job asks for {end.wanted:.3f} mm"
-                findings.add(self.motions, int(end.row[lap]), what)
             claimed = shorter & (end.length < end.wanted - _LENGTH_MM)
             if claimed.any():
                 claimed &= self._have_room(laps)
-            for lap in np.flatnonzero(claimed)[:1].tolist():
-                what = f"has no full {end.name} beside it, although there is room for it"
-                findings.add(self.motions, int(end.row[lap]), what)
-            for lap in np.flatnonzero((end.count > 0) & ~self._has_shape(end, laps))[:1].tolist():
-                what = f"has a {end.name} beside it that differs from a quarter circle"
-                findings.add(self.motions, int(end.row[lap]), what)
+            is_bent = (end.count > 0) & ~self._has_shape(end, laps)
+            length = end.length[np.argmax(is_wrong & ~is_rounded)]
+            what = f"has a {end.name} of {length:.3f} mm beside it"
+            for wrong, text in (
+                (is_wrong, f"{what}, the job asks for {end.wanted:.3f} mm"),
+                (claimed, f"has no full {end.name} beside it, although there is room for it"),
+                (is_bent, f"has a {end.name} beside it that differs from a quarter circle"),
+            ):
+                self._report(wrong, is_rounded, end.row, text, findings)
+
+    def _are_rounded(self, laps: Laps) -> BoolArray:
+        """(L,) laps that begin or end on a rounded corner, whose arc may look like a lead."""
+        place, lap = np.arange(len(laps.lap)), laps.lap
+        beyond = (place < laps.first[lap]) | (place > laps.last[lap])
+        chosen = lap[(lap >= 0) & beyond & self.matched.rounds]
+        return np.bincount(chosen, minlength=len(laps.first)) > 0
+
+    def _report(
+        self, wrong: BoolArray, rounded: BoolArray, row: IntArray, what: str, findings: Findings
+    ) -> None:
+        """Adds a difference of the first of the laps `wrong` (L,) that is not `rounded` (L,).
+
+        row: (L,) the motion of each lap that it is about.
+        """
+        for lap in np.flatnonzero(wrong & ~rounded)[:1].tolist():
+            findings.add(self.motions, int(row[lap]), what)
+        if (wrong & rounded).any():
+            findings.leave("leads and overlaps", "some begin on rounded inner corners")
 
     def _find_end(self, laps: Laps, name: str, shorter: BoolArray) -> _End:
         """The leads of one end; what may round an inner corner counts as lead where it fits."""
@@ -324,9 +343,9 @@ class LeadChecker:
         right = at_seam & (np.abs(beyond - wanted) <= slack)
         meets = np.bincount(lap[chosen[at_seam]], minlength=len(laps.first)) > 0
         fits = np.bincount(lap[chosen[right]], minlength=len(laps.first)) > 0
-        for index in np.flatnonzero(meets & ~fits)[:1].tolist():
-            what = f"does not end {overlap:g} mm beyond the seam, as operation.overlap asks for"
-            findings.add(self.motions, int(rows[laps.last[index]]), what)
+        what = f"does not end {overlap:g} mm beyond the seam, as operation.overlap asks for"
+        is_rounded = self._are_rounded(laps)
+        self._report(meets & ~fits, is_rounded, rows[laps.last], what, findings)
 
 
 def _distance(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -1,5 +1,6 @@
 """Leads that the proof accepts: on ramps, beside links at working height and rounded corners."""
 
+import math
 from typing import Any
 
 import pytest
@@ -8,7 +9,7 @@ import camgen
 from camgen.model.errors import VerifyError
 from camgen.pipeline import Result
 from tests.check.proof.test_saboteurs import wrong_radius
-from tests.support.drawn import circle, part, rectangle
+from tests.support.drawn import circle, contour, part, rectangle
 from tests.support.sabotage import Patch
 
 MILL = {"spindle": 9000.0}
@@ -57,3 +58,27 @@ def test_a_chord_of_a_lead_may_be_where_an_inner_corner_could_be_rounded() -> No
     leads = {"lead_in": 2.0, "lead_out": 2.0}
     result = build(3.0, {}, "vplus", finish=1.0, corner_radius=0.3, **leads)
     assert result.motion.contours == 3
+
+
+def test_a_link_between_two_walls_is_no_motion_along_both() -> None:
+    """It begins 1.8 mm from one wall of the slot, and ends 1.5 mm from the other one."""
+    corners = [(0, 0), (10, 0), (10, 4), (0, 4)]
+    drawn = part(circle(5, -10.5, 16), contour(corners, [0.0, 1.0, 0.0, 1.0], name="slot"))
+    job = {
+        "tool": {"diameter": 3.0},
+        "operation": {"finish": 0.3, "overlap": 0.5},
+        "process": {"stay_down": True},
+    }
+    assert camgen.build(drawn, post="pacscript", job=job).motion.contours == 2
+
+
+def test_a_lead_from_a_rounded_corner_is_named_as_unproven() -> None:
+    """The path around the circle begins on the arc between circle and hexagon."""
+    hexagon = [
+        (10 + 2 * math.cos(k * math.pi / 3), 2 * math.sin(k * math.pi / 3)) for k in range(6)
+    ]
+    drawn = part(circle(5.2, 8.5, 2), contour(hexagon, name="hexagon"))
+    operation = {"corner_radius": 3.0, "lead_out": 0.5}
+    job = {"tool": {"diameter": 1.0}, "operation": operation}
+    result = camgen.build(drawn, post="pacscript", job=job)
+    assert result.motion.contours == 2
