@@ -416,9 +416,13 @@ def _match_contours(
     count: number of contours.
     Returns (chains,) contours, and chain and contour of each pair.
     """
-    key = curve.segments.owner * count + source.owner[curve.source]
+    # In a channel as wide as the tool a chain touches both walls, and follows one of them.
+    owner, length = curve.segments.owner, curve.segments.length
+    both = np.flatnonzero(curve.other >= 0)
+    first, second = source.owner[curve.source], source.owner[curve.other[both]]
+    key = np.concatenate([owner * count + first, owner[both] * count + second])
     keys, inverse = np.unique(key, return_inverse=True)
-    total = np.bincount(inverse, curve.segments.length, len(keys))
+    total = np.bincount(inverse, np.append(length, np.zeros(len(both))), len(keys))
     chain, contour = keys // count, keys % count
     main = np.full(len(curve.closed), -1)
     shortest_first = np.lexsort((total, chain))

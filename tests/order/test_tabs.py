@@ -194,15 +194,18 @@ def test_if_every_place_is_near_a_corner_tabs_get_the_best_places_and_a_note() -
         assert nearest_corners == pytest.approx([math.hypot(5, 3)] * 2, abs=0.05)
 
 
-def test_a_hole_no_wider_than_the_tool_around_a_part_has_tabs() -> None:
-    """The corner of the triangle is nearer to the circle than the tool is wide."""
-    triangle = contour([(32.601, 24.201), (31.007, 24.880), (32.392, 25.920)], name="c3")
-    result = build_tabs(
-        [circle(30, 29.5, 8), circle(30, 29.5, 6.4, "c2"), triangle],
-        tool=0.5,
-        tabs=4,
-        tab_width=1.0,
-    )
+@pytest.mark.parametrize(
+    "inner",
+    [
+        contour([(32.601, 24.201), (31.007, 24.880), (32.392, 25.920)], name="c3"),
+        circle(30, 29.5, 5.9, "c3"),
+    ],
+    ids=["triangle", "circle"],
+)
+def test_a_hole_no_wider_than_the_tool_around_a_part_has_tabs(inner: Contour) -> None:
+    """A corner of the triangle, and all of the circle, are as near to the hole as the tool is wide."""
+    shapes = [circle(30, 29.5, 8), circle(30, 29.5, 6.4, "c2"), inner]
+    result = build_tabs(shapes, tool=0.5, tabs=4, tab_width=1.0)
     names = [path.contours for path in result.tour.paths]
     assert len(find_tabs(result, -3.9, names.index(("c2", "c3")))) == 4
 

@@ -92,7 +92,8 @@ class LeadChecker:
         before, after = free & (place < begins[chain]), free & (place > ends[chain])
         allowed = np.zeros(len(chain), np.bool_)
         level = level & self._are_flat()
-        length = np.where(level, plane.length[matched.rows], 0.0)
+        # A path may begin and end on a rounded inner corner.
+        length = np.where(level & ~matched.rounds, plane.length[matched.rows], 0.0)
         count = int(chain.max(initial=-1)) + 1
         lead_in, lead_out = operation.lead_in, operation.lead_out
         if task.kind not in BESIDE:

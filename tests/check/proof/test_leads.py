@@ -82,3 +82,18 @@ def test_a_lead_from_a_rounded_corner_is_named_as_unproven() -> None:
     job = {"tool": {"diameter": 1.0}, "operation": operation}
     result = camgen.build(drawn, post="pacscript", job=job)
     assert result.motion.contours == 2
+
+
+def test_a_lap_may_end_on_a_rounded_corner_and_leave_it_by_a_lead() -> None:
+    """The path around the last shape does. The others cross each other, or are near to those."""
+    first = [(0, 20), (0, 40), (30, 40), (30, 30), (10, 30), (10, 20)]
+    second = [(20, 15), (30, 15), (30, 35), (40, 35), (40, 5), (20, 5)]
+    third, fourth = [(40, 0), (30, 0), (30, 20), (40, 20)], [(25, 30), (25, 40), (15, 40), (15, 30)]
+    shapes = []
+    for number, corners in enumerate((first, second, third, fourth)):
+        shapes.append(contour([(x, -y) for x, y in corners], name=f"c{number}"))
+    operation = {"corner_radius": 0.3, "lead_out": 2.0}
+    job = {"tool": {"diameter": 2.0}, "operation": operation, "process": {"stay_down": True}}
+    result = camgen.build(part(*shapes), post="rapid", job=job)
+    assert [path.id for path in result.planned] == ["c3"]
+    assert result.motion.contours == 1
