@@ -203,7 +203,7 @@ def test_if_every_place_is_near_a_corner_tabs_get_the_best_places_and_a_note() -
     ids=["triangle", "circle"],
 )
 def test_a_hole_no_wider_than_the_tool_around_a_part_has_tabs(inner: Contour) -> None:
-    """A corner of the triangle, and all of the circle, are as near to the hole as the tool is wide."""
+    """The tool touches both walls, at a corner of the triangle or all around the circle."""
     shapes = [circle(30, 29.5, 8), circle(30, 29.5, 6.4, "c2"), inner]
     result = build_tabs(shapes, tool=0.5, tabs=4, tab_width=1.0)
     names = [path.contours for path in result.tour.paths]
