@@ -276,7 +276,9 @@ def mark_small_crossings(segments: Segments, nesting: Nesting, islands: bool = T
 
     islands: whether a loop crosses the one around it if it reaches out of it.
     """
-    within, neighbours = nesting.touching[: len(nesting.touching) * islands], nesting.neighbours
+    within, neighbours = nesting.touching, nesting.neighbours
+    if not islands:
+        within = within[:0]
     protrudes, overlaps = _measure_crossings(segments, within, neighbours)
     crossed = nesting.crossed.copy()
     for loop, other in np.concatenate([within[protrudes], neighbours[overlaps]]).tolist():

@@ -196,9 +196,10 @@ def _is_inside(area: Any, pieces: Pieces, low: IntArray, high: IntArray) -> Bool
         points = shapely.points(pieces.middle[low[index] : high[index]])
         distance = shapely.distance(points, area.exterior)
         best = points[np.argmax(distance)]
-        ring = flatten(pieces.take(np.arange(low[index], high[index])))
-        if distance.max() < _CROSSING_MM and len(ring) > 3:
-            best = shapely.point_on_surface(shapely.make_valid(shapely.polygons(ring)))
+        if distance.max() < _CROSSING_MM:
+            ring = flatten(pieces.take(np.arange(low[index], high[index])))
+            if len(ring) > 3:
+                best = shapely.point_on_surface(shapely.make_valid(shapely.polygons(ring)))
         inside[index] = shapely.contains_properly(area, best)
     return np.asarray(inside)
 
