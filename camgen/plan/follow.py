@@ -188,10 +188,12 @@ def run_beside(
         worked = loops.worked[source.owner]
         is_opposite = (curve.other >= 0) & worked[curve.other]
         curve = select_segments(curve, worked[curve.source] | is_opposite)
+    # A roughing pass leaves its allowance at the contours that are worked on alone.
+    clear = max(min(distance, job.tool.radius), reach)
     unworked = source.take(~loops.worked[source.owner] & (job.operation.side == "auto"))
     for others, least, how, why in (
         (unworked, reach, "too near to others", _UNWORKED),
-        (loops.crossing, max(distance, reach), "too near to crossing ones", _WITHOUT_INSIDE),
+        (loops.crossing, clear, "too near to crossing ones", _WITHOUT_INSIDE),
     ):
         is_near = _are_too_near(curve, others, least)
         if is_near.any():

@@ -186,6 +186,14 @@ def test_a_path_that_would_cut_crossing_contours_is_left_out() -> None:
             assert centre_line(path).distance(shapely.linearrings(other.points)) >= 3
 
 
+def test_a_roughing_pass_leaves_no_allowance_at_crossing_contours() -> None:
+    """The gap is 6.5 mm: room for the tool of 6 mm beside an allowance of 0.5 mm."""
+    plate, first = rectangle(0, 0, 40, 30, "plate"), rectangle(46.5, 0, 20, 10, "first")
+    second = rectangle(56.5, 5, 20, 10, "second")
+    result = plan_follow(plate, first, second, finish=0.5)
+    assert [path.id for path in result.paths] == ["plate", "plate.finish"]
+
+
 def test_contours_inside_crossing_ones_are_worked_as_far_as_the_tool_keeps_clear_of_them() -> None:
     """`slot` crosses `ring`. The path around `near`, outside of both, is 1 mm from `ring`."""
     ring, hole, island = circle(20, 40, 10, "ring"), circle(20, 40, 8, "hole"), circle(24, 42, 1)

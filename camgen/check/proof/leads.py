@@ -186,6 +186,8 @@ class LeadChecker:
     ) -> None:
         """Adds a difference of the first of the laps `wrong` (L,) that is not `rounded` (L,).
 
+        Rounded ones are named as not proven.
+
         row: (L,) the motion of each lap that it is about.
         """
         for lap in np.flatnonzero(wrong & ~rounded)[:1].tolist():
