@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import chain
 
 import numpy as np
 
@@ -23,15 +22,19 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.beside import NO_HELIX
 from camgen.plan.columns import SLOWEST, plunge_path
-from camgen.plan.drill import Hole, find_circles, read_diameters, select_innermost
+from camgen.plan.drill import (
+    Hole,
+    find_circles,
+    note_left_holes,
+    read_diameters,
+    select_innermost,
+)
 from camgen.plan.unused import check_rules
 
 #: Largest difference of two diameters that count as equal, mm.
 _SAME_MM = 0.01
 #: Minimum number of chords of one turn of the helix, so that the tool goes down evenly.
 _MIN_CHORDS = 12
-#: Maximum number of circles that a note names.
-_NAMED = 8
 
 
 def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
@@ -76,7 +79,7 @@ def bore(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
         (wide, "too wide", core),
         (full, "without room for a helix", "operation.finish leaves none; leave less at the wall"),
     )
-    notes += [_note_not_bored(holes, how, why) for holes, how, why in remedies if holes]
+    notes += [note_left_holes(holes, f"bored, {how}", why) for holes, how, why in remedies if holes]
     paths = [_make_path(hole, job) for hole in good]
     if job.tool.center_cutting:
         for hole in same:
@@ -132,19 +135,6 @@ def _note_others(
         )
         why = "the smallest of a centre is; see operation.holes"
         yield Note("assumed", f"{what} not bored", why)
-
-
-def _note_not_bored(holes: Sequence[Hole], how: str, why: str) -> Note:
-    ids = tuple(chain.from_iterable(hole.contours for hole in holes))
-    names = ", ".join(f"{hole.id} of {short(hole.diameter, 3)} mm" for hole in holes[:_NAMED])
-    more = " ..." if len(holes) > _NAMED else ""
-    return Note(
-        "skipped",
-        f"{counted(len(holes), 'circle')} not bored, {how}: {names}{more}",
-        why,
-        ids,
-        tuple((hole.x, hole.y) for hole in holes),
-    )
 
 
 def _make_path(hole: Hole, job: Job) -> ToolPath:

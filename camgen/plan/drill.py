@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 from msgspec import Struct
@@ -31,6 +32,10 @@ from camgen.plan.unused import check_rules
 _DEVIATION_MM, _DEVIATION_FRACTION, _DEVIATION_PX = 0.01, 0.01, 0.75
 #: Circles with centres nearer than this, mm, are one hole and the pad around it.
 _SAME_HOLE_MM = 0.05
+#: Maximum difference of two diameters that count as equal, mm.
+_SAME_MM = 0.01
+#: Maximum number of circles that a note names.
+_NAMED = 8
 #: Resolution of diameters in notes, mm.
 _DIAMETER_STEP_MM = 0.05
 #: Minimum diameter of a ring in a picture, px. Smaller ones are noise.
@@ -45,6 +50,7 @@ class Hole(Struct, frozen=True):
     layer: layer of the circle or the mark.
     id: name of the hole, and of its path.
     contours: id of the circle in a drawing, empty in a picture.
+    deviation: largest distance of the circle's contour from a circle of this diameter, mm.
     """
 
     x: float
@@ -53,12 +59,14 @@ class Hole(Struct, frozen=True):
     layer: str
     id: str
     contours: tuple[str, ...] = ()
+    deviation: float = 0.0
 
 
 def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
     """Plan a path for every hole, in the order of the input, with notes on their diameters.
 
     `operation.passes` is the number of pecks; the tool retracts to the approach height after each.
+    A circle of a drawing that is smaller than the tool is not drilled to a depth.
     Raises InputError without any hole, and JobError for settings that do not suit a drill.
     """
     smallest, largest = read_diameters(job)
@@ -95,7 +103,44 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
             len(holes) - len(chosen), "circle of another diameter", "circles of other diameters"
         )
         notes.append(Note("assumed", f"{what} not drilled", why))
+    least = _compute_width(job)
+    narrow = [hole for hole in chosen if hole.contours and _is_narrower(hole, least)]
+    if narrow:
+        why = f"the tool is {short(least, 3)} mm wide at the top face"
+        notes.append(note_left_holes(narrow, "drilled, smaller than the tool", why))
+        chosen = [hole for hole in chosen if not hole.contours or not _is_narrower(hole, least)]
     return tuple(_make_path(hole, job) for hole in chosen), (*notes, *_note_diameters(chosen, job))
+
+
+def _is_narrower(hole: Hole, diameter: float) -> bool:
+    """Whether a cut of `diameter`, mm, is wider than the contour of a hole."""
+    return hole.diameter + 2 * hole.deviation < diameter - _SAME_MM
+
+
+def note_left_holes(holes: Sequence[Hole], how: str, why: str) -> Note:
+    """A note on circles that are not worked, with the names of the first ones.
+
+    how: such as "drilled, smaller than the tool".
+    """
+    ids = tuple(chain.from_iterable(hole.contours for hole in holes))
+    names = ", ".join(f"{hole.id} of {short(hole.diameter, 3)} mm" for hole in holes[:_NAMED])
+    more = " ..." if len(holes) > _NAMED else ""
+    return Note(
+        "skipped",
+        f"{counted(len(holes), 'circle')} not {how}: {names}{more}",
+        why,
+        ids,
+        tuple((hole.x, hole.y) for hole in holes),
+    )
+
+
+def _compute_width(job: Job) -> float:
+    """The width of the cut at the top face, mm; 0 for a touch without a depth."""
+    tool, depth = job.tool, job.operation.depth
+    if not depth or tool.kind != "v":
+        return tool.diameter if depth else 0.0
+    half = math.radians(tool.tip_angle if tool.tip_angle is not None else 90.0) / 2
+    return min(tool.tip_diameter + 2 * depth * math.tan(half), tool.diameter)
 
 
 def read_diameters(job: Job) -> tuple[float, float]:
@@ -138,7 +183,8 @@ def _find_in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]
     # The outer border of a ring has no ink in its centre either.
     rings = rings[_find_innermost(centre_mm[rings], diameter_mm[rings])]
     for number, k in enumerate(rings.tolist(), 1):
-        holes.append(_make_hole(centre_mm[k], diameter_mm[k], layer, f"hole{number}"))
+        x, y = centre_mm[k].tolist()
+        holes.append(Hole(x, y, float(diameter_mm[k]), layer, f"hole{number}"))
     return holes, list(_note_not_round(centre_mm[is_hollow & ~is_round], holes))
 
 
@@ -177,8 +223,9 @@ def find_circles(part: Part) -> Iterator[Hole]:
     is_round = deviation <= np.maximum(_DEVIATION_MM, _DEVIATION_FRACTION * radius)
     is_full = _has_circle_area(*flatten(segments, _DEVIATION_MM), radius, len(closed))
     for k in np.flatnonzero(is_round & is_full).tolist():
-        name = closed[k].id
-        yield _make_hole(centre[k], 2 * radius[k], closed[k].layer, name, name)
+        (x, y), name = centre[k].tolist(), closed[k].id
+        sizes = float(2 * radius[k]), float(deviation[k])
+        yield Hole(x, y, sizes[0], closed[k].layer, name, (name,), sizes[1])
 
 
 def select_innermost(holes: Sequence[Hole]) -> list[Hole]:
@@ -207,11 +254,6 @@ def _find_in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
         what = counted(others, "contour is not a circle and is", "contours are not circles and are")
         notes.append(Note("assumed", f"{what} not drilled"))
     return holes, notes
-
-
-def _make_hole(centre: FloatArray, diameter: float, layer: str, name: str, *contours: str) -> Hole:
-    x, y = centre.tolist()
-    return Hole(x, y, float(diameter), layer, name, contours)
 
 
 def _fit_circles(

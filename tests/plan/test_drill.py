@@ -100,6 +100,29 @@ def test_circles_of_a_drawing_are_drilled_but_not_the_pads_around_them() -> None
     assert not [note for note in chosen.notes if note.kind == "warning"]
 
 
+@pytest.mark.parametrize(
+    ("tool", "depth", "drilled"),
+    [
+        ({"diameter": 5.0}, 4.0, ["wide", "same"]),
+        ({"diameter": 5.02}, 4.0, ["wide"]),
+        ({"diameter": 5.0}, 0.0, ["wide", "same", "narrow"]),  # a touch cuts nothing
+        ({"kind": "v", "diameter": 9.0}, 1.5, ["wide", "same", "narrow"]),  # 3 mm wide
+        ({"kind": "v", "diameter": 9.0, "tip_angle": 120.0}, 1.0, ["wide", "same"]),  # 3.46 mm
+        ({"kind": "v", "diameter": 9.0, "tip_diameter": 1.0}, 2.5, ["wide"]),  # 6 mm
+    ],
+)
+def test_a_circle_smaller_than_the_cut_is_left_out(
+    tool: dict[str, object], depth: float, drilled: list[str]
+) -> None:
+    holes = {"wide": 3.0, "same": 2.5, "narrow": 1.5}
+    circles = [circle(10 * k, 0, holes[name], "0", name) for k, name in enumerate(holes)]
+    job = {"operation": {"kind": "drill", "depth": depth}, "tool": tool}
+    planned = plan(part_with(*circles), from_mapping(job))
+    assert [path.id for path in planned.paths] == drilled
+    skipped = [note.ids for note in planned.notes if note.kind == "skipped"]
+    assert skipped == ([tuple(holes)[len(drilled) :]] if len(drilled) < len(holes) else [])
+
+
 def test_only_circles_are_drilled() -> None:
     angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     circle_of_lines = [(5 + 0.5 * np.cos(a), 5 + 0.5 * np.sin(a)) for a in angle]
@@ -148,7 +171,7 @@ def test_no_peck_is_deeper_than_its_share_of_the_depth(
         "operation": {"kind": "drill", "depth": depth, "passes": passes},
         "process": {"approach": approach},
     }
-    (path,) = plan(part_with(circle(3, 4, 0.5)), from_mapping(job)).paths
+    (path,) = plan(part_with(circle(3, 4, 3.0)), from_mapping(job)).paths
     z, feed = path.position[:, 2], path.feed
     cuts = z[1:][feed[1:] == 20]
     bites = -np.diff(np.concatenate([[0.0], cuts]))

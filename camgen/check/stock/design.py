@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.check.stock.cells import CHORD_MM, Cells, make_cells
-from camgen.check.stock.profile import BEAMS, compute_slope
+from camgen.check.stock.profile import BEAMS, compute_radius, compute_slope
 from camgen.geometry.nesting import find_nesting
 from camgen.geometry.segments import (
     BoolArray,
@@ -496,22 +496,27 @@ def _bore(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
 
 
 def _drill(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
-    """A hole as wide as the tool in the smallest of concentric circles.
+    """A hole as wide as the end of the tool in the smallest of concentric circles.
 
-    The holes at marks of a picture are not in the drawing, so they are not judged.
+    A circle that is drawn with lines may be drilled up to its corners. The holes at marks of a
+    picture are not in the drawing, so they are not judged.
     """
-    deep, radius = _get_depth(task), task.job.tool.radius
+    deep, tool = _get_depth(task), task.job.tool
     circles = _find_circles(draft, task, worked)
     if task.part.raster is not None:
         draft.free = True
         draft.notes.append("holes at marks of a picture are not judged: no cut counts as a gouge")
         return
     circles.allow(draft, deep)
-    wide = np.minimum(radius, circles.diameters / 2)
-    draft.wanted += [
-        Wanted(disc, disc, 0.0, deep)
-        for disc in shapely.buffer(_find_middles(circles.rings), wide, quad_segs=2 * _QUARTER)
-    ]
+    middles = _find_middles(circles.rings)
+    outer = shapely.hausdorff_distance(middles, circles.rings)
+    by_lines = outer > circles.diameters / 2 + CHORD_MM
+    if by_lines.any():
+        discs = shapely.buffer(middles[by_lines], outer[by_lines], quad_segs=2 * _QUARTER)
+        draft.recesses.append(Recess(shapely.union_all(discs), deep))
+    end = compute_radius(tool, np.zeros(1))[0]
+    discs = shapely.buffer(middles, np.minimum(end, circles.diameters / 2), quad_segs=2 * _QUARTER)
+    draft.wanted += [Wanted(disc, disc, 0.0, deep) for disc in discs[shapely.area(discs) > 0]]
 
 
 class _Circles(Struct, frozen=True, eq=False):

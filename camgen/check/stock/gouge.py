@@ -331,11 +331,12 @@ def _are_explained(
         allowed = cutting & (moves.deepest <= lines.depth + TOLERANCE_MM)
         rows = np.flatnonzero(fits[moves.cut] & allowed & ~explained)
         explained[rows[_are_along(moves.plane.take(rows), lines, slack[rows])]] = True
+    radius = measure_radii(cuts, moves.cut, moves.deepest)
     for recess in design.recesses:
         allowed = cutting & (moves.deepest <= recess.depth + TOLERANCE_MM)
-        for number, cut in enumerate(cuts):
+        for number in range(len(cuts)):
             rows = np.flatnonzero(allowed & (moves.cut == number) & ~explained)
-            inset = TOLERANCE_MM - cut.tool.radius
+            inset = TOLERANCE_MM - radius[rows].max(initial=0.0)
             centres = shapely.buffer(recess.shape, inset, quad_segs=QUARTER)
             explained[rows[_are_within(moves.plane.take(rows), centres)]] = True
     return explained
