@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,6 +41,7 @@ from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, harmless, short_each
 from camgen.model.version import __version__
 from camgen.order import ArmTour, may_link_by_joints, order
+from camgen.pipeline.ahead import load_later_stages
 from camgen.pipeline.assumptions import (
     note_arm,
     note_close_positions,
@@ -247,6 +248,7 @@ def build(  # noqa: PLR0913 (the public call, whose keywords users write)
     sources = list_inputs(inputs)
     settings = limit_path_tolerance(load_settings(job, files), post)
     files = files.within(settings.limits)
+    files.meanwhile = partial(load_later_stages, post)
     poster = make_job_post(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
     readback = find_readback(post)
     start_pose = check_placing(settings, locate is not None, start)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import BinaryIO
@@ -39,11 +39,14 @@ class Files:
         self._streams = {identity(path): stream for path, stream in streams.items()}
         #: Files that were opened, by `identity`. No output may overwrite them.
         self.opened: dict[str, Path] = {}
+        #: Called in a second thread while a picture is decoded, which leaves Python idle.
+        self.meanwhile: Callable[[], None] = _do_nothing
 
     def within(self, limits: Limits) -> Files:
         """These files, with those that were read, under the limits of a job."""
         files = Files(limits=limits)
         files._sources, files._streams, files.opened = self._sources, self._streams, self.opened
+        files.meanwhile = self.meanwhile
         return files
 
     def read(self, path: str | Path) -> Source:
@@ -87,6 +90,10 @@ class Files:
                 self._sources[key] = Source(path, _read_bounded(str(path), stream, limit, size))
             self.opened[key] = path
         return replace(self._sources[key], path=path, limits=self.limits)
+
+
+def _do_nothing() -> None:
+    pass
 
 
 def identity(path: str | Path) -> str:

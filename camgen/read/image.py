@@ -235,7 +235,8 @@ def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
 
 def _segment(source: Source, job: Job, files: Files) -> _Segmented:
     _check_settings(job)
-    picture = _linearize(read_picture(source, sensor=is_of_sensor(job.camera)), job)
+    sensor = is_of_sensor(job.camera)
+    picture = _linearize(read_picture(source, sensor=sensor, meanwhile=files.meanwhile), job)
     camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
     plane = _find_plane(picture, camera, job.camera)
     # A lens that was estimated from a sheet makes the view, but it does not count as calibrated.

@@ -22,6 +22,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Thread
 from typing import BinaryIO, Literal
 
 import numpy as np
@@ -309,11 +310,14 @@ class Picture(Struct, frozen=True, eq=False):
     focal_px: float | None = None
 
 
-def read_picture(source: Source, *, sensor: bool = False) -> Picture:
+def read_picture(
+    source: Source, *, sensor: bool = False, meanwhile: Callable[[], None] | None = None
+) -> Picture:
     """Read a PNG, JPEG, TIFF, BMP or PGM file.
 
     sensor: leave the pixels as the sensor delivered them, without the Exif orientation, for use
         with a calibrated lens. A TIFF is turned in any case.
+    meanwhile: called in a second thread while the pixels are decoded.
 
     Raises InputError for a file of another kind, and for one that is damaged, cut off or too large.
     """
@@ -329,7 +333,8 @@ def read_picture(source: Source, *, sensor: bool = False) -> Picture:
         )
     _check_size(name, head, source.limits)
     notes: list[Note] = [*source.notes]
-    stored = _decode(data, name, head, notes)
+    with _run_beside(meanwhile):
+        stored = _decode(data, name, head, notes)
     if head.white < 255:
         scaled = stored.astype(np.float64) * (255 / head.white)
         stored = scaled.clip(0, 255).round().astype(np.uint8)
@@ -414,6 +419,17 @@ def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[
                 raise InputError(name, f"is damaged: {line}", remedy=remedy)
             notes.append(Note("warning", f"the decoder says: {line}", "nothing seems to be lost"))
     return stored
+
+
+@contextmanager
+def _run_beside(work: Callable[[], None] | None) -> Iterator[None]:
+    """Run `work` in a second thread during the body, and wait for its end."""
+    thread = Thread(target=work)
+    thread.start()
+    try:
+        yield
+    finally:
+        thread.join()
 
 
 @contextmanager

@@ -157,11 +157,16 @@ def measure_mm_per_pixel(shown: PlaneView, mm: FloatArray) -> tuple[FloatArray, 
 
 
 def remap(
-    photo: Pixels, shown: PlaneView, work_from_view: FloatArray, size: tuple[int, int]
+    photo: Pixels,
+    shown: PlaneView,
+    work_from_view: FloatArray,
+    size: tuple[int, int],
+    coarser: int = 1,
 ) -> tuple[Pixels, NDArray[np.bool_]]:
     """Resample a photo to a view of `size` (width, height) pixels.
 
     work_from_view: (2, 3), from pixels of the view to mm.
+    coarser: factor on the allowed errors, which are for pixels as fine as those of the photo.
 
     Returns the view, black where the photo shows nothing, and a mask (H, W) of the pixels that it
     shows.
@@ -169,7 +174,7 @@ def remap(
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     width, height = size
-    exact, step = _choose_nodes(shown, work_from_view, size)
+    exact, step = _choose_nodes(shown, work_from_view, size, coarser)
     view = np.zeros((height, width, *photo.shape[2:]), dtype=photo.dtype)
     valid = np.zeros((height, width), dtype=np.bool_)
     for top in range(0, height, _STRIP):
@@ -249,7 +254,7 @@ def _mark_valid(
 
 
 def _choose_nodes(
-    shown: PlaneView, work_from_view: FloatArray, size: tuple[int, int]
+    shown: PlaneView, work_from_view: FloatArray, size: tuple[int, int], coarser: int
 ) -> tuple[_ExactNodes, int]:
     """The exact nodes, and the distance of those between them, at which the map is exact enough.
 
@@ -261,10 +266,10 @@ def _choose_nodes(
     """
     for exact_step in _STEPS:
         exact = _compute_exact_nodes(shown, work_from_view, size, exact_step)
-        if exact.fourth_difference * 3 / 128 <= _CUBIC_ERROR:
+        if exact.fourth_difference * 3 / 128 <= _CUBIC_ERROR * coarser:
             break
     for step in _STEPS[_STEPS.index(exact.step) :]:
-        if exact.second_difference * (step / exact.step) ** 2 <= _LINEAR_ERROR * 16:
+        if exact.second_difference * (step / exact.step) ** 2 <= _LINEAR_ERROR * coarser * 16:
             break
     return exact, step
 
@@ -519,7 +524,7 @@ def rectify(
             remedy="give a smaller region around the part, or take it from above",
         )
     work_from_view = frozen([[scale, 0, left * scale], [0, -scale, top * scale]])
-    pixels, valid = remap(picture.pixels, shown, work_from_view, (columns, rows))
+    pixels, valid = remap(picture.pixels, shown, work_from_view, (columns, rows), coarser)
     for array in (pixels, valid):
         array.flags.writeable = False
     return ScaledView(pixels, work_from_view, scale, None if valid.all() else valid, tuple(notes))

@@ -34,6 +34,8 @@ _MAX_STEP = 1.0
 _HOLDS = 2
 #: Factor on the weights of all corners if a round makes the fit worse.
 _TIGHTENING = 10.0
+#: px: the fit ends with a round that moves no corner and no middle of a piece by more.
+_SETTLED_PX = 1e-4
 #: px: step for numerical derivatives.
 _STEP_PX = 1e-6
 
@@ -72,6 +74,9 @@ def polish(
         moved_squares = _sum_squares(moved, points, piece, weight)
         if moved_squares < squares:
             chain, squares = moved, moved_squares
+            half = np.abs(np.roll(chain.corners, -1) - chain.corners) / 2
+            if max(np.abs(step[:, :2]).max(), np.abs(step[:, 2] * half).max()) < _SETTLED_PX:
+                break
         else:
             stiffness = stiffness * _TIGHTENING
     return chain
