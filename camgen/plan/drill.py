@@ -216,7 +216,7 @@ def find_circles(part: Part) -> Iterator[Hole]:
     if not closed:
         return
     segments = make_contour_segments(closed)
-    fractions = (0.0, 0.25, 0.5, 0.75)
+    fractions = (0.0, 0.5)  # a line is farthest from the circle at its ends or in its middle
     points = np.concatenate([points_at(segments, np.full(len(segments), f)) for f in fractions])
     owner = np.tile(segments.owner, len(fractions))
     centre, radius, deviation = _fit_circles(points, owner, len(closed))

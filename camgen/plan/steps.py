@@ -8,10 +8,11 @@ from itertools import combinations, permutations
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.segments import make_contour_segments
+from camgen.geometry.segments import compute_bounds, make_contour_segments
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, Step, ToolTable
 from camgen.model.part import Contour, Note, Part, drop_ids, keep_ids, list_ids, select_closed
+from camgen.model.pose import FloatArray
 from camgen.model.sequences import take_rows
 from camgen.model.text import name_first
 from camgen.model.tolerance import SAME_POINT_MM
@@ -201,21 +202,33 @@ def _find_bounding(
 
 
 def find_enclosed(part: Part, ids: Container[str]) -> frozenset[str]:
-    """The ids of the closed contours of `part` that lie inside one of the contours `ids`."""
+    """The ids of the closed contours of `part` that lie inside one of the contours `ids`.
+
+    A contour that reaches out of the box around another one is not inside it.
+    """
     closed = select_closed(part.contours)
     if not closed:
         return frozenset()
-    from camgen.geometry.nesting import find_nesting  # noqa: PLC0415 (loads shapely)
+    from camgen.geometry.apart import merge_boxes  # noqa: PLC0415 (loads shapely)
+    from camgen.geometry.nesting import find_nesting  # noqa: PLC0415
 
-    parent = find_nesting(make_contour_segments(closed), len(closed)).parent.tolist()
+    segments = make_contour_segments(closed)
+    parent = find_nesting(segments, len(closed)).parent.tolist()
+    boxes = merge_boxes(compute_bounds(segments), segments.owner, len(closed))
     enclosed = set[str]()
     for k, contour in enumerate(closed):
         above = parent[k]
-        while above >= 0 and closed[above].id not in ids:
+        while above >= 0 and (closed[above].id not in ids or _reaches_out(boxes[[k, above]])):
             above = parent[above]
         if above >= 0:
             enclosed.add(contour.id)
     return frozenset(enclosed)
+
+
+def _reaches_out(boxes: FloatArray) -> bool:
+    """Whether the first of two boxes (2, 4) reaches out of the second one."""
+    inner, outer = boxes
+    return bool((inner[:2] < outer[:2]).any() or (inner[2:] > outer[2:]).any())
 
 
 def order_steps(

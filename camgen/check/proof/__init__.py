@@ -51,13 +51,12 @@ def prove_motion(
     unplaced = Unplaced()
     for program in programs:
         unplaced += count_unplaced(program.body, home, rounding.joint)
-    named = Named.from_notes(notes)
     if part.solid is not None or part.curves:
         from camgen.check.proof.space import prove_space  # noqa: PLC0415 (only for these)
 
-        proof = prove_space(part, job, programs[0], named, rounding)
+        proof = prove_space(part, job, programs[0], Named.from_notes(notes), rounding)
     else:
         from camgen.check.proof.flat import prove_flat  # noqa: PLC0415 (shapely, only for these)
 
-        proof = prove_flat(part, job, programs, named, rounding, controller)
+        proof = prove_flat(part, job, programs, notes, rounding, controller)
     return replace(proof, unplaced=unplaced)

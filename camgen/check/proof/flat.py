@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from itertools import chain, compress
 
@@ -37,10 +38,12 @@ from camgen.check.proof.travel import (
 )
 from camgen.check.proof.visits import find_reached, number_visits
 from camgen.model.job import Job
-from camgen.model.part import Part, list_ids
+from camgen.model.part import Note, Part, list_ids
 from camgen.model.program import Origin
 from camgen.model.sequences import take_rows
 
+#: The start of a note on one of several operations.
+_OF_OPERATION = re.compile(r"operation (\d+) \(")
 #: Kinds of operations that have a row in the table of docs/proof.md.
 PROVEN = ("follow", "trace", "chamfer", "drill", "bore", "pocket", "fill")
 
@@ -49,16 +52,16 @@ def prove_flat(
     part: Part,
     job: Job,
     programs: Sequence[Program],
-    named: Named,
+    notes: Sequence[Note],
     rounding: Rounding,
     controller: Controller | None,
 ) -> MotionProof:
     """The proof of `prove_motion`, without the motions that are not placed.
 
-    named: ids in notes.
+    notes: all notes of the build.
     """
     drawing = make_drawing(part, job)
-    context = Context(drawing, named, rounding, controller, {})
+    context = Context(drawing, Named.from_notes(notes), rounding, controller, {})
     totals = _Count(drawing)
     findings: list[tuple[str, Finding]] = []
     unproven: list[str] = []
@@ -71,8 +74,9 @@ def prove_flat(
         # An operation runs in one program; if all its contours are left out, it runs in none.
         runs = [each for each in programs if _of_task(each, task)[each.path].any()] or programs[:1]
         earlier = _find_earlier(task, tasks, programs, context)
+        of_task = context._replace(named=Named.from_notes(_select_notes(notes, task.number)))
         for program in runs:
-            _prove_task(task, program, context, totals, differences, earlier)
+            _prove_task(task, program, of_task, totals, differences, earlier)
         findings += [(runs[0].file, item) for item in differences.items]
         unproven += differences.unproven
     for program in programs:
@@ -102,6 +106,16 @@ def _number_of(origin: Origin) -> int:
     """The operation of a path: the number before the colon of its id, -1 in a job with one."""
     number, colon, _ = origin.id.partition(":")
     return int(number) if colon and number.isdigit() else -1
+
+
+def _select_notes(notes: Sequence[Note], number: int) -> list[Note]:
+    """The notes on an operation and those on the whole job: others begin with their number."""
+    chosen = []
+    for note in notes:
+        begin = _OF_OPERATION.match(note.what)
+        if begin is None or int(begin[1]) == number:
+            chosen.append(note)
+    return chosen
 
 
 def _of_task(program: Program, task: Task) -> BoolArray:

@@ -15,12 +15,19 @@ from camgen.model.pose import FloatArray
 
 
 def find_levels(task: Task, motions: Motions, rows: IntArray, slack: float) -> IntArray:
-    """(W,) index of the pass at whose depth each of the motions `rows` runs, -1 for a slope."""
+    """(W,) index of the pass at whose depth each of the motions `rows` runs, -1 for a slope.
+
+    The top of a tab follows a slope upwards. It does not count, though it may be as high as a pass.
+    """
     start, end = motions.start[rows, 2], motions.end[rows, 2]
     heights = -np.array(task.depths)
     index = np.abs(end[:, None] - heights).argmin(axis=1)
     level = heights[index]
     exact = (np.abs(end - level) <= slack) & (np.abs(start - level) <= slack)
+    sloped = np.flatnonzero(np.abs(end - start) > slack)
+    last = np.searchsorted(sloped, np.arange(len(rows)), side="right") - 1
+    rises = np.append(end[sloped] > start[sloped], False)[last]
+    exact &= ~(rises & (np.abs(end - tab_top(task)) <= slack))
     return np.where(exact, index, -1)
 
 

@@ -36,6 +36,8 @@ _TAB_MM = 0.05
 _AREA_SHARE = 0.05
 #: Lengths of laps are known with this slack, mm.
 _ROOM_MM = 1.0
+#: A path runs at the depth of each pass for more than this share of the length of another.
+_PASS_SHARE = 0.1
 #: Two motions at heights that differ by more, mm, have a lift or a plunge between them.
 _LIFT_MM = 0.02
 #: A motion that is shorter, mm, has no slope in a text with three digits.
@@ -107,8 +109,11 @@ class SlopeChecker:
         path = self.motions.path[self.rows]
         if not self.task.operation.finish or not len(path):
             return np.zeros(len(path), np.bool_)
-        highest = np.full(int(path.max()) + 2, len(self.task.depths))
-        np.minimum.at(highest, path[levels >= 0], levels[levels >= 0])
+        # A piece of a ramp may be too short to have a slope: a pass runs at its depth for longer.
+        length = np.zeros((int(path.max()) + 2, len(self.task.depths)))
+        np.add.at(length, (path[levels >= 0], levels[levels >= 0]), self.flat[levels >= 0])
+        is_pass = length > _PASS_SHARE * length.max(axis=1, keepdims=True)
+        highest = np.where(is_pass.any(axis=1), is_pass.argmax(axis=1), len(self.task.depths))
         return np.asarray((path < 0) | (highest[path] == len(self.task.depths) - 1))
 
     def _check_starts(self, visit: IntArray, levels: IntArray, findings: Findings) -> None:

@@ -15,7 +15,7 @@ import shapely
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.nesting import find_enclosing, find_nesting
+from camgen.geometry.nesting import find_enclosing, find_nesting, mark_small_crossings
 from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, make_contour_segments
 from camgen.model.part import Contour, list_ids, select_closed
 from camgen.model.pose import FloatArray
@@ -99,9 +99,10 @@ class Cells(Struct, frozen=True, eq=False):
 def make_cells(contours: Sequence[Contour]) -> Cells:
     """Divide the plane by `contours`."""
     closed = select_closed(contours)
-    nesting = find_nesting(make_contour_segments(closed), len(closed)) if closed else None
-    is_valid = np.zeros(0, np.bool_)
-    if nesting is not None:
+    nesting, is_valid = None, np.zeros(0, np.bool_)
+    if closed:
+        drawn = make_contour_segments(closed)
+        nesting = mark_small_crossings(drawn, find_nesting(drawn, len(closed)))
         is_valid = (nesting.crossed < 0) & ~nesting.empty
     if nesting is None or not is_valid.any():
         empty = np.zeros(0, dtype=np.int64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from itertools import compress
 from typing import Any
 
@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from camgen.check.stock.cells import CHORD_MM, Cells, make_cells
 from camgen.check.stock.profile import BEAMS, compute_radius, compute_slope
-from camgen.geometry.nesting import find_nesting
+from camgen.geometry.nesting import find_nesting, mark_small_crossings, measure_loop_areas
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -176,6 +176,7 @@ class Design(Struct, eq=False):
     bevels: chamfers.
     wanted: material that must be removed.
     recesses: pockets across contours of other operations, and holes across other contours.
+    across: walls and islands of these pockets, which divide no cells.
     tabbed: contours with tabs.
     waste: cells within holes along whose contour a tool cuts: they are waste, although they may not
         be cut.
@@ -193,6 +194,7 @@ class Design(Struct, eq=False):
     bevels: list[Bevel] = []
     wanted: list[Wanted] = []
     recesses: list[Recess] = []
+    across: list[Contour] = []
     tabbed: list[Tabbed] = []
     waste: set[int] = set()
     free: bool = False
@@ -238,8 +240,12 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
     inner = tuple(
         contour for contour in contours if not stock.layer or contour.layer != stock.layer
     )
-    across = _find_across(inner, tasks)
-    cells = make_cells(tuple(contour for contour in inner if contour.id not in across))
+    crossed = _name_crossed(select_closed(inner))
+    worked = [_select_followed(inner, task, crossed) for task in tasks]
+    loose = _find_loose(inner, tasks, worked, crossed)
+    bounding = tuple(contour for contour in inner if contour.id not in loose)
+    across = _find_across(bounding, tasks, worked)
+    cells = make_cells(tuple(contour for contour in bounding if contour.id not in across))
     stays_down = any(task.job.process.stay_down for task in tasks)
     draft = Design(
         cells,
@@ -248,8 +254,9 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
         stock.thickness,
         untaken,
         BESIDE_WORKED_MM if stays_down else 0.0,
+        across=[contour for contour in bounding if contour.id in across],
     )
-    for task in tasks:
+    for task, followed in zip(tasks, worked, strict=True):
         kind = _get_kind(task)
         add = _BY_KIND.get(kind)
         if add is None:
@@ -258,7 +265,7 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
                 f"the material that {kind} may remove is not known: no cut counts as a gouge"
             )
         else:
-            add(draft, task, _select_worked(inner, task))
+            add(draft, task, followed)
     if stock.thickness is None:
         draft.notes.append(
             "stock.thickness is not set: "
@@ -267,20 +274,82 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
     return draft
 
 
-def _find_across(contours: Sequence[Contour], tasks: Sequence[Task]) -> frozenset[str]:
+def _select_followed(
+    contours: Sequence[Contour], task: Task, crossed: Container[str]
+) -> list[Contour]:
+    """Select the contours that an operation works on and does not leave out.
+
+    An operation beside contours leaves out those that cross others of its part.
+
+    crossed: ids of the contours that cross any others.
+    """
+    worked = [contour for contour in contours if task.part.works_on(_list_names(contour))]
+    if not any(contour.id in crossed for contour in worked):
+        return worked
+    shown = worked
+    if _bounds_material(task):
+        shown = [contour for contour in contours if _is_within(contour, task)]
+    elif _get_kind(task) != "pocket":
+        return worked
+    left_out = _name_crossed(select_closed(shown), islands=_bounds_material(task))
+    return [contour for contour in worked if contour.id not in left_out]
+
+
+def _bounds_material(task: Task) -> bool:
+    """Whether the contours of the part of an operation decide between inside and outside."""
+    side = task.job.operation.side
+    return _get_kind(task) == "chamfer" or (
+        _get_kind(task) == "follow" and side not in ("left", "right")
+    )
+
+
+def _is_within(contour: Contour, task: Task) -> bool:
+    return task.bounds is None or not task.bounds.isdisjoint(_list_names(contour))
+
+
+def _list_names(contour: Contour) -> tuple[str, ...]:
+    return contour.sources or (contour.id,)
+
+
+def _find_loose(
+    contours: Sequence[Contour],
+    tasks: Sequence[Task],
+    worked: Sequence[Sequence[Contour]],
+    crossed: set[str],
+) -> frozenset[str]:
+    """Find contours that cross others, but bound material of no operation, such as drawn lines.
+
+    worked: the contours that each operation works on.
+    crossed: ids of the contours that cross any others.
+    """
+    if not crossed or tasks[0].bounds is None:
+        return frozenset()
+    bounding: set[str] = set()
+    for task, followed in zip(tasks, worked, strict=True):
+        if _bounds_material(task):
+            bounding.update(contour.id for contour in contours if _is_within(contour, task))
+        elif _get_kind(task) in ("pocket", "fill"):
+            bounding.update(list_ids(followed))
+    return frozenset(crossed - bounding)
+
+
+def _find_across(
+    contours: Sequence[Contour], tasks: Sequence[Task], worked: Sequence[Sequence[Contour]]
+) -> frozenset[str]:
     """Find the walls of pockets that cross contours of other operations, and their islands.
 
-    The other contours divide the plane without them. Empty if walls of pockets cross each other
-    there, or if another operation works on one of them.
+    The other contours divide the plane without them. Islands beside which another operation runs
+    divide it, too.
+
+    worked: the contours that each operation works on.
     """
     pocketed: set[str] = set()
     others: set[str] = set()
-    for task in tasks:
-        names = set(list_ids(_select_worked(contours, task)))
+    for task, followed in zip(tasks, worked, strict=True):
         if _get_kind(task) == "pocket":
-            pocketed |= names
-        elif _get_kind(task) not in ("drill", "bore"):  # these choose circles of their contours
-            others |= names
+            pocketed.update(list_ids(followed))
+        elif _bounds_material(task) or _get_kind(task) == "fill":
+            others.update(list_ids(followed))
     closed = select_closed(contours)
     walls = [contour for contour in closed if contour.id in pocketed]
     across = _name_crossed(closed) & pocketed if walls else set[str]()
@@ -289,12 +358,7 @@ def _find_across(contours: Sequence[Contour], tasks: Sequence[Task]) -> frozense
     rings = _make_polygons(walls)
     is_across = np.array([contour.id in across for contour in walls])
     near = shapely.intersects(rings, shapely.union_all(rings[is_across]))
-    names = set(list_ids(compress(walls, near)))
-    return frozenset() if names & (others | _name_crossed(walls)) else frozenset(names)
-
-
-def _select_worked(contours: Sequence[Contour], task: Task) -> list[Contour]:
-    return [contour for contour in contours if task.part.works_on(contour.sources or (contour.id,))]
+    return frozenset(list_ids(compress(walls, near))) - others
 
 
 def _make_polygons(closed: Sequence[Contour]) -> Any:
@@ -302,11 +366,16 @@ def _make_polygons(closed: Sequence[Contour]) -> Any:
     return shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
 
 
-def _name_crossed(closed: Sequence[Contour]) -> set[str]:
+def _name_crossed(closed: Sequence[Contour], islands: bool = True) -> set[str]:
+    """The ids of contours that cross others or themselves.
+
+    islands: whether a corner that reaches out of the contour around it counts.
+    """
     if not closed:
         return set()
-    crossed = find_nesting(make_contour_segments(closed), len(closed)).crossed >= 0
-    return set(list_ids(compress(closed, crossed)))
+    segments = make_contour_segments(closed)
+    nesting = mark_small_crossings(segments, find_nesting(segments, len(closed)), islands)
+    return set(list_ids(compress(closed, nesting.crossed >= 0)))
 
 
 def _make_outline(contours: Sequence[Contour], stock: StockTable) -> Any:
@@ -343,10 +412,11 @@ def _follow(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """The material side of each contour stays; the other side may be cut to the next contours."""
     cells, side = draft.cells, task.job.operation.side
     if side in ("left", "right"):
-        _follow_one_side(draft, task, worked)
+        _add_waste(draft, task, worked)
+        _follow_lines(draft, task, worked)
         return
     loops = _find_loops(draft, worked)
-    inside = _are_inside(cells, loops, task)
+    inside = _are_inside(draft, loops, task)
     inner, outer = loops[inside], loops[~inside]
     if side == "auto":
         cut = np.unique(np.concatenate([inner, cells.parent[outer]]))
@@ -354,22 +424,34 @@ def _follow(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     elif side == "inside":
         removed = np.flatnonzero(cells.within(inner.tolist()))
     else:
-        removed = np.flatnonzero(~cells.within(outer.tolist()))
+        within = cells.within(outer.tolist())
+        removed = np.flatnonzero(~within)
+        # Within another loop that is followed on its outside, the tool keeps to its kerf.
+        nested = outer[within[cells.parent[outer]]]
+        names = {cells.ids[k] for k in nested.tolist()}
+        _follow_lines(draft, task, [contour for contour in worked if contour.id in names])
+        loops = np.setdiff1d(loops, nested)
     draft.allow(removed.tolist(), _get_depth(task))
     _add_kerfs(draft, task, loops, removed)
 
 
-def _are_inside(cells: Cells, loops: IntArray, task: Task) -> BoolArray:
+def _are_inside(draft: Design, loops: IntArray, task: Task) -> BoolArray:
     """Whether the tool runs on the inner side of each contour, as `operation.side` states."""
     side = task.job.operation.side
     if side == "auto":
-        return _are_holes(cells, loops, task)
+        return _are_holes(draft, loops, task)
     return np.full(len(loops), side == "inside")
 
 
-def _are_holes(cells: Cells, loops: IntArray, task: Task) -> BoolArray:
+def _are_holes(draft: Design, loops: IntArray, task: Task) -> BoolArray:
     """Whether each cell lies within an odd number of contours that bound material."""
+    cells = draft.cells
     level = cells.depth[loops].copy()
+    around = [contour for contour in draft.across if _is_within(contour, task)]
+    if around:
+        starts = cells.segments.start[np.searchsorted(cells.segments.owner, loops)]
+        for ring in _make_polygons(around):
+            level += shapely.contains_xy(ring, starts)
     if task.bounds is not None:
         others = np.array([name not in task.bounds for name in cells.ids], dtype=np.bool_)
         level -= _count_around(cells, others)[cells.parent[loops]]
@@ -441,26 +523,30 @@ def _list_slugs(cells: Cells, job: Job, inner: Sequence[int]) -> list[Tabbed]:
     return tabbed
 
 
-def _follow_one_side(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
+def _follow_lines(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
+    """A tool beside each contour, on the side that `operation.side` names, and no farther away."""
     operation, radius = task.job.operation, task.job.tool.radius
-    side = 1 if operation.side == "left" else -1
     far = radius + max(operation.lead_in, operation.lead_out, draft.aside) + operation.finish
-    _add_waste(draft, task, worked)
     for contour in worked:
         segments = make_contour_segments([contour])
+        is_left = operation.side == "left"
+        if operation.side == "outside":
+            is_left = measure_loop_areas(segments, 1)[0] < 0
+        side = 1 if is_left else -1
         lines = Lines(segments, _get_depth(task), task.job.tool.diameter, (radius, far), side)
         draft.lines.append(lines)
 
 
 def _add_waste(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     loops = _find_loops(draft, worked)
-    draft.waste.update(loops[_are_holes(draft.cells, loops, task)].tolist())
+    draft.waste.update(loops[_are_holes(draft, loops, task)].tolist())
 
 
 def _pocket(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """All between walls and islands; contours of other operations are not islands."""
     cells, deep = draft.cells, _get_depth(task)
-    loops = _find_loops(draft, worked)
+    recesses, across = _find_recesses(draft, worked)
+    loops = _find_loops(draft, [contour for contour in worked if contour.id not in across])
     # A cell is a floor if the number of these contours around it is odd.
     around = _count_around(cells, np.isin(np.arange(len(cells)), loops))
     draft.allow(np.flatnonzero(around % 2 == 1).tolist(), deep)
@@ -472,20 +558,25 @@ def _pocket(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
         rooms = shapely.difference(rooms, shapely.union_all(cells.rings[islands]))
         nested = around[walls] > 1
         rooms[nested] = cells.rings[walls[nested]]
-    shapes = [*rooms, *_find_recesses(draft, worked)]
-    draft.recesses += [Recess(shape, deep) for shape in shapes[len(rooms) :]]
-    draft.wanted += [Wanted(shape, shape, radius, deep) for shape in shapes]
+    draft.recesses += [Recess(shape, deep) for shape in recesses]
+    draft.wanted += [Wanted(shape, shape, radius, deep) for shape in (*rooms, *recesses)]
 
 
-def _find_recesses(draft: Design, worked: Sequence[Contour]) -> list[Any]:
-    known = {*draft.cells.ids, *list_ids(draft.cells.left)}
-    walls = [contour for contour in select_closed(worked) if contour.id not in known]
-    if not walls:
-        return []
+def _find_recesses(draft: Design, worked: Sequence[Contour]) -> tuple[list[Any], set[str]]:
+    """Find the pockets whose walls divide no cells.
+
+    Returns their polygons, and the ids of their walls and islands.
+    """
+    closed, known = select_closed(worked), set(draft.cells.ids)
+    divides_none = np.array([contour.id not in known for contour in closed], dtype=np.bool_)
+    if not divides_none.any():
+        return [], set()
+    rings = _make_polygons(closed)
+    near = shapely.intersects(rings, shapely.union_all(rings[divides_none]))
     region = shapely.Polygon()
-    for ring in _make_polygons(walls):
+    for ring in rings[near]:
         region = shapely.symmetric_difference(region, ring)
-    return list(shapely.get_parts(region))
+    return list(shapely.get_parts(region)), set(list_ids(compress(closed, near)))
 
 
 def _bore(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
@@ -498,8 +589,7 @@ def _bore(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
 def _drill(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     """A hole as wide as the end of the tool in the smallest of concentric circles.
 
-    A circle that is drawn with lines may be drilled up to its corners. The holes at marks of a
-    picture are not in the drawing, so they are not judged.
+    The holes at marks of a picture are not in the drawing, so they are not judged.
     """
     deep, tool = _get_depth(task), task.job.tool
     circles = _find_circles(draft, task, worked)
@@ -508,15 +598,9 @@ def _drill(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
         draft.notes.append("holes at marks of a picture are not judged: no cut counts as a gouge")
         return
     circles.allow(draft, deep)
-    middles = _find_middles(circles.rings)
-    outer = shapely.hausdorff_distance(middles, circles.rings)
-    by_lines = outer > circles.diameters / 2 + CHORD_MM
-    if by_lines.any():
-        discs = shapely.buffer(middles[by_lines], outer[by_lines], quad_segs=2 * _QUARTER)
-        draft.recesses.append(Recess(shapely.union_all(discs), deep))
-    end = compute_radius(tool, np.zeros(1))[0]
-    discs = shapely.buffer(middles, np.minimum(end, circles.diameters / 2), quad_segs=2 * _QUARTER)
-    draft.wanted += [Wanted(disc, disc, 0.0, deep) for disc in discs[shapely.area(discs) > 0]]
+    end = np.minimum(compute_radius(tool, np.zeros(1)), circles.diameters / 2)
+    discs = shapely.buffer(_find_middles(circles.rings), end, quad_segs=2 * _QUARTER)
+    draft.wanted += [Wanted(disc, disc, 0.0, deep) for disc in discs[end > 0]]
 
 
 class _Circles(Struct, frozen=True, eq=False):
@@ -536,11 +620,23 @@ class _Circles(Struct, frozen=True, eq=False):
         return _Circles(self.rings[rows], self.diameters[rows], self.loops[rows])
 
     def allow(self, draft: Design, depth: float) -> None:
-        """Allow cuts in all of them down to a depth, mm."""
+        """Allow cuts in all of them down to a depth, mm.
+
+        A circle that is drawn with lines may be cut up to its corners, and beyond by the tolerance
+        of circles.
+        """
         is_cell = self.loops >= 0
         inner = draft.cells.within(self.loops[is_cell].tolist())
         draft.allow(np.flatnonzero(inner).tolist(), depth)
         draft.recesses += [Recess(ring, depth) for ring in self.rings[~is_cell]]
+        middles = _find_middles(self.rings)
+        nearest = shapely.distance(middles, shapely.boundary(self.rings))
+        farthest = shapely.hausdorff_distance(middles, self.rings)
+        lined = farthest - nearest > 2 * CHORD_MM
+        if lined.any():
+            reach = farthest[lined] + _ROUND_MM
+            discs = shapely.buffer(middles[lined], reach, quad_segs=2 * _QUARTER)
+            draft.recesses.append(Recess(shapely.union_all(discs), depth))
 
     def select_innermost(self) -> _Circles:
         """The innermost of concentric circles."""
@@ -556,9 +652,9 @@ def _find_circles(draft: Design, task: Task, worked: Sequence[Contour]) -> _Circ
 
     To bore, the innermost is chosen among circles of these diameters, otherwise among all circles.
     """
-    cells, left = draft.cells, set(list_ids(draft.cells.left))
+    cells, known = draft.cells, set(draft.cells.ids)
     loops = _find_loops(draft, worked)
-    across = [contour for contour in select_closed(worked) if contour.id in left]
+    across = [contour for contour in select_closed(worked) if contour.id not in known]
     rings, area = cells.rings[loops], cells.area[loops]
     if across:
         crossing = _make_polygons(across)
@@ -615,7 +711,7 @@ def _chamfer(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
     width = operation.width or operation.depth * slope
     loops = _find_loops(draft, worked)
     draft.bevels.append(Bevel(width, slope, loops, tool.diameter))
-    inside = _are_inside(cells, loops, task)
+    inside = _are_inside(draft, loops, task)
     draft.allow(
         np.concatenate([loops[inside], cells.parent[loops[~inside]]]).tolist(),
         operation.depth or (width + _TIP_MM) / slope,

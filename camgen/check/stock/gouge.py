@@ -34,7 +34,7 @@ from camgen.geometry.segments import (
 )
 from camgen.model.pose import FloatArray, to_vec3
 
-#: mm: chord tolerance of a traced line, and the rounding of its corners.
+#: mm: chord tolerance along lines and the walls of recesses, and the rounding of corners.
 _TRACED_MM = 0.015
 #: Samples of a motion on a line, as fractions of its length.
 _PLACES = np.linspace(0.0, 1.0, 9)
@@ -336,7 +336,7 @@ def _are_explained(
         allowed = cutting & (moves.deepest <= recess.depth + TOLERANCE_MM)
         for number in range(len(cuts)):
             rows = np.flatnonzero(allowed & (moves.cut == number) & ~explained)
-            inset = TOLERANCE_MM - radius[rows].max(initial=0.0)
+            inset = _TRACED_MM - radius[rows].max(initial=0.0)
             centres = shapely.buffer(recess.shape, inset, quad_segs=QUARTER)
             explained[rows[_are_within(moves.plane.take(rows), centres)]] = True
     return explained
@@ -376,7 +376,7 @@ def _are_along(plane: Segments, lines: Lines, slack: FloatArray) -> BoolArray:
     low, high = lines.distances
     slack_at = np.repeat(slack, len(_PLACES))
     near, side = _find_nearest(points, lines.segments, high + _TRACED_MM + float(slack.max()))
-    good = (near >= low - TOLERANCE_MM - slack_at) & (near <= high + _TRACED_MM + slack_at)
+    good = (near >= low - _TRACED_MM - slack_at) & (near <= high + _TRACED_MM + slack_at)
     good &= (lines.side == 0) | (side == lines.side)
     return np.asarray(good.reshape(count, -1).all(axis=1))
 

@@ -83,11 +83,12 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
 
     Returns the paths, and notes on contours and material that are not cleared.
 
-    Raises InputError if no contour is closed, JobError if settings contradict each other.
+    Raises InputError if the part has no closed contour, JobError if settings contradict each other.
     """
     _check_settings(job)
     contours = take_rows(part.contours, part.list_worked_rows())
-    if not select_closed(contours):
+    # In one of several operations a note leaves the contours out, and the others are built.
+    if part.worked is None and not select_closed(contours):
         raise InputError(
             part.source,
             "no closed contour to clear",

@@ -172,15 +172,56 @@ def test_a_motion_out_of_the_recess_into_the_plate_is_a_gouge() -> None:
     assert prove_motions((95, 28, 10), (95, 28, -2), (80, 28, -2)).gouges
 
 
-@pytest.mark.parametrize("also_followed", [False, True])
-def test_a_cut_into_an_island_of_a_recess_is_a_gouge(also_followed: bool) -> None:
-    """The island has a diameter of 6 mm. If another operation follows it, there is no recess."""
-    island = circle(98, 28, 3, "island")
+@pytest.mark.parametrize(
+    ("middle", "also_followed", "gouges"),
+    [(94.0, False, True), (94.0, True, False), (98.0, False, True), (98.0, True, True)],
+)
+def test_a_cut_into_an_island_of_a_recess_is_a_gouge(
+    middle: float, also_followed: bool, gouges: bool
+) -> None:
+    """The island has a diameter of 6 mm. It is a hole of the plate if it is followed, too.
+
+    At 98 mm it crosses the edge of the plate, so that no path follows it.
+    """
+    island = circle(middle, 28, 3, "island")
     others = (island,) if also_followed else ()
-    free, on_island = (106.0, 28.0), (98.0, 28.0)
-    for (x, y), gouges in ((free, also_followed), (on_island, True)):
+    free, on_island = (97.4, 22.5), (middle, 28.0)
+    for (x, y), is_gouge in ((free, False), (on_island, gouges)):
         proof = prove_motions((x, y, 10), (x, y, -2), islands=(island,), followed=others)
-        assert bool(proof.gouges) == gouges
+        assert bool(proof.gouges) == is_gouge
+
+
+@pytest.mark.parametrize(
+    ("x", "gouge"),
+    [
+        (57.5, 0.0),  # beside the hole
+        (57.4, 2.0),  # into the disc that stays
+        (57.6, 2.0),  # farther out in the plate
+        (50.0, 2.0),  # in the middle of the disc
+        (102.5, 0.0),  # beside the plate
+        (101.5, 1.0),  # into its edge
+    ],
+)
+def test_a_hole_that_is_followed_on_its_outside_has_a_kerf_only(x: float, gouge: float) -> None:
+    part = Part("part", "part.dxf", "mm", (PLATE, circle(50, 30, 5)), ())
+    job = Job(operation=OperationTable(kind="follow", side="outside", depth=2.0), tool=MILL)
+    proof = prove_lines([Task(job, part)], MILL, (x, 30, 10), (x, 30, -2))
+    assert [round(bite.mm, 2) for bite in proof.gouges] == [gouge] * (gouge > 0)
+
+
+def test_a_drawn_line_across_a_part_does_not_open_it_for_cuts() -> None:
+    """The line is traced 0.5 mm deep. The part is followed on its outside."""
+    line = rectangle(90, 10, 30, 10, "line")
+    part = Part("part", "part.dxf", "mm", (PLATE, line), ())
+    trace = OperationTable(kind="trace", depth=0.5)
+    follow = OperationTable(kind="follow", depth=6.3)
+    on_line, on_plate = (replace(part, worked=frozenset({name})) for name in ("line", "plate"))
+    tasks = [
+        Task(Job(operation=trace, tool=MILL), on_line, frozenset({"line"})),
+        Task(Job(operation=follow, tool=MILL), on_plate, frozenset({"plate"})),
+    ]
+    for x, y, z, gouges in ((102.5, 40, -6, False), (95, 15, -1, True), (95, 20, -0.5, False)):
+        assert bool(prove_lines(tasks, MILL, (x, y, 10), (x, y, z)).gouges) == gouges
 
 
 def test_crossing_contours_of_one_pocket_are_not_a_recess() -> None:
