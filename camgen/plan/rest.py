@@ -43,6 +43,8 @@ def keep_rest(curve: OffsetCurve, part: Part, job: Job) -> OffsetCurve:
     JobError if no operation comes before.
     """
     left = find_rest(_sweep(curve.segments, job.tool.radius), part, job)
+    if not len(curve.segments):
+        return curve
     margin = _MARGIN_SHARE * job.tool.radius
     zone = shapely.buffer(left, job.tool.radius + margin, quad_segs=_QUARTER)
     shapely.prepare(zone)

@@ -24,6 +24,8 @@ PLATE = rectangle(0, 0, 100, 70, "plate")
 #: Half of it lies beyond the right edge of the plate.
 RECESS = rectangle(85, 20, 30, 20, "recess")
 HOLE = circle(40, 30, 4.0, "hole")
+#: Two of its corners are sharp.
+TRIANGLE = contour([(10, 20), (22, 25), (10.5, 28)], name="triangle")
 
 
 def make_row(kind: str, tool: str, depth: float = 2.0, **more: Any) -> dict[str, Any]:
@@ -117,7 +119,7 @@ CASES = {
         ],
     ),
     "holes on their outside": (
-        (PLATE, HOLE),
+        (PLATE, HOLE, rectangle(70, 20, 11, 15, "window"), TRIANGLE),
         [make_row("follow", "ball 4", 1.0, side="outside")],
     ),
     "inner contours, of which one reaches out of the plate": (
@@ -127,6 +129,17 @@ CASES = {
     "outer contours, of which one reaches out of another": (
         (PLATE, circle(80, 65, 9, "edge")),
         [make_row("follow", "mill 8", 1.0, side="on", nesting="outer")],
+    ),
+    "nothing is left where a tool fits": (
+        (PLATE, TRIANGLE),
+        [make_row("follow", "mill 3", 5.0), make_row("follow", "mill 3", rest=True)],
+    ),
+    "a tool for the rest that fits nowhere": (
+        (HOLE,),
+        [
+            make_row("pocket", "mill 6", 1.0),
+            make_row("follow", "mill 8", 1.0, rest=True, side="inside", finish=0.5),
+        ],
     ),
     "an open contour beside a pocket": (
         (HOLE, contour([(0, 0), (30, 0), (60, 40)], closed=False, name="open")),

@@ -177,13 +177,13 @@ def _prove_task(
         )
         check_travel(stretch, task_phases, process_signal(process), contact, findings)
     done = prover.finish(motions, findings)
+    named = context.named.skipped
+    if task.operation.rest:
+        named = named | context.named.others  # those at which earlier operations left nothing
     for index in np.flatnonzero(task.worked & ~done).tolist():
         contour = drawing.contours[index]
         names = {contour.id, *contour.sources}
-        if (
-            names.isdisjoint(context.named.skipped)
-            and drawing.length[index] >= task.job.input.min_length
-        ):
+        if names.isdisjoint(named) and drawing.length[index] >= task.job.input.min_length:
             findings.miss(f"contour {contour.id} is not worked, and no note says so")
             break
     totals.done |= done

@@ -36,6 +36,10 @@ from camgen.model.pose import FloatArray, to_vec3
 
 #: mm: chord tolerance along lines and the walls of recesses, and the rounding of corners.
 _TRACED_MM = 0.015
+#: mm: a point that is nearer to the line of a segment is on neither side of it.
+_IN_LINE_MM = 1e-6
+#: Digits of mm in which two distances are equal.
+_SAME_DIGITS = 6
 #: Samples of a motion on a line, as fractions of its length.
 _PLACES = np.linspace(0.0, 1.0, 9)
 #: Maximum number of gouges that are measured at each depth. For any more, a lower bound is used.
@@ -377,7 +381,8 @@ def _are_along(plane: Segments, lines: Lines, slack: FloatArray) -> BoolArray:
     slack_at = np.repeat(slack, len(_PLACES))
     near, side = _find_nearest(points, lines.segments, high + _TRACED_MM + float(slack.max()))
     good = (near >= low - _TRACED_MM - slack_at) & (near <= high + _TRACED_MM + slack_at)
-    good &= (lines.side == 0) | (side == lines.side)
+    # Around a corner a point may lie in line with a side of the contour.
+    good &= (lines.side == 0) | (side != -lines.side)
     return np.asarray(good.reshape(count, -1).all(axis=1))
 
 
@@ -392,20 +397,24 @@ def _find_nearest(
     tree = shapely.STRtree(make_boxes(compute_bounds(segments)))
     point, row = tree.query(make_boxes(np.column_stack([points - reach, points + reach])))
     distance = measure_distances(points[point], segments, row)
-    order = np.argsort(-distance, kind="stable")
+    left = _measure_left(points[point], segments.take(row))
+    # Both sides of a corner are equally near. The one whose line is farther away decides.
+    order = np.lexsort((np.abs(left), -np.round(distance, _SAME_DIGITS)))
     near[point[order]] = distance[order]
-    side[point[order]] = _compute_sides(points[point], segments.take(row))[order]
+    side[point[order]] = np.where(np.abs(left) < _IN_LINE_MM, 0.0, np.sign(left))[order]
     near[near > reach] = np.inf
     return near, side
 
 
-def _compute_sides(points: FloatArray, segments: Segments) -> FloatArray:
-    """Return the side (N,) of each segment on which its point is: 1 for left, -1 for right.
+def _measure_left(points: FloatArray, segments: Segments) -> FloatArray:
+    """Measure how far each point (N, 2) is to the left of its line, mm, below 0 to the right.
 
     The left side of an arc to the left is its inside.
     """
     tangent = tangents_at(segments, np.full(len(segments), 0.5))
     offset = points - segments.start
-    left = np.sign(tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0])
-    inside = np.sign(segments.radius - np.hypot(*(points - segments.centre).T))
-    return np.asarray(np.where(segments.is_arc, np.sign(segments.bulge) * inside, left))
+    left = tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0]
+    arc = segments.is_arc
+    inside = segments.radius[arc] - np.hypot(*(points - segments.centre)[arc].T)
+    left[arc] = np.sign(segments.bulge[arc]) * inside
+    return left
