@@ -350,7 +350,9 @@ def _note_diameters(holes: Sequence[Hole], job: Job) -> Iterator[Note]:
         counts.append(f"{count} of {short(size, 2)} mm" if size else at_marks)
         if size and abs(size - job.tool.diameter) > _DIAMETER_STEP_MM:
             others += count
-    yield Note("assumed", f"{counted(len(holes), 'hole')}: {', '.join(counts)}", "sizes to 0.05 mm")
+    if holes:
+        what = f"{counted(len(holes), 'hole')}: {', '.join(counts)}"
+        yield Note("assumed", what, "sizes to 0.05 mm")
     if others:
         drawn = counted(others, "hole is drawn", "holes are drawn")
         yield Note(

@@ -109,6 +109,7 @@ def test_circles_of_a_drawing_are_drilled_but_not_the_pads_around_them() -> None
         ({"kind": "v", "diameter": 9.0}, 1.5, ["wide", "same", "narrow"]),  # 3 mm wide
         ({"kind": "v", "diameter": 9.0, "tip_angle": 120.0}, 1.0, ["wide", "same"]),  # 3.46 mm
         ({"kind": "v", "diameter": 9.0, "tip_diameter": 1.0}, 2.5, ["wide"]),  # 6 mm
+        ({"diameter": 8.0}, 4.0, []),
     ],
 )
 def test_a_circle_smaller_than_the_cut_is_left_out(
@@ -121,6 +122,8 @@ def test_a_circle_smaller_than_the_cut_is_left_out(
     assert [path.id for path in planned.paths] == drilled
     skipped = [note.ids for note in planned.notes if note.kind == "skipped"]
     assert skipped == ([tuple(holes)[len(drilled) :]] if len(drilled) < len(holes) else [])
+    sizes = [note.what for note in planned.notes if note.why == "sizes to 0.05 mm"]
+    assert len(sizes) == (len(drilled) > 0)
 
 
 def test_only_circles_are_drilled() -> None:

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from camgen.check.stock.clear import Struck, find_holders, find_rapids, index_motions
 from camgen.check.stock.corners import Bite, find_bites
-from camgen.check.stock.design import Design, Task, design, make_task, show_stay
+from camgen.check.stock.design import Design, design, show_stay
 from camgen.check.stock.fixtures import Clearance, Hit, examine
 from camgen.check.stock.gouge import Gouge, find_gouges
 from camgen.check.stock.heights import Grid, carve_grid
@@ -24,6 +24,7 @@ from camgen.check.stock.pieces import MissingTabs, Piece, Pieces, find_pieces
 from camgen.check.stock.removal import MAX_LEVELS, Level, find_levels, remove_material
 from camgen.check.stock.set_up import Breach, SetUp, check_set_up
 from camgen.check.stock.spindle import WrongSpindle, check_spindles, follow_spindles
+from camgen.check.stock.walls import Task, make_task
 from camgen.geometry.fixtures import Fixtures
 from camgen.model.cell import Dynamics
 from camgen.model.job import StockTable

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import compress
 from typing import Any
 
@@ -14,7 +14,8 @@ from msgspec.structs import replace
 
 from camgen.check.stock.cells import CHORD_MM, Cells, make_cells
 from camgen.check.stock.profile import BEAMS, compute_radius, compute_slope
-from camgen.geometry.nesting import find_nesting, mark_small_crossings, measure_loop_areas
+from camgen.check.stock.walls import Task, choose_walls, get_kind, is_within, make_polygons
+from camgen.geometry.nesting import measure_loop_areas
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -24,7 +25,7 @@ from camgen.geometry.segments import (
     make_contour_segments,
 )
 from camgen.model.job import Job, StockTable
-from camgen.model.part import Contour, Part, list_ids, select_closed
+from camgen.model.part import Contour, list_ids, select_closed
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import BESIDE_WORKED_MM
 from camgen.plan.recover import recover_arcs
@@ -38,29 +39,6 @@ _SAME_CENTRE_MM = 0.05
 _TIP_MM = 0.5
 #: Chords of a quarter circle in shapes of material that must be removed.
 _QUARTER = 16
-
-
-class Task(Struct, frozen=True, eq=False):
-    """One operation.
-
-    job: its operation, tool and process, and the tolerances.
-    part: the planned part with all its contours; `part.worked` are those of the operation.
-    bounds: ids of the contours that bound material, which decide between inside and outside; None:
-        all of them.
-    """
-
-    job: Job
-    part: Part
-    bounds: frozenset[str] | None = None
-
-
-def make_task(part: Part, job: Job, operation_part: Part) -> Task:
-    """Make the task of one of several operations on `part`.
-
-    operation_part: the part for this operation, with the contours that bound its material.
-    """
-    bounds = frozenset(list_ids(operation_part.contours))
-    return Task(job, replace(part, worked=operation_part.worked), bounds)
 
 
 class Lines(Struct, frozen=True, eq=False):
@@ -194,7 +172,7 @@ class Design(Struct, eq=False):
     bevels: list[Bevel] = []
     wanted: list[Wanted] = []
     recesses: list[Recess] = []
-    across: list[Contour] = []
+    across: Sequence[Contour] = ()
     tabbed: list[Tabbed] = []
     waste: set[int] = set()
     free: bool = False
@@ -240,12 +218,8 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
     inner = tuple(
         contour for contour in contours if not stock.layer or contour.layer != stock.layer
     )
-    crossed = _name_crossed(select_closed(inner))
-    worked = [_select_followed(inner, task, crossed) for task in tasks]
-    loose = _find_loose(inner, tasks, worked, crossed)
-    bounding = tuple(contour for contour in inner if contour.id not in loose)
-    across = _find_across(bounding, tasks, worked)
-    cells = make_cells(tuple(contour for contour in bounding if contour.id not in across))
+    walls = choose_walls(inner, tasks)
+    cells = make_cells(walls.dividing)
     stays_down = any(task.job.process.stay_down for task in tasks)
     draft = Design(
         cells,
@@ -254,10 +228,10 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
         stock.thickness,
         untaken,
         BESIDE_WORKED_MM if stays_down else 0.0,
-        across=[contour for contour in bounding if contour.id in across],
+        across=walls.across,
     )
-    for task, followed in zip(tasks, worked, strict=True):
-        kind = _get_kind(task)
+    for task, worked in zip(tasks, walls.worked, strict=True):
+        kind = get_kind(task)
         add = _BY_KIND.get(kind)
         if add is None:
             draft.free = True
@@ -265,7 +239,7 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
                 f"the material that {kind} may remove is not known: no cut counts as a gouge"
             )
         else:
-            add(draft, task, followed)
+            add(draft, task, worked)
     if stock.thickness is None:
         draft.notes.append(
             "stock.thickness is not set: "
@@ -274,128 +248,17 @@ def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Des
     return draft
 
 
-def _select_followed(
-    contours: Sequence[Contour], task: Task, crossed: Container[str]
-) -> list[Contour]:
-    """Select the contours that an operation works on and does not leave out.
-
-    An operation beside contours leaves out those that cross others of its part.
-
-    crossed: ids of the contours that cross any others.
-    """
-    worked = [contour for contour in contours if task.part.works_on(_list_names(contour))]
-    if not any(contour.id in crossed for contour in worked):
-        return worked
-    shown = worked
-    if _bounds_material(task):
-        shown = [contour for contour in contours if _is_within(contour, task)]
-    elif _get_kind(task) != "pocket":
-        return worked
-    left_out = _name_crossed(select_closed(shown), islands=_bounds_material(task))
-    return [contour for contour in worked if contour.id not in left_out]
-
-
-def _bounds_material(task: Task) -> bool:
-    """Whether the contours of the part of an operation decide between inside and outside."""
-    side = task.job.operation.side
-    return _get_kind(task) == "chamfer" or (
-        _get_kind(task) == "follow" and side not in ("left", "right")
-    )
-
-
-def _is_within(contour: Contour, task: Task) -> bool:
-    return task.bounds is None or not task.bounds.isdisjoint(_list_names(contour))
-
-
-def _list_names(contour: Contour) -> tuple[str, ...]:
-    return contour.sources or (contour.id,)
-
-
-def _find_loose(
-    contours: Sequence[Contour],
-    tasks: Sequence[Task],
-    worked: Sequence[Sequence[Contour]],
-    crossed: set[str],
-) -> frozenset[str]:
-    """Find contours that cross others, but bound material of no operation, such as drawn lines.
-
-    worked: the contours that each operation works on.
-    crossed: ids of the contours that cross any others.
-    """
-    if not crossed or tasks[0].bounds is None:
-        return frozenset()
-    bounding: set[str] = set()
-    for task, followed in zip(tasks, worked, strict=True):
-        if _bounds_material(task):
-            bounding.update(contour.id for contour in contours if _is_within(contour, task))
-        elif _get_kind(task) in ("pocket", "fill"):
-            bounding.update(list_ids(followed))
-    return frozenset(crossed - bounding)
-
-
-def _find_across(
-    contours: Sequence[Contour], tasks: Sequence[Task], worked: Sequence[Sequence[Contour]]
-) -> frozenset[str]:
-    """Find the walls of pockets that cross contours of other operations, and their islands.
-
-    The other contours divide the plane without them. Islands beside which another operation runs
-    divide it, too.
-
-    worked: the contours that each operation works on.
-    """
-    pocketed: set[str] = set()
-    others: set[str] = set()
-    for task, followed in zip(tasks, worked, strict=True):
-        if _get_kind(task) == "pocket":
-            pocketed.update(list_ids(followed))
-        elif _bounds_material(task) or _get_kind(task) == "fill":
-            others.update(list_ids(followed))
-    closed = select_closed(contours)
-    walls = [contour for contour in closed if contour.id in pocketed]
-    across = _name_crossed(closed) & pocketed if walls else set[str]()
-    if not across:
-        return frozenset()
-    rings = _make_polygons(walls)
-    is_across = np.array([contour.id in across for contour in walls])
-    near = shapely.intersects(rings, shapely.union_all(rings[is_across]))
-    return frozenset(list_ids(compress(walls, near))) - others
-
-
-def _make_polygons(closed: Sequence[Contour]) -> Any:
-    points, owner = flatten(make_contour_segments(closed), CHORD_MM)
-    return shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
-
-
-def _name_crossed(closed: Sequence[Contour], islands: bool = True) -> set[str]:
-    """The ids of contours that cross others or themselves.
-
-    islands: whether a corner that reaches out of the contour around it counts.
-    """
-    if not closed:
-        return set()
-    segments = make_contour_segments(closed)
-    nesting = mark_small_crossings(segments, find_nesting(segments, len(closed)), islands)
-    return set(list_ids(compress(closed, nesting.crossed >= 0)))
-
-
 def _make_outline(contours: Sequence[Contour], stock: StockTable) -> Any:
     """Make the stock seen from above: the contours of its layer, or a box around the drawing."""
     if stock.layer:
         drawn = [contour for contour in select_closed(contours) if contour.layer == stock.layer]
         if drawn:
-            return shapely.union_all(_make_polygons(drawn))
+            return shapely.union_all(make_polygons(drawn))
     if not contours:
         return shapely.box(-1e6, -1e6, 1e6, 1e6)
     boxes = compute_bounds(make_contour_segments(contours))
     low, high = boxes[:, :2].min(axis=0) - stock.margin, boxes[:, 2:].max(axis=0) + stock.margin
     return shapely.box(*low, *high)
-
-
-def _get_kind(task: Task) -> str:
-    kind, side = task.job.operation.kind, task.job.operation.side
-    if kind == "auto":
-        kind = "trace" if task.job.page.size else "follow"
-    return "trace" if kind == "follow" and side == "on" else kind
 
 
 def _get_depth(task: Task) -> float:
@@ -447,10 +310,10 @@ def _are_holes(draft: Design, loops: IntArray, task: Task) -> BoolArray:
     """Whether each cell lies within an odd number of contours that bound material."""
     cells = draft.cells
     level = cells.depth[loops].copy()
-    around = [contour for contour in draft.across if _is_within(contour, task)]
+    around = [contour for contour in draft.across if is_within(contour, task)]
     if around:
         starts = cells.segments.start[np.searchsorted(cells.segments.owner, loops)]
-        for ring in _make_polygons(around):
+        for ring in make_polygons(around):
             level += shapely.contains_xy(ring, starts)
     if task.bounds is not None:
         others = np.array([name not in task.bounds for name in cells.ids], dtype=np.bool_)
@@ -571,7 +434,7 @@ def _find_recesses(draft: Design, worked: Sequence[Contour]) -> tuple[list[Any],
     divides_none = np.array([contour.id not in known for contour in closed], dtype=np.bool_)
     if not divides_none.any():
         return [], set()
-    rings = _make_polygons(closed)
+    rings = make_polygons(closed)
     near = shapely.intersects(rings, shapely.union_all(rings[divides_none]))
     region = shapely.Polygon()
     for ring in rings[near]:
@@ -657,12 +520,12 @@ def _find_circles(draft: Design, task: Task, worked: Sequence[Contour]) -> _Circ
     across = [contour for contour in select_closed(worked) if contour.id not in known]
     rings, area = cells.rings[loops], cells.area[loops]
     if across:
-        crossing = _make_polygons(across)
+        crossing = make_polygons(across)
         rings, area = np.append(rings, crossing), np.append(area, shapely.area(crossing))
     loops = np.append(loops, np.full(len(across), -1))
     circles = _Circles(rings, 2 * np.sqrt(area / np.pi), loops)
     circles = circles.take(np.array([_is_round(ring) for ring in rings], dtype=np.bool_))
-    if _get_kind(task) == "bore":
+    if get_kind(task) == "bore":
         return _select_diameters(circles, task).select_innermost()
     return _select_diameters(circles.select_innermost(), task)
 
