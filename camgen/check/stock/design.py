@@ -461,9 +461,14 @@ def _drill(draft: Design, task: Task, worked: Sequence[Contour]) -> None:
         draft.notes.append("holes at marks of a picture are not judged: no cut counts as a gouge")
         return
     circles.allow(draft, deep)
-    end = np.minimum(compute_radius(tool, np.zeros(1)), circles.diameters / 2)
-    discs = shapely.buffer(_find_middles(circles.rings), end, quad_segs=2 * _QUARTER)
-    draft.wanted += [Wanted(disc, disc, 0.0, deep) for disc in discs[end > 0]]
+    end = float(compute_radius(tool, np.zeros(1))[0])
+    # Circles that are smaller than the tool are left out.
+    is_wide = circles.diameters / 2 * (1 + _ROUND_FRACTION) + _ROUND_MM >= end
+    if end > 0:
+        middles = _find_middles(circles.rings[is_wide])
+        radii = np.minimum(end, circles.diameters[is_wide] / 2)
+        discs = shapely.buffer(middles, radii, quad_segs=2 * _QUARTER)
+        draft.wanted += [Wanted(disc, disc, 0.0, deep) for disc in discs]
 
 
 class _Circles(Struct, frozen=True, eq=False):

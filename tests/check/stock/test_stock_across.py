@@ -96,6 +96,21 @@ def test_a_hole_wider_than_its_circle_is_a_gouge(
     assert [round(bite.mm, 2) for bite in proof.gouges] == [gouge] * (gouge > 0)
 
 
+def test_a_circle_smaller_than_the_drill_is_not_missed() -> None:
+    """A note leaves it out. The other circle is drilled."""
+    drawn = Part("part", "part.dxf", "mm", (PLATE, circle(30, 30, 2), circle(60, 30, 4, "c2")), ())
+    job = {
+        "tool": {"kind": "drill", "diameter": 8.0},
+        "process": {"spindle": 3000.0},
+        "operations": [{"kind": "drill", "ids": ["c1", "c2"], "depth": 4.0}],
+    }
+    result = camgen.build(drawn, post="gcode", job=job)
+    assert [note.ids for note in result.notes if note.kind == "skipped"] == [("c1",)]
+    assert result.proof is not None
+    (level,) = [level for level in result.proof.levels if level.top > -1.0 > level.bottom]
+    assert level.excess.unexplained.area == 0
+
+
 @pytest.mark.parametrize("corners", [20, 32])
 def test_a_circle_of_lines_is_drilled_up_to_its_corners(corners: int) -> None:
     """Between its corners the sides are nearer to the middle by 0.03 and 0.01 mm."""
