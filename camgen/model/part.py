@@ -31,7 +31,8 @@ class Note(Struct, frozen=True):
     ids: all contours and edges that the note is about.
     places: points in the part for the preview, mm.
     strict: whether `--strict` makes the note an error, as it always does for the kind `skipped`.
-    lacks: the leads or tabs, if its paths have fewer or shorter ones than the job asks for.
+    lacks: the leads or tabs, if its paths have fewer or shorter ones than the job asks for; paths,
+        if earlier operations leave nothing for them.
     length: length that is left out of an edge, mm; 0 if the whole edge is left out.
     """
 
@@ -41,7 +42,7 @@ class Note(Struct, frozen=True):
     ids: tuple[str, ...] = ()
     places: tuple[tuple[float, float], ...] = ()
     strict: bool = False
-    lacks: Literal["", "leads", "tabs"] = ""
+    lacks: Literal["", "leads", "tabs", "paths"] = ""
     length: float = 0.0
 
     @property

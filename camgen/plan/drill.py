@@ -223,9 +223,9 @@ def find_circles(part: Part) -> Iterator[Hole]:
     is_round = deviation <= np.maximum(_DEVIATION_MM, _DEVIATION_FRACTION * radius)
     is_full = _has_circle_area(*flatten(segments, _DEVIATION_MM), radius, len(closed))
     for k in np.flatnonzero(is_round & is_full).tolist():
-        (x, y), name = centre[k].tolist(), closed[k].id
-        sizes = float(2 * radius[k]), float(deviation[k])
-        yield Hole(x, y, sizes[0], closed[k].layer, name, (name,), sizes[1])
+        contour, (x, y) = closed[k], centre[k].tolist()
+        diameter, error = float(2 * radius[k]), float(deviation[k])
+        yield Hole(x, y, diameter, contour.layer, contour.id, (contour.id,), error)
 
 
 def select_innermost(holes: Sequence[Hole]) -> list[Hole]:

@@ -266,6 +266,7 @@ def _note_nothing_left(
             f"nothing is left at {counted(len(ids), 'contour')}: {', '.join(name_ranges(ids))}",
             "earlier operations reach all that this tool does",
             ids,
+            lacks="paths",
         )
 
 

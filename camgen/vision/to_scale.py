@@ -263,6 +263,8 @@ def _choose_nodes(
     of the second differences, to either side (see `_interpolate_nodes`).
 
     Both distances are the largest ones, view pixels.
+
+    coarser: factor on the allowed errors.
     """
     for exact_step in _STEPS:
         exact = _compute_exact_nodes(shown, work_from_view, size, exact_step)

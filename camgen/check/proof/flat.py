@@ -177,9 +177,7 @@ def _prove_task(
         )
         check_travel(stretch, task_phases, process_signal(process), contact, findings)
     done = prover.finish(motions, findings)
-    named = context.named.skipped
-    if task.operation.rest:
-        named = named | context.named.others  # those at which earlier operations left nothing
+    named = context.named.skipped | context.named.cleared
     for index in np.flatnonzero(task.worked & ~done).tolist():
         contour = drawing.contours[index]
         names = {contour.id, *contour.sources}

@@ -34,6 +34,7 @@ class Named(NamedTuple):
     skipped: ids in notes on contours that are left out.
     leads: ids in notes on shorter leads.
     tabs: ids in notes on fewer tabs.
+    cleared: ids in notes on contours at which earlier operations leave nothing.
     others: ids in all other notes, and in those on contours that are left out.
     gaps: length, mm, that notes leave out of an edge, by its id.
     """
@@ -41,6 +42,7 @@ class Named(NamedTuple):
     skipped: frozenset[str]
     leads: frozenset[str]
     tabs: frozenset[str]
+    cleared: frozenset[str]
     others: frozenset[str]
     gaps: dict[str, float]
 
@@ -50,11 +52,13 @@ class Named(NamedTuple):
         skipped = [note.ids for note in notes if note.kind == "skipped"]
         leads = [note.ids for note in notes if note.lacks == "leads"]
         tabs = [note.ids for note in notes if note.lacks == "tabs"]
+        cleared = [note.ids for note in notes if note.lacks == "paths"]
         others = [note.ids for note in notes if not note.lacks]
-        groups = [frozenset(chain.from_iterable(ids)) for ids in (skipped, leads, tabs, others)]
+        lists = (skipped, leads, tabs, cleared, others)
+        groups = [frozenset(chain.from_iterable(ids)) for ids in lists]
         gaps: dict[str, float] = {}
         for note in notes:
             if note.kind == "skipped" and note.length > 0:
                 for name in note.ids:
                     gaps[name] = gaps.get(name, 0.0) + note.length
-        return cls(groups[0], groups[1], groups[2], groups[3], gaps)
+        return cls(groups[0], groups[1], groups[2], groups[3], groups[4], gaps)

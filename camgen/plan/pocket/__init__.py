@@ -150,7 +150,7 @@ def _keep_rest(pockets: Pockets, part: Part, job: Job) -> tuple[Pockets, list[No
         cleared_names = ", ".join(name_ranges(take_rows(pockets.names, cleared)))
         what = f"nothing is left of {counted(len(cleared), 'pocket')}: {cleared_names}"
         why = "earlier operations reach all that this tool does"
-        notes.append(Note("assumed", what, why, pockets.list_contours(cleared)))
+        notes.append(Note("assumed", what, why, pockets.list_contours(cleared), lacks="paths"))
     return Pockets(walls, names, layers, contours, cleared_area), notes
 
 
